@@ -1,0 +1,1 @@
+"""All device code: Warp arrays in, Warp arrays out. Knows no class of ``mmocap_warp``."""

@@ -1,0 +1,1 @@
+"""The ``mmocap`` command line."""

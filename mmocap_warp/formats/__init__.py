@@ -1,0 +1,1 @@
+"""One file per outside format; nothing here is needed to evaluate a pose."""

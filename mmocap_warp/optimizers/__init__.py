@@ -1,0 +1,1 @@
+"""Population optimizers on the device, a file each; they minimise any batched cost."""

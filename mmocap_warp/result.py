@@ -1,0 +1,51 @@
+"""The answer of a tracking run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mmocap_warp.body import Subject
+from mmocap_warp.cameras import CameraRig
+
+STATUS: tuple[str, ...] = ("tracked", "partial", "lost")
+"""Of a frame: all views judged; some view left out (empty mask); no view left, the pose is carried over."""
+
+
+@dataclass(frozen=True)
+class TrackResult:
+    """Poses of every frame of every run, with what is needed to judge and repeat them.
+
+    Attributes:
+        subject: the body that was tracked; its pose is where tracking started.
+        cameras: the rig, undistorted, at the scale that was tracked.
+        fps: frames per second of the recording.
+        frame_numbers: (frame,) int, the recording's own frame numbers.
+        pose: (run, frame, 51) float64, full pose vectors.
+        cost: (run, frame) float64, cost of the best pose; NaN for a lost frame.
+        iou: (run, frame, camera) float64, intersection over union; NaN for a lost view.
+        evaluations: (run, frame) int64, evaluations spent.
+        status: (frame,) int8, index into ``STATUS``.
+        seconds: wall-clock time of the search, images left out [s].
+        config: the full configuration as JSON-compatible values; ``config["seed"]`` is the first run's seed.
+        versions: package versions and device.
+    """
+
+    subject: Subject
+    cameras: CameraRig
+    fps: float
+    frame_numbers: np.ndarray
+    pose: np.ndarray
+    cost: np.ndarray
+    iou: np.ndarray
+    evaluations: np.ndarray
+    status: np.ndarray
+    seconds: float
+    config: dict
+    versions: dict[str, str]
+
+    @property
+    def best_run(self) -> int:
+        """The run with the lowest mean cost: the one that is animated."""
+        return int(np.argmin(np.nanmean(self.cost, axis=1))) if np.isfinite(self.cost).any() else 0

@@ -1,0 +1,6 @@
+"""Bodies and scenes that ship with the package, as data files."""
+
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent
+"""Directory of the shipped data: ``bodies/*.usdc`` and ``<scene>/scene.toml``."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from mmocap_warp.body import FULL_DOF, JOINTS, PARENT, BodyModel, SkinMesh, Subject
@@ -52,6 +54,7 @@ _BONES: tuple[tuple[str, str | tuple[float, float, float], float, float], ...] =
             (f"{side}Ankle", (0.0, -0.05, 0.18), 0.045, 0.04),
         )
     ),
+    ("Root", (0.0, -0.08, 0.0), 0.15, 0.10),
 )
 _RINGS = 5  # rings of four vertices along a box; the tracking mesh keeps every other one
 _MARKER_BONES = {"HEAD": 3, "CHEST": 2, "LWRI": 5, "RWRI": 11, "LANK": 8, "RANK": 14}
@@ -126,7 +129,7 @@ def _box_faces(first: int, rings: int, step: int) -> list[tuple[int, int, int, i
     """Quads of a box of ``rings`` rings of four vertices, counter-clockwise from outside, using every ``step``-th."""
     used = range(0, rings, step)
     faces = [(first + 3, first + 2, first + 1, first)]
-    for lower, upper in zip(used[:-1], used[1:], strict=True):
+    for lower, upper in itertools.pairwise(used):
         a, b = first + 4 * lower, first + 4 * upper
         faces += [(a + i, a + (i + 1) % 4, b + (i + 1) % 4, b + i) for i in range(4)]
     last = first + 4 * used[-1]

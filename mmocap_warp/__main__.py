@@ -1,0 +1,7 @@
+"""``python -m mmocap_warp`` is ``mmocap``."""
+
+import sys
+
+from mmocap_warp.cli import main
+
+sys.exit(main())

@@ -1,0 +1,54 @@
+"""How commands talk: results on stdout, everything else on stderr."""
+
+from __future__ import annotations
+
+import json as json_format
+import math
+import sys
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class Console:
+    """The options that every command has."""
+
+    json: Annotated[bool, Parameter(negative="")] = False
+    """Print exactly one JSON object on stdout."""
+    quiet: Annotated[bool, Parameter(negative="")] = False
+    """Say nothing on stderr but warnings and errors."""
+    debug: Annotated[bool, Parameter(negative="")] = False
+    """Show the traceback of an error; MMOCAP_DEBUG=1 does so too."""
+
+    def note(self, line: str) -> None:
+        """Say what happens, on stderr."""
+        if not self.quiet:
+            print(line, file=sys.stderr, flush=True)
+
+    def result(self, values: dict[str, Any], text: str) -> None:
+        """Print the command's answer on stdout: ``values`` as JSON where that is asked for, else ``text``."""
+        if self.json:
+            text = json_format.dumps(_finite(values), indent=2, allow_nan=False)
+        print(text)
+
+
+def _finite(value: Any) -> Any:
+    """``value`` in types that JSON knows; what is not a finite number is null."""
+    if isinstance(value, dict):
+        return {str(key): _finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(item) for item in value]
+    if hasattr(value, "tolist"):  # NumPy arrays and scalars, known without importing NumPy
+        return _finite(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if isinstance(value, (bool, int, str, type(None))) else str(value)
+
+
+def table(rows: list[tuple[str, str]]) -> str:
+    """Two aligned columns."""
+    width = max(len(name) for name, _ in rows)
+    return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)

@@ -1,0 +1,88 @@
+"""Progress of a run on stderr: a live bar on a terminal, a plain line now and then elsewhere."""
+
+from __future__ import annotations
+
+import sys
+import time
+from types import TracebackType
+from typing import TextIO
+
+from rich.console import Console as RichConsole
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
+from rich.progress import Progress as RichProgress
+
+SECONDS_BETWEEN_LINES = 10.0
+"""How often a line is written where stderr is no terminal."""
+
+
+class Progress:
+    """Shows steps done, steps and evaluations a second, and the time left; used as a context.
+
+    Args:
+        task: what runs, such as ``tracking``.
+        unit: what a step is, such as ``frames``.
+        quiet: show nothing.
+        stream: where to show it; stderr by default.
+    """
+
+    def __init__(self, task: str, unit: str = "frames", *, quiet: bool = False, stream: TextIO | None = None) -> None:
+        self._task, self._unit, self._quiet = task, unit, quiet
+        self._stream = sys.stderr if stream is None else stream
+        self._bar: RichProgress | None = None
+        self._first: tuple[float, int, int] | None = None
+        self._spoke = time.monotonic()
+
+    def __enter__(self) -> Progress:
+        if not self._quiet and self._stream.isatty():
+            columns = (
+                TextColumn("{task.description}"),
+                BarColumn(),
+                MofNCompleteColumn(),
+                TextColumn("{task.fields[rates]}"),
+            )
+            self._bar = RichProgress(*columns, console=RichConsole(file=self._stream), transient=True)
+            self._bar.add_task(self._task, total=None, rates="")
+            self._bar.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def __call__(self, done: int, total: int, evaluations: int = 0) -> None:
+        """Report that ``done`` of ``total`` steps are finished, after ``evaluations`` evaluations in all.
+
+        Rates count from the first report, so that a run which is resumed half-way does not look fast.
+        """
+        now = time.monotonic()
+        if self._first is None:
+            self._first = (now, done, evaluations)
+        rates = self._rates(self._first, now, done, total, evaluations)
+        if self._bar is not None:
+            self._bar.update(self._bar.task_ids[0], completed=done, total=total, rates=rates)
+        elif not self._quiet and (now - self._spoke >= SECONDS_BETWEEN_LINES or done == total):
+            self._spoke = now
+            print(
+                f"{self._task}: {done}/{total} {self._unit}{', ' if rates else ''}{rates}",
+                file=self._stream,
+                flush=True,
+            )
+
+    def _rates(self, first: tuple[float, int, int], now: float, done: int, total: int, evaluations: int) -> str:
+        then, done_then, evaluations_then = first
+        if done == done_then or now == then:
+            return ""
+        per_second = (done - done_then) / (now - then)
+        parts = [f"{per_second:.3g} {self._unit}/s"]
+        if evaluations > evaluations_then:
+            parts.append(f"{(evaluations - evaluations_then) / (now - then):,.0f} evaluations/s")
+        if done < total:
+            parts.append(f"{_clock((total - done) / per_second)} left")
+        return ", ".join(parts)
+
+
+def _clock(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes // 60}:{minutes % 60:02d}:{rest:02d}" if minutes >= 60 else f"{minutes}:{rest:02d}"

@@ -1,0 +1,41 @@
+"""What every test may ask for: a Warp that keeps quiet, the devices of this machine, recordings beside the checkout.
+
+``MMOCAP_WARP_DEBUG=1`` compiles the kernels in Warp's debug mode, where an index out of bounds is an error, into a
+kernel cache of their own.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+import warp as wp
+
+SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    wp.config.log_level = wp.LOG_WARNING
+    if os.environ.get("MMOCAP_WARP_DEBUG") == "1":
+        wp.config.mode = "debug"
+        wp.config.kernel_cache_dir = str(config.cache.mkdir("warp-debug"))
+
+
+def devices() -> list[str]:
+    """Aliases of the devices that kernels are tested on: the CPU, and the first CUDA device where there is one."""
+    return ["cpu", *(["cuda:0"] if wp.is_cuda_available() else [])]
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """A test with an argument ``device`` runs once on each of this machine's devices."""
+    if "device" in metafunc.fixturenames:
+        metafunc.parametrize("device", devices(), scope="session")
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """Directory of real recordings, ``../shared/data``; without it the test is skipped."""
+    if not SHARED_DATA.is_dir():
+        pytest.skip("needs the recordings in ../shared/data, which are not part of the project")
+    return SHARED_DATA

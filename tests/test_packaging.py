@@ -1,0 +1,61 @@
+"""The files around the code agree with one another and with the tree."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+import mmocap_warp
+
+ROOT = Path(__file__).resolve().parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+MAPPED = {"mmocap_warp": "mmocap_warp", "mmocap_warp.kernels": "kernels", "mmocap_warp.scenes": "scenes"}
+
+
+def package_names() -> set[str]:
+    """Every folder of modules in the checkout, under the name it is installed as."""
+    names = set()
+    for package, folder in MAPPED.items():
+        for init in (ROOT / folder).rglob("__init__.py"):
+            below = init.parent.relative_to(ROOT / folder).parts
+            names.add(".".join([package, *below]))
+    return names
+
+
+def test_every_package_of_the_tree_is_installed():
+    assert set(PROJECT["tool"]["setuptools"]["packages"]) == package_names()
+
+
+def test_folders_are_mapped_as_the_tests_assume():
+    assert PROJECT["tool"]["setuptools"]["package-dir"] == MAPPED
+
+
+def test_version_is_the_same_in_the_citation():
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert re.search(r"^version: (\S+)$", citation, re.M)[1] == mmocap_warp.__version__
+
+
+def test_readme_opens_with_the_two_commands():
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    first = readme.index("pip install -e . && mmocap demo")
+    second = readme.index('pip install -e ".[test]" && pytest')
+    assert first < second < readme.index("\n## ")
+
+
+def test_ci_runs_the_readmes_test_command():
+    assert 'pip install -e ".[test]" && pytest' in (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+
+
+def test_licence_names_agree():
+    assert PROJECT["project"]["license"] == "Apache-2.0"
+    assert (ROOT / "LICENSE").read_text(encoding="utf-8").lstrip().startswith("Apache License")
+
+
+def test_links_between_documents_lead_somewhere():
+    broken = []
+    for page in [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("scenes/**/*.md")]:
+        for target in re.findall(r"\]\(([^)#\s]+)", page.read_text(encoding="utf-8")):
+            if "://" not in target and not (page.parent / target).exists():
+                broken.append(f"{page.relative_to(ROOT)}: {target}")
+    assert not broken

@@ -1,0 +1,68 @@
+"""Between a population's search space and full pose vectors."""
+
+import warp as wp
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.kernel
+def _place(
+    params: wp.array3d[wp.float32],  # (run, particle, dof)
+    dof: wp.array[wp.int32],  # (dof,) positions in the full pose
+    base: wp.array2d[wp.float32],  # (run, 51)
+    lower: wp.array[wp.float32],  # (51,)
+    upper: wp.array[wp.float32],  # (51,)
+    particles: int,
+    # out
+    pose: wp.array2d[wp.float32],  # (candidate, 51)
+):
+    c = wp.tid()
+    run = c // particles
+    for d in range(base.shape[1]):
+        pose[c, d] = base[run, d]
+    for i in range(dof.shape[0]):
+        d = dof[i]
+        pose[c, d] = wp.clamp(params[run, c - run * particles, i], lower[d], upper[d])
+
+
+def place(params, dof, base, lower, upper, particles, pose):
+    """Write ``particles`` candidates a run into full poses: searched angles within their limits, the rest from ``base``."""
+    wp.launch(
+        _place,
+        dim=base.shape[0] * particles,
+        inputs=[params, dof, base, lower, upper, particles],
+        outputs=[pose],
+        device=pose.device,
+    )
+
+
+@wp.kernel
+def _keep_best(
+    cost: wp.array[wp.float32],  # (candidate,)
+    pose: wp.array2d[wp.float32],  # (candidate, 51)
+    particles: int,
+    # in and out
+    best_cost: wp.array[wp.float32],  # (run,)
+    best_pose: wp.array2d[wp.float32],  # (run, 51)
+):
+    run = wp.tid()
+    winner = int(-1)
+    for k in range(particles):
+        c = run * particles + k
+        if cost[c] < best_cost[run]:
+            best_cost[run] = cost[c]
+            winner = c
+    if winner >= 0:
+        for d in range(pose.shape[1]):
+            best_pose[run, d] = pose[winner, d]
+
+
+def keep_best(cost, pose, particles, best_cost, best_pose):
+    """Let a run's best ever pose be replaced by a strictly better candidate; the first of equals wins."""
+    wp.launch(
+        _keep_best,
+        dim=best_cost.shape[0],
+        inputs=[cost, pose, particles],
+        outputs=[best_cost, best_pose],
+        device=cost.device,
+    )

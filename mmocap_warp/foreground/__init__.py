@@ -1,0 +1,1 @@
+"""Which pixels are the subject: reading masks, subtracting the background, cleaning and repairing the result."""

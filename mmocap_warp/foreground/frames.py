@@ -1,0 +1,163 @@
+"""Frames of a camera, read in order: a folder of numbered images or a video."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from mmocap_warp.errors import InputError
+
+_IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
+
+
+@dataclass(frozen=True)
+class ImageFolder:
+    """Images in natural order of their names.
+
+    Attributes:
+        path: the folder.
+        files: one per frame.
+        size: width and height [px] of the first; the others must be alike.
+    """
+
+    path: Path
+    files: tuple[Path, ...]
+    size: tuple[int, int]
+
+    def __len__(self) -> int:
+        return len(self.files)
+
+    def read(self, first: int = 0) -> Iterator[np.ndarray]:
+        """Frames from ``first`` on, unchanged (palettes are expanded to BGR).
+
+        Raises:
+            InputError: an image is unreadable or of another size.
+        """
+        for file in self.files[first:]:
+            image = read_image(file)
+            if image.shape[1::-1] != self.size:
+                raise InputError(
+                    file,
+                    f"is {image.shape[1]}x{image.shape[0]}, the first image is {self.size[0]}x{self.size[1]}",
+                    "images of one camera must have one size",
+                )
+            yield image
+
+
+@dataclass(frozen=True)
+class VideoFile:
+    """A video, decoded from its start because seeking is inexact.
+
+    Attributes:
+        path: the file.
+        count: frames that the file says it has.
+        size: width and height [px].
+        fps: frames per second that the file says it has.
+    """
+
+    path: Path
+    count: int
+    size: tuple[int, int]
+    fps: float
+
+    def __len__(self) -> int:
+        return self.count
+
+    def read(self, first: int = 0) -> Iterator[np.ndarray]:
+        """Frames from ``first`` on, (height, width, 3) BGR uint8.
+
+        Raises:
+            InputError: the video ends before its stated count.
+        """
+        capture = cv2.VideoCapture(str(self.path))
+        try:
+            for frame in range(self.count):
+                good = capture.grab()
+                image = None
+                if good and frame >= first:
+                    good, image = capture.retrieve()
+                if not good:
+                    raise InputError(
+                        self.path,
+                        f"ends after {frame} of its {self.count} frames",
+                        f"copy the file again, or set [scene] frames = {frame}",
+                    )
+                if image is not None:
+                    yield image
+        finally:
+            capture.release()
+
+
+Frames = ImageFolder | VideoFile
+
+
+def open_frames(path: Path) -> Frames:
+    """A folder of images or a video.
+
+    Raises:
+        InputError: missing, empty, not decodable, or a numbered folder with a gap.
+    """
+    if path.is_dir():
+        return _open_folder(path)
+    return open_video(path)
+
+
+def open_video(path: Path) -> VideoFile:
+    """A video file.
+
+    Raises:
+        InputError: missing or not decodable.
+    """
+    if not path.is_file():
+        raise InputError(path, "no such file or folder", "check the path; it is relative to the scene file")
+    capture = cv2.VideoCapture(str(path))
+    try:
+        if not capture.isOpened() or not capture.grab():
+            raise InputError(path, "cannot be decoded as a video", "convert it to .mp4 (H.264) or .mkv (FFV1)")
+        size = (int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)))
+        fps = float(capture.get(cv2.CAP_PROP_FPS))
+        count = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+        if count <= 0:  # a container without an index: count by decoding
+            count = 1
+            while capture.grab():
+                count += 1
+    finally:
+        capture.release()
+    return VideoFile(path, count, size, fps)
+
+
+def read_image(path: Path) -> np.ndarray:
+    """An image file, unchanged.
+
+    Raises:
+        InputError: missing or not an image.
+    """
+    if not path.is_file():
+        raise InputError(path, "no such file", "check the path; it is relative to the scene file")
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise InputError(path, "cannot be decoded as an image", "convert it to PNG")
+    return image
+
+
+def _open_folder(path: Path) -> ImageFolder:
+    files = sorted((f for f in path.iterdir() if f.suffix.lower() in _IMAGE_SUFFIXES), key=_natural)
+    if not files:
+        raise InputError(path, "holds no images", f"put one image per frame there ({', '.join(_IMAGE_SUFFIXES)})")
+    numbers = [int(file.stem) for file in files if file.stem.isdecimal()]
+    if len(numbers) == len(files):
+        for previous, number in pairwise(numbers):
+            if number != previous + 1:
+                raise InputError(path, f"image {previous + 1} is missing", "images must be numbered without a gap")
+    height, width = read_image(files[0]).shape[:2]
+    return ImageFolder(path, tuple(files), (width, height))
+
+
+def _natural(file: Path) -> list[tuple[int, str]]:
+    return [(int(part), "") if part.isdecimal() else (0, part) for part in re.split(r"(\d+)", file.name)]

@@ -1,0 +1,30 @@
+"""Deciding what is foreground in an image file that somebody calls a mask."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+
+def decode_mask(image: np.ndarray) -> np.ndarray:
+    """Boolean mask of an image read unchanged: gray, 1-bit, palette (which OpenCV expands to colours) or RGBA.
+
+    An alpha channel that is not opaque everywhere decides. Else the brightest channel does, so that palette colours
+    such as dark red count. Of an image with two levels, 0 and any other (0/255, 0/1, a palette label), the other is
+    foreground; with more levels (soft or compressed masks), foreground is what exceeds half the range.
+
+    Args:
+        image: (height, width) or (height, width, 2, 3 or 4), unsigned integers.
+
+    Returns:
+        (height, width) bool.
+    """
+    full = np.iinfo(image.dtype).max
+    if image.ndim == 3 and image.shape[2] in (2, 4):
+        alpha = image[..., -1]
+        image = image[..., :-1] if alpha.min() == full else alpha
+    level = image.max(axis=2) if image.ndim == 3 else image
+    highest = int(level.max())
+    if cv2.countNonZero(level) == cv2.countNonZero(cv2.compare(level, highest, cv2.CMP_EQ)):
+        return level > 0
+    return level > full // 2

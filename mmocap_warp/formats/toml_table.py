@@ -1,0 +1,125 @@
+"""Reading TOML with one clear line for every mistake: wrong type, missing or unknown key."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from mmocap_warp.errors import InputError
+
+_KINDS = {
+    str: "a string",
+    bool: "true or false",
+    int: "a whole number",
+    float: "a number",
+    list: "a list",
+    dict: "a table",
+}
+
+
+def load_toml(path: str | Path) -> Table:
+    """The whole file as a :class:`Table`.
+
+    Raises:
+        InputError: the file is missing or is not TOML.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise InputError(path, "no such file", "check the path") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(path, f"cannot be read ({error})", "give a TOML text file") from None
+    try:
+        return Table(tomllib.loads(text), str(path), "")
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(path, f"is not valid TOML: {error}", "correct that line") from None
+
+
+class Table:
+    """A TOML table that is emptied key by key; what is left over at the end is unknown.
+
+    Args:
+        values: the table.
+        source: the file it comes from, for messages.
+        name: the table's own name, such as ``cameras.cam01``; empty for the whole file.
+    """
+
+    def __init__(self, values: dict[str, Any], source: str, name: str) -> None:
+        self._values = dict(values)
+        self._asked: list[str] = []
+        self.source = source
+        self.name = name
+
+    def error(self, problem: str, remedy: str) -> InputError:
+        """An :class:`InputError` that names the file and this table."""
+        return InputError(f"{self.source}: [{self.name}]" if self.name else self.source, problem, remedy)
+
+    def take(self, key: str, kind: type, default: Any = ...) -> Any:
+        """The value of ``key``, which must be of ``kind`` (a whole number is a number too); required without default.
+
+        Raises:
+            InputError: missing, of another type, or a number that is not finite.
+        """
+        self._asked.append(key)
+        if key not in self._values:
+            if default is ...:
+                raise self.error(f"'{key}' is missing", f"add {key} = ... ({_KINDS[kind]})")
+            return default
+        value = self._values.pop(key)
+        if kind is float and type(value) is int:
+            value = float(value)
+        if type(value) is not kind:
+            raise self.error(f"{key} = {value!r} is not {_KINDS[kind]}", f"give {_KINDS[kind]}")
+        if kind is float and not math.isfinite(value):
+            raise self.error(f"{key} is not finite", "give an ordinary number")
+        return value
+
+    def take_choice(self, key: str, choices: tuple[str, ...], default: Any = ...) -> str:
+        """A string that must be one of ``choices``."""
+        value = self.take(key, str, default)
+        if value not in choices:
+            raise self.error(f"{key} = {value!r} is not known", f"use one of {', '.join(map(repr, choices))}")
+        return value
+
+    def take_numbers(self, key: str, count: tuple[int, ...], default: Any = ...) -> list[float]:
+        """A list of finite numbers, as long as one of ``count`` says."""
+        self._asked.append(key)
+        if key not in self._values:
+            if default is ...:
+                raise self.error(f"'{key}' is missing", f"add {key} = [...]")
+            return default
+        value = self._values.pop(key)
+        length = " or ".join(map(str, count))
+        good = isinstance(value, list) and len(value) in count
+        if not good or any(type(v) not in (int, float) for v in value):
+            raise self.error(f"{key} = {value!r} is not {length} numbers", f"give a list of {length} numbers")
+        if not all(math.isfinite(v) for v in value):
+            raise self.error(f"{key} holds a value that is not finite", "give ordinary numbers")
+        return [float(v) for v in value]
+
+    def take_table(self, key: str) -> Table:
+        """A table inside this one; an absent one is empty."""
+        return Table(self.take(key, dict, {}), self.source, f"{self.name}.{key}" if self.name else key)
+
+    def take_tables(self) -> dict[str, Table]:
+        """All tables that are left, by name."""
+        keys = [key for key, value in self._values.items() if isinstance(value, dict)]
+        return {key: self.take_table(key) for key in keys}
+
+    def take_rest(self) -> dict[str, Any]:
+        """Everything that is left, unchecked."""
+        rest, self._values = self._values, {}
+        return rest
+
+    def finish(self) -> None:
+        """Raise InputError for a key that nobody asked for, naming the nearest one that is known."""
+        if not self._values:
+            return
+        key = next(iter(self._values))
+        near = difflib.get_close_matches(key, self._asked, 1, 0.4)
+        known = ", ".join(dict.fromkeys(self._asked))
+        remedy = f"did you mean '{near[0]}'?" if near else f"known keys: {known}"
+        raise self.error(f"unknown key '{key}'", remedy)

@@ -13,6 +13,7 @@ from mmocap_warp.body import FULL_DOF, BodyModel
 from mmocap_warp.bvh import build_bvh
 from mmocap_warp.cameras import CameraRig
 from mmocap_warp.kernels import cost as cost_kernels
+from mmocap_warp.kernels import kinematics, projection, raycast, skinning
 from mmocap_warp.kernels.cost import cost_of_counts
 from mmocap_warp.kernels.kinematics import Affine, pose_joints
 from mmocap_warp.kernels.projection import project
@@ -23,6 +24,8 @@ from mmocap_warp.posing import BodyArrays
 
 COSTS: dict[str, int] = {"paper": cost_kernels.PAPER, "xor": cost_kernels.XOR, "iou": cost_kernels.IOU}
 """The named costs; ``paper`` is Eq. 4-5."""
+
+_MODULES = (kinematics, skinning, projection, raycast, cost_kernels)
 
 
 class CameraArrays:
@@ -110,6 +113,8 @@ class Objective:
         self._image = wp.zeros((candidates, cameras, vertices), dtype=wp.vec2i, device=device)
         self._box = wp.zeros((candidates, cameras, len(bvh.node)), dtype=wp.vec4i, device=device)
         self._threads = threads if self.pose.device.is_cpu else 1
+        for module in _MODULES:  # before threads launch from them at the same time
+            wp.load_module(module, device=device)
         self._slices: dict[int, list[_Slice]] = {}
 
     def observe(self, observation: Observation) -> None:

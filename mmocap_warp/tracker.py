@@ -1,0 +1,304 @@
+"""Tracking: observations in, poses out, one frame's answer starting the next."""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+
+import numpy as np
+import warp as wp
+
+from mmocap_warp.body import DOF_MODELS, FULL_DOF, JOINTS, BodyModel, Subject, degrees_of_freedom
+from mmocap_warp.cameras import CameraRig
+from mmocap_warp.objective import COSTS, Objective
+from mmocap_warp.observation import Observation
+from mmocap_warp.optimizers.cma_es import CmaEs
+from mmocap_warp.result import STATUS, TrackResult
+from mmocap_warp.search import FrameSearch
+from mmocap_warp.strategy import hierarchical, holistic
+
+ALGORITHMS: tuple[str, ...] = ("cmaes", "h-cmaes")
+"""The paper's names in lower case; ``h-`` is the six-step hierarchy."""
+
+
+@dataclass(frozen=True)
+class Preset:
+    """Search radii: the step size at which a frame's search starts.
+
+    Attributes:
+        rotation: [rad], at ``fps`` frames per second where that is given.
+        translation: [m], likewise.
+        fps: the frame rate that the radii are for; they grow with the frame interval. None: the same at any rate.
+    """
+
+    rotation: float
+    translation: float
+    fps: float | None = None
+
+
+PRESETS: dict[str, Preset] = {
+    "recording": Preset(0.03, 0.02, 60.0),  # measured on a real recording, see docs/accuracy.md
+    "paper": Preset(0.5, 0.5),  # Section 5.2
+    "authors": Preset(0.05, 0.05),  # the upper default of the authors' own command line
+}
+
+
+@dataclass(frozen=True)
+class TrackConfig:
+    """Settings of a tracking run.
+
+    Attributes:
+        algorithm: one of ``ALGORITHMS``.
+        dof: degrees of freedom of the body, 51, 39 or 28 (Table 1).
+        evaluations: budget per frame; never exceeded.
+        seed: of the first run; run r uses ``seed + r``.
+        runs: independent runs, tracked at once.
+        preset: where the radii come from.
+        rotation_radius: [rad], over the preset's.
+        translation_radius: [m], over the preset's.
+        cost: ``paper`` (Eq. 4-5), ``xor`` or ``iou``.
+        limits: keep joints within their anatomical limits.
+        prior: weight of a pull of spine, neck, wrists and ankles to the rest pose [1/rad^2]; 0 for none.
+        scale: of masks and cameras, in (0, 1].
+        device: ``auto``, ``cpu`` or a CUDA device.
+        threads: CPU threads; None for all that this process may use.
+    """
+
+    algorithm: str = "h-cmaes"
+    dof: int = 39
+    evaluations: int = 500
+    seed: int = 0
+    runs: int = 1
+    preset: str = "recording"
+    rotation_radius: float | None = None
+    translation_radius: float | None = None
+    cost: str = "paper"
+    limits: bool = True
+    prior: float = 0.002
+    scale: float = 1.0
+    device: str = "auto"
+    threads: int | None = None
+
+    def __post_init__(self) -> None:
+        _one_of("algorithm", self.algorithm, ALGORITHMS)
+        _one_of("dof", self.dof, DOF_MODELS)
+        _one_of("preset", self.preset, PRESETS)
+        _one_of("cost", self.cost, COSTS)
+        for name in ("evaluations", "runs"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+        if self.threads is not None and self.threads < 1:
+            raise ValueError(f"threads must be at least 1, got {self.threads}")
+        for name in ("rotation_radius", "translation_radius"):
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and value > 0):
+                raise ValueError(f"{name} must be positive and finite, got {value}")
+        if not 0.0 < self.scale <= 1.0:
+            raise ValueError(f"scale must be in (0, 1], got {self.scale}")
+        if not (math.isfinite(self.prior) and self.prior >= 0.0):
+            raise ValueError(f"prior must not be negative, got {self.prior}")
+        if not 0 <= self.seed < 2**31 - self.runs:
+            raise ValueError(f"seed must be in 0 .. 2^31 - runs, got {self.seed}")
+
+    def radii(self, fps: float) -> tuple[float, float]:
+        """Rotation [rad] and translation [m] radius at a frame rate: the flags', or the preset's scaled to it."""
+        preset = PRESETS[self.preset]
+        interval = 1.0 if preset.fps is None else preset.fps / fps
+        rotation = self.rotation_radius or preset.rotation * interval
+        translation = self.translation_radius or preset.translation * interval
+        return rotation, translation
+
+
+def _one_of(name: str, value: object, allowed: Iterable[object]) -> None:
+    if value not in allowed:
+        raise ValueError(f"{name} must be one of {list(allowed)}, got {value!r}")
+
+
+@dataclass(frozen=True)
+class FrameAnswer:
+    """What a frame's search found.
+
+    Attributes:
+        pose: (run, 51) float32.
+        cost: (run,) float32; NaN when the frame is lost.
+        iou: (run, camera) float64; NaN for a lost view.
+        evaluations: spent by each run.
+        status: index into ``STATUS``.
+        seconds: wall-clock time [s].
+    """
+
+    pose: np.ndarray
+    cost: np.ndarray
+    iou: np.ndarray
+    evaluations: int
+    status: int
+    seconds: float
+
+
+class Tracker:
+    """Tracks a subject frame by frame; owns the objective, the optimizers and each run's last answer.
+
+    Args:
+        subject: where to start.
+        rig: undistorted cameras at the masks' size.
+        config: settings.
+        fps: frame rate of the recording, for the preset's radii.
+    """
+
+    def __init__(self, subject: Subject, rig: CameraRig, config: TrackConfig, fps: float) -> None:
+        self.config = config
+        self.device = resolve_device(config.device)
+        dofs = degrees_of_freedom(config.dof)
+        parts = hierarchical(dofs) if config.algorithm.startswith("h-") else holistic(dofs)
+        rotation, translation = config.radii(fps)
+        seeds = np.arange(config.seed, config.seed + config.runs)
+        seed = wp.array(seeds, dtype=wp.int32, device=self.device)
+        self._draw = wp.zeros(config.runs, dtype=wp.int32, device=self.device)
+        optimizers = [
+            CmaEs(part.index, np.where(part.index < 3, translation, rotation), config.runs, seed, self._draw)
+            for part in parts
+        ]
+        self._objective = Objective(
+            subject.body,
+            subject.root_base,
+            rig,
+            config.runs * max(optimizer.particles for optimizer in optimizers),
+            cost=config.cost,
+            prior=rest_prior(config.prior),
+            device=self.device,
+            threads=config.threads or available_threads(),
+        )
+        limits = coordinate_limits(subject.body) if config.limits else _FREE
+        self._search = FrameSearch(self._objective, parts, optimizers, config.evaluations, limits)
+        self._search.best_pose.assign(np.repeat(subject.pose[None].astype(np.float32), config.runs, axis=0))
+
+    @property
+    def state(self) -> tuple[np.ndarray, np.ndarray]:
+        """All that the next frame depends on: last poses (run, 51) float32 and random counters (run,) int32."""
+        return self._search.best_pose.numpy().copy(), self._draw.numpy().copy()
+
+    @state.setter
+    def state(self, value: tuple[np.ndarray, np.ndarray]) -> None:
+        pose, draw = value
+        self._search.best_pose.assign(pose)
+        self._draw.assign(draw)
+
+    def step(self, observation: Observation) -> FrameAnswer:
+        """Find the pose of the next frame. Without any foreground the frame is lost and the pose is carried over."""
+        seen = observation.foreground > 0
+        runs, cameras = self.config.runs, len(seen)
+        if not seen.any():
+            pose = self._search.best_pose.numpy().copy()
+            nothing = np.full(runs, np.nan, np.float32)
+            return FrameAnswer(pose, nothing, np.full((runs, cameras), np.nan), 0, STATUS.index("lost"), 0.0)
+        self._objective.observe(observation)
+        started = time.perf_counter()
+        evaluations = self._search.run()
+        pose = self._search.best_pose.numpy().copy()
+        seconds = time.perf_counter() - started
+        count = self._search.judge().astype(np.float64)
+        union = count[..., 0] + observation.foreground - count[..., 1]
+        iou = np.where(seen, count[..., 1] / np.maximum(union, 1), np.nan)
+        status = STATUS.index("tracked" if seen.all() else "partial")
+        return FrameAnswer(pose, self._search.best_cost.numpy().copy(), iou, evaluations, status, seconds)
+
+
+_FREE = np.tile([-np.inf, np.inf], (FULL_DOF, 1))
+
+
+def coordinate_limits(body: BodyModel) -> np.ndarray:
+    """(51, 2) lowest and highest value of every coordinate of the full pose; the translation is free."""
+    limits = _FREE.copy()
+    limits[3:] = body.limits.reshape(-1, 2)
+    return limits
+
+
+_LOOSE = ("BottomSpine", "UpperSpine", "Neck", "LWrist", "RWrist", "LAnkle", "RAnkle")
+
+
+def rest_prior(weight: float) -> np.ndarray:
+    """(51,) weights that pull the joints which silhouettes show least to the rest pose."""
+    prior = np.zeros(FULL_DOF)
+    for joint in _LOOSE:
+        first = 3 + 3 * JOINTS.index(joint)
+        prior[first : first + 3] = weight
+    return prior
+
+
+def resolve_device(name: str) -> str:
+    """``auto`` is the first CUDA device, or the CPU where there is none.
+
+    Raises:
+        ValueError: no such device here.
+    """
+    if name == "auto":
+        return "cuda:0" if wp.is_cuda_available() else "cpu"
+    known = [device.alias for device in wp.get_devices()]
+    if name not in known and name != "cuda":
+        raise ValueError(f"device must be auto or one of {known}, got {name!r}")
+    return "cuda:0" if name == "cuda" else name
+
+
+def available_threads() -> int:
+    """CPU cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def versions(device: str) -> dict[str, str]:
+    """What produced a result: package versions and the device's name."""
+    packages = ("mmocap-warp", "warp-lang", "usd-core", "opencv-python-headless", "numpy")
+    return {name: version(name) for name in packages} | {"device": wp.get_device(device).name}
+
+
+Progress = Callable[[int, FrameAnswer], None]
+"""Called after every frame with its position and answer."""
+
+
+def collect(
+    subject: Subject,
+    rig: CameraRig,
+    fps: float,
+    config: TrackConfig,
+    answers: list[FrameAnswer],
+    first: int = 0,
+) -> TrackResult:
+    """Gather the answers of consecutive frames, starting with frame number ``first``."""
+    rotation, translation = config.radii(fps)
+    device = resolve_device(config.device)
+    effective = {"rotation_radius": rotation, "translation_radius": translation, "device": device}
+    return TrackResult(
+        subject=subject,
+        cameras=rig,
+        fps=fps,
+        frame_numbers=np.arange(first, first + len(answers)),
+        pose=np.stack([answer.pose for answer in answers], axis=1).astype(np.float64),
+        cost=np.stack([answer.cost for answer in answers], axis=1).astype(np.float64),
+        iou=np.stack([answer.iou for answer in answers], axis=1),
+        evaluations=np.repeat([[answer.evaluations for answer in answers]], config.runs, axis=0).astype(np.int64),
+        status=np.array([answer.status for answer in answers], np.int8),
+        seconds=float(sum(answer.seconds for answer in answers)),
+        config=asdict(config) | effective,
+        versions=versions(device),
+    )
+
+
+def track_observations(
+    subject: Subject,
+    rig: CameraRig,
+    observations: Iterable[Observation],
+    fps: float,
+    config: TrackConfig,
+    progress: Progress | None = None,
+) -> TrackResult:
+    """Track consecutive observations in memory or from any stream."""
+    tracker = Tracker(subject, rig, config, fps)
+    answers = []
+    for number, observation in enumerate(observations):
+        answers.append(tracker.step(observation))
+        if progress:
+            progress(number, answers[-1])
+    return collect(subject, rig, fps, config, answers)

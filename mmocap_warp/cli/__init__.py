@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from cyclopts import App, CycloptsError
 
-from mmocap_warp.cli.exit_codes import BAD_INPUT, FAILURE, INTERRUPTED, OK, USAGE
+from mmocap_warp.cli.exit_codes import BAD_INPUT, FAILURE, INTERRUPTED, OK, USAGE, UsageError
 from mmocap_warp.errors import InputError
 
 app = App(
@@ -48,7 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     debug = "--debug" in tokens or os.environ.get("MMOCAP_DEBUG", "0") not in ("", "0")
     try:
         code = app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
-    except CycloptsError as error:
+    except (CycloptsError, UsageError) as error:
         return _fail(f"{error} (mmocap --help lists what is possible)", USAGE)
     except InputError as error:
         if debug:

@@ -4,10 +4,14 @@ OK = 0
 FAILURE = 1
 """Something broke that is no fault of the input."""
 USAGE = 2
-"""The command line itself is wrong."""
+"""The command line itself is wrong: :class:`UsageError`."""
 BAD_INPUT = 3
 """A file or value that the user can mend: :class:`mmocap_warp.errors.InputError`."""
 CHECK_FAILED = 4
 """The command ran, and what it checked does not hold."""
 INTERRUPTED = 130
 """Stopped by Ctrl-C."""
+
+
+class UsageError(Exception):
+    """A flag's value is wrong, or flags contradict each other."""

@@ -1,0 +1,93 @@
+"""``mmocap cameras``: does the calibration look like the room it was made in?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from mmocap_warp.cli.console import Console
+from mmocap_warp.cli.exit_codes import CHECK_FAILED, OK
+
+if TYPE_CHECKING:
+    from mmocap_warp.scene import Scene
+
+
+def cameras(
+    scene: Path,
+    /,
+    *,
+    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    force: Annotated[bool, Parameter(negative="")] = False,
+    console: Console | None = None,
+) -> int:
+    """Print a scene's cameras and draw the world axes into their views.
+
+    Exits with 4 where the cameras' mean height is not above the world's zero, which most often is a wrong 'up'.
+
+    Parameters
+    ----------
+    scene
+        The scene file, or its folder.
+    output
+        Folder for one picture per camera with the world's x, y and z axis in red, green and blue.
+    force
+        Write into a folder that holds files.
+    """
+    import numpy as np
+
+    from mmocap_warp.cameras import describe_rig
+    from mmocap_warp.cli.outputs import new_folder
+    from mmocap_warp.formats.scene_toml import read_scene
+
+    console = console or Console()
+    loaded = read_scene(scene)
+    rows = describe_rig(loaded.calibrated)
+    mean_height = float(np.mean([row.height for row in rows]))
+    if output is not None:
+        _draw_axes(loaded, new_folder(output, force=force))
+    good = mean_height > 0
+    values = {
+        "cameras": [
+            {
+                "name": row.name,
+                "size": size,
+                "centre_m": row.centre,
+                "height_m": row.height,
+                "nearest_m": row.nearest,
+                "field_of_view_deg": row.field_of_view,
+            }
+            for row, size in zip(rows, loaded.calibrated.size, strict=True)
+        ],
+        "up": loaded.calibrated.up,
+        "mean_height_m": mean_height,
+        "mean_height_ok": good,
+    }
+    header = f"{'camera':<12} {'size':>10} {'x':>8} {'y':>8} {'z':>8} {'height':>8} {'nearest':>8} {'view':>10}"
+    lines = [header, f"{'':<12} {'px':>10} {'m':>8} {'m':>8} {'m':>8} {'m':>8} {'m':>8} {'deg':>10}"]
+    for row, (width, height) in zip(rows, loaded.calibrated.size, strict=True):
+        place = " ".join(f"{value:8.2f}" for value in (*row.centre, row.height, row.nearest))
+        view = "{:.0f}x{:.0f}".format(*row.field_of_view)
+        lines.append(f"{row.name:<12} {f'{width}x{height}':>10} {place} {view:>10}")
+    lines.append(f"mean height {mean_height:.2f} m along {loaded.calibrated.up}")
+    if not good:
+        lines.append("check failed: cameras at or below the world's zero; is [scene] up this calibration's vertical?")
+    console.result(values, "\n".join(lines))
+    return OK if good else CHECK_FAILED
+
+
+def _draw_axes(scene: Scene, folder: Path) -> None:
+    import cv2
+    import numpy as np
+
+    from mmocap_warp.cameras import draw_world_axes
+
+    rig = scene.rig()
+    images = next(scene.images(count=1))
+    for k, name in enumerate(rig.names):
+        image = images[k]
+        if image is None:
+            width, height = rig.size[k]
+            image = np.full((height, width, 3), 64, np.uint8)
+        cv2.imwrite(str(folder / f"{name}.png"), draw_world_axes(image, rig, k))

@@ -1,0 +1,77 @@
+"""Settings of a command: flags win over ``scene.toml``, which wins over the defaults."""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Mapping
+from dataclasses import asdict, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_type_hints
+
+from mmocap_warp.cli.exit_codes import UsageError
+from mmocap_warp.formats.toml_table import Table
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+    Config = TypeVar("Config", bound=DataclassInstance)
+
+
+def effective(kind: type[Config], scene: Path, table: str, written: Mapping[str, Any], flags: Any) -> Config:
+    """The settings to run with.
+
+    Args:
+        kind: a frozen dataclass that checks its fields and raises ``ValueError``.
+        scene: the scene file, for messages.
+        table: name of the settings' table in it.
+        written: what that table holds.
+        flags: a dataclass with some of the same fields, ``None`` where a flag was not given.
+
+    Raises:
+        InputError: the scene file holds an unknown name or a wrong value.
+        UsageError: a flag's value is wrong.
+    """
+    config = _from_table(kind, Table(dict(written), str(scene), table))
+    given = _given(flags)
+    try:
+        return replace(config, **given)
+    except ValueError as error:
+        raise UsageError(_as_flag(str(error))) from None
+
+
+def describe(config: DataclassInstance, written: Mapping[str, Any], flags: Any) -> str:
+    """The effective settings in one line, each with where it comes from unless that is the default."""
+    given = _given(flags)
+    parts = []
+    for name, value in asdict(config).items():
+        origin = " (flag)" if name in given else " (scene.toml)" if name in written else ""
+        if value is not None:
+            parts.append(f"{name} {str(value).lower() if isinstance(value, bool) else value}{origin}")
+    return ", ".join(parts)
+
+
+def _from_table(kind: type[Config], table: Table) -> Config:
+    hints = get_type_hints(kind)
+    values = {field.name: table.take(field.name, _plain(hints[field.name]), field.default) for field in fields(kind)}
+    table.finish()
+    try:
+        return kind(**values)
+    except ValueError as error:
+        raise table.error(str(error), "correct that value") from None
+
+
+def _plain(hint: Any) -> type:
+    """The type of a setting that may also be ``None``."""
+    if isinstance(hint, types.UnionType):
+        return next(arm for arm in get_args(hint) if arm is not type(None))
+    return hint
+
+
+def _given(flags: Any) -> dict[str, Any]:
+    return {name: value for name, value in asdict(flags).items() if value is not None}
+
+
+def _as_flag(message: str) -> str:
+    """A config's message, which starts with the field's name, in the words of the command line."""
+    name, _, rest = message.partition(" ")
+    return f"--{name.replace('_', '-')} {rest}"

@@ -1,0 +1,106 @@
+"""USD files and attributes: read with plain errors, written whole or not at all."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pxr import Sdf, Tf, Usd
+
+from mmocap_warp.errors import InputError
+
+USD_SUFFIXES: tuple[str, ...] = (".usd", ".usda", ".usdc")
+
+
+def read_stage(path: str | Path) -> Usd.Stage:
+    """Open a USD file; a file rewritten since it was last read in this process is read anew.
+
+    Raises:
+        InputError: no such file, or not USD.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(path, "no such file", "check the path")
+    try:
+        # USD keeps layers by file name and would hand out the old one; an anonymous layer has no name.
+        layer = Sdf.Layer.OpenAsAnonymous(str(path))
+        stage = Usd.Stage.Open(layer) if layer else None
+    except Tf.ErrorException as error:
+        raise InputError(path, "is not a USD file that can be read", "write it again") from error
+    if stage is None:
+        raise InputError(path, "is not a USD file", f"give a file that ends in {', '.join(USD_SUFFIXES)}")
+    return stage
+
+
+def write_stage(path: str | Path, stage: Usd.Stage) -> None:
+    """Write the stage's root layer to ``path``, replacing it in one step.
+
+    Raises:
+        InputError: the name does not end in ``.usd``, ``.usda`` or ``.usdc``, or the folder cannot be written.
+    """
+    path = Path(path)
+    if path.suffix not in USD_SUFFIXES:
+        raise InputError(path, "is not a USD file name", f"end it in {', '.join(USD_SUFFIXES)}")
+    if not path.parent.is_dir():
+        raise InputError(path, "its folder does not exist", "create the folder first")
+    # USD picks the format by the ending, so the temporary name keeps it.
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    try:
+        stage.GetRootLayer().Export(str(temporary))
+        os.replace(temporary, path)
+    except (Tf.ErrorException, OSError) as error:
+        raise InputError(
+            path, f"cannot be written ({error})", "check the folder's permissions and free space"
+        ) from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def author(schema: Usd.SchemaBase, name: str, kind: Sdf.ValueTypeName, value: object) -> None:
+    """Author a custom attribute that does not vary in time."""
+    schema.GetPrim().CreateAttribute(name, kind, True, Sdf.VariabilityUniform).Set(value)
+
+
+class PrimReader:
+    """Reads one prim's attributes and says what is wrong with them.
+
+    Args:
+        prim: the prim; its stage must stay alive.
+        source: the file, for errors.
+        remedy: what to do about a file that is wrong, for errors.
+    """
+
+    def __init__(self, prim: Usd.Prim, source: object, remedy: str) -> None:
+        self.prim = prim
+        self.source = source
+        self.remedy = remedy
+
+    def require(self, condition: bool | np.bool_, problem: str) -> None:
+        """Raise InputError, naming the prim, unless the condition holds."""
+        if not condition:
+            raise InputError(self.source, f"{self.prim.GetPath()}: {problem}", self.remedy)
+
+    def child(self, name: str) -> PrimReader:
+        """The reader of a child prim, which must exist."""
+        prim = self.prim.GetChild(name)
+        self.require(prim.IsValid(), f"has no {name}")
+        return PrimReader(prim, self.source, self.remedy)
+
+    def value(self, name: str) -> Any:
+        """An attribute's value, which must exist."""
+        value = self.prim.GetAttribute(name).Get() if self.prim.HasAttribute(name) else None
+        self.require(value is not None, f"attribute {name} is missing or empty")
+        return value
+
+    def array(self, name: str, shape: tuple[int | None, ...], dtype: type = np.float32) -> np.ndarray:
+        """An array attribute as ``dtype``; in ``shape``, None stands for any length."""
+        raw = np.array(self.value(name))
+        if raw.size == 0:  # An empty array has lost its inner shape.
+            raw = raw.reshape([0 if n is None else n for n in shape] if 0 in shape or None in shape else [0])
+        fits = raw.ndim == len(shape) and all(n in (None, have) for n, have in zip(shape, raw.shape, strict=True))
+        wanted = " x ".join("any" if n is None else str(n) for n in shape)
+        self.require(fits, f"{name} has shape {raw.shape}, expected {wanted}")
+        self.require(not np.isnan(raw).any(), f"{name} holds NaN")
+        return raw.astype(dtype)

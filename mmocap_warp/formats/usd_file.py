@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -93,6 +94,21 @@ class PrimReader:
         value = self.prim.GetAttribute(name).Get() if self.prim.HasAttribute(name) else None
         self.require(value is not None, f"attribute {name} is missing or empty")
         return value
+
+    def samples(self, name: str, times: Sequence[float]) -> list[Any]:
+        """An attribute's values at time codes, each of which must have been authored: nothing is interpolated."""
+        attribute = self.prim.GetAttribute(name)
+        authored = set(attribute.GetTimeSamples()) if attribute else set()
+        absent = [time for time in times if time not in authored]
+        self.require(not absent, f"attribute {name} has no value at frame {absent[0] if absent else 0:g}")
+        return [attribute.Get(time) for time in times]
+
+    def sampled_array(self, name: str, times: Sequence[float], shape: tuple[int, ...]) -> np.ndarray:
+        """A numeric attribute at time codes, (time, *shape); NaN may stand for "no value"."""
+        rows = [np.array(value) for value in self.samples(name, times)]
+        for time, row in zip(times, rows, strict=True):
+            self.require(row.size == np.prod(shape), f"{name} holds {row.size} values at frame {time:g}, not {shape}")
+        return np.array(rows).reshape(len(times), *shape)
 
     def array(self, name: str, shape: tuple[int | None, ...], dtype: type = np.float32) -> np.ndarray:
         """An array attribute as ``dtype``; in ``shape``, None stands for any length."""

@@ -1,0 +1,52 @@
+"""Virtual markers: points that ride on a body's skin."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+
+
+@dataclass(frozen=True)
+class SkinPoints:
+    """Points attached to a mesh, each at fixed barycentric coordinates of one triangle.
+
+    Attributes:
+        corners: (point, 3) int, vertices of each point's triangle.
+        weights: (point, 3) float64, barycentric coordinates.
+    """
+
+    corners: np.ndarray
+    weights: np.ndarray
+
+    def positions(self, vertices: np.ndarray) -> np.ndarray:
+        """Where the points are on a posed mesh: (..., vertex, 3) to (..., point, 3) [m]."""
+        return np.einsum("pi,...pia->...pa", self.weights, vertices[..., self.corners, :].astype(np.float64))
+
+
+def triangulated(faces: np.ndarray) -> np.ndarray:
+    """(face, 3) triangles of a mesh of triangles or quads."""
+    return faces if faces.shape[1] == 3 else np.concatenate([faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]])
+
+
+def attach(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> SkinPoints:
+    """Attach points to the nearest place on a posed mesh; what lies between a point and the skin is dropped.
+
+    Args:
+        points: (point, 3) [m].
+        vertices: (vertex, 3), the mesh in the pose in which the points were seen [m].
+        faces: (face, 3) or (face, 4) vertex indices.
+    """
+    triangles = triangulated(faces)
+    corner = vertices[triangles].astype(np.float64)
+    chosen, on_skin = [], []
+    for point in points:
+        candidates = trimesh.triangles.closest_point(corner, np.broadcast_to(point, (len(corner), 3)))
+        nearest = int(np.argmin(((candidates - point) ** 2).sum(1)))
+        chosen.append(nearest)
+        on_skin.append(candidates[nearest])
+    if not chosen:
+        return SkinPoints(np.zeros((0, 3), int), np.zeros((0, 3)))
+    weights = trimesh.triangles.points_to_barycentric(corner[chosen], np.array(on_skin))
+    return SkinPoints(triangles[chosen], weights)

@@ -61,13 +61,8 @@ def write_subject(path: str | Path, subject: Subject) -> None:
     """Write a subject to a ``.usd``, ``.usda`` or ``.usdc`` file: its body, standing as in the first frame."""
     stage = Usd.Stage.CreateInMemory()
     UsdGeom.SetStageUpAxis(stage, up_axis(subject.root_base))
-    root = define_body(stage, f"/{subject.body.name}", subject.body)
+    root = define_subject(stage, f"/{subject.body.name}", subject)
     stage.SetDefaultPrim(root.GetPrim())
-    author(root, "mmocap:rootBase", Sdf.ValueTypeNames.Matrix3d, Gf.Matrix3d(np.asarray(subject.root_base, float).T))
-    author(
-        root, "mmocap:pose", Sdf.ValueTypeNames.DoubleArray, Vt.DoubleArray.FromNumpy(np.asarray(subject.pose, float))
-    )
-    author(root, "mmocap:provenance", Sdf.ValueTypeNames.String, json.dumps(subject.provenance))
     _show_first_pose(stage, root, subject)
     write_stage(path, stage)
 
@@ -79,8 +74,27 @@ def read_subject(path: str | Path) -> Subject:
         InputError: no such file, not USD, or not a complete and consistent subject.
     """
     stage = read_stage(path)
-    prim = body_prim(stage, path)
-    read = PrimReader(prim, path, "fit the subject again with `mmocap fit`")
+    return subject_from_prim(body_prim(stage, path), path)
+
+
+def define_subject(stage: Usd.Stage, path: str, subject: Subject) -> UsdSkel.Root:
+    """Author the subject's body at ``path``, with where it starts as attributes; returns its ``SkelRoot``."""
+    root = define_body(stage, path, subject.body)
+    author(root, "mmocap:rootBase", Sdf.ValueTypeNames.Matrix3d, Gf.Matrix3d(np.asarray(subject.root_base, float).T))
+    author(
+        root, "mmocap:pose", Sdf.ValueTypeNames.DoubleArray, Vt.DoubleArray.FromNumpy(np.asarray(subject.pose, float))
+    )
+    author(root, "mmocap:provenance", Sdf.ValueTypeNames.String, json.dumps(subject.provenance))
+    return root
+
+
+def subject_from_prim(prim: Usd.Prim, source: object) -> Subject:
+    """The subject that :func:`define_subject` authored at ``prim``; ``source`` is named in errors.
+
+    Raises:
+        InputError: something is missing or inconsistent.
+    """
+    read = PrimReader(prim, source, "fit the subject again with `mmocap fit`")
     root_base = read.array("mmocap:rootBase", (3, 3), np.float64).T
     pose = read.array("mmocap:pose", (FULL_DOF,), np.float64)
     read.require(is_rotation(root_base), "mmocap:rootBase is not a rotation")
@@ -90,7 +104,7 @@ def read_subject(path: str | Path) -> Subject:
     except ValueError:
         provenance = None
     read.require(isinstance(provenance, dict), "mmocap:provenance is not a JSON object")
-    return Subject(body_from_prim(prim, path), root_base, pose, provenance)
+    return Subject(body_from_prim(prim, source), root_base, pose, provenance)
 
 
 def body_prim(stage: Usd.Stage, source: object) -> Usd.Prim:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmocap_warp.body import Subject
+from mmocap_warp.body import FULL_DOF, Subject
 from mmocap_warp.cameras import CameraRig
 
 STATUS: tuple[str, ...] = ("tracked", "partial", "lost")
@@ -30,6 +30,9 @@ class TrackResult:
         seconds: wall-clock time of the search, images left out [s].
         config: the full configuration as JSON-compatible values; ``config["seed"]`` is the first run's seed.
         versions: package versions and device.
+
+    Raises:
+        ValueError: no frame, frame numbers that do not ascend, or arrays whose shapes disagree.
     """
 
     subject: Subject
@@ -44,6 +47,20 @@ class TrackResult:
     seconds: float
     config: dict
     versions: dict[str, str]
+
+    def __post_init__(self) -> None:
+        runs, frames, cameras = len(self.pose), len(self.frame_numbers), len(self.cameras)
+        if not runs or not frames or (np.diff(self.frame_numbers) <= 0).any():
+            raise ValueError("a result needs a run, a frame, and frame_numbers that ascend")
+        for name, shape in (
+            ("pose", (runs, frames, FULL_DOF)),
+            ("cost", (runs, frames)),
+            ("iou", (runs, frames, cameras)),
+            ("evaluations", (runs, frames)),
+            ("status", (frames,)),
+        ):
+            if getattr(self, name).shape != shape:
+                raise ValueError(f"{name} must be {shape}, got {getattr(self, name).shape}")
 
     @property
     def best_run(self) -> int:

@@ -8,6 +8,7 @@ import numpy as np
 
 from mmocap_warp.body import FULL_DOF, JOINTS, PARENT, BodyModel, SkinMesh, Subject
 from mmocap_warp.cameras import CameraRig
+from mmocap_warp.result import TrackResult
 
 _DROOP = np.deg2rad(30.0)  # the arms are bound in an A-pose, so that joint frames matter
 
@@ -188,4 +189,30 @@ def ring_rig(cameras: int = 4, size: tuple[int, int] = (640, 480), distance: flo
         size=np.tile([width, height], (cameras, 1)),
         distortion=np.zeros((cameras, 5)),
         up=up,
+    )
+
+
+def synthetic_result(frames: int = 6, runs: int = 2, up: str = "+y", cameras: int = 3) -> TrackResult:
+    """A made-up answer: run 1 is the better one, the second frame is partial and the last one lost."""
+    rng = np.random.default_rng(5)
+    pose = np.stack([synthetic_poses(frames, up, seed=run) for run in range(runs)])
+    cost = 0.2 + 0.01 * rng.random((runs, frames)) - 0.1 * (np.arange(runs) == 1)[:, None]
+    iou = 0.8 + 0.1 * rng.random((runs, frames, cameras))
+    status = np.zeros(frames, np.int8)
+    if frames > 2:
+        iou[:, 1, 0] = iou[:, -1] = cost[:, -1] = np.nan
+        status[[1, -1]] = 1, 2
+    return TrackResult(
+        subject=synthetic_subject(up),
+        cameras=ring_rig(cameras, size=(320, 240), up=up),
+        fps=59.94,
+        frame_numbers=np.arange(10, 10 + frames),
+        pose=pose,
+        cost=cost,
+        iou=iou,
+        evaluations=np.full((runs, frames), 499),
+        status=status,
+        seconds=1.5,
+        config={"algorithm": "h-cmaes", "seed": 7, "rotation_radius": 0.03, "threads": None},
+        versions={"mmocap-warp": "0.1.0", "device": "cpu"},
     )

@@ -1,0 +1,128 @@
+"""Poses as a USD skeleton animation, inside a result or as a file of their own."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from pxr import Kind, Usd, UsdGeom, UsdSkel, UsdUtils, Vt
+
+from mmocap_warp.body import Subject
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.usd_body import define_body, joint_paths, local_transforms
+from mmocap_warp.formats.usd_file import USD_SUFFIXES, write_stage
+from mmocap_warp.formats.usd_world import set_world_up
+from mmocap_warp.posing import Poser
+from mmocap_warp.result import TrackResult
+
+
+def animate(
+    stage: Usd.Stage, root: UsdSkel.Root, subject: Subject, pose: np.ndarray, frame_numbers: np.ndarray, fps: float
+) -> None:
+    """Let a body that ``usd_body`` authored move through poses, and set the stage's frame rate and range.
+
+    Args:
+        stage: the stage.
+        root: the body.
+        subject: what was authored there.
+        pose: (frame, 51), full pose vectors.
+        frame_numbers: (frame,), the time code of each.
+        fps: time codes per second.
+    """
+    times = np.asarray(frame_numbers, float).tolist()
+    stage.SetTimeCodesPerSecond(fps)
+    stage.SetFramesPerSecond(fps)
+    stage.SetStartTimeCode(times[0])
+    stage.SetEndTimeCode(times[-1])
+    animation = UsdSkel.Animation.Define(stage, root.GetPath().AppendChild("Animation"))
+    animation.CreateJointsAttr(joint_paths())
+    skeleton = stage.GetPrimAtPath(root.GetPath().AppendChild("Skeleton"))
+    UsdSkel.BindingAPI(skeleton).CreateAnimationSourceRel().SetTargets([animation.GetPath()])
+
+    extent = root.CreateExtentAttr()
+    vertices = Poser(subject.body, subject.root_base).vertices(pose)
+    extent.Set(_bounds(vertices.reshape(-1, 3)))  # for viewers that ask for no particular time
+    before = None
+    for one_pose, points, time in zip(pose, vertices, times, strict=True):
+        local = local_transforms(subject.body, subject.root_base, one_pose)
+        matrices = Vt.Matrix4dArray.FromNumpy(np.ascontiguousarray(local.transpose(0, 2, 1)))
+        translations, rotations, scales = UsdSkel.DecomposeTransforms(matrices)
+        before = _same_hemisphere(np.array(rotations), before)
+        animation.CreateTranslationsAttr().Set(translations, time)
+        animation.CreateRotationsAttr().Set(Vt.QuatfArray.FromNumpy(before), time)
+        animation.CreateScalesAttr().Set(scales, time)  # without scales USD shows the rest pose and says nothing
+        extent.Set(_bounds(points), time)
+
+
+def export_animation(result: TrackResult, path: str | Path) -> None:
+    """Write the best run alone, Y up: body, skeleton and animation as any program reads them, without ``mmocap:`` data.
+
+    Args:
+        result: the result.
+        path: a ``.usd``, ``.usda``, ``.usdc`` or ``.usdz`` file; it appears whole or not at all.
+
+    Raises:
+        InputError: another ending, or a folder that cannot be written.
+    """
+    path = Path(path)
+    if path.suffix != ".usdz" and path.suffix not in USD_SUFFIXES:
+        raise InputError(path, "is not a USD file name", "end it in .usda, .usdc or .usdz")
+    stage = _animation_stage(result)
+    if path.suffix == ".usdz":
+        _write_package(path, stage)
+    else:
+        write_stage(path, stage)
+
+
+def _animation_stage(result: TrackResult) -> Usd.Stage:
+    stage = Usd.Stage.CreateInMemory()
+    world = UsdGeom.Xform.Define(stage, "/World")
+    stage.SetDefaultPrim(world.GetPrim())
+    Usd.ModelAPI(world).SetKind(Kind.Tokens.assembly)
+    set_world_up(stage, world, result.cameras.up, stage_up="y")
+    root = define_body(stage, f"/World/{result.subject.body.name}", result.subject.body)
+    _keep_what_is_seen(stage, root)
+    animate(stage, root, result.subject, result.pose[result.best_run], result.frame_numbers, result.fps)
+    return stage
+
+
+def _keep_what_is_seen(stage: Usd.Stage, root: UsdSkel.Root) -> None:
+    """Remove the tracking mesh, the shape targets (already in the rest points) and the project's own attributes."""
+    skin = stage.GetPrimAtPath(root.GetPath().AppendChild("Skin"))
+    unseen = [root.GetPath().AppendChild("Tracking"), *(child.GetPath() for child in skin.GetChildren())]
+    for path in unseen:
+        stage.RemovePrim(path)
+    for prim in Usd.PrimRange(root.GetPrim()):
+        for name in prim.GetPropertyNames():
+            if name.startswith("mmocap:") or name in ("skel:blendShapes", "skel:blendShapeTargets"):
+                prim.RemoveProperty(name)
+
+
+def _write_package(path: Path, stage: Usd.Stage) -> None:
+    """A ``.usdz``: an uncompressed archive of one ``.usdc``."""
+    if not path.parent.is_dir():
+        raise InputError(path, "its folder does not exist", "create the folder first")
+    try:
+        with tempfile.TemporaryDirectory(prefix=f".{path.stem}.", dir=path.parent) as folder:
+            layer, package = Path(folder) / f"{path.stem}.usdc", Path(folder) / path.name
+            write_stage(layer, stage)
+            if not UsdUtils.CreateNewUsdzPackage(str(layer), str(package)):
+                raise InputError(path, "cannot be packed", "check the folder's free space")
+            os.replace(package, path)
+    except OSError as error:
+        raise InputError(
+            path, f"cannot be written ({error})", "check the folder's permissions and free space"
+        ) from error
+
+
+def _same_hemisphere(quaternions: np.ndarray, before: np.ndarray | None) -> np.ndarray:
+    """Of each quaternion and its negative, which turn alike, the one that is nearer to the frame before."""
+    if before is None:
+        return quaternions
+    return np.where((quaternions * before).sum(axis=1, keepdims=True) < 0, -quaternions, quaternions)
+
+
+def _bounds(points: np.ndarray) -> Vt.Vec3fArray:
+    return Vt.Vec3fArray.FromNumpy(np.stack([points.min(axis=0), points.max(axis=0)]).astype(np.float32))

@@ -30,8 +30,9 @@ _LEFT_LIMITS: dict[str, tuple[tuple[float, float], ...]] = {
     "UpperSpine": ((-40.0, 70.0), (-50.0, 50.0), (-45.0, 45.0)),
     # Cervical flexion 45..60, extension 45..75, rotation 60..80, side bend 45.
     "Neck": ((-80.0, 70.0), (-85.0, 85.0), (-60.0, 60.0)),
-    # Shoulder: elevation 0..180, extension 60, horizontal adduction 135, rotation 70 in and 90 out.
-    "LShoulder": ((-150.0, 150.0), (-160.0, 90.0), (-110.0, 170.0)),
+    # Shoulder: elevation 0..180 in every plane from sideways to forward, 60 backward, 130 across the body; rotation
+    # 80 in and 90 out. Pointing forward is its gimbal lock (Ry = -90), around which Rx and Rz go far.
+    "LShoulder": ((-180.0, 180.0), (-170.0, 110.0), (-130.0, 180.0)),
     # Wrist: flexion 80, extension 70, deviation 20 and 30. With the forearm's turn held (Table 1), either axis may
     # carry the flexion.
     "LWrist": ((-90.0, 90.0), (-85.0, 85.0), (-85.0, 85.0)),

@@ -17,10 +17,10 @@ from mmocap_warp.skin_markers import place_markers
 ATTRIBUTION = (
     "Shape, rig and skinning weights from MakeHuman's base mesh hm08 and targets, (c) 2020 Data Collection AB, "
     "Joel Palmius, Jonas Hauquier, released as CC0 1.0 (https://creativecommons.org/publicdomain/zero/1.0/), "
-    "taken from MPFB2; collapsed to 16 joints by mmocap-warp."
+    "taken from MPFB2; collapsed to 16 joints by mmocap-warp, and released as CC0 1.0 too."
 )
 
-TRACKING_TRIANGLES = 3000
+TRACKING_TRIANGLES = 2600
 
 _BONE: dict[str, str] = {
     "Root": "Hips",
@@ -89,6 +89,10 @@ def make_body(
     """
     if not (name.isidentifier() and name.isascii()):
         raise ValueError(f"name must be letters, digits and underscores and start with no digit, got {name!r}")
+    build = (
+        f"gender {gender:g}, age {age:g} years, height {height:g} m, "
+        f"weight {weight:g}, muscle {muscle:g}, proportions {proportions:g}"
+    )
     makehuman = MakeHuman(data)
     person = MacroSliders(gender=gender, age=age_slider(age), weight=weight, muscle=muscle, proportions=proportions)
     person = replace(person, height=_height_slider(makehuman, person, height))
@@ -113,7 +117,7 @@ def make_body(
         limits=joint_limits(elbow_flexion, knee_flexion),
         marker_names=marker_names,
         marker_vertex=marker_vertex,
-        attribution=ATTRIBUTION,
+        attribution=f"{ATTRIBUTION} Build: {build}.",
     )
 
 
@@ -201,7 +205,8 @@ def _shape_targets(
     displacement["age_incr"] = makehuman.shaped(replace(person, age=1.0)) - here
     for name, parts in _LOCAL_TARGETS.items():
         for suffix in ("incr", "decr"):
-            displacement[f"{name}_{suffix}"] = sum(makehuman.target(f"{part}-{suffix}") for part in parts)
+            moved = [makehuman.target(f"{part}-{suffix}") for part in parts]
+            displacement[f"{name}_{suffix}"] = np.sum(moved, axis=0)
 
     lowest = shape.reduce(here)[0][:, 1].argmin()
     names, vertices, joints = [], [], []

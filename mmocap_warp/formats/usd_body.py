@@ -24,6 +24,7 @@ from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdSkel, Vt
 from mmocap_warp.body import DOF_MODELS, FULL_DOF, JOINTS, PARENT, BodyModel, SkinMesh, Subject, degrees_of_freedom
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd_file import PrimReader, author, read_stage, write_stage
+from mmocap_warp.mesh_decimation import is_closed
 
 _REMAKE = "write the body again with `mmocap body make`, or start from one that comes with the project"
 _WEIGHT_SUM_TOLERANCE = 1e-3  # Files by other programs round their weights.
@@ -222,6 +223,8 @@ def body_from_prim(prim: Usd.Prim, source: object) -> BodyModel:
         InputError: something is missing or inconsistent.
     """
     read = PrimReader(prim, source, _REMAKE)
+    unit = UsdGeom.GetStageMetersPerUnit(prim.GetStage())
+    read.require(unit == 1.0, f"its lengths are in units of {unit:g} m, expected metres")
     skeleton, skin, tracking = read.child("Skeleton"), read.child("Skin"), read.child("Tracking")
     joint_rest, joint_frame = _read_joints(skeleton)
     lower, upper = (skeleton.array(f"mmocap:limits{end}", (len(JOINTS), 3)) for end in ("Lower", "Upper"))
@@ -235,13 +238,15 @@ def body_from_prim(prim: Usd.Prim, source: object) -> BodyModel:
 
     tracking_vertex = tracking.array("mmocap:skinVertices", (None,), np.int32)
     tracking.require(_within(tracking_vertex, len(mesh.rest)), "mmocap:skinVertices names a vertex that Skin lacks")
+    tracking_face = _read_faces(tracking, len(tracking_vertex), corners=(3,))
+    tracking.require(is_closed(tracking_face), "the tracking mesh is not closed")
     return BodyModel(
         name=prim.GetName(),
         joint_rest=joint_rest,
         joint_frame=joint_frame,
         skin=mesh,
         tracking_vertex=tracking_vertex,
-        tracking_face=_read_faces(tracking, len(tracking_vertex), corners=(3,)),
+        tracking_face=tracking_face,
         shape_names=shape_names,
         shape_vertex=shape_vertex,
         shape_joint=shape_joint,

@@ -13,8 +13,8 @@ def _cost(
     count: wp.array2d[wp.vec2i],  # (candidate, camera) |M|, |M and F|
     foreground: wp.array[wp.int32],  # (camera,) |F|
     size: wp.array[wp.vec2i],  # (camera,) width height [px]
-    pose: wp.array2d[wp.float32],  # (candidate, 51)
-    prior: wp.array[wp.float32],  # (51,) [1 / rad^2]
+    pose: wp.array2d[wp.float32],  # (candidate, coordinate)
+    prior: wp.array[wp.float32],  # (coordinate,) [1 / rad^2]
     # out
     cost: wp.array[wp.float32],  # (candidate,)
 ):

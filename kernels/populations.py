@@ -9,12 +9,12 @@ wp.set_module_options({"enable_backward": False})
 def _place(
     params: wp.array3d[wp.float32],  # (run, particle, dof)
     dof: wp.array[wp.int32],  # (dof,) positions in the full pose
-    base: wp.array2d[wp.float32],  # (run, 51)
-    lower: wp.array[wp.float32],  # (51,)
-    upper: wp.array[wp.float32],  # (51,)
+    base: wp.array2d[wp.float32],  # (run, coordinate)
+    lower: wp.array[wp.float32],  # (coordinate,)
+    upper: wp.array[wp.float32],  # (coordinate,)
     particles: int,
     # out
-    pose: wp.array2d[wp.float32],  # (candidate, 51)
+    pose: wp.array2d[wp.float32],  # (candidate, coordinate)
 ):
     c = wp.tid()
     run = c // particles
@@ -39,11 +39,11 @@ def place(params, dof, base, lower, upper, particles, pose):
 @wp.kernel
 def _keep_best(
     cost: wp.array[wp.float32],  # (candidate,)
-    pose: wp.array2d[wp.float32],  # (candidate, 51)
+    pose: wp.array2d[wp.float32],  # (candidate, coordinate)
     particles: int,
     # in and out
     best_cost: wp.array[wp.float32],  # (run,)
-    best_pose: wp.array2d[wp.float32],  # (run, 51)
+    best_pose: wp.array2d[wp.float32],  # (run, coordinate)
 ):
     run = wp.tid()
     winner = int(-1)

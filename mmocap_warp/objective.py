@@ -5,6 +5,7 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 import warp as wp
@@ -13,19 +14,21 @@ from mmocap_warp.body import FULL_DOF, BodyModel
 from mmocap_warp.bvh import build_bvh
 from mmocap_warp.cameras import CameraRig
 from mmocap_warp.kernels import cost as cost_kernels
-from mmocap_warp.kernels import kinematics, projection, raycast, skinning
+from mmocap_warp.kernels import kinematics, projection, raycast, shaping, skinning
 from mmocap_warp.kernels.cost import cost_of_counts
 from mmocap_warp.kernels.kinematics import Affine, pose_joints
 from mmocap_warp.kernels.projection import project
 from mmocap_warp.kernels.raycast import cast, refit
+from mmocap_warp.kernels.shaping import shape, turn
 from mmocap_warp.kernels.skinning import skin
 from mmocap_warp.observation import Observation, words_per_row
 from mmocap_warp.posing import BodyArrays
+from mmocap_warp.shape_space import ShapeSpace, upright_base
 
 COSTS: dict[str, int] = {"paper": cost_kernels.PAPER, "xor": cost_kernels.XOR, "iou": cost_kernels.IOU}
 """The named costs; ``paper`` is Eq. 4-5."""
 
-_MODULES = (kinematics, skinning, projection, raycast, cost_kernels)
+_MODULES = (shaping, kinematics, skinning, projection, raycast, cost_kernels)
 
 
 class CameraArrays:
@@ -37,6 +40,27 @@ class CameraArrays:
         self.translation = wp.array(rig.t, dtype=wp.vec3, device=device)
         self.intrinsics = wp.array(lens, dtype=wp.vec4, device=device)
         self.size = wp.array(rig.size.astype(np.int32), dtype=wp.vec2i, device=device)
+
+
+class ShapeArrays:
+    """A shape space as Warp arrays."""
+
+    def __init__(self, space: ShapeSpace, device: str) -> None:
+        body = space.body
+        self._rest = wp.array(body.tracking.rest, dtype=wp.vec3, device=device)
+        self._joint_rest = wp.array(body.joint_rest, dtype=wp.vec3, device=device)
+        vertex = space.displacements(body.shape_vertex[:, body.tracking_vertex])
+        joint = space.displacements(body.shape_joint)
+        self._vertex = [wp.array(side, dtype=wp.vec3, device=device) for side in vertex]
+        self._joint = [wp.array(side, dtype=wp.vec3, device=device) for side in joint]
+        self._upright = wp.mat33(upright_base(space.up).astype(np.float32))
+        self._heading = space.heading_index
+
+    def apply(self, coordinate: wp.array, rest: wp.array, joint_rest: wp.array, root_base: wp.array) -> None:
+        """Write every candidate's rest vertices, joints and base from its coordinates."""
+        shape(coordinate, FULL_DOF, self._rest, *self._vertex, rest)
+        shape(coordinate, FULL_DOF, self._joint_rest, *self._joint, joint_rest)
+        turn(coordinate, self._heading, self._upright, root_base)
 
 
 @dataclass(frozen=True)
@@ -60,7 +84,8 @@ class Objective:
     """Costs of candidate poses against one observation at a time.
 
     Write full poses to ``pose`` (candidate, 51), call ``evaluate``, read ``cost`` (candidate,) and ``count``
-    (candidate, camera) of (|M|, |M and F|). Every array is allocated here, once.
+    (candidate, camera) of (|M|, |M and F|). ``prior`` (coordinate,) holds weights of a quadratic pull to zero, none at
+    first. Every array is allocated here, once.
 
     Args:
         body: the body; its tracking mesh is rendered.
@@ -68,8 +93,7 @@ class Objective:
         rig: undistorted cameras, at the masks' size.
         candidates: the most candidates in one evaluation.
         cost: a name in ``COSTS``.
-        prior: (51,) weights of a quadratic pull to the zero pose, or None.
-        own_bodies: give every candidate its own rest body, for fitting shapes.
+        shapes: read a rest body and a heading for every candidate from columns 51 on of ``pose``; for fitting.
         device: a Warp device.
         threads: CPU threads; ignored on a GPU.
     """
@@ -82,8 +106,7 @@ class Objective:
         candidates: int,
         *,
         cost: str = "paper",
-        prior: np.ndarray | None = None,
-        own_bodies: bool = False,
+        shapes: ShapeSpace | None = None,
         device: str = "cpu",
         threads: int = 1,
     ) -> None:
@@ -93,7 +116,7 @@ class Objective:
         self._kind = COSTS[cost]
         mesh = body.tracking
         cameras, vertices, joints = len(rig), len(mesh.rest), len(body.joint_rest)
-        self.body = BodyArrays(body, root_base, mesh, device, copies=candidates if own_bodies else 1)
+        self.body = BodyArrays(body, root_base, mesh, device, copies=candidates if shapes else 1)
         self._cameras = CameraArrays(rig, device)
         bvh = build_bvh(mesh.rest, mesh.face)
         self._node = wp.array(bvh.node, dtype=wp.vec4i, device=device)
@@ -102,9 +125,11 @@ class Objective:
         rows, words = int(rig.size[:, 1].max()), words_per_row(int(rig.size[:, 0].max()))
         self._observed = wp.zeros((cameras, rows, words), dtype=wp.uint32, device=device)
         self._foreground = wp.zeros(cameras, dtype=wp.int32, device=device)
-        self._prior = wp.array(np.zeros(FULL_DOF) if prior is None else prior, dtype=wp.float32, device=device)
+        coordinates = len(shapes) if shapes else FULL_DOF
+        self._shapes = ShapeArrays(shapes, device) if shapes else None
+        self.prior = wp.zeros(coordinates, dtype=wp.float32, device=device)
 
-        self.pose = wp.zeros((candidates, FULL_DOF), dtype=wp.float32, device=device)
+        self.pose = wp.zeros((candidates, coordinates), dtype=wp.float32, device=device)
         self.cost = wp.zeros(candidates, dtype=wp.float32, device=device)
         self.count = wp.zeros((candidates, cameras), dtype=wp.vec2i, device=device)
         self._joint_transform = wp.zeros((candidates, joints), dtype=Affine, device=device)
@@ -148,7 +173,7 @@ class Objective:
         if not 0 < candidates <= self.candidates:
             raise ValueError(f"candidates must be in 1..{self.candidates}, got {candidates}")
         bounds = np.linspace(0, candidates, min(self._threads, candidates) + 1).round().astype(int)
-        return [self._slice(int(a), int(b)) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
+        return [self._slice(int(a), int(b)) for a, b in pairwise(bounds)]
 
     def _slice(self, first: int, end: int) -> _Slice:
         body = self.body
@@ -169,9 +194,11 @@ class Objective:
 
     def _evaluate(self, s: _Slice) -> None:
         body, cameras = self.body, self._cameras
+        if self._shapes:
+            self._shapes.apply(s.pose, s.rest, s.joint_rest, s.root_base)
         pose_joints(s.pose, body.parent, body.joint_frame, s.joint_rest, s.root_base, s.joint_transform, s.skin_matrix)
         skin(s.rest, body.joint, body.weight, s.skin_matrix, s.posed)
         project(s.posed, cameras.rotation, cameras.translation, cameras.intrinsics, s.image)
         refit(self._node, self._levels, self._triangle, s.image, s.box)
         cast(self._node, self._triangle, s.image, s.box, cameras.size, self._observed, s.count)
-        cost_of_counts(self._kind, s.count, self._foreground, cameras.size, s.pose, self._prior, s.cost)
+        cost_of_counts(self._kind, s.count, self._foreground, cameras.size, s.pose, self.prior, s.cost)

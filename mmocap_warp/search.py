@@ -7,31 +7,28 @@ from collections.abc import Sequence
 import numpy as np
 import warp as wp
 
-from mmocap_warp.body import FULL_DOF
 from mmocap_warp.kernels.populations import keep_best, place
 from mmocap_warp.objective import Objective
 from mmocap_warp.optimizers.cma_es import CmaEs
-from mmocap_warp.strategy import Part, share_budget
+from mmocap_warp.strategy import share_budget
 
 
 class FrameSearch:
     """Finds the best pose of a frame for a batch of runs, starting from each run's last answer.
 
-    Nothing is read back while a frame is searched: ``best_pose`` (run, 51) and ``best_cost`` (run,) stay on the
+    Nothing is read back while a frame is searched: ``best_pose`` (run, coordinate) and ``best_cost`` (run,) stay on the
     device until the caller asks for them.
 
     Args:
         objective: the cost; sized for ``runs`` times the largest population.
-        parts: what is searched, in order.
-        optimizers: one per part.
+        optimizers: one per part, in order.
         evaluations: budget per frame and run; the carried-over pose is the first evaluation.
-        limits: (51, 2) lowest and highest value of every coordinate; infinite where free.
+        limits: (coordinate, 2) lowest and highest value of every coordinate; infinite where free.
     """
 
     def __init__(
         self,
         objective: Objective,
-        parts: Sequence[Part],
         optimizers: Sequence[CmaEs],
         evaluations: int,
         limits: np.ndarray,
@@ -40,10 +37,10 @@ class FrameSearch:
         device = objective.device
         self._objective, self._optimizers = objective, optimizers
         self._runs, self._evaluations = runs, evaluations
-        self._shares = share_budget(evaluations - 1, len(parts))
+        self._shares = share_budget(evaluations - 1, len(optimizers))
         self._lower = wp.array(limits[:, 0], dtype=wp.float32, device=device)
         self._upper = wp.array(limits[:, 1], dtype=wp.float32, device=device)
-        self.best_pose = wp.zeros((runs, FULL_DOF), dtype=wp.float32, device=device)
+        self.best_pose = wp.zeros((runs, len(limits)), dtype=wp.float32, device=device)
         self.best_cost = wp.zeros(runs, dtype=wp.float32, device=device)
 
     def run(self) -> int:

@@ -12,7 +12,7 @@ from importlib.metadata import version
 import numpy as np
 import warp as wp
 
-from mmocap_warp.body import DOF_MODELS, FULL_DOF, JOINTS, BodyModel, Subject, degrees_of_freedom
+from mmocap_warp.body import DOF_MODELS, FULL_DOF, BodyModel, Subject, degrees_of_freedom
 from mmocap_warp.cameras import CameraRig
 from mmocap_warp.objective import COSTS, Objective
 from mmocap_warp.observation import Observation
@@ -62,7 +62,6 @@ class TrackConfig:
         translation_radius: [m], over the preset's.
         cost: ``paper`` (Eq. 4-5), ``xor`` or ``iou``.
         limits: keep joints within their anatomical limits.
-        prior: weight of a pull of spine, neck, wrists and ankles to the rest pose [1/rad^2]; 0 for none.
         scale: of masks and cameras, in (0, 1].
         device: ``auto``, ``cpu`` or a CUDA device.
         threads: CPU threads; None for all that this process may use.
@@ -78,7 +77,6 @@ class TrackConfig:
     translation_radius: float | None = None
     cost: str = "paper"
     limits: bool = True
-    prior: float = 0.002
     scale: float = 1.0
     device: str = "auto"
     threads: int | None = None
@@ -99,8 +97,6 @@ class TrackConfig:
                 raise ValueError(f"{name} must be positive and finite, got {value}")
         if not 0.0 < self.scale <= 1.0:
             raise ValueError(f"scale must be in (0, 1], got {self.scale}")
-        if not (math.isfinite(self.prior) and self.prior >= 0.0):
-            raise ValueError(f"prior must not be negative, got {self.prior}")
         if not 0 <= self.seed < 2**31 - self.runs:
             raise ValueError(f"seed must be in 0 .. 2^31 - runs, got {self.seed}")
 
@@ -168,12 +164,11 @@ class Tracker:
             rig,
             config.runs * max(optimizer.particles for optimizer in optimizers),
             cost=config.cost,
-            prior=rest_prior(config.prior),
             device=self.device,
             threads=config.threads or available_threads(),
         )
         limits = coordinate_limits(subject.body) if config.limits else _FREE
-        self._search = FrameSearch(self._objective, parts, optimizers, config.evaluations, limits)
+        self._search = FrameSearch(self._objective, optimizers, config.evaluations, limits)
         self._search.best_pose.assign(np.repeat(subject.pose[None].astype(np.float32), config.runs, axis=0))
 
     @property
@@ -215,18 +210,6 @@ def coordinate_limits(body: BodyModel) -> np.ndarray:
     limits = _FREE.copy()
     limits[3:] = body.limits.reshape(-1, 2)
     return limits
-
-
-_LOOSE = ("BottomSpine", "UpperSpine", "Neck", "LWrist", "RWrist", "LAnkle", "RAnkle")
-
-
-def rest_prior(weight: float) -> np.ndarray:
-    """(51,) weights that pull the joints which silhouettes show least to the rest pose."""
-    prior = np.zeros(FULL_DOF)
-    for joint in _LOOSE:
-        first = 3 + 3 * JOINTS.index(joint)
-        prior[first : first + 3] = weight
-    return prior
 
 
 def resolve_device(name: str) -> str:

@@ -91,7 +91,7 @@ class CmaEs:
         dofs, lam, device = len(index), self.table.population, seed.device
         self.particles = lam
         self.index = wp.array(index, dtype=wp.int32, device=device)
-        self._scale = wp.array(scale, dtype=wp.float32, device=device)
+        self.scale = wp.array(scale, dtype=wp.float32, device=device)
         self._seed, self._draw = seed, draw
         self._weight = wp.array(self.table.weights, dtype=wp.float32, device=device)
         self._constants = _constants(self.table)
@@ -121,7 +121,7 @@ class CmaEs:
     def ask(self, particles: int | None = None) -> wp.array:
         """Sample the next generation into ``population``; only the first ``particles`` of each run when given."""
         kernels.sample(
-            self._seed, self._draw, self.mean, self.sigma, self._axes, self._lengths, self._scale,
+            self._seed, self._draw, self.mean, self.sigma, self._axes, self._lengths, self.scale,
             particles or self.particles, self._z, self._y, self.population,
         )  # fmt: skip
         return self.population
@@ -129,7 +129,7 @@ class CmaEs:
     def tell(self, cost: wp.array) -> None:
         """Learn from the costs (candidate,) of a whole generation."""
         kernels.update(
-            self._constants, self._weight, cost, self._order, self._z, self._y, self._scale, self.mean, self.sigma,
+            self._constants, self._weight, cost, self._order, self._z, self._y, self.scale, self.mean, self.sigma,
             self.p_sigma, self.p_c, self.covariance, self._axes, self._lengths, self._generation, self._stalled,
             self._work, self._product,
         )  # fmt: skip

@@ -67,5 +67,6 @@ def undistortion(
 
     plane = np.stack(np.meshgrid(to_plane(width, 0), to_plane(height, 1)), axis=-1)
     pixel = distort(plane, rig.distortion[k]) * focal + centre
-    recorded = (pixel * recorded_scale + recorded_offset).astype(np.float32)
-    return Undistortion(n, *cv2.convertMaps(recorded, None, cv2.CV_16SC2))
+    column, row = np.moveaxis((pixel * recorded_scale + recorded_offset).astype(np.float32), -1, 0)
+    position, fraction = cv2.convertMaps(column, row, cv2.CV_16SC2)
+    return Undistortion(n, np.asarray(position), np.asarray(fraction))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import islice, pairwise
 from pathlib import Path
 
 import cv2
@@ -18,7 +18,7 @@ _IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 
 @dataclass(frozen=True)
 class ImageFolder:
-    """Images in natural order of their names.
+    """Images of one folder, in natural order of their names.
 
     Attributes:
         path: the folder.
@@ -48,6 +48,11 @@ class ImageFolder:
                     "images of one camera must have one size",
                 )
             yield image
+
+    def sample(self, count: int) -> Iterator[np.ndarray]:
+        """At most ``count`` frames, evenly spread."""
+        for i in np.unique(np.linspace(0, len(self.files) - 1, count).round().astype(int)):
+            yield read_image(self.files[i])
 
 
 @dataclass(frozen=True)
@@ -93,6 +98,10 @@ class VideoFile:
         finally:
             capture.release()
 
+    def sample(self, count: int) -> Iterator[np.ndarray]:
+        """The first ``count`` frames: others cannot be had without decoding the video up to them."""
+        return islice(self.read(), count)
+
 
 Frames = ImageFolder | VideoFile
 
@@ -106,6 +115,16 @@ def open_frames(path: Path) -> Frames:
     if path.is_dir():
         return _open_folder(path)
     return open_video(path)
+
+
+def open_image(path: Path) -> ImageFolder:
+    """A single image as a sequence of one.
+
+    Raises:
+        InputError: missing or not an image.
+    """
+    height, width = read_image(path).shape[:2]
+    return ImageFolder(path.parent, (path,), (width, height))
 
 
 def open_video(path: Path) -> VideoFile:
@@ -144,6 +163,15 @@ def read_image(path: Path) -> np.ndarray:
     if image is None:
         raise InputError(path, "cannot be decoded as an image", "convert it to PNG")
     return image
+
+
+def as_colour(image: np.ndarray) -> np.ndarray:
+    """(height, width, 3) BGR uint8 of an image read unchanged: gray, 16-bit or with alpha."""
+    if image.dtype == np.uint16:
+        image = (image >> 8).astype(np.uint8)
+    if image.ndim == 2:
+        return np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR))
+    return np.ascontiguousarray(image[..., :3])
 
 
 def _open_folder(path: Path) -> ImageFolder:

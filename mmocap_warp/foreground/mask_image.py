@@ -25,6 +25,5 @@ def decode_mask(image: np.ndarray) -> np.ndarray:
         image = image[..., :-1] if alpha.min() == full else alpha
     level = image.max(axis=2) if image.ndim == 3 else image
     highest = int(level.max())
-    if cv2.countNonZero(level) == cv2.countNonZero(cv2.compare(level, highest, cv2.CMP_EQ)):
-        return level > 0
-    return level > full // 2
+    two_levels = cv2.countNonZero(level) == np.count_nonzero(level == highest)
+    return level > (0 if two_levels else full // 2)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 SOURCES: tuple[str, ...] = ("masks", "clean_plate", "background_video", "recording")
 MODELS: tuple[str, ...] = ("gaussian", "mog2", "knn")
@@ -11,15 +11,60 @@ KEEP: tuple[str, ...] = ("all", "largest", "nearest")
 
 @dataclass(frozen=True)
 class ForegroundSettings:
-    """How masks are made. Sizes are in pixels of the calibrated image and shrink with the scale.
+    """How masks are made. Lengths and areas are in pixels of the calibrated image and shrink with the scale.
 
     Attributes:
         source: ``masks`` are given; or the background is learnt from a ``clean_plate``, a ``background_video`` or the
-            ``recording`` itself.
+            ``recording`` itself (whose subject must not stand still).
         model: what is learnt: ``gaussian`` (colour statistics per pixel), OpenCV's ``mog2`` or ``knn``.
+        threshold: of ``gaussian``: Mahalanobis distance from the background beyond which a pixel is foreground.
+        noise: of ``gaussian`` and ``mog2``: least standard deviation per channel [gray levels of 256].
+        shadow_brightness: of ``gaussian``: a pixel with the background's colour at ``shadow_brightness`` to 1 times its
+            brightness is a shadow, thus background; 1 turns that off.
+        shadow_chroma: of ``gaussian``: how far, in ``noise``, a shadow's colour may be off.
+        median: side of the median filter [px]; 0 leaves it out, as for the following.
+        open: diameter of the opening [px], removes specks and thin bridges.
+        close: diameter of the closing [px], bridges thin gaps.
+        fill_holes: enclosed holes up to this area are filled [px^2].
+        min_area: components below this area are dropped [px^2].
+        keep: ``all`` components, the ``largest``, or the ``nearest`` to the tracked body.
+        join: pieces up to this far apart count as one component [px]; a mask may be cut at the waist.
         repair: fill holes where the other views' visual hull is thick.
+
+    Raises:
+        ValueError: a value that makes no sense, by name.
     """
 
     source: str = "masks"
     model: str = "gaussian"
+    threshold: float = 7.0
+    noise: float = 4.0
+    shadow_brightness: float = 0.7
+    shadow_chroma: float = 3.0
+    median: float = 0.0
+    open: float = 0.0
+    close: float = 0.0
+    fill_holes: float = 0.0
+    min_area: float = 0.0
+    keep: str = "all"
+    join: float = 40.0
     repair: bool = False
+
+    def __post_init__(self) -> None:
+        for name, choices in (("source", SOURCES), ("model", MODELS), ("keep", KEEP)):
+            if getattr(self, name) not in choices:
+                raise ValueError(f"{name} must be one of {choices}, got {getattr(self, name)!r}")
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, float) and not 0 <= value < 1e9:
+                raise ValueError(f"{field.name} must not be negative, got {value:g}")
+        if self.threshold == 0 or self.noise == 0:
+            raise ValueError(f"threshold and noise must be positive, got {self.threshold:g} and {self.noise:g}")
+        if self.shadow_brightness > 1:
+            raise ValueError(f"shadow_brightness must be 0 to 1, got {self.shadow_brightness:g}")
+
+
+SUBTRACTED = ForegroundSettings(
+    source="clean_plate", median=12.0, close=20.0, fill_holes=1000.0, min_area=2000.0, keep="largest"
+)
+"""What a scene starts from when masks are subtracted rather than given."""

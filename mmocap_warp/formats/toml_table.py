@@ -73,7 +73,7 @@ class Table:
             value = float(value)
         if type(value) is not kind:
             raise self.error(f"{key} = {value!r} is not {_KINDS[kind]}", f"give {_KINDS[kind]}")
-        if kind is float and not math.isfinite(value):
+        if isinstance(value, float) and not math.isfinite(value):
             raise self.error(f"{key} is not finite", "give an ordinary number")
         return value
 

@@ -1,0 +1,92 @@
+"""OpenSim's ``.trc``: tab-separated positions of markers or joints, as Pose2Sim writes them."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mmocap_warp.errors import InputError
+
+_METRES = {"m": 1.0, "mm": 0.001, "cm": 0.01}
+
+
+@dataclass(frozen=True)
+class PointTracks:
+    """Named points over time.
+
+    Attributes:
+        rate: frames per second.
+        frame_numbers: (frame,) int, as the file numbers them (usually from 1).
+        names: one per point.
+        positions: (frame, point, 3) float64 [m]; NaN where the file has none.
+    """
+
+    rate: float
+    frame_numbers: np.ndarray
+    names: tuple[str, ...]
+    positions: np.ndarray
+
+
+def read_trc(path: str | Path, axes: str = "xyz") -> PointTracks:
+    """Read a file; ``axes`` says which of its axes are the world's x, y and z.
+
+    Pose2Sim writes Y-up files: with a Z-up calibration that is ``zxy``. An axis may be negated: ``x-zy``.
+
+    Raises:
+        InputError: unreadable, not a ``.trc``, or axes that are no right-handed permutation.
+    """
+    turn = _turn(axes, path)
+    lines = _lines(path)
+    fields = dict(zip(lines[1].split("\t"), lines[2].split("\t"), strict=False))
+    names = tuple(name.strip() for name in lines[3].split("\t")[2:] if name.strip())
+    try:
+        rate, metres = float(fields["DataRate"]), _METRES[fields["Units"].strip()]
+        expected = int(fields["NumMarkers"])
+    except (KeyError, ValueError):
+        raise InputError(
+            path, "header lacks a DataRate, NumMarkers or Units in m, cm or mm", "give an OpenSim .trc file"
+        ) from None
+    if expected != len(names):
+        raise InputError(path, f"line 4 names {len(names)} markers, the header says {expected}", "export it again")
+    rows = [_row(line, number, len(names), path) for number, line in enumerate(lines[5:], 6) if line.strip()]
+    if not rows:
+        raise InputError(path, "holds no frames", "export it again")
+    table = np.array(rows)
+    return PointTracks(rate, table[:, 0].astype(int), names, table[:, 1:].reshape(len(rows), -1, 3) @ turn.T * metres)
+
+
+def _lines(path: str | Path) -> list[str]:
+    try:
+        lines = Path(path).read_text(encoding="utf-8").splitlines()
+    except FileNotFoundError:
+        raise InputError(path, "no such file", "check the path") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(path, f"cannot be read ({error})", "give an OpenSim .trc file") from None
+    if len(lines) < 6 or not lines[0].startswith("PathFileType"):
+        raise InputError(path, "is not a .trc file (no PathFileType header)", "give an OpenSim .trc file")
+    return lines
+
+
+def _row(line: str, number: int, points: int, path: str | Path) -> list[float]:
+    """Frame number and coordinates; an empty cell is a missing point."""
+    cells = line.rstrip("\r\n").split("\t")
+    cells = [*cells, *[""] * (2 + 3 * points - len(cells))][: 2 + 3 * points]
+    try:
+        return [float(cells[0]), *(float(cell) if cell.strip() else np.nan for cell in cells[2:])]
+    except ValueError:
+        raise InputError(f"{path}: line {number}", "holds a cell that is not a number", "export it again") from None
+
+
+def _turn(axes: str, path: str | Path) -> np.ndarray:
+    """(3, 3) with world = turn @ file."""
+    turn = np.zeros((3, 3))
+    for row, sign, axis in zip(range(3), *zip(*re.findall("(-?)([xyz])", axes), strict=True), strict=False):
+        turn[row, "xyz".index(axis)] = -1.0 if sign else 1.0
+    if not re.fullmatch("(-?[xyz]){3}", axes) or round(float(np.linalg.det(turn))) != 1:
+        raise InputError(
+            path, f"axes = {axes!r} is not a right-handed order of x, y, z", "write for example 'zxy' or 'x-zy'"
+        )
+    return turn

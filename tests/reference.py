@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
 from mmocap_warp.body import PARENT, BodyModel, SkinMesh
@@ -56,11 +59,9 @@ def project(points: np.ndarray, rotation_: np.ndarray, translation: np.ndarray, 
 def covered(image: np.ndarray, faces: np.ndarray, width: int, height: int) -> np.ndarray:
     """Pixels (height, width) whose centre lies in or on the edge of a facing triangle, by exact integer edge tests.
 
-    ``image`` is (vertex, 2) int in grid steps of a sixteenth of a pixel.
+    ``image`` is (vertex, 2) int in grid steps of a sixteenth of a pixel; a vertex at or below -2^29 does not project.
     """
     hit = np.zeros((height, width), bool)
-    x = 16 * np.arange(width, dtype=np.int64)[None, :]
-    y = 16 * np.arange(height, dtype=np.int64)[:, None]
     points = image.astype(np.int64)
     for corners in faces:
         p = points[corners]
@@ -69,21 +70,81 @@ def covered(image: np.ndarray, faces: np.ndarray, width: int, height: int) -> np
         (ax, ay), (bx, by), (cx, cy) = p
         if (bx - ax) * (cy - ay) - (by - ay) * (cx - ax) >= 0:
             continue
-        inside = np.ones((height, width), bool)
+        # Pixels outside of the bounding box are outside of the triangle: they are left out to save time.
+        (left, top), (right, bottom) = np.maximum(p.min(axis=0) // 16, 0), np.maximum(p.max(axis=0) // 16 + 1, 0)
+        part = hit[top:bottom, left:right]
+        x = 16 * np.arange(left, left + part.shape[1], dtype=np.int64)[None, :]
+        y = 16 * np.arange(top, top + part.shape[0], dtype=np.int64)[:, None]
+        inside = np.ones(part.shape, bool)
         for (sx, sy), (ex, ey) in ((p[0], p[1]), (p[1], p[2]), (p[2], p[0])):
             inside &= (ex - sx) * (y - sy) - (ey - sy) * (x - sx) <= 0
-        hit |= inside
+        part |= inside
     return hit
 
 
-def paper_cost(model: np.ndarray, foreground: np.ndarray) -> float:
-    """Eq. 4 and 5 of boolean images (camera, height, width)."""
-    views = []
-    for m, f in zip(model, foreground, strict=True):
-        if not f.any():
-            continue
-        if not m.any():
-            views.append(1.0)
-            continue
-        views.append((m & ~f).sum() / (2 * m.sum()) + (f & ~m).sum() / (2 * f.sum()))
-    return float(np.mean(views))
+def paper_cost(model: Sequence[np.ndarray], foreground: Sequence[np.ndarray]) -> float:
+    """Eq. 4 and 5 of boolean images, one (height, width) a camera; infinite without any view."""
+
+    def of_view(m: np.ndarray, f: np.ndarray) -> float:
+        return (m & ~f).sum() / (2 * m.sum()) + (f & ~m).sum() / (2 * f.sum()) if m.any() else 1.0
+
+    return _mean_over_views(of_view, model, foreground)
+
+
+def xor_cost(model: Sequence[np.ndarray], foreground: Sequence[np.ndarray]) -> float:
+    """Share of the pixels that differ."""
+    return _mean_over_views(lambda m, f: (m ^ f).sum() / f.size, model, foreground)
+
+
+def iou_cost(model: Sequence[np.ndarray], foreground: Sequence[np.ndarray]) -> float:
+    """One less intersection over union."""
+    return _mean_over_views(lambda m, f: 1 - (m & f).sum() / (m | f).sum(), model, foreground)
+
+
+def _mean_over_views(
+    of_view: Callable[[np.ndarray, np.ndarray], float], model: Sequence[np.ndarray], foreground: Sequence[np.ndarray]
+) -> float:
+    """Mean over the views that have foreground."""
+    views = [of_view(m, f) for m, f in zip(model, foreground, strict=True) if f.any()]
+    return float(np.mean(views)) if views else np.inf
+
+
+@dataclass
+class CmaEs:
+    """The paper's CMA-ES (Table 2, Eq. 10-14) for one run, told what another sampled.
+
+    ``x = mean + sigma * scale * y``; ``constants`` has Table 2's names. The factor for flat costs is left out.
+    """
+
+    mean: np.ndarray
+    sigma: float
+    scale: np.ndarray
+    weights: np.ndarray
+    constants: Mapping[str, float]
+
+    def __post_init__(self) -> None:
+        self.p_sigma, self.p_c = np.zeros_like(self.mean), np.zeros_like(self.mean)
+        self.C = np.eye(len(self.mean))
+        self.generation = 0
+        self.stalls = 0
+
+    def tell(self, x: np.ndarray, cost: np.ndarray) -> None:
+        """Learn from offspring (particle, dof) and their costs (particle,)."""
+        k, dofs = self.constants, len(self.mean)
+        self.generation += 1
+        parents = (x[np.argsort(cost, kind="stable")[: len(self.weights)]] - self.mean) / (self.sigma * self.scale)
+        step = self.weights @ parents
+        eigenvalues, B = np.linalg.eigh(self.C)
+        whitened = B @ ((B.T @ step) / np.sqrt(eigenvalues))
+        c_s, c_c, mu_eff, c_cov, share = k["c_sigma"], k["c_c"], k["mu_eff"], k["c_cov"], 1 / k["mu_cov"]
+        self.mean = self.mean + self.sigma * self.scale * step
+        self.p_sigma = (1 - c_s) * self.p_sigma + np.sqrt(c_s * (2 - c_s) * mu_eff) * whitened
+        chi_n = np.sqrt(dofs) * (1 - 1 / (4 * dofs) + 1 / (21 * dofs**2))
+        length = np.linalg.norm(self.p_sigma) / chi_n
+        h = length / np.sqrt(1 - (1 - c_s) ** (2 * self.generation)) < 1.4 + 2 / (dofs + 1)
+        self.stalls += not h
+        self.p_c = (1 - c_c) * self.p_c + h * np.sqrt(c_c * (2 - c_c) * mu_eff) * step
+        rank_one = np.outer(self.p_c, self.p_c) + (1 - h) * c_c * (2 - c_c) * self.C
+        rank_mu = (self.weights[:, None] * parents).T @ parents
+        self.C = (1 - c_cov) * self.C + c_cov * (share * rank_one + (1 - share) * rank_mu)
+        self.sigma *= np.exp(c_s / k["d_sigma"] * (length - 1))

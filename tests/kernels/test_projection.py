@@ -1,0 +1,62 @@
+import cv2
+import numpy as np
+import reference
+import warp as wp
+from random_scenes import indoor_rig, projected
+from synthetic import ring_rig
+
+from mmocap_warp.kernels.projection import BEHIND, NEAR, SUBPIXEL
+
+FLOAT32 = 2e-3  # [px], error of single precision at a thousand pixels
+HALF_STEP = 0.5 / SUBPIXEL  # [px]
+
+
+def pixels(rig, points):
+    """(camera, point, 2) float64 of the twin [px], and depths (camera, point) [m]."""
+    lens = np.stack([rig.K[:, 0, 0], rig.K[:, 1, 1], rig.K[:, 0, 2], rig.K[:, 1, 2]], axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        seen = [reference.project(points, rig.R[k], rig.t[k], lens[k]) for k in range(len(rig))]
+    return np.stack(seen), np.einsum("kj,nj->kn", rig.R[:, 2], points) + rig.t[:, 2:]
+
+
+def on_device(points, device):
+    return wp.array(np.asarray(points, np.float32)[None], dtype=wp.vec3, device=device)
+
+
+def test_points_snap_to_the_nearest_grid_step(device):
+    rig = ring_rig()
+    points = np.random.default_rng(0).uniform(-1.0, 1.0, (500, 3)).astype(np.float32)
+    found = projected(on_device(points, device), rig).numpy()[0]
+    expected = np.rint(SUBPIXEL * pixels(rig, points.astype(float))[0])
+    assert np.abs(found - expected).max() <= 1
+    assert np.mean(found != expected) < 2 * SUBPIXEL * FLOAT32
+
+
+def test_points_are_where_opencv_projects_them(device):
+    rig = ring_rig()
+    points = np.random.default_rng(1).uniform(-1.0, 1.0, (200, 3)).astype(np.float32)
+    found = projected(on_device(points, device), rig).numpy()[0] / SUBPIXEL
+    for k in range(len(rig)):
+        turn = cv2.Rodrigues(rig.R[k])[0]
+        expected = cv2.projectPoints(points.astype(float), turn, rig.t[k], rig.K[k], None)[0][:, 0]
+        assert np.abs(found[k] - expected).max() < HALF_STEP + FLOAT32
+
+
+def test_points_behind_or_in_the_lens_do_not_project(device):
+    rig = indoor_rig()
+    points = np.random.default_rng(2).uniform(-3.0, 3.0, (800, 3)).astype(np.float32)
+    found = projected(on_device(points, device), rig).numpy()[0]
+    _, depth = pixels(rig, points.astype(float))
+    clear = np.abs(depth - NEAR) > 1e-5
+    behind = np.all(found == BEHIND, axis=-1)
+    np.testing.assert_array_equal(behind[clear], (depth < NEAR)[clear])
+    assert np.any(depth < NEAR)
+    assert not np.any((found == BEHIND).any(axis=-1) & ~behind)
+
+
+def test_far_outside_the_image_coordinates_stay_on_a_bounded_grid(device):
+    rig = ring_rig(cameras=1)
+    right, down, forward = rig.R[0]
+    points = rig.centres[0] + NEAR * 1.01 * forward + np.array([[1e3], [-1e3]]) * (right + down)
+    found = projected(on_device(points, device), rig).numpy()[0, 0]
+    np.testing.assert_array_equal(found, [[2**20, 2**20], [-(2**20), -(2**20)]])

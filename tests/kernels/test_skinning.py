@@ -1,0 +1,48 @@
+import numpy as np
+import pytest
+import reference
+import warp as wp
+from poisoned import poisoned
+from random_scenes import posed_vertices, random_poses
+from synthetic import synthetic_body, synthetic_subject
+
+from mmocap_warp.kernels.kinematics import Affine
+from mmocap_warp.kernels.skinning import skin
+
+POSITION = 1e-5  # [m]
+
+
+@pytest.mark.parametrize("up", ["+y", "+x"])
+def test_vertices_are_where_the_twin_has_them(device, up):
+    body, base = synthetic_body(), synthetic_subject(up).root_base
+    poses = random_poses(10)
+    posed = posed_vertices(body, base, poses, device).numpy()
+    for found, pose in zip(posed, poses, strict=True):
+        expected = reference.skin(body.tracking, body, reference.joint_transforms(body, base, pose))
+        np.testing.assert_allclose(found, expected, rtol=0, atol=POSITION)
+
+
+def random_skin(rng, candidates, vertices, joints):
+    weight = rng.dirichlet(np.full(4, 0.5), vertices)
+    weight[: vertices // 2, 2:] = 0.0  # two influences only
+    weight = -np.sort(-weight / weight.sum(1, keepdims=True), axis=1)
+    joint = rng.integers(0, joints, (vertices, 4))
+    return rng.normal(0, 1, (candidates, joints, 3, 4)), joint, weight
+
+
+@pytest.mark.parametrize("bodies", [1, 5])
+def test_any_matrices_blend_as_in_the_twin(device, bodies):
+    rng = np.random.default_rng(1)
+    matrices, joint, weight = random_skin(rng, 5, 40, 7)
+    rest = rng.normal(0, 1, (bodies, 40, 3))
+    posed = poisoned((5, 40), wp.vec3, device)
+    skin(
+        wp.array(rest, dtype=wp.vec3, device=device),
+        wp.array(joint, dtype=wp.vec4i, device=device),
+        wp.array(weight, dtype=wp.vec4, device=device),
+        wp.array(matrices, dtype=Affine, device=device),
+        posed,
+    )
+    ones = np.concatenate([np.broadcast_to(rest, (5, 40, 3)), np.ones((5, 40, 1))], axis=2)
+    expected = np.einsum("vi,cviab,cvb->cva", weight, matrices[:, joint], ones)
+    np.testing.assert_allclose(posed.numpy(), expected, rtol=0, atol=POSITION)

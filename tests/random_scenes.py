@@ -1,0 +1,61 @@
+"""Random bodies in front of, around and behind random cameras, and their way through the kernels to the image."""
+
+from __future__ import annotations
+
+import numpy as np
+import reference
+import warp as wp
+from poisoned import poisoned
+
+from mmocap_warp.body import FULL_DOF, BodyModel
+from mmocap_warp.cameras import CameraRig
+from mmocap_warp.kernels.kinematics import Affine, pose_joints
+from mmocap_warp.kernels.projection import project
+from mmocap_warp.kernels.skinning import skin
+from mmocap_warp.objective import CameraArrays
+from mmocap_warp.posing import BodyArrays
+
+ODD_SIZES = ((97, 61), (64, 48), (33, 75), (129, 8), (31, 40))  # [px], hardly a multiple of a packet's 32 x 8
+
+
+def random_poses(n: int, seed: int = 0, reach: float = 1.0, bend: float = 1.5) -> np.ndarray:
+    """(n, 51) poses with the root within ``reach`` [m] of 0.9 m up, and angles within ``bend`` [rad]."""
+    rng = np.random.default_rng(seed)
+    poses = rng.uniform(-bend, bend, (n, FULL_DOF))
+    poses[:, :3] = rng.uniform(-reach, reach, (n, 3)) + (0.0, 0.9, 0.0)
+    return poses
+
+
+def indoor_rig(sizes: tuple[tuple[int, int], ...] = ODD_SIZES, seed: int = 0) -> CameraRig:
+    """Cameras of different sizes up to 2 m from where people are, looking anywhere, some of them wide-angled."""
+    rng = np.random.default_rng(seed)
+    n = len(sizes)
+    R = np.stack([reference.rotation(1, a) @ reference.rotation(0, b) for a, b in rng.uniform(-np.pi, np.pi, (n, 2))])
+    centre = rng.uniform(-2.0, 2.0, (n, 3)) + (0.0, 0.9, 0.0)
+    K = np.zeros((n, 3, 3))
+    K[:, 0, 0], K[:, 1, 1], K[:, 2, 2] = np.array(sizes)[:, 0] * rng.uniform(0.5, 1.2, n), 70.0, 1.0
+    K[:, :2, 2] = np.array(sizes) / 2 + rng.uniform(-9, 9, (n, 2))
+    names = tuple(f"cam{k}" for k in range(n))
+    return CameraRig(names, K, R, -np.einsum("kij,kj->ki", R, centre), np.array(sizes), np.zeros((n, 5)), "+y")
+
+
+def posed_vertices(body: BodyModel, root_base: np.ndarray, poses: np.ndarray, device: str) -> wp.array:
+    """(candidate, tracking vertex) vec3 by the kernels [m]."""
+    arrays = BodyArrays(body, root_base, body.tracking, device)
+    shape = (len(poses), 16)
+    joint_transform, skin_matrix = poisoned(shape, Affine, device), poisoned(shape, Affine, device)
+    params = wp.array(poses, dtype=wp.float32, device=device)
+    pose_joints(
+        params, arrays.parent, arrays.joint_frame, arrays.joint_rest, arrays.root_base, joint_transform, skin_matrix
+    )
+    posed = poisoned((len(poses), len(body.tracking.rest)), wp.vec3, device)
+    skin(arrays.rest, arrays.joint, arrays.weight, skin_matrix, posed)
+    return posed
+
+
+def projected(posed: wp.array, rig: CameraRig) -> wp.array:
+    """(candidate, camera, vertex) vec2i by the kernel [px / 16]."""
+    cameras = CameraArrays(rig, posed.device)
+    image = poisoned((posed.shape[0], len(rig), posed.shape[1]), wp.vec2i, posed.device)
+    project(posed, cameras.rotation, cameras.translation, cameras.intrinsics, image)
+    return image

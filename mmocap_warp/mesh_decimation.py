@@ -102,7 +102,8 @@ class _Collapsing:
 
     def may_collapse(self, gone: int, kept: int) -> bool:
         """Whether the mesh stays a closed surface (the link condition) and no triangle folds over."""
-        if len(self.neighbours[gone] & self.neighbours[kept]) != 2:
+        wings = self.neighbours[gone] & self.neighbours[kept]
+        if len(wings) != 2 or any(len(self.neighbours[v]) <= 3 for v in wings):
             return False
         for f in self._faces_at[gone]:
             corners = self._face[f]

@@ -26,7 +26,7 @@ def _place(
 
 
 def place(params, dof, base, lower, upper, particles, pose):
-    """Write ``particles`` candidates a run into full poses: searched angles within their limits, the rest from ``base``."""
+    """Write ``particles`` candidates a run into full poses: searched ones within limits, the rest from ``base``."""
     wp.launch(
         _place,
         dim=base.shape[0] * particles,

@@ -231,7 +231,7 @@ def _cast_each(
 
 
 def cast(node, triangle, image, box, size, observed, count):
-    """Count pixels: ``count[c, k] = (|M|, |M and F|)`` of candidate ``c``'s silhouette M and the mask F of camera ``k``.
+    """Count pixels: ``count[c, k] = (|M|, |M and F|)`` of candidate ``c``'s silhouette M and camera ``k``'s mask F.
 
     On the CPU one thread casts all packets of a candidate and camera, on a GPU each packet has its own.
     """

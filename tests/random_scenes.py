@@ -15,6 +15,7 @@ from mmocap_warp.kernels.skinning import skin
 from mmocap_warp.objective import CameraArrays
 from mmocap_warp.posing import BodyArrays
 
+_MIDDLE = np.array([0.0, 0.9, 0.0])  # of a standing person [m]
 ODD_SIZES = ((97, 61), (64, 48), (33, 75), (129, 8), (31, 40))  # [px], hardly a multiple of a packet's 32 x 8
 
 
@@ -22,7 +23,7 @@ def random_poses(n: int, seed: int = 0, reach: float = 1.0, bend: float = 1.5) -
     """(n, 51) poses with the root within ``reach`` [m] of 0.9 m up, and angles within ``bend`` [rad]."""
     rng = np.random.default_rng(seed)
     poses = rng.uniform(-bend, bend, (n, FULL_DOF))
-    poses[:, :3] = rng.uniform(-reach, reach, (n, 3)) + (0.0, 0.9, 0.0)
+    poses[:, :3] = rng.uniform(-reach, reach, (n, 3)) + _MIDDLE
     return poses
 
 
@@ -31,7 +32,7 @@ def indoor_rig(sizes: tuple[tuple[int, int], ...] = ODD_SIZES, seed: int = 0) ->
     rng = np.random.default_rng(seed)
     n = len(sizes)
     R = np.stack([reference.rotation(1, a) @ reference.rotation(0, b) for a, b in rng.uniform(-np.pi, np.pi, (n, 2))])
-    centre = rng.uniform(-2.0, 2.0, (n, 3)) + (0.0, 0.9, 0.0)
+    centre = rng.uniform(-2.0, 2.0, (n, 3)) + _MIDDLE
     K = np.zeros((n, 3, 3))
     K[:, 0, 0], K[:, 1, 1], K[:, 2, 2] = np.array(sizes)[:, 0] * rng.uniform(0.5, 1.2, n), 70.0, 1.0
     K[:, :2, 2] = np.array(sizes) / 2 + rng.uniform(-9, 9, (n, 2))

@@ -49,7 +49,9 @@ def test_every_candidate_may_have_its_own_body_and_base(device):
     bases = [upright(up) @ reference.rotation(1, angle) for up, angle in (("+y", 0.3), ("+z", 2.0), ("-x", -1.0))]
     poses = random_poses(3)
     transforms, _ = posed_joints(bodies, bases, poses, device)
-    compare(transforms, np.stack([reference.joint_transforms(*each) for each in zip(bodies, bases, poses, strict=True)]))
+    compare(
+        transforms, np.stack([reference.joint_transforms(*each) for each in zip(bodies, bases, poses, strict=True)])
+    )
 
 
 def test_the_zero_pose_is_the_bind_pose(device):

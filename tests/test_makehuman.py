@@ -87,7 +87,7 @@ def test_macro_weights_interpolate_between_anchors() -> None:
 def test_ages() -> None:
     assert [age_slider(years) for years in (1, 10, 25, 90)] == [0.0, 0.1875, 0.5, 1.0]
     assert age_slider(57.5) == pytest.approx(0.75)
-    with pytest.raises(ValueError, match="age must lie in 1..90 years, got 91"):
+    with pytest.raises(ValueError, match=r"age must lie in 1..90 years, got 91"):
         age_slider(91)
 
 

@@ -148,6 +148,30 @@ def test_subject_shows_its_first_pose(tmp_path: Path, subject: Subject) -> None:
     assert (high >= expected.max(axis=0) - 0.25).all()
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_subject_stands_upright_whatever_the_worlds_up_axis(
+    tmp_path: Path, body: BodyModel, axis: int, sign: int
+) -> None:
+    up = sign * np.eye(3)[axis]
+    front = np.roll(up, 1)
+    pose = np.zeros(51)
+    standing = Subject(body, np.stack([np.cross(up, front), up, front], axis=1), pose, {})
+    write_subject(tmp_path / "subject.usda", standing)
+    assert_same(read_subject(tmp_path / "subject.usda"), standing)
+    stage = Usd.Stage.Open(str(tmp_path / "subject.usda"))
+    root = UsdSkel.Root(stage.GetDefaultPrim())
+    cache = UsdSkel.Cache()
+    cache.Populate(root, Usd.PrimDefaultPredicate)
+    joints = cache.GetSkelQuery(UsdSkel.Skeleton(root.GetPrim().GetChild("Skeleton"))).ComputeJointSkelTransforms(0.0)
+    placed = root.ComputeLocalToWorldTransform(0.0)
+    head, ankle = (
+        placed.Transform(joints[JOINTS.index(name)].ExtractTranslation())["XYZ".index(UsdGeom.GetStageUpAxis(stage))]
+        for name in ("Neck", "LAnkle")
+    )
+    assert head - ankle == pytest.approx(body.joint_rest[JOINTS.index("Neck"), 1] - body.joint_rest[12, 1], abs=1e-5)
+
+
 def set_attribute(prim: str, name: str, change: Callable) -> Callable[[Usd.Stage], None]:
     """An edit that replaces an attribute's value by what ``change`` makes of it."""
 

@@ -24,6 +24,7 @@ from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdSkel, Vt
 from mmocap_warp.body import DOF_MODELS, FULL_DOF, JOINTS, PARENT, BodyModel, SkinMesh, Subject, degrees_of_freedom
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd_file import PrimReader, author, read_stage, write_stage
+from mmocap_warp.formats.usd_world import set_world_up
 from mmocap_warp.mesh_decimation import is_closed
 
 _REMAKE = "write the body again with `mmocap body make`, or start from one that comes with the project"
@@ -61,8 +62,8 @@ def read_body(path: str | Path) -> BodyModel:
 def write_subject(path: str | Path, subject: Subject) -> None:
     """Write a subject to a ``.usd``, ``.usda`` or ``.usdc`` file: its body, standing as in the first frame."""
     stage = Usd.Stage.CreateInMemory()
-    UsdGeom.SetStageUpAxis(stage, up_axis(subject.root_base))
     root = define_subject(stage, f"/{subject.body.name}", subject)
+    set_world_up(stage, root, up_axis(subject.root_base))
     stage.SetDefaultPrim(root.GetPrim())
     _show_first_pose(stage, root, subject)
     write_stage(path, stage)
@@ -200,9 +201,10 @@ def set_pose(animation: UsdSkel.Animation, local: np.ndarray, time: Usd.TimeCode
 
 
 def up_axis(root_base: np.ndarray) -> str:
-    """USD's up axis of a world in which a body stands by ``root_base``: ``Y`` or ``Z``, whichever is nearer."""
-    up = np.abs(root_base[:, 1])
-    return UsdGeom.Tokens.z if up[2] > up[1] else UsdGeom.Tokens.y
+    """The world's axis, such as ``+z``, that is nearest to the up direction of a body that stands by ``root_base``."""
+    up = root_base[:, 1]
+    axis = int(np.abs(up).argmax())
+    return "-+"[int(up[axis] > 0)] + "xyz"[axis]
 
 
 def _show_first_pose(stage: Usd.Stage, root: UsdSkel.Root, subject: Subject) -> None:

@@ -66,7 +66,7 @@ def start(pose, index, sigma_start, mean, sigma, p_sigma, p_c, covariance, axes,
 @wp.kernel
 def _sample(
     seed: wp.array[wp.int32],  # (run,)
-    draw: wp.array[wp.int32],  # (run,) random blocks drawn so far
+    draw: wp.array[wp.int32],  # (run,) candidates drawn so far, each from a random stream of its own
     mean: wp.array2d[wp.float32],  # (run, dof)
     sigma: wp.array[wp.float32],  # (run,)
     axes: wp.array3d[wp.float32],  # (run, dof, dof)
@@ -79,7 +79,7 @@ def _sample(
 ):
     run, k = wp.tid()
     dofs = mean.shape[1]
-    state = wp.rand_init(seed[run], draw[run] * z.shape[1] + k)
+    state = wp.rand_init(seed[run], draw[run] + k)
     for i in range(dofs):
         z[run, k, i] = wp.randn(state)
     for i in range(dofs):
@@ -91,13 +91,17 @@ def _sample(
 
 
 @wp.kernel
-def _advance(draw: wp.array[wp.int32]):
+def _advance(
+    particles: int,
+    # in and out
+    draw: wp.array[wp.int32],  # (run,)
+):
     run = wp.tid()
-    draw[run] = draw[run] + 1
+    draw[run] = draw[run] + particles
 
 
 def sample(seed, draw, mean, sigma, axes, lengths, scale, particles, z, y, x):
-    """Draw ``x = mean + sigma * scale * y`` with ``y = B D z ~ N(0, C)``; the counters in ``draw`` advance by one."""
+    """Draw ``x = mean + sigma * scale * y`` with ``y = B D z ~ N(0, C)``; ``draw`` advances by ``particles``."""
     wp.launch(
         _sample,
         dim=(mean.shape[0], particles),
@@ -105,7 +109,7 @@ def sample(seed, draw, mean, sigma, axes, lengths, scale, particles, z, y, x):
         outputs=[z, y, x],
         device=mean.device,
     )
-    wp.launch(_advance, dim=draw.shape[0], outputs=[draw], device=mean.device)
+    wp.launch(_advance, dim=draw.shape[0], inputs=[particles], outputs=[draw], device=mean.device)
 
 
 @wp.kernel
@@ -213,15 +217,19 @@ def _rotate(p: int, q: int, run: int, work: wp.array3d[wp.float32], axes: wp.arr
     c = 1.0 / wp.sqrt(t * t + 1.0)
     s = t * c
     dofs = work.shape[1]
+    # One load a line: in ``a, b = m[i], m[j]`` Warp keeps references, which would see the writes that follow.
     for i in range(dofs):
-        ip, iq = work[run, i, p], work[run, i, q]
+        ip = work[run, i, p]
+        iq = work[run, i, q]
         work[run, i, p] = c * ip - s * iq
         work[run, i, q] = s * ip + c * iq
     for i in range(dofs):
-        pi, qi = work[run, p, i], work[run, q, i]
+        pi = work[run, p, i]
+        qi = work[run, q, i]
         work[run, p, i] = c * pi - s * qi
         work[run, q, i] = s * pi + c * qi
-        vp, vq = axes[run, i, p], axes[run, i, q]
+        vp = axes[run, i, p]
+        vq = axes[run, i, q]
         axes[run, i, p] = c * vp - s * vq
         axes[run, i, q] = s * vp + c * vq
 

@@ -39,10 +39,10 @@ def cameras(
 
     from mmocap_warp.cameras import describe_rig
     from mmocap_warp.cli.outputs import new_folder
-    from mmocap_warp.formats.scene_toml import read_scene
+    from mmocap_warp.scene import load_scene
 
     console = console or Console()
-    loaded = read_scene(scene)
+    loaded = load_scene(scene)
     rows = describe_rig(loaded.calibrated)
     mean_height = float(np.mean([row.height for row in rows]))
     if output is not None:

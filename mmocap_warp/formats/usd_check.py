@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from pxr import Tf, Usd, UsdGeom, UsdSkel, UsdValidation
+from pxr import Tf, Usd, UsdGeom, UsdSkel, UsdValidation, Vt
 
 from mmocap_warp.errors import InputError
 
@@ -105,7 +105,8 @@ def _sample_fault(name: str, sample: object, joints: int) -> str | None:
 
 def _mesh_faults(mesh: UsdGeom.Mesh) -> Iterator[str]:
     points = np.array(mesh.GetPointsAttr().Get() or ())
-    counts, indices = mesh.GetFaceVertexCountsAttr().Get(), mesh.GetFaceVertexIndicesAttr().Get()
+    counts = mesh.GetFaceVertexCountsAttr().Get() or Vt.IntArray()
+    indices = mesh.GetFaceVertexIndicesAttr().Get() or Vt.IntArray()
     sound, reason = UsdGeom.Mesh.ValidateTopology(indices, counts, len(points))
     if not sound:
         yield reason

@@ -154,6 +154,7 @@ def sample(name, value):
         (put("/World/Tracking", "mmocap:frames", [12, 11, 10]), "frame_numbers that ascend"),
         (put("/World/Tracking", "mmocap:frames", [10, 99]), "has no value at frame 99"),
         (sample("mmocap:status", "asleep"), "not .'asleep'"),
+        (sample("mmocap:pose", [float("nan")] * 102), "pose is not finite"),
         (sample("mmocap:iou", [0.5]), "iou holds 1 values at frame 11"),
         (drop("/World/Cameras/cam02", "mmocap:intrinsics"), "/World/Cameras/cam02: attribute mmocap:intrinsics"),
         (drop("/World/Boxes", "mmocap:rootBase"), "/World/Boxes: attribute mmocap:rootBase"),
@@ -177,6 +178,10 @@ def test_what_is_no_result_is_refused(tmp_path):
     (tmp_path / "text.usdc").write_text("no USD")
     with pytest.raises(InputError, match="not a USD file"):
         read_result(tmp_path / "text.usdc")
+    write_result(tmp_path / "cut.usdc", synthetic_result())
+    (tmp_path / "cut.usdc").write_bytes((tmp_path / "cut.usdc").read_bytes()[:-200])
+    with pytest.raises(InputError, match="not a USD file"):
+        read_result(tmp_path / "cut.usdc")
     write_body(tmp_path / "body.usdc", synthetic_body())
     with pytest.raises(InputError, match="holds no tracking result"):
         read_result(tmp_path / "body.usdc")

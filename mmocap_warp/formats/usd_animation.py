@@ -11,7 +11,7 @@ from pxr import Kind, Usd, UsdGeom, UsdSkel, UsdUtils, Vt
 
 from mmocap_warp.body import Subject
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.usd_body import define_body, joint_paths, local_transforms
+from mmocap_warp.formats.usd_body import define_body, joint_paths, local_transforms, set_pose
 from mmocap_warp.formats.usd_file import USD_SUFFIXES, write_stage
 from mmocap_warp.formats.usd_world import set_world_up
 from mmocap_warp.posing import Poser
@@ -47,12 +47,7 @@ def animate(
     before = None
     for one_pose, points, time in zip(pose, vertices, times, strict=True):
         local = local_transforms(subject.body, subject.root_base, one_pose)
-        matrices = Vt.Matrix4dArray.FromNumpy(np.ascontiguousarray(local.transpose(0, 2, 1)))
-        translations, rotations, scales = UsdSkel.DecomposeTransforms(matrices)
-        before = _same_hemisphere(np.array(rotations), before)
-        animation.CreateTranslationsAttr().Set(translations, time)
-        animation.CreateRotationsAttr().Set(Vt.QuatfArray.FromNumpy(before), time)
-        animation.CreateScalesAttr().Set(scales, time)  # without scales USD shows the rest pose and says nothing
+        before = set_pose(animation, local, Usd.TimeCode(time), before)
         extent.Set(_bounds(points), time)
 
 
@@ -115,13 +110,6 @@ def _write_package(path: Path, stage: Usd.Stage) -> None:
         raise InputError(
             path, f"cannot be written ({error})", "check the folder's permissions and free space"
         ) from error
-
-
-def _same_hemisphere(quaternions: np.ndarray, before: np.ndarray | None) -> np.ndarray:
-    """Of each quaternion and its negative, which turn alike, the one that is nearer to the frame before."""
-    if before is None:
-        return quaternions
-    return np.where((quaternions * before).sum(axis=1, keepdims=True) < 0, -quaternions, quaternions)
 
 
 def _bounds(points: np.ndarray) -> Vt.Vec3fArray:

@@ -188,16 +188,24 @@ def _turn(axis: str, angle: float) -> np.ndarray:
     return matrix
 
 
-def set_pose(animation: UsdSkel.Animation, local: np.ndarray, time: Usd.TimeCode) -> None:
-    """Author joint transforms (joint, 4, 4), relative to their parents, at a time.
+def set_pose(
+    animation: UsdSkel.Animation, local: np.ndarray, time: Usd.TimeCode, before: np.ndarray | None = None
+) -> np.ndarray:
+    """Author joint transforms (joint, 4, 4), relative to their parents, at a time; returns the quaternions (joint, 4).
 
-    Scales are written too: without them USD falls back to the rest pose and says nothing.
+    Scales are written too: without them USD falls back to the rest pose and says nothing. Of a quaternion and its
+    negative, which turn alike, the one nearer to ``before`` is written, so that every program interpolates the short
+    way; pass what the frame before returned.
     """
     matrices = Vt.Matrix4dArray.FromNumpy(np.ascontiguousarray(local.transpose(0, 2, 1)))
     translations, rotations, scales = UsdSkel.DecomposeTransforms(matrices)
+    quaternions = np.array(rotations)
+    if before is not None:
+        quaternions *= np.where((quaternions * before).sum(axis=1, keepdims=True) < 0, -1, 1)
     animation.CreateTranslationsAttr().Set(translations, time)
-    animation.CreateRotationsAttr().Set(rotations, time)
+    animation.CreateRotationsAttr().Set(Vt.QuatfArray.FromNumpy(quaternions), time)
     animation.CreateScalesAttr().Set(scales, time)
+    return quaternions
 
 
 def up_axis(root_base: np.ndarray) -> str:

@@ -71,6 +71,9 @@ def read_result(path: str | Path) -> TrackResult:
     status = read.samples("mmocap:status", times)
     read.require(set(status) <= set(STATUS), f"mmocap:status knows {STATUS}, not {sorted(set(status) - set(STATUS))}")
 
+    pose = read.sampled_array("mmocap:pose", times, (runs, FULL_DOF))
+    read.require(np.isfinite(pose).all(), "mmocap:pose is not finite")
+
     def of_runs(name: str, *shape: int) -> np.ndarray:
         return np.moveaxis(read.sampled_array(f"mmocap:{name}", times, (runs, *shape)), 1, 0)
 
@@ -80,7 +83,7 @@ def read_result(path: str | Path) -> TrackResult:
             cameras=cameras,
             fps=stage.GetTimeCodesPerSecond(),
             frame_numbers=frames,
-            pose=of_runs("pose", FULL_DOF),
+            pose=np.moveaxis(pose, 1, 0),
             cost=of_runs("cost"),
             iou=of_runs("iou", len(cameras)),
             evaluations=of_runs("evaluations"),

@@ -8,7 +8,7 @@ from pxr import Usd, UsdGeom
 from mmocap_warp.formats.usd_attributes import gf_matrix
 
 
-def set_world_up(stage: Usd.Stage, world: UsdGeom.Xform, up: str, stage_up: str | None = None) -> None:
+def set_world_up(stage: Usd.Stage, world: UsdGeom.Xformable, up: str, stage_up: str | None = None) -> None:
     """Set the stage's metres and up axis, and turn ``world`` where that is needed to show its contents upright.
 
     Args:

@@ -216,22 +216,24 @@ def _rotate(p: int, q: int, run: int, work: wp.array3d[wp.float32], axes: wp.arr
         t = -t
     c = 1.0 / wp.sqrt(t * t + 1.0)
     s = t * c
+    # As corrections to the old values: a small rotation then rounds far less than with ``c * ip - s * iq``.
+    tau = s / (1.0 + c)
     dofs = work.shape[1]
     # One load a line: in ``a, b = m[i], m[j]`` Warp keeps references, which would see the writes that follow.
     for i in range(dofs):
         ip = work[run, i, p]
         iq = work[run, i, q]
-        work[run, i, p] = c * ip - s * iq
-        work[run, i, q] = s * ip + c * iq
+        work[run, i, p] = ip - s * (iq + tau * ip)
+        work[run, i, q] = iq + s * (ip - tau * iq)
     for i in range(dofs):
         pi = work[run, p, i]
         qi = work[run, q, i]
-        work[run, p, i] = c * pi - s * qi
-        work[run, q, i] = s * pi + c * qi
+        work[run, p, i] = pi - s * (qi + tau * pi)
+        work[run, q, i] = qi + s * (pi - tau * qi)
         vp = axes[run, i, p]
         vq = axes[run, i, q]
-        axes[run, i, p] = c * vp - s * vq
-        axes[run, i, q] = s * vp + c * vq
+        axes[run, i, p] = vp - s * (vq + tau * vp)
+        axes[run, i, q] = vq + s * (vp - tau * vq)
 
 
 @wp.kernel

@@ -8,7 +8,7 @@ from types import TracebackType
 from typing import TextIO
 
 from rich.console import Console as RichConsole
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
+from rich.progress import BarColumn, TextColumn
 from rich.progress import Progress as RichProgress
 
 SECONDS_BETWEEN_LINES = 10.0
@@ -19,13 +19,15 @@ class Progress:
     """Shows steps done, steps and evaluations a second, and the time left; used as a context.
 
     Args:
-        task: what runs, such as ``tracking``.
-        unit: what a step is, such as ``frames``.
+        task: what runs, such as ``track``.
+        unit: what a step is, such as ``frames``; None where steps are only shares of the whole.
         quiet: show nothing.
         stream: where to show it; stderr by default.
     """
 
-    def __init__(self, task: str, unit: str = "frames", *, quiet: bool = False, stream: TextIO | None = None) -> None:
+    def __init__(
+        self, task: str, unit: str | None = "frames", *, quiet: bool = False, stream: TextIO | None = None
+    ) -> None:
         self._task, self._unit, self._quiet = task, unit, quiet
         self._stream = sys.stderr if stream is None else stream
         self._bar: RichProgress | None = None
@@ -34,14 +36,9 @@ class Progress:
 
     def __enter__(self) -> Progress:
         if not self._quiet and self._stream.isatty():
-            columns = (
-                TextColumn("{task.description}"),
-                BarColumn(),
-                MofNCompleteColumn(),
-                TextColumn("{task.fields[rates]}"),
-            )
+            columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[state]}"))
             self._bar = RichProgress(*columns, console=RichConsole(file=self._stream), transient=True)
-            self._bar.add_task(self._task, total=None, rates="")
+            self._bar.add_task(self._task, total=None, state="")  # it pulses until the first report
             self._bar.start()
         return self
 
@@ -54,32 +51,29 @@ class Progress:
     def __call__(self, done: int, total: int, evaluations: int = 0) -> None:
         """Report that ``done`` of ``total`` steps are finished, after ``evaluations`` evaluations in all.
 
-        Rates count from the first report, so that a run which is resumed half-way does not look fast.
+        Rates count from the first report: neither compiling kernels nor the frames before a resumed one are in them.
         """
         now = time.monotonic()
         if self._first is None:
             self._first = (now, done, evaluations)
-        rates = self._rates(self._first, now, done, total, evaluations)
+        state = self._state(self._first, (now, done, evaluations), total)
         if self._bar is not None:
-            self._bar.update(self._bar.task_ids[0], completed=done, total=total, rates=rates)
+            self._bar.update(self._bar.task_ids[0], completed=done, total=total, state=state)
         elif not self._quiet and (now - self._spoke >= SECONDS_BETWEEN_LINES or done == total):
             self._spoke = now
-            print(
-                f"{self._task}: {done}/{total} {self._unit}{', ' if rates else ''}{rates}",
-                file=self._stream,
-                flush=True,
-            )
+            print(f"{self._task}: {state}", file=self._stream, flush=True)
 
-    def _rates(self, first: tuple[float, int, int], now: float, done: int, total: int, evaluations: int) -> str:
-        then, done_then, evaluations_then = first
-        if done == done_then or now == then:
-            return ""
-        per_second = (done - done_then) / (now - then)
-        parts = [f"{per_second:.3g} {self._unit}/s"]
-        if evaluations > evaluations_then:
-            parts.append(f"{(evaluations - evaluations_then) / (now - then):,.0f} evaluations/s")
-        if done < total:
-            parts.append(f"{_clock((total - done) / per_second)} left")
+    def _state(self, first: tuple[float, int, int], last: tuple[float, int, int], total: int) -> str:
+        seconds, steps, evaluations = (after - before for before, after in zip(first, last, strict=True))
+        done = last[1]
+        parts = [f"{100 * done // total} %" if self._unit is None else f"{done}/{total} {self._unit}"]
+        if seconds > 0 and steps > 0:
+            if self._unit is not None:
+                parts.append(f"{steps / seconds:.3g} {self._unit}/s")
+            if evaluations > 0:
+                parts.append(f"{evaluations / seconds:,.0f} evaluations/s")
+            if done < total:
+                parts.append(f"{_clock((total - done) * seconds / steps)} left")
         return ", ".join(parts)
 
 

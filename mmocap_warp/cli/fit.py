@@ -1,0 +1,79 @@
+"""``mmocap fit``: the subject of a scene, without hand work."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from mmocap_warp.cli.console import Console, start_warp
+from mmocap_warp.cli.exit_codes import UsageError
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class FitFlags:
+    """Settings of :class:`mmocap_warp.fit.FitConfig`; what is not given comes from the scene's [fit] table."""
+
+    seed: int | None = None
+    """Of the random numbers. [default: 0]"""
+    headings: int | None = None
+    """Evenly spread starting directions. [default: 8]"""
+    device: str | None = None
+    """auto, cpu or a CUDA device such as cuda:0. [default: auto]"""
+    threads: int | None = None
+    """CPU threads. [default: all]"""
+
+
+def fit(
+    scene: Path,
+    /,
+    *,
+    output: Annotated[Path, Parameter(name=["--output", "-o"])],
+    body: str | None = None,
+    scale: float = 0.5,
+    flags: FitFlags | None = None,
+    force: Annotated[bool, Parameter(negative="")] = False,
+    console: Console | None = None,
+) -> None:
+    """Find the body's shape, place, heading and first pose in a scene's first frame.
+
+    Parameters
+    ----------
+    scene
+        The scene file, or its folder.
+    output
+        The subject's file: .usdc, .usda or .usd. Name it as 'subject' in the scene to track with it.
+    body
+        Where the shape starts: a shipped body's name or a USD file. The scene's, or else adult_man.
+    scale
+        Of masks and cameras, up to 1.
+    force
+        Replace a file that exists.
+    """
+    import numpy as np
+
+    from mmocap_warp.cli.outputs import new_file
+    from mmocap_warp.cli.settings import describe, effective
+    from mmocap_warp.cli.subjects import DEFAULT_BODY, body_named, fit_subject
+    from mmocap_warp.fit import FitConfig
+    from mmocap_warp.formats.usd_body import write_subject
+    from mmocap_warp.formats.usd_file import USD_SUFFIXES
+    from mmocap_warp.scene import load_scene
+
+    console, flags = console or Console(), flags or FitFlags()
+    if not 0 < scale <= 1:
+        raise UsageError(f"--scale must be in (0, 1], got {scale:g}")
+    new_file(output, *USD_SUFFIXES, force=force)
+    loaded = load_scene(scene)
+    config = effective(FitConfig, loaded.path, "fit", loaded.fit, flags)
+    console.note(f"fit: {describe(config, loaded.fit, flags)}")
+    start = body_named(body or loaded.body or DEFAULT_BODY, "--body" if body else loaded.path)
+    start_warp()
+    subject = fit_subject(loaded, start, scale, config, console)
+    write_subject(output, subject)
+    height = float(np.ptp(subject.body.skin.rest[:, 1]))
+    values = {"file": output, "body": start.name, "height_m": height, **subject.provenance}
+    console.result(values, f"{output}: {start.name}, {height:.2f} m tall, cost {subject.provenance['fit.cost']:.3f}")

@@ -1,0 +1,85 @@
+"""What the commands that look at a result share: its scene, its truth, and how good it is."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mmocap_warp.cli.console import table
+from mmocap_warp.errors import InputError
+
+if TYPE_CHECKING:
+    from mmocap_warp.result import TrackResult
+    from mmocap_warp.scene import Scene
+    from mmocap_warp.truth import Truth
+
+
+def scene_reference(scene: Path, result: Path) -> str:
+    """How a result's configuration names its scene: relative to the result, so that both can move together."""
+    return Path(os.path.relpath(scene.resolve(), result.resolve().parent)).as_posix()
+
+
+def scene_of(result: TrackResult, path: Path, named: Path | None) -> Scene | None:
+    """The scene that was tracked: the one named now, or else the one that the result names; None if neither is.
+
+    Raises:
+        InputError: the scene is wrong, or is no longer where the result says.
+    """
+    from mmocap_warp.scene import load_scene
+
+    if named is not None:
+        return load_scene(named)
+    if "scene" not in result.config:
+        return None
+    recorded = path.parent / result.config["scene"]
+    if not recorded.exists():
+        raise InputError(path, f"was tracked from {recorded}, which is not there", "name the scene with --scene")
+    return load_scene(recorded)
+
+
+def truth_of(scene: Scene | None) -> Truth | None:
+    """The truth that the scene names."""
+    from mmocap_warp.truth import load_truth
+
+    if scene is None or scene.truth is None:
+        return None
+    return load_truth(scene.truth, scene.truth_axes)
+
+
+def summary(report: dict[str, Any]) -> str:
+    """The headline numbers of :func:`mmocap_warp.evaluation.evaluate` for people."""
+    rows = [
+        ("frames", f"{report['frames']} ({report['lost']} lost, {report['partial']} with a view lost)"),
+        ("runs", str(report["runs"])),
+        ("evaluations", _number(report["evaluations"], ",d")),
+        ("evaluations/s", _number(report["evaluations_per_second"], ",.0f")),
+        ("mean IoU", _number(report["mean_iou"], ".3f")),
+        ("worst IoU", f"{_number(report['worst_iou'], '.3f')} (frame {report['worst_iou_frame']})"),
+    ]
+    errors = (
+        ("marker error, Eq. 20", "marker_error_mm"),
+        ("MPJPE", "mpjpe_mm"),
+        ("PA-MPJPE", "pa_mpjpe_mm"),
+        ("median joint error", "median_joint_mm"),
+    )
+    rows += [(name, f"{report[key]:.1f} mm") for name, key in errors if report.get(key) is not None]
+    if report.get("limb_lost_frames"):
+        rows.append(("limb lost in", f"{len(report['limb_lost_frames'])} frames"))
+    return table(rows)
+
+
+def _number(value: float | None, form: str) -> str:
+    return "-" if value is None else format(value, form)
+
+
+def draw_result(result: TrackResult, scene: Scene | None, video: Path, sheet: Path) -> None:
+    """Write the overlay video and the contact sheet, over the scene's images and masks where there is a scene."""
+    from mmocap_warp.show import show
+
+    images = masks = None
+    if scene is not None:
+        scale = float(result.config.get("scale", 1.0))
+        first, count = int(result.frame_numbers[0]), len(result.frame_numbers)
+        images, masks = scene.images(scale, first, count), scene.masks(scale, first, count)
+    show(result, images, masks, video=video, sheet=sheet)

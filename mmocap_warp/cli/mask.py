@@ -1,0 +1,51 @@
+"""``mmocap mask``: a scene's masks, made once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from mmocap_warp.cli.console import Console
+from mmocap_warp.cli.exit_codes import UsageError
+
+
+def mask(
+    scene: Path,
+    /,
+    *,
+    output: Annotated[Path, Parameter(name=["--output", "-o"])],
+    scale: float = 1.0,
+    force: Annotated[bool, Parameter(negative="")] = False,
+    console: Console | None = None,
+) -> None:
+    """Write a scene's foreground masks as its [foreground] table says, and a video of them over the images.
+
+    The folder is a scene itself, with the masks undistorted and a calibration to match: track it as any other.
+
+    Parameters
+    ----------
+    scene
+        The scene file, or its folder.
+    output
+        The folder to write.
+    scale
+        Of the masks relative to the recording, up to 1.
+    force
+        Write into a folder that holds files.
+    """
+    from mmocap_warp.cli.outputs import new_folder
+    from mmocap_warp.cli.progress import Progress
+    from mmocap_warp.foreground.writing import write_masks
+    from mmocap_warp.scene import load_scene
+
+    console = console or Console()
+    if not 0 < scale <= 1:
+        raise UsageError(f"--scale must be in (0, 1], got {scale:g}")
+    loaded = load_scene(scene)
+    folder = new_folder(output, force=force)
+    with Progress("mask", quiet=console.quiet) as progress:
+        written = write_masks(loaded, folder, scale, progress=lambda done: progress(done, loaded.frame_count))
+    values = {"scene": written, "overlay": folder / "overlay.webm", "frames": loaded.frame_count}
+    console.result(values, f"{written}: {loaded.frame_count} frames, {len(loaded.cameras)} cameras")

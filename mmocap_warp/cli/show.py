@@ -1,0 +1,44 @@
+"""``mmocap show``: a result over what the cameras saw."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from mmocap_warp.cli.console import Console
+
+
+def show(
+    result: Path,
+    /,
+    *,
+    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    scene: Path | None = None,
+    force: Annotated[bool, Parameter(negative="")] = False,
+    console: Console | None = None,
+) -> None:
+    """Write an overlay video of all cameras, and a contact sheet beside it: mask against model, skin and skeleton.
+
+    Parameters
+    ----------
+    result
+        What 'mmocap track' wrote.
+    output
+        The video's file, .webm; beside the result and named after it by default. The sheet has the ending .png.
+    scene
+        The scene, if it is no longer where the result says.
+    force
+        Replace files that exist.
+    """
+    from mmocap_warp.cli.judging import draw_result, scene_of
+    from mmocap_warp.cli.outputs import new_file
+    from mmocap_warp.formats.usd_result import read_result
+
+    console = console or Console()
+    video = new_file(output or result.with_suffix(".webm"), ".webm", force=force)
+    sheet = new_file(video.with_suffix(".png"), ".png", force=force)
+    tracked = read_result(result)
+    draw_result(tracked, scene_of(tracked, result, scene), video, sheet)
+    console.result({"video": video, "sheet": sheet}, f"{video}\n{sheet}")

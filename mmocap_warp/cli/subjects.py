@@ -1,0 +1,56 @@
+"""Where tracking starts: the subject a scene names, or one that is fitted to its first frame."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mmocap_warp.cli.console import Console
+from mmocap_warp.cli.progress import Progress
+from mmocap_warp.errors import InputError
+
+if TYPE_CHECKING:
+    from mmocap_warp.body import BodyModel, Subject
+    from mmocap_warp.fit import FitConfig
+    from mmocap_warp.scene import Scene
+
+DEFAULT_BODY = "adult_man"
+"""Where a fit starts if neither a flag nor the scene says."""
+
+
+def body_named(name: str | Path, source: object) -> BodyModel:
+    """A body by the path of its USD file or by the name of a shipped one.
+
+    Raises:
+        InputError: neither; ``source`` is where the name stands.
+    """
+    from mmocap_warp.formats.usd_body import read_body
+    from mmocap_warp.scenes import ROOT
+
+    if Path(name).suffix:
+        return read_body(name)
+    shipped = ROOT / "bodies" / f"{name}.usdc"
+    if not shipped.is_file():
+        known = ", ".join(sorted(file.stem for file in shipped.parent.glob("*.usdc")))
+        raise InputError(source, f"there is no body '{name}'", f"name a USD file, or one of {known}")
+    return read_body(shipped)
+
+
+def fit_subject(scene: Scene, body: BodyModel, scale: float, config: FitConfig, console: Console) -> Subject:
+    """Fit a body to the scene's first frame, showing progress.
+
+    Raises:
+        InputError: the first frame's masks do not show one subject.
+    """
+    from mmocap_warp.fit import fit_observation
+
+    observation = next(iter(scene.observations(scale, count=1)))
+    with Progress("fit", None, quiet=console.quiet) as progress:
+        try:
+            return fit_observation(
+                body, scene.rig(scale), observation, config, lambda stage, done, cost: progress(round(100 * done), 100)
+            )
+        except ValueError as error:
+            raise InputError(
+                scene.path, f"frame 0 cannot be fitted: {error}", "look at its masks with mmocap mask"
+            ) from None

@@ -1,0 +1,189 @@
+"""``mmocap track``: from a scene to a result."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from mmocap_warp.cli.console import Console
+from mmocap_warp.cli.exit_codes import UsageError
+from mmocap_warp.errors import InputError
+
+if TYPE_CHECKING:
+    from mmocap_warp.body import Subject
+    from mmocap_warp.result import TrackResult
+    from mmocap_warp.scene import Scene
+    from mmocap_warp.tracker import TrackConfig
+    from mmocap_warp.truth import Truth
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class TrackFlags:
+    """Settings of :class:`mmocap_warp.tracker.TrackConfig`; what is not given comes from the scene's [track] table."""
+
+    algorithm: str | None = None
+    """cmaes, or h-cmaes for the six-step hierarchy. [default: h-cmaes]"""
+    dof: int | None = None
+    """Degrees of freedom of the body: 51, 39 or 28. [default: 39]"""
+    evaluations: int | None = None
+    """Budget per frame and run, never exceeded. [default: 500]"""
+    seed: int | None = None
+    """Of the first run; run r uses seed + r. [default: 0]"""
+    runs: int | None = None
+    """Independent runs, tracked at once. [default: 1]"""
+    preset: str | None = None
+    """Where the search radii come from: recording, paper or authors. [default: recording]"""
+    rotation_radius: float | None = None
+    """In radians, instead of the preset's."""
+    translation_radius: float | None = None
+    """In metres, instead of the preset's."""
+    cost: str | None = None
+    """paper (Eq. 4-5), xor or iou. [default: paper]"""
+    limits: bool | None = None
+    """Keep joints within their anatomical limits. [default: yes]"""
+    scale: float | None = None
+    """Of masks and cameras, up to 1. [default: 1]"""
+    device: str | None = None
+    """auto, cpu or a CUDA device such as cuda:0. [default: auto]"""
+    threads: int | None = None
+    """CPU threads. [default: all]"""
+
+
+def track(
+    scene: Path,
+    /,
+    *,
+    output: Annotated[Path, Parameter(name=["--output", "-o"])],
+    subject: Path | None = None,
+    body: str | None = None,
+    flags: TrackFlags | None = None,
+    resume: Annotated[bool, Parameter(negative="")] = False,
+    force: Annotated[bool, Parameter(negative="")] = False,
+    console: Console | None = None,
+) -> None:
+    """Track a scene: from videos or masks to an animated USD body.
+
+    Parameters
+    ----------
+    scene
+        The scene file, or its folder.
+    output
+        The result's file: .usdc, .usda or .usd. A checkpoint lies beside it until the run is complete.
+    subject
+        The fitted subject to track. The scene's, or else one is fitted first and kept beside the result.
+    body
+        Where that fit starts: a shipped body's name or a USD file. The scene's, or else adult_man.
+    resume
+        Continue an interrupted run; it ends with the same bits as one that was not interrupted.
+    force
+        Replace a result that exists.
+    """
+    from mmocap_warp.cli.console import start_warp
+    from mmocap_warp.cli.judging import truth_of
+    from mmocap_warp.cli.outputs import new_file
+    from mmocap_warp.cli.settings import describe, effective
+    from mmocap_warp.formats.usd_file import USD_SUFFIXES
+    from mmocap_warp.scene import load_scene
+    from mmocap_warp.tracker import TrackConfig
+
+    console, flags = console or Console(), flags or TrackFlags()
+    if resume and force:
+        raise UsageError("--resume continues what --force would replace; give one of them")
+    new_file(output, *USD_SUFFIXES, force=force or resume)
+    loaded = load_scene(scene)
+    config = effective(TrackConfig, loaded.path, "track", loaded.track, flags)
+    console.note(f"track: {describe(config, loaded.track, flags)}")
+    start_warp()
+    tracked = track_scene(loaded, config, output, subject, body, resume=resume, force=force, console=console)
+    report_result(tracked, output, truth_of(loaded), console)
+
+
+def track_scene(
+    scene: Scene,
+    config: TrackConfig,
+    output: Path,
+    subject: Path | None = None,
+    body: str | None = None,
+    *,
+    resume: bool = False,
+    force: bool = False,
+    console: Console,
+) -> TrackResult:
+    """Track a scene and write the result, fitting a subject first where none is named.
+
+    Raises:
+        InputError: anything wrong with the scene's images, the subject or the body; an interrupted run lies there and
+            neither ``resume`` nor ``force`` says what to do with it.
+    """
+    from dataclasses import replace
+
+    from mmocap_warp.cli.judging import scene_reference
+    from mmocap_warp.cli.progress import Progress
+    from mmocap_warp.formats.usd_result import read_result, write_result
+    from mmocap_warp.tracker import FrameAnswer
+    from mmocap_warp.tracker import track as track_frames
+
+    checkpoint = output.with_name(f"{output.name}.checkpoint")
+    if resume and output.exists():
+        console.note(f"{output} is complete")
+        return read_result(output)
+    if checkpoint.exists() and not (resume or force):
+        raise InputError(checkpoint, "an interrupted run lies here", "continue it with --resume, or --force a new one")
+    start = starting_subject(scene, config, output, subject, body, resume=resume, console=console)
+    total, evaluations = scene.frame_count, 0
+
+    def report(frame: int, answer: FrameAnswer) -> None:
+        nonlocal evaluations
+        evaluations += answer.evaluations * config.runs
+        progress(frame + 1, total, evaluations)
+
+    with Progress("track", quiet=console.quiet) as progress:
+        tracked = track_frames(scene, start, config, checkpoint=checkpoint, resume=resume, progress=report)
+    tracked = replace(tracked, config=tracked.config | {"scene": scene_reference(scene.path, output)})
+    write_result(output, tracked)
+    checkpoint.unlink(missing_ok=True)
+    return tracked
+
+
+def starting_subject(
+    scene: Scene,
+    config: TrackConfig,
+    output: Path,
+    subject: Path | None,
+    body: str | None,
+    *,
+    resume: bool,
+    console: Console,
+) -> Subject:
+    """The subject that a flag or the scene names, or one fitted to the first frame and kept beside ``output``."""
+    from mmocap_warp.cli.fit import FitFlags
+    from mmocap_warp.cli.settings import effective
+    from mmocap_warp.cli.subjects import DEFAULT_BODY, body_named, fit_subject
+    from mmocap_warp.fit import FitConfig
+    from mmocap_warp.formats.usd_body import read_subject, write_subject
+
+    named = subject or (None if body else scene.subject)
+    if named is not None:
+        return read_subject(named)
+    kept = output.with_name(f"{output.stem}.subject.usdc")
+    if resume and kept.exists():
+        return read_subject(kept)
+    fit = effective(FitConfig, scene.path, "fit", scene.fit, FitFlags(device=config.device, threads=config.threads))
+    start = body_named(body or scene.body or DEFAULT_BODY, "--body" if body else scene.path)
+    write_subject(kept, fit_subject(scene, start, config.scale, fit, console))
+    console.note(f"fit: kept as {kept}")
+    return read_subject(kept)  # as --resume will find it, to the last bit
+
+
+def report_result(result: TrackResult, path: Path, truth: Truth | None, console: Console) -> None:
+    """Print how good a result is."""
+    from mmocap_warp.cli.judging import summary
+    from mmocap_warp.evaluation import evaluate
+
+    report = evaluate(result, truth)
+    del report["series"]
+    console.result({"result": path, **report, "config": result.config}, f"{path}\n{summary(report)}")

@@ -7,7 +7,7 @@ import reference
 import warp as wp
 from poisoned import poisoned
 
-from mmocap_warp.body import FULL_DOF, BodyModel
+from mmocap_warp.body import FULL_DOF, BodyModel, Subject
 from mmocap_warp.cameras import CameraRig
 from mmocap_warp.kernels.kinematics import Affine, pose_joints
 from mmocap_warp.kernels.projection import project
@@ -60,3 +60,10 @@ def projected(posed: wp.array, rig: CameraRig) -> wp.array:
     image = poisoned((posed.shape[0], len(rig), posed.shape[1]), wp.vec2i, posed.device)
     project(posed, cameras.rotation, cameras.translation, cameras.intrinsics, image)
     return image
+
+
+def perfect_masks(subject: Subject, rig: CameraRig, pose: np.ndarray, device: str = "cpu") -> list[np.ndarray]:
+    """One boolean picture a camera of a pose of the subject's body, by the twin from the kernel's own image."""
+    posed = posed_vertices(subject.body, subject.root_base, np.atleast_2d(pose), device)
+    image = projected(posed, rig).numpy()[0]
+    return [reference.covered(image[k], subject.body.tracking.face, *rig.size[k]) for k in range(len(rig))]

@@ -7,17 +7,19 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from synthetic import ring_rig
+from synthetic import ring_rig, synthetic_body, synthetic_result
 
 from mmocap_warp import cli
 from mmocap_warp.cli.exit_codes import BAD_INPUT, OK
 from mmocap_warp.formats.toml_rig import write_toml_rig
+from mmocap_warp.formats.usd_body import write_body
+from mmocap_warp.formats.usd_result import write_result
 
 FRAMES = 3
 SIZE = (64, 48)
@@ -90,11 +92,6 @@ def remove(name: str) -> Callable[[Path], None]:
     return lambda folder: (folder / name).unlink()
 
 
-def image(name: str, pixels: np.ndarray) -> Callable[[Path], None]:
-    """Put another picture in the place of a mask."""
-    return lambda folder: cv2.imwrite(str(folder / name), pixels)
-
-
 def video(folder: Path, name: str, frames: int = FRAMES, size: tuple[int, int] = SIZE) -> Path:
     """A lossless video of noise."""
     writer = cv2.VideoWriter(str(folder / name), cv2.VideoWriter_fourcc(*"FFV1"), 60, size)
@@ -118,6 +115,64 @@ def truncated_video(folder: Path) -> None:
     path = video(folder, "cam01.mkv", frames=30, size=(320, 240))
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 10])
     edit("scene.toml", "masks/cam01", "cam01.mkv")(folder)
+
+
+def image(camera: str, level: int) -> Callable[[Path], None]:
+    """Let every mask of a camera be of one gray level."""
+
+    def broken(folder: Path) -> None:
+        for file in (folder / camera).iterdir():
+            cv2.imwrite(str(file), np.full(SIZE[::-1], level, np.uint8))
+
+    return broken
+
+
+def mirrored_rotation(folder: Path) -> None:
+    """Give the calibration as OpenCV YAML, the second camera's rotation with a row negated."""
+    rig = ring_rig(3, SIZE)
+    intrinsics = cv2.FileStorage(str(folder / "intri.yml"), cv2.FILE_STORAGE_WRITE)
+    extrinsics = cv2.FileStorage(str(folder / "extri.yml"), cv2.FILE_STORAGE_WRITE)
+    for storage in (intrinsics, extrinsics):
+        storage.startWriteStruct("names", cv2.FileNode_SEQ)
+        for name in rig.names:
+            storage.write("", name)
+        storage.endWriteStruct()
+    for k, name in enumerate(rig.names):
+        intrinsics.write(f"K_{name}", rig.K[k])
+        intrinsics.write(f"dist_{name}", rig.distortion[k : k + 1])
+        extrinsics.write(f"Rot_{name}", np.diag([-1.0 if k == 1 else 1.0, 1.0, 1.0]) @ rig.R[k])
+        extrinsics.write(f"T_{name}", rig.t[k][:, None])
+    intrinsics.release()
+    extrinsics.release()
+    edit("scene.toml", "calibration.toml", "intri.yml")(folder)
+
+
+def nothing(folder: Path) -> None:
+    """The command line alone is at fault."""
+
+
+def body_file(folder: Path) -> None:
+    write_body(folder / "body.usda", synthetic_body())
+
+
+def result_file(folder: Path) -> None:
+    write_result(folder / "result.usda", synthetic_result(3, 1))
+
+
+def cut_result(folder: Path) -> None:
+    write_result(folder / "result.usdc", synthetic_result(3, 1))
+    content = (folder / "result.usdc").read_bytes()
+    (folder / "result.usdc").write_bytes(content[: len(content) // 2])
+
+
+def lost_scene(folder: Path) -> None:
+    result = synthetic_result(3, 1)
+    write_result(folder / "result.usda", replace(result, config={"scene": "gone/scene.toml"}))
+
+
+TRACK = ("track", "{scene}", "-o", "{folder}/r.usdc", "--device", "cpu")
+EVAL = ("eval", "{folder}/result.usda")
+MAKE = ("body", "make", "-o", "{folder}/b.usdc", "--data", "{folder}", *"--gender 1 --age 30 --height 1.8".split())
 
 
 @dataclass(frozen=True)
@@ -168,7 +223,7 @@ CASES = (
     Case(
         "cameras differ in length",
         remove("masks/cam01/0002.png"),
-        "scene.toml: cameras differ in their number of frames",
+        "cameras differ in their number of frames",
     ),
     Case(
         "a video that is not one",
@@ -176,6 +231,37 @@ CASES = (
         "x.mp4: cannot be decoded as a video",
     ),
     Case("another picture size", wrong_video("cam01.mkv", size=(128, 96)), "128x96"),
+    Case("truncated video", truncated_video, "cam01.mkv", ("mask", "{scene}", "-o", "{folder}/out", "--quiet")),
+    Case("empty masks", image("masks/cam01", 0), "cam01: all masks are empty"),
+    Case("inverted masks", image("masks/cam01", 255), "cam01: masks are 100 % foreground"),
+    Case("mirrored rotation", mirrored_rotation, "mirror"),
+    Case("output folder missing", nothing, "{folder}/a: no such folder", ("mask", "{scene}", "-o", "{folder}/a/b")),
+    Case("output folder full", nothing, "masks: holds files already", ("mask", "{scene}", "-o", "{folder}/masks")),
+    # track
+    Case("misspelt setting", edit("scene.toml", "evaluations", "evaluation"), "did you mean 'evaluations'", TRACK),
+    Case("setting in words", edit("scene.toml", "= 30", '= "many"'), "[track]: evaluations = 'many'", TRACK),
+    Case("no evaluations", edit("scene.toml", "= 30", "= 0"), "[track]: evaluations must be at least 1", TRACK),
+    Case("unknown algorithm", edit("scene.toml", "evaluations = 30", 'algorithm = "sgd"'), "[track]: algorithm", TRACK),
+    Case("subject missing", edit("scene.toml", "fps", 'subject = "s.usdc"\nfps'), "s.usdc does not exist", TRACK),
+    Case("subject of a flag missing", nothing, "s.usdc: no such file", (*TRACK, "--subject", "{folder}/s.usdc")),
+    Case("subject is no USD", write("s.usdc", b"none"), "s.usdc", (*TRACK, "--subject", "{folder}/s.usdc")),
+    Case("body without a pose", body_file, "body.usda", (*TRACK, "--subject", "{folder}/body.usda")),
+    Case("unknown body", nothing, "there is no body 'giant'", (*TRACK, "--body", "giant")),
+    Case("result has another ending", nothing, "r.fbx: ends in '.fbx'", ("track", "{scene}", "-o", "{folder}/r.fbx")),
+    Case(
+        "result exists", result_file, "result.usda: exists already", ("track", "{scene}", "-o", "{folder}/result.usda")
+    ),
+    Case("interrupted run", write("r.usdc.checkpoint", b""), "r.usdc.checkpoint: an interrupted run", TRACK),
+    # results
+    Case("result missing", nothing, "none.usda: no such file", ("eval", "{folder}/none.usda")),
+    Case("result is no USD", write("result.usda", b"none"), "result.usda", ("eval", "{folder}/result.usda")),
+    Case("result is a body", body_file, "body.usda: holds no tracking result", ("eval", "{folder}/body.usda")),
+    Case("result cut short", cut_result, "result.usdc", ("eval", "{folder}/result.usdc")),
+    Case("truth missing", result_file, "t.trc: no such file", (*EVAL, "--truth", "{folder}/t.trc")),
+    Case("truth of unknown kind", result_file, "scene.toml", (*EVAL, "--truth", "{scene}")),
+    Case("scene of a result gone", lost_scene, "name the scene with --scene", ("show", "{folder}/result.usda")),
+    Case("animation of unknown kind", result_file, "a.bvh", ("export", "{folder}/result.usda", "-o", "{folder}/a.bvh")),
+    Case("MakeHuman's data missing", nothing, "3dobjs/base.obj is missing", MAKE),
 )
 
 
@@ -199,5 +285,5 @@ def test_wrong_input_is_one_clear_line(case, tmp_path, capsys, monkeypatch):
     assert shown.out == ""
     assert shown.err.count("\n") == 1
     assert "Traceback" not in shown.err
-    assert case.says in shown.err
+    assert case.says.format(folder=folder) in shown.err
     assert "; " in shown.err  # what is wrong; what to do

@@ -9,6 +9,7 @@ from cyclopts import App, Parameter
 
 from mmocap_warp.cli.console import Console
 from mmocap_warp.cli.exit_codes import UsageError
+from mmocap_warp.errors import InputError
 
 app = App(name="body", help="Make a body from MakeHuman's data.", version_flags=[])
 
@@ -63,6 +64,8 @@ def make(
     build = {"gender": gender, "age": age, "height": height, "weight": weight, "muscle": muscle}
     try:
         body = make_body(data, name or output.stem, **build, proportions=proportions)
+    except InputError:
+        raise
     except ValueError as error:
         raise UsageError(str(error)) from None
     write_body(output, body)

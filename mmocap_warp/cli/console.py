@@ -52,24 +52,3 @@ def table(rows: list[tuple[str, str]]) -> str:
     """Two aligned columns."""
     width = max(len(name) for name, _ in rows)
     return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)
-
-
-def start_warp() -> None:
-    """Start Warp without its greeting and compiler messages: stdout is for results.
-
-    Its native code complains about a missing NVIDIA driver whatever the log level, which is no news on a machine
-    without a GPU; what it finds is in the result.
-    """
-    import os
-
-    import warp as wp
-
-    wp.config.log_level = wp.LOG_WARNING
-    stderr = os.dup(2)
-    with open(os.devnull, "w") as nowhere:
-        os.dup2(nowhere.fileno(), 2)
-        try:
-            wp.init()
-        finally:
-            os.dup2(stderr, 2)
-            os.close(stderr)

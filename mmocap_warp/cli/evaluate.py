@@ -29,6 +29,7 @@ def evaluate(
     scene
         The scene, if it is no longer where the result says.
     """
+    from mmocap_warp.cli.devices import start_warp
     from mmocap_warp.cli.judging import scene_of, summary, truth_of
     from mmocap_warp.evaluation import evaluate
     from mmocap_warp.formats.usd_result import read_result
@@ -37,5 +38,6 @@ def evaluate(
     console = console or Console()
     tracked = read_result(result)
     known = load_truth(truth, truth_axes) if truth else truth_of(scene_of(tracked, result, scene))
+    start_warp()
     report = evaluate(tracked, known)
     console.result(report, summary(report))

@@ -29,6 +29,7 @@ def export(
     force
         Replace a file that exists.
     """
+    from mmocap_warp.cli.devices import start_warp
     from mmocap_warp.cli.outputs import new_file
     from mmocap_warp.formats.usd_animation import export_animation
     from mmocap_warp.formats.usd_result import read_result
@@ -36,6 +37,7 @@ def export(
     console = console or Console()
     new_file(output, ".usda", ".usdc", ".usdz", force=force)
     tracked = read_result(result)
+    start_warp()
     export_animation(tracked, output)
     frames = len(tracked.frame_numbers)
     console.result({"file": output, "frames": frames, "fps": tracked.fps}, f"{output}: {frames} frames")

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from mmocap_warp.cli.console import Console, start_warp
+from mmocap_warp.cli.console import Console
 from mmocap_warp.cli.exit_codes import UsageError
 
 
@@ -55,6 +55,7 @@ def fit(
     """
     import numpy as np
 
+    from mmocap_warp.cli.devices import start_warp
     from mmocap_warp.cli.outputs import new_file
     from mmocap_warp.cli.settings import describe, effective
     from mmocap_warp.cli.subjects import DEFAULT_BODY, body_named, fit_subject
@@ -69,9 +70,9 @@ def fit(
     new_file(output, *USD_SUFFIXES, force=force)
     loaded = load_scene(scene)
     config = effective(FitConfig, loaded.path, "fit", loaded.fit, flags)
-    console.note(f"fit: {describe(config, loaded.fit, flags)}")
     start = body_named(body or loaded.body or DEFAULT_BODY, "--body" if body else loaded.path)
-    start_warp()
+    start_warp(config.device)
+    console.note(f"fit: {describe(config, loaded.fit, flags)}")
     subject = fit_subject(loaded, start, scale, config, console)
     write_subject(output, subject)
     height = float(np.ptp(subject.body.skin.rest[:, 1]))

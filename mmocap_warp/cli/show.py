@@ -32,6 +32,7 @@ def show(
     force
         Replace files that exist.
     """
+    from mmocap_warp.cli.devices import start_warp
     from mmocap_warp.cli.judging import draw_result, scene_of
     from mmocap_warp.cli.outputs import new_file
     from mmocap_warp.formats.usd_result import read_result
@@ -40,5 +41,6 @@ def show(
     video = new_file(output or result.with_suffix(".webm"), ".webm", force=force)
     sheet = new_file(video.with_suffix(".png"), ".png", force=force)
     tracked = read_result(result)
+    start_warp()
     draw_result(tracked, scene_of(tracked, result, scene), video, sheet)
     console.result({"video": video, "sheet": sheet}, f"{video}\n{sheet}")

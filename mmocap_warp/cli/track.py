@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from mmocap_warp.result import TrackResult
     from mmocap_warp.scene import Scene
     from mmocap_warp.tracker import TrackConfig
-    from mmocap_warp.truth import Truth
 
 
 @Parameter(name="*")
@@ -82,10 +81,10 @@ def track(
     force
         Replace a result that exists.
     """
-    from mmocap_warp.cli.console import start_warp
-    from mmocap_warp.cli.judging import truth_of
+    from mmocap_warp.cli.judging import summary, truth_of
     from mmocap_warp.cli.outputs import new_file
-    from mmocap_warp.cli.settings import describe, effective
+    from mmocap_warp.cli.settings import effective
+    from mmocap_warp.evaluation import evaluate
     from mmocap_warp.formats.usd_file import USD_SUFFIXES
     from mmocap_warp.scene import load_scene
     from mmocap_warp.tracker import TrackConfig
@@ -96,44 +95,57 @@ def track(
     new_file(output, *USD_SUFFIXES, force=force or resume)
     loaded = load_scene(scene)
     config = effective(TrackConfig, loaded.path, "track", loaded.track, flags)
-    console.note(f"track: {describe(config, loaded.track, flags)}")
-    start_warp()
-    tracked = track_scene(loaded, config, output, subject, body, resume=resume, force=force, console=console)
-    report_result(tracked, output, truth_of(loaded), console)
+    truth = truth_of(loaded)
+    start = Start(subject, body, flags, resume, force)
+    tracked = track_scene(loaded, config, output, start, console)
+    report = evaluate(tracked, truth)
+    del report["series"]
+    console.result({"result": output, **report, "config": tracked.config}, f"{output}\n{summary(report)}")
 
 
-def track_scene(
-    scene: Scene,
-    config: TrackConfig,
-    output: Path,
-    subject: Path | None = None,
-    body: str | None = None,
-    *,
-    resume: bool = False,
-    force: bool = False,
-    console: Console,
-) -> TrackResult:
+@dataclass(frozen=True)
+class Start:
+    """How a run starts.
+
+    Attributes:
+        subject: the subject's file; None for the scene's, or one that is fitted.
+        body: where that fit starts; None for the scene's, or the default.
+        flags: what was given on the command line, to say where settings come from.
+        resume: continue an interrupted run.
+        force: replace an earlier run.
+    """
+
+    subject: Path | None = None
+    body: str | None = None
+    flags: TrackFlags = field(default_factory=TrackFlags)
+    resume: bool = False
+    force: bool = False
+
+
+def track_scene(scene: Scene, config: TrackConfig, output: Path, start: Start, console: Console) -> TrackResult:
     """Track a scene and write the result, fitting a subject first where none is named.
 
     Raises:
         InputError: anything wrong with the scene's images, the subject or the body; an interrupted run lies there and
-            neither ``resume`` nor ``force`` says what to do with it.
+            ``start`` does not say what to do with it.
     """
-    from dataclasses import replace
-
+    from mmocap_warp.cli.devices import start_warp
     from mmocap_warp.cli.judging import scene_reference
     from mmocap_warp.cli.progress import Progress
+    from mmocap_warp.cli.settings import describe
     from mmocap_warp.formats.usd_result import read_result, write_result
     from mmocap_warp.tracker import FrameAnswer
     from mmocap_warp.tracker import track as track_frames
 
     checkpoint = output.with_name(f"{output.name}.checkpoint")
-    if resume and output.exists():
+    if start.resume and output.exists():
         console.note(f"{output} is complete")
         return read_result(output)
-    if checkpoint.exists() and not (resume or force):
+    if checkpoint.exists() and not (start.resume or start.force):
         raise InputError(checkpoint, "an interrupted run lies here", "continue it with --resume, or --force a new one")
-    start = starting_subject(scene, config, output, subject, body, resume=resume, console=console)
+    start_warp(config.device)
+    subject = _named_subject(scene, output, start) or _fitted_subject(scene, config, output, start, console)
+    console.note(f"track: {describe(config, scene.track, start.flags)}")
     total, evaluations = scene.frame_count, 0
 
     def report(frame: int, answer: FrameAnswer) -> None:
@@ -142,48 +154,40 @@ def track_scene(
         progress(frame + 1, total, evaluations)
 
     with Progress("track", quiet=console.quiet) as progress:
-        tracked = track_frames(scene, start, config, checkpoint=checkpoint, resume=resume, progress=report)
+        tracked = track_frames(scene, subject, config, checkpoint=checkpoint, resume=start.resume, progress=report)
     tracked = replace(tracked, config=tracked.config | {"scene": scene_reference(scene.path, output)})
     write_result(output, tracked)
     checkpoint.unlink(missing_ok=True)
     return tracked
 
 
-def starting_subject(
-    scene: Scene,
-    config: TrackConfig,
-    output: Path,
-    subject: Path | None,
-    body: str | None,
-    *,
-    resume: bool,
-    console: Console,
-) -> Subject:
-    """The subject that a flag or the scene names, or one fitted to the first frame and kept beside ``output``."""
+def _kept_subject(output: Path) -> Path:
+    """Where a subject that was fitted for this result lies."""
+    return output.with_name(f"{output.stem}.subject.usdc")
+
+
+def _named_subject(scene: Scene, output: Path, start: Start) -> Subject | None:
+    """The subject that a flag or the scene names, or that the run to be resumed has fitted."""
+    from mmocap_warp.formats.usd_body import read_subject
+
+    named = start.subject or (None if start.body else scene.subject)
+    if named is None and start.resume and _kept_subject(output).exists():
+        named = _kept_subject(output)
+    return None if named is None else read_subject(named)
+
+
+def _fitted_subject(scene: Scene, config: TrackConfig, output: Path, start: Start, console: Console) -> Subject:
+    """A subject fitted to the first frame and kept beside the result."""
     from mmocap_warp.cli.fit import FitFlags
-    from mmocap_warp.cli.settings import effective
+    from mmocap_warp.cli.settings import describe, effective
     from mmocap_warp.cli.subjects import DEFAULT_BODY, body_named, fit_subject
     from mmocap_warp.fit import FitConfig
     from mmocap_warp.formats.usd_body import read_subject, write_subject
 
-    named = subject or (None if body else scene.subject)
-    if named is not None:
-        return read_subject(named)
-    kept = output.with_name(f"{output.stem}.subject.usdc")
-    if resume and kept.exists():
-        return read_subject(kept)
-    fit = effective(FitConfig, scene.path, "fit", scene.fit, FitFlags(device=config.device, threads=config.threads))
-    start = body_named(body or scene.body or DEFAULT_BODY, "--body" if body else scene.path)
-    write_subject(kept, fit_subject(scene, start, config.scale, fit, console))
-    console.note(f"fit: kept as {kept}")
-    return read_subject(kept)  # as --resume will find it, to the last bit
-
-
-def report_result(result: TrackResult, path: Path, truth: Truth | None, console: Console) -> None:
-    """Print how good a result is."""
-    from mmocap_warp.cli.judging import summary
-    from mmocap_warp.evaluation import evaluate
-
-    report = evaluate(result, truth)
-    del report["series"]
-    console.result({"result": path, **report, "config": result.config}, f"{path}\n{summary(report)}")
+    flags = FitFlags(device=config.device, threads=config.threads)
+    fit = effective(FitConfig, scene.path, "fit", scene.fit, flags)
+    body = body_named(start.body or scene.body or DEFAULT_BODY, "--body" if start.body else scene.path)
+    given = FitFlags(device=start.flags.device, threads=start.flags.threads)
+    console.note(f"fit: {describe(fit, scene.fit, given)}")
+    write_subject(_kept_subject(output), fit_subject(scene, body, config.scale, fit, console))
+    return read_subject(_kept_subject(output))  # as --resume will find it, to the last bit

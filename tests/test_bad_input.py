@@ -172,7 +172,7 @@ def lost_scene(folder: Path) -> None:
 
 TRACK = ("track", "{scene}", "-o", "{folder}/r.usdc", "--device", "cpu")
 EVAL = ("eval", "{folder}/result.usda")
-MAKE = ("body", "make", "-o", "{folder}/b.usdc", "--data", "{folder}", *"--gender 1 --age 30 --height 1.8".split())
+MAKE = ("body", "make", "-o", "{folder}/b.usdc", "--data={folder}", "--gender=1", "--age=30", "--height=1.8")
 
 
 @dataclass(frozen=True)

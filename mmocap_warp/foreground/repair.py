@@ -10,8 +10,8 @@ from mmocap_warp.hull import meeting_point
 
 # A gap or dent up to so wide is filled where the other views' hull is so thick along its rays [m, m]. A narrow one may
 # be in a limb. A wide one, or a hole that is enclosed, can only be in the trunk: less is the phantom volume that few
-# views leave between arm and trunk.
-_GAPS = ((0.04, 0.10), (0.12, 0.18))
+# views leave between arm and trunk. Going from narrow to wide keeps a false gap apart from a true one that it meets.
+_GAPS = ((0.04, 0.10), (0.08, 0.18), (0.12, 0.18))
 _REACH = 1.2  # the rays are followed this far before and behind the subject [m]
 _STEP = 0.025  # along the rays [m]
 

@@ -83,9 +83,10 @@ def _row(line: str, number: int, points: int, path: str | Path) -> list[float]:
 def _turn(axes: str, path: str | Path) -> np.ndarray:
     """(3, 3) with world = turn @ file."""
     turn = np.zeros((3, 3))
-    for row, sign, axis in zip(range(3), *zip(*re.findall("(-?)([xyz])", axes), strict=True), strict=False):
-        turn[row, "xyz".index(axis)] = -1.0 if sign else 1.0
-    if not re.fullmatch("(-?[xyz]){3}", axes) or round(float(np.linalg.det(turn))) != 1:
+    letters = re.findall("-?[xyz]", axes)
+    for row, letter in zip(turn, letters, strict=False):
+        row["xyz".index(letter[-1])] = -1.0 if letter[0] == "-" else 1.0
+    if "".join(letters) != axes or len(letters) != 3 or round(float(np.linalg.det(turn))) != 1:
         raise InputError(
             path, f"axes = {axes!r} is not a right-handed order of x, y, z", "write for example 'zxy' or 'x-zy'"
         )

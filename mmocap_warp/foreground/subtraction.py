@@ -15,6 +15,7 @@ _GAUSSIAN_SAMPLES = 31  # images whose median and spread are taken; bounds the m
 _MIXTURE_SAMPLES = 300
 _MIXTURE_LEAST = 10  # images shown: KNN compares with several samples per pixel
 _FROZEN = 1e-6  # learning rate; KNN takes 0 for "learn at every frame" (an overflow in OpenCV)
+_GAIN_PIXELS = 50_000  # about so many tell the exposure
 _MAD_TO_SD = 1.4826  # of a normal distribution
 
 
@@ -59,14 +60,18 @@ class GaussianBackground:
     def learn(cls, images: Iterable[np.ndarray], settings: ForegroundSettings) -> GaussianBackground:
         """Median and median absolute deviation, which a passer-by in a few images does not move."""
         stack = np.stack(list(images))
-        mean = np.median(stack, axis=0).astype(np.float32)
-        spread = np.median(np.abs(stack - mean), axis=0) * np.float32(_MAD_TO_SD)
-        return cls(mean, np.maximum(spread, np.float32(settings.noise)), settings)
+        mean, deviation = (np.empty(stack.shape[1:], np.float32) for _ in range(2))
+        for row in range(len(mean)):  # a row at a time: the whole in floating point would fill the memory
+            mean[row] = np.median(stack[:, row], axis=0)
+            deviation[row] = _MAD_TO_SD * np.median(np.abs(stack[:, row] - mean[row]), axis=0)
+        return cls(mean, np.maximum(deviation, np.float32(settings.noise)), settings)
 
     def foreground(self, image: np.ndarray) -> np.ndarray:
         """See :class:`Background`."""
         seen = image.astype(np.float32)
-        background = self.mean * np.median((seen + 1) / (self.mean + 1), axis=(0, 1))
+        step = max(1, int(np.sqrt(seen.shape[0] * seen.shape[1] / _GAIN_PIXELS)))
+        some = (slice(None, None, step), slice(None, None, step))
+        background = self.mean * np.median((seen[some] + 1) / (self.mean[some] + 1), axis=(0, 1))
         far = np.square((seen - background) / self.deviation).sum(axis=-1) > self.settings.threshold**2
         brightness = (seen * background).sum(axis=-1) / np.maximum(np.square(background).sum(axis=-1), 1)
         off_colour = np.square((seen - brightness[..., None] * background) / self.deviation).sum(axis=-1)

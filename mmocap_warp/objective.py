@@ -137,7 +137,7 @@ class Objective:
         self._posed = wp.zeros((candidates, vertices), dtype=wp.vec3, device=device)
         self._image = wp.zeros((candidates, cameras, vertices), dtype=wp.vec2i, device=device)
         self._box = wp.zeros((candidates, cameras, len(bvh.node)), dtype=wp.vec4i, device=device)
-        self._threads = threads if self.pose.device.is_cpu else 1
+        self._threads = threads if device == "cpu" else 1
         for module in _MODULES:  # before threads launch from them at the same time
             wp.load_module(module, device=device)
         self._slices: dict[int, list[_Slice]] = {}

@@ -85,9 +85,9 @@ class ShapeSpace:
         return side(1), side(2)
 
     def limits(self, pose_limits: np.ndarray) -> np.ndarray:
-        """(coordinate, 2): the pose's limits, sliders within their targets, scale between 0.5 and 1.6."""
+        """(coordinate, 2): the pose's limits, sliders to 1.5 times their targets, scale between 0.5 and 1.6."""
         one_sided = np.array([negative is None for _, _, negative in self.sliders], bool)
-        sliders = np.stack([np.where(one_sided, 0.0, -1.0), np.ones(len(one_sided))], axis=1)
+        sliders = np.stack([np.where(one_sided, 0.0, -1.5), np.full(len(one_sided), 1.5)], axis=1)
         return np.concatenate([pose_limits, sliders, np.log([[0.5, 1.6]]), [[-np.inf, np.inf]]])
 
     def subject(self, coordinate: np.ndarray, provenance: dict[str, str | float | int]) -> Subject:
@@ -107,4 +107,3 @@ class ShapeSpace:
             np.asarray(coordinate[:FULL_DOF], np.float64),
             provenance | shape | {"scale": scale},
         )
-

@@ -8,18 +8,24 @@ import time
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import warp as wp
 
 from mmocap_warp.body import DOF_MODELS, FULL_DOF, BodyModel, Subject, degrees_of_freedom
 from mmocap_warp.cameras import CameraRig
+from mmocap_warp.checkpoint import Checkpoint, Progress, fingerprint
 from mmocap_warp.objective import COSTS, Objective
 from mmocap_warp.observation import Observation
 from mmocap_warp.optimizers.cma_es import CmaEs
 from mmocap_warp.result import STATUS, TrackResult
 from mmocap_warp.search import FrameSearch
 from mmocap_warp.strategy import hierarchical, holistic
+
+if TYPE_CHECKING:
+    from mmocap_warp.scene import Scene
 
 ALGORITHMS: tuple[str, ...] = ("cmaes", "h-cmaes")
 """The paper's names in lower case; ``h-`` is the six-step hierarchy."""
@@ -237,7 +243,7 @@ def versions(device: str) -> dict[str, str]:
     return {name: version(name) for name in packages} | {"device": wp.get_device(device).name}
 
 
-Progress = Callable[[int, FrameAnswer], None]
+FrameReport = Callable[[int, FrameAnswer], None]
 """Called after every frame with its position and answer."""
 
 
@@ -269,13 +275,88 @@ def collect(
     )
 
 
+def track(
+    scene: Scene,
+    subject: Subject,
+    config: TrackConfig,
+    *,
+    checkpoint: Path | None = None,
+    resume: bool = False,
+    progress: FrameReport | None = None,
+) -> TrackResult:
+    """Track a scene from its first frame to its last.
+
+    Args:
+        scene: the recording; its masks are streamed.
+        subject: where to start.
+        config: settings.
+        checkpoint: file that progress is saved to, every few seconds and when the run is interrupted.
+        resume: continue from ``checkpoint`` where it exists; the result has the same bits as an uninterrupted run's.
+        progress: called after every frame, also once for each frame that was already done.
+
+    Raises:
+        InputError: unreadable images, or a checkpoint that is damaged or another run's.
+    """
+    rig = scene.rig(config.scale)
+    tracker = Tracker(subject, rig, config, scene.fps)
+    answers: list[FrameAnswer] = []
+    store = None
+    if checkpoint is not None:
+        store = Checkpoint(checkpoint, fingerprint(subject, rig, _bits(config) | {"fps": scene.fps}))
+        done = store.load() if resume else None
+        if done is not None:
+            tracker.state = (done.last_pose, done.draw)
+            answers = [
+                FrameAnswer(*frame)
+                for frame in zip(
+                    done.pose, done.cost, done.iou, done.evaluations, done.status, done.seconds, strict=True
+                )
+            ]
+    for number, answer in enumerate(answers):
+        if progress:
+            progress(number, answer)
+    try:
+        for observation in scene.observations(config.scale, first=len(answers)):
+            answers.append(tracker.step(observation))
+            if progress:
+                progress(len(answers) - 1, answers[-1])
+            if store and store.due:
+                store.save(_progress(tracker, answers))
+    except BaseException:
+        if store and answers:
+            store.save(_progress(tracker, answers))
+        raise
+    return collect(subject, rig, scene.fps, config, answers)
+
+
+def _bits(config: TrackConfig) -> dict:
+    """The settings that a run's bits depend on; the number of threads is none of them."""
+    settings = asdict(config) | {"device": resolve_device(config.device)}
+    del settings["threads"]
+    return settings
+
+
+def _progress(tracker: Tracker, answers: list[FrameAnswer]) -> Progress:
+    last_pose, draw = tracker.state
+    return Progress(
+        pose=np.stack([answer.pose for answer in answers]),
+        cost=np.stack([answer.cost for answer in answers]),
+        iou=np.stack([answer.iou for answer in answers]),
+        evaluations=np.array([answer.evaluations for answer in answers], np.int64),
+        status=np.array([answer.status for answer in answers], np.int8),
+        seconds=np.array([answer.seconds for answer in answers], np.float64),
+        last_pose=last_pose,
+        draw=draw,
+    )
+
+
 def track_observations(
     subject: Subject,
     rig: CameraRig,
     observations: Iterable[Observation],
     fps: float,
     config: TrackConfig,
-    progress: Progress | None = None,
+    progress: FrameReport | None = None,
 ) -> TrackResult:
     """Track consecutive observations in memory or from any stream."""
     tracker = Tracker(subject, rig, config, fps)

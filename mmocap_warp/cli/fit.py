@@ -9,7 +9,6 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from mmocap_warp.cli.console import Console
-from mmocap_warp.cli.exit_codes import UsageError
 
 
 @Parameter(name="*")
@@ -19,6 +18,8 @@ class FitFlags:
 
     seed: int | None = None
     """Of the random numbers. [default: 0]"""
+    scale: float | None = None
+    """Of masks and cameras, up to 1. [default: images 480 pixels long]"""
     headings: int | None = None
     """Evenly spread starting directions. [default: 8]"""
     device: str | None = None
@@ -33,7 +34,6 @@ def fit(
     *,
     output: Annotated[Path, Parameter(name=["--output", "-o"])],
     body: str | None = None,
-    scale: float = 0.5,
     flags: FitFlags | None = None,
     force: Annotated[bool, Parameter(negative="")] = False,
     console: Console | None = None,
@@ -48,8 +48,6 @@ def fit(
         The subject's file: .usdc, .usda or .usd. Name it as 'subject' in the scene to track with it.
     body
         Where the shape starts: a shipped body's name or a USD file. The scene's, or else adult_man.
-    scale
-        Of masks and cameras, up to 1.
     force
         Replace a file that exists.
     """
@@ -65,15 +63,13 @@ def fit(
     from mmocap_warp.scene import load_scene
 
     console, flags = console or Console(), flags or FitFlags()
-    if not 0 < scale <= 1:
-        raise UsageError(f"--scale must be in (0, 1], got {scale:g}")
     new_file(output, *USD_SUFFIXES, force=force)
     loaded = load_scene(scene)
     config = effective(FitConfig, loaded.path, "fit", loaded.fit, flags)
     start = body_named(body or loaded.body or DEFAULT_BODY, "--body" if body else loaded.path)
     start_warp(config.device)
     console.note(f"fit: {describe(config, loaded.fit, flags)}")
-    subject = fit_subject(loaded, start, scale, config, console)
+    subject = fit_subject(loaded, start, config, console)
     write_subject(output, subject)
     height = float(np.ptp(subject.body.skin.rest[:, 1]))
     values = {"file": output, "body": start.name, "height_m": height, **subject.provenance}

@@ -14,6 +14,9 @@ from rich.progress import Progress as RichProgress
 SECONDS_BETWEEN_LINES = 10.0
 """How often a line is written where stderr is no terminal."""
 
+NO_TIME = 1e-3
+"""A step reported so soon after the one before was not worked on now [s]."""
+
 
 class Progress:
     """Shows steps done, steps and evaluations a second, and the time left; used as a context.
@@ -32,7 +35,7 @@ class Progress:
         self._stream = sys.stderr if stream is None else stream
         self._bar: RichProgress | None = None
         self._first: tuple[float, int, int] | None = None
-        self._spoke = time.monotonic()
+        self._spoke = self._last = time.monotonic()
 
     def __enter__(self) -> Progress:
         if not self._quiet and self._stream.isatty():
@@ -51,11 +54,13 @@ class Progress:
     def __call__(self, done: int, total: int, evaluations: int = 0) -> None:
         """Report that ``done`` of ``total`` steps are finished, after ``evaluations`` evaluations in all.
 
-        Rates count from the first report: neither compiling kernels nor the frames before a resumed one are in them.
+        Rates count from the first report, and anew from a step that took no time: neither compiling kernels nor what
+        an earlier run had done is in them.
         """
         now = time.monotonic()
-        if self._first is None:
+        if self._first is None or now - self._last < NO_TIME:
             self._first = (now, done, evaluations)
+        self._last = now
         state = self._state(self._first, (now, done, evaluations), total)
         if self._bar is not None:
             self._bar.update(self._bar.task_ids[0], completed=done, total=total, state=state)

@@ -36,21 +36,13 @@ def body_named(name: str | Path, source: object) -> BodyModel:
     return read_body(shipped)
 
 
-def fit_subject(scene: Scene, body: BodyModel, scale: float, config: FitConfig, console: Console) -> Subject:
+def fit_subject(scene: Scene, body: BodyModel, config: FitConfig, console: Console) -> Subject:
     """Fit a body to the scene's first frame, showing progress.
 
     Raises:
         InputError: the first frame's masks do not show one subject.
     """
-    from mmocap_warp.fit import fit_observation
+    from mmocap_warp.fit import fit
 
-    observation = next(iter(scene.observations(scale, count=1)))
     with Progress("fit", None, quiet=console.quiet) as progress:
-        try:
-            return fit_observation(
-                body, scene.rig(scale), observation, config, lambda stage, done, cost: progress(round(100 * done), 100)
-            )
-        except ValueError as error:
-            raise InputError(
-                scene.path, f"frame 0 cannot be fitted: {error}", "look at its masks with mmocap mask"
-            ) from None
+        return fit(scene, body, config, lambda stage, done, cost: progress(round(100 * done), 100))

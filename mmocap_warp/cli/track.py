@@ -189,5 +189,5 @@ def _fitted_subject(scene: Scene, config: TrackConfig, output: Path, start: Star
     body = body_named(start.body or scene.body or DEFAULT_BODY, "--body" if start.body else scene.path)
     given = FitFlags(device=start.flags.device, threads=start.flags.threads)
     console.note(f"fit: {describe(fit, scene.fit, given)}")
-    write_subject(_kept_subject(output), fit_subject(scene, body, config.scale, fit, console))
+    write_subject(_kept_subject(output), fit_subject(scene, body, fit, console))
     return read_subject(_kept_subject(output))  # as --resume will find it, to the last bit

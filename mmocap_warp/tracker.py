@@ -315,16 +315,19 @@ def track(
     for number, answer in enumerate(answers):
         if progress:
             progress(number, answer)
+    finished = len(answers), tracker.state  # in step with each other, whatever moment an interruption comes at
     try:
         for observation in scene.observations(config.scale, first=len(answers)):
             answers.append(tracker.step(observation))
+            finished = len(answers), tracker.state
             if progress:
                 progress(len(answers) - 1, answers[-1])
             if store and store.due:
-                store.save(_progress(tracker, answers))
+                store.save(_progress(answers, *tracker.state))
     except BaseException:
-        if store and answers:
-            store.save(_progress(tracker, answers))
+        frames, state = finished
+        if store and frames:
+            store.save(_progress(answers[:frames], *state))
         raise
     return collect(subject, rig, scene.fps, config, answers)
 
@@ -336,8 +339,7 @@ def _bits(config: TrackConfig) -> dict:
     return settings
 
 
-def _progress(tracker: Tracker, answers: list[FrameAnswer]) -> Progress:
-    last_pose, draw = tracker.state
+def _progress(answers: list[FrameAnswer], last_pose: np.ndarray, draw: np.ndarray) -> Progress:
     return Progress(
         pose=np.stack([answer.pose for answer in answers]),
         cost=np.stack([answer.cost for answer in answers]),

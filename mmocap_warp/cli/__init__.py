@@ -20,6 +20,7 @@ app = App(
     help_epilogue="Exit codes: 0 done, 1 failed, 2 wrong usage, 3 wrong input, 4 a check failed, 130 interrupted.",
     help_format="plaintext",
     version=lambda: _version(),
+    suppress_keyboard_interrupt=False,
 )
 
 _COMMANDS = (

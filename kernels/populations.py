@@ -66,3 +66,35 @@ def keep_best(cost, pose, particles, best_cost, best_pose):
         outputs=[best_cost, best_pose],
         device=cost.device,
     )
+
+
+@wp.kernel
+def _scatter(
+    params: wp.array2d[wp.float32],  # (run, dof)
+    dof: wp.array[wp.int32],  # (dof,)
+    # out
+    pose: wp.array2d[wp.float32],  # (run, coordinate)
+):
+    run, i = wp.tid()
+    pose[run, dof[i]] = params[run, i]
+
+
+def scatter(params, dof, pose):
+    """Write searched coordinates back: ``pose[run, dof[i]] = params[run, i]``."""
+    wp.launch(_scatter, dim=params.shape, inputs=[params, dof], outputs=[pose], device=pose.device)
+
+
+@wp.kernel
+def _clamp(
+    lower: wp.array[wp.float32],  # (coordinate,)
+    upper: wp.array[wp.float32],  # (coordinate,)
+    # in and out
+    pose: wp.array2d[wp.float32],  # (run, coordinate)
+):
+    run, d = wp.tid()
+    pose[run, d] = wp.clamp(pose[run, d], lower[d], upper[d])
+
+
+def clamp(lower, upper, pose):
+    """Keep every coordinate within its limits."""
+    wp.launch(_clamp, dim=pose.shape, inputs=[lower, upper], outputs=[pose], device=pose.device)

@@ -280,7 +280,8 @@ class _ShapeSearch:
         draw = wp.zeros(runs, dtype=wp.int32, device=device)
         self._spreads = [spread[part] for part in parts]
         self._optimizers = [
-            CmaEs(part, scale, runs, seed, draw, cma_es) for part, scale in zip(parts, self._spreads, strict=True)
+            CmaEs(part, scale, runs, seed, draw, evaluations, cma_es)
+            for part, scale in zip(parts, self._spreads, strict=True)
         ]
         self.objective = Objective(
             space.body,

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 import warp as wp
 
-from mmocap_warp.kernels.populations import keep_best, place
+from mmocap_warp.kernels.populations import clamp, keep_best, place
 from mmocap_warp.objective import Objective
-from mmocap_warp.optimizers.cma_es import CmaEs
+from mmocap_warp.optimizers.protocol import Optimizer
 from mmocap_warp.strategy import share_budget
 
 
@@ -29,47 +29,58 @@ class FrameSearch:
     def __init__(
         self,
         objective: Objective,
-        optimizers: Sequence[CmaEs],
+        optimizers: Sequence[Optimizer],
         evaluations: int,
         limits: np.ndarray,
     ) -> None:
         runs = optimizers[0].population.shape[0]
         device = objective.device
         self._objective, self._optimizers = objective, optimizers
-        self._runs, self._evaluations = runs, evaluations
-        self._shares = share_budget(evaluations - 1, len(optimizers))
+        self._runs = runs
+        self._returns_best = all(optimizer.returns_best for optimizer in optimizers)
+        shares = share_budget(evaluations - self._returns_best, len(optimizers))
+        self._plans = [optimizer.plan(share) for optimizer, share in zip(optimizers, shares, strict=True)]
         self._lower = wp.array(limits[:, 0], dtype=wp.float32, device=device)
         self._upper = wp.array(limits[:, 1], dtype=wp.float32, device=device)
         self.best_pose = wp.zeros((runs, len(limits)), dtype=wp.float32, device=device)
         self.best_cost = wp.zeros(runs, dtype=wp.float32, device=device)
 
-    def run(self) -> int:
-        """Search; improves ``best_pose`` in place and returns the evaluations spent by each run."""
+    @property
+    def evaluations(self) -> int:
+        """What a frame costs each run: the budget, or less where it does not divide."""
+        return self._returns_best + sum(map(sum, self._plans))
+
+    def run(self) -> None:
+        """Search; improves ``best_pose`` in place."""
         objective = self._objective
         self.best_cost.fill_(wp.inf)
-        wp.copy(objective.pose, self.best_pose, count=self.best_pose.size)
-        keep_best(objective.evaluate(self._runs), objective.pose, 1, self.best_cost, self.best_pose)
-        for optimizer, share in zip(self._optimizers, self._shares, strict=True):
-            self._search_part(optimizer, share)
-        return self._evaluations
+        if self._returns_best:
+            wp.copy(objective.pose, self.best_pose, count=self.best_pose.size)
+            keep_best(objective.evaluate(self._runs), objective.pose, 1, self.best_cost, self.best_pose)
+        for optimizer, plan in zip(self._optimizers, self._plans, strict=True):
+            self._search_part(optimizer, plan)
 
-    def _search_part(self, optimizer: CmaEs, budget: int) -> None:
-        """Spend a part's budget; its last generation is cut to fit and teaches nothing."""
+    def _search_part(self, optimizer: Optimizer, plan: list[int]) -> None:
         optimizer.start(self.best_pose)
         objective = self._objective
-        while budget > 0:
-            particles = min(optimizer.particles, budget)
-            budget -= particles
+        for particles in plan:
             population = optimizer.ask(particles)
             place(population, optimizer.index, self.best_pose, self._lower, self._upper, particles, objective.pose)
             cost = objective.evaluate(self._runs * particles)
-            keep_best(cost, objective.pose, particles, self.best_cost, self.best_pose)
+            if optimizer.returns_best:
+                keep_best(cost, objective.pose, particles, self.best_cost, self.best_pose)
             if particles == optimizer.particles:
                 optimizer.tell(cost)
+        if not optimizer.returns_best:
+            optimizer.estimate(self.best_pose)
+            clamp(self._lower, self._upper, self.best_pose)
 
     def judge(self) -> np.ndarray:
-        """Pixel counts of the best poses, (run, camera, 2) int: |M| and |M and F|. Not an evaluation of the search."""
+        """Pixel counts of the answers, (run, camera, 2) int: |M| and |M and F|. Not an evaluation of the search.
+
+        Where the answer is an estimate, this is also where its cost becomes known.
+        """
         objective = self._objective
         wp.copy(objective.pose, self.best_pose, count=self.best_pose.size)
-        objective.evaluate(self._runs)
+        wp.copy(self.best_cost, objective.evaluate(self._runs), count=self._runs)
         return objective.count.numpy()[: self._runs]

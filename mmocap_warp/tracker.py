@@ -14,21 +14,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 import warp as wp
 
+from mmocap_warp.algorithms import ALGORITHMS
 from mmocap_warp.body import DOF_MODELS, FULL_DOF, BodyModel, Subject, degrees_of_freedom
 from mmocap_warp.cameras import CameraRig
 from mmocap_warp.checkpoint import Checkpoint, Progress, fingerprint
 from mmocap_warp.objective import COSTS, Objective
 from mmocap_warp.observation import Observation
-from mmocap_warp.optimizers.cma_es import CmaEs
 from mmocap_warp.result import STATUS, TrackResult
 from mmocap_warp.search import FrameSearch
-from mmocap_warp.strategy import hierarchical, holistic
+from mmocap_warp.strategy import hierarchical, holistic, share_budget
 
 if TYPE_CHECKING:
     from mmocap_warp.scene import Scene
-
-ALGORITHMS: tuple[str, ...] = ("cmaes", "h-cmaes")
-"""The paper's names in lower case; ``h-`` is the six-step hierarchy."""
 
 
 @dataclass(frozen=True)
@@ -155,14 +152,17 @@ class Tracker:
         self.config = config
         self.device = resolve_device(config.device)
         dofs = degrees_of_freedom(config.dof)
-        parts = hierarchical(dofs) if config.algorithm.startswith("h-") else holistic(dofs)
+        algorithm = ALGORITHMS[config.algorithm]
+        parts = hierarchical(dofs) if algorithm.hierarchical else holistic(dofs)
         rotation, translation = config.radii(fps)
         seeds = np.arange(config.seed, config.seed + config.runs)
         seed = wp.array(seeds, dtype=wp.int32, device=self.device)
         self._draw = wp.zeros(config.runs, dtype=wp.int32, device=self.device)
+        radii = [np.where(part.index < 3, translation, rotation) for part in parts]
+        shares = share_budget(config.evaluations, len(parts))
         optimizers = [
-            CmaEs(part.index, np.where(part.index < 3, translation, rotation), config.runs, seed, self._draw)
-            for part in parts
+            algorithm.optimizer(part.index, radius, config.runs, seed, self._draw, share)
+            for part, radius, share in zip(parts, radii, shares, strict=True)
         ]
         self._objective = Objective(
             subject.body,
@@ -198,14 +198,14 @@ class Tracker:
             return FrameAnswer(pose, nothing, np.full((runs, cameras), np.nan), 0, STATUS.index("lost"), 0.0)
         self._objective.observe(observation)
         started = time.perf_counter()
-        evaluations = self._search.run()
+        self._search.run()
         pose = self._search.best_pose.numpy().copy()
         seconds = time.perf_counter() - started
         count = self._search.judge().astype(np.float64)
         union = count[..., 0] + observation.foreground - count[..., 1]
         iou = np.where(seen, count[..., 1] / np.maximum(union, 1), np.nan)
         status = STATUS.index("tracked" if seen.all() else "partial")
-        return FrameAnswer(pose, self._search.best_cost.numpy().copy(), iou, evaluations, status, seconds)
+        return FrameAnswer(pose, self._search.best_cost.numpy().copy(), iou, self._search.evaluations, status, seconds)
 
 
 _FREE = np.tile([-np.inf, np.inf], (FULL_DOF, 1))

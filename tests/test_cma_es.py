@@ -49,7 +49,7 @@ class Search:
         self.index = 2 * np.arange(dofs)[::-1]  # every other coordinate, from the last
         self.seed = wp.array(seeds, dtype=wp.int32, device=device)
         self.draw = wp.zeros(runs, dtype=wp.int32, device=device)
-        self.optimizer = CmaEs(self.index, self.scale, runs, self.seed, self.draw, CmaEsConfig(**settings))
+        self.optimizer = CmaEs(self.index, self.scale, runs, self.seed, self.draw, 1000, CmaEsConfig(**settings))
         self.start = np.zeros((runs, dofs), np.float32) if start is None else np.asarray(start, np.float32)
         pose = np.full((runs, 2 * dofs), np.nan, np.float32)
         pose[:, self.index] = self.start
@@ -57,7 +57,7 @@ class Search:
 
     def ask(self, particles=None):
         """(run, particle, dof)."""
-        return self.optimizer.ask(particles).numpy().astype(float)
+        return self.optimizer.ask(particles or self.optimizer.particles).numpy().astype(float)
 
     def generation(self, function):
         """One generation; returns its offspring and costs."""

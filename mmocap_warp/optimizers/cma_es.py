@@ -9,6 +9,8 @@ import numpy as np
 import warp as wp
 
 from mmocap_warp.kernels import cma_es as kernels
+from mmocap_warp.kernels.populations import scatter
+from mmocap_warp.optimizers.protocol import whole_generations
 
 
 @dataclass(frozen=True)
@@ -74,8 +76,11 @@ class CmaEs:
         runs: independent runs.
         seed: (run,) int32 Warp array; run r's samples depend on its seed and counter alone.
         draw: (run,) int32 Warp array of counters that sampling advances; optimizers of one search share it.
+        evaluations: the search's budget; CMA-ES does not depend on it.
         config: settings.
     """
+
+    returns_best = True
 
     def __init__(
         self,
@@ -84,6 +89,7 @@ class CmaEs:
         runs: int,
         seed: wp.array,
         draw: wp.array,
+        evaluations: int,
         config: CmaEsConfig | None = None,
     ) -> None:
         self.config = config or CmaEsConfig()
@@ -111,6 +117,10 @@ class CmaEs:
         self._generation = wp.zeros(runs, dtype=wp.int32, device=device)
         self._order = wp.zeros((runs, lam), dtype=wp.int32, device=device)
 
+    def plan(self, evaluations: int) -> list[int]:
+        """Whole generations, the last one cut."""
+        return whole_generations(evaluations, self.particles)
+
     def start(self, pose: wp.array) -> None:
         """Begin a search at ``pose`` (run, coordinate)."""
         kernels.start(
@@ -118,11 +128,11 @@ class CmaEs:
             self.covariance, self._axes, self._lengths, self._generation,
         )  # fmt: skip
 
-    def ask(self, particles: int | None = None) -> wp.array:
-        """Sample the next generation into ``population``; only the first ``particles`` of each run when given."""
+    def ask(self, particles: int) -> wp.array:
+        """Sample the first ``particles`` of the next generation into ``population``."""
         kernels.sample(
             self._seed, self._draw, self.mean, self.sigma, self._axes, self._lengths, self.scale,
-            particles or self.particles, self._z, self._y, self.population,
+            particles, self._z, self._y, self.population,
         )  # fmt: skip
         return self.population
 
@@ -133,6 +143,10 @@ class CmaEs:
             self.p_sigma, self.p_c, self.covariance, self._axes, self._lengths, self._generation, self._stalled,
             self._work, self._product,
         )  # fmt: skip
+
+    def estimate(self, pose: wp.array) -> None:
+        """Write the mean of the search distribution."""
+        scatter(self.mean, self.index, pose)
 
 
 def _constants(table: CmaEsTable) -> kernels.CmaEsConstants:

@@ -19,6 +19,8 @@ def pytest_configure(config: pytest.Config) -> None:
     wp.config.log_level = wp.LOG_WARNING
     if os.environ.get("MMOCAP_WARP_DEBUG") == "1":
         wp.config.mode = "debug"
+        # In the stack, tiles are found through a static pointer that debug code follows: CPU threads would share it.
+        wp.config.enable_tiles_in_stack_memory = False
         wp.config.kernel_cache_dir = str(config.cache.mkdir("warp-debug"))
 
 

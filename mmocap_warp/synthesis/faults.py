@@ -1,0 +1,73 @@
+"""What is wrong with the masks of real recordings: ragged contours, holes, specks, and shadows at the feet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Faults:
+    """How bad one camera's masks are; lengths in pixels but for the shadow's.
+
+    Attributes:
+        grow: mean shift of the contour, outward positive.
+        ragged: standard deviation of that shift along the contour.
+        smooth: distance over which the shift changes.
+        holes: mean number of holes in the body.
+        specks: mean number of blobs beside the body.
+        salt: share of all pixels that are flipped.
+        shadow: the shadow on the floor of what is lower than this [m] is taken for the body; 0 for none.
+    """
+
+    grow: float = 0.0
+    ragged: float = 0.6
+    smooth: float = 10.0
+    holes: float = 1.5
+    specks: float = 2.0
+    salt: float = 5e-5
+    shadow: float = 0.0
+
+
+_HOLE_RADIUS = (2.0, 5.0)
+_SPECK_RADIUS = (1.5, 5.0)
+_FIELD_MARGIN = 3.0  # smoothing lengths that a field is made larger by, so that its edges are like its middle
+
+
+def spoil(mask: np.ndarray, shadow: np.ndarray, faults: Faults, rng: np.random.Generator) -> np.ndarray:
+    """A mask as a real segmentation might have left it.
+
+    Args:
+        mask: (height, width) bool, perfect.
+        shadow: (height, width) bool, taken for foreground.
+        faults: how bad it is.
+        rng: where chance comes from.
+    """
+    inside = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 5)
+    outside = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5)
+    signed = np.where(mask, inside - 0.5, 0.5 - outside)
+    shift = faults.grow + faults.ragged * _smooth_field(mask.shape, faults.smooth, rng)
+    spoilt = ((signed + shift > 0) | shadow).astype(np.uint8)
+    _blobs(spoilt, np.argwhere(inside > _HOLE_RADIUS[1]), rng.poisson(faults.holes), _HOLE_RADIUS, 0, rng)
+    _blobs(spoilt, np.argwhere(~mask), rng.poisson(faults.specks), _SPECK_RADIUS, 1, rng)
+    return spoilt.astype(bool) ^ (rng.random(mask.shape) < faults.salt)
+
+
+def _smooth_field(shape: tuple[int, ...], length: float, rng: np.random.Generator) -> np.ndarray:
+    """Noise of mean 0 and variance 1 that is alike over about ``length`` pixels."""
+    margin = round(_FIELD_MARGIN * length)
+    white = rng.standard_normal((shape[0] + 2 * margin, shape[1] + 2 * margin))
+    field = cv2.GaussianBlur(white, (0, 0), length)[margin:-margin, margin:-margin]
+    return field * (2.0 * np.sqrt(np.pi) * length)  # a Gaussian of that width divides the deviation by this
+
+
+def _blobs(
+    mask: np.ndarray, places: np.ndarray, count: int, radius: tuple[float, float], value: int, rng: np.random.Generator
+) -> None:
+    """Draw ellipses of any direction with centres at random ``places`` (n, 2: row, column)."""
+    for _ in range(count if len(places) else 0):
+        row, column = places[rng.integers(len(places))]
+        axes = tuple(int(a) for a in np.rint(rng.uniform(*radius, 2)))
+        cv2.ellipse(mask, (int(column), int(row)), axes, float(rng.uniform(0, 180)), 0, 360, value, -1)

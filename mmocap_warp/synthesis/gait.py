@@ -1,0 +1,185 @@
+"""A body walking along a circle, as full pose vectors: feet that roll and never slide, the rest from published curves.
+
+Footprints lie along the path, and a standing foot rolls over its sole as over a wheel of straight pieces, so that the
+point that touches the floor stands still. The pelvis follows the path with its published rise, sway, turn and list;
+the angles of a standing leg follow from both. A swinging leg has the published angles, corrected smoothly so that it
+leaves one footprint and reaches the next. Arms, spine and neck follow their curves.
+
+Lengths are in metres and angles in radians, in a frame with +Y up whose +Z is the walking direction at phase 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from mmocap_warp.body import FULL_DOF, JOINTS, BodyModel
+from mmocap_warp.synthesis import gait_curves as curves
+from mmocap_warp.synthesis.limbs import Leg, hanging_arm
+from mmocap_warp.synthesis.rotations import applied, transposed, turn, zyx_angles
+from mmocap_warp.synthesis.sole import Sole
+
+_SIGN = {"L": 1.0, "R": -1.0}  # of a side's x
+_AHEAD = {"L": 0.0, "R": 0.5}  # of a leg's phase before the left one's
+_BELOW_HIP = 0.22  # phase at which a standing foot is below the pelvis
+_LEAST_KNEE = np.radians(6.0)  # of a standing leg
+_CHEST_LEAN = np.radians(3.0)
+_ARM_SPREAD, _ARM_INWARD = np.radians(9.0), np.radians(10.0)
+_NUDGE = 0.005  # of the phase, for slopes
+
+
+@dataclass(frozen=True)
+class Walk:
+    """A walk of one body.
+
+    Attributes:
+        body: who walks.
+        radius: of the circle walked along, to the left [m].
+        stride: path from a contact of a foot to its next [m].
+        step_width: between the lines of the left and the right footprints, at the ankles [m].
+        toe_out: of the feet, from their direction in the bind pose [rad].
+    """
+
+    body: BodyModel
+    radius: float = 2.5
+    stride: float = 1.20
+    step_width: float = 0.11
+    toe_out: float = 0.06
+
+    def poses(self, phase: np.ndarray) -> np.ndarray:
+        """Full pose vectors (frame, 51), from the axes above, at phases (frame,) of the left leg, not wrapped."""
+        root, pelvis = self._pelvis(phase)
+        pose = np.zeros((len(phase), FULL_DOF))
+        pose[:, :3] = root
+        _set(pose, "Root", zyx_angles(pelvis))
+        for side in "LR":
+            self._set_leg(pose, side, phase, pelvis)
+            self._set_arm(pose, side, phase + _AHEAD[side])
+        self._set_trunk(pose, phase, pelvis)
+        return pose
+
+    def stands(self, side: str, phase: np.ndarray) -> np.ndarray:
+        """Whether the foot of a side, ``L`` or ``R``, is on the floor at phases of the left leg."""
+        return np.mod(phase + _AHEAD[side], 1.0) <= curves.TOE_OFF
+
+    def _heading(self, phase: np.ndarray) -> np.ndarray:
+        return self.stride * phase / self.radius
+
+    def _path(self, phase: np.ndarray, left: np.ndarray | float) -> np.ndarray:
+        """Points on the floor (frame, 3), moved to the left of the path."""
+        heading, inner = self._heading(phase), self.radius - left
+        return np.stack([self.radius - inner * np.cos(heading), 0 * heading, inner * np.sin(heading)], axis=-1)
+
+    def _pelvis(self, phase: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The root joint's place (frame, 3) and axes (frame, 3, 3)."""
+        root, pelvis = self._low_pelvis(phase)
+        root[:, 1] += self._height
+        return root, pelvis
+
+    def _low_pelvis(self, phase: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same, with heights from their mean."""
+        root = self._path(phase, curves.sway(phase))
+        root[:, 1] = curves.rise(phase, self.stride)
+        return root, turn("y", self._heading(phase) - curves.pelvis_turn(phase)) @ turn("z", curves.pelvis_list(phase))
+
+    @cached_property
+    def _height(self) -> float:
+        """The root's mean height: as high as the standing legs reach."""
+        own, highest = np.linspace(0.0, curves.TOE_OFF, 63), np.inf
+        for side, leg in self._legs.items():
+            root, pelvis = self._low_pelvis(own - _AHEAD[side])
+            away = self._on_floor(side, np.zeros_like(own), own) - root - applied(pelvis, leg.hip)
+            level = np.hypot(away[:, 0], away[:, 2])
+            highest = min(highest, (away[:, 1] + np.sqrt(leg.reach(_LEAST_KNEE) ** 2 - level**2)).min())
+        return float(highest)
+
+    @cached_property
+    def _legs(self) -> dict[str, Leg]:
+        return {side: Leg.of(self.body, side) for side in "LR"}
+
+    @cached_property
+    def _soles(self) -> dict[str, Sole]:
+        return {side: Sole.of(self.body, side) for side in "LR"}
+
+    def _set_leg(self, pose: np.ndarray, side: str, phase: np.ndarray, pelvis: np.ndarray) -> None:
+        own = phase + _AHEAD[side]
+        step = np.floor(own)
+        s = np.clip((own - step - curves.TOE_OFF) / (1.0 - curves.TOE_OFF), 0.0, 1.0)[:, None]
+        standing = self._standing(side, step, np.minimum(own, step + curves.TOE_OFF))
+        swinging = self._published(side, own) + self._correction(side, step, s)
+        leg = np.where(s > 0, swinging, standing)
+        yaw = self._yaw(side, step) * (1 - _ease(s[:, 0])) + self._yaw(side, step + 1) * _ease(s[:, 0])
+        foot = turn("y", yaw) @ turn("x", -curves.foot_pitch(own))
+        _set(pose, f"{side}Hip", leg[:, :3])
+        pose[:, 3 + 3 * JOINTS.index(f"{side}Knee")] = leg[:, 3]
+        hip = turn("z", leg[:, 2]) @ turn("y", leg[:, 1]) @ turn("x", leg[:, 0])
+        _set(pose, f"{side}Ankle", zyx_angles(transposed(pelvis @ hip @ turn("x", leg[:, 3])) @ foot))
+
+    def _yaw(self, side: str, step: np.ndarray) -> np.ndarray:
+        """Direction of a footprint."""
+        return self._heading(step + _BELOW_HIP - _AHEAD[side]) + _SIGN[side] * self.toe_out
+
+    def _on_floor(self, side: str, step: np.ndarray, own: np.ndarray) -> np.ndarray:
+        """The ankle (frame, 3) of a foot that rolls over its footprint of a step."""
+        footprint = self._path(step + _BELOW_HIP - _AHEAD[side], _SIGN[side] * self.step_width / 2)
+        forward, up = self._soles[side].ankle(curves.foot_pitch(own))
+        return footprint + applied(turn("y", self._yaw(side, step)), np.stack([0 * up, up, forward], axis=-1))
+
+    def _standing(self, side: str, step: np.ndarray, own: np.ndarray) -> np.ndarray:
+        """Angles (frame, 4) of hip and knee that leave the foot on its footprint of a step."""
+        leg = self._legs[side]
+        root, pelvis = self._pelvis(own - _AHEAD[side])
+        sideways = turn("y", self._yaw(side, step))[:, :, 0]
+        return leg.angles(root + applied(pelvis, leg.hip), self._on_floor(side, step, own), pelvis, sideways)
+
+    def _published(self, side: str, own: np.ndarray) -> np.ndarray:
+        """The published angles (frame, 4) of hip and knee."""
+        leg = self._legs[side]
+        hip, knee = leg.lean - curves.hip_flexion(own), leg.straight + curves.knee_flexion(own)
+        return np.stack([hip, 0 * hip, 0 * hip, knee], axis=-1)
+
+    def _correction(self, side: str, step: np.ndarray, s: np.ndarray) -> np.ndarray:
+        """What to add to a swinging leg's published angles, ``s`` (frame, 1) of the way from one footprint to the next.
+
+        It has the values that the standing legs need at both ends; their slopes too, but those fade fast, or they
+        would carry the swing away from what is published.
+        """
+
+        def missed(step: np.ndarray, own: np.ndarray) -> np.ndarray:
+            return self._standing(side, step, own) - self._published(side, own)
+
+        leave, land, ease = step + curves.TOE_OFF, step + 1.0, _ease(s)
+        start, end = missed(step, leave), missed(step + 1, land)
+        start_slope = (start - missed(step, leave - _NUDGE)) / _NUDGE * (1.0 - curves.TOE_OFF)
+        end_slope = (missed(step + 1, land + _NUDGE) - end) / _NUDGE * (1.0 - curves.TOE_OFF)
+        fading = s * (1 - s) ** 5 * start_slope - (1 - s) * s**5 * end_slope
+        return start * (1 - ease) + end * ease + fading
+
+    def _set_arm(self, pose: np.ndarray, side: str, own: np.ndarray) -> None:
+        swing, flexion = curves.shoulder_flexion(own), curves.elbow_flexion(own)
+        shoulder, elbow = hanging_arm(self.body, side, swing, flexion, _ARM_SPREAD, _ARM_INWARD)
+        _set(pose, f"{side}Shoulder", shoulder)
+        _set(pose, f"{side}Elbow", elbow)
+
+    def _set_trunk(self, pose: np.ndarray, phase: np.ndarray, pelvis: np.ndarray) -> None:
+        """The spine takes the chest from the pelvis' axes to the girdle's, half at either joint; the head looks on."""
+        heading = turn("y", self._heading(phase))
+        chest = heading @ turn("y", -curves.girdle_turn(phase)) @ turn("x", _CHEST_LEAN)
+        between = transposed(pelvis) @ chest
+        half = zyx_angles(between) / 2
+        lower = turn("z", half[:, 2]) @ turn("y", half[:, 1]) @ turn("x", half[:, 0])
+        _set(pose, "BottomSpine", half)
+        _set(pose, "UpperSpine", zyx_angles(transposed(lower) @ between))
+        _set(pose, "Neck", zyx_angles(transposed(chest) @ heading))
+
+
+def _set(pose: np.ndarray, joint: str, angles: np.ndarray) -> None:
+    first = 3 + 3 * JOINTS.index(joint)
+    pose[:, first : first + 3] = angles
+
+
+def _ease(s: np.ndarray) -> np.ndarray:
+    """From 0 to 1, level at both ends."""
+    return s * s * (3.0 - 2.0 * s)

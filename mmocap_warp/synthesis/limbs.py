@@ -1,0 +1,118 @@
+"""Angles that put a foot where it stands and let an arm hang: closed forms for a body's own bones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mmocap_warp.body import JOINTS, BodyModel
+from mmocap_warp.synthesis.rotations import applied, transposed, turn, zyx_angles
+
+
+@dataclass(frozen=True)
+class Leg:
+    """A leg's bones in the bind pose, in which its joints carry the body's axes.
+
+    Attributes:
+        hip: (3,), from the root joint [m].
+        thigh: (3,), hip to knee [m].
+        shank: (3,), knee to ankle [m].
+    """
+
+    hip: np.ndarray
+    thigh: np.ndarray
+    shank: np.ndarray
+
+    @classmethod
+    def of(cls, body: BodyModel, side: str) -> Leg:
+        """The leg of one side, ``L`` or ``R``."""
+        hip, knee, ankle = (body.joint_rest[JOINTS.index(side + name)].astype(float) for name in _LEG)
+        return cls(hip - body.joint_rest[0], knee - hip, ankle - knee)
+
+    @property
+    def straight(self) -> float:
+        """The knee's Rx at which the leg is longest: straight [rad]."""
+        along, across = self._knee_terms()
+        return float(np.arctan2(across, along))
+
+    @property
+    def lean(self) -> float:
+        """The thigh forward of the vertical in the bind pose [rad]."""
+        return float(np.arctan2(self.thigh[2], -self.thigh[1]))
+
+    def reach(self, flexion: float) -> float:
+        """Distance from hip to ankle at a flexion from straight [rad]; [m]."""
+        bent = self.thigh + turn("x", self.straight + flexion) @ self.shank
+        return float(np.linalg.norm(bent))
+
+    def angles(self, hip: np.ndarray, ankle: np.ndarray, pelvis: np.ndarray, sideways: np.ndarray) -> np.ndarray:
+        """The hip's Rx, Ry, Rz and the knee's Rx that bring the ankle to its place: (frame, 4) [rad].
+
+        Args:
+            hip, ankle: (frame, 3), in the world [m].
+            pelvis: (frame, 3, 3), world from the root joint's axes.
+            sideways: (frame, 3), where the knee's hinge points, as nearly as the leg allows.
+
+        Raises:
+            ValueError: an ankle out of reach.
+        """
+        target = ankle - hip
+        knee = self._knee(np.linalg.norm(target, axis=-1))
+        leg = self.thigh + applied(turn("x", knee), self.shank)
+        thigh = _basis(target, sideways) @ transposed(_basis(leg, np.broadcast_to(np.eye(3)[0], leg.shape)))
+        return np.concatenate([zyx_angles(transposed(pelvis) @ thigh), knee[:, None]], axis=1)
+
+    def _knee_terms(self) -> tuple[float, float]:
+        """``a`` and ``b`` of ``thigh . Rx(angle) shank = a cos + b sin + constant``."""
+        (_, ty, tz), (_, sy, sz) = self.thigh, self.shank
+        return ty * sy + tz * sz, tz * sy - ty * sz
+
+    def _knee(self, distance: np.ndarray) -> np.ndarray:
+        along, across = self._knee_terms()
+        fixed = self.thigh @ self.thigh + self.shank @ self.shank + 2 * self.thigh[0] * self.shank[0]
+        cosine = (distance**2 - fixed) / (2 * np.hypot(along, across))
+        if (cosine > 1).any():
+            raise ValueError(
+                f"an ankle is {distance.max():.3f} m from its hip, the leg is {self.reach(0.0):.3f} m long"
+            )
+        return self.straight + np.arccos(cosine)
+
+
+_LEG = ("Hip", "Knee", "Ankle")
+
+
+def _basis(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) whose columns are ``first``, ``second`` made normal to it, and their cross product, as units."""
+    a = first / np.linalg.norm(first, axis=-1, keepdims=True)
+    b = second - (a * second).sum(axis=-1, keepdims=True) * a
+    b = b / np.linalg.norm(b, axis=-1, keepdims=True)
+    return np.stack([a, b, np.cross(a, b)], axis=-1)
+
+
+def hanging_arm(
+    body: BodyModel, side: str, swing: np.ndarray, flexion: np.ndarray, spread: float, inward: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rx, Ry, Rz of shoulder and elbow, each (frame, 3) [rad], of an arm that hangs beside the chest.
+
+    Args:
+        body: its arms are bound in an A-pose, elbows bent.
+        side: ``L`` or ``R``.
+        swing: (frame,), upper arm forward of the chest's vertical [rad].
+        flexion: (frame,), forearm forward of the upper arm [rad].
+        spread: upper arm away from the chest [rad].
+        inward: turn of the forearm toward the body's middle, about the upper arm [rad].
+    """
+    sign = 1.0 if side == "L" else -1.0
+    chest, shoulder, elbow = (
+        body.joint_frame[JOINTS.index(name)].astype(float) for name in ("UpperSpine", f"{side}Shoulder", f"{side}Elbow")
+    )
+    # Of a hanging arm, x points down on the left and up on the right, z is where the forearm bends to: forward.
+    down, forward = np.array([0.0, -sign, 0.0]), np.array([0.0, 0.0, 1.0])
+    hanging = np.stack([down, np.cross(forward, down), forward], axis=-1) @ turn("x", inward)
+    upper_arm = turn("x", -swing) @ turn("z", sign * spread) @ hanging
+    shoulder_turn = transposed(shoulder) @ chest @ upper_arm
+    bound = shoulder.T @ elbow
+    already_bent = np.arctan2(sign * bound[2, 0], bound[0, 0])
+    bend = -sign * (flexion - already_bent)
+    return zyx_angles(shoulder_turn), np.stack([0 * bend, bend, 0 * bend], -1)

@@ -1,0 +1,42 @@
+"""Rotations of many frames at a time; the body's convention is ``Rz @ Ry @ Rx`` on column vectors."""
+
+from __future__ import annotations
+
+import numpy as np
+
+_PLANE = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}
+
+
+def turn(axis: str, angle: np.ndarray | float) -> np.ndarray:
+    """(..., 3, 3) rotations about one axis by angles (...) [rad]."""
+    a, b = _PLANE[axis]
+    angle = np.asarray(angle, float)
+    matrix = np.zeros((*angle.shape, 3, 3))
+    matrix[...] = np.eye(3)
+    matrix[..., a, a] = matrix[..., b, b] = np.cos(angle)
+    matrix[..., b, a] = np.sin(angle)
+    matrix[..., a, b] = -matrix[..., b, a]
+    return matrix
+
+
+def zyx_angles(rotation: np.ndarray) -> np.ndarray:
+    """(..., 3) angles Rx, Ry, Rz [rad] of rotations ``Rz @ Ry @ Rx``, (..., 3, 3); away from Ry = 90 degrees."""
+    r = rotation
+    return np.stack(
+        [
+            np.arctan2(r[..., 2, 1], r[..., 2, 2]),
+            -np.arcsin(np.clip(r[..., 2, 0], -1.0, 1.0)),
+            np.arctan2(r[..., 1, 0], r[..., 0, 0]),
+        ],
+        axis=-1,
+    )
+
+
+def transposed(rotation: np.ndarray) -> np.ndarray:
+    """The inverse rotations."""
+    return np.swapaxes(rotation, -1, -2)
+
+
+def applied(rotation: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """``rotation @ vector`` for (..., 3, 3) and (..., 3)."""
+    return np.einsum("...ij,...j->...i", rotation, vector)

@@ -29,10 +29,12 @@ def _cost(
             overlap = count[c, k][1]
             f = float(1.0)
             if model > 0:
+                # Differences are taken in integers, so that a perfect model costs exactly nothing.
                 if kind == PAPER:  # Eq. 4: |M\F| / (2|M|) + |F\M| / (2|F|)
-                    f = 1.0 - 0.5 * float(overlap) * (1.0 / float(model) + 1.0 / float(observed))
+                    f = 0.5 * (float(model - overlap) / float(model) + float(observed - overlap) / float(observed))
                 elif kind == IOU:
-                    f = 1.0 - float(overlap) / float(model + observed - overlap)
+                    union = model + observed - overlap
+                    f = float(union - overlap) / float(union)
             if kind == XOR:
                 f = float(model + observed - 2 * overlap) / (float(size[k][0]) * float(size[k][1]))
             total += f

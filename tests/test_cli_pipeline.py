@@ -223,3 +223,17 @@ def test_track_fits_first_where_no_subject_is_named(scene, tmp_path, capsys):
     answer(capsys, "track", quick, "-o", tmp_path / "r.usdc", "--evaluations", 12)
     assert sorted(os.listdir(tmp_path)) == ["r.subject.usdc", "r.usdc"]
     assert read_result(tmp_path / "r.usdc").subject.body.name == "adult_woman"
+
+
+@pytest.mark.parametrize(("most", "code"), [(1000.0, exit_codes.OK), (1e-6, exit_codes.CHECK_FAILED)])
+def test_demo_checks_itself_and_writes_all_it_names(most, code, scene, tmp_path, monkeypatch, capsys):
+    shipped = tmp_path / "scenes"
+    shipped.mkdir()
+    (shipped / "walk").symlink_to(scene.parent)
+    monkeypatch.setattr("mmocap_warp.scenes.ROOT", shipped)
+    monkeypatch.setattr("mmocap_warp.cli.demo.MOST_ERROR_MM", most)
+    assert cli.main(["demo", "-o", str(tmp_path / "out"), "--json", "--quiet"]) == code
+    report = json.loads(capsys.readouterr().out)
+    assert all(report[key] is not None for key in (*PROMISED, *PROMISED_WITH_TRUTH))
+    assert sorted(os.listdir(tmp_path / "out")) == ["walk-error.png", "walk.png", "walk.usdc", "walk.webm"]
+    assert all(Path(report[name]).is_file() for name in ("result", "overlay", "sheet", "plot"))

@@ -8,8 +8,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from mmocap_warp.optimizers.annealed_filter import AnnealedFilter
 from mmocap_warp.optimizers.cma_es import CmaEs
+from mmocap_warp.optimizers.de import De
 from mmocap_warp.optimizers.protocol import Optimizer
+from mmocap_warp.optimizers.pso import Pso
 
 
 @dataclass(frozen=True)
@@ -28,5 +31,11 @@ class Algorithm:
 ALGORITHMS: dict[str, Algorithm] = {
     "cmaes": Algorithm(CmaEs, hierarchical=False),
     "h-cmaes": Algorithm(CmaEs, hierarchical=True),
+    "de": Algorithm(De, hierarchical=False),
+    "h-de": Algorithm(De, hierarchical=True),
+    "pso": Algorithm(Pso, hierarchical=False),
+    "h-pso": Algorithm(Pso, hierarchical=True),
+    "apf": Algorithm(AnnealedFilter, hierarchical=False),
+    "psapf": Algorithm(AnnealedFilter, hierarchical=True),
 }
 """The paper's names in lower case; ``h-`` is the six-step hierarchy."""

@@ -10,7 +10,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Faults:
-    """How bad one camera's masks are; lengths in pixels but for the shadow's.
+    """How bad one camera's masks are, by default perfect; lengths in pixels but for the shadow's.
 
     Attributes:
         grow: mean shift of the contour, outward positive.
@@ -23,11 +23,11 @@ class Faults:
     """
 
     grow: float = 0.0
-    ragged: float = 0.6
+    ragged: float = 0.0
     smooth: float = 10.0
-    holes: float = 1.5
-    specks: float = 2.0
-    salt: float = 5e-5
+    holes: float = 0.0
+    specks: float = 0.0
+    salt: float = 0.0
     shadow: float = 0.0
 
 

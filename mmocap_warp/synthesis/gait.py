@@ -44,7 +44,7 @@ class Walk:
 
     body: BodyModel
     radius: float = 2.5
-    stride: float = 1.20
+    stride: float = 1.15
     step_width: float = 0.11
     toe_out: float = 0.06
 
@@ -143,8 +143,8 @@ class Walk:
     def _correction(self, side: str, step: np.ndarray, s: np.ndarray) -> np.ndarray:
         """What to add to a swinging leg's published angles, ``s`` (frame, 1) of the way from one footprint to the next.
 
-        It has the values that the standing legs need at both ends; their slopes too, but those fade fast, or they
-        would carry the swing away from what is published.
+        At both ends it has the values that the standing legs need. Where the foot leaves it has their slope too, which
+        fades fast, or it would carry the swing away from what is published; a foot that lands is stopped by the floor.
         """
 
         def missed(step: np.ndarray, own: np.ndarray) -> np.ndarray:
@@ -152,10 +152,8 @@ class Walk:
 
         leave, land, ease = step + curves.TOE_OFF, step + 1.0, _ease(s)
         start, end = missed(step, leave), missed(step + 1, land)
-        start_slope = (start - missed(step, leave - _NUDGE)) / _NUDGE * (1.0 - curves.TOE_OFF)
-        end_slope = (missed(step + 1, land + _NUDGE) - end) / _NUDGE * (1.0 - curves.TOE_OFF)
-        fading = s * (1 - s) ** 5 * start_slope - (1 - s) * s**5 * end_slope
-        return start * (1 - ease) + end * ease + fading
+        slope = (start - missed(step, leave - _NUDGE)) / _NUDGE * (1.0 - curves.TOE_OFF)
+        return start * (1 - ease) + end * ease + slope * s * (1 - s) ** 8
 
     def _set_arm(self, pose: np.ndarray, side: str, own: np.ndarray) -> None:
         swing, flexion = curves.shoulder_flexion(own), curves.elbow_flexion(own)

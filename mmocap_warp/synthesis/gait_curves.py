@@ -28,7 +28,7 @@ _HARMONICS = 5
 
 # Phase and angle of the foot against the floor, toes up positive [degrees]. At toe off a real heel is turned further,
 # about the ball of the foot; these bodies have no joint there and turn about the toes.
-_FOOT = ((0.0, 20.0), (0.08, 0.0), (0.36, 0.0), (0.70, -44.0), (0.89, 20.0), (1.0, 20.0))
+_FOOT = ((0.0, 20.0), (0.08, 0.0), (0.36, 0.0), (0.70, -44.0), (0.92, 18.0), (1.0, 20.0))
 
 
 def hip_flexion(phase: np.ndarray) -> np.ndarray:
@@ -80,7 +80,7 @@ def rise(left_phase: np.ndarray, stride: float) -> np.ndarray:
 
     It rises by 45 mm at a stride of 1.56 m, and with the square of the stride.
     """
-    return -0.0225 * (stride / 1.56) ** 2 * np.cos(4 * np.pi * (left_phase - 0.05))
+    return -0.0225 * (stride / 1.56) ** 2 * np.cos(4 * np.pi * (left_phase - 0.03))
 
 
 def sway(left_phase: np.ndarray) -> np.ndarray:

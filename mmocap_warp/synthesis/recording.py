@@ -33,11 +33,11 @@ _CAMERAS = (
     (297.0, 3.8, 1.55, 0.91, 1.1, 634.0, 0.6, -2.7, -0.159, 0.053, 0.0005, 0.0001),
 )
 _FAULTS = (
-    Faults(grow=-0.2, ragged=0.5),
-    Faults(grow=0.1, ragged=0.6, shadow=0.15),
-    Faults(grow=-0.3, ragged=0.5, holes=2.5),
-    Faults(grow=0.2, ragged=0.6, specks=4.0, shadow=0.22),
-    Faults(grow=0.0, ragged=0.7, smooth=7.0, salt=1e-4),
+    Faults(grow=-0.2, ragged=0.5, holes=1.5, specks=2.0, salt=5e-5),
+    Faults(grow=0.1, ragged=0.6, holes=1.5, specks=2.0, salt=5e-5, shadow=0.15),
+    Faults(grow=-0.3, ragged=0.5, holes=2.5, specks=2.0, salt=5e-5),
+    Faults(grow=0.2, ragged=0.6, holes=1.5, specks=4.0, salt=5e-5, shadow=0.22),
+    Faults(grow=0.0, ragged=0.7, smooth=7.0, holes=1.5, specks=2.0, salt=1e-4),
 )
 _LIGHT = np.array([0.6, -0.35, -1.0])
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from mmocap_warp.cameras import CameraRig, project
 
-_FINER = 4  # subpixels per pixel and axis
+_FINER = 16  # subpixels per pixel and axis; OpenCV fills all that an outline touches, up to a subpixel too much
 _SHIFT = 6  # binary digits after the point of OpenCV's polygon corners
 
 
@@ -30,8 +30,16 @@ def draw_silhouettes(rig: CameraRig, vertices: np.ndarray, faces: np.ndarray) ->
 
 def _draw(polygons: np.ndarray, width: int, height: int) -> np.ndarray:
     """Fill all polygons (face, corner, 2) [px] on a finer grid, and see how much of each pixel they cover."""
-    fine = (polygons + 0.5) * _FINER - 0.5
-    canvas = np.zeros((height * _FINER, width * _FINER), np.uint8)
-    for corners in np.rint(fine * 2**_SHIFT).astype(np.int32):
-        cv2.fillConvexPoly(canvas, corners, 255, cv2.LINE_8, _SHIFT)
-    return cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA) > 127
+    flat = polygons.reshape(-1, 2)
+    left, top = np.clip(np.floor(flat.min(axis=0)) - 1, 0, (width, height)).astype(int)
+    right, bottom = np.clip(np.ceil(flat.max(axis=0)) + 2, 0, (width, height)).astype(int)
+    mask = np.zeros((height, width), bool)
+    if left < right and top < bottom:
+        fine = (polygons - (left, top) + 0.5) * _FINER - 0.5
+        canvas = np.zeros(((bottom - top) * _FINER, (right - left) * _FINER), np.uint8)
+        for corners in np.rint(fine * 2**_SHIFT).astype(np.int32):
+            cv2.fillConvexPoly(canvas, corners, 255, cv2.LINE_8, _SHIFT)
+        mask[top:bottom, left:right] = (
+            cv2.resize(canvas, (right - left, bottom - top), interpolation=cv2.INTER_AREA) > 127
+        )
+    return mask

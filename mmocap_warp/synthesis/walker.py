@@ -12,7 +12,6 @@ from mmocap_warp.scenes import ROOT
 
 BASE = "adult_woman"
 SHAPE: dict[str, float] = {
-    "height_incr": 0.20,
     "weight_incr": 0.35,
     "muscle_incr": 0.25,
     "leg_length_incr": 0.30,
@@ -25,7 +24,7 @@ STRETCH = (1.02, 0.99, 1.03)
 
 
 def walker() -> BodyModel:
-    """The shipped woman, taller, heavier, longer of leg, broader of shoulder, then stretched unequally."""
+    """The shipped woman, heavier, stronger, longer of leg, broader of shoulder, then stretched unequally."""
     body = read_body(ROOT / "bodies" / f"{BASE}.usdc").shaped(SHAPE)
     stretch = np.array(STRETCH, np.float32)
     return replace(

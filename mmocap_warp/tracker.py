@@ -6,8 +6,9 @@ import math
 import os
 import time
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import asdict, dataclass
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -239,8 +240,12 @@ def available_threads() -> int:
 
 def versions(device: str) -> dict[str, str]:
     """What produced a result: package versions and the device's name."""
-    packages = ("mmocap-warp", "warp-lang", "usd-core", "opencv-python-headless", "numpy")
-    return {name: version(name) for name in packages} | {"device": wp.get_device(device).name}
+    packages = ("mmocap-warp", "warp-lang", "usd-core", "opencv-python-headless", "opencv-python", "numpy")
+    found = {}
+    for name in packages:
+        with suppress(PackageNotFoundError):  # OpenCV comes under two names
+            found[name] = version(name)
+    return found | {"device": wp.get_device(device).name}
 
 
 FrameReport = Callable[[int, FrameAnswer], None]

@@ -25,7 +25,7 @@ from mmocap_warp.hull import visual_hull
 from mmocap_warp.objective import Objective
 from mmocap_warp.observation import Observation
 from mmocap_warp.optimizers.cma_es import CmaEs, CmaEsConfig
-from mmocap_warp.search import FrameSearch
+from mmocap_warp.search import Search
 from mmocap_warp.shape_space import ShapeSpace, upright_base
 from mmocap_warp.strategy import hierarchical
 from mmocap_warp.tracker import available_threads, coordinate_limits, resolve_device
@@ -293,7 +293,7 @@ class _ShapeSearch:
             threads=config.threads or available_threads(),
         )
         self.objective.observe(observation)
-        self._search = FrameSearch(self.objective, self._optimizers, evaluations, limits)
+        self._search = Search(self.objective, self._optimizers, evaluations, limits)
         self._search.best_pose.assign(starts.astype(np.float32))
 
     def run(self) -> None:

@@ -1,34 +1,50 @@
-"""The search of one frame: carried-over pose first, then each part's optimizer, within a strict budget."""
+"""A search within a strict budget: the start first, then each part's optimizer."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 import warp as wp
 
 from mmocap_warp.kernels.populations import clamp, keep_best, place
-from mmocap_warp.objective import Objective
 from mmocap_warp.optimizers.protocol import Optimizer
 from mmocap_warp.strategy import share_budget
 
 
-class FrameSearch:
-    """Finds the best pose of a frame for a batch of runs, starting from each run's last answer.
+class BatchedCost(Protocol):
+    """A cost of many candidates at once.
 
-    Nothing is read back while a frame is searched: ``best_pose`` (run, coordinate) and ``best_cost`` (run,) stay on the
+    Attributes:
+        device: the Warp device of its arrays.
+        pose: (candidate, coordinate) float32, where candidates are written.
+    """
+
+    device: str
+    pose: wp.array
+
+    def evaluate(self, candidates: int) -> wp.array:
+        """Costs (candidate,) float32 of the first ``candidates`` rows of ``pose``; infinite is allowed, NaN is not."""
+        ...
+
+
+class Search:
+    """Finds the best coordinates (in tracking: a pose) for a batch of runs, starting from each run's last answer.
+
+    Nothing is read back while it runs: ``best_pose`` (run, coordinate) and ``best_cost`` (run,) stay on the
     device until the caller asks for them.
 
     Args:
-        objective: the cost; sized for ``runs`` times the largest population.
+        objective: the cost; its ``pose`` is sized for ``runs`` times the largest population.
         optimizers: one per part, in order.
-        evaluations: budget per frame and run; the carried-over pose is the first evaluation.
+        evaluations: budget of each run; the start is the first evaluation, unless the answer is an estimate.
         limits: (coordinate, 2) lowest and highest value of every coordinate; infinite where free.
     """
 
     def __init__(
         self,
-        objective: Objective,
+        objective: BatchedCost,
         optimizers: Sequence[Optimizer],
         evaluations: int,
         limits: np.ndarray,
@@ -47,7 +63,7 @@ class FrameSearch:
 
     @property
     def evaluations(self) -> int:
-        """What a frame costs each run: the budget, or less where it does not divide."""
+        """What a search costs each run: the budget, or less where it does not divide."""
         return self._returns_best + sum(map(sum, self._plans))
 
     def run(self) -> None:
@@ -74,13 +90,3 @@ class FrameSearch:
         if not optimizer.returns_best:
             optimizer.estimate(self.best_pose)
             clamp(self._lower, self._upper, self.best_pose)
-
-    def judge(self) -> np.ndarray:
-        """Pixel counts of the answers, (run, camera, 2) int: |M| and |M and F|. Not an evaluation of the search.
-
-        Where the answer is an estimate, this is also where its cost becomes known.
-        """
-        objective = self._objective
-        wp.copy(objective.pose, self.best_pose, count=self.best_pose.size)
-        wp.copy(self.best_cost, objective.evaluate(self._runs), count=self._runs)
-        return objective.count.numpy()[: self._runs]

@@ -22,7 +22,7 @@ from mmocap_warp.checkpoint import Checkpoint, Progress, fingerprint
 from mmocap_warp.objective import COSTS, Objective
 from mmocap_warp.observation import Observation
 from mmocap_warp.result import STATUS, TrackResult
-from mmocap_warp.search import FrameSearch
+from mmocap_warp.search import Search
 from mmocap_warp.strategy import hierarchical, holistic, share_budget
 
 if TYPE_CHECKING:
@@ -175,7 +175,7 @@ class Tracker:
             threads=config.threads or available_threads(),
         )
         limits = coordinate_limits(subject.body) if config.limits else _FREE
-        self._search = FrameSearch(self._objective, optimizers, config.evaluations, limits)
+        self._search = Search(self._objective, optimizers, config.evaluations, limits)
         self._search.best_pose.assign(np.repeat(subject.pose[None].astype(np.float32), config.runs, axis=0))
 
     @property
@@ -202,11 +202,21 @@ class Tracker:
         self._search.run()
         pose = self._search.best_pose.numpy().copy()
         seconds = time.perf_counter() - started
-        count = self._search.judge().astype(np.float64)
+        count = self._judge().astype(np.float64)
         union = count[..., 0] + observation.foreground - count[..., 1]
         iou = np.where(seen, count[..., 1] / np.maximum(union, 1), np.nan)
         status = STATUS.index("tracked" if seen.all() else "partial")
         return FrameAnswer(pose, self._search.best_cost.numpy().copy(), iou, self._search.evaluations, status, seconds)
+
+    def _judge(self) -> np.ndarray:
+        """Pixel counts of the answers, (run, camera, 2) int: |M| and |M and F|. Not an evaluation of the search.
+
+        Where the answer is an estimate, this is also where its cost becomes known.
+        """
+        search, objective, runs = self._search, self._objective, self.config.runs
+        wp.copy(objective.pose, search.best_pose, count=search.best_pose.size)
+        wp.copy(search.best_cost, objective.evaluate(runs), count=runs)
+        return objective.count.numpy()[:runs]
 
 
 _FREE = np.tile([-np.inf, np.inf], (FULL_DOF, 1))

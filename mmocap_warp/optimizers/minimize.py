@@ -1,0 +1,95 @@
+"""Minimise any batched cost over Warp arrays with any of the optimizers; see docs/optimizers.md for an example."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from mmocap_warp.optimizers.cma_es import CmaEs
+from mmocap_warp.optimizers.protocol import Optimizer
+from mmocap_warp.search import Search
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """The answers of a batch of runs.
+
+    Attributes:
+        x: (run, coordinate) float32.
+        cost: (run,) float32.
+        evaluations: spent by each run, at most the budget.
+    """
+
+    x: np.ndarray
+    cost: np.ndarray
+    evaluations: int
+
+
+def minimize(
+    cost: Callable[[wp.array, wp.array], None],
+    start: np.ndarray,
+    radius: np.ndarray | float,
+    evaluations: int,
+    *,
+    optimizer: Callable[..., Optimizer] = CmaEs,
+    runs: int = 1,
+    seed: int = 0,
+    bounds: np.ndarray | None = None,
+    device: str = "cpu",
+) -> Minimum:
+    """Minimise ``cost`` from ``start``, over ``runs`` independent runs at once.
+
+    Args:
+        cost: called with ``(x, out)``: x is (candidate, coordinate) float32, out (candidate,) float32, both on the
+            device; launch a kernel that fills ``out``. Infinite costs are allowed, NaN is not.
+        start: (coordinate,) where every run starts.
+        radius: of the search, one for all coordinates or (coordinate,): CMA-ES's first step size, DE's and PSO's box.
+        evaluations: budget of each run, never exceeded.
+        optimizer: a class of this package, or another that follows its protocol.
+        runs: independent runs; run r uses ``seed + r``.
+        seed: of the first run.
+        bounds: (coordinate, 2) lowest and highest value, or None.
+        device: a Warp device.
+
+    Raises:
+        ValueError: a budget or number of runs below 1, or arrays that do not fit together.
+    """
+    start = np.asarray(start, np.float32)
+    if start.ndim != 1 or not len(start):
+        raise ValueError(f"start must be (coordinate,), got shape {start.shape}")
+    if evaluations < 1 or runs < 1:
+        raise ValueError(f"evaluations and runs must be at least 1, got {evaluations} and {runs}")
+    limits = np.tile([-np.inf, np.inf], (len(start), 1)) if bounds is None else np.asarray(bounds, float)
+    if limits.shape != (len(start), 2):
+        raise ValueError(f"bounds must be ({len(start)}, 2), got {limits.shape}")
+    radii = np.broadcast_to(np.asarray(radius, float), start.shape)
+    seeds = wp.array(seed + np.arange(runs), dtype=wp.int32, device=device)
+    draw = wp.zeros(runs, dtype=wp.int32, device=device)
+    engine = optimizer(np.arange(len(start)), radii, runs, seeds, draw, evaluations)
+    candidates = _Candidates(cost, runs * engine.particles, len(start), device)
+    search = Search(candidates, [engine], evaluations, limits)
+    search.best_pose.assign(np.repeat(start[None], runs, axis=0))
+    search.run()
+    if not engine.returns_best:
+        wp.copy(candidates.pose, search.best_pose, count=search.best_pose.size)
+        wp.copy(search.best_cost, candidates.evaluate(runs), count=runs)
+    return Minimum(search.best_pose.numpy().copy(), search.best_cost.numpy().copy(), search.evaluations)
+
+
+class _Candidates:
+    """A user's cost as the search wants it."""
+
+    def __init__(
+        self, cost: Callable[[wp.array, wp.array], None], candidates: int, coordinates: int, device: str
+    ) -> None:
+        self.device = device
+        self.pose = wp.zeros((candidates, coordinates), dtype=wp.float32, device=device)
+        self._cost = cost
+        self._out = wp.zeros(candidates, dtype=wp.float32, device=device)
+
+    def evaluate(self, candidates: int) -> wp.array:
+        self._cost(self.pose[:candidates], self._out[:candidates])
+        return self._out

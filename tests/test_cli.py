@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import json
 import subprocess
@@ -54,7 +55,7 @@ def test_no_command_imports_warp_usd_or_opencv_to_show_its_help():
 def test_version_names_what_results_depend_on(capsys):
     assert cli.main(["--version"]) == exit_codes.OK
     shown = capsys.readouterr().out
-    assert all(f"{name} " in shown for name in ("mmocap-warp", "warp", "usd", "opencv", "numpy", "Python"))
+    assert all(name in shown for name in ("mmocap-warp", "warp-lang", "usd-core", "opencv-python", "numpy", "Python"))
 
 
 @pytest.mark.parametrize(
@@ -149,3 +150,23 @@ def test_progress_on_a_terminal_draws_a_bar():
 
 def test_table_aligns_its_values():
     assert table([("a", "1"), ("long", "2")]) == "a     1\nlong  2"
+
+
+def test_every_setting_of_a_run_is_a_flag_and_every_flag_of_a_fit_a_setting():
+    from mmocap_warp.cli.fit import FitFlags
+    from mmocap_warp.cli.track import TrackFlags
+    from mmocap_warp.fit import FitConfig
+    from mmocap_warp.tracker import TrackConfig
+
+    def names(kind: type) -> set[str]:
+        return {field.name for field in dataclasses.fields(kind)}
+
+    assert names(TrackFlags) == names(TrackConfig)
+    assert names(FitFlags) < names(FitConfig)
+
+
+def test_help_names_every_algorithm():
+    from mmocap_warp.algorithms import ALGORITHMS
+
+    shown = run("track", "--help").stdout
+    assert all(name in shown for name in ALGORITHMS)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 
 from cyclopts import App, CycloptsError
 
@@ -36,7 +37,7 @@ _COMMANDS = (
 )
 for _order, (_name, _target, _help) in enumerate(_COMMANDS):
     app.command(f"mmocap_warp.cli.{_target}", name=_name, help=_help, sort_key=_order)
-_VERSIONS = {"warp": "warp-lang", "usd": "usd-core", "opencv": "opencv-python-headless", "numpy": "numpy"}
+_DEPENDENCIES = ("warp-lang", "usd-core", "opencv-python-headless", "opencv-python", "numpy")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -71,11 +72,12 @@ def _fail(message: str, code: int) -> int:
 
 def _version() -> str:
     import platform
-    from importlib.metadata import version
+    from importlib.metadata import PackageNotFoundError, version
 
     from mmocap_warp import __version__
 
     lines = [f"mmocap-warp {__version__}"]
-    for name, package in _VERSIONS.items():
-        lines.append(f"{name} {version(package)}")
+    for package in _DEPENDENCIES:
+        with suppress(PackageNotFoundError):  # OpenCV comes under two names
+            lines.append(f"{package} {version(package)}")
     return "\n".join([*lines, f"Python {platform.python_version()}"])

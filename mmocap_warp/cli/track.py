@@ -25,7 +25,7 @@ class TrackFlags:
     """Settings of :class:`mmocap_warp.tracker.TrackConfig`; what is not given comes from the scene's [track] table."""
 
     algorithm: str | None = None
-    """cmaes, or h-cmaes for the six-step hierarchy. [default: h-cmaes]"""
+    """cmaes, de, pso or apf; or h-cmaes, h-de, h-pso or psapf, which search part by part. [default: h-cmaes]"""
     dof: int | None = None
     """Degrees of freedom of the body: 51, 39 or 28. [default: 39]"""
     evaluations: int | None = None

@@ -77,5 +77,4 @@ def test_packets_see_what_single_rays_see(device, record_property):
         covered += np.sum(by_rays)
     pixels = len(posed) * len(rig) * 640 * 480
     record_property("pixels_apart", f"{apart} of {pixels}, of which {covered} are covered")
-    print(f"{apart} of {pixels} pixels apart, {covered} covered")
     assert apart / pixels < PIXELS_APART

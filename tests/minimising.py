@@ -1,0 +1,127 @@
+"""A driver that minimises functions of NumPy arrays with any optimizer, and functions to minimise."""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+from poisoned import SENTINEL
+
+_GIVEN = ("index", "scale", "_seed")  # arrays that a search does not change
+
+
+class Search:
+    """A search by ``kind``; every other column of a wider pose vector is searched, the others are NaN.
+
+    The optimizer's arrays are poisoned before the start: nothing may be used before it is written.
+    """
+
+    def __init__(self, kind, dofs, seeds, device, evaluations=500, scale=0.5, start=0.0, config=None):
+        runs = len(seeds)
+        self.scale = np.broadcast_to(np.asarray(scale, float), dofs)
+        self.index = 2 * np.arange(dofs)[::-1]
+        self.evaluations = evaluations
+        self.draw = wp.zeros(runs, dtype=wp.int32, device=device)
+        seed = wp.array(seeds, dtype=wp.int32, device=device)
+        self.optimizer = kind(self.index, self.scale, runs, seed, self.draw, evaluations, config)
+        for name, array in self._arrays():
+            if name != "_draw":
+                array.assign(np.full(array.shape, np.nan if array.dtype is wp.float32 else SENTINEL))
+        self.start = np.broadcast_to(np.asarray(start, np.float32), (runs, dofs))
+        self.restart()
+
+    def _arrays(self):
+        arrays = vars(self.optimizer).items()
+        return [(name, value) for name, value in arrays if isinstance(value, wp.array) and name not in _GIVEN]
+
+    def restart(self):
+        pose = np.full((len(self.start), 2 * len(self.index)), np.nan, np.float32)
+        pose[:, self.index] = self.start
+        self.optimizer.start(wp.array(pose, device=self.draw.device))
+
+    def ask(self, particles=None):
+        """(run, particle, dof)."""
+        return self.optimizer.ask(particles or self.optimizer.particles).numpy().astype(float)
+
+    def tell(self, cost):
+        self.optimizer.tell(wp.array(np.ravel(cost), dtype=wp.float32, device=self.draw.device))
+
+    def generation(self, function):
+        """One generation; returns its candidates (run, particle, dof) and single-precision costs (run, particle)."""
+        x = self.ask()
+        cost = function(x).astype(np.float32)
+        self.tell(cost)
+        return x, cost
+
+    def run(self, function):
+        """Spend the budget; returns the lowest cost that each run met, (run,)."""
+        best = np.full(len(self.start), np.inf)
+        for particles in self.optimizer.plan(self.evaluations):
+            x = self.ask(particles)[:, :particles]
+            cost = function(x)
+            best = np.minimum(best, cost.min(axis=1))
+            if particles == self.optimizer.particles:
+                self.tell(cost)
+        return best
+
+    def estimate(self):
+        """(run, dof)."""
+        pose = wp.zeros((len(self.start), 2 * len(self.index)), dtype=wp.float32, device=self.draw.device)
+        self.optimizer.estimate(pose)
+        return pose.numpy()[:, self.index].astype(float)
+
+    def state(self):
+        """Every array that a search changes, by name, the run first."""
+        return {name: array.numpy().copy() for name, array in self._arrays()}
+
+
+def assert_a_run_of_a_batch_is_the_single_run(kind, dofs, device, function, **settings):
+    """Bit for bit, in every array, after a whole search and the beginning of another."""
+    seeds = [5, 900, 0]
+    starts = np.random.default_rng(0).normal(0, 1, (3, dofs))
+    batch = Search(kind, dofs, seeds, device, start=starts, **settings)
+    singles = [
+        Search(kind, dofs, [seed], device, start=start[None], **settings)
+        for seed, start in zip(seeds, starts, strict=True)
+    ]
+    for search in (batch, *singles):
+        search.run(function)
+        search.restart()
+        search.generation(function)
+    together = batch.state()
+    for run, single in enumerate(singles):
+        for name, alone in single.state().items():
+            np.testing.assert_array_equal(together[name][run], alone[0], err_msg=name)
+    assert not np.array_equal(together["population"][0], together["population"][1])
+
+
+def assert_finite(search):
+    """No NaN anywhere, and finite candidates."""
+    for name, values in search.state().items():
+        assert not np.isnan(values).any(), name
+    assert np.isfinite(search.optimizer.population.numpy()).all()
+
+
+def sphere(x):
+    return np.sum(x**2, axis=-1)
+
+
+def ellipsoid(x):
+    """Condition number 100, its minimum away from zero."""
+    return np.sum(100 ** np.linspace(0, 1, x.shape[-1]) * (x - 0.3) ** 2, axis=-1)
+
+
+def rosenbrock(x):
+    return np.sum(100 * (x[..., 1:] - x[..., :-1] ** 2) ** 2 + (1 - x[..., :-1]) ** 2, axis=-1)
+
+
+def flat(x):
+    return np.zeros(x.shape[:-1])
+
+
+def unjudged(x):
+    return np.full(x.shape[:-1], np.inf)
+
+
+def half_judged(x):
+    """A sphere that cannot be judged on one side."""
+    return np.where(x[..., 0] > 0.2, np.inf, sphere(x))

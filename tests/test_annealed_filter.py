@@ -1,0 +1,370 @@
+"""The annealed particle filter against a float64 twin fed the same random numbers, and against its definition."""
+
+import numpy as np
+import pytest
+from minimising import (
+    Search,
+    assert_a_run_of_a_batch_is_the_single_run,
+    assert_finite,
+    ellipsoid,
+    flat,
+    half_judged,
+    rosenbrock,
+    sphere,
+    unjudged,
+)
+from scipy import optimize, stats
+from tracked_motion import motion, track_motion, tracker_of
+
+from mmocap_warp.optimizers.annealed_filter import AnnealedFilter, AnnealedFilterConfig
+
+TWIN = 1e-5  # of coordinates about 1, over a whole search in single precision
+SURVIVAL = 1e-3
+WEIGHT = 1e-5  # relative to the largest
+TRACKED = {"apf": 0.025, "psapf": 0.035}  # [m], mean marker error
+CHANCE = 1e-3  # probability under which a distribution is refused
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"layers": 0},
+        {"survival": 0.0},
+        {"survival": 1.1},
+        {"survival": float("nan")},
+        {"diffusion": -0.5},
+        {"diffusion": float("inf")},
+    ],
+)
+def test_wrong_settings_are_refused(settings):
+    ((name, value),) = settings.items()
+    with pytest.raises(ValueError, match=rf"^{name} must .*{value}"):
+        AnnealedFilterConfig(**settings)
+
+
+def survival_rate(weight):
+    """Eq. 7."""
+    return weight.sum(axis=-1) ** 2 / (weight**2).sum(axis=-1) / weight.shape[-1]
+
+
+def annealed(cost, survival=0.5):
+    """Normalised weights (particle,) of finite costs in [0, 1] whose survival rate is the one that Eq. 8 asks for."""
+
+    def weights(log_exponent):
+        base = (1 - cost) / (1 - cost.min())
+        weight = np.where(base > 0, np.maximum(base, 1e-300) ** np.exp(log_exponent), 0.0)
+        return weight / weight.sum()
+
+    return weights(optimize.brentq(lambda b: survival_rate(weights(b)) - survival, -20, 30, xtol=1e-13))
+
+
+class Twin:
+    """Fig. 3 for one run in float64."""
+
+    def __init__(self, start, scale, particles):
+        self.selected = np.tile(start.astype(float), (particles, 1))
+        self.scale, self.first = scale, True
+
+    def ask(self, noise):
+        """(particle, dof), by random numbers (particle, number)."""
+        particles, dofs = self.selected.shape
+        if self.first:
+            self.x = self.selected + self.scale * noise[:, :dofs]
+        else:
+            apart = self.selected - self.selected.mean(axis=0)
+            self.x = self.selected + np.sqrt(0.5 / particles) * noise[:, :particles] @ apart
+        self.first = False
+        return self.x
+
+    def tell(self, cost, chance):
+        """Weigh by costs (particle,) and select by random numbers (particle,)."""
+        judged = np.isfinite(cost)
+        if judged.any() and (cost[judged].min() < 0 or cost[judged].max() > 1):
+            cost = (cost - cost[judged].min()) / np.ptp(cost[judged])
+        self.weight = annealed(np.where(judged, cost, 1.0))
+        self.mean = self.weight @ self.x
+        self.parent = np.searchsorted(np.cumsum(self.weight), chance, side="right")
+        self.selected = self.x[self.parent]
+
+
+def bounded(x):
+    """In [0, 1), as the tracker's costs."""
+    return 1 - np.exp(-np.mean((x - 0.3) ** 2, axis=-1))
+
+
+def mostly_judged(x):
+    """A fifth of the particles cannot be judged."""
+    return np.where(x[..., 0] > np.quantile(x[..., 0], 0.8, axis=-1, keepdims=True), np.inf, bounded(x))
+
+
+@pytest.mark.parametrize("dofs", [1, 4, 6, 39])
+@pytest.mark.parametrize("function", [bounded, ellipsoid, mostly_judged])
+def test_a_whole_search_is_the_twins(device, dofs, function):
+    scale = np.linspace(0.2, 0.5, dofs)
+    start = np.random.default_rng(dofs).normal(0, 1, (2, dofs))
+    search = Search(AnnealedFilter, dofs, [11, 12], device, 500, scale=scale, start=start)
+    assert search.optimizer.plan(500) == [50] * 10
+    twins = [Twin(search.start[run], scale, 50) for run in (0, 1)]
+    for _ in range(10):
+        x, cost = search.generation(function)
+        now = search.state()
+        for run, twin in enumerate(twins):
+            assert np.abs(x[run] - twin.ask(now["_noise"][run].astype(float))).max() < TWIN
+            twin.tell(cost[run].astype(float), now["_chance"][run].astype(float))
+            assert np.abs(now["weight"][run] - twin.weight).max() < WEIGHT * twin.weight.max()
+            np.testing.assert_array_equal(now["parent"][run], twin.parent)
+            assert np.abs(search.estimate()[run] - twin.mean).max() < TWIN
+
+
+def weighed(device, costs, dofs=3, **settings):
+    """A search (run, particle) that was told these costs."""
+    costs = np.asarray(costs, np.float32)
+    runs, particles = costs.shape
+    config = AnnealedFilterConfig(layers=2, **settings)
+    search = Search(AnnealedFilter, dofs, range(runs), device, 2 * particles, config=config)
+    search.ask()
+    search.tell(costs)
+    return search
+
+
+@pytest.mark.parametrize("particles", [8, 25, 50, 300])
+@pytest.mark.parametrize("survival", [0.2, 0.5, 0.8])
+def test_the_survival_rate_is_met_where_it_can_be(device, particles, survival):
+    """Costs of all kinds: alike to four digits, spread, near the worst, outside [0, 1], some without a judgement."""
+    rng = np.random.default_rng(particles)
+    base = rng.uniform(0, 1, (7, particles))
+    costs = np.stack(
+        [
+            0.3 + 1e-4 * base[0],
+            base[1],
+            0.999 + 1e-3 * base[2],
+            base[3] ** 8,
+            1e-7 * base[4],
+            1e6 * base[5] - 3e5,
+            np.where(np.arange(particles) < 0.04 * particles, np.inf, base[6]),
+        ]
+    )
+    weight = weighed(device, costs, survival=survival).optimizer.weight.numpy().astype(float)
+    np.testing.assert_allclose(weight.sum(axis=1), 1.0, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(survival_rate(weight), survival, rtol=0, atol=SURVIVAL)
+
+
+def test_weights_are_powers_of_one_less_the_cost(device):
+    costs = np.random.default_rng(0).uniform(0.1, 0.6, (4, 30)).astype(np.float32)
+    search = weighed(device, costs)
+    exponent = search.optimizer.exponent.numpy().astype(float)
+    expected = (1 - costs.astype(float)) ** exponent[:, None]
+    expected /= expected.sum(axis=1, keepdims=True)
+    np.testing.assert_allclose(search.optimizer.weight.numpy(), expected, rtol=1e-4, atol=0)
+
+
+@pytest.mark.parametrize(("factor", "offset"), [(1.0, 3.0), (1000.0, 0.0), (0.01, -0.001), (1e38, -1e38), (3e38, 0)])
+def test_costs_outside_0_to_1_are_mapped_onto_it_by_their_range(device, factor, offset):
+    costs = np.linspace(0, 1, 20)[None]
+    inside = weighed(device, costs).optimizer.weight.numpy()
+    outside = weighed(device, factor * costs + offset).optimizer.weight.numpy()
+    np.testing.assert_allclose(outside, inside, rtol=0, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("costs", "weights"),
+    [
+        ([0.2, 0.2, 0.2, 0.2], [0.25, 0.25, 0.25, 0.25]),
+        ([1.0, 1.0, 1.0, 1.0], [0.25, 0.25, 0.25, 0.25]),
+        ([7.0, 7.0, 7.0, 7.0], [0.25, 0.25, 0.25, 0.25]),
+        ([np.inf, np.inf, np.inf, np.inf], [0.25, 0.25, 0.25, 0.25]),
+        ([np.inf, 1.0, np.inf, 1.0], [0, 0.5, 0, 0.5]),
+        ([np.inf, np.inf, 0.3, np.inf], [0, 0, 1, 0]),
+        ([0.1, 0.1, 0.1, 0.5], [1 / 3, 1 / 3, 1 / 3, 0]),  # three that share the best cannot be told apart
+        ([0.1, np.inf, 0.9, np.inf], [0.5, 0, 0.5, 0]),  # two survive at most: no exponent is soft enough
+        ([0.0, 1.0, 1.0, 1.0], [1, 0, 0, 0]),
+        ([0.5, 1e-42, 0.0, 1.0], None),
+        ([-1e-45, 0.0, 0.0, 0.0], None),
+        ([-3e38, 3e38, 0.0, 1.0], None),
+    ],
+)
+def test_weights_where_the_survival_rate_cannot_be_met(device, costs, weights):
+    search = weighed(device, [costs, costs])
+    found = search.optimizer.weight.numpy()
+    if weights is not None:
+        np.testing.assert_allclose(found, [weights, weights], rtol=0, atol=1e-3)
+    np.testing.assert_allclose(found.sum(axis=1), 1.0, rtol=0, atol=1e-5)
+    assert_finite(search)
+    assert not np.any(np.isinf(costs)) or np.all(np.isinf(costs)) or not found[:, np.isinf(costs)].any()
+
+
+def test_particles_are_selected_as_often_as_they_weigh_with_replacement(device):
+    """Counts of 2000 runs: chi-square of their sum, and of a run's own counts, which are those of independent draws."""
+    cost = np.linspace(0.1, 0.9, 20)
+    search = weighed(device, np.tile(cost, (2000, 1)))
+    weight = search.optimizer.weight.numpy()[0].astype(float)
+    parent = search.optimizer.parent.numpy()
+    counts = np.stack([np.bincount(chosen, minlength=20) for chosen in parent])
+    likely = weight * 20 > 0.05
+    assert likely.sum() > 10
+    expected = np.append(weight[likely], weight[~likely].sum()) * parent.size
+    total = counts.sum(axis=0)
+    observed = np.append(total[likely], total[~likely].sum())
+    assert stats.chisquare(observed, expected * parent.size / expected.sum()).pvalue > CHANCE
+    for k in np.flatnonzero(likely)[:5]:
+        often = np.minimum(counts[:, k], 4)
+        share = stats.binom.pmf(np.arange(4), 20, weight[k])
+        expected = 2000 * np.append(share, 1 - share.sum())
+        assert stats.chisquare(np.bincount(often, minlength=5), expected).pvalue > CHANCE
+
+
+def test_particles_without_weight_are_never_selected(device):
+    costs = np.where(np.arange(16) % 2, np.inf, 0.5)
+    parent = weighed(device, np.tile(costs, (500, 1))).optimizer.parent.numpy()
+    assert not np.any(parent % 2)
+
+
+def test_propagation_adds_half_of_the_selected_particles_covariance(device):
+    runs, particles = 4000, 6
+    search = Search(AnnealedFilter, 3, range(runs), device, 10 * particles)
+    search.generation(sphere)
+    chosen = np.random.default_rng(1).normal(0, [0.1, 1.0, 3.0], (particles, 3)) @ np.linalg.qr(np.ones((3, 3)))[0]
+    o = search.optimizer
+    o.selected.assign(np.tile(chosen, (runs, 1, 1)))
+    o._center.assign(np.tile(chosen.mean(axis=0), (runs, 1)))
+    added = search.ask() - chosen.astype(np.float32)
+    expected = 0.5 * np.cov(chosen.T, bias=True)
+    white = np.linalg.solve(np.linalg.cholesky(expected), added.reshape(-1, 3).T)
+    assert np.abs(np.cov(white) - np.eye(3)).max() < 5 * np.sqrt(2 / (runs * particles))
+    assert stats.kstest(white[0], "norm").pvalue > CHANCE
+    together = np.cov(added[:, :, 0].T) / expected[0, 0]  # of one particle's with another's
+    assert np.abs(together - np.eye(particles)).max() < 5 * np.sqrt(2 / runs)
+
+
+def test_the_first_layer_is_spread_by_the_radius(device):
+    scale = np.array([0.1, 0.5, 2.0])
+    search = Search(AnnealedFilter, 3, range(400), device, 100, scale=scale, start=[5.0, -5.0, 0.0])
+    z = (search.ask() - search.start[:, None].astype(float)) / scale
+    for i in range(3):
+        assert stats.kstest(z[..., i].ravel(), "norm").pvalue > CHANCE
+    assert np.abs(np.corrcoef(z.reshape(-1, 3).T) - np.eye(3)).max() < 5 / np.sqrt(4000)
+
+
+@pytest.mark.parametrize(
+    ("evaluations", "plan"),
+    [
+        (0, []),
+        (1, []),
+        (2, [2]),
+        (7, [2, 2, 2]),
+        (20, [2] * 10),
+        (83, [8] * 10),
+        (84, [8] * 10),
+        (500, [50] * 10),
+        (1500, [150] * 10),
+    ],
+)
+def test_a_budget_is_spread_over_the_layers(device, evaluations, plan):
+    search = Search(AnnealedFilter, 4, [0, 1], device, evaluations, start=0.7)
+    assert search.optimizer.plan(evaluations) == plan
+    search.run(sphere)
+    assert np.isfinite(search.estimate()).all()
+    if not plan:
+        np.testing.assert_array_equal(search.estimate(), search.start)
+
+
+def test_a_plan_never_exceeds_another_budget():
+    search = Search(AnnealedFilter, 4, [0], "cpu", 500)
+    assert search.optimizer.plan(499) == [50] * 9
+    assert search.optimizer.plan(49) == []
+    assert search.optimizer.plan(5000) == [50] * 10
+
+
+@pytest.mark.parametrize("dofs", [1, 39])
+def test_a_run_of_a_batch_is_the_single_run_bit_for_bit(device, dofs):
+    assert_a_run_of_a_batch_is_the_single_run(AnnealedFilter, dofs, device, ellipsoid, evaluations=150)
+
+
+def test_start_forgets_the_last_search(device):
+    """But not which random numbers it used."""
+    search = Search(AnnealedFilter, 4, [3, 4], device, 150)
+    search.run(sphere)
+    fresh = Search(AnnealedFilter, 4, [3, 4], device, 150)
+    fresh.draw.assign(search.draw.numpy())
+    search.restart()
+    for _ in range(3):
+        search.generation(ellipsoid)
+        fresh.generation(ellipsoid)
+    for name, values in fresh.state().items():
+        np.testing.assert_array_equal(search.state()[name], values, err_msg=name)
+
+
+def test_asking_again_without_telling_draws_again(device):
+    search = Search(AnnealedFilter, 4, [3, 4], device, 150)
+    search.generation(sphere)
+    before = search.state()
+    first = search.ask(5)
+    assert not np.any(search.ask(5)[:, :5] == first[:, :5])
+    after = search.state()
+    for name in ("selected", "_center", "mean", "weight", "_layer"):
+        np.testing.assert_array_equal(before[name], after[name], err_msg=name)
+    np.testing.assert_array_equal(after["_draw"], before["_draw"] + 10)
+
+
+@pytest.mark.parametrize("scale", [0.5, 0.0])
+@pytest.mark.parametrize("dofs", [1, 6])
+@pytest.mark.parametrize("function", [flat, unjudged, half_judged])
+def test_costs_that_tell_little_do_no_harm(device, function, dofs, scale):
+    search = Search(AnnealedFilter, dofs, range(3), device, 500, scale=scale, start=0.3)
+    search.run(function)
+    assert_finite(search)
+    assert np.isfinite(search.estimate()).all()
+    if scale == 0.0:
+        np.testing.assert_array_equal(search.estimate(), search.start)
+
+
+@pytest.mark.parametrize("function", [sphere, rosenbrock, bounded])
+@pytest.mark.parametrize(("dofs", "share"), [(4, 0.1), (9, 0.3), (28, 0.8)])
+def test_the_estimate_is_better_than_the_start(device, function, dofs, share):
+    search = Search(AnnealedFilter, dofs, range(7), device, 1500, start=-1.0)
+    search.run(function)
+    assert np.median(function(search.estimate())) < share * function(search.start).mean()
+
+
+@pytest.mark.parametrize("algorithm", ["apf", "psapf"])
+def test_a_motion_is_tracked(device, algorithm):
+    result, errors = track_motion(algorithm, device, runs=2)
+    assert np.all(errors < TRACKED[algorithm])
+    assert np.all(result.evaluations == {"apf": 500, "psapf": 480}[algorithm])
+    single, _ = track_motion(algorithm, device, frames=2, seed=1)
+    np.testing.assert_array_equal(result.pose[1, :2], single.pose[0])
+    assert not np.array_equal(result.pose[0], result.pose[1])
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "evaluations", "spent"),
+    [("apf", 1, 0), ("apf", 7, 6), ("apf", 500, 500), ("psapf", 5, 0), ("psapf", 83, 82), ("psapf", 500, 480)],
+)
+def test_a_frame_costs_whole_layers_within_its_budget(device, algorithm, evaluations, spent):
+    tracker, calls = tracker_of(algorithm, device, evaluations=evaluations, runs=2)
+    truth, seen = motion(device)
+    answer = tracker.step(seen[1])
+    assert answer.evaluations == spent
+    assert calls.pop() == 2  # the cost of the answer, which was none of the particles
+    assert sum(calls) == 2 * spent
+    assert np.isfinite(answer.cost).all()
+    if spent == 0:
+        np.testing.assert_array_equal(answer.pose, np.tile(truth[0].astype(np.float32), (2, 1)))
+
+
+def test_the_answer_is_the_estimate_within_the_limits_and_its_own_cost(device):
+    """Not the best particle, and not what an earlier frame found."""
+    tracker, _calls = tracker_of("apf", device, evaluations=100, rotation_radius=0.8)
+    _truth, seen = motion(device)
+    tracker.step(seen[0])
+    answer = tracker.step(seen[1])
+    search = tracker._search
+    optimizer = search._optimizers[0]
+    estimate = optimizer.mean.numpy()[0]
+    lower, upper = search._lower.numpy(), search._upper.numpy()
+    index = optimizer.index.numpy()
+    np.testing.assert_array_equal(answer.pose[0][index], np.clip(estimate, lower[index], upper[index]))
+    assert np.any(estimate != answer.pose[0][index])
+    other, _calls = tracker_of("h-cmaes", device, evaluations=1)
+    other.state = answer.pose, np.zeros(1, np.int32)
+    assert other.step(seen[1]).cost[0] == answer.cost[0]

@@ -50,8 +50,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     debug = "--debug" in tokens or os.environ.get("MMOCAP_DEBUG", "0") not in ("", "0")
     try:
         code = app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
-    except (CycloptsError, UsageError) as error:
+    except CycloptsError as error:
         return _fail(f"{error} (mmocap --help lists what is possible)", USAGE)
+    except UsageError as error:
+        return _fail(str(error), USAGE)
     except InputError as error:
         if debug:
             raise

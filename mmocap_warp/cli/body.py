@@ -56,6 +56,7 @@ def make(
     """
     from mmocap_warp.bodymaking import make_body
     from mmocap_warp.cli.outputs import new_file
+    from mmocap_warp.cli.settings import as_flag
     from mmocap_warp.formats.usd_body import write_body
     from mmocap_warp.formats.usd_file import USD_SUFFIXES
 
@@ -67,7 +68,7 @@ def make(
     except InputError:
         raise
     except ValueError as error:
-        raise UsageError(str(error)) from None
+        raise UsageError(as_flag(error)) from None
     write_body(output, body)
     values = {
         "body": body.name,

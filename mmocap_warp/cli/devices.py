@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 
 from mmocap_warp.cli.exit_codes import UsageError
+from mmocap_warp.cli.settings import as_flag
 
 
 def start_warp(device: str = "auto") -> None:
@@ -32,4 +33,4 @@ def start_warp(device: str = "auto") -> None:
     try:
         resolve_device(device)
     except ValueError as error:
-        raise UsageError(f"--{error}") from None
+        raise UsageError(as_flag(error)) from None

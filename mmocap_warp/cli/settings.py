@@ -36,7 +36,7 @@ def effective(kind: type[Config], scene: Path, table: str, written: Mapping[str,
     try:
         return replace(config, **given)
     except ValueError as error:
-        raise UsageError(_as_flag(str(error))) from None
+        raise UsageError(as_flag(error)) from None
 
 
 def describe(config: DataclassInstance, written: Mapping[str, Any], flags: Any) -> str:
@@ -71,7 +71,7 @@ def _given(flags: Any) -> dict[str, Any]:
     return {name: value for name, value in asdict(flags).items() if value is not None}
 
 
-def _as_flag(message: str) -> str:
-    """A config's message, which starts with the field's name, in the words of the command line."""
-    name, _, rest = message.partition(" ")
+def as_flag(error: ValueError) -> str:
+    """A message that starts with a setting's name, in the words of the command line."""
+    name, _, rest = str(error).partition(" ")
     return f"--{name.replace('_', '-')} {rest}"

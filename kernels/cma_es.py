@@ -5,6 +5,8 @@ Equations and misprints are those of the paper's Section 4 as settled in ``docs/
 
 import warp as wp
 
+from mmocap_warp.kernels.eigen import decompose
+
 wp.set_module_options({"enable_backward": False})
 
 
@@ -204,83 +206,9 @@ def _update_covariance(
     covariance[run, i, j] = (1.0 - table.c_cov) * old + table.c_cov * (share * rank_one + (1.0 - share) * rank_mu)
 
 
-@wp.func
-def _rotate(p: int, q: int, run: int, work: wp.array3d[wp.float32], axes: wp.array3d[wp.float32]):
-    """One Jacobi rotation: make ``work[p, q]`` zero and turn the eigenvectors along."""
-    apq = work[run, p, q]
-    if apq == 0.0:
-        return
-    theta = 0.5 * (work[run, q, q] - work[run, p, p]) / apq
-    t = 1.0 / (wp.abs(theta) + wp.sqrt(theta * theta + 1.0))
-    if theta < 0.0:
-        t = -t
-    c = 1.0 / wp.sqrt(t * t + 1.0)
-    s = t * c
-    # As corrections to the old values: a small rotation then rounds far less than with ``c * ip - s * iq``.
-    tau = s / (1.0 + c)
-    dofs = work.shape[1]
-    # One load a line: in ``a, b = m[i], m[j]`` Warp keeps references, which would see the writes that follow.
-    for i in range(dofs):
-        ip = work[run, i, p]
-        iq = work[run, i, q]
-        work[run, i, p] = ip - s * (iq + tau * ip)
-        work[run, i, q] = iq + s * (ip - tau * iq)
-    for i in range(dofs):
-        pi = work[run, p, i]
-        qi = work[run, q, i]
-        work[run, p, i] = pi - s * (qi + tau * pi)
-        work[run, q, i] = qi + s * (pi - tau * qi)
-        vp = axes[run, i, p]
-        vq = axes[run, i, q]
-        axes[run, i, p] = vp - s * (vq + tau * vp)
-        axes[run, i, q] = vq + s * (vp - tau * vq)
-
-
-@wp.kernel
-def _decompose(
-    covariance: wp.array3d[wp.float32],  # (run, dof, dof)
-    sweeps: int,
-    # in and out
-    axes: wp.array3d[wp.float32],  # (run, dof, dof)
-    # out
-    lengths: wp.array2d[wp.float32],  # (run, dof)
-    work: wp.array3d[wp.float32],  # (run, dof, dof)
-    product: wp.array3d[wp.float32],  # (run, dof, dof)
-):
-    run = wp.tid()
-    dofs = lengths.shape[1]
-    # The last eigenvectors nearly diagonalise the new C, so that one or two sweeps are left to do.
-    for i in range(dofs):
-        for j in range(dofs):
-            total = float(0.0)
-            for l in range(dofs):  # noqa: E741
-                total += covariance[run, i, l] * axes[run, l, j]
-            product[run, i, j] = total
-    for i in range(dofs):
-        for j in range(i, dofs):
-            total = float(0.0)
-            for l in range(dofs):  # noqa: E741
-                total += axes[run, l, i] * product[run, l, j]
-            work[run, i, j] = total
-            work[run, j, i] = total
-    for _sweep in range(sweeps):
-        off = float(0.0)
-        trace = float(0.0)
-        for p in range(dofs):
-            trace += work[run, p, p]
-            for q in range(p + 1, dofs):
-                off += work[run, p, q] * work[run, p, q]
-        if off > 1.0e-14 * trace * trace:
-            for p in range(dofs - 1):
-                for q in range(p + 1, dofs):
-                    _rotate(p, q, run, work, axes)
-    for i in range(dofs):
-        lengths[run, i] = wp.sqrt(wp.max(work[run, i, i], 1.0e-20))
-
-
 def update(
     table, weight, cost, order, z, y, scale, mean, sigma, p_sigma, p_c, covariance, axes, lengths, generation,
-    stalled, work, product,
+    stalled, scratch,
 ):  # fmt: skip
     """One generation: rank, then Eq. 10-14 for mean, paths, sigma and C, then ``C = B D^2 B^T`` for the next draw."""
     device = mean.device
@@ -300,4 +228,4 @@ def update(
         outputs=[covariance],
         device=device,
     )
-    wp.launch(_decompose, dim=runs, inputs=[covariance, 12], outputs=[axes, lengths, work, product], device=device)
+    decompose(covariance, axes, lengths, *scratch)

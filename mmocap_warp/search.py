@@ -40,6 +40,7 @@ class Search:
         optimizers: one per part, in order.
         evaluations: budget of each run; the start is the first evaluation, unless the answer is an estimate.
         limits: (coordinate, 2) lowest and highest value of every coordinate; infinite where free.
+        replays: search again and again with the same arrays, and on a GPU replay a captured graph.
     """
 
     def __init__(
@@ -48,11 +49,15 @@ class Search:
         optimizers: Sequence[Optimizer],
         evaluations: int,
         limits: np.ndarray,
+        replays: bool = False,
     ) -> None:
         runs = optimizers[0].population.shape[0]
         device = objective.device
         self._objective, self._optimizers = objective, optimizers
         self._runs = runs
+        self._replays = replays and objective.pose.device.is_cuda
+        self._graph: wp.Graph | None = None
+        self._loaded = False
         self._returns_best = all(optimizer.returns_best for optimizer in optimizers)
         shares = share_budget(evaluations - self._returns_best, len(optimizers))
         self._plans = [optimizer.plan(share) for optimizer, share in zip(optimizers, shares, strict=True)]
@@ -67,7 +72,25 @@ class Search:
         return self._returns_best + sum(map(sum, self._plans))
 
     def run(self) -> None:
-        """Search; improves ``best_pose`` in place."""
+        """Search; improves ``best_pose`` in place.
+
+        On a GPU the second search is captured as one graph, and from then on replayed: a search is many small launches
+        that would wait for the host. The first one is not, because it loads the kernels.
+        """
+        if not self._replays:
+            self._run()
+            return
+        if self._graph is None and self._loaded:
+            with wp.ScopedCapture(self._objective.device) as capture:
+                self._run()
+            self._graph = capture.graph
+        if self._graph is not None:
+            wp.capture_launch(self._graph)
+        else:
+            self._run()
+            self._loaded = True
+
+    def _run(self) -> None:
         objective = self._objective
         self.best_cost.fill_(wp.inf)
         if self._returns_best:

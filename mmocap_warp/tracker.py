@@ -175,7 +175,7 @@ class Tracker:
             threads=config.threads or available_threads(),
         )
         limits = coordinate_limits(subject.body) if config.limits else _FREE
-        self._search = Search(self._objective, optimizers, config.evaluations, limits)
+        self._search = Search(self._objective, optimizers, config.evaluations, limits, replays=True)
         self._search.best_pose.assign(np.repeat(subject.pose[None].astype(np.float32), config.runs, axis=0))
 
     @property

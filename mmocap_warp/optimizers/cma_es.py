@@ -110,8 +110,12 @@ class CmaEs:
         self._lengths = wp.zeros_like(self.mean)
         self.covariance = wp.zeros((runs, dofs, dofs), dtype=wp.float32, device=device)
         self._axes = wp.zeros_like(self.covariance)
-        self._work = wp.zeros_like(self.covariance)
-        self._product = wp.zeros_like(self.covariance)
+        self._scratch = (
+            wp.zeros_like(self.covariance),
+            wp.zeros_like(self.covariance),
+            wp.zeros((runs, (dofs + 1) // 2), dtype=wp.vec2, device=device),
+            wp.zeros(runs, dtype=wp.int32, device=device),
+        )
         self.sigma = wp.zeros(runs, dtype=wp.float32, device=device)
         self._stalled = wp.zeros_like(self.sigma)
         self._generation = wp.zeros(runs, dtype=wp.int32, device=device)
@@ -141,7 +145,7 @@ class CmaEs:
         kernels.update(
             self._constants, self._weight, cost, self._order, self._z, self._y, self.scale, self.mean, self.sigma,
             self.p_sigma, self.p_c, self.covariance, self._axes, self._lengths, self._generation, self._stalled,
-            self._work, self._product,
+            self._scratch,
         )  # fmt: skip
 
     def estimate(self, pose: wp.array) -> None:

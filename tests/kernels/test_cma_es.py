@@ -4,7 +4,7 @@ import scipy.stats
 import warp as wp
 from poisoned import poisoned
 
-from mmocap_warp.kernels import cma_es
+from mmocap_warp.kernels import cma_es, eigen
 
 ORTHONORMAL = 1e-5
 DECOMPOSED = 1e-5  # of the largest eigenvalue
@@ -88,14 +88,9 @@ def decompose(covariance, axes, device):
     runs, dofs, _ = covariance.shape
     lengths = poisoned((runs, dofs), wp.float32, device)
     work, product = (poisoned(covariance.shape, wp.float32, device) for _ in range(2))
+    turn, swept = poisoned((runs, (dofs + 1) // 2), wp.vec2, device), poisoned(runs, wp.int32, device)
     matrices = [wp.array(values, dtype=wp.float32, device=device) for values in (covariance, axes)]
-    wp.launch(
-        cma_es._decompose,
-        dim=runs,
-        inputs=[matrices[0], 12],
-        outputs=[matrices[1], lengths, work, product],
-        device=device,
-    )
+    eigen.decompose(*matrices, lengths, work, product, turn, swept)
     return matrices[1].numpy().astype(float), lengths.numpy().astype(float)
 
 

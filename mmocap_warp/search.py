@@ -55,7 +55,7 @@ class Search:
         device = objective.device
         self._objective, self._optimizers = objective, optimizers
         self._runs = runs
-        self._replays = replays and objective.pose.device.is_cuda
+        self._replays = replays and objective.device != "cpu"
         self._graph: wp.Graph | None = None
         self._loaded = False
         self._returns_best = all(optimizer.returns_best for optimizer in optimizers)

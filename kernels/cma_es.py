@@ -9,6 +9,8 @@ from mmocap_warp.kernels.eigen import decompose
 
 wp.set_module_options({"enable_backward": False})
 
+_WIDEST = wp.constant(1.0e8)  # sigma; costs that stay flat would widen it until candidates overflow
+
 
 @wp.struct
 class CmaEsConstants:
@@ -181,7 +183,7 @@ def _update_paths(
     best = cost[run * particles + order[run, 0]]
     if best == cost[run * particles + order[run, table.flat_rank]]:
         grown *= wp.exp(0.2 + table.c_sigma / table.d_sigma)  # a flat neighbourhood tells nothing: look further
-    sigma[run] = grown
+    sigma[run] = wp.min(grown, _WIDEST)
 
 
 @wp.kernel

@@ -17,6 +17,7 @@ _SWEEPS = wp.constant(16)
 _NEGLIGIBLE = wp.constant(3.0e-8)  # of the larger diagonal element: below what float32 can tell
 _CONVERGED = wp.constant(1.0e-6)
 _SMALLEST = wp.constant(1.0e-20)
+_LARGEST = wp.constant(1.0e16)  # its square still fits
 
 
 @wp.func_native("""
@@ -143,7 +144,7 @@ def _decompose(
         # All threads have passed the sweep's last barrier, and none can write a number below the next sweep's.
         sweep = wp.where(swept[run] < sweep, _SWEEPS + 1, sweep + 1)
     for i in range(lane, dofs, lanes):
-        lengths[run, i] = wp.sqrt(wp.max(work[run, i, i], _SMALLEST))
+        lengths[run, i] = wp.sqrt(wp.clamp(work[run, i, i], _SMALLEST, _LARGEST))
 
 
 def decompose(matrix, axes, lengths, work, product, turn, swept):

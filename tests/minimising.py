@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 from poisoned import SENTINEL
 
-_GIVEN = ("index", "scale", "_seed")  # arrays that a search does not change
+_GIVEN = ("index", "scale", "_seed", "_weight")  # arrays that a search does not change
 
 
 class Search:
@@ -25,7 +25,7 @@ class Search:
         self.optimizer = kind(self.index, self.scale, runs, seed, self.draw, evaluations, config)
         for name, array in self._arrays():
             if name != "_draw":
-                array.assign(np.full(array.shape, np.nan if array.dtype is wp.float32 else SENTINEL))
+                array.assign(np.full(array.numpy().shape, np.nan if array.dtype is wp.float32 else SENTINEL))
         self.start = np.broadcast_to(np.asarray(start, np.float32), (runs, dofs))
         self.restart()
 

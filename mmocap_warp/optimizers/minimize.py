@@ -46,16 +46,20 @@ def minimize(
         cost: called with ``(x, out)``: x is (candidate, coordinate) float32, out (candidate,) float32, both on the
             device; launch a kernel that fills ``out``. Infinite costs are allowed, NaN is not.
         start: (coordinate,) where every run starts.
-        radius: of the search, one for all coordinates or (coordinate,): CMA-ES's first step size, DE's and PSO's box.
-        evaluations: budget of each run, never exceeded.
-        optimizer: a class of this package, or another that follows its protocol.
+        radius: of the search, one for all coordinates or (coordinate,): CMA-ES's first step size, half the width of
+            DE's box, the spread of PSO's swarm and of the annealed filter's first layer. Where it is 0, nothing moves.
+        evaluations: budget of each run, never exceeded. An answer that is an estimate, as the annealed filter's, is
+            judged once more, so that its cost is known.
+        optimizer: a class of this package, or another that follows its protocol; ``functools.partial(De, config=...)``
+            for settings of its own.
         runs: independent runs; run r uses ``seed + r``.
         seed: of the first run.
-        bounds: (coordinate, 2) lowest and highest value, or None.
+        bounds: (coordinate, 2) lowest and highest value, or None; candidates are clamped before they are judged.
         device: a Warp device.
 
     Raises:
-        ValueError: a budget or number of runs below 1, or arrays that do not fit together.
+        ValueError: a budget or number of runs below 1, arrays that do not fit together, a start outside the bounds,
+            a negative radius, or values that are not finite.
     """
     start = np.asarray(start, np.float32)
     if start.ndim != 1 or not len(start):
@@ -65,7 +69,12 @@ def minimize(
     limits = np.tile([-np.inf, np.inf], (len(start), 1)) if bounds is None else np.asarray(bounds, float)
     if limits.shape != (len(start), 2):
         raise ValueError(f"bounds must be ({len(start)}, 2), got {limits.shape}")
+    lower, upper = limits.T.astype(np.float32)
+    if not (np.isfinite(start).all() and np.all((lower <= start) & (start <= upper))):
+        raise ValueError(f"start must be finite and within its bounds, got {start.tolist()}")
     radii = np.broadcast_to(np.asarray(radius, float), start.shape)
+    if not (np.isfinite(radii).all() and np.all(radii >= 0.0)):
+        raise ValueError(f"radius must be finite and not negative, got {radius}")
     seeds = wp.array(seed + np.arange(runs), dtype=wp.int32, device=device)
     draw = wp.zeros(runs, dtype=wp.int32, device=device)
     engine = optimizer(np.arange(len(start)), radii, runs, seeds, draw, evaluations)

@@ -11,7 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from mmocap_warp.show import write_png
+from mmocap_warp.formats.png import write_png
 
 _WIDTH, _PANEL_HEIGHT = 1200, 340  # [px]
 _LEFT, _RIGHT, _TOP, _BOTTOM = 84, 24, 44, 56  # [px], around a panel's axes

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import contextlib
 import math
-import os
-import sys
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import repeat
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from mmocap_warp.cameras import CameraRig, project
 from mmocap_warp.errors import InputError
+from mmocap_warp.formats.png import write_png
+from mmocap_warp.formats.webm import WebmFile
 from mmocap_warp.overlay import (
     LEFT_COLOUR,
     MASK_COLOUR,
@@ -66,7 +65,7 @@ def show(
     crops = [_crop(body, k, on_sheet) for k in range(len(result.cameras))]
     cells: list[list[np.ndarray]] = []
     with contextlib.ExitStack() as stack:
-        writer = stack.enter_context(_VideoFile(video, result.fps)) if video else None
+        writer = stack.enter_context(WebmFile(video, result.fps)) if video else None
         for frame, (seen, masked) in enumerate(_in_step(result, images, masks)):
             if writer:
                 views = body.views(frame, seen, masked, windows)
@@ -75,28 +74,6 @@ def show(
                 cells.append(body.views(frame, seen, masked, crops))
     if sheet:
         write_png(sheet, _contact_sheet(result, on_sheet, cells))
-
-
-def write_png(path: str | Path, image: np.ndarray) -> None:
-    """Write a picture, whole or not at all.
-
-    Raises:
-        InputError: the name does not end in ``.png``, or its folder cannot be written.
-    """
-    path = Path(path)
-    if path.suffix != ".png":
-        raise InputError(path, "is not a PNG file name", "end it in .png")
-    _, data = cv2.imencode(".png", image)
-    unfinished = path.with_name(f".{path.stem}.{os.getpid()}.png")
-    try:
-        unfinished.write_bytes(data.tobytes())
-        os.replace(unfinished, path)
-    except OSError as error:
-        raise InputError(
-            path, f"cannot be written ({error})", "check its folder, permissions and free space"
-        ) from error
-    finally:
-        unfinished.unlink(missing_ok=True)
 
 
 class _ProjectedBody:
@@ -215,53 +192,3 @@ def _tiled(rows: list[list[np.ndarray]]) -> tuple[np.ndarray, list[int]]:
 
 def _number(name: str, value: float, absent: str) -> str:
     return f"{name} {value:.3f}".strip() if np.isfinite(value) else absent
-
-
-class _VideoFile:
-    """A ``.webm`` that appears under its name when it is complete."""
-
-    def __init__(self, path: str | Path, fps: float) -> None:
-        self._path = Path(path)
-        if self._path.suffix != ".webm":
-            raise InputError(path, "is not a WebM file name", "end it in .webm")
-        if not self._path.parent.is_dir():
-            raise InputError(path, "its folder does not exist", "create the folder first")
-        self._unfinished = self._path.with_name(f".{self._path.stem}.{os.getpid()}.webm")
-        self._fps = fps
-        self._writer: cv2.VideoWriter | None = None
-
-    def __enter__(self) -> _VideoFile:
-        return self
-
-    def write(self, frame: np.ndarray) -> None:
-        """Append a BGR frame; all have one size."""
-        if self._writer is None:
-            size = (frame.shape[1], frame.shape[0])
-            with _quiet_stderr():  # OpenCV grumbles about every codec tag in WebM, and writes it all the same
-                self._writer = cv2.VideoWriter(
-                    str(self._unfinished), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"VP80"), self._fps, size
-                )
-            if not self._writer.isOpened():
-                raise InputError(self._path, "cannot be written", "check its folder's permissions and free space")
-        self._writer.write(frame)
-
-    def __exit__(self, kind: type | None, *_: object) -> None:
-        if self._writer is not None:
-            self._writer.release()
-        if kind is None and self._writer is not None:
-            os.replace(self._unfinished, self._path)
-        self._unfinished.unlink(missing_ok=True)
-
-
-@contextlib.contextmanager
-def _quiet_stderr() -> Iterator[None]:
-    """Silence what native code prints to the process's standard error."""
-    sys.stderr.flush()
-    kept = os.dup(2)
-    try:
-        with open(os.devnull, "wb") as nowhere:
-            os.dup2(nowhere.fileno(), 2)
-        yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)

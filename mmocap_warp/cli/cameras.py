@@ -78,10 +78,10 @@ def cameras(
 
 
 def _draw_axes(scene: Scene, folder: Path) -> None:
-    import cv2
     import numpy as np
 
     from mmocap_warp.cameras import draw_world_axes
+    from mmocap_warp.formats.png import write_png
 
     rig = scene.rig()
     images = next(scene.images(count=1))
@@ -90,4 +90,4 @@ def _draw_axes(scene: Scene, folder: Path) -> None:
         if image is None:
             width, height = rig.size[k]
             image = np.full((height, width, 3), 64, np.uint8)
-        cv2.imwrite(str(folder / f"{name}.png"), draw_world_axes(image, rig, k))
+        write_png(folder / f"{name}.png", draw_world_axes(image, rig, k))

@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from mmocap_warp.scene import Scene
     from mmocap_warp.truth import Truth
 
+_DRAWN_LENGTH = 800
+"""The longer side of the images that a result is drawn over, at least, where the recording has it [px]."""
+
 
 def scene_reference(scene: Path, result: Path) -> str:
     """How a result's configuration names its scene: relative to the result, so that both can move together."""
@@ -74,12 +77,16 @@ def _number(value: float | None, form: str) -> str:
 
 
 def draw_result(result: TrackResult, scene: Scene | None, video: Path, sheet: Path) -> None:
-    """Write the overlay video and the contact sheet, over the scene's images and masks where there is a scene."""
+    """Write the overlay video and the contact sheet, over the scene's images and masks where there is a scene.
+
+    Masks are those that were tracked; images may be larger, so that a result of small masks can still be judged.
+    """
     from mmocap_warp.show import show
 
     images = masks = None
     if scene is not None:
-        scale = float(result.config.get("scale", 1.0))
+        tracked = float(result.config.get("scale", 1.0))
+        drawn = min(1.0, max(tracked, _DRAWN_LENGTH / int(scene.calibrated.size.max())))
         first, count = int(result.frame_numbers[0]), len(result.frame_numbers)
-        images, masks = scene.images(scale, first, count), scene.masks(scale, first, count)
+        images, masks = scene.images(drawn, first, count), scene.masks(tracked, first, count)
     show(result, images, masks, video=video, sheet=sheet)

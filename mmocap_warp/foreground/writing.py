@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,8 +9,10 @@ import cv2
 import numpy as np
 
 from mmocap_warp.errors import InputError
+from mmocap_warp.formats.png import write_png
 from mmocap_warp.formats.toml_rig import write_toml_rig
 from mmocap_warp.formats.webm import WebmFile
+from mmocap_warp.formats.whole_file import write_whole
 from mmocap_warp.scene import Scene
 
 _TINT = np.array([0, 150, 255], np.uint8)  # BGR
@@ -57,7 +58,7 @@ def write_masks(
         frames = zip(scene.masks(scale, first, count), scene.images(scale, first, count), strict=True)
         for f, (masks, images) in enumerate(frames):
             for name, mask in zip(rig.names, masks, strict=True):
-                _write_mask(folder / name / f"{f:06d}.png", mask)
+                write_png(folder / name / f"{f:06d}.png", mask)
             video.write(draw_masks(masks, images))
             if progress is not None:
                 progress(f + 1)
@@ -77,7 +78,7 @@ def write_masks(
     ]
     for name in rig.names:
         lines += ["", f"[cameras.{_quoted(name)}]", f"masks = {_quoted(name)}"]
-    _write(folder / "scene.toml", "\n".join([*lines, ""]).encode())
+    write_whole(folder / "scene.toml", "\n".join([*lines, ""]).encode())
     return folder / "scene.toml"
 
 
@@ -93,24 +94,6 @@ def draw_masks(masks: list[np.ndarray], images: list[np.ndarray | None]) -> np.n
         size = (max(1, round(view.shape[1] * height / view.shape[0])), height)
         views.append(cv2.resize(view, size, interpolation=cv2.INTER_AREA))
     return np.concatenate(views, axis=1)
-
-
-def _write_mask(path: Path, mask: np.ndarray) -> None:
-    good, data = cv2.imencode(".png", mask.astype(np.uint8) * 255, [cv2.IMWRITE_PNG_BILEVEL, 1])
-    if not good:
-        raise ValueError(f"mask of shape {mask.shape} cannot be encoded")
-    _write(path, data.tobytes())
-
-
-def _write(path: Path, data: bytes) -> None:
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        unfinished.write_bytes(data)
-        os.replace(unfinished, path)
-    except OSError as error:
-        raise InputError(
-            path, f"cannot be written ({error})", "check the folder's permissions and free space"
-        ) from None
 
 
 def _quoted(text: str) -> str:

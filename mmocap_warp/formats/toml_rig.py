@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import cv2
@@ -10,6 +9,7 @@ import numpy as np
 
 from mmocap_warp.cameras import Camera, CameraRig, rig_of
 from mmocap_warp.formats.toml_table import Table, load_toml
+from mmocap_warp.formats.whole_file import write_whole
 
 METRES = {"m": 1.0, "mm": 0.001}
 """Metres per unit of length."""
@@ -67,7 +67,4 @@ def write_toml_rig(path: str | Path, rig: CameraRig) -> None:
             "",
         ]
     lines += ["[metadata]", "adjusted = false", "error = 0.0", ""]
-    path = Path(path)
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
-    unfinished.write_text("\n".join(lines), encoding="utf-8")
-    os.replace(unfinished, path)
+    write_whole(Path(path), "\n".join(lines).encode())

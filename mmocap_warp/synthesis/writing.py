@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 
-import cv2
-import numpy as np
-
 from mmocap_warp.errors import InputError
+from mmocap_warp.formats.png import write_png
 from mmocap_warp.formats.toml_rig import write_toml_rig
 from mmocap_warp.formats.usd_truth import write_truth
+from mmocap_warp.formats.whole_file import write_whole
 from mmocap_warp.synthesis.recording import Recording
 
 _SCENE = """\
@@ -60,28 +58,14 @@ def write_recording(folder: str | Path, recording: Recording, progress: Callable
             (folder / "masks" / name).mkdir(parents=True, exist_ok=True)
         for frame in range(len(recording.poses)):
             for name, mask in zip(rig.names, recording.masks(frame), strict=True):
-                _write(folder / "masks" / name / f"{frame:04d}.png", _encoded(mask))
+                write_png(folder / "masks" / name / f"{frame:04d}.png", mask)
             if progress is not None:
                 progress(frame + 1)
         write_toml_rig(folder / "calibration.toml", rig)
         write_truth(folder / "truth.usdc", recording.truth(), rig.up)
         cameras = "".join(f'\n[cameras.{name}]\nmasks = "masks/{name}"\n' for name in rig.names)
         text = _SCENE.format(name=folder.resolve().name, fps=recording.fps, up=rig.up, cameras=cameras)
-        _write(folder / "scene.toml", text.encode())
+        write_whole(folder / "scene.toml", text.encode())
     except OSError as error:
         raise InputError(folder, f"cannot be written to ({error})", "choose another folder") from error
     return folder / "scene.toml"
-
-
-def _encoded(mask: np.ndarray) -> bytes:
-    settings = [cv2.IMWRITE_PNG_BILEVEL, 1, cv2.IMWRITE_PNG_COMPRESSION, 9]
-    good, data = cv2.imencode(".png", mask.astype(np.uint8) * 255, settings)
-    if not good:
-        raise ValueError(f"mask of shape {mask.shape} cannot be encoded")
-    return data.tobytes()
-
-
-def _write(path: Path, data: bytes) -> None:
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
-    unfinished.write_bytes(data)
-    os.replace(unfinished, path)

@@ -138,7 +138,7 @@ def track_scene(scene: Scene, config: TrackConfig, output: Path, start: Start, c
     from mmocap_warp.tracker import track as track_frames
 
     checkpoint = output.with_name(f"{output.name}.checkpoint")
-    if start.resume and output.exists():
+    if start.resume and output.exists() and not checkpoint.exists():
         console.note(f"{output} is complete")
         return read_result(output)
     if checkpoint.exists() and not (start.resume or start.force):

@@ -130,16 +130,19 @@ class Scene:
         """As :meth:`observations`, unpacked: per camera (height, width) bool."""
         count = self._checked_count(first, count)
         rig = self.rig(scale)
+        # A frame has the same mask wherever reading starts, so what is remembered is gathered from the first frame on.
+        start = 0 if self.foreground.remembers and body is None else first
         empty = [np.zeros((height, width), bool) for width, height in rig.size]
-        streams = [self._raw_masks(k, scale, first, count) for k in range(len(self.cameras))]
+        streams = [self._raw_masks(k, scale, start, first + count - start) for k in range(len(self.cameras))]
         kept = empty
-        for raw in zip(*streams, strict=True):
+        for frame, raw in enumerate(zip(*streams, strict=True), start):
             where = kept if body is None else body()
             kept = [
                 empty[k] if mask is None else clean_mask(mask, self.foreground, scale, where[k])
                 for k, mask in enumerate(raw)
             ]
-            yield repair_masks(rig, kept) if self.foreground.repair else kept
+            if frame >= first:
+                yield repair_masks(rig, kept) if self.foreground.repair else kept
 
     def _raw_masks(self, k: int, scale: float, first: int, count: int) -> Iterator[np.ndarray | None]:
         """Camera ``k``'s masks, undistorted but as read or subtracted; None where it has no frame."""

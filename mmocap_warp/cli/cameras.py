@@ -13,6 +13,9 @@ from mmocap_warp.cli.exit_codes import CHECK_FAILED, OK
 if TYPE_CHECKING:
     from mmocap_warp.scene import Scene
 
+_SEEN, _UNSEEN = 128, 64
+"""Gray of foreground and background where a camera has no image."""
+
 
 def cameras(
     scene: Path,
@@ -85,9 +88,10 @@ def _draw_axes(scene: Scene, folder: Path) -> None:
 
     rig = scene.rig()
     images = next(scene.images(count=1))
+    if any(image is None for image in images):  # where there is no video, a view shows its mask
+        masks = next(scene.masks(count=1))
     for k, name in enumerate(rig.names):
         image = images[k]
         if image is None:
-            width, height = rig.size[k]
-            image = np.full((height, width, 3), 64, np.uint8)
+            image = np.where(masks[k][..., None], _SEEN, _UNSEEN).astype(np.uint8).repeat(3, axis=2)
         write_png(folder / f"{name}.png", draw_world_axes(image, rig, k))

@@ -63,6 +63,11 @@ class ForegroundSettings:
         if self.shadow_brightness > 1:
             raise ValueError(f"shadow_brightness must be 0 to 1, got {self.shadow_brightness:g}")
 
+    @property
+    def remembers(self) -> bool:
+        """Whether the mask of a frame depends on the frames before it."""
+        return self.keep == "nearest" or (self.source != "masks" and self.model == "knn")
+
 
 SUBTRACTED = ForegroundSettings(
     source="clean_plate", median=12.0, close=20.0, fill_holes=1000.0, min_area=2000.0, keep="largest"

@@ -14,13 +14,13 @@ from mmocap_warp.foreground.settings import ForegroundSettings
 _GAUSSIAN_SAMPLES = 31  # images whose median and spread are taken; bounds the memory
 _MIXTURE_SAMPLES = 300
 _MIXTURE_LEAST = 10  # images shown: KNN compares with several samples per pixel
-_FROZEN = 1e-6  # learning rate; KNN takes 0 for "learn at every frame" (an overflow in OpenCV)
+_FROZEN = {"mog2": 0.0, "knn": 1e-6}  # learning rates; KNN takes 0 for "learn at every frame" (an overflow in OpenCV)
 _GAIN_PIXELS = 50_000  # about so many tell the exposure
 _MAD_TO_SD = 1.4826  # of a normal distribution
 
 
 class Background(Protocol):
-    """A background that has been learnt. Judging an image changes nothing, so frames may be judged in any order."""
+    """A background that has been learnt. Judging an image changes nothing, but for the last samples that KNN takes."""
 
     def foreground(self, image: np.ndarray) -> np.ndarray:
         """(height, width) bool: what of a BGR image is not background."""
@@ -86,8 +86,8 @@ class GaussianBackground:
 class MixtureBackground:
     """OpenCV's MOG2 (Zivkovic 2004) or KNN (Zivkovic and van der Heijden 2006), trained first and then frozen."""
 
-    def __init__(self, subtractor: cv2.BackgroundSubtractor) -> None:
-        self._subtractor = subtractor
+    def __init__(self, subtractor: cv2.BackgroundSubtractor, frozen: float) -> None:
+        self._subtractor, self._frozen = subtractor, frozen
 
     @classmethod
     def learn(cls, images: Iterable[np.ndarray], settings: ForegroundSettings) -> MixtureBackground:
@@ -104,8 +104,8 @@ class MixtureBackground:
             shown += 1
         for _ in range(shown, _MIXTURE_LEAST):
             subtractor.apply(image)
-        return cls(subtractor)
+        return cls(subtractor, _FROZEN[settings.model])
 
     def foreground(self, image: np.ndarray) -> np.ndarray:
         """See :class:`Background`; shadows, which OpenCV marks with 127, are background."""
-        return self._subtractor.apply(image, learningRate=_FROZEN) == 255
+        return self._subtractor.apply(image, learningRate=self._frozen) == 255

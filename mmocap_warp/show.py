@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import repeat
 from pathlib import Path
 
@@ -45,6 +45,7 @@ def show(
     *,
     video: str | Path | None = None,
     sheet: str | Path | None = None,
+    progress: Callable[[int], None] | None = None,
 ) -> None:
     """Draw the best run over what was seen, in one pass over the recording.
 
@@ -55,6 +56,7 @@ def show(
         masks: likewise, (height, width) bool. None: draw no mask.
         video: a ``.webm`` of all frames (VP8, which browsers play), or None.
         sheet: a ``.png`` of up to eight frames, a row for each camera, cut to the body, or None.
+        progress: called after each frame with the number of frames done.
 
     Raises:
         InputError: another ending, a folder that cannot be written, or fewer images or masks than frames.
@@ -72,6 +74,8 @@ def show(
                 writer.write(_video_frame(result, frame, views, columns))
             if sheet and frame in on_sheet:
                 cells.append(body.views(frame, seen, masked, crops))
+            if progress is not None:
+                progress(frame + 1)
     if sheet:
         write_png(sheet, _contact_sheet(result, on_sheet, cells))
 

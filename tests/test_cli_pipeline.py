@@ -186,6 +186,16 @@ def test_show_and_export_write_what_they_say(result, tmp_path, capsys):
         assert faults(written["file"]) == []
 
 
+def test_a_result_of_small_masks_is_drawn_over_larger_images(scene, tmp_path, capsys, monkeypatch):
+    from mmocap_warp.scene import Scene
+
+    answer(capsys, "track", scene, "-o", tmp_path / "r.usdc", "--scale", 0.5, "--evaluations", 12)
+    drawn, images = [], Scene.images
+    monkeypatch.setattr(Scene, "images", lambda self, scale, *rest: drawn.append(scale) or images(self, scale, *rest))
+    answer(capsys, "show", tmp_path / "r.usdc")
+    assert drawn == [1.0]  # 160 pixels are all that the recording has
+
+
 def test_masks_are_a_scene_that_tracks_alike(scene, result, tmp_path, capsys):
     written = answer(capsys, "mask", scene, "-o", tmp_path / "masks")
     again = answer(capsys, "track", written["scene"], "-o", tmp_path / "r.usdc", "--evaluations", 60, "--seed", 3)

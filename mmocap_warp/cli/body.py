@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 
-from mmocap_warp.cli.console import Console
+from mmocap_warp.cli.console import Console, Switch
 from mmocap_warp.cli.exit_codes import UsageError
 from mmocap_warp.errors import InputError
 
@@ -26,7 +26,7 @@ def make(
     muscle: float = 0.5,
     proportions: float = 0.5,
     name: str | None = None,
-    force: Annotated[bool, Parameter(negative="")] = False,
+    force: Switch = False,
     console: Console | None = None,
 ) -> None:
     """Write a body of the given build as USD.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from mmocap_warp.cli.console import Console
+from mmocap_warp.cli.console import Console, Switch
 from mmocap_warp.cli.exit_codes import CHECK_FAILED, OK
 
 if TYPE_CHECKING:
@@ -22,12 +22,10 @@ def cameras(
     /,
     *,
     output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
-    force: Annotated[bool, Parameter(negative="")] = False,
+    force: Switch = False,
     console: Console | None = None,
 ) -> int:
     """Print a scene's cameras and draw the world axes into their views.
-
-    Exits with 4 where the cameras' mean height is not above the world's zero, which most often is a wrong 'up'.
 
     Parameters
     ----------

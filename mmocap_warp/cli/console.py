@@ -10,17 +10,20 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+Switch = Annotated[bool, Parameter(negative="", show_default=False)]
+"""An option that is given or not: it takes no value and has no opposite."""
+
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class Console:
     """The options that every command has."""
 
-    json: Annotated[bool, Parameter(negative="")] = False
+    json: Switch = False
     """Print exactly one JSON object on stdout."""
-    quiet: Annotated[bool, Parameter(negative="")] = False
+    quiet: Switch = False
     """Say nothing on stderr but warnings and errors."""
-    debug: Annotated[bool, Parameter(negative="")] = False
+    debug: Switch = False
     """Show the traceback of an error; MMOCAP_DEBUG=1 does so too."""
 
     def note(self, line: str) -> None:

@@ -19,10 +19,7 @@ def demo(
     output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("mmocap-out"),
     console: Console | None = None,
 ) -> int:
-    """Track the built-in scene, a walking body that is not the tracker's own, and compare with its truth.
-
-    Writes result, fitted subject, overlay video, contact sheet and a plot of error against frame, replacing those of
-    an earlier demo. Exits with 4 if the mean marker error is over 30 mm.
+    """Track the built-in scene and compare with its truth.
 
     Parameters
     ----------
@@ -51,7 +48,7 @@ def demo(
     }
     result = track_scene(scene, config, files["result"], Start(force=True), console)
     report = evaluate(result, truth_of(scene))
-    draw_result(result, scene, files["overlay"], files["sheet"])
+    draw_result(result, scene, files["overlay"], files["sheet"], console)
     plot_report(files["plot"], report)
     del report["series"]
     good = report["marker_error_mm"] <= MOST_ERROR_MM

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from mmocap_warp.cli.console import Console
+from mmocap_warp.cli.console import Console, Switch
 
 
 @Parameter(name="*")
@@ -35,7 +35,7 @@ def fit(
     output: Annotated[Path, Parameter(name=["--output", "-o"])],
     body: str | None = None,
     flags: FitFlags | None = None,
-    force: Annotated[bool, Parameter(negative="")] = False,
+    force: Switch = False,
     console: Console | None = None,
 ) -> None:
     """Find the body's shape, place, heading and first pose in a scene's first frame.

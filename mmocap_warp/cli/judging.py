@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mmocap_warp.cli.console import table
+from mmocap_warp.cli.console import Console, table
 from mmocap_warp.errors import InputError
 
 if TYPE_CHECKING:
@@ -76,17 +76,20 @@ def _number(value: float | None, form: str) -> str:
     return "-" if value is None else format(value, form)
 
 
-def draw_result(result: TrackResult, scene: Scene | None, video: Path, sheet: Path) -> None:
+def draw_result(result: TrackResult, scene: Scene | None, video: Path, sheet: Path, console: Console) -> None:
     """Write the overlay video and the contact sheet, over the scene's images and masks where there is a scene.
 
     Masks are those that were tracked; images may be larger, so that a result of small masks can still be judged.
     """
+    from mmocap_warp.cli.progress import Progress
     from mmocap_warp.show import show
 
+    frames = len(result.frame_numbers)
     images = masks = None
     if scene is not None:
         tracked = float(result.config.get("scale", 1.0))
         drawn = min(1.0, max(tracked, _DRAWN_LENGTH / int(scene.calibrated.size.max())))
-        first, count = int(result.frame_numbers[0]), len(result.frame_numbers)
-        images, masks = scene.images(drawn, first, count), scene.masks(tracked, first, count)
-    show(result, images, masks, video=video, sheet=sheet)
+        first = int(result.frame_numbers[0])
+        images, masks = scene.images(drawn, first, frames), scene.masks(tracked, first, frames)
+    with Progress("show", quiet=console.quiet) as progress:
+        show(result, images, masks, video=video, sheet=sheet, progress=lambda done: progress(done, frames))

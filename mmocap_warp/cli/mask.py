@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from mmocap_warp.cli.console import Console
+from mmocap_warp.cli.console import Console, Switch
 from mmocap_warp.cli.exit_codes import UsageError
 
 
@@ -17,12 +17,10 @@ def mask(
     *,
     output: Annotated[Path, Parameter(name=["--output", "-o"])],
     scale: float = 1.0,
-    force: Annotated[bool, Parameter(negative="")] = False,
+    force: Switch = False,
     console: Console | None = None,
 ) -> None:
-    """Write a scene's foreground masks as its [foreground] table says, and a video of them over the images.
-
-    The folder is a scene itself, with the masks undistorted and a calibration to match: track it as any other.
+    """Write a scene's foreground masks and an overlay of them.
 
     Parameters
     ----------

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from mmocap_warp.cli.console import Console
+from mmocap_warp.cli.console import Console, Switch
 
 
 def show(
@@ -16,7 +16,7 @@ def show(
     *,
     output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
     scene: Path | None = None,
-    force: Annotated[bool, Parameter(negative="")] = False,
+    force: Switch = False,
     console: Console | None = None,
 ) -> None:
     """Write an overlay video of all cameras, and a contact sheet beside it: mask against model, skin and skeleton.
@@ -42,5 +42,5 @@ def show(
     sheet = new_file(video.with_suffix(".png"), ".png", force=force)
     tracked = read_result(result)
     start_warp()
-    draw_result(tracked, scene_of(tracked, result, scene), video, sheet)
+    draw_result(tracked, scene_of(tracked, result, scene), video, sheet, console)
     console.result({"video": video, "sheet": sheet}, f"{video}\n{sheet}")

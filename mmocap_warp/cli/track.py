@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from mmocap_warp.cli.console import Console
+from mmocap_warp.cli.console import Console, Switch
 from mmocap_warp.cli.exit_codes import UsageError
 from mmocap_warp.errors import InputError
 
@@ -60,8 +60,8 @@ def track(
     subject: Path | None = None,
     body: str | None = None,
     flags: TrackFlags | None = None,
-    resume: Annotated[bool, Parameter(negative="")] = False,
-    force: Annotated[bool, Parameter(negative="")] = False,
+    resume: Switch = False,
+    force: Switch = False,
     console: Console | None = None,
 ) -> None:
     """Track a scene: from videos or masks to an animated USD body.

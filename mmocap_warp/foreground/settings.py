@@ -27,7 +27,7 @@ class ForegroundSettings:
         close: diameter of the closing [px], bridges thin gaps.
         fill_holes: enclosed holes up to this area are filled [px^2].
         min_area: components below this area are dropped [px^2].
-        keep: ``all`` components, the ``largest``, or the ``nearest`` to the tracked body.
+        keep: ``all`` components, the ``largest``, or the ``nearest`` to where the body was last.
         join: pieces up to this far apart count as one component [px]; a mask may be cut at the waist.
         repair: fill holes where the other views' visual hull is thick.
 

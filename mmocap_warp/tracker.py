@@ -21,34 +21,13 @@ from mmocap_warp.cameras import CameraRig
 from mmocap_warp.checkpoint import Checkpoint, Progress, fingerprint
 from mmocap_warp.objective import COSTS, Objective
 from mmocap_warp.observation import Observation
+from mmocap_warp.presets import PRESETS
 from mmocap_warp.result import STATUS, TrackResult
 from mmocap_warp.search import Search
 from mmocap_warp.strategy import hierarchical, holistic, share_budget
 
 if TYPE_CHECKING:
     from mmocap_warp.scene import Scene
-
-
-@dataclass(frozen=True)
-class Preset:
-    """Search radii: the step size at which a frame's search starts.
-
-    Attributes:
-        rotation: [rad], at ``fps`` frames per second where that is given.
-        translation: [m], likewise.
-        fps: the frame rate that the radii are for; they grow with the frame interval. None: the same at any rate.
-    """
-
-    rotation: float
-    translation: float
-    fps: float | None = None
-
-
-PRESETS: dict[str, Preset] = {
-    "recording": Preset(0.03, 0.02, 60.0),  # measured on a real recording, see docs/accuracy.md
-    "paper": Preset(0.5, 0.5),  # Section 5.2
-    "authors": Preset(0.05, 0.05),  # the upper default of the authors' own command line
-}
 
 
 @dataclass(frozen=True)
@@ -105,12 +84,9 @@ class TrackConfig:
             raise ValueError(f"seed must be in 0 .. 2^31 - runs, got {self.seed}")
 
     def radii(self, fps: float) -> tuple[float, float]:
-        """Rotation [rad] and translation [m] radius at a frame rate: the flags', or the preset's scaled to it."""
-        preset = PRESETS[self.preset]
-        interval = 1.0 if preset.fps is None else preset.fps / fps
-        rotation = self.rotation_radius or preset.rotation * interval
-        translation = self.translation_radius or preset.translation * interval
-        return rotation, translation
+        """Rotation [rad] and translation [m] radius at a frame rate: the flags', or the preset's for it."""
+        rotation, translation = PRESETS[self.preset].at(self.algorithm, fps)
+        return self.rotation_radius or rotation, self.translation_radius or translation
 
 
 def _one_of(name: str, value: object, allowed: Iterable[object]) -> None:

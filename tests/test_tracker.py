@@ -226,11 +226,13 @@ def test_a_result_says_how_it_was_made(walk):
 @pytest.mark.parametrize(
     ("settings", "fps", "radii"),
     [
-        ({}, 60.0, (0.03, 0.02)),
-        ({}, 30.0, (0.06, 0.04)),
+        ({}, 60.0, (0.02, 0.0133)),
+        ({}, 30.0, (0.04, 0.0266)),
+        ({"algorithm": "de"}, 60.0, (0.08, 0.053)),
         ({"preset": "paper"}, 30.0, (0.5, 0.5)),
         ({"preset": "authors"}, 120.0, (0.05, 0.05)),
-        ({"rotation_radius": 0.2}, 30.0, (0.2, 0.04)),
+        ({"preset": "authors", "algorithm": "apf"}, 120.0, (0.0349, 0.01)),
+        ({"rotation_radius": 0.2}, 30.0, (0.2, 0.0266)),
         ({"preset": "paper", "translation_radius": 0.1}, 60.0, (0.5, 0.1)),
     ],
 )

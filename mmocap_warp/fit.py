@@ -11,8 +11,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -39,6 +41,7 @@ _SPREAD_ELSE = 0.15  # spine, neck, wrists, ankles [rad]
 _SPREAD_TRANSLATION = 0.10  # [m]
 _SPREAD_SLIDER = 0.3
 _SPREAD_SCALE = 0.05  # of the logarithm
+_HEADINGS_SHARE = 0.3  # of the work, for the progress
 
 
 @dataclass(frozen=True)
@@ -76,12 +79,18 @@ class FitConfig:
     def __post_init__(self) -> None:
         if self.scale is not None and not 0.0 < self.scale <= 1.0:
             raise ValueError(f"scale must be in (0, 1], got {self.scale}")
-        for name in ("headings", "start_evaluations", "finalists", "cycle_evaluations"):
+        names = ("headings", "start_evaluations", "finalists", "final_cycles", "winner_cycles", "cycle_evaluations")
+        for name in names:
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
-        for name in ("final_cycles", "winner_cycles"):
-            if getattr(self, name) < 0:
+        for name in ("pose_prior", "shape_prior"):
+            if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
                 raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
+
+    @property
+    def cycles(self) -> int:
+        """All refinement cycles of the winner."""
+        return self.final_cycles + self.winner_cycles
 
 
 FitProgress = Callable[[str, float, float], None]
@@ -135,23 +144,53 @@ def fit_observation(
         NoSubjectError: fewer than two views see the subject, or they see different things.
     """
     config = config or FitConfig()
-    space = ShapeSpace(body, rig.up)
-    start = _standing_start(space, rig, observation)
-    fit = _Fit(space, rig, observation, config, progress)
-    coordinates, costs = fit.headings(start)
-    best = np.argsort(costs, kind="stable")[: config.finalists]
-    coordinates, costs = fit.refine(coordinates[best], range(config.final_cycles))
+    task = _Task(ShapeSpace(body, rig.up), rig, observation, config, progress or (lambda stage, done, cost: None))
+    coordinates, costs = _fit_headings(task, _standing_start(task))
+    finalists = np.argsort(costs, kind="stable")[: config.finalists]
+    coordinates, costs = _refine(task, coordinates[finalists], range(config.final_cycles))
     ranked = np.argsort(costs, kind="stable")
     margin = float(costs[ranked[1]] - costs[ranked[0]]) if len(costs) > 1 else float("nan")
-    coordinates, costs = fit.refine(coordinates[ranked[:1]], range(config.final_cycles, fit.cycles))
+    coordinates, costs = _refine(task, coordinates[ranked[:1]], range(config.final_cycles, config.cycles))
     provenance = {f"fit.{name}": value for name, value in asdict(config).items() if value is not None}
-    return space.subject(
-        coordinates[0].astype(np.float64), provenance | {"fit.cost": float(costs[0]), "fit.margin": margin}
-    )
+    found = {"fit.cost": float(costs[0]), "fit.margin": margin}
+    return task.space.subject(coordinates[0].astype(np.float64), provenance | found)
 
 
-def _standing_start(space: ShapeSpace, rig: CameraRig, observation: Observation) -> np.ndarray:
+@dataclass(frozen=True)
+class _Task:
+    """What all stages of a fit share."""
+
+    space: ShapeSpace
+    rig: CameraRig
+    observation: Observation
+    config: FitConfig
+    progress: FitProgress
+
+    @cached_property
+    def spread(self) -> np.ndarray:
+        """(coordinate,) how far each may be from the start: the scale of the search and of the prior."""
+        space = self.space
+        spread = np.full(len(space), _SPREAD_ELSE)
+        spread[:3] = _SPREAD_TRANSLATION
+        for i, name in enumerate(FULL_NAMES):
+            for part, value in _SPREAD.items():
+                if part in name:
+                    spread[i] = value
+        spread[space.slider_index] = _SPREAD_SLIDER
+        spread[space.scale_index] = _SPREAD_SCALE
+        return spread
+
+    def prior(self, strength: float) -> np.ndarray:
+        """(coordinate,) quadratic pull: to the rest pose in units of the spread, and to the starting shape."""
+        prior = np.zeros(len(self.space))
+        prior[3:FULL_DOF] = strength * self.config.pose_prior / self.spread[3:FULL_DOF] ** 2
+        prior[self.space.slider_index] = self.config.shape_prior
+        return prior
+
+
+def _standing_start(task: _Task) -> np.ndarray:
     """Coordinates of the rest pose where the visual hull stands, scaled to its height."""
+    space, rig, observation = task.space, task.rig, task.observation
     hull = visual_hull(rig, observation, spacing=0.03)
     if len(hull) < 100:
         hull = visual_hull(rig, observation, spacing=0.03, tolerate=1)
@@ -169,140 +208,69 @@ def _standing_start(space: ShapeSpace, rig: CameraRig, observation: Observation)
     return coordinates
 
 
-class _Fit:
-    """One fit: the shared settings of its two stages."""
-
-    def __init__(
-        self,
-        space: ShapeSpace,
-        rig: CameraRig,
-        observation: Observation,
-        config: FitConfig,
-        progress: FitProgress | None,
-    ) -> None:
-        self._space, self._rig, self._observation, self._config = space, rig, observation, config
-        self._progress = progress or (lambda stage, done, cost: None)
-        self._device = resolve_device(config.device)
-        self._limits = space.limits(coordinate_limits(space.body))
-        self._spread = _spread(space)
-
-    def headings(self, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Fit every heading on its own, whole body, shape and scale at once: coordinates and costs."""
-        config, space = self._config, self._space
-        starts = np.repeat(start[None], config.headings, axis=0)
-        starts[:, space.heading_index] = 2 * np.pi * np.arange(config.headings) / config.headings
-        index = np.concatenate([_dofs(), space.slider_index, [space.scale_index]])
-        search = self._search(starts, [index], config.start_evaluations, population=24)
-        search.objective.prior.assign(self._prior(1.0))
-        search.run()
-        found = search.best()
-        self._progress("headings", 0.3, float(found[1].min()))
-        return found
-
-    @property
-    def cycles(self) -> int:
-        """All refinement cycles."""
-        return self._config.final_cycles + self._config.winner_cycles
-
-    def refine(self, starts: np.ndarray, cycles: range) -> tuple[np.ndarray, np.ndarray]:
-        """Cycles over root and shape, then the parts, ever narrower: coordinates and costs."""
-        space = self._space
-        root_and_shape = np.concatenate([np.arange(6), space.slider_index, [space.scale_index]])
-        parts = [root_and_shape, *(part.index for part in hierarchical(degrees_of_freedom(39)))]
-        search = self._search(starts, parts, self._config.cycle_evaluations, population=12)
-        for cycle in cycles:
-            left = 1.0 - cycle / self.cycles
-            search.objective.prior.assign(self._prior(max(left, 0.1)))
-            search.shrink(max(0.6 * left, 0.1))
-            search.run()
-            self._progress("refinement", 0.3 + 0.7 * (cycle + 1) / self.cycles, float(search.best()[1].min()))
-        return search.best()
-
-    def _prior(self, strength: float) -> np.ndarray:
-        """(coordinate,) quadratic pull: to the rest pose in units of the spread, and to the starting shape."""
-        prior = np.zeros(len(self._space))
-        prior[3:FULL_DOF] = strength * self._config.pose_prior / self._spread[3:FULL_DOF] ** 2
-        prior[self._space.slider_index] = self._config.shape_prior
-        return prior
-
-    def _search(self, starts: np.ndarray, parts: list[np.ndarray], evaluations: int, population: int) -> _ShapeSearch:
-        return _ShapeSearch(
-            self._space,
-            self._rig,
-            self._observation,
-            starts,
-            parts,
-            self._spread,
-            self._limits,
-            evaluations,
-            CmaEsConfig(population),
-            self._config,
-            self._device,
-        )
+def _fit_headings(task: _Task, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Fit every heading on its own, whole body, shape and scale at once: coordinates and costs."""
+    config, space = task.config, task.space
+    starts = np.repeat(start[None], config.headings, axis=0)
+    starts[:, space.heading_index] = 2 * np.pi * np.arange(config.headings) / config.headings
+    everything = np.concatenate([degrees_of_freedom(39).index, space.slider_index, [space.scale_index]])
+    search = _ShapeSearch(task, starts, [everything], config.start_evaluations, population=24)
+    search.run(prior=task.prior(1.0), narrowing=1.0)
+    coordinates, costs = search.best()
+    task.progress("headings", _HEADINGS_SHARE, float(costs.min()))
+    return coordinates, costs
 
 
-def _dofs() -> np.ndarray:
-    return degrees_of_freedom(39).index
-
-
-def _spread(space: ShapeSpace) -> np.ndarray:
-    """(coordinate,) how far each coordinate may be from the start: the scale of the search and of the prior."""
-    spread = np.full(len(space), _SPREAD_ELSE)
-    spread[:3] = _SPREAD_TRANSLATION
-    for i, name in enumerate(FULL_NAMES):
-        for part, value in _SPREAD.items():
-            if part in name:
-                spread[i] = value
-    spread[space.slider_index] = _SPREAD_SLIDER
-    spread[space.scale_index] = _SPREAD_SCALE
-    return spread
+def _refine(task: _Task, starts: np.ndarray, cycles: range) -> tuple[np.ndarray, np.ndarray]:
+    """Cycles over root and shape, then the parts, ever narrower and less held: coordinates and costs."""
+    config, space = task.config, task.space
+    root_and_shape = np.concatenate([np.arange(6), space.slider_index, [space.scale_index]])
+    parts = [root_and_shape, *(part.index for part in hierarchical(degrees_of_freedom(39)))]
+    search = _ShapeSearch(task, starts, parts, config.cycle_evaluations, population=12)
+    for cycle in cycles:
+        left = 1.0 - cycle / config.cycles
+        search.run(prior=task.prior(max(left, 0.1)), narrowing=max(0.6 * left, 0.1))
+        done = _HEADINGS_SHARE + (1.0 - _HEADINGS_SHARE) * (cycle + 1) / config.cycles
+        task.progress("refinement", done, float(search.best()[1].min()))
+    return search.best()
 
 
 class _ShapeSearch:
-    """A frame search whose coordinates include shape, scale and heading; one run per start."""
+    """A search whose coordinates include shape, scale and heading; one run per start."""
 
     def __init__(
-        self,
-        space: ShapeSpace,
-        rig: CameraRig,
-        observation: Observation,
-        starts: np.ndarray,
-        parts: list[np.ndarray],
-        spread: np.ndarray,
-        limits: np.ndarray,
-        evaluations: int,
-        cma_es: CmaEsConfig,
-        config: FitConfig,
-        device: str,
+        self, task: _Task, starts: np.ndarray, parts: list[np.ndarray], evaluations: int, population: int
     ) -> None:
-        runs = len(starts)
+        config, space, runs = task.config, task.space, len(starts)
+        device = resolve_device(config.device)
         seed = wp.array(config.seed + np.arange(runs), dtype=wp.int32, device=device)
         draw = wp.zeros(runs, dtype=wp.int32, device=device)
-        self._spreads = [spread[part] for part in parts]
+        self._spreads = [task.spread[part] for part in parts]
         self._optimizers = [
-            CmaEs(part, scale, runs, seed, draw, evaluations, cma_es)
+            CmaEs(part, scale, runs, seed, draw, evaluations, CmaEsConfig(population))
             for part, scale in zip(parts, self._spreads, strict=True)
         ]
-        self.objective = Objective(
+        self._objective = Objective(
             space.body,
             upright_base(space.up),
-            rig,
+            task.rig,
             runs * max(optimizer.particles for optimizer in self._optimizers),
             shapes=space,
             device=device,
             threads=config.threads or available_threads(),
         )
-        self.objective.observe(observation)
-        self._search = Search(self.objective, self._optimizers, evaluations, limits)
+        self._objective.observe(task.observation)
+        limits = space.limits(coordinate_limits(space.body))
+        self._search = Search(self._objective, self._optimizers, evaluations, limits)
         self._search.best_pose.assign(starts.astype(np.float32))
 
-    def run(self) -> None:
+    def run(self, prior: np.ndarray, narrowing: float) -> None:
+        """Search once more from the best so far, starting at a share of the spread."""
+        self._objective.prior.assign(prior)
+        for optimizer, spread in zip(self._optimizers, self._spreads, strict=True):
+            optimizer.scale.assign((narrowing * spread).astype(np.float32))
         self._search.run()
 
-    def shrink(self, factor: float) -> None:
-        """Start the next searches at this share of the spread."""
-        for optimizer, spread in zip(self._optimizers, self._spreads, strict=True):
-            optimizer.scale.assign((factor * spread).astype(np.float32))
-
     def best(self) -> tuple[np.ndarray, np.ndarray]:
+        """Coordinates (run, coordinate) and costs (run,), prior included."""
         return self._search.best_pose.numpy().copy(), self._search.best_cost.numpy().copy()

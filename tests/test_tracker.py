@@ -218,7 +218,7 @@ def test_a_result_says_how_it_was_made(walk):
     assert np.all(result.evaluations == 20)
     assert result.frame_numbers.tolist() == [0, 1, 2]
     assert result.config["seed"] == 7
-    assert (result.config["rotation_radius"], result.config["translation_radius"]) == (0.03, 0.02)
+    assert (result.config["rotation_radius"], result.config["translation_radius"]) == (0.02, 0.0133)
     assert result.config["device"] == resolve_device("auto")
     assert {"warp-lang", "numpy", "device"} <= set(result.versions)
 

@@ -76,12 +76,21 @@ class Checkpoint:
         return time.monotonic() >= self._due
 
     def save(self, progress: Progress) -> None:
-        """Write the progress, whole or not at all."""
+        """Write the progress, whole or not at all.
+
+        Raises:
+            InputError: its folder cannot be written to, or the disk is full.
+        """
         started = time.monotonic()
         temporary = self._path.with_name(self._path.name + ".part")
-        with temporary.open("wb") as file:
-            np.savez(file, key=np.array(self._key), **asdict(progress))
-        os.replace(temporary, self._path)
+        try:
+            with temporary.open("wb") as file:
+                np.savez(file, key=np.array(self._key), **asdict(progress))
+            os.replace(temporary, self._path)
+        except OSError as error:
+            raise InputError(
+                self._path, f"cannot be written ({error})", "check its folder's permissions and free space"
+            ) from error
         now = time.monotonic()
         self._due = now + max(_INTERVAL, _SHARE * (now - started))
 
@@ -97,10 +106,8 @@ class Checkpoint:
             with np.load(self._path, allow_pickle=False) as file:
                 key = str(file["key"])
                 progress = Progress(**{field.name: file[field.name] for field in fields(Progress)})
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-            raise InputError(
-                self._path, f"the checkpoint cannot be read ({error})", "start anew with --force"
-            ) from None
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+            raise InputError(self._path, "is damaged, or no checkpoint", "start anew with --force") from None
         if key != self._key:
             raise InputError(
                 self._path,

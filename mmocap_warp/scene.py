@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from mmocap_warp.cameras import CameraRig
+from mmocap_warp.errors import InputError
 from mmocap_warp.foreground.cleanup import clean_mask
 from mmocap_warp.foreground.frames import Frames, ImageFolder, as_colour
 from mmocap_warp.foreground.mask_image import decode_mask
@@ -100,7 +101,13 @@ class Scene:
         return self.path.parent
 
     def rig(self, scale: float = 1.0) -> CameraRig:
-        """The undistorted pinholes of the images at ``scale``."""
+        """The undistorted pinholes of the images at ``scale``.
+
+        Raises:
+            InputError: a scale that leaves an image without pixels.
+        """
+        if 0 < scale * int(self.calibrated.size.min()) < 1:
+            raise InputError(self.path, f"at scale {scale:g} an image has no pixel left", "choose a larger scale")
         return self.calibrated.undistorted(scale)
 
     def observations(

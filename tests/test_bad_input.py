@@ -13,12 +13,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from synthetic import ring_rig, synthetic_body, synthetic_result
+from synthetic import ring_rig, synthetic_body, synthetic_result, synthetic_subject
 
 from mmocap_warp import cli
 from mmocap_warp.cli.exit_codes import BAD_INPUT, OK
 from mmocap_warp.formats.toml_rig import write_toml_rig
-from mmocap_warp.formats.usd_body import write_body
+from mmocap_warp.formats.usd_body import write_body, write_subject
 from mmocap_warp.formats.usd_result import write_result
 
 FRAMES = 3
@@ -159,6 +159,15 @@ def result_file(folder: Path) -> None:
     write_result(folder / "result.usda", synthetic_result(3, 1))
 
 
+def other_result(folder: Path) -> None:
+    write_result(folder / "result.usda", synthetic_result(3, 1, cameras=2))
+
+
+def damaged_checkpoint(folder: Path) -> None:
+    write_subject(folder / "s.usdc", synthetic_subject())
+    (folder / "r.usdc.checkpoint").write_bytes(b"PK\x03\x04 and no more")
+
+
 def cut_result(folder: Path) -> None:
     write_result(folder / "result.usdc", synthetic_result(3, 1))
     content = (folder / "result.usdc").read_bytes()
@@ -171,6 +180,8 @@ def lost_scene(folder: Path) -> None:
 
 
 TRACK = ("track", "{scene}", "-o", "{folder}/r.usdc", "--device", "cpu")
+SHOW_OTHER = ("show", "{folder}/result.usda", "--scene", "{scene}")
+RESUME = (*TRACK, "--quiet", "--resume", "--subject", "{folder}/s.usdc")
 EVAL = ("eval", "{folder}/result.usda")
 MAKE = ("body", "make", "-o", "{folder}/b.usdc", "--data={folder}", "--gender=1", "--age=30", "--height=1.8")
 
@@ -251,6 +262,8 @@ CASES = (
     Case(
         "result exists", result_file, "result.usda: exists already", ("track", "{scene}", "-o", "{folder}/result.usda")
     ),
+    Case("no pixel left", nothing, "at scale 0.001 an image has no pixel left", (*TRACK, "--scale", "0.001")),
+    Case("damaged checkpoint", damaged_checkpoint, "r.usdc.checkpoint: is damaged", RESUME),
     Case("interrupted run", write("r.usdc.checkpoint", b""), "r.usdc.checkpoint: an interrupted run", TRACK),
     # results
     Case("result missing", nothing, "none.usda: no such file", ("eval", "{folder}/none.usda")),
@@ -260,6 +273,8 @@ CASES = (
     Case("truth missing", result_file, "t.trc: no such file", (*EVAL, "--truth", "{folder}/t.trc")),
     Case("truth of unknown kind", result_file, "scene.toml", (*EVAL, "--truth", "{scene}")),
     Case("scene of a result gone", lost_scene, "name the scene with --scene", ("show", "{folder}/result.usda")),
+    Case("scene of another recording", other_result, "has the cameras cam01, cam02, cam03, the result", SHOW_OTHER),
+    Case("scene shorter than the result", result_file, "has 3 frames, the result goes to frame 12", SHOW_OTHER),
     Case("animation of unknown kind", result_file, "a.bvh", ("export", "{folder}/result.usda", "-o", "{folder}/a.bvh")),
     Case("MakeHuman's data missing", nothing, "3dobjs/base.obj is missing", MAKE),
 )

@@ -218,7 +218,7 @@ def test_cameras_below_the_floor_fail_the_check(scene, capsys):
 
 def test_fit_writes_a_subject_that_can_be_tracked(scene, tmp_path, capsys):
     quick = scene.with_name("quick.toml")
-    fit = "[fit]\nstart_evaluations = 48\nfinalists = 1\nfinal_cycles = 1\nwinner_cycles = 0\ncycle_evaluations = 84\n"
+    fit = "[fit]\nstart_evaluations = 48\nfinalists = 1\nfinal_cycles = 1\nwinner_cycles = 1\ncycle_evaluations = 84\n"
     quick.write_text(SCENE + fit)
     fitted = answer(capsys, "fit", quick, "-o", tmp_path / "s.usdc", "--headings", 2, "--device", "cpu")
     assert fitted["fit.headings"] == 2
@@ -228,7 +228,7 @@ def test_fit_writes_a_subject_that_can_be_tracked(scene, tmp_path, capsys):
 
 def test_track_fits_first_where_no_subject_is_named(scene, tmp_path, capsys):
     quick = scene.with_name("unfitted.toml")
-    fit = "[fit]\nstart_evaluations = 48\nfinalists = 1\nfinal_cycles = 1\nwinner_cycles = 0\ncycle_evaluations = 84\n"
+    fit = "[fit]\nstart_evaluations = 48\nfinalists = 1\nfinal_cycles = 1\nwinner_cycles = 1\ncycle_evaluations = 84\n"
     quick.write_text(SCENE.replace('subject = "subject.usdc"', 'body = "adult_woman"') + fit)
     answer(capsys, "track", quick, "-o", tmp_path / "r.usdc", "--evaluations", 12)
     assert sorted(os.listdir(tmp_path)) == ["r.subject.usdc", "r.usdc"]

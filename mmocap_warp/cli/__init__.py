@@ -75,6 +75,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _fail(str(error), BAD_INPUT)
     except KeyboardInterrupt:
         return _fail("interrupted", INTERRUPTED)
+    except MemoryError as error:
+        if debug:
+            raise
+        return _fail(f"not enough memory ({error}); try fewer runs, evaluations or headings, or a --scale", FAILURE)
     except Exception as error:
         if debug:
             raise

@@ -90,6 +90,19 @@ def draw_result(result: TrackResult, scene: Scene | None, video: Path, sheet: Pa
         tracked = float(result.config.get("scale", 1.0))
         drawn = min(1.0, max(tracked, _DRAWN_LENGTH / int(scene.calibrated.size.max())))
         first = int(result.frame_numbers[0])
+        _check_same_recording(result, scene)
         images, masks = scene.images(drawn, first, frames), scene.masks(tracked, first, frames)
     with Progress("show", quiet=console.quiet) as progress:
         show(result, images, masks, video=video, sheet=sheet, progress=lambda done: progress(done, frames))
+
+
+def _check_same_recording(result: TrackResult, scene: Scene) -> None:
+    """A result is drawn over the recording that it is of."""
+    mine, theirs = result.cameras.names, scene.calibrated.names
+    if mine != theirs:
+        problem = f"has the cameras {', '.join(theirs)}, the result {', '.join(mine)}"
+        raise InputError(scene.path, problem, "name the scene that was tracked")
+    last = int(result.frame_numbers[-1])
+    if last >= scene.frame_count:
+        problem = f"has {scene.frame_count} frames, the result goes to frame {last}"
+        raise InputError(scene.path, problem, "name the scene that was tracked")

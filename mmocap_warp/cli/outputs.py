@@ -20,7 +20,8 @@ def new_file(path: Path, *suffixes: str, force: bool = False) -> Path:
         InputError: another ending, no such folder, not writable, or a file that exists.
     """
     if path.suffix not in suffixes:
-        raise InputError(path, f"ends in {path.suffix or 'nothing'!r}", f"end it in {' or '.join(suffixes)}")
+        ending = f"ends in '{path.suffix}'" if path.suffix else "has no ending"
+        raise InputError(path, ending, f"end it in {' or '.join(suffixes)}")
     _check_folder(path.parent)
     if path.is_dir():
         raise InputError(path, "is a folder", "name a file")

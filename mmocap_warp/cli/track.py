@@ -144,6 +144,7 @@ def track_scene(scene: Scene, config: TrackConfig, output: Path, start: Start, c
     if checkpoint.exists() and not (start.resume or start.force):
         raise InputError(checkpoint, "an interrupted run lies here", "continue it with --resume, or --force a new one")
     start_warp(config.device)
+    scene.rig(config.scale)  # a scale that cannot be is told before a fit of minutes
     subject = _named_subject(scene, output, start) or _fitted_subject(scene, config, output, start, console)
     console.note(f"track: {describe(config, scene.track, start.flags)}")
     total, evaluations = scene.frame_count, 0

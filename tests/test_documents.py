@@ -5,7 +5,14 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
+
+import pytest
+from tracked_motion import track_motion
+
+from mmocap_warp.algorithms import ALGORITHMS
+from mmocap_warp.optimizers.minimize import minimize
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -36,3 +43,33 @@ def test_documents_that_the_code_names_exist():
         named.update(re.findall(r"docs/\w+\.md", file.read_text(encoding="utf-8")))
     assert named
     assert [name for name in sorted(named) if not (ROOT / name).is_file()] == []
+
+
+@pytest.fixture
+def ninth(tmp_path, monkeypatch):
+    """The random search that the documents add, as a module that has been imported."""
+    monkeypatch.setitem(ALGORITHMS, "h-random", None)  # removed again afterwards
+    (tmp_path / "random_search.py").write_text(example("optimizers.md", 1))
+    monkeypatch.syspath_prepend(tmp_path)
+    yield import_module("random_search")
+    sys.modules.pop("random_search")
+
+
+def test_the_ninth_optimizer_minimises_and_its_runs_are_independent(device, ninth):
+    def sphere(x, out):
+        out.assign(((x.numpy() - 0.5) ** 2).sum(axis=1))
+
+    settings = {"start": [0.0] * 4, "radius": 0.5, "evaluations": 507, "optimizer": ninth.RandomSearch}
+    batch = minimize(sphere, **settings, runs=3, seed=7, device=device)
+    assert batch.evaluations == 507
+    assert max(batch.cost) < 0.01
+    for run in range(3):
+        single = minimize(sphere, **settings, seed=7 + run, device=device)
+        assert single.x[0].tolist() == batch.x[run].tolist()
+
+
+def test_the_ninth_tracker_tracks(device, ninth):
+    """By parts, within the budget, from the preset's radius; a tracker that stands still errs by 27 mm."""
+    result, errors = track_motion("h-random", device, runs=2)
+    assert all(error < 0.02 for error in errors)
+    assert (result.evaluations == 500).all()

@@ -65,8 +65,8 @@ Made by `OPENBLAS_NUM_THREADS=1 python docs/benchmarks/optimizers.py > docs/benc
 [optimizers.md](../optimizers.md) says what to make of it.
 
 Every run starts at 0 with radius 1 in each coordinate, without bounds. The minimum is 0, at a point that is drawn once
-for each function from [-0.8, 0.8]^D. The ellipsoid's condition number is 10^6; Rosenbrock's function is scaled by 2.048
-and Rastrigin's by 5.12, so that their usual boxes are [-1, 1]^D.
+for each function from [-0.8, 0.8]^D. The ellipsoid's axes are the coordinates', its condition number is 10^6;
+Rosenbrock's function is scaled by 2.048 and Rastrigin's by 5.12, so that their usual boxes are [-1, 1]^D.
 
 - CMA-ES and the package `cmaes` begin with step size 1 and have the same population size. `cmaes` is as it comes,
   `cmaes, Table 2` has the paper's constants set from outside.

@@ -127,6 +127,13 @@ def image(camera: str, level: int) -> Callable[[Path], None]:
     return broken
 
 
+def real_masks(folder: Path) -> None:
+    (folder / "real").mkdir()
+    for frame in range(FRAMES):
+        cv2.imwrite(str(folder / f"real/{frame:04d}.tif"), np.ones(SIZE[::-1], np.float32))
+    edit("scene.toml", "masks/cam01", "real")(folder)
+
+
 def mirrored_rotation(folder: Path) -> None:
     """Give the calibration as OpenCV YAML, the second camera's rotation with a row negated."""
     rig = ring_rig(3, SIZE)
@@ -245,6 +252,7 @@ CASES = (
     Case("truncated video", truncated_video, "cam01.mkv", ("mask", "{scene}", "-o", "{folder}/out", "--quiet")),
     Case("empty masks", image("masks/cam01", 0), "cam01: all masks are empty"),
     Case("inverted masks", image("masks/cam01", 255), "cam01: masks are 100 % foreground"),
+    Case("masks of real numbers", real_masks, "0000.tif: has pixels of float32"),
     Case("mirrored rotation", mirrored_rotation, "mirror"),
     Case("output folder missing", nothing, "{folder}/a: no such folder", ("mask", "{scene}", "-o", "{folder}/a/b")),
     Case("output folder full", nothing, "masks: holds files already", ("mask", "{scene}", "-o", "{folder}/masks")),

@@ -75,10 +75,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _fail(str(error), BAD_INPUT)
     except KeyboardInterrupt:
         return _fail("interrupted", INTERRUPTED)
-    except MemoryError as error:
+    except MemoryError:
         if debug:
             raise
-        return _fail(f"not enough memory ({error}); try fewer runs, evaluations or headings, or a --scale", FAILURE)
+        return _fail("not enough memory; try fewer runs, evaluations or headings, or a smaller --scale", FAILURE)
     except Exception as error:
         if debug:
             raise

@@ -155,13 +155,15 @@ def read_image(path: Path) -> np.ndarray:
     """An image file, unchanged.
 
     Raises:
-        InputError: missing or not an image.
+        InputError: missing, not an image, or one of other numbers than 8 or 16 bits.
     """
     if not path.is_file():
         raise InputError(path, "no such file", "check the path; it is relative to the scene file")
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     if image is None:
         raise InputError(path, "cannot be decoded as an image", "convert it to PNG")
+    if image.dtype not in (np.uint8, np.uint16):
+        raise InputError(path, f"has pixels of {image.dtype}", "convert it to 8 bits")
     return image
 
 

@@ -41,6 +41,7 @@ _SPREAD_ELSE = 0.15  # spine, neck, wrists, ankles [rad]
 _SPREAD_TRANSLATION = 0.10  # [m]
 _SPREAD_SLIDER = 0.3
 _SPREAD_SCALE = 0.05  # of the logarithm
+_WIDEST, _NARROWEST = 0.6, 0.1  # shares of the spread at which the first and the last cycle start
 _HEADINGS_SHARE = 0.3  # of the work, for the progress
 
 
@@ -72,7 +73,7 @@ class FitConfig:
     winner_cycles: int = 16
     cycle_evaluations: int = 4500
     pose_prior: float = 0.001
-    shape_prior: float = 0.002
+    shape_prior: float = 0.006
     device: str = "auto"
     threads: int | None = None
 
@@ -229,7 +230,7 @@ def _refine(task: _Task, starts: np.ndarray, cycles: range) -> tuple[np.ndarray,
     search = _ShapeSearch(task, starts, parts, config.cycle_evaluations, population=12)
     for cycle in cycles:
         left = 1.0 - cycle / config.cycles
-        search.run(prior=task.prior(max(left, 0.1)), narrowing=max(0.6 * left, 0.1))
+        search.run(prior=task.prior(max(left, 0.1)), narrowing=max(_WIDEST * left, _NARROWEST))
         done = _HEADINGS_SHARE + (1.0 - _HEADINGS_SHARE) * (cycle + 1) / config.cycles
         task.progress("refinement", done, float(search.best()[1].min()))
     return search.best()

@@ -73,7 +73,7 @@ class FitConfig:
     winner_cycles: int = 16
     cycle_evaluations: int = 4500
     pose_prior: float = 0.001
-    shape_prior: float = 0.006
+    shape_prior: float = 0.003
     device: str = "auto"
     threads: int | None = None
 

@@ -138,7 +138,8 @@ class Scene:
         count = self._checked_count(first, count)
         rig = self.rig(scale)
         # A frame has the same mask wherever reading starts, so what is remembered is gathered from the first frame on.
-        start = 0 if self.foreground.remembers and body is None else first
+        follows_masks = self.foreground.keep == "nearest" and body is None
+        start = 0 if follows_masks or self.foreground.model_remembers else first
         empty = [np.zeros((height, width), bool) for width, height in rig.size]
         streams = [self._raw_masks(k, scale, start, first + count - start) for k in range(len(self.cameras))]
         kept = empty

@@ -37,42 +37,16 @@ def attach(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> SkinP
         vertices: (vertex, 3), the mesh in the pose in which the points were seen [m].
         faces: (face, 3) or (face, 4) vertex indices.
     """
+    import trimesh  # half a second that most commands need not spend
+
     triangles = triangulated(faces)
     corner = vertices[triangles].astype(np.float64)
-    nearest, weights = np.zeros(len(points), int), np.zeros((len(points), 3))
+    place = np.zeros((len(points), 3))
+    nearest = np.zeros(len(points), int)
     for i, point in enumerate(points):
-        nearest[i], weights[i] = _nearest(corner, point)
-    return SkinPoints(triangles[nearest], weights)
-
-
-def _nearest(corner: np.ndarray, point: np.ndarray) -> tuple[int, np.ndarray]:
-    """The triangle of ``corner`` (triangle, 3, 3) that is nearest to a point, and where on it: barycentric (3,).
-
-    The nearest place of a triangle is the foot of the perpendicular if that lies inside, else it is on an edge.
-    """
-    places = np.stack([_foot(corner, point), *(_on_edge(corner, point, k) for k in range(3))])
-    away = np.einsum("ptk,tka->pta", places, corner) - point
-    distance = np.einsum("pta,pta->pt", away, away)
-    distance[(places < 0).any(axis=2) | np.isnan(distance)] = np.inf
-    place, triangle = np.unravel_index(distance.argmin(), distance.shape)
-    return int(triangle), places[place, triangle]
-
-
-def _foot(corner: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """Barycentric coordinates of the point projected onto each triangle's plane; NaN for one without area."""
-    u, v, w = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0], point - corner[:, 0]
-    uu, uv, vv, uw, vw = (np.einsum("ta,ta->t", a, b) for a, b in ((u, u), (u, v), (v, v), (u, w), (v, w)))
-    area = uu * vv - uv * uv
-    area = np.where(area > 0, area, np.nan)
-    second, third = (vv * uw - uv * vw) / area, (uu * vw - uv * uw) / area
-    return np.stack([1 - second - third, second, third], axis=1)
-
-
-def _on_edge(corner: np.ndarray, point: np.ndarray, k: int) -> np.ndarray:
-    """Barycentric coordinates of the nearest place on the edge from corner ``k`` to the one after it."""
-    start, edge = corner[:, k], corner[:, (k + 1) % 3] - corner[:, k]
-    length = np.maximum(np.einsum("ta,ta->t", edge, edge), np.finfo(float).tiny)
-    along = np.clip(np.einsum("ta,ta->t", point - start, edge) / length, 0.0, 1.0)
-    place = np.zeros((len(corner), 3))
-    place[:, k], place[:, (k + 1) % 3] = 1 - along, along
-    return place
+        on_each = trimesh.triangles.closest_point(corner, np.broadcast_to(point, (len(corner), 3)))
+        nearest[i] = np.argmin(((on_each - point) ** 2).sum(axis=1))
+        place[i] = on_each[nearest[i]]
+    weights = trimesh.triangles.points_to_barycentric(corner[nearest], place) if len(points) else place
+    weights = np.maximum(weights, 0.0)  # a place on an edge is outside by a rounding
+    return SkinPoints(triangles[nearest], weights / weights.sum(axis=1, keepdims=True))

@@ -17,10 +17,12 @@ import warp as wp
 
 from mmocap_warp.algorithms import ALGORITHMS
 from mmocap_warp.body import DOF_MODELS, FULL_DOF, BodyModel, Subject, degrees_of_freedom
-from mmocap_warp.cameras import CameraRig
+from mmocap_warp.cameras import CameraRig, project
 from mmocap_warp.checkpoint import Checkpoint, Progress, fingerprint
+from mmocap_warp.errors import InputError
 from mmocap_warp.objective import COSTS, Objective
 from mmocap_warp.observation import Observation
+from mmocap_warp.posing import Poser
 from mmocap_warp.presets import PRESETS
 from mmocap_warp.result import STATUS, TrackResult
 from mmocap_warp.search import Search
@@ -293,9 +295,13 @@ def track(
     answers: list[FrameAnswer] = []
     store = None
     if checkpoint is not None:
-        store = Checkpoint(checkpoint, fingerprint(subject, rig, _bits(config) | {"fps": scene.fps}))
+        recorded = {"fps": scene.fps, "foreground": asdict(scene.foreground)}
+        store = Checkpoint(checkpoint, fingerprint(subject, rig, _bits(config) | recorded))
         done = store.load() if resume else None
         if done is not None:
+            if len(done.status) > scene.frame_count:
+                problem = f"it has {scene.frame_count} frames, {len(done.status)} were tracked before"
+                raise InputError(scene.path, problem, "restore [scene] frames, or start anew with --force")
             tracker.state = (done.last_pose, done.draw)
             answers = [
                 FrameAnswer(*frame)
@@ -308,7 +314,8 @@ def track(
             progress(number, answer)
     finished = len(answers), tracker.state  # in step with each other, whatever moment an interruption comes at
     try:
-        for observation in scene.observations(config.scale, first=len(answers)):
+        body = _body_masks(tracker, subject, rig) if scene.foreground.keep == "nearest" else None
+        for observation in scene.observations(config.scale, first=len(answers), body=body):
             answers.append(tracker.step(observation))
             finished = len(answers), tracker.state
             if progress:
@@ -321,6 +328,23 @@ def track(
             store.save(_progress(answers[:frames], *state))
         raise
     return collect(subject, rig, scene.fps, config, answers)
+
+
+def _body_masks(tracker: Tracker, subject: Subject, rig: CameraRig) -> Callable[[], list[np.ndarray]]:
+    """Says where the body was tracked last: per camera (height, width) bool, all runs together."""
+    from mmocap_warp.overlay import silhouette
+
+    poser, faces = Poser(subject.body, subject.root_base), subject.body.tracking_face
+
+    def masks() -> list[np.ndarray]:
+        pose, _ = tracker.state
+        seen = [project(rig, vertices) for vertices in poser.tracking_vertices(pose)]
+        return [
+            np.any([silhouette(pixels[k], faces, tuple(size)) > 0 for pixels in seen], axis=0)
+            for k, size in enumerate(rig.size.tolist())
+        ]
+
+    return masks
 
 
 def _bits(config: TrackConfig) -> dict:

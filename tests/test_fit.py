@@ -18,9 +18,7 @@ from mmocap_warp.scenes import ROOT
 from mmocap_warp.shape_space import ShapeSpace, heading_rotation, upright_base
 from mmocap_warp.truth import load_truth
 
-QUICK = FitConfig(
-    scale=0.25, start_evaluations=700, final_cycles=1, winner_cycles=2, cycle_evaluations=600, finalists=2
-)
+QUICK = FitConfig(scale=0.25, start_evaluations=2500, final_cycles=2, winner_cycles=3, cycle_evaluations=1500)
 LIMBS = ("LShoulder", "RShoulder", "LElbow", "RElbow", "LHip", "RHip", "LKnee", "RKnee", "LAnkle", "RAnkle")
 
 

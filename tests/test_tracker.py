@@ -1,4 +1,5 @@
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -6,10 +7,12 @@ from random_scenes import perfect_masks
 from synthetic import ring_rig, synthetic_poses, synthetic_subject
 
 from mmocap_warp.body import FULL_DOF, JOINTS, degrees_of_freedom
+from mmocap_warp.errors import InputError
+from mmocap_warp.foreground.settings import ForegroundSettings
 from mmocap_warp.observation import Observation
 from mmocap_warp.posing import Poser
 from mmocap_warp.result import STATUS
-from mmocap_warp.tracker import TrackConfig, Tracker, resolve_device, track_observations
+from mmocap_warp.tracker import TrackConfig, Tracker, resolve_device, track, track_observations
 
 FPS = 60.0
 TRACKING_ERROR = 0.025  # [m], mean marker error of one run, see the test
@@ -268,3 +271,45 @@ def test_wrong_settings_are_refused_by_name_and_value(settings):
 def test_an_unknown_device_is_refused():
     with pytest.raises(ValueError, match="device must be auto or one of"):
         resolve_device("cuda:99")
+
+
+def test_the_component_nearest_the_tracked_body_is_kept(walk):
+    """Where ``keep = "nearest"`` the masks are asked for with the body as it was tracked last."""
+    asked = []
+
+    class Recording:
+        path, fps, frame_count = Path("scene.toml"), FPS, 3
+        foreground = ForegroundSettings(keep="nearest")
+
+        def rig(self, scale):
+            return RIG
+
+        def observations(self, scale, first=0, body=None):
+            for observation in walk[first:3]:
+                asked.append(body())
+                yield observation
+
+    result = track(Recording(), synthetic_subject(), TrackConfig(evaluations=60, device="cpu"))
+    starts = [synthetic_subject().pose, *result.pose[0, :2]]
+    for masks, pose in zip(asked, starts, strict=True):
+        for mask, expected in zip(masks, perfect_masks(synthetic_subject(), RIG, pose, "cpu"), strict=True):
+            assert (mask & expected).sum() > 0.85 * (mask | expected).sum()  # another rasteriser, at 25 mm a pixel
+
+
+def test_a_checkpoint_of_more_frames_than_the_recording_is_refused(walk, tmp_path):
+    class Recording:
+        path, fps, frame_count, foreground = tmp_path / "scene.toml", FPS, 3, ForegroundSettings()
+
+        def rig(self, scale):
+            return RIG
+
+        def observations(self, scale, first=0, body=None):
+            yield from walk[first:3]
+            raise KeyboardInterrupt
+
+    recording, config = Recording(), TrackConfig(evaluations=10, device="cpu")
+    with pytest.raises(KeyboardInterrupt):
+        track(recording, synthetic_subject(), config, checkpoint=tmp_path / "c")
+    recording.frame_count = 2
+    with pytest.raises(InputError, match="3 were tracked before"):
+        track(recording, synthetic_subject(), config, checkpoint=tmp_path / "c", resume=True)

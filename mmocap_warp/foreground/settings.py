@@ -64,9 +64,9 @@ class ForegroundSettings:
             raise ValueError(f"shadow_brightness must be 0 to 1, got {self.shadow_brightness:g}")
 
     @property
-    def remembers(self) -> bool:
-        """Whether the mask of a frame depends on the frames before it."""
-        return self.keep == "nearest" or (self.source != "masks" and self.model == "knn")
+    def model_remembers(self) -> bool:
+        """Whether what is subtracted from a frame depends on the frames before it."""
+        return self.source != "masks" and self.model == "knn"
 
 
 SUBTRACTED = ForegroundSettings(

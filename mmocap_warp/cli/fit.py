@@ -32,7 +32,7 @@ def fit(
     scene: Path,
     /,
     *,
-    output: Annotated[Path, Parameter(name=["--output", "-o"])],
+    output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("subject.usdc"),
     body: str | None = None,
     flags: FitFlags | None = None,
     force: Switch = False,

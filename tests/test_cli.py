@@ -75,7 +75,7 @@ def test_wrong_usage_is_one_line_and_exit_2(arguments, capsys):
         (InputError("scene.toml", "no cameras", "add [cameras]"), exit_codes.BAD_INPUT, "scene.toml: no cameras; add"),
         (KeyboardInterrupt(), exit_codes.INTERRUPTED, "interrupted"),
         (RuntimeError("first\nsecond"), exit_codes.FAILURE, "unexpected RuntimeError: first second"),
-        (PermissionError(13, "Permission denied", "/root/x"), exit_codes.FAILURE, "Permission denied"),
+        (PermissionError(13, "Permission denied", "elsewhere/x"), exit_codes.FAILURE, "Permission denied"),
     ],
 )
 def test_an_error_is_one_line_and_its_own_exit_code(error, code, words, monkeypatch, capsys):

@@ -28,6 +28,7 @@ from mmocap_warp.shape_space import ShapeSpace, upright_base
 COSTS: dict[str, int] = {"paper": cost_kernels.PAPER, "xor": cost_kernels.XOR, "iou": cost_kernels.IOU}
 """The named costs; ``paper`` is Eq. 4-5."""
 
+_SMALLEST_SLICE = 4  # candidates; for fewer, starting a thread costs more than it saves
 _MODULES = (shaping, kinematics, skinning, projection, raycast, cost_kernels)
 
 
@@ -172,7 +173,8 @@ class Objective:
         """Candidates in one slice per thread: Warp runs a CPU launch on the calling thread and frees the others."""
         if not 0 < candidates <= self.candidates:
             raise ValueError(f"candidates must be in 1..{self.candidates}, got {candidates}")
-        bounds = np.linspace(0, candidates, min(self._threads, candidates) + 1).round().astype(int)
+        slices = min(self._threads, max(1, candidates // _SMALLEST_SLICE))
+        bounds = np.linspace(0, candidates, slices + 1).round().astype(int)
         return [self._slice(int(a), int(b)) for a, b in pairwise(bounds)]
 
     def _slice(self, first: int, end: int) -> _Slice:

@@ -25,13 +25,23 @@ from mmocap_warp.tracker import TrackConfig, track
 
 FRAMES = 16
 STOPS = 10
-EARLIEST = 0.4  # of a whole run; before that Python is still importing
 FLAGS = ("--scale", "0.25", "--evaluations", "60", "--device", "cpu", "--quiet")
 CONFIG = TrackConfig(scale=0.25, evaluations=20, device="cpu")
-EAGER = (
-    "import sys; from mmocap_warp import checkpoint, cli; checkpoint._INTERVAL = 0; sys.exit(cli.main(sys.argv[1:]))"
-)
-"""Runs the command line with a checkpoint as often as saving one takes little of the time."""
+DRIVER = """
+import sys
+from mmocap_warp import checkpoint, cli, tracker
+
+checkpoint._INTERVAL = 0
+step = tracker.Tracker.step
+
+def announced(self, observation):
+    print("frame", flush=True)
+    return step(self, observation)
+
+tracker.Tracker.step = announced
+sys.exit(cli.main(sys.argv[1:]))
+"""
+"""Runs the command line, says when a frame begins, and saves as often as saving takes little of the time."""
 
 
 @pytest.fixture(scope="module")
@@ -73,10 +83,16 @@ def test_stopped_at_ten_random_moments_it_ends_with_the_same_bits(scene, tmp_pat
 
     def started(output: Path) -> subprocess.Popen:
         command = ["track", str(scene), "-o", str(output), *FLAGS, "--resume"]
-        return subprocess.Popen([sys.executable, "-c", EAGER, *command], stderr=subprocess.DEVNULL)
+        run = subprocess.Popen(
+            [sys.executable, "-c", DRIVER, *command], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+        )
+        run.stdout.readline()  # the first frame begins
+        return run
 
+    timed = started(tmp_path / "timed.usdc")
     begun = time.monotonic()
-    assert started(tmp_path / "timed.usdc").wait() == exit_codes.OK
+    timed.communicate()
+    assert timed.returncode == exit_codes.OK
     longest = time.monotonic() - begun
 
     random = np.random.default_rng(0)
@@ -88,13 +104,14 @@ def test_stopped_at_ten_random_moments_it_ends_with_the_same_bits(scene, tmp_pat
         continued += left.exists()
         run = started(stopped)
         if stops == STOPS:
-            assert run.wait() == exit_codes.OK
+            run.communicate()
+            assert run.returncode == exit_codes.OK
             break
-        time.sleep(random.uniform(EARLIEST, 1.0) * longest)
+        time.sleep(random.uniform(0.0, 1.0) * longest)
         if run.poll() is None:
             run.send_signal(signal.SIGINT if stops % 2 else signal.SIGKILL)
             stops += 1
-        run.wait()
+        run.communicate()
     assert same_bits(whole, stopped)
     assert not left.exists()
     assert continued >= STOPS // 4  # many of the moments came while it tracked

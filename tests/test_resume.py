@@ -97,13 +97,13 @@ def test_stopped_at_ten_random_moments_it_ends_with_the_same_bits(scene, tmp_pat
 
     random = np.random.default_rng(0)
     stops = continued = 0
-    while stops < STOPS or not stopped.exists():
+    while True:
         if stopped.exists():  # it was done before its moment came: the next one starts from nothing
             assert same_bits(whole, stopped)
             stopped.unlink()
         continued += left.exists()
         run = started(stopped)
-        if stops == STOPS:
+        if stops >= STOPS and continued >= STOPS // 4:  # enough of the moments came while it tracked
             run.communicate()
             assert run.returncode == exit_codes.OK
             break
@@ -114,7 +114,6 @@ def test_stopped_at_ten_random_moments_it_ends_with_the_same_bits(scene, tmp_pat
         run.communicate()
     assert same_bits(whole, stopped)
     assert not left.exists()
-    assert continued >= STOPS // 4  # many of the moments came while it tracked
 
 
 def test_a_run_that_replaces_a_result_is_resumed_too(scene, tmp_path, monkeypatch):

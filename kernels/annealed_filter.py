@@ -5,6 +5,8 @@ Equations are those of the paper's Section 4.1.1 as settled in ``docs/algorithms
 
 import warp as wp
 
+from mmocap_warp.kernels.populations import advance
+
 wp.set_module_options({"enable_backward": False})
 
 # Annealing exponents are sought between these two, relative to the farthest and the nearest particle's distance from
@@ -57,21 +59,11 @@ def _draw_noise(
         noise[run, k, j] = wp.randn(state)
 
 
-@wp.kernel
-def _advance(
-    particles: int,
-    # in and out
-    draw: wp.array[wp.int32],  # (run,)
-):
-    run = wp.tid()
-    draw[run] = draw[run] + particles
-
-
 def draw_noise(seed, draw, particles, chance, noise):
     """Draw the random numbers of a layer for the first ``particles``; ``draw`` advances by as many."""
     runs, device = draw.shape[0], draw.device
     wp.launch(_draw_noise, dim=(runs, particles), inputs=[seed, draw], outputs=[chance, noise], device=device)
-    wp.launch(_advance, dim=runs, inputs=[particles], outputs=[draw], device=device)
+    advance(draw, particles)
 
 
 @wp.kernel

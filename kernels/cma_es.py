@@ -6,6 +6,7 @@ Equations and misprints are those of the paper's Section 4 as settled in ``docs/
 import warp as wp
 
 from mmocap_warp.kernels.eigen import decompose
+from mmocap_warp.kernels.populations import advance
 
 wp.set_module_options({"enable_backward": False})
 
@@ -94,16 +95,6 @@ def _sample(
         x[run, k, i] = mean[run, i] + sigma[run] * scale[i] * step
 
 
-@wp.kernel
-def _advance(
-    particles: int,
-    # in and out
-    draw: wp.array[wp.int32],  # (run,)
-):
-    run = wp.tid()
-    draw[run] = draw[run] + particles
-
-
 def sample(seed, draw, mean, sigma, axes, lengths, scale, particles, z, y, x):
     """Draw ``x = mean + sigma * scale * y`` with ``y = B D z ~ N(0, C)``; ``draw`` advances by ``particles``."""
     wp.launch(
@@ -113,7 +104,7 @@ def sample(seed, draw, mean, sigma, axes, lengths, scale, particles, z, y, x):
         outputs=[z, y, x],
         device=mean.device,
     )
-    wp.launch(_advance, dim=draw.shape[0], inputs=[particles], outputs=[draw], device=mean.device)
+    advance(draw, particles)
 
 
 @wp.kernel

@@ -8,6 +8,8 @@ function of them.
 
 import warp as wp
 
+from mmocap_warp.kernels.populations import advance
+
 wp.set_module_options({"enable_backward": False})
 
 ALPHA_MAX = 4  # mating parameters are whole numbers in -ALPHA_MAX .. ALPHA_MAX
@@ -81,21 +83,11 @@ def _draw_chances(
         chance[run, k, n] = wp.randf(state)
 
 
-@wp.kernel
-def _advance(
-    particles: int,
-    # in and out
-    draw: wp.array[wp.int32],  # (run,)
-):
-    run = wp.tid()
-    draw[run] = draw[run] + particles
-
-
 def draw_chances(seed, draw, particles, chance):
     """Draw ``chance[r, k] ~ U[0, 1)`` for the first ``particles``; ``draw`` advances by as many."""
     runs, device = draw.shape[0], draw.device
     wp.launch(_draw_chances, dim=(runs, particles), inputs=[seed, draw], outputs=[chance], device=device)
-    wp.launch(_advance, dim=runs, inputs=[particles], outputs=[draw], device=device)
+    advance(draw, particles)
 
 
 @wp.func

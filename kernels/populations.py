@@ -98,3 +98,18 @@ def _clamp(
 def clamp(lower, upper, pose):
     """Keep every coordinate within its limits."""
     wp.launch(_clamp, dim=pose.shape, inputs=[lower, upper], outputs=[pose], device=pose.device)
+
+
+@wp.kernel
+def _advance(
+    streams: int,
+    # in and out
+    draw: wp.array[wp.int32],  # (run,)
+):
+    run = wp.tid()
+    draw[run] = draw[run] + streams
+
+
+def advance(draw, streams):
+    """Count the random streams that a draw has used, so that no later draw repeats them: ``draw[run] += streams``."""
+    wp.launch(_advance, dim=draw.shape, inputs=[streams], outputs=[draw], device=draw.device)

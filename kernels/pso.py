@@ -5,6 +5,8 @@ Equations are those of the paper's Section 4.2.3 as settled in ``docs/algorithms
 
 import warp as wp
 
+from mmocap_warp.kernels.populations import advance
+
 wp.set_module_options({"enable_backward": False})
 
 
@@ -50,16 +52,6 @@ def _start(
         leader[run] = 0
 
 
-@wp.kernel
-def _advance(
-    streams: int,
-    # in and out
-    draw: wp.array[wp.int32],  # (run,)
-):
-    run = wp.tid()
-    draw[run] = draw[run] + streams
-
-
 def start(settings, seed, draw, pose, index, scale, x, v, own_best, own_cost, generation, leader):
     """Begin anew: ``x ~ N(pose[:, index], scale)``, ``v`` uniform within its limit, nothing remembered."""
     wp.launch(
@@ -69,7 +61,7 @@ def start(settings, seed, draw, pose, index, scale, x, v, own_best, own_cost, ge
         outputs=[x, v, own_best, own_cost, generation, leader],
         device=x.device,
     )
-    wp.launch(_advance, dim=draw.shape, inputs=[x.shape[1]], outputs=[draw], device=x.device)
+    advance(draw, x.shape[1])
 
 
 @wp.kernel
@@ -133,7 +125,7 @@ def draw_uniform(seed, draw, r_1, r_2):
     """Draw both random factors of Eq. 18 from [0, 1), one a dimension; ``draw`` advances by the particles."""
     runs, particles, _dofs = r_1.shape
     wp.launch(_draw_uniform, dim=(runs, particles), inputs=[seed, draw], outputs=[r_1, r_2], device=r_1.device)
-    wp.launch(_advance, dim=draw.shape, inputs=[particles], outputs=[draw], device=r_1.device)
+    advance(draw, particles)
 
 
 @wp.kernel

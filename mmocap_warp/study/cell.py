@@ -1,0 +1,182 @@
+"""A cell of the study's grid and its result, and the result as one file."""
+
+from __future__ import annotations
+
+import io
+import json
+import struct
+import zipfile
+import zlib
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mmocap_warp.body import FULL_DOF
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.whole_file import write_whole
+
+PER_FRAME: tuple[str, ...] = ("marker_error", "joint_error", "mpjpe", "pa_mpjpe", "iou")
+"""What is measured in every frame of every run."""
+
+PER_RUN: tuple[str, ...] = ("jerk", "foot_slide", "frames_lost", "seconds", "evaluations")
+"""What is measured once a run."""
+
+PROVENANCE: tuple[str, ...] = ("study", "host", "started", "wall_seconds", "versions")
+"""The parts of ``meta`` that say where and when a result was made: with the seconds, all that a repetition changes."""
+
+_VERSION = 1
+_ANSWER, _PROVENANCE = "cell.json", "provenance.json"
+_EPOCH = (1980, 1, 1, 0, 0, 0)  # the members' date, so that equal results are equal bytes
+_DAMAGE = (
+    OSError, ValueError, KeyError, TypeError, EOFError, NotImplementedError, RuntimeError, AttributeError,
+    zipfile.BadZipFile, zlib.error, struct.error,
+)  # fmt: skip
+
+
+@dataclass(frozen=True, order=True)
+class Cell:
+    """One point of the grid; all seeds are tracked in it at once.
+
+    Attributes:
+        sequence: what is tracked, such as ``S1/Walking``.
+        algorithm: a key of ``mmocap_warp.algorithms.ALGORITHMS``.
+        dof: degrees of freedom of the tracked body.
+        evaluations: budget per frame.
+        preset: where the search radii come from, a key of ``mmocap_warp.presets.PRESETS``.
+    """
+
+    sequence: str
+    algorithm: str
+    dof: int
+    evaluations: int
+    preset: str = "recording"
+
+    def __str__(self) -> str:
+        return f"{self.sequence} {self.algorithm} {self.dof} DOF {self.evaluations} evaluations {self.preset}"
+
+
+@dataclass(frozen=True)
+class CellResult:
+    """What tracking a cell gave.
+
+    Attributes:
+        cell: which one.
+        seeds: (run,) int64.
+        frames: (frame,) int64, the sequence's own frame numbers.
+        per_frame: (run, frame) float32 by name, NaN where the truth is unknown: ``marker_error`` [m] (Eq. 20),
+            ``joint_error`` [m] (HumanEva's 15 joints), ``mpjpe`` [m], ``pa_mpjpe`` [m], ``iou`` (mean over views).
+        per_run: (run,) float64 by name: ``jerk`` [m/s^3], ``foot_slide`` [m/s], ``frames_lost``,
+            ``seconds`` (the cell's search, the same in each run), ``evaluations`` (of all frames).
+        pose: (run, frame, 51) float32, full pose vectors.
+        meta: JSON values: ``fps``, ``cameras``, ``size``, ``config``, ``versions``, ``device``, ``host``, ``started``,
+            ``wall_seconds``, ``study``.
+
+    Raises:
+        ValueError: arrays whose shapes disagree.
+    """
+
+    cell: Cell
+    seeds: np.ndarray
+    frames: np.ndarray
+    per_frame: dict[str, np.ndarray]
+    per_run: dict[str, np.ndarray]
+    pose: np.ndarray
+    meta: dict[str, Any]
+
+    def __post_init__(self) -> None:
+        runs, frames = len(self.seeds), len(self.frames)
+        shapes = {"pose": (self.pose, (runs, frames, FULL_DOF))}
+        shapes |= {name: (array, (runs, frames)) for name, array in self.per_frame.items()}
+        shapes |= {name: (array, (runs,)) for name, array in self.per_run.items()}
+        for name, (array, shape) in shapes.items():
+            if array.shape != shape:
+                raise ValueError(f"{name} must be {shape}, got {array.shape}")
+
+
+def write_cell(path: Path, result: CellResult) -> None:
+    """Write a result as one ``.npz`` file, whole or not at all.
+
+    Two results of the same search differ only in the member ``provenance.json``: the time it took and where it was.
+
+    Raises:
+        InputError: its folder cannot be written to, or the disk is full.
+    """
+    measured = {name: result.meta[name] for name in PROVENANCE if name in result.meta}
+    known = {name: value for name, value in result.meta.items() if name not in PROVENANCE}
+    per_run = dict(result.per_run)
+    if "seconds" in per_run:
+        measured["seconds"] = per_run.pop("seconds").tolist()
+    arrays = {"seeds": (result.seeds, np.int64), "frames": (result.frames, np.int64), "pose": (result.pose, np.float32)}
+    arrays |= {f"per_frame.{name}": (array, np.float32) for name, array in result.per_frame.items()}
+    arrays |= {f"per_run.{name}": (array, np.float64) for name, array in per_run.items()}
+    members = {_ANSWER: _json({"version": _VERSION, "cell": asdict(result.cell), "meta": known})}
+    members |= {f"{name}.npy": _npy(np.asarray(array, kind)) for name, (array, kind) in arrays.items()}
+    members[_PROVENANCE] = _json(measured)
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w") as file:
+        for name, data in members.items():
+            file.writestr(zipfile.ZipInfo(name, _EPOCH), data, zipfile.ZIP_DEFLATED)
+    write_whole(path, content.getvalue())
+
+
+def read_cell(path: Path) -> CellResult:
+    """Read a result; every byte is checked against the file's checksums.
+
+    Raises:
+        InputError: no such file, or it is damaged, cut short or no result of a cell.
+    """
+    try:
+        with zipfile.ZipFile(path) as file:
+            members = {name: file.read(name) for name in file.namelist()}
+        return _assemble(members)
+    except FileNotFoundError:
+        raise InputError(path, "no such file", "run the study again") from None
+    except _DAMAGE as error:
+        remedy = "delete it and run the study again, which repeats this cell alone"
+        raise InputError(path, f"is damaged, or no result of a cell ({error})", remedy) from None
+
+
+def answer_members(path: Path) -> dict[str, bytes]:
+    """The parts of a result file that any repetition on the same kind of device gives bit for bit, by member."""
+    with zipfile.ZipFile(path) as file:
+        return {name: file.read(name) for name in file.namelist() if name != _PROVENANCE}
+
+
+def _assemble(members: dict[str, bytes]) -> CellResult:
+    answer, measured = json.loads(members[_ANSWER]), json.loads(members[_PROVENANCE])
+    if answer["version"] != _VERSION:
+        raise ValueError(f"version {answer['version']}, this program reads {_VERSION}")
+    arrays = {
+        name.removesuffix(".npy"): np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
+        for name, data in members.items()
+        if name.endswith(".npy")
+    }
+    per_run = _under("per_run.", arrays)
+    seconds = measured.pop("seconds", None)
+    if seconds is not None:
+        per_run["seconds"] = np.array(seconds, np.float64)
+    return CellResult(
+        cell=Cell(**answer["cell"]),
+        seeds=arrays["seeds"],
+        frames=arrays["frames"],
+        per_frame=_under("per_frame.", arrays),
+        per_run=per_run,
+        pose=arrays["pose"],
+        meta=answer["meta"] | measured,
+    )
+
+
+def _under(prefix: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
+
+
+def _json(value: Any) -> bytes:
+    return json.dumps(value, sort_keys=True, allow_nan=False).encode()
+
+
+def _npy(array: np.ndarray) -> bytes:
+    content = io.BytesIO()
+    np.lib.format.write_array(content, np.ascontiguousarray(array), allow_pickle=False)
+    return content.getvalue()

@@ -71,35 +71,39 @@ def show(
         for frame, (seen, masked) in enumerate(_in_step(result, images, masks)):
             if writer:
                 views = body.views(frame, seen, masked, windows)
-                writer.write(_video_frame(result, frame, views, columns))
+                writer.write(_video_frame(result, body.run, frame, views, columns))
             if sheet and frame in on_sheet:
                 cells.append(body.views(frame, seen, masked, crops))
             if progress is not None:
                 progress(frame + 1)
     if sheet:
-        write_png(sheet, _contact_sheet(result, on_sheet, cells))
+        write_png(sheet, _contact_sheet(result, body.run, on_sheet, cells))
 
 
 class _ProjectedBody:
-    """The best run in the cameras' pixels."""
+    """The best run in the cameras' pixels, posed a frame at a time: the skin of all frames would fill the memory."""
 
     def __init__(self, result: TrackResult) -> None:
-        pose = result.pose[result.best_run]
-        poser = Poser(result.subject.body, result.subject.root_base)
-        self.rig = result.cameras
+        self.run, self.rig = result.best_run, result.cameras
+        self._pose = result.pose[self.run]
         self._faces = result.subject.body.tracking_face
-        self._vertices = poser.tracking_vertices(pose)
-        self._joints = poser.joint_transforms(pose)[:, :, :3, 3]
+        self._poser = Poser(result.subject.body, result.subject.root_base)
 
     def vertices(self, frame: int) -> np.ndarray:
         """(camera, vertex, 2), the tracking mesh [px]."""
-        return project(self.rig, self._vertices[frame])
+        (vertices,) = self._poser.tracking_vertices(self._pose[frame])
+        return project(self.rig, vertices)
+
+    def joints(self, frame: int) -> np.ndarray:
+        """(camera, joint, 2), the joints' centres [px]."""
+        (transforms,) = self._poser.joint_transforms(self._pose[frame])
+        return project(self.rig, transforms[:, :3, 3])
 
     def views(
         self, frame: int, images: Sequence[np.ndarray | None], masks: Sequence[np.ndarray | None], windows: list[Window]
     ) -> list[np.ndarray]:
         """Each camera's drawing."""
-        vertices, joints = self.vertices(frame), project(self.rig, self._joints[frame])
+        vertices, joints = self.vertices(frame), self.joints(frame)
         return [
             draw_view(windows[k], tuple(size), images[k], masks[k], vertices[k], self._faces, joints[k])
             for k, size in enumerate(self.rig.size.tolist())
@@ -146,9 +150,8 @@ def _crop(body: _ProjectedBody, k: int, frames: list[int]) -> Window:
     return Window((left, top), extent, (max(1, round(extent[0] * _SHEET_ROW / extent[1])), _SHEET_ROW))
 
 
-def _video_frame(result: TrackResult, frame: int, views: list[np.ndarray], columns: int) -> np.ndarray:
+def _video_frame(result: TrackResult, run: int, frame: int, views: list[np.ndarray], columns: int) -> np.ndarray:
     """All cameras at one frame, each with its overlap, below a line that says what the frame cost."""
-    run = result.best_run
     for k, view in enumerate(views):
         write_text(view, f"{result.cameras.names[k]}   {_number('IoU', result.iou[run, frame, k], 'no mask')}", (8, 8))
     canvas, _ = _tiled([views[i : i + columns] for i in range(0, len(views), columns)])
@@ -165,9 +168,8 @@ def _video_frame(result: TrackResult, frame: int, views: list[np.ndarray], colum
     return np.pad(canvas, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")  # codecs want even sizes
 
 
-def _contact_sheet(result: TrackResult, frames: list[int], cells: list[list[np.ndarray]]) -> np.ndarray:
+def _contact_sheet(result: TrackResult, run: int, frames: list[int], cells: list[list[np.ndarray]]) -> np.ndarray:
     """Frames from left to right, cameras from top to bottom."""
-    run = result.best_run
     for frame, views in zip(frames, cells, strict=True):
         for k, view in enumerate(views):
             write_text(view, _number("", result.iou[run, frame, k], "no mask"), (6, 6), size=0.4)

@@ -41,12 +41,16 @@ def attach(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> SkinP
 
     triangles = triangulated(faces)
     corner = vertices[triangles].astype(np.float64)
+    centre = corner.mean(axis=1)
+    radius = np.linalg.norm(corner - centre[:, None], axis=2).max(axis=1)
     place = np.zeros((len(points), 3))
     nearest = np.zeros(len(points), int)
     for i, point in enumerate(points):
-        on_each = trimesh.triangles.closest_point(corner, np.broadcast_to(point, (len(corner), 3)))
-        nearest[i] = np.argmin(((on_each - point) ** 2).sum(axis=1))
-        place[i] = on_each[nearest[i]]
+        away = np.linalg.norm(centre - point, axis=1)
+        near = np.flatnonzero(away - radius <= away.min())  # no other triangle can hold the nearest place
+        on_each = trimesh.triangles.closest_point(corner[near], np.broadcast_to(point, (len(near), 3)))
+        closest = np.argmin(((on_each - point) ** 2).sum(axis=1))
+        nearest[i], place[i] = near[closest], on_each[closest]
     weights = trimesh.triangles.points_to_barycentric(corner[nearest], place) if len(points) else place
     weights = np.maximum(weights, 0.0)  # a place on an edge is outside by a rounding
     return SkinPoints(triangles[nearest], weights / weights.sum(axis=1, keepdims=True))

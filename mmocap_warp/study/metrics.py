@@ -1,0 +1,165 @@
+"""The numbers that a study keeps of a tracked sequence: per run and frame, and per run. Metres and seconds."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mmocap_warp.body import JOINTS
+from mmocap_warp.pose_errors import (
+    HEAD_TOP,
+    HUMANEVA_JOINTS,
+    LIMB_ENDS,
+    LIMB_JOINTS,
+    LOST_LIMB,
+    aligned_error,
+    common_frames,
+    head_top,
+    joint_positions,
+    marker_error,
+    nanmean,
+    on_all_frames,
+    skin_positions,
+)
+from mmocap_warp.result import STATUS, TrackResult
+from mmocap_warp.truth import Truth
+
+_SOLE_THICKNESS = 0.02  # [m] of the foot that counts as its sole, from the lowest vertex up
+_FRAMES_AT_ONCE = 1024  # a sole has some hundred vertices
+
+Metrics = dict[str, np.ndarray]
+
+
+def measure(result: TrackResult, truth: Truth | None) -> tuple[Metrics, Metrics]:
+    """Judge every run of a result.
+
+    Returns:
+        Per frame, (run, frame) float32 each; all but ``iou`` are NaN where the truth says nothing, and everywhere
+        without truth:
+
+        - ``marker_error``: Eq. 20 [m], see :func:`mmocap_warp.pose_errors.marker_error`;
+        - ``joint_error``: mean distance over ``HUMANEVA_JOINTS`` [m], as far as the truth names them;
+        - ``mpjpe``: the same over the twelve joints of the limbs [m];
+        - ``pa_mpjpe``: that after the best similarity transform of each frame [m];
+        - ``iou``: mean over the views that were judged, NaN in a lost frame.
+
+        Per run, (run,) float64 each:
+
+        - ``jerk``: mean length of the third derivative of the joints' paths [m/s³];
+        - ``foot_slide``: see :func:`foot_slide` [m/s];
+        - ``frames_lost``: frames in which no view could be judged;
+        - ``limb_lost``: frames in which a wrist or ankle is over 200 mm off, NaN without truth of any;
+        - ``seconds``: of the search, all runs together; ``evaluations``: of the run, all frames together.
+
+    Raises:
+        InputError: truth that shares no frame, or neither markers nor joints, with the result.
+    """
+    joints = joint_positions(result)
+    shape = result.pose.shape[:2]
+    per_frame = {name: np.full(shape, np.nan) for name in ("marker_error", "joint_error", "mpjpe", "pa_mpjpe")}
+    limb_lost = np.full(shape[0], np.nan)
+    if truth is not None:
+        mine, theirs = common_frames(result, truth)
+        per_frame["marker_error"] = on_all_frames(marker_error(result, truth, mine, theirs), mine, result)
+        limb_lost = _judge_joints(result, joints[:, mine], truth, mine, theirs, per_frame)
+    per_frame["iou"] = nanmean(result.iou, axis=2)
+    per_run = {
+        "jerk": jerk(joints, result.frame_numbers, result.fps),
+        "foot_slide": foot_slide(result),
+        "frames_lost": np.full(shape[0], (result.status == STATUS.index("lost")).sum()),
+        "limb_lost": limb_lost,
+        "seconds": np.full(shape[0], result.seconds),
+        "evaluations": result.evaluations.sum(axis=1),
+    }
+    return (
+        {name: values.astype(np.float32) for name, values in per_frame.items()},
+        {name: values.astype(np.float64) for name, values in per_run.items()},
+    )
+
+
+def jerk(joints: np.ndarray, frame_numbers: np.ndarray, fps: float) -> np.ndarray:
+    """Mean length of the joints' third derivative: (run,) [m/s³], NaN with fewer than four frames in a row.
+
+    Args:
+        joints: (run, frame, joint, 3) [m].
+        frame_numbers: (frame,); where frames are missing between two, no derivative reaches across.
+        fps: frames per second of the numbering.
+    """
+    step = np.diff(frame_numbers)
+    if len(step) < 3:
+        return np.full(len(joints), np.nan)
+    even = step == step.min()
+    whole = even[:-2] & even[1:-1] & even[2:]
+    third = np.diff(joints, n=3, axis=1)[:, whole] * (fps / step.min()) ** 3
+    return nanmean(np.linalg.norm(third, axis=-1), axis=(1, 2))
+
+
+def foot_slide(result: TrackResult) -> np.ndarray:
+    """Mean speed over the floor of the foot that stands: (run,) [m/s], NaN with fewer than two frames in a row.
+
+    A foot that stands or rolls has a place at rest where it touches the floor: the lowest vertex of its sole. Between
+    two frames, the foot whose lowest vertex moves less is the one that stands. There always is one in walking,
+    gestures and boxing; in running and jumping there is not, and the number means nothing. No height of the floor and
+    no threshold is needed.
+    """
+    step = np.diff(result.frame_numbers)
+    if not len(step):
+        return np.full(len(result.pose), np.nan)
+    rate = result.fps / step.min()
+    soles = [_sole(result, side) for side in "LR"]
+    slower = [np.min([_contact_speed(result, pose, sole) for sole in soles], axis=0) for pose in result.pose]
+    return np.array(slower)[:, step == step.min()].mean(axis=1) * rate
+
+
+def _contact_speed(result: TrackResult, pose: np.ndarray, sole: np.ndarray) -> np.ndarray:
+    """How far the lowest vertex of a sole moves over the floor to the next frame: (frame - 1,) [m]."""
+    up = result.cameras.up_vector
+    moved = np.empty((len(pose) - 1, 3))
+    for start in range(0, len(moved), _FRAMES_AT_ONCE):
+        place = skin_positions(result, pose[start : start + _FRAMES_AT_ONCE + 1], sole)
+        lowest = (place[:-1] @ up).argmin(axis=1)
+        frame = np.arange(len(lowest))
+        moved[start : start + _FRAMES_AT_ONCE] = place[frame + 1, lowest] - place[frame, lowest]
+    return np.linalg.norm(moved - np.outer(moved @ up, up), axis=1)
+
+
+def _sole(result: TrackResult, side: str) -> np.ndarray:
+    """The vertices at the bottom of a foot in the bind pose."""
+    skin = result.subject.body.skin
+    leading = skin.joint[np.arange(len(skin.joint)), skin.weight.argmax(axis=1)]
+    foot = np.flatnonzero(leading == JOINTS.index(f"{side}Ankle"))
+    height = skin.rest[foot, 1]
+    return foot[height <= height.min() + _SOLE_THICKNESS]
+
+
+def _judge_joints(
+    result: TrackResult,
+    joints: np.ndarray,
+    truth: Truth,
+    mine: np.ndarray,
+    theirs: np.ndarray,
+    per_frame: Metrics,
+) -> np.ndarray:
+    """Fill in the joint errors of the frames ``mine``; returns how many of them have lost a limb, (run,)."""
+    names = [name for name in HUMANEVA_JOINTS if name in truth.joint_names]
+    if not names:
+        return np.full(len(joints), np.nan)
+    known = truth.joints[theirs][:, [truth.joint_names.index(name) for name in names]]
+    tracked = np.stack([_tracked(result, joints, mine, name) for name in names], axis=2)
+    distance = np.linalg.norm(tracked - known, axis=-1)  # (run, common frame, joint)
+    per_frame["joint_error"] = on_all_frames(nanmean(distance, axis=2), mine, result)
+    limbs = [i for i, name in enumerate(names) if name in LIMB_JOINTS]
+    per_frame["mpjpe"] = on_all_frames(nanmean(distance[..., limbs], axis=2), mine, result)
+    aligned = aligned_error(tracked[:, :, limbs], known[:, limbs])
+    per_frame["pa_mpjpe"] = on_all_frames(aligned, mine, result)
+    ends = [i for i, name in enumerate(names) if name in LIMB_ENDS]
+    lost = (distance[..., ends] > LOST_LIMB).any(axis=2).sum(axis=1)
+    return lost.astype(float) if ends else np.full(len(joints), np.nan)
+
+
+def _tracked(result: TrackResult, joints: np.ndarray, mine: np.ndarray, name: str) -> np.ndarray:
+    """(run, common frame, 3): where the body has the joint; ``joints`` are (run, common frame, joint, 3)."""
+    if name != HEAD_TOP:
+        return joints[:, :, JOINTS.index(name)]
+    pose = result.pose[:, mine].reshape(-1, result.pose.shape[2])
+    top = skin_positions(result, pose, np.array([head_top(result.subject.body)]))
+    return top.reshape(*joints.shape[:2], 3).astype(np.float64)

@@ -1,4 +1,4 @@
-"""The answer of a tracking run."""
+"""The answer of a tracking run, and that of each of its frames."""
 
 from __future__ import annotations
 
@@ -11,6 +11,27 @@ from mmocap_warp.cameras import CameraRig
 
 STATUS: tuple[str, ...] = ("tracked", "partial", "lost")
 """Of a frame: all views judged; some view left out (empty mask); no view left, the pose is carried over."""
+
+
+@dataclass(frozen=True)
+class FrameAnswer:
+    """What a frame's search found.
+
+    Attributes:
+        pose: (run, 51) float32.
+        cost: (run,) float32; NaN when the frame is lost.
+        iou: (run, camera) float64; NaN for a lost view.
+        evaluations: spent by each run.
+        status: index into ``STATUS``.
+        seconds: wall-clock time [s].
+    """
+
+    pose: np.ndarray
+    cost: np.ndarray
+    iou: np.ndarray
+    evaluations: int
+    status: int
+    seconds: float
 
 
 @dataclass(frozen=True)

@@ -18,13 +18,13 @@ import warp as wp
 from mmocap_warp.algorithms import ALGORITHMS
 from mmocap_warp.body import DOF_MODELS, FULL_DOF, BodyModel, Subject, degrees_of_freedom
 from mmocap_warp.cameras import CameraRig, project
-from mmocap_warp.checkpoint import Checkpoint, Progress, fingerprint
+from mmocap_warp.checkpoint import Checkpoint, FinishedFrame, fingerprint
 from mmocap_warp.errors import InputError
 from mmocap_warp.objective import COSTS, Objective
 from mmocap_warp.observation import Observation
 from mmocap_warp.posing import Poser
 from mmocap_warp.presets import PRESETS
-from mmocap_warp.result import STATUS, TrackResult
+from mmocap_warp.result import STATUS, FrameAnswer, TrackResult
 from mmocap_warp.search import Search
 from mmocap_warp.strategy import hierarchical, holistic, share_budget
 
@@ -94,27 +94,6 @@ class TrackConfig:
 def _one_of(name: str, value: object, allowed: Iterable[object]) -> None:
     if value not in allowed:
         raise ValueError(f"{name} must be one of {list(allowed)}, got {value!r}")
-
-
-@dataclass(frozen=True)
-class FrameAnswer:
-    """What a frame's search found.
-
-    Attributes:
-        pose: (run, 51) float32.
-        cost: (run,) float32; NaN when the frame is lost.
-        iou: (run, camera) float64; NaN for a lost view.
-        evaluations: spent by each run.
-        status: index into ``STATUS``.
-        seconds: wall-clock time [s].
-    """
-
-    pose: np.ndarray
-    cost: np.ndarray
-    iou: np.ndarray
-    evaluations: int
-    status: int
-    seconds: float
 
 
 class Tracker:
@@ -292,42 +271,36 @@ def track(
     """
     rig = scene.rig(config.scale)
     tracker = Tracker(subject, rig, config, scene.fps)
-    answers: list[FrameAnswer] = []
+    done: list[FinishedFrame] = []  # in pairs, so that no interruption finds one without the other
     store = None
     if checkpoint is not None:
         recorded = {"fps": scene.fps, "foreground": asdict(scene.foreground)}
-        store = Checkpoint(checkpoint, fingerprint(subject, rig, _bits(config) | recorded))
-        done = store.load() if resume else None
-        if done is not None:
-            if len(done.status) > scene.frame_count:
-                problem = f"it has {scene.frame_count} frames, {len(done.status)} were tracked before"
-                raise InputError(scene.path, problem, "restore [scene] frames, or start anew with --force")
-            tracker.state = (done.last_pose, done.draw)
-            answers = [
-                FrameAnswer(*frame)
-                for frame in zip(
-                    done.pose, done.cost, done.iou, done.evaluations, done.status, done.seconds, strict=True
-                )
-            ]
-    for number, answer in enumerate(answers):
+        store = Checkpoint(checkpoint, fingerprint(subject, rig, _bits(config) | recorded), config.runs, len(rig))
+        done = store.load() if resume else []
+    if len(done) > scene.frame_count:
+        problem = f"it has {scene.frame_count} frames, {len(done)} were tracked before"
+        raise InputError(scene.path, problem, "restore [scene] frames, or start anew with --force")
+    for number, (answer, _) in enumerate(done):
         if progress:
             progress(number, answer)
-    finished = len(answers), tracker.state  # in step with each other, whatever moment an interruption comes at
+    if done:
+        answer, draw = done[-1]
+        tracker.state = (answer.pose, draw)
     try:
         body = _body_masks(tracker, subject, rig) if scene.foreground.keep == "nearest" else None
-        for observation in scene.observations(config.scale, first=len(answers), body=body):
-            answers.append(tracker.step(observation))
-            finished = len(answers), tracker.state
+        for observation in scene.observations(config.scale, first=len(done), body=body):
+            answer = tracker.step(observation)
+            _, draw = tracker.state
+            done.append((answer, draw))
             if progress:
-                progress(len(answers) - 1, answers[-1])
+                progress(len(done) - 1, answer)
             if store and store.due:
-                store.save(_progress(answers, *tracker.state))
+                store.save(done)
     except BaseException:
-        frames, state = finished
-        if store and frames:
-            store.save(_progress(answers[:frames], *state))
+        if store:
+            store.save(done)
         raise
-    return collect(subject, rig, scene.fps, config, answers)
+    return collect(subject, rig, scene.fps, config, [answer for answer, _ in done])
 
 
 def _body_masks(tracker: Tracker, subject: Subject, rig: CameraRig) -> Callable[[], list[np.ndarray]]:
@@ -352,19 +325,6 @@ def _bits(config: TrackConfig) -> dict:
     settings = asdict(config) | {"device": resolve_device(config.device)}
     del settings["threads"]
     return settings
-
-
-def _progress(answers: list[FrameAnswer], last_pose: np.ndarray, draw: np.ndarray) -> Progress:
-    return Progress(
-        pose=np.stack([answer.pose for answer in answers]),
-        cost=np.stack([answer.cost for answer in answers]),
-        iou=np.stack([answer.iou for answer in answers]),
-        evaluations=np.array([answer.evaluations for answer in answers], np.int64),
-        status=np.array([answer.status for answer in answers], np.int8),
-        seconds=np.array([answer.seconds for answer in answers], np.float64),
-        last_pose=last_pose,
-        draw=draw,
-    )
 
 
 def track_observations(

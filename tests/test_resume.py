@@ -7,21 +7,23 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from mmocap_warp import checkpoint, cli
-from mmocap_warp.body import Subject
+from mmocap_warp.body import FULL_DOF, Subject
 from mmocap_warp.cli import exit_codes
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd_body import write_subject
 from mmocap_warp.formats.usd_result import read_result
+from mmocap_warp.result import FrameAnswer
 from mmocap_warp.scene import Scene, load_scene
 from mmocap_warp.scenes import ROOT
 from mmocap_warp.synthesis.recording import walking
-from mmocap_warp.tracker import TrackConfig, track
+from mmocap_warp.tracker import TrackConfig, Tracker, track
 
 FRAMES = 16
 STOPS = 10
@@ -41,7 +43,7 @@ def announced(self, observation):
 tracker.Tracker.step = announced
 sys.exit(cli.main(sys.argv[1:]))
 """
-"""Runs the command line, says when a frame begins, and saves as often as saving takes little of the time."""
+"""Runs the command line, says when a frame begins, and saves after every one."""
 
 
 @pytest.fixture(scope="module")
@@ -132,8 +134,6 @@ def test_a_run_that_replaces_a_result_is_resumed_too(scene, tmp_path, monkeypatc
 
 def stopping_step(after: int):
     """A tracker's step that Ctrl-C hits amid frame number ``after``."""
-    from mmocap_warp.tracker import Tracker
-
     step, left = Tracker.step, iter(range(after, -1, -1))
 
     def stopping(tracker, observation):
@@ -172,10 +172,9 @@ def test_without_a_checkpoint_resuming_starts_from_the_first_frame(loaded, subje
     [
         lambda content: b"",
         lambda content: b"not a checkpoint",
-        lambda content: content[: len(content) // 2],
-        lambda content: content[:200] + bytes(200) + content[400:],
+        lambda content: content[:40],
     ],
-    ids=["empty", "other content", "cut short", "overwritten"],
+    ids=["empty", "other content", "cut in its header"],
 )
 def test_a_damaged_checkpoint_is_wrong_input(damage, loaded, subject, interrupted):
     interrupted.write_bytes(damage(interrupted.read_bytes()))
@@ -183,11 +182,27 @@ def test_a_damaged_checkpoint_is_wrong_input(damage, loaded, subject, interrupte
         track(loaded, subject, CONFIG, checkpoint=interrupted, resume=True)
 
 
-def test_a_checkpoint_without_its_arrays_is_wrong_input(loaded, subject, interrupted):
-    with interrupted.open("wb") as file:
-        np.savez(file, key=np.array("other"))
-    with pytest.raises(InputError, match="is damaged, or no checkpoint"):
-        track(loaded, subject, CONFIG, checkpoint=interrupted, resume=True)
+@pytest.mark.parametrize(
+    ("damage", "kept"),
+    [
+        (lambda content: content[:-1], 4),
+        (lambda content: content[: len(content) // 2], 2),
+        (lambda content: content[:-300] + bytes(300), 3),
+        (lambda content: content[:200] + bytes(200) + content[400:], 0),
+        (lambda content: content + content[-300:], 5),
+    ],
+    ids=["cut short", "cut in half", "zeros at its end", "overwritten", "half a frame too many"],
+)
+def test_frames_that_a_crash_spoilt_are_tracked_again(damage, kept, loaded, subject, interrupted):
+    interrupted.write_bytes(damage(interrupted.read_bytes()))
+    stepped, step = [], Tracker.step
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(Tracker, "step", lambda self, seen: stepped.append(1) or step(self, seen))
+        resumed = track(loaded, subject, CONFIG, checkpoint=interrupted, resume=True)
+    assert len(stepped) == FRAMES - kept
+    whole = track(loaded, subject, CONFIG)
+    np.testing.assert_array_equal(resumed.pose, whole.pose)
+    np.testing.assert_array_equal(resumed.cost, whole.cost)
 
 
 @pytest.mark.parametrize(
@@ -215,14 +230,61 @@ def test_the_number_of_threads_may_change(loaded, subject, interrupted):
     np.testing.assert_array_equal(resumed.cost, whole.cost)
 
 
+def answered(frames: int) -> list[checkpoint.FinishedFrame]:
+    """Made-up answers of two runs before three cameras."""
+    random = np.random.default_rng(1)
+    done = []
+    for _ in range(frames):
+        pose, cost, iou = (random.random(shape) for shape in ((2, FULL_DOF), 2, (2, 3)))
+        answer = FrameAnswer(pose.astype(np.float32), cost.astype(np.float32), iou, 9, 1, 0.5)
+        done.append((answer, random.integers(0, 99, 2, np.int32)))
+    return done
+
+
+def test_a_checkpoint_gives_back_what_was_saved_however_often(tmp_path):
+    done = answered(7)
+    done[3][0].cost[:], done[3][0].iou[:] = np.nan, np.nan  # a lost frame
+    store = checkpoint.Checkpoint(tmp_path / "c", "key", 2, 3)
+    for frames in (0, 2, 2, 3, 7):
+        store.save(done[:frames])
+    loaded = checkpoint.Checkpoint(tmp_path / "c", "key", 2, 3).load()
+    for (mine, my_draw), (theirs, their_draw) in zip(loaded, done, strict=True):
+        np.testing.assert_array_equal(my_draw, their_draw)
+        for field in fields(FrameAnswer):
+            np.testing.assert_array_equal(getattr(mine, field.name), getattr(theirs, field.name))
+    assert [file.name for file in tmp_path.iterdir()] == ["c"]
+
+
+def test_a_save_writes_only_what_is_new(tmp_path, monkeypatch):
+    """However long the recording, a save takes no longer and wears the disk no more."""
+    packed, pack = [], checkpoint.Checkpoint._packed
+    monkeypatch.setattr(checkpoint.Checkpoint, "_packed", lambda self, new: packed.append(len(new)) or pack(self, new))
+    done, path = answered(9), tmp_path / "c"
+    store = checkpoint.Checkpoint(path, "key", 2, 3)
+    store.save(done[:4])
+    size = path.stat().st_size
+    store.save(done[:6])
+    assert path.stat().st_size - size == (size - len(store._header)) // 2
+    resumed = checkpoint.Checkpoint(path, "key", 2, 3)
+    assert len(resumed.load()) == 6
+    resumed.save(done)
+    assert packed == [4, 2, 3]
+
+
 def test_a_checkpoint_is_saved_at_most_every_few_seconds(tmp_path, monkeypatch):
-    """And so seldom that saving takes little of the time."""
     now = [100.0]
     monkeypatch.setattr(checkpoint.time, "monotonic", lambda: now[0])
-    store = checkpoint.Checkpoint(tmp_path / "c", "key")
+    store = checkpoint.Checkpoint(tmp_path / "c", "key", 2, 3)
     assert not store.due
     now[0] += 2.0
     assert store.due
-    nothing = np.zeros((0, 1))
-    store.save(checkpoint.Progress(*[nothing] * 8))
+    store.save(answered(1))
     assert not store.due
+
+
+def test_a_checkpoint_that_cannot_be_written_is_wrong_input(tmp_path):
+    store = checkpoint.Checkpoint(tmp_path / "c", "key", 2, 3)
+    store.save(answered(1))
+    (tmp_path / "c").unlink()
+    with pytest.raises(InputError, match="cannot be written"):
+        store.save(answered(2))

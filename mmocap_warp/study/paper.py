@@ -1,0 +1,78 @@
+"""What the paper prints: its ranks, p-values and statistics, to compare with and to check the statistics on."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+ALGORITHM_NAMES: dict[str, str] = {
+    "h-cmaes": "H-CMAES",
+    "h-pso": "H-PSO",
+    "cmaes": "CMAES",
+    "h-de": "H-DE",
+    "de": "DE",
+    "pso": "PSO",
+    "apf": "APF",
+    "psapf": "PSAPF",
+}
+"""The paper's spelling of each algorithm, in the order of its Table 4."""
+
+BLOCKS = 9
+"""Sequences: Walking, Gestures and Box of S1, S2 and S3."""
+
+EVALUATIONS = (500, 1500, 3000)
+SECONDS_PER_500 = 1.18
+"""Of 500 evaluations on one core of a Core 2 Quad Q8400, with seven cameras."""
+
+GRID_EVALUATIONS = 2.0e10
+"""8366 frames x 30 seeds x 8 algorithms x 2 models x 5000 evaluations."""
+
+CPU_WEEKS = (40, 12)
+"""CPUs, and the weeks that they took."""
+
+CITATION = (
+    "E. Yeguas-Bolivar, R. Muñoz-Salinas, R. Medina-Carnicer, A. Carmona-Poyato: Comparing evolutionary algorithms and "
+    "particle filters for Markerless Human Motion Capture. Applied Soft Computing 17, 153-166, 2014."
+)
+
+# Table 4 (39 DOF) and Table 5 (28 DOF): average rank and p-value by algorithm, in ALGORITHM_NAMES' order.
+_RANKS: dict[tuple[int, int], tuple[str, ...]] = {
+    (39, 500): ("1.222", "2.333", "3.000", "3.555", "5.111", "5.888", "7.000", "7.888"),
+    (39, 1500): ("2.000", "2.777", "2.666", "3.111", "4.777", "6.111", "7.555", "7.000"),
+    (39, 3000): ("1.777", "2.888", "2.444", "4.000", "4.222", "6.222", "7.555", "6.888"),
+    (28, 500): ("1.666", "1.888", "2.888", "4.444", "4.666", "6.111", "6.222", "8.000"),
+    (28, 1500): ("2.111", "2.666", "2.444", "4.111", "5.222", "6.333", "6.777", "6.666"),
+    (28, 3000): ("2.444", "2.444", "3.111", "4.111", "5.444", "5.555", "6.888", "5.999"),
+}
+P_VALUES: dict[tuple[int, int], tuple[str, ...]] = {
+    (39, 500): ("-", "0.335", "0.123", "0.043", "7.57E-4", "5.31E-5", "5.62E-7", "7.76E-9"),
+    (39, 1500): ("-", "0.500", "0.563", "0.335", "0.016", "3.70E-4", "1.49E-6", "1.49E-5"),
+    (39, 3000): ("-", "0.335", "0.563", "0.054", "0.034", "1.18E-4", "5.62E-7", "9.58E-6"),
+    (28, 500): ("-", "0.847", "0.289", "0.016", "0.009", "1.18E-4", "7.97E-5", "4.13E-8"),
+    (28, 1500): ("-", "0.630", "0.772", "0.083", "0.007", "2.55E-4", "5.31E-5", "7.97E-5"),
+    (28, 3000): ("-", "1.000", "0.563", "0.148", "0.009", "0.007", "1.18E-4", "0.002"),
+}
+"""By model and budget, as printed: truncated, not rounded."""
+
+FRIEDMAN: dict[tuple[int, int], str] = {
+    (39, 500): "57.925",
+    (39, 1500): "49.148",
+    (39, 3000): "48.851",
+    (28, 500): "53.481",
+    (28, 1500): "43.037",
+    (28, 3000): "30.740",
+}
+"""By model and budget, as printed."""
+
+MISPRINTED: tuple[tuple[int, int], ...] = ((28, 500), (28, 1500))
+"""Columns of Table 5 whose printed ranks do not add up to 36, as those of eight algorithms must."""
+
+HOLM: tuple[str, ...] = ("0.050", "0.025", "0.016", "0.012", "0.010", "0.008", "0.007")
+"""Thresholds from the second best algorithm to the worst, as printed."""
+
+
+def average_ranks(model: int, evaluations: int) -> dict[str, Fraction]:
+    """Average rank by algorithm, the printed decimals restored to the ninths that nine sequences give."""
+    printed = _RANKS[model, evaluations]
+    return {
+        name: Fraction(round(float(rank) * BLOCKS), BLOCKS) for name, rank in zip(ALGORITHM_NAMES, printed, strict=True)
+    }

@@ -1,0 +1,172 @@
+"""Non-parametric comparison of algorithms over several problems, as the paper's section 5.4 does it, and more.
+
+A *block* is a problem that every algorithm solved: one of the sequences. Scores are "lower is better" throughout.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mmocap_warp.study.distributions import chi2_critical, chi2_tail, f_tail, normal_two_sided
+
+ALPHA = 0.05
+CONFIDENCE = 0.95
+RESAMPLES = 1000
+
+
+def ranks(scores: np.ndarray) -> np.ndarray:
+    """Rank each score among the last axis' scores, 1 for the lowest; equal scores share the mean of their ranks."""
+    other, own = scores[..., None, :], scores[..., :, None]
+    return 0.5 + (other < own).sum(axis=-1) + 0.5 * (other == own).sum(axis=-1)
+
+
+@dataclass(frozen=True)
+class Omnibus:
+    """Do the algorithms differ at all?
+
+    Attributes:
+        statistic: Friedman's, distributed as chi-square with ``dof`` degrees of freedom.
+        dof: algorithms less one.
+        p: probability of a larger statistic were all alike.
+        critical: value that the statistic must exceed at level ``ALPHA``.
+        f: Iman and Davenport's less conservative statistic, distributed as F with ``f_dof``.
+        f_dof: its degrees of freedom.
+        f_p: its p-value.
+        kendall_w: agreement of the blocks' rankings, 0 none to 1 the same ranking in each: the effect's size.
+    """
+
+    statistic: float
+    dof: int
+    p: float
+    critical: float
+    f: float
+    f_dof: tuple[int, int]
+    f_p: float
+    kendall_w: float
+
+
+def friedman(average_rank: np.ndarray, blocks: int, tie_variance: float = 1.0) -> Omnibus:
+    """Friedman's test from average ranks (algorithm,), with Iman-Davenport's F and Kendall's W.
+
+    ``12 n / (k (k + 1)) * (sum R² - k (k + 1)² / 4)``, divided by ``tie_variance``, see :func:`tie_variance`.
+
+    Raises:
+        ValueError: fewer than two algorithms or blocks.
+    """
+    n, k = blocks, len(average_rank)
+    if n < 2 or k < 2:
+        raise ValueError(f"a test needs two algorithms and two blocks, got {k} and {n}")
+    square_sum = float((np.asarray(average_rank) ** 2).sum())
+    statistic = 12 * n / (k * (k + 1)) * (square_sum - k * (k + 1) ** 2 / 4)
+    statistic = max(statistic / tie_variance, 0.0) if tie_variance > 0 else 0.0
+    most = n * (k - 1)  # the statistic where all blocks agree
+    f = (n - 1) * statistic / (most - statistic) if statistic < most * (1 - 1e-12) else np.inf
+    f_dof = (k - 1, (k - 1) * (n - 1))
+    return Omnibus(
+        statistic=statistic,
+        dof=k - 1,
+        p=chi2_tail(statistic, k - 1),
+        critical=chi2_critical(ALPHA, k - 1),
+        f=f,
+        f_dof=f_dof,
+        f_p=f_tail(f, f_dof),
+        kendall_w=statistic / most,
+    )
+
+
+def tie_variance(rank: np.ndarray) -> float:
+    """Variance of the ranks (block, algorithm) relative to that without ties: 1 without, 0 if all are equal."""
+    blocks, k = rank.shape
+    return float(((rank - (k + 1) / 2) ** 2).sum() / (blocks * k * (k**2 - 1) / 12))
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """An algorithm against the control, the one with the best average rank.
+
+    Attributes:
+        algorithm: its position among the average ranks.
+        rank: its average rank.
+        z: how many standard errors it ranks behind the control.
+        p: two-sided, unadjusted; NaN for the control itself.
+        threshold: Holm's, which ``p`` must fall below: ``ALPHA / (place - 1)``; NaN for the control.
+        adjusted_p: Holm's, to be compared with ``ALPHA`` itself.
+        rejected: whether it differs from the control; Holm stops at the first that does not.
+    """
+
+    algorithm: int
+    rank: float
+    z: float
+    p: float
+    threshold: float
+    adjusted_p: float
+    rejected: bool
+
+
+def against_control(average_rank: np.ndarray, blocks: int) -> list[Comparison]:
+    """Holm's procedure on ``z = (R - R_control) / sqrt(k (k + 1) / (6 n))``, best average rank first."""
+    k = len(average_rank)
+    order = np.argsort(average_rank, kind="stable")
+    best = float(average_rank[order[0]])
+    error = np.sqrt(k * (k + 1) / (6 * blocks))
+    rows = [Comparison(int(order[0]), best, 0.0, np.nan, np.nan, np.nan, False)]
+    still, adjusted = True, 0.0
+    for place in range(k, 1, -1):  # from the worst, whose p is the smallest
+        algorithm = int(order[place - 1])
+        z = (float(average_rank[algorithm]) - best) / error
+        p, threshold = normal_two_sided(z), ALPHA / (place - 1)
+        still = still and p < threshold
+        adjusted = max(adjusted, min(1.0, (place - 1) * p))
+        rows.insert(1, Comparison(algorithm, float(average_rank[algorithm]), z, p, threshold, adjusted, still))
+    return rows
+
+
+def superiority(runs: np.ndarray, others: np.ndarray) -> float:
+    """Vargha and Delaney's A, the chance that a run scores lower than one of the others: mean over blocks.
+
+    Args:
+        runs: (block, run).
+        others: (block, run), of the other algorithm; 0.5 means that neither is better.
+    """
+    mine, theirs = runs[:, :, None], others[:, None, :]
+    return float(((mine < theirs) + 0.5 * (mine == theirs)).mean())
+
+
+def rank_interval(scores: np.ndarray, seed: int = 0) -> np.ndarray:
+    """Bootstrap interval of the average ranks of the runs' mean scores: the runs are drawn anew, the blocks stay.
+
+    Args:
+        scores: (block, algorithm, run).
+        seed: of the resampling.
+
+    Returns:
+        (2, algorithm): the ends of the central interval with probability ``CONFIDENCE``.
+    """
+    drawn = _resampled_means(scores, np.random.default_rng(seed))
+    return _central(ranks(drawn).mean(axis=1))
+
+
+def mean_interval(scores: np.ndarray, seed: int = 0) -> np.ndarray:
+    """Bootstrap interval of the mean over runs and blocks: (block, algorithm, run) to (2, algorithm)."""
+    return _central(_resampled_means(scores, np.random.default_rng(seed)).mean(axis=1))
+
+
+def difference_interval(runs: np.ndarray, others: np.ndarray, seed: int = 0) -> np.ndarray:
+    """Bootstrap interval (2,) of the mean over blocks of the difference of means; both are (block, run)."""
+    rng = np.random.default_rng(seed)
+    mine, theirs = (_resampled_means(scores[:, None], rng)[:, :, 0] for scores in (runs, others))
+    return _central((mine - theirs).mean(axis=1))
+
+
+def _resampled_means(scores: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """(resample, block, algorithm): means of runs drawn with replacement, for each block and algorithm apart."""
+    blocks, algorithms, runs = scores.shape
+    drawn = rng.integers(runs, size=(RESAMPLES, blocks, algorithms, runs), dtype=np.int32)
+    return np.take_along_axis(np.broadcast_to(scores, drawn.shape), drawn, axis=3).mean(axis=3)
+
+
+def _central(samples: np.ndarray) -> np.ndarray:
+    tail = (1 - CONFIDENCE) / 2
+    return np.quantile(samples, (tail, 1 - tail), axis=0)

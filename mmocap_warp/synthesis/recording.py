@@ -14,7 +14,7 @@ from mmocap_warp.shape_space import heading_rotation, upright_base
 from mmocap_warp.synthesis.faults import Faults, spoil
 from mmocap_warp.synthesis.gait import Walk
 from mmocap_warp.synthesis.gait_curves import CADENCE
-from mmocap_warp.synthesis.rotations import turn
+from mmocap_warp.synthesis.placing import placed_camera
 from mmocap_warp.synthesis.silhouettes import draw_silhouettes
 from mmocap_warp.synthesis.walker import walker
 from mmocap_warp.truth import Truth
@@ -116,30 +116,8 @@ def walking(frames: int = FRAMES, seed: int = 0) -> Recording:
 
 def camera_ring() -> CameraRig:
     """Five cameras of slightly different lenses around the origin, no two alike in height or distance."""
-    rows = [_camera(*row) for row in _CAMERAS]
-    K, R, t, distortion = (np.array(column) for column in zip(*rows, strict=True))
-    names = tuple(f"cam{k + 1}" for k in range(len(rows)))
-    return CameraRig(names, K, R, t, np.tile(_SIZE, (len(rows), 1)), distortion, "+z")
-
-
-def _camera(
-    bearing: float,
-    distance: float,
-    height: float,
-    aim: float,
-    roll: float,
-    focal: float,
-    x: float,
-    y: float,
-    *lens: float,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """K, R, t and distortion of a camera that looks at the vertical through the origin."""
-    angle = np.radians(bearing)
-    centre = np.array([distance * np.cos(angle), distance * np.sin(angle), height])
-    forward = np.array([0.0, 0.0, aim]) - centre
-    forward /= np.linalg.norm(forward)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    R = turn("z", np.radians(-roll)) @ np.stack([right, np.cross(forward, right), forward])
-    K = np.array([[focal, 0.0, (_SIZE[0] - 1) / 2 + x], [0.0, focal, (_SIZE[1] - 1) / 2 + y], [0.0, 0.0, 1.0]])
-    return K, R, -R @ centre, np.array([*lens, 0.0])
+    placed = [placed_camera(*row[:6], row[6:8], _SIZE) for row in _CAMERAS]
+    K, R, t = (np.array(column) for column in zip(*placed, strict=True))
+    distortion = np.array([(*row[8:], 0.0) for row in _CAMERAS])
+    names = tuple(f"cam{k + 1}" for k in range(len(_CAMERAS)))
+    return CameraRig(names, K, R, t, np.tile(_SIZE, (len(names), 1)), distortion, "+z")

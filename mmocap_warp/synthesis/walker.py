@@ -25,13 +25,17 @@ STRETCH = (1.02, 0.99, 1.03)
 
 def walker() -> BodyModel:
     """The shipped woman, heavier, stronger, longer of leg, broader of shoulder, then stretched unequally."""
-    body = read_body(ROOT / "bodies" / f"{BASE}.usdc").shaped(SHAPE)
-    stretch = np.array(STRETCH, np.float32)
+    return stretched(read_body(ROOT / "bodies" / f"{BASE}.usdc").shaped(SHAPE), "walker", STRETCH)
+
+
+def stretched(body: BodyModel, name: str, stretch: tuple[float, float, float]) -> BodyModel:
+    """A body, named anew, that is ``stretch`` times as wide, as tall and as deep; its joints keep their axes."""
+    factors = np.array(stretch, np.float32)
     return replace(
         body,
-        name="walker",
-        joint_rest=body.joint_rest * stretch,
-        skin=replace(body.skin, rest=body.skin.rest * stretch),
-        shape_vertex=body.shape_vertex * stretch,
-        shape_joint=body.shape_joint * stretch,
+        name=name,
+        joint_rest=body.joint_rest * factors,
+        skin=replace(body.skin, rest=body.skin.rest * factors),
+        shape_vertex=body.shape_vertex * factors,
+        shape_joint=body.shape_joint * factors,
     )

@@ -1,0 +1,220 @@
+"""The nine shipped sequences: Walking, Gestures and Box of S1, S2 and S3, made where they are needed.
+
+They stand in for HumanEva-I's where nobody has a copy: seven cameras in its ring, 60 frames/s, each a third as long as
+the paper's. ``docs/sequences.md`` says what is in them and how they are written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+
+from mmocap_warp.body import JOINTS, BodyModel, Subject
+from mmocap_warp.cameras import CameraRig
+from mmocap_warp.observation import Observation
+from mmocap_warp.pose_errors import HEAD_TOP, head_top
+from mmocap_warp.shape_space import heading_rotation, upright_base
+from mmocap_warp.synthesis.footage import Footage
+from mmocap_warp.synthesis.gait import Walk
+from mmocap_warp.synthesis.placing import placed_camera
+from mmocap_warp.synthesis.rotations import turn, zyx_angles
+from mmocap_warp.synthesis.segmentation import Contrast
+from mmocap_warp.synthesis.subjects import PEOPLE, fitted_start
+from mmocap_warp.truth import Truth
+
+FPS = 60.0
+MARKER_NOISE = 0.002
+"""Standard deviation of the true markers along each axis [m]."""
+
+_SIZE = (640, 480)
+
+# Bearing [degrees], distance and height of the centre, height looked at [m], roll [degrees], focal length [px], and
+# the principal point off the image's middle [px]. The colour cameras stand where HumanEva's do.
+_CAMERAS: dict[str, tuple[float, float, float, float, float, float, tuple[float, float]]] = {
+    "C1": (9.0, 4.15, 1.53, 0.92, 0.5, 652.0, (-3.5, 2.1)),
+    "C2": (-77.0, 3.95, 1.50, 0.90, -0.8, 630.0, (2.4, -1.6)),
+    "C3": (101.0, 4.05, 1.44, 0.93, 0.4, 640.0, (-1.2, -2.8)),
+    "BW1": (52.0, 4.45, 1.95, 0.90, -0.6, 668.0, (4.2, 0.9)),
+    "BW2": (147.0, 4.30, 1.85, 0.88, 0.9, 660.0, (-2.7, 3.3)),
+    "BW3": (218.0, 4.40, 2.05, 0.91, -0.2, 672.0, (0.8, -3.9)),
+    "BW4": (319.0, 4.35, 1.90, 0.89, 0.3, 655.0, (3.1, 1.7)),
+}
+_COLOUR = Contrast(halo=0.3, flicker=0.3, ragged=0.6, holes=1.2, specks=1.0, shadow=0.15, dropouts=0.5)
+_GREY = Contrast(halo=0.6, flicker=0.5, ragged=0.9, holes=2.5, specks=2.0, shadow=0.45, dropouts=1.5)
+_WORSE = {"S1": 1.0, "S2": 0.8, "S3": 1.3}  # how much worse than these a subject's clothes make it
+
+
+@dataclass(frozen=True)
+class StudySequence:
+    """A recording with known truth whose masks are made as they are asked for.
+
+    Attributes:
+        name: such as ``S1/Walking``.
+        fps: frames per second.
+        subject: the tracker's body, where a fit of the first frame might have left it.
+        truth: markers on the true body's skin with 2 mm of noise, joints, and the true body's poses.
+        footage: the true body before the cameras.
+    """
+
+    name: str
+    fps: float
+    subject: Subject
+    truth: Truth
+    footage: Footage
+
+    @property
+    def rig(self) -> CameraRig:
+        """Seven pinholes."""
+        return self.footage.rig
+
+    @property
+    def frame_count(self) -> int:
+        """Frames run from 0 to one less."""
+        return len(self.footage.poses)
+
+    def observation(self, frame: int) -> Observation:
+        """The masks of a frame; the same in whatever order frames are asked for.
+
+        Raises:
+            ValueError: a frame that the sequence does not have.
+        """
+        if not 0 <= frame < self.frame_count:
+            raise ValueError(f"frame must be in 0 to {self.frame_count - 1}, got {frame}")
+        return self.footage.observation(frame)
+
+    def first(self, count: int) -> StudySequence:
+        """The sequence cut after ``count`` frames, which stay as they are.
+
+        Raises:
+            ValueError: no frame, or more than there are.
+        """
+        if not 1 <= count <= self.frame_count:
+            raise ValueError(f"{self.name} has 1 to {self.frame_count} frames to give, not {count}")
+        truth = replace(
+            self.truth,
+            frame_numbers=self.truth.frame_numbers[:count],
+            markers=self.truth.markers[:count],
+            joints=self.truth.joints[:count],
+            pose=None if self.truth.pose is None else self.truth.pose[:count],
+        )
+        return replace(self, truth=truth, footage=replace(self.footage, poses=self.footage.poses[:count]))
+
+
+def walking(body: BodyModel, frames: int, seed: int, radius: float, stride: float, cadence: float) -> np.ndarray:
+    """Pose vectors (frame, 51) of a walk around the origin of the floor, in body axes; see ``synthesis/gait.py``."""
+    rng = np.random.default_rng([seed, 1])
+    time = np.arange(frames) / FPS
+    phase = cadence / 120.0 * time + rng.random()
+    for rate in (0.11, 0.17, 0.29):  # strides differ by 2 % in duration [Hz]
+        phase += 0.016 * cadence / 120.0 / (2 * np.pi * rate) * np.sin(2 * np.pi * (rate * time + rng.random()))
+    poses = Walk(body, radius=radius, stride=stride).poses(phase)
+    poses[:, 0] -= radius
+    return poses
+
+
+@dataclass(frozen=True)
+class SequencePlan:
+    """How a sequence is made.
+
+    Attributes:
+        person: a key of ``PEOPLE``.
+        frames: its length.
+        motion: writes pose vectors (frame, 51) in body axes about the origin of the floor, for a body, a number of
+            frames and a seed.
+        heading: of those axes in the world [rad].
+        seed: of everything in the sequence.
+    """
+
+    person: str
+    frames: int
+    motion: Callable[[BodyModel, int, int], np.ndarray]
+    heading: float
+    seed: int
+
+
+def _walk(radius: float, stride: float, cadence: float) -> Callable[[BodyModel, int, int], np.ndarray]:
+    return lambda body, frames, seed: walking(body, frames, seed, radius, stride, cadence)
+
+
+PLANS: dict[str, SequencePlan] = {
+    "S1/Walking": SequencePlan("S1", 401, _walk(1.10, 1.15, 112.0), 0.4, 11),
+    "S2/Walking": SequencePlan("S2", 292, _walk(1.00, 1.10, 116.0), 2.1, 21),
+    "S3/Walking": SequencePlan("S3", 313, _walk(1.15, 1.22, 106.0), 4.0, 31),
+}
+"""By name; lengths are a third of what the paper tracked."""
+
+
+def make_sequence(name: str, plan: SequencePlan) -> StudySequence:
+    """Write the motion and put the moving body before the study's cameras."""
+    person = PEOPLE[plan.person]
+    body = person.true_body()
+    base, poses = _facing_ahead(plan.motion(body, plan.frames, plan.seed), plan.heading)
+    contrast = tuple((_COLOUR if camera.startswith("C") else _GREY).worse(_WORSE[plan.person]) for camera in _CAMERAS)
+    footage = Footage(body, base, poses, study_rig(), contrast, plan.seed)
+    return StudySequence(name, FPS, fitted_start(person, base, poses[0], plan.seed), _truth(footage), footage)
+
+
+class _Sequences(Mapping[str, StudySequence]):
+    """The sequences by name, each made when it is first asked for."""
+
+    def __getitem__(self, name: str) -> StudySequence:
+        return _made(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(PLANS)
+
+    def __len__(self) -> int:
+        return len(PLANS)
+
+
+@cache
+def _made(name: str) -> StudySequence:
+    return make_sequence(name, PLANS[name])
+
+
+SEQUENCES: Mapping[str, StudySequence] = _Sequences()
+"""The nine sequences by name."""
+
+
+def study_rig() -> CameraRig:
+    """HumanEva's ring: three colour and four grey cameras around the origin, as pinholes. The world has +Z up."""
+    K, R, t = (
+        np.array(each) for each in zip(*(placed_camera(*place, _SIZE) for place in _CAMERAS.values()), strict=True)
+    )
+    sizes = np.tile(_SIZE, (len(_CAMERAS), 1))
+    return CameraRig(tuple(_CAMERAS), K, R, t, sizes, np.zeros((len(_CAMERAS), 5)), "+z")
+
+
+def _facing_ahead(poses: np.ndarray, heading: float) -> tuple[np.ndarray, np.ndarray]:
+    """The base (3, 3) in which the body faces ahead in frame 0, and the poses (frame, 51) from it.
+
+    Args:
+        poses: in body axes about the origin of the floor.
+        heading: of those axes in the world [rad].
+    """
+    turned = turn("z", poses[:, 5]) @ turn("y", poses[:, 4]) @ turn("x", poses[:, 3])
+    floor = upright_base("+z") @ heading_rotation(heading)
+    base = floor @ heading_rotation(float(np.arctan2(turned[0, 0, 2], turned[0, 2, 2])))
+    moved = poses.copy()
+    moved[:, :3] = poses[:, :3] @ floor.T
+    moved[:, 3:6] = zyx_angles(base.T @ floor @ turned)
+    return base, np.round(moved, 9)  # the same on any machine
+
+
+def _truth(footage: Footage) -> Truth:
+    body, frames = footage.body, len(footage.poses)
+    points = np.append(body.marker_vertex, head_top(body))
+    skin = np.stack([footage.vertices(frame)[points] for frame in range(frames)])
+    noise = MARKER_NOISE * np.random.default_rng([footage.seed, 2]).standard_normal((frames, len(points) - 1, 3))
+    return Truth(
+        fps=FPS,
+        frame_numbers=np.arange(frames),
+        marker_names=body.marker_names,
+        markers=np.round(skin[:, :-1] + noise, 7),
+        joint_names=(*JOINTS, HEAD_TOP),
+        joints=np.round(np.concatenate([footage.joints[..., 3], skin[:, -1:]], axis=1), 7),
+        pose=footage.poses,
+    )

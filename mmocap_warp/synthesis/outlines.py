@@ -1,0 +1,99 @@
+"""Filled outlines of a posed mesh, fast: only the edges between what faces a camera and what faces away are drawn.
+
+Of a closed surface, the faces that face a viewer cover exactly its silhouette. Where they overlap they are counted, and
+summed over all of them the edges that two of them share cancel: the count at a pixel is the winding number of the
+edges that are left, the contour generators. A body of 13,000 faces has a thousand or so of these, so a silhouette
+takes about a millisecond, and the pixel rule is exact: a pixel belongs to it if its centre does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A mesh's edges with the faces on their two sides.
+
+    Attributes:
+        face: (face, corner) int, counter-clockwise seen from outside; triangles or quads.
+        edge: (edge, 2) int, vertices from and to.
+        left: (edge,) int, the face that runs along the edge.
+        right: (edge,) int, the face that runs against it; ``len(face)`` where the mesh ends.
+    """
+
+    face: np.ndarray
+    edge: np.ndarray
+    left: np.ndarray
+    right: np.ndarray
+
+    @classmethod
+    def of(cls, face: np.ndarray) -> Surface:
+        """The edges of a mesh in which at most two faces meet at an edge, and run along it in opposite directions."""
+        corners = face.shape[1]
+        edge = np.stack([face, np.roll(face, -1, axis=1)], axis=-1).reshape(-1, 2).astype(np.int64)
+        owner = np.repeat(np.arange(len(face)), corners)
+        size = int(face.max()) + 1
+        key, against = edge @ (size, 1), edge @ (1, size)
+        order = np.argsort(key)
+        found = np.minimum(np.searchsorted(key[order], against), len(key) - 1)
+        has_twin = key[order][found] == against
+        twin = np.where(has_twin, owner[order[found]], len(face))
+        once = ~has_twin | (edge[:, 0] < edge[:, 1])
+        return cls(face, edge[once], owner[once], twin[once])
+
+    def facing(self, vertices: np.ndarray, viewers: np.ndarray) -> np.ndarray:
+        """(viewer, face) bool: whether a face is seen from outside.
+
+        Args:
+            vertices: (vertex, 3).
+            viewers: (viewer, 4), homogeneous: a point with a last entry of 1, or a direction toward it with 0.
+        """
+        corner = vertices[self.face]
+        across = corner[:, -1] - corner[:, 1] if self.face.shape[1] == 4 else corner[:, 2] - corner[:, 1]
+        along = corner[:, 2] - corner[:, 0] if self.face.shape[1] == 4 else corner[:, 1] - corner[:, 0]
+        normal = np.cross(along, across)
+        plane = np.concatenate([normal, -(normal * corner[:, 0]).sum(axis=1, keepdims=True)], axis=1)
+        return viewers @ plane.T > 0
+
+    def contour(self, facing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The edges (n, 2) where ``facing`` (face,) changes, and their sign (n,): +1 if the left face is seen."""
+        seen = np.append(facing, False).astype(np.int8)
+        sign = seen[self.left] - seen[self.right]
+        there = np.flatnonzero(sign)
+        return self.edge[there], sign[there]
+
+
+def fill(start: np.ndarray, end: np.ndarray, sign: np.ndarray, width: int, height: int) -> np.ndarray:
+    """(height, width) bool: pixels whose centre the directed edges wind around.
+
+    Args:
+        start: (edge, 2), where edges begin [px].
+        end: (edge, 2), where they end [px].
+        sign: (edge,), how often each counts.
+        width: of the image [px].
+        height: of the image [px].
+    """
+    mask = np.zeros((height, width), bool)
+    above = start[:, 1] < end[:, 1]
+    upper = np.where(above[:, None], start, end)
+    lower = np.where(above[:, None], end, start)
+    first = np.clip(np.ceil(upper[:, 1]), 0, height).astype(np.int64)
+    rows = np.clip(np.ceil(lower[:, 1]), 0, height).astype(np.int64) - first  # an edge has its upper end, not its lower
+    total = int(rows.sum())
+    if not total:
+        return mask
+    of = np.repeat(np.arange(len(rows)), rows)
+    row = np.arange(total) - np.repeat(np.cumsum(rows) - rows, rows) + first[of]
+    slope = (lower[:, 0] - upper[:, 0]) / np.where(rows > 0, lower[:, 1] - upper[:, 1], 1.0)
+    column = np.clip(np.ceil(upper[of, 0] + (row - upper[of, 1]) * slope[of]), 0, width).astype(np.int64)
+    top, left = row.min(), column.min()
+    box_height, box_width = row.max() + 1 - top, column.max() + 1 - left
+    turn = np.where(above, sign, -sign)[of]
+    steps = np.bincount((row - top) * box_width + column - left, turn, box_height * box_width)
+    winding = np.cumsum(steps.reshape(box_height, box_width).astype(np.int16), axis=1)
+    covered = mask[top : top + box_height, left : left + box_width]
+    covered[:] = (winding != 0)[:, : covered.shape[1]]
+    return mask

@@ -91,6 +91,7 @@ def test_it_agrees_with_the_evaluation_of_a_single_result():
     for mine, theirs in (("marker_error", "marker_error_mm"), ("mpjpe", "mpjpe_mm"), ("pa_mpjpe", "pa_mpjpe_mm")):
         np.testing.assert_allclose(per_frame[mine] * 1000, np.array(report[theirs]), rtol=1e-6)
     np.testing.assert_allclose(per_frame["iou"], np.array(report["iou"], float), rtol=1e-6)
+    np.testing.assert_array_equal(per_frame["cost"], result.cost.astype(np.float32))
     assert list(per_run["frames_lost"]) == [1, 1]
 
 

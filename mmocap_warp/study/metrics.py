@@ -33,14 +33,15 @@ def measure(result: TrackResult, truth: Truth | None) -> tuple[Metrics, Metrics]
     """Judge every run of a result.
 
     Returns:
-        Per frame, (run, frame) float32 each; all but ``iou`` are NaN where the truth says nothing, and everywhere
-        without truth:
+        Per frame, (run, frame) float32 each; errors are NaN where the truth says nothing, and everywhere without
+        truth:
 
         - ``marker_error``: Eq. 20 [m], see :func:`mmocap_warp.pose_errors.marker_error`;
         - ``joint_error``: mean distance over ``HUMANEVA_JOINTS`` [m], as far as the truth names them;
         - ``mpjpe``: the same over the twelve joints of the limbs [m];
         - ``pa_mpjpe``: that after the best similarity transform of each frame [m];
-        - ``iou``: mean over the views that were judged, NaN in a lost frame.
+        - ``iou``: mean over the views that were judged, NaN in a lost frame;
+        - ``cost``: what the search minimised, Eq. 4-5 unless told otherwise, likewise.
 
         Per run, (run,) float64 each:
 
@@ -61,7 +62,7 @@ def measure(result: TrackResult, truth: Truth | None) -> tuple[Metrics, Metrics]
         mine, theirs = common_frames(result, truth)
         per_frame["marker_error"] = on_all_frames(marker_error(result, truth, mine, theirs), mine, result)
         limb_lost = _judge_joints(result, joints[:, mine], truth, mine, theirs, per_frame)
-    per_frame["iou"] = nanmean(result.iou, axis=2)
+    per_frame |= {"iou": nanmean(result.iou, axis=2), "cost": result.cost}
     per_run = {
         "jerk": jerk(joints, result.frame_numbers, result.fps),
         "foot_slide": foot_slide(result),

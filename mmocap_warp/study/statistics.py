@@ -6,6 +6,7 @@ A *block* is a problem that every algorithm solved: one of the sequences. Scores
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -134,39 +135,27 @@ def superiority(runs: np.ndarray, others: np.ndarray) -> float:
     return float(((mine < theirs) + 0.5 * (mine == theirs)).mean())
 
 
-def rank_interval(scores: np.ndarray, seed: int = 0) -> np.ndarray:
-    """Bootstrap interval of the average ranks of the runs' mean scores: the runs are drawn anew, the blocks stay.
+def resampled_means(scores: np.ndarray) -> np.ndarray:
+    """Bootstrap: means of runs drawn with replacement, for each block and algorithm apart; the blocks stay.
 
     Args:
         scores: (block, algorithm, run).
-        seed: of the resampling.
 
     Returns:
-        (2, algorithm): the ends of the central interval with probability ``CONFIDENCE``.
+        (resample, block, algorithm), the same at each call.
     """
-    drawn = _resampled_means(scores, np.random.default_rng(seed))
-    return _central(ranks(drawn).mean(axis=1))
+    return np.einsum("sbar,bar->sba", _shares(scores.shape), scores)
 
 
-def mean_interval(scores: np.ndarray, seed: int = 0) -> np.ndarray:
-    """Bootstrap interval of the mean over runs and blocks: (block, algorithm, run) to (2, algorithm)."""
-    return _central(_resampled_means(scores, np.random.default_rng(seed)).mean(axis=1))
-
-
-def difference_interval(runs: np.ndarray, others: np.ndarray, seed: int = 0) -> np.ndarray:
-    """Bootstrap interval (2,) of the mean over blocks of the difference of means; both are (block, run)."""
-    rng = np.random.default_rng(seed)
-    mine, theirs = (_resampled_means(scores[:, None], rng)[:, :, 0] for scores in (runs, others))
-    return _central((mine - theirs).mean(axis=1))
-
-
-def _resampled_means(scores: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """(resample, block, algorithm): means of runs drawn with replacement, for each block and algorithm apart."""
-    blocks, algorithms, runs = scores.shape
-    drawn = rng.integers(runs, size=(RESAMPLES, blocks, algorithms, runs), dtype=np.int32)
-    return np.take_along_axis(np.broadcast_to(scores, drawn.shape), drawn, axis=3).mean(axis=3)
-
-
-def _central(samples: np.ndarray) -> np.ndarray:
+def central(samples: np.ndarray) -> np.ndarray:
+    """The ends of the central interval that holds ``CONFIDENCE`` of the samples: (sample, ...) to (2, ...)."""
     tail = (1 - CONFIDENCE) / 2
     return np.quantile(samples, (tail, 1 - tail), axis=0)
+
+
+@lru_cache(maxsize=4)
+def _shares(shape: tuple[int, int, int]) -> np.ndarray:
+    """(resample, block, algorithm, run): the share of its sample that each run makes up."""
+    blocks, algorithms, runs = shape
+    rng = np.random.default_rng(0)
+    return rng.multinomial(runs, np.full(runs, 1 / runs), size=(RESAMPLES, blocks, algorithms)) / runs

@@ -49,6 +49,8 @@ _COMMANDS = (  # a command's help is here and not in its docstring, so that the 
     ("show", "show:show", "Write a result's overlay video and contact sheet."),
     ("export", "export:export", "Write a result's animation alone, as .usda, .usdc or .usdz."),
     ("body", "body:app", "Make a body from MakeHuman's data."),
+    ("study", "study:app", "Compare trackers: run a grid of them, and report on it."),
+    ("humaneva", "humaneva:humaneva", "Write a sequence of your own copy of HumanEva-I as a scene."),
 )
 for _order, (_name, _target, _help) in enumerate(_COMMANDS):
     app.command(f"mmocap_warp.cli.{_target}", name=_name, help=_help, sort_key=_order)

@@ -78,10 +78,11 @@ class Progress:
             if evaluations > 0:
                 parts.append(f"{evaluations / seconds:,.0f} evaluations/s")
             if done < total:
-                parts.append(f"{_clock((total - done) * seconds / steps)} left")
+                parts.append(f"{clock((total - done) * seconds / steps)} left")
         return ", ".join(parts)
 
 
-def _clock(seconds: float) -> str:
+def clock(seconds: float) -> str:
+    """A duration as minutes and seconds, with hours where there are any."""
     minutes, rest = divmod(round(seconds), 60)
     return f"{minutes // 60}:{minutes % 60:02d}:{rest:02d}" if minutes >= 60 else f"{minutes}:{rest:02d}"

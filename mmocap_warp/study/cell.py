@@ -87,7 +87,7 @@ class CellResult:
 
     def __post_init__(self) -> None:
         runs, frames = len(self.seeds), len(self.frames)
-        shapes = {"pose": (self.pose, (runs, frames, FULL_DOF))}
+        shapes: dict[str, tuple[np.ndarray, tuple[int, ...]]] = {"pose": (self.pose, (runs, frames, FULL_DOF))}
         shapes |= {name: (array, (runs, frames)) for name, array in self.per_frame.items()}
         shapes |= {name: (array, (runs,)) for name, array in self.per_run.items()}
         for name, (array, shape) in shapes.items():

@@ -1,0 +1,169 @@
+"""``mmocap study run``: track what a study lacks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from mmocap_warp.cli.console import Console
+from mmocap_warp.cli.exit_codes import FAILURE, OK, UsageError
+from mmocap_warp.cli.settings import as_flag
+
+if TYPE_CHECKING:
+    from mmocap_warp.study.engines.protocol import Engine
+    from mmocap_warp.study.run import Status
+    from mmocap_warp.study.tasks import Task
+
+PAPER_GRID = 2.0e10
+"""Evaluations of the paper's whole study: 8366 frames, 30 seeds, 8 algorithms, 2 models, 5000 evaluations in all."""
+
+
+def run(
+    study: Path,
+    /,
+    *,
+    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    engine: str = "local",
+    device: str = "auto",
+    threads: int | None = None,
+    address: str = "auto",
+    workers: int | None = None,
+    gpus: float = 1.0,
+    console: Console | None = None,
+) -> int:
+    """Track every cell of a study whose result is missing.
+
+    Parameters
+    ----------
+    study
+        The study's TOML file.
+    output
+        Folder of the results, made if it does not exist; the study's name by default.
+    engine
+        local: the devices of this machine, a process each. ray: a Ray cluster that is running.
+    device
+        local: auto (all CUDA devices, or the CPU), cpu, or devices such as cuda:0,cuda:2.
+    threads
+        local: CPU threads. All by default.
+    address
+        ray: of the cluster; auto finds the one that this machine belongs to.
+    workers
+        ray: how many. One per GPU by default, or one per machine without any.
+    gpus
+        ray: of each worker; 0.5 puts two workers on a GPU, 0 none.
+    """
+    from mmocap_warp.cli.devices import start_warp
+    from mmocap_warp.cli.study_progress import StudyProgress
+    from mmocap_warp.study.definition import load_study
+    from mmocap_warp.study.run import run_study
+    from mmocap_warp.study.store import open_folder
+    from mmocap_warp.study.tasks import plan_tasks
+
+    console = console or Console()
+    loaded = load_study(study)
+    if engine not in ("local", "ray"):
+        raise UsageError(f"--engine must be local or ray, got '{engine}'")
+    start_warp()
+    if engine == "local":
+        kind, start = _local(device, threads)
+    else:
+        kind, start = _ray(address, workers, gpus)
+    folder = open_folder(output or Path(loaded.name))
+    tasks = plan_tasks(loaded, folder, kind)
+    with StudyProgress(loaded.name, quiet=console.quiet) as progress:
+        status = run_study(tasks, start, progress.show, progress.note)
+    values = {"study": loaded.name, "folder": folder} | _values(status, tasks)
+    console.result(values, _text(values))
+    return FAILURE if status.failures else OK
+
+
+def _local(device: str, threads: int | None) -> tuple[str, Callable[[], Engine]]:
+    """The kind of this machine's devices, and what starts a process on each."""
+    from mmocap_warp.study.engines.local import LocalEngine, local_devices
+    from mmocap_warp.study.job import device_kind
+
+    try:
+        devices = local_devices(device)
+    except ValueError as error:
+        raise UsageError(as_flag(error)) from None
+    return device_kind(devices[0]), lambda: LocalEngine(devices, threads)
+
+
+def _ray(address: str, workers: int | None, gpus: float) -> tuple[str, Callable[[], Engine]]:
+    """The kind of a cluster's devices, and what starts its workers."""
+    from mmocap_warp.study.engines.ray import RayEngine, join_cluster, share_cluster
+
+    head = join_cluster(address)
+    try:
+        shares = share_cluster(workers, gpus)
+    except ValueError as error:
+        raise UsageError(as_flag(error)) from None
+    return shares.device_kind, lambda: RayEngine(head, shares)
+
+
+def _values(status: Status, tasks: list[Task]) -> dict[str, Any]:
+    return {
+        "cells": status.cells,
+        "finished_before": status.reused,
+        "finished_now": status.finished,
+        "failed": [{"cell": str(cell), "problem": problem} for cell, problem in sorted(status.failures.items())],
+        "seconds": status.seconds,
+        "evaluations": status.evaluations,
+        "evaluations_per_second": status.rate,
+        "paper_grid_hours": PAPER_GRID / status.rate / 3600.0 if status.rate else None,
+        "results": _summary(tasks),
+    }
+
+
+def _summary(tasks: list[Task]) -> list[dict[str, Any]]:
+    """Means over sequences, seeds and frames, for every tracker whose sequences are all there."""
+    import numpy as np
+
+    from mmocap_warp.study.cell import read_cell
+
+    groups: dict[tuple, list[Task]] = {}
+    for task in tasks:
+        cell = task.cell
+        groups.setdefault((cell.preset, cell.evaluations, cell.dof, cell.algorithm), []).append(task)
+    rows = []
+    for (preset, evaluations, dof, algorithm), members in groups.items():
+        if not all(task.path.exists() for task in members):
+            continue
+        results = [read_cell(task.path) for task in members]
+        row = {"preset": preset, "evaluations": evaluations, "dof": dof, "algorithm": algorithm}
+        for name, column, unit in (
+            ("marker_error", "marker_error_mm", 1e3),
+            ("mpjpe", "mpjpe_mm", 1e3),
+            ("iou", "iou", 1),
+        ):
+            values = [result.per_frame[name][np.isfinite(result.per_frame[name])] for result in results]
+            row[column] = unit * float(np.mean([value.mean() for value in values])) if all(map(len, values)) else None
+        rows.append(row)
+    return rows
+
+
+def _text(values: dict[str, Any]) -> str:
+    done, before = values["finished_now"], values["finished_before"]
+    lines = [f"{values['folder']}: {done + before} of {values['cells']} cells, {done} of them new"]
+    if values["evaluations_per_second"]:
+        rate, hours = values["evaluations_per_second"], values["paper_grid_hours"]
+        lines.append(f"{rate:,.0f} evaluations/s; at that rate the paper's study (2.0e10) takes {hours:,.1f} hours")
+    if values["results"]:
+        lines += [
+            "",
+            f"{'preset':<10} {'evaluations':>11} {'DOF':>4}  {'algorithm':<9} {'markers':>9} {'joints':>9} {'IoU':>6}",
+        ]
+    for row in values["results"]:
+        marker, joint, iou = (
+            "-" if row[name] is None else format(row[name], kind) + unit
+            for name, kind, unit in (("marker_error_mm", ".1f", " mm"), ("mpjpe_mm", ".1f", " mm"), ("iou", ".3f", ""))
+        )
+        name = f"{row['preset']:<10} {row['evaluations']:>11} {row['dof']:>4}  {row['algorithm']:<9}"
+        lines.append(f"{name} {marker:>9} {joint:>9} {iou:>6}")
+    if values["failed"]:
+        lines += ["", *(f"missing: {failure['cell']}: {failure['problem']}" for failure in values["failed"])]
+        lines.append("run the study again to track what is missing")
+    return "\n".join(lines)

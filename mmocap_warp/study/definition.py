@@ -1,0 +1,142 @@
+"""A study as its TOML file defines it: the grid as data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.toml_table import Table, load_toml
+from mmocap_warp.study.cell import Cell
+from mmocap_warp.study.source import Clip
+from mmocap_warp.tracker import TrackConfig
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A cell with all that says how it is tracked, but for the device."""
+
+    cell: Cell
+    clip: Clip
+    config: TrackConfig
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study.
+
+    Attributes:
+        path: its file.
+        name: what it is called.
+        plans: one per cell, in the file's order.
+    """
+
+    path: Path
+    name: str
+    plans: tuple[Plan, ...]
+
+    @property
+    def clips(self) -> tuple[Clip, ...]:
+        """What is tracked, each clip once."""
+        return tuple(dict.fromkeys(plan.clip for plan in self.plans))
+
+
+def load_study(path: str | Path) -> Study:
+    """Read a ``STUDY.toml``; paths in it are relative to its folder. ``docs/study.md`` describes the file.
+
+    Raises:
+        InputError: anything that is wrong in it.
+    """
+    path = Path(path)
+    file = load_toml(path)
+    table = file.take_table("study")
+    common = _Common(
+        seeds=_whole(table, "seeds", 1),
+        first_seed=_whole(table, "first_seed", 0, 0),
+        frames=_whole(table, "frames", None),
+        scale=table.take("scale", float, 1.0),
+    )
+    name = table.take("name", str, path.stem)
+    table.finish()
+    scenes = _scenes(file.take_table("sequences"), path.parent)
+    grids = file.take("grid", list, [])
+    file.finish()
+    if not grids or not all(isinstance(grid, dict) for grid in grids):
+        raise file.error("there is no grid", "add a table [[grid]] with sequences, algorithms, dof and evaluations")
+    plans: dict[Cell, Plan] = {}
+    for number, values in enumerate(grids, 1):
+        grid = Table(values, str(path), f"grid {number}")
+        for plan in _grid(grid, common, scenes):
+            if plans.setdefault(plan.cell, plan) != plan:
+                raise grid.error(f"{plan.cell} is in an earlier grid with other seeds or frames", "keep one of them")
+    return Study(path, name, tuple(plans.values()))
+
+
+@dataclass(frozen=True)
+class _Common:
+    """What grids inherit from [study]."""
+
+    seeds: int
+    first_seed: int
+    frames: int | None
+    scale: float
+
+
+def _scenes(table: Table, folder: Path) -> dict[str, Path]:
+    """The user's own sequences: name to scene file."""
+    return {name: folder / _text(table, name, value) for name, value in table.take_rest().items()}
+
+
+def _grid(grid: Table, common: _Common, scenes: dict[str, Path]) -> list[Plan]:
+    """The plans of one [[grid]]: every combination of what it lists."""
+    axes = (
+        _values(grid, "sequences", str),
+        _values(grid, "presets", str, ["recording"]),
+        _values(grid, "evaluations", int),
+        _values(grid, "dof", int),
+        _values(grid, "algorithms", str),
+    )
+    seeds = _whole(grid, "seeds", common.seeds)
+    first_seed = _whole(grid, "first_seed", common.first_seed, 0)
+    frames = _whole(grid, "frames", common.frames)
+    grid.finish()
+    plans = []
+    for sequence, preset, evaluations, dof, algorithm in product(*axes):
+        try:
+            config = TrackConfig(
+                algorithm=algorithm,
+                dof=dof,
+                evaluations=evaluations,
+                seed=first_seed,
+                runs=seeds,
+                preset=preset,
+                scale=common.scale,
+            )
+        except ValueError as error:
+            raise grid.error(str(error), "correct that value") from None
+        clip = Clip(sequence, scenes.get(sequence), frames, common.scale)
+        plans.append(Plan(Cell(sequence, algorithm, dof, evaluations, preset), clip, config))
+    return plans
+
+
+def _values(table: Table, key: str, kind: type, default: Any = ...) -> list[Any]:
+    values = table.take(key, list, default)
+    if not values or any(type(value) is not kind for value in values):
+        wanted = "strings" if kind is str else "whole numbers"
+        raise table.error(f"{key} = {values!r} is not a list of {wanted}", f"list one or more {wanted}")
+    return values
+
+
+def _whole(table: Table, key: str, default: int | None, least: int = 1) -> Any:
+    value = table.take(key, int, default)
+    if value is not None and value < least:
+        raise table.error(f"{key} = {value} is below {least}", f"give {least} or more")
+    return value
+
+
+def _text(table: Table, key: str, value: object) -> str:
+    if not isinstance(value, str):
+        raise InputError(f"{table.source}: [{table.name}]", f"{key} = {value!r} is not a string", "name a scene.toml")
+    return value

@@ -1,0 +1,55 @@
+"""What an engine is: workers that are given jobs and tell what becomes of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from mmocap_warp.study.cell import CellResult
+from mmocap_warp.study.job import Advance, Job, Refusal
+
+
+@dataclass(frozen=True)
+class Ready:
+    """A worker has started and waits for its first job.
+
+    Attributes:
+        name: its device, and its machine where there are several.
+    """
+
+    name: str
+
+
+@dataclass(frozen=True)
+class Death:
+    """A worker is gone, and with it what it was tracking. Another one may become ready in its place."""
+
+    reason: str
+
+
+Event = Ready | Advance | CellResult | Refusal | Death
+"""After a result or a refusal the worker waits for its next job."""
+
+
+class EngineLost(Exception):
+    """No worker is left, nor will one come; says why."""
+
+
+class Engine(Protocol):
+    """Workers, numbered from 0."""
+
+    def submit(self, worker: int, job: Job) -> None:
+        """Give a worker that waits its next job."""
+        ...
+
+    def events(self, seconds: float) -> list[tuple[int, Event]]:
+        """What has happened to which worker; waits up to so long for something to happen.
+
+        Raises:
+            EngineLost: no worker is left.
+        """
+        ...
+
+    def close(self) -> None:
+        """End all workers, whatever they are doing."""
+        ...

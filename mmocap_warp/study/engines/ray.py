@@ -1,0 +1,218 @@
+"""A Ray cluster: an actor per GPU, or per share of one, on any of its machines."""
+
+from __future__ import annotations
+
+import logging
+import math
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+from mmocap_warp.errors import InputError
+from mmocap_warp.study.engines.protocol import Death, EngineLost, Event, Ready
+from mmocap_warp.study.job import Job, Worker
+
+_STARTS = 3  # of a worker that dies before it is ready; after these its place is given up
+_PROBE = 2.0  # how long the cluster's head may take to answer [s]
+_SECONDS_BETWEEN_PROBES = 5.0  # while nothing is heard
+
+
+@dataclass(frozen=True)
+class Shares:
+    """What each worker gets of a cluster.
+
+    Attributes:
+        workers: how many.
+        gpus: of each.
+        cpus: of each.
+    """
+
+    workers: int
+    gpus: float
+    cpus: int
+
+    @property
+    def device_kind(self) -> str:
+        """``cuda`` or ``cpu``."""
+        return "cuda" if self.gpus else "cpu"
+
+
+def join_cluster(address: str) -> str:
+    """Connect this process to a running Ray cluster; returns the address of its head.
+
+    Raises:
+        InputError: Ray is not installed, or there is no such cluster.
+    """
+    try:
+        import ray
+    except ImportError:
+        raise InputError("--engine ray", "Ray is not installed", "pip install 'mmocap-warp[ray]'") from None
+    try:
+        ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
+    except (ConnectionError, RuntimeError, ValueError) as error:
+        problem = f"there is no Ray cluster ({' '.join(str(error).split())})"
+        raise InputError(f"--address {address}", problem, "start one with 'ray start --head'") from None
+    return ray.get_runtime_context().gcs_address
+
+
+def share_cluster(workers: int | None, gpus: float) -> Shares:
+    """How the cluster that this process has joined is shared out.
+
+    Args:
+        workers: how many; None for one per ``gpus`` GPUs, or one per machine where there are no GPUs.
+        gpus: of each worker; 0 for none.
+
+    Raises:
+        ValueError: numbers that make no sense, or more than the cluster has.
+    """
+    import ray
+
+    if workers is not None and workers < 1:
+        raise ValueError(f"workers must be at least 1, got {workers}")
+    if not 0 <= gpus < math.inf or (gpus > 1 and gpus != int(gpus)):
+        raise ValueError(f"gpus must be a whole number, or between 0 and 1, got {gpus:g}")
+    there = ray.cluster_resources()
+    machines = [node["Resources"] for node in ray.nodes() if node["Alive"] and node["Resources"].get("CPU")]
+    if gpus and there.get("GPU"):
+        places = sum(_places(machine.get("GPU", 0.0), gpus) for machine in machines)
+        if (workers or 1) > places:
+            raise ValueError(f"gpus must leave room for {workers or 1} workers, {gpus:g} each leave room for {places}")
+        return Shares(workers or places, gpus, cpus=1)
+    count = workers or len(machines)
+    per_machine = math.ceil(count / len(machines))
+    cpus = int(min(machine["CPU"] for machine in machines)) // per_machine
+    if not cpus:
+        raise ValueError(f"workers must be at most {int(there['CPU'])}, the cluster's CPU cores, got {count}")
+    return Shares(count, 0.0, cpus)
+
+
+def _places(gpus: float, share: float) -> int:
+    """Workers that a machine's GPUs have room for; none is spread over two GPUs unless it gets whole ones."""
+    return int(gpus // share) if share >= 1 else int(gpus) * int(1 / share + 1e-9)
+
+
+class _Actor:
+    """A worker on some machine of the cluster."""
+
+    def __init__(self, shares: Shares) -> None:
+        device = "cuda:0" if shares.gpus else "cpu"  # Ray shows a worker no GPU but its own
+        self._worker = Worker(device, threads=shares.cpus)
+
+    def name(self) -> str:
+        """The machine and the device."""
+        import ray
+
+        gpus = ",".join(map(str, ray.get_gpu_ids()))
+        return f"{socket.gethostname()} {f'cuda:{gpus}' if gpus else self._worker.device}"
+
+    def work(self, job: Job) -> Iterator[Event]:
+        """See :class:`mmocap_warp.study.job.Worker`."""
+        yield from self._worker.work(job)
+
+
+@dataclass
+class _Seat:
+    """A worker's place: its actor, and what it was asked last, if that is not answered yet."""
+
+    actor: Any
+    asked: Any
+    ready: bool = False
+    failed_starts: int = 0
+
+
+class RayEngine:
+    """Workers on a Ray cluster that this process has joined.
+
+    Args:
+        head: address of the cluster's head.
+        shares: how many workers, and what each gets.
+    """
+
+    def __init__(self, head: str, shares: Shares) -> None:
+        import ray
+
+        self._head, self._shares = head, shares
+        self._actor: Any = ray.remote(num_gpus=shares.gpus, num_cpus=shares.cpus)(_Actor)
+        self._heard = time.monotonic()
+        self._seats = {worker: self._start() for worker in range(shares.workers)}
+
+    def submit(self, worker: int, job: Job) -> None:
+        """See :class:`~mmocap_warp.study.engines.protocol.Engine`."""
+        seat = self._seats[worker]
+        seat.asked = seat.actor.work.options(num_returns="streaming").remote(job)
+
+    def events(self, seconds: float) -> list[tuple[int, Event]]:
+        """See :class:`~mmocap_warp.study.engines.protocol.Engine`."""
+        import ray
+
+        if not self._seats:
+            raise EngineLost("every worker of the Ray cluster died while starting")
+        asked = {seat.asked: worker for worker, seat in self._seats.items() if seat.asked is not None}
+        answered, _ = ray.wait(list(asked), num_returns=1, timeout=seconds) if asked else ([], [])
+        if answered:
+            self._heard = time.monotonic()
+        elif time.monotonic() - self._heard > _SECONDS_BETWEEN_PROBES:
+            self._check_head()
+        happened = []
+        for answer in answered:
+            event = self._hear(asked[answer])
+            if event is not None:
+                happened.append((asked[answer], event))
+        return happened
+
+    def close(self) -> None:
+        """See :class:`~mmocap_warp.study.engines.protocol.Engine`."""
+        import ray
+
+        for seat in self._seats.values():
+            with suppress(ray.exceptions.RayError):
+                ray.kill(seat.actor)
+        self._seats = {}
+        ray.shutdown()
+
+    def _start(self) -> _Seat:
+        actor = self._actor.remote(self._shares)
+        return _Seat(actor, actor.name.remote())
+
+    def _hear(self, worker: int) -> Event | None:
+        """What a worker answers; None at the end of its job."""
+        import ray
+
+        seat = self._seats[worker]
+        try:
+            if not seat.ready:
+                name = ray.get(seat.asked)
+                seat.ready, seat.asked = True, None
+                return Ready(name)
+            return ray.get(next(seat.asked))
+        except StopIteration:
+            seat.asked = None
+            return None
+        except ray.exceptions.RayError as error:
+            self._check_head()
+            self._replace(worker)
+            return Death(" ".join(str(error).split()))
+
+    def _replace(self, worker: int) -> None:
+        """Ask the cluster for another worker in the place of one that died, on whatever machine has room."""
+        import ray
+
+        seat = self._seats.pop(worker)
+        with suppress(ray.exceptions.RayError):
+            ray.kill(seat.actor)
+        failed_starts = 0 if seat.ready else seat.failed_starts + 1
+        if failed_starts < _STARTS:
+            self._seats[worker] = self._start()
+            self._seats[worker].failed_starts = failed_starts
+
+    def _check_head(self) -> None:
+        """Ray itself waits for a head that is gone, and then ends this process without a word."""
+        host, _, port = self._head.rpartition(":")
+        try:
+            socket.create_connection((host.strip("[]"), int(port)), _PROBE).close()
+        except OSError:
+            raise EngineLost(f"the Ray cluster at {self._head} has vanished") from None
+        self._heard = time.monotonic()

@@ -1,0 +1,152 @@
+"""A cell as work: what a worker is given, and what it tells while it tracks."""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Generator, Iterator
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+
+import numpy as np
+
+from mmocap_warp.errors import InputError
+from mmocap_warp.observation import Observation
+from mmocap_warp.study.cell import Cell, CellResult
+from mmocap_warp.study.metrics import measure
+from mmocap_warp.study.source import Clip, OpenClip, clip_facts, open_clip
+from mmocap_warp.tracker import FrameAnswer, TrackConfig, Tracker, collect, resolve_device
+
+_SECONDS_BETWEEN_REPORTS = 0.5
+
+
+@dataclass(frozen=True)
+class Job:
+    """A cell to be tracked.
+
+    Attributes:
+        cell: which one.
+        clip: what is tracked.
+        clip_identity: of the clip where the study was started; a worker that finds another one refuses.
+        config: settings; device and threads are the worker's.
+        study: the study's name.
+    """
+
+    cell: Cell
+    clip: Clip
+    clip_identity: str
+    config: TrackConfig
+    study: str
+
+
+@dataclass(frozen=True)
+class Advance:
+    """How far a worker is with its job.
+
+    Attributes:
+        stage: ``masks`` while they are read or made, ``search`` after that.
+        done, total: frames.
+        evaluations: spent so far, all runs together.
+    """
+
+    stage: str
+    done: int
+    total: int
+    evaluations: int
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """The job cannot be done, here or elsewhere, until the user mends something."""
+
+    problem: str
+
+
+class Worker:
+    """Tracks one job after the other on one device; keeps the masks of the clip it tracked last.
+
+    Args:
+        device: a Warp device.
+        threads: CPU threads; None for all that this process may use.
+    """
+
+    def __init__(self, device: str, threads: int | None = None) -> None:
+        self.device, self.threads = resolve_device(device), threads
+        self._opened: tuple[Clip, OpenClip] | None = None
+        self._observations: list[Observation] = []
+
+    def work(self, job: Job) -> Iterator[Advance | CellResult | Refusal]:
+        """Do a job: tells now and then how far it is, and last the result, or why there is none."""
+        try:
+            yield from self._work(job)
+        except InputError as error:
+            yield Refusal(str(error))
+
+    def _work(self, job: Job) -> Iterator[Advance | CellResult]:
+        started, begun = datetime.now(UTC).isoformat(timespec="seconds"), time.perf_counter()
+        clip = yield from self._open(job)
+        config = replace(job.config, device=self.device, threads=self.threads)
+        tracker = Tracker(clip.subject, clip.rig, config, clip.fps)
+        answers: list[FrameAnswer] = []
+        total, evaluations, pace = len(self._observations), 0, _Pace()
+        for observation in self._observations:
+            answers.append(tracker.step(observation))
+            evaluations += answers[-1].evaluations * config.runs
+            if pace.due():
+                yield Advance("search", len(answers), total, evaluations)
+        tracked = collect(clip.subject, clip.rig, clip.fps, config, answers)
+        per_frame, per_run = measure(tracked, clip.truth)
+        yield CellResult(
+            cell=job.cell,
+            seeds=np.arange(config.seed, config.seed + config.runs, dtype=np.int64),
+            frames=tracked.frame_numbers.astype(np.int64),
+            per_frame=per_frame,
+            per_run=per_run,
+            pose=tracked.pose.astype(np.float32),
+            meta={
+                "fps": clip.fps,
+                "cameras": list(clip.rig.names),
+                "size": clip.rig.size.tolist(),
+                "config": {name: value for name, value in tracked.config.items() if name not in ("device", "threads")},
+                "device": device_kind(self.device),
+                "versions": tracked.versions,
+                "host": socket.gethostname(),
+                "started": started,
+                "wall_seconds": time.perf_counter() - begun,
+                "study": job.study,
+            },
+        )
+
+    def _open(self, job: Job) -> Generator[Advance, None, OpenClip]:
+        """The job's clip with its masks in memory, where the last job's may be already."""
+        if self._opened is None or self._opened[0] != job.clip:
+            self._opened, self._observations = None, []
+            if clip_facts(job.clip).identity != job.clip_identity:
+                problem = f"{job.clip.name} is not the same here as where the study was started"
+                raise InputError(socket.gethostname(), problem, "give all machines the same files and version")
+            clip, pace = open_clip(job.clip), _Pace()
+            for observation in clip.observations:
+                self._observations.append(observation)
+                if pace.due():
+                    yield Advance("masks", len(self._observations), clip.frames, 0)
+            self._opened = job.clip, clip
+        return self._opened[1]
+
+
+def device_kind(device: str) -> str:
+    """``cpu`` or ``cuda``: results of one kind are the same bits on any number of such devices."""
+    return "cpu" if resolve_device(device) == "cpu" else "cuda"
+
+
+class _Pace:
+    """Says when the next report is due."""
+
+    def __init__(self) -> None:
+        self._next = 0.0
+
+    def due(self) -> bool:
+        now = time.monotonic()
+        if now < self._next:
+            return False
+        self._next = now + _SECONDS_BETWEEN_REPORTS
+        return True

@@ -1,0 +1,227 @@
+"""Running a study: what is missing is given to workers, what they finish is stored."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from mmocap_warp.errors import InputError
+from mmocap_warp.study.cell import Cell, read_cell
+from mmocap_warp.study.engines.protocol import Death, Engine, EngineLost, Event, Ready
+from mmocap_warp.study.job import Advance, Refusal
+from mmocap_warp.study.outbox import Outbox
+from mmocap_warp.study.source import Clip
+from mmocap_warp.study.tasks import Task
+
+_ATTEMPTS = 3  # at a cell whose workers die
+_WAIT = 0.5  # for something to happen, at most [s]
+
+
+@dataclass(frozen=True)
+class Seat:
+    """A worker, as a person is told of it.
+
+    Attributes:
+        name: its device, and its machine where there are several.
+        cell: what it is tracking; None while it waits.
+        advance: how far it is with that.
+    """
+
+    name: str
+    cell: Cell | None
+    advance: Advance | None
+
+
+@dataclass(frozen=True)
+class Status:
+    """Where a study stands.
+
+    Attributes:
+        cells: in the study.
+        reused: finished before this run.
+        finished: in this run, and stored.
+        unstored: finished in this run, but not on disk yet.
+        failures: cells given up in this run, and why.
+        evaluations: spent in this run, all frames and seeds together.
+        evaluations_left: at most.
+        seconds: since this run's workers were started, zero if none was.
+        seats: the workers.
+    """
+
+    cells: int
+    reused: int
+    finished: int
+    unstored: int
+    failures: dict[Cell, str]
+    evaluations: int
+    evaluations_left: int
+    seconds: float
+    seats: tuple[Seat, ...]
+
+    @property
+    def rate(self) -> float:
+        """Evaluations a second, images and masks included."""
+        return self.evaluations / self.seconds if self.seconds > 0 else 0.0
+
+
+def run_study(
+    tasks: Sequence[Task],
+    engine: Callable[[], Engine],
+    report: Callable[[Status], None],
+    note: Callable[[str], None],
+) -> Status:
+    """Track every cell whose result is missing or damaged; returns where the study stands in the end.
+
+    A cell whose worker dies is tried again, three times in all; if that fails too, or a worker refuses the cell, this
+    is noted and the rest goes on. Results that cannot be stored are kept, and tried again as long as the run lasts.
+
+    Args:
+        tasks: the study's cells.
+        engine: starts the workers; called only if something is missing.
+        report: called whenever something may have happened, at least twice a second.
+        note: called with a line that a person should read.
+    """
+    missing = [task for task in tasks if not _is_stored(task, note)]
+    run = _Run(missing, len(tasks), note)
+    if missing:
+        workers = engine()
+        try:
+            run.work(workers, report)
+        finally:
+            workers.close()
+    status = run.status()
+    report(status)
+    return status
+
+
+def _is_stored(task: Task, note: Callable[[str], None]) -> bool:
+    """Whether a cell's result is there and whole."""
+    if not task.path.exists():
+        return False
+    try:
+        read_cell(task.path)
+    except InputError as error:
+        note(f"{error.source}: {error.problem}; this cell is repeated")
+        return False
+    return True
+
+
+class _Run:
+    """One run: what is left to do, who does what, and what came of it."""
+
+    def __init__(self, missing: list[Task], cells: int, note: Callable[[str], None]) -> None:
+        self._pending, self._cells, self._reused = list(missing), cells, cells - len(missing)
+        self._note = note
+        self._outbox = Outbox(note)
+        self._failures: dict[Cell, str] = {}
+        self._attempts: Counter[Cell] = Counter()
+        self._finished = self._spent = 0
+        self._started = self._stopped = 0.0
+        # By worker: its name, the clip whose masks it holds, what it is tracking, and how far it is with that.
+        self._name: dict[int, str] = {}
+        self._held: dict[int, Clip] = {}
+        self._task: dict[int, Task] = {}
+        self._advance: dict[int, Advance] = {}
+
+    def work(self, engine: Engine, report: Callable[[Status], None]) -> None:
+        """Until nothing is left that can be done."""
+        self._started = time.monotonic()
+        while self._task or (self._pending and not self._outbox.full):
+            self._hand_out(engine)
+            try:
+                for worker, event in engine.events(_WAIT):
+                    self._take(worker, event)
+            except EngineLost as error:
+                self._note(f"{error}; {len(self._pending) + len(self._task)} cells are left for another run")
+                self._give_up(str(error))
+            self._finished += self._outbox.flush_if_due()
+            report(self.status())
+        self._finished += self._outbox.flush()
+        self._give_up(self._outbox.problem)
+        self._failures |= dict.fromkeys(self._outbox.cells, self._outbox.problem)
+        self._stopped = time.monotonic()
+
+    def status(self) -> Status:
+        """Where the study stands now."""
+        now = self._stopped or time.monotonic()
+        running = sum(advance.evaluations for advance in self._advance.values())
+        budget = sum(task.evaluations for task in [*self._pending, *self._task.values()])
+        return Status(
+            cells=self._cells,
+            reused=self._reused,
+            finished=self._finished,
+            unstored=len(self._outbox.cells),
+            failures=dict(self._failures),
+            evaluations=self._spent + running,
+            evaluations_left=budget - running,
+            seconds=now - self._started if self._started else 0.0,
+            seats=tuple(self._seat(worker) for worker in sorted(self._name)),
+        )
+
+    def _seat(self, worker: int) -> Seat:
+        task = self._task.get(worker)
+        return Seat(self._name[worker], task.cell if task else None, self._advance.get(worker))
+
+    def _hand_out(self, engine: Engine) -> None:
+        """Give every worker that waits a cell."""
+        for worker in self._name:
+            if worker not in self._task and self._pending and not self._outbox.full:
+                task = self._choose(self._held.get(worker))
+                self._pending.remove(task)
+                self._attempts[task.cell] += 1
+                self._task[worker], self._held[worker] = task, task.job.clip
+                engine.submit(worker, task.job)
+
+    def _choose(self, held: Clip | None) -> Task:
+        """The next cell of a worker: of the clip whose masks it holds, or else of one that needs workers most.
+
+        The longest comes first, so that nobody waits for it in the end.
+        """
+        left = Counter(task.job.clip for task in self._pending)
+        if held is None or held not in left:
+            taken = Counter(task.job.clip for task in self._task.values())
+            held = max(left, key=lambda clip: left[clip] / (1 + taken[clip]))
+        return max((task for task in self._pending if task.job.clip == held), key=lambda task: task.evaluations)
+
+    def _take(self, worker: int, event: Event) -> None:
+        """What has happened to a worker."""
+        if isinstance(event, Ready):
+            self._name[worker] = event.name
+        elif isinstance(event, Advance):
+            self._advance[worker] = event
+        elif isinstance(event, Death):
+            self._mourn(worker, event.reason)
+        else:
+            task = self._task.pop(worker)
+            self._advance.pop(worker, None)
+            if isinstance(event, Refusal):
+                self._fail(task, event.problem)
+            else:
+                self._spent += int(event.per_run["evaluations"].sum())
+                self._finished += self._outbox.put(task.path, event)
+
+    def _mourn(self, worker: int, reason: str) -> None:
+        """A worker has died; its cell is tried again."""
+        name, task = self._name.pop(worker, "worker"), self._task.pop(worker, None)
+        self._advance.pop(worker, None)
+        self._held.pop(worker, None)
+        if task is None:
+            self._note(f"{name} died while it waited or started ({reason})")
+        elif self._attempts[task.cell] < _ATTEMPTS:
+            self._note(f"{task.cell}: {name} died ({reason}); the cell is tried again")
+            self._pending.append(task)
+        else:
+            self._fail(task, f"{name} died ({reason}), as workers did {_ATTEMPTS} times at this cell")
+
+    def _fail(self, task: Task, problem: str) -> None:
+        self._note(f"{task.cell}: given up: {problem}")
+        self._failures[task.cell] = problem
+
+    def _give_up(self, problem: str) -> None:
+        """Nothing more can be done: all that is left has failed."""
+        self._failures |= {task.cell: problem for task in [*self._pending, *self._task.values()]}
+        self._pending = []
+        for by_worker in (self._name, self._held, self._task, self._advance):
+            by_worker.clear()

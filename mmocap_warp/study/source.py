@@ -1,0 +1,205 @@
+"""Where a study's sequences come from: the shipped ones by name, or any scene by its file."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass, replace
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+import mmocap_warp
+from mmocap_warp.body import Subject
+from mmocap_warp.cameras import CameraRig
+from mmocap_warp.errors import InputError
+from mmocap_warp.observation import Observation
+from mmocap_warp.scenes import ROOT
+from mmocap_warp.truth import Truth
+
+if TYPE_CHECKING:
+    from mmocap_warp.scene import Scene
+
+_RIG_DECIMALS = 9  # of a calibration that count: more differ between machines
+
+
+@dataclass(frozen=True)
+class Clip:
+    """Which frames of which sequence a cell tracks.
+
+    Attributes:
+        name: of the sequence.
+        scene: its ``scene.toml``; None for a shipped sequence.
+        frames: at most so many, from the first on; None for all.
+        scale: of masks and cameras, in (0, 1]; 1 for a shipped sequence.
+    """
+
+    name: str
+    scene: Path | None = None
+    frames: int | None = None
+    scale: float = 1.0
+
+
+@dataclass(frozen=True)
+class ClipFacts:
+    """What can be said of a clip without opening it.
+
+    Attributes:
+        identity: a hash of what a result depends on, the same on any machine.
+        frames: how many.
+    """
+
+    identity: str
+    frames: int
+
+
+@dataclass(frozen=True)
+class OpenClip:
+    """A clip as a tracker needs it; the frames are 0 to ``frames - 1``.
+
+    Attributes:
+        fps: frames per second.
+        subject: where tracking starts.
+        rig: undistorted cameras.
+        truth: what is known of these frames, if anything.
+        frames: how many.
+        observations: their masks, read or made as they are asked for, once.
+    """
+
+    fps: float
+    subject: Subject
+    rig: CameraRig
+    truth: Truth | None
+    frames: int
+    observations: Iterator[Observation]
+
+
+def clip_facts(clip: Clip) -> ClipFacts:
+    """A clip's identity and length.
+
+    A shipped sequence is identified by the text of the modules that make it, a recording by its scene, subject and
+    truth and by the names and sizes of its images and videos.
+
+    Raises:
+        InputError: no such sequence; a scene that is wrong or names no fitted subject.
+    """
+    if clip.scene is None:
+        from mmocap_warp.study.sequences import PLANS
+
+        _check_shipped(clip, PLANS)
+        return _facts(clip, PLANS[clip.name].frames, {"made by": _sequence_code()})
+    scene = _load_scene(clip.scene)
+    rig = scene.calibrated
+    numbers = [np.round(array, _RIG_DECIMALS).tolist() for array in (rig.K, rig.R, rig.t, rig.size, rig.distortion)]
+    described = {
+        "fps": scene.fps,
+        "foreground": asdict(scene.foreground),
+        "rig": [rig.names, rig.up, numbers],
+        "images": [_images(scene, k) for k in range(len(scene.cameras))],
+        "subject": _content([_subject_file(scene)]),
+        "truth": [_content([scene.truth]), scene.truth_axes] if scene.truth else None,
+    }
+    return _facts(clip, scene.frame_count, described)
+
+
+def open_clip(clip: Clip) -> OpenClip:
+    """Open a clip.
+
+    Raises:
+        InputError: as :func:`clip_facts`, or files that turn out unreadable.
+    """
+    if clip.scene is None:
+        from mmocap_warp.study.sequences import SEQUENCES
+
+        _check_shipped(clip, SEQUENCES)
+        whole = SEQUENCES[clip.name]
+        sequence = whole.first(min(clip.frames or whole.frame_count, whole.frame_count))
+        masks = (sequence.observation(frame) for frame in range(sequence.frame_count))
+        return OpenClip(sequence.fps, sequence.subject, sequence.rig, sequence.truth, sequence.frame_count, masks)
+    from mmocap_warp.formats.usd_body import read_subject
+    from mmocap_warp.truth import load_truth
+
+    scene = _load_scene(clip.scene)
+    frames = min(clip.frames or scene.frame_count, scene.frame_count)
+    truth = load_truth(scene.truth, scene.truth_axes) if scene.truth else None
+    return OpenClip(
+        fps=scene.fps,
+        subject=read_subject(_subject_file(scene)),
+        rig=scene.rig(clip.scale),
+        truth=truth and _first_frames(truth, frames),
+        frames=frames,
+        observations=islice(scene.observations(clip.scale), frames),
+    )
+
+
+def _check_shipped(clip: Clip, shipped: Iterable[str]) -> None:
+    if clip.name not in shipped:
+        remedy = f"use one of {', '.join(shipped)}, or name its scene in [sequences]"
+        raise InputError("study", f"there is no sequence '{clip.name}'", remedy)
+    if clip.scale != 1.0:
+        raise InputError("study", f"scale = {clip.scale:g}, but {clip.name} is a shipped sequence", "use scale = 1")
+
+
+def _facts(clip: Clip, frames: int, described: dict) -> ClipFacts:
+    frames = min(clip.frames or frames, frames)
+    depends = described | {"frames": frames, "scale": clip.scale}
+    return ClipFacts(hashlib.sha256(json.dumps(depends, sort_keys=True).encode()).hexdigest(), frames)
+
+
+def _sequence_code() -> str:
+    """A hash of all that shipped sequences are made from."""
+    package = Path(mmocap_warp.__file__).parent
+    modules = [package / "study" / "sequences.py", *(package / "synthesis").glob("*.py")]
+    return _content([*modules, *(ROOT / "bodies").glob("*.usdc")])
+
+
+def _content(files: Iterable[Path]) -> str:
+    """A hash of files' names and content, in the order of their names."""
+    digest = hashlib.sha256()
+    for file in sorted(files):
+        digest.update(file.name.encode())
+        digest.update(hashlib.sha256(file.read_bytes()).digest())
+    return digest.hexdigest()
+
+
+def _load_scene(path: Path) -> Scene:
+    from mmocap_warp.scene import load_scene
+
+    return load_scene(path)
+
+
+def _subject_file(scene: Scene) -> Path:
+    if scene.subject is None:
+        remedy = "fit one with 'mmocap fit' and name it as [scene] subject, so that every cell starts alike"
+        raise InputError(scene.path, "names no subject", remedy)
+    return scene.subject
+
+
+def _images(scene: Scene, k: int) -> list:
+    """Which frames camera ``k`` has: names relative to the scene and sizes, and how they are placed."""
+    camera = scene.cameras[k]
+    files = [
+        (Path(os.path.relpath(file, scene.directory)).as_posix(), file.stat().st_size)
+        for frames in (camera.video, camera.masks, camera.clean_plate, camera.background)
+        if frames is not None
+        for file in getattr(frames, "files", None) or (frames.path,)
+    ]
+    return [files, camera.frame_offset, camera.recorded_scale, camera.recorded_offset]
+
+
+def _first_frames(truth: Truth, count: int) -> Truth | None:
+    """The truth of frames 0 to ``count - 1``; None where nothing is known of them."""
+    keep = truth.frame_numbers < count
+    if not keep.any():
+        return None
+    return replace(
+        truth,
+        frame_numbers=truth.frame_numbers[keep],
+        markers=truth.markers[keep],
+        joints=truth.joints[keep],
+        pose=None if truth.pose is None else truth.pose[keep],
+    )

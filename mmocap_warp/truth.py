@@ -58,7 +58,7 @@ def load_truth(path: str | Path, axes: str = "xyz", first_frame: int = 0) -> Tru
         first_frame: of a ``.trc``: the recording's frame number of the first row.
 
     Raises:
-        InputError: a missing or wrong file.
+        InputError: a missing or wrong file, or axes for one that is in the world's own.
     """
     from mmocap_warp.formats.trc import read_trc  # the formats build a Truth, so they import this module
     from mmocap_warp.formats.usd_file import USD_SUFFIXES
@@ -73,5 +73,7 @@ def load_truth(path: str | Path, axes: str = "xyz", first_frame: int = 0) -> Tru
         except ValueError as error:
             raise InputError(path, str(error), "export it again") from error
     if path.suffix in USD_SUFFIXES:
+        if axes != "xyz":
+            raise InputError(path, f"is in the world's own axes, not {axes!r}", "leave the axes out: a .trc needs them")
         return read_truth(path)
     raise InputError(path, f"{path.suffix or 'no suffix'!r} is no format of truth", "give a .usda, .usdc or .trc file")

@@ -44,6 +44,12 @@ def test_truth_reads_back(tmp_path, suffix, pose):
     assert faults(path) == []
 
 
+def test_axes_of_usd_are_the_worlds(tmp_path):
+    write_truth(tmp_path / "truth.usdc", some_truth())
+    with pytest.raises(InputError, match="is in the world's own axes, not 'zxy'; leave the axes out"):
+        load_truth(tmp_path / "truth.usdc", axes="zxy")
+
+
 def test_truth_without_markers_or_joints_reads_back(tmp_path):
     truth = some_truth()
     bare = replace(truth, marker_names=(), markers=np.zeros((5, 0, 3)), joint_names=(), joints=np.zeros((5, 0, 3)))

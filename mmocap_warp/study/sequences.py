@@ -17,8 +17,10 @@ from mmocap_warp.cameras import CameraRig
 from mmocap_warp.observation import Observation
 from mmocap_warp.pose_errors import HEAD_TOP, head_top
 from mmocap_warp.shape_space import heading_rotation, upright_base
+from mmocap_warp.synthesis.boxing import ROUNDS, boxing
 from mmocap_warp.synthesis.footage import Footage
 from mmocap_warp.synthesis.gait import Walk
+from mmocap_warp.synthesis.gestures import SCRIPTS, gesturing
 from mmocap_warp.synthesis.placing import placed_camera
 from mmocap_warp.synthesis.rotations import turn, zyx_angles
 from mmocap_warp.synthesis.segmentation import Contrast
@@ -103,16 +105,8 @@ class StudySequence:
         return replace(self, truth=truth, footage=replace(self.footage, poses=self.footage.poses[:count]))
 
 
-def walking(body: BodyModel, frames: int, seed: int, radius: float, stride: float, cadence: float) -> np.ndarray:
-    """Pose vectors (frame, 51) of a walk around the origin of the floor, in body axes; see ``synthesis/gait.py``."""
-    rng = np.random.default_rng([seed, 1])
-    time = np.arange(frames) / FPS
-    phase = cadence / 120.0 * time + rng.random()
-    for rate in (0.11, 0.17, 0.29):  # strides differ by 2 % in duration [Hz]
-        phase += 0.016 * cadence / 120.0 / (2 * np.pi * rate) * np.sin(2 * np.pi * (rate * time + rng.random()))
-    poses = Walk(body, radius=radius, stride=stride).poses(phase)
-    poses[:, 0] -= radius
-    return poses
+Motion = Callable[[BodyModel, int, int], np.ndarray]
+"""Pose vectors (frame, 51) in body axes about the origin of the floor, of a body, a number of frames and a seed."""
 
 
 @dataclass(frozen=True)
@@ -122,27 +116,52 @@ class SequencePlan:
     Attributes:
         person: a key of ``PEOPLE``.
         frames: its length.
-        motion: writes pose vectors (frame, 51) in body axes about the origin of the floor, for a body, a number of
-            frames and a seed.
+        motion: what the person does.
         heading: of those axes in the world [rad].
         seed: of everything in the sequence.
     """
 
     person: str
     frames: int
-    motion: Callable[[BodyModel, int, int], np.ndarray]
+    motion: Motion
     heading: float
     seed: int
 
 
-def _walk(radius: float, stride: float, cadence: float) -> Callable[[BodyModel, int, int], np.ndarray]:
-    return lambda body, frames, seed: walking(body, frames, seed, radius, stride, cadence)
+def _walking(radius: float, stride: float, cadence: float) -> Motion:
+    """Around the origin of the floor, once or nearly so; strides differ by 2 % in duration."""
+
+    def motion(body: BodyModel, frames: int, seed: int) -> np.ndarray:
+        rng = np.random.default_rng([seed, 1])
+        time, rate = np.arange(frames) / FPS, cadence / 120.0
+        phase = rate * time + rng.random()
+        for slow in (0.11, 0.17, 0.29):  # [Hz]
+            phase += 0.016 * rate / (2 * np.pi * slow) * np.sin(2 * np.pi * (slow * time + rng.random()))
+        poses = Walk(body, radius=radius, stride=stride).poses(phase)
+        poses[:, 0] -= radius
+        return poses
+
+    return motion
+
+
+def _gesturing(person: str) -> Motion:
+    return lambda body, frames, seed: gesturing(body, frames, FPS, SCRIPTS[person], seed)
+
+
+def _boxing(person: str) -> Motion:
+    return lambda body, frames, seed: boxing(body, frames, FPS, ROUNDS[person], seed)
 
 
 PLANS: dict[str, SequencePlan] = {
-    "S1/Walking": SequencePlan("S1", 401, _walk(1.10, 1.15, 112.0), 0.4, 11),
-    "S2/Walking": SequencePlan("S2", 292, _walk(1.00, 1.10, 116.0), 2.1, 21),
-    "S3/Walking": SequencePlan("S3", 313, _walk(1.15, 1.22, 106.0), 4.0, 31),
+    "S1/Walking": SequencePlan("S1", 401, _walking(1.10, 1.15, 112.0), 0.4, 11),
+    "S1/Gestures": SequencePlan("S1", 267, _gesturing("S1"), 0.2, 12),
+    "S1/Box": SequencePlan("S1", 263, _boxing("S1"), 1.9, 13),
+    "S2/Walking": SequencePlan("S2", 292, _walking(1.00, 1.10, 116.0), 2.1, 21),
+    "S2/Gestures": SequencePlan("S2", 300, _gesturing("S2"), 1.1, 22),
+    "S2/Box": SequencePlan("S2", 245, _boxing("S2"), 0.6, 23),
+    "S3/Walking": SequencePlan("S3", 313, _walking(1.15, 1.22, 106.0), 4.0, 31),
+    "S3/Gestures": SequencePlan("S3", 367, _gesturing("S3"), -0.3, 32),
+    "S3/Box": SequencePlan("S3", 340, _boxing("S3"), 1.4, 33),
 }
 """By name; lengths are a third of what the paper tracked."""
 

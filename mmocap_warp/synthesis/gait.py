@@ -17,7 +17,7 @@ import numpy as np
 
 from mmocap_warp.body import FULL_DOF, JOINTS, BodyModel
 from mmocap_warp.synthesis import gait_curves as curves
-from mmocap_warp.synthesis.limbs import Leg, hanging_arm
+from mmocap_warp.synthesis.limbs import TRUNK, Leg, hanging_arm, trunk_angles
 from mmocap_warp.synthesis.rotations import applied, transposed, turn, zyx_angles
 from mmocap_warp.synthesis.sole import Sole
 
@@ -165,12 +165,8 @@ class Walk:
         """The spine takes the chest from the pelvis' axes to the girdle's, half at either joint; the head looks on."""
         heading = turn("y", self._heading(phase))
         chest = heading @ turn("y", -curves.girdle_turn(phase)) @ turn("x", _CHEST_LEAN)
-        between = transposed(pelvis) @ chest
-        half = zyx_angles(between) / 2
-        lower = turn("z", half[:, 2]) @ turn("y", half[:, 1]) @ turn("x", half[:, 0])
-        _set(pose, "BottomSpine", half)
-        _set(pose, "UpperSpine", zyx_angles(transposed(lower) @ between))
-        _set(pose, "Neck", zyx_angles(transposed(chest) @ heading))
+        for joint, angles in zip(TRUNK, trunk_angles(pelvis, chest, heading), strict=True):
+            _set(pose, joint, angles)
 
 
 def _set(pose: np.ndarray, joint: str, angles: np.ndarray) -> None:

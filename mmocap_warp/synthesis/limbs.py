@@ -1,4 +1,4 @@
-"""Angles that put a foot where it stands and let an arm hang: closed forms for a body's own bones."""
+"""Angles that put a foot where it stands, bend a trunk and let an arm hang: closed forms for a body's own bones."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Leg:
         target = ankle - hip
         knee = self._knee(np.linalg.norm(target, axis=-1))
         leg = self.thigh + applied(turn("x", knee), self.shank)
-        thigh = _basis(target, sideways) @ transposed(_basis(leg, np.broadcast_to(np.eye(3)[0], leg.shape)))
+        thigh = basis(target, sideways) @ transposed(basis(leg, np.broadcast_to(np.eye(3)[0], leg.shape)))
         return np.concatenate([zyx_angles(transposed(pelvis) @ thigh), knee[:, None]], axis=1)
 
     def _knee_terms(self) -> tuple[float, float]:
@@ -82,7 +82,7 @@ class Leg:
 _LEG = ("Hip", "Knee", "Ankle")
 
 
-def _basis(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+def basis(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """(..., 3, 3) whose columns are ``first``, ``second`` made normal to it, and their cross product, as units."""
     a = first / np.linalg.norm(first, axis=-1, keepdims=True)
     b = second - (a * second).sum(axis=-1, keepdims=True) * a
@@ -116,3 +116,18 @@ def hanging_arm(
     already_bent = np.arctan2(sign * bound[2, 0], bound[0, 0])
     bend = -sign * (flexion - already_bent)
     return zyx_angles(shoulder_turn), np.stack([0 * bend, bend, 0 * bend], -1)
+
+
+TRUNK: tuple[str, ...] = ("BottomSpine", "UpperSpine", "Neck")
+"""The joints between pelvis and head."""
+
+
+def trunk_angles(pelvis: np.ndarray, chest: np.ndarray, head: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rx, Ry, Rz (frame, 3) of the lower spine, the upper spine and the neck, from axes (frame, 3, 3) in the world.
+
+    The spine takes the chest from the pelvis' axes to its own, half at either joint.
+    """
+    between = transposed(pelvis) @ chest
+    half = zyx_angles(between) / 2
+    lower = turn("z", half[:, 2]) @ turn("y", half[:, 1]) @ turn("x", half[:, 0])
+    return half, zyx_angles(transposed(lower) @ between), zyx_angles(transposed(chest) @ head)

@@ -40,3 +40,22 @@ def transposed(rotation: np.ndarray) -> np.ndarray:
 def applied(rotation: np.ndarray, vector: np.ndarray) -> np.ndarray:
     """``rotation @ vector`` for (..., 3, 3) and (..., 3)."""
     return np.einsum("...ij,...j->...i", rotation, vector)
+
+
+def continuous_zyx_angles(rotation: np.ndarray, limits: np.ndarray) -> np.ndarray:
+    """(frame, 3) angles Rx, Ry, Rz [rad] of rotations (frame, 3, 3), each frame's as near as can be to the last's.
+
+    A rotation has two such triples, and each angle may have whole turns added: of those within ``limits`` (3, 2)
+    the nearest is taken, in the first frame to zero; where none is within, the nearest of all.
+    """
+    x, y, z = np.moveaxis(zyx_angles(rotation), -1, 0)
+    triples = np.stack([np.stack([x, y, z], axis=-1), np.stack([x + np.pi, np.pi - y, z + np.pi], axis=-1)], axis=1)
+    turns = 2 * np.pi * np.stack(np.meshgrid(*[(-1, 0, 1)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    chosen = np.zeros((len(rotation), 3))
+    last = np.zeros(3)
+    for frame, triple in enumerate(triples):
+        candidates = (triple[:, None] + turns).reshape(-1, 3)
+        allowed = ((candidates >= limits[:, 0]) & (candidates <= limits[:, 1])).all(axis=1)
+        distance = np.abs(candidates - last).sum(axis=1)
+        last = chosen[frame] = candidates[np.argmin(np.where(allowed | ~allowed.any(), distance, np.inf))]
+    return chosen

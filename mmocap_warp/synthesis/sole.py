@@ -20,11 +20,13 @@ class Sole:
         pitch: (pitch,), of the foot, toes up positive, ascending [rad].
         forward: (pitch,), of the ankle from where it is when the foot is flat [m].
         up: (pitch,), of the ankle from the floor [m].
+        contact: (pitch, 2), to the left and forward, of the point that touches, from where the ankle is when flat [m].
     """
 
     pitch: np.ndarray
     forward: np.ndarray
     up: np.ndarray
+    contact: np.ndarray
 
     @classmethod
     def of(cls, body: BodyModel, side: str) -> Sole:
@@ -32,7 +34,7 @@ class Sole:
         joint = JOINTS.index(f"{side}Ankle")
         heaviest = body.skin.joint[np.arange(len(body.skin.joint)), body.skin.weight.argmax(axis=1)]
         foot = (body.skin.rest[heaviest == joint] - body.joint_rest[joint]).astype(float)
-        y, z = foot[:, 1], foot[:, 2]
+        x, y, z = foot.T
         pitch = np.linspace(-_STEEPEST, _STEEPEST, _GRID)
         sine, cosine = np.sin(pitch)[:, None], np.cos(pitch)[:, None]
         height = cosine * y + sine * z
@@ -43,8 +45,13 @@ class Sole:
         next_reach = (cosine * z - sine * y)[rows + 1, touching[:-1]]
         moved = np.concatenate([[0.0], np.cumsum(reach[:-1] - next_reach)])
         flat = _GRID // 2
-        return cls(pitch, moved - moved[flat], -height.min(axis=1))
+        forward = moved - moved[flat]
+        return cls(pitch, forward, -height.min(axis=1), np.stack([x[touching], forward + reach], axis=-1))
 
     def ankle(self, pitch: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """How far forward and up the ankle is at the given pitches [m]."""
         return np.interp(pitch, self.pitch, self.forward), np.interp(pitch, self.pitch, self.up)
+
+    def touching(self, pitch: np.ndarray) -> np.ndarray:
+        """Where the foot touches the floor at the given pitches, (..., 2) as in ``contact``."""
+        return self.contact[np.searchsorted(self.pitch, pitch)]

@@ -1,0 +1,130 @@
+"""Whole-body poses from what a person minds: where the feet stand, where pelvis, chest and head point, what hands do.
+
+Lengths are in metres and angles in radians, in body axes over a floor at zero: +Y up, +X left, +Z ahead.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mmocap_warp.body import FULL_DOF, JOINTS, BodyModel
+from mmocap_warp.synthesis.arm import Arm
+from mmocap_warp.synthesis.limbs import TRUNK, Leg, trunk_angles
+from mmocap_warp.synthesis.rotations import applied, continuous_zyx_angles, transposed, turn, zyx_angles
+from mmocap_warp.synthesis.skinned import joint_transforms
+from mmocap_warp.synthesis.sole import Sole
+
+
+@dataclass(frozen=True)
+class Foot:
+    """A foot that stands, rolls over its sole, turns on its toes, or is in the air.
+
+    Attributes:
+        place: (frame, 3), on the floor, of the ankle's foot point when the foot is flat.
+        yaw: (frame,), about the vertical, from its direction in the bind pose.
+        pitch: (frame,), toes up positive.
+        lift: (frame,), of the whole foot.
+    """
+
+    place: np.ndarray
+    yaw: np.ndarray
+    pitch: np.ndarray
+    lift: np.ndarray
+
+    def axes(self) -> np.ndarray:
+        """(frame, 3, 3)."""
+        return turn("y", self.yaw) @ turn("x", -self.pitch)
+
+    def ankle(self, sole: Sole) -> np.ndarray:
+        """(frame, 3)."""
+        forward, up = sole.ankle(self.pitch)
+        return self.place + applied(turn("y", self.yaw), np.stack([0 * up, up + self.lift, forward], axis=-1))
+
+
+class Posture:
+    """Pose vectors of one body, set part by part: :meth:`stand`, :meth:`bend`, then :meth:`reach`."""
+
+    def __init__(self, body: BodyModel, frames: int) -> None:
+        self._body = body
+        self._legs = {side: Leg.of(body, side) for side in "LR"}
+        self._soles = {side: Sole.of(body, side) for side in "LR"}
+        self._arms = {side: Arm.of(body, side) for side in "LR"}
+        self.poses = np.zeros((frames, FULL_DOF))
+        """(frame, 51) full pose vectors."""
+
+    @property
+    def arm_length(self) -> float:
+        """Shoulder to wrist along the bones, mean of both sides [m]."""
+        return (self._arms["L"].length + self._arms["R"].length) / 2
+
+    @property
+    def leg_length(self) -> float:
+        """Hip to ankle of a straight leg, mean of both sides [m]."""
+        return (self._legs["L"].reach(0.0) + self._legs["R"].reach(0.0)) / 2
+
+    def stand(self, root: np.ndarray, pelvis: np.ndarray, feet: dict[str, Foot], least_knee: float) -> None:
+        """Set the root and the legs.
+
+        Args:
+            root: (frame, 3), the root joint; its heights count from the greatest mean height at which no knee is bent
+                less than ``least_knee``, so zeros stand tall.
+            pelvis: (frame, 3, 3), its axes.
+            feet: by side.
+            least_knee: flexion from straight [rad].
+        """
+        ankles = {side: foot.ankle(self._soles[side]) for side, foot in feet.items()}
+        room = [self._room(side, root, pelvis, ankles[side], least_knee) for side in feet]
+        root = root + np.array([0.0, np.min(room), 0.0])
+        self.poses[:, :3] = root
+        self._set("Root", zyx_angles(pelvis))
+        for side, foot in feet.items():
+            leg, axes = self._legs[side], foot.axes()
+            angles = leg.angles(root + applied(pelvis, leg.hip), ankles[side], pelvis, turn("y", foot.yaw)[:, :, 0])
+            hip = turn("z", angles[:, 2]) @ turn("y", angles[:, 1]) @ turn("x", angles[:, 0])
+            self._set(f"{side}Hip", angles[:, :3])
+            self._set(f"{side}Knee", np.stack([angles[:, 3], 0 * angles[:, 3], 0 * angles[:, 3]], axis=-1))
+            self._set(f"{side}Ankle", zyx_angles(transposed(pelvis @ hip @ turn("x", angles[:, 3])) @ axes))
+
+    def bend(self, chest: np.ndarray, head: np.ndarray) -> None:
+        """Set the spine, half of its bend at either joint, and the neck; their axes (frame, 3, 3) in the world."""
+        for joint, angles in zip(TRUNK, trunk_angles(self._axes("Root"), chest, head), strict=True):
+            self._set(joint, angles)
+
+    def place(self, joint: str) -> np.ndarray:
+        """(frame, 3), where a joint is, given what has been set so far."""
+        return self._transforms()[:, JOINTS.index(joint), :, 3]
+
+    def pivoting(self, side: str, foot: Foot) -> Foot:
+        """The foot with its places moved so that, as it yaws, it turns about the point that touches the floor."""
+        x, z = self._soles[side].touching((foot.pitch[1:] + foot.pitch[:-1]) / 2).T
+        turned = np.diff(turn("y", foot.yaw), axis=0)
+        moved = np.cumsum(applied(turned, np.stack([x, 0 * x, z], axis=-1)), axis=0)
+        return replace(foot, place=foot.place - np.concatenate([np.zeros((1, 3)), moved]))
+
+    def reach(self, side: str, wrist: np.ndarray, points: np.ndarray) -> None:
+        """Set an arm by its wrist's place (frame, 3) in the world and where its elbow points (frame, 3)."""
+        rotation, flexion = self._arms[side].rotations(
+            self._axes("UpperSpine"), wrist - self.place(f"{side}Shoulder"), points
+        )
+        limits = self._body.limits[JOINTS.index(f"{side}Shoulder")].astype(float)
+        self._set(f"{side}Shoulder", continuous_zyx_angles(rotation, limits))
+        self._set(f"{side}Elbow", np.stack([0 * flexion, flexion, 0 * flexion], axis=-1))
+
+    def _room(self, side: str, root: np.ndarray, pelvis: np.ndarray, ankle: np.ndarray, least_knee: float) -> float:
+        """How far up the root can go before a leg is straighter than it may be."""
+        leg = self._legs[side]
+        away = ankle - root - applied(pelvis, leg.hip)
+        level = np.hypot(away[:, 0], away[:, 2])
+        return float((away[:, 1] + np.sqrt(leg.reach(least_knee) ** 2 - level**2)).min())
+
+    def _set(self, joint: str, angles: np.ndarray) -> None:
+        first = 3 + 3 * JOINTS.index(joint)
+        self.poses[:, first : first + 3] = angles
+
+    def _transforms(self) -> np.ndarray:
+        return joint_transforms(self._body, np.eye(3), self.poses)
+
+    def _axes(self, joint: str) -> np.ndarray:
+        return self._transforms()[:, JOINTS.index(joint), :, :3]

@@ -38,7 +38,8 @@ class StudyProgress:
 
     def __enter__(self) -> StudyProgress:
         if not self._quiet and self._stream.isatty():
-            self._live = Live(console=RichConsole(file=self._stream), transient=True, refresh_per_second=2)
+            console = RichConsole(file=self._stream)
+            self._live = Live(console=console, transient=True, refresh_per_second=2, redirect_stdout=False)
             self._live.start()
         return self
 

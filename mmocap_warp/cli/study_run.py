@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,6 +22,8 @@ if TYPE_CHECKING:
 
 PAPER_GRID = 2.0e10
 """Evaluations of the paper's whole study: 8366 frames, 30 seeds, 8 algorithms, 2 models, 5000 evaluations in all."""
+
+_NAMED = 3  # cells that are missing for one reason; of more, the number is told
 
 
 def run(
@@ -73,11 +78,18 @@ def run(
         kind, start = _ray(address, workers, gpus)
     folder = open_folder(output or Path(loaded.name))
     tasks = plan_tasks(loaded, folder, kind)
-    with StudyProgress(loaded.name, quiet=console.quiet) as progress:
+    with _ray_messages(console), StudyProgress(loaded.name, quiet=console.quiet) as progress:
         status = run_study(tasks, start, progress.show, progress.note)
     values = {"study": loaded.name, "folder": folder} | _values(status, tasks)
     console.result(values, _text(values))
     return FAILURE if status.failures else OK
+
+
+@contextmanager
+def _ray_messages(console: Console) -> Iterator[None]:
+    """Ray prints the last lines of its logs to stdout when something of it dies; the run says so in one line."""
+    with open(os.devnull, "w") as nowhere, redirect_stdout(sys.stderr if console.debug else nowhere):
+        yield
 
 
 def _local(device: str, threads: int | None) -> tuple[str, Callable[[], Engine]]:
@@ -163,7 +175,17 @@ def _text(values: dict[str, Any]) -> str:
         )
         name = f"{row['preset']:<10} {row['evaluations']:>11} {row['dof']:>4}  {row['algorithm']:<9}"
         lines.append(f"{name} {marker:>9} {joint:>9} {iou:>6}")
-    if values["failed"]:
-        lines += ["", *(f"missing: {failure['cell']}: {failure['problem']}" for failure in values["failed"])]
-        lines.append("run the study again to track what is missing")
+    lines += _missing(values["failed"])
     return "\n".join(lines)
+
+
+def _missing(failures: list[dict[str, str]]) -> list[str]:
+    """What is missing and why, a line per reason."""
+    cells: dict[str, list[str]] = {}
+    for failure in failures:
+        cells.setdefault(failure["problem"], []).append(failure["cell"])
+    lines = [
+        f"missing: {', '.join(names) if len(names) <= _NAMED else f'{len(names)} cells'}: {problem}"
+        for problem, names in cells.items()
+    ]
+    return ["", *lines, "run the study again to track what is missing"] if lines else []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+import re
 import socket
 import time
 from collections.abc import Iterator
@@ -194,7 +195,7 @@ class RayEngine:
         except ray.exceptions.RayError as error:
             self._check_head()
             self._replace(worker)
-            return Death(" ".join(str(error).split()))
+            return Death(_first_sentence(error))
 
     def _replace(self, worker: int) -> None:
         """Ask the cluster for another worker in the place of one that died, on whatever machine has room."""
@@ -216,3 +217,9 @@ class RayEngine:
         except OSError:
             raise EngineLost(f"the Ray cluster at {self._head} has vanished") from None
         self._heard = time.monotonic()
+
+
+def _first_sentence(error: Exception) -> str:
+    """What Ray says first; pages about where and why it may have happened follow."""
+    text = " ".join(str(error).split())
+    return re.split(r"\.? (?:class_name|actor_id|The task may)|\. ", text, maxsplit=1)[0]

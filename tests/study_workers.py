@@ -1,0 +1,95 @@
+"""Workers and engines that misbehave on purpose."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from mmocap_warp.study.cell import PER_FRAME, PER_RUN, Cell, CellResult
+from mmocap_warp.study.engines.local import serve_jobs
+from mmocap_warp.study.engines.protocol import Death, EngineLost, Event, Ready
+from mmocap_warp.study.job import Advance, Job, Refusal, Worker
+
+DYING_ALWAYS, DYING_ONCE, FAILING = "always", "once", "failing"
+
+
+def serve_and_die_once(connection, device, threads) -> None:
+    """A worker that the system kills amid its third cell, unless that has happened before."""
+    work, mark, done = Worker.work, Path(os.environ["MARK"]), []
+
+    def working(worker, job):
+        done.append(job)
+        for event in work(worker, job):
+            if len(done) == 3 and not mark.exists():
+                mark.touch()
+                os.kill(os.getpid(), signal.SIGKILL)
+            yield event
+
+    Worker.work = working
+    serve_jobs(connection, device, threads)
+
+
+def serve_never(connection, device, threads) -> None:
+    """A worker that does not come up."""
+    sys.exit(3)
+
+
+class ScriptedEngine:
+    """Makes up results at once, or does what the script says of a cell.
+
+    Args:
+        workers: how many.
+        script: by cell, ``DYING_ALWAYS``, ``DYING_ONCE`` or ``FAILING``.
+        vanishes_after: so many results.
+    """
+
+    def __init__(self, workers: int, script: dict[Cell, str], vanishes_after: int | None = None) -> None:
+        self._script, self._left = dict(script), vanishes_after
+        self._told: list[tuple[int, Event]] = [(worker, Ready(f"seat {worker}")) for worker in range(workers)]
+        self.given: list[tuple[int, Job]] = []
+        self.closed = False
+
+    @property
+    def submitted(self) -> list[Job]:
+        return [job for _, job in self.given]
+
+    def submit(self, worker: int, job: Job) -> None:
+        self.given.append((worker, job))
+        fate = self._script.get(job.cell)
+        if fate in (DYING_ALWAYS, DYING_ONCE):
+            if fate == DYING_ONCE:
+                del self._script[job.cell]
+            self._told += [(worker, Death("lightning")), (worker, Ready(f"seat {worker}"))]
+        elif fate == FAILING:
+            self._told.append((worker, Refusal("scene.toml: is wrong; mend it")))
+        else:
+            self._told += [(worker, Advance("search", 1, 2, 10)), (worker, made_up(job))]
+
+    def events(self, seconds: float) -> list[tuple[int, Event]]:
+        if self._left == 0:
+            raise EngineLost("the cluster has vanished")
+        told = [self._told.pop(0)]
+        if self._left is not None and isinstance(told[0][1], CellResult):
+            self._left -= 1
+        return told
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def made_up(job: Job) -> CellResult:
+    """A result that no search was needed for."""
+    runs, frames = job.config.runs, 2
+    return CellResult(
+        cell=job.cell,
+        seeds=np.arange(runs),
+        frames=np.arange(frames),
+        per_frame={name: np.zeros((runs, frames), np.float32) for name in PER_FRAME},
+        per_run={name: np.ones(runs) for name in PER_RUN},
+        pose=np.zeros((runs, frames, 51), np.float32),
+        meta={"study": job.study},
+    )

@@ -1,0 +1,311 @@
+"""A study's results are complete and the same bits whatever happens on the way: kills, deaths, full disks, damage."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from study_workers import (
+    DYING_ALWAYS,
+    DYING_ONCE,
+    FAILING,
+    ScriptedEngine,
+    serve_and_die_once,
+    serve_never,
+)
+from tiny_study import FRAMES, STUDY, run_quietly, tasks_of, write_study
+
+from mmocap_warp.study import outbox
+from mmocap_warp.study.cell import answer_members, read_cell
+from mmocap_warp.study.engines.local import LocalEngine, local_devices
+from mmocap_warp.study.run import run_study
+
+STOPS = 5
+CELLS = 12
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory) -> Path:
+    """Twelve cells of three frames."""
+    return write_study(tmp_path_factory.mktemp("study"))
+
+
+@pytest.fixture(scope="module")
+def whole(study, tmp_path_factory) -> Path:
+    """The results of a run that nothing happened to."""
+    folder = tmp_path_factory.mktemp("whole")
+    status = run_quietly(tasks_of(study, folder))
+    assert (status.finished, status.failures) == (CELLS, {})
+    return folder
+
+
+@pytest.fixture
+def copied(whole, tmp_path) -> Path:
+    """These results in a folder of one's own."""
+    return Path(shutil.copytree(whole, tmp_path / "copied"))
+
+
+def same_answers(left: Path, right: Path) -> bool:
+    """Equal files, time and place aside."""
+    names = [sorted(path.name for path in folder.glob("*.npz")) for folder in (left, right)]
+    return names[0] == names[1] and all(
+        answer_members(left / name) == answer_members(right / name) for name in names[0]
+    )
+
+
+def test_a_result_says_what_was_tracked(whole, study):
+    task = tasks_of(study, whole)[0]
+    result = read_cell(task.path)
+    assert result.cell == task.cell
+    assert result.pose.shape == (2, FRAMES, 51)
+    assert result.seeds.tolist() == [0, 1]
+    assert result.frames.tolist() == list(range(FRAMES))
+    assert np.isfinite(result.per_frame["marker_error"]).all()
+    assert (result.per_run["evaluations"] == FRAMES * 12).all()
+    assert result.meta["config"]["evaluations"] == 12
+    assert {"fps", "cameras", "size", "versions", "device", "host", "started", "wall_seconds", "study"} <= set(
+        result.meta
+    )
+
+
+def test_killed_five_times_it_ends_with_the_same_bits_and_repeats_nothing(study, whole, tmp_path):
+    results = tmp_path / "results"
+    command = [sys.executable, "-m", "mmocap_warp", "study", "run", str(study), "-o", str(results), "--device", "cpu"]
+    ended = sorted(path.stat().st_mtime for path in whole.iterdir())
+    longest = float(np.median(np.diff(ended)))
+    random, kept, stops = np.random.default_rng(0), {}, 0
+
+    def finished() -> dict[str, int]:
+        return {path.name: path.stat().st_mtime_ns for path in results.glob("*.npz")}
+
+    while True:
+        run = subprocess.Popen(
+            [*command, "--threads", "1", "--quiet"],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        if stops == STOPS:
+            assert run.wait() == 0
+            break
+        while len(finished()) == len(kept):  # until a cell was finished; then at any moment of the next one
+            assert run.poll() is None, "it ended before its moment came"
+            time.sleep(0.005)
+        time.sleep(random.uniform(0.0, longest))
+        run.send_signal(signal.SIGINT if stops % 2 else signal.SIGKILL)
+        run.wait()
+        wait_until_gone(run.pid)
+        assert kept.items() <= finished().items()
+        kept, stops = finished(), stops + 1
+    assert kept.items() <= finished().items()
+    assert same_answers(results, whole)
+
+
+def wait_until_gone(group: int) -> None:
+    """The workers end with whoever started them."""
+    deadline = time.monotonic() + 10.0
+    while time.monotonic() < deadline:
+        try:
+            os.killpg(group, 0)
+        except ProcessLookupError:
+            return
+        time.sleep(0.01)
+    raise AssertionError("a worker has outlived its parent")
+
+
+def test_a_complete_study_starts_no_worker(study, whole):
+    status = run_quietly(tasks_of(study, whole), engine=lambda: pytest.fail("a worker was started"))
+    assert (status.reused, status.finished, status.rate) == (CELLS, 0, 0.0)
+
+
+def test_added_cells_are_tracked_alone(study, copied, tmp_path):
+    before = {path.name: path.stat().st_mtime_ns for path in copied.iterdir()}
+    added = study.with_name("added.toml")
+    added.write_text(STUDY.replace('"pso"]', '"pso", "apf"]'))
+    status = run_quietly(tasks_of(added, copied))
+    assert (status.reused, status.finished) == (CELLS, 3)
+    after = {path.name: path.stat().st_mtime_ns for path in copied.iterdir()}
+    assert before.items() <= after.items()
+
+
+def test_folders_of_two_machines_are_merged_by_copying(study, whole, tmp_path):
+    tasks = tasks_of(study, tmp_path / "one")
+    run_quietly(tasks[::2])
+    other = tasks_of(study, tmp_path / "other")
+    run_quietly(other[1:])
+    for path in (tmp_path / "other").iterdir():
+        shutil.copy(path, tmp_path / "one")
+    assert run_quietly(tasks).reused == CELLS
+    assert same_answers(tmp_path / "one", whole)
+
+
+def test_the_number_of_threads_changes_nothing(study, whole, tmp_path):
+    tasks = tasks_of(study, tmp_path / "results")[:2]
+    run_quietly(tasks, lambda: LocalEngine(["cpu"], threads=3))
+    for task in tasks:
+        assert answer_members(task.path) == answer_members(whole / task.path.name)
+
+
+def test_a_damaged_result_is_told_and_tracked_again(study, whole, copied):
+    tasks, notes = tasks_of(study, copied), []
+    damaged = tasks[3].path
+    content = damaged.read_bytes()
+    damaged.write_bytes(content[:1000] + bytes(100) + content[1100:])
+    status = run_quietly(tasks, notes=notes)
+    assert (status.reused, status.finished) == (CELLS - 1, 1)
+    assert len(notes) == 1
+    assert f"{damaged}: is damaged" in notes[0]
+    assert "this cell is repeated" in notes[0]
+    assert same_answers(copied, whole)
+
+
+def test_a_worker_that_is_killed_is_replaced_and_its_cell_repeated(study, whole, tmp_path, monkeypatch):
+    monkeypatch.setenv("MARK", str(tmp_path / "mark"))
+    notes = []
+    tasks = tasks_of(study, tmp_path / "results")
+    status = run_quietly(tasks, lambda: LocalEngine(["cpu"], 1, serve_and_die_once), notes)
+    assert (status.finished, status.failures) == (CELLS, {})
+    assert len(notes) == 1
+    assert "cpu died (killed by SIGKILL); the cell is tried again" in notes[0]
+    assert same_answers(tmp_path / "results", whole)
+
+
+def test_workers_that_cannot_start_end_the_run(study, tmp_path):
+    notes = []
+    status = run_quietly(tasks_of(study, tmp_path / "results"), lambda: LocalEngine(["cpu"], 1, serve_never), notes)
+    assert len(status.failures) == CELLS
+    assert "died while it waited or started (ended with exit code 3)" in notes[0]
+    assert notes[-1] == f"every worker died while starting; {CELLS} cells are left for another run"
+
+
+def test_an_error_in_a_worker_names_itself(study, tmp_path, monkeypatch):
+    """Wrong input is refused at once; anything else is tried again on a new process."""
+    tasks, notes = tasks_of(study, tmp_path / "results")[:1], []
+    status = run_quietly(tasks, lambda: Spoiling(["cpu"], 1, config=None), notes)
+    assert "TypeError: " in status.failures[tasks[0].cell]
+    assert len(notes) == 3
+    status = run_quietly(tasks, lambda: Spoiling(["cpu"], 1, clip_identity="other"), notes)
+    assert "Walk is not the same here as where the study was started" in status.failures[tasks[0].cell]
+    assert len(notes) == 4
+
+
+class Spoiling(LocalEngine):
+    """An engine that changes the jobs it is given."""
+
+    def __init__(self, devices, threads, **changes):
+        super().__init__(devices, threads)
+        self._changes = changes
+
+    def submit(self, worker, job):
+        super().submit(worker, replace(job, **self._changes))
+
+
+def test_a_cell_is_tried_three_times_and_the_rest_goes_on(study, tmp_path):
+    tasks, notes = tasks_of(study, tmp_path / "results"), []
+    engine = ScriptedEngine(2, {tasks[1].cell: DYING_ALWAYS, tasks[4].cell: DYING_ONCE, tasks[6].cell: FAILING})
+    status = run_quietly(tasks, lambda: engine, notes)
+    assert status.finished == CELLS - 2
+    assert set(status.failures) == {tasks[1].cell, tasks[6].cell}
+    assert "as workers did 3 times at this cell" in status.failures[tasks[1].cell]
+    assert status.failures[tasks[6].cell] == "scene.toml: is wrong; mend it"
+    tried = [job.cell for job in engine.submitted]
+    assert [tried.count(tasks[i].cell) for i in (0, 1, 4, 6)] == [1, 3, 2, 1]
+    assert engine.closed
+
+
+def test_a_cluster_that_vanishes_loses_nothing_that_was_finished(study, tmp_path):
+    tasks, notes = tasks_of(study, tmp_path / "results"), []
+    status = run_quietly(tasks, lambda: ScriptedEngine(1, {}, vanishes_after=3), notes)
+    assert (status.finished, len(status.failures)) == (3, CELLS - 3)
+    assert notes[-1] == f"the cluster has vanished; {CELLS - 3} cells are left for another run"
+    status = run_quietly(tasks, lambda: ScriptedEngine(1, {}))
+    assert (status.reused, status.finished) == (3, CELLS - 3)
+
+
+def test_workers_keep_to_the_masks_they_hold(study, tmp_path):
+    second = study.with_name("two.toml")
+    second.write_text(
+        STUDY.replace('Walk = "walk/scene.toml"', 'A = "walk/scene.toml"\nB = "walk/scene.toml"').replace(
+            '["Walk"]', '["A", "B"]'
+        )
+    )
+    engine = ScriptedEngine(2, {})
+    run_quietly(tasks_of(second, tmp_path / "results"), lambda: engine)
+    held = [[job.cell.sequence for worker, job in engine.given if worker == seat] for seat in (0, 1)]
+    assert [len(set(names)) for names in held] == [1, 1]
+    assert held[0][0] != held[1][0]
+
+
+def full_disk(monkeypatch, *, writes_that_fail: int) -> list[Path]:
+    """The disk is full for so many writes; returns what is written."""
+    write, written = outbox.write_cell, []
+
+    def writing(path, result):
+        written.append(path)
+        with monkeypatch.context() as patched:
+            if len(written) <= writes_that_fail:
+                patched.setattr(Path, "write_bytes", no_space)
+            write(path, result)
+
+    monkeypatch.setattr(outbox, "write_cell", writing)
+    monkeypatch.setattr(outbox, "_SECONDS_BETWEEN_TRIES", 0.0)
+    return written
+
+
+def no_space(path, data):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def test_a_full_disk_costs_nothing_if_room_is_made(study, whole, tmp_path, monkeypatch):
+    full_disk(monkeypatch, writes_that_fail=4)
+    tasks, notes = tasks_of(study, tmp_path / "results"), []
+    status = run_quietly(tasks, lambda: ScriptedEngine(1, {}), notes)
+    assert (status.finished, status.unstored, status.failures) == (CELLS, 0, {})
+    assert len(notes) == 1
+    assert "cannot be written ([Errno 28] No space left on device)" in notes[0]
+    assert len(list((tmp_path / "results").iterdir())) == CELLS
+
+
+def test_a_disk_that_stays_full_is_told(study, tmp_path, monkeypatch):
+    full_disk(monkeypatch, writes_that_fail=1000)
+    tasks = tasks_of(study, tmp_path / "results")
+    status = run_quietly(tasks, lambda: ScriptedEngine(1, {}))
+    assert (status.finished, status.unstored, len(status.failures)) == (0, CELLS, CELLS)
+    assert all("No space left" in problem for problem in status.failures.values())
+    assert list((tmp_path / "results").iterdir()) == []
+
+
+def test_nothing_is_begun_that_could_not_be_kept(study, tmp_path, monkeypatch):
+    full_disk(monkeypatch, writes_that_fail=1000)
+    monkeypatch.setattr(outbox, "_CAPACITY", 2)
+    engine = ScriptedEngine(1, {})
+    status = run_quietly(tasks_of(study, tmp_path / "results"), lambda: engine)
+    assert len(engine.submitted) == 2
+    assert len(status.failures) == CELLS
+
+
+def test_a_run_tells_rate_and_what_is_left(study, tmp_path):
+    seen = []
+    tasks = tasks_of(study, tmp_path / "results")
+    run_study(tasks, lambda: ScriptedEngine(1, {}), seen.append, lambda line: None)
+    left = [status.evaluations_left for status in seen]
+    assert left[-1] == 0
+    assert all(later <= earlier for earlier, later in pairwise(left))
+    assert seen[-1].rate > 0
+
+
+def test_devices_are_named_once():
+    assert local_devices("cpu") == ["cpu"]
+    for wrong in ("cpu,cpu", "cuda:77", "nonsense"):
+        with pytest.raises(ValueError, match="device must"):
+            local_devices(wrong)

@@ -20,6 +20,7 @@ from mmocap_warp.body import DOF_MODELS, FULL_DOF, BodyModel, Subject, degrees_o
 from mmocap_warp.cameras import CameraRig, project
 from mmocap_warp.checkpoint import Checkpoint, FinishedFrame, fingerprint
 from mmocap_warp.errors import InputError
+from mmocap_warp.memory_need import check_fits
 from mmocap_warp.objective import COSTS, Objective
 from mmocap_warp.observation import Observation
 from mmocap_warp.posing import Poser
@@ -215,6 +216,20 @@ def versions(device: str) -> dict[str, str]:
     return found | {"device": wp.get_device(device).name}
 
 
+def fitting_tracker(subject: Subject, rig: CameraRig, config: TrackConfig, fps: float) -> Tracker:
+    """A :class:`Tracker`, or an error where the device has not the memory for it.
+
+    Raises:
+        InputError: too many runs, or too large a budget; says what fits.
+    """
+
+    def tracker(config: TrackConfig) -> Tracker:
+        return Tracker(subject, rig, config, fps)
+
+    check_fits(tracker, config, resolve_device(config.device))
+    return tracker(config)
+
+
 FrameReport = Callable[[int, FrameAnswer], None]
 """Called after every frame with its position and answer."""
 
@@ -267,10 +282,11 @@ def track(
         progress: called after every frame, also once for each frame that was already done.
 
     Raises:
-        InputError: unreadable images, or a checkpoint that is damaged or another run's.
+        InputError: unreadable images, a checkpoint that is damaged or another run's, or more than fits into the
+            device's memory.
     """
     rig = scene.rig(config.scale)
-    tracker = Tracker(subject, rig, config, scene.fps)
+    tracker = fitting_tracker(subject, rig, config, scene.fps)
     done: list[FinishedFrame] = []  # in pairs, so that no interruption finds one without the other
     store = None
     if checkpoint is not None:
@@ -335,8 +351,12 @@ def track_observations(
     config: TrackConfig,
     progress: FrameReport | None = None,
 ) -> TrackResult:
-    """Track consecutive observations in memory or from any stream."""
-    tracker = Tracker(subject, rig, config, fps)
+    """Track consecutive observations in memory or from any stream.
+
+    Raises:
+        InputError: more than fits into the device's memory.
+    """
+    tracker = fitting_tracker(subject, rig, config, fps)
     answers = []
     for number, observation in enumerate(observations):
         answers.append(tracker.step(observation))

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from mmocap_warp.synthesis.footage import Footage
 from mmocap_warp.synthesis.gait import Walk
 from mmocap_warp.synthesis.gestures import SCRIPTS, gesturing
 from mmocap_warp.synthesis.placing import placed_camera
+from mmocap_warp.synthesis.retarget import read_clip, retargeted
 from mmocap_warp.synthesis.rotations import turn, zyx_angles
 from mmocap_warp.synthesis.segmentation import Contrast
 from mmocap_warp.synthesis.subjects import PEOPLE, fitted_start
@@ -174,6 +176,22 @@ def make_sequence(name: str, plan: SequencePlan) -> StudySequence:
     contrast = tuple((_COLOUR if camera.startswith("C") else _GREY).worse(_WORSE[plan.person]) for camera in _CAMERAS)
     footage = Footage(body, base, poses, study_rig(), contrast, plan.seed)
     return StudySequence(name, FPS, fitted_start(person, base, poses[0], plan.seed), _truth(footage), footage)
+
+
+def clip_sequence(name: str, clip: str | Path, skeleton: str | Path | None = None) -> StudySequence:
+    """A sequence whose person moves as a motion clip does, as long as the clip.
+
+    Args:
+        name: of the sequence whose person and cameras are taken.
+        clip: a ``.bvh`` or ``.amc`` file.
+        skeleton: the ``.asf`` of an ``.amc``; see :func:`mmocap_warp.formats.amc.read_amc`.
+
+    Raises:
+        InputError: a file that is missing or wrong, or a skeleton that is not understood.
+    """
+    plan = PLANS[name]
+    poses = retargeted(read_clip(clip, skeleton), PEOPLE[plan.person].true_body(), FPS, clip)
+    return make_sequence(name, replace(plan, frames=len(poses), motion=lambda *_: poses))
 
 
 class _Sequences(Mapping[str, StudySequence]):

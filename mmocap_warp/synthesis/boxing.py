@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mmocap_warp.body import BodyModel
+from mmocap_warp.synthesis.limbs import leg_length
 from mmocap_warp.synthesis.posture import Foot, Posture
 from mmocap_warp.synthesis.rotations import turn
 from mmocap_warp.synthesis.tracks import Track, sway
@@ -157,12 +158,13 @@ def boxing(body: BodyModel, frames: int, fps: float, script: Round, seed: int) -
     posture = Posture(body, frames)
     sign = 1.0 if script.lead == "L" else -1.0
     sides = {"lead": script.lead, "rear": "R" if script.lead == "L" else "L"}
-    size = posture.leg_length / _STANCE_SCALE
+    leg = leg_length(body)
+    size = leg / _STANCE_SCALE
 
     turns, heel = _turns(script, time)
     feet = {hand: _foot(posture, side, hand, script, time, heel, sign, size) for hand, side in sides.items()}
     root = _root(script, time, size, rng) * (sign, 1.0, 1.0)
-    root[:, 1] -= _CROUCH * posture.leg_length + _BOUNCE
+    root[:, 1] -= _CROUCH * leg + _BOUNCE
     pelvis = turn("y", sign * turns[:, 0]) @ turn("x", np.full(frames, 0.5 * _LEAN))
     posture.stand(root, pelvis, {sides[hand]: foot for hand, foot in feet.items()}, _LEAST_KNEE)
 

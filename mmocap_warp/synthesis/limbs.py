@@ -82,6 +82,11 @@ class Leg:
 _LEG = ("Hip", "Knee", "Ankle")
 
 
+def leg_length(body: BodyModel) -> float:
+    """Hip to ankle of a straight leg, mean of both sides [m]."""
+    return (Leg.of(body, "L").reach(0.0) + Leg.of(body, "R").reach(0.0)) / 2
+
+
 def basis(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """(..., 3, 3) whose columns are ``first``, ``second`` made normal to it, and their cross product, as units."""
     a = first / np.linalg.norm(first, axis=-1, keepdims=True)

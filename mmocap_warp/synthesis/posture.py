@@ -16,6 +16,8 @@ from mmocap_warp.synthesis.rotations import applied, continuous_zyx_angles, tran
 from mmocap_warp.synthesis.skinned import joint_transforms
 from mmocap_warp.synthesis.sole import Sole
 
+_SLIGHTLY = 0.05
+
 
 @dataclass(frozen=True)
 class Foot:
@@ -44,7 +46,7 @@ class Foot:
 
 
 class Posture:
-    """Pose vectors of one body, set part by part: :meth:`stand`, :meth:`bend`, then :meth:`reach`."""
+    """Pose vectors of one body, set part by part: root and legs, then :meth:`bend`, then the arms."""
 
     def __init__(self, body: BodyModel, frames: int) -> None:
         self._body = body
@@ -59,11 +61,6 @@ class Posture:
         """Shoulder to wrist along the bones, mean of both sides [m]."""
         return (self._arms["L"].length + self._arms["R"].length) / 2
 
-    @property
-    def leg_length(self) -> float:
-        """Hip to ankle of a straight leg, mean of both sides [m]."""
-        return (self._legs["L"].reach(0.0) + self._legs["R"].reach(0.0)) / 2
-
     def stand(self, root: np.ndarray, pelvis: np.ndarray, feet: dict[str, Foot], least_knee: float) -> None:
         """Set the root and the legs.
 
@@ -77,15 +74,36 @@ class Posture:
         ankles = {side: foot.ankle(self._soles[side]) for side, foot in feet.items()}
         room = [self._room(side, root, pelvis, ankles[side], least_knee) for side in feet]
         root = root + np.array([0.0, np.min(room), 0.0])
-        self.poses[:, :3] = root
-        self._set("Root", zyx_angles(pelvis))
-        for side, foot in feet.items():
-            leg, axes = self._legs[side], foot.axes()
-            angles = leg.angles(root + applied(pelvis, leg.hip), ankles[side], pelvis, turn("y", foot.yaw)[:, :, 0])
-            hip = turn("z", angles[:, 2]) @ turn("y", angles[:, 1]) @ turn("x", angles[:, 0])
-            self._set(f"{side}Hip", angles[:, :3])
-            self._set(f"{side}Knee", np.stack([angles[:, 3], 0 * angles[:, 3], 0 * angles[:, 3]], axis=-1))
-            self._set(f"{side}Ankle", zyx_angles(transposed(pelvis @ hip @ turn("x", angles[:, 3])) @ axes))
+        axes = {side: foot.axes() for side, foot in feet.items()}
+        hinges = {side: turn("y", foot.yaw)[:, :, 0] for side, foot in feet.items()}
+        self._set_legs(root, pelvis, ankles, hinges, axes)
+
+    def point_legs(
+        self,
+        root: np.ndarray,
+        pelvis: np.ndarray,
+        bones: dict[str, tuple[np.ndarray, np.ndarray]],
+        hinges: dict[str, np.ndarray],
+        feet: dict[str, np.ndarray],
+        least_knee: float,
+    ) -> None:
+        """Set the root and the legs, these by where their bones point.
+
+        Args:
+            root: (frame, 3), the root joint.
+            pelvis: (frame, 3, 3), its axes.
+            bones: by side, the directions (frame, 3) of thigh and shank.
+            hinges: by side, where the knee's hinge points (frame, 3), as nearly as the bones allow.
+            feet: by side, their axes (frame, 3, 3).
+            least_knee: flexion from straight that a knee keeps [rad].
+        """
+        ankles = {}
+        for side, (thigh, shank) in bones.items():
+            leg = self._legs[side]
+            down = np.linalg.norm(leg.thigh) * thigh + np.linalg.norm(leg.shank) * shank
+            length = np.linalg.norm(down, axis=1, keepdims=True)
+            ankles[side] = root + applied(pelvis, leg.hip) + down * np.minimum(1.0, leg.reach(least_knee) / length)
+        self._set_legs(root, pelvis, ankles, hinges, feet)
 
     def bend(self, chest: np.ndarray, head: np.ndarray) -> None:
         """Set the spine, half of its bend at either joint, and the neck; their axes (frame, 3, 3) in the world."""
@@ -111,6 +129,32 @@ class Posture:
         limits = self._body.limits[JOINTS.index(f"{side}Shoulder")].astype(float)
         self._set(f"{side}Shoulder", continuous_zyx_angles(rotation, limits))
         self._set(f"{side}Elbow", np.stack([0 * flexion, flexion, 0 * flexion], axis=-1))
+
+    def point_arm(self, side: str, upper: np.ndarray, fore: np.ndarray) -> None:
+        """Set an arm by where its bones point, (frame, 3) in the world; a straight arm's elbow points down and back."""
+        arm = self._arms[side]
+        wrist = np.linalg.norm(arm.upper) * upper + np.linalg.norm(arm.fore) * fore
+        down_and_back = -self._axes("UpperSpine")[:, :, 1] - self._axes("UpperSpine")[:, :, 2]
+        self.reach(side, self.place(f"{side}Shoulder") + wrist, upper - fore + _SLIGHTLY * down_and_back)
+
+    def _set_legs(
+        self,
+        root: np.ndarray,
+        pelvis: np.ndarray,
+        ankles: dict[str, np.ndarray],
+        hinges: dict[str, np.ndarray],
+        feet: dict[str, np.ndarray],
+    ) -> None:
+        self.poses[:, :3] = root
+        self._set("Root", zyx_angles(pelvis))
+        for side, ankle in ankles.items():
+            leg = self._legs[side]
+            angles = leg.angles(root + applied(pelvis, leg.hip), ankle, pelvis, hinges[side])
+            hip = turn("z", angles[:, 2]) @ turn("y", angles[:, 1]) @ turn("x", angles[:, 0])
+            knee = turn("x", angles[:, 3])
+            self._set(f"{side}Hip", angles[:, :3])
+            self._set(f"{side}Knee", np.stack([angles[:, 3], 0 * angles[:, 3], 0 * angles[:, 3]], axis=-1))
+            self._set(f"{side}Ankle", zyx_angles(transposed(pelvis @ hip @ knee) @ feet[side]))
 
     def _room(self, side: str, root: np.ndarray, pelvis: np.ndarray, ankle: np.ndarray, least_knee: float) -> float:
         """How far up the root can go before a leg is straighter than it may be."""

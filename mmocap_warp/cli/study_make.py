@@ -1,0 +1,63 @@
+"""``mmocap study make``: shipped sequences as scenes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from mmocap_warp.cli.console import Console, Switch
+from mmocap_warp.cli.exit_codes import UsageError
+
+
+def make(
+    folder: Path,
+    /,
+    *,
+    sequence: Annotated[tuple[str, ...], Parameter(negative="")] = (),
+    frames: int | None = None,
+    clip: Path | None = None,
+    skeleton: Path | None = None,
+    force: Switch = False,
+    console: Console | None = None,
+) -> None:
+    """Write shipped sequences as scenes, to look at or to track on their own.
+
+    Parameters
+    ----------
+    folder
+        The folder to write; each sequence gets its own in it, such as S1/Walking.
+    sequence
+        Which: S1, S2 or S3 with /Walking, /Gestures or /Box; may be given several times. [default: all nine]
+    frames
+        At most so many of each. [default: all]
+    clip
+        A .bvh or .amc file whose motion takes the place of the one sequence's own.
+    skeleton
+        The .asf of an .amc. [default: beside it, named as the .amc up to '_']
+    force
+        Write among files that are there.
+    """
+    from mmocap_warp.cli.outputs import new_folder
+    from mmocap_warp.cli.progress import Progress
+    from mmocap_warp.study.sequence_scene import write_sequence
+    from mmocap_warp.study.sequences import SEQUENCES, clip_sequence
+
+    console = console or Console()
+    if unknown := [name for name in sequence if name not in SEQUENCES]:
+        raise UsageError(f"--sequence {unknown[0]} is not one of {', '.join(SEQUENCES)}")
+    if frames is not None and frames < 1:
+        raise UsageError(f"--frames must be at least 1, got {frames}")
+    if clip is not None and len(sequence) != 1:
+        raise UsageError("--clip needs one --sequence, whose person and cameras it takes")
+    if skeleton is not None and clip is None:
+        raise UsageError("--skeleton belongs to a --clip")
+    new_folder(folder, force=force)
+    written = {}
+    for name in sequence or tuple(SEQUENCES):
+        made = SEQUENCES[name] if clip is None else clip_sequence(name, clip, skeleton)
+        made = made.first(min(frames or made.frame_count, made.frame_count))
+        with Progress(f"make {name}", quiet=console.quiet) as progress:
+            written[name] = write_sequence(folder / name, made, progress)
+    console.result(written, "\n".join(str(path) for path in written.values()))

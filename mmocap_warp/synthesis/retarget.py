@@ -1,0 +1,203 @@
+"""A motion clip's movement on a body of this project: bones point where the clip's point, hinges stay hinges.
+
+Pelvis, chest, head and feet turn from the upright rest pose as the clip's do. Thighs, shanks, upper arms and forearms
+take the directions of the clip's bones, whatever pose their skeletons rest in; elbow and knee bend about their hinge
+alone and never beyond straight. The path is scaled by the ratio of the legs, so feet stay where they stand as nearly as
+the two skeletons allow.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from mmocap_warp.body import FULL_DOF, JOINTS, BodyModel
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.amc import read_amc
+from mmocap_warp.formats.bvh import read_bvh
+from mmocap_warp.formats.clip import MotionClip
+from mmocap_warp.synthesis.limbs import leg_length
+from mmocap_warp.synthesis.posture import Posture
+from mmocap_warp.synthesis.skinned import SkinnedBody, joint_transforms
+
+# What the joints of Acclaim's, Biovision's and Mixamo's skeletons are called, in small letters and without a prefix.
+_NAMES: dict[str, tuple[str, ...]] = {
+    "pelvis": ("root", "hips", "hip", "pelvis"),
+    "chest": ("thorax", "spine2", "spine1", "chest2", "chest", "spine"),
+    "head": ("head",),
+    "LHip": ("lfemur", "leftupleg", "lefthip", "leftthigh", "lhip", "lthigh"),
+    "LKnee": ("ltibia", "leftleg", "leftknee", "leftshin", "lknee", "lshin"),
+    "LAnkle": ("lfoot", "leftfoot", "leftankle", "lankle"),
+    "LShoulder": ("lhumerus", "leftarm", "leftuparm", "leftupperarm", "lshldr"),
+    "LElbow": ("lradius", "leftforearm", "leftlowarm", "leftelbow", "lforearm"),
+    "LWrist": ("lwrist", "lefthand", "leftwrist", "lhand"),
+}
+_REACH = 1.3  # how far from where it is in the middle the body may be [m]
+_HALF_STRAIGHT = np.radians(3.0)  # knees stay bent by at least this
+
+
+def read_clip(path: str | Path, skeleton: str | Path | None = None) -> MotionClip:
+    """Read a ``.bvh``, or an ``.amc`` with its ``.asf``; see :func:`mmocap_warp.formats.amc.read_amc`.
+
+    Raises:
+        InputError: another ending, or a file that is missing or wrong.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix == ".bvh":
+        return read_bvh(path)
+    if suffix == ".amc":
+        return read_amc(path, skeleton)
+    raise InputError(path, f"{suffix or 'no suffix'!r} is no format of clips", "give a .bvh or .amc file")
+
+
+def retargeted(clip: MotionClip, body: BodyModel, fps: float, source: object) -> np.ndarray:
+    """Full pose vectors (frame, 51) of the body, in body axes about the origin of the floor.
+
+    The part about the clip's middle frame is kept that stays within 1.3 m of where the body is then, and moved to the
+    origin, where the study's cameras see it.
+
+    Args:
+        clip: the motion.
+        body: who moves so.
+        fps: frames per second to give.
+        source: of the clip, for errors.
+
+    Raises:
+        InputError: a skeleton whose joints are not known by any of their usual names, or that does not rest upright.
+    """
+    actor = _Actor.of(clip.at_rate(fps), source)
+    scale = leg_length(body) / actor.leg_length
+    actor = actor.part(_in_reach(actor.place_of("pelvis") * scale))
+    posture = Posture(body, len(actor.place))
+    pelvis, hips = actor.rotation["pelvis"], (actor.place_of("LHip") + actor.place_of("RHip")) / 2 * scale
+    joint_rest = body.joint_rest.astype(float)
+    hips_rest = (joint_rest[JOINTS.index("LHip")] + joint_rest[JOINTS.index("RHip")]) / 2
+    root = hips - pelvis @ (hips_rest - joint_rest[0])
+    root -= (root.min(axis=0) + root.max(axis=0)) / 2 * (1.0, 0.0, 1.0)
+    posture.point_legs(
+        root,
+        pelvis,
+        {side: (actor.bone(f"{side}Hip", f"{side}Knee"), actor.bone(f"{side}Knee", f"{side}Ankle")) for side in "LR"},
+        {side: actor.rotation[f"{side}Hip"][:, :, 0] for side in "LR"},
+        {side: actor.rotation[f"{side}Ankle"] for side in "LR"},
+        _HALF_STRAIGHT,
+    )
+    posture.bend(actor.rotation["chest"], actor.rotation["head"])
+    for side in "LR":
+        upper, fore = actor.bone(f"{side}Shoulder", f"{side}Elbow"), actor.bone(f"{side}Elbow", f"{side}Wrist")
+        posture.point_arm(side, upper, fore)
+    limits = np.concatenate([np.full((3, 2), (-np.inf, np.inf)), body.limits.reshape(FULL_DOF - 3, 2)])
+    poses = np.clip(posture.poses, *limits.T)
+    poses[:, 1] -= _floor(body, poses)
+    return poses
+
+
+@dataclass(frozen=True)
+class _Actor:
+    """A clip by this project's names and axes: +Y up, +X left, +Z ahead in the rest pose; lengths are the clip's.
+
+    Attributes:
+        order: the joints, as in ``_NAMES`` with both sides.
+        rest: (joint, 3).
+        place: (frame, joint, 3).
+        rotation: (frame, 3, 3) of each joint, from the rest pose.
+    """
+
+    order: tuple[str, ...]
+    rest: np.ndarray
+    place: np.ndarray
+    rotation: dict[str, np.ndarray]
+
+    @classmethod
+    def of(cls, clip: MotionClip, source: object) -> _Actor:
+        found = _find_joints(clip, source)
+        index = list(found.values())
+        axes = _rest_axes({name: clip.rest[j] for name, j in found.items()}, source)
+        rotation = {name: axes.T @ clip.rotation[:, j] @ axes for name, j in found.items()}
+        return cls(tuple(found), clip.rest[index] @ axes, clip.place[:, index] @ axes, rotation)
+
+    def part(self, frames: slice) -> _Actor:
+        """The same in some of the frames."""
+        rotation = {name: turned[frames] for name, turned in self.rotation.items()}
+        return replace(self, place=self.place[frames], rotation=rotation)
+
+    @property
+    def leg_length(self) -> float:
+        """Hip to knee to ankle, mean of both sides."""
+        at = dict(zip(self.order, self.rest, strict=True))
+        bones = [np.linalg.norm(at[f"{s}{a}"] - at[f"{s}{b}"]) for s in "LR" for a, b in (_THIGH, _SHANK)]
+        return float(np.sum(bones)) / 2
+
+    def place_of(self, joint: str) -> np.ndarray:
+        """(frame, 3)."""
+        return self.place[:, self.order.index(joint)]
+
+    def bone(self, start: str, end: str) -> np.ndarray:
+        """(frame, 3), the direction from a joint to another."""
+        away = self.place_of(end) - self.place_of(start)
+        return away / np.linalg.norm(away, axis=1, keepdims=True)
+
+
+_THIGH, _SHANK = ("Hip", "Knee"), ("Knee", "Ankle")
+
+
+def _find_joints(clip: MotionClip, source: object) -> dict[str, int]:
+    plain = [_plain(name) for name in clip.joint_names]
+    found = {}
+    for role, names in _NAMES.items():
+        sides = ("L", "R") if role[0] == "L" else ("",)
+        for side in sides:
+            wanted = [_other_side(name) if side == "R" else name for name in names]
+            known = [name for name in wanted if name in plain]
+            if not known:
+                raise InputError(
+                    source,
+                    f"none of its joints is the {side + role[1:] if side else role}: {', '.join(clip.joint_names)}",
+                    f"name it {' or '.join(wanted)}",
+                )
+            found[side + role[1:] if side else role] = plain.index(known[0])
+    return found
+
+
+def _plain(name: str) -> str:
+    """A joint's name in small letters, without a prefix such as Mixamo's and without separators."""
+    return name.split(":")[-1].lower().removeprefix("mixamorig").replace("_", "").replace(" ", "")
+
+
+def _other_side(name: str) -> str:
+    return name.replace("left", "right") if name.startswith("left") else f"r{name[1:]}"
+
+
+def _rest_axes(rest: dict[str, np.ndarray], source: object) -> np.ndarray:
+    """(3, 3), the body's axes in the file's, from a rest pose that stands upright; they follow the file's axes."""
+    up = _nearest_axis(rest["head"] - (rest["LAnkle"] + rest["RAnkle"]) / 2)
+    left = _nearest_axis(rest["LHip"] - rest["RHip"])
+    if abs(up @ left) > 0.5:
+        raise InputError(source, "its rest pose does not stand along an axis", "give a clip whose rest pose is upright")
+    return np.stack([left, up, np.cross(left, up)], axis=1)
+
+
+def _nearest_axis(direction: np.ndarray) -> np.ndarray:
+    axis = np.zeros(3)
+    largest = int(np.abs(direction).argmax())
+    axis[largest] = np.sign(direction[largest])
+    return axis
+
+
+def _in_reach(root: np.ndarray) -> slice:
+    """The frames about the middle one in which the root stays near to where it is then."""
+    middle = len(root) // 2
+    away = np.hypot(*(root - root[middle])[:, [0, 2]].T)
+    beyond = np.flatnonzero(away > _REACH)
+    first = beyond[beyond < middle].max(initial=-1) + 1
+    last = beyond[beyond > middle].min(initial=len(root))
+    return slice(int(first), int(last))
+
+
+def _floor(body: BodyModel, poses: np.ndarray) -> float:
+    """Height of the floor that the body is on in most frames [m]."""
+    skin, transforms = SkinnedBody(body), joint_transforms(body, np.eye(3), poses)
+    every = max(1, len(poses) // 100)
+    return float(np.median([skin.vertices(frame)[:, 1].min() for frame in transforms[::every]]))

@@ -90,7 +90,7 @@ def check_fits(build: Callable[[TrackConfig], object], config: TrackConfig, devi
         device,
         f"{config.algorithm} with runs = {config.runs} and evaluations = {config.evaluations} takes "
         f"{wanted / _GB:,.1f} GB of memory, {free / _GB:,.1f} GB are free",
-        f"the most that fits is {' or '.join(fitting)}" if fitting else "choose a smaller scale, or another device",
+        f"the most that fits is {' or '.join(fitting)}" if fitting else "choose fewer runs, a smaller budget and a smaller scale",
     )
 
 

@@ -75,7 +75,7 @@ def test_both_ways_out_are_told():
 
 def test_where_nothing_fits_the_scale_is_too_large(monkeypatch):
     monkeypatch.setattr(memory_need, "free_memory", lambda device: 1000)
-    with pytest.raises(InputError, match="choose a smaller scale, or another device"):
+    with pytest.raises(InputError, match="choose fewer runs, a smaller budget and a smaller scale"):
         check_fits(build, TrackConfig(device="cpu"), "cpu")
 
 

@@ -85,12 +85,13 @@ def check_fits(build: Callable[[TrackConfig], object], config: TrackConfig, devi
         return
     runs = _most(config.runs, lambda runs: need.of(runs, config.evaluations) <= memory)
     evaluations = _most(config.evaluations, lambda evaluations: need.of(config.runs, evaluations) <= memory)
+    nothing = "choose fewer runs, a smaller budget and a smaller scale"
     fitting = [f"runs = {runs}"] * (runs > 0) + [f"evaluations = {evaluations}"] * (evaluations >= need.budget)
     raise InputError(
         device,
         f"{config.algorithm} with runs = {config.runs} and evaluations = {config.evaluations} takes "
         f"{wanted / _GB:,.1f} GB of memory, {free / _GB:,.1f} GB are free",
-        f"the most that fits is {' or '.join(fitting)}" if fitting else "choose fewer runs, a smaller budget and a smaller scale",
+        f"the most that fits is {' or '.join(fitting)}" if fitting else nothing,
     )
 
 

@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 CAMERAS, SIZE = 7, (640, 480)
-STEPS = ("import", "start", "track", "read", "eval", "export", "show")
+STEPS = ("start", "track", "read", "eval", "export", "show")
 
 
 def memory(field: str) -> float:
@@ -62,15 +62,8 @@ def recording(frames: int):
     return subject, rig, masks, poser
 
 
-def step_import(frames: int, evaluations: int, result: Path) -> Callable[[], object]:
-    def work() -> None:
-        import mmocap_warp.tracker  # noqa: F401
-
-    return work
-
-
 def step_start(frames: int, evaluations: int, result: Path) -> Callable[[], object]:
-    return partial(_track, 2, evaluations, result)
+    return partial(_track, 2, evaluations, result.with_name("start.usdc"))
 
 
 def step_track(frames: int, evaluations: int, result: Path) -> Callable[[], object]:

@@ -47,11 +47,7 @@ def write_makehuman(folder: Path, body: BodyModel) -> None:
     _write_mesh(folder, body, vertex)
     _write_rig(folder, body)
     for name in _macro_targets():
-        words = name.split("/")[-1].split("-")
-        ends = [end for end in MACROS if end in words and ("height" in end) == name.startswith("height/")]
-        moves = not name.startswith("proportions/") and (name.startswith(("height/", "universal")))
-        stretch = np.sum([MACROS[end] for end in ends if moves], axis=0) * np.ones(3)
-        _write_stretch(folder, f"macrodetails/{name}", vertex, stretch)
+        _write_stretch(folder, f"macrodetails/{name}", vertex, _macro_stretch(name))
     for parts in _LOCAL_TARGETS.values():
         for part, sign in itertools.product(parts, ("incr", "decr")):
             _write_stretch(folder, f"{part}-{sign}", vertex, local_stretch(f"{part}-{sign}"))
@@ -77,6 +73,16 @@ def _macro_targets() -> set[str]:
         for gender, age, height, weight, muscle, proportions in people
         for name in macro_weights(MacroSliders(gender, age, height, weight, muscle, proportions))
     }
+
+
+def _macro_stretch(name: str) -> np.ndarray:
+    """What a macro target does: height has targets of its own, ancestry and proportions do nothing here."""
+    path, _, build = name.rpartition("/")
+    heights = path == "height"
+    if not heights and not build.startswith("universal-"):
+        return np.zeros(3)
+    ends = [MACROS[end] for end in MACROS if end in build.split("-") and end.endswith("height") == heights]
+    return np.sum(ends, axis=0) if ends else np.zeros(3)
 
 
 def _write_stretch(folder: Path, name: str, vertex: np.ndarray, stretch: np.ndarray) -> None:

@@ -15,7 +15,7 @@ def make(
     folder: Path,
     /,
     *,
-    sequence: Annotated[tuple[str, ...], Parameter(negative="")] = (),
+    sequence: Annotated[tuple[str, ...], Parameter(negative="", show_default=False)] = (),
     frames: int | None = None,
     clip: Path | None = None,
     skeleton: Path | None = None,

@@ -59,15 +59,20 @@ class Arm:
         Args:
             chest: (frame, 3, 3), world from the chest's axes.
             wrist: (frame, 3), where the wrist is to be, from the shoulder, in the world [m]; one that is out of reach
-                is drawn in along its line.
+                is drawn in along its line, to a straight arm.
             points: (frame, 3), where the elbow points, as nearly as the line allows.
         """
-        distance = np.linalg.norm(wrist, axis=-1)
-        flexion = self._flexion(_within_reach(distance / self.length) * self.length)
+        flexion = self._flexion(np.linalg.norm(wrist, axis=-1))
         reached = self.upper + applied(self.elbow @ turn("y", flexion), self.fore)
         hinge = self.sign * np.cross(wrist, points)
         arm = basis(wrist, hinge) @ transposed(basis(reached, np.broadcast_to(self.elbow[:, 1], reached.shape)))
         return self.frame.T @ transposed(chest) @ arm, flexion
+
+    def within_reach(self, wrist: np.ndarray) -> np.ndarray:
+        """The wrist's places from the shoulder (frame, 3), those near the arm's length and beyond drawn in smoothly."""
+        share = np.linalg.norm(wrist, axis=-1, keepdims=True) / self.length
+        bound = _FULL_REACH - _SOFT
+        return wrist * np.where(share < bound, 1.0, (bound + _SOFT * np.tanh((share - bound) / _SOFT)) / share)
 
     def _flexion(self, distance: np.ndarray) -> np.ndarray:
         """The elbow's Ry at which the wrist is that far from the shoulder."""
@@ -76,9 +81,3 @@ class Arm:
         fixed = self.upper @ self.upper + self.fore @ self.fore + 2 * gy * fy
         cosine = np.clip((distance**2 - fixed) / (2 * np.hypot(along, across)), -1.0, 1.0)
         return np.arctan2(across, along) - self.sign * np.arccos(cosine)
-
-
-def _within_reach(share: np.ndarray) -> np.ndarray:
-    """Distances as shares of the arm's length, those near its end and beyond shortened smoothly."""
-    bound = _FULL_REACH - _SOFT
-    return np.where(share < bound, share, bound + _SOFT * np.tanh((share - bound) / _SOFT))

@@ -252,6 +252,6 @@ def _hand(hand: str, script: Round, time: np.ndarray, rng: np.random.Generator) 
         out, back = punch.out / script.pace, punch.back / script.pace
         wrist.out_and_back(begin, out, _HOLD, back, np.subtract(punch.wrist, _GUARD[hand]))
         wrist.out_and_back(begin - 0.5 * out, 0.8 * out, 0.0, 0.7 * out, punch.via)
-        elbow.out_and_back(begin - 0.3 * out, out, _HOLD, back, np.subtract(punch.elbow, _GUARD_ELBOW[hand]))
+        elbow.out_and_back(begin - 0.6 * out, 1.5 * out, _HOLD, back, np.subtract(punch.elbow, _GUARD_ELBOW[hand]))
     wander = np.stack([0.02 * sway(time, (0.5, 0.9, 1.5), rng) for _ in range(3)], axis=-1)
     return wrist.at(time) + wander, elbow.at(time)

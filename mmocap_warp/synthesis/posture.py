@@ -17,6 +17,7 @@ from mmocap_warp.synthesis.skinned import joint_transforms
 from mmocap_warp.synthesis.sole import Sole
 
 _SLIGHTLY = 0.05
+_MOST_STRAIGHT = 0.999  # of an arm's length: the elbow stays bent by 5 degrees
 
 
 @dataclass(frozen=True)
@@ -122,20 +123,26 @@ class Posture:
         return replace(foot, place=foot.place - np.concatenate([np.zeros((1, 3)), moved]))
 
     def reach(self, side: str, wrist: np.ndarray, points: np.ndarray) -> None:
-        """Set an arm by its wrist's place (frame, 3) in the world and where its elbow points (frame, 3)."""
-        rotation, flexion = self._arms[side].rotations(
-            self._axes("UpperSpine"), wrist - self.place(f"{side}Shoulder"), points
-        )
-        limits = self._body.limits[JOINTS.index(f"{side}Shoulder")].astype(float)
-        self._set(f"{side}Shoulder", continuous_zyx_angles(rotation, limits))
-        self._set(f"{side}Elbow", np.stack([0 * flexion, flexion, 0 * flexion], axis=-1))
+        """Set an arm by its wrist's place (frame, 3) in the world and where its elbow points (frame, 3).
+
+        A place that is out of reach, or nearly so, is drawn in: the elbow stays bent by 20 degrees.
+        """
+        from_shoulder = self._arms[side].within_reach(wrist - self.place(f"{side}Shoulder"))
+        self._set_arm(side, from_shoulder, points)
 
     def point_arm(self, side: str, upper: np.ndarray, fore: np.ndarray) -> None:
         """Set an arm by where its bones point, (frame, 3) in the world; a straight arm's elbow points down and back."""
         arm = self._arms[side]
         wrist = np.linalg.norm(arm.upper) * upper + np.linalg.norm(arm.fore) * fore
         down_and_back = -self._axes("UpperSpine")[:, :, 1] - self._axes("UpperSpine")[:, :, 2]
-        self.reach(side, self.place(f"{side}Shoulder") + wrist, upper - fore + _SLIGHTLY * down_and_back)
+        bent = np.minimum(1.0, _MOST_STRAIGHT * arm.length / np.linalg.norm(wrist, axis=1, keepdims=True))
+        self._set_arm(side, wrist * bent, upper - fore + _SLIGHTLY * down_and_back)
+
+    def _set_arm(self, side: str, wrist: np.ndarray, points: np.ndarray) -> None:
+        rotation, flexion = self._arms[side].rotations(self._axes("UpperSpine"), wrist, points)
+        limits = self._body.limits[JOINTS.index(f"{side}Shoulder")].astype(float)
+        self._set(f"{side}Shoulder", continuous_zyx_angles(rotation, limits))
+        self._set(f"{side}Elbow", np.stack([0 * flexion, flexion, 0 * flexion], axis=-1))
 
     def _set_legs(
         self,

@@ -76,3 +76,10 @@ def average_ranks(model: int, evaluations: int) -> dict[str, Fraction]:
     return {
         name: Fraction(round(float(rank) * BLOCKS), BLOCKS) for name, rank in zip(ALGORITHM_NAMES, printed, strict=True)
     }
+
+
+def printed_ranks(model: int, evaluations: int) -> dict[str, float]:
+    """Average rank by algorithm; empty for a model or budget that the paper does not have."""
+    if (model, evaluations) not in _RANKS:
+        return {}
+    return {name: float(rank) for name, rank in average_ranks(model, evaluations).items()}

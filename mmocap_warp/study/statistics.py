@@ -111,7 +111,7 @@ def against_control(average_rank: np.ndarray, blocks: int) -> list[Comparison]:
     k = len(average_rank)
     order = np.argsort(average_rank, kind="stable")
     best = float(average_rank[order[0]])
-    error = np.sqrt(k * (k + 1) / (6 * blocks))
+    error = float(np.sqrt(k * (k + 1) / (6 * blocks)))
     rows = [Comparison(int(order[0]), best, 0.0, np.nan, np.nan, np.nan, False)]
     still, adjusted = True, 0.0
     for place in range(k, 1, -1):  # from the worst, whose p is the smallest

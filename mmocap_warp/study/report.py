@@ -1,0 +1,155 @@
+"""The report of a study: one HTML page that needs nothing but itself, and its tables as Markdown and CSV."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+
+import mmocap_warp
+from mmocap_warp.formats.whole_file import write_whole
+from mmocap_warp.study.cell import CellResult
+from mmocap_warp.study.report_sections import (
+    Section,
+    claims_section,
+    curves_section,
+    models_section,
+    overlays_section,
+    ranks_section,
+    spread_section,
+)
+from mmocap_warp.study.report_setting import (
+    budget_section,
+    citing_section,
+    grid_sentence,
+    headline,
+    presets_section,
+    setting_section,
+)
+from mmocap_warp.study.report_text import csv_table, markdown_tables
+from mmocap_warp.study.sequences import PLANS
+from mmocap_warp.study.source import Clip
+from mmocap_warp.study.summary import StudySummary
+from mmocap_warp.study.tables import by_algorithm
+
+
+def render(study: StudySummary, clips: Mapping[str, Clip], notes: Sequence[str] = ()) -> str:
+    """The whole page.
+
+    Args:
+        study: what it is about; one cell at least.
+        clips: the recordings at hand by sequence, for pictures of the tracked body.
+        notes: remarks for the section on the setting, such as on files that could not be read.
+
+    Raises:
+        ValueError: a study without a measure that every figure could show.
+    """
+    if not study.measures:
+        raise ValueError("a study needs a cell with a known error or overlap")
+    main = study.measures[0]
+    title, cards = headline(study, main)
+    candidates: tuple[Section | None, ...] = (
+        claims_section(study, main),
+        ranks_section(study),
+        spread_section(study),
+        curves_section(study),
+        _overlays(study, clips),
+        budget_section(study),
+        models_section(study),
+        presets_section(study, main),
+        setting_section(study, notes),
+        citing_section(),
+    )
+    sections = [section for section in candidates if section is not None]
+    script, style = _resource("report.js"), _resource("report.css")
+    names = sorted({str(cell.meta["study"]) for cell in study.cells.values() if cell.meta.get("study")})
+    return Template(_resource("report.html")).substitute(
+        page_title=escape(title),
+        eyebrow=escape(f"Study {', '.join(names)}" if names else "Study"),
+        title=escape(title),
+        lead=escape(grid_sentence(study)),
+        cards=cards,
+        contents="".join(f'<li><a href="#{section.anchor}">{escape(section.title)}</a></li>' for section in sections),
+        controls=_controls(study),
+        sections="\n".join(section.html() for section in sections),
+        footer=escape(f"Written by mmocap-warp {mmocap_warp.__version__}."),
+        script=script,
+        script_hash=_hash(script),
+        style=style,
+        style_hash=_hash(style),
+    )
+
+
+def write_report(
+    results: Iterable[CellResult],
+    clips: Mapping[str, Clip],
+    notes: Sequence[str],
+    page: Path,
+    tables: Path,
+    cells: Path,
+) -> int:
+    """Write the page, its tables as Markdown, and a CSV file with a line per cell; each whole or not at all.
+
+    Args:
+        results: of a study; read one at a time.
+        clips: where the recordings of sequences are; those that the project ships are found by name.
+        notes: remarks for the page, read after the last result.
+        page, tables, cells: the files; those that exist are replaced.
+
+    Returns:
+        How many cells are in it; without any, nothing is written.
+
+    Raises:
+        InputError: a file cannot be written.
+    """
+    study = StudySummary.of(results)
+    if not study.measures:
+        return 0
+    shipped = {name: Clip(name) for name in study.sequences if name in PLANS}
+    write_whole(page, render(study, shipped | dict(clips), notes).encode())
+    write_whole(tables, markdown_tables(study).encode())
+    write_whole(cells, csv_table(study).encode())
+    return len(study.cells)
+
+
+def _overlays(study: StudySummary, clips: Mapping[str, Clip]) -> Section | None:
+    """Pictures of the control with the larger model and the least budget."""
+    from mmocap_warp.study.report_overlays import best_and_worst, side_by_side
+
+    main, dof, budget = study.measures[0], study.models[0], study.budgets[0]
+    ranking = by_algorithm(study, main, dof, budget)
+    at_hand = [name for name in study.sequences if name in clips]
+    if ranking is None or not at_hand:
+        return None
+    pairs = list(best_and_worst(study, main, ranking, clips))
+    rows = side_by_side(study, at_hand[0], dof, budget, clips[at_hand[0]])
+    return overlays_section(pairs, rows, main, f"{dof} DOF, {budget:,} evaluations per frame.")
+
+
+def _controls(study: StudySummary) -> str:
+    """A list per thing to choose, where there is something to choose."""
+    kinds = (
+        ("measure", "Measure", [(measure.key, measure.label) for measure in study.measures]),
+        ("model", "Model", [(str(dof), f"{dof} DOF") for dof in study.models]),
+        ("budget", "Evaluations per frame", [(str(budget), f"{budget:,}") for budget in study.budgets]),
+        ("sequence", "Sequence", [(name, name) for name in study.sequences]),
+    )
+    return "".join(
+        f'<label>{title} <select name="{name}" autocomplete="off">'
+        + "".join(f'<option value="{escape(value)}">{escape(label)}</option>' for value, label in options)
+        + "</select></label>"
+        for name, title, options in kinds
+    )
+
+
+def _resource(name: str) -> str:
+    return files("mmocap_warp.study").joinpath(name).read_text(encoding="utf-8").strip()
+
+
+def _hash(content: str) -> str:
+    """As a content security policy names what it allows."""
+    return base64.b64encode(hashlib.sha256(content.encode()).digest()).decode()

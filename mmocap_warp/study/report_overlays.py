@@ -1,0 +1,213 @@
+"""The paper's Fig. 8 and 9: the tracked body over what a camera saw, as drawings that follow the page's colours."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from itertools import islice
+
+import cv2
+import numpy as np
+
+from mmocap_warp.body import JOINTS, PARENT, Subject
+from mmocap_warp.cameras import CameraRig, project
+from mmocap_warp.observation import Observation, unpack_masks
+from mmocap_warp.overlay import Window, silhouette
+from mmocap_warp.posing import Poser
+from mmocap_warp.study.source import Clip, open_clip
+from mmocap_warp.study.summary import CellSummary, Measure, StudySummary
+from mmocap_warp.study.svg import figure, outline, polyline
+from mmocap_warp.study.tables import Ranking
+
+_SIZE = (360, 480)
+_MARGIN = 1.12  # of the window around what is drawn
+_SMOOTHING = 0.8  # how far an outline may be off [units of the drawing]
+_FIRST_STEP = 0.3  # how far the first frame's search may take the root [m]
+_SETTLED = 0.1  # share of a sequence after which its best frame is looked for: the first frames are given
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A frame of a run, drawn.
+
+    Attributes:
+        sequence, algorithm: of the run, which is the typical one of its cell.
+        frame: its number.
+        camera: whose view it is.
+        error: the main measure in this frame.
+        drawing: an ``svg`` element.
+    """
+
+    sequence: str
+    algorithm: str
+    frame: int
+    camera: str
+    error: float
+    drawing: str
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What pictures of a sequence are drawn from.
+
+    Attributes:
+        subject: the tracked body.
+        rig: the cameras of the masks.
+        seen: masks by frame number.
+    """
+
+    subject: Subject
+    rig: CameraRig
+    seen: Mapping[int, Observation]
+
+
+def open_recording(clip: Clip, frames: Iterable[int]) -> Recording:
+    """A sequence with the masks of some frames.
+
+    Raises:
+        InputError: there is no such sequence here.
+    """
+    from mmocap_warp.study.sequences import SEQUENCES
+
+    wanted = set(frames)
+    if clip.scene is None and clip.name in SEQUENCES:
+        sequence = SEQUENCES[clip.name]
+        seen = {frame: sequence.observation(frame) for frame in wanted if frame < sequence.frame_count}
+        return Recording(sequence.subject, sequence.rig, seen)
+    source = open_clip(clip)
+    in_order = enumerate(islice(source.observations, max(wanted, default=-1) + 1))
+    return Recording(source.subject, source.rig, {frame: seen for frame, seen in in_order if frame in wanted})
+
+
+def extreme_frames(cell: CellSummary, measure: Measure) -> tuple[int, int]:
+    """Positions of the best and the worst frame of a cell's typical run, once tracking has settled."""
+    curve = cell.typical_curve * (-1 if measure.higher_is_better else 1)
+    start = int(len(curve) * _SETTLED)
+    settled = curve[start:]
+    if not np.isfinite(settled).any():
+        return start, start
+    return start + int(np.nanargmin(settled)), start + int(np.nanargmax(settled))
+
+
+def best_and_worst(
+    study: StudySummary, measure: Measure, ranking: Ranking, clips: Mapping[str, Clip]
+) -> Iterator[tuple[Picture, Picture]]:
+    """The control's best and worst frame of each sequence whose recording is at hand."""
+    control = ranking.rows[0].contender
+    for sequence in ranking.sequences:
+        cell = study.find(sequence, control.algorithm, control.dof, control.evaluations)
+        if cell is None or sequence not in clips:
+            continue
+        places = extreme_frames(cell, measure)
+        recording = open_recording(clips[sequence], [int(cell.frames[place]) for place in places])
+        if not _fits(recording, cell):
+            continue
+        best, worst = (_picture(recording, cell, place) for place in places)
+        if best is not None and worst is not None:
+            yield best, worst
+
+
+def side_by_side(study: StudySummary, sequence: str, dof: int, budget: int, clip: Clip) -> list[list[Picture]]:
+    """All algorithms at the same three frames in the same view: a list per algorithm; empty ones are left out."""
+    cells = [cell for name in study.algorithms if (cell := study.find(sequence, name, dof, budget)) is not None]
+    if not cells:
+        return []
+    fewest = min(len(cell.frames) for cell in cells)
+    places = [int(fewest * share) for share in (0.3, 0.6, 0.9)]
+    recording = open_recording(clip, [int(cells[0].frames[place]) for place in places])
+    if not _fits(recording, cells[0]):
+        return []
+    fullest = {number: int(np.argmax(seen.foreground)) for number, seen in recording.seen.items()}
+    rows = [
+        [_picture(recording, cell, place, fullest.get(int(cell.frames[place]))) for place in places] for cell in cells
+    ]
+    return [[picture for picture in row if picture is not None] for row in rows]
+
+
+def _fits(recording: Recording, cell: CellSummary) -> bool:
+    """Whether a result is of this recording and not of another of the same name: the body starts where it says."""
+    start = cell.typical_pose[0, :3] - recording.subject.pose[:3]
+    return list(recording.rig.names) == cell.meta.get("cameras") and float(np.linalg.norm(start)) < _FIRST_STEP
+
+
+def _picture(recording: Recording, cell: CellSummary, place: int, camera: int | None = None) -> Picture | None:
+    """A frame in one view: the one named, or else that in which body and mask agree least. None without masks."""
+    frame = int(cell.frames[place])
+    if frame not in recording.seen:
+        return None
+    sizes = [(int(width), int(height)) for width, height in recording.rig.size]
+    masks = unpack_masks(recording.seen[frame].words, recording.rig.size)
+    body, poser = recording.subject.body, Poser(recording.subject.body, recording.subject.root_base)
+    vertices = project(recording.rig, poser.tracking_vertices(cell.typical_pose[place])[0])
+    joints = project(recording.rig, poser.joint_transforms(cell.typical_pose[place])[0, :, :3, 3])
+    if camera is None:
+        models = [silhouette(vertices[k], body.tracking_face, size) > 0 for k, size in enumerate(sizes)]
+        camera = int(np.argmin([_overlap(*pair) for pair in zip(masks, models, strict=True)]))
+    drawing = _draw(masks[camera], vertices[camera], body.tracking_face, joints[camera], sizes[camera])
+    return Picture(
+        cell.cell.sequence,
+        cell.cell.algorithm,
+        frame,
+        recording.rig.names[camera],
+        float(cell.typical_curve[place]),
+        drawing,
+    )
+
+
+def _overlap(mask: np.ndarray, model: np.ndarray) -> float:
+    """Intersection over union; above 1 for a view that was not judged."""
+    return float((mask & model).sum() / (mask | model).sum()) if mask.any() else 2.0
+
+
+def _draw(mask: np.ndarray, vertices: np.ndarray, faces: np.ndarray, joints: np.ndarray, size: tuple[int, int]) -> str:
+    window = _window(mask, vertices, size)
+    padded, shift = _padded(mask, window)
+    seen = Window((window.corner[0] + shift[0], window.corner[1] + shift[1]), window.extent, window.size).picture(
+        padded.astype(np.uint8) * 255, (padded.shape[1], padded.shape[0]), cv2.INTER_LINEAR
+    )
+    model = silhouette(window.points(vertices), faces, _SIZE)
+    bones = window.points(joints)
+    parts = [
+        f'<path class="seen" d="{outline(_contours(seen > 127))}"/>',
+        f'<path class="model" d="{outline(_contours(model > 0))}"/>',
+    ]
+    for side in ("left", "right", "middle"):
+        path = "".join(
+            polyline(bones[[parent, joint], 0], bones[[parent, joint], 1])
+            for joint, parent in enumerate(PARENT)
+            if parent >= 0 and _side(JOINTS[joint]) == side
+        )
+        parts.append(f'<path class="bone {side}" d="{path}"/>')
+    return figure(_SIZE, "tracked body over the mask", parts)
+
+
+def _window(mask: np.ndarray, vertices: np.ndarray, size: tuple[int, int]) -> Window:
+    """Around mask and body, in the drawing's proportions; it may reach beyond the image."""
+    inside = vertices[np.isfinite(vertices).all(axis=1)]
+    rows, columns = np.nonzero(mask)
+    points = np.concatenate([np.clip(inside, 0, size), np.stack([columns, rows], axis=1)])
+    low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (np.zeros(2), np.array(size))
+    unit = max((high - low) / _SIZE) * _MARGIN
+    extent = np.maximum(np.rint(np.array(_SIZE) * unit), 8).astype(int)
+    corner = np.rint((low + high - extent) / 2).astype(int)
+    return Window((int(corner[0]), int(corner[1])), (int(extent[0]), int(extent[1])), _SIZE)
+
+
+def _padded(mask: np.ndarray, window: Window) -> tuple[np.ndarray, tuple[int, int]]:
+    """The mask with background all around, so that the window lies within; and how far it moved."""
+    (left, top), (width, height) = window.corner, window.extent
+    before = (max(-left, 0), max(-top, 0))
+    after = (max(left + width - mask.shape[1], 0), max(top + height - mask.shape[0], 0))
+    return np.pad(mask, ((before[1], after[1]), (before[0], after[0]))), before
+
+
+def _contours(filled: np.ndarray) -> list[np.ndarray]:
+    found, _ = cv2.findContours(filled.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    smooth = (cv2.approxPolyDP(contour, _SMOOTHING, True)[:, 0] for contour in found)
+    return [contour for contour in smooth if len(contour) > 2]
+
+
+def _side(joint: str) -> str:
+    if joint != "Root" and joint[0] in "LR":
+        return "left" if joint[0] == "L" else "right"
+    return "middle"

@@ -1,0 +1,241 @@
+"""The report's sections, each a piece of HTML that reads without its script."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+
+import numpy as np
+
+from mmocap_warp.study import paper
+from mmocap_warp.study.claims import check_claims
+from mmocap_warp.study.report_figures import (
+    box_figure,
+    curve_figure,
+    legend,
+    rank_figure,
+)
+from mmocap_warp.study.report_overlays import Picture
+from mmocap_warp.study.report_tables import (
+    difference_table,
+    effect_table,
+    ranking_table,
+    sequence_table,
+)
+from mmocap_warp.study.summary import Measure, StudySummary
+from mmocap_warp.study.tables import HIERARCHICAL, Ranking, by_algorithm, by_model, model_differences
+from mmocap_warp.study.wording import listed, named, with_unit
+
+
+class Section:
+    """A part of the page.
+
+    Args:
+        anchor: its place in the page's address.
+        title: its heading.
+        parts: HTML; empty ones are left out.
+    """
+
+    def __init__(self, anchor: str, title: str, *parts: str) -> None:
+        self.anchor, self.title = anchor, title
+        self.content = "".join(part for part in parts if part)
+
+    def html(self) -> str:
+        """The section with its heading."""
+        return f'<section id="{self.anchor}"><h2>{escape(self.title)}</h2>{self.content}</section>'
+
+
+def choice(content: str, *, default: bool, **keys: object) -> str:
+    """A part that shows while the controls stand at ``keys``; at first, and without the script, the default one."""
+    data = "".join(f' data-{name}="{escape(str(value))}"' for name, value in keys.items())
+    return f'<div class="choice"{data}{"" if default else " hidden"}>{content}</div>'
+
+
+def claims_section(study: StudySummary, measure: Measure) -> Section:
+    """What agrees with the paper, what does not."""
+    items = "".join(
+        f'<li><span class="verdict {finding.verdict.split()[0]}">{finding.verdict}</span>'
+        f"<div><p>{escape(finding.claim)} <small>{escape(finding.where)}</small></p>"
+        f'<p class="evidence">{escape(finding.evidence)}</p></div></li>'
+        for finding in check_claims(study, measure)
+    )
+    note = (
+        f"Each of the paper’s findings, checked on this study’s {named(measure)}. The paper’s own sequences are "
+        "HumanEva-I’s; where others were tracked, a difference may be theirs."
+    )
+    return Section("claims", "What agrees with the paper", f"<p>{note}</p>", f'<ul class="claims">{items}</ul>')
+
+
+def ranks_section(study: StudySummary) -> Section:
+    """Tables 4 and 5."""
+    parts = []
+    for number, dof in enumerate(study.models, 4):
+        for measure in study.measures:
+            found = [by_algorithm(study, measure, dof, budget) for budget in study.budgets]
+            rankings = [ranking for ranking in found if ranking is not None]
+            if not rankings:
+                continue
+            caption = f"{dof}-DOF model, ranked by {named(measure)}, as Table {number} of the paper"
+            effects = "".join(effect_table(ranking) for ranking in rankings)
+            panels = "".join(f"<div>{rank_figure(ranking, study.algorithms)}</div>" for ranking in rankings)
+            content = (
+                f'<figure><div class="panels">{panels}</div>'
+                f"<figcaption>Average ranks, {dof} DOF, by {named(measure)}. Dots: this study with 95 % intervals over "
+                "seeds. Diamonds: the paper. 1 is the best.</figcaption></figure>"
+                + ranking_table(rankings, caption)
+                + _left_out(rankings)
+                + f"<details><summary>Intervals and effect sizes, {dof} DOF</summary>{_EFFECTS}{effects}</details>"
+            )
+            parts.append(choice(content, default=measure == study.measures[0], measure=measure.key))
+    note = (
+        "Average rank over the sequences, of each algorithm’s mean over runs. Friedman’s test asks whether any differ; "
+        "p-values compare each algorithm with the best ranked, the control, and are bold where Holm’s procedure "
+        "rejects equality at 0.05."
+    )
+    return Section("ranks", "Ranking", f"<p>{note}</p>", *parts)
+
+
+def spread_section(study: StudySummary) -> Section:
+    """Fig. 7."""
+    halves = (
+        ("Hierarchical", [name for name in study.algorithms if name in HIERARCHICAL]),
+        ("Holistic", [name for name in study.algorithms if name not in HIERARCHICAL]),
+    )
+    parts = []
+    for measure in study.measures:
+        for budget in study.budgets:
+            shown = [
+                f'<figure><div class="wide">{drawing}</div><figcaption>{title} algorithms, {budget:,} evaluations per '
+                f"frame{_models_key(study)}</figcaption>{legend(names)}</figure>"
+                for title, names in halves
+                if measure.per_frame and (drawing := box_figure(study, measure, budget, names))
+            ]
+            content = "".join(shown) or f"<p>{measure.label} is one number a run: see the table.</p>"
+            table = sequence_table(study, measure, budget)
+            content += f"<details><summary>The numbers by sequence</summary>{table}</details>"
+            default = measure == study.measures[0] and budget == study.budgets[0]
+            parts.append(choice(content, default=default, measure=measure.key, budget=budget))
+    note = (
+        "Over all frames of all runs, as in the paper’s Fig. 7: a box holds the middle half, its line is the median, "
+        "whiskers reach to the extremes. An arrow ends a whisker that leaves the axis."
+    )
+    return Section("spread", "Spread by sequence", f"<p>{note}</p>", *parts)
+
+
+def curves_section(study: StudySummary) -> Section:
+    """Fig. 10, for the main measure and the overlap."""
+    measures = [measure for measure in study.measures if measure == study.measures[0] or measure.key == "iou"]
+    first = (study.models[0], study.budgets[0], study.sequences[0])
+    parts = []
+    for measure in measures:
+        for sequence in study.sequences:
+            for dof in study.models:
+                for budget in study.budgets:
+                    drawing = curve_figure(study, measure, sequence, dof, budget)
+                    if not drawing:
+                        continue
+                    caption = f"{measure.label}, {sequence}, {dof} DOF, {budget:,} evaluations per frame."
+                    content = f'<div class="wide">{drawing}</div><figcaption>{escape(caption)}</figcaption>'
+                    default = measure == measures[0] and (dof, budget, sequence) == first
+                    keys = {"curve": measure.key, "sequence": sequence, "model": dof, "budget": budget}
+                    parts.append(choice(content, default=default, **keys))
+    note = (
+        "The median over runs, as in the paper’s Fig. 10. Gaps have no truth. Markers are put on the skin in the first "
+        "frame, so that the error starts near zero."
+    )
+    figures = f"<figure>{''.join(parts)}{legend(study.algorithms)}</figure>"
+    return Section("curves", "Error over time", f"<p>{note}</p>", figures)
+
+
+def overlays_section(
+    extremes: Sequence[tuple[Picture, Picture]], rows: Sequence[Sequence[Picture]], measure: Measure, setting: str
+) -> Section | None:
+    """Fig. 8 and 9; None where no recording is at hand."""
+    if not extremes and not rows:
+        return None
+    pairs = "".join(
+        f'<figure class="pair"><div>{_picture(best, measure, "best")}{_picture(worst, measure, "worst")}</div>'
+        f"<figcaption>{escape(best.sequence)}, {paper.ALGORITHM_NAMES[best.algorithm]}</figcaption></figure>"
+        for best, worst in extremes
+    )
+    strips = "".join(
+        f'<figure class="strip"><figcaption>{paper.ALGORITHM_NAMES[row[0].algorithm]}</figcaption>'
+        f"<div>{''.join(_picture(picture, measure) for picture in row)}</div></figure>"
+        for row in rows
+        if row
+    )
+    note = (
+        f"{setting} Of each sequence, the best and the worst frame of the typical run, the one in the middle of all "
+        "seeds; the first tenth, which starts from a given pose, is left out. The view is the one in which body and "
+        "mask agree least."
+    )
+    key = (
+        '<ul class="legend key"><li class="seen">mask</li><li class="model">tracked body</li>'
+        '<li class="left">left limbs</li><li class="right">right limbs</li></ul>'
+    )
+    side = ""
+    if strips:
+        side = f"<h3>The same frames of {escape(rows[0][0].sequence)} by every algorithm</h3>"
+        side += f'<div class="strips">{strips}</div>'
+    return Section(
+        "frames", "Best and worst frames", f"<p>{escape(note)}</p>", key, f'<div class="pairs">{pairs}</div>', side
+    )
+
+
+def models_section(study: StudySummary) -> Section | None:
+    """Tables 6 and 7; None with one model and one budget."""
+    parts = []
+    halves = (
+        (6, "hierarchical", [name for name in study.algorithms if name in HIERARCHICAL]),
+        (7, "holistic", [name for name in study.algorithms if name not in HIERARCHICAL]),
+    )
+    for measure in study.measures:
+        tables = []
+        for number, kind, names in halves:
+            found = [by_model(study, measure, name) for name in names]
+            rankings = [ranking for ranking in found if ranking is not None]
+            if rankings:
+                caption = f"The {kind} algorithms by {named(measure)}, as Table {number} of the paper"
+                tables.append(ranking_table(rankings, caption) + _left_out(rankings))
+        differences = model_differences(study, measure)
+        if differences:
+            tables.append(difference_table(differences, measure, study.models))
+        if tables:
+            parts.append(choice("".join(tables), default=measure == study.measures[0], measure=measure.key))
+    if not parts:
+        return None
+    note = (
+        "Each algorithm against itself with the other model and other budgets, ranked over the sequences. Of these "
+        "tables the paper’s numbers are not to be had, only what it concludes from them."
+    )
+    return Section("models", f"{' against '.join(map(str, study.models))} degrees of freedom", f"<p>{note}</p>", *parts)
+
+
+_EFFECTS = (
+    "<p>Intervals are bootstrapped over seeds, the sequences held. A is Vargha and Delaney’s: the chance that a run of "
+    "the control is better than one of this algorithm, mean over sequences; 0.5 means no difference.</p>"
+)
+
+
+def _picture(picture: Picture, measure: Measure, title: str = "") -> str:
+    value = with_unit(picture.error, measure) if np.isfinite(picture.error) else "no truth"
+    prefix = f"<b>{title}</b> " if title else ""
+    return (
+        f'<figure class="picture">{picture.drawing}<figcaption>{prefix}{escape(value)}'
+        f" <small>frame {picture.frame}, {escape(picture.camera)}</small></figcaption></figure>"
+    )
+
+
+def _models_key(study: StudySummary) -> str:
+    if len(study.models) < 2:
+        return f", {study.models[0]} DOF."
+    return f". Filled: {study.models[0]} DOF, hollow: {listed(study.models[1:])} DOF."
+
+
+def _left_out(rankings: Sequence[Ranking]) -> str:
+    missing = sorted({name for ranking in rankings for name in ranking.left_out})
+    if not missing:
+        return ""
+    return (
+        f'<p class="warning">Not every algorithm has tracked {escape(", ".join(missing))}: left out of the ranking.</p>'
+    )

@@ -1,0 +1,242 @@
+"""The report's headline, and its sections on time, search radii, setting and how to cite."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from html import escape
+
+import numpy as np
+
+from mmocap_warp.study import paper
+from mmocap_warp.study.report_figures import budget_figure, legend, seconds_per_frame, time_figure
+from mmocap_warp.study.report_sections import Section, choice
+from mmocap_warp.study.report_tables import grid_table
+from mmocap_warp.study.summary import CellSummary, Measure, StudySummary
+from mmocap_warp.study.tables import Ranking, Row, by_algorithm
+from mmocap_warp.study.wording import counted, in_unit, listed, spelled, with_unit
+
+
+def headline(study: StudySummary, measure: Measure) -> tuple[str, str]:
+    """The page's title, and the figures beneath it."""
+    rows = _all_rows(study, measure)
+    title = "No ranking: the study has fewer than two algorithms with the same model and budget"
+    cards = []
+    if rows:
+        best = min(rows, key=lambda found: -found[1].mean if measure.higher_is_better else found[1].mean)
+        ranking, row = best
+        who = row.contender
+        name = paper.ALGORITHM_NAMES[who.algorithm]
+        over = spelled(len(ranking.sequences), "sequence")
+        title = f"{name} tracks {over} to {with_unit(row.mean, measure)}"
+        setting = f"{name}, {who.dof} DOF, {who.evaluations:,} evaluations per frame"
+        cards.append((with_unit(row.mean, measure), f"{measure.label}, mean over {over}: {setting}"))
+        least = by_algorithm(study, measure, study.models[0], study.budgets[0])
+        if least is not None:
+            first = least.rows[0]
+            printed = paper.printed_ranks(first.contender.dof, first.contender.evaluations)
+            theirs = printed.get(first.contender.algorithm)
+            beside = f"; in the paper it has {theirs:.2f}" if theirs is not None else ""
+            text = f"average rank of {first.contender}, the best at the least budget{beside}"
+            cards.append((f"{first.comparison.rank:.2f}", text))
+    rate, hours, device = _pace(study)
+    if np.isfinite(rate):
+        per_second = paper.EVALUATIONS[0] / paper.SECONDS_PER_500
+        text = f"evaluations, images included, on {device}; the paper’s CPU core: {per_second:.0f}/s"
+        cards.append((f"{rate:,.0f}/s", text))
+        cpus, weeks = paper.CPU_WEEKS
+        text = f"for the paper’s whole grid at that pace; it took {cpus} CPUs {weeks} weeks"
+        cards.append((f"{hours:,.0f} h" if hours >= 10 else f"{hours:.1f} h", text))
+    figures = "".join(f"<li><strong>{escape(value)}</strong><span>{escape(text)}</span></li>" for value, text in cards)
+    return title, f'<ul class="cards">{figures}</ul>'
+
+
+def grid_sentence(study: StudySummary) -> str:
+    """What was compared, in a sentence."""
+    seeds = {len(cell.seeds) for cell in study.cells.values()}
+    runs = f"{min(seeds)}" if len(seeds) == 1 else f"{min(seeds)} to {max(seeds)}"
+    return (
+        f"{counted(len(study.algorithms), 'algorithm')}, {listed(study.models)} degrees of freedom, "
+        f"{listed(study.budgets)} evaluations per frame, {counted(len(study.sequences), 'sequence')}, "
+        f"{runs} seeds: {counted(len(study.cells), 'cell')}, {study.evaluations:,} evaluations."
+    )
+
+
+def budget_section(study: StudySummary) -> Section:
+    """Error and time against the budget."""
+    parts = []
+    for measure in study.measures:
+        for dof in study.models:
+            left, right = budget_figure(study, measure, dof), time_figure(study, dof)
+            content = f'<div class="two"><div>{left}</div><div>{right}</div></div>'
+            content += f"<figcaption>{dof} DOF, mean over the sequences.</figcaption>"
+            default = measure == study.measures[0] and dof == study.models[0]
+            parts.append(choice(content, default=default, measure=measure.key, model=dof))
+    head = ["Algorithm", *(f"{budget:,} evaluations" for budget in study.budgets), "evaluations/s"]
+    rows = [_time_row(study, name) for name in study.algorithms]
+    note = (
+        "Search time of a frame of one run. All runs of a cell are tracked at once, so this is a share of what the "
+        f"device did in that time. The paper reports {paper.SECONDS_PER_500:g} s for 500 evaluations on one core."
+    )
+    table = grid_table("Milliseconds per frame and run, mean over sequences and models", head, rows)
+    return Section(
+        "budget",
+        "Error and time by budget",
+        f"<p>{note}</p>",
+        f"<figure>{''.join(parts)}{legend(study.algorithms)}</figure>",
+        table,
+    )
+
+
+def presets_section(study: StudySummary, measure: Measure) -> Section | None:
+    """The presets side by side where both have tracked the same cells; None with one preset."""
+    if len(study.presets) < 2:
+        return None
+    parts = []
+    for other in study.presets[1:]:
+        pairs: dict[tuple[str, int], list[tuple[CellSummary, CellSummary]]] = {}
+        for cell, summary in study.cells.items():
+            main = study.find(cell.sequence, cell.algorithm, cell.dof, cell.evaluations)
+            if cell.preset == other and main is not None and all(measure.key in each.runs for each in (main, summary)):
+                pairs.setdefault((cell.algorithm, cell.evaluations), []).append((main, summary))
+        budgets = sorted({budget for _, budget in pairs})
+        head = ["Algorithm", *(f"{budget:,}: {name}" for budget in budgets for name in (study.preset, other))]
+        rows = [
+            [
+                paper.ALGORITHM_NAMES[name],
+                *(_mean_of(pairs.get((name, budget), []), side, measure) for budget in budgets for side in (0, 1)),
+            ]
+            for name in study.algorithms
+            if any(found == name for found, _ in pairs)
+        ]
+        caption = f"{measure.label}{in_unit(measure)}, mean over the cells that both presets have tracked"
+        parts.append(f"<p>{_radii(study, study.preset)} {_radii(study, other)}</p>" + grid_table(caption, head, rows))
+    return Section("presets", "Search radii", *parts)
+
+
+def setting_section(study: StudySummary, notes: Sequence[str]) -> Section:
+    """The sequences, the settings, the machine."""
+    by_sequence = {}
+    for cell, summary in study.cells.items():
+        by_sequence.setdefault(cell.sequence, summary)
+    rows = [[name, *_recording_of(by_sequence[name])] for name in study.sequences]
+    sequences = grid_table("Sequences", ["Sequence", "frames", "frames/s", "cameras", "pixels"], rows)
+    facts = [
+        ("Algorithms", ", ".join(paper.ALGORITHM_NAMES[name] for name in study.algorithms)),
+        ("Degrees of freedom", listed(study.models)),
+        ("Evaluations per frame", listed(study.budgets)),
+        ("Seeds", _spans(study, lambda cell: str(len(cell.seeds)))),
+        ("Cost", _spans(study, lambda cell: str(cell.meta.get("config", {}).get("cost", "unknown")))),
+        ("Search radii", " ".join(_radii(study, preset) for preset in study.presets)),
+        ("Frames without a usable view", f"{100 * np.mean([cell.frames_lost for cell in study.cells.values()]):.2f} %"),
+        ("Device", _spans(study, _device)),
+        ("Host", _spans(study, lambda cell: str(cell.meta.get("host", "unknown")))),
+        ("Software", _spans(study, _software)),
+        ("Tracked", _period(study)),
+    ]
+    entries = "".join(f"<dt>{escape(name)}</dt><dd>{escape(value)}</dd>" for name, value in facts)
+    remarks = "".join(f"<p>{escape(note)}</p>" for note in notes)
+    return Section("setting", "Setting and machine", f"<dl>{entries}</dl>", sequences, remarks)
+
+
+def citing_section() -> Section:
+    """How to cite."""
+    bibtex = (
+        "@article{yeguas2014comparing,\n"
+        "  title   = {Comparing evolutionary algorithms and particle filters for Markerless Human Motion Capture},\n"
+        "  author  = {Yeguas-Bolivar, Enrique and Muñoz-Salinas, Rafael and Medina-Carnicer, Rafael\n"
+        "             and Carmona-Poyato, Angel},\n"
+        "  journal = {Applied Soft Computing}, volume = {17}, pages = {153--166}, year = {2014}\n}"
+    )
+    text = "Please cite the paper whose study this repeats, and the software, mmocap-warp (see its CITATION.cff)."
+    return Section(
+        "cite", "How to cite", f"<p>{text}</p>", f"<p>{escape(paper.CITATION)}</p><pre>{escape(bibtex)}</pre>"
+    )
+
+
+def _all_rows(study: StudySummary, measure: Measure) -> list[tuple[Ranking, Row]]:
+    rankings = (by_algorithm(study, measure, dof, budget) for dof in study.models for budget in study.budgets)
+    return [(ranking, row) for ranking in rankings if ranking is not None for row in ranking.rows]
+
+
+def _pace(study: StudySummary) -> tuple[float, float, str]:
+    """Evaluations a second, masks included, on the device of most cells, its name, and hours of the paper's grid."""
+    device = Counter(_device(cell) for cell in study.cells.values()).most_common(1)[0][0]
+    timed = [
+        (cell.evaluations, cell.meta["wall_seconds"])
+        for cell in study.cells.values()
+        if _device(cell) == device and cell.meta.get("wall_seconds")
+    ]
+    if not timed:
+        return np.nan, np.nan, device
+    evaluations, seconds = np.sum(timed, axis=0)
+    rate = evaluations / seconds
+    return float(rate), float(paper.GRID_EVALUATIONS / rate / 3600), device
+
+
+def _device(cell: CellSummary) -> str:
+    return str(cell.meta.get("versions", {}).get("device") or cell.meta.get("device", "unknown"))
+
+
+def _software(cell: CellSummary) -> str:
+    versions = cell.meta.get("versions", {})
+    return ", ".join(f"{name} {version}" for name, version in versions.items() if name != "device")
+
+
+def _spans(study: StudySummary, of: Callable[[CellSummary], str]) -> str:
+    """Every value that cells have, with how many cells have it where they differ."""
+    counts = Counter(of(cell) for cell in study.cells.values())
+    if len(counts) == 1:
+        return next(iter(counts))
+    return "; ".join(f"{value} ({counted(number, 'cell')})" for value, number in counts.most_common())
+
+
+def _period(study: StudySummary) -> str:
+    days = sorted(str(cell.meta.get("started", ""))[:10] for cell in study.cells.values())
+    hours = sum(float(cell.meta.get("wall_seconds") or 0.0) for cell in study.cells.values()) / 3600
+    when = days[0] if days[0] == days[-1] else f"{days[0]} to {days[-1]}"
+    return f"{when}, {hours:.1f} h of the device in all"
+
+
+def _recording_of(cell: CellSummary) -> list[str]:
+    sizes = {f"{width}×{height}" for width, height in cell.meta.get("size", [])}
+    return [
+        f"{len(cell.frames)}",
+        f"{cell.meta.get('fps', float('nan')):g}",
+        f"{len(cell.meta.get('cameras', []))}",
+        ", ".join(sorted(sizes)),
+    ]
+
+
+def _radii(study: StudySummary, preset: str) -> str:
+    """A preset's radii, as the cells used them."""
+    used = {
+        (config.get("rotation_radius"), config.get("translation_radius"))
+        for cell, summary in study.cells.items()
+        if cell.preset == preset and (config := summary.meta.get("config"))
+    }
+    known = [pair for pair in used if None not in pair]
+    if not known:
+        return f"{preset}: as the software’s documentation says."
+    rotation, translation = zip(*known, strict=True)
+    return f"{preset}: {_range(rotation)} rad and {_range(translation)} m."
+
+
+def _range(values: Sequence[float]) -> str:
+    return f"{min(values):.3g}" if min(values) == max(values) else f"{min(values):.3g} to {max(values):.3g}"
+
+
+def _time_row(study: StudySummary, algorithm: str) -> list[str]:
+    of = [summary for cell, summary in study.cells.items() if cell.algorithm == algorithm]
+    by_budget = [[1000 * seconds_per_frame(s) for s in of if s.cell.evaluations == budget] for budget in study.budgets]
+    spent, seconds = sum(summary.evaluations for summary in of), sum(summary.seconds for summary in of)
+    return [
+        paper.ALGORITHM_NAMES[algorithm],
+        *(f"{np.mean(times):.2f}" if times else "–" for times in by_budget),
+        f"{spent / seconds:,.0f}" if seconds > 0 else "–",
+    ]
+
+
+def _mean_of(pairs: Sequence[tuple[CellSummary, CellSummary]], side: int, measure: Measure) -> str:
+    values = [pair[side].runs[measure.key].mean() for pair in pairs]
+    return f"{np.mean(values):.{measure.decimals}f}" if values else "–"

@@ -1,0 +1,152 @@
+"""The report's tables: the layout of the paper's Tables 4 to 7, and what the paper does not print beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from html import escape
+from itertools import groupby
+
+import numpy as np
+
+from mmocap_warp.study import paper
+from mmocap_warp.study.statistics import ALPHA, Omnibus
+from mmocap_warp.study.summary import Measure, StudySummary
+from mmocap_warp.study.tables import ModelDifference, Ranking, Row
+from mmocap_warp.study.wording import in_unit, interval, p_value, shown
+
+
+def ranking_table(rankings: Sequence[Ranking], caption: str) -> str:
+    """Tables 4 to 7: a column group per ranking with contender, rank and p-value, and Holm's thresholds at the end.
+
+    A p-value is bold where the contender differs significantly from the control.
+    """
+    depth = max(len(ranking.rows) for ranking in rankings)
+    head = "".join("<th>Algorithm</th><th>Rank</th><th>p-value</th>" for _ in rankings) + "<th>Holm</th>"
+    body = []
+    for i in range(depth):
+        cells = "".join(_ranking_cells(ranking.rows[i] if i < len(ranking.rows) else None) for ranking in rankings)
+        holm = f"{ALPHA / i:.3f}" if i else ""
+        body.append(f"<tr>{cells}<td>{holm}</td></tr>")
+    statistics = "".join(f'<td colspan="3">{_statistics(ranking.test)}</td>' for ranking in rankings)
+    foot = f"<tr>{statistics}<td></td></tr>"
+    return _table(caption, head, "".join(body), foot, "ranking")
+
+
+def effect_table(ranking: Ranking) -> str:
+    """A ranking's intervals, effect sizes and adjusted p-values, and the paper's ranks."""
+    first = ranking.rows[0].contender
+    caption = f"{first.evaluations:,} evaluations, {ranking.measure.label}{in_unit(ranking.measure)}"
+    printed = paper.printed_ranks(first.dof, first.evaluations)
+    compares_algorithms = len({row.contender.algorithm for row in ranking.rows}) > 1
+    head = (
+        "<th>Algorithm</th><th>Mean</th><th>95 %</th><th>Rank</th><th>95 %</th>"
+        + ("<th>Rank in the paper</th>" if compares_algorithms and printed else "")
+        + "<th>Holm-adjusted p</th><th>A</th>"
+    )
+    rows = []
+    for row in ranking.rows:
+        theirs = ""
+        if compares_algorithms and printed:
+            known = printed.get(row.contender.algorithm)
+            theirs = f"<td>{known:.3f}</td>" if known is not None else "<td></td>"
+        rows.append(
+            f"<tr><th>{escape(str(row.contender))}</th><td>{shown(row.mean, ranking.measure)}</td>"
+            f"<td>{interval(row.mean_interval, ranking.measure.decimals)}</td><td>{row.comparison.rank:.3f}</td>"
+            f"<td>{interval(row.rank_interval, 2)}</td>{theirs}<td>{p_value(row.comparison.adjusted_p)}</td>"
+            f"<td>{'' if np.isnan(row.superiority) else f'{row.superiority:.2f}'}</td></tr>"
+        )
+    return _table(caption, head, "".join(rows))
+
+
+def sequence_table(study: StudySummary, measure: Measure, budget: int) -> str:
+    """Mean and standard deviation over runs for every sequence, algorithm and model."""
+    head = "<th>Algorithm</th><th>DOF</th>" + "".join(f"<th>{escape(name)}</th>" for name in study.sequences)
+    rows = []
+    for algorithm in study.algorithms:
+        for dof in study.models:
+            cells = "".join(
+                f"<td>{_mean_and_deviation(study, measure, sequence, algorithm, dof, budget)}</td>"
+                for sequence in study.sequences
+            )
+            rows.append(f"<tr><th>{paper.ALGORITHM_NAMES[algorithm]}</th><td>{dof}</td>{cells}</tr>")
+    caption = (
+        f"{measure.label}{in_unit(measure)}, mean ± standard deviation over runs, {budget:,} evaluations per frame"
+    )
+    return _table(caption, head, "".join(rows))
+
+
+def difference_table(differences: Sequence[ModelDifference], measure: Measure, models: Sequence[int]) -> str:
+    """The larger model less the smaller, by algorithm and budget."""
+    budgets = sorted({difference.evaluations for difference in differences})
+    head = "<th>Algorithm</th>" + "".join(
+        f"<th>{budget:,}: difference</th><th>95 %</th><th>A</th>" for budget in budgets
+    )
+    rows = []
+    for algorithm, found in groupby(differences, key=lambda difference: difference.algorithm):
+        of = {difference.evaluations: difference for difference in found}
+        cells = "".join(_difference_cells(of.get(budget), measure) for budget in budgets)
+        rows.append(f"<tr><th>{paper.ALGORITHM_NAMES[algorithm]}</th>{cells}</tr>")
+    caption = (
+        f"{measure.label}{in_unit(measure)} with {models[0]} DOF less that with {models[-1]}, mean over sequences; "
+        f"A is the chance that a run with {models[0]} is better"
+    )
+    return _table(caption, head, "".join(rows))
+
+
+def grid_table(caption: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A plain table; the first column names the rows."""
+    titles = "".join(f"<th>{escape(title)}</th>" for title in head)
+    body = "".join(
+        f"<tr><th>{escape(row[0])}</th>{''.join(f'<td>{escape(cell)}</td>' for cell in row[1:])}</tr>" for row in rows
+    )
+    return _table(caption, titles, body)
+
+
+def _ranking_cells(row: Row | None) -> str:
+    if row is None:
+        return "<td></td><td></td><td></td>"
+    p = p_value(row.comparison.p)
+    verdict = f"<strong>{p}</strong>" if row.comparison.rejected else p
+    return f"<th>{escape(str(row.contender))}</th><td>{row.comparison.rank:.3f}</td><td>{verdict}</td>"
+
+
+def _statistics(test: Omnibus | None) -> str:
+    if test is None:
+        return "one sequence: no test"
+    sign = ">" if test.statistic > test.critical else "≤"
+    f = "∞" if np.isinf(test.f) else f"{test.f:.2f}"
+    return (
+        f"Friedman {test.statistic:.3f} {sign} {test.critical:.3f}, p = {p_value(test.p)}<br>"
+        f"Iman–Davenport F = {f}, p = {p_value(test.f_p)}<br>Kendall’s W = {test.kendall_w:.2f}"
+    )
+
+
+def _mean_and_deviation(
+    study: StudySummary, measure: Measure, sequence: str, algorithm: str, dof: int, budget: int
+) -> str:
+    cell = study.find(sequence, algorithm, dof, budget)
+    if cell is None or measure.key not in cell.runs:
+        return "–"
+    runs = cell.runs[measure.key]
+    mean = shown(float(runs.mean()), measure)
+    return f"{mean} <small>±{shown(float(runs.std(ddof=1)), measure)}</small>" if len(runs) > 1 else mean
+
+
+def _difference_cells(difference: ModelDifference | None, measure: Measure) -> str:
+    if difference is None:
+        return "<td></td><td></td><td></td>"
+    text = shown(difference.difference, measure, sign=True)
+    decided = difference.interval[0] * difference.interval[1] > 0
+    return (
+        f"<td>{f'<strong>{text}</strong>' if decided else text}</td>"
+        f"<td>{interval(difference.interval, measure.decimals)}</td><td>{difference.superiority:.2f}</td>"
+    )
+
+
+def _table(caption: str, head: str, body: str, foot: str = "", kind: str = "") -> str:
+    ending = f"<tfoot>{foot}</tfoot>" if foot else ""
+    named = f' class="{kind}"' if kind else ""
+    return (
+        f'<figure class="table"><figcaption>{escape(caption)}</figcaption><div class="wide"><table{named}>'
+        f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody>{ending}</table></div></figure>"
+    )

@@ -1,0 +1,163 @@
+"""The report's tables as text: Markdown for people, CSV for programs. Small enough to commit."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from mmocap_warp.study import paper
+from mmocap_warp.study.claims import check_claims
+from mmocap_warp.study.report_setting import grid_sentence, headline
+from mmocap_warp.study.statistics import ALPHA
+from mmocap_warp.study.summary import MEASURES, CellSummary, Measure, StudySummary
+from mmocap_warp.study.tables import HIERARCHICAL, Ranking, by_algorithm, by_model, model_differences
+from mmocap_warp.study.wording import in_unit, interval, named, p_value, shown
+
+_RANKED_BY = ("marker_error", "cost")
+"""The paper ranks by tracking error and, in its text, by fitness: Markdown has both."""
+
+_UNIT_SUFFIX = {"mm": "_mm", "%": "_percent", "mm/s": "_mm_per_s", "m/s³": "_m_per_s3"}
+
+
+def csv_table(study: StudySummary) -> str:
+    """A line per cell: mean and standard deviation over runs of each measure, and the main measure's quartiles."""
+    known = [measure for measure in MEASURES if measure in study.measures]
+    main = study.measures[0]
+    lines = [_csv_line(cell, known, main) for _, cell in sorted(study.cells.items())]
+    out = io.StringIO()
+    writer = csv.DictWriter(out, fieldnames=list(lines[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(lines)
+    return out.getvalue()
+
+
+def markdown_tables(study: StudySummary) -> str:
+    """The paper's findings checked, and Tables 4 to 7, by tracking error and by fitness."""
+    main = study.measures[0]
+    ranked = [measure for measure in study.measures if measure == main or measure.key in _RANKED_BY]
+    title, _ = headline(study, main)
+    parts = [f"# {title}\n\n{grid_sentence(study)}\n", _claims(study, main)]
+    for measure in ranked:
+        for number, dof in enumerate(study.models, 4):
+            found = [by_algorithm(study, measure, dof, budget) for budget in study.budgets]
+            parts += _tables(found, f"{dof} DOF by {named(measure)} (as the paper’s Table {number})")
+        for number, hierarchical in ((6, True), (7, False)):
+            names = [name for name in study.algorithms if (name in HIERARCHICAL) == hierarchical]
+            kind = "Hierarchical" if hierarchical else "Holistic"
+            found = [by_model(study, measure, name) for name in names]
+            parts += _tables(found, f"{kind} algorithms by {named(measure)} (as the paper’s Table {number})")
+        parts.append(_differences(study, measure))
+    return "\n".join(part for part in parts if part)
+
+
+def _csv_line(cell: CellSummary, measures: Sequence[Measure], main: Measure) -> dict[str, object]:
+    of = cell.cell
+    line: dict[str, object] = {
+        "sequence": of.sequence,
+        "algorithm": of.algorithm,
+        "dof": of.dof,
+        "evaluations": of.evaluations,
+        "preset": of.preset,
+        "seeds": len(cell.seeds),
+        "frames": len(cell.frames),
+    }
+    for measure in measures:
+        runs = cell.runs.get(measure.key)
+        name = measure.key + _UNIT_SUFFIX.get(measure.unit, "")
+        line[name] = "" if runs is None else _significant(float(runs.mean()))
+        line[f"{name}_sd"] = _significant(float(runs.std(ddof=1))) if runs is not None and len(runs) > 1 else ""
+    for i, label in enumerate(("min", "q1", "median", "q3", "max")):
+        spread = cell.spread.get(main.key)
+        line[f"{main.key}_{label}"] = "" if spread is None else _significant(float(spread[i]))
+    return line | {
+        "frames_lost": _significant(cell.frames_lost),
+        "seconds": _significant(cell.seconds),
+        "evaluations_spent": cell.evaluations,
+        "device": cell.meta.get("versions", {}).get("device", ""),
+        "started": cell.meta.get("started", ""),
+    }
+
+
+def _significant(value: float) -> str:
+    return f"{value:.5g}" if np.isfinite(value) else ""
+
+
+def _claims(study: StudySummary, measure: Measure) -> str:
+    rows = [
+        (finding.claim, finding.where, finding.verdict, finding.evidence) for finding in check_claims(study, measure)
+    ]
+    return f"## The paper’s findings\n\n{_grid(('Finding', 'where', 'here', 'evidence'), rows)}"
+
+
+def _tables(found: Sequence[Ranking | None], title: str) -> Iterator[str]:
+    rankings = [ranking for ranking in found if ranking is not None]
+    if not rankings:
+        return
+    depth = max(len(ranking.rows) for ranking in rankings)
+    rows = [
+        [cell for ranking in rankings for cell in _ranking_cells(ranking, i)] + [f"{ALPHA / i:.3f}" if i else ""]
+        for i in range(depth)
+    ]
+    for name, of in (("Friedman", _friedman), ("Iman–Davenport F", _iman_davenport), ("Kendall’s W", _kendall)):
+        rows.append([cell for ranking in rankings for cell in (name, *of(ranking))] + [""])
+    yield f"## {title}\n\n{_grid([*(['Algorithm', 'Rank', 'p-value'] * len(rankings)), 'Holm'], rows)}"
+    head = ["Algorithm", f"mean{in_unit(rankings[0].measure)}", "95 %", "rank", "95 %", "Holm-adjusted p", "A"]
+    effects = [
+        [
+            str(row.contender),
+            shown(row.mean, ranking.measure),
+            interval(row.mean_interval, ranking.measure.decimals),
+            f"{row.comparison.rank:.3f}",
+            interval(row.rank_interval, 2),
+            p_value(row.comparison.adjusted_p),
+            "" if np.isnan(row.superiority) else f"{row.superiority:.2f}",
+        ]
+        for ranking in rankings
+        for row in ranking.rows
+    ]
+    yield _grid(head, effects)
+
+
+def _ranking_cells(ranking: Ranking, place: int) -> tuple[str, str, str]:
+    if place >= len(ranking.rows):
+        return "", "", ""
+    row = ranking.rows[place]
+    p = p_value(row.comparison.p)
+    return str(row.contender), f"{row.comparison.rank:.3f}", f"**{p}**" if row.comparison.rejected else p
+
+
+def _friedman(ranking: Ranking) -> tuple[str, str]:
+    return (f"{ranking.test.statistic:.3f}", p_value(ranking.test.p)) if ranking.test else ("", "")
+
+
+def _iman_davenport(ranking: Ranking) -> tuple[str, str]:
+    return (f"{ranking.test.f:.2f}", p_value(ranking.test.f_p)) if ranking.test else ("", "")
+
+
+def _kendall(ranking: Ranking) -> tuple[str, str]:
+    return (f"{ranking.test.kendall_w:.2f}", "") if ranking.test else ("", "")
+
+
+def _differences(study: StudySummary, measure: Measure) -> str:
+    rows = [
+        [
+            paper.ALGORITHM_NAMES[found.algorithm],
+            f"{found.evaluations}",
+            shown(found.difference, measure, sign=True),
+            interval(found.interval, measure.decimals),
+            f"{found.superiority:.2f}",
+        ]
+        for found in model_differences(study, measure)
+    ]
+    if not rows:
+        return ""
+    title = f"## {study.models[0]} less {study.models[-1]} DOF: {named(measure)}{in_unit(measure)}"
+    return f"{title}\n\n{_grid(('Algorithm', 'evaluations', 'difference', '95 %', 'A'), rows)}"
+
+
+def _grid(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "".join(f"| {' | '.join(cell.replace('|', '/') for cell in line)} |\n" for line in lines)

@@ -1,0 +1,209 @@
+"""What the statistics and the report need of each cell: a few kilobytes of the megabytes that a result is."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from mmocap_warp.pose_errors import nanmean
+from mmocap_warp.study.cell import Cell, CellResult
+from mmocap_warp.study.paper import ALGORITHM_NAMES
+
+
+@dataclass(frozen=True)
+class Measure:
+    """Something that results are judged by.
+
+    Attributes:
+        key: its name in a ``CellResult``.
+        label: its name for people.
+        unit: what it is shown in; empty for a pure number.
+        factor: from the result's unit to that.
+        decimals: that are shown.
+        higher_is_better: most are errors, for which lower is.
+        per_frame: measured in every frame, else once a run.
+    """
+
+    key: str
+    label: str
+    unit: str
+    factor: float
+    decimals: int
+    higher_is_better: bool = False
+    per_frame: bool = True
+
+
+MEASURES: tuple[Measure, ...] = (
+    Measure("marker_error", "Marker error (Eq. 20)", "mm", 1000.0, 1),
+    Measure("cost", "Fitness (Eq. 5)", "", 1.0, 4),
+    Measure("joint_error", "HumanEva joint error", "mm", 1000.0, 1),
+    Measure("mpjpe", "MPJPE", "mm", 1000.0, 1),
+    Measure("pa_mpjpe", "PA-MPJPE", "mm", 1000.0, 1),
+    Measure("iou", "Overlap (IoU)", "", 1.0, 3, higher_is_better=True),
+    Measure("limb_lost", "Frames with a lost limb", "%", 100.0, 1, per_frame=False),
+    Measure("jerk", "Jerk", "m/s³", 1.0, 0, per_frame=False),
+    Measure("foot_slide", "Foot slide", "mm/s", 1000.0, 0, per_frame=False),
+)
+"""The first that a study knows is the one that it is judged by."""
+
+_COUNTS = ("limb_lost", "frames_lost")  # of frames; shown as a share of them
+
+
+@dataclass(frozen=True)
+class CellSummary:
+    """A cell's result in short; every measure in the unit that it is shown in.
+
+    Attributes:
+        cell: which one.
+        seeds: (run,).
+        frames: (frame,) frame numbers.
+        runs: (run,) by measure: the mean over frames.
+        spread: (5,) by measure of frames: minimum, quartiles and maximum over all frames of all runs.
+        curve: (frame,) by measure of frames: the median over runs.
+        frames_lost: share of frames without a view to judge by.
+        typical_pose: (frame, 51), poses of the run whose main measure is the median of all runs.
+        typical_curve: (frame,), that run's main measure; NaN where it is unknown.
+        seconds: of the search, all runs and frames together.
+        evaluations: all runs and frames together.
+        meta: see ``CellResult``.
+    """
+
+    cell: Cell
+    seeds: np.ndarray
+    frames: np.ndarray
+    runs: dict[str, np.ndarray]
+    spread: dict[str, np.ndarray]
+    curve: dict[str, np.ndarray]
+    frames_lost: float
+    typical_pose: np.ndarray
+    typical_curve: np.ndarray
+    seconds: float
+    evaluations: int
+    meta: dict
+
+
+def summarise(result: CellResult) -> CellSummary:
+    """The short form of a cell's result; what it does not know is absent."""
+    frames = len(result.frames)
+    runs, spread, curve = {}, {}, {}
+    main: np.ndarray | None = None
+    for measure in MEASURES:
+        if measure.per_frame and measure.key in result.per_frame:
+            values = result.per_frame[measure.key].astype(np.float64) * measure.factor
+            if np.isfinite(values).any(axis=1).all():
+                main = values if main is None else main
+                runs[measure.key] = nanmean(values, axis=1)
+                spread[measure.key] = np.nanquantile(values, (0, 0.25, 0.5, 0.75, 1))
+                curve[measure.key] = _nanmedian(values)
+        elif measure.key in result.per_run and np.isfinite(result.per_run[measure.key]).all():
+            share = frames if measure.key in _COUNTS else 1
+            runs[measure.key] = result.per_run[measure.key] * measure.factor / share
+    typical = _typical(main) if main is not None else 0
+    unknown = np.full(frames, np.nan)
+    return CellSummary(
+        cell=result.cell,
+        seeds=result.seeds,
+        frames=result.frames,
+        runs=runs,
+        spread=spread,
+        curve=curve,
+        frames_lost=float(np.mean(result.per_run.get("frames_lost", 0.0))) / frames,
+        typical_pose=result.pose[typical].copy(),
+        typical_curve=unknown if main is None else main[typical].copy(),
+        seconds=float(np.mean(result.per_run.get("seconds", np.nan))),
+        evaluations=int(np.sum(result.per_run.get("evaluations", 0))),
+        meta=result.meta,
+    )
+
+
+@dataclass(frozen=True)
+class StudySummary:
+    """All cells of a study, and the grid that they span.
+
+    Attributes:
+        cells: summary by cell; the grid may have gaps.
+    """
+
+    cells: dict[Cell, CellSummary]
+
+    @classmethod
+    def of(cls, results: Iterable[CellResult]) -> StudySummary:
+        """Summarise results one by one, so that only one of them is in memory at a time.
+
+        Where several are of the same cell, the one that was started last counts.
+        """
+        cells: dict[Cell, CellSummary] = {}
+        for result in results:
+            known = cells.get(result.cell)
+            if known is None or known.meta.get("started", "") <= result.meta.get("started", ""):
+                cells[result.cell] = summarise(result)
+        return cls(cells)
+
+    @cached_property
+    def preset(self) -> str:
+        """The preset of most cells: the one that the study is about."""
+        presets = [cell.preset for cell in self.cells]
+        return max(sorted(set(presets)), key=presets.count)
+
+    @cached_property
+    def presets(self) -> list[str]:
+        """All of them, the main one first."""
+        return sorted({cell.preset for cell in self.cells}, key=lambda preset: (preset != self.preset, preset))
+
+    @cached_property
+    def sequences(self) -> list[str]:
+        """Grouped by action as in the paper's Fig. 7: Walking, Gestures, Box, then others; by subject within."""
+        actions = ("Walking", "Gestures", "Box")
+
+        def place(sequence: str) -> tuple[int, str, str]:
+            subject, _, action = sequence.rpartition("/")
+            return actions.index(action) if action in actions else len(actions), action, subject
+
+        return sorted({cell.sequence for cell in self.cells}, key=place)
+
+    @cached_property
+    def algorithms(self) -> list[str]:
+        """In the paper's order."""
+        order = list(ALGORITHM_NAMES)
+        return sorted({cell.algorithm for cell in self.cells}, key=lambda name: (order.index(name), name))
+
+    @cached_property
+    def models(self) -> list[int]:
+        """Degrees of freedom, the most first."""
+        return sorted({cell.dof for cell in self.cells}, reverse=True)
+
+    @cached_property
+    def budgets(self) -> list[int]:
+        """Evaluations per frame, ascending."""
+        return sorted({cell.evaluations for cell in self.cells})
+
+    @cached_property
+    def measures(self) -> list[Measure]:
+        """What some cell knows, the one that the study is judged by first."""
+        return [measure for measure in MEASURES if any(measure.key in cell.runs for cell in self.cells.values())]
+
+    @cached_property
+    def evaluations(self) -> int:
+        """Spent in all cells."""
+        return sum(cell.evaluations for cell in self.cells.values())
+
+    def find(
+        self, sequence: str, algorithm: str, dof: int, evaluations: int, preset: str | None = None
+    ) -> CellSummary | None:
+        """A cell, of the main preset unless another is named; None where the grid has a gap."""
+        return self.cells.get(Cell(sequence, algorithm, dof, evaluations, preset or self.preset))
+
+
+def _typical(values: np.ndarray) -> int:
+    """The run in the middle by its mean, the better of two."""
+    return int(np.argsort(nanmean(values, axis=1), kind="stable")[(len(values) - 1) // 2])
+
+
+def _nanmedian(values: np.ndarray) -> np.ndarray:
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "All-NaN slice encountered", RuntimeWarning)
+        return np.nanmedian(values, axis=0)

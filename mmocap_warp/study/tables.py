@@ -1,0 +1,216 @@
+"""The paper's Tables 4 to 7 from a study: rankings with their tests."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mmocap_warp.study import paper
+from mmocap_warp.study.statistics import (
+    Comparison,
+    Omnibus,
+    against_control,
+    central,
+    friedman,
+    ranks,
+    resampled_means,
+    superiority,
+    tie_variance,
+)
+from mmocap_warp.study.summary import CellSummary, Measure, StudySummary
+
+HIERARCHICAL: tuple[str, ...] = ("h-cmaes", "h-pso", "h-de", "psapf")
+"""The paper's Table 6, and one half of its Fig. 7; the others are holistic."""
+
+
+@dataclass(frozen=True)
+class Contender:
+    """One of the trackers that a ranking compares: an algorithm with a model and a budget."""
+
+    algorithm: str
+    dof: int
+    evaluations: int
+
+    def __str__(self) -> str:
+        """The paper's ALG(DOF, EVAL)."""
+        return f"{paper.ALGORITHM_NAMES[self.algorithm]}({self.dof},{self.evaluations})"
+
+
+@dataclass(frozen=True)
+class Row:
+    """A contender's line.
+
+    Attributes:
+        contender: who.
+        comparison: rank, p-value and Holm's verdict.
+        rank_interval: bootstrap interval of the average rank over seeds.
+        mean: of the measure over sequences, the mean of their means over runs.
+        mean_interval: bootstrap interval of that.
+        superiority: Vargha and Delaney's A, the chance that a run of the control is better than one of this; NaN for
+            the control.
+    """
+
+    contender: Contender
+    comparison: Comparison
+    rank_interval: tuple[float, float]
+    mean: float
+    mean_interval: tuple[float, float]
+    superiority: float
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """One column group of the paper's tables.
+
+    Attributes:
+        measure: what was ranked by.
+        rows: best average rank, the control, first.
+        test: Friedman's and what belongs to it; None with fewer than two sequences.
+        sequences: the blocks: those that every contender has tracked.
+        left_out: those that some have not.
+        seeds: how many runs of each cell count.
+    """
+
+    measure: Measure
+    rows: tuple[Row, ...]
+    test: Omnibus | None
+    sequences: tuple[str, ...]
+    left_out: tuple[str, ...]
+    seeds: int
+
+    def row(self, algorithm: str, dof: int, evaluations: int) -> Row | None:
+        """A contender's line."""
+        wanted = Contender(algorithm, dof, evaluations)
+        return next((row for row in self.rows if row.contender == wanted), None)
+
+
+def by_algorithm(study: StudySummary, measure: Measure, dof: int, evaluations: int) -> Ranking | None:
+    """A column group of Table 4 or 5: all algorithms with one model and budget; None with fewer than two."""
+    return rank(study, measure, [Contender(name, dof, evaluations) for name in study.algorithms])
+
+
+def by_model(study: StudySummary, measure: Measure, algorithm: str) -> Ranking | None:
+    """A column group of Table 6 or 7: one algorithm with all models and budgets; None with fewer than two."""
+    contenders = [Contender(algorithm, dof, budget) for dof in study.models for budget in study.budgets]
+    return rank(study, measure, contenders)
+
+
+def rank(study: StudySummary, measure: Measure, contenders: list[Contender]) -> Ranking | None:
+    """Rank the contenders that the study has, over the sequences that all of them have tracked.
+
+    None with fewer than two contenders, or without a sequence that all have tracked.
+    """
+    found = {contender: _cells(study, measure, contender) for contender in contenders}
+    found = {contender: cells for contender, cells in found.items() if cells}
+    shared = [name for name in study.sequences if all(name in cells for cells in found.values())]
+    if len(found) < 2 or not shared:
+        return None
+    scores, seeds = _scores(found, shared, measure)
+    lower = -scores if measure.higher_is_better else scores
+    of_blocks = ranks(lower.mean(axis=2))
+    average = of_blocks.mean(axis=0)
+    drawn = resampled_means(lower)
+    rank_ends = central(ranks(drawn).mean(axis=1))
+    mean_ends = central(drawn.mean(axis=1))
+    if measure.higher_is_better:
+        mean_ends = -mean_ends[::-1]
+    comparisons = against_control(average, len(shared))
+    control = comparisons[0].algorithm
+    names = list(found)
+    rows = [
+        Row(
+            names[i],
+            comparison,
+            (float(rank_ends[0, i]), float(rank_ends[1, i])),
+            float(scores[:, i].mean()),
+            (float(mean_ends[0, i]), float(mean_ends[1, i])),
+            superiority(lower[:, control], lower[:, i]) if i != control else np.nan,
+        )
+        for comparison in comparisons
+        for i in (comparison.algorithm,)
+    ]
+    return Ranking(
+        measure=measure,
+        rows=tuple(rows),
+        test=friedman(average, len(shared), tie_variance(of_blocks)) if len(shared) > 1 else None,
+        sequences=tuple(shared),
+        left_out=tuple(name for name in study.sequences if name not in shared),
+        seeds=seeds,
+    )
+
+
+@dataclass(frozen=True)
+class ModelDifference:
+    """39 against 28 degrees of freedom for an algorithm and a budget.
+
+    Attributes:
+        algorithm, evaluations: which.
+        difference: of the measure's means, the larger model's less the smaller's.
+        interval: bootstrap interval of that.
+        superiority: the chance that a run with the larger model is better than one with the smaller.
+    """
+
+    algorithm: str
+    evaluations: int
+    difference: float
+    interval: tuple[float, float]
+    superiority: float
+
+
+def model_differences(study: StudySummary, measure: Measure) -> list[ModelDifference]:
+    """The larger model against the smaller, over the sequences that both have tracked; empty with one model."""
+    if len(study.models) < 2:
+        return []
+    larger, smaller = study.models[0], study.models[-1]
+    found = []
+    for algorithm in study.algorithms:
+        for budget in study.budgets:
+            pair = {dof: _cells(study, measure, Contender(algorithm, dof, budget)) for dof in (larger, smaller)}
+            shared = [name for name in study.sequences if all(name in cells for cells in pair.values())]
+            if not shared:
+                continue
+            scores, _ = _scores(pair, shared, measure)
+            drawn = resampled_means(scores)
+            low, high = central((drawn[..., 0] - drawn[..., 1]).mean(axis=1))
+            lower = -scores if measure.higher_is_better else scores
+            found.append(
+                ModelDifference(
+                    algorithm,
+                    budget,
+                    float((scores[:, 0] - scores[:, 1]).mean()),
+                    (float(low), float(high)),
+                    superiority(lower[:, 0], lower[:, 1]),
+                )
+            )
+    return found
+
+
+def _cells(study: StudySummary, measure: Measure, contender: Contender) -> dict[str, CellSummary]:
+    """What a contender has tracked, by sequence, as far as it is known how well."""
+    found = {
+        name: study.find(name, contender.algorithm, contender.dof, contender.evaluations) for name in study.sequences
+    }
+    return {name: cell for name, cell in found.items() if cell is not None and measure.key in cell.runs}
+
+
+def _scores(
+    found: Mapping[Any, dict[str, CellSummary]], sequences: list[str], measure: Measure
+) -> tuple[np.ndarray, int]:
+    """(sequence, contender, run): each run's mean over frames, of the seeds that all cells have; and their number.
+
+    Where cells share no seed, as many runs count as the shortest cell has.
+    """
+    cells = [[of[name] for of in found.values()] for name in sequences]
+    every = [cell for row in cells for cell in row]
+    seeds = set.intersection(*(set(cell.seeds.tolist()) for cell in every))
+    fewest = min(len(cell.seeds) for cell in every)
+
+    def counted(cell: CellSummary) -> np.ndarray:
+        runs = cell.runs[measure.key]
+        return runs[np.isin(cell.seeds, list(seeds))] if seeds else runs[:fewest]
+
+    scores = np.array([[counted(cell) for cell in row] for row in cells])
+    return scores, scores.shape[2]

@@ -1,0 +1,65 @@
+"""Numbers and lists as the report writes them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mmocap_warp.study.summary import Measure
+
+_MINUS = "\N{MINUS SIGN}"
+_NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
+
+
+def p_value(p: float) -> str:
+    """As the paper prints them, but rounded; a dash for the control."""
+    if np.isnan(p):
+        return "–"
+    if p >= 0.001:
+        return f"{p:.3f}"
+    mantissa, _, exponent = f"{p:.2E}".partition("E")
+    return f"{mantissa}E{int(exponent)}".replace("-", _MINUS) if p > 0 else "0"
+
+
+def shown(value: float, measure: Measure, *, sign: bool = False) -> str:
+    """A value of a measure without its unit."""
+    return f"{value:{'+' if sign else ''}.{measure.decimals}f}".replace("-", _MINUS)
+
+
+def with_unit(value: float, measure: Measure) -> str:
+    """A value of a measure with its unit."""
+    return shown(value, measure) + (f"\N{NO-BREAK SPACE}{measure.unit}" if measure.unit else "")
+
+
+def interval(ends: tuple[float, float], decimals: int) -> str:
+    """The two ends of an interval."""
+    return f"{ends[0]:.{decimals}f} to {ends[1]:.{decimals}f}".replace("-", _MINUS)
+
+
+def in_unit(measure: Measure) -> str:
+    """What follows a measure's label at the head of a table: its unit in brackets, if it has one."""
+    return f" [{measure.unit}]" if measure.unit else ""
+
+
+def named(measure: Measure) -> str:
+    """A measure's label within a sentence."""
+    abbreviated = measure.label[:2].isupper() or measure.label.startswith("HumanEva")
+    return measure.label if abbreviated else measure.label[0].lower() + measure.label[1:]
+
+
+def listed(values: Sequence[int]) -> str:
+    """Numbers in a sentence: 1, 2 and 3."""
+    words = [f"{value:,}" for value in values]
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def counted(number: int, noun: str) -> str:
+    """So many of something."""
+    return f"{number:,} {noun}{'' if number == 1 else 's'}"
+
+
+def spelled(number: int, noun: str) -> str:
+    """So many of something, small numbers as words."""
+    count = _NUMBERS[number] if number < len(_NUMBERS) else f"{number:,}"
+    return f"{count} {noun}{'' if number == 1 else 's'}"

@@ -1,8 +1,9 @@
 """Which pixel centres of a row a projected triangle covers: the tie rule that all renderers share.
 
-A triangle faces the camera when its corners turn counter-clockwise on screen as the eye sees them, which is a
-negative area here, because y points down. Only such triangles count: the surface is closed, so wherever the body
-covers a pixel, a facing triangle does. **A pixel whose centre lies exactly on an edge is covered.**
+Vertices lie in the middle of the cells of a grid whose corners are the pixel centres (see ``projection.py``), so a
+vertex is never level with a pixel centre. Where an edge passes exactly through one, **the pixel belongs to the side
+on the right**. So triangles that share an edge share no pixel and leave none out, and the pixels of a closed surface
+are those of its facing triangles alone: a ray enters it as often as it leaves it.
 """
 
 import warp as wp
@@ -11,84 +12,135 @@ from mmocap_warp.kernels.projection import BEHIND, SUBPIXEL
 
 wp.set_module_options({"enable_backward": False})
 
-# An edge crosses a row of pixel centres at a multiple of 1 / (SUBPIXEL * dy) px, where dy < 2^20 steps: exactly on
-# an integer or at least 5e-8 px away from it, while the float64 estimate below errs by less than 1e-10 px.
-_TIE = wp.constant(wp.float64(1.0e-9))
-_PIXEL = wp.constant(wp.float64(1.0 / SUBPIXEL))
-_HALF_OPEN = wp.constant(SUBPIXEL - 1)
-_FAR = wp.constant(wp.float64(1.0e9))
+_SHIFT = wp.constant(SUBPIXEL.bit_length() - 1)
+_WITHIN = wp.constant(SUBPIXEL - 1)
+_PIXEL = wp.constant(1.0 / SUBPIXEL)
 _ONES = wp.constant(wp.uint32(0xFFFFFFFF))
+
+# An edge of height dy cells meets a row at a multiple of 1 / (2 SUBPIXEL dy) px. In float32, a short edge's meeting
+# point errs by less than 1.2e-5 px and is an integer or at least 3.0e-5 px away from one: half of that tells them
+# apart. Long edges are divided in integers.
+_SHORT = wp.constant(1024)  # cells
+_TIE = wp.constant(1.5e-5)
+
+
+@wp.struct
+class Edge:
+    """An edge that runs down the image."""
+
+    top: wp.vec2i
+    step: wp.vec2i  # from its upper end to its lower
+    slope: float  # columns a row
+    is_short: bool
+
+
+@wp.func
+def edge(top: wp.vec2i, bottom: wp.vec2i) -> Edge:
+    """The edge between two points, the upper one first."""
+    e = Edge()
+    e.top = top
+    e.step = bottom - top
+    e.slope = float(e.step[0]) / float(wp.max(e.step[1], 1))
+    e.is_short = wp.max(wp.abs(e.step[0]), e.step[1]) < _SHORT
+    return e
+
+
+@wp.func
+def first_after(cell: int) -> int:
+    """The first row (or column) of pixel centres after the middle of a cell."""
+    return (cell >> _SHIFT) + 1
+
+
+@wp.func
+def last_before(cell: int) -> int:
+    """The last row (or column) of pixel centres before the middle of a cell."""
+    return cell >> _SHIFT
+
+
+@wp.func
+def _divided_up(numerator: wp.int64, denominator: wp.int64) -> int:
+    return -int(wp.floordiv(-numerator, denominator))
+
+
+@wp.func
+def crossing(e: Edge, row: int) -> int:
+    """The first pixel of a row on the right of an edge that meets the row, or on it."""
+    if e.is_short:
+        down = float(row * SUBPIXEL - e.top[1]) - 0.5
+        x = (float(e.top[0] & _WITHIN) + 0.5 + down * e.slope) * _PIXEL
+        return (e.top[0] >> _SHIFT) + int(wp.ceil(x - _TIE))
+    dx, dy = wp.int64(e.step[0]), wp.int64(e.step[1])
+    across = wp.int64(2 * e.top[0] + 1) * dy + wp.int64(2 * (row * SUBPIXEL - e.top[1]) - 1) * dx
+    return _divided_up(across, wp.int64(2 * SUBPIXEL) * dy)
+
+
+@wp.func
+def span(a: Edge, b: Edge, row: int) -> wp.vec2i:
+    """First and last pixel of a row between two edges that meet it; none if first > last."""
+    p = crossing(a, row)
+    q = crossing(b, row)
+    return wp.vec2i(wp.min(p, q), wp.max(p, q) - 1)
+
+
+@wp.func
+def is_behind(point: wp.vec2i) -> bool:
+    """Whether a vertex lies before the near plane."""
+    return point[0] == BEHIND
 
 
 @wp.func
 def faces_camera(a: wp.vec2i, b: wp.vec2i, c: wp.vec2i) -> bool:
-    """Whether a projected triangle turns its outside to the camera and lies wholly in front of it."""
-    if a[0] == BEHIND or b[0] == BEHIND or c[0] == BEHIND:
-        return False
+    """Whether a projected triangle turns its outside to the camera.
+
+    Its corners then turn counter-clockwise as the eye sees them, a negative area, because y points down.
+    """
     right = wp.int64(b[0] - a[0]) * wp.int64(c[1] - a[1])
     left = wp.int64(b[1] - a[1]) * wp.int64(c[0] - a[0])
     return right < left
 
 
-@wp.func
-def first_pixel(steps: int) -> int:
-    """The first pixel centre at or after a grid position."""
-    return wp.floordiv(steps + _HALF_OPEN, SUBPIXEL)
+@wp.struct
+class Drop:
+    """A triangle as it is drawn: down its long edge, beside the upper and then the lower of the other two."""
+
+    long_side: Edge
+    upper_side: Edge
+    lower_side: Edge
+    first: int  # row
+    turn: int  # last row of the upper edge
+    last: int  # row
 
 
 @wp.func
-def last_pixel(steps: int) -> int:
-    """The last pixel centre at or before a grid position."""
-    return wp.floordiv(steps, SUBPIXEL)
+def drop(a: wp.vec2i, b: wp.vec2i, c: wp.vec2i, first: int, last: int) -> Drop:
+    """A triangle within rows ``first .. last``; it has none if its ``first`` > ``last``."""
+    # Sorted by choosing, not by branching: which corner is on top is anyone's guess.
+    swap = b[1] < a[1]
+    upper = wp.where(swap, b, a)
+    lower = wp.where(swap, a, b)
+    above = c[1] < upper[1]
+    top = wp.where(above, c, upper)
+    rest = wp.where(above, upper, c)
+    below = lower[1] < rest[1]
+    middle = wp.where(below, lower, rest)
+    bottom = wp.where(below, rest, lower)
+    d = Drop()
+    d.first = wp.max(first_after(top[1]), first)
+    d.turn = last_before(middle[1])
+    d.last = wp.min(last_before(bottom[1]), last)
+    if d.first <= d.last:
+        d.long_side = edge(top, bottom)
+        d.upper_side = edge(top, middle)
+        d.lower_side = edge(middle, bottom)
+    return d
 
 
 @wp.func
-def slope(a: wp.vec2i, b: wp.vec2i) -> wp.float64:
-    """``dx / dy`` of an edge; 0 where it is horizontal, because such an edge bounds no row."""
-    dy = b[1] - a[1]
-    if dy == 0:
-        return wp.float64(0.0)
-    return wp.float64(b[0] - a[0]) / wp.float64(dy)
-
-
-@wp.func
-def crossing(a: wp.vec2i, slope: wp.float64, row: int) -> wp.float64:
-    """Where the line through ``a`` crosses a row of pixel centres [px]."""
-    return (wp.float64(a[0]) + wp.float64(row * SUBPIXEL - a[1]) * slope) * _PIXEL
-
-
-@wp.func
-def span(
-    a: wp.vec2i,
-    b: wp.vec2i,
-    c: wp.vec2i,
-    slope_ab: wp.float64,
-    slope_bc: wp.float64,
-    slope_ca: wp.float64,
-    row: int,
-    width: int,
-) -> wp.vec2i:
-    """First and last pixel of a row that a facing triangle covers, within the image; empty if first > last.
-
-    The row must lie within the triangle's own rows. An edge that runs down the image bounds it on the left.
-    """
-    left = -_FAR
-    right = _FAR
-    if b[1] > a[1]:
-        left = wp.max(left, crossing(a, slope_ab, row))
-    elif b[1] < a[1]:
-        right = wp.min(right, crossing(a, slope_ab, row))
-    if c[1] > b[1]:
-        left = wp.max(left, crossing(b, slope_bc, row))
-    elif c[1] < b[1]:
-        right = wp.min(right, crossing(b, slope_bc, row))
-    if a[1] > c[1]:
-        left = wp.max(left, crossing(c, slope_ca, row))
-    elif a[1] < c[1]:
-        right = wp.min(right, crossing(c, slope_ca, row))
-    first = wp.max(0, int(wp.ceil(left - _TIE)))
-    last = wp.min(width - 1, int(wp.floor(right + _TIE)))
-    return wp.vec2i(first, last)
+def row_span(d: Drop, row: int) -> wp.vec2i:
+    """First and last pixel of one of a triangle's rows; none if first > last."""
+    if row <= d.turn:
+        return span(d.long_side, d.upper_side, row)
+    return span(d.long_side, d.lower_side, row)
 
 
 @wp.func

@@ -47,6 +47,37 @@ def rotation_zyx(x: float, y: float, z: float) -> wp.mat33:
     )  # fmt: skip
 
 
+@wp.func
+def pose_joint(
+    pose: wp.array2d[wp.float32],
+    parent: wp.array[wp.int32],
+    joint_frame: wp.array[wp.mat33],
+    joint_rest: wp.array2d[wp.vec3],
+    root_base: wp.array[wp.mat33],
+    c: int,
+    j: int,
+    joint_transform: wp.array2d[Affine],
+    skin_matrix: wp.array2d[Affine],
+):
+    """Pose one joint of a candidate, whose parent has been posed."""
+    body = wp.min(c, joint_rest.shape[0] - 1)
+    rotation = rotation_zyx(pose[c, 3 + 3 * j], pose[c, 4 + 3 * j], pose[c, 5 + 3 * j])
+    rest = joint_rest[body, j]
+    p = parent[j]
+    if p < 0:
+        world = root_base[body] * joint_frame[j] * rotation
+        origin = wp.vec3(pose[c, 0], pose[c, 1], pose[c, 2])
+    else:
+        above = joint_transform[c, p]
+        into_parent = wp.transpose(joint_frame[p])
+        turn = rotation_of(above)
+        world = turn * (into_parent * joint_frame[j] * rotation)
+        origin = translation_of(above) + turn * (into_parent * (rest - joint_rest[body, p]))
+    joint_transform[c, j] = affine(world, origin)
+    from_rest = world * wp.transpose(joint_frame[j])
+    skin_matrix[c, j] = affine(from_rest, origin - from_rest * rest)
+
+
 @wp.kernel
 def _pose_joints(
     pose: wp.array2d[wp.float32],  # (candidate, 3 + 3 joint)
@@ -59,23 +90,8 @@ def _pose_joints(
     skin_matrix: wp.array2d[Affine],  # (candidate, joint)
 ):
     c = wp.tid()
-    body = wp.min(c, joint_rest.shape[0] - 1)
     for j in range(parent.shape[0]):
-        rotation = rotation_zyx(pose[c, 3 + 3 * j], pose[c, 4 + 3 * j], pose[c, 5 + 3 * j])
-        rest = joint_rest[body, j]
-        p = parent[j]
-        if p < 0:
-            world = root_base[body] * joint_frame[j] * rotation
-            origin = wp.vec3(pose[c, 0], pose[c, 1], pose[c, 2])
-        else:
-            above = joint_transform[c, p]
-            into_parent = wp.transpose(joint_frame[p])
-            turn = rotation_of(above)
-            world = turn * (into_parent * joint_frame[j] * rotation)
-            origin = translation_of(above) + turn * (into_parent * (rest - joint_rest[body, p]))
-        joint_transform[c, j] = affine(world, origin)
-        from_rest = world * wp.transpose(joint_frame[j])
-        skin_matrix[c, j] = affine(from_rest, origin - from_rest * rest)
+        pose_joint(pose, parent, joint_frame, joint_rest, root_base, c, j, joint_transform, skin_matrix)
 
 
 def pose_joints(pose, parent, joint_frame, joint_rest, root_base, joint_transform, skin_matrix):

@@ -5,43 +5,48 @@ import warp as wp
 wp.set_module_options({"enable_backward": False})
 
 SUBPIXEL = 16
-"""Grid steps per pixel. A sixteenth keeps the edge functions of triangles up to 2,000 px wide within 32 bits."""
+"""Cells of the grid per pixel."""
 
 NEAR = 0.05
-"""Points closer than this to the camera's plane [m], or behind it, do not project."""
+"""The near plane [m]: what is closer to the camera's plane than this, or behind it, is cut off."""
 
 BEHIND = -(2**30)
-"""Image coordinate of a point that does not project."""
+"""Image coordinate of a point before the near plane."""
 
 _LIMIT = float(2**20)
 
 
-@wp.kernel
-def _project(
-    posed: wp.array2d[wp.vec3],  # (candidate, vertex) [m]
-    rotation: wp.array[wp.mat33],  # (camera,)
-    translation: wp.array[wp.vec3],  # (camera,) [m]
-    intrinsics: wp.array[wp.vec4],  # (camera,) fx fy cx cy [px]
-    # out
-    image: wp.array3d[wp.vec2i],  # (candidate, camera, vertex) [px / SUBPIXEL]
-):
-    c, k, v = wp.tid()
-    p = rotation[k] * posed[c, v] + translation[k]
-    if p[2] < NEAR:
-        image[c, k, v] = wp.vec2i(BEHIND, BEHIND)
-        return
-    lens = intrinsics[k]
+@wp.struct
+class Pinhole:
+    """A camera: where it stands and its lens."""
+
+    rotation: wp.mat33
+    translation: wp.vec3  # [m]
+    lens: wp.vec4  # fx fy cx cy [px]
+
+
+@wp.func
+def into_camera(point: wp.vec3, camera: Pinhole) -> wp.vec3:
+    """Camera coordinates of a point in the world: x right, y down, z forward [m]."""
+    return camera.rotation * point + camera.translation
+
+
+@wp.func
+def onto_grid(p: wp.vec3, lens: wp.vec4) -> wp.vec2i:
+    """The cell ``floor(SUBPIXEL * (x, y))`` that a point in camera coordinates projects into.
+
+    The point is then taken to lie **in the middle of its cell**. Pixel centres lie on corners of cells, so that no
+    vertex ever shares a row or a column with one.
+    """
     x = float(SUBPIXEL) * (lens[0] * p[0] / p[2] + lens[2])
     y = float(SUBPIXEL) * (lens[1] * p[1] / p[2] + lens[3])
-    image[c, k, v] = wp.vec2i(int(wp.rint(wp.clamp(x, -_LIMIT, _LIMIT))), int(wp.rint(wp.clamp(y, -_LIMIT, _LIMIT))))
+    return wp.vec2i(int(wp.floor(wp.clamp(x, -_LIMIT, _LIMIT))), int(wp.floor(wp.clamp(y, -_LIMIT, _LIMIT))))
 
 
-def project(posed, rotation, translation, intrinsics, image):
-    """Project: ``image = round(SUBPIXEL * (K (R posed + t))_xy)``, in sixteenths of a pixel; see ``BEHIND``."""
-    wp.launch(
-        _project,
-        dim=(posed.shape[0], rotation.shape[0], posed.shape[1]),
-        inputs=[posed, rotation, translation, intrinsics],
-        outputs=[image],
-        device=posed.device,
-    )
+@wp.func
+def project(point: wp.vec3, camera: Pinhole) -> wp.vec2i:
+    """The cell of a point in the world, or ``BEHIND`` twice."""
+    p = into_camera(point, camera)
+    if p[2] < NEAR:
+        return wp.vec2i(BEHIND, BEHIND)
+    return onto_grid(p, camera.lens)

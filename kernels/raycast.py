@@ -1,40 +1,70 @@
-"""Silhouettes by packets of rays: 32 x 8 pixel centres share one traversal of a BVH in image space.
+"""Silhouettes by packets of rays: the pixels of a few rows of a 32-bit word share one traversal of a BVH.
 
-The tree is built once over the rest pose; each candidate and camera refits its boxes around the projected triangles
-that face the camera. A packet walks the tree once, marks the pixels that each triangle covers as bits, stops when
-all its rays have hit, and is counted against the observed mask in place: no image is ever stored.
+The tree is built once over the rest pose; each candidate and camera refits its boxes, in the image, around the
+projected triangles that face the camera. A packet walks the tree once, marks the pixels that each triangle covers as
+bits, stops when all its rays have hit, and is counted against the observed mask in place: no image is ever stored.
 
 A node is ``(skip, first, count, level)``: where to go when its box is missed, and for a leaf its run of triangles.
-Nodes stand in depth-first order, so the next node is the first child and a child always has a higher number.
+Nodes stand in depth-first order, so the next node is the first child.
 """
 
 import warp as wp
 
-from mmocap_warp.kernels.coverage import faces_camera, first_pixel, last_pixel, slope, span, word_bits
-from mmocap_warp.kernels.projection import SUBPIXEL
+from mmocap_warp.kernels.block import WORDS, lanes_of, shared_words, sync
+from mmocap_warp.kernels.coverage import drop, faces_camera, first_after, is_behind, last_before, row_span, word_bits
+from mmocap_warp.kernels.near_plane import clip, corner
+from mmocap_warp.kernels.silhouette import (
+    Cameras,
+    Frozen,
+    add_up,
+    count_word,
+    frozen_word,
+    is_cut,
+    pinhole,
+    project_body,
+)
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": "-march=native -mllvm=-inline-threshold=9000 -fno-slp-vectorize"})
 
-PACKET_ROWS = 8
-PacketBits = wp.types.vector(length=PACKET_ROWS, dtype=wp.uint32)
+_ROWS_ON_CPU = 32
+_ROWS_ON_GPU = 4
 
 _EMPTY_LOW = wp.constant(2**29)
 _EMPTY_HIGH = wp.constant(-(2**29))
 
 
+@wp.struct
+class Tree:
+    """A BVH over triangles; see :class:`mmocap_warp.bvh.Bvh`."""
+
+    node: wp.array[wp.vec4i]  # (node,)
+    triangle: wp.array[wp.vec3i]  # (triangle,) in leaf order
+    by_level: wp.array[wp.int32]  # (node,) nodes, children before their parents
+    level_end: wp.array[wp.int32]  # (level,) ends in ``by_level`` of nodes that don't depend on each other
+
+
 @wp.func
 def _leaf_box(
     node: wp.vec4i,
-    triangle: wp.array[wp.vec3i],
+    tree: Tree,
     image: wp.array3d[wp.vec2i],
+    cut: bool,
     c: int,
     k: int,
+    visible: wp.array3d[wp.uint8],
 ) -> wp.vec4i:
+    """The box of a leaf's visible triangles, which are noted: those that face the camera, or all where it is cut."""
     box = wp.vec4i(_EMPTY_LOW, _EMPTY_LOW, _EMPTY_HIGH, _EMPTY_HIGH)
     for t in range(node[1], node[1] + node[2]):
-        corner = triangle[t]
-        p, q, r = image[c, k, corner[0]], image[c, k, corner[1]], image[c, k, corner[2]]
-        if faces_camera(p, q, r):
+        v = tree.triangle[t]
+        p = image[c, k, v[0]]
+        q = image[c, k, v[1]]
+        r = image[c, k, v[2]]
+        is_visible = cut or faces_camera(p, q, r)
+        visible[c, k, t] = wp.uint8(is_visible)
+        if cut and (is_behind(p) or is_behind(q) or is_behind(r)):
+            box = wp.vec4i(_EMPTY_HIGH, _EMPTY_HIGH, _EMPTY_LOW, _EMPTY_LOW)  # clipped points may lie anywhere
+        elif is_visible:
             box = wp.vec4i(
                 wp.min(box[0], wp.min(p[0], wp.min(q[0], r[0]))),
                 wp.min(box[1], wp.min(p[1], wp.min(q[1], r[1]))),
@@ -45,201 +75,168 @@ def _leaf_box(
 
 
 @wp.func
-def _refit_node(
-    n: int,
-    node: wp.array[wp.vec4i],
-    triangle: wp.array[wp.vec3i],
+def _refit(
+    tree: Tree,
     image: wp.array3d[wp.vec2i],
+    cut: bool,
     c: int,
     k: int,
+    lane: int,
+    lanes: int,
+    visible: wp.array3d[wp.uint8],
     box: wp.array3d[wp.vec4i],
 ):
-    this = node[n]
-    if this[2] > 0:
-        box[c, k, n] = _leaf_box(this, triangle, image, c, k)
-    else:
-        left = box[c, k, n + 1]
-        right = box[c, k, node[n + 1][0]]
-        box[c, k, n] = wp.vec4i(
-            wp.min(left[0], right[0]),
-            wp.min(left[1], right[1]),
-            wp.max(left[2], right[2]),
-            wp.max(left[3], right[3]),
-        )
+    """Fit the boxes of a candidate and camera around its triangles, a level at a time."""
+    first = int(0)
+    for level in range(tree.level_end.shape[0]):
+        end = tree.level_end[level]
+        for i in range(first + lane, end, lanes):
+            n = tree.by_level[i]
+            node = tree.node[n]
+            if node[2] > 0:
+                box[c, k, n] = _leaf_box(node, tree, image, cut, c, k, visible)
+            else:
+                left = box[c, k, n + 1]
+                right = box[c, k, tree.node[n + 1][0]]
+                box[c, k, n] = wp.vec4i(
+                    wp.min(left[0], right[0]),
+                    wp.min(left[1], right[1]),
+                    wp.max(left[2], right[2]),
+                    wp.max(left[3], right[3]),
+                )
+        sync()
+        first = end
 
 
-@wp.kernel
-def _refit(
-    node: wp.array[wp.vec4i],  # (node,)
-    triangle: wp.array[wp.vec3i],  # (triangle,) in leaf order
-    image: wp.array3d[wp.vec2i],  # (candidate, camera, vertex)
-    # out
-    box: wp.array3d[wp.vec4i],  # (candidate, camera, node) x_min y_min x_max y_max
-):
-    c, k = wp.tid()
-    last = node.shape[0] - 1
-    for i in range(node.shape[0]):
-        _refit_node(last - i, node, triangle, image, c, k, box)
+@wp.struct
+class Packet:
+    """Rays through a few rows of a word of pixels, and where a lane keeps their hits."""
 
-
-@wp.kernel
-def _refit_level(
-    level: wp.array[wp.int32],  # (node of the level,)
-    node: wp.array[wp.vec4i],  # (node,)
-    triangle: wp.array[wp.vec3i],  # (triangle,) in leaf order
-    image: wp.array3d[wp.vec2i],  # (candidate, camera, vertex)
-    # out
-    box: wp.array3d[wp.vec4i],  # (candidate, camera, node)
-):
-    c, k, i = wp.tid()
-    _refit_node(level[i], node, triangle, image, c, k, box)
-
-
-def refit(node, levels, triangle, image, box):
-    """Fit the boxes of every candidate and camera around the projected facing triangles [px / SUBPIXEL].
-
-    On the CPU one thread walks the nodes from the last to the first; on a GPU a launch does each of the tree's
-    ``levels`` (node numbers, the deepest first).
-    """
-    candidates, cameras, _ = box.shape
-    if box.device.is_cpu:
-        wp.launch(_refit, dim=(candidates, cameras), inputs=[node, triangle, image], outputs=[box], device=box.device)
-        return
-    for level in levels:
-        wp.launch(
-            _refit_level,
-            dim=(candidates, cameras, level.shape[0]),
-            inputs=[level, node, triangle, image],
-            outputs=[box],
-            device=box.device,
-        )
+    word: int
+    first_row: int
+    rows: int
+    start: int  # of its rows' words in the block's shared words
+    stride: int
 
 
 @wp.func
-def _cast_packet(
-    word: int,
-    row_min: int,
-    rows: int,
-    width: int,
-    node: wp.array[wp.vec4i],
-    triangle: wp.array[wp.vec3i],
+def _hit(a: wp.vec2i, b: wp.vec2i, c: wp.vec2i, packet: Packet, bits: wp.array[wp.uint32]):
+    """Mark the rays that hit a projected triangle."""
+    left = packet.word * 32
+    if wp.max(a[0], wp.max(b[0], c[0])) < left * 16 or wp.min(a[0], wp.min(b[0], c[0])) >= (left + 31) * 16:
+        return
+    d = drop(a, b, c, packet.first_row, packet.first_row + packet.rows - 1)
+    for row in range(d.first, d.last + 1):
+        s = row_span(d, row)
+        bits[packet.start + (row - packet.first_row) * packet.stride] |= word_bits(s[0], s[1], packet.word)
+
+
+@wp.func
+def _cast(
+    packet: Packet,
+    tree: Tree,
+    posed: wp.array2d[wp.vec3],
     image: wp.array3d[wp.vec2i],
+    visible: wp.array3d[wp.uint8],
     box: wp.array3d[wp.vec4i],
+    cameras: Cameras,
+    cut: bool,
     c: int,
     k: int,
-) -> PacketBits:
-    """The pixels of a packet that the body covers; bit ``x`` of element ``y``."""
-    x_min = word * 32 * SUBPIXEL
-    x_max = x_min + 31 * SUBPIXEL
-    y_min = row_min * SUBPIXEL
-    y_max = (row_min + rows - 1) * SUBPIXEL
-    all_hit = word_bits(0, width - 1, word)
-    bits = PacketBits()
+    bits: wp.array[wp.uint32],
+):
+    """Cast a packet's rays that have not hit yet."""
+    first_column = packet.word * 32
+    last_column = first_column + 31
+    last_row = packet.first_row + packet.rows - 1
+    all_hit = word_bits(0, cameras.size[k][0] - 1, packet.word)
     n = int(0)
-    while n < node.shape[0]:
+    while n < tree.node.shape[0]:
         b = box[c, k, n]
-        this = node[n]
-        if b[0] > x_max or b[2] < x_min or b[1] > y_max or b[3] < y_min:
-            n = this[0]
-        elif this[2] == 0:
+        node = tree.node[n]
+        if (
+            last_before(b[0]) >= last_column
+            or last_before(b[2]) < first_column
+            or last_before(b[1]) >= last_row
+            or last_before(b[3]) < packet.first_row
+        ):
+            n = node[0]
+        elif node[2] == 0:
             n += 1
         else:
-            for t in range(this[1], this[1] + this[2]):
-                corner = triangle[t]
-                p, q, r = image[c, k, corner[0]], image[c, k, corner[1]], image[c, k, corner[2]]
-                if faces_camera(p, q, r):
-                    low = wp.max(first_pixel(wp.min(p[1], wp.min(q[1], r[1]))) - row_min, 0)
-                    high = wp.min(last_pixel(wp.max(p[1], wp.max(q[1], r[1]))) - row_min, rows - 1)
-                    if low <= high:
-                        pq, qr, rp = slope(p, q), slope(q, r), slope(r, p)
-                        for y in range(low, high + 1):
-                            s = span(p, q, r, pq, qr, rp, row_min + y, width)
-                            bits[y] = bits[y] | word_bits(s[0], s[1], word)
+            for t in range(node[1], node[1] + node[2]):
+                if visible[c, k, t] != wp.uint8(0):
+                    v = tree.triangle[t]
+                    p = image[c, k, v[0]]
+                    q = image[c, k, v[1]]
+                    r = image[c, k, v[2]]
+                    if cut:
+                        left = clip(p, q, r, posed[c, v[0]], posed[c, v[1]], posed[c, v[2]], pinhole(cameras, k))
+                        _hit(corner(left, 0), corner(left, 1), corner(left, 2), packet, bits)
+                        _hit(corner(left, 0), corner(left, 2), corner(left, 3), packet, bits)
+                    else:
+                        _hit(p, q, r, packet, bits)
             full = all_hit
-            for y in range(rows):
-                full = full & bits[y]
-            n = wp.where(full == all_hit, node.shape[0], this[0])
-    return bits
-
-
-@wp.func
-def _count_packet(
-    bits: PacketBits,
-    word: int,
-    row_min: int,
-    rows: int,
-    observed: wp.array3d[wp.uint32],
-    k: int,
-) -> wp.vec2i:
-    model = int(0)
-    overlap = int(0)
-    for y in range(rows):
-        model += wp.bit_count(bits[y])
-        overlap += wp.bit_count(bits[y] & observed[k, row_min + y, word])
-    return wp.vec2i(model, overlap)
+            for row in range(packet.rows):
+                full = full & bits[packet.start + row * packet.stride]
+            n = wp.where(full == all_hit, tree.node.shape[0], node[0])
 
 
 @wp.kernel
-def _cast(
-    node: wp.array[wp.vec4i],  # (node,)
-    triangle: wp.array[wp.vec3i],  # (triangle,)
-    image: wp.array3d[wp.vec2i],  # (candidate, camera, vertex)
-    box: wp.array3d[wp.vec4i],  # (candidate, camera, node)
-    size: wp.array[wp.vec2i],  # (camera,) width height [px]
-    observed: wp.array3d[wp.uint32],  # (camera, row, word)
+def _raycast(
+    posed: wp.array2d[wp.vec3],  # (candidate, vertex) [m]
+    vertex: wp.array[wp.int32],  # (moved vertex,)
+    tree: Tree,  # of the moved triangles
+    cameras: Cameras,
+    frozen: Frozen,
+    packet_rows: int,
+    lanes: int,
+    scratch: wp.array[wp.uint32],
     # out
+    image: wp.array3d[wp.vec2i],  # (candidate, camera, vertex) cells
+    visible: wp.array3d[wp.uint8],  # (candidate, camera, moved triangle)
+    box: wp.array3d[wp.vec4i],  # (candidate, camera, node) x_min y_min x_max y_max, cells
     count: wp.array2d[wp.vec2i],  # (candidate, camera) |M|, |M and F|
 ):
-    c, k = wp.tid()
-    width, height = size[k][0], size[k][1]
-    root = box[c, k, 0]
-    word_first = wp.max(first_pixel(root[0]), 0) // 32
-    word_last = wp.min(last_pixel(root[2]), width - 1) // 32
-    packet_first = wp.max(first_pixel(root[1]), 0) // PACKET_ROWS
-    packet_last = wp.min(last_pixel(root[3]), height - 1) // PACKET_ROWS
+    c, k, lane = wp.tid()
+    bits = shared_words(scratch)
+    bounds = project_body(posed, vertex, cameras, frozen, c, k, lane, lanes, scratch, image)
+    cut = is_cut(frozen, c, k, scratch)
+    width = cameras.size[k][0]
     total = wp.vec2i(0, 0)
-    if root[0] <= root[2] and last_pixel(root[2]) >= 0 and last_pixel(root[3]) >= 0:
-        for packet in range(packet_first, packet_last + 1):
-            row_min = packet * PACKET_ROWS
-            rows = wp.min(PACKET_ROWS, height - row_min)
-            for word in range(word_first, word_last + 1):
-                bits = _cast_packet(word, row_min, rows, width, node, triangle, image, box, c, k)
-                total += _count_packet(bits, word, row_min, rows, observed, k)
-    count[c, k] = total
+    words = bounds[3] - bounds[2] + 1
+    if words > 0 and bounds[1] >= bounds[0]:
+        _refit(tree, image, cut, c, k, lane, lanes, visible, box)
+        packet = Packet()
+        packet.start = lane
+        packet.stride = lanes
+        packets = ((bounds[1] - bounds[0]) // packet_rows + 1) * words
+        for i in range(lane, packets, lanes):
+            packet.word = bounds[2] + i % words
+            packet.first_row = bounds[0] + i // words * packet_rows
+            packet.rows = wp.min(packet_rows, bounds[1] - packet.first_row + 1)
+            for row in range(packet.rows):
+                bits[lane + row * lanes] = frozen_word(frozen, c, k, packet.first_row + row, packet.word)
+            _cast(packet, tree, posed, image, visible, box, cameras, cut, c, k, bits)
+            inside = word_bits(0, width - 1, packet.word)
+            for row in range(packet.rows):
+                hits = bits[lane + row * lanes] & inside
+                total += count_word(hits, cameras, frozen, c, k, packet.first_row + row, packet.word)
+    add_up(total, frozen, c, k, lane, scratch, count)
 
 
-@wp.kernel
-def _cast_each(
-    node: wp.array[wp.vec4i],  # (node,)
-    triangle: wp.array[wp.vec3i],  # (triangle,)
-    image: wp.array3d[wp.vec2i],  # (candidate, camera, vertex)
-    box: wp.array3d[wp.vec4i],  # (candidate, camera, node)
-    size: wp.array[wp.vec2i],  # (camera,) width height [px]
-    observed: wp.array3d[wp.uint32],  # (camera, row, word)
-    # out
-    count: wp.array2d[wp.vec2i],  # (candidate, camera), zeroed
-):
-    c, k, packet, word = wp.tid()
-    width, height = size[k][0], size[k][1]
-    row_min = packet * PACKET_ROWS
-    rows = wp.min(PACKET_ROWS, height - row_min)
-    if rows > 0 and word * 32 < width:
-        bits = _cast_packet(word, row_min, rows, width, node, triangle, image, box, c, k)
-        found = _count_packet(bits, word, row_min, rows, observed, k)
-        if found[0] > 0:
-            wp.atomic_add(count, c, k, found)
-
-
-def cast(node, triangle, image, box, size, observed, count):
+def raycast(posed, vertex, tree, cameras, frozen, scratch, image, visible, box, count):
     """Count pixels: ``count[c, k] = (|M|, |M and F|)`` of candidate ``c``'s silhouette M and camera ``k``'s mask F.
 
-    On the CPU one thread casts all packets of a candidate and camera, on a GPU each packet has its own.
+    ``vertex`` and the triangles of ``tree`` are those that move; the silhouette of the others is in ``frozen``.
     """
-    inputs = [node, triangle, image, box, size, observed]
-    if count.device.is_cpu:
-        wp.launch(_cast, dim=count.shape, inputs=inputs, outputs=[count], device=count.device)
-        return
-    _, rows, words = observed.shape
-    count.zero_()
-    packets = (rows + PACKET_ROWS - 1) // PACKET_ROWS
-    wp.launch(_cast_each, dim=(*count.shape, packets, words), inputs=inputs, outputs=[count], device=count.device)
+    device = count.device
+    lanes = lanes_of(device)
+    wp.launch(
+        _raycast,
+        dim=(*count.shape, lanes),
+        inputs=[posed, vertex, tree, cameras, frozen, _ROWS_ON_CPU if device.is_cpu else _ROWS_ON_GPU, lanes, scratch],
+        outputs=[image, visible, box, count],
+        block_dim=lanes,
+        device=device,
+    )

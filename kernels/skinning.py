@@ -1,10 +1,32 @@
-"""Linear-blend skinning."""
+"""Linear-blend skinning, of given skinning matrices or straight from the pose."""
 
 import warp as wp
 
-from mmocap_warp.kernels.kinematics import Affine
+from mmocap_warp.kernels.block import lanes_of, sync
+from mmocap_warp.kernels.kinematics import Affine, pose_joint
 
 wp.set_module_options({"enable_backward": False})
+
+
+@wp.func
+def _skinned(
+    rest: wp.array2d[wp.vec3],
+    joint: wp.array[wp.vec4i],
+    weight: wp.array[wp.vec4],
+    skin_matrix: wp.array2d[Affine],
+    c: int,
+    v: int,
+) -> wp.vec3:
+    """A vertex of a candidate [m]. Weights are sorted, the largest first, so that the rest can be skipped at a zero."""
+    point = rest[wp.min(c, rest.shape[0] - 1), v]
+    at = wp.vec4(point[0], point[1], point[2], 1.0)
+    influence = joint[v]
+    share = weight[v]
+    blended = share[0] * (skin_matrix[c, influence[0]] * at)
+    for i in range(1, 4):
+        if share[i] > 0.0:
+            blended += share[i] * (skin_matrix[c, influence[i]] * at)
+    return blended
 
 
 @wp.kernel
@@ -17,16 +39,7 @@ def _skin(
     posed: wp.array2d[wp.vec3],  # (candidate, vertex)
 ):
     c, v = wp.tid()
-    body = wp.min(c, rest.shape[0] - 1)
-    point = rest[body, v]
-    at = wp.vec4(point[0], point[1], point[2], 1.0)
-    influence = joint[v]
-    share = weight[v]
-    blended = share[0] * (skin_matrix[c, influence[0]] * at)
-    for i in range(1, 4):
-        if share[i] > 0.0:
-            blended += share[i] * (skin_matrix[c, influence[i]] * at)
-    posed[c, v] = blended
+    posed[c, v] = _skinned(rest, joint, weight, skin_matrix, c, v)
 
 
 def skin(rest, joint, weight, skin_matrix, posed):
@@ -35,3 +48,55 @@ def skin(rest, joint, weight, skin_matrix, posed):
     Weights are sorted, the largest first; ``body`` is one for all candidates, or one each.
     """
     wp.launch(_skin, dim=posed.shape, inputs=[rest, joint, weight, skin_matrix], outputs=[posed], device=posed.device)
+
+
+@wp.kernel
+def _pose_vertices(
+    pose: wp.array2d[wp.float32],  # (candidate, 3 + 3 joint)
+    parent: wp.array[wp.int32],  # (joint,)
+    depth: wp.array[wp.int32],  # (joint,) joints above it
+    joint_frame: wp.array[wp.mat33],  # (joint,)
+    joint_rest: wp.array2d[wp.vec3],  # (body, joint)
+    root_base: wp.array[wp.mat33],  # (body,)
+    rest: wp.array2d[wp.vec3],  # (body, vertex)
+    joint: wp.array[wp.vec4i],  # (vertex,)
+    weight: wp.array[wp.vec4],  # (vertex,)
+    vertex: wp.array[wp.int32],  # (wanted vertex,)
+    levels: int,
+    lanes: int,
+    # out
+    joint_transform: wp.array2d[Affine],  # (candidate, joint)
+    skin_matrix: wp.array2d[Affine],  # (candidate, joint)
+    posed: wp.array2d[wp.vec3],  # (candidate, vertex)
+):
+    c, lane = wp.tid()
+    for level in range(levels):
+        for j in range(lane, parent.shape[0], lanes):
+            if depth[j] == level:
+                pose_joint(pose, parent, joint_frame, joint_rest, root_base, c, j, joint_transform, skin_matrix)
+        sync()
+    for i in range(lane, vertex.shape[0], lanes):
+        v = vertex[i]
+        posed[c, v] = _skinned(rest, joint, weight, skin_matrix, c, v)
+
+
+def pose_vertices(
+    pose, parent, depth, joint_frame, joint_rest, root_base, rest, joint, weight, vertex, levels,
+    joint_transform, skin_matrix, posed,
+):  # fmt: skip
+    """Pose the joints of every candidate and skin some of its vertices: a block of lanes each.
+
+    See :func:`~mmocap_warp.kernels.kinematics.pose_joints` and :func:`skin`; ``levels`` is one more than the largest
+    ``depth``.
+    """
+    lanes = lanes_of(posed.device)
+    wp.launch(
+        _pose_vertices,
+        dim=(pose.shape[0], lanes),
+        inputs=[
+            pose, parent, depth, joint_frame, joint_rest, root_base, rest, joint, weight, vertex, levels, lanes,
+        ],  # fmt: skip
+        outputs=[joint_transform, skin_matrix, posed],
+        block_dim=lanes,
+        device=posed.device,
+    )

@@ -11,36 +11,25 @@ import numpy as np
 import warp as wp
 
 from mmocap_warp.body import FULL_DOF, BodyModel
-from mmocap_warp.bvh import build_bvh
 from mmocap_warp.cameras import CameraRig
+from mmocap_warp.errors import InputError
 from mmocap_warp.kernels import cost as cost_kernels
-from mmocap_warp.kernels import kinematics, projection, raycast, shaping, skinning
+from mmocap_warp.kernels import raster, raycast, shaping, skinning
 from mmocap_warp.kernels.cost import cost_of_counts
-from mmocap_warp.kernels.kinematics import Affine, pose_joints
-from mmocap_warp.kernels.projection import project
-from mmocap_warp.kernels.raycast import cast, refit
+from mmocap_warp.kernels.kinematics import Affine
 from mmocap_warp.kernels.shaping import shape, turn
-from mmocap_warp.kernels.skinning import skin
-from mmocap_warp.observation import Observation, words_per_row
+from mmocap_warp.kernels.skinning import pose_vertices
+from mmocap_warp.observation import Observation
 from mmocap_warp.posing import BodyArrays
 from mmocap_warp.shape_space import ShapeSpace, upright_base
+from mmocap_warp.silhouettes import FrozenArrays, PartArrays, Silhouettes, SilhouetteSlice
 
 COSTS: dict[str, int] = {"paper": cost_kernels.PAPER, "xor": cost_kernels.XOR, "iou": cost_kernels.IOU}
 """The named costs; ``paper`` is Eq. 4-5."""
 
 _SMALLEST_SLICE = 4  # candidates; for fewer, starting a thread costs more than it saves
-_MODULES = (shaping, kinematics, skinning, projection, raycast, cost_kernels)
-
-
-class CameraArrays:
-    """A rig as Warp arrays."""
-
-    def __init__(self, rig: CameraRig, device: str) -> None:
-        lens = np.stack([rig.K[:, 0, 0], rig.K[:, 1, 1], rig.K[:, 0, 2], rig.K[:, 1, 2]], axis=1)
-        self.rotation = wp.array(rig.R, dtype=wp.mat33, device=device)
-        self.translation = wp.array(rig.t, dtype=wp.vec3, device=device)
-        self.intrinsics = wp.array(lens, dtype=wp.vec4, device=device)
-        self.size = wp.array(rig.size.astype(np.int32), dtype=wp.vec2i, device=device)
+_SMALL_ARRAYS = 4096  # bytes a candidate, for poses, joints and optimizers
+_MODULES = (shaping, skinning, raster, raycast, cost_kernels)
 
 
 class ShapeArrays:
@@ -66,7 +55,7 @@ class ShapeArrays:
 
 @dataclass(frozen=True)
 class _Slice:
-    """The arrays of a run of candidates, as views."""
+    """The arrays of a row of candidates, as views."""
 
     pose: wp.array
     joint_rest: wp.array
@@ -75,10 +64,17 @@ class _Slice:
     joint_transform: wp.array
     skin_matrix: wp.array
     posed: wp.array
-    image: wp.array
-    box: wp.array
-    count: wp.array
+    drawn: SilhouetteSlice
     cost: wp.array
+
+
+@dataclass(frozen=True)
+class _Held:
+    """A part of the body that moves, and the silhouettes of the rest."""
+
+    moving: PartArrays
+    staying: PartArrays
+    frozen: FrozenArrays
 
 
 class Objective:
@@ -86,7 +82,7 @@ class Objective:
 
     Write full poses to ``pose`` (candidate, 51), call ``evaluate``, read ``cost`` (candidate,) and ``count``
     (candidate, camera) of (|M|, |M and F|). ``prior`` (coordinate,) holds weights of a quadratic pull to zero, none at
-    first. Every array is allocated here, once.
+    first. Every array is allocated here, once; those of a part when it is first held.
 
     Args:
         body: the body; its tracking mesh is rendered.
@@ -94,9 +90,13 @@ class Objective:
         rig: undistorted cameras, at the masks' size.
         candidates: the most candidates in one evaluation.
         cost: a name in ``COSTS``.
+        renderer: a name in ``silhouettes.RENDERERS``.
         shapes: read a rest body and a heading for every candidate from columns 51 on of ``pose``; for fitting.
         device: a Warp device.
         threads: CPU threads; ignored on a GPU.
+
+    Raises:
+        InputError: more candidates than the GPU's memory holds.
     """
 
     def __init__(
@@ -107,6 +107,7 @@ class Objective:
         candidates: int,
         *,
         cost: str = "paper",
+        renderer: str = "raycast",
         shapes: ShapeSpace | None = None,
         device: str = "cpu",
         threads: int = 1,
@@ -116,32 +117,27 @@ class Objective:
         self.device, self.candidates, self.rig = device, candidates, rig
         self._kind = COSTS[cost]
         mesh = body.tracking
-        cameras, vertices, joints = len(rig), len(mesh.rest), len(body.joint_rest)
+        _check_memory(body, len(rig), candidates, device)
+        vertices, joints = len(mesh.rest), len(body.joint_rest)
         self.body = BodyArrays(body, root_base, mesh, device, copies=candidates if shapes else 1)
-        self._cameras = CameraArrays(rig, device)
-        bvh = build_bvh(mesh.rest, mesh.face)
-        self._node = wp.array(bvh.node, dtype=wp.vec4i, device=device)
-        self._levels = [wp.array(level, dtype=wp.int32, device=device) for level in bvh.levels]
-        self._triangle = wp.array(bvh.triangle, dtype=wp.vec3i, device=device)
-        rows, words = int(rig.size[:, 1].max()), words_per_row(int(rig.size[:, 0].max()))
-        self._observed = wp.zeros((cameras, rows, words), dtype=wp.uint32, device=device)
-        self._foreground = wp.zeros(cameras, dtype=wp.int32, device=device)
+        self._silhouettes = Silhouettes(mesh, rig, candidates, renderer, device)
+        self._foreground = wp.zeros(len(rig), dtype=wp.int32, device=device)
         coordinates = len(shapes) if shapes else FULL_DOF
         self._shapes = ShapeArrays(shapes, device) if shapes else None
         self.prior = wp.zeros(coordinates, dtype=wp.float32, device=device)
 
         self.pose = wp.zeros((candidates, coordinates), dtype=wp.float32, device=device)
         self.cost = wp.zeros(candidates, dtype=wp.float32, device=device)
-        self.count = wp.zeros((candidates, cameras), dtype=wp.vec2i, device=device)
+        self.count = self._silhouettes.count
         self._joint_transform = wp.zeros((candidates, joints), dtype=Affine, device=device)
         self._skin_matrix = wp.zeros((candidates, joints), dtype=Affine, device=device)
         self._posed = wp.zeros((candidates, vertices), dtype=wp.vec3, device=device)
-        self._image = wp.zeros((candidates, cameras, vertices), dtype=wp.vec2i, device=device)
-        self._box = wp.zeros((candidates, cameras, len(bvh.node)), dtype=wp.vec4i, device=device)
         self._threads = threads if device == "cpu" else 1
         for module in _MODULES:  # before threads launch from them at the same time
             wp.load_module(module, device=device)
-        self._slices: dict[int, list[_Slice]] = {}
+        self._slices: dict[tuple[int, int], list[_Slice]] = {}
+        self._parts: dict[tuple[int, bytes], _Held | None] = {}
+        self._held: _Held | None = None
 
     def observe(self, observation: Observation) -> None:
         """Judge against these masks from now on.
@@ -149,33 +145,61 @@ class Objective:
         Raises:
             ValueError: masks of another shape than the rig's.
         """
-        if observation.words.shape != self._observed.shape:
-            raise ValueError(f"masks are packed as {observation.words.shape}, the rig needs {self._observed.shape}")
-        self._observed.assign(observation.words)
+        observed = self._silhouettes.cameras.observed
+        if observation.words.shape != observed.shape:
+            raise ValueError(f"masks are packed as {observation.words.shape}, the rig needs {observed.shape}")
+        observed.assign(observation.words)
         self._foreground.assign(observation.foreground.astype(np.int32))
 
+    def hold(self, base: wp.array, index: np.ndarray) -> None:
+        """From now on candidates differ from their run's ``base`` (run, 51) in coordinates ``index`` alone.
+
+        What these do not move is posed, drawn and counted once, here. It overwrites the first poses.
+        """
+        self.release()
+        key = (base.shape[0], np.asarray(index).tobytes())
+        if key not in self._parts:
+            self._parts[key] = self._part(base.shape[0], index)
+        held = self._parts[key]
+        if held is None:
+            return
+        wp.copy(self.pose, base, count=base.size)
+        for own in self._slices_of(base.shape[0], threads=1):
+            self._pose(own, held.staying)
+            self._silhouettes.freeze(own.drawn, own.posed, held.staying, held.frozen)
+        self._held = held
+
+    def release(self) -> None:
+        """Candidates may differ in everything again."""
+        self._held = None
+
     def evaluate(self, candidates: int) -> wp.array:
-        """Fill ``count`` and ``cost`` for the first ``candidates`` poses."""
-        if candidates not in self._slices:
-            self._slices[candidates] = self._split(candidates)
-        slices = self._slices[candidates]
+        """Fill ``count`` and ``cost`` for the first ``candidates`` poses; they divide evenly over the runs held."""
+        slices = self._slices_of(candidates, self._threads)
+        particles = candidates // self._held.frozen.runs if self._held else 0
         if len(slices) == 1:
-            self._evaluate(slices[0])
+            self._evaluate(slices[0], particles)
         else:
-            list(self._pool.map(self._evaluate, slices))
+            list(self._pool.map(lambda own: self._evaluate(own, particles), slices))
         return self.cost
 
     @cached_property
     def _pool(self) -> ThreadPoolExecutor:
         return ThreadPoolExecutor(self._threads)
 
-    def _split(self, candidates: int) -> list[_Slice]:
+    def _part(self, runs: int, index: np.ndarray) -> _Held | None:
+        parts = None if self._shapes else self._silhouettes.split(index)
+        return None if parts is None else _Held(*parts, FrozenArrays(runs, self._silhouettes.cameras, self.device))
+
+    def _slices_of(self, candidates: int, threads: int) -> list[_Slice]:
         """Candidates in one slice per thread: Warp runs a CPU launch on the calling thread and frees the others."""
         if not 0 < candidates <= self.candidates:
             raise ValueError(f"candidates must be in 1..{self.candidates}, got {candidates}")
-        slices = min(self._threads, max(1, candidates // _SMALLEST_SLICE))
-        bounds = np.linspace(0, candidates, slices + 1).round().astype(int)
-        return [self._slice(int(a), int(b)) for a, b in pairwise(bounds)]
+        count = min(threads, max(1, candidates // _SMALLEST_SLICE))
+        if (candidates, count) not in self._slices:
+            bounds = np.linspace(0, candidates, count + 1).round().astype(int)
+            self._slices[candidates, count] = [self._slice(int(a), int(b)) for a, b in pairwise(bounds)]
+        return self._slices[candidates, count]
 
     def _slice(self, first: int, end: int) -> _Slice:
         body = self.body
@@ -188,19 +212,37 @@ class Objective:
             self._joint_transform[first:end],
             self._skin_matrix[first:end],
             self._posed[first:end],
-            self._image[first:end],
-            self._box[first:end],
-            self.count[first:end],
+            self._silhouettes.slice(first, end),
             self.cost[first:end],
         )
 
-    def _evaluate(self, s: _Slice) -> None:
-        body, cameras = self.body, self._cameras
+    def _pose(self, own: _Slice, part: PartArrays) -> None:
+        body = self.body
         if self._shapes:
-            self._shapes.apply(s.pose, s.rest, s.joint_rest, s.root_base)
-        pose_joints(s.pose, body.parent, body.joint_frame, s.joint_rest, s.root_base, s.joint_transform, s.skin_matrix)
-        skin(s.rest, body.joint, body.weight, s.skin_matrix, s.posed)
-        project(s.posed, cameras.rotation, cameras.translation, cameras.intrinsics, s.image)
-        refit(self._node, self._levels, self._triangle, s.image, s.box)
-        cast(self._node, self._triangle, s.image, s.box, cameras.size, self._observed, s.count)
-        cost_of_counts(self._kind, s.count, self._foreground, cameras.size, s.pose, self.prior, s.cost)
+            self._shapes.apply(own.pose, own.rest, own.joint_rest, own.root_base)
+        pose_vertices(
+            own.pose, body.parent, body.depth, body.joint_frame, own.joint_rest, own.root_base, own.rest, body.joint,
+            body.weight, part.vertex, body.levels, own.joint_transform, own.skin_matrix, own.posed,
+        )  # fmt: skip
+
+    def _evaluate(self, own: _Slice, particles: int) -> None:
+        held, drawing = self._held, self._silhouettes
+        part = held.moving if held else drawing.whole
+        self._pose(own, part)
+        drawing.draw(own.drawn, own.posed, part, held.frozen if held else None, particles)
+        size = drawing.cameras.size
+        cost_of_counts(self._kind, own.drawn.count, self._foreground, size, own.pose, self.prior, own.cost)
+
+
+def _check_memory(body: BodyModel, cameras: int, candidates: int, device: str) -> None:
+    """Complain about more candidates than fit, before the first of their arrays is asked for."""
+    if device == "cpu":
+        return
+    each = Silhouettes.bytes_per_candidate(body.tracking, cameras) + 12 * len(body.tracking.rest) + _SMALL_ARRAYS
+    free = wp.get_device(device).free_memory
+    if candidates * each > free:
+        raise InputError(
+            device,
+            f"{candidates} candidates of {each / 2**20:.1f} MB at once do not fit into its {free / 2**30:.1f} GB",
+            f"ask for at most {int(0.9 * free / each)} candidates, with fewer runs or evaluations",
+        )

@@ -21,13 +21,24 @@ class BodyArrays:
         by_weight = np.argsort(-mesh.weight, axis=1, kind="stable")
         joint = np.take_along_axis(mesh.joint, by_weight, axis=1)
         weight = np.take_along_axis(mesh.weight, by_weight, axis=1)
+        depth = joint_depths()
         self.parent = wp.array(PARENT, dtype=wp.int32, device=device)
+        self.depth = wp.array(depth, dtype=wp.int32, device=device)
+        self.levels = int(depth.max()) + 1
         self.joint_frame = wp.array(body.joint_frame, dtype=wp.mat33, device=device)
         self.joint_rest = wp.array(_repeat(body.joint_rest, copies), dtype=wp.vec3, device=device)
         self.root_base = wp.array(_repeat(root_base, copies), dtype=wp.mat33, device=device)
         self.rest = wp.array(_repeat(mesh.rest, copies), dtype=wp.vec3, device=device)
         self.joint = wp.array(joint, dtype=wp.vec4i, device=device)
         self.weight = wp.array(weight, dtype=wp.vec4, device=device)
+
+
+def joint_depths() -> np.ndarray:
+    """(joint,) int: how many joints lie above each."""
+    depth: list[int] = []
+    for parent in PARENT:
+        depth.append(0 if parent < 0 else depth[parent] + 1)
+    return np.array(depth)
 
 
 def _repeat(values: np.ndarray, copies: int) -> np.ndarray:

@@ -28,6 +28,14 @@ class BatchedCost(Protocol):
         """Costs (candidate,) float32 of the first ``candidates`` rows of ``pose``; infinite is allowed, NaN is not."""
         ...
 
+    def hold(self, base: wp.array, index: np.ndarray) -> None:
+        """Be told that candidates differ from their run's ``base`` (run, coordinate) in coordinates ``index`` alone."""
+        ...
+
+    def release(self) -> None:
+        """Be told that candidates may differ in everything again."""
+        ...
+
 
 class Search:
     """Finds the best coordinates (in tracking: a pose) for a batch of runs, starting from each run's last answer.
@@ -60,6 +68,7 @@ class Search:
         self._loaded = False
         self._returns_best = all(optimizer.returns_best for optimizer in optimizers)
         shares = share_budget(evaluations - self._returns_best, len(optimizers))
+        self._moved = [optimizer.index.numpy() for optimizer in optimizers]
         self._plans = [optimizer.plan(share) for optimizer, share in zip(optimizers, shares, strict=True)]
         self._lower = wp.array(limits[:, 0], dtype=wp.float32, device=device)
         self._upper = wp.array(limits[:, 1], dtype=wp.float32, device=device)
@@ -96,8 +105,10 @@ class Search:
         if self._returns_best:
             wp.copy(objective.pose, self.best_pose, count=self.best_pose.size)
             keep_best(objective.evaluate(self._runs), objective.pose, 1, self.best_cost, self.best_pose)
-        for optimizer, plan in zip(self._optimizers, self._plans, strict=True):
+        for optimizer, moved, plan in zip(self._optimizers, self._moved, self._plans, strict=True):
+            objective.hold(self.best_pose, moved)
             self._search_part(optimizer, plan)
+        objective.release()
 
     def _search_part(self, optimizer: Optimizer, plan: list[int]) -> None:
         optimizer.start(self.best_pose)

@@ -27,6 +27,7 @@ from mmocap_warp.posing import Poser
 from mmocap_warp.presets import PRESETS
 from mmocap_warp.result import STATUS, FrameAnswer, TrackResult
 from mmocap_warp.search import Search
+from mmocap_warp.silhouettes import RENDERERS
 from mmocap_warp.strategy import hierarchical, holistic, share_budget
 
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ class TrackConfig:
         rotation_radius: [rad], over the preset's.
         translation_radius: [m], over the preset's.
         cost: ``paper`` (Eq. 4-5), ``xor`` or ``iou``.
+        renderer: ``raycast`` or ``raster``; the counts, and so the results, are the same.
         limits: keep joints within their anatomical limits.
         scale: of masks and cameras, in (0, 1].
         device: ``auto``, ``cpu`` or a CUDA device.
@@ -62,6 +64,7 @@ class TrackConfig:
     rotation_radius: float | None = None
     translation_radius: float | None = None
     cost: str = "paper"
+    renderer: str = "raycast"
     limits: bool = True
     scale: float = 1.0
     device: str = "auto"
@@ -72,6 +75,7 @@ class TrackConfig:
         _one_of("dof", self.dof, DOF_MODELS)
         _one_of("preset", self.preset, PRESETS)
         _one_of("cost", self.cost, COSTS)
+        _one_of("renderer", self.renderer, RENDERERS)
         for name in ("evaluations", "runs"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
@@ -129,6 +133,7 @@ class Tracker:
             rig,
             config.runs * max(optimizer.particles for optimizer in optimizers),
             cost=config.cost,
+            renderer=config.renderer,
             device=self.device,
             threads=config.threads or available_threads(),
         )
@@ -337,9 +342,9 @@ def _body_masks(tracker: Tracker, subject: Subject, rig: CameraRig) -> Callable[
 
 
 def _bits(config: TrackConfig) -> dict:
-    """The settings that a run's bits depend on; the number of threads is none of them."""
+    """The settings that a run's bits depend on; the number of threads and the renderer are none of them."""
     settings = asdict(config) | {"device": resolve_device(config.device)}
-    del settings["threads"]
+    del settings["threads"], settings["renderer"]
     return settings
 
 

@@ -57,27 +57,26 @@ def project(points: np.ndarray, rotation_: np.ndarray, translation: np.ndarray, 
 
 
 def covered(image: np.ndarray, faces: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Pixels (height, width) whose centre lies in or on the edge of a facing triangle, by exact integer edge tests.
+    """Pixels (height, width) in a facing triangle, by exact integer edge tests a hair to the right of their centres.
 
-    ``image`` is (vertex, 2) int in grid steps of a sixteenth of a pixel; a vertex at or below -2^29 does not project.
+    ``image`` is (vertex, 2) int, cells of a sixteenth of a pixel in whose middle the vertices lie.
     """
     hit = np.zeros((height, width), bool)
-    points = image.astype(np.int64)
+    points = 2 * image.astype(np.int64) + 1  # in half cells
     for corners in faces:
         p = points[corners]
-        if np.any(p <= -(2**29)):
-            continue
         (ax, ay), (bx, by), (cx, cy) = p
         if (bx - ax) * (cy - ay) - (by - ay) * (cx - ax) >= 0:
             continue
         # Pixels outside of the bounding box are outside of the triangle: they are left out to save time.
-        (left, top), (right, bottom) = np.maximum(p.min(axis=0) // 16, 0), np.maximum(p.max(axis=0) // 16 + 1, 0)
+        (left, top), (right, bottom) = np.maximum(p.min(axis=0) // 32, 0), np.maximum(p.max(axis=0) // 32 + 1, 0)
         part = hit[top:bottom, left:right]
-        x = 16 * np.arange(left, left + part.shape[1], dtype=np.int64)[None, :]
-        y = 16 * np.arange(top, top + part.shape[0], dtype=np.int64)[:, None]
+        x = 32 * np.arange(left, left + part.shape[1], dtype=np.int64)[None, :]
+        y = 32 * np.arange(top, top + part.shape[0], dtype=np.int64)[:, None]
         inside = np.ones(part.shape, bool)
         for (sx, sy), (ex, ey) in ((p[0], p[1]), (p[1], p[2]), (p[2], p[0])):
-            inside &= (ex - sx) * (y - sy) - (ey - sy) * (x - sx) <= 0
+            side = (ex - sx) * (y - sy) - (ey - sy) * (x - sx)
+            inside &= (side < 0) | ((side == 0) & (ey > sy))
         part |= inside
     return hit
 

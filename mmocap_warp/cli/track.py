@@ -42,6 +42,8 @@ class TrackFlags:
     """In metres, instead of the preset's."""
     cost: str | None = None
     """paper (Eq. 4-5), xor or iou. [default: paper]"""
+    renderer: str | None = None
+    """raycast or raster; the counts are the same. [default: raycast]"""
     limits: bool | None = None
     """Keep joints within their anatomical limits. [default: yes]"""
     scale: float | None = None

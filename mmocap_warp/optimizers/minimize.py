@@ -102,3 +102,9 @@ class _Candidates:
     def evaluate(self, candidates: int) -> wp.array:
         self._cost(self.pose[:candidates], self._out[:candidates])
         return self._out
+
+    def hold(self, base: wp.array, index: np.ndarray) -> None:
+        """A cost that is not ours always judges whole candidates."""
+
+    def release(self) -> None:
+        """See :meth:`hold`."""

@@ -1,0 +1,92 @@
+"""Threads that work together: on a GPU a block of them shares fast memory, on the CPU a block is one thread.
+
+Kernels written with these functions run on both: a loop ``range(lane, n, lanes)`` spreads over a block's lanes.
+"""
+
+import warp as wp
+
+wp.set_module_options({"enable_backward": False})
+
+LANES = 256
+"""Threads of a GPU block."""
+
+WORDS = 10240
+"""32-bit words that a block shares."""
+
+NUMBERS = 8
+"""Counters that a block shares beside them."""
+
+
+def lanes_of(device: wp.Device) -> int:
+    """Lanes of a block on a device."""
+    return 1 if device.is_cpu else LANES
+
+
+def scratch(device: wp.DeviceLike) -> wp.array:
+    """What stands for a block's shared memory on the CPU; each thread that launches kernels needs its own."""
+    return wp.empty(WORDS + NUMBERS if wp.get_device(device).is_cpu else 1, dtype=wp.uint32, device=device)
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    __syncthreads();
+#endif
+""")
+def sync():
+    """Wait for the block's lanes; what they wrote is then seen by all of them."""
+
+
+@wp.func_native(f"""
+#if defined(__CUDA_ARCH__)
+    __shared__ unsigned int words[{WORDS}];
+    return (wp::uint64)words;
+#else
+    return (wp::uint64)scratch.data;
+#endif
+""")
+def _words(scratch: wp.array[wp.uint32]) -> wp.uint64: ...
+
+
+@wp.func_native(f"""
+#if defined(__CUDA_ARCH__)
+    __shared__ int numbers[{NUMBERS}];
+    return (wp::uint64)numbers;
+#else
+    return (wp::uint64)(scratch.data + {WORDS});
+#endif
+""")
+def _numbers(scratch: wp.array[wp.uint32]) -> wp.uint64: ...
+
+
+@wp.func
+def shared_words(scratch: wp.array[wp.uint32]):
+    """The block's shared words, (WORDS,) uint32."""
+    return wp.array(ptr=_words(scratch), shape=(WORDS,), dtype=wp.uint32)
+
+
+@wp.func
+def shared_numbers(scratch: wp.array[wp.uint32]):
+    """The block's shared counters, (NUMBERS,) int32."""
+    return wp.array(ptr=_numbers(scratch), shape=(NUMBERS,), dtype=wp.int32)
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    for (int step = 16; step > 0; step /= 2) value += __shfl_xor_sync(0xFFFFFFFFu, value, step);
+#endif
+    return value;
+""")
+def warp_sum(value: int) -> int:
+    """Sum over the 32 lanes of a warp; all of them must call."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    for (int step = 16; step > 0; step /= 2) value = max(value, __shfl_xor_sync(0xFFFFFFFFu, value, step));
+#endif
+    return value;
+""")
+def warp_max(value: int) -> int:
+    """Largest over the 32 lanes of a warp; all of them must call."""
+    ...

@@ -1,0 +1,321 @@
+"""Silhouettes by their contours: edges mark where a row enters and leaves the body, a running sum fills between them.
+
+An edge whose two triangles both face the camera, or both face away, bounds nothing. What is left, the contour, has a
+tenth of the triangles' rows. Going down a facing triangle's outline is its left side: there a row enters one more
+layer of the body, going up it leaves one. A pixel is covered where the sum of these steps along its row, the number of
+layers in front of it, is positive. The tie rule (``coverage.py``) makes the sums exact.
+
+A block holds the steps of a band of rows in shared memory, a byte a pixel, then turns them into 32-bit words of pixels
+and counts these with popcounts. A byte holds up to 127 layers.
+"""
+
+import warp as wp
+
+from mmocap_warp.kernels.block import WORDS, lanes_of, shared_words, sync
+from mmocap_warp.kernels.coverage import crossing, edge, faces_camera, first_after, last_before, word_bits
+from mmocap_warp.kernels.near_plane import clip, corner
+from mmocap_warp.kernels.silhouette import Cameras, Frozen, add_up, count_word, is_cut, pinhole, project_body
+
+wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": "-march=native -mllvm=-inline-threshold=9000 -fno-slp-vectorize"})
+
+_NO_STEPS = wp.constant(wp.uint32(0x80808080))  # four pixels; a byte holds 128 + its step
+_EACH = wp.constant(wp.uint32(0x01010101))
+_GATHER = wp.constant(wp.uint32(0x10204080))  # brings the lowest bits of a word's bytes together in its highest four
+
+
+@wp.struct
+class Outline:
+    """Triangles and their edges."""
+
+    triangle: wp.array[wp.vec3i]  # (triangle,)
+    edge: wp.array[wp.vec4i]  # (edge,) two vertices, the triangle in which they follow one another, the other or -1
+
+
+@wp.struct
+class Band:
+    """Rows and words of pixels that are drawn at a time, and how they lie in the block's shared words."""
+
+    first_row: int
+    last_row: int
+    first_word: int
+    last_word: int
+    stride: int  # shared words a row: odd, so that lanes on neighbouring rows use different banks
+
+
+@wp.func
+def _first_band(bounds: wp.vec4i) -> Band:
+    band = Band()
+    band.first_word = bounds[2]
+    band.last_word = bounds[3]
+    band.stride = 8 * (bounds[3] - bounds[2] + 1) + 1
+    band.first_row = bounds[0]
+    return band
+
+
+@wp.func
+def _mark(a: wp.vec2i, b: wp.vec2i, layers: int, band: Band, steps: wp.array[wp.uint32]):
+    """Add the side ``a -> b`` of a facing outline, ``layers`` times."""
+    top = a
+    bottom = b
+    step = layers
+    if b[1] < a[1]:
+        top = b
+        bottom = a
+        step = -layers
+    first = wp.max(first_after(top[1]), band.first_row)
+    last = wp.min(last_before(bottom[1]), band.last_row)
+    if first > last:
+        return
+    side = edge(top, bottom)
+    left = band.first_word * 32
+    right = band.last_word * 32 + 31
+    for row in range(first, last + 1):
+        x = wp.max(crossing(side, row), left)
+        if x <= right:
+            pixel = x - left
+            steps[(row - band.first_row) * band.stride + (pixel >> 2)] += wp.uint32(step) << wp.uint32(8 * (pixel & 3))
+
+
+@wp.func
+def _mark_contour(
+    contour: wp.array[wp.vec4i],
+    image: wp.array3d[wp.vec2i],
+    facing: wp.array3d[wp.uint8],
+    beyond: int,
+    c: int,
+    k: int,
+    lane: int,
+    lanes: int,
+    band: Band,
+    steps: wp.array[wp.uint32],
+):
+    """Mark the edges whose triangles face different ways; ``beyond`` an open border, 1 faces the camera, 0 does not.
+
+    With 0 the layers are those of the triangles that face the camera, with 1 of those that face away. Both are the
+    same where the surface is closed.
+    """
+    for i in range(lane, contour.shape[0], lanes):
+        e = contour[i]
+        here = int(facing[c, k, e[2]])
+        there = beyond
+        if e[3] >= 0:
+            there = int(facing[c, k, e[3]])
+        if here != there:
+            _mark(image[c, k, e[0]], image[c, k, e[1]], here - there, band, steps)
+
+
+@wp.func
+def _mark_outline(a: wp.vec2i, b: wp.vec2i, c: wp.vec2i, band: Band, steps: wp.array[wp.uint32]):
+    """Mark a triangle, whichever way it faces."""
+    layers = wp.where(faces_camera(a, b, c), 1, -1)
+    _mark(a, b, layers, band, steps)
+    _mark(b, c, layers, band, steps)
+    _mark(c, a, layers, band, steps)
+
+
+@wp.func
+def _mark_clipped(
+    posed: wp.array2d[wp.vec3],
+    triangle: wp.array[wp.vec3i],
+    cameras: Cameras,
+    image: wp.array3d[wp.vec2i],
+    c: int,
+    k: int,
+    lane: int,
+    lanes: int,
+    band: Band,
+    steps: wp.array[wp.uint32],
+):
+    """Mark what the near plane leaves of every triangle."""
+    camera = pinhole(cameras, k)
+    for t in range(lane, triangle.shape[0], lanes):
+        v = triangle[t]
+        p = image[c, k, v[0]]
+        q = image[c, k, v[1]]
+        r = image[c, k, v[2]]
+        left = clip(p, q, r, posed[c, v[0]], posed[c, v[1]], posed[c, v[2]], camera)
+        _mark_outline(corner(left, 0), corner(left, 1), corner(left, 2), band, steps)
+        _mark_outline(corner(left, 0), corner(left, 2), corner(left, 3), band, steps)
+
+
+@wp.func
+def _face(
+    triangle: wp.array[wp.vec3i],
+    c: int,
+    k: int,
+    lane: int,
+    lanes: int,
+    image: wp.array3d[wp.vec2i],
+    facing: wp.array3d[wp.uint8],
+):
+    """Find out which triangles face the camera."""
+    for t in range(lane, triangle.shape[0], lanes):
+        v = triangle[t]
+        facing[c, k, t] = wp.uint8(faces_camera(image[c, k, v[0]], image[c, k, v[1]], image[c, k, v[2]]))
+    sync()
+
+
+@wp.func
+def _fill(at: int, layers: int, steps: wp.array[wp.uint32]) -> wp.vec2i:
+    """A word's 32 pixels as bits, and the number of layers at its last one; ``layers`` are before its first.
+
+    Four pixels at a time: as the digits of a number to base 256, steps turn into running sums when multiplied by
+    1 + 256 + 256^2 + 256^3, and adding 127 to every sum sets a digit's highest bit where it is not 0.
+    """
+    pixels = wp.uint32(0)
+    inside = wp.uint32(layers)
+    for i in range(8):
+        sums = (steps[at + i] - _NO_STEPS + inside) * _EACH
+        inside = sums >> wp.uint32(24)
+        covered = ((sums + _EACH * wp.uint32(127)) >> wp.uint32(7)) & _EACH
+        pixels = pixels | (((covered * _GATHER) >> wp.uint32(28)) << wp.uint32(4 * i))
+    return wp.vec2i(int(pixels), int(inside))
+
+
+@wp.func
+def _mark_body(
+    posed: wp.array2d[wp.vec3],
+    mesh: Outline,
+    cameras: Cameras,
+    image: wp.array3d[wp.vec2i],
+    facing: wp.array3d[wp.uint8],
+    beyond: int,
+    cut: bool,
+    c: int,
+    k: int,
+    lane: int,
+    lanes: int,
+    band: Band,
+    steps: wp.array[wp.uint32],
+):
+    for i in range(lane, (band.last_row - band.first_row + 1) * band.stride, lanes):
+        steps[i] = _NO_STEPS
+    sync()
+    if cut:
+        _mark_clipped(posed, mesh.triangle, cameras, image, c, k, lane, lanes, band, steps)
+    else:
+        _mark_contour(mesh.edge, image, facing, beyond, c, k, lane, lanes, band, steps)
+    sync()
+
+
+@wp.kernel
+def _raster(
+    posed: wp.array2d[wp.vec3],  # (candidate, vertex) [m]
+    vertex: wp.array[wp.int32],  # (moved vertex,)
+    mesh: Outline,  # of the moved triangles
+    cameras: Cameras,
+    frozen: Frozen,
+    lanes: int,
+    scratch: wp.array[wp.uint32],
+    # out
+    image: wp.array3d[wp.vec2i],  # (candidate, camera, vertex) cells
+    facing: wp.array3d[wp.uint8],  # (candidate, camera, moved triangle)
+    count: wp.array2d[wp.vec2i],  # (candidate, camera) |M|, |M and F|
+):
+    c, k, lane = wp.tid()
+    steps = shared_words(scratch)
+    bounds = project_body(posed, vertex, cameras, frozen, c, k, lane, lanes, scratch, image)
+    cut = is_cut(frozen, c, k, scratch)
+    width = cameras.size[k][0]
+    total = wp.vec2i(0, 0)
+    if bounds[0] <= bounds[1] and bounds[2] <= bounds[3]:
+        _face(mesh.triangle, c, k, lane, lanes, image, facing)
+        band = _first_band(bounds)
+        while band.first_row <= bounds[1]:
+            band.last_row = wp.min(band.first_row + WORDS // band.stride - 1, bounds[1])
+            _mark_body(posed, mesh, cameras, image, facing, 0, cut, c, k, lane, lanes, band, steps)
+            for row in range(band.first_row + lane, band.last_row + 1, lanes):
+                inside = int(0)
+                at = (row - band.first_row) * band.stride
+                for word in range(band.first_word, band.last_word + 1):
+                    filled = _fill(at, inside, steps)
+                    inside = filled[1]
+                    at += 8
+                    pixels = wp.uint32(filled[0]) & word_bits(0, width - 1, word)
+                    total += count_word(pixels, cameras, frozen, c, k, row, word)
+            sync()
+            band.first_row = band.last_row + 1
+    add_up(total, frozen, c, k, lane, scratch, count)
+
+
+def raster(posed, vertex, mesh, cameras, frozen, scratch, image, facing, count):
+    """Count pixels: ``count[c, k] = (|M|, |M and F|)`` of candidate ``c``'s silhouette M and camera ``k``'s mask F.
+
+    ``vertex`` and ``mesh`` are what moves; the silhouette of the rest is in ``frozen``.
+    """
+    lanes = lanes_of(count.device)
+    wp.launch(
+        _raster,
+        dim=(*count.shape, lanes),
+        inputs=[posed, vertex, mesh, cameras, frozen, lanes, scratch],
+        outputs=[image, facing, count],
+        block_dim=lanes,
+        device=count.device,
+    )
+
+
+@wp.kernel
+def _freeze(
+    posed: wp.array2d[wp.vec3],  # (run, vertex) [m]
+    vertex: wp.array[wp.int32],  # (frozen vertex,)
+    mesh: Outline,  # of the frozen triangles
+    cameras: Cameras,
+    lanes: int,
+    scratch: wp.array[wp.uint32],
+    # out
+    image: wp.array3d[wp.vec2i],  # (run, camera, vertex) cells
+    facing: wp.array3d[wp.uint8],  # (run, camera, frozen triangle)
+    words: wp.array4d[wp.uint32],  # (run, camera, row, word)
+    count: wp.array2d[wp.vec2i],  # (run, camera) |M|, |M and F|
+    cut: wp.array2d[wp.int32],  # (run, camera)
+):
+    c, k, lane = wp.tid()
+    steps = shared_words(scratch)
+    alone = Frozen()
+    bounds = project_body(posed, vertex, cameras, alone, c, k, lane, lanes, scratch, image)
+    is_open = is_cut(alone, c, k, scratch)
+    if lane == 0:
+        cut[c, k] = int(is_open)
+    width = cameras.size[k][0]
+    for row in range(lane, words.shape[2], lanes):
+        for word in range(words.shape[3]):
+            words[c, k, row, word] = wp.uint32(0)
+    sync()
+    total = wp.vec2i(0, 0)
+    if bounds[0] <= bounds[1] and bounds[2] <= bounds[3]:
+        _face(mesh.triangle, c, k, lane, lanes, image, facing)
+        band = _first_band(bounds)
+        while band.first_row <= bounds[1]:
+            band.last_row = wp.min(band.first_row + WORDS // band.stride - 1, bounds[1])
+            for beyond in range(2):
+                _mark_body(posed, mesh, cameras, image, facing, beyond, is_open, c, k, lane, lanes, band, steps)
+                for row in range(band.first_row + lane, band.last_row + 1, lanes):
+                    inside = int(0)
+                    at = (row - band.first_row) * band.stride
+                    for word in range(band.first_word, band.last_word + 1):
+                        filled = _fill(at, inside, steps)
+                        inside = filled[1]
+                        at += 8
+                        pixels = wp.uint32(filled[0]) & word_bits(0, width - 1, word) & ~words[c, k, row, word]
+                        words[c, k, row, word] = words[c, k, row, word] | pixels
+                        total += count_word(pixels, cameras, alone, c, k, row, word)
+                sync()
+            band.first_row = band.last_row + 1
+    add_up(total, alone, c, k, lane, scratch, count)
+
+
+def freeze(posed, vertex, mesh, cameras, scratch, image, facing, frozen):
+    """Draw what stays into ``frozen.words`` and count it, a silhouette a run.
+
+    Triangles that face away are drawn too. As long as the whole body is seen, the others cover them; where the moving
+    part is cut by the near plane, they count.
+    """
+    lanes = lanes_of(posed.device)
+    wp.launch(
+        _freeze,
+        dim=(*frozen.count.shape, lanes),
+        inputs=[posed, vertex, mesh, cameras, lanes, scratch],
+        outputs=[image, facing, frozen.words, frozen.count, frozen.cut],
+        block_dim=lanes,
+        device=posed.device,
+    )

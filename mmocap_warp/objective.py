@@ -12,7 +12,6 @@ import warp as wp
 
 from mmocap_warp.body import FULL_DOF, BodyModel
 from mmocap_warp.cameras import CameraRig
-from mmocap_warp.errors import InputError
 from mmocap_warp.kernels import cost as cost_kernels
 from mmocap_warp.kernels import raster, raycast, shaping, skinning
 from mmocap_warp.kernels.cost import cost_of_counts
@@ -28,7 +27,6 @@ COSTS: dict[str, int] = {"paper": cost_kernels.PAPER, "xor": cost_kernels.XOR, "
 """The named costs; ``paper`` is Eq. 4-5."""
 
 _SMALLEST_SLICE = 4  # candidates; for fewer, starting a thread costs more than it saves
-_SMALL_ARRAYS = 4096  # bytes a candidate, for poses, joints and optimizers
 _MODULES = (shaping, skinning, raster, raycast, cost_kernels)
 
 
@@ -82,7 +80,7 @@ class Objective:
 
     Write full poses to ``pose`` (candidate, 51), call ``evaluate``, read ``cost`` (candidate,) and ``count``
     (candidate, camera) of (|M|, |M and F|). ``prior`` (coordinate,) holds weights of a quadratic pull to zero, none at
-    first. Every array is allocated here, once; those of a part when it is first held.
+    first. Every array is allocated here or by ``prepare``, once.
 
     Args:
         body: the body; its tracking mesh is rendered.
@@ -94,9 +92,6 @@ class Objective:
         shapes: read a rest body and a heading for every candidate from columns 51 on of ``pose``; for fitting.
         device: a Warp device.
         threads: CPU threads; ignored on a GPU.
-
-    Raises:
-        InputError: more candidates than the GPU's memory holds.
     """
 
     def __init__(
@@ -117,7 +112,6 @@ class Objective:
         self.device, self.candidates, self.rig = device, candidates, rig
         self._kind = COSTS[cost]
         mesh = body.tracking
-        _check_memory(body, len(rig), candidates, device)
         vertices, joints = len(mesh.rest), len(body.joint_rest)
         self.body = BodyArrays(body, root_base, mesh, device, copies=candidates if shapes else 1)
         self._silhouettes = Silhouettes(mesh, rig, candidates, renderer, device)
@@ -151,16 +145,20 @@ class Objective:
         observed.assign(observation.words)
         self._foreground.assign(observation.foreground.astype(np.int32))
 
+    def prepare(self, runs: int, index: np.ndarray) -> None:
+        """Allocate what :meth:`hold` needs for so many runs and these coordinates."""
+        key = (runs, np.asarray(index).tobytes())
+        if key not in self._parts:
+            self._parts[key] = self._part(runs, index)
+
     def hold(self, base: wp.array, index: np.ndarray) -> None:
         """From now on candidates differ from their run's ``base`` (run, 51) in coordinates ``index`` alone.
 
         What these do not move is posed, drawn and counted once, here. It overwrites the first poses.
         """
         self.release()
-        key = (base.shape[0], np.asarray(index).tobytes())
-        if key not in self._parts:
-            self._parts[key] = self._part(base.shape[0], index)
-        held = self._parts[key]
+        self.prepare(base.shape[0], index)
+        held = self._parts[base.shape[0], np.asarray(index).tobytes()]
         if held is None:
             return
         wp.copy(self.pose, base, count=base.size)
@@ -233,16 +231,3 @@ class Objective:
         size = drawing.cameras.size
         cost_of_counts(self._kind, own.drawn.count, self._foreground, size, own.pose, self.prior, own.cost)
 
-
-def _check_memory(body: BodyModel, cameras: int, candidates: int, device: str) -> None:
-    """Complain about more candidates than fit, before the first of their arrays is asked for."""
-    if device == "cpu":
-        return
-    each = Silhouettes.bytes_per_candidate(body.tracking, cameras) + 12 * len(body.tracking.rest) + _SMALL_ARRAYS
-    free = wp.get_device(device).free_memory
-    if candidates * each > free:
-        raise InputError(
-            device,
-            f"{candidates} candidates of {each / 2**20:.1f} MB at once do not fit into its {free / 2**30:.1f} GB",
-            f"ask for at most {int(0.9 * free / each)} candidates, with fewer runs or evaluations",
-        )

@@ -28,6 +28,10 @@ class BatchedCost(Protocol):
         """Costs (candidate,) float32 of the first ``candidates`` rows of ``pose``; infinite is allowed, NaN is not."""
         ...
 
+    def prepare(self, runs: int, index: np.ndarray) -> None:
+        """Allocate what ``hold`` will need."""
+        ...
+
     def hold(self, base: wp.array, index: np.ndarray) -> None:
         """Be told that candidates differ from their run's ``base`` (run, coordinate) in coordinates ``index`` alone."""
         ...
@@ -69,6 +73,8 @@ class Search:
         self._returns_best = all(optimizer.returns_best for optimizer in optimizers)
         shares = share_budget(evaluations - self._returns_best, len(optimizers))
         self._moved = [optimizer.index.numpy() for optimizer in optimizers]
+        for moved in self._moved:
+            objective.prepare(runs, moved)
         self._plans = [optimizer.plan(share) for optimizer, share in zip(optimizers, shares, strict=True)]
         self._lower = wp.array(limits[:, 0], dtype=wp.float32, device=device)
         self._upper = wp.array(limits[:, 1], dtype=wp.float32, device=device)

@@ -120,11 +120,6 @@ class Silhouettes:
         self._box = wp.zeros((*shape, nodes), dtype=wp.vec4i, device=device)
         self.count = wp.zeros(shape, dtype=wp.vec2i, device=device)
 
-    @staticmethod
-    def bytes_per_candidate(mesh: SkinMesh, cameras: int) -> int:
-        """Device memory that a candidate takes at most."""
-        return cameras * (8 * len(mesh.rest) + (1 + 16 * 2) * len(mesh.face) + 8)
-
     def split(self, index: np.ndarray) -> tuple[PartArrays, PartArrays] | None:
         """What coordinates ``index`` move and what they leave, or None where nothing is left."""
         moving, staying = split_mesh(self._mesh, index)

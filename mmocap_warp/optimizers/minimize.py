@@ -103,8 +103,11 @@ class _Candidates:
         self._cost(self.pose[:candidates], self._out[:candidates])
         return self._out
 
-    def hold(self, base: wp.array, index: np.ndarray) -> None:
+    def prepare(self, runs: int, index: np.ndarray) -> None:
         """A cost that is not ours always judges whole candidates."""
 
+    def hold(self, base: wp.array, index: np.ndarray) -> None:
+        """See :meth:`prepare`."""
+
     def release(self) -> None:
-        """See :meth:`hold`."""
+        """See :meth:`prepare`."""

@@ -12,6 +12,7 @@ from mmocap_warp.formats.amc import read_amc
 from mmocap_warp.formats.bvh import read_bvh
 from mmocap_warp.formats.clip import MotionClip
 from mmocap_warp.scene import load_scene
+from mmocap_warp.skin_points import attach
 from mmocap_warp.study.sequences import clip_sequence
 from mmocap_warp.synthesis.retarget import read_clip, retargeted
 from mmocap_warp.synthesis.rotations import turn
@@ -20,6 +21,7 @@ from mmocap_warp.synthesis.subjects import PEOPLE
 
 DIRECTION = 0.03  # between a bone's direction and the clip's: the body's bones and joint axes differ by a degree or two
 STRAIGHT = 0.06  # the same of a straight leg, which is bent by 3 degrees
+MOST_MARKER_ERROR = 0.08  # [m], of another person's markers on the scaled motion
 MOST_SLIDE = 0.12  # [m/s], mean, of the standing foot of a retargeted walk
 
 BVH = """\
@@ -219,6 +221,8 @@ def test_missing_files_are_named(tmp_path, asf):
         read_clip(tmp_path / "no.bvh")
     with pytest.raises(InputError, match=r"other\.asf"):
         read_clip(asf, tmp_path / "other.asf")
+    with pytest.raises(InputError, match="no skeleton"):
+        read_clip(tmp_path / "walk.bvh", asf)
     with pytest.raises(InputError, match=r"'\.fbx' is no format"):
         read_clip(tmp_path / "walk.fbx")
 
@@ -246,7 +250,7 @@ def test_bones_point_where_the_clips_do(body):
         "RightArm": turn("z", angle),
     }
     clip = figure(turned, prefix="mixamorig:")
-    poses = retargeted(clip, body, 60.0, "figure")
+    poses = retargeted(clip, body, 60.0, "figure").poses
     plain = [name.removeprefix("mixamorig:") for name in clip.joint_names]
     for ours, theirs in {
         ("LHip", "LKnee"): ("LeftUpLeg", "LeftLeg"),
@@ -267,14 +271,17 @@ def test_a_figure_that_lies_along_other_axes_moves_alike(body):
     spin = turn("x", np.pi / 2) @ turn("y", np.pi / 2)
     other = MotionClip(60.0, clip.joint_names, clip.rest @ spin.T, clip.place @ spin.T, spin @ clip.rotation @ spin.T)
     np.testing.assert_allclose(
-        retargeted(other, body, 60.0, "figure"), retargeted(clip, body, 60.0, "figure"), atol=1e-9
+        retargeted(other, body, 60.0, "figure").poses, retargeted(clip, body, 60.0, "figure").poses, atol=1e-9
     )
 
 
 def test_only_what_the_cameras_see_is_kept(body):
     clip = figure({}, frames=101)
     walked = clip.place + np.linspace(0, 90, 101)[:, None, None] * (0.0, 0.0, 1.0)  # 9 units are a leg, about 0.9 m
-    poses = retargeted(MotionClip(60.0, clip.joint_names, clip.rest, walked, clip.rotation), body, 60.0, "figure")
+    clip = MotionClip(60.0, clip.joint_names, clip.rest, walked, clip.rotation, ("a",), walked[:, :1])
+    moved = retargeted(clip, body, 60.0, "figure")
+    poses = moved.poses
+    np.testing.assert_allclose(np.ptp(moved.markers[:, 0], axis=0), np.ptp(poses[:, :3], axis=0), atol=1e-9)
     assert np.ptp(poses[:, 2]) == pytest.approx(2.6, abs=0.2)
     assert np.abs(poses[[0, -1], 2]).max() < 1.4
 
@@ -308,6 +315,23 @@ def test_a_real_walk_walks(shared_data, name):
     assert np.min(slide, axis=0).mean() < MOST_SLIDE
     assert np.abs(vertices[..., 2].min(axis=1)).max() < 0.04
     assert all(observation.any() for observation in [sequence.observation(f).foreground for f in (0, 50, 100)])
+
+
+def test_real_markers_ride_on_the_retargeted_skin(shared_data):
+    """Eq. 20 of the true body at its true poses, with markers that were on another person."""
+    pytest.importorskip("ezc3d", reason="needs ezc3d")
+    folder = shared_data / "cmu_mocap"
+    if not (folder / "02_01.c3d").exists():
+        pytest.skip("needs 02_01.c3d, which is not part of the project")
+    sequence = clip_sequence("S1/Walking", folder / "02_01.amc", markers=folder / "02_01.c3d")
+    truth, footage = sequence.truth, sequence.footage
+    assert {"LKNE", "RTOE", "C7"} <= set(truth.marker_names)
+    assert truth.markers.shape == (sequence.frame_count, 41, 3)
+    vertices = np.stack([footage.vertices(f) for f in range(sequence.frame_count)])
+    riding = attach(truth.markers[0], vertices[0], footage.body.skin.face)
+    assert np.nanmean(np.linalg.norm(truth.markers - riding.positions(vertices), axis=2)) < MOST_MARKER_ERROR
+    with pytest.raises(InputError, match="same take"):
+        clip_sequence("S1/Walking", folder / "02_02.amc", markers=folder / "02_01.c3d")
 
 
 def test_a_clip_becomes_a_scene(shared_data, tmp_path):

@@ -19,6 +19,7 @@ def make(
     frames: int | None = None,
     clip: Path | None = None,
     skeleton: Path | None = None,
+    markers: Path | None = None,
     force: Switch = False,
     console: Console | None = None,
 ) -> None:
@@ -36,6 +37,8 @@ def make(
         A .bvh or .amc file whose motion takes the place of the one sequence's own.
     skeleton
         The .asf of an .amc. [default: beside it, named as the .amc up to '_']
+    markers
+        The .c3d of the same take as an .amc; its marker paths become the truth.
     force
         Write among files that are there.
     """
@@ -51,12 +54,12 @@ def make(
         raise UsageError(f"--frames must be at least 1, got {frames}")
     if clip is not None and len(sequence) != 1:
         raise UsageError("--clip needs one --sequence, whose person and cameras it takes")
-    if skeleton is not None and clip is None:
-        raise UsageError("--skeleton belongs to a --clip")
+    if clip is None and (skeleton or markers):
+        raise UsageError(f"--{'skeleton' if skeleton else 'markers'} belongs to a --clip")
     new_folder(folder, force=force)
     written = {}
     for name in sequence or tuple(SEQUENCES):
-        made = SEQUENCES[name] if clip is None else clip_sequence(name, clip, skeleton)
+        made = SEQUENCES[name] if clip is None else clip_sequence(name, clip, skeleton, markers)
         made = made.first(min(frames or made.frame_count, made.frame_count))
         with Progress(f"make {name}", quiet=console.quiet) as progress:
             written[name] = write_sequence(folder / name, made, progress)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,11 @@ from mmocap_warp.synthesis.rotations import applied, turn
 
 FPS = 120.0
 """Of CMU's clips; the files do not say."""
+
+METRES = 0.0254 / 0.45
+"""Per unit of length of CMU's clips."""
+
+_C3D_AXES = [1, 2, 0]  # CMU's .c3d has its third axis up, its .amc the second
 
 _REMEDY = "give a complete Acclaim file"
 _ROOT_ORDER = ("tx", "ty", "tz", "rx", "ry", "rz")
@@ -68,6 +73,21 @@ def read_amc(path: str | Path, skeleton: str | Path | None = None) -> MotionClip
         place[:, j] = place[:, bone.parent] + applied(above, np.broadcast_to(vector, (len(place), 3)))
         rotation[:, j] = above @ own
     return MotionClip(FPS, tuple(bone.name for bone in bones), rest, place, rotation)
+
+
+def with_markers(clip: MotionClip, path: str | Path) -> MotionClip:
+    """A CMU clip with the markers of the ``.c3d`` of the same take.
+
+    Raises:
+        InputError: a file that cannot be read, or that is of another take.
+    """
+    from mmocap_warp.formats.c3d import read_c3d
+
+    tracks = read_c3d(path)
+    if len(tracks.positions) != len(clip.place) or tracks.rate != clip.fps:
+        held, due = f"{len(tracks.positions)} frames at {tracks.rate:g} Hz", f"{len(clip.place)} at {clip.fps:g} Hz"
+        raise InputError(path, f"has {held}, the clip {due}", "give the .c3d of the same take")
+    return replace(clip, marker_names=tracks.names, markers=tracks.positions[..., _C3D_AXES] / METRES)
 
 
 def _read_skeleton(path: Path) -> list[_Bone]:

@@ -17,6 +17,8 @@ class MotionClip:
         rest: (joint, 3), places in the rest pose.
         place: (frame, joint, 3).
         rotation: (frame, joint, 3, 3), of each bone in the world, the identity in the rest pose.
+        marker_names: of markers that were seen on the actor; may be empty.
+        markers: (frame, marker, 3), NaN where one was unseen; None where there are none.
     """
 
     fps: float
@@ -24,6 +26,8 @@ class MotionClip:
     rest: np.ndarray
     place: np.ndarray
     rotation: np.ndarray
+    marker_names: tuple[str, ...] = ()
+    markers: np.ndarray | None = None
 
     def at_rate(self, fps: float) -> MotionClip:
         """The clip resampled: places linearly, rotations by the rotation nearest to the mean of their neighbours'."""
@@ -33,7 +37,8 @@ class MotionClip:
         after = np.minimum(before + 1, last)
         share = (when - before)[:, None, None]
         place = (1 - share) * self.place[before] + share * self.place[after]
+        markers = None if self.markers is None else (1 - share) * self.markers[before] + share * self.markers[after]
         share = share[..., None]
         mixed = (1 - share) * self.rotation[before] + share * self.rotation[after]
         u, _, vt = np.linalg.svd(mixed)
-        return replace(self, fps=fps, place=place, rotation=u @ vt)
+        return replace(self, fps=fps, place=place, rotation=u @ vt, markers=markers)

@@ -178,20 +178,28 @@ def make_sequence(name: str, plan: SequencePlan) -> StudySequence:
     return StudySequence(name, FPS, fitted_start(person, base, poses[0], plan.seed), _truth(footage), footage)
 
 
-def clip_sequence(name: str, clip: str | Path, skeleton: str | Path | None = None) -> StudySequence:
+def clip_sequence(
+    name: str, clip: str | Path, skeleton: str | Path | None = None, markers: str | Path | None = None
+) -> StudySequence:
     """A sequence whose person moves as a motion clip does, as long as the clip.
 
     Args:
         name: of the sequence whose person and cameras are taken.
         clip: a ``.bvh`` or ``.amc`` file.
         skeleton: the ``.asf`` of an ``.amc``; see :func:`mmocap_warp.formats.amc.read_amc`.
+        markers: the ``.c3d`` of the same take, whose real marker paths then are the truth; they were on another
+            person, so even the true body at its true poses errs.
 
     Raises:
         InputError: a file that is missing or wrong, or a skeleton that is not understood.
     """
     plan = PLANS[name]
-    poses = retargeted(read_clip(clip, skeleton), PEOPLE[plan.person].true_body(), FPS, clip)
-    return make_sequence(name, replace(plan, frames=len(poses), motion=lambda *_: poses))
+    moved = retargeted(read_clip(clip, skeleton, markers), PEOPLE[plan.person].true_body(), FPS, clip)
+    made = make_sequence(name, replace(plan, frames=len(moved.poses), motion=lambda *_: moved.poses))
+    if not moved.marker_names:
+        return made
+    paths = moved.markers @ _floor_axes(plan.heading).T
+    return replace(made, truth=replace(made.truth, marker_names=moved.marker_names, markers=np.round(paths, 7)))
 
 
 class _Sequences(Mapping[str, StudySequence]):
@@ -225,6 +233,11 @@ def study_rig() -> CameraRig:
     return CameraRig(tuple(_CAMERAS), K, R, t, sizes, np.zeros((len(_CAMERAS), 5)), "+z")
 
 
+def _floor_axes(heading: float) -> np.ndarray:
+    """(3, 3), world from the axes that motions are written in."""
+    return upright_base("+z") @ heading_rotation(heading)
+
+
 def _facing_ahead(poses: np.ndarray, heading: float) -> tuple[np.ndarray, np.ndarray]:
     """The base (3, 3) in which the body faces ahead in frame 0, and the poses (frame, 51) from it.
 
@@ -233,7 +246,7 @@ def _facing_ahead(poses: np.ndarray, heading: float) -> tuple[np.ndarray, np.nda
         heading: of those axes in the world [rad].
     """
     turned = turn("z", poses[:, 5]) @ turn("y", poses[:, 4]) @ turn("x", poses[:, 3])
-    floor = upright_base("+z") @ heading_rotation(heading)
+    floor = _floor_axes(heading)
     base = floor @ heading_rotation(float(np.arctan2(turned[0, 0, 2], turned[0, 2, 2])))
     moved = poses.copy()
     moved[:, :3] = poses[:, :3] @ floor.T

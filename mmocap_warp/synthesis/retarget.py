@@ -15,7 +15,7 @@ import numpy as np
 
 from mmocap_warp.body import FULL_DOF, JOINTS, BodyModel
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.amc import read_amc
+from mmocap_warp.formats.amc import read_amc, with_markers
 from mmocap_warp.formats.bvh import read_bvh
 from mmocap_warp.formats.clip import MotionClip
 from mmocap_warp.synthesis.limbs import leg_length
@@ -38,22 +38,45 @@ _REACH = 1.3  # how far from where it is in the middle the body may be [m]
 _HALF_STRAIGHT = np.radians(3.0)  # knees stay bent by at least this
 
 
-def read_clip(path: str | Path, skeleton: str | Path | None = None) -> MotionClip:
-    """Read a ``.bvh``, or an ``.amc`` with its ``.asf``; see :func:`mmocap_warp.formats.amc.read_amc`.
+def read_clip(path: str | Path, skeleton: str | Path | None = None, markers: str | Path | None = None) -> MotionClip:
+    """Read a ``.bvh``, or an ``.amc`` with its ``.asf`` and the ``.c3d`` of the same take.
+
+    Args:
+        path: the motion.
+        skeleton: see :func:`mmocap_warp.formats.amc.read_amc`.
+        markers: see :func:`mmocap_warp.formats.amc.with_markers`.
 
     Raises:
         InputError: another ending, or a file that is missing or wrong.
     """
     suffix = Path(path).suffix.lower()
+    if suffix == ".amc":
+        clip = read_amc(path, skeleton)
+        return clip if markers is None else with_markers(clip, markers)
+    if markers is not None or skeleton is not None:
+        raise InputError(path, "takes no skeleton and no markers", "give an .amc, or leave them out")
     if suffix == ".bvh":
         return read_bvh(path)
-    if suffix == ".amc":
-        return read_amc(path, skeleton)
     raise InputError(path, f"{suffix or 'no suffix'!r} is no format of clips", "give a .bvh or .amc file")
 
 
-def retargeted(clip: MotionClip, body: BodyModel, fps: float, source: object) -> np.ndarray:
-    """Full pose vectors (frame, 51) of the body, in body axes about the origin of the floor.
+@dataclass(frozen=True)
+class Retargeted:
+    """A clip's movement on a body, in body axes about the origin of the floor.
+
+    Attributes:
+        poses: (frame, 51) full pose vectors.
+        marker_names: of the markers that the clip has.
+        markers: (frame, marker, 3), the actor's, scaled and moved as the path is [m]; NaN where unseen.
+    """
+
+    poses: np.ndarray
+    marker_names: tuple[str, ...]
+    markers: np.ndarray
+
+
+def retargeted(clip: MotionClip, body: BodyModel, fps: float, source: object) -> Retargeted:
+    """The clip's movement on a body.
 
     The part about the clip's middle frame is kept that stays within 1.3 m of where the body is then, and moved to the
     origin, where the study's cameras see it.
@@ -75,9 +98,9 @@ def retargeted(clip: MotionClip, body: BodyModel, fps: float, source: object) ->
     joint_rest = body.joint_rest.astype(float)
     hips_rest = (joint_rest[JOINTS.index("LHip")] + joint_rest[JOINTS.index("RHip")]) / 2
     root = hips - pelvis @ (hips_rest - joint_rest[0])
-    root -= (root.min(axis=0) + root.max(axis=0)) / 2 * (1.0, 0.0, 1.0)
+    shift = (root.min(axis=0) + root.max(axis=0)) / 2 * (1.0, 0.0, 1.0)
     posture.point_legs(
-        root,
+        root - shift,
         pelvis,
         {side: (actor.bone(f"{side}Hip", f"{side}Knee"), actor.bone(f"{side}Knee", f"{side}Ankle")) for side in "LR"},
         {side: actor.rotation[f"{side}Hip"][:, :, 0] for side in "LR"},
@@ -90,8 +113,9 @@ def retargeted(clip: MotionClip, body: BodyModel, fps: float, source: object) ->
         posture.point_arm(side, upper, fore)
     limits = np.concatenate([np.full((3, 2), (-np.inf, np.inf)), body.limits.reshape(FULL_DOF - 3, 2)])
     poses = np.clip(posture.poses, *limits.T)
-    poses[:, 1] -= _floor(body, poses)
-    return poses
+    shift[1] = _floor(body, poses)
+    poses[:, 1] -= shift[1]
+    return Retargeted(poses, clip.marker_names, actor.markers * scale - shift)
 
 
 @dataclass(frozen=True)
@@ -103,12 +127,14 @@ class _Actor:
         rest: (joint, 3).
         place: (frame, joint, 3).
         rotation: (frame, 3, 3) of each joint, from the rest pose.
+        markers: (frame, marker, 3).
     """
 
     order: tuple[str, ...]
     rest: np.ndarray
     place: np.ndarray
     rotation: dict[str, np.ndarray]
+    markers: np.ndarray
 
     @classmethod
     def of(cls, clip: MotionClip, source: object) -> _Actor:
@@ -116,12 +142,13 @@ class _Actor:
         index = list(found.values())
         axes = _rest_axes({name: clip.rest[j] for name, j in found.items()}, source)
         rotation = {name: axes.T @ clip.rotation[:, j] @ axes for name, j in found.items()}
-        return cls(tuple(found), clip.rest[index] @ axes, clip.place[:, index] @ axes, rotation)
+        markers = np.zeros((len(clip.place), 0, 3)) if clip.markers is None else clip.markers @ axes
+        return cls(tuple(found), clip.rest[index] @ axes, clip.place[:, index] @ axes, rotation, markers)
 
     def part(self, frames: slice) -> _Actor:
         """The same in some of the frames."""
         rotation = {name: turned[frames] for name, turned in self.rotation.items()}
-        return replace(self, place=self.place[frames], rotation=rotation)
+        return replace(self, place=self.place[frames], rotation=rotation, markers=self.markers[frames])
 
     @property
     def leg_length(self) -> float:

@@ -304,8 +304,14 @@ def test_a_run_tells_rate_and_what_is_left(study, tmp_path):
     assert seen[-1].rate > 0
 
 
-def test_devices_are_named_once():
+def test_devices_are_listed():
     assert local_devices("cpu") == ["cpu"]
-    for wrong in ("cpu,cpu", "cuda:77", "nonsense"):
+    assert local_devices("cpu,cpu") == ["cpu", "cpu"]
+    for wrong in ("cuda:77", "nonsense", ""):
         with pytest.raises(ValueError, match="device must"):
             local_devices(wrong)
+
+
+def test_two_processes_of_one_device_share_the_work(study, whole, tmp_path):
+    run_quietly(tasks_of(study, tmp_path / "results"), lambda: LocalEngine(["cpu", "cpu"], threads=1))
+    assert same_answers(tmp_path / "results", whole)

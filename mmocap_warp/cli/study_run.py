@@ -50,7 +50,8 @@ def run(
     engine
         local: the devices of this machine, a process each. ray: a Ray cluster that is running.
     device
-        local: auto (all CUDA devices, or the CPU), cpu, or devices such as cuda:0,cuda:2.
+        local: auto (all CUDA devices, or the CPU), cpu, or a list such as cuda:0,cuda:2; a device that is listed
+        twice gets two processes.
     threads
         local: CPU threads. All by default.
     address

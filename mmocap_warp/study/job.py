@@ -18,6 +18,7 @@ from mmocap_warp.study.source import Clip, OpenClip, clip_facts, open_clip
 from mmocap_warp.tracker import FrameAnswer, TrackConfig, Tracker, collect, resolve_device
 
 _SECONDS_BETWEEN_REPORTS = 0.5
+_SAME = "give all machines the same files and version; if they have changed since, run the study again"
 
 
 @dataclass(frozen=True)
@@ -123,7 +124,7 @@ class Worker:
             self._opened, self._observations = None, []
             if clip_facts(job.clip).identity != job.clip_identity:
                 problem = f"{job.clip.name} is not the same here as where the study was started"
-                raise InputError(socket.gethostname(), problem, "give all machines the same files and version")
+                raise InputError(socket.gethostname(), problem, _SAME)
             clip, pace = open_clip(job.clip), _Pace()
             for observation in clip.observations:
                 self._observations.append(observation)

@@ -15,7 +15,7 @@ from typing import Any
 
 from mmocap_warp.quiet_start import start_quietly
 from mmocap_warp.study.engines.protocol import Death, EngineLost, Event, Ready
-from mmocap_warp.study.job import Job, Worker
+from mmocap_warp.study.job import Job, Worker, device_kind
 from mmocap_warp.tracker import resolve_device
 
 _STARTS = 3  # of a worker that dies before it is ready; after these its device is given up
@@ -25,16 +25,18 @@ _GRACE = 5.0  # for a worker to end [s]
 def local_devices(wanted: str) -> list[str]:
     """Devices of this machine by their aliases: ``auto`` (all CUDA devices, or the CPU), or a list with commas.
 
+    A device that is listed twice gets two processes.
+
     Raises:
-        ValueError: no such device here, or one is listed twice.
+        ValueError: no such device here, or a mixture of CPU and GPUs, whose results differ in the last bits.
     """
     import warp as wp
 
     if wanted == "auto":
         return [device.alias for device in wp.get_cuda_devices()] or ["cpu"]
     devices = [resolve_device(name.strip()) for name in wanted.split(",")]
-    if len(set(devices)) < len(devices) or ("cpu" in devices and len(devices) > 1):
-        raise ValueError(f"device must list different CUDA devices, or be cpu, got {wanted!r}")
+    if len({device_kind(device) for device in devices}) > 1:
+        raise ValueError(f"device must be cpu or CUDA devices, not both, got {wanted!r}")
     return devices
 
 
@@ -53,7 +55,7 @@ class LocalEngine:
     """One process per device.
 
     Args:
-        devices: Warp devices, such as ``cuda:0`` and ``cuda:1``, or ``cpu``.
+        devices: Warp devices, such as ``cuda:0`` and ``cuda:1``, or ``cpu``; see :func:`local_devices`.
         threads: CPU threads of each; None for all that this process may use.
         serve: what a process does with its end of the connection, the device and the threads.
     """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+import os
 import re
 import socket
 import time
@@ -44,6 +45,9 @@ class Shares:
 def join_cluster(address: str) -> str:
     """Connect this process to a running Ray cluster; returns the address of its head.
 
+    Args:
+        address: host and port of the head, or ``auto``: what ``RAY_ADDRESS`` says, or the cluster of this machine.
+
     Raises:
         InputError: Ray is not installed, or there is no such cluster.
     """
@@ -51,11 +55,14 @@ def join_cluster(address: str) -> str:
         import ray
     except ImportError:
         raise InputError("--engine ray", "Ray is not installed", "pip install 'mmocap-warp[ray]'") from None
+    named = os.environ.get("RAY_ADDRESS", "auto") if address == "auto" else address
     try:
-        ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
-    except (ConnectionError, RuntimeError, ValueError) as error:
+        if named != "auto":
+            _knock(named)
+        ray.init(address=named, log_to_driver=False, logging_level=logging.ERROR)
+    except (OSError, RuntimeError, ValueError) as error:
         problem = f"there is no Ray cluster ({' '.join(str(error).split())})"
-        raise InputError(f"--address {address}", problem, "start one with 'ray start --head'") from None
+        raise InputError(f"--address {named}", problem, "start one with 'ray start --head'") from None
     return ray.get_runtime_context().gcs_address
 
 
@@ -211,12 +218,19 @@ class RayEngine:
 
     def _check_head(self) -> None:
         """Ray itself waits for a head that is gone, and then ends this process without a word."""
-        host, _, port = self._head.rpartition(":")
         try:
-            socket.create_connection((host.strip("[]"), int(port)), _PROBE).close()
+            _knock(self._head)
         except OSError:
             raise EngineLost(f"the Ray cluster at {self._head} has vanished") from None
         self._heard = time.monotonic()
+
+
+def _knock(address: str) -> None:
+    """See that somebody listens there; Ray itself would wait for minutes."""
+    host, _, port = address.rpartition(":")
+    if not (host and port.isdecimal()):
+        raise ValueError("an address is auto, or host:port")
+    socket.create_connection((host.strip("[]"), int(port)), _PROBE).close()
 
 
 def _first_sentence(error: Exception) -> str:

@@ -1,0 +1,133 @@
+"""A study on a Ray cluster: the files of a local run though a machine dies, and a clear line if the cluster is gone."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import ray
+from ray.cluster_utils import Cluster
+from tiny_study import STUDY, run_quietly, tasks_of, write_study
+
+from mmocap_warp import cli
+from mmocap_warp.cli import exit_codes
+from mmocap_warp.errors import InputError
+from mmocap_warp.study.cell import answer_members
+from mmocap_warp.study.engines.ray import Shares, join_cluster, share_cluster
+
+CELLS = 12
+PATIENCE = 120.0  # for whatever a cluster does [s]
+
+
+@pytest.fixture
+def cluster() -> Iterator[Cluster]:
+    """A head and two machines with room for a worker each; all are processes of this machine."""
+    made = Cluster(initialize_head=True, head_node_args={"num_cpus": 0, "include_dashboard": False})
+    for _ in range(2):
+        made.add_node(num_cpus=1)
+    yield made
+    made.shutdown()
+
+
+def started(cluster: Cluster, study: Path, results: Path) -> subprocess.Popen:
+    """A run on the cluster's two machines that has stored its first result."""
+    where = ["--engine", "ray", "--address", cluster.address, "--workers", "2", "--json"]
+    command = [sys.executable, "-m", "mmocap_warp", "study", "run", str(study), "-o", str(results), *where]
+    run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + PATIENCE
+    while not list(results.glob("*.npz")) and run.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.01)
+    return run
+
+
+def test_two_workers_give_the_files_of_a_local_run_though_a_machine_dies(cluster, tmp_path):
+    study = write_study(tmp_path, STUDY.replace("seeds = 2", "seeds = 4").replace("[12]", "[24]"))
+    run = started(cluster, study, tmp_path / "ray")
+    cluster.remove_node(cluster.list_all_nodes()[-1], allow_graceful=False)
+    output, notes = run.communicate(timeout=PATIENCE)
+    assert run.returncode == exit_codes.OK, notes
+    assert "died" in notes
+    assert "the cell is tried again" in notes
+    assert json.loads(output)["finished_now"] == CELLS
+    local = tasks_of(study, tmp_path / "local")
+    run_quietly(local)
+    assert len(list((tmp_path / "ray").iterdir())) == CELLS
+    for task in local:
+        assert answer_members(tmp_path / "ray" / task.path.name) == answer_members(task.path)
+
+
+def test_a_cluster_that_vanishes_is_told_and_what_is_finished_stays(cluster, tmp_path):
+    study = write_study(tmp_path, STUDY.replace("seeds = 2", "seeds = 10").replace("[12]", "[100]"))
+    run, address = started(cluster, study, tmp_path / "ray"), cluster.address
+    cluster.shutdown()
+    output, notes = run.communicate(timeout=PATIENCE)
+    assert run.returncode == exit_codes.FAILURE
+    answer = json.loads(output)
+    assert f"the Ray cluster at {address} has vanished" in notes
+    assert 1 <= answer["finished_now"] == CELLS - len(answer["failed"])
+    assert all("has vanished" in failure["problem"] for failure in answer["failed"])
+    assert len(list((tmp_path / "ray").glob("*.npz"))) == answer["finished_now"]
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1:1", "nowhere"])
+def test_without_a_cluster_the_remedy_is_told(address, tmp_path, capsys):
+    study = write_study(tmp_path)
+    code = cli.main(["study", "run", str(study), "-o", str(tmp_path / "r"), "--engine", "ray", "--address", address])
+    assert code == exit_codes.BAD_INPUT
+    assert "there is no Ray cluster" in (told := capsys.readouterr().err)
+    assert "start one with 'ray start --head'" in told
+    assert told.count("\n") == 1
+
+
+def test_without_ray_the_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(InputError, match=r"Ray is not installed; pip install 'mmocap-warp\[ray\]'"):
+        join_cluster("auto")
+
+
+def machines(monkeypatch, *resources: dict[str, float]) -> None:
+    """A cluster of such machines."""
+    nodes = [{"Alive": True, "Resources": each} for each in resources]
+    total = {name: sum(each.get(name, 0.0) for each in resources) for name in ("CPU", "GPU")}
+    monkeypatch.setattr(ray, "nodes", lambda: nodes)
+    monkeypatch.setattr(ray, "cluster_resources", lambda: {name: value for name, value in total.items() if value})
+
+
+@pytest.mark.parametrize(
+    ("workers", "gpus", "shares"),
+    [
+        (None, 1.0, Shares(10, 1.0, 1)),
+        (None, 0.5, Shares(20, 0.5, 1)),
+        (None, 0.3, Shares(30, 0.3, 1)),
+        (None, 2.0, Shares(5, 2.0, 1)),
+        (3, 1.0, Shares(3, 1.0, 1)),
+        (None, 0.0, Shares(2, 0.0, 32)),
+        (4, 0.0, Shares(4, 0.0, 16)),
+    ],
+)
+def test_a_cluster_is_shared_out(workers, gpus, shares, monkeypatch):
+    machines(monkeypatch, {"CPU": 64.0, "GPU": 8.0}, {"CPU": 32.0, "GPU": 2.0}, {})
+    assert share_cluster(workers, gpus) == shares
+    assert shares.device_kind == ("cuda" if gpus else "cpu")
+
+
+@pytest.mark.parametrize(
+    ("workers", "gpus", "problem"),
+    [
+        (0, 1.0, "workers must be at least 1"),
+        (None, -1.0, "gpus must be"),
+        (None, 1.5, "gpus must be"),
+        (None, float("nan"), "gpus must be"),
+        (3, 1.0, "1 each leave room for 2"),
+        (9, 0.0, "workers must be at most 8"),
+    ],
+)
+def test_shares_that_cannot_be_are_refused(workers, gpus, problem, monkeypatch):
+    machines(monkeypatch, {"CPU": 8.0, "GPU": 2.0})
+    with pytest.raises(ValueError, match=problem):
+        share_cluster(workers, gpus)

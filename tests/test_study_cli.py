@@ -1,0 +1,192 @@
+"""``mmocap study run`` and ``show``: what they print, and their exit codes."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from tiny_study import run_quietly, tasks_of, write_study
+
+from mmocap_warp import cli
+from mmocap_warp.cli import exit_codes
+from mmocap_warp.cli.study_progress import StudyProgress, headline
+from mmocap_warp.study import tasks
+from mmocap_warp.study.cell import Cell
+from mmocap_warp.study.job import Advance, Job
+from mmocap_warp.study.run import Seat, Status
+from mmocap_warp.study.store import latest, open_folder, read_results
+
+CELLS = 12
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory) -> Path:
+    return write_study(tmp_path_factory.mktemp("study"))
+
+
+@pytest.fixture(scope="module")
+def whole(study, tmp_path_factory) -> Path:
+    """Results of the whole study."""
+    folder = tmp_path_factory.mktemp("whole")
+    run_quietly(tasks_of(study, folder))
+    return folder
+
+
+@pytest.fixture
+def copied(whole, tmp_path) -> Path:
+    return Path(shutil.copytree(whole, tmp_path / "copied"))
+
+
+def run(study: Path, folder: Path, *flags: str) -> int:
+    return cli.main(["study", "run", str(study), "-o", str(folder), "--device", "cpu", "--threads", "1", *flags])
+
+
+def test_what_is_missing_is_tracked_and_summed_up(study, copied, capsys):
+    next(copied.glob("*-pso-*")).unlink()
+    assert run(study, copied, "--json") == exit_codes.OK
+    out, err = capsys.readouterr()
+    answer = json.loads(out)
+    assert (answer["cells"], answer["finished_before"], answer["finished_now"]) == (CELLS, CELLS - 1, 1)
+    assert answer["failed"] == []
+    assert answer["evaluations"] == 12 * 3 * 2
+    assert answer["paper_grid_hours"] == pytest.approx(2.0e10 / answer["evaluations_per_second"] / 3600)
+    assert len(answer["results"]) == CELLS
+    assert all(0 < row["marker_error_mm"] < 500 and 0 < row["iou"] <= 1 for row in answer["results"])
+    assert "tiny: 12/12 cells" in err
+
+
+def test_a_complete_study_prints_its_table(study, copied, capsys):
+    assert run(study, copied, "--quiet") == exit_codes.OK
+    out, err = capsys.readouterr()
+    assert out.startswith(f"{copied}: 12 of 12 cells, 0 of them new\n")
+    assert len([line for line in out.splitlines() if line.startswith("recording")]) == CELLS
+    assert err == ""
+
+
+def test_cells_that_fail_are_told_and_the_run_fails(study, copied, capsys, monkeypatch):
+    for path in copied.glob("*-pso-*"):
+        path.unlink()
+    # The sequence has changed between the planning and the tracking.
+    monkeypatch.setattr(tasks, "Job", lambda cell, clip, identity, *rest: Job(cell, clip, "as it was", *rest))
+    assert run(study, copied) == exit_codes.FAILURE
+    out, err = capsys.readouterr()
+    assert "9 of 12 cells, 0 of them new" in out
+    assert "missing: Walk pso 28 DOF 12 evaluations recording, " in out
+    assert "Walk is not the same here as where the study was started" in out
+    assert out.endswith("run the study again to track what is missing\n")
+    assert err.count("given up: ") == 3
+
+
+@pytest.mark.parametrize(
+    ("flags", "code", "message"),
+    [
+        (["--engine", "cloud"], exit_codes.USAGE, "--engine must be local or ray"),
+        (["--device", "cuda:99"], exit_codes.USAGE, "--device must be"),
+    ],
+)
+def test_wrong_flags_are_told(flags, code, message, study, tmp_path, capsys):
+    assert cli.main(["study", "run", str(study), "-o", str(tmp_path / "r"), *flags]) == code
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "r").exists()
+
+
+def test_a_folder_that_cannot_be_is_told(study, tmp_path, capsys):
+    (tmp_path / "file").touch()
+    assert run(study, tmp_path / "file") == exit_codes.BAD_INPUT
+    assert "cannot be used (File exists); name a folder for results" in capsys.readouterr().err
+
+
+def test_show_lists_and_checks(copied, capsys):
+    assert cli.main(["study", "show", str(copied), "--json"]) == exit_codes.OK
+    assert len(json.loads(capsys.readouterr().out)["results"]) == CELLS
+    damaged = next(copied.glob("*.npz"))
+    damaged.write_bytes(damaged.read_bytes()[:-9])
+    assert cli.main(["study", "show", str(copied)]) == exit_codes.CHECK_FAILED
+    out = capsys.readouterr().out
+    assert f"damaged: {damaged}: is damaged" in out
+    assert out.endswith("11 results, 1 damaged\n")
+
+
+def test_show_needs_a_folder(tmp_path, capsys):
+    assert cli.main(["study", "show", str(tmp_path / "none")]) == exit_codes.BAD_INPUT
+    assert "no such folder" in capsys.readouterr().err
+
+
+def test_half_written_files_are_cleared_away_after_a_while(tmp_path):
+    old, young = tmp_path / ".a.key.npz.123", tmp_path / ".b.key.npz.124"
+    for path in (old, young):
+        path.touch()
+    os.utime(old, (0, 0))
+    open_folder(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == [young.name]
+
+
+def test_of_two_results_of_a_cell_the_later_counts(whole):
+    results = list(read_results(whole))
+    later = replace(results[3], meta=results[3].meta | {"started": "2999-01-01T00:00:00+00:00"})
+    found = latest([later, *results])
+    assert len(found) == CELLS
+    assert [result.cell for result in found] == sorted(result.cell for result in results)
+    assert sum(result is later for result in found) == 1
+
+
+STATUS = Status(
+    cells=20,
+    reused=5,
+    finished=3,
+    unstored=1,
+    failures={Cell("W", "pso", 39, 500): "why"},
+    evaluations=6000,
+    evaluations_left=60000,
+    seconds=2.0,
+    seats=(
+        Seat("cuda:0", Cell("S1/Walking", "h-cmaes", 39, 500), Advance("search", 3, 10, 100)),
+        Seat("cuda:1", Cell("S1/Box", "pso", 28, 500), None),
+        Seat("cuda:2", None, None),
+    ),
+)
+
+
+def test_the_headline_has_cells_rate_and_time_left():
+    line = headline(STATUS)
+    assert line == "8/20 cells, 1 failed, 1 waiting for room on the disk, 3,000 evaluations/s, 0:20 left"
+
+
+class Terminal(io.StringIO):
+    """A stream that passes for a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_a_terminal_shows_a_table_of_workers(monkeypatch):
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "120")
+    stream = Terminal()
+    with StudyProgress("tiny", stream=stream) as progress:
+        progress.note("a worker died")
+        progress.show(STATUS)
+    shown = stream.getvalue()
+    for part in (
+        "a worker died",
+        "cuda:0",
+        "S1/Walking h-cmaes 39 DOF",
+        "search 3/10",
+        "starts",
+        "waits",
+        "8/20 cells",
+    ):
+        assert part in shown
+
+
+def test_elsewhere_lines_come_now_and_then(study):
+    stream = io.StringIO()
+    with StudyProgress("tiny", stream=stream) as progress:
+        for _ in range(3):
+            progress.show(STATUS)
+    assert stream.getvalue() == ""

@@ -8,6 +8,7 @@ from itertools import product
 import numpy as np
 
 from mmocap_warp.body import FULL_DOF
+from mmocap_warp.presets import PRESETS
 from mmocap_warp.study.cell import Cell, CellResult
 from mmocap_warp.study.paper import ALGORITHM_NAMES
 
@@ -29,6 +30,11 @@ def made_up_study(
     """One result per cell, seeded by the cell itself."""
     for sequence, preset, dof, budget, algorithm in product(sequences, presets, models, budgets, algorithms):
         yield made_up_result(Cell(sequence, algorithm, dof, budget, preset), seeds, frames, truth)
+
+
+def _radii(cell: Cell) -> dict[str, float]:
+    rotation, translation = PRESETS[cell.preset].at(cell.algorithm, 60.0)
+    return {"rotation_radius": rotation, "translation_radius": translation}
 
 
 def made_up_result(cell: Cell, seeds: int, frames: int, truth: bool = True) -> CellResult:
@@ -79,7 +85,7 @@ def made_up_result(cell: Cell, seeds: int, frames: int, truth: bool = True) -> C
             "fps": 60.0,
             "cameras": ["C1", "C2", "C3", "BW1", "BW2", "BW3", "BW4"],
             "size": [[640, 480]] * 7,
-            "config": {"cost": "paper", "preset": cell.preset, "rotation_radius": 0.02, "translation_radius": 0.0133},
+            "config": {"cost": "paper", "preset": cell.preset, **_radii(cell)},
             "device": "cuda",
             "versions": {"mmocap-warp": "0.1.0", "warp-lang": "1.19.0", "numpy": "2.4.6", "device": "Made-up GPU"},
             "host": "made-up",

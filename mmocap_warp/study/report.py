@@ -60,7 +60,7 @@ def render(study: StudySummary, clips: Mapping[str, Clip], notes: Sequence[str] 
         _overlays(study, clips),
         budget_section(study),
         models_section(study),
-        presets_section(study, main),
+        presets_section(study),
         setting_section(study, notes),
         citing_section(),
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from html import escape
 
 import numpy as np
@@ -14,7 +15,7 @@ from mmocap_warp.study.report_sections import Section, choice
 from mmocap_warp.study.report_tables import grid_table
 from mmocap_warp.study.summary import CellSummary, Measure, StudySummary
 from mmocap_warp.study.tables import Ranking, Row, by_algorithm
-from mmocap_warp.study.wording import counted, in_unit, listed, spelled, with_unit
+from mmocap_warp.study.wording import counted, in_unit, listed, shown, spelled, with_unit
 
 
 def headline(study: StudySummary, measure: Measure) -> tuple[str, str]:
@@ -88,30 +89,42 @@ def budget_section(study: StudySummary) -> Section:
     )
 
 
-def presets_section(study: StudySummary, measure: Measure) -> Section | None:
-    """The presets side by side where both have tracked the same cells; None with one preset."""
-    if len(study.presets) < 2:
-        return None
+def presets_section(study: StudySummary) -> Section | None:
+    """The other presets beside the main one, by budget; None with one preset."""
     parts = []
     for other in study.presets[1:]:
-        pairs: dict[tuple[str, int], list[tuple[CellSummary, CellSummary]]] = {}
-        for cell, summary in study.cells.items():
-            main = study.find(cell.sequence, cell.algorithm, cell.dof, cell.evaluations)
-            if cell.preset == other and main is not None and all(measure.key in each.runs for each in (main, summary)):
-                pairs.setdefault((cell.algorithm, cell.evaluations), []).append((main, summary))
-        budgets = sorted({budget for _, budget in pairs})
-        head = ["Algorithm", *(f"{budget:,}: {name}" for budget in budgets for name in (study.preset, other))]
-        rows = [
-            [
-                paper.ALGORITHM_NAMES[name],
-                *(_mean_of(pairs.get((name, budget), []), side, measure) for budget in budgets for side in (0, 1)),
-            ]
-            for name in study.algorithms
-            if any(found == name for found, _ in pairs)
-        ]
-        caption = f"{measure.label}{in_unit(measure)}, mean over the cells that both presets have tracked"
-        parts.append(f"<p>{_radii(study, study.preset)} {_radii(study, other)}</p>" + grid_table(caption, head, rows))
-    return Section("presets", "Search radii", *parts)
+        parts.append(f"<p>{escape(_radii(study, study.preset))} {escape(_radii(study, other))}</p>")
+        for measure in study.measures:
+            content = _preset_table(study, measure, other)
+            parts.append(choice(content, default=measure == study.measures[0], measure=measure.key))
+    return Section("presets", "Search radii", *parts) if parts else None
+
+
+def _preset_table(study: StudySummary, measure: Measure, other: str) -> str:
+    """Means over the sequences and models of the other preset, with the main preset's where it has the same cells."""
+    cells = [cell for cell in study.cells if cell.preset == other and measure.key in study.cells[cell].runs]
+    budgets = sorted({cell.evaluations for cell in cells})
+
+    def mean(preset: str, budget: int, algorithm: str | None = None) -> float:
+        chosen = [cell for cell in cells if cell.evaluations == budget and algorithm in (None, cell.algorithm)]
+        found = [study.cells.get(replace(cell, preset=preset)) for cell in chosen]
+        known = [float(each.runs[measure.key].mean()) for each in found if each and measure.key in each.runs]
+        return float(np.mean(known)) if len(known) == len(chosen) and known else np.nan
+
+    columns = [(preset, budget) for budget in budgets for preset in (study.preset, other)]
+    head = ["Algorithm", *(f"{budget:,}: {preset}" for preset, budget in columns)]
+    rows = [
+        [paper.ALGORITHM_NAMES[name], *(_shown_or_dash(mean(*column, name), measure) for column in columns)]
+        for name in paper.ALGORITHM_NAMES
+        if any(cell.algorithm == name for cell in cells)
+    ]
+    rows.append(["All", *(_shown_or_dash(mean(*column), measure) for column in columns)])
+    caption = f"{measure.label}{in_unit(measure)} by evaluations per frame and preset, mean over the same sequences"
+    return grid_table(caption, head, rows)
+
+
+def _shown_or_dash(value: float, measure: Measure) -> str:
+    return shown(value, measure) if np.isfinite(value) else "–"
 
 
 def setting_section(study: StudySummary, notes: Sequence[str]) -> Section:
@@ -235,8 +248,3 @@ def _time_row(study: StudySummary, algorithm: str) -> list[str]:
         *(f"{np.mean(times):.2f}" if times else "–" for times in by_budget),
         f"{spent / seconds:,.0f}" if seconds > 0 else "–",
     ]
-
-
-def _mean_of(pairs: Sequence[tuple[CellSummary, CellSummary]], side: int, measure: Measure) -> str:
-    values = [pair[side].runs[measure.key].mean() for pair in pairs]
-    return f"{np.mean(values):.{measure.decimals}f}" if values else "–"

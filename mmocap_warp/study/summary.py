@@ -122,10 +122,10 @@ def summarise(result: CellResult) -> CellSummary:
 
 @dataclass(frozen=True)
 class StudySummary:
-    """All cells of a study, and the grid that they span.
+    """All cells of a study, and the grid that those of its main preset span.
 
     Attributes:
-        cells: summary by cell; the grid may have gaps.
+        cells: summary by cell, of all presets; the grid may have gaps.
     """
 
     cells: dict[Cell, CellSummary]
@@ -155,6 +155,10 @@ class StudySummary:
         return sorted({cell.preset for cell in self.cells}, key=lambda preset: (preset != self.preset, preset))
 
     @cached_property
+    def _grid(self) -> list[Cell]:
+        return [cell for cell in self.cells if cell.preset == self.preset]
+
+    @cached_property
     def sequences(self) -> list[str]:
         """Grouped by action as in the paper's Fig. 7: Walking, Gestures, Box, then others; by subject within."""
         actions = ("Walking", "Gestures", "Box")
@@ -163,23 +167,23 @@ class StudySummary:
             subject, _, action = sequence.rpartition("/")
             return actions.index(action) if action in actions else len(actions), action, subject
 
-        return sorted({cell.sequence for cell in self.cells}, key=place)
+        return sorted({cell.sequence for cell in self._grid}, key=place)
 
     @cached_property
     def algorithms(self) -> list[str]:
         """In the paper's order."""
         order = list(ALGORITHM_NAMES)
-        return sorted({cell.algorithm for cell in self.cells}, key=lambda name: (order.index(name), name))
+        return sorted({cell.algorithm for cell in self._grid}, key=lambda name: (order.index(name), name))
 
     @cached_property
     def models(self) -> list[int]:
         """Degrees of freedom, the most first."""
-        return sorted({cell.dof for cell in self.cells}, reverse=True)
+        return sorted({cell.dof for cell in self._grid}, reverse=True)
 
     @cached_property
     def budgets(self) -> list[int]:
         """Evaluations per frame, ascending."""
-        return sorted({cell.evaluations for cell in self.cells})
+        return sorted({cell.evaluations for cell in self._grid})
 
     @cached_property
     def measures(self) -> list[Measure]:

@@ -1,0 +1,369 @@
+"""The report without a browser: its structure, that it asks nobody for anything, and the tables beside it."""
+
+import base64
+import csv
+import hashlib
+import io
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from study_results import SEQUENCES, made_up_result, made_up_study
+
+from mmocap_warp.cli import main
+from mmocap_warp.cli.exit_codes import BAD_INPUT, OK
+from mmocap_warp.study.cell import Cell, write_cell
+from mmocap_warp.study.claims import AGREES, DIFFERS, UNTESTED, check_claims
+from mmocap_warp.study.report import render
+from mmocap_warp.study.report_overlays import best_and_worst, extreme_frames, side_by_side
+from mmocap_warp.study.report_text import csv_table, markdown_tables
+from mmocap_warp.study.sequences import SEQUENCES as SHIPPED
+from mmocap_warp.study.source import Clip
+from mmocap_warp.study.store import result_path
+from mmocap_warp.study.summary import MEASURES, StudySummary, summarise
+from mmocap_warp.study.svg import axis, outline, polyline
+from mmocap_warp.study.tables import by_algorithm, by_model, model_differences
+
+VOID = {"meta", "link", "br", "input"}
+MARKER_ERROR = MEASURES[0]
+
+
+class Page(HTMLParser):
+    """A page's elements; complains about tags that do not match."""
+
+    def __init__(self, html):
+        super().__init__()
+        self.open, self.elements, self.text = [], [], ""
+        self.feed(html)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text += data
+
+    def all(self, tag):
+        return [attributes for name, attributes in self.elements if name == tag]
+
+    def of_class(self, name):
+        return [attributes for _, attributes in self.elements if name in (attributes.get("class") or "").split()]
+
+
+@pytest.fixture(scope="module")
+def study():
+    """The paper's grid on four sequences."""
+    return StudySummary.of(made_up_study(SEQUENCES[2:6], seeds=4, frames=40))
+
+
+@pytest.fixture(scope="module")
+def html(study):
+    return render(study, {}, ["A remark."])
+
+
+@pytest.fixture(scope="module")
+def page(html):
+    return Page(html)
+
+
+def test_the_page_needs_nothing_but_itself(page, html):
+    """No attribute fetches anything, nor does the style; the policy forbids it besides."""
+    for _, attributes in page.elements:
+        for name in ("src", "srcset", "href", "action", "data", "poster", "xlink:href"):
+            value = attributes.get(name) or ""
+            assert not value or value.startswith(("#", "data:")), value
+        assert not [name for name in attributes if name.startswith("on") or name == "style"]
+    assert "@import" not in html
+    assert "url(" not in html
+    assert not re.search(r"\b(fetch|XMLHttpRequest|WebSocket|importScripts|eval)\b", html)
+
+
+def test_the_policy_allows_its_own_style_and_script_alone(page, html):
+    policy = next(meta["content"] for meta in page.all("meta") if meta.get("http-equiv") == "Content-Security-Policy")
+    assert policy.startswith("default-src 'none'")
+    for tag in ("style", "script"):
+        (content,) = re.findall(rf"<{tag}>(.*?)</{tag}>", html, re.S)
+        digest = base64.b64encode(hashlib.sha256(content.encode()).digest()).decode()
+        assert f"{tag}-src 'sha256-{digest}'" in policy
+    assert "unsafe" not in policy
+
+
+def test_it_has_every_section_and_links_to_it(page):
+    ids = [attributes["id"] for _, attributes in page.elements if "id" in attributes]
+    assert len(ids) == len(set(ids))
+    assert ids == ["claims", "ranks", "spread", "curves", "budget", "models", "setting", "cite"]
+    assert [link["href"] for link in page.all("a")] == [f"#{name}" for name in ids]
+    assert "A remark." in page.text
+    assert "Applied Soft Computing" in page.text
+    assert "Made-up GPU" in page.text
+
+
+def test_controls_start_where_the_page_does(page, study):
+    """Without the script exactly the first choice of everything shows, and the dead controls do not."""
+    (form,) = page.of_class("controls")
+    assert "hidden" in form
+    assert [select["name"] for select in page.all("select")] == ["measure", "model", "budget", "sequence"]
+    assert all("disabled" in button for button in page.all("button"))
+    first = {"measure": "marker_error", "curve": "marker_error", "model": "39", "budget": "500"}
+    first["sequence"] = study.sequences[0]
+    parts = page.of_class("choice")
+    assert len(parts) > 50
+    for part in parts:
+        keys = {name[5:]: value for name, value in part.items() if name.startswith("data-")}
+        assert ("hidden" not in part) == all(first[name] == value for name, value in keys.items())
+
+
+def test_figures_can_be_told_without_being_seen(page):
+    figures = [svg for svg in page.all("svg") if svg.get("aria-hidden") != "true"]
+    assert figures
+    assert all(svg["role"] == "img" and svg["aria-label"] and svg["viewbox"] for svg in figures)
+
+
+def test_no_number_is_missing_from_a_drawing(html):
+    drawn = re.findall(r' (?:d|x|y|cx|cy)="([^"]*)"', html)
+    assert len(drawn) > 1000
+    assert not [value for value in drawn if "nan" in value or "inf" in value]
+
+
+def test_names_are_escaped():
+    cell = Cell('<img src="x">/A&B', "cmaes", 39, 500)
+    result = replace(made_up_result(Cell("S1/Box", "cmaes", 39, 500), 2, 10), cell=cell)
+    other = replace(made_up_result(Cell("S1/Box", "de", 39, 500), 2, 10), cell=replace(cell, algorithm="de"))
+    page = Page(render(StudySummary.of([result, other]), {}, ["<script>"]))
+    assert page.all("img") == []
+    assert len(page.all("script")) == 1
+    assert "A&B" in page.text
+
+
+@pytest.mark.parametrize(
+    "grid",
+    [
+        {"algorithms": ("h-cmaes",), "budgets": (500,), "models": (39,), "sequences": SEQUENCES[:1], "seeds": 1},
+        {"algorithms": ("h-cmaes", "pso"), "budgets": (700,), "models": (51,), "sequences": SEQUENCES[:2]},
+        {"truth": False, "sequences": SEQUENCES[:2], "budgets": (500,)},
+        {"presets": ("recording", "paper"), "algorithms": ("cmaes", "de"), "sequences": SEQUENCES[:1]},
+        {"frames": 1, "sequences": SEQUENCES[:2], "algorithms": ("cmaes", "de")},
+    ],
+    ids=["one cell", "another grid", "no truth", "two presets", "one frame"],
+)
+def test_any_grid_has_a_page(grid):
+    study = StudySummary.of(made_up_study(**({"seeds": 3, "frames": 12} | grid)))
+    page = Page(render(study, {}))
+    assert "nan" not in page.text.split()
+    assert ("presets" in [a.get("id") for _, a in page.elements]) == (len(grid.get("presets", ())) == 2)
+    assert markdown_tables(study)
+    assert csv_table(study)
+
+
+def test_without_truth_fitness_decides():
+    study = StudySummary.of(made_up_study(SEQUENCES[:2], budgets=(500,), seeds=2, frames=12, truth=False))
+    assert [measure.key for measure in study.measures] == ["cost", "iou", "jerk", "foot_slide"]
+
+
+def test_a_gap_in_the_grid_leaves_its_sequence_out(study):
+    cells = {cell: summary for cell, summary in study.cells.items() if cell != Cell(SEQUENCES[2], "de", 39, 500)}
+    ranking = by_algorithm(StudySummary(cells), MARKER_ERROR, 39, 500)
+    assert ranking.left_out == (SEQUENCES[2],)
+    assert len(ranking.sequences) == 3
+    assert len(ranking.rows) == 8
+    assert "left out of the ranking" in Page(render(StudySummary(cells), {})).text
+
+
+def test_only_seeds_that_all_have_count():
+    results = list(made_up_study(SEQUENCES[:2], algorithms=("cmaes", "de"), models=(39,), budgets=(500,), seeds=5))
+    results[0] = made_up_result(results[0].cell, 3, 60)
+    ranking = by_algorithm(StudySummary.of(results), MARKER_ERROR, 39, 500)
+    assert ranking.seeds == 3
+    levels = [result.per_frame["marker_error"][:3] for result in results if result.cell.algorithm == "de"]
+    assert ranking.row("de", 39, 500).mean == pytest.approx(1000 * np.nanmean(levels), rel=1e-5)
+
+
+def test_the_later_of_two_results_counts():
+    """Whatever their order, and their versions."""
+    result = made_up_result(Cell("S1/Box", "cmaes", 39, 500), 2, 10)
+    later = replace(result, meta=result.meta | {"started": "2026-02-01T00:00:00+00:00", "host": "later"})
+    for order in ([result, later], [later, result]):
+        (summary,) = StudySummary.of(order).cells.values()
+        assert summary.meta["host"] == "later"
+
+
+def test_a_summary_is_of_its_result():
+    result = made_up_result(Cell("S1/Box", "apf", 39, 500), 5, 60)
+    summary = summarise(result)
+    error = result.per_frame["marker_error"].astype(float) * 1000
+    np.testing.assert_allclose(summary.runs["marker_error"], np.nanmean(error, axis=1), rtol=1e-9)
+    known = error[np.isfinite(error)]
+    np.testing.assert_allclose(summary.spread["marker_error"], np.percentile(known, (0, 25, 50, 75, 100)), rtol=1e-9)
+    assert np.isnan(summary.curve["marker_error"]).tolist() == [24 <= frame < 27 for frame in range(60)]
+    assert summary.typical_pose.shape == (60, 51)
+    middle = np.argsort(summary.runs["marker_error"])[2]
+    np.testing.assert_allclose(summary.typical_curve, error[middle], rtol=1e-9)
+    np.testing.assert_allclose(summary.runs["limb_lost"], 100 * result.per_run["limb_lost"] / 60, rtol=1e-9)
+
+
+def test_tables_have_the_papers_layout(study):
+    """ALG(DOF, EVAL) by ascending rank; Table 4's blocks are sequences, Table 6's contenders one algorithm's."""
+    ranking = by_algorithm(study, MARKER_ERROR, 39, 500)
+    assert str(ranking.rows[0].contender) == "H-CMAES(39,500)"
+    assert [row.comparison.rank for row in ranking.rows] == sorted(row.comparison.rank for row in ranking.rows)
+    assert ranking.test.dof == 7
+    models = by_model(study, MARKER_ERROR, "de")
+    assert sorted(str(row.contender) for row in models.rows) == sorted(
+        f"DE({dof},{budget})" for dof in (39, 28) for budget in (500, 1500, 3000)
+    )
+    assert models.test.dof == 5
+
+
+def test_more_overlap_is_better():
+    study = StudySummary.of(made_up_study(SEQUENCES[:3], models=(39,), budgets=(500,), seeds=3, frames=20))
+    iou = next(measure for measure in MEASURES if measure.key == "iou")
+    rows = by_algorithm(study, iou, 39, 500).rows
+    assert [row.mean for row in rows] == sorted((row.mean for row in rows), reverse=True)
+    assert all(row.mean_interval[0] <= row.mean <= row.mean_interval[1] for row in rows)
+    assert all(row.superiority > 0.5 for row in rows[1:])
+
+
+def test_differences_between_models_have_the_papers_signs(study):
+    found = model_differences(study, MARKER_ERROR)
+    assert len(found) == 24
+    for difference in found:
+        filters = difference.algorithm in ("apf", "psapf")
+        assert (difference.difference > 0) == filters
+        assert (difference.superiority < 0.5) == filters
+        assert difference.interval[0] < difference.difference < difference.interval[1]
+
+
+def test_claims_are_checked_not_assumed():
+    """The made-up study agrees with the paper; with two algorithms' results exchanged it no longer does."""
+    results = list(made_up_study(seeds=3, frames=30))
+    findings = check_claims(StudySummary.of(results), MARKER_ERROR)
+    of = {finding.claim: finding.verdict for finding in findings}
+    assert sum(verdict == AGREES for verdict in of.values()) >= 9
+    exchange = {"h-cmaes": "apf", "apf": "h-cmaes"}
+    swapped = [
+        replace(result, cell=replace(result.cell, algorithm=exchange.get(result.cell.algorithm, result.cell.algorithm)))
+        for result in results
+    ]
+    verdicts = [finding.verdict for finding in check_claims(StudySummary.of(swapped), MARKER_ERROR)]
+    assert verdicts[0] == DIFFERS
+    assert verdicts.count(AGREES) < sum(verdict == AGREES for verdict in of.values())
+    alone = StudySummary.of(made_up_study(("S1/Box",), ("de",), (39,), (500,), seeds=2, frames=10))
+    assert {finding.verdict for finding in check_claims(alone, MARKER_ERROR)} == {UNTESTED}
+
+
+def tracked_walk(frames=20):
+    """A result on a shipped sequence whose typical run is the truth, but for one frame that is off."""
+    name = "S1/Walking"
+    truth = SHIPPED[name].truth
+    result = made_up_result(Cell(name, "h-cmaes", 39, 500), 1, frames)
+    error = np.full((1, frames), 0.02, np.float32)
+    error[0, 0], error[0, 7], error[0, 13] = 0.0, 0.01, 0.09
+    pose = np.repeat(truth.pose[None, :frames], 1, axis=0).astype(np.float32)
+    pose[0, 13, :3] += 0.3
+    return replace(result, pose=pose, per_frame=result.per_frame | {"marker_error": error})
+
+
+def test_pictures_show_the_best_and_the_worst_frame():
+    study = StudySummary.of([tracked_walk(), made_up_result(Cell("S1/Walking", "apf", 39, 500), 1, 20)])
+    (summary,) = [summary for cell, summary in study.cells.items() if cell.algorithm == "h-cmaes"]
+    assert extreme_frames(summary, MARKER_ERROR) == (7, 13)
+    ranking = by_algorithm(study, MARKER_ERROR, 39, 500)
+    clips = {"S1/Walking": Clip("S1/Walking")}
+    ((best, worst),) = best_and_worst(study, MARKER_ERROR, ranking, clips)
+    assert (best.frame, worst.frame) == (7, 13)
+    assert (round(best.error), round(worst.error)) == (10, 90)
+    for picture in (best, worst):
+        Page(picture.drawing)
+        assert picture.camera in SHIPPED["S1/Walking"].rig.names
+        assert len(re.findall('class="seen" d="M', picture.drawing)) == 1
+        assert len(re.findall('class="model" d="M', picture.drawing)) == 1
+
+
+def test_pictures_of_another_recording_are_not_drawn():
+    """A user's sequence may have a shipped one's name."""
+    here = tracked_walk()
+    elsewhere = replace(here, pose=here.pose + np.eye(51, dtype=np.float32)[0] * 2)
+    cameras = replace(here, meta=here.meta | {"cameras": ["C1"]})
+    for result in (elsewhere, cameras):
+        study = StudySummary.of([result])
+        assert side_by_side(study, "S1/Walking", 39, 500, Clip("S1/Walking")) == []
+    rows = side_by_side(StudySummary.of([here]), "S1/Walking", 39, 500, Clip("S1/Walking"))
+    assert [[picture.frame for picture in row] for row in rows] == [[6, 12, 18]]
+
+
+def test_axes_mark_round_numbers():
+    assert axis(0, 83, 0, 100).ticks == (0, 20, 40, 60, 80)
+    assert axis(0.71, 0.93, 0, 100).ticks == (0.75, 0.8, 0.85, 0.9)
+    assert axis(5, 5, 0, 1).at(5) == 0
+    assert axis(0, 10, 100, 0).at(2.5) == 75
+    assert axis(0, 10, 100, 0).at(99) == 0
+
+
+def test_paths_have_gaps_and_close():
+    assert polyline([0, 1, 2, 3, 4], [5, 6, np.nan, 7, 4]) == "M0 5l0 0l1 1M3 7l0 0l1-3"
+    assert outline([np.array([[1, 2], [4, 2], [4, 0]])]) == "M1 2l3 0l0-2z"
+
+
+@pytest.fixture
+def results(tmp_path):
+    """A folder of results, one of which is damaged."""
+    folder = tmp_path / "results"
+    folder.mkdir()
+    for result in made_up_study(SEQUENCES[:2], ("h-cmaes", "apf"), (39,), (500,), seeds=3, frames=12):
+        write_cell(result_path(folder, result.cell, "0" * 20), result)
+    (folder / "cut-short.npz").write_bytes(b"PK")
+    return folder
+
+
+def test_the_command_writes_page_tables_and_cells(results, tmp_path, capsys):
+    page = tmp_path / "report.html"
+    assert main(["study", "report", str(results), "-o", str(page), "--json"]) == OK
+    said = capsys.readouterr()
+    answer = json.loads(said.out)
+    assert (answer["results"], len(answer["left_out"])) == (4, 1)
+    assert "cut-short.npz" in said.err
+    assert "cut-short.npz" in Page(page.read_text(encoding="utf-8")).text
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["report.html", "results", "results.csv", "tables.md"]
+    lines = list(csv.DictReader(io.StringIO((tmp_path / "results.csv").read_text(encoding="utf-8"))))
+    assert [(line["sequence"], line["algorithm"]) for line in lines][:2] == [
+        ("S1/Walking", "apf"),
+        ("S1/Walking", "h-cmaes"),
+    ]
+    expected = made_up_result(Cell("S1/Walking", "apf", 39, 500), 3, 12).per_frame["marker_error"]
+    assert float(lines[0]["marker_error_mm"]) == pytest.approx(1000 * np.nanmean(expected), rel=1e-4)
+    assert "H-CMAES(39,500) | 1.000" in (tmp_path / "tables.md").read_text(encoding="utf-8")
+    assert main(["study", "report", str(results), "-o", str(page)]) == BAD_INPUT
+    assert main(["study", "report", str(results), "-o", str(page), "--force"]) == OK
+
+
+@pytest.mark.parametrize("folder", ["nowhere", "empty"])
+def test_a_folder_without_results_is_said(folder, tmp_path, capsys):
+    (tmp_path / "empty").mkdir()
+    assert main(["study", "report", str(tmp_path / folder), "-o", str(tmp_path / "report.html")]) == BAD_INPUT
+    assert "mmocap study run" in capsys.readouterr().err
+    assert not (tmp_path / "report.html").exists()
+
+
+def test_presets_are_compared_where_both_have_tracked():
+    """The grid is the main preset's; a budget that only the other has is shown without a companion."""
+    main_cells = made_up_study(SEQUENCES[:2], ("cmaes", "de"), (39,), (500, 1500), seeds=2, frames=12)
+    others = made_up_study(SEQUENCES[:1], ("cmaes",), (39,), (500, 9000), ("paper",), seeds=2, frames=12)
+    study = StudySummary.of([*main_cells, *others])
+    assert (study.preset, study.budgets, study.sequences) == ("recording", [500, 1500], list(SEQUENCES[:2]))
+    text = Page(render(study, {})).text
+    assert "recording: 0.01 to 0.08 rad and 0.0067 to 0.053 m. paper: 0.5 rad and 0.5 m." in text
+    of = {preset: study.cells[Cell(SEQUENCES[0], "cmaes", 39, 500, preset)] for preset in ("recording", "paper")}
+    shown = [f"{of[preset].runs['marker_error'].mean():.1f}" for preset in ("recording", "paper")]
+    assert f"9,000: paperCMAES{''.join(shown)}–" in text

@@ -17,9 +17,17 @@ NUMBERS = 8
 """Counters that a block shares beside them."""
 
 
+_MOST_PARTS = 8  # each projects the whole body
+
+
 def lanes_of(device: wp.Device) -> int:
     """Lanes of a block on a device."""
     return 1 if device.is_cpu else LANES
+
+
+def parts_of(device: wp.Device, views: int) -> int:
+    """Blocks that should share a view when there are so many: enough for two on each of a GPU's multiprocessors."""
+    return 1 if device.is_cpu else max(1, min(_MOST_PARTS, 2 * device.sm_count // views))
 
 
 def scratch(device: wp.DeviceLike) -> wp.array:

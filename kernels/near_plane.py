@@ -30,7 +30,9 @@ def _quad(a: wp.vec2i, b: wp.vec2i, c: wp.vec2i, d: wp.vec2i) -> Quad:
 def _cut(seen: wp.vec3, behind: wp.vec3, lens: wp.vec4) -> wp.vec2i:
     """Where an edge meets the near plane; the same for both of its triangles, because it starts at the seen end."""
     share = (NEAR - seen[2]) / (behind[2] - seen[2])
-    return onto_grid(wp.vec3(seen[0] + share * (behind[0] - seen[0]), seen[1] + share * (behind[1] - seen[1]), NEAR), lens)
+    return onto_grid(
+        wp.vec3(seen[0] + share * (behind[0] - seen[0]), seen[1] + share * (behind[1] - seen[1]), NEAR), lens
+    )
 
 
 @wp.func

@@ -16,7 +16,9 @@ from mmocap_warp.kernels.coverage import crossing, edge, faces_camera, first_aft
 from mmocap_warp.kernels.near_plane import clip, corner
 from mmocap_warp.kernels.silhouette import Cameras, Frozen, add_up, count_word, is_cut, pinhole, project_body
 
-wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": "-march=native -mllvm=-inline-threshold=9000 -fno-slp-vectorize"})
+wp.set_module_options(
+    {"enable_backward": False, "cpu_compiler_flags": "-march=native -mllvm=-inline-threshold=9000 -fno-slp-vectorize"}
+)
 
 _NO_STEPS = wp.constant(wp.uint32(0x80808080))  # four pixels; a byte holds 128 + its step
 _EACH = wp.constant(wp.uint32(0x01010101))
@@ -205,6 +207,7 @@ def _raster(
     mesh: Outline,  # of the moved triangles
     cameras: Cameras,
     frozen: Frozen,
+    parts: int,
     lanes: int,
     scratch: wp.array[wp.uint32],
     # out
@@ -212,7 +215,7 @@ def _raster(
     facing: wp.array3d[wp.uint8],  # (candidate, camera, moved triangle)
     count: wp.array2d[wp.vec2i],  # (candidate, camera) |M|, |M and F|
 ):
-    c, k, lane = wp.tid()
+    c, k, part, lane = wp.tid()
     steps = shared_words(scratch)
     bounds = project_body(posed, vertex, cameras, frozen, c, k, lane, lanes, scratch, image)
     cut = is_cut(frozen, c, k, scratch)
@@ -220,9 +223,12 @@ def _raster(
     total = wp.vec2i(0, 0)
     if bounds[0] <= bounds[1] and bounds[2] <= bounds[3]:
         _face(mesh.triangle, c, k, lane, lanes, image, facing)
+        rows = (bounds[1] - bounds[0]) // parts + 1
+        end = wp.min(bounds[0] + (part + 1) * rows - 1, bounds[1])
         band = _first_band(bounds)
-        while band.first_row <= bounds[1]:
-            band.last_row = wp.min(band.first_row + WORDS // band.stride - 1, bounds[1])
+        band.first_row += part * rows
+        while band.first_row <= end:
+            band.last_row = wp.min(band.first_row + WORDS // band.stride - 1, end)
             _mark_body(posed, mesh, cameras, image, facing, 0, cut, c, k, lane, lanes, band, steps)
             for row in range(band.first_row + lane, band.last_row + 1, lanes):
                 inside = int(0)
@@ -235,19 +241,22 @@ def _raster(
                     total += count_word(pixels, cameras, frozen, c, k, row, word)
             sync()
             band.first_row = band.last_row + 1
-    add_up(total, frozen, c, k, lane, scratch, count)
+    add_up(total, frozen, c, k, lane, part, parts, scratch, count)
 
 
-def raster(posed, vertex, mesh, cameras, frozen, scratch, image, facing, count):
+def raster(posed, vertex, mesh, cameras, frozen, parts, scratch, image, facing, count):
     """Count pixels: ``count[c, k] = (|M|, |M and F|)`` of candidate ``c``'s silhouette M and camera ``k``'s mask F.
 
-    ``vertex`` and ``mesh`` are what moves; the silhouette of the rest is in ``frozen``.
+    ``vertex`` and ``mesh`` are what moves; the silhouette of the rest is in ``frozen``. ``parts`` blocks share a view,
+    a stretch of its rows each, where a block each would leave most of a GPU idle.
     """
+    if parts > 1:
+        count.zero_()
     lanes = lanes_of(count.device)
     wp.launch(
         _raster,
-        dim=(*count.shape, lanes),
-        inputs=[posed, vertex, mesh, cameras, frozen, lanes, scratch],
+        dim=(*count.shape, parts, lanes),
+        inputs=[posed, vertex, mesh, cameras, frozen, parts, lanes, scratch],
         outputs=[image, facing, count],
         block_dim=lanes,
         device=count.device,
@@ -301,7 +310,7 @@ def _freeze(
                         total += count_word(pixels, cameras, alone, c, k, row, word)
                 sync()
             band.first_row = band.last_row + 1
-    add_up(total, alone, c, k, lane, scratch, count)
+    add_up(total, alone, c, k, lane, 0, 1, scratch, count)
 
 
 def freeze(posed, vertex, mesh, cameras, scratch, image, facing, frozen):

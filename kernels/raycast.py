@@ -1,17 +1,19 @@
-"""Silhouettes by packets of rays: the pixels of a few rows of a 32-bit word share one traversal of a BVH.
+"""Silhouettes by packets of rays on the CPU: the pixels of some rows of a 32-bit word share one traversal of a BVH.
 
 The tree is built once over the rest pose; each candidate and camera refits its boxes, in the image, around the
 projected triangles that face the camera. A packet walks the tree once, marks the pixels that each triangle covers as
 bits, stops when all its rays have hit, and is counted against the observed mask in place: no image is ever stored.
 
-A node is ``(skip, first, count, level)``: where to go when its box is missed, and for a leaf its run of triangles.
-Nodes stand in depth-first order, so the next node is the first child.
+A node is ``(skip, first, count)``: where to go when its box is missed, and for a leaf its run of triangles. Nodes
+stand in depth-first order, so the next node is the first child, and boxes can be fitted from the last to the first.
+
+A GPU's threads would each go their own way through such a tree: ``raycast_wide.py`` is for them.
 """
 
 import warp as wp
 
-from mmocap_warp.kernels.block import WORDS, lanes_of, shared_words, sync
-from mmocap_warp.kernels.coverage import drop, faces_camera, first_after, is_behind, last_before, row_span, word_bits
+from mmocap_warp.kernels.block import shared_words
+from mmocap_warp.kernels.coverage import drop, faces_camera, is_behind, last_before, row_span, word_bits
 from mmocap_warp.kernels.near_plane import clip, corner
 from mmocap_warp.kernels.silhouette import (
     Cameras,
@@ -24,11 +26,12 @@ from mmocap_warp.kernels.silhouette import (
     project_body,
 )
 
-wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": "-march=native -mllvm=-inline-threshold=9000 -fno-slp-vectorize"})
+wp.set_module_options(
+    {"enable_backward": False, "cpu_compiler_flags": "-march=native -mllvm=-inline-threshold=9000 -fno-slp-vectorize"}
+)
 
-_ROWS_ON_CPU = 32
-_ROWS_ON_GPU = 4
 
+_ROWS = wp.constant(32)  # of a packet
 _EMPTY_LOW = wp.constant(2**29)
 _EMPTY_HIGH = wp.constant(-(2**29))
 
@@ -37,15 +40,13 @@ _EMPTY_HIGH = wp.constant(-(2**29))
 class Tree:
     """A BVH over triangles; see :class:`mmocap_warp.bvh.Bvh`."""
 
-    node: wp.array[wp.vec4i]  # (node,)
+    node: wp.array[wp.vec3i]  # (node,)
     triangle: wp.array[wp.vec3i]  # (triangle,) in leaf order
-    by_level: wp.array[wp.int32]  # (node,) nodes, children before their parents
-    level_end: wp.array[wp.int32]  # (level,) ends in ``by_level`` of nodes that don't depend on each other
 
 
 @wp.func
 def _leaf_box(
-    node: wp.vec4i,
+    node: wp.vec3i,
     tree: Tree,
     image: wp.array3d[wp.vec2i],
     cut: bool,
@@ -81,42 +82,33 @@ def _refit(
     cut: bool,
     c: int,
     k: int,
-    lane: int,
-    lanes: int,
     visible: wp.array3d[wp.uint8],
     box: wp.array3d[wp.vec4i],
 ):
-    """Fit the boxes of a candidate and camera around its triangles, a level at a time."""
-    first = int(0)
-    for level in range(tree.level_end.shape[0]):
-        end = tree.level_end[level]
-        for i in range(first + lane, end, lanes):
-            n = tree.by_level[i]
-            node = tree.node[n]
-            if node[2] > 0:
-                box[c, k, n] = _leaf_box(node, tree, image, cut, c, k, visible)
-            else:
-                left = box[c, k, n + 1]
-                right = box[c, k, tree.node[n + 1][0]]
-                box[c, k, n] = wp.vec4i(
-                    wp.min(left[0], right[0]),
-                    wp.min(left[1], right[1]),
-                    wp.max(left[2], right[2]),
-                    wp.max(left[3], right[3]),
-                )
-        sync()
-        first = end
+    """Fit the boxes of a candidate and camera around its triangles."""
+    for i in range(tree.node.shape[0]):
+        n = tree.node.shape[0] - 1 - i
+        node = tree.node[n]
+        if node[2] > 0:
+            box[c, k, n] = _leaf_box(node, tree, image, cut, c, k, visible)
+        else:
+            left = box[c, k, n + 1]
+            right = box[c, k, tree.node[n + 1][0]]
+            box[c, k, n] = wp.vec4i(
+                wp.min(left[0], right[0]),
+                wp.min(left[1], right[1]),
+                wp.max(left[2], right[2]),
+                wp.max(left[3], right[3]),
+            )
 
 
 @wp.struct
 class Packet:
-    """Rays through a few rows of a word of pixels, and where a lane keeps their hits."""
+    """Rays through some rows of a word of pixels."""
 
     word: int
     first_row: int
     rows: int
-    start: int  # of its rows' words in the block's shared words
-    stride: int
 
 
 @wp.func
@@ -128,7 +120,7 @@ def _hit(a: wp.vec2i, b: wp.vec2i, c: wp.vec2i, packet: Packet, bits: wp.array[w
     d = drop(a, b, c, packet.first_row, packet.first_row + packet.rows - 1)
     for row in range(d.first, d.last + 1):
         s = row_span(d, row)
-        bits[packet.start + (row - packet.first_row) * packet.stride] |= word_bits(s[0], s[1], packet.word)
+        bits[row - packet.first_row] |= word_bits(s[0], s[1], packet.word)
 
 
 @wp.func
@@ -178,7 +170,7 @@ def _cast(
                         _hit(p, q, r, packet, bits)
             full = all_hit
             for row in range(packet.rows):
-                full = full & bits[packet.start + row * packet.stride]
+                full = full & bits[row]
             n = wp.where(full == all_hit, tree.node.shape[0], node[0])
 
 
@@ -189,8 +181,6 @@ def _raycast(
     tree: Tree,  # of the moved triangles
     cameras: Cameras,
     frozen: Frozen,
-    packet_rows: int,
-    lanes: int,
     scratch: wp.array[wp.uint32],
     # out
     image: wp.array3d[wp.vec2i],  # (candidate, camera, vertex) cells
@@ -198,31 +188,26 @@ def _raycast(
     box: wp.array3d[wp.vec4i],  # (candidate, camera, node) x_min y_min x_max y_max, cells
     count: wp.array2d[wp.vec2i],  # (candidate, camera) |M|, |M and F|
 ):
-    c, k, lane = wp.tid()
+    c, k = wp.tid()
     bits = shared_words(scratch)
-    bounds = project_body(posed, vertex, cameras, frozen, c, k, lane, lanes, scratch, image)
+    bounds = project_body(posed, vertex, cameras, frozen, c, k, 0, 1, scratch, image)
     cut = is_cut(frozen, c, k, scratch)
-    width = cameras.size[k][0]
     total = wp.vec2i(0, 0)
-    words = bounds[3] - bounds[2] + 1
-    if words > 0 and bounds[1] >= bounds[0]:
-        _refit(tree, image, cut, c, k, lane, lanes, visible, box)
+    if bounds[0] <= bounds[1] and bounds[2] <= bounds[3]:
+        _refit(tree, image, cut, c, k, visible, box)
         packet = Packet()
-        packet.start = lane
-        packet.stride = lanes
-        packets = ((bounds[1] - bounds[0]) // packet_rows + 1) * words
-        for i in range(lane, packets, lanes):
-            packet.word = bounds[2] + i % words
-            packet.first_row = bounds[0] + i // words * packet_rows
-            packet.rows = wp.min(packet_rows, bounds[1] - packet.first_row + 1)
-            for row in range(packet.rows):
-                bits[lane + row * lanes] = frozen_word(frozen, c, k, packet.first_row + row, packet.word)
-            _cast(packet, tree, posed, image, visible, box, cameras, cut, c, k, bits)
-            inside = word_bits(0, width - 1, packet.word)
-            for row in range(packet.rows):
-                hits = bits[lane + row * lanes] & inside
-                total += count_word(hits, cameras, frozen, c, k, packet.first_row + row, packet.word)
-    add_up(total, frozen, c, k, lane, scratch, count)
+        for first_row in range(bounds[0], bounds[1] + 1, _ROWS):
+            packet.first_row = first_row
+            packet.rows = wp.min(_ROWS, bounds[1] - first_row + 1)
+            for word in range(bounds[2], bounds[3] + 1):
+                packet.word = word
+                for row in range(packet.rows):
+                    bits[row] = frozen_word(frozen, c, k, first_row + row, word)
+                _cast(packet, tree, posed, image, visible, box, cameras, cut, c, k, bits)
+                inside = word_bits(0, cameras.size[k][0] - 1, word)
+                for row in range(packet.rows):
+                    total += count_word(bits[row] & inside, cameras, frozen, c, k, first_row + row, word)
+    add_up(total, frozen, c, k, 0, 0, 1, scratch, count)
 
 
 def raycast(posed, vertex, tree, cameras, frozen, scratch, image, visible, box, count):
@@ -230,13 +215,10 @@ def raycast(posed, vertex, tree, cameras, frozen, scratch, image, visible, box, 
 
     ``vertex`` and the triangles of ``tree`` are those that move; the silhouette of the others is in ``frozen``.
     """
-    device = count.device
-    lanes = lanes_of(device)
     wp.launch(
         _raycast,
-        dim=(*count.shape, lanes),
-        inputs=[posed, vertex, tree, cameras, frozen, _ROWS_ON_CPU if device.is_cpu else _ROWS_ON_GPU, lanes, scratch],
+        dim=count.shape,
+        inputs=[posed, vertex, tree, cameras, frozen, scratch],
         outputs=[image, visible, box, count],
-        block_dim=lanes,
-        device=device,
+        device=count.device,
     )

@@ -123,9 +123,7 @@ def frozen_word(frozen: Frozen, c: int, k: int, row: int, word: int) -> wp.uint3
 
 
 @wp.func
-def count_word(
-    bits: wp.uint32, cameras: Cameras, frozen: Frozen, c: int, k: int, row: int, word: int
-) -> wp.vec2i:
+def count_word(bits: wp.uint32, cameras: Cameras, frozen: Frozen, c: int, k: int, row: int, word: int) -> wp.vec2i:
     """What a word of moved pixels adds to the frozen silhouette's counts."""
     added = bits & ~frozen_word(frozen, c, k, row, word)
     if added == wp.uint32(0):
@@ -140,10 +138,15 @@ def add_up(
     c: int,
     k: int,
     lane: int,
+    part: int,
+    parts: int,
     scratch: wp.array[wp.uint32],
     count: wp.array2d[wp.vec2i],
 ):
-    """Sum what the lanes of a block counted, and what is frozen, into ``count[c, k]``."""
+    """Sum what the lanes of a block counted, and what is frozen, into ``count[c, k]``.
+
+    Where several blocks share a view, they add their parts to a count that begins at zero.
+    """
     numbers = shared_numbers(scratch)
     model, overlap = warp_sum(mine[0]), warp_sum(mine[1])
     if lane % 32 == 0:
@@ -152,6 +155,9 @@ def add_up(
     sync()
     if lane == 0:
         total = wp.vec2i(numbers[_MODEL], numbers[_OVERLAP])
-        if frozen.particles > 0:
+        if frozen.particles > 0 and part == 0:
             total += frozen.count[(frozen.first + c) // frozen.particles, k]
-        count[c, k] = total
+        if parts > 1:
+            wp.atomic_add(count, c, k, total)
+        else:
+            count[c, k] = total

@@ -12,18 +12,12 @@ class Bvh:
     """A binary tree in depth-first order.
 
     Attributes:
-        node: (node, 4) int32, ``skip, first, count, level``; ``count`` is 0 for an inner node.
+        node: (node, 3) int32, ``skip, first, count``; ``count`` is 0 for an inner node.
         triangle: (triangle, 3) int32, the faces in leaf order.
     """
 
     node: np.ndarray
     triangle: np.ndarray
-
-    @property
-    def levels(self) -> list[np.ndarray]:
-        """Node numbers of each level, the deepest first: the order in which boxes can be refitted."""
-        level = self.node[:, 3]
-        return [np.flatnonzero(level == i).astype(np.int32) for i in range(level.max(), -1, -1)]
 
 
 def build_bvh(vertices: np.ndarray, faces: np.ndarray, leaf_size: int = 4) -> Bvh:
@@ -38,18 +32,18 @@ def build_bvh(vertices: np.ndarray, faces: np.ndarray, leaf_size: int = 4) -> Bv
     nodes: list[list[int]] = []
     order: list[int] = []
 
-    def split(triangles: np.ndarray, level: int) -> None:
+    def split(triangles: np.ndarray) -> None:
         index = len(nodes)
-        nodes.append([0, len(order), 0, level])
+        nodes.append([0, len(order), 0])
         if len(triangles) <= leaf_size:
             nodes[index][2] = len(triangles)
             order.extend(triangles)
         else:
             axis = np.ptp(centroid[triangles], axis=0).argmax()
             ranked = triangles[np.argsort(centroid[triangles, axis], kind="stable")]
-            split(ranked[: len(ranked) // 2], level + 1)
-            split(ranked[len(ranked) // 2 :], level + 1)
+            split(ranked[: len(ranked) // 2])
+            split(ranked[len(ranked) // 2 :])
         nodes[index][0] = len(nodes)
 
-    split(np.arange(len(faces)), 0)
+    split(np.arange(len(faces)))
     return Bvh(np.array(nodes, np.int32), np.asarray(faces, np.int32)[order])

@@ -13,7 +13,7 @@ import warp as wp
 from mmocap_warp.body import FULL_DOF, BodyModel
 from mmocap_warp.cameras import CameraRig
 from mmocap_warp.kernels import cost as cost_kernels
-from mmocap_warp.kernels import raster, raycast, shaping, skinning
+from mmocap_warp.kernels import shaping, skinning
 from mmocap_warp.kernels.cost import cost_of_counts
 from mmocap_warp.kernels.kinematics import Affine
 from mmocap_warp.kernels.shaping import shape, turn
@@ -21,13 +21,12 @@ from mmocap_warp.kernels.skinning import pose_vertices
 from mmocap_warp.observation import Observation
 from mmocap_warp.posing import BodyArrays
 from mmocap_warp.shape_space import ShapeSpace, upright_base
-from mmocap_warp.silhouettes import FrozenArrays, PartArrays, Silhouettes, SilhouetteSlice
+from mmocap_warp.silhouettes import FrozenArrays, Part, Silhouettes, SilhouetteSlice
 
 COSTS: dict[str, int] = {"paper": cost_kernels.PAPER, "xor": cost_kernels.XOR, "iou": cost_kernels.IOU}
 """The named costs; ``paper`` is Eq. 4-5."""
 
 _SMALLEST_SLICE = 4  # candidates; for fewer, starting a thread costs more than it saves
-_MODULES = (shaping, skinning, raster, raycast, cost_kernels)
 
 
 class ShapeArrays:
@@ -70,8 +69,8 @@ class _Slice:
 class _Held:
     """A part of the body that moves, and the silhouettes of the rest."""
 
-    moving: PartArrays
-    staying: PartArrays
+    moving: Part
+    staying: Part
     frozen: FrozenArrays
 
 
@@ -88,7 +87,7 @@ class Objective:
         rig: undistorted cameras, at the masks' size.
         candidates: the most candidates in one evaluation.
         cost: a name in ``COSTS``.
-        renderer: a name in ``silhouettes.RENDERERS``.
+        renderer: a name in ``renderers.RENDERERS``.
         shapes: read a rest body and a heading for every candidate from columns 51 on of ``pose``; for fitting.
         device: a Warp device.
         threads: CPU threads; ignored on a GPU.
@@ -127,7 +126,8 @@ class Objective:
         self._skin_matrix = wp.zeros((candidates, joints), dtype=Affine, device=device)
         self._posed = wp.zeros((candidates, vertices), dtype=wp.vec3, device=device)
         self._threads = threads if device == "cpu" else 1
-        for module in _MODULES:  # before threads launch from them at the same time
+        modules = {skinning, cost_kernels} | self._silhouettes.modules | ({shaping} if shapes else set())
+        for module in modules:  # before threads launch from them at the same time
             wp.load_module(module, device=device)
         self._slices: dict[tuple[int, int], list[_Slice]] = {}
         self._parts: dict[tuple[int, bytes], _Held | None] = {}
@@ -214,7 +214,7 @@ class Objective:
             self.cost[first:end],
         )
 
-    def _pose(self, own: _Slice, part: PartArrays) -> None:
+    def _pose(self, own: _Slice, part: Part) -> None:
         body = self.body
         if self._shapes:
             self._shapes.apply(own.pose, own.rest, own.joint_rest, own.root_base)
@@ -230,4 +230,3 @@ class Objective:
         drawing.draw(own.drawn, own.posed, part, held.frozen if held else None, particles)
         size = drawing.cameras.size
         cost_of_counts(self._kind, own.drawn.count, self._foreground, size, own.pose, self.prior, own.cost)
-

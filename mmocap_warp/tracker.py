@@ -27,7 +27,7 @@ from mmocap_warp.posing import Poser
 from mmocap_warp.presets import PRESETS
 from mmocap_warp.result import STATUS, FrameAnswer, TrackResult
 from mmocap_warp.search import Search
-from mmocap_warp.silhouettes import RENDERERS
+from mmocap_warp.renderers import RENDERERS
 from mmocap_warp.strategy import hierarchical, holistic, share_budget
 
 if TYPE_CHECKING:

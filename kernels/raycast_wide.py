@@ -1,0 +1,274 @@
+"""Silhouettes by packets of rays on a GPU: a warp casts a packet, its 32 lanes test 32 boxes or triangles at a time.
+
+The tree has two levels, 32 wide: boxes of single triangles, in the order of the binary tree's leaves, and boxes of 32
+of these. A packet's warp tests the upper boxes, then those under each one that it meets, collects the triangles that
+it may hit, and marks the pixels of 32 triangles at once. It stops when all its rays have hit. See ``raycast.py``.
+"""
+
+import warp as wp
+
+from mmocap_warp.kernels.block import LANES, shared_words, sync, warp_max
+from mmocap_warp.kernels.coverage import drop, faces_camera, first_after, is_behind, last_before, row_span, word_bits
+from mmocap_warp.kernels.near_plane import clip, corner
+from mmocap_warp.kernels.silhouette import (
+    Cameras,
+    Frozen,
+    add_up,
+    count_word,
+    frozen_word,
+    is_cut,
+    pinhole,
+    project_body,
+)
+
+wp.set_module_options({"enable_backward": False})
+
+WIDTH = 32
+"""Boxes under a node, and lanes of a warp."""
+
+_ROWS = 8  # of a packet
+_QUEUE = wp.constant(2 * WIDTH)  # triangles that wait to be marked, a warp
+_BITS = wp.constant(LANES // WIDTH * 2 * WIDTH)  # where the packets' pixels begin in the shared words
+_FAR = wp.constant(2**29)
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return __ballot_sync(0xFFFFFFFFu, vote);
+#else
+    return vote ? 1u : 0u;
+#endif
+""")
+def _ballot(vote: bool) -> wp.uint32:
+    """The votes of a warp's lanes as bits; all of them must call."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    __syncwarp();
+#endif
+""")
+def _sync_warp():
+    """Wait for the warp's lanes; what they wrote is then seen by all of them."""
+
+
+@wp.func
+def _below(votes: wp.uint32, lane: int) -> int:
+    """How many lanes before this one voted yes."""
+    return wp.bit_count(votes & ((wp.uint32(1) << wp.uint32(lane)) - wp.uint32(1)))
+
+
+@wp.struct
+class Packet:
+    """Rays through a few rows of a word of pixels, and where their hits are kept in the block's shared words."""
+
+    word: int
+    first_row: int
+    rows: int
+    start: int
+
+
+@wp.func
+def _box_of(
+    t: int,
+    triangle: wp.array[wp.vec3i],
+    image: wp.array3d[wp.vec2i],
+    cut: bool,
+    c: int,
+    k: int,
+) -> wp.vec4i:
+    """First and last column and row [px] of a triangle that can be seen; none for others."""
+    none = wp.vec4i(_FAR, -_FAR, _FAR, -_FAR)
+    if t >= triangle.shape[0]:
+        return none
+    v = triangle[t]
+    p = image[c, k, v[0]]
+    q = image[c, k, v[1]]
+    r = image[c, k, v[2]]
+    if cut:
+        if is_behind(p) or is_behind(q) or is_behind(r):
+            return wp.vec4i(-_FAR, _FAR, -_FAR, _FAR)  # what is left of it may lie anywhere
+    elif not faces_camera(p, q, r):
+        return none
+    return wp.vec4i(
+        first_after(wp.min(p[0], wp.min(q[0], r[0]))),
+        last_before(wp.max(p[0], wp.max(q[0], r[0]))),
+        first_after(wp.min(p[1], wp.min(q[1], r[1]))),
+        last_before(wp.max(p[1], wp.max(q[1], r[1]))),
+    )
+
+
+@wp.func
+def _meets(box: wp.vec4i, packet: Packet) -> bool:
+    left = packet.word * 32
+    return (
+        box[0] <= left + 31
+        and box[1] >= left
+        and box[2] < packet.first_row + packet.rows
+        and box[3] >= packet.first_row
+    )
+
+
+@wp.func
+def _mark(a: wp.vec2i, b: wp.vec2i, c: wp.vec2i, packet: Packet, shared: wp.array[wp.uint32]):
+    """Mark the rays that hit a projected triangle."""
+    d = drop(a, b, c, packet.first_row, packet.first_row + packet.rows - 1)
+    for row in range(d.first, d.last + 1):
+        s = row_span(d, row)
+        shared[packet.start + row - packet.first_row] |= word_bits(s[0], s[1], packet.word)
+
+
+@wp.func
+def _mark_queue(
+    waiting: int,
+    queue: int,
+    lane: int,
+    packet: Packet,
+    triangle: wp.array[wp.vec3i],
+    posed: wp.array2d[wp.vec3],
+    image: wp.array3d[wp.vec2i],
+    cameras: Cameras,
+    cut: bool,
+    c: int,
+    k: int,
+    shared: wp.array[wp.uint32],
+) -> bool:
+    """Mark the first 32 triangles that wait, a lane each; says whether now all rays have hit."""
+    _sync_warp()
+    if lane < waiting:
+        v = triangle[int(shared[queue + lane])]
+        p = image[c, k, v[0]]
+        q = image[c, k, v[1]]
+        r = image[c, k, v[2]]
+        if cut:
+            left = clip(p, q, r, posed[c, v[0]], posed[c, v[1]], posed[c, v[2]], pinhole(cameras, k))
+            _mark(corner(left, 0), corner(left, 1), corner(left, 2), packet, shared)
+            _mark(corner(left, 0), corner(left, 2), corner(left, 3), packet, shared)
+        else:
+            _mark(p, q, r, packet, shared)
+    _sync_warp()
+    all_hit = word_bits(0, cameras.size[k][0] - 1, packet.word)
+    missed = lane < packet.rows and (shared[packet.start + lane] & all_hit) != all_hit
+    return _ballot(missed) == wp.uint32(0)
+
+
+@wp.func
+def _cast(
+    packet: Packet,
+    queue: int,
+    lane: int,
+    triangle: wp.array[wp.vec3i],
+    posed: wp.array2d[wp.vec3],
+    image: wp.array3d[wp.vec2i],
+    box: wp.array3d[wp.vec4i],
+    group_box: wp.array3d[wp.vec4i],
+    cameras: Cameras,
+    cut: bool,
+    c: int,
+    k: int,
+    shared: wp.array[wp.uint32],
+):
+    """Cast a packet's rays that have not hit yet, with a warp."""
+    waiting = int(0)
+    full = bool(False)
+    groups = group_box.shape[2]
+    for first in range(0, (triangle.shape[0] + WIDTH - 1) // WIDTH, WIDTH):
+        group = first + lane
+        met = bool(False)
+        if group < groups:
+            met = _meets(group_box[c, k, group], packet)
+        to_visit = _ballot(met)
+        while to_visit != wp.uint32(0) and not full:
+            lowest = to_visit & (~to_visit + wp.uint32(1))
+            to_visit = to_visit ^ lowest
+            t = (first + wp.bit_count(lowest - wp.uint32(1))) * WIDTH + lane
+            hit = _meets(box[c, k, t], packet)
+            hits = _ballot(hit)
+            if hit:
+                shared[queue + waiting + _below(hits, lane)] = wp.uint32(t)
+            waiting += wp.bit_count(hits)
+            if waiting >= WIDTH:
+                full = _mark_queue(WIDTH, queue, lane, packet, triangle, posed, image, cameras, cut, c, k, shared)
+                waiting -= WIDTH
+                left_over = wp.uint32(0)
+                if lane < waiting:
+                    left_over = shared[queue + WIDTH + lane]
+                _sync_warp()
+                if lane < waiting:
+                    shared[queue + lane] = left_over
+                _sync_warp()
+    if waiting > 0 and not full:
+        _mark_queue(waiting, queue, lane, packet, triangle, posed, image, cameras, cut, c, k, shared)
+
+
+@wp.kernel
+def _raycast_wide(
+    posed: wp.array2d[wp.vec3],  # (candidate, vertex) [m]
+    vertex: wp.array[wp.int32],  # (moved vertex,)
+    triangle: wp.array[wp.vec3i],  # (moved triangle,) in leaf order
+    cameras: Cameras,
+    frozen: Frozen,
+    packet_rows: int,
+    parts: int,
+    scratch: wp.array[wp.uint32],
+    # out
+    image: wp.array3d[wp.vec2i],  # (candidate, camera, vertex) cells
+    box: wp.array3d[wp.vec4i],  # (candidate, camera, moved triangle) columns and rows
+    group_box: wp.array3d[wp.vec4i],  # (candidate, camera, group) columns and rows
+    count: wp.array2d[wp.vec2i],  # (candidate, camera) |M|, |M and F|
+):
+    c, k, part, thread = wp.tid()
+    shared = shared_words(scratch)
+    bounds = project_body(posed, vertex, cameras, frozen, c, k, thread, LANES, scratch, image)
+    cut = is_cut(frozen, c, k, scratch)
+    warp = thread // WIDTH
+    lane = thread % WIDTH
+    groups = (triangle.shape[0] + WIDTH - 1) // WIDTH
+    total = wp.vec2i(0, 0)
+    words = bounds[3] - bounds[2] + 1
+    if words > 0 and bounds[1] >= bounds[0]:
+        for group in range(warp, groups, LANES // WIDTH):
+            own = _box_of(group * WIDTH + lane, triangle, image, cut, c, k)
+            box[c, k, group * WIDTH + lane] = own
+            left = -warp_max(-own[0])
+            right = warp_max(own[1])
+            top = -warp_max(-own[2])
+            bottom = warp_max(own[3])
+            if lane == 0:
+                group_box[c, k, group] = wp.vec4i(left, right, top, bottom)
+        sync()
+        inside_rows = bounds[1] - bounds[0] + 1
+        packets = (inside_rows + packet_rows - 1) // packet_rows * words
+        packet = Packet()
+        packet.start = _BITS + warp * WIDTH
+        for i in range(warp + part * (LANES // WIDTH), packets, parts * (LANES // WIDTH)):
+            packet.word = bounds[2] + i % words
+            packet.first_row = bounds[0] + i // words * packet_rows
+            packet.rows = wp.min(packet_rows, bounds[1] - packet.first_row + 1)
+            if lane < packet.rows:
+                shared[packet.start + lane] = frozen_word(frozen, c, k, packet.first_row + lane, packet.word)
+            _cast(packet, warp * _QUEUE, lane, triangle, posed, image, box, group_box, cameras, cut, c, k, shared)
+            _sync_warp()
+            if lane < packet.rows:
+                hits = shared[packet.start + lane] & word_bits(0, cameras.size[k][0] - 1, packet.word)
+                total += count_word(hits, cameras, frozen, c, k, packet.first_row + lane, packet.word)
+    add_up(total, frozen, c, k, thread, part, parts, scratch, count)
+
+
+def raycast_wide(posed, vertex, triangle, cameras, frozen, parts, scratch, image, box, group_box, count):
+    """The same as :func:`~mmocap_warp.kernels.raycast.raycast`, on a GPU.
+
+    ``parts`` blocks share a candidate's view, where a block each would leave most of the chip idle. ``box`` has room
+    for whole groups of ``WIDTH`` triangles.
+    """
+    if parts > 1:
+        count.zero_()
+    wp.launch(
+        _raycast_wide,
+        dim=(*count.shape, parts, LANES),
+        inputs=[posed, vertex, triangle, cameras, frozen, _ROWS, parts, scratch],
+        outputs=[image, box, group_box, count],
+        block_dim=LANES,
+        device=count.device,
+    )

@@ -34,6 +34,7 @@ MARKER_NOISE = 0.002
 """Standard deviation of the true markers along each axis [m]."""
 
 _SIZE = (640, 480)
+_DIGITS = 12  # of rotations; poses and truth have fewer: machines whose sines differ in the last digit agree on them
 
 # Bearing [degrees], distance and height of the centre, height looked at [m], roll [degrees], focal length [px], and
 # the principal point off the image's middle [px]. The colour cameras stand where HumanEva's do.
@@ -226,9 +227,8 @@ SEQUENCES: Mapping[str, StudySequence] = _Sequences()
 
 def study_rig() -> CameraRig:
     """HumanEva's ring: three colour and four grey cameras around the origin, as pinholes. The world has +Z up."""
-    K, R, t = (
-        np.array(each) for each in zip(*(placed_camera(*place, _SIZE) for place in _CAMERAS.values()), strict=True)
-    )
+    placed = [placed_camera(*place, _SIZE) for place in _CAMERAS.values()]
+    K, R, t = (np.round(each, _DIGITS) for each in zip(*placed, strict=True))
     sizes = np.tile(_SIZE, (len(_CAMERAS), 1))
     return CameraRig(tuple(_CAMERAS), K, R, t, sizes, np.zeros((len(_CAMERAS), 5)), "+z")
 
@@ -247,11 +247,11 @@ def _facing_ahead(poses: np.ndarray, heading: float) -> tuple[np.ndarray, np.nda
     """
     turned = turn("z", poses[:, 5]) @ turn("y", poses[:, 4]) @ turn("x", poses[:, 3])
     floor = _floor_axes(heading)
-    base = floor @ heading_rotation(float(np.arctan2(turned[0, 0, 2], turned[0, 2, 2])))
+    base = np.round(floor @ heading_rotation(float(np.arctan2(turned[0, 0, 2], turned[0, 2, 2]))), _DIGITS)
     moved = poses.copy()
     moved[:, :3] = poses[:, :3] @ floor.T
     moved[:, 3:6] = zyx_angles(base.T @ floor @ turned)
-    return base, np.round(moved, 9)  # the same on any machine
+    return base, np.round(moved, 9)
 
 
 def _truth(footage: Footage) -> Truth:

@@ -40,14 +40,18 @@ class Person:
 
     def true_body(self) -> BodyModel:
         """Who is seen."""
-        return stretched(self._base().shaped(self.shape), f"{self.name}_true", self.stretch)
+        return stretched(self._shaped(self.shape), f"{self.name}_true", self.stretch)
 
     def tracked_body(self) -> BodyModel:
         """Who is tracked."""
-        return self._base().shaped(self.modelled, self.scale)
+        return self._shaped(self.modelled).shaped({}, self.scale)
 
-    def _base(self) -> BodyModel:
-        return read_body(ROOT / "bodies" / f"{self.base}.usdc")
+    def _shaped(self, weights: dict[str, float]) -> BodyModel:
+        """The shipped body with one target after the other: sums of several are rounded differently by CPUs' makes."""
+        body = read_body(ROOT / "bodies" / f"{self.base}.usdc")
+        for name, weight in weights.items():
+            body = body.shaped({name: weight})
+        return body
 
 
 PEOPLE: dict[str, Person] = {

@@ -6,7 +6,6 @@ import io
 import json
 import os
 import shutil
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -19,7 +18,7 @@ from mmocap_warp.study import tasks
 from mmocap_warp.study.cell import Cell
 from mmocap_warp.study.job import Advance, Job
 from mmocap_warp.study.run import Seat, Status
-from mmocap_warp.study.store import latest, open_folder, read_results
+from mmocap_warp.study.store import open_folder
 
 CELLS = 12
 
@@ -124,15 +123,6 @@ def test_half_written_files_are_cleared_away_after_a_while(tmp_path):
     os.utime(old, (0, 0))
     open_folder(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == [young.name]
-
-
-def test_of_two_results_of_a_cell_the_later_counts(whole):
-    results = list(read_results(whole))
-    later = replace(results[3], meta=results[3].meta | {"started": "2999-01-01T00:00:00+00:00"})
-    found = latest([later, *results])
-    assert len(found) == CELLS
-    assert [result.cell for result in found] == sorted(result.cell for result in results)
-    assert sum(result is later for result in found) == 1
 
 
 STATUS = Status(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -193,3 +194,22 @@ def test_a_key_follows_what_a_result_depends_on(tmp_path, monkeypatch):
     others.add(content_key(plan, "clip", "cpu"))
     assert key not in others
     assert len(others) == 9
+
+
+DOCUMENT = (Path(__file__).resolve().parents[1] / "docs" / "study.md").read_text(encoding="utf-8")
+
+
+def example(language: str) -> str:
+    """The document's example."""
+    return re.search(rf"```{language}\n(.*?)```", DOCUMENT, re.S)[1]
+
+
+def test_the_documents_study_is_right(tmp_path):
+    study = study_of(tmp_path, example("toml"))
+    assert len(study.plans) == 3 * 2 * 2 * 2
+    assert {plan.config.runs for plan in study.plans} == {10}
+    assert [clip.scene is None for clip in study.clips] == [False, False, True]
+
+
+def test_the_documents_python_names_what_exists():
+    exec("\n".join(line for line in example("python").splitlines() if line.startswith("from ")), {})

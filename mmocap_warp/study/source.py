@@ -7,6 +7,7 @@ import json
 import os
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
+from functools import cache
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -150,8 +151,9 @@ def _facts(clip: Clip, frames: int, described: dict) -> ClipFacts:
     return ClipFacts(hashlib.sha256(json.dumps(depends, sort_keys=True).encode()).hexdigest(), frames)
 
 
+@cache
 def _sequence_code() -> str:
-    """A hash of all that shipped sequences are made from."""
+    """A hash of all that shipped sequences are made from; once a process, which goes on with what it has loaded."""
     package = Path(mmocap_warp.__file__).parent
     modules = [package / "study" / "sequences.py", *(package / "synthesis").glob("*.py")]
     return _content([*modules, *(ROOT / "bodies").glob("*.usdc")])

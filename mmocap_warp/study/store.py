@@ -6,7 +6,7 @@ import hashlib
 import json
 import re
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 
@@ -73,11 +73,3 @@ def read_results(folder: str | Path) -> Iterator[CellResult | InputError]:
             yield read_cell(path)
         except InputError as error:
             yield error
-
-
-def latest(results: Iterable[CellResult]) -> list[CellResult]:
-    """One result per cell: where several versions or kinds of device gave one, the one that was started last."""
-    found: dict = {}
-    for result in sorted(results, key=lambda result: result.meta.get("started", "")):
-        found[result.cell] = result
-    return [found[cell] for cell in sorted(found)]

@@ -263,6 +263,13 @@ def test_claims_are_checked_not_assumed():
     assert {finding.verdict for finding in check_claims(alone, MARKER_ERROR)} == {UNTESTED}
 
 
+def test_subjects_are_not_taken_for_actions():
+    """S3 boxing alone is no evidence that S3 is hard."""
+    study = StudySummary.of(made_up_study(("S1/Walking", "S2/Gestures", "S3/Box"), models=(39,), seeds=2, frames=10))
+    of = {finding.claim: finding.verdict for finding in check_claims(study, MARKER_ERROR)}
+    assert of["Subject S3 is the hardest."] == UNTESTED
+
+
 def tracked_walk(frames=20):
     """A result on a shipped sequence whose typical run is the truth, but for one frame that is off."""
     name = "S1/Walking"

@@ -248,7 +248,13 @@ def _level(
 
 
 def _by_part(study: StudySummary, measure: Measure, part: int) -> dict[str, float]:
-    """Mean of a measure by the subject (part 0) or the action (part 1) of the sequences' names."""
+    """Mean of a measure by the subject (part 0) or the action (part 1) of the sequences' names.
+
+    Empty unless every subject was tracked in every action, as else one would be taken for the other.
+    """
+    names = [tuple(sequence.split("/")) for sequence in study.sequences if sequence.count("/") == 1]
+    if len(names) != len({name[0] for name in names}) * len({name[1] for name in names}):
+        return {}
     values: dict[str, list[float]] = {}
     for cell, summary in study.cells.items():
         parts = cell.sequence.split("/")

@@ -77,11 +77,13 @@ def ranks_section(study: StudySummary) -> Section:
                 continue
             caption = f"{dof}-DOF model, ranked by {named(measure)}, as Table {number} of the paper"
             effects = "".join(effect_table(ranking) for ranking in rankings)
+            in_paper = any(paper.printed_ranks(dof, budget) for budget in study.budgets)
+            diamonds = "; diamonds are the paper" if in_paper else ""
             panels = "".join(f"<div>{rank_figure(ranking, study.algorithms)}</div>" for ranking in rankings)
             content = (
                 f'<figure><div class="panels">{panels}</div>'
-                f"<figcaption>Average ranks, {dof} DOF, by {named(measure)}. Dots: this study with 95 % intervals over "
-                "seeds. Diamonds: the paper. 1 is the best.</figcaption></figure>"
+                f"<figcaption>Average ranks, {dof} DOF, by {named(measure)}; 1 is the best. Dots are this study, with "
+                f"95 % intervals over seeds{diamonds}.</figcaption></figure>"
                 + ranking_table(rankings, caption)
                 + _left_out(rankings)
                 + f"<details><summary>Intervals and effect sizes, {dof} DOF</summary>{_EFFECTS}{effects}</details>"

@@ -12,7 +12,7 @@ from mmocap_warp.study import paper
 from mmocap_warp.study.statistics import ALPHA, Omnibus
 from mmocap_warp.study.summary import Measure, StudySummary
 from mmocap_warp.study.tables import ModelDifference, Ranking, Row
-from mmocap_warp.study.wording import in_unit, interval, p_value, shown
+from mmocap_warp.study.wording import in_unit, interval, p_value, shown, statistic
 
 
 def ranking_table(rankings: Sequence[Ranking], caption: str) -> str:
@@ -114,10 +114,9 @@ def _statistics(test: Omnibus | None) -> str:
     if test is None:
         return "one sequence: no test"
     sign = ">" if test.statistic > test.critical else "≤"
-    f = "∞" if np.isinf(test.f) else f"{test.f:.2f}"
     return (
         f"Friedman {test.statistic:.3f} {sign} {test.critical:.3f}, p = {p_value(test.p)}<br>"
-        f"Iman–Davenport F = {f}, p = {p_value(test.f_p)}<br>Kendall’s W = {test.kendall_w:.2f}"
+        f"Iman–Davenport F = {statistic(test.f)}, p = {p_value(test.f_p)}<br>Kendall’s W = {test.kendall_w:.2f}"
     )
 
 

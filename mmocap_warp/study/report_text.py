@@ -14,7 +14,7 @@ from mmocap_warp.study.report_setting import grid_sentence, headline
 from mmocap_warp.study.statistics import ALPHA
 from mmocap_warp.study.summary import MEASURES, CellSummary, Measure, StudySummary
 from mmocap_warp.study.tables import HIERARCHICAL, Ranking, by_algorithm, by_model, model_differences
-from mmocap_warp.study.wording import in_unit, interval, named, p_value, shown
+from mmocap_warp.study.wording import in_unit, interval, named, p_value, shown, statistic
 
 _RANKED_BY = ("marker_error", "cost")
 """The paper ranks by tracking error and, in its text, by fitness: Markdown has both."""
@@ -134,7 +134,7 @@ def _friedman(ranking: Ranking) -> tuple[str, str]:
 
 
 def _iman_davenport(ranking: Ranking) -> tuple[str, str]:
-    return (f"{ranking.test.f:.2f}", p_value(ranking.test.f_p)) if ranking.test else ("", "")
+    return (statistic(ranking.test.f), p_value(ranking.test.f_p)) if ranking.test else ("", "")
 
 
 def _kendall(ranking: Ranking) -> tuple[str, str]:

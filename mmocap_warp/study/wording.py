@@ -22,6 +22,11 @@ def p_value(p: float) -> str:
     return f"{mantissa}E{int(exponent)}".replace("-", _MINUS) if p > 0 else "0"
 
 
+def statistic(value: float) -> str:
+    """A test's statistic, which may be infinite."""
+    return "∞" if np.isinf(value) else f"{value:.2f}"
+
+
 def shown(value: float, measure: Measure, *, sign: bool = False) -> str:
     """A value of a measure without its unit."""
     return f"{value:{'+' if sign else ''}.{measure.decimals}f}".replace("-", _MINUS)

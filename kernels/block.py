@@ -44,6 +44,15 @@ def sync():
     """Wait for the block's lanes; what they wrote is then seen by all of them."""
 
 
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    __syncwarp();
+#endif
+""")
+def sync_warp():
+    """Wait for the 32 lanes of a warp; all of them must call."""
+
+
 @wp.func_native(f"""
 #if defined(__CUDA_ARCH__)
     __shared__ unsigned int words[{WORDS}];

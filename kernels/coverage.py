@@ -19,9 +19,11 @@ _ONES = wp.constant(wp.uint32(0xFFFFFFFF))
 
 # An edge of height dy cells meets a row at a multiple of 1 / (2 SUBPIXEL dy) px. In float32, a short edge's meeting
 # point errs by less than 1.2e-5 px and is an integer or at least 3.0e-5 px away from one: half of that tells them
-# apart. Long edges are divided in integers.
+# apart. For any other edge float64 errs by less than 1e-9 px, and 1.4e-8 px are to be told apart.
 _SHORT = wp.constant(1024)  # cells
 _TIE = wp.constant(1.5e-5)
+_TIE_FAR = wp.constant(wp.float64(7.0e-9))
+_PIXEL_FAR = wp.constant(wp.float64(1.0 / SUBPIXEL))
 
 
 @wp.struct
@@ -30,8 +32,11 @@ class Edge:
 
     top: wp.vec2i
     step: wp.vec2i  # from its upper end to its lower
-    slope: float  # columns a row
     is_short: bool
+    whole: int  # the pixel column of its top, of which it then
+    base: float  # lies this much to the right [px]
+    start: float  # row of its top [cells]
+    slope: float  # pixels to the right a cell down
 
 
 @wp.func
@@ -40,8 +45,11 @@ def edge(top: wp.vec2i, bottom: wp.vec2i) -> Edge:
     e = Edge()
     e.top = top
     e.step = bottom - top
-    e.slope = float(e.step[0]) / float(wp.max(e.step[1], 1))
     e.is_short = wp.max(wp.abs(e.step[0]), e.step[1]) < _SHORT
+    e.whole = top[0] >> _SHIFT
+    e.base = (float(top[0] & _WITHIN) + 0.5) * _PIXEL - _TIE
+    e.start = float(top[1]) + 0.5
+    e.slope = float(e.step[0]) / float(wp.max(e.step[1], 1)) * _PIXEL
     return e
 
 
@@ -58,20 +66,18 @@ def last_before(cell: int) -> int:
 
 
 @wp.func
-def _divided_up(numerator: wp.int64, denominator: wp.int64) -> int:
-    return -int(wp.floordiv(-numerator, denominator))
+def _crossing_far(top: wp.vec2i, step: wp.vec2i, row: int) -> int:
+    slope = wp.float64(step[0]) / wp.float64(step[1])
+    down = wp.float64(row * SUBPIXEL - top[1]) - wp.float64(0.5)
+    return int(wp.ceil((wp.float64(top[0]) + wp.float64(0.5) + down * slope) * _PIXEL_FAR - _TIE_FAR))
 
 
 @wp.func
 def crossing(e: Edge, row: int) -> int:
     """The first pixel of a row on the right of an edge that meets the row, or on it."""
     if e.is_short:
-        down = float(row * SUBPIXEL - e.top[1]) - 0.5
-        x = (float(e.top[0] & _WITHIN) + 0.5 + down * e.slope) * _PIXEL
-        return (e.top[0] >> _SHIFT) + int(wp.ceil(x - _TIE))
-    dx, dy = wp.int64(e.step[0]), wp.int64(e.step[1])
-    across = wp.int64(2 * e.top[0] + 1) * dy + wp.int64(2 * (row * SUBPIXEL - e.top[1]) - 1) * dx
-    return _divided_up(across, wp.int64(2 * SUBPIXEL) * dy)
+        return e.whole + int(wp.ceil(e.base + (float(row) * float(SUBPIXEL) - e.start) * e.slope))
+    return _crossing_far(e.top, e.step, row)
 
 
 @wp.func

@@ -11,7 +11,7 @@ and counts these with popcounts. A byte holds up to 127 layers.
 
 import warp as wp
 
-from mmocap_warp.kernels.block import WORDS, lanes_of, shared_words, sync
+from mmocap_warp.kernels.block import LANES, WORDS, lanes_of, shared_words, sync
 from mmocap_warp.kernels.coverage import crossing, edge, faces_camera, first_after, last_before, word_bits
 from mmocap_warp.kernels.near_plane import clip, corner
 from mmocap_warp.kernels.silhouette import Cameras, Frozen, add_up, count_word, is_cut, pinhole, project_body
@@ -200,7 +200,7 @@ def _mark_body(
     sync()
 
 
-@wp.kernel
+@wp.kernel(launch_bounds=(LANES, 5))
 def _raster(
     posed: wp.array2d[wp.vec3],  # (candidate, vertex) [m]
     vertex: wp.array[wp.int32],  # (moved vertex,)

@@ -7,7 +7,7 @@ it may hit, and marks the pixels of 32 triangles at once. It stops when all its 
 
 import warp as wp
 
-from mmocap_warp.kernels.block import LANES, shared_words, sync, warp_max
+from mmocap_warp.kernels.block import LANES, shared_words, sync, sync_warp, warp_max
 from mmocap_warp.kernels.coverage import drop, faces_camera, first_after, is_behind, last_before, row_span, word_bits
 from mmocap_warp.kernels.near_plane import clip, corner
 from mmocap_warp.kernels.silhouette import (
@@ -42,15 +42,6 @@ _FAR = wp.constant(2**29)
 def _ballot(vote: bool) -> wp.uint32:
     """The votes of a warp's lanes as bits; all of them must call."""
     ...
-
-
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    __syncwarp();
-#endif
-""")
-def _sync_warp():
-    """Wait for the warp's lanes; what they wrote is then seen by all of them."""
 
 
 @wp.func
@@ -135,7 +126,7 @@ def _mark_queue(
     shared: wp.array[wp.uint32],
 ) -> bool:
     """Mark the first 32 triangles that wait, a lane each; says whether now all rays have hit."""
-    _sync_warp()
+    sync_warp()
     if lane < waiting:
         v = triangle[int(shared[queue + lane])]
         p = image[c, k, v[0]]
@@ -147,7 +138,7 @@ def _mark_queue(
             _mark(corner(left, 0), corner(left, 2), corner(left, 3), packet, shared)
         else:
             _mark(p, q, r, packet, shared)
-    _sync_warp()
+    sync_warp()
     all_hit = word_bits(0, cameras.size[k][0] - 1, packet.word)
     missed = lane < packet.rows and (shared[packet.start + lane] & all_hit) != all_hit
     return _ballot(missed) == wp.uint32(0)
@@ -172,8 +163,8 @@ def _cast(
     """Cast a packet's rays that have not hit yet, with a warp."""
     waiting = int(0)
     full = bool(False)
-    groups = group_box.shape[2]
-    for first in range(0, (triangle.shape[0] + WIDTH - 1) // WIDTH, WIDTH):
+    groups = (triangle.shape[0] + WIDTH - 1) // WIDTH
+    for first in range(0, groups, WIDTH):
         group = first + lane
         met = bool(False)
         if group < groups:
@@ -194,15 +185,15 @@ def _cast(
                 left_over = wp.uint32(0)
                 if lane < waiting:
                     left_over = shared[queue + WIDTH + lane]
-                _sync_warp()
+                sync_warp()
                 if lane < waiting:
                     shared[queue + lane] = left_over
-                _sync_warp()
+                sync_warp()
     if waiting > 0 and not full:
         _mark_queue(waiting, queue, lane, packet, triangle, posed, image, cameras, cut, c, k, shared)
 
 
-@wp.kernel
+@wp.kernel(launch_bounds=(LANES, 4))
 def _raycast_wide(
     posed: wp.array2d[wp.vec3],  # (candidate, vertex) [m]
     vertex: wp.array[wp.int32],  # (moved vertex,)
@@ -249,7 +240,7 @@ def _raycast_wide(
             if lane < packet.rows:
                 shared[packet.start + lane] = frozen_word(frozen, c, k, packet.first_row + lane, packet.word)
             _cast(packet, warp * _QUEUE, lane, triangle, posed, image, box, group_box, cameras, cut, c, k, shared)
-            _sync_warp()
+            sync_warp()
             if lane < packet.rows:
                 hits = shared[packet.start + lane] & word_bits(0, cameras.size[k][0] - 1, packet.word)
                 total += count_word(hits, cameras, frozen, c, k, packet.first_row + lane, packet.word)

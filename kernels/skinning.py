@@ -2,10 +2,12 @@
 
 import warp as wp
 
-from mmocap_warp.kernels.block import lanes_of, sync
+from mmocap_warp.kernels.block import lanes_of, sync, sync_warp
 from mmocap_warp.kernels.kinematics import Affine, pose_joint
 
 wp.set_module_options({"enable_backward": False})
+
+_WARP = wp.constant(32)
 
 
 @wp.func
@@ -70,11 +72,13 @@ def _pose_vertices(
     posed: wp.array2d[wp.vec3],  # (candidate, vertex)
 ):
     c, lane = wp.tid()
-    for level in range(levels):
-        for j in range(lane, parent.shape[0], lanes):
-            if depth[j] == level:
-                pose_joint(pose, parent, joint_frame, joint_rest, root_base, c, j, joint_transform, skin_matrix)
-        sync()
+    if lane < _WARP:  # a joint waits for its parent; the lanes of a warp need not wait for the whole block
+        for level in range(levels):
+            for j in range(lane, parent.shape[0], wp.min(lanes, _WARP)):
+                if depth[j] == level:
+                    pose_joint(pose, parent, joint_frame, joint_rest, root_base, c, j, joint_transform, skin_matrix)
+            sync_warp()
+    sync()
     for i in range(lane, vertex.shape[0], lanes):
         v = vertex[i]
         posed[c, v] = _skinned(rest, joint, weight, skin_matrix, c, v)

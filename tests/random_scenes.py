@@ -1,22 +1,25 @@
-"""Random bodies in front of, around and behind random cameras, and their way through the kernels to the image."""
+"""Random bodies in front of, around and behind random cameras."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import reference
 import warp as wp
+from drawn import draw_bits
 from poisoned import poisoned
+from synthetic import ring_rig
 
 from mmocap_warp.body import FULL_DOF, BodyModel, Subject
 from mmocap_warp.cameras import CameraRig
 from mmocap_warp.kernels.kinematics import Affine, pose_joints
-from mmocap_warp.kernels.projection import project
 from mmocap_warp.kernels.skinning import skin
-from mmocap_warp.objective import CameraArrays
+from mmocap_warp.observation import unpack_masks
 from mmocap_warp.posing import BodyArrays
 
 _MIDDLE = np.array([0.0, 0.9, 0.0])  # of a standing person [m]
-ODD_SIZES = ((97, 61), (64, 48), (33, 75), (129, 8), (31, 40))  # [px], hardly a multiple of a packet's 32 x 8
+ODD_SIZES = ((97, 61), (64, 48), (33, 75), (129, 8), (31, 40))  # [px], hardly a multiple of a word or a packet
 
 
 def random_poses(n: int, seed: int = 0, reach: float = 1.0, bend: float = 1.5) -> np.ndarray:
@@ -40,6 +43,24 @@ def indoor_rig(sizes: tuple[tuple[int, int], ...] = ODD_SIZES, seed: int = 0) ->
     return CameraRig(names, K, R, -np.einsum("kij,kj->ki", R, centre), np.array(sizes), np.zeros((n, 5)), "+y")
 
 
+def any_rig(seed: int, inside: np.ndarray) -> CameraRig:
+    """Six cameras of different sizes: one at ``inside`` (3,), four among people, one that sees them from outside."""
+    rig = indoor_rig(seed=seed)
+    t = rig.t.copy()
+    t[0] = -rig.R[0] @ inside
+    outside = ring_rig(cameras=1, size=(160, 120))
+    joined = {
+        name: np.concatenate([getattr(rig, name), getattr(outside, name)]) for name in ("K", "R", "size", "distortion")
+    }
+    return replace(rig, names=(*rig.names, "outside"), t=np.concatenate([t, outside.t]), **joined)
+
+
+def random_masks(sizes: np.ndarray, seed: int = 0) -> list[np.ndarray]:
+    """One boolean picture of noise a camera."""
+    rng = np.random.default_rng(seed)
+    return [rng.random((height, width)) < 0.5 for width, height in sizes]
+
+
 def posed_vertices(body: BodyModel, root_base: np.ndarray, poses: np.ndarray, device: str) -> wp.array:
     """(candidate, tracking vertex) vec3 by the kernels [m]."""
     arrays = BodyArrays(body, root_base, body.tracking, device)
@@ -54,16 +75,7 @@ def posed_vertices(body: BodyModel, root_base: np.ndarray, poses: np.ndarray, de
     return posed
 
 
-def projected(posed: wp.array, rig: CameraRig) -> wp.array:
-    """(candidate, camera, vertex) vec2i by the kernel [px / 16]."""
-    cameras = CameraArrays(rig, posed.device)
-    image = poisoned((posed.shape[0], len(rig), posed.shape[1]), wp.vec2i, posed.device)
-    project(posed, cameras.rotation, cameras.translation, cameras.intrinsics, image)
-    return image
-
-
 def perfect_masks(subject: Subject, rig: CameraRig, pose: np.ndarray, device: str = "cpu") -> list[np.ndarray]:
-    """One boolean picture a camera of a pose of the subject's body, by the twin from the kernel's own image."""
+    """One boolean picture a camera of a pose of the subject's body, as the kernels draw it."""
     posed = posed_vertices(subject.body, subject.root_base, np.atleast_2d(pose), device)
-    image = projected(posed, rig).numpy()[0]
-    return [reference.covered(image[k], subject.body.tracking.face, *rig.size[k]) for k in range(len(rig))]
+    return unpack_masks(draw_bits(subject.body.tracking, rig, posed)[0], rig.size)

@@ -6,13 +6,13 @@ import cv2
 import numpy as np
 import pytest
 import warp as wp
+from drawn import cast_bits
 
 from mmocap_warp.body import FULL_DOF, JOINTS
 from mmocap_warp.cameras import check_rig, project
 from mmocap_warp.formats.usd_body import local_transforms, read_body
-from mmocap_warp.kernels.pixel_rays import cast_pixels
-from mmocap_warp.objective import CameraArrays, Objective
-from mmocap_warp.observation import Observation, unpack_masks, words_per_row
+from mmocap_warp.objective import Objective
+from mmocap_warp.observation import Observation, unpack_masks
 from mmocap_warp.scene import load_scene
 from mmocap_warp.scenes import ROOT
 from mmocap_warp.skin_points import triangulated
@@ -192,14 +192,10 @@ def test_cameras_are_a_calibration_and_see_all_of_the_walk(recording):
 
 def test_silhouettes_equal_the_ray_caster_up_to_the_boundary(recording):
     rig, vertices, faces = recording.rig.undistorted(), recording.vertices[20], recording.body.skin.face
-    cameras = CameraArrays(rig, "cpu")
-    rows, words = int(rig.size[0, 1]), words_per_row(int(rig.size[0, 0]))
-    cast = wp.zeros((1, len(rig), rows, words), dtype=wp.uint32, device="cpu")
     posed = wp.array(vertices[None], dtype=wp.vec3, device="cpu")
-    triangle = wp.array(triangulated(faces), dtype=wp.vec3i, device="cpu")
-    cast_pixels(posed, triangle, cameras.rotation, cameras.translation, cameras.intrinsics, cameras.size, cast)
+    cast = cast_bits(triangulated(faces), rig, posed)
     drawn = draw_silhouettes(rig, vertices, faces)
-    for by_rays, by_polygons in zip(unpack_masks(cast.numpy()[0], rig.size), drawn, strict=True):
+    for by_rays, by_polygons in zip(unpack_masks(cast[0], rig.size), drawn, strict=True):
         differs = by_rays ^ by_polygons
         assert differs.sum() < BOUNDARY * by_rays.sum()
         kernel = np.ones((3, 3), np.uint8)

@@ -7,7 +7,8 @@ from random_scenes import posed_vertices, random_poses
 from synthetic import synthetic_body, synthetic_subject
 
 from mmocap_warp.kernels.kinematics import Affine
-from mmocap_warp.kernels.skinning import skin
+from mmocap_warp.kernels.skinning import pose_vertices, skin
+from mmocap_warp.posing import BodyArrays
 
 POSITION = 1e-5  # [m]
 
@@ -46,3 +47,28 @@ def test_any_matrices_blend_as_in_the_twin(device, bodies):
     ones = np.concatenate([np.broadcast_to(rest, (5, 40, 3)), np.ones((5, 40, 1))], axis=2)
     expected = np.einsum("vi,cviab,cvb->cva", weight, matrices[:, joint], ones)
     np.testing.assert_allclose(posed.numpy(), expected, rtol=0, atol=POSITION)
+
+
+def test_vertices_that_are_wanted_are_posed_in_one_go(device):
+    """By one kernel, joints and skin, with a body and a base for every candidate; other vertices stay as they were."""
+    body, base = synthetic_body(), synthetic_subject().root_base
+    bodies = [body.shaped({"height_incr": w}, scale) for w, scale in ((0.0, 1.0), (0.8, 0.9), (-0.5, 1.2))]
+    bases = [base @ reference.rotation(1, angle) for angle in (0.0, 1.0, -2.5)]
+    poses = random_poses(3)
+    arrays = BodyArrays(body, base, body.tracking, device, copies=3)
+    arrays.joint_rest.assign(np.stack([one.joint_rest for one in bodies]))
+    arrays.rest.assign(np.stack([one.tracking.rest for one in bodies]))
+    arrays.root_base.assign(np.stack(bases).astype(np.float32))
+    wanted = np.random.default_rng(2).permutation(len(body.tracking.rest))[:50]
+    joint_transform, skin_matrix = poisoned((3, 16), Affine, device), poisoned((3, 16), Affine, device)
+    posed = poisoned((3, len(body.tracking.rest)), wp.vec3, device)
+    pose_vertices(
+        wp.array(poses, dtype=wp.float32, device=device), arrays.parent, arrays.depth, arrays.joint_frame,
+        arrays.joint_rest, arrays.root_base, arrays.rest, arrays.joint, arrays.weight,
+        wp.array(wanted, dtype=wp.int32, device=device), arrays.levels, joint_transform, skin_matrix, posed,
+    )  # fmt: skip
+    found = posed.numpy()
+    for c, (one, own_base, pose) in enumerate(zip(bodies, bases, poses, strict=True)):
+        expected = reference.skin(one.tracking, one, reference.joint_transforms(one, own_base, pose))
+        np.testing.assert_allclose(found[c, wanted], expected[wanted], rtol=0, atol=POSITION)
+    assert np.isnan(np.delete(found, wanted, axis=1)).all()

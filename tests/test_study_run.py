@@ -25,7 +25,7 @@ from study_workers import (
 )
 from tiny_study import FRAMES, STUDY, run_quietly, tasks_of, write_study
 
-from mmocap_warp.study import outbox
+from mmocap_warp.study import outbox, run
 from mmocap_warp.study.cell import answer_members, read_cell
 from mmocap_warp.study.engines.local import LocalEngine, local_devices
 from mmocap_warp.study.run import run_study
@@ -89,22 +89,22 @@ def test_killed_five_times_it_ends_with_the_same_bits_and_repeats_nothing(study,
         return {path.name: path.stat().st_mtime_ns for path in results.glob("*.npz")}
 
     while True:
-        run = subprocess.Popen(
+        running = subprocess.Popen(
             [*command, "--threads", "1", "--quiet"],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             start_new_session=True,
         )
         if stops == STOPS:
-            assert run.wait() == 0
+            assert running.wait() == 0
             break
         while len(finished()) == len(kept):  # until a cell was finished; then at any moment of the next one
-            assert run.poll() is None, "it ended before its moment came"
+            assert running.poll() is None, "it ended before its moment came"
             time.sleep(0.005)
         time.sleep(random.uniform(0.0, longest))
-        run.send_signal(signal.SIGINT if stops % 2 else signal.SIGKILL)
-        run.wait()
-        wait_until_gone(run.pid)
+        running.send_signal(signal.SIGINT if stops % 2 else signal.SIGKILL)
+        running.wait()
+        wait_until_gone(running.pid)
         assert kept.items() <= finished().items()
         kept, stops = finished(), stops + 1
     assert kept.items() <= finished().items()
@@ -246,7 +246,7 @@ def test_workers_keep_to_the_masks_they_hold(study, tmp_path):
     assert held[0][0] != held[1][0]
 
 
-def full_disk(monkeypatch, *, writes_that_fail: int) -> list[Path]:
+def full_disk(monkeypatch, *, writes_that_fail: int, patience: float = 0.0) -> list[Path]:
     """The disk is full for so many writes; returns what is written."""
     write, written = outbox.write_cell, []
 
@@ -259,6 +259,8 @@ def full_disk(monkeypatch, *, writes_that_fail: int) -> list[Path]:
 
     monkeypatch.setattr(outbox, "write_cell", writing)
     monkeypatch.setattr(outbox, "_SECONDS_BETWEEN_TRIES", 0.0)
+    monkeypatch.setattr(run, "_PATIENCE", patience)
+    monkeypatch.setattr(run, "_WAIT", 0.001)
     return written
 
 
@@ -274,6 +276,17 @@ def test_a_full_disk_costs_nothing_if_room_is_made(study, whole, tmp_path, monke
     assert len(notes) == 1
     assert "cannot be written ([Errno 28] No space left on device)" in notes[0]
     assert len(list((tmp_path / "results").iterdir())) == CELLS
+
+
+@pytest.mark.parametrize("capacity", [100, 2])
+def test_room_is_waited_for(capacity, study, tmp_path, monkeypatch):
+    """In the end, and whenever more results wait than should."""
+    full_disk(monkeypatch, writes_that_fail=50, patience=60.0)
+    monkeypatch.setattr(outbox, "_CAPACITY", capacity)
+    tasks, notes = tasks_of(study, tmp_path / "results"), []
+    status = run_quietly(tasks, lambda: ScriptedEngine(1, {}), notes)
+    assert (status.finished, status.unstored, status.failures) == (CELLS, 0, {})
+    assert notes[1] == f"waiting up to 60 s for {min(CELLS, capacity)} results to be stored"
 
 
 def test_a_disk_that_stays_full_is_told(study, tmp_path, monkeypatch):

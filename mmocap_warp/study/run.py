@@ -17,6 +17,7 @@ from mmocap_warp.study.tasks import Task
 
 _ATTEMPTS = 3  # at a cell whose workers die
 _WAIT = 0.5  # for something to happen, at most [s]
+_PATIENCE = 300.0  # with a full disk, when nothing else is left to do [s]
 
 
 @dataclass(frozen=True)
@@ -128,7 +129,11 @@ class _Run:
     def work(self, engine: Engine, report: Callable[[Status], None]) -> None:
         """Until nothing is left that can be done."""
         self._started = time.monotonic()
-        while self._task or (self._pending and not self._outbox.full):
+        while self._task or self._pending or self._outbox.cells:
+            if self._stuck:
+                if not self._room_is_made(report):
+                    break
+                continue
             self._hand_out(engine)
             try:
                 for worker, event in engine.events(_WAIT):
@@ -138,10 +143,24 @@ class _Run:
                 self._give_up(str(error))
             self._finished += self._outbox.flush_if_due()
             report(self.status())
-        self._finished += self._outbox.flush()
         self._give_up(self._outbox.problem)
         self._failures |= dict.fromkeys(self._outbox.cells, self._outbox.problem)
         self._stopped = time.monotonic()
+
+    @property
+    def _stuck(self) -> bool:
+        """Whether nothing can be done before results are stored."""
+        return not self._task and bool(self._outbox.cells) and (self._outbox.full or not self._pending)
+
+    def _room_is_made(self, report: Callable[[Status], None]) -> bool:
+        """Wait for room on the disk; whether it came."""
+        self._note(f"waiting up to {_PATIENCE:.0f} s for {len(self._outbox.cells)} results to be stored")
+        deadline = time.monotonic() + _PATIENCE
+        while self._outbox.cells and time.monotonic() < deadline:
+            time.sleep(_WAIT)
+            self._finished += self._outbox.flush_if_due()
+            report(self.status())
+        return not self._outbox.cells
 
     def status(self) -> Status:
         """Where the study stands now."""

@@ -65,7 +65,7 @@ def last_before(cell: int) -> int:
     return cell >> _SHIFT
 
 
-@wp.func
+@wp.func(inline=False)  # rare: its instructions would only be in the way
 def _crossing_far(top: wp.vec2i, step: wp.vec2i, row: int) -> int:
     slope = wp.float64(step[0]) / wp.float64(step[1])
     down = wp.float64(row * SUBPIXEL - top[1]) - wp.float64(0.5)

@@ -48,7 +48,7 @@ def rotation_zyx(x: float, y: float, z: float) -> wp.mat33:
 
 
 @wp.func
-def pose_joint(
+def turn_joint(
     pose: wp.array2d[wp.float32],
     parent: wp.array[wp.int32],
     joint_frame: wp.array[wp.mat33],
@@ -56,26 +56,39 @@ def pose_joint(
     root_base: wp.array[wp.mat33],
     c: int,
     j: int,
+) -> Affine:
+    """A joint's frame in its parent's, or the root's in the world."""
+    body = wp.min(c, joint_rest.shape[0] - 1)
+    rotation = rotation_zyx(pose[c, 3 + 3 * j], pose[c, 4 + 3 * j], pose[c, 5 + 3 * j])
+    p = parent[j]
+    if p < 0:
+        return affine(root_base[body] * joint_frame[j] * rotation, wp.vec3(pose[c, 0], pose[c, 1], pose[c, 2]))
+    into_parent = wp.transpose(joint_frame[p])
+    bone = joint_rest[body, j] - joint_rest[body, p]
+    return affine(into_parent * joint_frame[j] * rotation, into_parent * bone)
+
+
+@wp.func
+def chain_joint(
+    local: Affine,
+    parent: wp.array[wp.int32],
+    joint_frame: wp.array[wp.mat33],
+    joint_rest: wp.array2d[wp.vec3],
+    c: int,
+    j: int,
     joint_transform: wp.array2d[Affine],
     skin_matrix: wp.array2d[Affine],
 ):
-    """Pose one joint of a candidate, whose parent has been posed."""
-    body = wp.min(c, joint_rest.shape[0] - 1)
-    rotation = rotation_zyx(pose[c, 3 + 3 * j], pose[c, 4 + 3 * j], pose[c, 5 + 3 * j])
-    rest = joint_rest[body, j]
-    p = parent[j]
-    if p < 0:
-        world = root_base[body] * joint_frame[j] * rotation
-        origin = wp.vec3(pose[c, 0], pose[c, 1], pose[c, 2])
-    else:
-        above = joint_transform[c, p]
-        into_parent = wp.transpose(joint_frame[p])
-        turn = rotation_of(above)
-        world = turn * (into_parent * joint_frame[j] * rotation)
-        origin = translation_of(above) + turn * (into_parent * (rest - joint_rest[body, p]))
+    """Hang a joint on its parent, which has been hung."""
+    world = rotation_of(local)
+    origin = translation_of(local)
+    if parent[j] >= 0:
+        above = joint_transform[c, parent[j]]
+        origin = translation_of(above) + rotation_of(above) * origin
+        world = rotation_of(above) * world
     joint_transform[c, j] = affine(world, origin)
     from_rest = world * wp.transpose(joint_frame[j])
-    skin_matrix[c, j] = affine(from_rest, origin - from_rest * rest)
+    skin_matrix[c, j] = affine(from_rest, origin - from_rest * joint_rest[wp.min(c, joint_rest.shape[0] - 1), j])
 
 
 @wp.kernel
@@ -91,7 +104,8 @@ def _pose_joints(
 ):
     c = wp.tid()
     for j in range(parent.shape[0]):
-        pose_joint(pose, parent, joint_frame, joint_rest, root_base, c, j, joint_transform, skin_matrix)
+        local = turn_joint(pose, parent, joint_frame, joint_rest, root_base, c, j)
+        chain_joint(local, parent, joint_frame, joint_rest, c, j, joint_transform, skin_matrix)
 
 
 def pose_joints(pose, parent, joint_frame, joint_rest, root_base, joint_transform, skin_matrix):

@@ -124,6 +124,26 @@ def _hit(a: wp.vec2i, b: wp.vec2i, c: wp.vec2i, packet: Packet, bits: wp.array[w
 
 
 @wp.func
+def _hit_clipped(
+    v: wp.vec3i,
+    posed: wp.array2d[wp.vec3],
+    image: wp.array3d[wp.vec2i],
+    cameras: Cameras,
+    c: int,
+    k: int,
+    packet: Packet,
+    bits: wp.array[wp.uint32],
+):
+    """Mark the rays that hit what the near plane leaves of a triangle."""
+    p = image[c, k, v[0]]
+    q = image[c, k, v[1]]
+    r = image[c, k, v[2]]
+    left = clip(p, q, r, posed[c, v[0]], posed[c, v[1]], posed[c, v[2]], pinhole(cameras, k))
+    _hit(corner(left, 0), corner(left, 1), corner(left, 2), packet, bits)
+    _hit(corner(left, 0), corner(left, 2), corner(left, 3), packet, bits)
+
+
+@wp.func
 def _cast(
     packet: Packet,
     tree: Tree,
@@ -159,15 +179,10 @@ def _cast(
             for t in range(node[1], node[1] + node[2]):
                 if visible[c, k, t] != wp.uint8(0):
                     v = tree.triangle[t]
-                    p = image[c, k, v[0]]
-                    q = image[c, k, v[1]]
-                    r = image[c, k, v[2]]
                     if cut:
-                        left = clip(p, q, r, posed[c, v[0]], posed[c, v[1]], posed[c, v[2]], pinhole(cameras, k))
-                        _hit(corner(left, 0), corner(left, 1), corner(left, 2), packet, bits)
-                        _hit(corner(left, 0), corner(left, 2), corner(left, 3), packet, bits)
+                        _hit_clipped(v, posed, image, cameras, c, k, packet, bits)
                     else:
-                        _hit(p, q, r, packet, bits)
+                        _hit(image[c, k, v[0]], image[c, k, v[1]], image[c, k, v[2]], packet, bits)
             full = all_hit
             for row in range(packet.rows):
                 full = full & bits[row]

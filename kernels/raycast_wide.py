@@ -26,7 +26,7 @@ wp.set_module_options({"enable_backward": False})
 WIDTH = 32
 """Boxes under a node, and lanes of a warp."""
 
-_ROWS = 8  # of a packet
+_ROWS = 32  # of a packet
 _QUEUE = wp.constant(2 * WIDTH)  # triangles that wait to be marked, a warp
 _BITS = wp.constant(LANES // WIDTH * 2 * WIDTH)  # where the packets' pixels begin in the shared words
 _FAR = wp.constant(2**29)
@@ -111,37 +111,23 @@ def _mark(a: wp.vec2i, b: wp.vec2i, c: wp.vec2i, packet: Packet, shared: wp.arra
 
 
 @wp.func
-def _mark_queue(
-    waiting: int,
-    queue: int,
-    lane: int,
-    packet: Packet,
-    triangle: wp.array[wp.vec3i],
+def _mark_clipped(
+    v: wp.vec3i,
     posed: wp.array2d[wp.vec3],
     image: wp.array3d[wp.vec2i],
     cameras: Cameras,
-    cut: bool,
     c: int,
     k: int,
+    packet: Packet,
     shared: wp.array[wp.uint32],
-) -> bool:
-    """Mark the first 32 triangles that wait, a lane each; says whether now all rays have hit."""
-    sync_warp()
-    if lane < waiting:
-        v = triangle[int(shared[queue + lane])]
-        p = image[c, k, v[0]]
-        q = image[c, k, v[1]]
-        r = image[c, k, v[2]]
-        if cut:
-            left = clip(p, q, r, posed[c, v[0]], posed[c, v[1]], posed[c, v[2]], pinhole(cameras, k))
-            _mark(corner(left, 0), corner(left, 1), corner(left, 2), packet, shared)
-            _mark(corner(left, 0), corner(left, 2), corner(left, 3), packet, shared)
-        else:
-            _mark(p, q, r, packet, shared)
-    sync_warp()
-    all_hit = word_bits(0, cameras.size[k][0] - 1, packet.word)
-    missed = lane < packet.rows and (shared[packet.start + lane] & all_hit) != all_hit
-    return _ballot(missed) == wp.uint32(0)
+):
+    """Mark the rays that hit what the near plane leaves of a triangle."""
+    p = image[c, k, v[0]]
+    q = image[c, k, v[1]]
+    r = image[c, k, v[2]]
+    left = clip(p, q, r, posed[c, v[0]], posed[c, v[1]], posed[c, v[2]], pinhole(cameras, k))
+    _mark(corner(left, 0), corner(left, 1), corner(left, 2), packet, shared)
+    _mark(corner(left, 0), corner(left, 2), corner(left, 3), packet, shared)
 
 
 @wp.func
@@ -160,17 +146,24 @@ def _cast(
     k: int,
     shared: wp.array[wp.uint32],
 ):
-    """Cast a packet's rays that have not hit yet, with a warp."""
-    waiting = int(0)
-    full = bool(False)
+    """Cast a packet's rays that have not hit yet, with a warp.
+
+    Groups whose boxes it meets wait in ``to_visit``; their triangles whose boxes it meets wait in the queue, until 32
+    of them, or the last, are marked.
+    """
     groups = (triangle.shape[0] + WIDTH - 1) // WIDTH
-    for first in range(0, groups, WIDTH):
-        group = first + lane
-        met = bool(False)
-        if group < groups:
-            met = _meets(group_box[c, k, group], packet)
-        to_visit = _ballot(met)
-        while to_visit != wp.uint32(0) and not full:
+    all_hit = word_bits(0, cameras.size[k][0] - 1, packet.word)
+    waiting = int(0)
+    to_visit = wp.uint32(0)
+    first = int(-WIDTH)
+    while True:
+        if to_visit == wp.uint32(0) and first + WIDTH < groups:
+            first += WIDTH
+            met = bool(False)
+            if first + lane < groups:
+                met = _meets(group_box[c, k, first + lane], packet)
+            to_visit = _ballot(met)
+        if to_visit != wp.uint32(0):
             lowest = to_visit & (~to_visit + wp.uint32(1))
             to_visit = to_visit ^ lowest
             t = (first + wp.bit_count(lowest - wp.uint32(1))) * WIDTH + lane
@@ -179,21 +172,30 @@ def _cast(
             if hit:
                 shared[queue + waiting + _below(hits, lane)] = wp.uint32(t)
             waiting += wp.bit_count(hits)
-            if waiting >= WIDTH:
-                full = _mark_queue(WIDTH, queue, lane, packet, triangle, posed, image, cameras, cut, c, k, shared)
-                waiting -= WIDTH
-                left_over = wp.uint32(0)
-                if lane < waiting:
-                    left_over = shared[queue + WIDTH + lane]
-                sync_warp()
-                if lane < waiting:
-                    shared[queue + lane] = left_over
-                sync_warp()
-    if waiting > 0 and not full:
-        _mark_queue(waiting, queue, lane, packet, triangle, posed, image, cameras, cut, c, k, shared)
+        is_last = to_visit == wp.uint32(0) and first + WIDTH >= groups
+        if waiting >= WIDTH or (is_last and waiting > 0):
+            sync_warp()
+            if lane < waiting:
+                v = triangle[int(shared[queue + lane])]
+                if cut:
+                    _mark_clipped(v, posed, image, cameras, c, k, packet, shared)
+                else:
+                    _mark(image[c, k, v[0]], image[c, k, v[1]], image[c, k, v[2]], packet, shared)
+            waiting = wp.max(waiting - WIDTH, 0)
+            left_over = wp.uint32(0)
+            if lane < waiting:
+                left_over = shared[queue + WIDTH + lane]
+            sync_warp()
+            if lane < waiting:
+                shared[queue + lane] = left_over
+            missed = lane < packet.rows and (shared[packet.start + lane] & all_hit) != all_hit
+            if _ballot(missed) == wp.uint32(0):
+                break
+        if is_last and waiting == 0:
+            break
 
 
-@wp.kernel(launch_bounds=(LANES, 4))
+@wp.kernel(launch_bounds=(LANES, 3))
 def _raycast_wide(
     posed: wp.array2d[wp.vec3],  # (candidate, vertex) [m]
     vertex: wp.array[wp.int32],  # (moved vertex,)

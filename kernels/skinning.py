@@ -3,7 +3,7 @@
 import warp as wp
 
 from mmocap_warp.kernels.block import lanes_of, sync, sync_warp
-from mmocap_warp.kernels.kinematics import Affine, pose_joint
+from mmocap_warp.kernels.kinematics import Affine, chain_joint, turn_joint
 
 wp.set_module_options({"enable_backward": False})
 
@@ -73,10 +73,14 @@ def _pose_vertices(
 ):
     c, lane = wp.tid()
     if lane < _WARP:  # a joint waits for its parent; the lanes of a warp need not wait for the whole block
+        for j in range(lane, parent.shape[0], wp.min(lanes, _WARP)):
+            skin_matrix[c, j] = turn_joint(pose, parent, joint_frame, joint_rest, root_base, c, j)
+        sync_warp()
         for level in range(levels):
             for j in range(lane, parent.shape[0], wp.min(lanes, _WARP)):
                 if depth[j] == level:
-                    pose_joint(pose, parent, joint_frame, joint_rest, root_base, c, j, joint_transform, skin_matrix)
+                    local = skin_matrix[c, j]
+                    chain_joint(local, parent, joint_frame, joint_rest, c, j, joint_transform, skin_matrix)
             sync_warp()
     sync()
     for i in range(lane, vertex.shape[0], lanes):

@@ -10,9 +10,8 @@ from mmocap_warp.body import SkinMesh
 from mmocap_warp.cameras import CameraRig
 from mmocap_warp.kernels.pixel_rays import cast_pixels
 from mmocap_warp.kernels.projection import BEHIND, SUBPIXEL
-from mmocap_warp.moving import whole_mesh
 from mmocap_warp.observation import pack_masks, unpack_masks
-from mmocap_warp.silhouettes import FrozenArrays, PartArrays, Silhouettes, camera_arrays
+from mmocap_warp.silhouettes import FrozenArrays, Silhouettes, camera_arrays
 
 
 class Drawing:
@@ -42,8 +41,7 @@ def draw_bits(mesh: SkinMesh, rig: CameraRig, posed: wp.array) -> np.ndarray:
     drawing = Silhouettes(mesh, rig, posed.shape[0], "raster", device)
     frozen = FrozenArrays(posed.shape[0], drawing.cameras, device)
     frozen.words.assign(poisoned(frozen.words.shape, wp.uint32, device))
-    part = PartArrays(whole_mesh(mesh), mesh.rest, "raster", device)
-    drawing.freeze(drawing.slice(0, posed.shape[0]), posed, part, frozen)
+    drawing.freeze(drawing.slice(0, posed.shape[0]), posed, drawing.whole, frozen)
     return frozen.words.numpy()
 
 

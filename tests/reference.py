@@ -62,22 +62,21 @@ def covered(image: np.ndarray, faces: np.ndarray, width: int, height: int) -> np
     ``image`` is (vertex, 2) int, cells of a sixteenth of a pixel in whose middle the vertices lie.
     """
     hit = np.zeros((height, width), bool)
-    points = 2 * image.astype(np.int64) + 1  # in half cells
-    for corners in faces:
-        p = points[corners]
-        (ax, ay), (bx, by), (cx, cy) = p
-        if (bx - ax) * (cy - ay) - (by - ay) * (cx - ax) >= 0:
-            continue
-        # Pixels outside of the bounding box are outside of the triangle: they are left out to save time.
-        (left, top), (right, bottom) = np.maximum(p.min(axis=0) // 32, 0), np.maximum(p.max(axis=0) // 32 + 1, 0)
-        part = hit[top:bottom, left:right]
-        x = 32 * np.arange(left, left + part.shape[1], dtype=np.int64)[None, :]
-        y = 32 * np.arange(top, top + part.shape[0], dtype=np.int64)[:, None]
-        inside = np.ones(part.shape, bool)
+    corners = 2 * image.astype(np.int64)[faces] + 1  # (face, corner, 2) in half cells
+    to_b, to_c = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    facing = corners[to_b[:, 0] * to_c[:, 1] < to_b[:, 1] * to_c[:, 0]]
+    # Pixels outside of a triangle's bounding box are outside of the triangle: they are left out to save time.
+    first = np.maximum(facing.min(axis=1) // 32, 0)
+    end = np.minimum(facing.max(axis=1) // 32 + 1, (width, height))
+    in_view = (first < end).all(axis=1)
+    for p, (left, top), (right, bottom) in zip(facing[in_view], first[in_view], end[in_view], strict=True):
+        x = 32 * np.arange(left, right)[None, :]
+        y = 32 * np.arange(top, bottom)[:, None]
+        inside = np.ones((bottom - top, right - left), bool)
         for (sx, sy), (ex, ey) in ((p[0], p[1]), (p[1], p[2]), (p[2], p[0])):
             side = (ex - sx) * (y - sy) - (ey - sy) * (x - sx)
             inside &= (side < 0) | ((side == 0) & (ey > sy))
-        part |= inside
+        hit[top:bottom, left:right] |= inside
     return hit
 
 

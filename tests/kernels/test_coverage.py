@@ -12,7 +12,7 @@ from synthetic import ring_rig, synthetic_body, synthetic_subject
 
 from mmocap_warp.kernels.coverage import crossing, edge
 from mmocap_warp.kernels.projection import BEHIND, SUBPIXEL
-from mmocap_warp.silhouettes import RENDERERS
+from mmocap_warp.renderers import RENDERERS
 
 SQUARE = np.array([[0, 2, 1], [0, 3, 2]], np.int32)  # facing: counter-clockwise for the eye, y down
 LIMIT = 2**20  # cells
@@ -152,33 +152,49 @@ def test_renderers_agree_on_any_triangles_that_the_near_plane_cuts(device, kind)
 def _cross(
     top: wp.array[wp.vec2i],  # (edge,)
     bottom: wp.array[wp.vec2i],  # (edge,)
-    rows: int,
+    row: wp.array2d[wp.int32],  # (edge, row)
     # out
-    pixel: wp.array2d[wp.int32],  # (edge, row) from the first after the top on
+    pixel: wp.array2d[wp.int32],  # (edge, row)
 ):
-    i = wp.tid()
-    e = edge(top[i], bottom[i])
-    for row in range(rows):
-        pixel[i, row] = crossing(e, row)
+    i, j = wp.tid()
+    pixel[i, j] = crossing(edge(top[i], bottom[i]), row[i, j])
+
+
+def check_crossings(top, bottom, rows, device):
+    """Compare the pixels at which edges (n, 2) meet rows (n, m), those that they do meet, with integer divisions."""
+    ax, ay = 2 * top[:, :1] + 1, 2 * top[:, 1:] + 1  # in half cells
+    dx, dy = (bottom - top)[:, :1], (bottom - top)[:, 1:]
+    expected = -(-(ax * dy + (2 * SUBPIXEL * rows - ay) * dx) // (2 * SUBPIXEL * dy))
+    pixel = poisoned(rows.shape, wp.int32, device)
+    inputs = [wp.array(ends, dtype=wp.vec2i, device=device) for ends in (top, bottom)]
+    inputs.append(wp.array(rows, dtype=wp.int32, device=device))
+    wp.launch(_cross, dim=rows.shape, inputs=inputs, outputs=[pixel], device=device)
+    met = (rows > top[:, 1:] >> 4) & (rows <= bottom[:, 1:] >> 4)
+    np.testing.assert_array_equal(pixel.numpy()[met], expected[met])
+    return met.sum()
 
 
 @pytest.mark.parametrize("height", [1, 3, 512, 1009, 1022, 1023, 1024, 1025])
 def test_edges_meet_rows_exactly(device, height):
-    """Every width that is divided in float32, up to 1023 cells, and some beyond; from every cell within a pixel."""
+    """Every width up to 1023 cells, to which float32 tells ties apart, and some beyond; from every cell of a pixel."""
     width = np.arange(-1030, 1031)
     for start in ((0, 0), (15, 15), (7, 3), (-9, 8)):
         top = np.tile(start, (len(width), 1))
-        rows = np.arange((start[1] >> 4) + 1, ((start[1] + height) >> 4) + 1)
-        rows = rows[rows >= 0]
         bottom = top + np.stack([width, np.full(len(width), height)], axis=1)
-        # The edge's middle-of-cell points, in half cells: it passes through (x, y) where across == 0.
-        ax, ay = 2 * start[0] + 1, 2 * start[1] + 1
-        numerator = ax * height + (2 * SUBPIXEL * rows[None] - ay) * width[:, None]
-        expected = -(-numerator // (2 * SUBPIXEL * height))
-        found = poisoned((len(width), int(rows.max(initial=0)) + 1), wp.int32, device)
-        points = [wp.array(ends, dtype=wp.vec2i, device=device) for ends in (top, bottom)]
-        wp.launch(_cross, dim=len(width), inputs=[*points, found.shape[1]], outputs=[found], device=device)
-        np.testing.assert_array_equal(found.numpy()[:, rows], expected)
+        check_crossings(top, bottom, np.tile(np.arange(66), (len(width), 1)), device)
+
+
+@pytest.mark.parametrize("reach", [600, 1023, 1024, 1025, 20_000, LIMIT])
+def test_edges_through_and_beside_pixel_centres_meet_rows_exactly(device, reach):
+    """Of any length up to the longest: symmetrical about a pixel centre, a tie, and turned by a cell."""
+    rng = np.random.default_rng(reach)
+    centre = SUBPIXEL * rng.integers(-30, 60, (3000, 2))
+    half = rng.integers(1, reach - 999, (3000, 2)) if reach == LIMIT else rng.integers(1, reach // 2 + 2, (3000, 2))
+    half[:, 0] *= rng.choice([-1, 1], 3000)
+    top, bottom = centre - half, centre + half - 1
+    rows = centre[:, 1:] // SUBPIXEL + np.arange(-3, 4)
+    for turned in np.array([[0, 0], [1, 0], [-1, 0]]):
+        assert check_crossings(top + turned, bottom, rows, device) > 3000
 
 
 # Against another rasteriser

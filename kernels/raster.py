@@ -35,21 +35,21 @@ class Outline:
 
 @wp.struct
 class Band:
-    """Rows and words of pixels that are drawn at a time, and how they lie in the block's shared words."""
+    """Rows that are drawn at a time, columns in fours, and how their steps lie in the block's shared words."""
 
     first_row: int
     last_row: int
-    first_word: int
-    last_word: int
+    first_four: int
+    last_four: int
     stride: int  # shared words a row: odd, so that lanes on neighbouring rows use different banks
 
 
 @wp.func
 def _first_band(bounds: wp.vec4i) -> Band:
     band = Band()
-    band.first_word = bounds[2]
-    band.last_word = bounds[3]
-    band.stride = 8 * (bounds[3] - bounds[2] + 1) + 1
+    band.first_four = bounds[2] >> 2
+    band.last_four = bounds[3] >> 2
+    band.stride = (band.last_four - band.first_four + 1) | 1
     band.first_row = bounds[0]
     return band
 
@@ -69,13 +69,12 @@ def _mark(a: wp.vec2i, b: wp.vec2i, layers: int, band: Band, steps: wp.array[wp.
     if first > last:
         return
     side = edge(top, bottom)
-    left = band.first_word * 32
-    right = band.last_word * 32 + 31
     for row in range(first, last + 1):
-        x = wp.max(crossing(side, row), left)
-        if x <= right:
-            pixel = x - left
-            steps[(row - band.first_row) * band.stride + (pixel >> 2)] += wp.uint32(step) << wp.uint32(8 * (pixel & 3))
+        x = wp.max(crossing(side, row), band.first_four << 2)
+        four = x >> 2
+        if four <= band.last_four:
+            at = (row - band.first_row) * band.stride + four - band.first_four
+            steps[at] += wp.uint32(step) << wp.uint32(8 * (x & 3))
 
 
 @wp.func
@@ -158,7 +157,7 @@ def _face(
 
 
 @wp.func
-def _fill(at: int, layers: int, steps: wp.array[wp.uint32]) -> wp.vec2i:
+def _fill(word: int, row: int, layers: int, band: Band, steps: wp.array[wp.uint32]) -> wp.vec2i:
     """A word's 32 pixels as bits, and the number of layers at its last one; ``layers`` are before its first.
 
     Four pixels at a time: as the digits of a number to base 256, steps turn into running sums when multiplied by
@@ -166,11 +165,12 @@ def _fill(at: int, layers: int, steps: wp.array[wp.uint32]) -> wp.vec2i:
     """
     pixels = wp.uint32(0)
     inside = wp.uint32(layers)
-    for i in range(8):
-        sums = (steps[at + i] - _NO_STEPS + inside) * _EACH
+    at = (row - band.first_row) * band.stride - band.first_four
+    for four in range(wp.max(word * 8, band.first_four), wp.min(word * 8 + 7, band.last_four) + 1):
+        sums = (steps[at + four] - _NO_STEPS + inside) * _EACH
         inside = sums >> wp.uint32(24)
         covered = ((sums + _EACH * wp.uint32(127)) >> wp.uint32(7)) & _EACH
-        pixels = pixels | (((covered * _GATHER) >> wp.uint32(28)) << wp.uint32(4 * i))
+        pixels = pixels | (((covered * _GATHER) >> wp.uint32(28)) << wp.uint32(4 * (four & 7)))
     return wp.vec2i(int(pixels), int(inside))
 
 
@@ -232,11 +232,9 @@ def _raster(
             _mark_body(posed, mesh, cameras, image, facing, 0, cut, c, k, lane, lanes, band, steps)
             for row in range(band.first_row + lane, band.last_row + 1, lanes):
                 inside = int(0)
-                at = (row - band.first_row) * band.stride
-                for word in range(band.first_word, band.last_word + 1):
-                    filled = _fill(at, inside, steps)
+                for word in range(band.first_four >> 3, (band.last_four >> 3) + 1):
+                    filled = _fill(word, row, inside, band, steps)
                     inside = filled[1]
-                    at += 8
                     pixels = wp.uint32(filled[0]) & word_bits(0, width - 1, word)
                     total += count_word(pixels, cameras, frozen, c, k, row, word)
             sync()
@@ -300,11 +298,9 @@ def _freeze(
                 _mark_body(posed, mesh, cameras, image, facing, beyond, is_open, c, k, lane, lanes, band, steps)
                 for row in range(band.first_row + lane, band.last_row + 1, lanes):
                     inside = int(0)
-                    at = (row - band.first_row) * band.stride
-                    for word in range(band.first_word, band.last_word + 1):
-                        filled = _fill(at, inside, steps)
+                    for word in range(band.first_four >> 3, (band.last_four >> 3) + 1):
+                        filled = _fill(word, row, inside, band, steps)
                         inside = filled[1]
-                        at += 8
                         pixels = wp.uint32(filled[0]) & word_bits(0, width - 1, word) & ~words[c, k, row, word]
                         words[c, k, row, word] = words[c, k, row, word] | pixels
                         total += count_word(pixels, cameras, alone, c, k, row, word)

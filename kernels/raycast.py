@@ -214,7 +214,7 @@ def _raycast(
         for first_row in range(bounds[0], bounds[1] + 1, _ROWS):
             packet.first_row = first_row
             packet.rows = wp.min(_ROWS, bounds[1] - first_row + 1)
-            for word in range(bounds[2], bounds[3] + 1):
+            for word in range(bounds[2] >> 5, (bounds[3] >> 5) + 1):
                 packet.word = word
                 for row in range(packet.rows):
                     bits[row] = frozen_word(frozen, c, k, first_row + row, word)

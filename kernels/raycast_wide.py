@@ -219,8 +219,7 @@ def _raycast_wide(
     lane = thread % WIDTH
     groups = (triangle.shape[0] + WIDTH - 1) // WIDTH
     total = wp.vec2i(0, 0)
-    words = bounds[3] - bounds[2] + 1
-    if words > 0 and bounds[1] >= bounds[0]:
+    if bounds[0] <= bounds[1] and bounds[2] <= bounds[3]:
         for group in range(warp, groups, LANES // WIDTH):
             own = _box_of(group * WIDTH + lane, triangle, image, cut, c, k)
             box[c, k, group * WIDTH + lane] = own
@@ -231,12 +230,13 @@ def _raycast_wide(
             if lane == 0:
                 group_box[c, k, group] = wp.vec4i(left, right, top, bottom)
         sync()
-        inside_rows = bounds[1] - bounds[0] + 1
-        packets = (inside_rows + packet_rows - 1) // packet_rows * words
+        first_word = bounds[2] >> 5
+        words = (bounds[3] >> 5) - first_word + 1
+        packets = ((bounds[1] - bounds[0]) // packet_rows + 1) * words
         packet = Packet()
         packet.start = _BITS + warp * WIDTH
         for i in range(warp + part * (LANES // WIDTH), packets, parts * (LANES // WIDTH)):
-            packet.word = bounds[2] + i % words
+            packet.word = first_word + i % words
             packet.first_row = bounds[0] + i // words * packet_rows
             packet.rows = wp.min(packet_rows, bounds[1] - packet.first_row + 1)
             if lane < packet.rows:

@@ -13,7 +13,7 @@ from mmocap_warp.kernels.projection import Pinhole, project
 wp.set_module_options({"enable_backward": False})
 
 Bounds = wp.vec4i
-"""First row, last row, first word, last word of what may be covered; none if a first > its last."""
+"""First and last row, first and last column of what may be covered [px]; none if a first > its last."""
 
 _NOWHERE = wp.constant(-(2**29))
 _CUT, _LEFT, _RIGHT, _TOP, _BOTTOM, _MODEL, _OVERLAP = (wp.constant(i) for i in range(7))
@@ -94,14 +94,14 @@ def project_body(
     sync()
     width, height = cameras.size[k][0], cameras.size[k][1]
     if is_cut(frozen, c, k, scratch):
-        return wp.vec4i(0, height - 1, 0, (width - 1) // 32)
+        return wp.vec4i(0, height - 1, 0, width - 1)
     if numbers[_RIGHT] == _NOWHERE:
         return wp.vec4i(0, -1, 0, -1)
     return wp.vec4i(
         wp.max(first_after(-numbers[_TOP]), 0),
         wp.min(last_before(numbers[_BOTTOM]), height - 1),
-        wp.max(first_after(-numbers[_LEFT]), 0) >> 5,
-        wp.min(last_before(numbers[_RIGHT]), width - 1) >> 5,
+        wp.max(first_after(-numbers[_LEFT]), 0),
+        wp.min(last_before(numbers[_RIGHT]), width - 1),
     )
 
 

@@ -86,7 +86,7 @@ class Worker:
     def _work(self, job: Job) -> Iterator[Advance | CellResult]:
         started, begun = datetime.now(UTC).isoformat(timespec="seconds"), time.perf_counter()
         clip = yield from self._open(job)
-        config = replace(job.config, device=self.device, threads=self.threads)
+        config = replace(job.config, device=self.device, threads=self.threads, renderer="raster")
         tracker = Tracker(clip.subject, clip.rig, config, clip.fps)
         answers: list[FrameAnswer] = []
         total, evaluations, pace = len(self._observations), 0, _Pace()

@@ -107,3 +107,34 @@ def warp_sum(value: int) -> int:
 def warp_max(value: int) -> int:
     """Largest over the 32 lanes of a warp; all of them must call."""
     ...
+
+
+@wp.func_native("return (wp::uint64)(words.data + first);")
+def _address(words: wp.array[wp.uint32], first: int) -> wp.uint64: ...
+
+
+@wp.func
+def matrix_at(words: wp.array[wp.uint32], first: int, rows: int, columns: int):
+    """A (rows, columns) float32 matrix in an array of words, the shared ones or others, from word ``first`` on."""
+    return wp.array(ptr=_address(words, first), shape=(rows, columns), dtype=wp.float32)
+
+
+@wp.struct
+class Seat:
+    """A lane's elements of a matrix: in rows ``row, row + rows, ...``, columns ``column, column + width, ...``."""
+
+    row: int
+    rows: int
+    column: int
+    width: int
+
+
+@wp.func
+def seat(lane: int, lanes: int, columns: int) -> Seat:
+    """Share a matrix among lanes that sit in rows as wide as its own; one without a seat gets a column beyond."""
+    mine = Seat()
+    mine.width = wp.min(lanes, columns)
+    mine.rows = lanes // mine.width
+    mine.row = lane // mine.width
+    mine.column = wp.where(mine.row < mine.rows, lane % mine.width, columns)
+    return mine

@@ -1,32 +1,54 @@
-"""Eigenvectors of a batch of symmetric matrices, a block of threads for each: Jacobi rotations in parallel.
+"""Eigenvectors of a symmetric matrix by a block of lanes: Jacobi rotations in parallel.
 
-A sweep turns every pair of coordinates once. Its pairs are played like a round-robin tournament: the pairs of a round
-share no coordinate, so that a block's threads rotate all of them at the same time (Brent and Luk 1985). Started from
-the eigenvectors of a similar matrix, as CMA-ES does from one generation to the next, a sweep or two are enough.
+A rotation turns two coordinates so that the element between them vanishes; a sweep does so for every pair once. Its
+pairs are played like a round-robin tournament: the pairs of a round share no coordinate, so that all of them rotate at
+the same time (Brent and Luk 1985). A nearly diagonal matrix takes a sweep or two.
 """
 
 import warp as wp
 
+from mmocap_warp.kernels.block import Seat, matrix_at, seat, sync
+
 wp.set_module_options({"enable_backward": False})
 
-BLOCK = 256
-"""Threads of a GPU block; on the CPU a block is one thread."""
-
-_ROW = wp.constant(32)
 _SWEEPS = wp.constant(16)
 _NEGLIGIBLE = wp.constant(3.0e-8)  # of the larger diagonal element: below what float32 can tell
-_CONVERGED = wp.constant(1.0e-6)
-_SMALLEST = wp.constant(1.0e-20)
-_LARGEST = wp.constant(1.0e16)  # its square still fits
+_CONVERGED = wp.constant(1.0e-4)  # a sweep that meets nothing larger leaves about its square
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    __syncthreads();
-#endif
-""")
-def _block_sync():
-    """Wait for the block's threads; what they wrote is then seen by all of them."""
+@wp.struct
+class Spectrum:
+    """A symmetric matrix A on its way to ``V A V^T``, diagonal; an odd number of coordinates is filled up by zeros."""
+
+    matrix: wp.array2d[wp.float32]  # (coordinate, coordinate + 1), what is on or above the diagonal; odd rows spread
+    axes: wp.array2d[wp.float32]  # (coordinate, coordinate + 1), V: an eigenvector a row
+    turn: wp.array2d[wp.float32]  # (pair, 2) sine and tangent of half the angle
+    swept: wp.array2d[wp.float32]  # (1, 1) number of the last sweep that turned anything
+
+
+@wp.func
+def even(dofs: int) -> int:
+    """A number of coordinates, filled up so that all of them are paired."""
+    return dofs + dofs % 2
+
+
+@wp.func
+def spectrum_words(dofs: int) -> int:
+    """32-bit words of a spectrum."""
+    n = even(dofs)
+    return 2 * n * (n + 1) + n + 1
+
+
+@wp.func
+def spectrum_at(words: wp.array[wp.uint32], dofs: int) -> Spectrum:
+    """The spectrum in the first of some words."""
+    n = even(dofs)
+    spectrum = Spectrum()
+    spectrum.matrix = matrix_at(words, 0, n, n + 1)
+    spectrum.axes = matrix_at(words, n * (n + 1), n, n + 1)
+    spectrum.turn = matrix_at(words, 2 * n * (n + 1), n // 2, 2)
+    spectrum.swept = matrix_at(words, 2 * n * (n + 1) + n, 1, 1)
+    return spectrum
 
 
 @wp.func
@@ -35,130 +57,128 @@ def _paired(round: int, k: int, players: int) -> wp.vec2i:
     others = players - 1
     if k == 0:
         return wp.vec2i(round, others)
-    a = (round + k) % others
-    b = (round - k + others) % others
+    a = round + k
+    if a >= others:
+        a -= others
+    b = round - k
+    if b < 0:
+        b += others
     return wp.vec2i(wp.min(a, b), wp.max(a, b))
 
 
 @wp.func
-def _angle(pp: float, pq: float, qq: float) -> wp.vec2:
-    """``sin`` and ``tan`` of half the angle, of the rotation that makes ``pq`` zero; both 0 where it already is."""
-    if wp.abs(pq) <= _NEGLIGIBLE * wp.max(pp, qq):
-        return wp.vec2(0.0, 0.0)
+def _find_turn(round: int, k: int, sweep: int, spectrum: Spectrum):
+    """Choose the rotation that makes the element within a pair zero, and rotate it and its two diagonal elements."""
+    pair = _paired(round, k, 2 * spectrum.turn.shape[0])
+    p = pair[0]
+    q = pair[1]
+    pp = spectrum.matrix[p, p]
+    pq = spectrum.matrix[p, q]
+    qq = spectrum.matrix[q, q]
+    largest = wp.max(pp, qq)
+    if wp.abs(pq) <= _NEGLIGIBLE * largest:
+        spectrum.turn[k, 0] = 0.0
+        spectrum.turn[k, 1] = 0.0
+        return
+    if wp.abs(pq) > _CONVERGED * largest:
+        spectrum.swept[0, 0] = float(sweep)
     theta = 0.5 * (qq - pp) / pq
     t = 1.0 / (wp.abs(theta) + wp.sqrt(theta * theta + 1.0))
     if theta < 0.0:
         t = -t
     c = 1.0 / wp.sqrt(t * t + 1.0)
-    return wp.vec2(t * c, t * c / (1.0 + c))
+    spectrum.turn[k, 0] = t * c
+    spectrum.turn[k, 1] = t * c / (1.0 + c)
+    spectrum.matrix[p, p] = pp - t * pq
+    spectrum.matrix[p, q] = 0.0
+    spectrum.matrix[q, q] = qq + t * pq
 
 
-@wp.kernel
-def _decompose(
-    matrix: wp.array3d[wp.float32],  # (run, dof, dof)
-    lanes: int,
-    # in and out
-    axes: wp.array3d[wp.float32],  # (run, dof, dof)
-    # out
-    lengths: wp.array2d[wp.float32],  # (run, dof)
-    work: wp.array3d[wp.float32],  # (run, dof, dof)
-    product: wp.array3d[wp.float32],  # (run, dof, dof)
-    turn: wp.array2d[wp.vec2],  # (run, pair)
-    swept: wp.array[wp.int32],  # (run,) number of the last sweep that turned anything
-):
-    thread = wp.tid()
-    run = thread // lanes
-    lane = thread - run * lanes
-    dofs = lengths.shape[1]
-    players = dofs + dofs % 2
-    pairs = players // 2
-    width = wp.min(lanes, _ROW)  # a block's threads in rows: each row takes a pair or a line, its threads the elements
+@wp.func
+def _rotated(p: float, q: float, s: float, tau: float) -> wp.vec2:
+    """Two elements after a rotation, as corrections: if small, they round far less than products with a cosine do."""
+    return wp.vec2(p - s * (q + tau * p), q + s * (p - tau * q))
 
-    # Into the given axes: work = axes^T matrix axes, symmetric to the last bit.
-    for i in range(lane // width, dofs, lanes // width):
-        for j in range(lane % width, dofs, width):
-            total = float(0.0)
-            for m in range(dofs):
-                total += matrix[run, i, m] * axes[run, m, j]
-            product[run, i, j] = total
-    _block_sync()
-    for i in range(lane // width, dofs, lanes // width):
-        for j in range(lane % width, dofs, width):
-            if j >= i:
-                total = float(0.0)
-                for m in range(dofs):
-                    total += axes[run, m, i] * product[run, m, j]
-                work[run, i, j] = total
-                work[run, j, i] = total
+
+@wp.func
+def _above(matrix: wp.array2d[wp.float32], i: int, j: int) -> float:
+    return matrix[wp.min(i, j), wp.max(i, j)]
+
+
+@wp.func
+def _set_above(matrix: wp.array2d[wp.float32], i: int, j: int, value: float):
+    matrix[wp.min(i, j), wp.max(i, j)] = value
+
+
+@wp.func
+def _rotate_between(p: wp.vec2i, q: wp.vec2i, s_p: float, tau_p: float, s_q: float, tau_q: float, spectrum: Spectrum):
+    """Rotate the four elements between two pairs by both pairs' rotations."""
+    left = _rotated(_above(spectrum.matrix, p[0], q[0]), _above(spectrum.matrix, p[1], q[0]), s_p, tau_p)
+    right = _rotated(_above(spectrum.matrix, p[0], q[1]), _above(spectrum.matrix, p[1], q[1]), s_p, tau_p)
+    first = _rotated(left[0], right[0], s_q, tau_q)
+    second = _rotated(left[1], right[1], s_q, tau_q)
+    _set_above(spectrum.matrix, p[0], q[0], first[0])
+    _set_above(spectrum.matrix, p[0], q[1], first[1])
+    _set_above(spectrum.matrix, p[1], q[0], second[0])
+    _set_above(spectrum.matrix, p[1], q[1], second[1])
+
+
+@wp.func
+def _rotate_matrix(round: int, seat: Seat, spectrum: Spectrum):
+    """Rotate what lies between the pairs: pair k and those that follow it round the table, up to halfway."""
+    pairs = spectrum.turn.shape[0]
+    for ahead in range(1 + seat.row, pairs // 2 + 1, seat.rows):
+        for k in range(seat.column, pairs, seat.width):
+            m = k + ahead
+            if m >= pairs:
+                m -= pairs
+            s_k = spectrum.turn[k, 0]
+            s_m = spectrum.turn[m, 0]
+            counted = 2 * ahead == pairs and k >= ahead  # halfway round, both meet twice
+            if not counted and (s_k != 0.0 or s_m != 0.0):
+                p = _paired(round, k, 2 * pairs)
+                q = _paired(round, m, 2 * pairs)
+                _rotate_between(p, q, s_k, spectrum.turn[k, 1], s_m, spectrum.turn[m, 1], spectrum)
+
+
+@wp.func
+def _rotate_axes(round: int, seat: Seat, spectrum: Spectrum):
+    pairs = spectrum.turn.shape[0]
+    for k in range(seat.row, pairs, seat.rows):
+        s = spectrum.turn[k, 0]
+        tau = spectrum.turn[k, 1]
+        if s != 0.0:
+            pair = _paired(round, k, 2 * pairs)
+            for i in range(seat.column, 2 * pairs, seat.width):
+                turned = _rotated(spectrum.axes[pair[0], i], spectrum.axes[pair[1], i], s, tau)
+                spectrum.axes[pair[0], i] = turned[0]
+                spectrum.axes[pair[1], i] = turned[1]
+
+
+@wp.func
+def diagonalize(spectrum: Spectrum, lane: int, lanes: int):
+    """Rotate ``matrix`` until it is diagonal, and the rows of ``axes`` with it; all ``lanes`` of a block must call."""
+    pairs = spectrum.turn.shape[0]
+    seat_between = seat(lane, lanes, pairs)
+    seat_along = seat(lane, lanes, 2 * pairs)
     if lane == 0:
-        swept[run] = 0
-    _block_sync()
-
+        spectrum.swept[0, 0] = 0.0
+    sync()
     sweep = int(1)
     while sweep <= _SWEEPS:
-        for round in range(players - 1):
+        for round in range(2 * pairs - 1):
             for k in range(lane, pairs, lanes):
-                pair = _paired(round, k, players)
-                angle = wp.vec2(0.0, 0.0)
-                if pair[1] < dofs:
-                    pp = work[run, pair[0], pair[0]]
-                    pq = work[run, pair[0], pair[1]]
-                    qq = work[run, pair[1], pair[1]]
-                    angle = _angle(pp, pq, qq)
-                    if wp.abs(pq) > _CONVERGED * wp.max(pp, qq):
-                        swept[run] = sweep
-                turn[run, k] = angle
-            _block_sync()
-            # As corrections to the old values: a small rotation then rounds far less than with cosines. And one load a
-            # line: in ``a, b = m[i], m[j]`` Warp keeps references, which would see the writes that follow.
-            for k in range(lane // width, pairs, lanes // width):
-                s = turn[run, k][0]
-                tau = turn[run, k][1]
-                if s != 0.0:
-                    pair = _paired(round, k, players)
-                    p = pair[0]
-                    q = pair[1]
-                    for i in range(lane % width, dofs, width):
-                        ip = work[run, i, p]
-                        iq = work[run, i, q]
-                        work[run, i, p] = ip - s * (iq + tau * ip)
-                        work[run, i, q] = iq + s * (ip - tau * iq)
-                        vp = axes[run, i, p]
-                        vq = axes[run, i, q]
-                        axes[run, i, p] = vp - s * (vq + tau * vp)
-                        axes[run, i, q] = vq + s * (vp - tau * vq)
-            _block_sync()
-            for k in range(lane // width, pairs, lanes // width):
-                s = turn[run, k][0]
-                tau = turn[run, k][1]
-                if s != 0.0:
-                    pair = _paired(round, k, players)
-                    p = pair[0]
-                    q = pair[1]
-                    for i in range(lane % width, dofs, width):
-                        pi = work[run, p, i]
-                        qi = work[run, q, i]
-                        work[run, p, i] = pi - s * (qi + tau * pi)
-                        work[run, q, i] = qi + s * (pi - tau * qi)
-            _block_sync()
-        # All threads have passed the sweep's last barrier, and none can write a number below the next sweep's.
-        sweep = wp.where(swept[run] < sweep, _SWEEPS + 1, sweep + 1)
-    for i in range(lane, dofs, lanes):
-        lengths[run, i] = wp.sqrt(wp.clamp(work[run, i, i], _SMALLEST, _LARGEST))
+                _find_turn(round, k, sweep, spectrum)
+            sync()
+            _rotate_matrix(round, seat_between, spectrum)
+            _rotate_axes(round, seat_along, spectrum)
+            sync()
+        # All lanes have passed the sweep's last barrier, and none can write a number below the next sweep's.
+        sweep = wp.where(int(spectrum.swept[0, 0]) < sweep, _SWEEPS + 1, sweep + 1)
 
 
-def decompose(matrix, axes, lengths, work, product, turn, swept):
-    """``matrix[r] = B D^2 B^T``: ``axes`` holds orthonormal columns near B and becomes B, ``lengths`` becomes D.
-
-    The last four arrays are scratch: (run, dof, dof) twice, (run, (dof + 1) // 2) of vec2, and (run,) int32.
-    """
-    runs = matrix.shape[0]
-    lanes = 1 if matrix.device.is_cpu else BLOCK
-    wp.launch(
-        _decompose,
-        dim=runs * lanes,
-        inputs=[matrix, lanes],
-        outputs=[axes, lengths, work, product, turn, swept],
-        block_dim=BLOCK,
-        device=matrix.device,
-    )
+def lanes_worth(dofs: int) -> int:
+    """Lanes that a matrix keeps busy, in whole warps: fewer wait less for each other."""
+    pairs = (dofs + 1) // 2
+    at_once = pairs * (pairs - 1) // 2 + 2 * pairs * pairs
+    return 32 * -(-at_once // 64)

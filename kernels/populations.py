@@ -2,6 +2,8 @@
 
 import warp as wp
 
+from mmocap_warp.kernels.block import lanes_of, sync
+
 wp.set_module_options({"enable_backward": False})
 
 
@@ -13,25 +15,29 @@ def _place(
     lower: wp.array[wp.float32],  # (coordinate,)
     upper: wp.array[wp.float32],  # (coordinate,)
     particles: int,
+    lanes: int,
     # out
     pose: wp.array2d[wp.float32],  # (candidate, coordinate)
 ):
-    c = wp.tid()
+    c, lane = wp.tid()
     run = c // particles
-    for d in range(base.shape[1]):
+    for d in range(lane, base.shape[1], lanes):
         pose[c, d] = base[run, d]
-    for i in range(dof.shape[0]):
+    sync()
+    for i in range(lane, dof.shape[0], lanes):
         d = dof[i]
         pose[c, d] = wp.clamp(params[run, c - run * particles, i], lower[d], upper[d])
 
 
 def place(params, dof, base, lower, upper, particles, pose):
     """Write ``particles`` candidates a run into full poses: searched ones within limits, the rest from ``base``."""
+    lanes = lanes_of(pose.device)
     wp.launch(
         _place,
-        dim=base.shape[0] * particles,
-        inputs=[params, dof, base, lower, upper, particles],
+        dim=(base.shape[0] * particles, lanes),
+        inputs=[params, dof, base, lower, upper, particles, lanes],
         outputs=[pose],
+        block_dim=lanes,
         device=pose.device,
     )
 
@@ -41,29 +47,35 @@ def _keep_best(
     cost: wp.array[wp.float32],  # (candidate,)
     pose: wp.array2d[wp.float32],  # (candidate, coordinate)
     particles: int,
+    lanes: int,
     # in and out
     best_cost: wp.array[wp.float32],  # (run,)
     best_pose: wp.array2d[wp.float32],  # (run, coordinate)
 ):
-    run = wp.tid()
+    run, lane = wp.tid()
+    lowest = float(best_cost[run])
     winner = int(-1)
-    for k in range(particles):
-        c = run * particles + k
-        if cost[c] < best_cost[run]:
-            best_cost[run] = cost[c]
+    for c in range(run * particles, (run + 1) * particles):
+        if cost[c] < lowest:
+            lowest = cost[c]
             winner = c
+    sync()
     if winner >= 0:
-        for d in range(pose.shape[1]):
+        for d in range(lane, pose.shape[1], lanes):
             best_pose[run, d] = pose[winner, d]
+        if lane == 0:
+            best_cost[run] = lowest
 
 
 def keep_best(cost, pose, particles, best_cost, best_pose):
     """Let a run's best ever pose be replaced by a strictly better candidate; the first of equals wins."""
+    lanes = lanes_of(cost.device)
     wp.launch(
         _keep_best,
-        dim=best_cost.shape[0],
-        inputs=[cost, pose, particles],
+        dim=(best_cost.shape[0], lanes),
+        inputs=[cost, pose, particles, lanes],
         outputs=[best_cost, best_pose],
+        block_dim=lanes,
         device=cost.device,
     )
 

@@ -102,24 +102,19 @@ class CmaEs:
         self._weight = wp.array(self.table.weights, dtype=wp.float32, device=device)
         self._constants = _constants(self.table)
         self.population = wp.zeros((runs, lam, dofs), dtype=wp.float32, device=device)
-        self._z = wp.zeros_like(self.population)
-        self._y = wp.zeros_like(self.population)
         self.mean = wp.zeros((runs, dofs), dtype=wp.float32, device=device)
+        self.sigma = wp.zeros(runs, dtype=wp.float32, device=device)
         self.p_sigma = wp.zeros_like(self.mean)
         self.p_c = wp.zeros_like(self.mean)
-        self._lengths = wp.zeros_like(self.mean)
-        self.covariance = wp.zeros((runs, dofs, dofs), dtype=wp.float32, device=device)
-        self._axes = wp.zeros_like(self.covariance)
-        self._scratch = (
-            wp.zeros_like(self.covariance),
-            wp.zeros_like(self.covariance),
-            wp.zeros((runs, (dofs + 1) // 2), dtype=wp.vec2, device=device),
-            wp.zeros(runs, dtype=wp.int32, device=device),
-        )
-        self.sigma = wp.zeros(runs, dtype=wp.float32, device=device)
-        self._stalled = wp.zeros_like(self.sigma)
-        self._generation = wp.zeros(runs, dtype=wp.int32, device=device)
+        self.axes = wp.zeros((runs, dofs, dofs), dtype=wp.float32, device=device)
+        self.lengths = wp.zeros_like(self.mean)
+        self.generation = wp.zeros(runs, dtype=wp.int32, device=device)
+        self._z = wp.zeros_like(self.population)
         self._order = wp.zeros((runs, lam), dtype=wp.int32, device=device)
+        self._scratch = kernels.scratch(runs, dofs, device)
+        self._state = kernels.CmaEsState()
+        for name in ("mean", "sigma", "p_sigma", "p_c", "axes", "lengths", "generation"):
+            setattr(self._state, name, getattr(self, name))
 
     def plan(self, evaluations: int) -> list[int]:
         """Whole generations, the last one cut."""
@@ -127,26 +122,18 @@ class CmaEs:
 
     def start(self, pose: wp.array) -> None:
         """Begin a search at ``pose`` (run, coordinate)."""
-        kernels.start(
-            pose, self.index, self.config.sigma, self.mean, self.sigma, self.p_sigma, self.p_c,
-            self.covariance, self._axes, self._lengths, self._generation,
-        )  # fmt: skip
+        kernels.start(pose, self.index, self.config.sigma, self._state)
 
     def ask(self, particles: int) -> wp.array:
         """Sample the first ``particles`` of the next generation into ``population``."""
-        kernels.sample(
-            self._seed, self._draw, self.mean, self.sigma, self._axes, self._lengths, self.scale,
-            particles, self._z, self._y, self.population,
-        )  # fmt: skip
+        kernels.sample(self._seed, self._draw, self._state, self.scale, particles, self._z, self.population)
         return self.population
 
     def tell(self, cost: wp.array) -> None:
         """Learn from the costs (candidate,) of a whole generation."""
-        kernels.update(
-            self._constants, self._weight, cost, self._order, self._z, self._y, self.scale, self.mean, self.sigma,
-            self.p_sigma, self.p_c, self.covariance, self._axes, self._lengths, self._generation, self._stalled,
-            self._scratch,
-        )  # fmt: skip
+        seen = kernels.Generation()
+        seen.cost, seen.z, seen.weight, seen.scale, seen.order = cost, self._z, self._weight, self.scale, self._order
+        kernels.update(self._constants, seen, self._scratch, self._state)
 
     def estimate(self, pose: wp.array) -> None:
         """Write the mean of the search distribution."""

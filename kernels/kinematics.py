@@ -55,14 +55,15 @@ def turn_joint(
     joint_rest: wp.array2d[wp.vec3],
     root_base: wp.array[wp.mat33],
     c: int,
+    base: int,
     j: int,
 ) -> Affine:
-    """A joint's frame in its parent's, or the root's in the world."""
+    """A joint's frame in its parent's, or the root's in the world; ``base`` is the number of its root base."""
     body = wp.min(c, joint_rest.shape[0] - 1)
     rotation = rotation_zyx(pose[c, 3 + 3 * j], pose[c, 4 + 3 * j], pose[c, 5 + 3 * j])
     p = parent[j]
     if p < 0:
-        return affine(root_base[body] * joint_frame[j] * rotation, wp.vec3(pose[c, 0], pose[c, 1], pose[c, 2]))
+        return affine(root_base[base] * joint_frame[j] * rotation, wp.vec3(pose[c, 0], pose[c, 1], pose[c, 2]))
     into_parent = wp.transpose(joint_frame[p])
     bone = joint_rest[body, j] - joint_rest[body, p]
     return affine(into_parent * joint_frame[j] * rotation, into_parent * bone)
@@ -103,8 +104,9 @@ def _pose_joints(
     skin_matrix: wp.array2d[Affine],  # (candidate, joint)
 ):
     c = wp.tid()
+    base = wp.min(c, root_base.shape[0] - 1)
     for j in range(parent.shape[0]):
-        local = turn_joint(pose, parent, joint_frame, joint_rest, root_base, c, j)
+        local = turn_joint(pose, parent, joint_frame, joint_rest, root_base, c, base, j)
         chain_joint(local, parent, joint_frame, joint_rest, c, j, joint_transform, skin_matrix)
 
 

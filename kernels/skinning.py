@@ -59,12 +59,14 @@ def _pose_vertices(
     depth: wp.array[wp.int32],  # (joint,) joints above it
     joint_frame: wp.array[wp.mat33],  # (joint,)
     joint_rest: wp.array2d[wp.vec3],  # (body, joint)
-    root_base: wp.array[wp.mat33],  # (body,)
+    root_base: wp.array[wp.mat33],  # (base,)
     rest: wp.array2d[wp.vec3],  # (body, vertex)
     joint: wp.array[wp.vec4i],  # (vertex,)
     weight: wp.array[wp.vec4],  # (vertex,)
     vertex: wp.array[wp.int32],  # (wanted vertex,)
     levels: int,
+    first: int,
+    share: int,
     lanes: int,
     # out
     joint_transform: wp.array2d[Affine],  # (candidate, joint)
@@ -72,9 +74,10 @@ def _pose_vertices(
     posed: wp.array2d[wp.vec3],  # (candidate, vertex)
 ):
     c, lane = wp.tid()
+    base = wp.min((first + c) // share, root_base.shape[0] - 1)
     if lane < _WARP:  # a joint waits for its parent; the lanes of a warp need not wait for the whole block
         for j in range(lane, parent.shape[0], wp.min(lanes, _WARP)):
-            skin_matrix[c, j] = turn_joint(pose, parent, joint_frame, joint_rest, root_base, c, j)
+            skin_matrix[c, j] = turn_joint(pose, parent, joint_frame, joint_rest, root_base, c, base, j)
         sync_warp()
         for level in range(levels):
             for j in range(lane, parent.shape[0], wp.min(lanes, _WARP)):
@@ -89,13 +92,13 @@ def _pose_vertices(
 
 
 def pose_vertices(
-    pose, parent, depth, joint_frame, joint_rest, root_base, rest, joint, weight, vertex, levels,
+    pose, parent, depth, joint_frame, joint_rest, root_base, rest, joint, weight, vertex, levels, first, share,
     joint_transform, skin_matrix, posed,
 ):  # fmt: skip
     """Pose the joints of every candidate and skin some of its vertices: a block of lanes each.
 
     See :func:`~mmocap_warp.kernels.kinematics.pose_joints` and :func:`skin`; ``levels`` is one more than the largest
-    ``depth``.
+    ``depth``. ``share`` candidates after one another have a ``root_base``; the launch begins at candidate ``first``.
     """
     lanes = lanes_of(posed.device)
     wp.launch(
@@ -113,6 +116,8 @@ def pose_vertices(
             weight,
             vertex,
             levels,
+            first,
+            share,
             lanes,
         ],
         outputs=[joint_transform, skin_matrix, posed],

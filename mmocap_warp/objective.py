@@ -89,6 +89,7 @@ class Objective:
         cost: a name in ``COSTS``.
         renderer: a name in ``renderers.RENDERERS``.
         shapes: read a rest body and a heading for every candidate from columns 51 on of ``pose``; for fitting.
+        bases: root bases in ``body.root_base``, of as many candidates each; with ``shapes`` every candidate has one.
         device: a Warp device.
         threads: CPU threads; ignored on a GPU.
     """
@@ -103,6 +104,7 @@ class Objective:
         cost: str = "paper",
         renderer: str = "raycast",
         shapes: ShapeSpace | None = None,
+        bases: int = 1,
         device: str = "cpu",
         threads: int = 1,
     ) -> None:
@@ -112,7 +114,9 @@ class Objective:
         self._kind = COSTS[cost]
         mesh = body.tracking
         vertices, joints = len(mesh.rest), len(body.joint_rest)
-        self.body = BodyArrays(body, root_base, mesh, device, copies=candidates if shapes else 1)
+        copies, bases = (candidates, candidates) if shapes else (1, bases)
+        self.body = BodyArrays(body, root_base, mesh, device, copies, bases)
+        self._bases = bases
         self._silhouettes = Silhouettes(mesh, rig, candidates, renderer, device)
         self._foreground = wp.zeros(len(rig), dtype=wp.int32, device=device)
         coordinates = len(shapes) if shapes else FULL_DOF
@@ -163,7 +167,7 @@ class Objective:
             return
         wp.copy(self.pose, base, count=base.size)
         for own in self._slices_of(base.shape[0], threads=1):
-            self._pose(own, held.staying)
+            self._pose(own, held.staying, base.shape[0])
             self._silhouettes.freeze(own.drawn, own.posed, held.staying, held.frozen)
         self._held = held
 
@@ -172,13 +176,12 @@ class Objective:
         self._held = None
 
     def evaluate(self, candidates: int) -> wp.array:
-        """Fill ``count`` and ``cost`` for the first ``candidates`` poses; they divide evenly over the runs held."""
+        """Fill ``count`` and ``cost`` for the first ``candidates`` poses, which divide evenly over bases and runs."""
         slices = self._slices_of(candidates, self._threads)
-        particles = candidates // self._held.frozen.runs if self._held else 0
         if len(slices) == 1:
-            self._evaluate(slices[0], particles)
+            self._evaluate(slices[0], candidates)
         else:
-            list(self._pool.map(lambda own: self._evaluate(own, particles), slices))
+            list(self._pool.map(lambda own: self._evaluate(own, candidates), slices))
         return self.cost
 
     @cached_property
@@ -200,13 +203,13 @@ class Objective:
         return self._slices[candidates, count]
 
     def _slice(self, first: int, end: int) -> _Slice:
-        body = self.body
-        bodies = slice(first, end) if len(body.root_base) > 1 else slice(0, 1)
+        bodies = slice(first, end) if self._shapes else slice(0, 1)
+        base = self.body.root_base[bodies] if self._shapes else self.body.root_base
         return _Slice(
             self.pose[first:end],
-            body.joint_rest[bodies],
-            body.root_base[bodies],
-            body.rest[bodies],
+            self.body.joint_rest[bodies],
+            base,
+            self.body.rest[bodies],
             self._joint_transform[first:end],
             self._skin_matrix[first:end],
             self._posed[first:end],
@@ -214,19 +217,23 @@ class Objective:
             self.cost[first:end],
         )
 
-    def _pose(self, own: _Slice, part: Part) -> None:
+    def _pose(self, own: _Slice, part: Part, candidates: int) -> None:
+        """Pose a slice of so many candidates."""
         body = self.body
+        first, share = own.drawn.first, max(candidates // self._bases, 1)
         if self._shapes:
             self._shapes.apply(own.pose, own.rest, own.joint_rest, own.root_base)
+            first, share = 0, 1
         pose_vertices(
             own.pose, body.parent, body.depth, body.joint_frame, own.joint_rest, own.root_base, own.rest, body.joint,
-            body.weight, part.vertex, body.levels, own.joint_transform, own.skin_matrix, own.posed,
+            body.weight, part.vertex, body.levels, first, share, own.joint_transform, own.skin_matrix, own.posed,
         )  # fmt: skip
 
-    def _evaluate(self, own: _Slice, particles: int) -> None:
+    def _evaluate(self, own: _Slice, candidates: int) -> None:
         held, drawing = self._held, self._silhouettes
         part = held.moving if held else drawing.whole
-        self._pose(own, part)
+        particles = candidates // held.frozen.runs if held else 0
+        self._pose(own, part, candidates)
         drawing.draw(own.drawn, own.posed, part, held.frozen if held else None, particles)
         size = drawing.cameras.size
         cost_of_counts(self._kind, own.drawn.count, self._foreground, size, own.pose, self.prior, own.cost)

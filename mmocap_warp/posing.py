@@ -13,11 +13,20 @@ from mmocap_warp.kernels.skinning import skin
 class BodyArrays:
     """A body's joints and one of its meshes as Warp arrays, ready for the kernels.
 
-    ``joint_rest``, ``rest`` and ``root_base`` have a leading body axis of ``copies``: 1, or one body per candidate.
+    ``joint_rest``, ``rest`` and ``root_base`` have a leading body axis of ``copies``: 1, or one body per candidate;
+    ``root_base`` one of ``bases``, if given.
     Influences are sorted by falling weight, because the skinning kernel always adds the first and skips zeros.
     """
 
-    def __init__(self, body: BodyModel, root_base: np.ndarray, mesh: SkinMesh, device: str, copies: int = 1) -> None:
+    def __init__(
+        self,
+        body: BodyModel,
+        root_base: np.ndarray,
+        mesh: SkinMesh,
+        device: str,
+        copies: int = 1,
+        bases: int | None = None,
+    ) -> None:
         by_weight = np.argsort(-mesh.weight, axis=1, kind="stable")
         joint = np.take_along_axis(mesh.joint, by_weight, axis=1)
         weight = np.take_along_axis(mesh.weight, by_weight, axis=1)
@@ -27,7 +36,7 @@ class BodyArrays:
         self.levels = int(depth.max()) + 1
         self.joint_frame = wp.array(body.joint_frame, dtype=wp.mat33, device=device)
         self.joint_rest = wp.array(_repeat(body.joint_rest, copies), dtype=wp.vec3, device=device)
-        self.root_base = wp.array(_repeat(root_base, copies), dtype=wp.mat33, device=device)
+        self.root_base = wp.array(_repeat(root_base, bases or copies), dtype=wp.mat33, device=device)
         self.rest = wp.array(_repeat(mesh.rest, copies), dtype=wp.vec3, device=device)
         self.joint = wp.array(joint, dtype=wp.vec4i, device=device)
         self.weight = wp.array(weight, dtype=wp.vec4, device=device)

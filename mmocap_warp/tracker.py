@@ -20,14 +20,15 @@ from mmocap_warp.body import DOF_MODELS, FULL_DOF, BodyModel, Subject, degrees_o
 from mmocap_warp.cameras import CameraRig, project
 from mmocap_warp.checkpoint import Checkpoint, FinishedFrame, fingerprint
 from mmocap_warp.errors import InputError
+from mmocap_warp.kernels.root_frame import enter, leave
 from mmocap_warp.memory_need import check_fits
 from mmocap_warp.objective import COSTS, Objective
 from mmocap_warp.observation import Observation
 from mmocap_warp.posing import Poser
 from mmocap_warp.presets import PRESETS
+from mmocap_warp.renderers import RENDERERS
 from mmocap_warp.result import STATUS, FrameAnswer, TrackResult
 from mmocap_warp.search import Search
-from mmocap_warp.renderers import RENDERERS
 from mmocap_warp.strategy import hierarchical, holistic, share_budget
 
 if TYPE_CHECKING:
@@ -134,9 +135,13 @@ class Tracker:
             config.runs * max(optimizer.particles for optimizer in optimizers),
             cost=config.cost,
             renderer=config.renderer,
+            bases=config.runs,
             device=self.device,
             threads=config.threads or available_threads(),
         )
+        self._home = wp.mat33(subject.root_base.astype(np.float32))
+        self._root = wp.mat33(subject.body.joint_frame[0].astype(np.float32))
+        self._angles = wp.zeros(config.runs, dtype=wp.vec3, device=self.device)
         limits = coordinate_limits(subject.body) if config.limits else _FREE
         self._search = Search(self._objective, optimizers, config.evaluations, limits, replays=True)
         self._search.best_pose.assign(np.repeat(subject.pose[None].astype(np.float32), config.runs, axis=0))
@@ -162,7 +167,7 @@ class Tracker:
             return FrameAnswer(pose, nothing, np.full((runs, cameras), np.nan), 0, STATUS.index("lost"), 0.0)
         self._objective.observe(observation)
         started = time.perf_counter()
-        self._search.run()
+        self._run()
         pose = self._search.best_pose.numpy().copy()
         seconds = time.perf_counter() - started
         count = self._judge().astype(np.float64)
@@ -170,6 +175,13 @@ class Tracker:
         iou = np.where(seen, count[..., 1] / np.maximum(union, 1), np.nan)
         status = STATUS.index("tracked" if seen.all() else "partial")
         return FrameAnswer(pose, self._search.best_cost.numpy().copy(), iou, self._search.evaluations, status, seconds)
+
+    def _run(self) -> None:
+        """Search, with the root's angles counted from where the last frame left them."""
+        pose, base = self._search.best_pose, self._objective.body.root_base
+        enter(self._home, self._root, pose, self._angles, base)
+        self._search.run()
+        leave(self._home, self._root, self._angles, pose, base)
 
     def _judge(self) -> np.ndarray:
         """Pixel counts of the answers, (run, camera, 2) int: |M| and |M and F|. Not an evaluation of the search.

@@ -39,6 +39,11 @@ _CAMERAS = (
     "Print a scene's cameras and draw the world axes into their views.\n\n"
     "Exits with 4 where the cameras' mean height is not above the world's zero, which most often is a wrong 'up'."
 )
+_BENCH = (
+    "Measure how fast the program is on this machine, checking every answer.\n\n"
+    "From the pose of a body to its cost, in seven cameras of 640x480: each kernel, the whole evaluation, the "
+    "optimizers, and frames; and what share of the machine's own limits that is. Exits with 4 if an answer is wrong."
+)
 _COMMANDS = (  # a command's help is here and not in its docstring, so that the list of commands loads none of them
     ("demo", "demo:demo", _DEMO),
     ("track", "track:track", "Track a scene: from videos or masks to an animated USD body."),
@@ -50,6 +55,7 @@ _COMMANDS = (  # a command's help is here and not in its docstring, so that the 
     ("export", "export:export", "Write a result's animation alone, as .usda, .usdc or .usdz."),
     ("body", "body:app", "Make a body from MakeHuman's data."),
     ("study", "study:app", "Compare trackers: run a grid of them, and report on it."),
+    ("bench", "bench:app", _BENCH),
     ("humaneva", "humaneva:humaneva", "Write a sequence of your own copy of HumanEva-I as a scene."),
 )
 for _order, (_name, _target, _help) in enumerate(_COMMANDS):

@@ -1,0 +1,126 @@
+"""Each kernel of an evaluation alone: posing, the two renderers, freezing what stays, and the cost."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+import warp as wp
+
+from mmocap_warp.body import FULL_DOF, degrees_of_freedom
+from mmocap_warp.kernels.benchmarks.case import Case, Check
+from mmocap_warp.kernels.cost import PAPER, cost_of_counts
+from mmocap_warp.kernels.kinematics import Affine
+from mmocap_warp.kernels.skinning import pose_vertices
+from mmocap_warp.posing import BodyArrays
+from mmocap_warp.renderers import RENDERERS
+from mmocap_warp.silhouettes import FrozenArrays, Silhouettes
+from mmocap_warp.strategy import hierarchical
+
+if TYPE_CHECKING:
+    from mmocap_warp.bench.workload import Workload
+
+GROUP = "kernels"
+POSED_APART = 1e-5
+"""How far a vertex may be from where other kernels put it [m]."""
+COST_APART = 1e-6
+"""How far a cost may be from the one in double precision."""
+
+_LEFT_ARM = 2  # of the six parts
+
+
+def stages(load: Workload, candidates: int, device: str) -> Iterator[list[Case]]:
+    """The kernels for so many candidates, those to be compared together."""
+    yield [_posing(load, candidates, device)]
+    posed = load.posed(candidates, device)
+    drawn = {renderer: _drawing(load, renderer, posed, device) for renderer in RENDERERS}
+    sizes = {"candidates": candidates} | load.sizes
+    yield [
+        Case(GROUP, renderer, sizes, work, partial(_same_counts, drawn, device), candidates)
+        for renderer, (work, _count) in drawn.items()
+    ]
+    yield [_freezing(load, posed[:1], device)]
+    yield [_cost(load, drawn[RENDERERS[0]][1], device)]
+
+
+def _posing(load: Workload, candidates: int, device: str) -> Case:
+    mesh, poses = load.body.tracking, load.poses(candidates)
+    body = BodyArrays(load.body, np.eye(3), mesh, device)
+    shape = (candidates, len(load.body.joint_rest))
+    transform, skin_matrix = (wp.zeros(shape, dtype=Affine, device=device) for _ in range(2))
+    posed = wp.zeros((candidates, len(mesh.rest)), dtype=wp.vec3, device=device)
+    pose = wp.array(poses, dtype=wp.float32, device=device)
+    vertex = wp.array(np.arange(len(mesh.rest)), dtype=wp.int32, device=device)
+
+    def work() -> None:
+        pose_vertices(
+            pose, body.parent, body.depth, body.joint_frame, body.joint_rest, body.root_base, body.rest, body.joint,
+            body.weight, vertex, body.levels, 0, candidates, transform, skin_matrix, posed,
+        )  # fmt: skip
+
+    def check() -> Check:
+        apart = float(np.abs(posed.numpy() - load.vertices(poses)).max())
+        return Check(f"within {apart * 1e6:.1f} µm of the viewers' kernels", apart <= POSED_APART)
+
+    sizes = {"candidates": candidates, "vertices": len(mesh.rest)}
+    return Case(GROUP, "posing and skinning", sizes, work, check, candidates)
+
+
+def _drawing(load: Workload, renderer: str, posed: wp.array, device: str) -> tuple[partial, wp.array]:
+    """What draws and counts, and where the counts are."""
+    candidates = posed.shape[0]
+    silhouettes = Silhouettes(load.body.tracking, load.rig, candidates, renderer, device)
+    silhouettes.cameras.observed.assign(load.observation.words)
+    own = silhouettes.slice(0, candidates)
+    return partial(silhouettes.draw, own, posed, silhouettes.whole, None, 0), silhouettes.count
+
+
+def _same_counts(drawn: dict[str, tuple[partial, wp.array]], device: str) -> Check:
+    for work, count in drawn.values():
+        count.zero_()
+        work()
+    first, *others = (count.numpy() for _work, count in drawn.values())
+    apart = sum(int((first != other).any(axis=-1).sum()) for other in others)
+    return Check(f"{apart} of {first.shape[0] * first.shape[1]} counts differ between renderers", apart == 0)
+
+
+def _freezing(load: Workload, posed: wp.array, device: str) -> Case:
+    """Drawing what an arm leaves alone; the arm over it gives the counts of the whole body."""
+    silhouettes = Silhouettes(load.body.tracking, load.rig, 1, "raster", device)
+    silhouettes.cameras.observed.assign(load.observation.words)
+    part = hierarchical(degrees_of_freedom(39))[_LEFT_ARM]
+    moving, staying = silhouettes.split(part.index)
+    frozen = FrozenArrays(1, silhouettes.cameras, device)
+    own = silhouettes.slice(0, 1)
+
+    def check() -> Check:
+        silhouettes.draw(own, posed, silhouettes.whole, None, 0)
+        whole = silhouettes.count.numpy().copy()
+        silhouettes.freeze(own, posed, staying, frozen)
+        silhouettes.draw(own, posed, moving, frozen, 1)
+        apart = int((whole != silhouettes.count.numpy()).any(axis=-1).sum())
+        return Check(f"{apart} of {whole.shape[1]} counts differ from the whole body's", apart == 0)
+
+    sizes = {"runs": 1, "moving": part.name} | load.sizes
+    return Case(GROUP, "freeze", sizes, partial(silhouettes.freeze, own, posed, staying, frozen), check)
+
+
+def _cost(load: Workload, count: wp.array, device: str) -> Case:
+    candidates = count.shape[0]
+    foreground = wp.array(load.observation.foreground, dtype=wp.int32, device=device)
+    size = wp.array(load.rig.size, dtype=wp.vec2i, device=device)
+    pose = wp.zeros((candidates, FULL_DOF), dtype=wp.float32, device=device)
+    prior = wp.zeros(FULL_DOF, dtype=wp.float32, device=device)
+    cost = wp.zeros(candidates, dtype=wp.float32, device=device)
+
+    def check() -> Check:
+        model, overlap = np.moveaxis(count.numpy().astype(float), -1, 0)
+        observed = load.observation.foreground
+        expected = np.mean(1 - overlap / 2 * (1 / model + 1 / observed), axis=1)
+        apart = float(np.abs(cost.numpy() - expected).max())
+        return Check(f"within {apart:.0e} of double precision", apart <= COST_APART)
+
+    work = partial(cost_of_counts, PAPER, count, foreground, size, pose, prior, cost)
+    return Case(GROUP, "cost", {"candidates": candidates, "cameras": count.shape[1]}, work, check, candidates)

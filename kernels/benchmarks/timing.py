@@ -1,0 +1,117 @@
+"""Timing work on a device: things to be compared take turns, so that a busy machine slows all of them alike."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+
+import numpy as np
+import warp as wp
+
+Work = Callable[[], object]
+"""What is timed: launches on one device, the same at every call."""
+
+SECONDS = {"cpu": 0.4, "cuda": 0.2}
+"""How long each work is sampled for, if that gives enough rounds and not too many: a GPU's times vary less."""
+
+_FEWEST_ROUNDS, _MOST_ROUNDS = 5, 40
+_SAMPLE_SECONDS = 2e-3  # a shorter work is repeated within a sample
+_MOST_CALLS = 200  # of a short work within a sample: each is a piece of a captured graph
+
+
+@dataclass(frozen=True)
+class Timing:
+    """How long a work takes.
+
+    Attributes:
+        samples: seconds a call, one for each round. On a GPU a round replays a captured graph.
+        processor: seconds of the processor a call (the median); all threads together.
+        first: seconds of the first call, compiling included where nothing had compiled the kernels before.
+        launched: seconds a call where the host launches every kernel; None on the CPU.
+    """
+
+    samples: tuple[float, ...]
+    processor: float
+    first: float
+    launched: float | None
+
+    @cached_property
+    def median(self) -> float:
+        """Median [s]."""
+        return float(np.median(self.samples))
+
+    @property
+    def quartiles(self) -> tuple[float, float]:
+        """First and third quartile [s]."""
+        low, high = np.quantile(self.samples, (0.25, 0.75))
+        return float(low), float(high)
+
+    @property
+    def lowest(self) -> float:
+        """The quickest sample [s]."""
+        return min(self.samples)
+
+    @property
+    def compiling(self) -> float:
+        """What the first call took over a later one [s]: compiling, or loading what had been compiled before."""
+        return max(0.0, self.first - (self.median if self.launched is None else self.launched))
+
+
+def time_together(
+    works: Sequence[Work], device: str, *, captured: bool = True, seconds: float | None = None
+) -> list[Timing]:
+    """Time works in turns.
+
+    Args:
+        works: what to time; each is called twice beforehand.
+        device: the Warp device that they launch on.
+        captured: on a GPU, replay graphs of the works; False where a work waits for the device itself.
+        seconds: to spend on each work, about; ``SECONDS`` where omitted.
+    """
+    on_gpu = wp.get_device(device).is_cuda
+    budget = len(works) * (seconds or SECONDS["cuda" if on_gpu else "cpu"])
+    first = [_elapsed(work, device)[0] for work in works]
+    warm = [_elapsed(work, device)[0] for work in works]
+    calls = [max(1, min(_MOST_CALLS, round(_SAMPLE_SECONDS / one))) for one in warm]
+    repeated: list[Work] = [partial(_repeat, work, n) for work, n in zip(works, calls, strict=True)]
+    launched: list[float | None] = [None] * len(works)
+    if on_gpu and captured:
+        sampled = _rounds(repeated, device, budget / 4)
+        launched = [float(np.median(taken[:, 0])) / n for taken, n in zip(sampled, calls, strict=True)]
+        repeated = [_graph(work, device) for work in repeated]
+    sampled = _rounds(repeated, device, budget)
+    return [
+        Timing(tuple((taken[:, 0] / n).tolist()), float(np.median(taken[:, 1])) / n, once, host)
+        for taken, n, once, host in zip(sampled, calls, first, launched, strict=True)
+    ]
+
+
+def _rounds(works: Sequence[Work], device: str, budget: float) -> list[np.ndarray]:
+    """For each work (round, 2): seconds, and seconds of the processor. Rounds go on until ``budget`` is spent."""
+    started = time.perf_counter()
+    taken: list[list[tuple[float, float]]] = []
+    while len(taken) < _FEWEST_ROUNDS or (len(taken) < _MOST_ROUNDS and time.perf_counter() - started < budget):
+        taken.append([_elapsed(work, device) for work in works])
+    return list(np.array(taken).swapaxes(0, 1))
+
+
+def _elapsed(work: Work, device: str) -> tuple[float, float]:
+    wp.synchronize_device(device)
+    started, processor = time.perf_counter(), time.process_time()
+    work()
+    wp.synchronize_device(device)
+    return time.perf_counter() - started, time.process_time() - processor
+
+
+def _repeat(work: Work, times: int) -> None:
+    for _ in range(times):
+        work()
+
+
+def _graph(work: Work, device: str) -> Work:
+    with wp.ScopedCapture(device) as capture:
+        work()
+    wp.capture_launch(capture.graph)  # the first launch uploads it
+    return partial(wp.capture_launch, capture.graph)

@@ -1,0 +1,1 @@
+"""How fast the program is: what ``mmocap bench`` measures, with what, and how it is told."""

@@ -1,0 +1,204 @@
+"""The optimizers alone, a generation from ask to tell, and the search of a whole frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from mmocap_warp.algorithms import ALGORITHMS
+from mmocap_warp.bench.workload import Workload
+from mmocap_warp.body import FULL_DOF, degrees_of_freedom
+from mmocap_warp.kernels.benchmarks.case import Case, Check, Measurement
+from mmocap_warp.kernels.benchmarks.timing import Timing, time_together
+from mmocap_warp.optimizers.protocol import Optimizer
+from mmocap_warp.renderers import RENDERERS
+from mmocap_warp.search import Search
+from mmocap_warp.strategy import Part, hierarchical, holistic
+from mmocap_warp.tracker import TrackConfig, Tracker, coordinate_limits
+
+OPTIMIZER, GENERATION, FRAME = "ask and tell", "a generation", "a frame"
+COST_APART = 1e-5
+"""How far the cost of an answer may be from that of the same pose on the CPU."""
+
+_BUDGET = 500
+_DOFS = degrees_of_freedom(39)
+_MORE = 5  # generations in the longer one of two searches, beyond those of the shorter one
+_SPHERE = 40  # generations within which an optimizer must come nearer to a minimum
+
+
+def ask_and_tell(runs: Sequence[int], device: str) -> Iterator[list[Case]]:
+    """Each family of optimizers without an objective, for all 39 degrees of freedom and for a part's 6."""
+    for name in ("cmaes", "de", "pso", "apf"):
+        for part in (*holistic(_DOFS), hierarchical(_DOFS)[-1]):
+            yield [_ask_and_tell(name, part, number, device) for number in runs]
+
+
+def _optimizer(name: str, part: Part, radius: float, runs: int, evaluations: int, device: str) -> Optimizer:
+    seed = wp.array(np.arange(runs), dtype=wp.int32, device=device)
+    draw = wp.zeros(runs, dtype=wp.int32, device=device)
+    scale = np.full(len(part.index), radius)
+    return ALGORITHMS[name].optimizer(part.index, scale, runs, seed, draw, evaluations)
+
+
+def _ask_and_tell(name: str, part: Part, runs: int, device: str) -> Case:
+    optimizer = _optimizer(name, part, 0.5, runs, _BUDGET, device)
+    particles, dofs = optimizer.particles, len(part.index)
+    start = wp.array(np.ones((runs, FULL_DOF)), dtype=wp.float32, device=device)
+    made_up = np.random.default_rng(0).uniform(0.1, 0.9, runs * particles)
+    cost = wp.array(made_up, dtype=wp.float32, device=device)
+    optimizer.start(start)
+
+    def work() -> None:
+        optimizer.ask(particles)
+        optimizer.tell(cost)
+
+    def check() -> Check:
+        """It minimises the squared distance from 0."""
+        optimizer.start(start)
+        means = []
+        for _ in range(_SPHERE):
+            squares = (optimizer.ask(particles).numpy() ** 2).mean(axis=2)
+            means.append(squares.mean(axis=1))
+            optimizer.tell(wp.array(squares.ravel(), dtype=wp.float32, device=device))
+        share = float(np.max(means[-1] / means[0]))
+        return Check(f"a sphere's cost falls to {share:.2g} in {_SPHERE} generations", share < 1.0)
+
+    sizes = {"dof": dofs, "particles": particles, "runs": runs}
+    return Case(OPTIMIZER, name, sizes, work, check)
+
+
+def measure_generations(load: Workload, device: str, threads: int) -> Iterator[list[Measurement]]:
+    """A generation of one run from ask to tell: of the whole body, of each part, and on average over the parts.
+
+    It is what a search of six generations takes over a search of one, divided by five.
+    """
+    sizes = load.sizes | ({"threads": threads} if device == "cpu" else {})
+    for renderer in RENDERERS:
+        parts = [_generation(load, part, renderer, sizes, device, threads) for part in hierarchical(_DOFS)]
+        mean = _mean(parts, "h-cmaes: mean of the parts")
+        yield [*parts, mean, _generation(load, holistic(_DOFS)[0], renderer, sizes, device, threads)]
+
+
+def _generation(
+    load: Workload, part: Part, renderer: str, sizes: dict[str, Any], device: str, threads: int
+) -> Measurement:
+    name = "cmaes" if len(part.index) == len(_DOFS) else "h-cmaes"
+    short, long = (_search(load, name, part, n, renderer, device, threads) for n in (1, 1 + _MORE))
+    particles = (long.evaluations - short.evaluations) // _MORE
+    one, many = time_together([short.run, long.run], device)
+    samples = tuple((b - a) / _MORE for a, b in zip(one.samples, many.samples, strict=True))
+    launched = None if many.launched is None or one.launched is None else (many.launched - one.launched) / _MORE
+    compiling = one.compiling + many.compiling
+    timing = Timing(samples, (many.processor - one.processor) / _MORE, compiling, launched)
+    sizes = {"renderer": renderer, "dof": len(part.index), "candidates": particles, "runs": 1} | sizes
+
+    def check() -> Check:
+        return _cost_is_right(load, long.best_pose.numpy(), long.best_cost.numpy())
+
+    case = Case(GENERATION, f"{name}: {part.name}", sizes, long.run, check, particles)
+    return replace(Measurement.of(case, timing), lowest=(many.lowest - one.lowest) / _MORE)
+
+
+def _search(
+    load: Workload, name: str, part: Part, generations: int, renderer: str, device: str, threads: int
+) -> Search:
+    radius, _translation = TrackConfig(algorithm=name).radii(load.fps)
+    optimizer = _optimizer(name, part, radius, 1, _BUDGET, device)
+    objective = load.objective(optimizer.particles, renderer, device, threads)
+    search = Search(objective, [optimizer], 1 + generations * optimizer.particles, coordinate_limits(load.body))
+    search.best_pose.assign(load.subject.pose[None].astype(np.float32))
+    return search
+
+
+def _mean(parts: list[Measurement], name: str) -> Measurement:
+    """The mean of measurements that are steps of one thing."""
+
+    def mean(values: list[float]) -> float:
+        return sum(values) / len(values)
+
+    launched = [part.launched for part in parts if part.launched is not None]
+    return replace(
+        parts[0],
+        name=name,
+        sizes={key: value for key, value in parts[0].sizes.items() if key not in ("dof", "candidates")},
+        evaluations=round(mean([part.evaluations for part in parts])),
+        median=mean([part.median for part in parts]),
+        quartiles=(mean([part.quartiles[0] for part in parts]), mean([part.quartiles[1] for part in parts])),
+        lowest=mean([part.lowest for part in parts]),
+        processor=mean([part.processor for part in parts]),
+        launched=mean(launched) if launched else None,
+        compiling=sum(part.compiling for part in parts),
+        check="those of the parts",
+        ok=all(part.ok for part in parts),
+    )
+
+
+def _cost_is_right(load: Workload, pose: np.ndarray, cost: np.ndarray) -> Check:
+    """Whether answers cost what they should, as the CPU's raster says, and no more than the start."""
+    objective = load.objective(len(pose) + 1, "raster", "cpu")
+    objective.pose.assign(np.concatenate([pose, load.subject.pose[None].astype(np.float32)]))
+    expected = objective.evaluate(len(pose) + 1).numpy()
+    apart = float(np.abs(expected[:-1] - cost).max())
+    better = bool(np.all(cost <= expected[-1] + COST_APART))
+    words = f"cost {expected[-1]:.3f} to {cost.max():.3f}, {apart:.1g} off the CPU's raster"
+    return Check(words, apart <= COST_APART and better)
+
+
+def frames(load: Workload, device: str, threads: int) -> Iterator[list[Case]]:
+    """Frames from memory, from masks to the answer, of one run."""
+    for algorithm in ("h-cmaes", "cmaes"):
+        yield [_frame(load, algorithm, renderer, device, threads) for renderer in RENDERERS]
+
+
+def same_frames(
+    load: Workload, runs: Sequence[int], budget: int, device: str, threads: int, group: str = FRAME
+) -> Iterator[list[Case]]:
+    """The same of H-CMA-ES for numbers of runs at once."""
+    for renderer in RENDERERS:
+        alone = _tracker(load, "h-cmaes", renderer, 1, budget, device, threads)
+        trackers = [_tracker(load, "h-cmaes", renderer, number, budget, device, threads) for number in runs]
+        yield [_frame_case(group, load, many, partial(_same_run, load, alone, many)) for many in trackers]
+
+
+def _tracker(
+    load: Workload, algorithm: str, renderer: str, runs: int, evaluations: int, device: str, threads: int
+) -> Tracker:
+    config = TrackConfig(
+        algorithm=algorithm, renderer=renderer, runs=runs, evaluations=evaluations, device=device, threads=threads
+    )
+    return Tracker(load.subject, load.rig, config, load.fps)
+
+
+def _frame(load: Workload, algorithm: str, renderer: str, device: str, threads: int) -> Case:
+    tracker = _tracker(load, algorithm, renderer, 1, _BUDGET, device, threads)
+
+    def check() -> Check:
+        answer = tracker.step(load.observation)
+        return _cost_is_right(load, answer.pose, answer.cost)
+
+    return _frame_case(FRAME, load, tracker, check)
+
+
+def _frame_case(group: str, load: Workload, tracker: Tracker, check: Callable[[], Check]) -> Case:
+    config = tracker.config
+    sizes = {"renderer": config.renderer, "dof": config.dof, "budget": config.evaluations, "runs": config.runs}
+    if tracker.device == "cpu":
+        sizes["threads"] = config.threads
+    work = partial(tracker.step, load.observation)
+    evaluations = config.evaluations * config.runs
+    return Case(group, config.algorithm, sizes | load.sizes, work, check, evaluations, captured=False)
+
+
+def _same_run(load: Workload, one: Tracker, many: Tracker) -> Check:
+    """Whether the first of many runs has the same bits as that run alone."""
+    for tracker in (one, many):
+        pose, draw = tracker.state
+        tracker.state = np.repeat(load.subject.pose[None].astype(np.float32), len(pose), axis=0), np.zeros_like(draw)
+    alone, first = one.step(load.observation).pose[0], many.step(load.observation).pose[0]
+    same = bool(np.array_equal(alone, first))
+    return Check("run 0 has the same bits alone" if same else "run 0 differs when alone", same)

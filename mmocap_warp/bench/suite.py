@@ -1,0 +1,150 @@
+"""All measurements, in order, as one report that JSON can hold."""
+
+from __future__ import annotations
+
+import os
+import platform
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import warp as wp
+
+from mmocap_warp.bench.evaluations import evaluations, moving_parts
+from mmocap_warp.bench.growth import growth
+from mmocap_warp.bench.peers import peers
+from mmocap_warp.bench.roofline import roofline
+from mmocap_warp.bench.searches import ask_and_tell, frames, measure_generations, same_frames
+from mmocap_warp.bench.workload import Workload, workload
+from mmocap_warp.kernels.benchmarks.case import Case, Measurement, measure
+from mmocap_warp.kernels.benchmarks.ceilings import ceilings
+from mmocap_warp.kernels.benchmarks.stages import stages
+from mmocap_warp.tracker import versions
+
+FORMAT = 1
+"""Of a report; another number means other keys."""
+
+_ASK_SECONDS = 0.1  # for each of many small works
+_GROWTH_SECONDS = 0.1
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is measured.
+
+    Attributes:
+        device: a Warp device.
+        threads: of the CPU, beside one.
+        against: names in ``peers.PEERS``.
+        growing: also measure how time grows with every size.
+        batches: candidates of the whole evaluation.
+        kernel_candidates: of each kernel alone.
+        runs: at once, beside one.
+        budget: evaluations of their frames.
+    """
+
+    device: str
+    threads: int
+    against: tuple[str, ...]
+    growing: bool
+    batches: tuple[int, ...]
+    kernel_candidates: tuple[int, ...]
+    runs: int = 30
+    budget: int = 500
+
+    @classmethod
+    def usual(cls, device: str, threads: int, against: tuple[str, ...] = (), growing: bool = False) -> Plan:
+        """What takes a CPU less than a minute, and a GPU too."""
+        if device == "cpu":
+            return cls(device, threads, against, growing, batches=(14,), kernel_candidates=(14,), budget=60)
+        return cls(device, threads, against, growing, batches=(9, 14, 256, 2048, 4096), kernel_candidates=(14, 2048))
+
+
+def run_suite(plan: Plan, tell: Callable[[str], None]) -> dict[str, Any]:
+    """Measure, and say where.
+
+    Args:
+        plan: what to measure.
+        tell: called with the name of each step.
+    """
+    started, clock, load_before = datetime.now(UTC), time.perf_counter(), _machine_load()
+    compiled = _compiled_kernels()
+    load = workload()
+    measured: list[Measurement] = []
+    step = ""
+    for rows in _steps(plan, load):
+        if rows[0].group != step:
+            step = rows[0].group
+            tell(step)
+        measured += rows
+    return {
+        "format": FORMAT,
+        "started": started.isoformat(timespec="seconds"),
+        "seconds": time.perf_counter() - clock,
+        "versions": versions(plan.device) | _peer_versions(plan.against) | {"python": platform.python_version()},
+        "device": wp.get_device(plan.device).name if plan.device != "cpu" else _processor(),
+        "kind": "cpu" if plan.device == "cpu" else "cuda",
+        "cores": os.cpu_count(),
+        "load": [load_before, _machine_load()],
+        "kernels_compiled": len(_compiled_kernels() - compiled),
+        "plan": asdict(plan),
+        "measure": load.sizes | {"height": round(load.height), "size": load.rig.size[0].tolist()},
+        "measurements": [asdict(row) for row in measured],
+        "roofline": roofline(load, measured),
+        "ok": all(row.ok for row in measured),
+    }
+
+
+def _steps(plan: Plan, load: Workload) -> Iterator[list[Measurement]]:
+    device, threads = plan.device, sorted({1, plan.threads}) if plan.device == "cpu" else [1]
+    for candidates in plan.kernel_candidates:
+        yield from _measured(stages(load, candidates, device), device)
+    yield from _measured(evaluations(load, plan.batches, threads, device), device)
+    yield from _measured(ceilings(device), device)
+    yield from _measured(moving_parts(load, device), device)
+    yield from _measured(ask_and_tell((1, plan.runs), device), device, _ASK_SECONDS)
+    yield from measure_generations(load, device, threads[0])
+    yield from _measured(frames(load, device, threads[-1]), device)
+    yield from _measured(same_frames(load, (1, plan.runs), plan.budget, device, threads[-1]), device)
+    yield from _measured(peers(load, plan.against), "cpu")
+    if plan.growing:
+        yield from _measured(growth(load, device), device, _GROWTH_SECONDS)
+
+
+def _measured(groups: Any, device: str, seconds: float | None = None) -> Iterator[list[Measurement]]:
+    cases: list[Case]
+    for cases in groups:
+        yield measure(cases, device, seconds)
+
+
+def _compiled_kernels() -> set[str]:
+    """Names of what Warp's kernel cache holds."""
+    folder = Path(wp.config.kernel_cache_dir or "")
+    return {path.name for path in folder.glob("**/wp_*") if path.is_dir()}
+
+
+def _machine_load() -> float | None:
+    """Programs that ran or waited for a core, mean of the last minute; None where the system does not say."""
+    return round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None
+
+
+def _processor() -> str:
+    table = Path("/proc/cpuinfo")
+    if table.exists():
+        for line in table.read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
+
+
+def _peer_versions(names: tuple[str, ...]) -> dict[str, str]:
+    found = {}
+    if "embree" in names:
+        with suppress(PackageNotFoundError):
+            found["embreex"] = version("embreex")
+    return found

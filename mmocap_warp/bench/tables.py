@@ -1,0 +1,189 @@
+"""A report's measurements as tables of words, for the terminal and for the documents alike."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from mmocap_warp.bench.evaluations import EVALUATION
+from mmocap_warp.bench.peers import PEER
+from mmocap_warp.bench.searches import FRAME
+from mmocap_warp.kernels.benchmarks.ceilings import GROUP as CEILINGS
+
+Report = dict[str, Any]
+Row = dict[str, Any]
+
+_MEASURE = ("cameras", "pixels", "triangles", "vertices", "renderer")  # the same for all, or said elsewhere
+_UNITS = {"candidates": "candidate", "runs": "run", "threads": "thread", "particles": "particle"}
+
+
+@dataclass(frozen=True)
+class Table:
+    """Words in columns.
+
+    Attributes:
+        title: what it is about.
+        columns: heads.
+        rows: a word for each column.
+        notes: lines below it.
+    """
+
+    title: str
+    columns: tuple[str, ...]
+    rows: Sequence[tuple[str, ...]]
+    notes: tuple[str, ...] = ()
+
+
+def report_tables(report: Report, old: Report | None = None, answers: bool = False) -> list[Table]:
+    """A table for each group; those of growth are plotted instead.
+
+    Args:
+        report: what ``suite.run_suite`` returns.
+        old: another, of which each line says how many times as quick it is now.
+        answers: a column that says how answers were checked.
+    """
+    before = {_key(row): row for row in old["measurements"]} if old else None
+    groups: dict[str, list[Row]] = {}
+    for row in report["measurements"]:
+        if not row["group"].startswith("growth"):
+            groups.setdefault(row["group"], []).append(row)
+    gpu = report["kind"] == "cuda"
+    tables = [_group_table(group, rows, gpu, before, answers) for group, rows in groups.items() if group != CEILINGS]
+    return [*tables, _roofline_table(report)]
+
+
+def _key(row: Row) -> str:
+    return json.dumps([row["group"], row["name"], row["sizes"]], sort_keys=True)
+
+
+def _group_table(group: str, rows: list[Row], gpu: bool, before: dict[str, Row] | None, answers: bool) -> Table:
+    host = "launched" if gpu and group != PEER else "processor"
+    columns = ["", "of", "median", "lowest", "quartiles", host, "compiling", "an evaluation", "evaluations/s"]
+    columns += ["than before"] * (before is not None) + ["answer"]
+    lines = []
+    for row in rows:
+        count = row["evaluations"]
+        low, high = row["quartiles"]
+        line = [case_name(row), sizes_of(row), duration(row["median"]), duration(row["lowest"])]
+        line += [f"{duration(low)} – {duration(high)}", duration(row[host]), f"{row['compiling']:.2f} s"]
+        line += [duration(row["median"] / count), f"{count / row['median']:,.0f}"] if count else ["", ""]
+        if before is not None:
+            same = before.get(_key(row))
+            line.append(f"{same['median'] / row['median']:.2f}x" if same else "")
+        mark = "✓" if row["ok"] else "✗"
+        lines.append((*line, f"{mark} {row['check']}" if answers else mark))
+    return Table(group, tuple(columns), lines, (*_notes(group, rows), *_failures(rows)))
+
+
+def _failures(rows: list[Row]) -> Iterable[str]:
+    return [f"wrong: {case_name(row)}, {sizes_of(row)}: {row['check']}" for row in rows if not row["ok"]]
+
+
+def _notes(group: str, rows: list[Row]) -> Iterable[str]:
+    """Ratios of what was measured side by side."""
+    if group == PEER:
+        ours = [row for row in rows if "renderer" in row["sizes"]]
+        theirs = [row for row in rows if "renderer" not in row["sizes"]]
+        for mine in ours:
+            ratios = (f"{_ratio(other, mine):.1f} times as quick as {other['name']}'s drawing" for other in theirs)
+            yield f"{mine['name']}, posing and cost included: {', '.join(ratios)}"
+    for one, many in pairs(rows, "runs") if group == FRAME else ():
+        sizes = many["sizes"]
+        times = sizes["runs"] * _ratio(one, many)
+        yield f"{sizes['renderer']}: {sizes['runs']} runs at once do {times:.1f} times one run's evaluations a second"
+    for one, many in pairs(rows, "threads") if group == EVALUATION else ():
+        sizes = many["sizes"]
+        yield f"{sizes['renderer']}: {sizes['threads']} threads are {_ratio(one, many):.2f} times as quick as one"
+
+
+def pairs(rows: list[Row], size: str) -> list[tuple[Row, Row]]:
+    """Measurements with one of a size, and the same with the most of it; the last ones, which were side by side."""
+    found = {}
+    for many in rows:
+        for one in rows:
+            alike = one["name"] == many["name"] and one["sizes"] == many["sizes"] | {size: 1}
+            if alike and many["sizes"].get(size, 1) > 1:
+                found[_key(many)] = one, many
+    return list(found.values())
+
+
+def _ratio(other: Row, mine: Row) -> float:
+    return other["median"] / mine["median"]
+
+
+def _roofline_table(report: Report) -> Table:
+    columns = (
+        "", "of", "an evaluation", "moves", "does", "bytes/s", "of a copy's", "operations/s", "of multiply-adds'",
+        "shortest possible",
+    )  # fmt: skip
+    rows = [
+        (
+            line["renderer"],
+            f"{line['candidates']:,} candidates",
+            duration(line["seconds"]),
+            f"{line['bytes'] / 1e3:,.0f} KB",
+            f"{line['operations'] / 1e6:.2f} M operations",
+            f"{line['bytes_per_second'] / 1e9:,.3g} G",
+            f"{100 * line['share_of_bytes']:.2g} %",
+            f"{line['operations_per_second'] / 1e9:,.3g} G",
+            f"{100 * line['share_of_operations']:.2g} %",
+            duration(line["shortest_seconds"]),
+        )
+        for line in report["roofline"]
+    ]
+    line = report["roofline"][0]
+    ceilings = (
+        f"measured ceilings: a copy moves {line['ceiling_bytes_per_second'] / 1e9:,.4g} GB/s, multiply-adds do "
+        f"{line['ceiling_operations_per_second'] / 1e9:,.4g} G operations/s"
+        + (" (one thread)" if report["kind"] == "cpu" else "")
+    )
+    return Table("roofline", columns, rows, (ceilings,))
+
+
+def case_name(row: Row) -> str:
+    """What a line is called, with its renderer."""
+    renderer = row["sizes"].get("renderer", row["name"])
+    return row["name"] if renderer == row["name"] else f"{row['name']}, {renderer}"
+
+
+def sizes_of(row: Row) -> str:
+    """The sizes that not all lines share, in words."""
+    words = []
+    for name, value in row["sizes"].items():
+        if name == "dof":
+            words.append(f"{value} DOF")
+        elif name == "budget":
+            words.append(f"{value} evaluations")
+        elif name == "moving":
+            words.append(f"all but the {value}")
+        elif name not in _MEASURE:
+            words.append(f"{value:,} {_UNITS[name]}{'s' * (value != 1)}")
+    return ", ".join(words)
+
+
+def duration(seconds: float | None) -> str:
+    """Three digits, in the unit that suits."""
+    if seconds is None:
+        return ""
+    for factor, unit in ((1.0, "s"), (1e3, "ms")):
+        if abs(seconds) * factor >= 1.0:
+            return f"{seconds * factor:.3g} {unit}" if seconds * factor < 1000 else f"{seconds * factor:,.0f} {unit}"
+    return f"{seconds * 1e6:.3g} µs"
+
+
+def heading(report: Report) -> str:
+    """Where and when it was measured, and what, in a few lines."""
+    measure, versions = report["measure"], report["versions"]
+    load = " and ".join("unknown" if value is None else f"{value:g}" for value in report["load"])
+    threads = f"{report['cores']} cores, machine load {load} (before and after)"
+    packages = ", ".join(f"{name} {versions[name]}" for name in ("mmocap-warp", "warp-lang", "python"))
+    kernels = report["kernels_compiled"]
+    compiled = f"{kernels} kernel modules compiled" if kernels else "kernels came from the cache"
+    width, height = measure["size"]
+    return (
+        f"{report['device']}, {threads}; {packages}; {report['started']}, {report['seconds']:.0f} s, {compiled}\n"
+        f"{measure['cameras']} cameras of {width}x{height}, a body {measure['height']} px tall of "
+        f"{measure['triangles']:,} triangles"
+    )

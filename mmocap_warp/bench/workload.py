@@ -1,0 +1,170 @@
+"""The measure: seven cameras of 640x480 around a body about 280 px tall, in poses near the one that was seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import warp as wp
+
+from mmocap_warp.body import FULL_DOF, JOINTS, BodyModel, SkinMesh, Subject
+from mmocap_warp.cameras import CameraRig, project
+from mmocap_warp.formats.usd_body import read_body
+from mmocap_warp.mesh_decimation import decimate
+from mmocap_warp.objective import Objective
+from mmocap_warp.observation import Observation
+from mmocap_warp.overlay import silhouette
+from mmocap_warp.posing import Poser
+from mmocap_warp.scenes import ROOT
+
+CAMERAS, SIZE = 7, (640, 480)
+_DISTANCE, _EYE, _MIDDLE = 4.15, 1.4, 0.9  # [m] of the cameras from the body, their height, and the height they look at
+_SPREAD = 0.05  # standard deviation of poses [rad, m]
+_FPS = 60.0
+
+
+@dataclass(frozen=True)
+class Workload:
+    """What is evaluated.
+
+    Attributes:
+        body: its tracking mesh is what is drawn.
+        rig: undistorted cameras.
+    """
+
+    body: BodyModel
+    rig: CameraRig
+
+    @cached_property
+    def sizes(self) -> dict[str, int]:
+        """Cameras, pixels of one of them, and triangles."""
+        width, height = self.rig.size[0].tolist()
+        return {"cameras": len(self.rig), "pixels": width * height, "triangles": len(self.body.tracking_face)}
+
+    @cached_property
+    def seen(self) -> np.ndarray:
+        """(51,) float32, the pose that the masks show."""
+        return self.poses(1, seed=1)[0]
+
+    @cached_property
+    def observation(self) -> Observation:
+        """The masks of all cameras."""
+        pixels = self.pixels(self.seen[None])[0]
+        faces = self.body.tracking_face
+        masks = [silhouette(pixels[k], faces, tuple(size)) > 0 for k, size in enumerate(self.rig.size.tolist())]
+        return Observation.from_masks(masks)
+
+    @property
+    def subject(self) -> Subject:
+        """Where a search starts: beside what is seen."""
+        return Subject(self.body, np.eye(3), self.poses(1, seed=2)[0].astype(float), {})
+
+    @property
+    def fps(self) -> float:
+        """Frame rate that a tracker takes its search radius from."""
+        return _FPS
+
+    def poses(self, candidates: int, seed: int = 0) -> np.ndarray:
+        """(candidate, 51) float32: standing upright, and a little different in everything."""
+        pose = np.random.default_rng(seed).normal(0.0, _SPREAD, (candidates, FULL_DOF)).astype(np.float32)
+        pose[:, 1] += _MIDDLE
+        return pose
+
+    def vertices(self, poses: np.ndarray) -> np.ndarray:
+        """(candidate, tracking vertex, 3) float32 [m], posed on the CPU."""
+        return Poser(self.body, np.eye(3)).tracking_vertices(poses)
+
+    def pixels(self, poses: np.ndarray) -> np.ndarray:
+        """(candidate, camera, tracking vertex, 2) float64 [px]."""
+        return np.stack([project(self.rig, vertices) for vertices in self.vertices(poses)])
+
+    @property
+    def height(self) -> float:
+        """Of the body in the images, mean over the cameras [px]."""
+        return float(np.ptp(self.pixels(self.seen[None])[0, :, :, 1], axis=1).mean())
+
+    def objective(self, candidates: int, renderer: str, device: str, threads: int = 1) -> Objective:
+        """An objective with masks and poses in it."""
+        objective = Objective(
+            self.body, np.eye(3), self.rig, candidates, renderer=renderer, device=device, threads=threads
+        )
+        objective.observe(self.observation)
+        objective.pose.assign(self.poses(candidates))
+        return objective
+
+    def posed(self, candidates: int, device: str) -> wp.array:
+        """(candidate, tracking vertex) vec3 [m]."""
+        return wp.array(self.vertices(self.poses(candidates)), dtype=wp.vec3, device=device)
+
+
+def workload(cameras: int = CAMERAS, size: tuple[int, int] = SIZE, triangles: int | None = None) -> Workload:
+    """The measure, or with other sizes.
+
+    Args:
+        cameras: on a ring around the body.
+        size: width and height of each [px]; the body fills the same share of it.
+        triangles: of the mesh; fewer than the body's own are made by decimation, more by subdivision: 4 times, 16 times
+            as many, and so on. Its own where omitted.
+    """
+    body = read_body(ROOT / "bodies" / "adult_man.usdc")
+    return Workload(body if triangles is None else _with_triangles(body, triangles), _ring(cameras, size))
+
+
+def _ring(cameras: int, size: tuple[int, int]) -> CameraRig:
+    width, height = size
+    angle = 2.0 * np.pi * np.arange(cameras) / cameras + 0.3
+    eye = np.stack([_DISTANCE * np.sin(angle), np.full(cameras, _EYE), _DISTANCE * np.cos(angle)], axis=1)
+    forward = np.array([0.0, _MIDDLE, 0.0]) - eye
+    forward /= np.linalg.norm(forward, axis=1, keepdims=True)
+    right = np.cross(forward, [0.0, 1.0, 0.0])
+    right /= np.linalg.norm(right, axis=1, keepdims=True)
+    R = np.stack([right, np.cross(forward, right), forward], axis=1)
+    K = np.array([[width, 0.0, (width - 1) / 2], [0.0, width, (height - 1) / 2], [0.0, 0.0, 1.0]])
+    return CameraRig(
+        names=tuple(f"cam{k}" for k in range(1, cameras + 1)),
+        K=np.tile(K, (cameras, 1, 1)),
+        R=R,
+        t=-np.einsum("kij,kj->ki", R, eye),
+        size=np.tile(size, (cameras, 1)),
+        distortion=np.zeros((cameras, 5)),
+        up="+y",
+    )
+
+
+def _with_triangles(body: BodyModel, triangles: int) -> BodyModel:
+    """The body with another tracking mesh, which is its skin too; it has no shapes and no markers."""
+    mesh = body.tracking
+    if triangles < len(mesh.face):
+        kept, face = decimate(mesh.rest.astype(float), mesh.face, triangles)
+        mesh = SkinMesh(mesh.rest[kept], face, mesh.joint[kept], mesh.weight[kept])
+    while len(mesh.face) < triangles:
+        mesh = _subdivided(mesh)
+    vertices = len(mesh.rest)
+    return replace(
+        body,
+        skin=mesh,
+        tracking_vertex=np.arange(vertices, dtype=np.int32),
+        tracking_face=mesh.face,
+        shape_names=(),
+        shape_vertex=np.zeros((0, vertices, 3), np.float32),
+        shape_joint=np.zeros((0, len(JOINTS), 3), np.float32),
+        marker_names=(),
+        marker_vertex=np.zeros(0, np.int32),
+    )
+
+
+def _subdivided(mesh: SkinMesh) -> SkinMesh:
+    """Every triangle cut in four at the middles of its edges: the same surface."""
+    sides = np.sort(np.stack([mesh.face, np.roll(mesh.face, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
+    edge, number = np.unique(sides, axis=0, return_inverse=True)
+    ab, bc, ca = (len(mesh.rest) + number.reshape(-1, 3)).T
+    a, b, c = mesh.face.T
+    face = np.stack([(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]).transpose(2, 0, 1).reshape(-1, 3)
+    rest = np.concatenate([mesh.rest, mesh.rest[edge].mean(axis=1)])
+    share = np.zeros((len(mesh.rest), len(JOINTS)), np.float32)
+    np.add.at(share, (np.arange(len(mesh.rest))[:, None], mesh.joint), mesh.weight)
+    share = np.concatenate([share, share[edge].mean(axis=1)])
+    joint = np.argsort(-share, axis=1, kind="stable")[:, :4].astype(np.int32)
+    weight = np.take_along_axis(share, joint, axis=1)
+    return SkinMesh(rest, face.astype(np.int32), joint, weight / weight.sum(axis=1, keepdims=True))

@@ -254,6 +254,7 @@ def test_radii_come_from_the_preset_unless_given(settings, fps, radii):
         {"seed": 2**31 - 1},
         {"preset": "fast"},
         {"cost": "dice"},
+        {"renderer": "zbuffer"},
         {"rotation_radius": 0.0},
         {"rotation_radius": float("nan")},
         {"translation_radius": float("inf")},

@@ -76,9 +76,11 @@ def _leave(
     root_base: wp.array[wp.mat33],  # (run,)
 ):
     run = wp.tid()
-    own = rotation_zyx(pose[run, _ROOT], pose[run, _ROOT + 1], pose[run, _ROOT + 2])
-    turned = wp.transpose(frame) * wp.transpose(home) * root_base[run] * frame * own
-    found = _angles_zyx(turned, angles[run])
+    turn = wp.vec3(pose[run, _ROOT], pose[run, _ROOT + 1], pose[run, _ROOT + 2])
+    found = angles[run]
+    if wp.length_sq(turn) > 0.0:  # a root that stays keeps its angles to the last bit
+        own = frame * rotation_zyx(turn[0], turn[1], turn[2])
+        found = _angles_zyx(wp.transpose(frame) * wp.transpose(home) * root_base[run] * own, found)
     for i in range(3):
         pose[run, _ROOT + i] = found[i]
     root_base[run] = home

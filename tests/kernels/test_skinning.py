@@ -65,7 +65,7 @@ def test_vertices_that_are_wanted_are_posed_in_one_go(device):
     pose_vertices(
         wp.array(poses, dtype=wp.float32, device=device), arrays.parent, arrays.depth, arrays.joint_frame,
         arrays.joint_rest, arrays.root_base, arrays.rest, arrays.joint, arrays.weight,
-        wp.array(wanted, dtype=wp.int32, device=device), arrays.levels, joint_transform, skin_matrix, posed,
+        wp.array(wanted, dtype=wp.int32, device=device), arrays.levels, 0, 1, joint_transform, skin_matrix, posed,
     )  # fmt: skip
     found = posed.numpy()
     for c, (one, own_base, pose) in enumerate(zip(bodies, bases, poses, strict=True)):

@@ -156,7 +156,27 @@ def test_bodies_that_are_shaped_are_never_held(device):
     np.testing.assert_array_equal(costs(objective, coordinates), expected)
 
 
-# Bodies of their own
+# Bases and bodies of their own
+
+
+@pytest.mark.parametrize("part", [None, "torso and head"])
+@pytest.mark.parametrize("threads", [1, 2, 5])
+def test_runs_may_have_bases_of_their_own(device, threads, part):
+    """A run's candidates cost what they cost in an objective with its base, held or not, however threads share them."""
+    subject, rig = synthetic_subject(), ring_rig(cameras=2, size=(97, 61))
+    turned = [subject.root_base @ reference.rotation(1, angle) for angle in (0.0, 1.0, -2.5)]
+    seen = Observation.from_masks(random_masks(rig.size))
+    start, poses = held_apart(part or "torso and head")
+    together = objective_of(subject, rig, 12, bases=3, device=device, threads=threads)
+    together.body.root_base.assign(np.stack(turned).astype(np.float32))
+    together.observe(seen)
+    if part:
+        together.hold(on(device, start), PARTS[part])
+    found = costs(together, poses).reshape(3, 4)
+    for run, root_base in enumerate(turned):
+        alone = objective_of(replace(subject, root_base=root_base), rig, 4, device=device)
+        alone.observe(seen)
+        np.testing.assert_array_equal(costs(alone, poses[4 * run : 4 * run + 4]), found[run])
 
 
 def with_a_pair(body):

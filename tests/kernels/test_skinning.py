@@ -72,3 +72,25 @@ def test_vertices_that_are_wanted_are_posed_in_one_go(device):
         expected = reference.skin(one.tracking, one, reference.joint_transforms(one, own_base, pose))
         np.testing.assert_allclose(found[c, wanted], expected[wanted], rtol=0, atol=POSITION)
     assert np.isnan(np.delete(found, wanted, axis=1)).all()
+
+
+def test_candidates_of_a_run_share_its_base(device):
+    """Three runs of four candidates; the launch begins in the middle of the first run, as a thread's may."""
+    body = synthetic_body()
+    bases = [synthetic_subject().root_base @ reference.rotation(1, angle) for angle in (0.0, 1.0, -2.5)]
+    first, poses = 2, random_poses(9)
+    arrays = BodyArrays(body, bases[0], body.tracking, device, bases=3)
+    arrays.root_base.assign(np.stack(bases).astype(np.float32))
+    vertices = len(body.tracking.rest)
+    joint_transform, skin_matrix = poisoned((9, 16), Affine, device), poisoned((9, 16), Affine, device)
+    posed = poisoned((9, vertices), wp.vec3, device)
+    pose_vertices(
+        wp.array(poses, dtype=wp.float32, device=device), arrays.parent, arrays.depth, arrays.joint_frame,
+        arrays.joint_rest, arrays.root_base, arrays.rest, arrays.joint, arrays.weight,
+        wp.array(np.arange(vertices), dtype=wp.int32, device=device), arrays.levels, first, 4,
+        joint_transform, skin_matrix, posed,
+    )  # fmt: skip
+    for c, (found, pose) in enumerate(zip(posed.numpy(), poses, strict=True)):
+        base = bases[(first + c) // 4]
+        expected = reference.skin(body.tracking, body, reference.joint_transforms(body, base, pose))
+        np.testing.assert_allclose(found, expected, rtol=0, atol=POSITION)

@@ -143,6 +143,7 @@ class Tracker:
         self._root = wp.mat33(subject.body.joint_frame[0].astype(np.float32))
         self._angles = wp.zeros(config.runs, dtype=wp.vec3, device=self.device)
         limits = coordinate_limits(subject.body) if config.limits else _FREE
+        self._turns_freely = bool(np.all(np.abs(limits[_ROOT_ANGLES]) >= np.pi))
         self._search = Search(self._objective, optimizers, config.evaluations, limits, replays=True)
         self._search.best_pose.assign(np.repeat(subject.pose[None].astype(np.float32), config.runs, axis=0))
 
@@ -177,7 +178,10 @@ class Tracker:
         return FrameAnswer(pose, self._search.best_cost.numpy().copy(), iou, self._search.evaluations, status, seconds)
 
     def _run(self) -> None:
-        """Search, with the root's angles counted from where the last frame left them."""
+        """Search, with the root's angles counted from where the last frame left them, unless they have limits."""
+        if not self._turns_freely:
+            self._search.run()
+            return
         pose, base = self._search.best_pose, self._objective.body.root_base
         enter(self._home, self._root, pose, self._angles, base)
         self._search.run()
@@ -194,6 +198,7 @@ class Tracker:
         return objective.count.numpy()[:runs]
 
 
+_ROOT_ANGLES = slice(3, 6)
 _FREE = np.tile([-np.inf, np.inf], (FULL_DOF, 1))
 
 

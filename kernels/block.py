@@ -136,5 +136,5 @@ def seat(lane: int, lanes: int, columns: int) -> Seat:
     mine.width = wp.min(lanes, columns)
     mine.rows = lanes // mine.width
     mine.row = lane // mine.width
-    mine.column = wp.where(mine.row < mine.rows, lane % mine.width, columns)
+    mine.column = wp.where(mine.row < mine.rows, lane - mine.row * mine.width, columns)
     return mine

@@ -172,12 +172,13 @@ def _rank(run: int, lane: int, lanes: int, seen: Generation):
 
 @wp.func
 def _lay_out(run: int, lane: int, lanes: int, state: CmaEsState, spectrum: Spectrum):
-    """Copy the eigenvectors, filled up to an even number."""
+    """Copy the eigenvectors, filled up by zeros."""
     dofs = state.mean.shape[1]
     n = even(dofs)
-    mine = seat(lane, lanes, n)
+    columns = spectrum.axes.shape[1]
+    mine = seat(lane, lanes, columns)
     for j in range(mine.row, n, mine.rows):
-        for i in range(mine.column, n, mine.width):
+        for i in range(mine.column, columns, mine.width):
             value = float(0.0)
             if i < dofs and j < dofs:
                 value = state.axes[run, j, i]
@@ -272,6 +273,28 @@ def _update_covariance(
 
 
 @wp.func
+def _keep(run: int, lane: int, lanes: int, spectrum: Spectrum, state: CmaEsState):
+    """Hand on the new B and D."""
+    dofs = state.mean.shape[1]
+    mine = seat(lane, lanes, dofs)
+    for j in range(mine.row, dofs, mine.rows):
+        for i in range(mine.column, dofs, mine.width):
+            state.axes[run, j, i] = spectrum.axes[j, i]
+    for j in range(lane, dofs, lanes):
+        state.lengths[run, j] = wp.sqrt(wp.clamp(spectrum.matrix[j, j], _SMALLEST, _LARGEST))
+
+
+@wp.func
+def _grown(table: CmaEsConstants, length: float, run: int, seen: Generation, state: CmaEsState) -> float:
+    """The next sigma."""
+    grown = state.sigma[run] * wp.exp(table.c_sigma / table.d_sigma * (length - 1.0))  # Eq. 12
+    first = run * seen.order.shape[1]
+    if seen.cost[first + seen.order[run, 0]] == seen.cost[first + seen.order[run, table.flat_rank]]:
+        grown *= wp.exp(0.2 + table.c_sigma / table.d_sigma)  # a flat neighbourhood tells nothing: look further
+    return wp.min(grown, _WIDEST)
+
+
+@wp.func
 def _learn(
     table: CmaEsConstants,
     run: int,
@@ -281,8 +304,8 @@ def _learn(
     words: wp.array[wp.uint32],
     state: CmaEsState,
 ):
+    """A run's generation, in ``words`` that its lanes share."""
     dofs = state.mean.shape[1]
-    particles = seen.order.shape[1]
     desk = _desk_at(words, dofs)
     _rank(run, lane, lanes, seen)
     _lay_out(run, lane, lanes, state, desk.spectrum)
@@ -296,18 +319,9 @@ def _learn(
     _move_path(table, h_sigma, run, lane, lanes, state, desk)
     _update_covariance(table, h_sigma, run, lane, lanes, seen, state, desk)
     diagonalize(desk.spectrum, lane, lanes)
-    mine = seat(lane, lanes, dofs)
-    for j in range(mine.row, dofs, mine.rows):
-        for i in range(mine.column, dofs, mine.width):
-            state.axes[run, j, i] = desk.spectrum.axes[j, i]
-    for j in range(lane, dofs, lanes):
-        state.lengths[run, j] = wp.sqrt(wp.clamp(desk.spectrum.matrix[j, j], _SMALLEST, _LARGEST))
+    _keep(run, lane, lanes, desk.spectrum, state)
     if lane == 0:
-        grown = state.sigma[run] * wp.exp(table.c_sigma / table.d_sigma * (length - 1.0))  # Eq. 12
-        best = seen.cost[run * particles + seen.order[run, 0]]
-        if best == seen.cost[run * particles + seen.order[run, table.flat_rank]]:
-            grown *= wp.exp(0.2 + table.c_sigma / table.d_sigma)  # a flat neighbourhood tells nothing: look further
-        state.sigma[run] = wp.min(grown, _WIDEST)
+        state.sigma[run] = _grown(table, length, run, seen, state)
         state.generation[run] = state.generation[run] + 1
 
 
@@ -315,36 +329,42 @@ def _learn(
 def _update(
     table: CmaEsConstants,
     seen: Generation,
-    used: int,
-    scratch: wp.array2d[wp.uint32],  # (run, word) where a desk is too large for shared memory
+    used: int,  # lanes; those beyond leave, so that few wait for few
+    shares: bool,
+    scratch: wp.array2d[wp.uint32],  # (run, word), unless the runs have room in shared memory
     # in and out
     state: CmaEsState,
 ):
     run, lane = wp.tid()
     if lane >= used:
         return
-    if scratch.shape[1] == 1:
+    if shares:
         _learn(table, run, lane, used, seen, shared_words(scratch[run]), state)
     else:
         _learn(table, run, lane, used, seen, scratch[run], state)
 
 
+def _has_room(dofs, device):
+    """Whether a run's desk fits into a block's shared memory."""
+    return device.is_cuda and desk_words(dofs) <= WORDS
+
+
 def scratch(runs, dofs, device):
-    """Where runs learn: in the block's shared memory if it is large enough, else here."""
-    words = desk_words(dofs)
-    fits = wp.get_device(device).is_cuda and words <= WORDS
-    return wp.empty((runs, 1 if fits else words), dtype=wp.uint32, device=device)
+    """Words for runs to learn in where shared memory has no room for them."""
+    words = 1 if _has_room(dofs, device) else desk_words(dofs)
+    return wp.empty((runs, words), dtype=wp.uint32, device=device)
 
 
 def update(table, seen, scratch, state):
     """One generation: rank, then Eq. 10-14 for mean, paths, sigma and C, then ``C = B D^2 B^T`` for the next draw."""
     runs, dofs = state.mean.shape
-    lanes = lanes_of(seen.z.device)
+    device = seen.z.device
+    lanes = lanes_of(device)
     wp.launch(
         _update,
         dim=(runs, lanes),
-        inputs=[table, seen, min(lanes, lanes_worth(dofs)), scratch],
+        inputs=[table, seen, min(lanes, lanes_worth(dofs)), _has_room(dofs, device), scratch],
         outputs=[state],
         block_dim=lanes,
-        device=seen.z.device,
+        device=device,
     )

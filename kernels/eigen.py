@@ -20,8 +20,8 @@ _CONVERGED = wp.constant(1.0e-4)  # a sweep that meets nothing larger leaves abo
 class Spectrum:
     """A symmetric matrix A on its way to ``V A V^T``, diagonal; an odd number of coordinates is filled up by zeros."""
 
-    matrix: wp.array2d[wp.float32]  # (coordinate, coordinate + 1), what is on or above the diagonal; odd rows spread
-    axes: wp.array2d[wp.float32]  # (coordinate, coordinate + 1), V: an eigenvector a row
+    matrix: wp.array2d[wp.float32]  # (coordinate, column), of which what is on or above the diagonal is used
+    axes: wp.array2d[wp.float32]  # (coordinate, column), V: an eigenvector a row
     turn: wp.array2d[wp.float32]  # (pair, 2) sine and tangent of half the angle
     swept: wp.array2d[wp.float32]  # (1, 1) number of the last sweep that turned anything
 
@@ -33,21 +33,27 @@ def even(dofs: int) -> int:
 
 
 @wp.func
+def row_words(dofs: int) -> int:
+    """Columns of a spectrum's matrices: four quarters, and one more, so that a column is spread over memory banks."""
+    return 4 * ((dofs + 3) // 4) + 1
+
+
+@wp.func
 def spectrum_words(dofs: int) -> int:
     """32-bit words of a spectrum."""
-    n = even(dofs)
-    return 2 * n * (n + 1) + n + 1
+    return even(dofs) * (2 * row_words(dofs) + 1) + 1
 
 
 @wp.func
 def spectrum_at(words: wp.array[wp.uint32], dofs: int) -> Spectrum:
     """The spectrum in the first of some words."""
     n = even(dofs)
+    size = n * row_words(dofs)
     spectrum = Spectrum()
-    spectrum.matrix = matrix_at(words, 0, n, n + 1)
-    spectrum.axes = matrix_at(words, n * (n + 1), n, n + 1)
-    spectrum.turn = matrix_at(words, 2 * n * (n + 1), n // 2, 2)
-    spectrum.swept = matrix_at(words, 2 * n * (n + 1) + n, 1, 1)
+    spectrum.matrix = matrix_at(words, 0, n, row_words(dofs))
+    spectrum.axes = matrix_at(words, size, n, row_words(dofs))
+    spectrum.turn = matrix_at(words, 2 * size, n // 2, 2)
+    spectrum.swept = matrix_at(words, 2 * size + n, 1, 1)
     return spectrum
 
 
@@ -66,6 +72,30 @@ def _paired(round: int, k: int, players: int) -> wp.vec2i:
     return wp.vec2i(wp.min(a, b), wp.max(a, b))
 
 
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return __fdividef(1.0f, x);
+#else
+    return 1.0f / x;
+#endif
+""")
+def _reciprocal(x: float) -> float:
+    """``1 / x``; on a GPU good to the last two bits, in a fraction of a division's time."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return rsqrtf(x);
+#else
+    return 1.0f / sqrtf(x);
+#endif
+""")
+def _reciprocal_root(x: float) -> float:
+    """``1 / sqrt(x)``, as :func:`_reciprocal`."""
+    ...
+
+
 @wp.func
 def _find_turn(round: int, k: int, sweep: int, spectrum: Spectrum):
     """Choose the rotation that makes the element within a pair zero, and rotate it and its two diagonal elements."""
@@ -75,28 +105,29 @@ def _find_turn(round: int, k: int, sweep: int, spectrum: Spectrum):
     pp = spectrum.matrix[p, p]
     pq = spectrum.matrix[p, q]
     qq = spectrum.matrix[q, q]
-    largest = wp.max(pp, qq)
+    largest = wp.max(wp.abs(pp), wp.abs(qq))
     if wp.abs(pq) <= _NEGLIGIBLE * largest:
         spectrum.turn[k, 0] = 0.0
         spectrum.turn[k, 1] = 0.0
         return
     if wp.abs(pq) > _CONVERGED * largest:
         spectrum.swept[0, 0] = float(sweep)
-    theta = 0.5 * (qq - pp) / pq
-    t = 1.0 / (wp.abs(theta) + wp.sqrt(theta * theta + 1.0))
-    if theta < 0.0:
-        t = -t
-    c = 1.0 / wp.sqrt(t * t + 1.0)
-    spectrum.turn[k, 0] = t * c
-    spectrum.turn[k, 1] = t * c / (1.0 + c)
-    spectrum.matrix[p, p] = pp - t * pq
+    cot_twice = 0.5 * (qq - pp) * _reciprocal(pq)
+    sin_twice = _reciprocal_root(cot_twice * cot_twice + 1.0)
+    cos_squared = 0.5 + 0.5 * wp.abs(cot_twice) * sin_twice
+    secant = _reciprocal_root(cos_squared)
+    s = wp.where(cot_twice < 0.0, -0.5, 0.5) * sin_twice * secant
+    spectrum.turn[k, 0] = s
+    spectrum.turn[k, 1] = s * _reciprocal(1.0 + cos_squared * secant)
+    moved = s * secant * pq
+    spectrum.matrix[p, p] = pp - moved
     spectrum.matrix[p, q] = 0.0
-    spectrum.matrix[q, q] = qq + t * pq
+    spectrum.matrix[q, q] = qq + moved
 
 
 @wp.func
 def _rotated(p: float, q: float, s: float, tau: float) -> wp.vec2:
-    """Two elements after a rotation, as corrections: if small, they round far less than products with a cosine do."""
+    """Two elements after a rotation, as corrections: small ones round far less than products with a cosine do."""
     return wp.vec2(p - s * (q + tau * p), q + s * (p - tau * q))
 
 
@@ -142,17 +173,33 @@ def _rotate_matrix(round: int, seat: Seat, spectrum: Spectrum):
 
 
 @wp.func
+def _four(matrix: wp.array2d[wp.float32], i: int, j: int, apart: int) -> wp.vec4:
+    return wp.vec4(matrix[i, j], matrix[i, j + apart], matrix[i, j + 2 * apart], matrix[i, j + 3 * apart])
+
+
+@wp.func
+def _set_four(matrix: wp.array2d[wp.float32], i: int, j: int, apart: int, values: wp.vec4):
+    matrix[i, j] = values[0]
+    matrix[i, j + apart] = values[1]
+    matrix[i, j + 2 * apart] = values[2]
+    matrix[i, j + 3 * apart] = values[3]
+
+
+@wp.func
 def _rotate_axes(round: int, seat: Seat, spectrum: Spectrum):
+    """Rotate rows, in four columns at a time: one element alone would have a lane wait for memory."""
     pairs = spectrum.turn.shape[0]
+    quarter = spectrum.axes.shape[1] // 4
     for k in range(seat.row, pairs, seat.rows):
         s = spectrum.turn[k, 0]
         tau = spectrum.turn[k, 1]
         if s != 0.0:
             pair = _paired(round, k, 2 * pairs)
-            for i in range(seat.column, 2 * pairs, seat.width):
-                turned = _rotated(spectrum.axes[pair[0], i], spectrum.axes[pair[1], i], s, tau)
-                spectrum.axes[pair[0], i] = turned[0]
-                spectrum.axes[pair[1], i] = turned[1]
+            for i in range(seat.column, quarter, seat.width):
+                p = _four(spectrum.axes, pair[0], i, quarter)
+                q = _four(spectrum.axes, pair[1], i, quarter)
+                _set_four(spectrum.axes, pair[0], i, quarter, p - s * (q + tau * p))
+                _set_four(spectrum.axes, pair[1], i, quarter, q + s * (p - tau * q))
 
 
 @wp.func
@@ -160,7 +207,7 @@ def diagonalize(spectrum: Spectrum, lane: int, lanes: int):
     """Rotate ``matrix`` until it is diagonal, and the rows of ``axes`` with it; all ``lanes`` of a block must call."""
     pairs = spectrum.turn.shape[0]
     seat_between = seat(lane, lanes, pairs)
-    seat_along = seat(lane, lanes, 2 * pairs)
+    seat_along = seat(lane, lanes, spectrum.axes.shape[1] // 4)
     if lane == 0:
         spectrum.swept[0, 0] = 0.0
     sync()
@@ -180,5 +227,5 @@ def diagonalize(spectrum: Spectrum, lane: int, lanes: int):
 def lanes_worth(dofs: int) -> int:
     """Lanes that a matrix keeps busy, in whole warps: fewer wait less for each other."""
     pairs = (dofs + 1) // 2
-    at_once = pairs * (pairs - 1) // 2 + 2 * pairs * pairs
-    return 32 * -(-at_once // 64)
+    at_once = pairs * ((pairs + 1) // 2)  # as many quarters of rows as meetings of pairs
+    return 32 * -(-at_once // 32)

@@ -119,6 +119,27 @@ def test_fifty_generations_are_the_twins(device, dofs):
         assert relative(search.covariance(run), twin.C) < TWIN
 
 
+def test_a_search_too_wide_for_shared_memory_is_the_twins(device):
+    search = Search(90, [11], device)
+    table = search.optimizer.table
+    twin = reference.CmaEs(search.start[0], 1.0, search.scale, table.weights, constants_of(table))
+    for _ in range(5):
+        x, cost = search.generation(ellipsoid)
+        twin.tell(x[0], cost[0])
+    assert relative(search.optimizer.mean.numpy()[0], twin.mean) < TWIN
+    assert relative(search.covariance(0), twin.C) < TWIN
+
+
+def test_of_equal_costs_the_first_ranks_first(device):
+    search = Search(6, [3], device)
+    table = search.optimizer.table
+    twin = reference.CmaEs(search.start[0], 1.0, search.scale, table.weights, constants_of(table))
+    for _ in range(20):
+        x, cost = search.generation(lambda x: np.where(x[..., 1] > 0, np.inf, np.sign(x[..., 0])))
+        twin.tell(x[0], cost[0])
+    assert relative(search.optimizer.mean.numpy()[0], twin.mean) < TWIN
+
+
 @pytest.mark.parametrize("dofs", [6, 39])
 def test_eigenvectors_stay_orthonormal_over_a_long_search(device, dofs):
     """They are carried from generation to generation, so that rounding could add up."""

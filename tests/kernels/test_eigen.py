@@ -23,7 +23,7 @@ def _decompose_in(
 ):
     dofs = eigenvalue.shape[0]
     for i in range(lane, even(dofs), lanes):
-        for j in range(even(dofs)):
+        for j in range(spectrum.axes.shape[1]):
             inside = i < dofs and j < dofs
             spectrum.axes[i, j] = wp.where(i == j and inside, 1.0, 0.0)
             spectrum.matrix[i, j] = 0.0

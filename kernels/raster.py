@@ -200,7 +200,7 @@ def _mark_body(
     sync()
 
 
-@wp.kernel(launch_bounds=(LANES, 4))
+@wp.kernel(launch_bounds=(LANES, 3))
 def _raster(
     posed: wp.array2d[wp.vec3],  # (candidate, vertex) [m]
     vertex: wp.array[wp.int32],  # (moved vertex,)

@@ -13,7 +13,7 @@ import warp as wp
 Work = Callable[[], object]
 """What is timed: launches on one device, the same at every call."""
 
-SECONDS = {"cpu": 0.4, "cuda": 0.2}
+SECONDS = {"cpu": 0.25, "cuda": 0.2}
 """How long each work is sampled for, if that gives enough rounds and not too many: a GPU's times vary less."""
 
 _FEWEST_ROUNDS, _MOST_ROUNDS = 5, 40
@@ -71,7 +71,7 @@ def time_together(
         seconds: to spend on each work, about; ``SECONDS`` where omitted.
     """
     on_gpu = wp.get_device(device).is_cuda
-    budget = len(works) * (seconds or SECONDS["cuda" if on_gpu else "cpu"])
+    budget = len(works) * (SECONDS["cuda" if on_gpu else "cpu"] if seconds is None else seconds)
     first = [_elapsed(work, device)[0] for work in works]
     warm = [_elapsed(work, device)[0] for work in works]
     calls = [max(1, min(_MOST_CALLS, round(_SAMPLE_SECONDS / one))) for one in warm]

@@ -99,7 +99,8 @@ def _geometry(load: Workload) -> _Geometry:
     edges = mesh_edges(mesh.face)
     cells = np.floor(SUBPIXEL * load.pixels(load.poses(_SAMPLE))).astype(int)  # (candidate, camera, vertex, 2)
     a, b, c = (cells[:, :, mesh.face[:, i]] for i in range(3))
-    facing = np.cross(b - a, c - a) < 0
+    p, q = b - a, c - a
+    facing = p[..., 0] * q[..., 1] < p[..., 1] * q[..., 0]
     top, bottom = (pick(np.stack([a, b, c])[..., 1], axis=0) for pick in (np.min, np.max))
     contour = facing[:, :, edges[:, 2]] != facing[:, :, edges[:, 3]]
     ends = cells[:, :, edges[:, :2], 1]

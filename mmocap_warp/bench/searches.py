@@ -72,25 +72,27 @@ def _ask_and_tell(name: str, part: Part, runs: int, device: str) -> Case:
     return Case(OPTIMIZER, name, sizes, work, check)
 
 
-def measure_generations(load: Workload, device: str, threads: int) -> Iterator[list[Measurement]]:
+def measure_generations(
+    load: Workload, device: str, threads: int, seconds: float | None = None
+) -> Iterator[list[Measurement]]:
     """A generation of one run from ask to tell: of the whole body, of each part, and on average over the parts.
 
     It is what a search of six generations takes over a search of one, divided by five.
     """
     sizes = load.sizes | ({"threads": threads} if device == "cpu" else {})
     for renderer in RENDERERS:
-        parts = [_generation(load, part, renderer, sizes, device, threads) for part in hierarchical(_DOFS)]
+        parts = [_generation(load, part, renderer, sizes, device, threads, seconds) for part in hierarchical(_DOFS)]
         mean = _mean(parts, "h-cmaes: mean of the parts")
-        yield [*parts, mean, _generation(load, holistic(_DOFS)[0], renderer, sizes, device, threads)]
+        yield [*parts, mean, _generation(load, holistic(_DOFS)[0], renderer, sizes, device, threads, seconds)]
 
 
 def _generation(
-    load: Workload, part: Part, renderer: str, sizes: dict[str, Any], device: str, threads: int
+    load: Workload, part: Part, renderer: str, sizes: dict[str, Any], device: str, threads: int, seconds: float | None
 ) -> Measurement:
     name = "cmaes" if len(part.index) == len(_DOFS) else "h-cmaes"
     short, long = (_search(load, name, part, n, renderer, device, threads) for n in (1, 1 + _MORE))
     particles = (long.evaluations - short.evaluations) // _MORE
-    one, many = time_together([short.run, long.run], device)
+    one, many = time_together([short.run, long.run], device, seconds=seconds)
     samples = tuple((b - a) / _MORE for a, b in zip(one.samples, many.samples, strict=True))
     launched = None if many.launched is None or one.launched is None else (many.launched - one.launched) / _MORE
     compiling = one.compiling + many.compiling

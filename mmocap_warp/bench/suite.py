@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
@@ -46,6 +46,7 @@ class Plan:
         kernel_candidates: of each kernel alone.
         runs: at once, beside one.
         budget: evaluations of their frames.
+        seconds: to spend on each work, about; what suits it where None.
     """
 
     device: str
@@ -56,6 +57,7 @@ class Plan:
     kernel_candidates: tuple[int, ...]
     runs: int = 30
     budget: int = 500
+    seconds: float | None = None
 
     @classmethod
     def usual(cls, device: str, threads: int, against: tuple[str, ...] = (), growing: bool = False) -> Plan:
@@ -65,16 +67,17 @@ class Plan:
         return cls(device, threads, against, growing, batches=(9, 14, 256, 2048, 4096), kernel_candidates=(14, 2048))
 
 
-def run_suite(plan: Plan, tell: Callable[[str], None]) -> dict[str, Any]:
-    """Measure, and say where.
+def run_suite(plan: Plan, tell: Callable[[str], None], load: Workload | None = None) -> dict[str, Any]:
+    """Measure; raises nothing where an answer is wrong, but says so.
 
     Args:
         plan: what to measure.
         tell: called with the name of each step.
+        load: what is evaluated, but for growth; the measure where omitted.
     """
     started, clock, load_before = datetime.now(UTC), time.perf_counter(), _machine_load()
     compiled = _compiled_kernels()
-    load = workload()
+    load = load or workload()
     measured: list[Measurement] = []
     step = ""
     for rows in _steps(plan, load):
@@ -102,24 +105,23 @@ def run_suite(plan: Plan, tell: Callable[[str], None]) -> dict[str, Any]:
 
 def _steps(plan: Plan, load: Workload) -> Iterator[list[Measurement]]:
     device, threads = plan.device, sorted({1, plan.threads}) if plan.device == "cpu" else [1]
+
+    def measured(groups: Iterable[list[Case]], device: str = device, seconds: float | None = None) -> Iterator:
+        for cases in groups:
+            yield measure(cases, device, seconds if plan.seconds is None else plan.seconds)
+
     for candidates in plan.kernel_candidates:
-        yield from _measured(stages(load, candidates, device), device)
-    yield from _measured(evaluations(load, plan.batches, threads, device), device)
-    yield from _measured(ceilings(device), device)
-    yield from _measured(moving_parts(load, device), device)
-    yield from _measured(ask_and_tell((1, plan.runs), device), device, _ASK_SECONDS)
-    yield from measure_generations(load, device, threads[0])
-    yield from _measured(frames(load, device, threads[-1]), device)
-    yield from _measured(same_frames(load, (1, plan.runs), plan.budget, device, threads[-1]), device)
-    yield from _measured(peers(load, plan.against), "cpu")
+        yield from measured(stages(load, candidates, device))
+    yield from measured(evaluations(load, plan.batches, threads, device))
+    yield from measured(ceilings(device))
+    yield from measured(moving_parts(load, device))
+    yield from measured(ask_and_tell((1, plan.runs), device), seconds=_ASK_SECONDS)
+    yield from measure_generations(load, device, threads[0], plan.seconds)
+    yield from measured(frames(load, device, threads[-1]))
+    yield from measured(same_frames(load, (1, plan.runs), plan.budget, device, threads[-1]))
+    yield from measured(peers(load, plan.against), "cpu")
     if plan.growing:
-        yield from _measured(growth(load, device), device, _GROWTH_SECONDS)
-
-
-def _measured(groups: Any, device: str, seconds: float | None = None) -> Iterator[list[Measurement]]:
-    cases: list[Case]
-    for cases in groups:
-        yield measure(cases, device, seconds)
+        yield from measured(growth(load, device), seconds=_GROWTH_SECONDS)
 
 
 def _compiled_kernels() -> set[str]:

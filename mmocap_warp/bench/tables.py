@@ -60,25 +60,28 @@ def _key(row: Row) -> str:
 
 def _group_table(group: str, rows: list[Row], gpu: bool, before: dict[str, Row] | None, answers: bool) -> Table:
     host = "launched" if gpu and group != PEER else "processor"
-    columns = ["", "of", "median", "lowest", "quartiles", host, "compiling", "an evaluation", "evaluations/s"]
-    columns += ["than before"] * (before is not None) + ["answer"]
+    columns = ["", "of", "median", "lowest", "quartiles", host, "compile", "an evaluation", "in 1 s"]
+    columns += ["speed-up"] * (before is not None) + ["answer"]
+    common = [name for name, value in rows[0]["sizes"].items() if all(row["sizes"].get(name) == value for row in rows)]
     lines = []
     for row in rows:
         count = row["evaluations"]
-        low, high = row["quartiles"]
-        line = [case_name(row), sizes_of(row), duration(row["median"]), duration(row["lowest"])]
-        line += [f"{duration(low)} – {duration(high)}", duration(row[host]), f"{row['compiling']:.2f} s"]
+        line = [case_name(row), sizes_in_words(row["sizes"], leave=common), duration(row["median"])]
+        line += [digits(row["lowest"], row["median"]), "–".join(digits(q, row["median"]) for q in row["quartiles"])]
+        line += [duration(row[host]), f"{row['compiling']:.2f} s"]
         line += [duration(row["median"] / count), f"{count / row['median']:,.0f}"] if count else ["", ""]
         if before is not None:
             same = before.get(_key(row))
             line.append(f"{same['median'] / row['median']:.2f}x" if same else "")
         mark = "✓" if row["ok"] else "✗"
         lines.append((*line, f"{mark} {row['check']}" if answers else mark))
-    return Table(group, tuple(columns), lines, (*_notes(group, rows), *_failures(rows)))
+    shared = sizes_in_words({name: rows[0]["sizes"][name] for name in common})
+    title = f"{group}: {shared}" if shared else group
+    return Table(title, tuple(columns), lines, (*_notes(group, rows), *_failures(rows)))
 
 
 def _failures(rows: list[Row]) -> Iterable[str]:
-    return [f"wrong: {case_name(row)}, {sizes_of(row)}: {row['check']}" for row in rows if not row["ok"]]
+    return [f"wrong: {case_name(row)}, {sizes_in_words(row['sizes'])}: {row['check']}" for row in rows if not row["ok"]]
 
 
 def _notes(group: str, rows: list[Row]) -> Iterable[str]:
@@ -116,7 +119,7 @@ def _ratio(other: Row, mine: Row) -> float:
 def _roofline_table(report: Report) -> Table:
     columns = (
         "", "of", "an evaluation", "moves", "does", "bytes/s", "of a copy's", "operations/s", "of multiply-adds'",
-        "shortest possible",
+        "at the ceilings",
     )  # fmt: skip
     rows = [
         (
@@ -148,17 +151,19 @@ def case_name(row: Row) -> str:
     return row["name"] if renderer == row["name"] else f"{row['name']}, {renderer}"
 
 
-def sizes_of(row: Row) -> str:
-    """The sizes that not all lines share, in words."""
+def sizes_in_words(sizes: dict[str, Any], leave: Sequence[str] = ()) -> str:
+    """What a time depends on, but for the measure's own sizes and those to ``leave`` out."""
     words = []
-    for name, value in row["sizes"].items():
+    for name, value in sizes.items():
+        if name in _MEASURE or name in leave:
+            continue
         if name == "dof":
             words.append(f"{value} DOF")
         elif name == "budget":
             words.append(f"{value} evaluations")
         elif name == "moving":
             words.append(f"all but the {value}")
-        elif name not in _MEASURE:
+        else:
             words.append(f"{value:,} {_UNITS[name]}{'s' * (value != 1)}")
     return ", ".join(words)
 
@@ -167,10 +172,18 @@ def duration(seconds: float | None) -> str:
     """Three digits, in the unit that suits."""
     if seconds is None:
         return ""
-    for factor, unit in ((1.0, "s"), (1e3, "ms")):
-        if abs(seconds) * factor >= 1.0:
-            return f"{seconds * factor:.3g} {unit}" if seconds * factor < 1000 else f"{seconds * factor:,.0f} {unit}"
-    return f"{seconds * 1e6:.3g} µs"
+    return f"{digits(seconds, seconds)} {_unit(seconds)[1]}"
+
+
+def digits(seconds: float, like: float) -> str:
+    """Three digits, in the unit that suits another duration."""
+    value = seconds * _unit(like)[0]
+    return f"{value:,.0f}" if abs(value) >= 100 else f"{value:.1f}" if abs(value) >= 10 else f"{value:.2f}"
+
+
+def _unit(seconds: float) -> tuple[float, str]:
+    """How many there are in a second, and its sign."""
+    return next(((n, unit) for n, unit in ((1.0, "s"), (1e3, "ms")) if abs(seconds) * n >= 1.0), (1e6, "µs"))
 
 
 def heading(report: Report) -> str:

@@ -11,8 +11,7 @@ from rich.text import Text
 
 from mmocap_warp.bench.tables import Report, Table, heading, report_tables
 
-WIDTH = 150
-"""Columns of a line where the terminal does not say; a table needs fewer."""
+_WIDTH = 150  # columns; no table needs more
 
 
 def rendered(report: Report, old: Report | None = None) -> Group:
@@ -25,7 +24,7 @@ def rendered(report: Report, old: Report | None = None) -> Group:
 
 def to_text(parts: RenderableType, *, colours: bool) -> str:
     """What a terminal shows of it."""
-    console = Console(width=WIDTH, force_terminal=colours, no_color=not colours, highlight=False)
+    console = Console(width=_WIDTH, force_terminal=colours, no_color=not colours, highlight=False)
     with console.capture() as captured:
         console.print(parts)
     return "\n".join(line.rstrip() for line in captured.get().splitlines())
@@ -33,7 +32,9 @@ def to_text(parts: RenderableType, *, colours: bool) -> str:
 
 def _rich(table: Table) -> RichTable:
     shown = _columns_with_words(table)
-    rich = RichTable(title=table.title, title_justify="left", title_style="bold", box=SIMPLE_HEAD, pad_edge=False)
+    rich = RichTable(
+        title=table.title, title_justify="left", title_style="bold", box=SIMPLE_HEAD, padding=(0, 1), show_edge=False
+    )
     for i in shown:
         number = i > 1 and table.columns[i] != "answer"
         rich.add_column(table.columns[i], justify="right" if number else "left", no_wrap=True)

@@ -42,15 +42,15 @@ class Edge:
 @wp.func
 def edge(top: wp.vec2i, bottom: wp.vec2i) -> Edge:
     """The edge between two points, the upper one first."""
-    e = Edge()
-    e.top = top
-    e.step = bottom - top
-    e.is_short = wp.max(wp.abs(e.step[0]), e.step[1]) < _SHORT
-    e.whole = top[0] >> _SHIFT
-    e.base = (float(top[0] & _WITHIN) + 0.5) * _PIXEL - _TIE
-    e.start = float(top[1]) + 0.5
-    e.slope = float(e.step[0]) / float(wp.max(e.step[1], 1)) * _PIXEL
-    return e
+    found = Edge()  # not e: Warp would take e.top for an attribute of its constant e, until the function is compiled
+    found.top = top
+    found.step = bottom - top
+    found.is_short = wp.max(wp.abs(found.step[0]), found.step[1]) < _SHORT
+    found.whole = top[0] >> _SHIFT
+    found.base = (float(top[0] & _WITHIN) + 0.5) * _PIXEL - _TIE
+    found.start = float(top[1]) + 0.5
+    found.slope = float(found.step[0]) / float(wp.max(found.step[1], 1)) * _PIXEL
+    return found
 
 
 @wp.func

@@ -130,7 +130,7 @@ class Objective:
         self._skin_matrix = wp.zeros((candidates, joints), dtype=Affine, device=device)
         self._posed = wp.zeros((candidates, vertices), dtype=wp.vec3, device=device)
         self._threads = threads if device == "cpu" else 1
-        modules = {skinning, cost_kernels} | self._silhouettes.modules | ({shaping} if shapes else set())
+        modules = [skinning, *self._silhouettes.modules, cost_kernels, *([shaping] if shapes else [])]
         for module in modules:  # before threads launch from them at the same time
             wp.load_module(module, device=device)
         self._slices: dict[tuple[int, int], list[_Slice]] = {}

@@ -86,7 +86,7 @@ class Silhouettes:
         shape = (candidates, len(rig))
         self._renderer = make_renderer(renderer, mesh.rest, mesh.face, shape, device)
         self._contours = self._renderer if isinstance(self._renderer, Contours) else Contours(mesh.face, shape, device)
-        self.modules = {self._renderer.module, self._contours.module}
+        self.modules = (self._renderer.module, self._contours.module)
         whole = whole_mesh(mesh)
         self.whole = Part(wp.array(whole.vertex, dtype=wp.int32, device=device), self._renderer.of(whole))
         self._nothing_frozen = FrozenArrays(1, self.cameras, device)

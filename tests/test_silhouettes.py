@@ -188,10 +188,10 @@ def test_a_moving_part_counts_the_same_with_threads():
             np.testing.assert_array_equal(counts(objective, poses), whole)
 
 
-def inner_rig(body: BodyModel, root_base: np.ndarray, pose: np.ndarray) -> CameraRig:
+def inner_rig(body: BodyModel, pose: np.ndarray, size: tuple[int, int]) -> CameraRig:
     """Cameras in the body's joints that look at the joint above: out of a limb, into the rest of the body."""
-    frames = Poser(body, root_base).joint_transforms(pose)[0].astype(float)
-    rig = ring_rig(cameras=len(PARENT) - 1, size=(64, 48))
+    frames = Poser(body, np.eye(3)).joint_transforms(pose)[0].astype(float)
+    rig = ring_rig(cameras=len(PARENT) - 1, size=size)
     for j in range(1, len(PARENT)):
         forward = frames[PARENT[j], :3, 3] - frames[j, :3, 3]
         forward /= np.linalg.norm(forward)
@@ -207,7 +207,7 @@ def test_a_moving_part_that_is_cut_shows_the_inside_of_what_stays(device, render
     body = real_body()
     for seed in range(3):
         start = random_poses(1, seed=seed, reach=0.2, bend=0.3).astype(np.float32)
-        rig = inner_rig(body, np.eye(3), start)
+        rig = inner_rig(body, start, size=(64, 48))
         objective = Objective(body, np.eye(3), rig, 3, renderer=renderer, device=device)
         objective.observe(Observation.from_masks(random_masks(rig.size)))
         for index in PARTS.values():
@@ -267,6 +267,19 @@ def test_pixels_are_those_that_single_rays_hit(device, record_property):
         pixels += PEOPLE * int(at.rig.size.prod(axis=1).sum())
     record_property("pixels_apart", f"{differ} of {pixels}")
     assert differ < PIXELS_APART * pixels
+
+
+def test_pixels_from_inside_a_body_are_those_that_single_rays_hit(device):
+    mesh = real_body().tracking
+    for seed in range(2):
+        pose = random_poses(1, seed=seed, reach=0.2, bend=0.3)
+        rig = inner_rig(real_body(), pose, size=(320, 240))
+        vertices = posed_vertices(real_body(), np.eye(3), pose, device)
+        drawn = draw_bits(mesh, rig, vertices)
+        assert apart(drawn, cast_bits(mesh.face, rig, vertices)) < PIXELS_APART * rig.size.prod(axis=1).sum()
+        covered = np.bitwise_count(drawn).sum(axis=(2, 3), dtype=int) / rig.size.prod(axis=1)
+        assert np.any(covered == 1.0)
+        assert np.any(covered < 1.0)  # seen from outside, past the near plane
 
 
 def test_a_gpu_draws_what_the_cpu_draws(device):

@@ -52,7 +52,7 @@ def report(small):
         patch.setattr(growth_module, "_SCALES", (0.5, 1.0))
         patch.setattr(growth_module, "_TRIANGLES", (1300, None))
         patch.setattr(growth_module, "_RUNS", {"cpu": (1, 2), "cuda": (1, 2)})
-        against = () if missing(["embree"]) else ("embree",)
+        against = () if missing(["embree"]) else ("embree", "trimesh")
         plan = Plan("cpu", 2, (*against, "opencv"), True, (8,), (2,), runs=2, budget=60, seconds=0.0)
         steps = []
         report = run_suite(plan, steps.append, small)
@@ -225,7 +225,7 @@ def test_the_command_writes_a_report_and_compares(monkeypatch, report, tmp_path,
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [
-        (["--against", "povray"], exit_codes.USAGE, "--against must name embree or opencv, got 'povray'"),
+        (["--against", "povray"], exit_codes.USAGE, "--against must name embree, trimesh, opencv, got 'povray'"),
         (["--threads", "0"], exit_codes.USAGE, "--threads must be at least 1"),
         (["--device", "cuda:99"], exit_codes.USAGE, "--device must be auto or one of"),
         (["--compare", "absent.json"], exit_codes.BAD_INPUT, "absent.json: cannot be read"),

@@ -17,7 +17,7 @@ SECONDS = {"cpu": 0.25, "cuda": 0.2}
 """How long each work is sampled for, if that gives enough rounds and not too many: a GPU's times vary less."""
 
 _FEWEST_ROUNDS, _MOST_ROUNDS = 5, 40
-_SAMPLE_SECONDS = 2e-3  # a shorter work is repeated within a sample
+_SAMPLE_SECONDS = {"cpu": 2e-2, "cuda": 2e-3}  # a shorter work is repeated within a sample
 _MOST_CALLS = 200  # of a short work within a sample: each is a piece of a captured graph
 
 
@@ -70,14 +70,14 @@ def time_together(
         captured: on a GPU, replay graphs of the works; False where a work waits for the device itself.
         seconds: to spend on each work, about; ``SECONDS`` where omitted.
     """
-    on_gpu = wp.get_device(device).is_cuda
-    budget = len(works) * (SECONDS["cuda" if on_gpu else "cpu"] if seconds is None else seconds)
+    kind = "cuda" if wp.get_device(device).is_cuda else "cpu"
+    budget = len(works) * (SECONDS[kind] if seconds is None else seconds)
     first = [_elapsed(work, device)[0] for work in works]
     warm = [_elapsed(work, device)[0] for work in works]
-    calls = [max(1, min(_MOST_CALLS, round(_SAMPLE_SECONDS / one))) for one in warm]
+    calls = [max(1, min(_MOST_CALLS, round(_SAMPLE_SECONDS[kind] / one))) for one in warm]
     repeated: list[Work] = [partial(_repeat, work, n) for work, n in zip(works, calls, strict=True)]
     launched: list[float | None] = [None] * len(works)
-    if on_gpu and captured:
+    if kind == "cuda" and captured:
         sampled = _rounds(repeated, device, budget / 4)
         launched = [float(np.median(taken[:, 0])) / n for taken, n in zip(sampled, calls, strict=True)]
         repeated = [_graph(work, device) for work in repeated]

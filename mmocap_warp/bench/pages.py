@@ -37,7 +37,7 @@ def _page(reports: Sequence[Report]) -> str:
         "# Measured",
         "Written by `mmocap bench pages`. What is measured and how: [performance](../performance.md).",
     ]
-    parts += ["## Aims", *(" ".join(heading(report).splitlines()) + "." for report in reports)]
+    parts += ["## Aims", *("; ".join(heading(report).splitlines()) + "." for report in reports)]
     parts.append(_markdown(aims_table(reports)))
     growing = [axis for axis in AXES if growth_lines(reports, axis)]
     if growing:

@@ -26,7 +26,7 @@ _CANDIDATES = 4  # as many as a core does in a fraction of a second
 _SUBPIXEL_BITS = 4
 # Embree has no grid of sub-pixels: contours shift by up to 1/32 px. OpenCV fills what its polygons' outlines touch, and
 # so about half a pixel more at each crossing of a contour.
-_ALLOWED = {"embree": 0.1, "opencv": 4.0}  # difference of |M|, in pixels a row of the body
+_ALLOWED = {"embree": 0.1, "trimesh": 0.1, "opencv": 4.0}  # difference of |M|, in pixels a row of the body
 
 
 class Box(NamedTuple):
@@ -50,9 +50,9 @@ def peers(load: Workload, names: Sequence[str]) -> Iterator[list[Case]]:
     expected = load.objective(_CANDIDATES, "raster", "cpu")
     expected.evaluate(_CANDIDATES)
     reference = expected.count.numpy().astype(int)
-    makers = {"embree": _embree, "opencv": _opencv}
     vertices = load.vertices(load.poses(_CANDIDATES))
-    yield [*ours, *(_peer(load, name, makers[name](load, vertices), reference) for name in names)]
+    draw = {name: _opencv(load, vertices) if name == "opencv" else _rays(load, vertices, name) for name in names}
+    yield [*ours, *(_peer(load, name, draw[name], reference) for name in names)]
 
 
 def _peer(load: Workload, name: str, work: Callable[[np.ndarray], None], reference: np.ndarray) -> Case:
@@ -75,24 +75,41 @@ def _boxes(load: Workload, pixels: np.ndarray) -> list[Box]:
     return [Box(a[0], b[0], a[1], b[1]) for a, b in zip(low, high, strict=True)]
 
 
-def _embree(load: Workload, vertices: np.ndarray) -> Callable[[np.ndarray], None]:
-    """A scene a candidate, built anew, and a ray for each pixel of the body's boxes that ends at any hit."""
+Cast = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""Origins and directions (ray, 3) float32 to hits (ray,) bool."""
+
+
+def _embree(posed: np.ndarray, faces: np.ndarray) -> Cast:
+    """Embree as it is."""
     from embreex.mesh_construction import TriangleMesh
     from embreex.rtcore_scene import EmbreeScene
 
+    scene = EmbreeScene()
+    TriangleMesh(scene, posed[faces])
+    return lambda origin, direction: scene.run(origin, direction, query="OCCLUDED") >= 0
+
+
+def _trimesh(posed: np.ndarray, faces: np.ndarray) -> Cast:
+    """Embree as trimesh offers it."""
+    import trimesh
+
+    return trimesh.Trimesh(posed, faces, process=False).ray.intersects_any
+
+
+def _rays(load: Workload, vertices: np.ndarray, name: str) -> Callable[[np.ndarray], None]:
+    """A scene a candidate, built anew, and a ray for each pixel of the body's boxes that ends at any hit."""
+    build = _embree if name == "embree" else _trimesh
     faces, directions = load.body.tracking_face, _directions(load.rig)
     masks = unpack_masks(load.observation.words, load.rig.size)
     eyes = load.rig.centres.astype(np.float32)
 
     def work(count: np.ndarray) -> None:
         for c, posed in enumerate(vertices):
-            scene = EmbreeScene()
-            TriangleMesh(scene, posed[faces])
+            cast = build(posed, faces)
             boxes = _boxes(load, project(load.rig, posed))
             rays = [box.of(image).reshape(-1, 3) for box, image in zip(boxes, directions, strict=True)]
             ends = np.cumsum([0, *map(len, rays)])
-            origin = np.repeat(eyes, np.diff(ends), axis=0)
-            hit = scene.run(origin, np.concatenate(rays), query="OCCLUDED") >= 0
+            hit = cast(np.repeat(eyes, np.diff(ends), axis=0), np.concatenate(rays))
             for k, (first, end) in enumerate(pairwise(ends)):
                 model = hit[first:end]
                 count[c, k] = np.count_nonzero(model), np.count_nonzero(model & boxes[k].of(masks[k]).ravel())

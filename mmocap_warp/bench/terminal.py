@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from rich.box import SIMPLE_HEAD
 from rich.console import Console, Group, RenderableType
 from rich.table import Table as RichTable
 from rich.text import Text
@@ -33,7 +32,11 @@ def to_text(parts: RenderableType, *, colours: bool) -> str:
 def _rich(table: Table) -> RichTable:
     shown = _columns_with_words(table)
     rich = RichTable(
-        title=table.title, title_justify="left", title_style="bold", box=SIMPLE_HEAD, padding=(0, 1), show_edge=False
+        title=Text(f"{table.title}\n", style="bold"),
+        title_justify="left",
+        header_style="dim",
+        box=None,
+        padding=(0, 2, 0, 0),
     )
     for i in shown:
         number = i > 1 and table.columns[i] != "answer"

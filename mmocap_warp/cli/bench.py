@@ -38,7 +38,8 @@ def bench(
     threads
         CPU threads beside one. All by default.
     against
-        Others to run beside it on the CPU: embree, opencv, or both as embree,opencv.
+        Others to run beside it on the CPU: embree, trimesh (Embree as trimesh offers it), opencv, or a list such as
+        embree,opencv.
     growth
         Also measure how time grows with candidates, cameras, pixels, triangles and runs.
     compare
@@ -82,7 +83,7 @@ def _peers(names: str | None) -> tuple[str, ...]:
     wanted = tuple(name.strip() for name in names.split(","))
     unknown = [name for name in wanted if name not in PEERS]
     if unknown:
-        raise UsageError(f"--against must name {' or '.join(PEERS)}, got '{', '.join(unknown)}'")
+        raise UsageError(f"--against must name {', '.join(PEERS)}, got '{', '.join(unknown)}'")
     absent = missing(wanted)
     if absent:
         raise UsageError(

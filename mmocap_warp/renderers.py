@@ -49,6 +49,9 @@ class Renderer(Protocol):
         ...
 
 
+_LEAF = 16  # triangles: with large packets, going down further costs more than it saves
+
+
 class Packets:
     """``raycast`` on the CPU: a binary tree."""
 
@@ -56,13 +59,13 @@ class Packets:
 
     def __init__(self, rest: np.ndarray, face: np.ndarray, shape: tuple[int, int], device: str) -> None:
         self._rest, self._device = rest, device
-        nodes = len(build_bvh(rest, face).node)
+        nodes = len(build_bvh(rest, face, _LEAF).node)
         visible = wp.zeros((*shape, len(face)), dtype=wp.uint8, device=device)
-        self.arrays = (visible, wp.zeros((*shape, nodes), dtype=wp.vec4i, device=device))
+        self.arrays: tuple[wp.array, ...] = (visible, wp.zeros((*shape, nodes), dtype=wp.vec4i, device=device))
 
     def of(self, part: MeshPart) -> Tree:
         """A tree over the part's triangles."""
-        return tree_arrays(build_bvh(self._rest, part.face), self._device)
+        return tree_arrays(build_bvh(self._rest, part.face, _LEAF), self._device)
 
     def draw(self, posed, vertex, part, cameras, frozen, scratch, image, arrays, count) -> None:
         """See :class:`Renderer`."""
@@ -78,7 +81,7 @@ class WidePackets:
         self._rest, self._device = rest, device
         groups = -(-len(face) // raycast_wide.WIDTH)
         box = wp.zeros((*shape, groups * raycast_wide.WIDTH), dtype=wp.vec4i, device=device)
-        self.arrays = (box, wp.zeros((*shape, groups), dtype=wp.vec4i, device=device))
+        self.arrays: tuple[wp.array, ...] = (box, wp.zeros((*shape, groups), dtype=wp.vec4i, device=device))
 
     def of(self, part: MeshPart) -> wp.array:
         """The part's triangles in the order of a binary tree's leaves, where neighbours are near."""
@@ -97,7 +100,7 @@ class Contours:
 
     def __init__(self, face: np.ndarray, shape: tuple[int, int], device: str) -> None:
         self._device = device
-        self.arrays = (wp.zeros((*shape, len(face)), dtype=wp.uint8, device=device),)
+        self.arrays: tuple[wp.array, ...] = (wp.zeros((*shape, len(face)), dtype=wp.uint8, device=device),)
 
     def of(self, part: MeshPart) -> Outline:
         """The part's triangles and their edges."""
@@ -150,4 +153,6 @@ def make_renderer(name: str, rest: np.ndarray, face: np.ndarray, shape: tuple[in
         raise ValueError(f"renderer must be one of {list(RENDERERS)}, got {name!r}")
     if name == "raster":
         return Contours(face, shape, device)
-    return (Packets if wp.get_device(device).is_cpu else WidePackets)(rest, face, shape, device)
+    if wp.get_device(device).is_cpu:
+        return Packets(rest, face, shape, device)
+    return WidePackets(rest, face, shape, device)

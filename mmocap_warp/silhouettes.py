@@ -18,7 +18,11 @@ from mmocap_warp.renderers import Contours, make_renderer
 
 
 def camera_arrays(rig: CameraRig, device: str) -> Cameras:
-    """A rig and empty masks for the kernels."""
+    """A rig and empty masks for the kernels.
+
+    Raises:
+        ValueError: images so wide that a block cannot hold a row.
+    """
     lens = np.stack([rig.K[:, 0, 0], rig.K[:, 1, 1], rig.K[:, 0, 2], rig.K[:, 1, 2]], axis=1)
     cameras = Cameras()
     cameras.rotation = wp.array(rig.R, dtype=wp.mat33, device=device)
@@ -26,6 +30,8 @@ def camera_arrays(rig: CameraRig, device: str) -> Cameras:
     cameras.lens = wp.array(lens, dtype=wp.vec4, device=device)
     cameras.size = wp.array(rig.size.astype(np.int32), dtype=wp.vec2i, device=device)
     rows, words = int(rig.size[:, 1].max()), words_per_row(int(rig.size[:, 0].max()))
+    if 8 * words >= block.WORDS:
+        raise ValueError(f"images must be narrower than {4 * block.WORDS} px, got {rig.size[:, 0].max()}")
     cameras.observed = wp.zeros((len(rig), rows, words), dtype=wp.uint32, device=device)
     return cameras
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from datetime import datetime
 from html import escape
 
 import numpy as np
@@ -173,18 +174,39 @@ def _all_rows(study: StudySummary, measure: Measure) -> list[tuple[Ranking, Row]
 
 
 def _pace(study: StudySummary) -> tuple[float, float, str]:
-    """Evaluations a second, masks included, on the device of most cells, its name, and hours of the paper's grid."""
+    """Evaluations a second, masks included, on the devices that did most cells, these, and hours of the paper's grid.
+
+    The time is that in which any worker of a host was at work; hosts' times add up.
+    """
     device = Counter(_device(cell) for cell in study.cells.values()).most_common(1)[0][0]
     timed = [
-        (cell.evaluations, cell.meta["wall_seconds"])
+        cell
         for cell in study.cells.values()
-        if _device(cell) == device and cell.meta.get("wall_seconds")
+        if _device(cell) == device and cell.meta.get("wall_seconds") and cell.meta.get("started")
     ]
     if not timed:
         return np.nan, np.nan, device
-    evaluations, seconds = np.sum(timed, axis=0)
-    rate = evaluations / seconds
-    return float(rate), float(paper.GRID_EVALUATIONS / rate / 3600), device
+    by_host: dict[str, list[tuple[float, float]]] = {}
+    for cell in timed:
+        start = datetime.fromisoformat(cell.meta["started"]).timestamp()
+        by_host.setdefault(str(cell.meta.get("host")), []).append((start, start + cell.meta["wall_seconds"]))
+    busy = [_busy(spans) for spans in by_host.values()]
+    rate = sum(cell.evaluations for cell in timed) / sum(seconds for seconds, _ in busy)
+    workers = max(at_once for _, at_once in busy)
+    where = device if workers == 1 else f"{device}, up to {workers} workers at a time"
+    return float(rate), float(paper.GRID_EVALUATIONS / rate / 3600), where
+
+
+def _busy(spans: list[tuple[float, float]]) -> tuple[float, int]:
+    """How long any of these spans of time lasts, and how many there are at once."""
+    changes = sorted([(start, 1) for start, _ in spans] + [(end, -1) for _, end in spans])
+    seconds, now, most, since = 0.0, 0, 0, 0.0
+    for moment, change in changes:
+        if now:
+            seconds += moment - since
+        since, now = moment, now + change
+        most = max(most, now)
+    return seconds, most
 
 
 def _device(cell: CellSummary) -> str:
@@ -208,7 +230,7 @@ def _period(study: StudySummary) -> str:
     days = sorted(str(cell.meta.get("started", ""))[:10] for cell in study.cells.values())
     hours = sum(float(cell.meta.get("wall_seconds") or 0.0) for cell in study.cells.values()) / 3600
     when = days[0] if days[0] == days[-1] else f"{days[0]} to {days[-1]}"
-    return f"{when}, {hours:.1f} h of the device in all"
+    return f"{when}, {hours:.1f} h of workers in all"
 
 
 def _recording_of(cell: CellSummary) -> list[str]:

@@ -22,7 +22,6 @@ from pathlib import Path
 import numpy as np
 
 CAMERAS, SIZE = 7, (640, 480)
-STEPS = ("start", "track", "read", "eval", "export", "show")
 
 
 def memory(field: str) -> float:
@@ -63,10 +62,12 @@ def recording(frames: int):
 
 
 def step_start(frames: int, evaluations: int, result: Path) -> Callable[[], object]:
+    """Track two frames: what any run takes."""
     return partial(_track, 2, evaluations, result.with_name("start.usdc"))
 
 
 def step_track(frames: int, evaluations: int, result: Path) -> Callable[[], object]:
+    """Track the recording and write the result."""
     return partial(_track, frames, evaluations, result)
 
 
@@ -81,12 +82,14 @@ def _track(frames: int, evaluations: int, path: Path) -> None:
 
 
 def step_read(frames: int, evaluations: int, result: Path) -> Callable[[], object]:
+    """Read the result."""
     from mmocap_warp.formats.usd_result import read_result
 
     return partial(read_result, result)
 
 
 def step_eval(frames: int, evaluations: int, result: Path) -> Callable[[], object]:
+    """Judge it against truth."""
     from mmocap_warp.body import JOINTS
     from mmocap_warp.evaluation import evaluate
     from mmocap_warp.formats.usd_result import read_result
@@ -102,6 +105,7 @@ def step_eval(frames: int, evaluations: int, result: Path) -> Callable[[], objec
 
 
 def step_export(frames: int, evaluations: int, result: Path) -> Callable[[], object]:
+    """Write its animation."""
     from mmocap_warp.formats.usd_animation import export_animation
     from mmocap_warp.formats.usd_result import read_result
 
@@ -109,6 +113,7 @@ def step_export(frames: int, evaluations: int, result: Path) -> Callable[[], obj
 
 
 def step_show(frames: int, evaluations: int, result: Path) -> Callable[[], object]:
+    """Draw it over its masks."""
     from mmocap_warp.formats.usd_result import read_result
     from mmocap_warp.show import show
 
@@ -118,12 +123,22 @@ def step_show(frames: int, evaluations: int, result: Path) -> Callable[[], objec
     return partial(show, tracked, None, masks(), video=video, sheet=sheet)
 
 
+STEPS = {
+    "start": step_start,
+    "track": step_track,
+    "read": step_read,
+    "eval": step_eval,
+    "export": step_export,
+    "show": step_show,
+}
+
+
 def measure(step: str, frames: int, evaluations: int, result: Path) -> None:
     """Run one step in this process and print its line of the table."""
     import warp as wp
 
     wp.config.log_level = wp.LOG_WARNING
-    work = globals()[f"step_{step}"](frames, evaluations, result)
+    work = STEPS[step](frames, evaluations, result)
     before = memory("VmRSS")
     Path("/proc/self/clear_refs").write_text("5")  # forget the peak so far
     started = time.perf_counter()
@@ -133,10 +148,11 @@ def measure(step: str, frames: int, evaluations: int, result: Path) -> None:
 
 
 def main() -> None:
+    """Run the steps, each in a process of its own."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--frames", type=int, default=20000)
     parser.add_argument("--evaluations", type=int, default=12)
-    parser.add_argument("--steps", nargs="+", choices=STEPS, default=STEPS)
+    parser.add_argument("--steps", nargs="+", choices=tuple(STEPS), default=tuple(STEPS))
     parser.add_argument("--result", type=Path, help="keep the result here, or read it from here")
     parser.add_argument("--here", action="store_true", help="run the steps in this process")
     options = parser.parse_args()

@@ -143,7 +143,7 @@ class Objective:
         Raises:
             ValueError: masks of another shape than the rig's.
         """
-        self.release()  # the counts of what is held are those of the last masks
+        self._held = None  # its counts are those of the last masks
         observed = self._silhouettes.cameras.observed
         if observation.words.shape != observed.shape:
             raise ValueError(f"masks are packed as {observation.words.shape}, the rig needs {observed.shape}")

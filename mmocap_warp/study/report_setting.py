@@ -190,23 +190,27 @@ def _pace(study: StudySummary) -> tuple[float, float, str]:
     for cell in timed:
         start = datetime.fromisoformat(cell.meta["started"]).timestamp()
         by_host.setdefault(str(cell.meta.get("host")), []).append((start, start + cell.meta["wall_seconds"]))
-    busy = [_busy(spans) for spans in by_host.values()]
-    rate = sum(cell.evaluations for cell in timed) / sum(seconds for seconds, _ in busy)
-    workers = max(at_once for _, at_once in busy)
-    where = device if workers == 1 else f"{device}, up to {workers} workers at a time"
+    busy = sum(_covered(spans) for spans in by_host.values())
+    rate = sum(cell.evaluations for cell in timed) / busy
+    workers = max(_most_at_once(spans) for spans in by_host.values())
+    where = device if workers <= 1 else f"{device}, {workers} workers at a time"
     return float(rate), float(paper.GRID_EVALUATIONS / rate / 3600), where
 
 
-def _busy(spans: list[tuple[float, float]]) -> tuple[float, int]:
-    """How long any of these spans of time lasts, and how many there are at once."""
-    changes = sorted([(start, 1) for start, _ in spans] + [(end, -1) for _, end in spans])
-    seconds, now, most, since = 0.0, 0, 0, 0.0
-    for moment, change in changes:
-        if now:
-            seconds += moment - since
-        since, now = moment, now + change
-        most = max(most, now)
-    return seconds, most
+def _covered(spans: list[tuple[float, float]]) -> float:
+    """How long any of these spans of time lasts."""
+    seconds, until = 0.0, -np.inf
+    for start, end in sorted(spans):
+        seconds += max(end - max(start, until), 0.0)
+        until = max(until, end)
+    return seconds
+
+
+def _most_at_once(spans: list[tuple[float, float]]) -> int:
+    """How many spans of time there are at once; starts are told in whole seconds, so the first second does not count."""
+    long = [(start + 1.0, end) for start, end in spans if end > start + 1.0]
+    changes = sorted([(start, 1) for start, _ in long] + [(end, -1) for _, end in long])
+    return int(np.cumsum([change for _, change in changes]).max(initial=0))
 
 
 def _device(cell: CellSummary) -> str:

@@ -207,7 +207,7 @@ def _covered(spans: list[tuple[float, float]]) -> float:
 
 
 def _most_at_once(spans: list[tuple[float, float]]) -> int:
-    """How many spans of time there are at once; starts are told in whole seconds, so the first second does not count."""
+    """How many spans there are at once; starts are told in whole seconds, so the first second does not count."""
     long = [(start + 1.0, end) for start, end in spans if end > start + 1.0]
     changes = sorted([(start, 1) for start, _ in long] + [(end, -1) for _, end in long])
     return int(np.cumsum([change for _, change in changes]).max(initial=0))

@@ -11,6 +11,10 @@ from pathlib import Path
 
 import pytest
 import warp as wp
+from browser import find_browser
+
+# A browser is no package that the tests could ask for: without one, its tests are not collected. The header says so.
+collect_ignore = [] if find_browser() else ["test_study_report_browser.py"]
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -22,6 +26,11 @@ def pytest_configure(config: pytest.Config) -> None:
         # In the stack, tiles are found through a static pointer that debug code follows: CPU threads would share it.
         wp.config.enable_tiles_in_stack_memory = False
         wp.config.kernel_cache_dir = str(config.cache.mkdir("warp-debug"))
+
+
+def pytest_report_header() -> str:
+    """Which browser shows the study's page."""
+    return f"browser: {find_browser() or 'none found, so the page of a study is not shown in one'}"
 
 
 def devices() -> list[str]:

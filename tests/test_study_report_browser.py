@@ -8,7 +8,6 @@ from mmocap_warp.study.report import render
 from mmocap_warp.study.summary import StudySummary
 
 PROGRAM = find_browser()
-pytestmark = pytest.mark.skipif(PROGRAM is None, reason="needs Chromium or Chrome, which no package brings")
 
 
 @pytest.fixture(scope="module")

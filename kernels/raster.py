@@ -14,6 +14,7 @@ import warp as wp
 from mmocap_warp.kernels.block import LANES, WORDS, lanes_of, shared_words, sync
 from mmocap_warp.kernels.coverage import crossing, edge, faces_camera, first_after, last_before, word_bits
 from mmocap_warp.kernels.near_plane import clip, corner
+from mmocap_warp.kernels.projection import Pinhole
 from mmocap_warp.kernels.silhouette import Cameras, Frozen, add_up, count_word, is_cut, pinhole, project_body
 
 wp.set_module_options(
@@ -21,8 +22,9 @@ wp.set_module_options(
 )
 
 _NO_STEPS = wp.constant(wp.uint32(0x80808080))  # four pixels; a byte holds 128 + its step
-_EACH = wp.constant(wp.uint32(0x01010101))
-_GATHER = wp.constant(wp.uint32(0x10204080))  # brings the lowest bits of a word's bytes together in its highest four
+_NO_STEPS_OF_EIGHT = wp.constant(wp.uint64(0x8080808080808080))
+_EACH = wp.constant(wp.uint64(0x0101010101010101))
+_GATHER = wp.constant(wp.uint64(0x0102040810204080))  # brings the lowest bits of the bytes together in the highest byte
 
 
 @wp.struct
@@ -47,8 +49,8 @@ class Band:
 @wp.func
 def _first_band(bounds: wp.vec4i) -> Band:
     band = Band()
-    band.first_four = bounds[2] >> 2
-    band.last_four = bounds[3] >> 2
+    band.first_four = (bounds[2] >> 3) << 1  # two fours are read at a time
+    band.last_four = ((bounds[3] >> 3) << 1) + 1
     band.stride = (band.last_four - band.first_four + 1) | 1
     band.first_row = bounds[0]
     return band
@@ -80,11 +82,9 @@ def _mark(a: wp.vec2i, b: wp.vec2i, layers: int, band: Band, steps: wp.array[wp.
 @wp.func
 def _mark_contour(
     contour: wp.array[wp.vec4i],
-    image: wp.array3d[wp.vec2i],
-    facing: wp.array3d[wp.uint8],
+    points: wp.array[wp.vec2i],
+    facing: wp.array[wp.uint8],
     beyond: int,
-    c: int,
-    k: int,
     lane: int,
     lanes: int,
     band: Band,
@@ -97,12 +97,12 @@ def _mark_contour(
     """
     for i in range(lane, contour.shape[0], lanes):
         e = contour[i]
-        here = int(facing[c, k, e[2]])
+        here = int(facing[e[2]])
         there = beyond
         if e[3] >= 0:
-            there = int(facing[c, k, e[3]])
+            there = int(facing[e[3]])
         if here != there:
-            _mark(image[c, k, e[0]], image[c, k, e[1]], here - there, band, steps)
+            _mark(points[e[0]], points[e[1]], here - there, band, steps)
 
 
 @wp.func
@@ -116,25 +116,22 @@ def _mark_outline(a: wp.vec2i, b: wp.vec2i, c: wp.vec2i, band: Band, steps: wp.a
 
 @wp.func
 def _mark_clipped(
-    posed: wp.array2d[wp.vec3],
+    posed: wp.array[wp.vec3],
     triangle: wp.array[wp.vec3i],
-    cameras: Cameras,
-    image: wp.array3d[wp.vec2i],
-    c: int,
-    k: int,
+    camera: Pinhole,
+    points: wp.array[wp.vec2i],
     lane: int,
     lanes: int,
     band: Band,
     steps: wp.array[wp.uint32],
 ):
     """Mark what the near plane leaves of every triangle."""
-    camera = pinhole(cameras, k)
     for t in range(lane, triangle.shape[0], lanes):
         v = triangle[t]
-        p = image[c, k, v[0]]
-        q = image[c, k, v[1]]
-        r = image[c, k, v[2]]
-        left = clip(p, q, r, posed[c, v[0]], posed[c, v[1]], posed[c, v[2]], camera)
+        p = points[v[0]]
+        q = points[v[1]]
+        r = points[v[2]]
+        left = clip(p, q, r, posed[v[0]], posed[v[1]], posed[v[2]], camera)
         _mark_outline(corner(left, 0), corner(left, 1), corner(left, 2), band, steps)
         _mark_outline(corner(left, 0), corner(left, 2), corner(left, 3), band, steps)
 
@@ -142,17 +139,15 @@ def _mark_clipped(
 @wp.func
 def _face(
     triangle: wp.array[wp.vec3i],
-    c: int,
-    k: int,
     lane: int,
     lanes: int,
-    image: wp.array3d[wp.vec2i],
-    facing: wp.array3d[wp.uint8],
+    points: wp.array[wp.vec2i],
+    facing: wp.array[wp.uint8],
 ):
     """Find out which triangles face the camera."""
     for t in range(lane, triangle.shape[0], lanes):
         v = triangle[t]
-        facing[c, k, t] = wp.uint8(faces_camera(image[c, k, v[0]], image[c, k, v[1]], image[c, k, v[2]]))
+        facing[t] = wp.uint8(faces_camera(points[v[0]], points[v[1]], points[v[2]]))
     sync()
 
 
@@ -160,43 +155,53 @@ def _face(
 def _fill(word: int, row: int, layers: int, band: Band, steps: wp.array[wp.uint32]) -> wp.vec2i:
     """A word's 32 pixels as bits, and the number of layers at its last one; ``layers`` are before its first.
 
-    Four pixels at a time: as the digits of a number to base 256, steps turn into running sums when multiplied by
-    1 + 256 + 256^2 + 256^3, and adding 127 to every sum sets a digit's highest bit where it is not 0.
+    Eight pixels at a time: as the digits of a number to base 256, steps turn into running sums when multiplied by
+    1 + 256 + ... + 256^7, and adding 127 to every sum sets a digit's highest bit where it is not 0.
     """
-    pixels = wp.uint32(0)
-    inside = wp.uint32(layers)
+    pixels = wp.uint64(0)
+    inside = wp.uint64(layers)
     at = (row - band.first_row) * band.stride - band.first_four
-    for four in range(wp.max(word * 8, band.first_four), wp.min(word * 8 + 7, band.last_four) + 1):
-        sums = (steps[at + four] - _NO_STEPS + inside) * _EACH
-        inside = sums >> wp.uint32(24)
-        covered = ((sums + _EACH * wp.uint32(127)) >> wp.uint32(7)) & _EACH
-        pixels = pixels | (((covered * _GATHER) >> wp.uint32(28)) << wp.uint32(4 * (four & 7)))
+    for eight in range(wp.max(word * 4, band.first_four >> 1), wp.min(word * 4 + 3, band.last_four >> 1) + 1):
+        both = (wp.uint64(steps[at + 2 * eight + 1]) << wp.uint64(32)) | wp.uint64(steps[at + 2 * eight])
+        sums = (both - _NO_STEPS_OF_EIGHT + inside) * _EACH
+        inside = sums >> wp.uint64(56)
+        covered = ((sums + _EACH * wp.uint64(127)) >> wp.uint64(7)) & _EACH
+        pixels = pixels | (((covered * _GATHER) >> wp.uint64(56)) << wp.uint64(8 * (eight & 3)))
     return wp.vec2i(int(pixels), int(inside))
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    for (int i = lane; i < words; i += lanes) steps.data[i] = 0x80808080u;
+    __syncthreads();
+#else
+    unsigned int* p = (unsigned int*)steps.data;
+    for (int i = 0; i < words; ++i) p[i] = 0x80808080u;
+#endif
+""")
+def _clear(words: int, lane: int, lanes: int, steps: wp.array[wp.uint32]):
+    """Forget all steps. Straight through memory, which Warp's arrays do not let a compiler see: twice as fast."""
 
 
 @wp.func
 def _mark_body(
-    posed: wp.array2d[wp.vec3],
+    posed: wp.array[wp.vec3],
     mesh: Outline,
-    cameras: Cameras,
-    image: wp.array3d[wp.vec2i],
-    facing: wp.array3d[wp.uint8],
+    camera: Pinhole,
+    points: wp.array[wp.vec2i],
+    facing: wp.array[wp.uint8],
     beyond: int,
     cut: bool,
-    c: int,
-    k: int,
     lane: int,
     lanes: int,
     band: Band,
     steps: wp.array[wp.uint32],
 ):
-    for i in range(lane, (band.last_row - band.first_row + 1) * band.stride, lanes):
-        steps[i] = _NO_STEPS
-    sync()
+    _clear((band.last_row - band.first_row + 1) * band.stride, lane, lanes, steps)
     if cut:
-        _mark_clipped(posed, mesh.triangle, cameras, image, c, k, lane, lanes, band, steps)
+        _mark_clipped(posed, mesh.triangle, camera, points, lane, lanes, band, steps)
     else:
-        _mark_contour(mesh.edge, image, facing, beyond, c, k, lane, lanes, band, steps)
+        _mark_contour(mesh.edge, points, facing, beyond, lane, lanes, band, steps)
     sync()
 
 
@@ -217,19 +222,21 @@ def _raster(
 ):
     c, k, part, lane = wp.tid()
     steps = shared_words(scratch)
-    bounds = project_body(posed, vertex, cameras, frozen, c, k, lane, lanes, scratch, image)
+    points = image[c, k]
+    bounds = project_body(posed[c], vertex, cameras, frozen, c, k, lane, lanes, scratch, points)
     cut = is_cut(frozen, c, k, scratch)
+    camera = pinhole(cameras, k)
     width = cameras.size[k][0]
     total = wp.vec2i(0, 0)
     if bounds[0] <= bounds[1] and bounds[2] <= bounds[3]:
-        _face(mesh.triangle, c, k, lane, lanes, image, facing)
+        _face(mesh.triangle, lane, lanes, points, facing[c, k])
         rows = (bounds[1] - bounds[0]) // parts + 1
         end = wp.min(bounds[0] + (part + 1) * rows - 1, bounds[1])
         band = _first_band(bounds)
         band.first_row += part * rows
         while band.first_row <= end:
             band.last_row = wp.min(band.first_row + WORDS // band.stride - 1, end)
-            _mark_body(posed, mesh, cameras, image, facing, 0, cut, c, k, lane, lanes, band, steps)
+            _mark_body(posed[c], mesh, camera, points, facing[c, k], 0, cut, lane, lanes, band, steps)
             for row in range(band.first_row + lane, band.last_row + 1, lanes):
                 inside = int(0)
                 for word in range(band.first_four >> 3, (band.last_four >> 3) + 1):
@@ -279,10 +286,12 @@ def _freeze(
     c, k, lane = wp.tid()
     steps = shared_words(scratch)
     alone = Frozen()
-    bounds = project_body(posed, vertex, cameras, alone, c, k, lane, lanes, scratch, image)
+    points = image[c, k]
+    bounds = project_body(posed[c], vertex, cameras, alone, c, k, lane, lanes, scratch, points)
     is_open = is_cut(alone, c, k, scratch)
     if lane == 0:
         cut[c, k] = int(is_open)
+    camera = pinhole(cameras, k)
     width = cameras.size[k][0]
     for row in range(lane, words.shape[2], lanes):
         for word in range(words.shape[3]):
@@ -290,12 +299,12 @@ def _freeze(
     sync()
     total = wp.vec2i(0, 0)
     if bounds[0] <= bounds[1] and bounds[2] <= bounds[3]:
-        _face(mesh.triangle, c, k, lane, lanes, image, facing)
+        _face(mesh.triangle, lane, lanes, points, facing[c, k])
         band = _first_band(bounds)
         while band.first_row <= bounds[1]:
             band.last_row = wp.min(band.first_row + WORDS // band.stride - 1, bounds[1])
             for beyond in range(2):
-                _mark_body(posed, mesh, cameras, image, facing, beyond, is_open, c, k, lane, lanes, band, steps)
+                _mark_body(posed[c], mesh, camera, points, facing[c, k], beyond, is_open, lane, lanes, band, steps)
                 for row in range(band.first_row + lane, band.last_row + 1, lanes):
                     inside = int(0)
                     for word in range(band.first_four >> 3, (band.last_four >> 3) + 1):

@@ -15,6 +15,7 @@ import warp as wp
 from mmocap_warp.kernels.block import shared_words
 from mmocap_warp.kernels.coverage import drop, faces_camera, is_behind, last_before, row_span, word_bits
 from mmocap_warp.kernels.near_plane import clip, corner
+from mmocap_warp.kernels.projection import Pinhole
 from mmocap_warp.kernels.silhouette import (
     Cameras,
     Frozen,
@@ -48,21 +49,19 @@ class Tree:
 def _leaf_box(
     node: wp.vec3i,
     tree: Tree,
-    image: wp.array3d[wp.vec2i],
+    points: wp.array[wp.vec2i],
     cut: bool,
-    c: int,
-    k: int,
-    visible: wp.array3d[wp.uint8],
+    visible: wp.array[wp.uint8],
 ) -> wp.vec4i:
     """The box of a leaf's visible triangles, which are noted: those that face the camera, or all where it is cut."""
     box = wp.vec4i(_EMPTY_LOW, _EMPTY_LOW, _EMPTY_HIGH, _EMPTY_HIGH)
     for t in range(node[1], node[1] + node[2]):
         v = tree.triangle[t]
-        p = image[c, k, v[0]]
-        q = image[c, k, v[1]]
-        r = image[c, k, v[2]]
+        p = points[v[0]]
+        q = points[v[1]]
+        r = points[v[2]]
         is_visible = cut or faces_camera(p, q, r)
-        visible[c, k, t] = wp.uint8(is_visible)
+        visible[t] = wp.uint8(is_visible)
         if cut and (is_behind(p) or is_behind(q) or is_behind(r)):
             box = wp.vec4i(_EMPTY_HIGH, _EMPTY_HIGH, _EMPTY_LOW, _EMPTY_LOW)  # clipped points may lie anywhere
         elif is_visible:
@@ -78,23 +77,21 @@ def _leaf_box(
 @wp.func
 def _refit(
     tree: Tree,
-    image: wp.array3d[wp.vec2i],
+    points: wp.array[wp.vec2i],
     cut: bool,
-    c: int,
-    k: int,
-    visible: wp.array3d[wp.uint8],
-    box: wp.array3d[wp.vec4i],
+    visible: wp.array[wp.uint8],
+    box: wp.array[wp.vec4i],
 ):
     """Fit the boxes of a candidate and camera around its triangles."""
     for i in range(tree.node.shape[0]):
         n = tree.node.shape[0] - 1 - i
         node = tree.node[n]
         if node[2] > 0:
-            box[c, k, n] = _leaf_box(node, tree, image, cut, c, k, visible)
+            box[n] = _leaf_box(node, tree, points, cut, visible)
         else:
-            left = box[c, k, n + 1]
-            right = box[c, k, tree.node[n + 1][0]]
-            box[c, k, n] = wp.vec4i(
+            left = box[n + 1]
+            right = box[tree.node[n + 1][0]]
+            box[n] = wp.vec4i(
                 wp.min(left[0], right[0]),
                 wp.min(left[1], right[1]),
                 wp.max(left[2], right[2]),
@@ -126,19 +123,17 @@ def _hit(a: wp.vec2i, b: wp.vec2i, c: wp.vec2i, packet: Packet, bits: wp.array[w
 @wp.func
 def _hit_clipped(
     v: wp.vec3i,
-    posed: wp.array2d[wp.vec3],
-    image: wp.array3d[wp.vec2i],
-    cameras: Cameras,
-    c: int,
-    k: int,
+    posed: wp.array[wp.vec3],
+    points: wp.array[wp.vec2i],
+    camera: Pinhole,
     packet: Packet,
     bits: wp.array[wp.uint32],
 ):
     """Mark the rays that hit what the near plane leaves of a triangle."""
-    p = image[c, k, v[0]]
-    q = image[c, k, v[1]]
-    r = image[c, k, v[2]]
-    left = clip(p, q, r, posed[c, v[0]], posed[c, v[1]], posed[c, v[2]], pinhole(cameras, k))
+    p = points[v[0]]
+    q = points[v[1]]
+    r = points[v[2]]
+    left = clip(p, q, r, posed[v[0]], posed[v[1]], posed[v[2]], camera)
     _hit(corner(left, 0), corner(left, 1), corner(left, 2), packet, bits)
     _hit(corner(left, 0), corner(left, 2), corner(left, 3), packet, bits)
 
@@ -147,24 +142,23 @@ def _hit_clipped(
 def _cast(
     packet: Packet,
     tree: Tree,
-    posed: wp.array2d[wp.vec3],
-    image: wp.array3d[wp.vec2i],
-    visible: wp.array3d[wp.uint8],
-    box: wp.array3d[wp.vec4i],
-    cameras: Cameras,
+    posed: wp.array[wp.vec3],
+    points: wp.array[wp.vec2i],
+    visible: wp.array[wp.uint8],
+    box: wp.array[wp.vec4i],
+    camera: Pinhole,
+    width: int,
     cut: bool,
-    c: int,
-    k: int,
     bits: wp.array[wp.uint32],
 ):
     """Cast a packet's rays that have not hit yet."""
     first_column = packet.word * 32
     last_column = first_column + 31
     last_row = packet.first_row + packet.rows - 1
-    all_hit = word_bits(0, cameras.size[k][0] - 1, packet.word)
+    all_hit = word_bits(0, width - 1, packet.word)
     n = int(0)
     while n < tree.node.shape[0]:
-        b = box[c, k, n]
+        b = box[n]
         node = tree.node[n]
         if (
             last_before(b[0]) >= last_column
@@ -177,12 +171,12 @@ def _cast(
             n += 1
         else:
             for t in range(node[1], node[1] + node[2]):
-                if visible[c, k, t] != wp.uint8(0):
+                if visible[t] != wp.uint8(0):
                     v = tree.triangle[t]
                     if cut:
-                        _hit_clipped(v, posed, image, cameras, c, k, packet, bits)
+                        _hit_clipped(v, posed, points, camera, packet, bits)
                     else:
-                        _hit(image[c, k, v[0]], image[c, k, v[1]], image[c, k, v[2]], packet, bits)
+                        _hit(points[v[0]], points[v[1]], points[v[2]], packet, bits)
             full = all_hit
             for row in range(packet.rows):
                 full = full & bits[row]
@@ -205,11 +199,14 @@ def _raycast(
 ):
     c, k = wp.tid()
     bits = shared_words(scratch)
-    bounds = project_body(posed, vertex, cameras, frozen, c, k, 0, 1, scratch, image)
+    points = image[c, k]
+    bounds = project_body(posed[c], vertex, cameras, frozen, c, k, 0, 1, scratch, points)
     cut = is_cut(frozen, c, k, scratch)
     total = wp.vec2i(0, 0)
     if bounds[0] <= bounds[1] and bounds[2] <= bounds[3]:
-        _refit(tree, image, cut, c, k, visible, box)
+        camera = pinhole(cameras, k)
+        width = cameras.size[k][0]
+        _refit(tree, points, cut, visible[c, k], box[c, k])
         packet = Packet()
         for first_row in range(bounds[0], bounds[1] + 1, _ROWS):
             packet.first_row = first_row
@@ -218,8 +215,8 @@ def _raycast(
                 packet.word = word
                 for row in range(packet.rows):
                     bits[row] = frozen_word(frozen, c, k, first_row + row, word)
-                _cast(packet, tree, posed, image, visible, box, cameras, cut, c, k, bits)
-                inside = word_bits(0, cameras.size[k][0] - 1, word)
+                _cast(packet, tree, posed[c], points, visible[c, k], box[c, k], camera, width, cut, bits)
+                inside = word_bits(0, width - 1, word)
                 for row in range(packet.rows):
                     total += count_word(bits[row] & inside, cameras, frozen, c, k, first_row + row, word)
     add_up(total, frozen, c, k, 0, 0, 1, scratch, count)

@@ -10,6 +10,7 @@ import warp as wp
 from mmocap_warp.kernels.block import LANES, shared_words, sync, sync_warp, warp_max
 from mmocap_warp.kernels.coverage import drop, faces_camera, first_after, is_behind, last_before, row_span, word_bits
 from mmocap_warp.kernels.near_plane import clip, corner
+from mmocap_warp.kernels.projection import Pinhole
 from mmocap_warp.kernels.silhouette import (
     Cameras,
     Frozen,
@@ -64,19 +65,17 @@ class Packet:
 def _box_of(
     t: int,
     triangle: wp.array[wp.vec3i],
-    image: wp.array3d[wp.vec2i],
+    points: wp.array[wp.vec2i],
     cut: bool,
-    c: int,
-    k: int,
 ) -> wp.vec4i:
     """First and last column and row [px] of a triangle that can be seen; none for others."""
     none = wp.vec4i(_FAR, -_FAR, _FAR, -_FAR)
     if t >= triangle.shape[0]:
         return none
     v = triangle[t]
-    p = image[c, k, v[0]]
-    q = image[c, k, v[1]]
-    r = image[c, k, v[2]]
+    p = points[v[0]]
+    q = points[v[1]]
+    r = points[v[2]]
     if cut:
         if is_behind(p) or is_behind(q) or is_behind(r):
             return wp.vec4i(-_FAR, _FAR, -_FAR, _FAR)  # what is left of it may lie anywhere
@@ -113,19 +112,17 @@ def _mark(a: wp.vec2i, b: wp.vec2i, c: wp.vec2i, packet: Packet, shared: wp.arra
 @wp.func
 def _mark_clipped(
     v: wp.vec3i,
-    posed: wp.array2d[wp.vec3],
-    image: wp.array3d[wp.vec2i],
-    cameras: Cameras,
-    c: int,
-    k: int,
+    posed: wp.array[wp.vec3],
+    points: wp.array[wp.vec2i],
+    camera: Pinhole,
     packet: Packet,
     shared: wp.array[wp.uint32],
 ):
     """Mark the rays that hit what the near plane leaves of a triangle."""
-    p = image[c, k, v[0]]
-    q = image[c, k, v[1]]
-    r = image[c, k, v[2]]
-    left = clip(p, q, r, posed[c, v[0]], posed[c, v[1]], posed[c, v[2]], pinhole(cameras, k))
+    p = points[v[0]]
+    q = points[v[1]]
+    r = points[v[2]]
+    left = clip(p, q, r, posed[v[0]], posed[v[1]], posed[v[2]], camera)
     _mark(corner(left, 0), corner(left, 1), corner(left, 2), packet, shared)
     _mark(corner(left, 0), corner(left, 2), corner(left, 3), packet, shared)
 
@@ -136,14 +133,13 @@ def _cast(
     queue: int,
     lane: int,
     triangle: wp.array[wp.vec3i],
-    posed: wp.array2d[wp.vec3],
-    image: wp.array3d[wp.vec2i],
-    box: wp.array3d[wp.vec4i],
-    group_box: wp.array3d[wp.vec4i],
-    cameras: Cameras,
+    posed: wp.array[wp.vec3],
+    points: wp.array[wp.vec2i],
+    box: wp.array[wp.vec4i],
+    group_box: wp.array[wp.vec4i],
+    camera: Pinhole,
+    width: int,
     cut: bool,
-    c: int,
-    k: int,
     shared: wp.array[wp.uint32],
 ):
     """Cast a packet's rays that have not hit yet, with a warp.
@@ -152,7 +148,7 @@ def _cast(
     of them, or the last, are marked.
     """
     groups = (triangle.shape[0] + WIDTH - 1) // WIDTH
-    all_hit = word_bits(0, cameras.size[k][0] - 1, packet.word)
+    all_hit = word_bits(0, width - 1, packet.word)
     waiting = int(0)
     to_visit = wp.uint32(0)
     first = int(-WIDTH)
@@ -161,13 +157,13 @@ def _cast(
             first += WIDTH
             met = bool(False)
             if first + lane < groups:
-                met = _meets(group_box[c, k, first + lane], packet)
+                met = _meets(group_box[first + lane], packet)
             to_visit = _ballot(met)
         if to_visit != wp.uint32(0):
             lowest = to_visit & (~to_visit + wp.uint32(1))
             to_visit = to_visit ^ lowest
             t = (first + wp.bit_count(lowest - wp.uint32(1))) * WIDTH + lane
-            hit = _meets(box[c, k, t], packet)
+            hit = _meets(box[t], packet)
             hits = _ballot(hit)
             if hit:
                 shared[queue + waiting + _below(hits, lane)] = wp.uint32(t)
@@ -178,9 +174,9 @@ def _cast(
             if lane < waiting:
                 v = triangle[int(shared[queue + lane])]
                 if cut:
-                    _mark_clipped(v, posed, image, cameras, c, k, packet, shared)
+                    _mark_clipped(v, posed, points, camera, packet, shared)
                 else:
-                    _mark(image[c, k, v[0]], image[c, k, v[1]], image[c, k, v[2]], packet, shared)
+                    _mark(points[v[0]], points[v[1]], points[v[2]], packet, shared)
             waiting = wp.max(waiting - WIDTH, 0)
             left_over = wp.uint32(0)
             if lane < waiting:
@@ -213,22 +209,27 @@ def _raycast_wide(
 ):
     c, k, part, thread = wp.tid()
     shared = shared_words(scratch)
-    bounds = project_body(posed, vertex, cameras, frozen, c, k, thread, LANES, scratch, image)
+    points = image[c, k]
+    boxes = box[c, k]
+    group_boxes = group_box[c, k]
+    bounds = project_body(posed[c], vertex, cameras, frozen, c, k, thread, LANES, scratch, points)
     cut = is_cut(frozen, c, k, scratch)
+    camera = pinhole(cameras, k)
+    width = cameras.size[k][0]
     warp = thread // WIDTH
     lane = thread % WIDTH
     groups = (triangle.shape[0] + WIDTH - 1) // WIDTH
     total = wp.vec2i(0, 0)
     if bounds[0] <= bounds[1] and bounds[2] <= bounds[3]:
         for group in range(warp, groups, LANES // WIDTH):
-            own = _box_of(group * WIDTH + lane, triangle, image, cut, c, k)
-            box[c, k, group * WIDTH + lane] = own
+            own = _box_of(group * WIDTH + lane, triangle, points, cut)
+            boxes[group * WIDTH + lane] = own
             left = -warp_max(-own[0])
             right = warp_max(own[1])
             top = -warp_max(-own[2])
             bottom = warp_max(own[3])
             if lane == 0:
-                group_box[c, k, group] = wp.vec4i(left, right, top, bottom)
+                group_boxes[group] = wp.vec4i(left, right, top, bottom)
         sync()
         first_word = bounds[2] >> 5
         words = (bounds[3] >> 5) - first_word + 1
@@ -241,10 +242,12 @@ def _raycast_wide(
             packet.rows = wp.min(packet_rows, bounds[1] - packet.first_row + 1)
             if lane < packet.rows:
                 shared[packet.start + lane] = frozen_word(frozen, c, k, packet.first_row + lane, packet.word)
-            _cast(packet, warp * _QUEUE, lane, triangle, posed, image, box, group_box, cameras, cut, c, k, shared)
+            _cast(
+                packet, warp * _QUEUE, lane, triangle, posed[c], points, boxes, group_boxes, camera, width, cut, shared
+            )
             sync_warp()
             if lane < packet.rows:
-                hits = shared[packet.start + lane] & word_bits(0, cameras.size[k][0] - 1, packet.word)
+                hits = shared[packet.start + lane] & word_bits(0, width - 1, packet.word)
                 total += count_word(hits, cameras, frozen, c, k, packet.first_row + lane, packet.word)
     add_up(total, frozen, c, k, thread, part, parts, scratch, count)
 

@@ -53,7 +53,7 @@ def pinhole(cameras: Cameras, k: int) -> Pinhole:
 
 @wp.func
 def project_body(
-    posed: wp.array2d[wp.vec3],
+    posed: wp.array[wp.vec3],
     vertex: wp.array[wp.int32],
     cameras: Cameras,
     frozen: Frozen,
@@ -62,7 +62,7 @@ def project_body(
     lane: int,
     lanes: int,
     scratch: wp.array[wp.uint32],
-    image: wp.array3d[wp.vec2i],
+    points: wp.array[wp.vec2i],
 ) -> wp.vec4i:
     """Project the vertices and find the pixels that they may cover: all, where the near plane cuts the body."""
     camera = pinhole(cameras, k)
@@ -74,8 +74,8 @@ def project_body(
     left, right, top, bottom = int(_NOWHERE), int(_NOWHERE), int(_NOWHERE), int(_NOWHERE)
     for i in range(lane, vertex.shape[0], lanes):
         v = vertex[i]
-        at = project(posed[c, v], camera)
-        image[c, k, v] = at
+        at = project(posed[v], camera)
+        points[v] = at
         if is_behind(at):
             behind = 1
         else:

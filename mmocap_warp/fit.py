@@ -256,6 +256,7 @@ class _ShapeSearch:
             upright_base(space.up),
             task.rig,
             runs * max(optimizer.particles for optimizer in self._optimizers),
+            renderer="raster",
             shapes=space,
             device=device,
             threads=config.threads or available_threads(),

@@ -57,6 +57,7 @@ class FitConfig:
         finalists: headings that are refined.
         final_cycles: refinement cycles of all finalists.
         winner_cycles: further cycles of the best one.
+        winner_runs: independent runs of these; the best is the answer.
         cycle_evaluations: spent in a cycle on each.
         pose_prior: pull to the rest pose at the start, per squared prior standard deviation.
         shape_prior: pull to the starting body, per squared slider.
@@ -71,6 +72,7 @@ class FitConfig:
     finalists: int = 3
     final_cycles: int = 3
     winner_cycles: int = 16
+    winner_runs: int = 3
     cycle_evaluations: int = 4500
     pose_prior: float = 0.001
     shape_prior: float = 0.003
@@ -80,7 +82,10 @@ class FitConfig:
     def __post_init__(self) -> None:
         if self.scale is not None and not 0.0 < self.scale <= 1.0:
             raise ValueError(f"scale must be in (0, 1], got {self.scale}")
-        names = ("headings", "start_evaluations", "finalists", "final_cycles", "winner_cycles", "cycle_evaluations")
+        names = (
+            "headings", "start_evaluations", "finalists", "final_cycles", "winner_cycles", "winner_runs",
+            "cycle_evaluations",
+        )  # fmt: skip
         for name in names:
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
@@ -151,10 +156,12 @@ def fit_observation(
     coordinates, costs = _refine(task, coordinates[finalists], range(config.final_cycles))
     ranked = np.argsort(costs, kind="stable")
     margin = float(costs[ranked[1]] - costs[ranked[0]]) if len(costs) > 1 else float("nan")
-    coordinates, costs = _refine(task, coordinates[ranked[:1]], range(config.final_cycles, config.cycles))
+    winner = np.repeat(coordinates[ranked[:1]], config.winner_runs, axis=0)
+    coordinates, costs = _refine(task, winner, range(config.final_cycles, config.cycles))
+    best = int(np.argmin(costs))
     provenance = {f"fit.{name}": value for name, value in asdict(config).items() if value is not None}
-    found = {"fit.cost": float(costs[0]), "fit.margin": margin}
-    return task.space.subject(coordinates[0].astype(np.float64), provenance | found)
+    found = {"fit.cost": float(costs[best]), "fit.margin": margin}
+    return task.space.subject(coordinates[best].astype(np.float64), provenance | found)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Silhouettes by packets of rays on the CPU: the pixels of some rows of a 32-bit word share one traversal of a BVH.
+"""Silhouettes by packets of rays on the CPU: up to 256 x 128 pixels share one traversal of a BVH.
 
 The tree is built once over the rest pose; each candidate and camera refits its boxes, in the image, around the
 projected triangles that face the camera. A packet walks the tree once, marks the pixels that each triangle covers as
@@ -32,7 +32,9 @@ wp.set_module_options(
 )
 
 
-_ROWS = wp.constant(32)  # of a packet
+_ROWS = wp.constant(128)  # of a packet
+_WORDS = wp.constant(8)  # of a packet's rows
+_ALL = wp.constant(wp.uint32(0xFFFFFFFF))
 _EMPTY_LOW = wp.constant(2**29)
 _EMPTY_HIGH = wp.constant(-(2**29))
 
@@ -101,9 +103,10 @@ def _refit(
 
 @wp.struct
 class Packet:
-    """Rays through some rows of a word of pixels."""
+    """Rays through some rows of a few words of pixels."""
 
     word: int
+    words: int
     first_row: int
     rows: int
 
@@ -112,12 +115,18 @@ class Packet:
 def _hit(a: wp.vec2i, b: wp.vec2i, c: wp.vec2i, packet: Packet, bits: wp.array[wp.uint32]):
     """Mark the rays that hit a projected triangle."""
     left = packet.word * 32
-    if wp.max(a[0], wp.max(b[0], c[0])) < left * 16 or wp.min(a[0], wp.min(b[0], c[0])) >= (left + 31) * 16:
+    right = left + packet.words * 32 - 1
+    if wp.max(a[0], wp.max(b[0], c[0])) < left * 16 or wp.min(a[0], wp.min(b[0], c[0])) >= right * 16:
         return
     d = drop(a, b, c, packet.first_row, packet.first_row + packet.rows - 1)
     for row in range(d.first, d.last + 1):
         s = row_span(d, row)
-        bits[row - packet.first_row] |= word_bits(s[0], s[1], packet.word)
+        first = wp.max(s[0], left)
+        last = wp.min(s[1], right)
+        if first <= last:
+            at = (row - packet.first_row) * packet.words - packet.word
+            for word in range(first >> 5, (last >> 5) + 1):
+                bits[at + word] |= word_bits(first, last, word)
 
 
 @wp.func
@@ -147,15 +156,14 @@ def _cast(
     visible: wp.array[wp.uint8],
     box: wp.array[wp.vec4i],
     camera: Pinhole,
-    width: int,
     cut: bool,
     bits: wp.array[wp.uint32],
 ):
     """Cast a packet's rays that have not hit yet."""
     first_column = packet.word * 32
-    last_column = first_column + 31
+    last_column = first_column + packet.words * 32 - 1
     last_row = packet.first_row + packet.rows - 1
-    all_hit = word_bits(0, width - 1, packet.word)
+    rays = packet.rows * packet.words
     n = int(0)
     while n < tree.node.shape[0]:
         b = box[n]
@@ -177,10 +185,10 @@ def _cast(
                         _hit_clipped(v, posed, points, camera, packet, bits)
                     else:
                         _hit(points[v[0]], points[v[1]], points[v[2]], packet, bits)
-            full = all_hit
-            for row in range(packet.rows):
-                full = full & bits[row]
-            n = wp.where(full == all_hit, tree.node.shape[0], node[0])
+            hit = int(0)  # words of which all rays have hit
+            while hit < rays and bits[hit] == _ALL:
+                hit += 1
+            n = wp.where(hit == rays, tree.node.shape[0], node[0])
 
 
 @wp.kernel
@@ -211,14 +219,17 @@ def _raycast(
         for first_row in range(bounds[0], bounds[1] + 1, _ROWS):
             packet.first_row = first_row
             packet.rows = wp.min(_ROWS, bounds[1] - first_row + 1)
-            for word in range(bounds[2] >> 5, (bounds[3] >> 5) + 1):
+            for word in range(bounds[2] >> 5, (bounds[3] >> 5) + 1, _WORDS):
                 packet.word = word
+                packet.words = wp.min(_WORDS, (bounds[3] >> 5) + 1 - word)
                 for row in range(packet.rows):
-                    bits[row] = frozen_word(frozen, c, k, first_row + row, word)
-                _cast(packet, tree, posed[c], points, visible[c, k], box[c, k], camera, width, cut, bits)
-                inside = word_bits(0, width - 1, word)
+                    for w in range(packet.words):
+                        bits[row * packet.words + w] = frozen_word(frozen, c, k, first_row + row, word + w)
+                _cast(packet, tree, posed[c], points, visible[c, k], box[c, k], camera, cut, bits)
                 for row in range(packet.rows):
-                    total += count_word(bits[row] & inside, cameras, frozen, c, k, first_row + row, word)
+                    for w in range(packet.words):
+                        hits = bits[row * packet.words + w] & word_bits(0, width - 1, word + w)
+                        total += count_word(hits, cameras, frozen, c, k, first_row + row, word + w)
     add_up(total, frozen, c, k, 0, 0, 1, scratch, count)
 
 

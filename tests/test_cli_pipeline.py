@@ -151,7 +151,7 @@ EAGER = (
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
 def test_a_stopped_run_resumes_to_the_same_bits(how, scene, tmp_path, capfd):
     whole, stopped = tmp_path / "whole.usdc", tmp_path / "stopped.usdc"
-    flags = ["--quiet", "--evaluations", "600"]
+    flags = ["--quiet", "--evaluations", "6000"]  # so that it is not over before it is stopped
     assert cli.main(["track", str(scene), "-o", str(whole), *flags]) == exit_codes.OK
     command = ["track", str(scene), "-o", str(stopped), *flags]
     checkpoint = stopped.with_name("stopped.usdc.checkpoint")

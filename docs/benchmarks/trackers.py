@@ -33,8 +33,8 @@ def main() -> None:
     """Print the tables, one for each preset, budget and model."""
     read = read_results(Path(sys.argv[1]))
     results = {result.cell: result for result in read if isinstance(result, CellResult)}
-    groups = sorted({(cell.preset, cell.evaluations, -cell.dof) for cell in results}, key=lambda g: (g[0] == "paper", g))
-    for preset, evaluations, less in groups:
+    groups = {(cell.preset, cell.evaluations, -cell.dof) for cell in results}
+    for preset, evaluations, less in sorted(groups, key=lambda group: (group[0] == "paper", group)):
         print(f"\n### Preset `{preset}`, {evaluations} evaluations, {-less} DOF\n\n{HEAD}")
         for algorithm, name in ALGORITHM_NAMES.items():
             row = {

@@ -10,6 +10,9 @@ wp.set_module_options({"enable_backward": False})
 LANES = 256
 """Threads of a GPU block."""
 
+CPU_FLAGS = "-march=native -mllvm=-inline-threshold=9000 -fno-slp-vectorize"
+"""For kernels that draw: packing their short chains of integers into vectors cost ``raster`` a quarter."""
+
 WORDS = 10240
 """32-bit words that a block shares."""
 

@@ -36,26 +36,23 @@ def _cut(seen: wp.vec3, behind: wp.vec3, lens: wp.vec4) -> wp.vec2i:
 
 
 @wp.func
-def clip(
-    a: wp.vec2i,
-    b: wp.vec2i,
-    c: wp.vec2i,
-    p: wp.vec3,
-    q: wp.vec3,
-    r: wp.vec3,
-    camera: Pinhole,
-) -> Quad:
-    """What the near plane leaves of a triangle ``p, q, r`` in the world with image points ``a, b, c``.
+def clip(v: wp.vec3i, points: wp.array[wp.vec2i], posed: wp.array[wp.vec3], camera: Pinhole) -> Quad:
+    """What the near plane leaves of a triangle, given by its vertices' numbers: their image points, and ``posed`` [m].
 
     Where nothing is left, the points are ``BEHIND``.
     """
+    a = points[v[0]]
+    b = points[v[1]]
+    c = points[v[2]]
     behind = int(is_behind(a)) + int(is_behind(b)) + int(is_behind(c))
     if behind == 0:
         return _quad(a, b, c, c)
     if behind == 3:
         gone = wp.vec2i(BEHIND, BEHIND)
         return _quad(gone, gone, gone, gone)
-    x, y, z = into_camera(p, camera), into_camera(q, camera), into_camera(r, camera)
+    x = into_camera(posed[v[0]], camera)
+    y = into_camera(posed[v[1]], camera)
+    z = into_camera(posed[v[2]], camera)
     lens = camera.lens
     if behind == 2:
         if not is_behind(a):

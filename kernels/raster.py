@@ -11,15 +11,13 @@ and counts these with popcounts. A byte holds up to 127 layers.
 
 import warp as wp
 
-from mmocap_warp.kernels.block import LANES, WORDS, lanes_of, shared_words, sync
+from mmocap_warp.kernels.block import CPU_FLAGS, LANES, WORDS, lanes_of, shared_words, sync
 from mmocap_warp.kernels.coverage import crossing, edge, faces_camera, first_after, last_before, word_bits
 from mmocap_warp.kernels.near_plane import clip, corner
 from mmocap_warp.kernels.projection import Pinhole
-from mmocap_warp.kernels.silhouette import Cameras, Frozen, add_up, count_word, is_cut, pinhole, project_body
+from mmocap_warp.kernels.silhouette import Bounds, Cameras, Frozen, add_up, count_word, is_cut, pinhole, project_body
 
-wp.set_module_options(
-    {"enable_backward": False, "cpu_compiler_flags": "-march=native -mllvm=-inline-threshold=9000 -fno-slp-vectorize"}
-)
+wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": CPU_FLAGS})
 
 _NO_STEPS = wp.constant(wp.uint32(0x80808080))  # four pixels; a byte holds 128 + its step
 _NO_STEPS_OF_EIGHT = wp.constant(wp.uint64(0x8080808080808080))
@@ -47,7 +45,7 @@ class Band:
 
 
 @wp.func
-def _first_band(bounds: wp.vec4i) -> Band:
+def _first_band(bounds: Bounds) -> Band:
     band = Band()
     band.first_four = (bounds[2] >> 3) << 1  # two fours are read at a time
     band.last_four = ((bounds[3] >> 3) << 1) + 1
@@ -128,10 +126,7 @@ def _mark_clipped(
     """Mark what the near plane leaves of every triangle."""
     for t in range(lane, triangle.shape[0], lanes):
         v = triangle[t]
-        p = points[v[0]]
-        q = points[v[1]]
-        r = points[v[2]]
-        left = clip(p, q, r, posed[v[0]], posed[v[1]], posed[v[2]], camera)
+        left = clip(v, points, posed, camera)
         _mark_outline(corner(left, 0), corner(left, 1), corner(left, 2), band, steps)
         _mark_outline(corner(left, 0), corner(left, 2), corner(left, 3), band, steps)
 

@@ -12,7 +12,7 @@ A GPU's threads would each go their own way through such a tree: ``raycast_wide.
 
 import warp as wp
 
-from mmocap_warp.kernels.block import shared_words
+from mmocap_warp.kernels.block import CPU_FLAGS, shared_words
 from mmocap_warp.kernels.coverage import drop, faces_camera, is_behind, last_before, row_span, word_bits
 from mmocap_warp.kernels.near_plane import clip, corner
 from mmocap_warp.kernels.projection import Pinhole
@@ -27,10 +27,7 @@ from mmocap_warp.kernels.silhouette import (
     project_body,
 )
 
-wp.set_module_options(
-    {"enable_backward": False, "cpu_compiler_flags": "-march=native -mllvm=-inline-threshold=9000 -fno-slp-vectorize"}
-)
-
+wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": CPU_FLAGS})
 
 _ROWS = wp.constant(128)  # of a packet
 _WORDS = wp.constant(8)  # of a packet's rows
@@ -139,10 +136,7 @@ def _hit_clipped(
     bits: wp.array[wp.uint32],
 ):
     """Mark the rays that hit what the near plane leaves of a triangle."""
-    p = points[v[0]]
-    q = points[v[1]]
-    r = points[v[2]]
-    left = clip(p, q, r, posed[v[0]], posed[v[1]], posed[v[2]], camera)
+    left = clip(v, points, posed, camera)
     _hit(corner(left, 0), corner(left, 1), corner(left, 2), packet, bits)
     _hit(corner(left, 0), corner(left, 2), corner(left, 3), packet, bits)
 

@@ -27,7 +27,7 @@ wp.set_module_options({"enable_backward": False})
 WIDTH = 32
 """Boxes under a node, and lanes of a warp."""
 
-_ROWS = 32  # of a packet
+_ROWS = wp.constant(32)  # of a packet
 _QUEUE = wp.constant(2 * WIDTH)  # triangles that wait to be marked, a warp
 _BITS = wp.constant(LANES // WIDTH * 2 * WIDTH)  # where the packets' pixels begin in the shared words
 _FAR = wp.constant(2**29)
@@ -119,10 +119,7 @@ def _mark_clipped(
     shared: wp.array[wp.uint32],
 ):
     """Mark the rays that hit what the near plane leaves of a triangle."""
-    p = points[v[0]]
-    q = points[v[1]]
-    r = points[v[2]]
-    left = clip(p, q, r, posed[v[0]], posed[v[1]], posed[v[2]], camera)
+    left = clip(v, points, posed, camera)
     _mark(corner(left, 0), corner(left, 1), corner(left, 2), packet, shared)
     _mark(corner(left, 0), corner(left, 2), corner(left, 3), packet, shared)
 
@@ -198,7 +195,6 @@ def _raycast_wide(
     triangle: wp.array[wp.vec3i],  # (moved triangle,) in leaf order
     cameras: Cameras,
     frozen: Frozen,
-    packet_rows: int,
     parts: int,
     scratch: wp.array[wp.uint32],
     # out
@@ -233,13 +229,13 @@ def _raycast_wide(
         sync()
         first_word = bounds[2] >> 5
         words = (bounds[3] >> 5) - first_word + 1
-        packets = ((bounds[1] - bounds[0]) // packet_rows + 1) * words
+        packets = ((bounds[1] - bounds[0]) // _ROWS + 1) * words
         packet = Packet()
         packet.start = _BITS + warp * WIDTH
         for i in range(warp + part * (LANES // WIDTH), packets, parts * (LANES // WIDTH)):
             packet.word = first_word + i % words
-            packet.first_row = bounds[0] + i // words * packet_rows
-            packet.rows = wp.min(packet_rows, bounds[1] - packet.first_row + 1)
+            packet.first_row = bounds[0] + i // words * _ROWS
+            packet.rows = wp.min(_ROWS, bounds[1] - packet.first_row + 1)
             if lane < packet.rows:
                 shared[packet.start + lane] = frozen_word(frozen, c, k, packet.first_row + lane, packet.word)
             _cast(
@@ -263,7 +259,7 @@ def raycast_wide(posed, vertex, triangle, cameras, frozen, parts, scratch, image
     wp.launch(
         _raycast_wide,
         dim=(*count.shape, parts, LANES),
-        inputs=[posed, vertex, triangle, cameras, frozen, _ROWS, parts, scratch],
+        inputs=[posed, vertex, triangle, cameras, frozen, parts, scratch],
         outputs=[image, box, group_box, count],
         block_dim=LANES,
         device=count.device,

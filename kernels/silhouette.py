@@ -6,7 +6,7 @@ drawn once for all candidates. A block of lanes draws one candidate in one camer
 
 import warp as wp
 
-from mmocap_warp.kernels.block import shared_numbers, sync, warp_max, warp_sum
+from mmocap_warp.kernels.block import NUMBERS, shared_numbers, sync, warp_max, warp_sum
 from mmocap_warp.kernels.coverage import first_after, is_behind, last_before
 from mmocap_warp.kernels.projection import Pinhole, project
 
@@ -63,11 +63,11 @@ def project_body(
     lanes: int,
     scratch: wp.array[wp.uint32],
     points: wp.array[wp.vec2i],
-) -> wp.vec4i:
+) -> Bounds:
     """Project the vertices and find the pixels that they may cover: all, where the near plane cuts the body."""
     camera = pinhole(cameras, k)
     numbers = shared_numbers(scratch)
-    for i in range(lane, 8, lanes):
+    for i in range(lane, NUMBERS, lanes):
         numbers[i] = wp.where(i >= _LEFT and i <= _BOTTOM, _NOWHERE, 0)
     sync()
     behind = int(0)

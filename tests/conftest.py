@@ -14,7 +14,7 @@ import warp as wp
 from browser import find_browser
 
 # A browser is no package that the tests could ask for: without one, its tests are not collected. The header says so.
-collect_ignore = [] if find_browser() else ["test_study_report_browser.py"]
+collect_ignore = [] if find_browser() else ["study/test_report_browser.py"]
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 

@@ -6,12 +6,12 @@ import numpy as np
 import warp as wp
 from poisoned import poisoned
 
-from mmocap_warp.body import SkinMesh
-from mmocap_warp.cameras import CameraRig
-from mmocap_warp.kernels.pixel_rays import cast_pixels
-from mmocap_warp.kernels.projection import BEHIND, SUBPIXEL
-from mmocap_warp.observation import pack_masks, unpack_masks
-from mmocap_warp.silhouettes import FrozenArrays, Silhouettes, camera_arrays
+from mmocap_warp.body.model import SkinMesh
+from mmocap_warp.kernels.silhouettes.pixel_rays import cast_pixels
+from mmocap_warp.kernels.views.projection import BEHIND, SUBPIXEL
+from mmocap_warp.objective.silhouettes import FrozenArrays, Silhouettes, camera_arrays
+from mmocap_warp.views.observation import pack_masks, unpack_masks
+from mmocap_warp.views.rig import CameraRig
 
 
 class Drawing:

@@ -15,10 +15,10 @@ import ezc3d
 import numpy as np
 from synthetic import synthetic_body, synthetic_subject
 
-from mmocap_warp.body import JOINTS, Subject
-from mmocap_warp.cameras import CameraRig
-from mmocap_warp.posing import Poser
+from mmocap_warp.body.model import JOINTS, Subject
+from mmocap_warp.body.posing import Poser
 from mmocap_warp.synthesis.silhouettes import draw_silhouettes
+from mmocap_warp.views.rig import CameraRig
 
 SIZE = (160, 120)
 CAMERAS = ("C1", "C2", "C3", "BW1", "BW2", "BW3", "BW4")

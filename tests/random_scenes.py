@@ -11,12 +11,12 @@ from drawn import draw_bits
 from poisoned import poisoned
 from synthetic import ring_rig
 
-from mmocap_warp.body import FULL_DOF, BodyModel, Subject
-from mmocap_warp.cameras import CameraRig
-from mmocap_warp.kernels.kinematics import Affine, pose_joints
-from mmocap_warp.kernels.skinning import skin
-from mmocap_warp.observation import unpack_masks
-from mmocap_warp.posing import BodyArrays
+from mmocap_warp.body.model import FULL_DOF, BodyModel, Subject
+from mmocap_warp.body.posing import BodyArrays
+from mmocap_warp.kernels.body.kinematics import Affine, pose_joints
+from mmocap_warp.kernels.body.skinning import skin
+from mmocap_warp.views.observation import unpack_masks
+from mmocap_warp.views.rig import CameraRig
 
 _MIDDLE = np.array([0.0, 0.9, 0.0])  # of a standing person [m]
 ODD_SIZES = ((97, 61), (64, 48), (33, 75), (129, 8), (31, 40))  # [px], hardly a multiple of a word or a packet

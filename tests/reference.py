@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmocap_warp.body import PARENT, BodyModel, SkinMesh
+from mmocap_warp.body.model import PARENT, BodyModel, SkinMesh
 
 
 def rotation(axis: int, angle: float) -> np.ndarray:

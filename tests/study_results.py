@@ -7,10 +7,10 @@ from itertools import product
 
 import numpy as np
 
-from mmocap_warp.body import FULL_DOF
-from mmocap_warp.presets import PRESETS
+from mmocap_warp.body.model import FULL_DOF
 from mmocap_warp.study.cell import Cell, CellResult
 from mmocap_warp.study.paper import ALGORITHM_NAMES
+from mmocap_warp.tracking.presets import PRESETS
 
 SEQUENCES = tuple(f"{subject}/{action}" for action in ("Walking", "Gestures", "Box") for subject in ("S1", "S2", "S3"))
 _ERROR = dict(zip(ALGORITHM_NAMES, (0.022, 0.026, 0.027, 0.032, 0.038, 0.046, 0.060, 0.066), strict=True))  # [m]

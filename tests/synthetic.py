@@ -6,9 +6,9 @@ import itertools
 
 import numpy as np
 
-from mmocap_warp.body import FULL_DOF, JOINTS, PARENT, BodyModel, SkinMesh, Subject
-from mmocap_warp.cameras import CameraRig
-from mmocap_warp.result import TrackResult
+from mmocap_warp.body.model import FULL_DOF, JOINTS, PARENT, BodyModel, SkinMesh, Subject
+from mmocap_warp.result.track_result import TrackResult
+from mmocap_warp.views.rig import CameraRig
 
 _DROOP = np.deg2rad(30.0)  # the arms are bound in an A-pose, so that joint frames matter
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from tracked_motion import track_motion
 
-from mmocap_warp.algorithms import ALGORITHMS
 from mmocap_warp.optimizers.minimize import minimize
+from mmocap_warp.tracking.algorithms import ALGORITHMS
 
 ROOT = Path(__file__).resolve().parents[1]
 

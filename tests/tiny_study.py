@@ -6,8 +6,8 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-from mmocap_warp.body import Subject
-from mmocap_warp.formats.usd_body import write_subject
+from mmocap_warp.body.model import Subject
+from mmocap_warp.formats.usd.body import write_subject
 from mmocap_warp.scenes import ROOT
 from mmocap_warp.study.definition import load_study
 from mmocap_warp.study.engines.local import LocalEngine

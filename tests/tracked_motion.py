@@ -8,11 +8,11 @@ import numpy as np
 from random_scenes import perfect_masks
 from synthetic import ring_rig, synthetic_poses, synthetic_subject
 
-from mmocap_warp.body import degrees_of_freedom
-from mmocap_warp.observation import Observation
-from mmocap_warp.posing import Poser
-from mmocap_warp.result import TrackResult
-from mmocap_warp.tracker import TrackConfig, Tracker, track_observations
+from mmocap_warp.body.model import degrees_of_freedom
+from mmocap_warp.body.posing import Poser
+from mmocap_warp.result.track_result import TrackResult
+from mmocap_warp.tracking.tracker import TrackConfig, Tracker, track_observations
+from mmocap_warp.views.observation import Observation
 
 RIG = ring_rig(cameras=4, size=(160, 120))  # a pixel is 25 mm wide
 FPS = 60.0

@@ -32,11 +32,11 @@ def memory(field: str) -> float:
 
 def recording(frames: int):
     """The subject, the cameras, and the masks of each frame in turn."""
-    from mmocap_warp.body import Subject
-    from mmocap_warp.cameras import CameraRig, project
-    from mmocap_warp.overlay import silhouette
-    from mmocap_warp.posing import Poser
+    from mmocap_warp.body.model import Subject
+    from mmocap_warp.body.posing import Poser
+    from mmocap_warp.drawing.overlay import silhouette
     from mmocap_warp.synthesis.recording import walking
+    from mmocap_warp.views.rig import CameraRig, project
 
     walk = walking()
     angle = 2 * np.pi * np.arange(CAMERAS) / CAMERAS
@@ -72,9 +72,9 @@ def step_track(frames: int, evaluations: int, result: Path) -> Callable[[], obje
 
 
 def _track(frames: int, evaluations: int, path: Path) -> None:
-    from mmocap_warp.formats.usd_result import write_result
-    from mmocap_warp.observation import Observation
-    from mmocap_warp.tracker import TrackConfig, track_observations
+    from mmocap_warp.formats.usd.result import write_result
+    from mmocap_warp.tracking.tracker import TrackConfig, track_observations
+    from mmocap_warp.views.observation import Observation
 
     subject, rig, masks, _ = recording(frames)
     config = TrackConfig(evaluations=evaluations, device="cpu")
@@ -83,17 +83,17 @@ def _track(frames: int, evaluations: int, path: Path) -> None:
 
 def step_read(frames: int, evaluations: int, result: Path) -> Callable[[], object]:
     """Read the result."""
-    from mmocap_warp.formats.usd_result import read_result
+    from mmocap_warp.formats.usd.result import read_result
 
     return partial(read_result, result)
 
 
 def step_eval(frames: int, evaluations: int, result: Path) -> Callable[[], object]:
     """Judge it against truth."""
-    from mmocap_warp.body import JOINTS
-    from mmocap_warp.evaluation import evaluate
-    from mmocap_warp.formats.usd_result import read_result
-    from mmocap_warp.truth import Truth
+    from mmocap_warp.body.model import JOINTS
+    from mmocap_warp.formats.usd.result import read_result
+    from mmocap_warp.result.evaluation import evaluate
+    from mmocap_warp.result.truth import Truth
 
     tracked = read_result(result)
     _, _, _, poser = recording(1)
@@ -106,16 +106,16 @@ def step_eval(frames: int, evaluations: int, result: Path) -> Callable[[], objec
 
 def step_export(frames: int, evaluations: int, result: Path) -> Callable[[], object]:
     """Write its animation."""
-    from mmocap_warp.formats.usd_animation import export_animation
-    from mmocap_warp.formats.usd_result import read_result
+    from mmocap_warp.formats.usd.animation import export_animation
+    from mmocap_warp.formats.usd.result import read_result
 
     return partial(export_animation, read_result(result), result.with_name("animation.usdz"))
 
 
 def step_show(frames: int, evaluations: int, result: Path) -> Callable[[], object]:
     """Draw it over its masks."""
-    from mmocap_warp.formats.usd_result import read_result
-    from mmocap_warp.show import show
+    from mmocap_warp.drawing.show import show
+    from mmocap_warp.formats.usd.result import read_result
 
     tracked = read_result(result)
     _, _, masks, _ = recording(frames)

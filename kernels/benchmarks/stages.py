@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import warp as wp
 
-from mmocap_warp.body import FULL_DOF, degrees_of_freedom
+from mmocap_warp.body.model import FULL_DOF, degrees_of_freedom
+from mmocap_warp.body.posing import BodyArrays
 from mmocap_warp.kernels.benchmarks.case import Case, Check
-from mmocap_warp.kernels.cost import PAPER, cost_of_counts
-from mmocap_warp.kernels.kinematics import Affine
-from mmocap_warp.kernels.skinning import pose_vertices
-from mmocap_warp.posing import BodyArrays
-from mmocap_warp.renderers import RENDERERS
-from mmocap_warp.silhouettes import FrozenArrays, Silhouettes
-from mmocap_warp.strategy import hierarchical
+from mmocap_warp.kernels.body.kinematics import Affine
+from mmocap_warp.kernels.body.skinning import pose_vertices
+from mmocap_warp.kernels.silhouettes.cost import PAPER, cost_of_counts
+from mmocap_warp.objective.renderers import RENDERERS
+from mmocap_warp.objective.silhouettes import FrozenArrays, Silhouettes
+from mmocap_warp.tracking.strategy import hierarchical
 
 if TYPE_CHECKING:
     from mmocap_warp.bench.workload import Workload

@@ -9,12 +9,12 @@ import numpy as np
 import warp as wp
 
 from mmocap_warp.bench.workload import Workload
-from mmocap_warp.body import degrees_of_freedom
+from mmocap_warp.body.mesh_parts import moved_joints
+from mmocap_warp.body.model import degrees_of_freedom
 from mmocap_warp.kernels.benchmarks.case import Case, Check
-from mmocap_warp.moving import moved_joints
-from mmocap_warp.objective import Objective
-from mmocap_warp.renderers import RENDERERS
-from mmocap_warp.strategy import Part, hierarchical
+from mmocap_warp.objective.objective import Objective
+from mmocap_warp.objective.renderers import RENDERERS
+from mmocap_warp.tracking.strategy import Part, hierarchical
 
 EVALUATION, MOVING = "whole evaluation", "moving part"
 PIXELS_APART = 1e-4

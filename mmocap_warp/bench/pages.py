@@ -9,7 +9,7 @@ from mmocap_warp.bench.aims import aims_table
 from mmocap_warp.bench.growth import AXES
 from mmocap_warp.bench.plots import growth_lines, growth_plots, line_name, slope
 from mmocap_warp.bench.tables import Report, Table, heading, report_tables
-from mmocap_warp.formats.whole_file import write_whole
+from mmocap_warp.whole_file import write_whole
 
 PAGE = "results.md"
 

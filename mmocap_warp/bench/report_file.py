@@ -8,7 +8,7 @@ from typing import Any
 
 from mmocap_warp.bench.suite import FORMAT
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.whole_file import write_whole
+from mmocap_warp.whole_file import write_whole
 
 
 def write_report(path: Path, report: dict[str, Any]) -> None:

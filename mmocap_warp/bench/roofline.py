@@ -22,11 +22,11 @@ import numpy as np
 
 from mmocap_warp.bench.evaluations import EVALUATION
 from mmocap_warp.bench.workload import Workload
-from mmocap_warp.body import FULL_DOF, JOINTS
+from mmocap_warp.body.mesh_parts import mesh_edges
+from mmocap_warp.body.model import FULL_DOF, JOINTS
 from mmocap_warp.kernels.benchmarks.case import Measurement
 from mmocap_warp.kernels.benchmarks.ceilings import GROUP as CEILINGS
-from mmocap_warp.kernels.projection import SUBPIXEL
-from mmocap_warp.moving import mesh_edges
+from mmocap_warp.kernels.views.projection import SUBPIXEL
 
 # Operations, counted in the kernels' source.
 _JOINT = 330  # three angles' sines and cosines, their rotation, and seven products of 3 x 3 matrices

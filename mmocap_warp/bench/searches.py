@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from mmocap_warp.algorithms import ALGORITHMS
 from mmocap_warp.bench.workload import Workload
-from mmocap_warp.body import FULL_DOF, degrees_of_freedom
+from mmocap_warp.body.model import FULL_DOF, degrees_of_freedom
 from mmocap_warp.kernels.benchmarks.case import Case, Check, Measurement
 from mmocap_warp.kernels.benchmarks.timing import Timing, time_together
+from mmocap_warp.objective.renderers import RENDERERS
 from mmocap_warp.optimizers.protocol import Optimizer
-from mmocap_warp.renderers import RENDERERS
-from mmocap_warp.search import Search
-from mmocap_warp.strategy import Part, hierarchical, holistic
-from mmocap_warp.tracker import TrackConfig, Tracker, coordinate_limits
+from mmocap_warp.optimizers.search import Search
+from mmocap_warp.tracking.algorithms import ALGORITHMS
+from mmocap_warp.tracking.strategy import Part, hierarchical, holistic
+from mmocap_warp.tracking.tracker import TrackConfig, Tracker, coordinate_limits
 
 OPTIMIZER, GENERATION, FRAME = "ask and tell", "a generation", "a frame"
 COST_APART = 1e-5

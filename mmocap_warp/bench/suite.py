@@ -24,7 +24,7 @@ from mmocap_warp.bench.workload import Workload, workload
 from mmocap_warp.kernels.benchmarks.case import Case, Measurement, measure
 from mmocap_warp.kernels.benchmarks.ceilings import ceilings
 from mmocap_warp.kernels.benchmarks.stages import stages
-from mmocap_warp.tracker import versions
+from mmocap_warp.tracking.tracker import versions
 
 FORMAT = 1
 """Of a report; another number means other keys."""

@@ -8,15 +8,15 @@ from functools import cached_property
 import numpy as np
 import warp as wp
 
-from mmocap_warp.body import FULL_DOF, JOINTS, BodyModel, SkinMesh, Subject
-from mmocap_warp.cameras import CameraRig, project
-from mmocap_warp.formats.usd_body import read_body
-from mmocap_warp.mesh_decimation import decimate
-from mmocap_warp.objective import Objective
-from mmocap_warp.observation import Observation
-from mmocap_warp.overlay import silhouette
-from mmocap_warp.posing import Poser
+from mmocap_warp.bodies.decimation import decimate
+from mmocap_warp.body.model import FULL_DOF, JOINTS, BodyModel, SkinMesh, Subject
+from mmocap_warp.body.posing import Poser
+from mmocap_warp.drawing.overlay import silhouette
+from mmocap_warp.formats.usd.body import read_body
+from mmocap_warp.objective.objective import Objective
 from mmocap_warp.scenes import ROOT
+from mmocap_warp.views.observation import Observation
+from mmocap_warp.views.rig import CameraRig, project
 
 CAMERAS, SIZE = 7, (640, 480)
 _DISTANCE, _EYE, _MIDDLE = 4.15, 1.4, 0.9  # [m] of the cameras from the body, their height, and the height they look at

@@ -54,11 +54,11 @@ def make(
     force
         Replace a file that exists.
     """
-    from mmocap_warp.bodymaking import make_body
+    from mmocap_warp.bodies.making import make_body
     from mmocap_warp.cli.outputs import new_file
     from mmocap_warp.cli.settings import as_flag
-    from mmocap_warp.formats.usd_body import write_body
-    from mmocap_warp.formats.usd_file import USD_SUFFIXES
+    from mmocap_warp.formats.usd.body import write_body
+    from mmocap_warp.formats.usd.file import USD_SUFFIXES
 
     console = console or Console()
     new_file(output, *USD_SUFFIXES, force=force)

@@ -11,7 +11,7 @@ from mmocap_warp.cli.console import Console, Switch
 from mmocap_warp.cli.exit_codes import CHECK_FAILED, OK
 
 if TYPE_CHECKING:
-    from mmocap_warp.scene import Scene
+    from mmocap_warp.scene.recording import Scene
 
 _SEEN, _UNSEEN = 128, 64
 """Gray of foreground and background where a camera has no image."""
@@ -38,9 +38,9 @@ def cameras(
     """
     import numpy as np
 
-    from mmocap_warp.cameras import describe_rig
     from mmocap_warp.cli.outputs import new_folder
-    from mmocap_warp.scene import load_scene
+    from mmocap_warp.scene.recording import load_scene
+    from mmocap_warp.views.rig import describe_rig
 
     console = console or Console()
     loaded = load_scene(scene)
@@ -81,8 +81,8 @@ def cameras(
 def _draw_axes(scene: Scene, folder: Path) -> None:
     import numpy as np
 
-    from mmocap_warp.cameras import draw_world_axes
     from mmocap_warp.formats.png import write_png
+    from mmocap_warp.views.rig import draw_world_axes
 
     rig = scene.rig()
     images = next(scene.images(count=1))

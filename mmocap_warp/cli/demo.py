@@ -30,11 +30,11 @@ def demo(
     from mmocap_warp.cli.outputs import new_folder
     from mmocap_warp.cli.settings import effective
     from mmocap_warp.cli.track import Start, TrackFlags, track_scene
-    from mmocap_warp.evaluation import evaluate
-    from mmocap_warp.plot import plot_report
-    from mmocap_warp.scene import load_scene
+    from mmocap_warp.drawing.plot import plot_report
+    from mmocap_warp.result.evaluation import evaluate
+    from mmocap_warp.scene.recording import load_scene
     from mmocap_warp.scenes import ROOT
-    from mmocap_warp.tracker import TrackConfig
+    from mmocap_warp.tracking.tracker import TrackConfig
 
     console = console or Console()
     folder = new_folder(output, force=True)

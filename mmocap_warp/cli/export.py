@@ -31,8 +31,8 @@ def export(
     """
     from mmocap_warp.cli.devices import start_warp
     from mmocap_warp.cli.outputs import new_file
-    from mmocap_warp.formats.usd_animation import export_animation
-    from mmocap_warp.formats.usd_result import read_result
+    from mmocap_warp.formats.usd.animation import export_animation
+    from mmocap_warp.formats.usd.result import read_result
 
     console = console or Console()
     new_file(output, ".usda", ".usdc", ".usdz", force=force)

@@ -14,7 +14,7 @@ from mmocap_warp.cli.console import Console, Switch
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class FitFlags:
-    """Settings of :class:`mmocap_warp.fit.FitConfig`; what is not given comes from the scene's [fit] table."""
+    """Settings of :class:`mmocap_warp.tracking.fit.FitConfig`; what is not given comes from the scene's [fit] table."""
 
     seed: int | None = None
     """Of the random numbers. [default: 0]"""
@@ -57,10 +57,10 @@ def fit(
     from mmocap_warp.cli.outputs import new_file
     from mmocap_warp.cli.settings import describe, effective
     from mmocap_warp.cli.subjects import DEFAULT_BODY, body_named, fit_subject
-    from mmocap_warp.fit import FitConfig
-    from mmocap_warp.formats.usd_body import write_subject
-    from mmocap_warp.formats.usd_file import USD_SUFFIXES
-    from mmocap_warp.scene import load_scene
+    from mmocap_warp.formats.usd.body import write_subject
+    from mmocap_warp.formats.usd.file import USD_SUFFIXES
+    from mmocap_warp.scene.recording import load_scene
+    from mmocap_warp.tracking.fit import FitConfig
 
     console, flags = console or Console(), flags or FitFlags()
     new_file(output, *USD_SUFFIXES, force=force)

@@ -12,7 +12,7 @@ from cyclopts import Parameter
 from mmocap_warp.cli.console import Console, Switch
 
 if TYPE_CHECKING:
-    from mmocap_warp.humaneva import HumanEvaSequence
+    from mmocap_warp.formats.humaneva.sequence import HumanEvaSequence
 
 
 def humaneva(
@@ -49,8 +49,8 @@ def humaneva(
     import numpy as np
 
     from mmocap_warp.cli.outputs import new_folder
-    from mmocap_warp.humaneva import FIRST_FRAME, read_sequence
-    from mmocap_warp.humaneva_scene import write_scene
+    from mmocap_warp.formats.humaneva.scene_folder import write_scene
+    from mmocap_warp.formats.humaneva.sequence import FIRST_FRAME, read_sequence
 
     console = console or Console()
     sequence = read_sequence(root, subject, action, FIRST_FRAME if first is None else first, last)

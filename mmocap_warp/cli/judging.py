@@ -10,9 +10,9 @@ from mmocap_warp.cli.console import Console, table
 from mmocap_warp.errors import InputError
 
 if TYPE_CHECKING:
-    from mmocap_warp.result import TrackResult
-    from mmocap_warp.scene import Scene
-    from mmocap_warp.truth import Truth
+    from mmocap_warp.result.track_result import TrackResult
+    from mmocap_warp.result.truth import Truth
+    from mmocap_warp.scene.recording import Scene
 
 _DRAWN_LENGTH = 800
 """The longer side of the images that a result is drawn over, at least, where the recording has it [px]."""
@@ -29,7 +29,7 @@ def scene_of(result: TrackResult, path: Path, named: Path | None) -> Scene | Non
     Raises:
         InputError: the scene is wrong, or is no longer where the result says.
     """
-    from mmocap_warp.scene import load_scene
+    from mmocap_warp.scene.recording import load_scene
 
     if named is not None:
         return load_scene(named)
@@ -43,7 +43,7 @@ def scene_of(result: TrackResult, path: Path, named: Path | None) -> Scene | Non
 
 def truth_of(scene: Scene | None) -> Truth | None:
     """The truth that the scene names."""
-    from mmocap_warp.truth import load_truth
+    from mmocap_warp.result.truth import load_truth
 
     if scene is None or scene.truth is None:
         return None
@@ -51,7 +51,7 @@ def truth_of(scene: Scene | None) -> Truth | None:
 
 
 def summary(report: dict[str, Any]) -> str:
-    """The headline numbers of :func:`mmocap_warp.evaluation.evaluate` for people."""
+    """The headline numbers of :func:`mmocap_warp.result.evaluation.evaluate` for people."""
     rows = [
         ("frames", f"{report['frames']} ({report['lost']} lost, {report['partial']} with a view lost)"),
         ("runs", str(report["runs"])),
@@ -82,7 +82,7 @@ def draw_result(result: TrackResult, scene: Scene | None, video: Path, sheet: Pa
     Masks are those that were tracked; images may be larger, so that a result of small masks can still be judged.
     """
     from mmocap_warp.cli.progress import Progress
-    from mmocap_warp.show import show
+    from mmocap_warp.drawing.show import show
 
     frames = len(result.frame_numbers)
     images = masks = None

@@ -35,7 +35,7 @@ def show(
     from mmocap_warp.cli.devices import start_warp
     from mmocap_warp.cli.judging import draw_result, scene_of
     from mmocap_warp.cli.outputs import new_file
-    from mmocap_warp.formats.usd_result import read_result
+    from mmocap_warp.formats.usd.result import read_result
 
     console = console or Console()
     video = new_file(output or result.with_suffix(".webm"), ".webm", force=force)

@@ -10,9 +10,9 @@ from mmocap_warp.cli.progress import Progress
 from mmocap_warp.errors import InputError
 
 if TYPE_CHECKING:
-    from mmocap_warp.body import BodyModel, Subject
-    from mmocap_warp.fit import FitConfig
-    from mmocap_warp.scene import Scene
+    from mmocap_warp.body.model import BodyModel, Subject
+    from mmocap_warp.scene.recording import Scene
+    from mmocap_warp.tracking.fit import FitConfig
 
 DEFAULT_BODY = "adult_man"
 """Where a fit starts if neither a flag nor the scene says."""
@@ -24,7 +24,7 @@ def body_named(name: str | Path, source: object) -> BodyModel:
     Raises:
         InputError: neither; ``source`` is where the name stands.
     """
-    from mmocap_warp.formats.usd_body import read_body
+    from mmocap_warp.formats.usd.body import read_body
     from mmocap_warp.scenes import ROOT
 
     if Path(name).suffix:
@@ -42,7 +42,7 @@ def fit_subject(scene: Scene, body: BodyModel, config: FitConfig, console: Conso
     Raises:
         InputError: the first frame's masks do not show one subject.
     """
-    from mmocap_warp.fit import fit
+    from mmocap_warp.tracking.fit import fit
 
     with Progress("fit", None, quiet=console.quiet) as progress:
         return fit(scene, body, config, lambda stage, done, cost: progress(round(100 * done), 100))

@@ -13,16 +13,16 @@ from mmocap_warp.cli.exit_codes import UsageError
 from mmocap_warp.errors import InputError
 
 if TYPE_CHECKING:
-    from mmocap_warp.body import Subject
-    from mmocap_warp.result import TrackResult
-    from mmocap_warp.scene import Scene
-    from mmocap_warp.tracker import TrackConfig
+    from mmocap_warp.body.model import Subject
+    from mmocap_warp.result.track_result import TrackResult
+    from mmocap_warp.scene.recording import Scene
+    from mmocap_warp.tracking.tracker import TrackConfig
 
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class TrackFlags:
-    """Settings of :class:`mmocap_warp.tracker.TrackConfig`; what is not given comes from the scene's [track] table."""
+    """Settings of a ``TrackConfig``; what is not given comes from the scene's [track] table."""
 
     algorithm: str | None = None
     """cmaes, de, pso or apf; or h-cmaes, h-de, h-pso or psapf, which search part by part. [default: h-cmaes]"""
@@ -86,10 +86,10 @@ def track(
     from mmocap_warp.cli.judging import summary, truth_of
     from mmocap_warp.cli.outputs import new_file
     from mmocap_warp.cli.settings import effective
-    from mmocap_warp.evaluation import evaluate
-    from mmocap_warp.formats.usd_file import USD_SUFFIXES
-    from mmocap_warp.scene import load_scene
-    from mmocap_warp.tracker import TrackConfig
+    from mmocap_warp.formats.usd.file import USD_SUFFIXES
+    from mmocap_warp.result.evaluation import evaluate
+    from mmocap_warp.scene.recording import load_scene
+    from mmocap_warp.tracking.tracker import TrackConfig
 
     console, flags = console or Console(), flags or TrackFlags()
     if resume and force:
@@ -135,9 +135,9 @@ def track_scene(scene: Scene, config: TrackConfig, output: Path, start: Start, c
     from mmocap_warp.cli.judging import scene_reference
     from mmocap_warp.cli.progress import Progress
     from mmocap_warp.cli.settings import describe
-    from mmocap_warp.formats.usd_result import read_result, write_result
-    from mmocap_warp.tracker import FrameAnswer
-    from mmocap_warp.tracker import track as track_frames
+    from mmocap_warp.formats.usd.result import read_result, write_result
+    from mmocap_warp.tracking.tracker import FrameAnswer
+    from mmocap_warp.tracking.tracker import track as track_frames
 
     checkpoint = output.with_name(f"{output.name}.checkpoint")
     if start.resume and output.exists() and not checkpoint.exists():
@@ -171,7 +171,7 @@ def _kept_subject(output: Path) -> Path:
 
 def _named_subject(scene: Scene, output: Path, start: Start) -> Subject | None:
     """The subject that a flag or the scene names, or that the run to be resumed has fitted."""
-    from mmocap_warp.formats.usd_body import read_subject
+    from mmocap_warp.formats.usd.body import read_subject
 
     named = start.subject or (None if start.body else scene.subject)
     if named is None and start.resume and _kept_subject(output).exists():
@@ -184,8 +184,8 @@ def _fitted_subject(scene: Scene, config: TrackConfig, output: Path, start: Star
     from mmocap_warp.cli.fit import FitFlags
     from mmocap_warp.cli.settings import describe, effective
     from mmocap_warp.cli.subjects import DEFAULT_BODY, body_named, fit_subject
-    from mmocap_warp.fit import FitConfig
-    from mmocap_warp.formats.usd_body import read_subject, write_subject
+    from mmocap_warp.formats.usd.body import read_subject, write_subject
+    from mmocap_warp.tracking.fit import FitConfig
 
     flags = FitFlags(device=config.device, threads=config.threads)
     fit = effective(FitConfig, scene.path, "fit", scene.fit, flags)

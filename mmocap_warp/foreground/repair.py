@@ -5,8 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from mmocap_warp.cameras import CameraRig
-from mmocap_warp.hull import meeting_point
+from mmocap_warp.views.rig import CameraRig
+from mmocap_warp.views.visual_hull import meeting_point
 
 # A gap or dent up to so wide is filled where the other views' hull is so thick along its rays [m, m]. A narrow one may
 # be in a limb. A wide one, or a hole that is enclosed, can only be in the trunk: less is the phantom volume that few

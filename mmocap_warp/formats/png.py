@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.whole_file import write_whole
+from mmocap_warp.whole_file import write_whole
 
 _MASK_SETTINGS = (cv2.IMWRITE_PNG_BILEVEL, 1, cv2.IMWRITE_PNG_COMPRESSION, 9)
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from mmocap_warp.kernels import annealed_filter as kernels
-from mmocap_warp.kernels.populations import scatter
+from mmocap_warp.kernels.optimizers import annealed_filter as kernels
+from mmocap_warp.kernels.optimizers.populations import scatter
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from mmocap_warp.kernels import cma_es as kernels
-from mmocap_warp.kernels.populations import scatter
+from mmocap_warp.kernels.optimizers import cma_es as kernels
+from mmocap_warp.kernels.optimizers.populations import scatter
 from mmocap_warp.optimizers.protocol import whole_generations
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from mmocap_warp.kernels import de as kernels
+from mmocap_warp.kernels.optimizers import de as kernels
 from mmocap_warp.optimizers.protocol import whole_generations
 
 

@@ -10,7 +10,7 @@ import warp as wp
 
 from mmocap_warp.optimizers.cma_es import CmaEs
 from mmocap_warp.optimizers.protocol import Optimizer
-from mmocap_warp.search import Search
+from mmocap_warp.optimizers.search import Search
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from mmocap_warp.kernels import pso as kernels
+from mmocap_warp.kernels.optimizers import pso as kernels
 from mmocap_warp.optimizers.protocol import whole_generations
 
 

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from mmocap_warp.body import FULL_DOF
+from mmocap_warp.body.model import FULL_DOF
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.whole_file import write_whole
+from mmocap_warp.whole_file import write_whole
 
 PER_FRAME: tuple[str, ...] = ("marker_error", "joint_error", "mpjpe", "pa_mpjpe", "iou")
 """What is measured in every frame of every run."""
@@ -41,10 +41,10 @@ class Cell:
 
     Attributes:
         sequence: what is tracked, such as ``S1/Walking``.
-        algorithm: a key of ``mmocap_warp.algorithms.ALGORITHMS``.
+        algorithm: a key of ``mmocap_warp.tracking.algorithms.ALGORITHMS``.
         dof: degrees of freedom of the tracked body.
         evaluations: budget per frame.
-        preset: where the search radii come from, a key of ``mmocap_warp.presets.PRESETS``.
+        preset: where the search radii come from, a key of ``mmocap_warp.tracking.presets.PRESETS``.
     """
 
     sequence: str

@@ -11,11 +11,11 @@ from datetime import UTC, datetime
 import numpy as np
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.observation import Observation
 from mmocap_warp.study.cell import Cell, CellResult
 from mmocap_warp.study.metrics import measure
 from mmocap_warp.study.source import Clip, OpenClip, clip_facts, open_clip
-from mmocap_warp.tracker import FrameAnswer, TrackConfig, Tracker, collect, resolve_device
+from mmocap_warp.tracking.tracker import FrameAnswer, TrackConfig, Tracker, collect, resolve_device
+from mmocap_warp.views.observation import Observation
 
 _SECONDS_BETWEEN_REPORTS = 0.5
 _SAME = "give all machines the same files and version; if they have changed since, run the study again"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mmocap_warp.body import JOINTS
-from mmocap_warp.pose_errors import (
+from mmocap_warp.body.model import JOINTS
+from mmocap_warp.result.pose_errors import (
     HEAD_TOP,
     HUMANEVA_JOINTS,
     LIMB_ENDS,
@@ -20,8 +20,8 @@ from mmocap_warp.pose_errors import (
     on_all_frames,
     skin_positions,
 )
-from mmocap_warp.result import STATUS, TrackResult
-from mmocap_warp.truth import Truth
+from mmocap_warp.result.track_result import STATUS, TrackResult
+from mmocap_warp.result.truth import Truth
 
 _SOLE_THICKNESS = 0.02  # [m] of the foot that counts as its sole, from the lowest vertex up
 _FRAMES_AT_ONCE = 1024  # a sole has some hundred vertices
@@ -36,7 +36,7 @@ def measure(result: TrackResult, truth: Truth | None) -> tuple[Metrics, Metrics]
         Per frame, (run, frame) float32 each; errors are NaN where the truth says nothing, and everywhere without
         truth:
 
-        - ``marker_error``: Eq. 20 [m], see :func:`mmocap_warp.pose_errors.marker_error`;
+        - ``marker_error``: Eq. 20 [m], see :func:`mmocap_warp.result.pose_errors.marker_error`;
         - ``joint_error``: mean distance over ``HUMANEVA_JOINTS`` [m], as far as the truth names them;
         - ``mpjpe``: the same over the twelve joints of the limbs [m];
         - ``pa_mpjpe``: that after the best similarity transform of each frame [m];

@@ -11,7 +11,6 @@ from pathlib import Path
 from string import Template
 
 import mmocap_warp
-from mmocap_warp.formats.whole_file import write_whole
 from mmocap_warp.study.cell import CellResult
 from mmocap_warp.study.report_sections import (
     Section,
@@ -35,6 +34,7 @@ from mmocap_warp.study.sequences import PLANS
 from mmocap_warp.study.source import Clip
 from mmocap_warp.study.summary import StudySummary
 from mmocap_warp.study.tables import by_algorithm
+from mmocap_warp.whole_file import write_whole
 
 
 def render(study: StudySummary, clips: Mapping[str, Clip], notes: Sequence[str] = ()) -> str:

@@ -9,15 +9,15 @@ from itertools import islice
 import cv2
 import numpy as np
 
-from mmocap_warp.body import JOINTS, PARENT, Subject
-from mmocap_warp.cameras import CameraRig, project
-from mmocap_warp.observation import Observation, unpack_masks
-from mmocap_warp.overlay import Window, silhouette
-from mmocap_warp.posing import Poser
+from mmocap_warp.body.model import JOINTS, PARENT, Subject
+from mmocap_warp.body.posing import Poser
+from mmocap_warp.drawing.overlay import Window, silhouette
 from mmocap_warp.study.source import Clip, open_clip
 from mmocap_warp.study.summary import CellSummary, Measure, StudySummary
 from mmocap_warp.study.svg import figure, outline, polyline
 from mmocap_warp.study.tables import Ranking
+from mmocap_warp.views.observation import Observation, unpack_masks
+from mmocap_warp.views.rig import CameraRig, project
 
 _SIZE = (360, 480)
 _MARGIN = 1.12  # of the window around what is drawn

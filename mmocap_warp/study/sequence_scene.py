@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from mmocap_warp.formats.usd_body import write_subject
-from mmocap_warp.formats.whole_file import write_whole
+from mmocap_warp.formats.usd.body import write_subject
 from mmocap_warp.study.sequences import StudySequence
 from mmocap_warp.synthesis.writing import camera_tables, write_images, write_known
+from mmocap_warp.whole_file import write_whole
 
 _SCENE = """\
 # {name} of the study's shipped sequences, made up with known truth.

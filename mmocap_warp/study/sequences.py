@@ -13,11 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from mmocap_warp.body import JOINTS, BodyModel, Subject
-from mmocap_warp.cameras import CameraRig
-from mmocap_warp.observation import Observation
-from mmocap_warp.pose_errors import HEAD_TOP, head_top
-from mmocap_warp.shape_space import heading_rotation, upright_base
+from mmocap_warp.body.model import JOINTS, BodyModel, Subject
+from mmocap_warp.body.shape_space import heading_rotation, upright_base
+from mmocap_warp.result.pose_errors import HEAD_TOP, head_top
+from mmocap_warp.result.truth import Truth
 from mmocap_warp.synthesis.boxing import ROUNDS, boxing
 from mmocap_warp.synthesis.footage import Footage
 from mmocap_warp.synthesis.gait import Walk
@@ -27,7 +26,8 @@ from mmocap_warp.synthesis.retarget import read_clip, retargeted
 from mmocap_warp.synthesis.rotations import turn, zyx_angles
 from mmocap_warp.synthesis.segmentation import Contrast
 from mmocap_warp.synthesis.subjects import PEOPLE, fitted_start
-from mmocap_warp.truth import Truth
+from mmocap_warp.views.observation import Observation
+from mmocap_warp.views.rig import CameraRig
 
 FPS = 60.0
 MARKER_NOISE = 0.002
@@ -187,7 +187,7 @@ def clip_sequence(
     Args:
         name: of the sequence whose person and cameras are taken.
         clip: a ``.bvh`` or ``.amc`` file.
-        skeleton: the ``.asf`` of an ``.amc``; see :func:`mmocap_warp.formats.amc.read_amc`.
+        skeleton: the ``.asf`` of an ``.amc``; see :func:`mmocap_warp.formats.motion.amc.read_amc`.
         markers: the ``.c3d`` of the same take, whose real marker paths then are the truth; they were on another
             person, so even the true body at its true poses errs.
 

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from mmocap_warp.pose_errors import nanmean
+from mmocap_warp.result.pose_errors import nanmean
 from mmocap_warp.study.cell import Cell, CellResult
 from mmocap_warp.study.paper import ALGORITHM_NAMES
 

@@ -7,12 +7,12 @@ from functools import cached_property
 
 import numpy as np
 
-from mmocap_warp.body import JOINTS, BodyModel
-from mmocap_warp.cameras import CameraRig
-from mmocap_warp.observation import Observation
+from mmocap_warp.body.model import JOINTS, BodyModel
 from mmocap_warp.synthesis.outlines import Surface, fill
 from mmocap_warp.synthesis.segmentation import Contrast, Patch, segment
 from mmocap_warp.synthesis.skinned import SkinnedBody, joint_transforms
+from mmocap_warp.views.observation import Observation
+from mmocap_warp.views.rig import CameraRig
 
 _LIGHT = np.array([0.45, -0.3, -1.0])  # where the lamps shine to
 _SHADOWED = tuple(JOINTS.index(name) for name in ("LKnee", "LAnkle", "RKnee", "RAnkle"))  # shanks and feet

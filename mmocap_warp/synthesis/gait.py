@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from mmocap_warp.body import FULL_DOF, JOINTS, BodyModel
+from mmocap_warp.body.model import FULL_DOF, JOINTS, BodyModel
 from mmocap_warp.synthesis import gait_curves as curves
 from mmocap_warp.synthesis.limbs import TRUNK, Leg, hanging_arm, trunk_angles
 from mmocap_warp.synthesis.rotations import applied, transposed, turn, zyx_angles

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmocap_warp.body import JOINTS, BodyModel
+from mmocap_warp.body.model import JOINTS, BodyModel
 from mmocap_warp.synthesis.rotations import applied, transposed, turn, zyx_angles
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mmocap_warp.body import FULL_DOF, JOINTS, BodyModel
+from mmocap_warp.body.model import FULL_DOF, JOINTS, BodyModel
 from mmocap_warp.synthesis.arm import Arm
 from mmocap_warp.synthesis.limbs import TRUNK, Leg, trunk_angles
 from mmocap_warp.synthesis.rotations import applied, continuous_zyx_angles, transposed, turn, zyx_angles

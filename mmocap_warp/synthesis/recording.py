@@ -7,17 +7,17 @@ from functools import cached_property
 
 import numpy as np
 
-from mmocap_warp.body import JOINTS, BodyModel
-from mmocap_warp.cameras import CameraRig
-from mmocap_warp.posing import Poser
-from mmocap_warp.shape_space import heading_rotation, upright_base
+from mmocap_warp.body.model import JOINTS, BodyModel
+from mmocap_warp.body.posing import Poser
+from mmocap_warp.body.shape_space import heading_rotation, upright_base
+from mmocap_warp.result.truth import Truth
 from mmocap_warp.synthesis.faults import Faults, spoil
 from mmocap_warp.synthesis.gait import Walk
 from mmocap_warp.synthesis.gait_curves import CADENCE
 from mmocap_warp.synthesis.placing import placed_camera
 from mmocap_warp.synthesis.silhouettes import draw_silhouettes
 from mmocap_warp.synthesis.walker import walker
-from mmocap_warp.truth import Truth
+from mmocap_warp.views.rig import CameraRig
 
 FRAMES, FPS = 64, 60.0
 _HEADING = 0.6  # of the walk in the world, halfway [rad]

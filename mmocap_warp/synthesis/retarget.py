@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from mmocap_warp.body import FULL_DOF, JOINTS, BodyModel
+from mmocap_warp.body.model import FULL_DOF, JOINTS, BodyModel
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.amc import read_amc, with_markers
-from mmocap_warp.formats.bvh import read_bvh
-from mmocap_warp.formats.clip import MotionClip
+from mmocap_warp.formats.motion.amc import read_amc, with_markers
+from mmocap_warp.formats.motion.bvh import read_bvh
+from mmocap_warp.formats.motion.clip import MotionClip
 from mmocap_warp.synthesis.limbs import leg_length
 from mmocap_warp.synthesis.posture import Posture
 from mmocap_warp.synthesis.skinned import SkinnedBody, joint_transforms
@@ -43,8 +43,8 @@ def read_clip(path: str | Path, skeleton: str | Path | None = None, markers: str
 
     Args:
         path: the motion.
-        skeleton: see :func:`mmocap_warp.formats.amc.read_amc`.
-        markers: see :func:`mmocap_warp.formats.amc.with_markers`.
+        skeleton: see :func:`mmocap_warp.formats.motion.amc.read_amc`.
+        markers: see :func:`mmocap_warp.formats.motion.amc.with_markers`.
 
     Raises:
         InputError: another ending, or a file that is missing or wrong.

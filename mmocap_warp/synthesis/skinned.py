@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mmocap_warp.body import JOINTS, PARENT, BodyModel
+from mmocap_warp.body.model import JOINTS, PARENT, BodyModel
 from mmocap_warp.synthesis.rotations import turn
 
 

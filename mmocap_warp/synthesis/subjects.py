@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmocap_warp.body import JOINTS, BodyModel, Subject, degrees_of_freedom
-from mmocap_warp.formats.usd_body import read_body
+from mmocap_warp.body.model import JOINTS, BodyModel, Subject, degrees_of_freedom
+from mmocap_warp.formats.usd.body import read_body
 from mmocap_warp.scenes import ROOT
 from mmocap_warp.synthesis.skinned import joint_transforms
 from mmocap_warp.synthesis.walker import stretched

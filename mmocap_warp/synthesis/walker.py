@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from mmocap_warp.body import BodyModel
-from mmocap_warp.formats.usd_body import read_body
+from mmocap_warp.body.model import BodyModel
+from mmocap_warp.formats.usd.body import read_body
 from mmocap_warp.scenes import ROOT
 
 BASE = "adult_woman"

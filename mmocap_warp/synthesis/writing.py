@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from mmocap_warp.cameras import CameraRig
 from mmocap_warp.errors import InputError
+from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.png import write_png
-from mmocap_warp.formats.toml_rig import write_toml_rig
-from mmocap_warp.formats.usd_truth import write_truth
-from mmocap_warp.formats.whole_file import write_whole
+from mmocap_warp.formats.usd.truth import write_truth
+from mmocap_warp.result.truth import Truth
 from mmocap_warp.synthesis.recording import Recording
-from mmocap_warp.truth import Truth
+from mmocap_warp.views.rig import CameraRig
+from mmocap_warp.whole_file import write_whole
 
 _SCENE = """\
 # A person walking along part of a circle, made up with known truth. See README.md.

@@ -1,0 +1,1 @@
+"""Populations: how each optimizer draws and learns."""

@@ -1,0 +1,1 @@
+"""From vertices and masks to counts and costs."""

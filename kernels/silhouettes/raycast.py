@@ -1,0 +1,241 @@
+"""Silhouettes by packets of rays on the CPU: up to 256 x 128 pixels share one traversal of a BVH.
+
+The tree is built once over the rest pose; each candidate and camera refits its boxes, in the image, around the
+projected triangles that face the camera. A packet walks the tree once, marks the pixels that each triangle covers as
+bits, stops when all its rays have hit, and is counted against the observed mask in place: no image is ever stored.
+
+A node is ``(skip, first, count)``: where to go when its box is missed, and for a leaf its run of triangles. Nodes
+stand in depth-first order, so the next node is the first child, and boxes can be fitted from the last to the first.
+
+A GPU's threads would each go their own way through such a tree: ``raycast_wide.py`` is for them.
+"""
+
+import warp as wp
+
+from mmocap_warp.kernels.block import CPU_FLAGS, shared_words
+from mmocap_warp.kernels.silhouettes.counting import (
+    Cameras,
+    Frozen,
+    add_up,
+    count_word,
+    frozen_word,
+    is_cut,
+    pinhole,
+    project_body,
+)
+from mmocap_warp.kernels.silhouettes.coverage import drop, faces_camera, is_behind, last_before, row_span, word_bits
+from mmocap_warp.kernels.views.near_plane import clip, corner
+from mmocap_warp.kernels.views.projection import Pinhole
+
+wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": CPU_FLAGS})
+
+_ROWS = wp.constant(128)  # of a packet
+_WORDS = wp.constant(8)  # of a packet's rows
+_ALL = wp.constant(wp.uint32(0xFFFFFFFF))
+_EMPTY_LOW = wp.constant(2**29)
+_EMPTY_HIGH = wp.constant(-(2**29))
+
+
+@wp.struct
+class Tree:
+    """A BVH over triangles; see :class:`mmocap_warp.objective.bvh.Bvh`."""
+
+    node: wp.array[wp.vec3i]  # (node,)
+    triangle: wp.array[wp.vec3i]  # (triangle,) in leaf order
+
+
+@wp.func
+def _leaf_box(
+    node: wp.vec3i,
+    tree: Tree,
+    points: wp.array[wp.vec2i],
+    cut: bool,
+    visible: wp.array[wp.uint8],
+) -> wp.vec4i:
+    """The box of a leaf's visible triangles, which are noted: those that face the camera, or all where it is cut."""
+    box = wp.vec4i(_EMPTY_LOW, _EMPTY_LOW, _EMPTY_HIGH, _EMPTY_HIGH)
+    for t in range(node[1], node[1] + node[2]):
+        v = tree.triangle[t]
+        p = points[v[0]]
+        q = points[v[1]]
+        r = points[v[2]]
+        is_visible = cut or faces_camera(p, q, r)
+        visible[t] = wp.uint8(is_visible)
+        if cut and (is_behind(p) or is_behind(q) or is_behind(r)):
+            box = wp.vec4i(_EMPTY_HIGH, _EMPTY_HIGH, _EMPTY_LOW, _EMPTY_LOW)  # clipped points may lie anywhere
+        elif is_visible:
+            box = wp.vec4i(
+                wp.min(box[0], wp.min(p[0], wp.min(q[0], r[0]))),
+                wp.min(box[1], wp.min(p[1], wp.min(q[1], r[1]))),
+                wp.max(box[2], wp.max(p[0], wp.max(q[0], r[0]))),
+                wp.max(box[3], wp.max(p[1], wp.max(q[1], r[1]))),
+            )
+    return box
+
+
+@wp.func
+def _refit(
+    tree: Tree,
+    points: wp.array[wp.vec2i],
+    cut: bool,
+    visible: wp.array[wp.uint8],
+    box: wp.array[wp.vec4i],
+):
+    """Fit the boxes of a candidate and camera around its triangles."""
+    for i in range(tree.node.shape[0]):
+        n = tree.node.shape[0] - 1 - i
+        node = tree.node[n]
+        if node[2] > 0:
+            box[n] = _leaf_box(node, tree, points, cut, visible)
+        else:
+            left = box[n + 1]
+            right = box[tree.node[n + 1][0]]
+            box[n] = wp.vec4i(
+                wp.min(left[0], right[0]),
+                wp.min(left[1], right[1]),
+                wp.max(left[2], right[2]),
+                wp.max(left[3], right[3]),
+            )
+
+
+@wp.struct
+class Packet:
+    """Rays through some rows of a few words of pixels."""
+
+    word: int
+    words: int
+    first_row: int
+    rows: int
+
+
+@wp.func
+def _hit(a: wp.vec2i, b: wp.vec2i, c: wp.vec2i, packet: Packet, bits: wp.array[wp.uint32]):
+    """Mark the rays that hit a projected triangle."""
+    left = packet.word * 32
+    right = left + packet.words * 32 - 1
+    if wp.max(a[0], wp.max(b[0], c[0])) < left * 16 or wp.min(a[0], wp.min(b[0], c[0])) >= right * 16:
+        return
+    d = drop(a, b, c, packet.first_row, packet.first_row + packet.rows - 1)
+    for row in range(d.first, d.last + 1):
+        s = row_span(d, row)
+        first = wp.max(s[0], left)
+        last = wp.min(s[1], right)
+        if first <= last:
+            at = (row - packet.first_row) * packet.words - packet.word
+            for word in range(first >> 5, (last >> 5) + 1):
+                bits[at + word] |= word_bits(first, last, word)
+
+
+@wp.func
+def _hit_clipped(
+    v: wp.vec3i,
+    posed: wp.array[wp.vec3],
+    points: wp.array[wp.vec2i],
+    camera: Pinhole,
+    packet: Packet,
+    bits: wp.array[wp.uint32],
+):
+    """Mark the rays that hit what the near plane leaves of a triangle."""
+    left = clip(v, points, posed, camera)
+    _hit(corner(left, 0), corner(left, 1), corner(left, 2), packet, bits)
+    _hit(corner(left, 0), corner(left, 2), corner(left, 3), packet, bits)
+
+
+@wp.func
+def _cast(
+    packet: Packet,
+    tree: Tree,
+    posed: wp.array[wp.vec3],
+    points: wp.array[wp.vec2i],
+    visible: wp.array[wp.uint8],
+    box: wp.array[wp.vec4i],
+    camera: Pinhole,
+    cut: bool,
+    bits: wp.array[wp.uint32],
+):
+    """Cast a packet's rays that have not hit yet."""
+    first_column = packet.word * 32
+    last_column = first_column + packet.words * 32 - 1
+    last_row = packet.first_row + packet.rows - 1
+    rays = packet.rows * packet.words
+    n = int(0)
+    while n < tree.node.shape[0]:
+        b = box[n]
+        node = tree.node[n]
+        if (
+            last_before(b[0]) >= last_column
+            or last_before(b[2]) < first_column
+            or last_before(b[1]) >= last_row
+            or last_before(b[3]) < packet.first_row
+        ):
+            n = node[0]
+        elif node[2] == 0:
+            n += 1
+        else:
+            for t in range(node[1], node[1] + node[2]):
+                if visible[t] != wp.uint8(0):
+                    v = tree.triangle[t]
+                    if cut:
+                        _hit_clipped(v, posed, points, camera, packet, bits)
+                    else:
+                        _hit(points[v[0]], points[v[1]], points[v[2]], packet, bits)
+            hit = int(0)  # words of which all rays have hit
+            while hit < rays and bits[hit] == _ALL:
+                hit += 1
+            n = wp.where(hit == rays, tree.node.shape[0], node[0])
+
+
+@wp.kernel
+def _raycast(
+    posed: wp.array2d[wp.vec3],  # (candidate, vertex) [m]
+    vertex: wp.array[wp.int32],  # (moved vertex,)
+    tree: Tree,  # of the moved triangles
+    cameras: Cameras,
+    frozen: Frozen,
+    scratch: wp.array[wp.uint32],
+    # out
+    image: wp.array3d[wp.vec2i],  # (candidate, camera, vertex) cells
+    visible: wp.array3d[wp.uint8],  # (candidate, camera, moved triangle)
+    box: wp.array3d[wp.vec4i],  # (candidate, camera, node) x_min y_min x_max y_max, cells
+    count: wp.array2d[wp.vec2i],  # (candidate, camera) |M|, |M and F|
+):
+    c, k = wp.tid()
+    bits = shared_words(scratch)
+    points = image[c, k]
+    bounds = project_body(posed[c], vertex, cameras, frozen, c, k, 0, 1, scratch, points)
+    cut = is_cut(frozen, c, k, scratch)
+    total = wp.vec2i(0, 0)
+    if bounds[0] <= bounds[1] and bounds[2] <= bounds[3]:
+        camera = pinhole(cameras, k)
+        width = cameras.size[k][0]
+        _refit(tree, points, cut, visible[c, k], box[c, k])
+        packet = Packet()
+        for first_row in range(bounds[0], bounds[1] + 1, _ROWS):
+            packet.first_row = first_row
+            packet.rows = wp.min(_ROWS, bounds[1] - first_row + 1)
+            for word in range(bounds[2] >> 5, (bounds[3] >> 5) + 1, _WORDS):
+                packet.word = word
+                packet.words = wp.min(_WORDS, (bounds[3] >> 5) + 1 - word)
+                for row in range(packet.rows):
+                    for w in range(packet.words):
+                        bits[row * packet.words + w] = frozen_word(frozen, c, k, first_row + row, word + w)
+                _cast(packet, tree, posed[c], points, visible[c, k], box[c, k], camera, cut, bits)
+                for row in range(packet.rows):
+                    for w in range(packet.words):
+                        hits = bits[row * packet.words + w] & word_bits(0, width - 1, word + w)
+                        total += count_word(hits, cameras, frozen, c, k, first_row + row, word + w)
+    add_up(total, frozen, c, k, 0, 0, 1, scratch, count)
+
+
+def raycast(posed, vertex, tree, cameras, frozen, scratch, image, visible, box, count):
+    """Count pixels: ``count[c, k] = (|M|, |M and F|)`` of candidate ``c``'s silhouette M and camera ``k``'s mask F.
+
+    ``vertex`` and the triangles of ``tree`` are those that move; the silhouette of the others is in ``frozen``.
+    """
+    wp.launch(
+        _raycast,
+        dim=count.shape,
+        inputs=[posed, vertex, tree, cameras, frozen, scratch],
+        outputs=[image, visible, box, count],
+        device=count.device,
+    )

@@ -1,0 +1,1 @@
+"""How the shipped bodies are made from MakeHuman's data."""

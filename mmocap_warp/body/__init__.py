@@ -1,0 +1,1 @@
+"""Bodies: the model, its poses, its shapes, and points on its skin."""

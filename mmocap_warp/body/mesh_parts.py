@@ -1,0 +1,71 @@
+"""Which part of a body moves when some of its pose changes, and which stays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mmocap_warp.body.model import JOINTS, PARENT, SkinMesh
+
+_TRANSLATION = 3  # the full pose begins with this many coordinates, then three angles a joint
+
+
+@dataclass(frozen=True)
+class MeshPart:
+    """Some triangles of a mesh and the vertices that they need.
+
+    Attributes:
+        vertex: (n,) int32, numbers of vertices.
+        face: (m, 3) int32, corners as numbers of the whole mesh's vertices.
+    """
+
+    vertex: np.ndarray
+    face: np.ndarray
+
+
+def moved_joints(index: np.ndarray) -> np.ndarray:
+    """(joint,) bool: the joints whose frames change with coordinates ``index`` of the full pose."""
+    turned = {(int(d) - _TRANSLATION) // 3 for d in index if d >= _TRANSLATION}
+    moved = np.zeros(len(JOINTS), bool)
+    for joint, parent in enumerate(PARENT):  # parents come first
+        root_moves = parent < 0 and bool(np.any(np.asarray(index) < _TRANSLATION))
+        moved[joint] = joint in turned or root_moves or (parent >= 0 and moved[parent])
+    return moved
+
+
+def split_mesh(mesh: SkinMesh, index: np.ndarray) -> tuple[MeshPart, MeshPart]:
+    """The triangles that coordinates ``index`` move, wholly or at a corner, and those that they leave alone."""
+    moved = np.any(moved_joints(index)[mesh.joint] & (mesh.weight > 0), axis=1)
+    moving = moved[mesh.face].any(axis=1)
+    return _part(mesh.face[moving]), _part(mesh.face[~moving])
+
+
+def whole_mesh(mesh: SkinMesh) -> MeshPart:
+    """All triangles."""
+    return _part(mesh.face)
+
+
+def _part(face: np.ndarray) -> MeshPart:
+    return MeshPart(np.unique(face).astype(np.int32), np.ascontiguousarray(face, np.int32))
+
+
+def mesh_edges(face: np.ndarray) -> np.ndarray:
+    """The edges of triangles (m, 3), each with the triangles on its two sides.
+
+    Returns:
+        (edge, 4) int32: two vertices, the triangle in which the second follows the first, and the triangle in which
+        it precedes it, or -1. Where more than two triangles meet at an edge, they are paired as far as they go.
+    """
+    triangle = np.tile(np.arange(len(face)), 3)
+    start, end = face[:, [0, 1, 2]].T.ravel(), face[:, [1, 2, 0]].T.ravel()
+    waiting: dict[tuple[int, int], list[int]] = {}
+    edges: list[list[int]] = []
+    for a, b, t in zip(start.tolist(), end.tolist(), triangle.tolist(), strict=True):
+        partners = waiting.get((b, a))
+        if partners:
+            edges[partners.pop()][3] = t
+        else:
+            waiting.setdefault((a, b), []).append(len(edges))
+            edges.append([a, b, t, -1])
+    return np.array(edges, np.int32).reshape(-1, 4)

@@ -1,0 +1,109 @@
+"""The coordinates of a fit: a full pose, shape sliders, scale and heading in one vector."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from mmocap_warp.body.model import FULL_DOF, BodyModel, Subject
+
+_AXIS = {"x": 0, "y": 1, "z": 2}
+
+
+def upright_base(up: str) -> np.ndarray:
+    """(3, 3) rotation, world from body axes, that stands a body up along ``up`` (such as ``+z``), heading anywhere."""
+    axis = _AXIS[up[1]]
+    sign = 1.0 if up[0] == "+" else -1.0
+    y = sign * np.eye(3)[axis]
+    z = np.eye(3)[(axis + 1) % 3]
+    return np.stack([np.cross(y, z), y, z], axis=1)
+
+
+def heading_rotation(heading: float) -> np.ndarray:
+    """(3, 3) turn about the body's up axis [rad]."""
+    c, s = np.cos(heading), np.sin(heading)
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+
+
+@dataclass(frozen=True)
+class ShapeSpace:
+    """Coordinates ``pose (51), sliders, log(scale), heading`` of a body standing along ``up``.
+
+    A slider pairs ``<name>_incr`` (positive values) with ``<name>_decr`` (negative ones); any other target is a
+    slider of its own that has no negative side.
+
+    Attributes:
+        body: the body at all sliders zero.
+        up: the world's up axis.
+    """
+
+    body: BodyModel
+    up: str
+
+    @cached_property
+    def sliders(self) -> tuple[tuple[str, str | None, str | None], ...]:
+        """Per slider its name and its targets on the positive and the negative side."""
+        names = self.body.shape_names
+        found = []
+        for name in names:
+            stem = name.removesuffix("_incr")
+            if name.endswith("_incr"):
+                found.append((stem, name, f"{stem}_decr" if f"{stem}_decr" in names else None))
+            elif not (name.endswith("_decr") and f"{name.removesuffix('_decr')}_incr" in names):
+                found.append((name, name, None))
+        return tuple(found)
+
+    def __len__(self) -> int:
+        return FULL_DOF + len(self.sliders) + 2
+
+    @property
+    def slider_index(self) -> np.ndarray:
+        """(slider,) positions of the sliders."""
+        return FULL_DOF + np.arange(len(self.sliders))
+
+    @property
+    def scale_index(self) -> int:
+        """Position of the logarithm of the scale."""
+        return FULL_DOF + len(self.sliders)
+
+    @property
+    def heading_index(self) -> int:
+        """Position of the heading [rad]."""
+        return FULL_DOF + len(self.sliders) + 1
+
+    def displacements(self, of: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Of each slider at +1 and at -1, from per-target displacements (target, point, 3)."""
+        zero = np.zeros_like(of[0]) if len(of) else np.zeros((0, 3), np.float32)
+        order = {name: i for i, name in enumerate(self.body.shape_names)}
+
+        def side(k: int) -> np.ndarray:
+            chosen = [slider[k] for slider in self.sliders]
+            return np.stack([zero if name is None else of[order[name]] for name in chosen])
+
+        return side(1), side(2)
+
+    def limits(self, pose_limits: np.ndarray) -> np.ndarray:
+        """(coordinate, 2): the pose's limits, sliders to 1.5 times their targets, scale between 0.5 and 1.6."""
+        one_sided = np.array([negative is None for _, _, negative in self.sliders], bool)
+        sliders = np.stack([np.where(one_sided, 0.0, -1.5), np.full(len(one_sided), 1.5)], axis=1)
+        return np.concatenate([pose_limits, sliders, np.log([[0.5, 1.6]]), [[-np.inf, np.inf]]])
+
+    def subject(self, coordinate: np.ndarray, provenance: dict[str, str | float | int]) -> Subject:
+        """The fitted body, base and pose of one coordinate vector."""
+        weights: dict[str, float] = {}
+        values = coordinate[self.slider_index]
+        for (_, positive, negative), value in zip(self.sliders, values, strict=True):
+            target = positive if value > 0 else negative
+            if target is not None and value != 0:
+                weights[target] = abs(float(value))
+        scale = float(np.exp(coordinate[self.scale_index]))
+        base = upright_base(self.up) @ heading_rotation(float(coordinate[self.heading_index]))
+        shape = {f"shape.{name}": float(v) for (name, _, _), v in zip(self.sliders, values, strict=True)}
+        return Subject(
+            self.body.shaped(weights, scale),
+            base,
+            np.asarray(coordinate[:FULL_DOF], np.float64),
+            provenance | shape | {"scale": scale},
+        )

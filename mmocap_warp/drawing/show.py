@@ -1,0 +1,200 @@
+"""A result to look at: an overlay video of all cameras, and a contact sheet."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import repeat
+from pathlib import Path
+
+import numpy as np
+
+from mmocap_warp.body.posing import Poser
+from mmocap_warp.drawing.overlay import (
+    LEFT_COLOUR,
+    MASK_COLOUR,
+    MODEL_COLOUR,
+    PAPER,
+    RIGHT_COLOUR,
+    Window,
+    draw_view,
+    write_text,
+)
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.png import write_png
+from mmocap_warp.formats.webm import WebmFile
+from mmocap_warp.result.track_result import STATUS, TrackResult
+from mmocap_warp.views.rig import CameraRig, project
+
+_VIDEO_AREA = (1440, 900)  # [px], what the tiled views of a video frame fill at most
+_HEADER = 30  # [px]
+_GAP = 4  # [px], between tiles
+_SHEET_FRAMES = 8
+_SHEET_ROW = 260  # [px], height of a view in a contact sheet
+_CROP_MARGIN = 0.12  # around the body in a contact sheet, of its size
+
+Images = Iterable[Sequence[np.ndarray | None]]
+"""Per frame, an image for each camera."""
+
+
+def show(
+    result: TrackResult,
+    images: Images | None,
+    masks: Images | None,
+    *,
+    video: str | Path | None = None,
+    sheet: str | Path | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> None:
+    """Draw the best run over what was seen, in one pass over the recording.
+
+    Args:
+        result: what was tracked.
+        images: per frame of the result, a gray or BGR image for each camera (None where there is none), undistorted;
+            any resolution with the aspect of the result's cameras. None: draw over the masks.
+        masks: likewise, (height, width) bool. None: draw no mask.
+        video: a ``.webm`` of all frames (VP8, which browsers play), or None.
+        sheet: a ``.png`` of up to eight frames, a row for each camera, cut to the body, or None.
+        progress: called after each frame with the number of frames done.
+
+    Raises:
+        InputError: another ending, a folder that cannot be written, or fewer images or masks than frames.
+    """
+    body = _ProjectedBody(result)
+    columns, windows = _video_layout(result.cameras)
+    on_sheet = np.unique(np.linspace(0, len(result.frame_numbers) - 1, _SHEET_FRAMES).round().astype(int)).tolist()
+    crops = [_crop(body, k, on_sheet) for k in range(len(result.cameras))]
+    cells: list[list[np.ndarray]] = []
+    with contextlib.ExitStack() as stack:
+        writer = stack.enter_context(WebmFile(video, result.fps)) if video else None
+        for frame, (seen, masked) in enumerate(_in_step(result, images, masks)):
+            if writer:
+                views = body.views(frame, seen, masked, windows)
+                writer.write(_video_frame(result, body.run, frame, views, columns))
+            if sheet and frame in on_sheet:
+                cells.append(body.views(frame, seen, masked, crops))
+            if progress is not None:
+                progress(frame + 1)
+    if sheet:
+        write_png(sheet, _contact_sheet(result, body.run, on_sheet, cells))
+
+
+class _ProjectedBody:
+    """The best run in the cameras' pixels, posed a frame at a time: the skin of all frames would fill the memory."""
+
+    def __init__(self, result: TrackResult) -> None:
+        self.run, self.rig = result.best_run, result.cameras
+        self._pose = result.pose[self.run]
+        self._faces = result.subject.body.tracking_face
+        self._poser = Poser(result.subject.body, result.subject.root_base)
+
+    def vertices(self, frame: int) -> np.ndarray:
+        """(camera, vertex, 2), the tracking mesh [px]."""
+        (vertices,) = self._poser.tracking_vertices(self._pose[frame])
+        return project(self.rig, vertices)
+
+    def joints(self, frame: int) -> np.ndarray:
+        """(camera, joint, 2), the joints' centres [px]."""
+        (transforms,) = self._poser.joint_transforms(self._pose[frame])
+        return project(self.rig, transforms[:, :3, 3])
+
+    def views(
+        self, frame: int, images: Sequence[np.ndarray | None], masks: Sequence[np.ndarray | None], windows: list[Window]
+    ) -> list[np.ndarray]:
+        """Each camera's drawing."""
+        vertices, joints = self.vertices(frame), self.joints(frame)
+        return [
+            draw_view(windows[k], tuple(size), images[k], masks[k], vertices[k], self._faces, joints[k])
+            for k, size in enumerate(self.rig.size.tolist())
+        ]
+
+
+def _in_step(result: TrackResult, images: Images | None, masks: Images | None) -> Iterator[tuple]:
+    """Images and masks of each frame of the result."""
+    nothing = repeat([None] * len(result.cameras))
+    streams = zip(images if images is not None else nothing, masks if masks is not None else nothing, strict=False)
+    for number in result.frame_numbers:
+        both = next(streams, None)
+        if both is None:
+            raise InputError("recording", f"has no frame {number}, which the result has", "show it with its own scene")
+        yield both
+
+
+def _video_layout(rig: CameraRig) -> tuple[int, list[Window]]:
+    """Number of columns, and each camera's window, that fill the video's area best."""
+    width, height = rig.size.max(axis=0)
+
+    def scale_of(columns: int) -> float:
+        rows = math.ceil(len(rig) / columns)
+        return min(_VIDEO_AREA[0] / (columns * width), _VIDEO_AREA[1] / (rows * height))
+
+    columns = max(range(1, len(rig) + 1), key=scale_of)
+    scale = scale_of(columns)
+    return columns, [
+        Window((0, 0), (w, h), (max(1, round(w * scale)), max(1, round(h * scale)))) for w, h in rig.size.tolist()
+    ]
+
+
+def _crop(body: _ProjectedBody, k: int, frames: list[int]) -> Window:
+    """Camera ``k``'s window around the body in ``frames``; the whole image if it is never seen there."""
+    width, height = body.rig.size[k].tolist()
+    pixels = np.concatenate([body.vertices(frame)[k] for frame in frames])
+    inside = pixels[np.isfinite(pixels).all(axis=1)]
+    inside = inside[((inside >= 0) & (inside < (width, height))).all(axis=1)]
+    low, high = (inside.min(axis=0), inside.max(axis=0)) if len(inside) else (np.zeros(2), np.array([width, height]))
+    margin = _CROP_MARGIN * (high - low).max() + 1
+    left, top = np.maximum(np.floor(low - margin), 0).astype(int).tolist()
+    right, bottom = np.minimum(np.ceil(high + margin), (width, height)).astype(int).tolist()
+    extent = (right - left, bottom - top)
+    return Window((left, top), extent, (max(1, round(extent[0] * _SHEET_ROW / extent[1])), _SHEET_ROW))
+
+
+def _video_frame(result: TrackResult, run: int, frame: int, views: list[np.ndarray], columns: int) -> np.ndarray:
+    """All cameras at one frame, each with its overlap, below a line that says what the frame cost."""
+    for k, view in enumerate(views):
+        write_text(view, f"{result.cameras.names[k]}   {_number('IoU', result.iou[run, frame, k], 'no mask')}", (8, 8))
+    canvas, _ = _tiled([views[i : i + columns] for i in range(0, len(views), columns)])
+    end = write_text(
+        canvas,
+        f"frame {result.frame_numbers[frame]}   {_number('cost', result.cost[run, frame], 'no cost')}   "
+        f"{result.evaluations[run, frame]} evaluations   {STATUS[result.status[frame]]}",
+        (12, 9),
+    )
+    legend = {"mask": MASK_COLOUR, "model": MODEL_COLOUR, "left": LEFT_COLOUR, "right": RIGHT_COLOUR}
+    for name, colour in legend.items():
+        end = write_text(canvas, name, (end + 18, 9), colour)
+    height, width = canvas.shape[:2]
+    return np.pad(canvas, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")  # codecs want even sizes
+
+
+def _contact_sheet(result: TrackResult, run: int, frames: list[int], cells: list[list[np.ndarray]]) -> np.ndarray:
+    """Frames from left to right, cameras from top to bottom."""
+    for frame, views in zip(frames, cells, strict=True):
+        for k, view in enumerate(views):
+            write_text(view, _number("", result.iou[run, frame, k], "no mask"), (6, 6), size=0.4)
+    for name, view in zip(result.cameras.names, cells[0], strict=True):
+        write_text(view, name, (6, view.shape[0] - 18), size=0.4)
+    canvas, lefts = _tiled([[views[k] for views in cells] for k in range(len(result.cameras))])
+    for frame, left in zip(frames, lefts, strict=True):
+        write_text(canvas, f"frame {result.frame_numbers[frame]}", (left + 6, 9))
+    return canvas
+
+
+def _tiled(rows: list[list[np.ndarray]]) -> tuple[np.ndarray, list[int]]:
+    """A canvas of views in rows below a free header, and where its columns begin [px]."""
+    columns = len(rows[0])
+    widths = [max(row[c].shape[1] for row in rows if c < len(row)) for c in range(columns)]
+    heights = [max(view.shape[0] for view in row) for row in rows]
+    lefts = [_GAP + sum(widths[:c]) + c * _GAP for c in range(columns)]
+    tops = [_HEADER + sum(heights[:r]) + r * _GAP for r in range(len(rows))]
+    canvas = np.full((tops[-1] + heights[-1] + _GAP, lefts[-1] + widths[-1] + _GAP, 3), PAPER, np.uint8)
+    for row, top, height in zip(rows, tops, heights, strict=True):
+        for view, left, width in zip(row, lefts, widths, strict=False):
+            y, x = top + (height - view.shape[0]) // 2, left + (width - view.shape[1]) // 2
+            canvas[y : y + view.shape[0], x : x + view.shape[1]] = view
+    return canvas, lefts
+
+
+def _number(name: str, value: float, absent: str) -> str:
+    return f"{name} {value:.3f}".strip() if np.isfinite(value) else absent

@@ -1,0 +1,1 @@
+"""Calibrations, a file each: cameras of other programs as a CameraRig."""

@@ -1,0 +1,72 @@
+"""Calibrations exported by Qualisys Track Manager (``.qca.txt``, XML inside)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree.ElementTree import Element, ParseError
+
+import numpy as np
+from defusedxml import DefusedXmlException
+from defusedxml.ElementTree import fromstring
+
+from mmocap_warp.errors import InputError
+from mmocap_warp.views.rig import Camera, CameraRig, rig_of
+
+_SUBPIXELS = 64.0  # focal lengths and centres are written in 1/64 px; distortion coefficients are not scaled
+_FROM_QUALISYS = np.diag([1.0, -1.0, -1.0])  # its cameras look along -z with y up
+
+
+def read_qualisys(path: str | Path, up: str = "+z") -> CameraRig:
+    """Read a ``.qca.txt``; its lengths are millimetres by definition, its world has z up.
+
+    The convention was checked against the board pictures of Pose2Sim's single-person demo:
+    ``R = diag(1, -1, -1) [[r11 r12 r13] ..]`` and ``x_cam = R (X - position / 1000)``.
+
+    Raises:
+        InputError: unreadable, no XML, attributes missing, or not a calibration (see ``check_rig``).
+    """
+    try:
+        root = fromstring(Path(path).read_bytes())
+    except FileNotFoundError:
+        raise InputError(path, "no such file", "check the path") from None
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error})", "give a .qca.txt file") from None
+    except (ParseError, DefusedXmlException, ValueError) as error:
+        raise InputError(path, f"is not valid XML: {error}", "export the calibration again") from None
+    return rig_of([_read_camera(camera, path) for camera in root.iter("camera")], up, path)
+
+
+def _read_camera(camera: Element, path: str | Path) -> Camera:
+    name = camera.get("serial", "")
+    where = f"{path}: camera '{name}'"
+
+    def number(element: str, attribute: str) -> float:
+        node = camera.find(element)
+        text = None if node is None else node.get(attribute)
+        if text is None:
+            raise InputError(where, f"<{element} {attribute}=...> is missing", "export the calibration again")
+        try:
+            return float(text)
+        except ValueError:
+            raise InputError(where, f"{attribute} = {text!r} is not a number", "export the calibration again") from None
+
+    R = _FROM_QUALISYS @ [[number("transform", f"r{i}{j}") for j in (1, 2, 3)] for i in (1, 2, 3)]
+    position = np.array([number("transform", axis) for axis in "xyz"]) / 1000
+    fx, fy, cx, cy, skew = (
+        number("intrinsic", key) / _SUBPIXELS
+        for key in ("focalLengthU", "focalLengthV", "centerPointU", "centerPointV", "skew")
+    )
+    distortion = [
+        number("intrinsic", key)
+        for key in (
+            "radialDistortion1",
+            "radialDistortion2",
+            "tangentalDistortion1",
+            "tangentalDistortion2",
+            "radialDistortion3",
+        )
+    ]
+    width = int(number("fov_video", "right") - number("fov_video", "left")) + 1
+    height = int(number("fov_video", "bottom") - number("fov_video", "top")) + 1
+    K = np.array([[fx, skew, cx], [0, fy, cy], [0, 0, 1]])
+    return Camera(name, K, R, -R @ position, (width, height), np.array(distortion))

@@ -1,0 +1,1 @@
+"""HumanEva-I, from a user's own copy."""

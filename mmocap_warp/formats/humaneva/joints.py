@@ -1,0 +1,121 @@
+"""HumanEva's own ground truth: fifteen points of a body, computed from Vicon's segments as its software does.
+
+Vicon's Plug-in Gait writes four points a segment: its origin ``O``, and where its axes end: ``A`` forward (x), ``L`` to
+the left (y), ``P`` toward the trunk or up (z). HumanEva takes joints from them and moves some, because a marker sits on
+the skin:
+
+- the trunk starts 50 mm behind the pelvis's origin, is as long as from there to the thorax's, and leans back, at its
+  top by half of the torso's radius;
+- the upper arm is turned back, at the elbow by half of the shoulder's offset, and the forearm forward by that angle;
+- the top of the head is 316.103 mm from the thorax's origin along the head's axis.
+
+Where two limbs meet, HumanEva gives an end of each, and at the thorax and the elbows they differ: a joint here is their
+mean.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from mmocap_warp.formats.humaneva.markers import between_frames, points_named
+from mmocap_warp.formats.motion.trc import PointTracks
+
+JOINT_NAMES: tuple[str, ...] = (
+    *("Root", "Neck", "HeadTop"),
+    *("LShoulder", "LElbow", "LWrist", "LHip", "LKnee", "LAnkle"),
+    *("RShoulder", "RElbow", "RWrist", "RHip", "RKnee", "RAnkle"),
+)
+"""HumanEva's joints by this project's names: Root is its pelvis, Neck its thorax."""
+
+_PELVIS_BACK = 0.050  # [m]
+_HEAD_LENGTH = 0.316103  # [m]
+_MARKER_RADIUS = 0.007  # [m]
+
+
+@dataclass(frozen=True)
+class SubjectMeasures:
+    """What of a subject's size enters the joints.
+
+    Attributes:
+        torso_radius: [m].
+        shoulder_offset: between a shoulder's marker and its joint, left and right [m].
+    """
+
+    torso_radius: float
+    shoulder_offset: tuple[float, float]
+
+
+def torso_radius(static: PointTracks) -> float:
+    """Half the mean distance of the shoulders' markers in the static trial, less a marker's radius [m]; NaN if unseen.
+
+    Raises:
+        MissingPointError: the trial lacks these markers.
+    """
+    left, right = np.moveaxis(points_named(static, "LSHO", "RSHO"), 1, 0)
+    span = np.linalg.norm(left - right, axis=1)
+    seen = span[np.isfinite(span)]
+    return float(seen.mean()) / 2 - _MARKER_RADIUS if len(seen) else np.nan
+
+
+def joints_at(tracks: PointTracks, position: np.ndarray, subject: SubjectMeasures) -> np.ndarray:
+    """(time, 15, 3) positions of ``JOINT_NAMES`` at fractional frames counted from 0 [m]; NaN where not known.
+
+    Raises:
+        MissingPointError: the recording lacks points of Vicon's segments.
+    """
+    point, turn = partial(_point, tracks, position), partial(_rotation, tracks, position)
+    pelvis, thorax = point("PELO"), point("TRXO")
+    trunk = np.linalg.norm(thorax - pelvis, axis=1)
+    lean = np.arctan2(subject.torso_radius / 2, trunk)
+    root = pelvis + turn("PEL") @ [-_PELVIS_BACK, 0.0, 0.0]
+    trunk_top = root + _along(turn("PEL"), trunk, lean)
+    joints = {
+        "Root": root,
+        "Neck": (trunk_top + thorax) / 2,
+        "HeadTop": thorax + turn("HED") @ [0.0, 0.0, _HEAD_LENGTH],
+    }
+    for side, offset in zip("LR", subject.shoulder_offset, strict=True):
+        shoulder, elbow, wrist = (point(side + name) for name in ("CLO", "HUO", "RAO"))
+        arm = _arm(shoulder, elbow, wrist, turn(f"{side}HU"), turn(f"{side}RA"), offset)
+        leg = (point(side + name) for name in ("FEP", "FEO", "TIO"))
+        names = ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle")
+        joints |= {side + name: place for name, place in zip(names, (*arm, *leg), strict=True)}
+    return np.stack([joints[name] for name in JOINT_NAMES], axis=1)
+
+
+def _arm(
+    shoulder: np.ndarray, elbow: np.ndarray, wrist: np.ndarray, upper: np.ndarray, lower: np.ndarray, offset: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """HumanEva's shoulder, elbow and wrist from Vicon's and the rotations of upper arm and forearm."""
+    upper_length = np.linalg.norm(elbow - shoulder, axis=1)
+    lower_length = np.linalg.norm(wrist - elbow, axis=1)
+    angle = np.arctan2(offset / 2, upper_length)
+    upper_end = shoulder - _along(upper, upper_length, -angle)
+    lower_start = upper_end + elbow - (shoulder - _along(upper, upper_length, 0 * angle))
+    return shoulder, (upper_end + lower_start) / 2, lower_start - _along(lower, lower_length, angle)
+
+
+def _along(rotation: np.ndarray, length: np.ndarray, lean: np.ndarray) -> np.ndarray:
+    """(time, 3): a segment's z axis of a length, after leaning back (toward -x) by an angle [rad]."""
+    local = np.stack([-np.sin(lean), np.zeros_like(lean), np.cos(lean)], axis=-1)
+    return np.einsum("tij,tj->ti", rotation, local * length[:, None])
+
+
+def _point(tracks: PointTracks, position: np.ndarray, name: str) -> np.ndarray:
+    return between_frames(points_named(tracks, name)[:, 0], position)
+
+
+def _rotation(tracks: PointTracks, position: np.ndarray, segment: str) -> np.ndarray:
+    """(time, 3, 3), world from the segment's axes; between two frames the rotation nearest to their mix."""
+    origin, *ends = np.moveaxis(points_named(tracks, *(segment + letter for letter in "OALP")), 1, 0)
+    axes = np.stack([end - origin for end in ends], axis=-1)
+    axes /= np.linalg.norm(axes, axis=-2, keepdims=True)
+    mixed = between_frames(axes, position)
+    known = np.isfinite(mixed).all(axis=(1, 2))
+    u, _, vt = np.linalg.svd(mixed[known])
+    rotation = np.full_like(mixed, np.nan)
+    rotation[known] = u @ vt
+    return rotation

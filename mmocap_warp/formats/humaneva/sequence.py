@@ -1,0 +1,263 @@
+"""HumanEva-I, from a user's own copy: a sequence's cameras, videos, synchronisation and ground truth.
+
+See docs/humaneva.md for what is read, and for what had to be assumed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mmocap_warp.errors import InputError
+from mmocap_warp.foreground.frames import Frames, open_frames
+from mmocap_warp.formats.humaneva.background import nearest_background
+from mmocap_warp.formats.humaneva.cal import read_cal
+from mmocap_warp.formats.humaneva.joints import JOINT_NAMES, SubjectMeasures, joints_at, torso_radius
+from mmocap_warp.formats.humaneva.markers import (
+    MARKERS,
+    MissingPointError,
+    between_frames,
+    captured_markers,
+    only_valid,
+)
+from mmocap_warp.formats.humaneva.numbers import read_measures
+from mmocap_warp.formats.humaneva.sync import Synchronisation, read_ofs, synchronise
+from mmocap_warp.formats.motion.c3d import read_c3d
+from mmocap_warp.formats.motion.trc import PointTracks
+from mmocap_warp.result.truth import Truth
+from mmocap_warp.views.rig import CameraRig, rig_of
+
+CAMERAS: tuple[str, ...] = ("C1", "C2", "C3", "BW1", "BW2", "BW3", "BW4")
+"""HumanEva's cameras, three of colour and four gray, in the order that its synchronisation counts from."""
+
+FPS = 60.0
+FIRST_FRAME = 6
+"""The first frame that HumanEva's own lists use: the videos' codec spoils the ones before."""
+
+_TRIAL = 1  # the only one that has both video and public motion capture
+_CLIPS = (1, 2, 3)
+_AGAIN = "copy it again from the data set"
+
+
+@dataclass(frozen=True)
+class _Listed:
+    """What is published of a sequence: its last frame, and where videos C1 to C3 start, in HumanEva's own numbers."""
+
+    last: int
+    start: tuple[int, int, int]
+
+
+SEQUENCES: dict[tuple[str, str], _Listed] = {
+    ("S1", "Walking"): _Listed(1203, (82, 81, 82)),
+    ("S1", "Jog"): _Listed(740, (51, 51, 50)),
+    ("S1", "ThrowCatch"): _Listed(945, (61, 61, 60)),
+    ("S1", "Gestures"): _Listed(801, (45, 45, 44)),
+    ("S1", "Box"): _Listed(789, (57, 57, 56)),
+    ("S2", "Walking"): _Listed(876, (115, 115, 114)),
+    ("S2", "Jog"): _Listed(795, (100, 100, 99)),
+    ("S2", "ThrowCatch"): _Listed(1128, (127, 127, 127)),
+    ("S2", "Gestures"): _Listed(901, (122, 122, 121)),
+    ("S2", "Box"): _Listed(734, (119, 119, 117)),
+    ("S3", "Walking"): _Listed(939, (80, 80, 80)),
+    ("S3", "Jog"): _Listed(842, (65, 65, 65)),
+    ("S3", "ThrowCatch"): _Listed(1027, (79, 79, 79)),
+    ("S3", "Gestures"): _Listed(1102, (83, 83, 82)),
+    ("S3", "Box"): _Listed(1021, (1, 1, 1)),
+}
+"""The sequences with video and motion capture, by subject and action. The paper's nine: Walking, Gestures and Box."""
+
+
+@dataclass(frozen=True)
+class HumanEvaSequence:
+    """A sequence, ready to be written as a scene. Frame 0 of the scene is frame ``first`` of HumanEva's own numbers.
+
+    Attributes:
+        subject, action: as in ``SEQUENCES``.
+        rig: the seven cameras as calibrated, in metres, with distortion.
+        videos: one per camera.
+        backgrounds: per camera the clip of the empty room that fits best.
+        sync: where frames lie in the streams.
+        first: the first frame, counted from 1 as HumanEva does.
+        count: number of frames.
+        truth: markers and joints, frame 0 being ``first``; NaN in frames that HumanEva calls invalid.
+        no_joints: why the truth has no joints; empty where it has.
+    """
+
+    subject: str
+    action: str
+    rig: CameraRig
+    videos: tuple[Frames, ...]
+    backgrounds: tuple[Frames, ...]
+    sync: Synchronisation
+    first: int
+    count: int
+    truth: Truth
+    no_joints: str
+
+    @property
+    def frame_offsets(self) -> tuple[int, ...]:
+        """Per camera: scene frame ``f`` is image ``f + offset`` of its video, both counted from 0."""
+        return tuple(int(start) + self.first - 2 for start in self.sync.start)
+
+    @property
+    def starts_as_published(self) -> bool:
+        """Whether the colour videos start where others who used the data found it, to a frame."""
+        published = np.array(SEQUENCES[self.subject, self.action].start)
+        return bool((np.abs(self.sync.start[: len(published)] - published) <= 1).all())
+
+
+def read_sequence(
+    root: str | Path, subject: str, action: str, first: int = FIRST_FRAME, last: int | None = None
+) -> HumanEvaSequence:
+    """Read trial 1 of a sequence.
+
+    Args:
+        root: the folder that holds ``S1``, ``S2``, ``S3`` and ``Background``.
+        subject: ``S1``, ``S2`` or ``S3``.
+        action: ``Walking``, ``Jog``, ``ThrowCatch``, ``Gestures`` or ``Box``.
+        first, last: frames in HumanEva's own numbers, both included; its own list's where omitted.
+
+    Raises:
+        InputError: an unknown sequence or range, or whatever is missing or wrong in the data.
+    """
+    listed = _listed(subject, action)
+    last = listed.last if last is None else last
+    if not 1 <= first <= last:
+        raise InputError(f"{subject} {action}", f"frames {first} to {last} are no range", "count from 1, first to last")
+    root = Path(root)
+    trial = f"{action}_{_TRIAL}"
+    data = _within(root, subject, f"name the folder that holds {subject} and Background")
+    videos = tuple(_open_video(_within(data, "Image_Data"), f"{trial}_({camera})") for camera in CAMERAS)
+    rig = _read_rig(_within(data, "Calibration_Data"), videos)
+    sync_data = _within(data, "Sync_Data")
+    sync = synchronise([read_ofs(_within(sync_data, f"{trial}_({camera}).ofs")) for camera in CAMERAS])
+    _check_range(videos, sync, last)
+    truth, no_joints = _read_truth(_within(data, "Mocap_Data"), subject, trial, sync, np.arange(first, last + 1))
+    backgrounds = _find_backgrounds(_within(root, "Background"), videos)
+    return HumanEvaSequence(subject, action, rig, videos, backgrounds, sync, first, last - first + 1, truth, no_joints)
+
+
+def _listed(subject: str, action: str) -> _Listed:
+    if (subject, action) not in SEQUENCES:
+        subjects, actions = (list(dict.fromkeys(names)) for names in zip(*SEQUENCES, strict=True))
+        raise InputError(
+            f"{subject} {action}",
+            "is no sequence with both video and public motion capture",
+            f"give one of {', '.join(subjects)} and one of {', '.join(actions)}",
+        )
+    return SEQUENCES[subject, action]
+
+
+def _entries(folder: Path) -> dict[str, Path]:
+    """What a folder holds, by name in lower case: copies of the data set differ in it."""
+    if not folder.is_dir():
+        raise InputError(folder, "no such folder", "check the path of the data set")
+    return {entry.name.lower(): entry for entry in folder.iterdir()}
+
+
+def _within(folder: Path, name: str, remedy: str = _AGAIN) -> Path:
+    entry = _entries(folder).get(name.lower())
+    if entry is None:
+        raise InputError(folder, f"holds no {name}", remedy)
+    return entry
+
+
+def _images(folder: Path, name: str) -> Path | None:
+    """A video, or the folder of images that it was unpacked into, which goes first, as in HumanEva's software."""
+    held = _entries(folder)
+    return held.get(name.lower()) or held.get(f"{name}.avi".lower())
+
+
+def _open_video(folder: Path, name: str) -> Frames:
+    path = _images(folder, name)
+    if path is None:
+        raise InputError(folder, f"holds no {name}.avi and no folder {name}", _AGAIN)
+    return open_frames(path)
+
+
+def _read_rig(folder: Path, videos: tuple[Frames, ...]) -> CameraRig:
+    pairs = zip(CAMERAS, videos, strict=True)
+    cameras = [read_cal(_within(folder, f"{name}.cal"), name, video.size) for name, video in pairs]
+    try:
+        return rig_of(cameras, "+z", folder)
+    except InputError as error:  # whose remedy is for calibrations that the user made
+        raise InputError(error.source, error.problem, _AGAIN) from None
+
+
+def _check_range(videos: tuple[Frames, ...], sync: Synchronisation, last: int) -> None:
+    ends = [len(video) - int(start) + 1 for video, start in zip(videos, sync.start, strict=True)]
+    for video, end in zip(videos, ends, strict=True):
+        if end < last:
+            raise InputError(
+                video.path,
+                f"has {len(video)} frames, so it ends with the sequence's frame {end}, not {last}",
+                f"copy it again, or give --last {min(ends)}" if min(ends) > 0 else "copy it and its .ofs again",
+            )
+
+
+def _read_truth(folder: Path, subject: str, trial: str, sync: Synchronisation, frames: np.ndarray) -> tuple[Truth, str]:
+    """The truth, and why it has no joints."""
+    path = _within(folder, f"{trial}.c3d")
+    tracks = read_c3d(path)
+    _check_rates(path, tracks, sync)
+    position = sync.mocap_position(frames) - 1  # HumanEva counts from 1, arrays from 0
+    try:
+        markers = only_valid(between_frames(captured_markers(tracks), position))
+    except MissingPointError as error:
+        raise InputError(path, str(error), "give the data set's own .c3d: Vicon's 39 markers are needed") from None
+    valid = np.isfinite(markers).all(axis=(1, 2))
+    if not valid.any():
+        problem = f"shows all {len(MARKERS)} markers in none of the frames {frames[0]} to {frames[-1]}"
+        raise InputError(path, problem, "choose other frames, or check that .c3d and .ofs belong together")
+    names, joints, why = JOINT_NAMES, np.zeros((len(frames), 0, 3)), ""
+    try:
+        joints = joints_at(tracks, position, _read_measures(folder, subject))
+    except MissingPointError as error:
+        names, why = (), f"{path.name} {error}"
+    joints = np.where(valid[:, None, None], joints, np.nan)
+    return Truth(FPS, frames - frames[0], MARKERS, markers, names, joints), why
+
+
+def _check_rates(path: Path, tracks: PointTracks, sync: Synchronisation) -> None:
+    expected = tracks.rate / FPS
+    if not 0.9 < sync.mocap_per_frame / expected < 1.1:
+        raise InputError(
+            path,
+            f"runs at {tracks.rate:g} Hz, but the .ofs say that {sync.mocap_per_frame:.4g} of its frames pass in one",
+            "take .c3d and .ofs of the same sequence",
+        )
+
+
+def _read_measures(folder: Path, subject: str) -> SubjectMeasures:
+    path, static = _within(folder, f"{subject}.mp"), _within(folder, "Static.c3d")
+    measures = read_measures(path)
+    offsets = [f"{side}ShoulderOffset" for side in "LR"]
+    for name in offsets:
+        if name not in measures:
+            raise InputError(path, f"has no line ${name} = ...", _AGAIN)
+    try:
+        radius = torso_radius(read_c3d(static))
+    except MissingPointError as error:
+        raise InputError(static, str(error), _AGAIN) from None
+    if not np.isfinite(radius):
+        raise InputError(static, "never shows LSHO and RSHO together", _AGAIN)
+    left, right = (measures[name] / 1000 for name in offsets)
+    return SubjectMeasures(radius, (left, right))
+
+
+def _find_backgrounds(folder: Path, videos: tuple[Frames, ...]) -> tuple[Frames, ...]:
+    return tuple(_find_background(folder, camera, video) for camera, video in zip(CAMERAS, videos, strict=True))
+
+
+def _find_background(folder: Path, camera: str, video: Frames) -> Frames:
+    names = [f"Background_{clip}_({camera})" for clip in _CLIPS]
+    clips = [open_frames(path) for name in names if (path := _images(folder, name)) is not None]
+    if not clips:
+        raise InputError(folder, f"holds none of {', '.join(names)} (.avi)", _AGAIN)
+    for clip in clips:
+        if clip.size != video.size:
+            found, wanted = ("{}x{}".format(*frames.size) for frames in (clip, video))
+            raise InputError(clip.path, f"is {found}, the camera's video is {wanted}", _AGAIN)
+    return clips[nearest_background(video, clips)]

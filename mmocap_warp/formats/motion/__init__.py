@@ -1,0 +1,1 @@
+"""Motion clips and marker paths of other programs, a file each."""

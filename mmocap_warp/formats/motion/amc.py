@@ -1,0 +1,192 @@
+"""Reading Acclaim's ``.asf`` (a skeleton) and ``.amc`` (its motion), as the CMU database has them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.motion.clip import MotionClip
+from mmocap_warp.synthesis.rotations import applied, turn
+
+FPS = 120.0
+"""Of CMU's clips; the files do not say."""
+
+METRES = 0.0254 / 0.45
+"""Per unit of length of CMU's clips."""
+
+_C3D_AXES = [1, 2, 0]  # CMU's .c3d has its third axis up, its .amc the second
+
+_REMEDY = "give a complete Acclaim file"
+_ROOT_ORDER = ("tx", "ty", "tz", "rx", "ry", "rz")
+
+
+@dataclass
+class _Bone:
+    """A bone of the skeleton; the root has no length.
+
+    Attributes:
+        vector: (3,), from its start to its end in the rest pose.
+        axes: (3, 3), in which its rotations are given.
+        channels: such as ``rx``, in the file's order.
+        parent: index, -1 for the root.
+    """
+
+    name: str
+    vector: np.ndarray
+    axes: np.ndarray
+    channels: tuple[str, ...]
+    parent: int = -1
+
+
+def read_amc(path: str | Path, skeleton: str | Path | None = None) -> MotionClip:
+    """Read an ``.amc`` file and its skeleton.
+
+    Args:
+        path: the motion.
+        skeleton: the ``.asf`` file; without it, the one beside the motion that is named as the motion is up to an
+            underscore (``02.asf`` for ``02_01.amc``).
+
+    Raises:
+        InputError: a missing file, or one that is wrong.
+    """
+    path = Path(path)
+    skeleton = path.with_name(f"{path.stem.split('_')[0]}.asf") if skeleton is None else Path(skeleton)
+    bones = _read_skeleton(skeleton)
+    frames = _read_motion(path, {bone.name: bone.channels for bone in bones})
+    rest = np.zeros((len(bones), 3))
+    place = np.zeros((len(frames["root"]), len(bones), 3))
+    rotation = np.zeros((*place.shape, 3))
+    for j, bone in enumerate(bones):
+        own = np.tile(np.eye(3), (len(place), 1, 1))
+        for channel, values in zip(bone.channels, frames[bone.name].T, strict=True):
+            if channel[0] == "r":
+                own = turn(channel[1], np.radians(values)) @ own  # the first acts first
+        own = bone.axes @ own @ bone.axes.T
+        if bone.parent < 0:
+            place[:, j], rotation[:, j] = frames["root"][:, [bone.channels.index(c) for c in _ROOT_ORDER[:3]]], own
+            continue
+        above, vector = rotation[:, bone.parent], bones[bone.parent].vector
+        rest[j] = rest[bone.parent] + vector
+        place[:, j] = place[:, bone.parent] + applied(above, np.broadcast_to(vector, (len(place), 3)))
+        rotation[:, j] = above @ own
+    return MotionClip(FPS, tuple(bone.name for bone in bones), rest, place, rotation)
+
+
+def with_markers(clip: MotionClip, path: str | Path) -> MotionClip:
+    """A CMU clip with the markers of the ``.c3d`` of the same take.
+
+    Raises:
+        InputError: a file that cannot be read, or that is of another take.
+    """
+    from mmocap_warp.formats.motion.c3d import read_c3d
+
+    tracks = read_c3d(path)
+    if len(tracks.positions) != len(clip.place) or tracks.rate != clip.fps:
+        held, due = f"{len(tracks.positions)} frames at {tracks.rate:g} Hz", f"{len(clip.place)} at {clip.fps:g} Hz"
+        raise InputError(path, f"has {held}, the clip {due}", "give the .c3d of the same take")
+    return replace(clip, marker_names=tracks.names, markers=tracks.positions[..., _C3D_AXES] / METRES)
+
+
+def _read_skeleton(path: Path) -> list[_Bone]:
+    """The bones, parents before children."""
+    sections = _sections(path)
+    bones = {bone.name: bone for bone in (_root(path, sections), *_bones(path, sections))}
+    order = ["root"]
+    for line in sections.get("hierarchy", []):
+        if line[0] in ("begin", "end"):
+            continue
+        if unknown := [name for name in line if name not in bones]:
+            raise InputError(path, f"its hierarchy names {unknown}, which are no bones", _REMEDY)
+        if line[0] not in order:
+            raise InputError(path, f"its hierarchy names '{line[0]}' before its parent", _REMEDY)
+        for child in line[1:]:
+            bones[child].parent = order.index(line[0])
+            order.append(child)
+    return [bones[name] for name in order]
+
+
+def _root(path: Path, sections: dict[str, list[list[str]]]) -> _Bone:
+    for line in sections.get("root", []):
+        if line[0] == "order":
+            channels = tuple(word.lower() for word in line[1:])
+            if sorted(channels) != sorted(_ROOT_ORDER):
+                raise InputError(path, f"its root's order is {' '.join(line[1:])}", f"use {' '.join(_ROOT_ORDER)}")
+            return _Bone("root", np.zeros(3), np.eye(3), channels)
+    raise InputError(path, "has no root", _REMEDY)
+
+
+def _bones(path: Path, sections: dict[str, list[list[str]]]) -> list[_Bone]:
+    bones = []
+    entry: dict[str, list[str]] = {}
+    for line in sections.get("bonedata", []):
+        if line[0] == "begin":
+            entry = {}
+        elif line[0] == "end":
+            bones.append(_bone(path, entry))
+        else:
+            entry.setdefault(line[0], line[1:])
+    return bones
+
+
+def _bone(path: Path, entry: dict[str, list[str]]) -> _Bone:
+    try:
+        direction = np.array(entry["direction"][:3], float)
+        x, y, z = np.radians(np.array(entry["axis"][:3], float))
+        channels = tuple(word.lower() for word in entry.get("dof", []))
+        if any(channel not in ("rx", "ry", "rz") for channel in channels):
+            raise ValueError(f"dof {' '.join(channels)}")
+        vector = direction / np.linalg.norm(direction) * float(entry["length"][0])
+        return _Bone(entry["name"][0], vector, turn("z", z) @ turn("y", y) @ turn("x", x), channels)
+    except (KeyError, ValueError, IndexError) as error:
+        name = " ".join(entry.get("name", ["without a name"]))
+        raise InputError(path, f"bone {name} is not complete ({error})", _REMEDY) from None
+
+
+def _sections(path: Path) -> dict[str, list[list[str]]]:
+    """The lines of each ``:section``, as words."""
+    found: dict[str, list[list[str]]] = {}
+    section = ""
+    for line in _lines(path):
+        words = line.split()
+        if words and words[0].startswith(":"):
+            section = words[0][1:].lower()
+            words = words[1:]
+        if words and not words[0].startswith("#"):
+            found.setdefault(section, []).append(words)
+    return found
+
+
+def _read_motion(path: Path, channels: dict[str, tuple[str, ...]]) -> dict[str, np.ndarray]:
+    """(frame, channel) of each bone; zeros for one that the file leaves out."""
+    frames: list[dict[str, list[float]]] = []
+    for number, line in enumerate(_lines(path), 1):
+        words = line.split()
+        if not words or words[0].startswith(("#", ":")):
+            continue
+        if len(words) == 1 and words[0].isdigit():
+            frames.append({})
+            continue
+        name = words[0]
+        try:
+            values = [float(word) for word in words[1:]]
+        except ValueError as error:
+            raise InputError(f"{path}: line {number}", str(error), _REMEDY) from None
+        if not frames or len(values) != len(channels.get(name, ())) or not np.isfinite(values).all():
+            raise InputError(f"{path}: line {number}", f"does not fit the skeleton's bone '{name}'", _REMEDY)
+        frames[-1][name] = values
+    if not frames or any("root" not in frame for frame in frames):
+        raise InputError(path, "has no frame, or one without a root", _REMEDY)
+    return {
+        name: np.array([frame.get(name, [0.0] * len(order)) for frame in frames]).reshape(len(frames), len(order))
+        for name, order in channels.items()
+    }
+
+
+def _lines(path: Path) -> list[str]:
+    try:
+        return path.read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror})", "check its name, or name the .asf file") from error

@@ -1,0 +1,1 @@
+"""USD: bodies, cameras, results and truth as stages."""

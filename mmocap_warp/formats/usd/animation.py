@@ -1,0 +1,118 @@
+"""Poses as a USD skeleton animation, inside a result or as a file of their own."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from pxr import Kind, Usd, UsdGeom, UsdSkel, UsdUtils, Vt
+
+from mmocap_warp.body.model import Subject
+from mmocap_warp.body.posing import Poser
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.usd.body import define_body, joint_paths, local_transforms, set_pose
+from mmocap_warp.formats.usd.file import USD_SUFFIXES, write_stage
+from mmocap_warp.formats.usd.world import set_world_up
+from mmocap_warp.result.track_result import TrackResult
+
+
+def animate(
+    stage: Usd.Stage, root: UsdSkel.Root, subject: Subject, pose: np.ndarray, frame_numbers: np.ndarray, fps: float
+) -> None:
+    """Let a body that ``usd_body`` authored move through poses, and set the stage's frame rate and range.
+
+    Args:
+        stage: the stage.
+        root: the body.
+        subject: what was authored there.
+        pose: (frame, 51), full pose vectors.
+        frame_numbers: (frame,), the time code of each.
+        fps: time codes per second.
+    """
+    times = np.asarray(frame_numbers, float).tolist()
+    stage.SetTimeCodesPerSecond(fps)
+    stage.SetFramesPerSecond(fps)
+    stage.SetStartTimeCode(times[0])
+    stage.SetEndTimeCode(times[-1])
+    animation = UsdSkel.Animation.Define(stage, root.GetPath().AppendChild("Animation"))
+    animation.CreateJointsAttr(joint_paths())
+    skeleton = stage.GetPrimAtPath(root.GetPath().AppendChild("Skeleton"))
+    UsdSkel.BindingAPI(skeleton).CreateAnimationSourceRel().SetTargets([animation.GetPath()])
+
+    extent, poser = root.CreateExtentAttr(), Poser(subject.body, subject.root_base)
+    lowest, highest, before = np.full(3, np.inf), np.full(3, -np.inf), None
+    for one_pose, time in zip(pose, times, strict=True):  # one at a time: the skin of all frames would fill the memory
+        local = local_transforms(subject.body, subject.root_base, one_pose)
+        before = set_pose(animation, local, Usd.TimeCode(time), before)
+        coordinate = poser.vertices(one_pose)[0].T.copy()  # an axis a row, whose extremes NumPy finds far faster
+        low, high = coordinate.min(axis=1), coordinate.max(axis=1)
+        extent.Set(_bounds(low, high), time)
+        lowest, highest = np.minimum(lowest, low), np.maximum(highest, high)
+    extent.Set(_bounds(lowest, highest))  # for viewers that ask for no particular time
+
+
+def export_animation(result: TrackResult, path: str | Path) -> None:
+    """Write the best run alone, Y up: body, skeleton and animation as any program reads them, without ``mmocap:`` data.
+
+    Args:
+        result: the result.
+        path: a ``.usd``, ``.usda``, ``.usdc`` or ``.usdz`` file; it appears whole or not at all.
+
+    Raises:
+        InputError: another ending, or a folder that cannot be written.
+    """
+    path = Path(path)
+    if path.suffix != ".usdz" and path.suffix not in USD_SUFFIXES:
+        raise InputError(path, "is not a USD file name", "end it in .usda, .usdc or .usdz")
+    stage = _animation_stage(result)
+    if path.suffix == ".usdz":
+        _write_package(path, stage)
+    else:
+        write_stage(path, stage)
+
+
+def _animation_stage(result: TrackResult) -> Usd.Stage:
+    stage = Usd.Stage.CreateInMemory()
+    world = UsdGeom.Xform.Define(stage, "/World")
+    stage.SetDefaultPrim(world.GetPrim())
+    Usd.ModelAPI(world).SetKind(Kind.Tokens.assembly)
+    set_world_up(stage, world, result.cameras.up, stage_up="y")
+    root = define_body(stage, f"/World/{result.subject.body.name}", result.subject.body)
+    _keep_what_is_seen(stage, root)
+    animate(stage, root, result.subject, result.pose[result.best_run], result.frame_numbers, result.fps)
+    return stage
+
+
+def _keep_what_is_seen(stage: Usd.Stage, root: UsdSkel.Root) -> None:
+    """Remove the tracking mesh, the shape targets (already in the rest points) and the project's own attributes."""
+    skin = stage.GetPrimAtPath(root.GetPath().AppendChild("Skin"))
+    unseen = [root.GetPath().AppendChild("Tracking"), *(child.GetPath() for child in skin.GetChildren())]
+    for path in unseen:
+        stage.RemovePrim(path)
+    for prim in Usd.PrimRange(root.GetPrim()):
+        for name in prim.GetPropertyNames():
+            if name.startswith("mmocap:") or name in ("skel:blendShapes", "skel:blendShapeTargets"):
+                prim.RemoveProperty(name)
+
+
+def _write_package(path: Path, stage: Usd.Stage) -> None:
+    """A ``.usdz``: an uncompressed archive of one ``.usdc``."""
+    if not path.parent.is_dir():
+        raise InputError(path, "its folder does not exist", "create the folder first")
+    try:
+        with tempfile.TemporaryDirectory(prefix=f".{path.stem}.", dir=path.parent) as folder:
+            layer, package = Path(folder) / f"{path.stem}.usdc", Path(folder) / path.name
+            write_stage(layer, stage)
+            if not UsdUtils.CreateNewUsdzPackage(str(layer), str(package)):
+                raise InputError(path, "cannot be packed", "check the folder's free space")
+            os.replace(package, path)
+    except OSError as error:
+        raise InputError(
+            path, f"cannot be written ({error})", "check the folder's permissions and free space"
+        ) from error
+
+
+def _bounds(low: np.ndarray, high: np.ndarray) -> Vt.Vec3fArray:
+    return Vt.Vec3fArray.FromNumpy(np.stack([low, high]).astype(np.float32))

@@ -1,0 +1,124 @@
+"""Results as USD: the fitted body, animated, and a camera per view; all runs and what they cost as attributes.
+
+Layout, with the recording's frame number as time code::
+
+    /World                   turned upright where the cameras' up axis is neither +Y nor +Z
+    /World/<body>            the subject as ``usd_body`` writes it
+    /World/<body>/Animation  the best run as a SkelAnimation
+    /World/Cameras/<view>    see ``usd_camera``
+    /World/Tracking          mmocap:resultVersion, frames, runs, bestRun, seconds, config and versions (JSON);
+                             per frame pose (run x 51), cost (run), iou (run x camera), evaluations (run), status
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+from pxr import Kind, Usd, UsdGeom
+
+from mmocap_warp.body.model import FULL_DOF
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.usd.animation import animate
+from mmocap_warp.formats.usd.attributes import author_value
+from mmocap_warp.formats.usd.body import body_prim, define_subject, subject_from_prim
+from mmocap_warp.formats.usd.camera import cameras_from_prim, define_cameras
+from mmocap_warp.formats.usd.file import PrimReader, read_stage, write_stage
+from mmocap_warp.formats.usd.world import set_world_up
+from mmocap_warp.result.track_result import STATUS, TrackResult
+
+VERSION = 1
+"""Of the layout above; raised when a file of the older layout can no longer be read."""
+
+_REMEDY = "give a result that `mmocap track` wrote"
+
+
+def write_result(path: str | Path, result: TrackResult) -> None:
+    """Write a result to a ``.usd``, ``.usda`` or ``.usdc`` file, whole or not at all; reading it gives it back exactly.
+
+    Raises:
+        InputError: the file name is not USD's, or its folder cannot be written.
+    """
+    stage = Usd.Stage.CreateInMemory()
+    world = UsdGeom.Xform.Define(stage, "/World")
+    stage.SetDefaultPrim(world.GetPrim())
+    Usd.ModelAPI(world).SetKind(Kind.Tokens.assembly)
+    set_world_up(stage, world, result.cameras.up)
+    body = define_subject(stage, f"/World/{result.subject.body.name}", result.subject)
+    animate(stage, body, result.subject, result.pose[result.best_run], result.frame_numbers, result.fps)
+    define_cameras(stage, "/World/Cameras", result.cameras)
+    _define_tracking(stage, result)
+    write_stage(path, stage)
+
+
+def read_result(path: str | Path) -> TrackResult:
+    """Read a result that :func:`write_result` wrote.
+
+    Raises:
+        InputError: no such file, not USD, not a result, one of another version, or an inconsistent one.
+    """
+    stage = read_stage(path)
+    prim = stage.GetPrimAtPath("/World/Tracking")
+    if not (prim and prim.HasAttribute("mmocap:resultVersion")):
+        raise InputError(path, "holds no tracking result (no /World/Tracking)", _REMEDY)
+    read = PrimReader(prim, path, _REMEDY)
+    version = read.value("mmocap:resultVersion")
+    read.require(version == VERSION, f"this result has version {version}, this program reads {VERSION}")
+    cameras = cameras_from_prim(stage.GetPrimAtPath("/World/Cameras"), path)
+    frames = read.array("mmocap:frames", (None,), np.int64)
+    times, runs = frames.astype(float).tolist(), read.value("mmocap:runs")
+    status = read.samples("mmocap:status", times)
+    read.require(set(status) <= set(STATUS), f"mmocap:status knows {STATUS}, not {sorted(set(status) - set(STATUS))}")
+
+    pose = read.sampled_array("mmocap:pose", times, (runs, FULL_DOF))
+    read.require(np.isfinite(pose).all(), "mmocap:pose is not finite")
+
+    def of_runs(name: str, *shape: int) -> np.ndarray:
+        return np.moveaxis(read.sampled_array(f"mmocap:{name}", times, (runs, *shape)), 1, 0)
+
+    try:
+        return TrackResult(
+            subject=subject_from_prim(body_prim(stage, path), path),
+            cameras=cameras,
+            fps=stage.GetTimeCodesPerSecond(),
+            frame_numbers=frames,
+            pose=np.moveaxis(pose, 1, 0),
+            cost=of_runs("cost"),
+            iou=of_runs("iou", len(cameras)),
+            evaluations=of_runs("evaluations"),
+            status=np.array([STATUS.index(name) for name in status], np.int8),
+            seconds=read.value("mmocap:seconds"),
+            config=_json_object(read, "mmocap:config"),
+            versions=_json_object(read, "mmocap:versions"),
+        )
+    except InputError:
+        raise
+    except ValueError as error:
+        raise InputError(path, str(error), _REMEDY) from error
+
+
+def _define_tracking(stage: Usd.Stage, result: TrackResult) -> None:
+    prim = UsdGeom.Scope.Define(stage, "/World/Tracking").GetPrim()
+    author_value(prim, "mmocap:resultVersion", VERSION)
+    author_value(prim, "mmocap:frames", result.frame_numbers)
+    author_value(prim, "mmocap:runs", len(result.pose))
+    author_value(prim, "mmocap:bestRun", result.best_run)
+    author_value(prim, "mmocap:seconds", float(result.seconds))
+    author_value(prim, "mmocap:config", json.dumps(result.config))
+    author_value(prim, "mmocap:versions", json.dumps(result.versions))
+    for i, time in enumerate(result.frame_numbers.astype(float).tolist()):
+        author_value(prim, "mmocap:pose", result.pose[:, i], time)
+        author_value(prim, "mmocap:cost", result.cost[:, i], time)
+        author_value(prim, "mmocap:iou", result.iou[:, i], time)
+        author_value(prim, "mmocap:evaluations", result.evaluations[:, i], time)
+        author_value(prim, "mmocap:status", STATUS[result.status[i]], time)
+
+
+def _json_object(read: PrimReader, name: str) -> dict:
+    try:
+        value = json.loads(read.value(name))
+    except ValueError:
+        value = None
+    read.require(isinstance(value, dict), f"{name} is not a JSON object")
+    return value

@@ -1,0 +1,1 @@
+"""From candidate poses to costs: posing, silhouettes, counts."""

@@ -1,0 +1,132 @@
+"""A search within a strict budget: the start first, then each part's optimizer."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+import warp as wp
+
+from mmocap_warp.kernels.optimizers.populations import clamp, keep_best, place
+from mmocap_warp.optimizers.protocol import Optimizer
+from mmocap_warp.tracking.strategy import share_budget
+
+
+class BatchedCost(Protocol):
+    """A cost of many candidates at once.
+
+    Attributes:
+        device: the Warp device of its arrays.
+        pose: (candidate, coordinate) float32, where candidates are written.
+    """
+
+    device: str
+    pose: wp.array
+
+    def evaluate(self, candidates: int) -> wp.array:
+        """Costs (candidate,) float32 of the first ``candidates`` rows of ``pose``; infinite is allowed, NaN is not."""
+        ...
+
+    def prepare(self, runs: int, index: np.ndarray) -> None:
+        """Allocate what ``hold`` will need."""
+        ...
+
+    def hold(self, base: wp.array, index: np.ndarray) -> None:
+        """Be told that candidates differ from their run's ``base`` (run, coordinate) in coordinates ``index`` alone."""
+        ...
+
+    def release(self) -> None:
+        """Be told that candidates may differ in everything again."""
+        ...
+
+
+class Search:
+    """Finds the best coordinates (in tracking: a pose) for a batch of runs, starting from each run's last answer.
+
+    Nothing is read back while it runs: ``best_pose`` (run, coordinate) and ``best_cost`` (run,) stay on the
+    device until the caller asks for them.
+
+    Args:
+        objective: the cost; its ``pose`` is sized for ``runs`` times the largest population.
+        optimizers: one per part, in order.
+        evaluations: budget of each run; the start is the first evaluation, unless the answer is an estimate.
+        limits: (coordinate, 2) lowest and highest value of every coordinate; infinite where free.
+        replays: search again and again with the same arrays, and on a GPU replay a captured graph.
+    """
+
+    def __init__(
+        self,
+        objective: BatchedCost,
+        optimizers: Sequence[Optimizer],
+        evaluations: int,
+        limits: np.ndarray,
+        replays: bool = False,
+    ) -> None:
+        runs = optimizers[0].population.shape[0]
+        device = objective.device
+        self._objective, self._optimizers = objective, optimizers
+        self._runs = runs
+        self._replays = replays and objective.device != "cpu"
+        self._graph: wp.Graph | None = None
+        self._loaded = False
+        self._returns_best = all(optimizer.returns_best for optimizer in optimizers)
+        shares = share_budget(evaluations - self._returns_best, len(optimizers))
+        self._moved = [optimizer.index.numpy() for optimizer in optimizers]
+        for moved in self._moved:
+            objective.prepare(runs, moved)
+        self._plans = [optimizer.plan(share) for optimizer, share in zip(optimizers, shares, strict=True)]
+        self._lower = wp.array(limits[:, 0], dtype=wp.float32, device=device)
+        self._upper = wp.array(limits[:, 1], dtype=wp.float32, device=device)
+        self.best_pose = wp.zeros((runs, len(limits)), dtype=wp.float32, device=device)
+        self.best_cost = wp.zeros(runs, dtype=wp.float32, device=device)
+
+    @property
+    def evaluations(self) -> int:
+        """What a search costs each run: the budget, or less where it does not divide."""
+        return self._returns_best + sum(map(sum, self._plans))
+
+    def run(self) -> None:
+        """Search; improves ``best_pose`` in place.
+
+        On a GPU the second search is captured as one graph, and from then on replayed: a search is many small launches
+        that would wait for the host. The first one is not, because it loads the kernels.
+        """
+        if not self._replays:
+            self._run()
+            return
+        if self._graph is None and self._loaded:
+            with wp.ScopedCapture(self._objective.device) as capture:
+                self._run()
+            self._graph = capture.graph
+        if self._graph is not None:
+            wp.capture_launch(self._graph)
+        else:
+            self._run()
+            self._loaded = True
+
+    def _run(self) -> None:
+        objective = self._objective
+        self.best_cost.fill_(wp.inf)
+        if self._returns_best:
+            wp.copy(objective.pose, self.best_pose, count=self.best_pose.size)
+            keep_best(objective.evaluate(self._runs), objective.pose, 1, self.best_cost, self.best_pose)
+        for optimizer, moved, plan in zip(self._optimizers, self._moved, self._plans, strict=True):
+            objective.hold(self.best_pose, moved)
+            self._search_part(optimizer, plan)
+        objective.release()
+
+    def _search_part(self, optimizer: Optimizer, plan: list[int]) -> None:
+        optimizer.start(self.best_pose)
+        objective = self._objective
+        for particles in plan:
+            population = optimizer.ask(particles)
+            place(population, optimizer.index, self.best_pose, self._lower, self._upper, particles, objective.pose)
+            cost = objective.evaluate(self._runs * particles)
+            if optimizer.returns_best:
+                keep_best(cost, objective.pose, particles, self.best_cost, self.best_pose)
+            if particles == optimizer.particles:
+                optimizer.tell(cost)
+        if not optimizer.returns_best:
+            optimizer.estimate(self.best_pose)
+            clamp(self._lower, self._upper, self.best_pose)

@@ -1,0 +1,1 @@
+"""Answers of tracking, what is known of the truth, and how far they are apart."""

@@ -1,0 +1,158 @@
+"""How good a result is: overlap with what was seen, and distance to what is known."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from mmocap_warp.body.model import JOINTS
+from mmocap_warp.result.pose_errors import (
+    LIMB_ENDS,
+    LIMB_GROUPS,
+    LIMB_JOINTS,
+    LOST_LIMB,
+    aligned_error,
+    common_frames,
+    joint_positions,
+    marker_error,
+    nanmean,
+    on_all_frames,
+)
+from mmocap_warp.result.track_result import STATUS, TrackResult
+from mmocap_warp.result.truth import Truth
+
+_METRES_TO_MM = 1000.0
+
+
+def evaluate(result: TrackResult, truth: Truth | None = None) -> dict[str, Any]:
+    """Judge a result; numbers over several runs are means of the runs' numbers, except the worst and the medians.
+
+    Without truth: ``frames``, ``runs``, ``lost`` and ``partial`` frames, ``evaluations`` (all runs),
+    ``evaluations_per_second``, ``mean_cost``, ``mean_iou``, ``worst_iou`` (the lowest mean over views of a frame,
+    over runs) and its ``worst_iou_frame``, ``iou_by_camera``, ``jitter_mm`` (median second difference of the joints
+    over consecutive frames), ``per_run`` and ``series`` (per run and frame).
+
+    With truth also, over the frames that have it: ``truth_frames``; ``marker_error_mm``, Eq. 20: the mean over
+    markers, then frames, of markers attached to the nearest point of the tracked skin when first seen (what lies
+    between marker and skin then is dropped, so it counts as error); over the twelve joints of ``LIMB_GROUPS``:
+    ``mpjpe_mm`` the mean distance, ``pa_mpjpe_mm`` the same after the best similarity transform of each frame,
+    ``median_joint_mm`` (all), ``median_mm_by_joint`` and ``median_mm_by_group`` over frames and runs, and
+    ``limb_lost_frames``: frames in which a wrist or ankle of some run is over 200 mm off.
+
+    Values that nothing defines (no marker, no joint, no view) are ``None``.
+
+    Raises:
+        InputError: truth that shares no frame, or neither markers nor joints, with the result.
+    """
+    joints = joint_positions(result)
+    series = {"cost": result.cost, "iou": nanmean(result.iou, axis=2)}
+    report = _overlap(result, series["iou"])
+    report["jitter_mm"] = _jitter_mm(joints, result.frame_numbers)
+    if truth is not None:
+        mine, theirs = common_frames(result, truth)
+        report["truth_frames"] = len(mine)
+        error = marker_error(result, truth, mine, theirs) * _METRES_TO_MM
+        series["marker_error_mm"] = on_all_frames(error, mine, result)
+        report["marker_error_mm"] = _mean(nanmean(series["marker_error_mm"], axis=1))
+        report |= _joint_errors(joints, truth, mine, theirs, result, series)
+    report["per_run"] = _per_run(result, series)
+    report["series"] = {"frame": result.frame_numbers} | series
+    return _jsonable(report)
+
+
+def _overlap(result: TrackResult, iou: np.ndarray) -> dict[str, Any]:
+    """What needs no truth; ``iou`` is (run, frame)."""
+    worst = np.where(np.isfinite(iou), iou, np.inf).min(axis=0)
+    total = int(result.evaluations.sum())
+    return {
+        "frames": len(result.frame_numbers),
+        "runs": len(result.pose),
+        "lost": int((result.status == STATUS.index("lost")).sum()),
+        "partial": int((result.status == STATUS.index("partial")).sum()),
+        "evaluations": total,
+        "evaluations_per_second": total / result.seconds if result.seconds > 0 else None,
+        "seconds": result.seconds,
+        "mean_cost": _mean(nanmean(result.cost, axis=1)),
+        "mean_iou": _mean(nanmean(iou, axis=1)),
+        "worst_iou": worst.min(),
+        "worst_iou_frame": int(result.frame_numbers[worst.argmin()]) if np.isfinite(worst).any() else None,
+        "iou_by_camera": dict(zip(result.cameras.names, nanmean(result.iou, axis=(0, 1)), strict=True)),
+    }
+
+
+def _jitter_mm(joints: np.ndarray, frame_numbers: np.ndarray) -> float:
+    """Median length of the joints' second difference over consecutive frames; ``joints`` is (run, frame, joint, 3)."""
+    step = np.diff(frame_numbers)
+    consecutive = (step[1:] == step.min()) & (step[:-1] == step.min()) if len(step) > 1 else np.zeros(0, bool)
+    second = np.diff(joints, n=2, axis=1)[:, consecutive]
+    return _median(np.linalg.norm(second, axis=-1)) * _METRES_TO_MM
+
+
+def _joint_errors(
+    joints: np.ndarray,
+    truth: Truth,
+    mine: np.ndarray,
+    theirs: np.ndarray,
+    result: TrackResult,
+    series: dict[str, np.ndarray],
+) -> dict[str, Any]:
+    """Errors over the limb joints that the truth names; adds the per-frame errors to ``series``."""
+    names = [name for name in LIMB_JOINTS if name in truth.joint_names]
+    tracked = joints[:, mine][:, :, [JOINTS.index(name) for name in names]]
+    known = truth.joints[theirs][:, [truth.joint_names.index(name) for name in names]]
+    distance = np.linalg.norm(tracked - known, axis=-1) * _METRES_TO_MM  # (run, common frame, joint)
+    aligned = aligned_error(tracked, known) * _METRES_TO_MM
+    series["mpjpe_mm"] = on_all_frames(nanmean(distance, axis=2), mine, result)
+    series["pa_mpjpe_mm"] = on_all_frames(aligned, mine, result)
+    ends = [i for i, name in enumerate(names) if name in LIMB_ENDS]
+    lost = (distance[..., ends] > LOST_LIMB * _METRES_TO_MM).any(axis=(0, 2))
+
+    def median_of(*wanted: str) -> float:
+        return _median(distance[..., [i for i, name in enumerate(names) if name in wanted]])
+
+    return {
+        "mpjpe_mm": _mean(nanmean(series["mpjpe_mm"], axis=1)),
+        "pa_mpjpe_mm": _mean(nanmean(series["pa_mpjpe_mm"], axis=1)),
+        "median_joint_mm": median_of(*names),
+        "median_mm_by_joint": {name: median_of(name) for name in names},
+        "median_mm_by_group": {group: median_of(*pair) for group, pair in LIMB_GROUPS.items()},
+        "limb_lost_frames": result.frame_numbers[mine[lost]],
+    }
+
+
+def _per_run(result: TrackResult, series: dict[str, np.ndarray]) -> list[dict[str, Any]]:
+    """A line a run: what distinguishes the seeds."""
+    seed = result.config.get("seed")
+    return [
+        {"run": run, "seed": None if seed is None else seed + run, "worst_iou": _min(series["iou"][run])}
+        | {f"mean_{name}" if name in ("cost", "iou") else name: _mean(of[run]) for name, of in series.items()}
+        for run in range(len(result.pose))
+    ]
+
+
+def _mean(values: np.ndarray) -> float:
+    return float(np.nanmean(values)) if np.isfinite(values).any() else np.nan
+
+
+def _median(values: np.ndarray) -> float:
+    return float(np.nanmedian(values)) if np.isfinite(values).any() else np.nan
+
+
+def _min(values: np.ndarray) -> float:
+    return float(np.nanmin(values)) if np.isfinite(values).any() else np.nan
+
+
+def _jsonable(value: Any) -> Any:
+    """Arrays become lists, and what JSON cannot say (NaN, infinity) becomes None."""
+    if isinstance(value, dict):
+        return {key: _jsonable(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return _jsonable(value.tolist())
+    if isinstance(value, list):
+        return [_jsonable(item) for item in value]
+    if isinstance(value, np.generic):
+        return _jsonable(value.item())
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value

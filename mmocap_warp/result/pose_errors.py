@@ -1,0 +1,173 @@
+"""Distances between a tracked body and what is known of the real one: whole arrays in, whole arrays out.
+
+Poses are posed in blocks, and of the skin only the vertices that are asked for, so that a recording of any length is
+judged in little memory.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from mmocap_warp.body.model import BodyModel, SkinMesh
+from mmocap_warp.body.posing import Poser
+from mmocap_warp.body.skin_points import SkinPoints, attach
+from mmocap_warp.errors import InputError
+from mmocap_warp.result.track_result import TrackResult
+from mmocap_warp.result.truth import Truth
+
+LIMB_GROUPS: dict[str, tuple[str, str]] = {
+    "shoulders": ("LShoulder", "RShoulder"),
+    "elbows": ("LElbow", "RElbow"),
+    "wrists": ("LWrist", "RWrist"),
+    "hips": ("LHip", "RHip"),
+    "knees": ("LKnee", "RKnee"),
+    "ankles": ("LAnkle", "RAnkle"),
+}
+"""The joints that every source of truth defines alike: the ones that MPJPE is taken over."""
+
+LIMB_JOINTS: tuple[str, ...] = tuple(name for pair in LIMB_GROUPS.values() for name in pair)
+
+HEAD_TOP = "HeadTop"
+"""The truth's name for the top of the head, which is no joint of the body: its highest vertex in the bind pose."""
+
+HUMANEVA_JOINTS: tuple[str, ...] = ("Root", "Neck", HEAD_TOP, *LIMB_JOINTS)
+"""HumanEva's fifteen, by this project's names: pelvis, thorax, top of the head, and the twelve of the limbs."""
+
+LIMB_ENDS: tuple[str, ...] = LIMB_GROUPS["wrists"] + LIMB_GROUPS["ankles"]
+
+LOST_LIMB = 0.2
+"""A limb is lost in a frame where its wrist or ankle is farther off than this [m]."""
+
+_POSES_AT_ONCE = 4096  # a pose's joints are 1.4 KB on the way
+_VERTICES_AT_ONCE = 1 << 20  # 12 MB
+
+
+def joint_positions(result: TrackResult) -> np.ndarray:
+    """(run, frame, joint, 3) float64, joint centres in the world [m]."""
+    poser = Poser(result.subject.body, result.subject.root_base)
+    poses = result.pose.reshape(-1, result.pose.shape[2])
+    centres = np.empty((len(poses), len(result.subject.body.joint_rest), 3))
+    for block in _blocks(len(poses), _POSES_AT_ONCE):
+        centres[block] = poser.joint_transforms(poses[block])[:, :, :3, 3]
+    return centres.reshape(*result.pose.shape[:2], -1, 3)
+
+
+def skin_positions(result: TrackResult, pose: np.ndarray, vertex: np.ndarray) -> np.ndarray:
+    """Where some of the skin's vertices are: poses (n, 51) and vertices (m,) int to (n, m, 3) float32 [m]."""
+    body = result.subject.body
+    some = SkinMesh(body.skin.rest[vertex], body.skin.face[:0], body.skin.joint[vertex], body.skin.weight[vertex])
+    poser = Poser(replace(body, skin=some), result.subject.root_base)
+    positions = np.empty((len(pose), len(vertex), 3), np.float32)
+    for block in _blocks(len(pose), max(_VERTICES_AT_ONCE // max(len(vertex), 1), 1)):
+        positions[block] = poser.vertices(pose[block])
+    return positions
+
+
+def head_top(body: BodyModel) -> int:
+    """The skin's highest vertex in the bind pose."""
+    return int(body.skin.rest[:, 1].argmax())
+
+
+def common_frames(result: TrackResult, truth: Truth) -> tuple[np.ndarray, np.ndarray]:
+    """Positions in the result and in the truth of the frames that both have.
+
+    Raises:
+        InputError: they share no frame, or the truth has neither markers nor a joint that is judged.
+    """
+    _, mine, theirs = np.intersect1d(result.frame_numbers, truth.frame_numbers, return_indices=True)
+    if not len(mine):
+        raise InputError(
+            "truth",
+            f"its frames {_span(truth.frame_numbers)} share none with the result's {_span(result.frame_numbers)}",
+            "give the truth of this recording, numbered as its frames are",
+        )
+    if not truth.marker_names and not set(LIMB_JOINTS) & set(truth.joint_names):
+        raise InputError(
+            "truth",
+            f"no markers, and none of its joints {list(truth.joint_names)} is one of {list(LIMB_JOINTS)}",
+            "name its joints as above",
+        )
+    return mine, theirs
+
+
+def marker_error(result: TrackResult, truth: Truth, mine: np.ndarray, theirs: np.ndarray) -> np.ndarray:
+    """Eq. 20, the mean distance over the markers seen in a frame: (run, common frame) float64 [m].
+
+    Each run attaches a marker to the nearest point of its own skin in the frame where the marker is first seen; what
+    lies between marker and skin then is dropped, so it counts as error.
+    """
+    seen = truth.markers[theirs]
+    known = np.isfinite(seen).all(axis=2)
+    ever = np.flatnonzero(known.any(axis=0))
+    first = known.argmax(axis=0)[ever]  # frame of each marker that is ever seen
+    error = np.full((len(result.pose), len(mine)), np.nan)
+    if not len(ever):
+        return error
+    face = result.subject.body.skin.face
+    all_vertices = np.arange(len(result.subject.body.skin.rest))
+    for run, pose in enumerate(result.pose[:, mine]):
+        starts = np.unique(first)
+        corners, weights = np.empty((len(ever), 3), int), np.empty((len(ever), 3))
+        for start, vertices in zip(starts, skin_positions(result, pose[starts], all_vertices), strict=True):
+            some = first == start
+            attached = attach(seen[start, ever[some]], vertices, face)
+            corners[some], weights[some] = attached.corners, attached.weights
+        vertex, corner = np.unique(corners, return_inverse=True)
+        riding = SkinPoints(corner.reshape(corners.shape), weights)
+        for block in _blocks(len(mine), _POSES_AT_ONCE):
+            place = riding.positions(skin_positions(result, pose[block], vertex))
+            error[run, block] = nanmean(np.linalg.norm(seen[block][:, ever] - place, axis=2), axis=1)
+    return error
+
+
+def aligned_error(points: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Mean distance after the similarity transform, mirrors excluded, that brings ``points`` closest to ``target``.
+
+    Args:
+        points: (..., frame, joint, 3).
+        target: (frame, joint, 3); a joint with a NaN is left out of its frame.
+
+    Returns:
+        (..., frame); NaN where fewer than three joints are known.
+    """
+    known = np.isfinite(target).all(axis=2)
+    enough = known.sum(axis=1) >= 3  # else a similarity is not determined
+    weight = (known / np.maximum(known.sum(axis=1, keepdims=True), 1))[..., None]
+    target = np.where(known[..., None], target, 0.0)
+    y = np.where(known[..., None], target - (weight * target).sum(axis=1, keepdims=True), 0.0)
+    x = np.where(known[..., None], points - (weight * points).sum(axis=-2, keepdims=True), 0.0)
+    u, s, vt = np.linalg.svd(np.einsum("...ja,...jb->...ab", x, np.broadcast_to(y, x.shape)))
+    sign = np.ones_like(s)
+    sign[..., 2] = np.sign(np.linalg.det(u @ vt))  # a rotation, not a mirror
+    size = np.maximum((x**2).sum(axis=(-2, -1)), np.finfo(float).tiny)
+    scale = (s * sign).sum(axis=-1) / size
+    fitted = scale[..., None, None] * (x @ (u * sign[..., None, :]) @ vt)
+    distance = np.linalg.norm(fitted - y, axis=-1)
+    return np.where(enough, (weight[..., 0] * distance).sum(axis=-1), np.nan)
+
+
+def nanmean(values: np.ndarray, axis: int | tuple[int, ...]) -> np.ndarray:
+    """Mean over what is defined, NaN where nothing is."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Mean of empty slice", RuntimeWarning)
+        return np.nanmean(values, axis=axis)
+
+
+def on_all_frames(values: np.ndarray, mine: np.ndarray, result: TrackResult) -> np.ndarray:
+    """(run, common frame) to (run, frame) with NaN where there is no truth."""
+    full = np.full((len(values), len(result.frame_numbers)), np.nan)
+    full[:, mine] = values
+    return full
+
+
+def _blocks(count: int, size: int) -> Iterator[slice]:
+    for start in range(0, count, size):
+        yield slice(start, min(start + size, count))
+
+
+def _span(numbers: np.ndarray) -> str:
+    return f"{numbers[0]}-{numbers[-1]}" if len(numbers) else "(none)"

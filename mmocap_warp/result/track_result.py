@@ -1,0 +1,89 @@
+"""The answer of a tracking run, and that of each of its frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mmocap_warp.body.model import FULL_DOF, Subject
+from mmocap_warp.views.rig import CameraRig
+
+STATUS: tuple[str, ...] = ("tracked", "partial", "lost")
+"""Of a frame: all views judged; some view left out (empty mask); no view left, the pose is carried over."""
+
+
+@dataclass(frozen=True)
+class FrameAnswer:
+    """What a frame's search found.
+
+    Attributes:
+        pose: (run, 51) float32.
+        cost: (run,) float32; NaN when the frame is lost.
+        iou: (run, camera) float64; NaN for a lost view.
+        evaluations: spent by each run.
+        status: index into ``STATUS``.
+        seconds: wall-clock time [s].
+    """
+
+    pose: np.ndarray
+    cost: np.ndarray
+    iou: np.ndarray
+    evaluations: int
+    status: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class TrackResult:
+    """Poses of every frame of every run, with what is needed to judge and repeat them.
+
+    Attributes:
+        subject: the body that was tracked; its pose is where tracking started.
+        cameras: the rig, undistorted, at the scale that was tracked.
+        fps: frames per second of the recording.
+        frame_numbers: (frame,) int, the recording's own frame numbers.
+        pose: (run, frame, 51) float64, full pose vectors.
+        cost: (run, frame) float64, cost of the best pose; NaN for a lost frame.
+        iou: (run, frame, camera) float64, intersection over union; NaN for a lost view.
+        evaluations: (run, frame) int64, evaluations spent.
+        status: (frame,) int8, index into ``STATUS``.
+        seconds: wall-clock time of the search, images left out [s].
+        config: the full configuration as JSON-compatible values; ``config["seed"]`` is the first run's seed.
+        versions: package versions and device.
+
+    Raises:
+        ValueError: no frame, frame numbers that do not ascend, or arrays whose shapes disagree.
+    """
+
+    subject: Subject
+    cameras: CameraRig
+    fps: float
+    frame_numbers: np.ndarray
+    pose: np.ndarray
+    cost: np.ndarray
+    iou: np.ndarray
+    evaluations: np.ndarray
+    status: np.ndarray
+    seconds: float
+    config: dict
+    versions: dict[str, str]
+
+    def __post_init__(self) -> None:
+        runs, frames, cameras = len(self.pose), len(self.frame_numbers), len(self.cameras)
+        if not runs or not frames or (np.diff(self.frame_numbers) <= 0).any():
+            raise ValueError("a result needs a run, a frame, and frame_numbers that ascend")
+        for name, shape in (
+            ("pose", (runs, frames, FULL_DOF)),
+            ("cost", (runs, frames)),
+            ("iou", (runs, frames, cameras)),
+            ("evaluations", (runs, frames)),
+            ("status", (frames,)),
+        ):
+            if getattr(self, name).shape != shape:
+                raise ValueError(f"{name} must be {shape}, got {getattr(self, name).shape}")
+
+    @property
+    def best_run(self) -> int:
+        """The run with the lowest mean cost: the one that is animated."""
+        return int(np.argmin(np.nanmean(self.cost, axis=1))) if np.isfinite(self.cost).any() else 0

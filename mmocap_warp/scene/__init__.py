@@ -1,0 +1,1 @@
+"""A recording as its scene.toml describes it."""

@@ -1,0 +1,102 @@
+"""Writing a scene's masks to a folder that is a scene itself: made once, read fast."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
+from mmocap_warp.formats.png import write_png
+from mmocap_warp.formats.webm import WebmFile
+from mmocap_warp.scene.recording import Scene
+from mmocap_warp.whole_file import write_whole
+
+_TINT = np.array([0, 150, 255], np.uint8)  # BGR
+_VIEW_HEIGHT = 480  # of the overlay's views, at most [px]
+
+
+def write_masks(
+    scene: Scene,
+    folder: str | Path,
+    scale: float = 1.0,
+    first: int = 0,
+    count: int | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Path:
+    """Write finished masks (undistorted, resampled, cleaned, repaired) and an overlay to look at.
+
+    The folder gets ``<camera>/<frame>.png`` (1 bit), ``overlay.webm``, ``calibration.toml`` (the pinholes that belong
+    to the masks) and last ``scene.toml``, which reads them back exactly at scale 1. It names the same
+    subject and body; truth, tracker and fit settings stay with the original. Files of the same names are replaced.
+
+    Args:
+        scene: the recording.
+        folder: made if it does not exist.
+        scale: of the masks relative to the calibrated images.
+        first: first frame; it becomes frame 0 of the new scene.
+        count: number of frames; to the end without it.
+        progress: called after each frame with the number of frames done.
+
+    Returns:
+        Path of the new ``scene.toml``.
+
+    Raises:
+        InputError: images that turn out unreadable, or a folder that cannot be written to.
+    """
+    folder = Path(folder)
+    rig = scene.rig(scale)
+    try:
+        for name in rig.names:
+            (folder / name).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(folder, f"cannot be written to ({error})", "choose another folder") from None
+    with WebmFile(folder / "overlay.webm", scene.fps) as video:
+        frames = zip(scene.masks(scale, first, count), scene.images(scale, first, count), strict=True)
+        for f, (masks, images) in enumerate(frames):
+            for name, mask in zip(rig.names, masks, strict=True):
+                write_png(folder / name / f"{f:06d}.png", mask)
+            video.write(draw_masks(masks, images))
+            if progress is not None:
+                progress(f + 1)
+    write_toml_rig(folder / "calibration.toml", rig)
+    body = scene.body.resolve() if isinstance(scene.body, Path) else scene.body
+    lines = [
+        f"# Masks of {scene.name} at scale {scale:g} from its frame {first} on, written by mmocap mask.",
+        "[scene]",
+        f"name = {_quoted(scene.name)}",
+        f"fps = {scene.fps!r}",
+        f'up = "{rig.up}"',
+        *([f"subject = {_quoted(str(scene.subject.resolve()))}"] if scene.subject else []),
+        *([f"body = {_quoted(str(body))}"] if body is not None else []),
+        "",
+        "[cameras]",
+        'calibration = "calibration.toml"',
+    ]
+    for name in rig.names:
+        lines += ["", f"[cameras.{_quoted(name)}]", f"masks = {_quoted(name)}"]
+    write_whole(folder / "scene.toml", "\n".join([*lines, ""]).encode())
+    return folder / "scene.toml"
+
+
+def draw_masks(masks: list[np.ndarray], images: list[np.ndarray | None]) -> np.ndarray:
+    """All views side by side: masks tinted and outlined over the images (BGR), or over gray where there is none."""
+    height = min(_VIEW_HEIGHT, max(mask.shape[0] for mask in masks))
+    views = []
+    for mask, image in zip(masks, images, strict=True):
+        view = np.full((*mask.shape, 3), 40, np.uint8) if image is None else image.copy()
+        view[mask] = view[mask] // 2 + _TINT // 2
+        contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+        cv2.drawContours(view, contours, -1, _TINT.tolist(), 1)
+        size = (max(1, round(view.shape[1] * height / view.shape[0])), height)
+        views.append(cv2.resize(view, size, interpolation=cv2.INTER_AREA))
+    return np.concatenate(views, axis=1)
+
+
+def _quoted(text: str) -> str:
+    """A TOML basic string."""
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
+    return f'"{escaped}"'

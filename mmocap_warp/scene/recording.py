@@ -1,0 +1,207 @@
+"""A recording as its ``scene.toml`` describes it: calibrated cameras, where their images lie, what is foreground."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mmocap_warp.errors import InputError
+from mmocap_warp.foreground.cleanup import clean_mask
+from mmocap_warp.foreground.frames import Frames, ImageFolder, as_colour
+from mmocap_warp.foreground.mask_image import decode_mask
+from mmocap_warp.foreground.repair import repair_masks
+from mmocap_warp.foreground.settings import ForegroundSettings
+from mmocap_warp.foreground.subtraction import learn_background
+from mmocap_warp.views.observation import Observation
+from mmocap_warp.views.rig import CameraRig
+from mmocap_warp.views.undistort import Undistortion, undistortion
+
+BodyMasks = Callable[[], list[np.ndarray]]
+"""Says where the body was last: per camera (height, width) bool."""
+
+
+@dataclass(frozen=True)
+class CameraSource:
+    """Where one camera's images lie.
+
+    Attributes:
+        name: as in the calibration.
+        video: the recording (a video or a folder of images), or None.
+        masks: its masks (a folder of images or a video), or None.
+        clean_plate: one image without the subject, or None.
+        background: a recording without the subject, or None.
+        frame_offset: scene frame ``f`` is this camera's frame ``f + frame_offset``; 1 for a camera that lags by one.
+        recorded_scale, recorded_offset: recorded pixel = scale * calibrated pixel + offset.
+    """
+
+    name: str
+    video: Frames | None
+    masks: Frames | None
+    clean_plate: ImageFolder | None
+    background: Frames | None
+    frame_offset: int
+    recorded_scale: float
+    recorded_offset: tuple[float, float]
+
+    def background_examples(self, source: str) -> Frames:
+        """What a background is learnt from; see :class:`~mmocap_warp.foreground.settings.ForegroundSettings`.
+
+        Raises:
+            ValueError: this camera has no such images.
+        """
+        held = {"clean_plate": self.clean_plate, "background_video": self.background, "recording": self.video}
+        examples = held[source]
+        if examples is None:
+            raise ValueError(f"camera '{self.name}' has no images for source '{source}'")
+        return examples
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A recording. Frames run from 0 to ``frame_count - 1``; a camera whose shifted frame does not exist is lost there.
+
+    Attributes:
+        path: the scene file.
+        name: for people.
+        fps: frames per second.
+        frame_count: number of frames, the same for all cameras.
+        calibrated: the rig as calibrated (refined centres applied), with distortion, at full size.
+        cameras: in the rig's order.
+        foreground: how masks are made.
+        subject: a fitted subject, or None.
+        body: a body file, or the name of a shipped body, or None.
+        truth: reference joints or a result to compare with, or None.
+        truth_axes: which axes of the truth file are the world's x, y, z, such as ``zxy``.
+        track: settings of the tracker, as written.
+        fit: settings of the first-frame fit, as written.
+    """
+
+    path: Path
+    name: str
+    fps: float
+    frame_count: int
+    calibrated: CameraRig
+    cameras: tuple[CameraSource, ...]
+    foreground: ForegroundSettings
+    subject: Path | None = None
+    body: str | Path | None = None
+    truth: Path | None = None
+    truth_axes: str = "xyz"
+    track: dict[str, Any] = field(default_factory=dict)
+    fit: dict[str, Any] = field(default_factory=dict)
+
+    @cached_property
+    def directory(self) -> Path:
+        """The folder of the scene file."""
+        return self.path.parent
+
+    def rig(self, scale: float = 1.0) -> CameraRig:
+        """The undistorted pinholes of the images at ``scale``.
+
+        Raises:
+            InputError: a scale that leaves an image without pixels.
+        """
+        if 0 < scale * int(self.calibrated.size.min()) < 1:
+            raise InputError(self.path, f"at scale {scale:g} an image has no pixel left", "choose a larger scale")
+        return self.calibrated.undistorted(scale)
+
+    def observations(
+        self, scale: float = 1.0, first: int = 0, count: int | None = None, body: BodyMasks | None = None
+    ) -> Iterator[Observation]:
+        """Masks of frames ``first`` to ``first + count - 1`` (to the end without ``count``), one frame at a time.
+
+        They are made as the scene says: read or subtracted, undistorted and resampled once, cleaned, repaired.
+
+        Args:
+            scale: of the images relative to the calibrated ones.
+            first: frame to start with.
+            count: number of frames.
+            body: for ``keep = "nearest"``: called before each frame, returns per camera (height, width) bool where the
+                body was tracked last. Without it, what was kept in the frame before stands for the body.
+
+        Raises:
+            ValueError: frames that the scene does not have.
+            InputError: images that turn out unreadable.
+        """
+        for masks in self.masks(scale, first, count, body):
+            yield Observation.from_masks(masks)
+
+    def masks(
+        self, scale: float = 1.0, first: int = 0, count: int | None = None, body: BodyMasks | None = None
+    ) -> Iterator[list[np.ndarray]]:
+        """As :meth:`observations`, unpacked: per camera (height, width) bool."""
+        count = self._checked_count(first, count)
+        rig = self.rig(scale)
+        # A frame has the same mask wherever reading starts, so what is remembered is gathered from the first frame on.
+        follows_masks = self.foreground.keep == "nearest" and body is None
+        start = 0 if follows_masks or self.foreground.model_remembers else first
+        empty = [np.zeros((height, width), bool) for width, height in rig.size]
+        streams = [self._raw_masks(k, scale, start, first + count - start) for k in range(len(self.cameras))]
+        kept = empty
+        for frame, raw in enumerate(zip(*streams, strict=True), start):
+            where = kept if body is None else body()
+            kept = [
+                empty[k] if mask is None else clean_mask(mask, self.foreground, scale, where[k])
+                for k, mask in enumerate(raw)
+            ]
+            if frame >= first:
+                yield repair_masks(rig, kept) if self.foreground.repair else kept
+
+    def _raw_masks(self, k: int, scale: float, first: int, count: int) -> Iterator[np.ndarray | None]:
+        """Camera ``k``'s masks, undistorted but as read or subtracted; None where it has no frame."""
+        source, resample = self.cameras[k], self._undistortion(k, scale)
+        first += source.frame_offset
+        if self.foreground.source == "masks":
+            for image in _shifted(source.masks, first, count):
+                yield None if image is None else resample.mask(decode_mask(image))
+            return
+        examples = source.background_examples(self.foreground.source)
+        images = (resample.image(as_colour(image)) for image in examples.read())
+        background = learn_background(images, len(examples), self.foreground)
+        for image in _shifted(source.video, first, count):
+            yield None if image is None else background.foreground(resample.image(as_colour(image)))
+
+    def images(self, scale: float = 1.0, first: int = 0, count: int | None = None) -> Iterator[list[np.ndarray | None]]:
+        """Undistorted BGR images, pixel for pixel as the masks; None for a camera without video or frame."""
+        count = self._checked_count(first, count)
+        maps = [self._undistortion(k, scale) for k in range(len(self.cameras))]
+        streams = [_shifted(source.video, first + source.frame_offset, count) for source in self.cameras]
+        for images in zip(*streams, strict=True):
+            yield [None if image is None else maps[k].image(as_colour(image)) for k, image in enumerate(images)]
+
+    def _checked_count(self, first: int, count: int | None) -> int:
+        count = self.frame_count - first if count is None else count
+        if first < 0 or count < 0 or first + count > self.frame_count:
+            raise ValueError(f"frames {first} to {first + count - 1} are not in 0 to {self.frame_count - 1}")
+        return count
+
+    def _undistortion(self, k: int, scale: float) -> Undistortion:
+        source = self.cameras[k]
+        return undistortion(self.calibrated, k, scale, source.recorded_scale, source.recorded_offset)
+
+
+def _shifted(frames: Frames | None, first: int, count: int) -> Iterator[np.ndarray | None]:
+    """Frames ``first`` to ``first + count - 1``; None where there is none, and one at a time in memory."""
+    reader: Iterator[np.ndarray] | None = None
+    for frame in range(first, first + count):
+        if frames is None or not 0 <= frame < len(frames):
+            yield None
+            continue
+        reader = reader or frames.read(frame)
+        yield next(reader)
+
+
+def load_scene(path: str | Path) -> Scene:
+    """Read and check a ``scene.toml`` (or the folder that holds one); paths in it are relative to its folder.
+
+    Raises:
+        InputError: anything that is wrong with the scene file, the calibration, or the files it names.
+    """
+    from mmocap_warp.scene.scene_toml import read_scene  # it builds a Scene, so it imports this module
+
+    return read_scene(path)

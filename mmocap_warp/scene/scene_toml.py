@@ -1,0 +1,237 @@
+"""Reading ``scene.toml``: every mistake is one :class:`~mmocap_warp.errors.InputError` before any work starts."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from mmocap_warp.errors import InputError
+from mmocap_warp.foreground.frames import Frames, open_frames, open_image
+from mmocap_warp.foreground.mask_image import decode_mask
+from mmocap_warp.foreground.settings import KEEP, MODELS, SOURCES, SUBTRACTED, ForegroundSettings
+from mmocap_warp.formats.calibration.opencv_yaml import read_opencv_yaml
+from mmocap_warp.formats.calibration.qualisys import read_qualisys
+from mmocap_warp.formats.calibration.toml_rig import METRES, read_toml_rig
+from mmocap_warp.formats.toml_table import Table, load_toml
+from mmocap_warp.scene.recording import CameraSource, Scene
+from mmocap_warp.views.rig import UP_AXES, CameraRig, check_rig
+
+_SAMPLES = 5  # mask images per camera that are looked at while loading
+_MOST_FOREGROUND = 0.8  # of an image; more is an inverted mask
+
+Opened = TypeVar("Opened")
+
+
+def read_scene(path: str | Path) -> Scene:
+    """Read and check a scene file, or the ``scene.toml`` of a folder; paths in it are relative to its folder.
+
+    Raises:
+        InputError: anything that is wrong with the scene file, the calibration, or the files it names.
+    """
+    path = Path(path)
+    path = path / "scene.toml" if path.is_dir() else path
+    file = load_toml(path)
+    about, truth, cameras = (file.take_table(key) for key in ("scene", "truth", "cameras"))
+    foreground = _read_foreground(file.take_table("foreground"))
+    track, fit = file.take_table("track").take_rest(), file.take_table("fit").take_rest()
+    file.finish()
+
+    name = about.take("name", str, path.parent.name)
+    fps = about.take("fps", float)
+    if not 0 < fps < 100_000:
+        raise about.error(f"fps = {fps:g} is not a frame rate", "give the frames per second of the recording")
+    up = about.take_choice("up", UP_AXES, "+z")
+    frames = about.take("frames", int, None)
+    body = about.take("body", str, None)
+    body_is_file = body is not None and Path(body).suffix in (".usd", ".usda", ".usdc")
+    subject = _take_file(about, "subject", path)
+    about.finish()
+
+    sources, rig = _read_cameras(cameras, path, up)
+    _check_sources(sources, rig, foreground, cameras)
+    scene = Scene(
+        path=path,
+        name=name,
+        fps=fps,
+        frame_count=_frame_count(sources, foreground, frames, about),
+        calibrated=rig,
+        cameras=sources,
+        foreground=foreground,
+        subject=subject,
+        body=_existing(path.parent / body, about) if body is not None and body_is_file else body,
+        truth=_take_file(truth, "file", path),
+        truth_axes=truth.take("axes", str, "xyz"),
+        track=track,
+        fit=fit,
+    )
+    truth.finish()
+    return scene
+
+
+def _existing(path: Path, table: Table) -> Path:
+    if not path.is_file():
+        raise table.error(f"{path} does not exist", "check the path; it is relative to the scene file")
+    return path
+
+
+def _take_file(table: Table, key: str, scene: Path) -> Path | None:
+    value = table.take(key, str, None)
+    return None if value is None else _existing(scene.parent / value, table)
+
+
+def _read_cameras(table: Table, scene: Path, up: str) -> tuple[tuple[CameraSource, ...], CameraRig]:
+    calibration = scene.parent / table.take("calibration", str)
+    units = table.take_choice("units", tuple(METRES), "m")
+    tables = table.take_tables()
+    table.finish()
+    if not tables:
+        raise table.error("no camera is named", "add a table [cameras.<name>] for each, named as in the calibration")
+    shifts = np.array([camera.take_numbers("centre_shift", (2,), [0.0, 0.0]) for camera in tables.values()])
+    sources = tuple(_read_source(camera, name, scene) for name, camera in tables.items())
+    rig = _read_rig(calibration, units, up, sources)
+    for source in sources:
+        if source.name not in rig.names:
+            near = difflib.get_close_matches(source.name, rig.names, 1, 0.0)[0]
+            raise table.error(
+                f"camera '{source.name}' is not in {calibration.name}",
+                f"it has {', '.join(rig.names)}; did you mean '{near}'?",
+            )
+    rig = rig.select(tuple(source.name for source in sources))
+    K = rig.K.copy()
+    K[:, :2, 2] += shifts
+    return sources, check_rig(replace(rig, K=K), f"{scene}: centre_shift") if shifts.any() else rig
+
+
+def _read_source(table: Table, name: str, scene: Path) -> CameraSource:
+    def opened(key: str, opener: Callable[[Path], Opened]) -> Opened | None:
+        value = table.take(key, str, None)
+        return None if value is None else opener(scene.parent / value)
+
+    recorded = table.take_table("video_from_calibrated")
+    left, top = recorded.take_numbers("offset", (2,), [0.0, 0.0])
+    source = CameraSource(
+        name=name,
+        video=opened("video", open_frames),
+        masks=opened("masks", open_frames),
+        clean_plate=opened("clean_plate", open_image),
+        background=opened("background", open_frames),
+        frame_offset=table.take("frame_offset", int, 0),
+        recorded_scale=recorded.take("scale", float, 1.0),
+        recorded_offset=(left, top),
+    )
+    if not 0.01 < source.recorded_scale < 100:
+        raise recorded.error(f"scale = {source.recorded_scale:g} is not a scale", "give recorded pixels per calibrated")
+    recorded.finish()
+    table.finish()
+    return source
+
+
+def _read_rig(path: Path, units: str, up: str, sources: tuple[CameraSource, ...]) -> CameraRig:
+    if path.is_dir() or path.suffix in (".yml", ".yaml"):
+        images = {source.name: source.video or source.masks for source in sources}
+        return read_opencv_yaml(path, units, up, {name: frames.size for name, frames in images.items() if frames})
+    if path.suffix == ".toml":
+        return read_toml_rig(path, units, up)
+    return read_qualisys(path, up)
+
+
+def _read_foreground(table: Table) -> ForegroundSettings:
+    source = table.take_choice("source", SOURCES, "masks")
+    default = ForegroundSettings() if source == "masks" else replace(SUBTRACTED, source=source)
+    choices = {"model": MODELS, "keep": KEEP}
+    values: dict[str, Any] = {}
+    for setting in fields(ForegroundSettings):
+        if setting.name == "source":
+            continue
+        fallback = getattr(default, setting.name)
+        if setting.name in choices:
+            values[setting.name] = table.take_choice(setting.name, choices[setting.name], fallback)
+        else:
+            values[setting.name] = table.take(setting.name, type(fallback), fallback)
+    table.finish()
+    try:
+        return replace(default, **values)
+    except ValueError as error:
+        raise table.error(str(error), "give a value in that range") from None
+
+
+def _check_sources(
+    sources: tuple[CameraSource, ...], rig: CameraRig, foreground: ForegroundSettings, table: Table
+) -> None:
+    if foreground.repair and len(sources) < 3:
+        raise table.error(f"repair needs at least 3 cameras, this scene has {len(sources)}", "set repair = false")
+    wanted = {"masks": ("masks",), "recording": ("video",), "clean_plate": ("video", "clean_plate")}
+    needs = wanted.get(foreground.source, ("video", "background"))
+    for k, source in enumerate(sources):
+        where = f"{table.source}: [cameras.{source.name}]"
+        for need in needs:
+            if getattr(source, need) is None:
+                raise InputError(
+                    where,
+                    f"'{need}' is missing, which [foreground] source = \"{foreground.source}\" needs",
+                    f"add {need}",
+                )
+        for frames in (source.video, source.masks, source.clean_plate, source.background):
+            if frames is not None:
+                _check_size(frames, source, rig.size[k], where)
+        if foreground.source == "masks" and source.masks is not None:
+            _check_masks(source.masks)
+
+
+def _check_size(frames: Frames, source: CameraSource, size: np.ndarray, where: str) -> None:
+    recorded = np.array(frames.size)
+    found = "{} is {}x{}".format(frames.path, *frames.size)
+    if source.recorded_scale == 1 and source.recorded_offset == (0.0, 0.0):
+        if (recorded != size).any():
+            raise InputError(
+                where,
+                f"{found}, but the calibration says {size[0]}x{size[1]}",
+                "calibrate this size, or set video_from_calibrated = { scale = ..., offset = [...] }",
+            )
+        return
+    low = np.array(source.recorded_offset)
+    high = low + source.recorded_scale * size
+    overlap = np.clip(np.minimum(high, recorded) - np.maximum(low, 0), 0, None).prod()
+    if overlap < 0.5 * recorded.prod():
+        raise InputError(
+            where,
+            f"{found}, but video_from_calibrated puts the calibrated image at {low.round(1)} to {high.round(1)}",
+            "recorded pixel = scale * calibrated pixel + offset",
+        )
+
+
+def _check_masks(masks: Frames) -> None:
+    """Look at a few images; only if they show nothing at all, at every one."""
+    fractions = [decode_mask(image).mean() for image in masks.sample(_SAMPLES)]
+    if not any(fractions) and not any(decode_mask(image).any() for image in masks.read()):
+        raise InputError(masks.path, "all masks are empty", "check how they were exported")
+    if np.median(fractions) > _MOST_FOREGROUND:
+        raise InputError(
+            masks.path, f"masks are {100 * np.median(fractions):.0f} % foreground", "invert them: the subject is white"
+        )
+
+
+def _frame_count(
+    sources: tuple[CameraSource, ...], foreground: ForegroundSettings, frames: int | None, table: Table
+) -> int:
+    """Frames of the images that masks come from; they must agree between cameras unless the scene says how many."""
+    key = "masks" if foreground.source == "masks" else "video"
+    counts = {source.name: len(getattr(source, key)) for source in sources}
+    shortest = min(counts.values())
+    found = ", ".join(f"{name} {count}" for name, count in counts.items())
+    if frames is None and len(set(counts.values())) > 1:
+        raise table.error(f"cameras differ in their number of frames: {found}", f"set frames = {shortest}")
+    if frames is not None and not 1 <= frames <= shortest:
+        raise table.error(f"frames = {frames} is not in 1 to {shortest} ({found})", "give fewer frames")
+    for source in sources:
+        if abs(source.frame_offset) >= shortest:
+            raise table.error(
+                f"camera '{source.name}' has frame_offset = {source.frame_offset} in {shortest} frames",
+                "give a shift of a few frames",
+            )
+    return shortest if frames is None else frames

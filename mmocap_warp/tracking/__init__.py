@@ -1,0 +1,1 @@
+"""Trackers: configuration, algorithms, frames in turn, checkpoints, the first-frame fit."""

@@ -1,0 +1,260 @@
+"""``mmocap bench``: what it times is right, what it says of it too. Sizes are tiny; nobody looks at the times."""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import warp as wp
+
+from mmocap_warp import cli
+from mmocap_warp.bench import growth as growth_module
+from mmocap_warp.bench import suite as suite_module
+from mmocap_warp.bench.aims import aims_table
+from mmocap_warp.bench.pages import write_pages
+from mmocap_warp.bench.peer_names import missing
+from mmocap_warp.bench.peers import peers
+from mmocap_warp.bench.plots import growth_lines, slope
+from mmocap_warp.bench.roofline import demand
+from mmocap_warp.bench.suite import Plan, run_suite
+from mmocap_warp.bench.tables import digits, duration, report_tables
+from mmocap_warp.bench.terminal import rendered, to_text
+from mmocap_warp.bench.workload import workload
+from mmocap_warp.bodies.decimation import is_closed
+from mmocap_warp.cli import exit_codes
+from mmocap_warp.kernels.benchmarks import ceilings as ceilings_module
+from mmocap_warp.kernels.benchmarks.case import Case, Check, measure
+from mmocap_warp.kernels.benchmarks.timing import time_together
+
+SMALL = {"cameras": 2, "size": (64, 48)}
+
+
+@pytest.fixture(scope="module")
+def small():
+    return workload(**SMALL)
+
+
+@pytest.fixture(scope="module")
+def report(small):
+    """All that is measured, as it comes back from JSON."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ceilings_module, "_COPIED", 2**12)
+        patch.setattr(ceilings_module, "_THREADS", {"cpu": 4, "cuda": 4})
+        patch.setattr(growth_module, "_CANDIDATES", {"cpu": (1, 4), "cuda": (1, 4)})
+        patch.setattr(growth_module, "BATCH", {"cpu": 2, "cuda": 2})
+        patch.setattr(growth_module, "_CAMERAS", (1, 2))
+        patch.setattr(growth_module, "SIZE", (64, 48))
+        patch.setattr(growth_module, "_SCALES", (0.5, 1.0))
+        patch.setattr(growth_module, "_TRIANGLES", (1300, None))
+        patch.setattr(growth_module, "_RUNS", {"cpu": (1, 2), "cuda": (1, 2)})
+        against = () if missing(["embree"]) else ("embree", "trimesh")
+        plan = Plan("cpu", 2, (*against, "opencv"), True, (8,), (2,), runs=2, budget=60, seconds=0.0)
+        steps = []
+        report = run_suite(plan, steps.append, small)
+    assert len(steps) == len(set(steps)) == len({row["group"] for row in report["measurements"]})
+    return json.loads(json.dumps(report, allow_nan=False))
+
+
+def test_the_measure_is_what_the_documents_say():
+    load = workload()
+    assert load.sizes == {"cameras": 7, "pixels": 640 * 480, "triangles": 2600}
+    assert load.height == pytest.approx(280, abs=5)
+
+
+@pytest.mark.parametrize("triangles", [1300, 10400])
+def test_a_mesh_of_other_triangles_is_closed_and_shows_the_same(triangles):
+    load, own = workload(**SMALL, triangles=triangles), workload(**SMALL)
+    assert load.sizes["triangles"] == triangles
+    assert is_closed(load.body.tracking_face)
+    np.testing.assert_allclose(load.body.tracking.weight.sum(axis=1), 1.0, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(load.observation.foreground, own.observation.foreground, rtol=0.05)
+
+
+def test_every_answer_was_right_and_every_time_is_one(report):
+    assert report["ok"]
+    for row in report["measurements"]:
+        assert row["ok"], row
+        assert row["rounds"] >= 5
+        assert row["compiling"] >= 0.0
+        if row["group"] != "a generation":  # the difference of two times
+            assert 0.0 < row["lowest"] <= row["quartiles"][0] <= row["median"] <= row["quartiles"][1], row
+
+
+def test_everything_is_measured_once(report):
+    keys = [json.dumps([row["group"], row["name"], row["sizes"]]) for row in report["measurements"]]
+    assert len(keys) == len(set(keys))
+    names = {(row["group"], row["name"]) for row in report["measurements"]}
+    for kernel in ("posing and skinning", "raycast", "raster", "freeze", "cost"):
+        assert ("kernels", kernel) in names
+    for optimizer in ("cmaes", "de", "pso", "apf"):
+        assert ("ask and tell", optimizer) in names
+    assert {("a generation", "h-cmaes: mean of the parts"), ("a generation", "cmaes: whole body")} <= names
+    assert {("a frame", "h-cmaes"), ("peers", "opencv")} <= names
+
+
+def test_a_wrong_answer_is_reported(monkeypatch, small):
+    def wrong(*_):
+        return iter([[Case("kernels", "raster", {}, lambda: None, lambda: Check("1 of 98 counts differ", False))]])
+
+    for name in ("stages", "moving_parts", "ask_and_tell", "frames", "same_frames", "measure_generations"):
+        monkeypatch.setattr(suite_module, name, wrong if name == "stages" else lambda *_: iter([]))
+    monkeypatch.setattr(ceilings_module, "_COPIED", 2**12)
+    plan = Plan("cpu", 1, (), False, (2,), (2,), seconds=0.0)
+    report = run_suite(plan, lambda _: None, small)
+    assert not report["ok"]
+    text = to_text(rendered(report), colours=False)
+    assert "✗" in text
+    assert "wrong: raster" in text
+    assert "1 of 98 counts differ" in text
+
+
+def test_times_are_of_the_work_and_compiling_is_apart():
+    class Sleeper:
+        first = True
+
+        def __call__(self):
+            time.sleep(0.05 if self.first else 0.003)
+            self.first = False
+
+    slow, quick = time_together([Sleeper(), lambda: None], "cpu", seconds=0.0)
+    assert 0.003 <= slow.lowest <= slow.median < 0.03
+    assert 0.02 < slow.compiling < 0.2
+    assert quick.median < 1e-4
+    assert len(slow.samples) == len(quick.samples) == 5
+
+
+def test_ceilings_check_their_answers(device, monkeypatch):
+    monkeypatch.setattr(ceilings_module, "_COPIED", 2**12)
+    monkeypatch.setattr(ceilings_module, "_THREADS", {"cpu": 4, "cuda": 4})
+    rows = [row for cases in ceilings_module.ceilings(device) for row in measure(cases, device, 0.0)]
+    assert all(row.ok for row in rows)
+    assert rows[0].sizes == {"bytes": 2 * 16 * 2**12}
+
+
+def test_a_peer_that_differs_is_noticed(small, monkeypatch):
+    (cases,) = peers(small, ["opencv"])
+    opencv = cases[-1]
+    assert opencv.name == "opencv"
+    opencv.work()
+    assert opencv.check().ok
+    monkeypatch.setattr("mmocap_warp.bench.peers.cv2.fillConvexPoly", lambda *_: None)
+    assert not opencv.check().ok
+
+
+def test_demand_grows_with_what_there_is_to_do():
+    small, large = workload(**SMALL), workload(cameras=4, size=(64, 48))
+    for renderer in ("raycast", "raster"):
+        assert demand(large, renderer, 8).operations > 1.5 * demand(small, renderer, 8).operations
+        assert demand(small, renderer, 1).bytes > demand(small, renderer, 8).bytes > 8 * 1302 * 2
+    assert demand(small, "raycast", 8).operations > demand(small, "raster", 8).operations
+
+
+def test_tables_have_a_word_for_every_column(report):
+    for table in report_tables(report, report, answers=True):
+        assert all(len(row) == len(table.columns) for row in table.rows)
+    text = to_text(rendered(report, report), colours=False)
+    assert "…" not in text
+    assert "1.00x" in text
+    assert "2 runs at once do" in text
+    assert "threads are" in text
+
+
+def test_an_older_report_gives_ratios(report):
+    old = json.loads(json.dumps(report))
+    for row in old["measurements"]:
+        row["median"] *= 3.0
+    old["measurements"] = [row for row in old["measurements"] if row["name"] != "cost"]
+    kernels = report_tables(report, old)[0]
+    ratio = {row[0]: row[kernels.columns.index("speed-up")] for row in kernels.rows}
+    assert ratio["raster"] == "3.00x"
+    assert ratio["cost"] == ""
+
+
+def test_pages_show_growth_and_aims(report, tmp_path):
+    gpu = json.loads(json.dumps(report))
+    gpu["kind"], gpu["device"] = "cuda", "A GPU"
+    files = write_pages(tmp_path, [report, gpu])
+    assert {path.name for path in files} == {"results.md", *(f"growth-{axis}.svg" for axis in growth_module.AXES)}
+    page = (tmp_path / "results.md").read_text()
+    assert set(re.findall(r"\]\((growth-\w+\.svg)\)", page)) == {path.name for path in files[1:]}
+    for path in files[1:]:
+        root = ElementTree.parse(path).getroot()
+        words = [element.text for element in root.iter("{http://www.w3.org/2000/svg}text")]
+        assert {"CPU, raycast", "CPU, raster", "GPU, raycast", "GPU, raster"} <= set(words)
+    rows = aims_table([report, gpu]).rows
+    assert any(row[0].startswith("CPU") and row[3] for row in rows)
+    assert {row[4] for row in rows} <= {"", "aim", "floor", "missed"}
+
+
+def test_a_slope_is_the_power_of_growth(report):
+    line = growth_lines([report], "candidates")[0]
+    assert slope(replace(line, points=[(64.0, 8.0), (16.0, 4.0), (1.0, 7.0)])) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"), [(2.5, "2.50 s"), (0.0123, "12.3 ms"), (4.56e-4, "456 µs"), (3e-7, "0.30 µs"), (None, "")]
+)
+def test_durations_have_the_unit_that_suits(seconds, words):
+    assert duration(seconds) == words
+
+
+def test_digits_are_in_the_unit_of_another_duration():
+    assert digits(9e-4, 1.2e-3) == "0.90"
+
+
+def test_the_command_writes_a_report_and_compares(monkeypatch, report, tmp_path, capsys):
+    monkeypatch.setattr("mmocap_warp.bench.suite.run_suite", lambda plan, tell: report)
+    path = tmp_path / "report.json"
+    assert cli.main(["bench", "--device", "cpu", "-o", str(path)]) == exit_codes.OK
+    assert json.loads(path.read_text()) == report
+    assert cli.main(["bench", "--device", "cpu", "--json", "--compare", str(path)]) == exit_codes.OK
+    shown = capsys.readouterr().out
+    assert "whole evaluation" in shown
+    assert json.loads(shown[shown.index("\n{\n") :]) == report
+    monkeypatch.setattr("mmocap_warp.bench.suite.run_suite", lambda plan, tell: report | {"ok": False})
+    assert cli.main(["bench", "--device", "cpu"]) == exit_codes.CHECK_FAILED
+    assert cli.main(["bench", "pages", str(path), "-o", str(tmp_path / "pages")]) == exit_codes.OK
+    assert (tmp_path / "pages" / "results.md").is_file()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (["--against", "povray"], exit_codes.USAGE, "--against must name embree, trimesh, opencv, got 'povray'"),
+        (["--threads", "0"], exit_codes.USAGE, "--threads must be at least 1"),
+        (["--device", "cuda:99"], exit_codes.USAGE, "--device must be auto or one of"),
+        (["--compare", "absent.json"], exit_codes.BAD_INPUT, "absent.json: cannot be read"),
+        (["-o", "report.txt"], exit_codes.BAD_INPUT, "end it in .json"),
+        (["pages", "-o", "pages"], exit_codes.USAGE, "name at least one report"),
+    ],
+)
+def test_wrong_use_is_said_in_a_line(arguments, code, words, capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["bench", *arguments]) == code
+    shown = capsys.readouterr()
+    assert words in shown.err
+    assert shown.err.count("\n") == 1
+
+
+def test_a_peer_that_is_not_installed_is_named(monkeypatch, capsys):
+    monkeypatch.setattr("mmocap_warp.bench.peer_names.find_spec", lambda name: None)
+    assert cli.main(["bench", "--against", "embree"]) == exit_codes.USAGE
+    assert "pip install 'mmocap-warp[bench]'" in capsys.readouterr().err
+
+
+def test_a_graph_replays_what_was_launched():
+    if not wp.is_cuda_available():
+        pytest.skip("graphs are captured on CUDA devices only")
+    array = wp.zeros(1, dtype=wp.float32, device="cuda:0")
+    counted = wp.zeros(1, dtype=wp.int32, device="cuda:0")
+    from mmocap_warp.kernels.optimizers.populations import advance
+
+    (timing,) = time_together([lambda: advance(counted, 1)], "cuda:0", seconds=0.0)
+    assert timing.launched is not None
+    assert counted.numpy()[0] > len(timing.samples)
+    assert array.numpy()[0] == 0.0

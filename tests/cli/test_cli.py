@@ -1,0 +1,172 @@
+"""The command line's manners: speed, exit codes, what goes to which stream."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import json
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from mmocap_warp import cli
+from mmocap_warp.cli import exit_codes
+from mmocap_warp.cli.console import Console, table
+from mmocap_warp.cli.progress import Progress
+from mmocap_warp.errors import InputError
+
+HELP_SECONDS = 0.3
+COMMANDS = ("demo", "track", "fit", "mask", "cameras", "eval", "show", "export", "body")
+
+
+def run(*arguments: str, **options) -> subprocess.CompletedProcess:
+    return subprocess.run([sys.executable, "-m", "mmocap_warp", *arguments], capture_output=True, text=True, **options)
+
+
+def test_help_is_quick_and_names_every_command():
+    took = []
+    for _ in range(5):  # the best of five: the machine may be busy with something else
+        start = time.perf_counter()
+        answer = run("--help")
+        took.append(time.perf_counter() - start)
+    assert answer.returncode == exit_codes.OK
+    assert answer.stderr == ""
+    assert all(f" {command} " in answer.stdout for command in COMMANDS)
+    assert min(took) < HELP_SECONDS
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_explains_itself(command, capsys):
+    assert cli.main([command, "--help"]) == exit_codes.OK
+    assert f"mmocap {command}" in capsys.readouterr().out
+
+
+def test_no_command_imports_warp_usd_or_opencv_to_show_its_help():
+    heavy = "{'warp', 'pxr', 'cv2', 'numpy'} & set(sys.modules)"
+    lines = [f"cli.main([{command!r}, '--help'])" for command in COMMANDS]
+    code = "\n".join(["import sys", "from mmocap_warp import cli", *lines, f"sys.exit(str({heavy}) if {heavy} else 0)"])
+    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert answer.returncode == 0, answer.stderr
+
+
+def test_version_names_what_results_depend_on(capsys):
+    assert cli.main(["--version"]) == exit_codes.OK
+    shown = capsys.readouterr().out
+    assert all(name in shown for name in ("mmocap-warp", "warp-lang", "usd-core", "opencv-python", "numpy", "Python"))
+
+
+@pytest.mark.parametrize(
+    "arguments", [["dance"], ["track"], ["track", "--evaluations", "many", "scene.toml"], ["export", "--shout"]]
+)
+def test_wrong_usage_is_one_line_and_exit_2(arguments, capsys):
+    assert cli.main(arguments) == exit_codes.USAGE
+    shown = capsys.readouterr()
+    assert shown.out == ""
+    assert shown.err.startswith("mmocap: ")
+    assert shown.err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "words"),
+    [
+        (InputError("scene.toml", "no cameras", "add [cameras]"), exit_codes.BAD_INPUT, "scene.toml: no cameras; add"),
+        (KeyboardInterrupt(), exit_codes.INTERRUPTED, "interrupted"),
+        (RuntimeError("first\nsecond"), exit_codes.FAILURE, "unexpected RuntimeError: first second"),
+        (PermissionError(13, "Permission denied", "elsewhere/x"), exit_codes.FAILURE, "Permission denied"),
+    ],
+)
+def test_an_error_is_one_line_and_its_own_exit_code(error, code, words, monkeypatch, capsys):
+    def broken(*_, **__):
+        raise error
+
+    monkeypatch.delenv("MMOCAP_DEBUG", raising=False)
+    monkeypatch.setattr(cli, "app", broken)
+    assert cli.main(["cameras", "scene.toml"]) == code
+    shown = capsys.readouterr()
+    assert shown.out == ""
+    assert words in shown.err
+    assert shown.err.count("\n") == 1
+
+
+def test_debug_shows_the_traceback(monkeypatch):
+    def broken(*_, **__):
+        raise RuntimeError("here")
+
+    monkeypatch.setattr(cli, "app", broken)
+    with pytest.raises(RuntimeError, match="here"):
+        cli.main(["cameras", "scene.toml", "--debug"])
+    monkeypatch.setenv("MMOCAP_DEBUG", "1")
+    with pytest.raises(RuntimeError, match="here"):
+        cli.main(["cameras", "scene.toml"])
+
+
+def test_json_is_one_object_in_plain_types(capsys):
+    values = {"a": np.float32(1.5), "b": np.array([1, 2]), "c": float("nan"), "d": (True, None), "e": {"f": np.inf}}
+    Console(json=True).result(values, "for people")
+    assert json.loads(capsys.readouterr().out) == {
+        "a": 1.5,
+        "b": [1, 2],
+        "c": None,
+        "d": [True, None],
+        "e": {"f": None},
+    }
+
+
+def test_quiet_keeps_notes_to_itself(capsys):
+    Console(quiet=True).note("working")
+    Console().note("still working")
+    assert capsys.readouterr().err == "still working\n"
+
+
+def test_progress_off_a_terminal_writes_plain_lines():
+    stream = io.StringIO()
+    with Progress("tracking", stream=stream) as progress:
+        progress(5, 10, 1000)
+        time.sleep(0.01)
+        progress(10, 10, 6000)
+    shown = stream.getvalue()
+    assert shown.startswith("tracking: 10/10 frames, ")
+    assert "frames/s" in shown
+    assert "evaluations/s" in shown
+    assert shown.count("\n") == 1
+    assert "\x1b" not in shown
+
+
+def test_progress_on_a_terminal_draws_a_bar():
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    stream = Terminal()
+    with Progress("tracking", stream=stream) as progress:
+        progress(0, 10)
+        time.sleep(0.01)
+        progress(5, 10, 2500)
+    assert "tracking" in stream.getvalue()
+
+
+def test_table_aligns_its_values():
+    assert table([("a", "1"), ("long", "2")]) == "a     1\nlong  2"
+
+
+def test_every_setting_of_a_run_is_a_flag_and_every_flag_of_a_fit_a_setting():
+    from mmocap_warp.cli.fit import FitFlags
+    from mmocap_warp.cli.track import TrackFlags
+    from mmocap_warp.tracking.fit import FitConfig
+    from mmocap_warp.tracking.tracker import TrackConfig
+
+    def names(kind: type) -> set[str]:
+        return {field.name for field in dataclasses.fields(kind)}
+
+    assert names(TrackFlags) == names(TrackConfig)
+    assert names(FitFlags) < names(FitConfig)
+
+
+def test_help_names_every_algorithm():
+    from mmocap_warp.tracking.algorithms import ALGORITHMS
+
+    shown = run("track", "--help").stdout
+    assert all(name in shown for name in ALGORITHMS)

@@ -1,0 +1,254 @@
+"""The commands one after the other on a small made-up recording, as a user calls them."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from synthetic import ring_rig, synthetic_poses, synthetic_subject
+
+from mmocap_warp import cli
+from mmocap_warp.body.model import JOINTS
+from mmocap_warp.body.posing import Poser
+from mmocap_warp.cli import exit_codes
+from mmocap_warp.drawing.overlay import silhouette
+from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
+from mmocap_warp.formats.usd.body import write_subject
+from mmocap_warp.formats.usd.check import faults
+from mmocap_warp.formats.usd.result import read_result
+from mmocap_warp.formats.usd.truth import write_truth
+from mmocap_warp.result.truth import Truth
+from mmocap_warp.views.rig import project
+
+FRAMES = 8
+SCENE = """
+[scene]
+fps = 60
+up = "+y"
+subject = "subject.usdc"
+[cameras]
+calibration = "calibration.toml"
+[cameras.cam01]
+masks = "masks/cam01"
+[cameras.cam02]
+masks = "masks/cam02"
+[cameras.cam03]
+masks = "masks/cam03"
+[truth]
+file = "truth.usdc"
+[track]
+evaluations = 60
+device = "cpu"
+"""
+PROMISED = ("frames", "lost", "evaluations", "evaluations_per_second", "mean_iou", "worst_iou")
+PROMISED_WITH_TRUTH = ("marker_error_mm", "mpjpe_mm")
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory) -> Path:
+    """Three cameras see the test body move for eight frames; the truth is known."""
+    folder = tmp_path_factory.mktemp("recording")
+    subject, rig, poses = synthetic_subject(), ring_rig(3, (160, 120)), synthetic_poses(40)[:FRAMES]
+    poser = Poser(subject.body, subject.root_base)
+    vertices = poser.vertices(poses)
+    for frame, points in enumerate(poser.tracking_vertices(poses)):
+        for name, pixels in zip(rig.names, project(rig, points), strict=True):
+            (folder / "masks" / name).mkdir(parents=True, exist_ok=True)
+            mask = silhouette(pixels, subject.body.tracking_face, (160, 120))
+            cv2.imwrite(str(folder / "masks" / name / f"{frame:03d}.png"), mask)
+    write_toml_rig(folder / "calibration.toml", rig)
+    write_subject(folder / "subject.usdc", subject)
+    markers = vertices[:, subject.body.marker_vertex].astype(np.float64)
+    joints = poser.joint_transforms(poses)[:, :, :3, 3].astype(np.float64)
+    truth = Truth(60.0, np.arange(FRAMES), subject.body.marker_names, markers, JOINTS, joints)
+    write_truth(folder / "truth.usdc", truth, up="+y")
+    (folder / "scene.toml").write_text(SCENE)
+    return folder / "scene.toml"
+
+
+@pytest.fixture(scope="module")
+def result(scene) -> Path:
+    """The scene, tracked once."""
+    path = scene.parent / "result.usdc"
+    assert cli.main(["track", str(scene), "-o", str(path), "--quiet", "--seed", "3"]) == exit_codes.OK
+    return path
+
+
+def answer(capsys, *arguments: object) -> dict:
+    """The JSON of a command that must succeed."""
+    capsys.readouterr()
+    assert cli.main([*map(str, arguments), "--json", "--quiet"]) == exit_codes.OK
+    shown = capsys.readouterr()
+    assert shown.err == ""
+    return json.loads(shown.out)
+
+
+def same_bits(left: Path, right: Path) -> bool:
+    """Equal poses, costs and overlaps; times and the wall clock aside."""
+    a, b = read_result(left), read_result(right)
+    names = ("pose", "cost", "iou", "evaluations", "status")
+    return all(np.array_equal(getattr(a, name), getattr(b, name), equal_nan=True) for name in names)
+
+
+def test_track_says_how_good_the_result_is(scene, tmp_path, capsys):
+    report = answer(capsys, "track", scene, "-o", tmp_path / "r.usdc")
+    assert all(report[key] is not None for key in (*PROMISED, *PROMISED_WITH_TRUTH))
+    assert report["frames"] == FRAMES
+    assert report["evaluations"] == FRAMES * 60
+    assert report["config"]["evaluations"] == 60  # from scene.toml
+    assert [file.name for file in tmp_path.iterdir()] == ["r.usdc"]
+    assert faults(tmp_path / "r.usdc") == []
+
+
+def test_a_flag_wins_over_the_scene(scene, tmp_path, capsys):
+    report = answer(capsys, "track", scene, "-o", tmp_path / "r.usdc", "--evaluations", 30, "--runs", 2)
+    assert report["config"]["evaluations"] == 30
+    assert report["evaluations"] == 2 * FRAMES * 30
+
+
+def test_settings_are_shown_with_where_they_come_from(scene, tmp_path, capsys):
+    assert cli.main(["track", str(scene), "-o", str(tmp_path / "r.usdc"), "--seed", "5"]) == exit_codes.OK
+    shown = capsys.readouterr().err
+    assert "evaluations 60 (scene.toml)" in shown
+    assert "seed 5 (flag)" in shown
+    assert "dof 39," in shown
+
+
+def test_wrong_flags_are_wrong_usage(scene, tmp_path, capsys):
+    for flags in (["--evaluations", "0"], ["--device", "tpu"], ["--algorithm", "sgd"], ["--resume", "--force"]):
+        assert cli.main(["track", str(scene), "-o", str(tmp_path / "r.usdc"), *flags]) == exit_codes.USAGE
+        shown = capsys.readouterr()
+        assert flags[0] in shown.err
+        assert shown.err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_result_is_replaced_only_by_force(scene, tmp_path, capsys):
+    command = ["track", str(scene), "-o", str(tmp_path / "r.usdc"), "--quiet"]
+    assert cli.main(command) == exit_codes.OK
+    before = (tmp_path / "r.usdc").stat().st_mtime_ns
+    assert cli.main(command) == exit_codes.BAD_INPUT
+    assert cli.main([*command, "--resume"]) == exit_codes.OK  # complete: nothing to do
+    assert (tmp_path / "r.usdc").stat().st_mtime_ns == before
+    assert cli.main([*command, "--force"]) == exit_codes.OK
+    assert (tmp_path / "r.usdc").stat().st_mtime_ns > before
+
+
+EAGER = """
+import sys
+from mmocap_warp import cli
+from mmocap_warp.tracking import checkpoint
+
+checkpoint._INTERVAL = 0
+sys.exit(cli.main(sys.argv[1:]))
+"""
+"""Runs the command line with a checkpoint after every frame."""
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+def test_a_stopped_run_resumes_to_the_same_bits(how, scene, tmp_path, capfd):
+    whole, stopped = tmp_path / "whole.usdc", tmp_path / "stopped.usdc"
+    flags = ["--quiet", "--evaluations", "6000"]  # so that it is not over before it is stopped
+    assert cli.main(["track", str(scene), "-o", str(whole), *flags]) == exit_codes.OK
+    command = ["track", str(scene), "-o", str(stopped), *flags]
+    checkpoint = stopped.with_name("stopped.usdc.checkpoint")
+    run = subprocess.Popen([sys.executable, "-c", EAGER, *command])
+    while run.poll() is None and not checkpoint.exists():
+        time.sleep(0.005)
+    run.send_signal(how)
+    assert run.wait() == (exit_codes.INTERRUPTED if how == signal.SIGINT else -how)
+    assert capfd.readouterr().err == ("mmocap: interrupted\n" if how == signal.SIGINT else "")
+    assert checkpoint.exists()
+    assert not stopped.exists()
+    assert cli.main(command) == exit_codes.BAD_INPUT
+    assert cli.main([*command, "--resume"]) == exit_codes.OK
+    assert same_bits(whole, stopped)
+    assert not checkpoint.exists()
+
+
+def test_eval_repeats_what_track_said(scene, result, capsys):
+    report = answer(capsys, "eval", result)
+    assert all(report[key] is not None for key in (*PROMISED, *PROMISED_WITH_TRUTH))
+    assert len(report["series"]["frame"]) == FRAMES
+    named = answer(capsys, "eval", result, "--truth", scene.parent / "truth.usdc")
+    assert named == report
+
+
+def test_show_and_export_write_what_they_say(result, tmp_path, capsys):
+    drawn = answer(capsys, "show", result, "-o", tmp_path / "r.webm")
+    assert cv2.VideoCapture(drawn["video"]).get(cv2.CAP_PROP_FRAME_COUNT) == FRAMES
+    assert cv2.imread(drawn["sheet"]) is not None
+    for suffix in ("usda", "usdc", "usdz"):
+        written = answer(capsys, "export", result, "-o", tmp_path / f"a.{suffix}")
+        assert faults(written["file"]) == []
+
+
+def test_a_result_of_small_masks_is_drawn_over_larger_images(scene, tmp_path, capsys, monkeypatch):
+    from mmocap_warp.scene.recording import Scene
+
+    answer(capsys, "track", scene, "-o", tmp_path / "r.usdc", "--scale", 0.5, "--evaluations", 12)
+    drawn, images = [], Scene.images
+    monkeypatch.setattr(Scene, "images", lambda self, scale, *rest: drawn.append(scale) or images(self, scale, *rest))
+    answer(capsys, "show", tmp_path / "r.usdc")
+    assert drawn == [1.0]  # 160 pixels are all that the recording has
+
+
+def test_masks_are_a_scene_that_tracks_alike(scene, result, tmp_path, capsys):
+    written = answer(capsys, "mask", scene, "-o", tmp_path / "masks")
+    again = answer(capsys, "track", written["scene"], "-o", tmp_path / "r.usdc", "--evaluations", 60, "--seed", 3)
+    assert again["frames"] == FRAMES
+    assert same_bits(result, tmp_path / "r.usdc")
+
+
+def test_cameras_draws_into_every_view(scene, tmp_path, capsys):
+    report = answer(capsys, "cameras", scene, "-o", tmp_path / "axes")
+    assert sorted(os.listdir(tmp_path / "axes")) == ["cam01.png", "cam02.png", "cam03.png"]
+    assert report["mean_height_m"] == pytest.approx(1.4)
+
+
+def test_cameras_below_the_floor_fail_the_check(scene, capsys):
+    turned = scene.with_name("turned.toml")
+    turned.write_text(SCENE.replace('"+y"', '"-y"'))
+    assert cli.main(["cameras", str(turned)]) == exit_codes.CHECK_FAILED
+    assert "mean height -1.40 m" in capsys.readouterr().out
+
+
+def test_fit_writes_a_subject_that_can_be_tracked(scene, tmp_path, capsys):
+    quick = scene.with_name("quick.toml")
+    fit = "[fit]\nstart_evaluations = 48\nfinalists = 1\nfinal_cycles = 1\nwinner_cycles = 1\ncycle_evaluations = 84\n"
+    quick.write_text(SCENE + fit)
+    fitted = answer(capsys, "fit", quick, "-o", tmp_path / "s.usdc", "--headings", 2, "--device", "cpu")
+    assert fitted["fit.headings"] == 2
+    report = answer(capsys, "track", quick, "-o", tmp_path / "r.usdc", "--subject", tmp_path / "s.usdc")
+    assert report["frames"] == FRAMES
+
+
+def test_track_fits_first_where_no_subject_is_named(scene, tmp_path, capsys):
+    quick = scene.with_name("unfitted.toml")
+    fit = "[fit]\nstart_evaluations = 48\nfinalists = 1\nfinal_cycles = 1\nwinner_cycles = 1\ncycle_evaluations = 84\n"
+    quick.write_text(SCENE.replace('subject = "subject.usdc"', 'body = "adult_woman"') + fit)
+    answer(capsys, "track", quick, "-o", tmp_path / "r.usdc", "--evaluations", 12)
+    assert sorted(os.listdir(tmp_path)) == ["r.subject.usdc", "r.usdc"]
+    assert read_result(tmp_path / "r.usdc").subject.body.name == "adult_woman"
+
+
+@pytest.mark.parametrize(("most", "code"), [(1000.0, exit_codes.OK), (1e-6, exit_codes.CHECK_FAILED)])
+def test_demo_checks_itself_and_writes_all_it_names(most, code, scene, tmp_path, monkeypatch, capsys):
+    shipped = tmp_path / "scenes"
+    shipped.mkdir()
+    (shipped / "walk").symlink_to(scene.parent)
+    monkeypatch.setattr("mmocap_warp.scenes.ROOT", shipped)
+    monkeypatch.setattr("mmocap_warp.cli.demo.MOST_ERROR_MM", most)
+    assert cli.main(["demo", "-o", str(tmp_path / "out"), "--json", "--quiet"]) == code
+    report = json.loads(capsys.readouterr().out)
+    assert all(report[key] is not None for key in (*PROMISED, *PROMISED_WITH_TRUTH))
+    assert sorted(os.listdir(tmp_path / "out")) == ["walk-error.png", "walk.png", "walk.usdc", "walk.webm"]
+    assert all(Path(report[name]).is_file() for name in ("result", "overlay", "sheet", "plot"))

@@ -1,0 +1,163 @@
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from synthetic import ring_rig, synthetic_result
+
+from mmocap_warp.body.posing import Poser
+from mmocap_warp.drawing.overlay import (
+    LEFT_COLOUR,
+    MASK_COLOUR,
+    MODEL_COLOUR,
+    PAPER,
+    RIGHT_COLOUR,
+    Window,
+    draw_view,
+    side_colour,
+    silhouette,
+    write_text,
+)
+from mmocap_warp.drawing.show import show
+from mmocap_warp.errors import InputError
+from mmocap_warp.views.rig import project
+
+
+def small_result(frames=4, cameras=3):
+    rig = ring_rig(cameras, size=(160, 120))
+    return replace(synthetic_result(frames, runs=1, cameras=cameras), cameras=rig)
+
+
+def masks_of(result):
+    """Per frame and camera, the tracked body's own silhouette."""
+    subject = result.subject
+    posed = Poser(subject.body, subject.root_base).tracking_vertices(result.pose[0])
+    sizes = [tuple(size) for size in result.cameras.size.tolist()]
+    return [
+        [
+            silhouette(pixels, subject.body.tracking_face, size) > 0
+            for pixels, size in zip(project(result.cameras, vertices), sizes, strict=True)
+        ]
+        for vertices in posed
+    ]
+
+
+def frames_of(path):
+    video = cv2.VideoCapture(str(path))
+    frames = []
+    while (read := video.read())[0]:
+        frames.append(read[1])
+    return frames, video.get(cv2.CAP_PROP_FPS)
+
+
+def test_video_and_sheet_show_every_camera(tmp_path, capfd):
+    result = small_result()
+    show(result, None, masks_of(result), video=tmp_path / "overlay.webm", sheet=tmp_path / "sheet.png")
+    frames, fps = frames_of(tmp_path / "overlay.webm")
+    assert len(frames) == 4
+    assert fps == pytest.approx(result.fps, abs=0.1)
+    assert frames[0].shape[0] % 2 == frames[0].shape[1] % 2 == 0
+    assert frames[0].shape[1] > frames[0].shape[0]  # three landscape views fill a wide picture in two rows
+    sheet = cv2.imread(str(tmp_path / "sheet.png"))
+    assert sheet.shape[0] == 30 + 3 * (260 + 4)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["overlay.webm", "sheet.png"]
+    assert "OpenCV" not in capfd.readouterr().err
+
+
+def test_images_go_below_the_drawing(tmp_path):
+    result = small_result(frames=1, cameras=1)
+    images = [[np.full((480, 640, 3), (10, 200, 10), np.uint8)]]  # four times the cameras' resolution
+    show(result, images, None, video=tmp_path / "overlay.webm")
+    (frame,), _ = frames_of(tmp_path / "overlay.webm")
+    corner = frame[-30:-10, 30:60].reshape(-1, 3).mean(axis=0)
+    np.testing.assert_allclose(corner, (10, 200, 10), rtol=0, atol=12)  # the codec is lossy
+
+
+def test_lost_views_and_cameras_without_images_are_drawn(tmp_path):
+    result = small_result()
+    nothing = np.full_like(result.iou, np.nan)
+    lost = replace(result, iou=nothing, cost=np.full_like(result.cost, np.nan), status=np.full(4, 2, np.int8))
+    show(lost, [[None] * 3] * 4, [[np.zeros((120, 160), bool)] * 3] * 4, sheet=tmp_path / "sheet.png")
+    assert (tmp_path / "sheet.png").is_file()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "problem"),
+    [
+        ({"video": "overlay.mp4"}, "not a WebM file name"),
+        ({"video": "nowhere/overlay.webm"}, "folder does not exist"),
+        ({"sheet": "sheet.jpg"}, "not a PNG file name"),
+        ({"sheet": "nowhere/sheet.png"}, "cannot be written"),
+    ],
+)
+def test_a_wrong_place_is_refused(tmp_path, arguments, problem):
+    with pytest.raises(InputError, match=problem):
+        show(small_result(), None, None, **{kind: tmp_path / name for kind, name in arguments.items()})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_recording_that_is_too_short_leaves_nothing_behind(tmp_path):
+    result = small_result()
+    with pytest.raises(InputError, match="has no frame 12, which the result has"):
+        show(result, None, masks_of(result)[:2], video=tmp_path / "overlay.webm", sheet=tmp_path / "sheet.png")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_silhouette_fills_whole_pixels():
+    square = np.array([[2.0, 3.0], [6.0, 3.0], [6.0, 8.0], [2.0, 8.0], [np.nan, 0.0], [1e9, 0.0]])
+    faces = np.array([[0, 1, 2], [0, 2, 3], [0, 1, 4], [0, 1, 5]])  # the last two cannot be drawn
+    expected = np.zeros((12, 10), np.uint8)
+    expected[3:9, 2:7] = 255
+    np.testing.assert_array_equal(silhouette(square, faces, (10, 12)), expected)
+
+
+def test_a_window_maps_pixels_as_it_maps_the_picture():
+    """A bright pixel lands where its centre is said to land, at twice the size and at half."""
+    image = np.zeros((60, 80), np.uint8)
+    image[30:34, 40:44] = 255
+    for size in ((80, 80), (20, 20)):
+        window = Window((20, 10), (40, 40), size)
+        picture = window.picture(image, (80, 60), cv2.INTER_AREA)
+        rows, columns = np.nonzero(picture > 127)
+        centre = window.points(np.array([[41.5, 31.5]]))[0]
+        np.testing.assert_allclose([columns.mean(), rows.mean()], centre, rtol=0, atol=1e-9)
+
+
+def test_a_view_shows_skin_contours_and_skeleton():
+    result = small_result(frames=1, cameras=1)
+    rig = ring_rig(1, size=(640, 480))
+    subject = result.subject
+    poser = Poser(subject.body, subject.root_base)
+    vertices = project(rig, poser.tracking_vertices(subject.pose)[0])[0]
+    joints = project(rig, poser.joint_transforms(subject.pose)[0, :, :3, 3])[0]
+    faces = subject.body.tracking_face
+    model = silhouette(vertices, faces, (640, 480)) > 0
+    mask = np.roll(model, 40, axis=1)
+    window = Window((0, 0), (640, 480), (640, 480))
+    view = draw_view(window, (640, 480), None, mask, vertices, faces, joints).astype(int)
+
+    def drawn(colour, tolerance=40):
+        return np.abs(view - colour).max(axis=2) < tolerance
+
+    edge = model & ~cv2.erode(model.astype(np.uint8), np.ones((3, 3))).astype(bool)
+    assert drawn(MODEL_COLOUR)[edge].mean() > 0.6
+    mask_edge = mask & ~cv2.erode(mask.astype(np.uint8), np.ones((3, 3))).astype(bool)
+    assert drawn(MASK_COLOUR)[mask_edge].mean() > 0.5
+    for joint, colour in ((5, LEFT_COLOUR), (8, RIGHT_COLOUR)):
+        x, y = np.rint(joints[joint]).astype(int)
+        assert drawn(colour)[y, x]
+    assert (
+        view[~model & ~mask & ~cv2.dilate((model | mask).astype(np.uint8), np.ones((5, 5))).astype(bool)] == PAPER
+    ).all()
+
+
+def test_sides_have_their_colours():
+    assert side_colour("LKnee") == LEFT_COLOUR
+    assert side_colour("RHip") == RIGHT_COLOUR
+    assert side_colour("Root") == side_colour("Neck") == side_colour("BottomSpine") not in (LEFT_COLOUR, RIGHT_COLOUR)
+
+
+def test_text_may_touch_the_border():
+    canvas = np.zeros((20, 60, 3), np.uint8)
+    assert write_text(canvas, "far too long a line", (0, 0)) > 60
+    assert canvas.max() > 150

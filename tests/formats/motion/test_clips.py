@@ -1,0 +1,343 @@
+"""Motion clips: tiny ones made by hand, with places worked out on paper, and real ones where they are at hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mmocap_warp.body.model import JOINTS
+from mmocap_warp.body.skin_points import attach
+from mmocap_warp.cli import main
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.motion.amc import read_amc
+from mmocap_warp.formats.motion.bvh import read_bvh
+from mmocap_warp.formats.motion.clip import MotionClip
+from mmocap_warp.scene.recording import load_scene
+from mmocap_warp.study.sequences import clip_sequence
+from mmocap_warp.synthesis.retarget import read_clip, retargeted
+from mmocap_warp.synthesis.rotations import turn
+from mmocap_warp.synthesis.skinned import joint_transforms
+from mmocap_warp.synthesis.subjects import PEOPLE
+
+DIRECTION = 0.03  # between a bone's direction and the clip's: the body's bones and joint axes differ by a degree or two
+STRAIGHT = 0.06  # the same of a straight leg, which is bent by 3 degrees
+MOST_MARKER_ERROR = 0.08  # [m], of another person's markers on the scaled motion
+MOST_SLIDE = 0.12  # [m/s], mean, of the standing foot of a retargeted walk
+
+BVH = """\
+HIERARCHY
+ROOT Hips
+{
+  OFFSET 0 10 0
+  CHANNELS 6 Xposition Yposition Zposition Zrotation Yrotation Xrotation
+  JOINT Spine
+  {
+    OFFSET 0 2 0
+    CHANNELS 3 Zrotation Yrotation Xrotation
+    End Site
+    {
+      OFFSET 0 3 0
+    }
+  }
+}
+MOTION
+Frames: 2
+Frame Time: 0.05
+0 10 0 0 0 0 0 0 0
+1 11 2 90 0 0 0 0 90
+"""
+
+ASF = """\
+# a root and two bones
+:version 1.10
+:root
+   order TX TY TZ RX RY RZ
+   axis XYZ
+   position 0 0 0
+   orientation 0 0 0
+:bonedata
+  begin
+    id 1
+    name lfemur
+    direction 0 -1 0
+    length 4
+    axis 0 0 90 XYZ
+    dof rx ry rz
+    limits (-160.0 20.0)
+           (-70.0 70.0)
+           (-60.0 70.0)
+  end
+  begin
+    id 2
+    name ltibia
+    direction 0 -2 0
+    length 3
+    axis 0 0 0 XYZ
+  end
+:hierarchy
+  begin
+    root lfemur
+    lfemur ltibia
+  end
+"""
+AMC = """\
+#!OML:ASF
+:FULLY-SPECIFIED
+:DEGREES
+1
+root 0 7 0 0 0 0
+lfemur 0 0 0
+2
+root 1 7 0 0 0 0
+lfemur 0 90 0
+"""
+
+UPRIGHT = {
+    "Hips": ("", (0.0, 10.0, 0.0)),
+    "LeftUpLeg": ("Hips", (1.0, 0.0, 0.0)),
+    "LeftLeg": ("LeftUpLeg", (0.0, -5.0, 0.0)),
+    "LeftFoot": ("LeftLeg", (0.0, -4.0, 0.0)),
+    "RightUpLeg": ("Hips", (-1.0, 0.0, 0.0)),
+    "RightLeg": ("RightUpLeg", (0.0, -5.0, 0.0)),
+    "RightFoot": ("RightLeg", (0.0, -4.0, 0.0)),
+    "Spine": ("Hips", (0.0, 2.0, 0.0)),
+    "Head": ("Spine", (0.0, 4.0, 0.0)),
+    "LeftArm": ("Spine", (2.0, 3.0, 0.0)),
+    "LeftForeArm": ("LeftArm", (3.0, 0.0, 0.0)),
+    "LeftHand": ("LeftForeArm", (2.5, 0.0, 0.0)),
+    "RightArm": ("Spine", (-2.0, 3.0, 0.0)),
+    "RightForeArm": ("RightArm", (-3.0, 0.0, 0.0)),
+    "RightHand": ("RightForeArm", (-2.5, 0.0, 0.0)),
+}
+
+
+@pytest.fixture
+def asf(tmp_path):
+    (tmp_path / "07.asf").write_text(ASF)
+    (tmp_path / "07_02.amc").write_text(AMC)
+    return tmp_path / "07_02.amc"
+
+
+@pytest.fixture(scope="module")
+def body():
+    return PEOPLE["S1"].true_body()
+
+
+def figure(turned: dict[str, np.ndarray], frames: int = 3, prefix: str = "") -> MotionClip:
+    """A figure in a T-pose; each named joint turned by (frame, 3, 3) in its parent's axes."""
+    names = list(UPRIGHT)
+    rest, place = np.zeros((len(names), 3)), np.zeros((frames, len(names), 3))
+    rotation = np.zeros((frames, len(names), 3, 3))
+    for j, (name, (parent, offset)) in enumerate(UPRIGHT.items()):
+        own = turned.get(name, np.tile(np.eye(3), (frames, 1, 1)))
+        if not parent:
+            rest[j], place[:, j], rotation[:, j] = offset, offset, own
+            continue
+        p = names.index(parent)
+        rest[j] = rest[p] + offset
+        place[:, j] = place[:, p] + np.einsum("fab,b->fa", rotation[:, p], offset)
+        rotation[:, j] = rotation[:, p] @ own
+    return MotionClip(60.0, tuple(prefix + name for name in names), rest, place, rotation)
+
+
+def bone(body, poses, start, end):
+    """(frame, 3), a unit vector."""
+    places = joint_transforms(body, np.eye(3), poses)[..., 3]
+    away = places[:, JOINTS.index(end)] - places[:, JOINTS.index(start)]
+    return away / np.linalg.norm(away, axis=1, keepdims=True)
+
+
+# Files
+
+
+def test_bvh_places_and_turns(tmp_path):
+    path = tmp_path / "two.bvh"
+    path.write_text(BVH)
+    clip = read_bvh(path)
+    assert clip.joint_names == ("Hips", "Spine")
+    assert clip.fps == pytest.approx(20.0)
+    np.testing.assert_allclose(clip.rest, [[0, 10, 0], [0, 12, 0]])
+    np.testing.assert_allclose(clip.place[0], clip.rest)
+    # The root moves and turns by 90 degrees about z, which lays the spine along -x.
+    np.testing.assert_allclose(clip.place[1], [[1, 11, 2], [-1, 11, 2]], atol=1e-12)
+    np.testing.assert_allclose(clip.rotation[1, 1], turn("z", np.pi / 2) @ turn("x", np.pi / 2), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("Frames: 2", "Frames: 3", "3 frames"),
+        ("0.05", "0", "0 s"),
+        ("Zrotation Yrotation Xrotation\n  JOINT", "Zrotation Wrotation Xrotation\n  JOINT", "line 5.*Wrotation"),
+        ("JOINT Spine", "LIMB Spine", "line 6.*LIMB"),
+        ("1 11 2 90", "1 11 2 ninety", "not numbers"),
+        ("OFFSET 0 2 0", "OFFSET 0 two 0", "line 8.*two"),
+        ("MOTION", "", "MOTION"),
+        (BVH[BVH.index("MOTION") :], "", "ends where MOTION"),
+    ],
+)
+def test_a_wrong_bvh_says_where(tmp_path, old, new, says):
+    path = tmp_path / "wrong.bvh"
+    path.write_text(BVH.replace(old, new))
+    with pytest.raises(InputError, match=says):
+        read_bvh(path)
+
+
+def test_amc_turns_about_the_bones_own_axes(asf):
+    clip = read_amc(asf)
+    assert clip.joint_names == ("root", "lfemur", "ltibia")
+    assert clip.fps == 120.0
+    np.testing.assert_allclose(clip.rest, [[0, 0, 0], [0, 0, 0], [0, -4, 0]])
+    np.testing.assert_allclose(clip.place[0], [[0, 7, 0], [0, 7, 0], [0, 3, 0]], atol=1e-12)
+    # The femur's axes are turned by 90 degrees about z, so its y is the world's -x, about which -y turns to +z.
+    np.testing.assert_allclose(clip.place[1], [[1, 7, 0], [1, 7, 0], [1, 7, 4]], atol=1e-12)
+    np.testing.assert_allclose(clip.rotation[1, 2], turn("x", -np.pi / 2), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "says"),
+    [
+        ("07.asf", "length 4", "", "lfemur.*length"),
+        ("07.asf", "order TX TY TZ RX RY RZ", "", "no root"),
+        ("07.asf", "lfemur ltibia\n  end", "lfemur lfoot\n  end", "lfoot"),
+        ("07.asf", "    root lfemur\n", "", "before its parent"),
+        ("07.asf", "dof rx ry rz", "dof l", "dof l"),
+        ("07_02.amc", "lfemur 0 90 0", "lfemur 0 90", "line 9.*lfemur"),
+        ("07_02.amc", "lfemur 0 90 0", "lhand 0 90 0", "line 9.*lhand"),
+        ("07_02.amc", "root 1 7 0 0 0 0\n", "", "without a root"),
+        ("07_02.amc", "0 90 0", "0 ninety 0", "line 9.*ninety"),
+    ],
+)
+def test_wrong_acclaim_files_say_where(asf, file, old, new, says):
+    path = asf.with_name(file)
+    assert old in path.read_text()
+    path.write_text(path.read_text().replace(old, new))
+    with pytest.raises(InputError, match=says):
+        read_amc(asf)
+
+
+def test_missing_files_are_named(tmp_path, asf):
+    with pytest.raises(InputError, match=r"no\.bvh.*cannot be read"):
+        read_clip(tmp_path / "no.bvh")
+    with pytest.raises(InputError, match=r"other\.asf"):
+        read_clip(asf, tmp_path / "other.asf")
+    with pytest.raises(InputError, match="no skeleton"):
+        read_clip(tmp_path / "walk.bvh", asf)
+    with pytest.raises(InputError, match=r"'\.fbx' is no format"):
+        read_clip(tmp_path / "walk.fbx")
+
+
+def test_resampling_goes_half_way():
+    turned = np.stack([turn("y", angle) for angle in (0.0, 0.4, 0.8)])
+    clip = figure({"Hips": turned}).at_rate(120.0)
+    assert len(clip.place) == 5
+    np.testing.assert_allclose(clip.rotation[1, 0], turn("y", 0.2), atol=1e-12)
+    np.testing.assert_allclose(figure({}, frames=3).at_rate(30.0).place[:, 0], [[0, 10, 0]] * 2)
+    assert len(figure({}, frames=1).at_rate(60.0).place) == 1
+
+
+# Onto a body
+
+
+def test_bones_point_where_the_clips_do(body):
+    angle = np.radians([0.0, 30.0, 60.0])
+    turned = {
+        "Hips": turn("y", angle),
+        "LeftUpLeg": turn("x", -angle),
+        "LeftLeg": turn("x", angle),
+        "LeftArm": turn("z", -angle) @ turn("y", 0.2 * angle),
+        "LeftForeArm": turn("y", -angle),
+        "RightArm": turn("z", angle),
+    }
+    clip = figure(turned, prefix="mixamorig:")
+    poses = retargeted(clip, body, 60.0, "figure").poses
+    plain = [name.removeprefix("mixamorig:") for name in clip.joint_names]
+    for ours, theirs in {
+        ("LHip", "LKnee"): ("LeftUpLeg", "LeftLeg"),
+        ("RHip", "RKnee"): ("RightUpLeg", "RightLeg"),
+        ("LShoulder", "LElbow"): ("LeftArm", "LeftForeArm"),
+        ("LElbow", "LWrist"): ("LeftForeArm", "LeftHand"),
+    }.items():
+        start, end = (clip.place[:, plain.index(name)] for name in theirs)
+        wanted = (end - start) / np.linalg.norm(end - start, axis=1, keepdims=True)
+        atol = DIRECTION if ours[0] != "RHip" else STRAIGHT
+        np.testing.assert_allclose(bone(body, poses, *ours)[1:], wanted[1:], atol=atol)
+    limits = body.limits.reshape(-1, 2)
+    assert ((poses[:, 3:] >= limits[:, 0]) & (poses[:, 3:] <= limits[:, 1])).all()
+
+
+def test_a_figure_that_lies_along_other_axes_moves_alike(body):
+    clip = figure({"Hips": turn("y", np.radians([0.0, 20.0, 40.0]))})
+    spin = turn("x", np.pi / 2) @ turn("y", np.pi / 2)
+    other = MotionClip(60.0, clip.joint_names, clip.rest @ spin.T, clip.place @ spin.T, spin @ clip.rotation @ spin.T)
+    np.testing.assert_allclose(
+        retargeted(other, body, 60.0, "figure").poses, retargeted(clip, body, 60.0, "figure").poses, atol=1e-9
+    )
+
+
+def test_only_what_the_cameras_see_is_kept(body):
+    clip = figure({}, frames=101)
+    walked = clip.place + np.linspace(0, 90, 101)[:, None, None] * (0.0, 0.0, 1.0)  # 9 units are a leg, about 0.9 m
+    clip = MotionClip(60.0, clip.joint_names, clip.rest, walked, clip.rotation, ("a",), walked[:, :1])
+    moved = retargeted(clip, body, 60.0, "figure")
+    poses = moved.poses
+    np.testing.assert_allclose(np.ptp(moved.markers[:, 0], axis=0), np.ptp(poses[:, :3], axis=0), atol=1e-9)
+    assert np.ptp(poses[:, 2]) == pytest.approx(2.6, abs=0.2)
+    assert np.abs(poses[[0, -1], 2]).max() < 1.4
+
+
+def test_a_skeleton_that_is_not_understood_is_named(body):
+    clip = figure({})
+    names = tuple(name.replace("LeftLeg", "Bone7") for name in clip.joint_names)
+    with pytest.raises(InputError, match=r"Knee.*leftleg"):
+        retargeted(MotionClip(60.0, names, clip.rest, clip.place, clip.rotation), body, 60.0, "figure")
+    lying = clip.rest @ turn("z", np.pi / 4).T @ np.diag([1.0, 0.0, 1.0])
+    with pytest.raises(InputError, match="upright"):
+        retargeted(MotionClip(60.0, clip.joint_names, lying, clip.place, clip.rotation), body, 60.0, "figure")
+
+
+@pytest.mark.parametrize("name", ["02_01.amc", "12_01_walk.bvh"])
+def test_a_real_walk_walks(shared_data, name):
+    clip = shared_data / "cmu_mocap" / name
+    if not clip.exists():
+        pytest.skip(f"needs {name}, which is not part of the project")
+    sequence = clip_sequence("S1/Walking", clip)
+    assert sequence.frame_count > 100
+    footage = sequence.footage
+    skin = footage.body.skin
+    heaviest = skin.joint[np.arange(len(skin.joint)), skin.weight.argmax(axis=1)]
+    vertices = np.stack([footage.vertices(f) for f in range(0, sequence.frame_count)])
+    slide = []
+    for side in "LR":
+        foot = vertices[:, heaviest == JOINTS.index(f"{side}Ankle")]
+        low, frame = foot[:-1, :, 2].argmin(axis=1), np.arange(len(foot) - 1)
+        slide.append(np.linalg.norm((foot[frame + 1, low] - foot[frame, low])[:, :2], axis=1) * 60)
+    assert np.min(slide, axis=0).mean() < MOST_SLIDE
+    assert np.abs(vertices[..., 2].min(axis=1)).max() < 0.04
+    assert all(observation.any() for observation in [sequence.observation(f).foreground for f in (0, 50, 100)])
+
+
+def test_real_markers_ride_on_the_retargeted_skin(shared_data):
+    """Eq. 20 of the true body at its true poses, with markers that were on another person."""
+    pytest.importorskip("ezc3d", reason="needs ezc3d")
+    folder = shared_data / "cmu_mocap"
+    if not (folder / "02_01.c3d").exists():
+        pytest.skip("needs 02_01.c3d, which is not part of the project")
+    sequence = clip_sequence("S1/Walking", folder / "02_01.amc", markers=folder / "02_01.c3d")
+    truth, footage = sequence.truth, sequence.footage
+    assert {"LKNE", "RTOE", "C7"} <= set(truth.marker_names)
+    assert truth.markers.shape == (sequence.frame_count, 41, 3)
+    vertices = np.stack([footage.vertices(f) for f in range(sequence.frame_count)])
+    riding = attach(truth.markers[0], vertices[0], footage.body.skin.face)
+    assert np.nanmean(np.linalg.norm(truth.markers - riding.positions(vertices), axis=2)) < MOST_MARKER_ERROR
+    with pytest.raises(InputError, match="same take"):
+        clip_sequence("S1/Walking", folder / "02_02.amc", markers=folder / "02_01.c3d")
+
+
+def test_a_clip_becomes_a_scene(shared_data, tmp_path):
+    clip = shared_data / "cmu_mocap" / "02_05.amc"
+    if not clip.exists():
+        pytest.skip("needs 02_05.amc, which is not part of the project")
+    argv = ["study", "make", str(tmp_path / "made"), "--sequence", "S2/Box", "--clip", str(clip), "--frames", "2"]
+    assert main([*argv, "--quiet"]) == 0
+    assert load_scene(tmp_path / "made" / "S2" / "Box").frame_count == 2

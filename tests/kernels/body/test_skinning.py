@@ -1,0 +1,96 @@
+import numpy as np
+import pytest
+import reference
+import warp as wp
+from poisoned import poisoned
+from random_scenes import posed_vertices, random_poses
+from synthetic import synthetic_body, synthetic_subject
+
+from mmocap_warp.body.posing import BodyArrays
+from mmocap_warp.kernels.body.kinematics import Affine
+from mmocap_warp.kernels.body.skinning import pose_vertices, skin
+
+POSITION = 1e-5  # [m]
+
+
+@pytest.mark.parametrize("up", ["+y", "+x"])
+def test_vertices_are_where_the_twin_has_them(device, up):
+    body, base = synthetic_body(), synthetic_subject(up).root_base
+    poses = random_poses(10)
+    posed = posed_vertices(body, base, poses, device).numpy()
+    for found, pose in zip(posed, poses, strict=True):
+        expected = reference.skin(body.tracking, body, reference.joint_transforms(body, base, pose))
+        np.testing.assert_allclose(found, expected, rtol=0, atol=POSITION)
+
+
+def random_skin(rng, candidates, vertices, joints):
+    weight = rng.dirichlet(np.full(4, 0.5), vertices)
+    weight[: vertices // 2, 2:] = 0.0  # two influences only
+    weight = -np.sort(-weight / weight.sum(1, keepdims=True), axis=1)
+    joint = rng.integers(0, joints, (vertices, 4))
+    return rng.normal(0, 1, (candidates, joints, 3, 4)), joint, weight
+
+
+@pytest.mark.parametrize("bodies", [1, 5])
+def test_any_matrices_blend_as_in_the_twin(device, bodies):
+    rng = np.random.default_rng(1)
+    matrices, joint, weight = random_skin(rng, 5, 40, 7)
+    rest = rng.normal(0, 1, (bodies, 40, 3))
+    posed = poisoned((5, 40), wp.vec3, device)
+    skin(
+        wp.array(rest, dtype=wp.vec3, device=device),
+        wp.array(joint, dtype=wp.vec4i, device=device),
+        wp.array(weight, dtype=wp.vec4, device=device),
+        wp.array(matrices, dtype=Affine, device=device),
+        posed,
+    )
+    ones = np.concatenate([np.broadcast_to(rest, (5, 40, 3)), np.ones((5, 40, 1))], axis=2)
+    expected = np.einsum("vi,cviab,cvb->cva", weight, matrices[:, joint], ones)
+    np.testing.assert_allclose(posed.numpy(), expected, rtol=0, atol=POSITION)
+
+
+def test_vertices_that_are_wanted_are_posed_in_one_go(device):
+    """By one kernel, joints and skin, with a body and a base for every candidate; other vertices stay as they were."""
+    body, base = synthetic_body(), synthetic_subject().root_base
+    bodies = [body.shaped({"height_incr": w}, scale) for w, scale in ((0.0, 1.0), (0.8, 0.9), (-0.5, 1.2))]
+    bases = [base @ reference.rotation(1, angle) for angle in (0.0, 1.0, -2.5)]
+    poses = random_poses(3)
+    arrays = BodyArrays(body, base, body.tracking, device, copies=3)
+    arrays.joint_rest.assign(np.stack([one.joint_rest for one in bodies]))
+    arrays.rest.assign(np.stack([one.tracking.rest for one in bodies]))
+    arrays.root_base.assign(np.stack(bases).astype(np.float32))
+    wanted = np.random.default_rng(2).permutation(len(body.tracking.rest))[:50]
+    joint_transform, skin_matrix = poisoned((3, 16), Affine, device), poisoned((3, 16), Affine, device)
+    posed = poisoned((3, len(body.tracking.rest)), wp.vec3, device)
+    pose_vertices(
+        wp.array(poses, dtype=wp.float32, device=device), arrays.parent, arrays.depth, arrays.joint_frame,
+        arrays.joint_rest, arrays.root_base, arrays.rest, arrays.joint, arrays.weight,
+        wp.array(wanted, dtype=wp.int32, device=device), arrays.levels, 0, 1, joint_transform, skin_matrix, posed,
+    )  # fmt: skip
+    found = posed.numpy()
+    for c, (one, own_base, pose) in enumerate(zip(bodies, bases, poses, strict=True)):
+        expected = reference.skin(one.tracking, one, reference.joint_transforms(one, own_base, pose))
+        np.testing.assert_allclose(found[c, wanted], expected[wanted], rtol=0, atol=POSITION)
+    assert np.isnan(np.delete(found, wanted, axis=1)).all()
+
+
+def test_candidates_of_a_run_share_its_base(device):
+    """Three runs of four candidates; the launch begins in the middle of the first run, as a thread's may."""
+    body = synthetic_body()
+    bases = [synthetic_subject().root_base @ reference.rotation(1, angle) for angle in (0.0, 1.0, -2.5)]
+    first, poses = 2, random_poses(9)
+    arrays = BodyArrays(body, bases[0], body.tracking, device, bases=3)
+    arrays.root_base.assign(np.stack(bases).astype(np.float32))
+    vertices = len(body.tracking.rest)
+    joint_transform, skin_matrix = poisoned((9, 16), Affine, device), poisoned((9, 16), Affine, device)
+    posed = poisoned((9, vertices), wp.vec3, device)
+    pose_vertices(
+        wp.array(poses, dtype=wp.float32, device=device), arrays.parent, arrays.depth, arrays.joint_frame,
+        arrays.joint_rest, arrays.root_base, arrays.rest, arrays.joint, arrays.weight,
+        wp.array(np.arange(vertices), dtype=wp.int32, device=device), arrays.levels, first, 4,
+        joint_transform, skin_matrix, posed,
+    )  # fmt: skip
+    for c, (found, pose) in enumerate(zip(posed.numpy(), poses, strict=True)):
+        base = bases[(first + c) // 4]
+        expected = reference.skin(body.tracking, body, reference.joint_transforms(body, base, pose))
+        np.testing.assert_allclose(found, expected, rtol=0, atol=POSITION)

@@ -1,0 +1,99 @@
+"""Jacobi rotations against LAPACK."""
+
+import numpy as np
+import pytest
+import warp as wp
+from poisoned import poisoned
+
+from mmocap_warp.kernels.block import WORDS, lanes_of, shared_words, sync
+from mmocap_warp.kernels.optimizers.eigen import Spectrum, diagonalize, even, lanes_worth, spectrum_at, spectrum_words
+
+ORTHONORMAL = 1e-5
+DECOMPOSED = 1e-5  # of the largest eigenvalue
+
+
+@wp.func
+def _decompose_in(
+    spectrum: Spectrum,
+    matrix: wp.array2d[wp.float32],
+    lane: int,
+    lanes: int,
+    axes: wp.array2d[wp.float32],
+    eigenvalue: wp.array[wp.float32],
+):
+    dofs = eigenvalue.shape[0]
+    for i in range(lane, even(dofs), lanes):
+        for j in range(spectrum.axes.shape[1]):
+            inside = i < dofs and j < dofs
+            spectrum.axes[i, j] = wp.where(i == j and inside, 1.0, 0.0)
+            spectrum.matrix[i, j] = 0.0
+            if inside and i <= j:
+                spectrum.matrix[i, j] = matrix[i, j]
+    sync()
+    diagonalize(spectrum, lane, lanes)
+    for i in range(lane, dofs, lanes):
+        eigenvalue[i] = spectrum.matrix[i, i]
+        for j in range(dofs):
+            axes[i, j] = spectrum.axes[i, j]
+
+
+@wp.kernel
+def _decompose(
+    matrix: wp.array3d[wp.float32],  # (run, dof, dof)
+    used: int,
+    is_shared: bool,
+    scratch: wp.array2d[wp.uint32],  # (run, word)
+    # out
+    axes: wp.array3d[wp.float32],  # (run, dof, dof) eigenvectors, rows
+    eigenvalue: wp.array2d[wp.float32],  # (run, dof)
+):
+    run, lane = wp.tid()
+    if lane >= used:
+        return
+    dofs = eigenvalue.shape[1]
+    if is_shared:
+        spectrum = spectrum_at(shared_words(scratch[run]), dofs)
+        _decompose_in(spectrum, matrix[run], lane, used, axes[run], eigenvalue[run])
+    else:
+        _decompose_in(spectrum_at(scratch[run], dofs), matrix[run], lane, used, axes[run], eigenvalue[run])
+
+
+def decompose(matrix, device, is_shared, used):
+    """Eigenvectors (run, dof, dof) in rows, and eigenvalues (run, dof)."""
+    runs, dofs, _ = matrix.shape
+    axes = poisoned(matrix.shape, wp.float32, device)
+    eigenvalue = poisoned((runs, dofs), wp.float32, device)
+    scratch = wp.array(np.full((runs, max(WORDS, spectrum_words(dofs))), 0x7FC00000), dtype=wp.uint32, device=device)
+    lanes = lanes_of(wp.get_device(device))
+    wp.launch(
+        _decompose,
+        dim=(runs, lanes),
+        inputs=[wp.array(matrix, dtype=wp.float32, device=device), min(used, lanes), is_shared, scratch],
+        outputs=[axes, eigenvalue],
+        block_dim=lanes,
+        device=device,
+    )
+    return axes.numpy().astype(float), eigenvalue.numpy().astype(float)
+
+
+@pytest.mark.parametrize("is_shared", [True, False])
+@pytest.mark.parametrize("dofs", [1, 2, 3, 4, 6, 9, 28, 39, 64])
+@pytest.mark.parametrize("condition", [1.0, 1e2, 1e4])
+def test_matrices_are_decomposed(device, dofs, condition, is_shared):
+    """In shared memory and out of it, by as many lanes as are worth it: the scratch is full of NaN."""
+    rng = np.random.default_rng(dofs)
+    turn = np.stack([np.linalg.qr(rng.normal(0, 1, (dofs, dofs)))[0] for _ in range(2)])
+    matrix = np.einsum("rij,j,rkj->rik", turn, np.geomspace(1, condition, dofs), turn)
+    axes, eigenvalue = decompose(matrix, device, is_shared, lanes_worth(dofs))
+    identity = np.tile(np.eye(dofs), (2, 1, 1))
+    np.testing.assert_allclose(axes @ axes.transpose(0, 2, 1), identity, rtol=0, atol=ORTHONORMAL)
+    again = np.einsum("rji,rj,rjk->rik", axes, eigenvalue, axes)
+    np.testing.assert_allclose(again, matrix, rtol=0, atol=DECOMPOSED * condition)
+    by_lapack = np.linalg.eigvalsh(matrix)
+    np.testing.assert_allclose(np.sort(eigenvalue), by_lapack, rtol=0, atol=DECOMPOSED * condition)
+
+
+def test_the_number_of_lanes_does_not_change_a_bit(device):
+    matrix = np.cov(np.random.default_rng(0).normal(0, 1, (9, 40)))[None]
+    for few, many in zip(decompose(matrix, device, True, 32), decompose(matrix, device, True, 256), strict=True):
+        np.testing.assert_array_equal(few, many)

@@ -1,0 +1,463 @@
+"""Differential evolution against a float64 twin, the definitions of roles and mating, and known minima."""
+
+from __future__ import annotations
+
+from math import comb
+
+import numpy as np
+import pytest
+import warp as wp
+from poisoned import SENTINEL
+from random_scenes import perfect_masks
+from synthetic import ring_rig, synthetic_poses, synthetic_subject
+
+from mmocap_warp.body.model import degrees_of_freedom
+from mmocap_warp.body.posing import Poser
+from mmocap_warp.optimizers.de import De, DeConfig
+from mmocap_warp.tracking.tracker import TrackConfig, track_observations
+from mmocap_warp.views.observation import Observation
+
+TWIN = 1e-5  # absolute, of coordinates about 1
+ROUNDING = 1e-6  # what a generation adds to it: members are sums of the last ones' differences
+TRACKED = 0.025  # [m], mean marker error
+CHANCE = 4  # standard deviations that a frequency may be off
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"population": 1},
+        {"placing": 0},
+        {"leading": 11},
+        {"correcting": -1},
+        {"crossover": 1.1},
+        {"crossover": float("nan")},
+        {"factor": 0.0},
+        {"factor": 2.5},
+    ],
+)
+def test_wrong_settings_are_refused(settings):
+    ((name, value),) = settings.items()
+    with pytest.raises(ValueError, match=rf"{name} must be .*{value}"):
+        DeConfig(**settings)
+
+
+class Search:
+    """A search on a host-side function; columns of a wider pose vector are searched."""
+
+    def __init__(self, dofs, seeds, device, scale=None, start=None, **settings):
+        runs = len(seeds)
+        self.config = DeConfig(**settings)
+        self.scale = np.full(dofs, 0.5) if scale is None else np.asarray(scale, float)
+        self.index = 2 * np.arange(dofs)[::-1]  # every other coordinate, from the last
+        self.seed = wp.array(seeds, dtype=wp.int32, device=device)
+        self.draw = wp.zeros(runs, dtype=wp.int32, device=device)
+        self.optimizer = De(self.index, self.scale, runs, self.seed, self.draw, 1000, self.config)
+        self._poison()
+        self.start = np.zeros((runs, dofs), np.float32) if start is None else np.asarray(start, np.float32)
+        pose = np.full((runs, 2 * dofs), np.nan, np.float32)
+        pose[:, self.index] = self.start
+        self.optimizer.start(wp.array(pose, device=device))
+
+    def _poison(self):
+        """Nothing is used before it is written."""
+        for name, array in vars(self.optimizer).items():
+            if isinstance(array, wp.array) and name not in ("index", "scale", "_seed", "_draw"):
+                array.assign(np.full(array.numpy().shape, np.nan if array.dtype is wp.float32 else SENTINEL))
+
+    def ask(self, particles=None):
+        """(run, particle, dof)."""
+        return self.optimizer.ask(particles or self.optimizer.particles).numpy().astype(float)
+
+    def tell(self, cost):
+        self.optimizer.tell(wp.array(np.ravel(cost), dtype=wp.float32, device=self.seed.device))
+
+    def generation(self, function):
+        """One generation; returns its candidates and costs."""
+        x = self.ask()
+        cost = function(x).astype(np.float32)
+        self.tell(cost)
+        return x, cost
+
+    def estimate(self):
+        """(run, dof)."""
+        pose = wp.zeros((len(self.start), 2 * len(self.index)), dtype=wp.float32, device=self.seed.device)
+        self.optimizer.estimate(pose)
+        return pose.numpy()[:, self.index]
+
+    def state(self):
+        """Everything that the next generation depends on."""
+        o = self.optimizer
+        arrays = (o.member, o.member_cost, o.alpha, o._order, o._center, o._generation, self.draw)
+        return [array.numpy().copy() for array in arrays]
+
+
+def sphere(x):
+    return np.sum(x**2, axis=-1)
+
+
+def ellipsoid(x):
+    """Condition number 100, its minimum away from the start and the middle of the box."""
+    return np.sum(100 ** np.linspace(0, 1, x.shape[-1]) * (x - 0.3) ** 2, axis=-1)
+
+
+class Twin:
+    """Fig. 5 for one run in float64, told the random numbers of another and how that decided ties.
+
+    ``chance`` is (particle, number): the dofs' own, then forced dof, placing, alterations of alpha_L and alpha_C,
+    four candidates each for leading and correcting. ``parents`` (particle, role) decide between candidates whose
+    distances differ by rounding alone.
+    """
+
+    def __init__(self, center, scale, config):
+        self.center, self.scale, self.config = np.asarray(center, float), scale, config
+        self.x = None
+        self.alpha = np.zeros((config.population, 2), int)
+
+    def ask(self, chance, parents):
+        """(particle, dof)."""
+        count, dofs = self.config.population, len(self.center)
+        if self.x is None:
+            self.trial = self.center + self.scale * (2 * chance[:, :dofs].astype(float) - 1)
+            if self.config.include_start:
+                self.trial[0] = self.center
+            self.altered = self.alpha
+            return self.trial
+        self.trial, self.altered, self.parents = self.x.copy(), np.zeros_like(self.alpha), np.zeros((count, 3), int)
+        order = list(np.argsort(self.cost, kind="stable"))
+        for r in range(count):
+            own, drawn = chance[r, :dofs], chance[r, dofs:]
+            p = self._mate(order[: self.config.placing], {r}, 0, 0, drawn[1:2], parents[r, 0])
+            step = [pick(drawn[2], 3) - 1, pick(drawn[3], 3) - 1]
+            a_l, a_c = self.altered[r] = np.clip(self.alpha[p] + step, -4, 4)
+            l = self._mate(order[: self.config.leading], {r, p}, a_l, p, drawn[4:8], parents[r, 1])  # noqa: E741
+            c = self._mate(order[count - self.config.correcting :], {r, p, l}, a_c, p, drawn[8:12], parents[r, 2])
+            self.parents[r] = p, l, c
+            donor = self.x[p] + self.config.factor * (self.x[l] - self.x[c])
+            low, high = self.center - self.scale, self.center + self.scale
+            donor = np.where(donor > high, 2 * high - donor, np.where(donor < low, 2 * low - donor, donor))
+            crossed = own < np.float32(self.config.crossover)
+            crossed[pick(drawn[0], dofs)] = True
+            self.trial[r, crossed] = donor[crossed]
+        return self.trial
+
+    def _mate(self, role, excluded, alpha, placing, chance, told):
+        free = [k for k in role if k not in excluded] or list(role)
+        drawn = []
+        for u in chance[: max(1, min(abs(alpha), len(free) - 1))]:
+            drawn.append(free.pop(pick(u, len(free))))
+        distance = {k: np.abs(self.x[k] - self.x[placing]).sum() * (1 if alpha >= 0 else -1) for k in drawn}
+        least = min(drawn, key=distance.__getitem__)
+        return told if abs(distance.get(told, np.inf) - distance[least]) < TWIN else least
+
+    def tell(self, cost):
+        if self.x is None:
+            self.x, self.cost = self.trial.copy(), cost.astype(float)
+            return
+        won = cost < self.cost
+        self.x[won], self.cost[won], self.alpha[won] = self.trial[won], cost[won], self.altered[won]
+
+
+def pick(u, count):
+    return min(int(np.float32(u) * np.float32(count)), count - 1)
+
+
+@pytest.mark.parametrize("settings", [{}, {"population": 14, "placing": 3, "leading": 9, "correcting": 14}])
+@pytest.mark.parametrize("dofs", [1, 4, 6, 39])
+def test_forty_generations_are_the_twins(device, dofs, settings):
+    """The costs fall and are noisy, so that many trials win and the members do not crowd at the minimum."""
+    rng = np.random.default_rng(dofs)
+    search = Search(dofs, [11, 12], device, np.linspace(0.4, 1.0, dofs), rng.normal(0, 0.3, (2, dofs)), **settings)
+    o = search.optimizer
+    twins = [Twin(center, search.scale, search.config) for center in search.start]
+    strengths = set()
+    for generation in range(40):
+        x = search.ask()
+        noise = rng.uniform(-0.3 * generation, 1 - 0.3 * generation, x.shape[:2])
+        cost = (noise + 2 * np.abs(x - 0.3).mean(axis=-1)).astype(np.float32)
+        search.tell(cost)
+        for run, twin in enumerate(twins):
+            expected = twin.ask(o._chance.numpy()[run], o._parents.numpy()[run])
+            np.testing.assert_allclose(x[run], expected, atol=ROUNDING * (generation + 1), rtol=0)
+            if generation:
+                np.testing.assert_array_equal(o._parents.numpy()[run], twin.parents)
+            twin.tell(cost[run])
+            np.testing.assert_allclose(o.member.numpy()[run], twin.x, atol=TWIN, rtol=0)
+            np.testing.assert_array_equal(o.alpha.numpy()[run], twin.alpha)
+            strengths |= set(np.abs(twin.altered).ravel().tolist())
+    assert strengths == {0, 1, 2, 3, 4}
+
+
+def mated(device, alpha, **settings):
+    """A search of 200 runs whose members all have the same alphas when they are mated; parents and altered alphas."""
+    search = Search(3, range(200), device, **settings)
+    search.generation(ellipsoid)
+    o = search.optimizer
+    o.alpha.assign(np.broadcast_to(alpha, o.alpha.numpy().shape))
+    search.ask()
+    return search, o._parents.numpy(), o._altered.numpy()
+
+
+def roles(search, run):
+    """The members that may place, lead and correct."""
+    order, config = search.optimizer._order.numpy()[run].tolist(), search.config
+    return order[: config.placing], order[: config.leading], order[config.population - config.correcting :]
+
+
+def test_roles_keep_to_their_sets_and_exclusions(device):
+    search, parents, _ = mated(device, (2, -2), placing=3, leading=4, correcting=9)
+    ranked = np.take_along_axis(search.optimizer.member_cost.numpy(), search.optimizer._order.numpy(), axis=1)
+    assert np.all(np.diff(ranked) >= 0)
+    for run, receiver in np.ndindex(parents.shape[:2]):
+        assert len({receiver, *parents[run, receiver]}) == 4
+        for parent, role in zip(parents[run, receiver], roles(search, run), strict=True):
+            assert parent in role
+
+
+@pytest.mark.parametrize("role", [1, 2])
+@pytest.mark.parametrize("alpha", [-3, 0, 3])
+def test_mating_takes_the_nearest_or_the_farthest_of_alpha_members(device, role, alpha):
+    """The nearest of m drawn from n is the j-th nearest of all (from 0) with frequency C(n-1-j, m-1) / C(n, m)."""
+    search, parents, altered = mated(device, (alpha, alpha), leading=10, correcting=10)
+    x = search.optimizer.member.numpy().astype(float)
+    places = {}  # how near the chosen ones are, by alpha
+    for run, receiver in np.ndindex(parents.shape[:2]):
+        free = sorted(set(range(10)) - {receiver, *parents[run, receiver, :role]})
+        distance = np.abs(x[run, free] - x[run, parents[run, receiver, 0]]).sum(axis=1)
+        chosen = free.index(parents[run, receiver, role])
+        drawn = altered[run, receiver, role - 1]
+        places.setdefault(drawn, []).append(np.sum(np.sign(drawn + 0.5) * (distance - distance[chosen]) < 0))
+    assert sorted(places) == [alpha - 1, alpha, alpha + 1]
+    for drawn, place in places.items():
+        m, n = max(1, abs(drawn)), 10 - 1 - role
+        expected = np.array([comb(n - 1 - j, m - 1) for j in range(n)]) / comb(n, m)
+        found = np.bincount(place, minlength=n) / len(place)
+        assert np.all(np.abs(found - expected) <= CHANCE * np.sqrt(expected * (1 - expected) / len(place)))
+
+
+@pytest.mark.parametrize("size", [2, 3])
+def test_no_more_are_drawn_than_the_set_less_one(device, size):
+    """Of two free members one is drawn, whichever alpha; of three two, so that the farthest is never taken."""
+    search, parents, _ = mated(device, (4, 4), placing=1, leading=2 + size)
+    x = search.optimizer.member.numpy().astype(float)
+    places = []
+    for run in range(len(parents)):
+        best, receiver, *free = roles(search, run)[1]  # the best places, the next receives, the others may lead
+        distance = np.abs(x[run, free] - x[run, best]).sum(axis=1)
+        places.append(np.argsort(distance).tolist().index(free.index(parents[run, receiver, 1])))
+    assert set(places) == {0, 1}
+
+
+@pytest.mark.parametrize(
+    ("alpha", "falling", "rising"),  # frequencies of a step of -1, 0 and 1 of each
+    [((0, 2), (1, 1, 1), (1, 1, 1)), ((-4, 4), (0, 2, 1), (1, 2, 0))],
+)
+def test_alphas_are_altered_by_one_or_not_at_all_and_clamped(device, alpha, falling, rising):
+    _, _, altered = mated(device, alpha)
+    steps = (altered - alpha).reshape(-1, 2) + 1
+    found = np.bincount(3 * steps[:, 0] + steps[:, 1], minlength=9) / len(steps)
+    expected = np.outer(falling, rising).ravel() / 9
+    assert np.all(np.abs(found - expected) <= CHANCE * np.sqrt(expected * (1 - expected) / len(steps)))
+
+
+def test_a_trial_that_wins_brings_its_alphas_and_one_that_does_not_takes_them_along(device):
+    search = Search(4, range(20), device)
+    search.generation(ellipsoid)
+    o = search.optimizer
+    assert not np.any(o.alpha.numpy())
+    inherited = 0
+    for _ in range(10):
+        alpha, member, cost_before = (array.numpy().copy() for array in (o.alpha, o.member, o.member_cost))
+        x, cost = search.generation(ellipsoid)
+        parents, altered = o._parents.numpy(), o._altered.numpy()
+        assert np.abs(altered - np.take_along_axis(alpha, parents[..., :1], axis=1)).max() <= 1
+        won = cost < cost_before
+        np.testing.assert_array_equal(o.alpha.numpy(), np.where(won[..., None], altered, alpha))
+        np.testing.assert_array_equal(o.member.numpy(), np.where(won[..., None], x, member))
+        np.testing.assert_array_equal(o.member_cost.numpy(), np.where(won, cost, cost_before))
+        inherited += np.sum(won & np.any(altered != 0, axis=-1))
+    assert inherited > 0
+
+
+def test_an_equal_trial_does_not_win(device):
+    search = Search(4, [0], device)
+    x, _ = search.generation(lambda x: np.ones(x.shape[:2]))
+    search.generation(lambda x: np.ones(x.shape[:2]))
+    np.testing.assert_array_equal(search.optimizer.member.numpy(), x)
+    assert not np.any(search.optimizer.alpha.numpy())
+
+
+def folded(x, low, high):
+    """Into the box, as a ball between two walls."""
+    width = high - low
+    return low + width - np.abs((x - low) % (2 * width) - width)
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_without_a_crossover_rate_one_coordinate_is_the_donors_with_rate_one_all_are(device, factor):
+    """The donors' genes that leave the box are reflected into it."""
+    for rate in (0.0, 1.0):
+        search = Search(5, range(50), device, scale=[0.1, 0.2, 0.3, 0.4, 0.5], crossover=rate, factor=factor)
+        members, _ = search.generation(ellipsoid)
+        trial, parents = search.ask(), search.optimizer._parents.numpy()
+        placing, leading, correcting = (np.take_along_axis(members, parents[..., [r]], axis=1) for r in range(3))
+        donor = placing + factor * (leading - correcting)
+        assert np.mean(np.abs(donor) > search.scale) > 0.05
+        donor = folded(donor, -search.scale, search.scale)
+        from_donor = np.abs(trial - donor) < TWIN
+        assert np.all(from_donor | (trial == members))
+        assert np.all(np.abs(trial) <= search.scale.astype(np.float32))
+        if rate == 1.0:
+            assert np.all(from_donor)
+        else:
+            np.testing.assert_array_equal(np.sum(trial != members, axis=-1), 1)
+            forced = np.argmax(trial != members, axis=-1)
+            assert np.all(np.bincount(forced.ravel()) / forced.size > 0.15)
+
+
+def test_the_first_members_are_uniform_in_the_box_and_the_start_is_one_of_them(device):
+    scale, start = np.array([0.5, 0.01, 2.0]), np.tile([3.0, -1.0, 0.0], (400, 1))
+    x = Search(3, range(400), device, scale, start).ask()
+    np.testing.assert_array_equal(x[:, 0], start.astype(np.float32))
+    unit = ((x[:, 1:] - start[0]) / scale).reshape(-1, 3)
+    assert unit.min() >= -1.001
+    assert unit.max() < 1.001
+    counts = np.stack([np.histogram(column, 10, (-1.001, 1.001))[0] for column in unit.T])
+    assert np.all(np.abs(counts / 3600 - 0.1) < CHANCE * np.sqrt(0.09 / 3600))
+    without = Search(3, range(400), device, scale, start, include_start=False).ask()
+    assert not np.any(without[:, 0] == start.astype(np.float32))
+    np.testing.assert_array_equal(without[:, 1:], x[:, 1:])
+
+
+@pytest.mark.parametrize("dofs", [1, 4, 9])
+def test_a_known_minimum_is_found(device, dofs):
+    """With 30 members; Table 3's ten crowd together too soon for exactness."""
+    roles = {"placing": 15, "leading": 15, "correcting": 15}
+    search = Search(dofs, range(20), device, start=np.full((20, dofs), 0.3), population=30, **roles)
+    for _ in range(100):
+        search.generation(sphere)
+    assert np.median(sphere(search.estimate())) < 1e-7 * sphere(search.start[0])
+
+
+@pytest.mark.parametrize("dofs", [1, 4, 9])
+def test_ten_members_come_nearer_to_a_known_minimum(device, dofs):
+    search = Search(dofs, range(20), device, start=np.full((20, dofs), 0.3))
+    for _ in range(50):
+        search.generation(sphere)
+    assert np.all(sphere(search.estimate()) < 0.5 * sphere(search.start[0]))
+
+
+COSTS = {
+    "flat": lambda x: np.ones(x.shape[:2]),
+    "infinite": lambda x: np.full(x.shape[:2], np.inf),
+    "partly infinite": lambda x: np.where(x[..., 0] > 0.1, np.inf, sphere(x)),
+    "the start infinite": lambda x: np.where(sphere(x) < 0.01, np.inf, sphere(x)),
+}
+
+
+@pytest.mark.parametrize("scale", [0.5, 0.0])
+@pytest.mark.parametrize("dofs", [1, 6])
+@pytest.mark.parametrize("name", COSTS)
+def test_any_cost_leaves_a_defined_answer_in_the_box(device, name, dofs, scale):
+    search = Search(dofs, range(4), device, np.full(dofs, scale), np.full((4, dofs), 0.2))
+    for _ in range(30):
+        x, _ = search.generation(COSTS[name])
+        assert np.all(np.abs(x - 0.2) <= scale + TWIN)
+        assert scale or np.all(x == np.float32(0.2))
+    cost = search.optimizer.member_cost.numpy()
+    answer = search.estimate()
+    assert not np.any(np.isnan(cost))
+    assert np.all(COSTS[name](answer[:, None])[:, 0] == pytest.approx(cost.min(axis=1)))
+    if name in ("flat", "infinite"):
+        np.testing.assert_array_equal(answer, search.start)  # the start wins ties
+    elif scale:
+        assert np.all(np.isfinite(cost.min(axis=1)))
+
+
+def test_a_box_may_be_of_zero_width_in_some_coordinates(device):
+    search = Search(4, [0, 1], device, [0.5, 0.0, 0.5, 0.0], np.full((2, 4), 0.2))
+    for _ in range(100):
+        x, _ = search.generation(ellipsoid)
+        np.testing.assert_array_equal(x[..., [1, 3]], np.float32(0.2))
+    np.testing.assert_allclose(search.estimate()[:, [0, 2]], 0.3, atol=1e-3)
+
+
+@pytest.mark.parametrize(("population", "role"), [(2, 1), (2, 2), (3, 1), (3, 3), (4, 1)])
+def test_role_sets_that_exclusions_empty_are_used_whole(device, population, role):
+    search = Search(3, range(10), device, population=population, placing=role, leading=role, correcting=role)
+    for generation in range(30):
+        x, _ = search.generation(ellipsoid)
+        assert np.all(np.abs(x) <= 0.5)
+        if not generation:
+            continue
+        parents = search.optimizer._parents.numpy()
+        assert parents.min() >= 0
+        assert parents.max() < population
+    if role == 1:  # the best is then its own placing and leading member
+        best = search.optimizer._order.numpy()[:, 0]
+        search.ask()
+        assert np.all(search.optimizer._parents.numpy()[np.arange(10), best, :2] == best[:, None])
+    assert np.all(ellipsoid(search.estimate()) <= ellipsoid(search.start))
+
+
+@pytest.mark.parametrize("dofs", [6, 39])
+def test_a_run_of_a_batch_is_the_single_run_bit_for_bit(device, dofs):
+    seeds = [5, 900, 0]
+    start = np.random.default_rng(0).normal(0, 1, (3, dofs))
+    batch = Search(dofs, seeds, device, start=start)
+    singles = [Search(dofs, [seed], device, start=start[run : run + 1]) for run, seed in enumerate(seeds)]
+    for _ in range(15):
+        batch.generation(ellipsoid)
+        for single in singles:
+            single.generation(ellipsoid)
+    for run, single in enumerate(singles):
+        for together, alone in zip(batch.state(), single.state(), strict=True):
+            np.testing.assert_array_equal(together[run], alone[0])
+
+
+def test_a_cut_generation_is_the_beginning_of_a_whole_one_and_breaks_nothing(device):
+    cut, whole = (Search(9, [1, 2], device) for _ in range(2))
+    for generation in range(3):
+        before = cut.state()
+        np.testing.assert_array_equal(cut.ask(3)[:, :3], whole.ask()[:, :3], err_msg=str(generation))
+        for was, now in zip(before[:-1], cut.state()[:-1], strict=True):
+            np.testing.assert_array_equal(was, now)
+        np.testing.assert_array_equal(cut.state()[-1], before[-1] + 3)
+        whole.draw.assign(cut.draw)
+        for search in (cut, whole):
+            search.generation(sphere)
+
+
+def test_a_budget_below_one_population_begins_with_the_start(device):
+    search = Search(6, [0, 1], device, start=np.full((2, 6), 0.7))
+    assert search.optimizer.plan(4) == [4]
+    assert search.optimizer.plan(25) == [10, 10, 5]
+    np.testing.assert_array_equal(search.ask(4)[:, 0], search.start)
+    np.testing.assert_array_equal(search.estimate(), search.start)
+
+
+def test_start_begins_anew(device):
+    search, fresh = (Search(6, [4, 5], device) for _ in range(2))
+    for _ in range(30):
+        search.generation(ellipsoid)
+    search.optimizer.start(wp.zeros((2, 12), dtype=wp.float32, device=device))
+    fresh.draw.assign(search.draw)
+    for used, new in zip(search.state(), fresh.state(), strict=True):
+        np.testing.assert_array_equal(used, new)
+    for _ in range(3):
+        np.testing.assert_array_equal(search.generation(ellipsoid)[0], fresh.generation(ellipsoid)[0])
+
+
+@pytest.mark.parametrize("algorithm", ["de", "h-de"])
+def test_a_motion_is_tracked(device, algorithm):
+    """Ten frames in which every searched angle moves, seen in four images of 160 x 120: a pixel is 25 mm wide."""
+    subject, rig, index = synthetic_subject(), ring_rig(cameras=4, size=(160, 120)), degrees_of_freedom(39).index
+    truth = np.tile(subject.pose, (10, 1))
+    truth[:, index] = synthetic_poses(120)[:10, index]
+    seen = [Observation.from_masks(list(perfect_masks(subject, rig, pose, device))) for pose in truth]
+    result = track_observations(subject, rig, seen, 60.0, TrackConfig(algorithm, device=device))
+    poser, marker = Poser(subject.body, subject.root_base), subject.body.marker_vertex
+    apart = poser.vertices(result.pose[0])[:, marker] - poser.vertices(truth)[:, marker]
+    assert np.linalg.norm(apart, axis=-1).mean() < TRACKED
+    assert result.iou.mean() > 0.85
+    assert np.all(result.evaluations == 500)

@@ -1,0 +1,100 @@
+"""The search of a frame: the budget's order, and that neither renderer, threads nor held parts change its answer."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import warp as wp
+from synthetic import synthetic_subject
+from tracked_motion import FPS, RIG, motion
+
+from mmocap_warp.body.model import degrees_of_freedom
+from mmocap_warp.tracking.algorithms import ALGORITHMS
+from mmocap_warp.tracking.strategy import hierarchical, holistic
+from mmocap_warp.tracking.tracker import TrackConfig, Tracker
+
+ROOT = np.arange(3, 6)  # its angles
+HIERARCHICAL = [name for name, algorithm in ALGORITHMS.items() if algorithm.hierarchical]
+
+
+def tracked(device: str, change=None, frames: int = 2, **settings) -> list[np.ndarray]:
+    """Poses and costs of each frame; ``change`` may alter the tracker before."""
+    tracker = Tracker(synthetic_subject(), RIG, TrackConfig(device=device, **({"threads": 1} | settings)), FPS)
+    if change:
+        change(tracker)
+    answers = [tracker.step(observation) for observation in motion(device)[1][1 : 1 + frames]]
+    return [value for answer in answers for value in (answer.pose, answer.cost)]
+
+
+def assert_same_bits(some: list[np.ndarray], others: list[np.ndarray]) -> None:
+    for one, other in zip(some, others, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def never_hold(tracker: Tracker) -> None:
+    tracker._objective.hold = lambda base, index: None
+
+
+@pytest.mark.parametrize("algorithm", HIERARCHICAL)
+def test_holding_what_stays_does_not_change_the_answer(device, algorithm):
+    """Several runs; 340 evaluations are 57 or 56 a part, so that generations of ten, or nine, are cut at the end."""
+    settings = {"algorithm": algorithm, "runs": 3, "evaluations": 340}
+    assert_same_bits(tracked(device, **settings), tracked(device, never_hold, **settings))
+
+
+@pytest.mark.parametrize("dof", [39, 28])
+@pytest.mark.parametrize("algorithm", ["h-cmaes", "cmaes"])
+def test_the_renderer_does_not_change_the_answer(device, algorithm, dof):
+    settings = {"algorithm": algorithm, "runs": 2, "dof": dof, "evaluations": 200}
+    assert_same_bits(*(tracked(device, renderer=renderer, **settings) for renderer in ("raycast", "raster")))
+
+
+@pytest.mark.parametrize("renderer", ["raycast", "raster"])
+def test_threads_do_not_change_the_answer(renderer):
+    settings = {"runs": 3, "evaluations": 150, "renderer": renderer}
+    one = tracked("cpu", **settings)
+    for threads in (2, 5):
+        assert_same_bits(tracked("cpu", threads=threads, **settings), one)
+
+
+def calls_of(tracker: Tracker) -> list[tuple]:
+    """What the objective is told from now on: parts held with their bases, candidates judged, and parts released."""
+    calls, objective = [], tracker._objective
+    hold, evaluate, release = objective.hold, objective.evaluate, objective.release
+
+    def held(base: wp.array, index: np.ndarray) -> None:
+        calls.append(("hold", tuple(index), base.numpy().copy()))
+        hold(base, index)
+
+    def evaluated(candidates: int) -> wp.array:
+        calls.append(("evaluate", candidates))
+        return evaluate(candidates)
+
+    def released() -> None:
+        calls.append(("release",))
+        release()
+
+    objective.hold, objective.evaluate, objective.release = held, evaluated, released
+    return calls
+
+
+@pytest.mark.parametrize(("algorithm", "strategy"), [("h-cmaes", hierarchical), ("cmaes", holistic)])
+def test_parts_are_held_one_after_the_other_at_the_best_so_far(device, algorithm, strategy):
+    tracker = Tracker(synthetic_subject(), RIG, TrackConfig(algorithm, evaluations=100, device=device), FPS)
+    tracker.step(motion(device)[1][0])
+    start = tracker.state[0]
+    tracker._search._replays = False
+    calls = calls_of(tracker)
+    answer = tracker.step(motion(device)[1][1])
+    parts = [part.index for part in strategy(degrees_of_freedom(39))]
+    held = [call for call in calls if call[0] == "hold"]
+    assert [call[1] for call in held] == [tuple(index) for index in parts]
+    assert calls[0] == ("evaluate", 1)  # the pose carried over, before anything is held
+    bases = [call[2] for call in held]
+    np.testing.assert_array_equal(np.delete(bases[0], ROOT, axis=1), np.delete(start, ROOT, axis=1))
+    assert not bases[0][:, ROOT].any()  # counted from where they were
+    for index, before, after in zip(parts[:-1], bases[:-1], bases[1:], strict=True):
+        np.testing.assert_array_equal(np.delete(before, index, axis=1), np.delete(after, index, axis=1))
+    kept = np.r_[ROOT, parts[-1]]
+    np.testing.assert_array_equal(np.delete(answer.pose, kept, axis=1), np.delete(bases[-1], kept, axis=1))
+    assert calls[-2:] == [("release",), ("evaluate", 1)]  # the answer is looked at as a whole

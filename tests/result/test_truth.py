@@ -1,0 +1,130 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pxr import Sdf, Usd
+
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.usd.check import faults
+from mmocap_warp.formats.usd.truth import read_truth, write_truth
+from mmocap_warp.result.truth import Truth, load_truth
+
+SINGLE_PRECISION = 1e-6  # [m], at a few metres
+
+
+def some_truth(pose=True):
+    rng = np.random.default_rng(0)
+    markers, joints = rng.normal(0, 1, (5, 3, 3)), rng.normal(0, 1, (5, 2, 3))
+    markers[1, 2] = markers[4] = np.nan
+    return Truth(
+        fps=60.0,
+        frame_numbers=np.array([3, 4, 5, 8, 9]),
+        marker_names=("HEAD", "LWRI", "R ANK"),
+        markers=markers,
+        joint_names=("LWrist", "RAnkle"),
+        joints=joints,
+        pose=rng.normal(0, 1, (5, 51)) if pose else None,
+    )
+
+
+@pytest.mark.parametrize("suffix", ["usda", "usdc"])
+@pytest.mark.parametrize("pose", [True, False])
+def test_truth_reads_back(tmp_path, suffix, pose):
+    truth, path = some_truth(pose), tmp_path / f"truth.{suffix}"
+    write_truth(path, truth, up="-y")
+    again = load_truth(path)
+    assert (again.fps, again.marker_names, again.joint_names) == (60.0, truth.marker_names, truth.joint_names)
+    np.testing.assert_array_equal(again.frame_numbers, truth.frame_numbers)
+    np.testing.assert_allclose(again.markers, truth.markers, rtol=0, atol=SINGLE_PRECISION)
+    np.testing.assert_allclose(again.joints, truth.joints, rtol=0, atol=SINGLE_PRECISION)
+    if pose:
+        np.testing.assert_array_equal(again.pose, truth.pose)
+    else:
+        assert again.pose is None
+    assert faults(path) == []
+
+
+def test_axes_of_usd_are_the_worlds(tmp_path):
+    write_truth(tmp_path / "truth.usdc", some_truth())
+    with pytest.raises(InputError, match="is in the world's own axes, not 'zxy'; leave the axes out"):
+        load_truth(tmp_path / "truth.usdc", axes="zxy")
+
+
+def test_truth_without_markers_or_joints_reads_back(tmp_path):
+    truth = some_truth()
+    bare = replace(truth, marker_names=(), markers=np.zeros((5, 0, 3)), joint_names=(), joints=np.zeros((5, 0, 3)))
+    write_truth(tmp_path / "truth.usdc", bare)
+    again = read_truth(tmp_path / "truth.usdc")
+    assert again.markers.shape == again.joints.shape == (5, 0, 3)
+
+
+def test_arrays_that_disagree_are_refused():
+    truth = some_truth()
+    with pytest.raises(ValueError, match="joints must be"):
+        replace(truth, joints=truth.joints[:-1])
+    with pytest.raises(ValueError, match="must ascend"):
+        replace(truth, frame_numbers=truth.frame_numbers[::-1])
+
+
+def without_prim(layer):
+    del layer.pseudoRoot.nameChildren["Truth"]
+
+
+def with_version(layer):
+    layer.GetAttributeAtPath("/Truth.mmocap:truthVersion").default = 99
+
+
+def one_frame_less(layer):
+    layer.EraseTimeSample(Sdf.Path("/Truth/Markers.points"), 8.0)
+
+
+def a_stray_id(layer):
+    layer.SetTimeSample(Sdf.Path("/Truth/Joints.ids"), 4.0, [0, 7])
+
+
+def a_longer_frame_list(layer):
+    layer.GetAttributeAtPath("/Truth.mmocap:frames").default = [3, 4, 5, 8, 9, 10]
+
+
+def frames_out_of_order(layer):
+    layer.GetAttributeAtPath("/Truth.mmocap:frames").default = [3, 4, 5, 9, 8]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "problem"),
+    [
+        (without_prim, "holds no truth"),
+        (with_version, "version 99, this program reads 1"),
+        (one_frame_less, "/Truth/Markers: attribute points has no value at frame 8"),
+        (a_stray_id, "/Truth/Joints: ids do not fit points and names at frame 4"),
+        (a_longer_frame_list, "no value at frame 10"),
+        (frames_out_of_order, "frame_numbers must ascend"),
+    ],
+)
+def test_wrong_truth_is_one_clear_line(tmp_path, spoil, problem):
+    path = tmp_path / "truth.usda"
+    write_truth(path, some_truth())
+    layer = Sdf.Layer.OpenAsAnonymous(str(path))
+    spoil(layer)
+    layer.Export(str(path))
+    with pytest.raises(InputError, match=problem) as caught:
+        load_truth(path)
+    assert caught.value.source == str(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_or_foreign_file_is_named(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        load_truth(tmp_path / "truth.usdc")
+    with pytest.raises(InputError, match=r"'\.csv' is no format of truth"):
+        load_truth(tmp_path / "truth.csv")
+    Usd.Stage.CreateNew(str(tmp_path / "other.usda")).Save()
+    with pytest.raises(InputError, match="holds no truth"):
+        load_truth(tmp_path / "other.usda")
+
+
+def test_joints_of_a_trc_are_numbered_from_the_first_frame(shared_data):
+    truth = load_truth(shared_data / "pose2sim_single/reference/bal_filt.trc", axes="zxy", first_frame=0)
+    assert (truth.fps, len(truth.frame_numbers), truth.frame_numbers[0]) == (60.0, 100, 0)
+    head = truth.joints[:, truth.joint_names.index("Head")]
+    assert 1.5 < np.median(head[:, 2]) < 1.9  # z is up

@@ -1,0 +1,349 @@
+"""Scenes: what is read from where, which frames there are, and one clear line for everything that can be wrong."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from synthetic import ring_rig
+
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
+from mmocap_warp.scene.mask_writing import write_masks
+from mmocap_warp.scene.recording import Scene, load_scene
+from mmocap_warp.views.rig import project
+
+FRAMES = 5
+WIDTH, HEIGHT = 160, 120
+BALL = 0.25  # radius [m]
+RIG = ring_rig(3, (WIDTH, HEIGHT))
+SCENE = """
+[scene]
+name = "ball"
+fps = 30
+up = "+y"
+
+[cameras]
+calibration = "calibration.toml"
+
+[cameras.cam01]
+masks = "masks/cam01"
+video = "cam01.mkv"
+clean_plate = "plate.png"
+[cameras.cam02]
+masks = "masks/cam02"
+video = "cam02.mkv"
+clean_plate = "plate.png"
+[cameras.cam03]
+masks = "masks/cam03"
+video = "cam03.mkv"
+clean_plate = "plate.png"
+
+[foreground]
+source = "masks"
+
+[track]
+evaluations = 500
+"""
+
+
+def ball_mask(k: int, frame: int) -> np.ndarray:
+    """A ball that moves 5 cm a frame, as camera ``k`` sees it."""
+    centre = np.array([0.05 * frame, 1.0, 0.0])
+    u, v = project(RIG, centre[None])[k, 0]
+    depth = (RIG.R[k] @ centre + RIG.t[k])[2]
+    row, column = np.indices((HEIGHT, WIDTH))
+    return np.hypot(column - u, row - v) < RIG.K[k, 0, 0] * BALL / depth
+
+
+def write_video(path: Path, frames: list[np.ndarray]) -> None:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"FFV1"), 30, frames[0].shape[1::-1])
+    for frame in frames:
+        writer.write(frame)
+    writer.release()
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A small scene without fault."""
+    write_toml_rig(tmp_path / "calibration.toml", RIG)
+    plate = np.random.default_rng(0).integers(90, 110, (HEIGHT, WIDTH, 3), np.uint8)
+    cv2.imwrite(str(tmp_path / "plate.png"), plate)
+    for k, name in enumerate(RIG.names):
+        (tmp_path / "masks" / name).mkdir(parents=True)
+        frames = []
+        for frame in range(FRAMES):
+            mask = ball_mask(k, frame)
+            cv2.imwrite(str(tmp_path / "masks" / name / f"{frame:04d}.png"), mask.astype(np.uint8) * 255)
+            frames.append(np.where(mask[..., None], np.uint8([30, 60, 220]), plate))
+        write_video(tmp_path / f"{name}.mkv", frames)
+    (tmp_path / "scene.toml").write_text(SCENE)
+    return tmp_path
+
+
+def edit(folder: Path, old: str, new: str, name: str = "scene.toml") -> Path:
+    text = (folder / name).read_text()
+    assert old in text
+    (folder / name).write_text(text.replace(old, new))
+    return folder
+
+
+def test_what_a_scene_says(folder: Path) -> None:
+    edit(folder, "up =", 'body = "adult_man"\nup =')
+    (folder / "truth.trc").touch()
+    edit(folder, "[track]", '[truth]\nfile = "truth.trc"\naxes = "zxy"\n[fit]\nstarts = 4\n[track]')
+    scene = load_scene(folder)
+    assert (scene.name, scene.fps, scene.frame_count, scene.directory) == ("ball", 30.0, FRAMES, folder)
+    assert (scene.body, scene.subject, scene.truth, scene.truth_axes) == (
+        "adult_man",
+        None,
+        folder / "truth.trc",
+        "zxy",
+    )
+    assert (scene.track, scene.fit) == ({"evaluations": 500}, {"starts": 4})
+    assert scene.rig(0.5).names == RIG.names
+    np.testing.assert_allclose(scene.rig(0.5).K, RIG.undistorted(0.5).K)
+
+
+def test_masks_are_those_of_the_files(folder: Path) -> None:
+    scene = load_scene(folder / "scene.toml")
+    for frame, observation in enumerate(scene.observations(first=1, count=3), 1):
+        np.testing.assert_array_equal(observation.foreground, [ball_mask(k, frame).sum() for k in range(3)])
+    for masks in scene.masks(0.5):
+        assert [mask.shape for mask in masks] == [(HEIGHT // 2, WIDTH // 2)] * 3
+    images = next(scene.images(0.5))
+    assert images[0] is not None
+    assert images[0].shape == (HEIGHT // 2, WIDTH // 2, 3)
+    with pytest.raises(ValueError, match="frames 3 to 5 are not in 0 to 4"):
+        next(scene.masks(first=3, count=3))
+
+
+@pytest.mark.parametrize("model", ["gaussian", "mog2", "knn"])
+@pytest.mark.parametrize("source", ["clean_plate", "background_video"])
+def test_subtracted_masks_are_those_of_the_files(folder: Path, source: str, model: str) -> None:
+    write_video(folder / "empty.mkv", [cv2.imread(str(folder / "plate.png"))] * 3)
+    edit(folder, 'clean_plate = "plate.png"', 'clean_plate = "plate.png"\nbackground = "empty.mkv"')
+    edit(folder, '"masks"', f'"{source}"\nmodel = "{model}"\nmedian = 0\nclose = 0\nmin_area = 50')
+    for frame, masks in enumerate(load_scene(folder).masks()):
+        for k, mask in enumerate(masks):
+            np.testing.assert_array_equal(mask, ball_mask(k, frame))
+
+
+def test_a_mask_video_equals_a_mask_folder(folder: Path) -> None:
+    frames = [np.dstack([ball_mask(1, frame).astype(np.uint8) * 255] * 3) for frame in range(FRAMES)]
+    write_video(folder / "mask.mkv", frames)
+    expected = [masks[1] for masks in load_scene(folder).masks()]
+    edit(folder, "masks/cam02", "mask.mkv")
+    for masks, mask in zip(load_scene(folder).masks(), expected, strict=True):
+        np.testing.assert_array_equal(masks[1], mask)
+
+
+def test_a_late_camera_is_shifted_and_lost_at_the_end(folder: Path) -> None:
+    edit(folder, 'masks = "masks/cam03"', 'masks = "masks/cam03"\nframe_offset = 2')
+    scene = load_scene(folder)
+    assert scene.frame_count == FRAMES
+    for frame, masks in enumerate(scene.masks()):
+        np.testing.assert_array_equal(masks[0], ball_mask(0, frame))
+        late = ball_mask(2, frame + 2) if frame + 2 < FRAMES else np.zeros((HEIGHT, WIDTH), bool)
+        np.testing.assert_array_equal(masks[2], late)
+    *_, last = scene.images()
+    assert last[2] is None
+    edit(folder, "frame_offset = 2", "frame_offset = -1")
+    first = next(load_scene(folder).observations())
+    assert first.foreground[2] == 0
+
+
+@pytest.mark.parametrize("keep", ["all", "largest", "nearest"])
+@pytest.mark.parametrize("model", ["gaussian", "mog2", "knn"])
+def test_the_masks_of_a_frame_do_not_depend_on_where_reading_starts(model: str, keep: str, folder: Path) -> None:
+    edit(folder, '"masks"', f'"clean_plate"\nmodel = "{model}"\nkeep = "{keep}"')
+    scene = load_scene(folder)
+    *_, last = scene.observations()
+    np.testing.assert_array_equal(next(scene.observations(first=FRAMES - 1)).words, last.words)
+
+
+def test_the_nearest_component_follows_the_body(folder: Path) -> None:
+    path = folder / "masks" / "cam01" / "0002.png"
+    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    image[:, :40] = 255  # larger than the ball
+    cv2.imwrite(str(path), image)
+    edit(folder, '"masks"', '"masks"\nkeep = "nearest"\njoin = 2')
+    scene = load_scene(folder)
+    followed = [masks[0] for masks in scene.masks()]
+    np.testing.assert_array_equal(followed[2], ball_mask(0, 2))
+    told = next(scene.masks(first=2, body=lambda: [ball_mask(k, 1) for k in range(3)]))
+    np.testing.assert_array_equal(told[0], ball_mask(0, 2))
+    np.testing.assert_array_equal(next(scene.masks(first=2))[0], followed[2])  # as if read from the first frame on
+
+
+def test_a_refined_centre_moves_the_pinhole_and_not_the_picture(folder: Path) -> None:
+    plain = load_scene(folder)
+    before = next(plain.masks())
+    edit(folder, 'masks = "masks/cam02"', 'masks = "masks/cam02"\ncentre_shift = [3.0, -2.0]')
+    refined = load_scene(folder)
+    np.testing.assert_allclose(refined.rig().K[1, :2, 2] - plain.rig().K[1, :2, 2], [3.0, -2.0])
+    np.testing.assert_array_equal(next(refined.masks())[1], before[1])
+
+
+def test_only_one_frame_is_in_memory(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import mmocap_warp.scene.recording as module
+
+    decoded = []
+    original = module.decode_mask
+    monkeypatch.setattr(module, "decode_mask", lambda image: decoded.append(0) or original(image))
+    stream = load_scene(folder).masks()
+    for frame in range(3):
+        next(stream)
+        assert len(decoded) == 3 * (frame + 1)
+
+
+def test_written_masks_are_a_scene_that_reads_back(folder: Path) -> None:
+    scene = load_scene(folder)
+    done: list[int] = []
+    again = load_scene(write_masks(scene, folder / "new", scale=0.5, first=1, count=3, progress=done.append))
+    assert done == [1, 2, 3]
+    for masks, expected in zip(again.masks(), scene.masks(0.5, 1, 3), strict=True):
+        for mask, same in zip(masks, expected, strict=True):
+            np.testing.assert_array_equal(mask, same)
+    np.testing.assert_allclose(again.rig().K, scene.rig(0.5).K, rtol=0, atol=1e-12)
+    assert sorted(path.name for path in (folder / "new").iterdir()) == [
+        "calibration.toml",
+        *RIG.names,
+        "overlay.webm",
+        "scene.toml",
+    ]
+    assert cv2.imread(str(folder / "new" / "cam01" / "000000.png"), cv2.IMREAD_UNCHANGED).ndim == 2
+    assert (folder / "new" / "cam01" / "000000.png").read_bytes()[24] == 1  # bits per pixel
+
+
+@pytest.mark.parametrize("name", ["scene.toml", "as_shipped.toml"])
+def test_the_balancing_recording(shared_data: Path, name: str) -> None:
+    scene = load_scene(Path(__file__).parents[2] / "scenes" / "balancing" / name)
+    assert scene.frame_count == 100
+    assert scene.truth is not None
+    observation = next(scene.observations(0.25, 40, 1))
+    assert observation.words.shape == (4, 480, 9)
+    assert (observation.foreground > 4000).all()
+    assert next(scene.observations(0.25, 99)).foreground[2] == 0  # cam03 is a frame late
+
+
+def without(scene: Path, *names: str) -> None:
+    for name in names:
+        (scene / name).unlink()
+
+
+def replace_masks(folder: Path, value: int) -> None:
+    for path in (folder / "masks" / "cam02").iterdir():
+        cv2.imwrite(str(path), np.full((HEIGHT, WIDTH), value, np.uint8))
+
+
+def truncate_video(folder: Path) -> None:
+    path = folder / "cam01.mkv"
+    frames = np.random.default_rng(0).integers(0, 255, (40, HEIGHT, WIDTH, 3), np.uint8)
+    frames[:, HEIGHT // 2 :] = 0
+    write_video(path, list(frames))
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 20])
+    edit(folder, "masks/cam01", "cam01.mkv")
+    edit(folder, "fps = 30", "fps = 30\nframes = 5")
+    list(load_scene(folder).masks())
+
+
+def repair_with_two(folder: Path) -> None:
+    edit(folder, SCENE[SCENE.index("[cameras.cam03]") : SCENE.index("[foreground]")], "")
+    edit(folder, '"masks"', '"masks"\nrepair = true')
+
+
+def case(old: str, new: str, message: str, name: str = "scene.toml") -> tuple[Callable[[Path], object], str]:
+    return (lambda folder: edit(folder, old, new, name), message)
+
+
+MASKS = 'masks = "masks/cam02"'
+WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
+    "no scene": (lambda f: without(f, "scene.toml"), r"scene\.toml: no such file; check the path"),
+    "not TOML": case("fps = 30", "fps = ", r"is not valid TOML: .*line 4"),
+    "not text": (lambda f: (f / "scene.toml").write_bytes(b"\xff\xfe\x00"), r"cannot be read .* give a TOML text file"),
+    "unknown table": case("[track]", "[tracker]", r"unknown key 'tracker'; did you mean 'track'\?"),
+    "unknown key": case("fps = 30", "fps = 30\nnmae = 1", r"\[scene\]: unknown key 'nmae'; did you mean 'name'\?"),
+    "unknown camera key": case('video = "cam01', 'vidoe = "cam01', r"\[cameras\.cam01\]: unknown key 'vidoe'; did you"),
+    "no fps": case("fps = 30", "", r"\[scene\]: 'fps' is missing; add fps = \.\.\. \(a number\)"),
+    "fps a word": case("fps = 30", 'fps = "30"', r"fps = '30' is not a number; give a number"),
+    "fps zero": case("fps = 30", "fps = 0", r"fps = 0 is not a frame rate"),
+    "fps negative": case("fps = 30", "fps = -30", r"fps = -30 is not a frame rate"),
+    "fps NaN": case("fps = 30", "fps = nan", r"fps is not finite"),
+    "up": case('"+y"', '"y"', r"up = 'y' is not known; use one of '\+x'"),
+    "no calibration": (lambda f: without(f, "calibration.toml"), r"calibration\.toml: no such file"),
+    "calibration not named": case("calibration =", "units =", r"\[cameras\]: 'calibration' is missing"),
+    "units": case(
+        "[cameras.cam01]", 'units = "inch"\n[cameras.cam01]', r"units = 'inch' is not known; use one of 'm', 'mm'"
+    ),
+    "wrong units": case(
+        "[cameras.cam01]", 'units = "mm"\n[cameras.cam01]', r"within .* mm of each other; check the transl"
+    ),
+    "camera not calibrated": case(
+        "[cameras.cam01]", "[cameras.cam1]", r"'cam1' is not in calibration\.toml; .* did you mean 'cam01'"
+    ),
+    "camera twice": case("[cameras.cam02]", "[cameras.cam01]", r"is not valid TOML: .*cam01"),
+    "camera name twice": case(
+        'name = "cam02"', 'name = "cam01"', r"camera name 'cam01' is used twice", "calibration.toml"
+    ),
+    "NaN calibration": case(
+        "translation = [", "translation = [nan, 0, 0]\nx = [", r"translation holds a value", "calibration.toml"
+    ),
+    "no masks named": case(f"{MASKS}\n", "", r"\[cameras\.cam02\]: 'masks' is missing, which .* needs; add masks"),
+    "no mask folder": case("masks/cam02", "masks/cam9", r"cam9: no such file or folder; check the path"),
+    "no images": (lambda f: without(f, *(f"masks/cam02/000{i}.png" for i in range(5))), r"cam02: holds no images"),
+    "missing image": (lambda f: without(f, "masks/cam02/0002.png"), r"cam02: image 2 is missing"),
+    "counts differ": (
+        lambda f: without(f, "masks/cam02/0004.png"),
+        r"differ in their number of frames: .*cam02 4.*; set frames = 4",
+    ),
+    "too many frames": case("fps = 30", "fps = 30\nframes = 6", r"frames = 6 is not in 1 to 5"),
+    "no frames": case("fps = 30", "fps = 30\nframes = 0", r"frames = 0 is not in 1 to 5"),
+    "not an image": (
+        lambda f: (f / "masks/cam02/0000.png").write_text("no"),
+        r"0000\.png: cannot be decoded as an image",
+    ),
+    "empty masks": (lambda f: replace_masks(f, 0), r"cam02: all masks are empty"),
+    "inverted masks": (lambda f: replace_masks(f, 255), r"cam02: masks are 100 % foreground; invert them"),
+    "wrong size": case(
+        "size = [160.0", "size = [170.0", r"cam01\.mkv is 160x120, but the calibration says 170x120", "calibration.toml"
+    ),
+    "misplaced video": case(
+        MASKS, f"{MASKS}\nvideo_from_calibrated = {{ offset = [900, 0] }}", r"puts the calibrated image at \[900"
+    ),
+    "no scale": case(MASKS, f"{MASKS}\nvideo_from_calibrated = {{ scale = 0 }}", r"scale = 0 is not a scale"),
+    "offset too large": case(MASKS, f"{MASKS}\nframe_offset = 5", r"frame_offset = 5 in 5 frames"),
+    "offset a fraction": case(MASKS, f"{MASKS}\nframe_offset = 0.5", r"is not a whole number"),
+    "not a video": (lambda f: (f / "cam02.mkv").write_text("no"), r"cam02\.mkv: cannot be decoded as a video"),
+    "truncated video": (truncate_video, r"cam01\.mkv: ends after \d+ of its \d+ frames; .* set \[scene\] frames = \d+"),
+    "unknown source": case(
+        'source = "masks"', 'source = "magic"', r"\[foreground\]: source = 'magic' is not known; use one of"
+    ),
+    "no background": case('source = "masks"', 'source = "background_video"', r"'background' is missing, which"),
+    "no clean plate": case("plate.png", "plates.png", r"plates\.png: no such file"),
+    "repair with two": (repair_with_two, r"repair needs at least 3 cameras, this scene has 2; set repair = false"),
+    "bad setting": case('source = "masks"', 'source = "masks"\nclose = -2', r"close must not be negative, got -2"),
+    "no subject": case("fps = 30", 'fps = 30\nsubject = "me.usdc"', r"me\.usdc does not exist"),
+    "no body": case("fps = 30", 'fps = 30\nbody = "me.usdc"', r"me\.usdc does not exist"),
+    "no truth": case("[track]", '[truth]\nfile = "t.trc"\n[track]', r"\[truth\]: .*t\.trc does not exist"),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_wrong_scenes_are_refused_in_one_line(folder: Path, wrong: str) -> None:
+    spoil, message = WRONG[wrong]
+
+    def loaded() -> Scene:
+        spoil(folder)
+        return load_scene(folder)
+
+    with pytest.raises(InputError) as caught:
+        loaded()
+    assert re.search(message, str(caught.value)), str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert str(caught.value).startswith(str(folder))
+    assert "; " in str(caught.value)

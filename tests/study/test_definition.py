@@ -1,0 +1,215 @@
+"""STUDY.toml: what it says, and one clear line for what is wrong with it; keys of what it says."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from tiny_study import write_scene, write_study
+
+import mmocap_warp
+from mmocap_warp.errors import InputError
+from mmocap_warp.scenes import ROOT
+from mmocap_warp.study.cell import Cell
+from mmocap_warp.study.definition import load_study
+from mmocap_warp.study.source import Clip, clip_facts, open_clip
+from mmocap_warp.study.store import content_key
+from mmocap_warp.study.tasks import plan_tasks
+
+GRID = """
+[[grid]]
+sequences = ["S1/Walking"]
+algorithms = ["pso"]
+dof = [39]
+evaluations = [500]
+"""
+
+
+def study_of(folder: Path, text: str):
+    path = folder / "study.toml"
+    path.write_text(text)
+    return load_study(path)
+
+
+def test_a_grid_is_every_combination_with_what_it_inherits(tmp_path):
+    study = study_of(
+        tmp_path,
+        """
+        [study]
+        name = "n"
+        seeds = 4
+        first_seed = 7
+        frames = 9
+
+        [sequences]
+        Own = "elsewhere/scene.toml"
+
+        [[grid]]
+        sequences = ["Own", "S1/Box"]
+        algorithms = ["pso", "de"]
+        dof = [39, 28]
+        evaluations = [500, 1500]
+
+        [[grid]]
+        sequences = ["Own"]
+        algorithms = ["pso"]
+        dof = [39]
+        evaluations = [500]
+        presets = ["paper"]
+        seeds = 2
+        frames = 3
+        """,
+    )
+    assert (study.name, len(study.plans)) == ("n", 17)
+    first, last = study.plans[0], study.plans[-1]
+    assert first.cell == Cell("Own", "pso", 39, 500)
+    assert first.clip == Clip("Own", tmp_path / "elsewhere/scene.toml", 9)
+    assert (first.config.runs, first.config.seed, first.config.algorithm) == (4, 7, "pso")
+    assert last.cell == Cell("Own", "pso", 39, 500, "paper")
+    assert (last.clip.frames, last.config.runs, last.config.preset) == (3, 2, "paper")
+    assert {plan.clip.scene for plan in study.plans if plan.cell.sequence == "S1/Box"} == {None}
+
+
+def test_the_same_cell_twice_is_one(tmp_path):
+    assert len(study_of(tmp_path, GRID + GRID).plans) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("", r"there is no grid; add a table \[\[grid\]\]"),
+        ("grid = [1]", "there is no grid"),
+        ("[study\n", "is not valid TOML"),
+        ("[study]\nseed = 3" + GRID, r"\[study\]: unknown key 'seed'; did you mean 'seeds'"),
+        ("[study]\nseeds = 0" + GRID, r"seeds = 0 is below 1"),
+        ("[study]\nfirst_seed = -1" + GRID, "first_seed = -1 is below 0"),
+        ("[study]\nscale = 2.0" + GRID, "scale must be in"),
+        ("[other]" + GRID, "unknown key 'other'"),
+        ("[sequences]\nA = 3" + GRID, "A = 3 is not a string; name a scene.toml"),
+        (GRID.replace('["pso"]', '["psoo"]'), r"\[grid 1\]: algorithm must be one of"),
+        (GRID.replace("[39]", "[40]"), r"\[grid 1\]: dof must be one of"),
+        (GRID.replace("[500]", "[0]"), "evaluations must be at least 1"),
+        (GRID.replace("[500]", "500"), "evaluations = 500 is not a list"),
+        (GRID.replace("[500]", '["500"]'), "is not a list of whole numbers"),
+        (GRID.replace("[39]", "[]"), "dof = [] is not a list".replace("[", r"\[")),
+        (GRID.replace("dof = [39]\n", ""), "'dof' is missing"),
+        (GRID + 'presets = ["mine"]', "preset must be one of"),
+        (GRID + GRID + "seeds = 5", r"\[grid 2\]: S1/Walking pso 39 DOF .* is in an earlier grid with other seeds"),
+    ],
+)
+def test_what_is_wrong_is_one_clear_line(text, problem, tmp_path):
+    with pytest.raises(InputError, match=problem) as caught:
+        study_of(tmp_path, text)
+    assert caught.value.source.startswith(str(tmp_path / "study.toml"))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "studies").glob("*.toml")), ids=lambda path: path.stem)
+def test_shipped_studies_are_right(path, tmp_path):
+    study = load_study(path)
+    assert study.name == path.stem
+    assert len(plan_tasks(study, tmp_path, "cpu")) == len(study.plans)
+
+
+def test_the_papers_grid_is_whole():
+    study = load_study(ROOT / "studies" / "paper.toml")
+    assert len(study.plans) == 8 * 2 * 3 * 9
+    assert {plan.config.runs for plan in study.plans} == {30}
+
+
+def test_a_sequence_that_is_not_shipped_is_named(tmp_path):
+    study = study_of(tmp_path, GRID.replace("S1/Walking", "S9/Flying"))
+    with pytest.raises(InputError, match="there is no sequence 'S9/Flying'; use one of S1/Walking"):
+        plan_tasks(study, tmp_path, "cpu")
+
+
+def test_shipped_sequences_have_one_scale(tmp_path):
+    study = study_of(tmp_path, "[study]\nscale = 0.5" + GRID)
+    with pytest.raises(InputError, match=r"scale = 0.5, but S1/Walking is a shipped sequence; use scale = 1"):
+        plan_tasks(study, tmp_path, "cpu")
+
+
+def test_a_scene_needs_a_subject_that_every_cell_starts_from(tmp_path):
+    scene = write_scene(tmp_path / "walk")
+    scene.write_text(scene.read_text().replace('subject = "subject.usdc"\n', ""))
+    with pytest.raises(InputError, match="names no subject; fit one with 'mmocap fit'"):
+        clip_facts(Clip("Walk", scene))
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory) -> Path:
+    return write_scene(tmp_path_factory.mktemp("scene") / "walk", frames=5)
+
+
+def test_a_scene_is_cut_and_its_truth_with_it(scene):
+    clip = open_clip(Clip("Walk", scene, frames=3, scale=0.25))
+    assert clip.frames == clip_facts(Clip("Walk", scene, frames=3)).frames == len(list(clip.observations)) == 3
+    assert clip.truth.frame_numbers.tolist() == [0, 1, 2]
+    assert clip.rig.size.tolist()[0] == [160, 120]
+
+
+def test_a_shipped_sequence_is_cut():
+    clip = open_clip(Clip("S1/Walking", frames=2))
+    assert (clip.frames, len(clip.truth.frame_numbers)) == (2, 2)
+    assert next(clip.observations).words.shape[0] == len(clip.rig) == 7
+
+
+def test_an_identity_follows_what_a_result_depends_on_and_nothing_else(scene, tmp_path):
+    one = clip_facts(Clip("Walk", scene)).identity
+    moved = write_scene(tmp_path / "elsewhere", frames=5)
+    assert clip_facts(Clip("Other", moved)).identity == one
+    assert clip_facts(Clip("Walk", scene, frames=4)).identity != one
+    assert clip_facts(Clip("Walk", scene, scale=0.5)).identity != one
+    text = moved.read_text()
+    for old, new in (("fps = 60", "fps = 50"), ("median = 3.0", "median = 2.0"), ("join = 6.0", "join = 7.0")):
+        moved.write_text(text.replace(old, new))
+        assert clip_facts(Clip("Walk", moved)).identity != one
+    moved.write_text(text)
+    for name in ("masks/cam3/0001.png", "subject.usdc", "truth.usdc"):
+        with (moved.parent / name).open("ab") as file:
+            file.write(b"x")
+        changed = clip_facts(Clip("Walk", moved)).identity
+        assert changed != one
+        one = changed
+
+
+def test_a_key_follows_what_a_result_depends_on(tmp_path, monkeypatch):
+    plan = load_study(write_study(tmp_path)).plans[0]
+    key = content_key(plan, "clip", "cpu")
+    assert content_key(plan, "clip", "cpu") == key
+    same = replace(plan, config=replace(plan.config, threads=7, device="cuda:3"), clip=Clip("x"))
+    assert content_key(same, "clip", "cpu") == key
+    others = {
+        content_key(plan, "clip", "cuda"),
+        content_key(plan, "other clip", "cpu"),
+        content_key(replace(plan, cell=replace(plan.cell, sequence="x")), "clip", "cpu"),
+        *(
+            content_key(replace(plan, config=replace(plan.config, **{name: value})), "clip", "cpu")
+            for name, value in (("runs", 9), ("seed", 1), ("evaluations", 13), ("limits", False), ("cost", "iou"))
+        ),
+    }
+    monkeypatch.setattr(mmocap_warp, "__version__", "99")
+    others.add(content_key(plan, "clip", "cpu"))
+    assert key not in others
+    assert len(others) == 9
+
+
+DOCUMENT = (Path(__file__).resolve().parents[2] / "docs" / "study.md").read_text(encoding="utf-8")
+
+
+def example(language: str) -> str:
+    """The document's example."""
+    return re.search(rf"```{language}\n(.*?)```", DOCUMENT, re.S)[1]
+
+
+def test_the_documents_study_is_right(tmp_path):
+    study = study_of(tmp_path, example("toml"))
+    assert len(study.plans) == 3 * 2 * 2 * 2
+    assert {plan.config.runs for plan in study.plans} == {10}
+    assert [clip.scene is None for clip in study.clips] == [False, False, True]
+
+
+def test_the_documents_python_names_what_exists():
+    exec("\n".join(line for line in example("python").splitlines() if line.startswith("from ")), {})

@@ -1,0 +1,292 @@
+"""An interrupted run continues and ends with the same bits, whatever moment it was stopped at."""
+
+from __future__ import annotations
+
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mmocap_warp import cli
+from mmocap_warp.body.model import FULL_DOF, Subject
+from mmocap_warp.cli import exit_codes
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.usd.body import write_subject
+from mmocap_warp.formats.usd.result import read_result
+from mmocap_warp.result.track_result import FrameAnswer
+from mmocap_warp.scene.recording import Scene, load_scene
+from mmocap_warp.scenes import ROOT
+from mmocap_warp.synthesis.recording import walking
+from mmocap_warp.tracking import checkpoint
+from mmocap_warp.tracking.tracker import TrackConfig, Tracker, track
+
+FRAMES = 16
+STOPS = 10
+FLAGS = ("--scale", "0.25", "--evaluations", "60", "--device", "cpu", "--quiet")
+CONFIG = TrackConfig(scale=0.25, evaluations=20, device="cpu")
+DRIVER = """
+import sys
+from mmocap_warp import cli
+from mmocap_warp.tracking import checkpoint, tracker
+
+checkpoint._INTERVAL = 0
+step = tracker.Tracker.step
+
+def announced(self, observation):
+    print("frame", flush=True)
+    return step(self, observation)
+
+tracker.Tracker.step = announced
+sys.exit(cli.main(sys.argv[1:]))
+"""
+"""Runs the command line, says when a frame begins, and saves after every one."""
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory) -> Path:
+    """The beginning of the built-in walk, with its true body and first pose as the subject."""
+    folder = tmp_path_factory.mktemp("resume") / "walk"
+    shutil.copytree(ROOT / "walk", folder)
+    made = walking()
+    write_subject(folder / "subject.usdc", Subject(made.body, made.root_base, made.poses[0], {}))
+    text = (folder / "scene.toml").read_text()
+    (folder / "scene.toml").write_text(
+        text.replace("[scene]\n", f'[scene]\nframes = {FRAMES}\nsubject = "subject.usdc"\n')
+    )
+    return folder / "scene.toml"
+
+
+@pytest.fixture(scope="module")
+def loaded(scene) -> Scene:
+    return load_scene(scene)
+
+
+@pytest.fixture(scope="module")
+def subject() -> Subject:
+    made = walking()
+    return Subject(made.body, made.root_base, made.poses[0], {})
+
+
+def same_bits(left: Path, right: Path) -> bool:
+    """Equal poses, costs, overlaps and counts; times aside."""
+    a, b = read_result(left), read_result(right)
+    names = ("pose", "cost", "iou", "evaluations", "status", "frame_numbers")
+    return all(np.array_equal(getattr(a, name), getattr(b, name), equal_nan=True) for name in names)
+
+
+def test_stopped_at_ten_random_moments_it_ends_with_the_same_bits(scene, tmp_path):
+    whole, stopped = tmp_path / "whole.usdc", tmp_path / "stopped.usdc"
+    left = stopped.with_name("stopped.usdc.checkpoint")
+    assert cli.main(["track", str(scene), "-o", str(whole), *FLAGS]) == exit_codes.OK
+
+    def started(output: Path) -> subprocess.Popen:
+        command = ["track", str(scene), "-o", str(output), *FLAGS, "--resume"]
+        run = subprocess.Popen(
+            [sys.executable, "-c", DRIVER, *command], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+        )
+        run.stdout.readline()  # the first frame begins
+        return run
+
+    timed = started(tmp_path / "timed.usdc")
+    begun = time.monotonic()
+    timed.communicate()
+    assert timed.returncode == exit_codes.OK
+    longest = time.monotonic() - begun
+
+    random = np.random.default_rng(0)
+    stops = continued = 0
+    while True:
+        if stopped.exists():  # it was done before its moment came: the next one starts from nothing
+            assert same_bits(whole, stopped)
+            stopped.unlink()
+        continued += left.exists()
+        run = started(stopped)
+        if stops >= STOPS and continued >= STOPS // 4:  # enough of the moments came while it tracked
+            run.communicate()
+            assert run.returncode == exit_codes.OK
+            break
+        time.sleep(random.uniform(0.0, 1.0) * longest)
+        if run.poll() is None:
+            run.send_signal(signal.SIGINT if stops % 2 else signal.SIGKILL)
+            stops += 1
+        run.communicate()
+    assert same_bits(whole, stopped)
+    assert not left.exists()
+
+
+def test_a_run_that_replaces_a_result_is_resumed_too(scene, tmp_path, monkeypatch):
+    """The result that was there belongs to the run before."""
+    command = ["track", str(scene), "-o", str(tmp_path / "r.usdc"), *FLAGS]
+    other = [*command, "--seed", "1"]
+    assert cli.main(command) == exit_codes.OK
+    with monkeypatch.context() as patched:
+        patched.setattr("mmocap_warp.tracking.tracker.Tracker.step", stopping_step(after=5))
+        assert cli.main([*other, "--force"]) == exit_codes.INTERRUPTED
+    assert cli.main([*other, "--resume"]) == exit_codes.OK
+    assert read_result(tmp_path / "r.usdc").config["seed"] == 1
+    assert cli.main(["track", str(scene), "-o", str(tmp_path / "whole.usdc"), *FLAGS, "--seed", "1"]) == exit_codes.OK
+    assert same_bits(tmp_path / "whole.usdc", tmp_path / "r.usdc")
+
+
+def stopping_step(after: int):
+    """A tracker's step that Ctrl-C hits amid frame number ``after``."""
+    step, left = Tracker.step, iter(range(after, -1, -1))
+
+    def stopping(tracker, observation):
+        answer = step(tracker, observation)  # the frame is searched, but its answer never arrives
+        if next(left) == 0:
+            raise KeyboardInterrupt
+        return answer
+
+    return stopping
+
+
+@pytest.fixture
+def interrupted(loaded, subject, tmp_path, monkeypatch) -> Path:
+    """The checkpoint of a run stopped amid its sixth frame."""
+    path = tmp_path / "r.checkpoint"
+    with monkeypatch.context() as patched:
+        patched.setattr("mmocap_warp.tracking.tracker.Tracker.step", stopping_step(after=5))
+        with pytest.raises(KeyboardInterrupt):
+            track(loaded, subject, CONFIG, checkpoint=path)
+    return path
+
+
+def test_progress_reports_what_was_done_before(loaded, subject, interrupted):
+    told = []
+    track(loaded, subject, CONFIG, checkpoint=interrupted, resume=True, progress=lambda number, _: told.append(number))
+    assert told == list(range(FRAMES))
+
+
+def test_without_a_checkpoint_resuming_starts_from_the_first_frame(loaded, subject, tmp_path):
+    result = track(loaded, subject, CONFIG, checkpoint=tmp_path / "none", resume=True)
+    assert len(result.frame_numbers) == FRAMES
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda content: b"",
+        lambda content: b"not a checkpoint",
+        lambda content: content[:40],
+    ],
+    ids=["empty", "other content", "cut in its header"],
+)
+def test_a_damaged_checkpoint_is_wrong_input(damage, loaded, subject, interrupted):
+    interrupted.write_bytes(damage(interrupted.read_bytes()))
+    with pytest.raises(InputError, match="is damaged, or no checkpoint; start anew with --force"):
+        track(loaded, subject, CONFIG, checkpoint=interrupted, resume=True)
+
+
+@pytest.mark.parametrize(
+    ("damage", "kept"),
+    [
+        (lambda content: content[:-1], 4),
+        (lambda content: content[: len(content) // 2], 2),
+        (lambda content: content[:-300] + bytes(300), 3),
+        (lambda content: content[:200] + bytes(200) + content[400:], 0),
+        (lambda content: content + content[-300:], 5),
+    ],
+    ids=["cut short", "cut in half", "zeros at its end", "overwritten", "half a frame too many"],
+)
+def test_frames_that_a_crash_spoilt_are_tracked_again(damage, kept, loaded, subject, interrupted):
+    interrupted.write_bytes(damage(interrupted.read_bytes()))
+    stepped, step = [], Tracker.step
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(Tracker, "step", lambda self, seen: stepped.append(1) or step(self, seen))
+        resumed = track(loaded, subject, CONFIG, checkpoint=interrupted, resume=True)
+    assert len(stepped) == FRAMES - kept
+    whole = track(loaded, subject, CONFIG)
+    np.testing.assert_array_equal(resumed.pose, whole.pose)
+    np.testing.assert_array_equal(resumed.cost, whole.cost)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [{"seed": 1}, {"evaluations": 21}, {"algorithm": "cmaes"}, {"dof": 28}, {"scale": 0.3}, {"limits": False}],
+    ids=lambda settings: next(iter(settings)),
+)
+def test_a_checkpoint_of_other_settings_is_wrong_input(settings, loaded, subject, interrupted):
+    other = TrackConfig(**{"scale": 0.25, "evaluations": 20, "device": "cpu"} | settings)
+    with pytest.raises(InputError, match="another subject, cameras or settings"):
+        track(loaded, subject, other, checkpoint=interrupted, resume=True)
+
+
+def test_a_checkpoint_of_another_subject_is_wrong_input(loaded, subject, interrupted):
+    other = Subject(subject.body, subject.root_base, subject.pose + 1e-3, {})
+    with pytest.raises(InputError, match="another subject, cameras or settings"):
+        track(loaded, other, CONFIG, checkpoint=interrupted, resume=True)
+
+
+def test_the_number_of_threads_may_change(loaded, subject, interrupted):
+    one = TrackConfig(scale=0.25, evaluations=20, device="cpu", threads=1)
+    resumed = track(loaded, subject, one, checkpoint=interrupted, resume=True)
+    whole = track(loaded, subject, CONFIG)
+    np.testing.assert_array_equal(resumed.pose, whole.pose)
+    np.testing.assert_array_equal(resumed.cost, whole.cost)
+
+
+def answered(frames: int) -> list[checkpoint.FinishedFrame]:
+    """Made-up answers of two runs before three cameras."""
+    random = np.random.default_rng(1)
+    done = []
+    for _ in range(frames):
+        pose, cost, iou = (random.random(shape) for shape in ((2, FULL_DOF), 2, (2, 3)))
+        answer = FrameAnswer(pose.astype(np.float32), cost.astype(np.float32), iou, 9, 1, 0.5)
+        done.append((answer, random.integers(0, 99, 2, np.int32)))
+    return done
+
+
+def test_a_checkpoint_gives_back_what_was_saved_however_often(tmp_path):
+    done = answered(7)
+    done[3][0].cost[:], done[3][0].iou[:] = np.nan, np.nan  # a lost frame
+    store = checkpoint.Checkpoint(tmp_path / "c", "key", 2, 3)
+    for frames in (0, 2, 2, 3, 7):
+        store.save(done[:frames])
+    loaded = checkpoint.Checkpoint(tmp_path / "c", "key", 2, 3).load()
+    for (mine, my_draw), (theirs, their_draw) in zip(loaded, done, strict=True):
+        np.testing.assert_array_equal(my_draw, their_draw)
+        for field in fields(FrameAnswer):
+            np.testing.assert_array_equal(getattr(mine, field.name), getattr(theirs, field.name))
+    assert [file.name for file in tmp_path.iterdir()] == ["c"]
+
+
+def test_a_save_writes_only_what_is_new(tmp_path, monkeypatch):
+    """However long the recording, a save takes no longer and wears the disk no more."""
+    packed, pack = [], checkpoint.Checkpoint._packed
+    monkeypatch.setattr(checkpoint.Checkpoint, "_packed", lambda self, new: packed.append(len(new)) or pack(self, new))
+    done, path = answered(9), tmp_path / "c"
+    store = checkpoint.Checkpoint(path, "key", 2, 3)
+    store.save(done[:4])
+    size = path.stat().st_size
+    store.save(done[:6])
+    assert path.stat().st_size - size == (size - len(store._header)) // 2
+    resumed = checkpoint.Checkpoint(path, "key", 2, 3)
+    assert len(resumed.load()) == 6
+    resumed.save(done)
+    assert packed == [4, 2, 3]
+
+
+def test_a_checkpoint_is_saved_at_most_every_few_seconds(tmp_path, monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(checkpoint.time, "monotonic", lambda: now[0])
+    store = checkpoint.Checkpoint(tmp_path / "c", "key", 2, 3)
+    assert not store.due
+    now[0] += 2.0
+    assert store.due
+    store.save(answered(1))
+    assert not store.due
+
+
+def test_a_checkpoint_that_cannot_be_written_is_wrong_input(tmp_path):
+    store = checkpoint.Checkpoint(tmp_path / "c", "key", 2, 3)
+    store.save(answered(1))
+    (tmp_path / "c").unlink()
+    with pytest.raises(InputError, match="cannot be written"):
+        store.save(answered(2))

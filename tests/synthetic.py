@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 
 from mmocap_warp.body.model import FULL_DOF, JOINTS, PARENT, BodyModel, SkinMesh, Subject
-from mmocap_warp.result.track_result import TrackResult
+from mmocap_warp.result.result import Result
 from mmocap_warp.views.rig import CameraRig
 
 _DROOP = np.deg2rad(30.0)  # the arms are bound in an A-pose, so that joint frames matter
@@ -192,7 +192,7 @@ def ring_rig(cameras: int = 4, size: tuple[int, int] = (640, 480), distance: flo
     )
 
 
-def synthetic_result(frames: int = 6, runs: int = 2, up: str = "+y", cameras: int = 3) -> TrackResult:
+def synthetic_result(frames: int = 6, runs: int = 2, up: str = "+y", cameras: int = 3) -> Result:
     """A made-up answer: run 1 is the better one, the second frame is partial and the last one lost."""
     rng = np.random.default_rng(5)
     pose = np.stack([synthetic_poses(frames, up, seed=run) for run in range(runs)])
@@ -202,7 +202,7 @@ def synthetic_result(frames: int = 6, runs: int = 2, up: str = "+y", cameras: in
     if frames > 2:
         iou[:, 1, 0] = iou[:, -1] = cost[:, -1] = np.nan
         status[[1, -1]] = 1, 2
-    return TrackResult(
+    return Result(
         subject=synthetic_subject(up),
         cameras=ring_rig(cameras, size=(320, 240), up=up),
         fps=59.94,

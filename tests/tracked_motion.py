@@ -10,7 +10,7 @@ from synthetic import ring_rig, synthetic_poses, synthetic_subject
 
 from mmocap_warp.body.model import degrees_of_freedom
 from mmocap_warp.body.posing import Poser
-from mmocap_warp.result.track_result import TrackResult
+from mmocap_warp.result.result import Result
 from mmocap_warp.tracking.tracker import TrackConfig, Tracker, track_observations
 from mmocap_warp.views.observation import Observation
 
@@ -27,7 +27,7 @@ def motion(device: str) -> tuple[np.ndarray, list[Observation]]:
     return truth, [Observation.from_masks(list(perfect_masks(subject, RIG, pose, device))) for pose in truth]
 
 
-def track_motion(algorithm: str, device: str, frames: int = 6, **settings: int) -> tuple[TrackResult, np.ndarray]:
+def track_motion(algorithm: str, device: str, frames: int = 6, **settings: int) -> tuple[Result, np.ndarray]:
     """The result, and each run's mean distance of the markers over the first frames (run,) [m]."""
     subject = synthetic_subject()
     truth, seen = (values[:frames] for values in motion(device))

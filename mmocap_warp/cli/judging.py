@@ -10,7 +10,7 @@ from mmocap_warp.cli.console import Console, table
 from mmocap_warp.errors import InputError
 
 if TYPE_CHECKING:
-    from mmocap_warp.result.track_result import TrackResult
+    from mmocap_warp.result.result import Result
     from mmocap_warp.result.truth import Truth
     from mmocap_warp.scene.recording import Scene
 
@@ -23,7 +23,7 @@ def scene_reference(scene: Path, result: Path) -> str:
     return Path(os.path.relpath(scene.resolve(), result.resolve().parent)).as_posix()
 
 
-def scene_of(result: TrackResult, path: Path, named: Path | None) -> Scene | None:
+def scene_of(result: Result, path: Path, named: Path | None) -> Scene | None:
     """The scene that was tracked: the one named now, or else the one that the result names; None if neither is.
 
     Raises:
@@ -76,7 +76,7 @@ def _number(value: float | None, form: str) -> str:
     return "-" if value is None else format(value, form)
 
 
-def draw_result(result: TrackResult, scene: Scene | None, video: Path, sheet: Path, console: Console) -> None:
+def draw_result(result: Result, scene: Scene | None, video: Path, sheet: Path, console: Console) -> None:
     """Write the overlay video and the contact sheet, over the scene's images and masks where there is a scene.
 
     Masks are those that were tracked; images may be larger, so that a result of small masks can still be judged.
@@ -96,7 +96,7 @@ def draw_result(result: TrackResult, scene: Scene | None, video: Path, sheet: Pa
         show(result, images, masks, video=video, sheet=sheet, progress=lambda done: progress(done, frames))
 
 
-def _check_same_recording(result: TrackResult, scene: Scene) -> None:
+def _check_same_recording(result: Result, scene: Scene) -> None:
     """A result is drawn over the recording that it is of."""
     mine, theirs = result.cameras.names, scene.calibrated.names
     if mine != theirs:

@@ -14,7 +14,7 @@ from mmocap_warp.errors import InputError
 
 if TYPE_CHECKING:
     from mmocap_warp.body.model import Subject
-    from mmocap_warp.result.track_result import TrackResult
+    from mmocap_warp.result.result import Result
     from mmocap_warp.scene.recording import Scene
     from mmocap_warp.tracking.tracker import TrackConfig
 
@@ -124,7 +124,7 @@ class Start:
     force: bool = False
 
 
-def track_scene(scene: Scene, config: TrackConfig, output: Path, start: Start, console: Console) -> TrackResult:
+def track_scene(scene: Scene, config: TrackConfig, output: Path, start: Start, console: Console) -> Result:
     """Track a scene and write the result, fitting a subject first where none is named.
 
     Raises:

@@ -24,7 +24,7 @@ from mmocap_warp.drawing.overlay import (
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.png import write_png
 from mmocap_warp.formats.webm import WebmFile
-from mmocap_warp.result.track_result import STATUS, TrackResult
+from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.views.rig import CameraRig, project
 
 _VIDEO_AREA = (1440, 900)  # [px], what the tiled views of a video frame fill at most
@@ -39,7 +39,7 @@ Images = Iterable[Sequence[np.ndarray | None]]
 
 
 def show(
-    result: TrackResult,
+    result: Result,
     images: Images | None,
     masks: Images | None,
     *,
@@ -83,7 +83,7 @@ def show(
 class _ProjectedBody:
     """The best run in the cameras' pixels, posed a frame at a time: the skin of all frames would fill the memory."""
 
-    def __init__(self, result: TrackResult) -> None:
+    def __init__(self, result: Result) -> None:
         self.run, self.rig = result.best_run, result.cameras
         self._pose = result.pose[self.run]
         self._faces = result.subject.body.tracking_face
@@ -110,7 +110,7 @@ class _ProjectedBody:
         ]
 
 
-def _in_step(result: TrackResult, images: Images | None, masks: Images | None) -> Iterator[tuple]:
+def _in_step(result: Result, images: Images | None, masks: Images | None) -> Iterator[tuple]:
     """Images and masks of each frame of the result."""
     nothing = repeat([None] * len(result.cameras))
     streams = zip(images if images is not None else nothing, masks if masks is not None else nothing, strict=False)
@@ -150,7 +150,7 @@ def _crop(body: _ProjectedBody, k: int, frames: list[int]) -> Window:
     return Window((left, top), extent, (max(1, round(extent[0] * _SHEET_ROW / extent[1])), _SHEET_ROW))
 
 
-def _video_frame(result: TrackResult, run: int, frame: int, views: list[np.ndarray], columns: int) -> np.ndarray:
+def _video_frame(result: Result, run: int, frame: int, views: list[np.ndarray], columns: int) -> np.ndarray:
     """All cameras at one frame, each with its overlap, below a line that says what the frame cost."""
     for k, view in enumerate(views):
         write_text(view, f"{result.cameras.names[k]}   {_number('IoU', result.iou[run, frame, k], 'no mask')}", (8, 8))
@@ -168,7 +168,7 @@ def _video_frame(result: TrackResult, run: int, frame: int, views: list[np.ndarr
     return np.pad(canvas, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")  # codecs want even sizes
 
 
-def _contact_sheet(result: TrackResult, run: int, frames: list[int], cells: list[list[np.ndarray]]) -> np.ndarray:
+def _contact_sheet(result: Result, run: int, frames: list[int], cells: list[list[np.ndarray]]) -> np.ndarray:
     """Frames from left to right, cameras from top to bottom."""
     for frame, views in zip(frames, cells, strict=True):
         for k, view in enumerate(views):

@@ -19,13 +19,13 @@ from mmocap_warp.result.pose_errors import (
     nanmean,
     on_all_frames,
 )
-from mmocap_warp.result.track_result import STATUS, TrackResult
+from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.result.truth import Truth
 
 _METRES_TO_MM = 1000.0
 
 
-def evaluate(result: TrackResult, truth: Truth | None = None) -> dict[str, Any]:
+def evaluate(result: Result, truth: Truth | None = None) -> dict[str, Any]:
     """Judge a result; numbers over several runs are means of the runs' numbers, except the worst and the medians.
 
     Without truth: ``frames``, ``runs``, ``lost`` and ``partial`` frames, ``evaluations`` (all runs),
@@ -61,7 +61,7 @@ def evaluate(result: TrackResult, truth: Truth | None = None) -> dict[str, Any]:
     return _jsonable(report)
 
 
-def _overlap(result: TrackResult, iou: np.ndarray) -> dict[str, Any]:
+def _overlap(result: Result, iou: np.ndarray) -> dict[str, Any]:
     """What needs no truth; ``iou`` is (run, frame)."""
     worst = np.where(np.isfinite(iou), iou, np.inf).min(axis=0)
     total = int(result.evaluations.sum())
@@ -94,7 +94,7 @@ def _joint_errors(
     truth: Truth,
     mine: np.ndarray,
     theirs: np.ndarray,
-    result: TrackResult,
+    result: Result,
     series: dict[str, np.ndarray],
 ) -> dict[str, Any]:
     """Errors over the limb joints that the truth names; adds the per-frame errors to ``series``."""
@@ -121,7 +121,7 @@ def _joint_errors(
     }
 
 
-def _per_run(result: TrackResult, series: dict[str, np.ndarray]) -> list[dict[str, Any]]:
+def _per_run(result: Result, series: dict[str, np.ndarray]) -> list[dict[str, Any]]:
     """A line a run: what distinguishes the seeds."""
     seed = result.config.get("seed")
     return [

@@ -16,7 +16,7 @@ from mmocap_warp.body.model import BodyModel, SkinMesh
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.skin_points import SkinPoints, attach
 from mmocap_warp.errors import InputError
-from mmocap_warp.result.track_result import TrackResult
+from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
 
 LIMB_GROUPS: dict[str, tuple[str, str]] = {
@@ -46,7 +46,7 @@ _POSES_AT_ONCE = 4096  # a pose's joints are 1.4 KB on the way
 _VERTICES_AT_ONCE = 1 << 20  # 12 MB
 
 
-def joint_positions(result: TrackResult) -> np.ndarray:
+def joint_positions(result: Result) -> np.ndarray:
     """(run, frame, joint, 3) float64, joint centres in the world [m]."""
     poser = Poser(result.subject.body, result.subject.root_base)
     poses = result.pose.reshape(-1, result.pose.shape[2])
@@ -56,7 +56,7 @@ def joint_positions(result: TrackResult) -> np.ndarray:
     return centres.reshape(*result.pose.shape[:2], -1, 3)
 
 
-def skin_positions(result: TrackResult, pose: np.ndarray, vertex: np.ndarray) -> np.ndarray:
+def skin_positions(result: Result, pose: np.ndarray, vertex: np.ndarray) -> np.ndarray:
     """Where some of the skin's vertices are: poses (n, 51) and vertices (m,) int to (n, m, 3) float32 [m]."""
     body = result.subject.body
     some = SkinMesh(body.skin.rest[vertex], body.skin.face[:0], body.skin.joint[vertex], body.skin.weight[vertex])
@@ -72,7 +72,7 @@ def head_top(body: BodyModel) -> int:
     return int(body.skin.rest[:, 1].argmax())
 
 
-def common_frames(result: TrackResult, truth: Truth) -> tuple[np.ndarray, np.ndarray]:
+def common_frames(result: Result, truth: Truth) -> tuple[np.ndarray, np.ndarray]:
     """Positions in the result and in the truth of the frames that both have.
 
     Raises:
@@ -94,7 +94,7 @@ def common_frames(result: TrackResult, truth: Truth) -> tuple[np.ndarray, np.nda
     return mine, theirs
 
 
-def marker_error(result: TrackResult, truth: Truth, mine: np.ndarray, theirs: np.ndarray) -> np.ndarray:
+def marker_error(result: Result, truth: Truth, mine: np.ndarray, theirs: np.ndarray) -> np.ndarray:
     """Eq. 20, the mean distance over the markers seen in a frame: (run, common frame) float64 [m].
 
     Each run attaches a marker to the nearest point of its own skin in the frame where the marker is first seen; what
@@ -157,7 +157,7 @@ def nanmean(values: np.ndarray, axis: int | tuple[int, ...]) -> np.ndarray:
         return np.nanmean(values, axis=axis)
 
 
-def on_all_frames(values: np.ndarray, mine: np.ndarray, result: TrackResult) -> np.ndarray:
+def on_all_frames(values: np.ndarray, mine: np.ndarray, result: Result) -> np.ndarray:
     """(run, common frame) to (run, frame) with NaN where there is no truth."""
     full = np.full((len(values), len(result.frame_numbers)), np.nan)
     full[:, mine] = values

@@ -20,7 +20,7 @@ from mmocap_warp.result.pose_errors import (
     on_all_frames,
     skin_positions,
 )
-from mmocap_warp.result.track_result import STATUS, TrackResult
+from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.result.truth import Truth
 
 _SOLE_THICKNESS = 0.02  # [m] of the foot that counts as its sole, from the lowest vertex up
@@ -29,7 +29,7 @@ _FRAMES_AT_ONCE = 1024  # a sole has some hundred vertices
 Metrics = dict[str, np.ndarray]
 
 
-def measure(result: TrackResult, truth: Truth | None) -> tuple[Metrics, Metrics]:
+def measure(result: Result, truth: Truth | None) -> tuple[Metrics, Metrics]:
     """Judge every run of a result.
 
     Returns:
@@ -94,7 +94,7 @@ def jerk(joints: np.ndarray, frame_numbers: np.ndarray, fps: float) -> np.ndarra
     return nanmean(np.linalg.norm(third, axis=-1), axis=(1, 2))
 
 
-def foot_slide(result: TrackResult) -> np.ndarray:
+def foot_slide(result: Result) -> np.ndarray:
     """Mean speed over the floor of the foot that stands: (run,) [m/s], NaN with fewer than two frames in a row.
 
     A foot that stands or rolls has a place at rest where it touches the floor: the lowest vertex of its sole. Between
@@ -111,7 +111,7 @@ def foot_slide(result: TrackResult) -> np.ndarray:
     return np.array(slower)[:, step == step.min()].mean(axis=1) * rate
 
 
-def _contact_speed(result: TrackResult, pose: np.ndarray, sole: np.ndarray) -> np.ndarray:
+def _contact_speed(result: Result, pose: np.ndarray, sole: np.ndarray) -> np.ndarray:
     """How far the lowest vertex of a sole moves over the floor to the next frame: (frame - 1,) [m]."""
     up = result.cameras.up_vector
     moved = np.empty((len(pose) - 1, 3))
@@ -123,7 +123,7 @@ def _contact_speed(result: TrackResult, pose: np.ndarray, sole: np.ndarray) -> n
     return np.linalg.norm(moved - np.outer(moved @ up, up), axis=1)
 
 
-def _sole(result: TrackResult, side: str) -> np.ndarray:
+def _sole(result: Result, side: str) -> np.ndarray:
     """The vertices at the bottom of a foot in the bind pose."""
     skin = result.subject.body.skin
     leading = skin.joint[np.arange(len(skin.joint)), skin.weight.argmax(axis=1)]
@@ -133,7 +133,7 @@ def _sole(result: TrackResult, side: str) -> np.ndarray:
 
 
 def _judge_joints(
-    result: TrackResult,
+    result: Result,
     joints: np.ndarray,
     truth: Truth,
     mine: np.ndarray,
@@ -157,7 +157,7 @@ def _judge_joints(
     return lost.astype(float) if ends else np.full(len(joints), np.nan)
 
 
-def _tracked(result: TrackResult, joints: np.ndarray, mine: np.ndarray, name: str) -> np.ndarray:
+def _tracked(result: Result, joints: np.ndarray, mine: np.ndarray, name: str) -> np.ndarray:
     """(run, common frame, 3): where the body has the joint; ``joints`` are (run, common frame, joint, 3)."""
     if name != HEAD_TOP:
         return joints[:, :, JOINTS.index(name)]

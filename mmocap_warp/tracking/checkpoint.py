@@ -15,7 +15,7 @@ import numpy as np
 
 from mmocap_warp.body.model import FULL_DOF, Subject
 from mmocap_warp.errors import InputError
-from mmocap_warp.result.track_result import FrameAnswer
+from mmocap_warp.result.result import FrameAnswer
 from mmocap_warp.views.rig import CameraRig
 
 _MAGIC = b"mmocap checkpoint 1\n"

@@ -22,7 +22,7 @@ from mmocap_warp.kernels.body.root_frame import enter, leave
 from mmocap_warp.objective.objective import COSTS, Objective
 from mmocap_warp.objective.renderers import RENDERERS
 from mmocap_warp.optimizers.search import Search
-from mmocap_warp.result.track_result import STATUS, FrameAnswer, TrackResult
+from mmocap_warp.result.result import STATUS, FrameAnswer, Result
 from mmocap_warp.tracking.algorithms import ALGORITHMS
 from mmocap_warp.tracking.checkpoint import Checkpoint, FinishedFrame, fingerprint
 from mmocap_warp.tracking.memory_need import check_fits
@@ -263,12 +263,12 @@ def collect(
     config: TrackConfig,
     answers: list[FrameAnswer],
     first: int = 0,
-) -> TrackResult:
+) -> Result:
     """Gather the answers of consecutive frames, starting with frame number ``first``."""
     rotation, translation = config.radii(fps)
     device = resolve_device(config.device)
     effective = {"rotation_radius": rotation, "translation_radius": translation, "device": device}
-    return TrackResult(
+    return Result(
         subject=subject,
         cameras=rig,
         fps=fps,
@@ -292,7 +292,7 @@ def track(
     checkpoint: Path | None = None,
     resume: bool = False,
     progress: FrameReport | None = None,
-) -> TrackResult:
+) -> Result:
     """Track a scene from its first frame to its last.
 
     Args:
@@ -372,7 +372,7 @@ def track_observations(
     fps: float,
     config: TrackConfig,
     progress: FrameReport | None = None,
-) -> TrackResult:
+) -> Result:
     """Track consecutive observations in memory or from any stream.
 
     Raises:

@@ -10,7 +10,7 @@ from mmocap_warp.body.model import JOINTS
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.result.evaluation import evaluate
 from mmocap_warp.result.pose_errors import HEAD_TOP, HUMANEVA_JOINTS, aligned_error, head_top
-from mmocap_warp.result.track_result import TrackResult
+from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.study.metrics import foot_slide, jerk, measure
 
@@ -21,7 +21,7 @@ def still_result(pose, frame_numbers=None, fps=50.0):
     """A result of the given poses (run, frame, 51)."""
     runs, frames, _ = pose.shape
     numbers = np.arange(frames) if frame_numbers is None else frame_numbers
-    return TrackResult(
+    return Result(
         subject=synthetic_subject(),
         cameras=ring_rig(2, size=(320, 240)),
         fps=fps,

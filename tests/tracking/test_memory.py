@@ -25,7 +25,7 @@ from mmocap_warp.formats.usd.animation import export_animation
 from mmocap_warp.formats.usd.body import read_body
 from mmocap_warp.formats.usd.result import read_result, write_result
 from mmocap_warp.result.evaluation import evaluate
-from mmocap_warp.result.track_result import TrackResult
+from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.scene.recording import load_scene
 from mmocap_warp.scenes import ROOT
@@ -52,14 +52,14 @@ def peak_growth(work: Callable[[], object]) -> int:
     return resident("VmHWM") - before
 
 
-def long_result(frames: int) -> TrackResult:
+def long_result(frames: int) -> Result:
     """A made-up result of a body with as many vertices as real ones have."""
     body, start = read_body(ROOT / "bodies" / "adult_man.usdc"), synthetic_subject()
     subject = Subject(body, start.root_base, start.pose, {})
     return replace(synthetic_result(frames, runs=1), subject=subject, cameras=ring_rig(3, size=(64, 48)))
 
 
-def truth_of(result: TrackResult) -> Truth:
+def truth_of(result: Result) -> Truth:
     """Markers somewhere near the body."""
     names = tuple("ABCDE")
     near = result.pose[0, :, None, :3] + np.random.default_rng(0).normal(0, 0.3, (len(names), 3))

@@ -19,7 +19,7 @@ from mmocap_warp.cli import exit_codes
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.body import write_subject
 from mmocap_warp.formats.usd.result import read_result
-from mmocap_warp.result.track_result import FrameAnswer
+from mmocap_warp.result.result import FrameAnswer
 from mmocap_warp.scene.recording import Scene, load_scene
 from mmocap_warp.scenes import ROOT
 from mmocap_warp.synthesis.recording import walking

@@ -10,7 +10,7 @@ from mmocap_warp.body.model import FULL_DOF, JOINTS, degrees_of_freedom
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.errors import InputError
 from mmocap_warp.foreground.settings import ForegroundSettings
-from mmocap_warp.result.track_result import STATUS
+from mmocap_warp.result.result import STATUS
 from mmocap_warp.tracking.tracker import TrackConfig, Tracker, resolve_device, track, track_observations
 from mmocap_warp.views.observation import Observation
 

@@ -15,7 +15,7 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.body import define_body, joint_paths, local_transforms, set_pose
 from mmocap_warp.formats.usd.file import USD_SUFFIXES, write_stage
 from mmocap_warp.formats.usd.world import set_world_up
-from mmocap_warp.result.track_result import TrackResult
+from mmocap_warp.result.result import Result
 
 
 def animate(
@@ -53,7 +53,7 @@ def animate(
     extent.Set(_bounds(lowest, highest))  # for viewers that ask for no particular time
 
 
-def export_animation(result: TrackResult, path: str | Path) -> None:
+def export_animation(result: Result, path: str | Path) -> None:
     """Write the best run alone, Y up: body, skeleton and animation as any program reads them, without ``mmocap:`` data.
 
     Args:
@@ -73,7 +73,7 @@ def export_animation(result: TrackResult, path: str | Path) -> None:
         write_stage(path, stage)
 
 
-def _animation_stage(result: TrackResult) -> Usd.Stage:
+def _animation_stage(result: Result) -> Usd.Stage:
     stage = Usd.Stage.CreateInMemory()
     world = UsdGeom.Xform.Define(stage, "/World")
     stage.SetDefaultPrim(world.GetPrim())

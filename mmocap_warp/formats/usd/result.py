@@ -26,7 +26,7 @@ from mmocap_warp.formats.usd.body import body_prim, define_subject, subject_from
 from mmocap_warp.formats.usd.camera import cameras_from_prim, define_cameras
 from mmocap_warp.formats.usd.file import PrimReader, read_stage, write_stage
 from mmocap_warp.formats.usd.world import set_world_up
-from mmocap_warp.result.track_result import STATUS, TrackResult
+from mmocap_warp.result.result import STATUS, Result
 
 VERSION = 1
 """Of the layout above; raised when a file of the older layout can no longer be read."""
@@ -34,7 +34,7 @@ VERSION = 1
 _REMEDY = "give a result that `mmocap track` wrote"
 
 
-def write_result(path: str | Path, result: TrackResult) -> None:
+def write_result(path: str | Path, result: Result) -> None:
     """Write a result to a ``.usd``, ``.usda`` or ``.usdc`` file, whole or not at all; reading it gives it back exactly.
 
     Raises:
@@ -52,7 +52,7 @@ def write_result(path: str | Path, result: TrackResult) -> None:
     write_stage(path, stage)
 
 
-def read_result(path: str | Path) -> TrackResult:
+def read_result(path: str | Path) -> Result:
     """Read a result that :func:`write_result` wrote.
 
     Raises:
@@ -78,7 +78,7 @@ def read_result(path: str | Path) -> TrackResult:
         return np.moveaxis(read.sampled_array(f"mmocap:{name}", times, (runs, *shape)), 1, 0)
 
     try:
-        return TrackResult(
+        return Result(
             subject=subject_from_prim(body_prim(stage, path), path),
             cameras=cameras,
             fps=stage.GetTimeCodesPerSecond(),
@@ -98,7 +98,7 @@ def read_result(path: str | Path) -> TrackResult:
         raise InputError(path, str(error), _REMEDY) from error
 
 
-def _define_tracking(stage: Usd.Stage, result: TrackResult) -> None:
+def _define_tracking(stage: Usd.Stage, result: Result) -> None:
     prim = UsdGeom.Scope.Define(stage, "/World/Tracking").GetPrim()
     author_value(prim, "mmocap:resultVersion", VERSION)
     author_value(prim, "mmocap:frames", result.frame_numbers)

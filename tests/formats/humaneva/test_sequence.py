@@ -21,7 +21,7 @@ from mmocap_warp.formats.humaneva.sequence import CAMERAS, FIRST_FRAME, SEQUENCE
 from mmocap_warp.formats.humaneva.sync import StreamOffset, synchronise
 from mmocap_warp.formats.usd.body import write_subject
 from mmocap_warp.formats.usd.result import write_result
-from mmocap_warp.result.track_result import TrackResult
+from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth, load_truth
 from mmocap_warp.scene.recording import Scene, load_scene
 from mmocap_warp.synthesis.silhouettes import draw_silhouettes
@@ -298,11 +298,11 @@ def test_paths_with_quotes_and_umlauts_survive_the_scene_file(root, tmp_path):
     assert Path(named) == odd / "S1/Image_Data/Walking_1_(C1).avi"
 
 
-def true_result(scene: Scene, positions: np.ndarray) -> TrackResult:
+def true_result(scene: Scene, positions: np.ndarray) -> Result:
     """What a perfect tracker would answer."""
     poses = made.poses_at(positions)[None]
     ones = np.ones((1, FRAMES))
-    return TrackResult(
+    return Result(
         subject=made.subject(),
         cameras=scene.rig(),
         fps=scene.fps,

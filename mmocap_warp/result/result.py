@@ -35,7 +35,7 @@ class FrameAnswer:
 
 
 @dataclass(frozen=True)
-class TrackResult:
+class Result:
     """Poses of every frame of every run, with what is needed to judge and repeat them.
 
     Attributes:

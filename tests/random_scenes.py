@@ -9,9 +9,9 @@ import reference
 import warp as wp
 from drawn import draw_bits
 from poisoned import poisoned
-from synthetic import ring_rig
+from synthetic import COORDINATES, ring_rig
 
-from mmocap_warp.body.model import FULL_DOF, BodyModel, Subject
+from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.posing import BodyArrays
 from mmocap_warp.kernels.body.kinematics import Affine, pose_joints
 from mmocap_warp.kernels.body.skinning import skin
@@ -25,7 +25,7 @@ ODD_SIZES = ((97, 61), (64, 48), (33, 75), (129, 8), (31, 40))  # [px], hardly a
 def random_poses(n: int, seed: int = 0, reach: float = 1.0, bend: float = 1.5) -> np.ndarray:
     """(n, 51) poses with the root within ``reach`` [m] of 0.9 m up, and angles within ``bend`` [rad]."""
     rng = np.random.default_rng(seed)
-    poses = rng.uniform(-bend, bend, (n, FULL_DOF))
+    poses = rng.uniform(-bend, bend, (n, COORDINATES))
     poses[:, :3] = rng.uniform(-reach, reach, (n, 3)) + _MIDDLE
     return poses
 

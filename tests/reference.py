@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmocap_warp.body.model import PARENT, BodyModel, SkinMesh
+from mmocap_warp.bodies.human import PARENT
+from mmocap_warp.body.model import BodyModel, SkinMesh
 
 
 def rotation(axis: int, angle: float) -> np.ndarray:
@@ -28,7 +29,7 @@ def rigid(turn: np.ndarray, origin: np.ndarray) -> np.ndarray:
 
 def joint_transforms(body: BodyModel, root_base: np.ndarray, pose: np.ndarray) -> np.ndarray:
     """World transforms (joint, 4, 4) of one full pose (51,)."""
-    bind = [rigid(body.joint_frame[j].astype(float), body.joint_rest[j].astype(float)) for j in range(16)]
+    bind = [rigid(body.skeleton.frame[j].astype(float), body.joint_rest[j].astype(float)) for j in range(16)]
     world: list[np.ndarray] = []
     for j, parent in enumerate(PARENT):
         x, y, z = pose[3 + 3 * j : 6 + 3 * j]
@@ -43,7 +44,7 @@ def joint_transforms(body: BodyModel, root_base: np.ndarray, pose: np.ndarray) -
 
 def skin(mesh: SkinMesh, body: BodyModel, transforms: np.ndarray) -> np.ndarray:
     """Linear-blend skinned vertices (vertex, 3)."""
-    bind = [rigid(body.joint_frame[j].astype(float), body.joint_rest[j].astype(float)) for j in range(16)]
+    bind = [rigid(body.skeleton.frame[j].astype(float), body.joint_rest[j].astype(float)) for j in range(16)]
     carry = np.stack([transforms[j] @ np.linalg.inv(bind[j]) for j in range(16)])
     rest = np.c_[mesh.rest.astype(float), np.ones(len(mesh.rest))]
     blended = np.einsum("vi,viab->vab", mesh.weight.astype(float), carry[mesh.joint])

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from itertools import product
 
 import numpy as np
+from synthetic import COORDINATES
 
-from mmocap_warp.body.model import FULL_DOF
 from mmocap_warp.study.cell import Cell, CellResult
 from mmocap_warp.study.paper import ALGORITHM_NAMES
 from mmocap_warp.tracking.presets import PRESETS
@@ -64,7 +64,7 @@ def made_up_result(cell: Cell, seeds: int, frames: int, truth: bool = True) -> C
         errors = {name: np.full_like(error, np.nan) for name in errors}
     per_frame = errors | {"iou": iou, "cost": 0.5 * (1 - iou)}
     jitter = 3.0 if cell.algorithm in ("de", "h-de", "pso", "h-pso") else 1.0
-    pose = np.zeros((seeds, frames, FULL_DOF))
+    pose = np.zeros((seeds, frames, COORDINATES))
     pose[:, :, 0] = np.nan_to_num(error)
     spent = cell.evaluations * seeds * frames
     return CellResult(

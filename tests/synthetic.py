@@ -6,7 +6,8 @@ import itertools
 
 import numpy as np
 
-from mmocap_warp.body.model import FULL_DOF, JOINTS, PARENT, BodyModel, SkinMesh, Subject
+from mmocap_warp.bodies.human import JOINTS, PARENT, human_skeleton
+from mmocap_warp.body.model import BodyModel, SkinMesh, Subject
 from mmocap_warp.result.result import Result
 from mmocap_warp.views.rig import CameraRig
 
@@ -101,15 +102,14 @@ def synthetic_body() -> BodyModel:
     position = {v: i for i, v in enumerate(kept)}
     return BodyModel(
         name="Boxes",
+        skeleton=human_skeleton(frame, np.tile([-2.5, 2.5], (len(JOINTS), 3, 1))),
         joint_rest=joints.astype(np.float32),
-        joint_frame=frame.astype(np.float32),
         skin=SkinMesh(vertex.astype(np.float32), np.array(quads, np.int32), slot, weight),
         tracking_vertex=np.array(kept, np.int32),
         tracking_face=np.array([[position[v] for v in face] for face in triangles], np.int32),
         shape_names=("height_incr", "weight_incr"),
         shape_vertex=np.stack([taller, 0.2 * np.array(outward)]).astype(np.float32),
         shape_joint=np.stack([taller_joints, np.zeros_like(joints)]).astype(np.float32),
-        limits=np.tile(np.array([-2.5, 2.5], np.float32), (len(JOINTS), 3, 1)),
         marker_names=tuple(_MARKER_BONES),
         marker_vertex=np.array([4 * _RINGS * bone + 4 * (_RINGS - 2) for bone in _MARKER_BONES.values()], np.int32),
         attribution="Made up for tests.",
@@ -137,6 +137,10 @@ def _box_faces(first: int, rings: int, step: int) -> list[tuple[int, int, int, i
     return [*faces, (last, last + 1, last + 2, last + 3)]
 
 
+SKELETON = synthetic_body().skeleton
+COORDINATES, NAMES, MODELS = SKELETON.coordinates, SKELETON.coordinate_names, tuple(SKELETON.models)
+
+
 def upright(up: str) -> np.ndarray:
     """(3, 3) proper rotation from a +Y-up frame to a world whose up axis is ``up``."""
     axis = "xyz".index(up[1])
@@ -150,7 +154,7 @@ def synthetic_subject(up: str = "+y") -> Subject:
     """The body standing at the world's origin, facing a little to its left."""
     body = synthetic_body()
     base = upright(up) @ np.array([[0.8, 0, 0.6], [0, 1, 0], [-0.6, 0, 0.8]])
-    pose = np.zeros(FULL_DOF)
+    pose = np.zeros(COORDINATES)
     pose[:3] = upright(up) @ body.joint_rest[0].astype(float)
     return Subject(body, base, pose, {"source": "tests", "height": 1.76, "seed": 3})
 
@@ -159,8 +163,8 @@ def synthetic_poses(frames: int, up: str = "+y", seed: int = 0) -> np.ndarray:
     """(frame, 51) a smooth made-up motion that starts at the subject's pose; amplitudes up to 0.5 rad, 0.2 m."""
     rng = np.random.default_rng(seed)
     time = np.linspace(0.0, 2.0, frames)[:, None]
-    amplitude = np.concatenate([np.full(3, 0.2), np.full(FULL_DOF - 3, 0.5)]) * rng.uniform(-1, 1, FULL_DOF)
-    return synthetic_subject(up).pose + amplitude * np.sin(rng.uniform(1, 3, FULL_DOF) * time)
+    amplitude = np.concatenate([np.full(3, 0.2), np.full(COORDINATES - 3, 0.5)]) * rng.uniform(-1, 1, COORDINATES)
+    return synthetic_subject(up).pose + amplitude * np.sin(rng.uniform(1, 3, COORDINATES) * time)
 
 
 def ring_rig(cameras: int = 4, size: tuple[int, int] = (640, 480), distance: float = 4.0, up: str = "+y") -> CameraRig:

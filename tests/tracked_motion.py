@@ -6,9 +6,8 @@ from functools import cache
 
 import numpy as np
 from random_scenes import perfect_masks
-from synthetic import ring_rig, synthetic_poses, synthetic_subject
+from synthetic import SKELETON, ring_rig, synthetic_poses, synthetic_subject
 
-from mmocap_warp.body.model import degrees_of_freedom
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.result.result import Result
 from mmocap_warp.tracking.tracker import TrackConfig, Tracker, track_observations
@@ -21,7 +20,7 @@ FPS = 60.0
 @cache
 def motion(device: str) -> tuple[np.ndarray, list[Observation]]:
     """Poses (frame, 51) in which every searched angle moves by about 0.02 rad a frame, and what is seen of them."""
-    subject, index = synthetic_subject(), degrees_of_freedom(39).index
+    subject, index = synthetic_subject(), SKELETON.searched(39)
     truth = np.tile(subject.pose, (6, 1))
     truth[:, index] = synthetic_poses(120)[:6, index]
     return truth, [Observation.from_masks(list(perfect_masks(subject, RIG, pose, device))) for pose in truth]

@@ -90,7 +90,7 @@ def step_read(frames: int, evaluations: int, result: Path) -> Callable[[], objec
 
 def step_eval(frames: int, evaluations: int, result: Path) -> Callable[[], object]:
     """Judge it against truth."""
-    from mmocap_warp.body.model import JOINTS
+    from mmocap_warp.bodies.human import JOINTS
     from mmocap_warp.formats.usd.result import read_result
     from mmocap_warp.result.evaluation import evaluate
     from mmocap_warp.result.truth import Truth

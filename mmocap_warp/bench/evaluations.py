@@ -9,8 +9,6 @@ import numpy as np
 import warp as wp
 
 from mmocap_warp.bench.workload import Workload
-from mmocap_warp.body.mesh_parts import moved_joints
-from mmocap_warp.body.model import degrees_of_freedom
 from mmocap_warp.kernels.benchmarks.case import Case, Check
 from mmocap_warp.objective.objective import Objective
 from mmocap_warp.objective.renderers import RENDERERS
@@ -66,7 +64,7 @@ def _counts(load: Workload, candidates: int) -> np.ndarray:
 
 def moving_parts(load: Workload, device: str) -> Iterator[list[Case]]:
     """What each part of the hierarchy moves, by both renderers, and drawing what it leaves."""
-    for part in hierarchical(degrees_of_freedom(39)):
+    for part in hierarchical(load.body.skeleton):
         yield [case for renderer in RENDERERS for case in _moving(load, part, renderer, device)]
 
 
@@ -95,7 +93,7 @@ def _moving(load: Workload, part: Part, renderer: str, device: str) -> list[Case
     if device == "cpu":
         sizes["threads"] = 1
     evaluate = Case(MOVING, part.name, sizes, partial(objective.evaluate, candidates), check, candidates)
-    if renderer != RENDERERS[-1] or moved_joints(part.index).all():
+    if renderer != RENDERERS[-1] or load.body.skeleton.moved_by(part.index).all():
         return [evaluate]
     held = load.objective(candidates, renderer, device)  # one of its own: holding overwrites poses
     hold = Case(MOVING, f"{part.name}: hold", sizes, partial(held.hold, base, part.index), check)

@@ -23,7 +23,6 @@ import numpy as np
 from mmocap_warp.bench.evaluations import EVALUATION
 from mmocap_warp.bench.workload import Workload
 from mmocap_warp.body.mesh_parts import mesh_edges
-from mmocap_warp.body.model import FULL_DOF, JOINTS
 from mmocap_warp.kernels.benchmarks.case import Measurement
 from mmocap_warp.kernels.benchmarks.ceilings import GROUP as CEILINGS
 from mmocap_warp.kernels.views.projection import SUBPIXEL
@@ -74,10 +73,10 @@ class _Geometry:
 def demand(load: Workload, renderer: str, candidates: int) -> Demand:
     """Of one evaluation among so many in a call."""
     g = _geometry(load)
-    cameras, joints = len(load.rig), len(JOINTS)
+    cameras, joints = len(load.rig), len(load.body.joint_rest)
     nodes = 2 * (g.triangles / 3)  # leaves hold two to four triangles
     matrices, posed, drawn = 2 * 48 * joints, 12 * g.vertices, cameras * (8 * g.vertices + g.triangles)
-    moved = 4.0 * FULL_DOF + 2 * (matrices + posed + drawn) + 4 * g.words + 2 * 8 * cameras
+    moved = 4.0 * load.body.skeleton.coordinates + 2 * (matrices + posed + drawn) + 4 * g.words + 2 * 8 * cameras
     shared = 44 * g.vertices + (12 * g.triangles + 16 * nodes if renderer == "raycast" else 28 * g.edges)
     work = (
         float(_JOINT * joints)

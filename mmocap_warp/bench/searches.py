@@ -11,7 +11,6 @@ import numpy as np
 import warp as wp
 
 from mmocap_warp.bench.workload import Workload
-from mmocap_warp.body.model import FULL_DOF, degrees_of_freedom
 from mmocap_warp.kernels.benchmarks.case import Case, Check, Measurement
 from mmocap_warp.kernels.benchmarks.timing import Timing, time_together
 from mmocap_warp.objective.renderers import RENDERERS
@@ -19,23 +18,22 @@ from mmocap_warp.optimizers.protocol import Optimizer
 from mmocap_warp.optimizers.search import Search
 from mmocap_warp.tracking.algorithms import ALGORITHMS
 from mmocap_warp.tracking.strategy import Part, hierarchical, holistic
-from mmocap_warp.tracking.tracker import TrackConfig, Tracker, coordinate_limits
+from mmocap_warp.tracking.tracker import TrackConfig, Tracker
 
 OPTIMIZER, GENERATION, FRAME = "ask and tell", "a generation", "a frame"
 COST_APART = 1e-5
 """How far the cost of an answer may be from that of the same pose on the CPU."""
 
 _BUDGET = 500
-_DOFS = degrees_of_freedom(39)
 _MORE = 5  # generations in the longer one of two searches, beyond those of the shorter one
 _SPHERE = 40  # generations within which an optimizer must come nearer to a minimum
 
 
-def ask_and_tell(runs: Sequence[int], device: str) -> Iterator[list[Case]]:
-    """Each family of optimizers without an objective, for all 39 degrees of freedom and for a part's 6."""
+def ask_and_tell(load: Workload, runs: Sequence[int], device: str) -> Iterator[list[Case]]:
+    """Each family of optimizers without an objective, for all degrees of freedom and for a part's."""
     for name in ("cmaes", "de", "pso", "apf"):
-        for part in (*holistic(_DOFS), hierarchical(_DOFS)[-1]):
-            yield [_ask_and_tell(name, part, number, device) for number in runs]
+        for part in (*holistic(load.body.skeleton), hierarchical(load.body.skeleton)[-1]):
+            yield [_ask_and_tell(load, name, part, number, device) for number in runs]
 
 
 def _optimizer(name: str, part: Part, radius: float, runs: int, evaluations: int, device: str) -> Optimizer:
@@ -45,10 +43,10 @@ def _optimizer(name: str, part: Part, radius: float, runs: int, evaluations: int
     return ALGORITHMS[name].optimizer(part.index, scale, runs, seed, draw, evaluations)
 
 
-def _ask_and_tell(name: str, part: Part, runs: int, device: str) -> Case:
+def _ask_and_tell(load: Workload, name: str, part: Part, runs: int, device: str) -> Case:
     optimizer = _optimizer(name, part, 0.5, runs, _BUDGET, device)
     particles, dofs = optimizer.particles, len(part.index)
-    start = wp.array(np.ones((runs, FULL_DOF)), dtype=wp.float32, device=device)
+    start = wp.array(np.ones((runs, load.body.skeleton.coordinates)), dtype=wp.float32, device=device)
     made_up = np.random.default_rng(0).uniform(0.1, 0.9, runs * particles)
     cost = wp.array(made_up, dtype=wp.float32, device=device)
     optimizer.start(start)
@@ -79,17 +77,18 @@ def measure_generations(
 
     It is what a search of six generations takes over a search of one, divided by five.
     """
+    skeleton = load.body.skeleton
     sizes = load.sizes | ({"threads": threads} if device == "cpu" else {})
     for renderer in RENDERERS:
-        parts = [_generation(load, part, renderer, sizes, device, threads, seconds) for part in hierarchical(_DOFS)]
+        parts = [_generation(load, part, renderer, sizes, device, threads, seconds) for part in hierarchical(skeleton)]
         mean = _mean(parts, "h-cmaes: mean of the parts")
-        yield [*parts, mean, _generation(load, holistic(_DOFS)[0], renderer, sizes, device, threads, seconds)]
+        yield [*parts, mean, _generation(load, holistic(skeleton)[0], renderer, sizes, device, threads, seconds)]
 
 
 def _generation(
     load: Workload, part: Part, renderer: str, sizes: dict[str, Any], device: str, threads: int, seconds: float | None
 ) -> Measurement:
-    name = "cmaes" if len(part.index) == len(_DOFS) else "h-cmaes"
+    name = "cmaes" if len(part.index) == len(load.body.skeleton.searched()) else "h-cmaes"
     short, long = (_search(load, name, part, n, renderer, device, threads) for n in (1, 1 + _MORE))
     particles = (long.evaluations - short.evaluations) // _MORE
     one, many = time_together([short.run, long.run], device, seconds=seconds)
@@ -112,7 +111,7 @@ def _search(
     radius, _translation = TrackConfig(algorithm=name).radii(load.fps)
     optimizer = _optimizer(name, part, radius, 1, _BUDGET, device)
     objective = load.objective(optimizer.particles, renderer, device, threads)
-    search = Search(objective, [optimizer], 1 + generations * optimizer.particles, coordinate_limits(load.body))
+    search = Search(objective, [optimizer], 1 + generations * optimizer.particles, load.body.skeleton.coordinate_limits)
     search.best_pose.assign(load.subject.pose[None].astype(np.float32))
     return search
 

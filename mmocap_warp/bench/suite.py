@@ -20,10 +20,10 @@ from mmocap_warp.bench.growth import growth
 from mmocap_warp.bench.peers import peers
 from mmocap_warp.bench.roofline import roofline
 from mmocap_warp.bench.searches import ask_and_tell, frames, measure_generations, same_frames
+from mmocap_warp.bench.stages import stages
 from mmocap_warp.bench.workload import Workload, workload
 from mmocap_warp.kernels.benchmarks.case import Case, Measurement, measure
 from mmocap_warp.kernels.benchmarks.ceilings import ceilings
-from mmocap_warp.kernels.benchmarks.stages import stages
 from mmocap_warp.tracking.tracker import versions
 
 FORMAT = 1
@@ -115,7 +115,7 @@ def _steps(plan: Plan, load: Workload) -> Iterator[list[Measurement]]:
     yield from measured(evaluations(load, plan.batches, threads, device))
     yield from measured(ceilings(device))
     yield from measured(moving_parts(load, device))
-    yield from measured(ask_and_tell((1, plan.runs), device), seconds=_ASK_SECONDS)
+    yield from measured(ask_and_tell(load, (1, plan.runs), device), seconds=_ASK_SECONDS)
     yield from measure_generations(load, device, threads[0], plan.seconds)
     yield from measured(frames(load, device, threads[-1]))
     yield from measured(same_frames(load, (1, plan.runs), plan.budget, device, threads[-1]))

@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from mmocap_warp.bodies.decimation import decimate
-from mmocap_warp.body.model import FULL_DOF, JOINTS, BodyModel, SkinMesh, Subject
+from mmocap_warp.body.model import BodyModel, SkinMesh, Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.drawing.overlay import silhouette
 from mmocap_warp.formats.usd.body import read_body
@@ -44,7 +44,7 @@ class Workload:
 
     @cached_property
     def seen(self) -> np.ndarray:
-        """(51,) float32, the pose that the masks show."""
+        """(coordinate,) float32, the pose that the masks show."""
         return self.poses(1, seed=1)[0]
 
     @cached_property
@@ -66,8 +66,12 @@ class Workload:
         return _FPS
 
     def poses(self, candidates: int, seed: int = 0) -> np.ndarray:
-        """(candidate, 51) float32: standing upright, and a little different in everything."""
-        pose = np.random.default_rng(seed).normal(0.0, _SPREAD, (candidates, FULL_DOF)).astype(np.float32)
+        """(candidate, coordinate) float32: standing upright, and a little different in everything."""
+        pose = (
+            np.random.default_rng(seed)
+            .normal(0.0, _SPREAD, (candidates, self.body.skeleton.coordinates))
+            .astype(np.float32)
+        )
         pose[:, 1] += _MIDDLE
         return pose
 
@@ -148,7 +152,7 @@ def _with_triangles(body: BodyModel, triangles: int) -> BodyModel:
         tracking_face=mesh.face,
         shape_names=(),
         shape_vertex=np.zeros((0, vertices, 3), np.float32),
-        shape_joint=np.zeros((0, len(JOINTS), 3), np.float32),
+        shape_joint=body.shape_joint[:0],
         marker_names=(),
         marker_vertex=np.zeros(0, np.int32),
     )
@@ -162,7 +166,7 @@ def _subdivided(mesh: SkinMesh) -> SkinMesh:
     a, b, c = mesh.face.T
     face = np.stack([(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]).transpose(2, 0, 1).reshape(-1, 3)
     rest = np.concatenate([mesh.rest, mesh.rest[edge].mean(axis=1)])
-    share = np.zeros((len(mesh.rest), len(JOINTS)), np.float32)
+    share = np.zeros((len(mesh.rest), mesh.joint.max() + 1), np.float32)
     np.add.at(share, (np.arange(len(mesh.rest))[:, None], mesh.joint), mesh.weight)
     share = np.concatenate([share, share[edge].mean(axis=1)])
     joint = np.argsort(-share, axis=1, kind="stable")[:, :4].astype(np.int32)

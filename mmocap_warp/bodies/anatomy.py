@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mmocap_warp.body.model import JOINTS
+from mmocap_warp.bodies.human import JOINTS
 
 _UNBOUNDED = (-np.inf, np.inf)
 

@@ -9,9 +9,10 @@ import numpy as np
 
 from mmocap_warp.bodies.anatomy import joint_limits
 from mmocap_warp.bodies.decimation import decimate
+from mmocap_warp.bodies.human import JOINTS, human_skeleton
 from mmocap_warp.bodies.makehuman import MacroSliders, MakeHuman, age_slider
 from mmocap_warp.bodies.skin_markers import place_markers
-from mmocap_warp.body.model import JOINTS, BodyModel, SkinMesh
+from mmocap_warp.body.model import BodyModel, SkinMesh
 from mmocap_warp.errors import InputError
 
 ATTRIBUTION = (
@@ -106,15 +107,14 @@ def make_body(
     marker_names, marker_vertex = place_markers(skin, joint_rest, joint_frame)
     return BodyModel(
         name=name,
+        skeleton=human_skeleton(joint_frame, joint_limits(elbow_flexion, knee_flexion)),
         joint_rest=joint_rest.astype(np.float32),
-        joint_frame=joint_frame.astype(np.float32),
         skin=skin,
         tracking_vertex=tracking_vertex,
         tracking_face=tracking_face,
         shape_names=shape_names,
         shape_vertex=shape_vertex,
         shape_joint=shape_joint,
-        limits=joint_limits(elbow_flexion, knee_flexion),
         marker_names=marker_names,
         marker_vertex=marker_vertex,
         attribution=f"{ATTRIBUTION} Build: {build}.",

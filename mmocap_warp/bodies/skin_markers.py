@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmocap_warp.body.model import JOINTS, SkinMesh
+from mmocap_warp.bodies.human import JOINTS
+from mmocap_warp.body.model import SkinMesh
 
 _OFF_RAY_PENALTY = 4.0  # how many times worse a vertex is for lying off the ray than for lying further in along it
 

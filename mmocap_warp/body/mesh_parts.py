@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmocap_warp.body.model import JOINTS, PARENT, SkinMesh
-
-_TRANSLATION = 3  # the full pose begins with this many coordinates, then three angles a joint
+from mmocap_warp.body.model import SkinMesh
+from mmocap_warp.body.skeleton import Skeleton
 
 
 @dataclass(frozen=True)
@@ -24,19 +23,9 @@ class MeshPart:
     face: np.ndarray
 
 
-def moved_joints(index: np.ndarray) -> np.ndarray:
-    """(joint,) bool: the joints whose frames change with coordinates ``index`` of the full pose."""
-    turned = {(int(d) - _TRANSLATION) // 3 for d in index if d >= _TRANSLATION}
-    moved = np.zeros(len(JOINTS), bool)
-    for joint, parent in enumerate(PARENT):  # parents come first
-        root_moves = parent < 0 and bool(np.any(np.asarray(index) < _TRANSLATION))
-        moved[joint] = joint in turned or root_moves or (parent >= 0 and moved[parent])
-    return moved
-
-
-def split_mesh(mesh: SkinMesh, index: np.ndarray) -> tuple[MeshPart, MeshPart]:
+def split_mesh(mesh: SkinMesh, skeleton: Skeleton, index: np.ndarray) -> tuple[MeshPart, MeshPart]:
     """The triangles that coordinates ``index`` move, wholly or at a corner, and those that they leave alone."""
-    moved = np.any(moved_joints(index)[mesh.joint] & (mesh.weight > 0), axis=1)
+    moved = np.any(skeleton.moved_by(index)[mesh.joint] & (mesh.weight > 0), axis=1)
     moving = moved[mesh.face].any(axis=1)
     return _part(mesh.face[moving]), _part(mesh.face[~moving])
 

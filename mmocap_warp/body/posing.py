@@ -1,11 +1,11 @@
-"""Pose a body: joint transforms and skinned vertices of full pose vectors."""
+"""Pose a body: joint transforms and skinned vertices of poses."""
 
 from __future__ import annotations
 
 import numpy as np
 import warp as wp
 
-from mmocap_warp.body.model import FULL_DOF, PARENT, BodyModel, SkinMesh
+from mmocap_warp.body.model import BodyModel, SkinMesh
 from mmocap_warp.kernels.body.kinematics import Affine, pose_joints
 from mmocap_warp.kernels.body.skinning import skin
 
@@ -30,24 +30,16 @@ class BodyArrays:
         by_weight = np.argsort(-mesh.weight, axis=1, kind="stable")
         joint = np.take_along_axis(mesh.joint, by_weight, axis=1)
         weight = np.take_along_axis(mesh.weight, by_weight, axis=1)
-        depth = joint_depths()
-        self.parent = wp.array(PARENT, dtype=wp.int32, device=device)
-        self.depth = wp.array(depth, dtype=wp.int32, device=device)
-        self.levels = int(depth.max()) + 1
-        self.joint_frame = wp.array(body.joint_frame, dtype=wp.mat33, device=device)
+        skeleton = body.skeleton
+        self.parent = wp.array(skeleton.parent, dtype=wp.int32, device=device)
+        self.depth = wp.array(skeleton.depth, dtype=wp.int32, device=device)
+        self.levels = int(skeleton.depth.max()) + 1
+        self.joint_frame = wp.array(skeleton.frame, dtype=wp.mat33, device=device)
         self.joint_rest = wp.array(_repeat(body.joint_rest, copies), dtype=wp.vec3, device=device)
         self.root_base = wp.array(_repeat(root_base, bases or copies), dtype=wp.mat33, device=device)
         self.rest = wp.array(_repeat(mesh.rest, copies), dtype=wp.vec3, device=device)
         self.joint = wp.array(joint, dtype=wp.vec4i, device=device)
         self.weight = wp.array(weight, dtype=wp.vec4, device=device)
-
-
-def joint_depths() -> np.ndarray:
-    """(joint,) int: how many joints lie above each."""
-    depth: list[int] = []
-    for parent in PARENT:
-        depth.append(0 if parent < 0 else depth[parent] + 1)
-    return np.array(depth)
 
 
 def _repeat(values: np.ndarray, copies: int) -> np.ndarray:
@@ -67,9 +59,10 @@ class Poser:
         self._device = device
         self._full = BodyArrays(body, root_base, body.skin, device)
         self._tracking = body.tracking_vertex
+        self._coordinates = body.skeleton.coordinates
 
     def joint_transforms(self, pose: np.ndarray) -> np.ndarray:
-        """World transforms of the joints' frames for full poses (n, 51): (n, joint, 4, 4) float32, column vectors."""
+        """World transforms of the joints for poses (n, coordinate): (n, joint, 4, 4) float32, for column vectors."""
         transforms, _ = self._pose(pose)
         square = np.zeros((*transforms.shape, 4, 4), np.float32)
         square[..., :3, :] = transforms.numpy()
@@ -77,20 +70,20 @@ class Poser:
         return square
 
     def vertices(self, pose: np.ndarray) -> np.ndarray:
-        """The full mesh's vertices in the world for full poses (n, 51): (n, vertex, 3) float32 [m]."""
+        """The full mesh's vertices in the world for poses (n, coordinate): (n, vertex, 3) float32 [m]."""
         _, skin_matrix = self._pose(pose)
         posed = wp.empty((len(skin_matrix), self._full.rest.shape[1]), dtype=wp.vec3, device=self._device)
         skin(self._full.rest, self._full.joint, self._full.weight, skin_matrix, posed)
         return posed.numpy()
 
     def tracking_vertices(self, pose: np.ndarray) -> np.ndarray:
-        """The tracking mesh's vertices in the world for full poses (n, 51): (n, tracking vertex, 3) float32 [m]."""
+        """The tracking mesh's vertices in the world for poses (n, coordinate): (n, tracking vertex, 3) float32 [m]."""
         return self.vertices(pose)[:, self._tracking]
 
     def _pose(self, pose: np.ndarray) -> tuple[wp.array, wp.array]:
         poses = np.atleast_2d(np.asarray(pose, np.float32))
-        if poses.shape[1] != FULL_DOF:
-            raise ValueError(f"pose must be (n, {FULL_DOF}), got {poses.shape}")
+        if poses.shape[1] != self._coordinates:
+            raise ValueError(f"pose must be (n, {self._coordinates}), got {poses.shape}")
         body = self._full
         shape = (len(poses), len(body.parent))
         transforms = wp.empty(shape, dtype=Affine, device=self._device)

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from mmocap_warp.body.model import FULL_DOF, BodyModel, Subject
+from mmocap_warp.body.model import BodyModel, Subject
 
 _AXIS = {"x": 0, "y": 1, "z": 2}
 
@@ -29,7 +29,7 @@ def heading_rotation(heading: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class ShapeSpace:
-    """Coordinates ``pose (51), sliders, log(scale), heading`` of a body standing along ``up``.
+    """Coordinates ``pose, sliders, log(scale), heading`` of a body standing along ``up``.
 
     A slider pairs ``<name>_incr`` (positive values) with ``<name>_decr`` (negative ones); any other target is a
     slider of its own that has no negative side.
@@ -56,31 +56,30 @@ class ShapeSpace:
         return tuple(found)
 
     def __len__(self) -> int:
-        return FULL_DOF + len(self.sliders) + 2
+        return self.body.skeleton.coordinates + len(self.sliders) + 2
 
     @property
     def slider_index(self) -> np.ndarray:
         """(slider,) positions of the sliders."""
-        return FULL_DOF + np.arange(len(self.sliders))
+        return self.body.skeleton.coordinates + np.arange(len(self.sliders))
 
     @property
     def scale_index(self) -> int:
         """Position of the logarithm of the scale."""
-        return FULL_DOF + len(self.sliders)
+        return self.body.skeleton.coordinates + len(self.sliders)
 
     @property
     def heading_index(self) -> int:
         """Position of the heading [rad]."""
-        return FULL_DOF + len(self.sliders) + 1
+        return self.body.skeleton.coordinates + len(self.sliders) + 1
 
     def displacements(self, of: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Of each slider at +1 and at -1, from per-target displacements (target, point, 3)."""
-        zero = np.zeros_like(of[0]) if len(of) else np.zeros((0, 3), np.float32)
-        order = {name: i for i, name in enumerate(self.body.shape_names)}
+        moved = np.concatenate([of, np.zeros((1, *of.shape[1:]), of.dtype)])  # the last is of a side that has no target
+        number: dict[str | None, int] = {name: i for i, name in enumerate(self.body.shape_names)}
 
         def side(k: int) -> np.ndarray:
-            chosen = [slider[k] for slider in self.sliders]
-            return np.stack([zero if name is None else of[order[name]] for name in chosen])
+            return moved[[number.get(slider[k], -1) for slider in self.sliders]]
 
         return side(1), side(2)
 
@@ -104,6 +103,6 @@ class ShapeSpace:
         return Subject(
             self.body.shaped(weights, scale),
             base,
-            np.asarray(coordinate[:FULL_DOF], np.float64),
+            np.asarray(coordinate[: self.body.skeleton.coordinates], np.float64),
             provenance | shape | {"scale": scale},
         )

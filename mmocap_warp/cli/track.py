@@ -13,7 +13,7 @@ from mmocap_warp.cli.exit_codes import UsageError
 from mmocap_warp.errors import InputError
 
 if TYPE_CHECKING:
-    from mmocap_warp.body.model import Subject
+    from mmocap_warp.body.model import BodyModel, Subject
     from mmocap_warp.result.result import Result
     from mmocap_warp.scene.recording import Scene
     from mmocap_warp.tracking.tracker import TrackConfig
@@ -27,7 +27,7 @@ class TrackFlags:
     algorithm: str | None = None
     """cmaes, de, pso or apf; or h-cmaes, h-de, h-pso or psapf, which search part by part. [default: h-cmaes]"""
     dof: int | None = None
-    """Degrees of freedom of the body: 51, 39 or 28. [default: 39]"""
+    """Degrees of freedom that are searched, one of the body's models: of a person 39, 28 or 51. [default: 39]"""
     evaluations: int | None = None
     """Budget per frame and run, never exceeded. [default: 500]"""
     seed: int | None = None
@@ -148,6 +148,7 @@ def track_scene(scene: Scene, config: TrackConfig, output: Path, start: Start, c
     start_warp(config.device)
     scene.rig(config.scale)  # a scale that cannot be is told before a fit of minutes
     subject = _named_subject(scene, output, start) or _fitted_subject(scene, config, output, start, console)
+    _check_model(subject.body, scene, config, start.flags)
     console.note(f"track: {describe(config, scene.track, start.flags)}")
     total, evaluations = scene.frame_count, 0
 
@@ -162,6 +163,16 @@ def track_scene(scene: Scene, config: TrackConfig, output: Path, start: Start, c
     write_result(output, tracked)
     checkpoint.unlink(missing_ok=True)
     return tracked
+
+
+def _check_model(body: BodyModel, scene: Scene, config: TrackConfig, flags: TrackFlags) -> None:
+    """See that the body has a model with as many degrees of freedom as a flag or the scene asks for."""
+    try:
+        body.skeleton.searched(config.dof)
+    except ValueError as error:
+        if flags.dof is not None:
+            raise UsageError(f"--{error}") from None
+        raise InputError(f"{scene.path}: [track]", str(error), "correct that value") from None
 
 
 def _kept_subject(output: Path) -> Path:
@@ -190,6 +201,7 @@ def _fitted_subject(scene: Scene, config: TrackConfig, output: Path, start: Star
     flags = FitFlags(device=config.device, threads=config.threads)
     fit = effective(FitConfig, scene.path, "fit", scene.fit, flags)
     body = body_named(start.body or scene.body or DEFAULT_BODY, "--body" if start.body else scene.path)
+    _check_model(body, scene, config, start.flags)
     given = FitFlags(device=start.flags.device, threads=start.flags.threads)
     console.note(f"fit: {describe(fit, scene.fit, given)}")
     write_subject(_kept_subject(output), fit_subject(scene, body, fit, console))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from mmocap_warp.body.model import JOINTS, PARENT
+from mmocap_warp.body.skeleton import Skeleton
 
 Colour = tuple[int, int, int]
 
@@ -17,6 +17,7 @@ MODEL_COLOUR: Colour = (255, 200, 40)
 LEFT_COLOUR: Colour = (80, 220, 60)
 RIGHT_COLOUR: Colour = (60, 60, 240)
 MIDDLE_COLOUR: Colour = (245, 245, 245)
+_COLOUR_OF_SIDE = {"left": LEFT_COLOUR, "right": RIGHT_COLOUR, "middle": MIDDLE_COLOUR}
 INK: Colour = (235, 235, 235)
 PAPER: Colour = (28, 28, 28)
 _SEEN: Colour = (105, 105, 105)  # foreground where there is no image
@@ -78,6 +79,7 @@ def draw_view(
     vertices: np.ndarray,
     faces: np.ndarray,
     joints: np.ndarray,
+    skeleton: Skeleton,
 ) -> np.ndarray:
     """Draw the body over one camera's image, or over its mask where there is no image.
 
@@ -89,6 +91,7 @@ def draw_view(
         vertices: (vertex, 2), projected tracking mesh [px].
         faces: (face, 3), its triangles.
         joints: (joint, 2), projected joint centres [px].
+        skeleton: how they hang together.
 
     Returns:
         ``window.size`` BGR image.
@@ -101,7 +104,7 @@ def draw_view(
     if seen is not None:
         _draw_contour(canvas, seen.astype(np.uint8), MASK_COLOUR)
     _draw_contour(canvas, model, MODEL_COLOUR)
-    _draw_skeleton(canvas, window.points(joints))
+    _draw_skeleton(canvas, window.points(joints), skeleton)
     return canvas
 
 
@@ -132,20 +135,13 @@ def _draw_contour(canvas: np.ndarray, filled: np.ndarray, colour: Colour) -> Non
     cv2.drawContours(canvas, contours, -1, colour, 1, cv2.LINE_AA)
 
 
-def _draw_skeleton(canvas: np.ndarray, joints: np.ndarray) -> None:
+def _draw_skeleton(canvas: np.ndarray, joints: np.ndarray, skeleton: Skeleton) -> None:
     drawable = np.isfinite(joints).all(axis=1) & (np.abs(joints) < 8.0 * max(canvas.shape)).all(axis=1)
     fixed = np.rint(np.where(drawable[:, None], joints, 0.0) * (1 << _SUBPIXEL_BITS)).astype(int).tolist()
-    for joint, parent in enumerate(PARENT):
+    colours = [_COLOUR_OF_SIDE[skeleton.side(name)] for name in skeleton.joints]
+    for joint, parent in enumerate(skeleton.parent):
         if parent >= 0 and drawable[joint] and drawable[parent]:
-            colour = side_colour(JOINTS[joint])
-            cv2.line(canvas, fixed[parent], fixed[joint], colour, 2, cv2.LINE_AA, _SUBPIXEL_BITS)
-    for name, centre, seen in zip(JOINTS, fixed, drawable, strict=True):
+            cv2.line(canvas, fixed[parent], fixed[joint], colours[joint], 2, cv2.LINE_AA, _SUBPIXEL_BITS)
+    for colour, centre, seen in zip(colours, fixed, drawable, strict=True):
         if seen:
-            cv2.circle(canvas, centre, 2 << _SUBPIXEL_BITS, side_colour(name), -1, cv2.LINE_AA, _SUBPIXEL_BITS)
-
-
-def side_colour(joint: str) -> Colour:
-    """Green on the subject's left, red on the right, white between."""
-    if joint != "Root" and joint[0] in "LR":
-        return LEFT_COLOUR if joint[0] == "L" else RIGHT_COLOUR
-    return MIDDLE_COLOUR
+            cv2.circle(canvas, centre, 2 << _SUBPIXEL_BITS, colour, -1, cv2.LINE_AA, _SUBPIXEL_BITS)

@@ -87,6 +87,7 @@ class _ProjectedBody:
         self.run, self.rig = result.best_run, result.cameras
         self._pose = result.pose[self.run]
         self._faces = result.subject.body.tracking_face
+        self._skeleton = result.subject.body.skeleton
         self._poser = Poser(result.subject.body, result.subject.root_base)
 
     def vertices(self, frame: int) -> np.ndarray:
@@ -105,7 +106,7 @@ class _ProjectedBody:
         """Each camera's drawing."""
         vertices, joints = self.vertices(frame), self.joints(frame)
         return [
-            draw_view(windows[k], tuple(size), images[k], masks[k], vertices[k], self._faces, joints[k])
+            draw_view(windows[k], tuple(size), images[k], masks[k], vertices[k], self._faces, joints[k], self._skeleton)
             for k, size in enumerate(self.rig.size.tolist())
         ]
 

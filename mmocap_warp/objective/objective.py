@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 import warp as wp
 
-from mmocap_warp.body.model import FULL_DOF, BodyModel
+from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import BodyArrays
 from mmocap_warp.body.shape_space import ShapeSpace, upright_base
 from mmocap_warp.kernels.body import shaping, skinning
@@ -42,11 +42,12 @@ class ShapeArrays:
         self._joint = [wp.array(side, dtype=wp.vec3, device=device) for side in joint]
         self._upright = wp.mat33(upright_base(space.up).astype(np.float32))
         self._heading = space.heading_index
+        self._first = body.skeleton.coordinates  # of the sliders
 
     def apply(self, coordinate: wp.array, rest: wp.array, joint_rest: wp.array, root_base: wp.array) -> None:
         """Write every candidate's rest vertices, joints and base from its coordinates."""
-        shape(coordinate, FULL_DOF, self._rest, *self._vertex, rest)
-        shape(coordinate, FULL_DOF, self._joint_rest, *self._joint, joint_rest)
+        shape(coordinate, self._first, self._rest, *self._vertex, rest)
+        shape(coordinate, self._first, self._joint_rest, *self._joint, joint_rest)
         turn(coordinate, self._heading, self._upright, root_base)
 
 
@@ -77,7 +78,7 @@ class _Held:
 class Objective:
     """Costs of candidate poses against one observation at a time.
 
-    Write full poses to ``pose`` (candidate, 51), call ``evaluate``, read ``cost`` (candidate,) and ``count``
+    Write full poses to ``pose`` (candidate, coordinate), call ``evaluate``, read ``cost`` (candidate,) and ``count``
     (candidate, camera) of (|M|, |M and F|). ``prior`` (coordinate,) holds weights of a quadratic pull to zero, none at
     first. Every array is allocated here or by ``prepare``, once.
 
@@ -88,7 +89,7 @@ class Objective:
         candidates: the most candidates in one evaluation.
         cost: a name in ``COSTS``.
         renderer: a name in ``renderers.RENDERERS``.
-        shapes: read a rest body and a heading for every candidate from columns 51 on of ``pose``; for fitting.
+        shapes: for fitting: ``pose`` has further columns, from which every candidate's rest body and heading are read.
         bases: root bases in ``body.root_base``, of as many candidates each; with ``shapes`` every candidate has one.
         device: a Warp device.
         threads: CPU threads; ignored on a GPU.
@@ -111,6 +112,7 @@ class Objective:
         if cost not in COSTS:
             raise ValueError(f"cost must be one of {list(COSTS)}, got {cost!r}")
         self.device, self.candidates, self.rig = device, candidates, rig
+        self._skeleton = body.skeleton
         self._kind = COSTS[cost]
         mesh = body.tracking
         vertices, joints = len(mesh.rest), len(body.joint_rest)
@@ -119,7 +121,7 @@ class Objective:
         self._bases = bases
         self._silhouettes = Silhouettes(mesh, rig, candidates, renderer, device)
         self._foreground = wp.zeros(len(rig), dtype=wp.int32, device=device)
-        coordinates = len(shapes) if shapes else FULL_DOF
+        coordinates = len(shapes) if shapes else body.skeleton.coordinates
         self._shapes = ShapeArrays(shapes, device) if shapes else None
         self.prior = wp.zeros(coordinates, dtype=wp.float32, device=device)
 
@@ -157,7 +159,7 @@ class Objective:
             self._parts[key] = self._part(runs, index)
 
     def hold(self, base: wp.array, index: np.ndarray) -> None:
-        """From now on candidates differ from their run's ``base`` (run, 51) in coordinates ``index`` alone.
+        """From now on candidates differ from their run's ``base`` (run, coordinate) in coordinates ``index`` alone.
 
         What these do not move is posed, drawn and counted once, here. It overwrites the first poses.
         """
@@ -190,7 +192,7 @@ class Objective:
         return ThreadPoolExecutor(self._threads)
 
     def _part(self, runs: int, index: np.ndarray) -> _Held | None:
-        parts = None if self._shapes else self._silhouettes.split(index)
+        parts = None if self._shapes else self._silhouettes.split(self._skeleton, index)
         return None if parts is None else _Held(*parts, FrozenArrays(runs, self._silhouettes.cameras, self.device))
 
     def _slices_of(self, candidates: int, threads: int) -> list[_Slice]:

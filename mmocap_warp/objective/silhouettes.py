@@ -10,6 +10,7 @@ import warp as wp
 
 from mmocap_warp.body.mesh_parts import split_mesh, whole_mesh
 from mmocap_warp.body.model import SkinMesh
+from mmocap_warp.body.skeleton import Skeleton
 from mmocap_warp.kernels import block
 from mmocap_warp.kernels.silhouettes.counting import Cameras, Frozen
 from mmocap_warp.objective.renderers import Contours, make_renderer
@@ -99,9 +100,9 @@ class Silhouettes:
         self._image = wp.zeros((*shape, len(mesh.rest)), dtype=wp.vec2i, device=device)
         self.count = wp.zeros(shape, dtype=wp.vec2i, device=device)
 
-    def split(self, index: np.ndarray) -> tuple[Part, Part] | None:
+    def split(self, skeleton: Skeleton, index: np.ndarray) -> tuple[Part, Part] | None:
         """What coordinates ``index`` move and what they leave, or None where nothing is left."""
-        moving, staying = split_mesh(self._mesh, index)
+        moving, staying = split_mesh(self._mesh, skeleton, index)
         if not len(staying.face) or not len(moving.face):
             return None
         return (

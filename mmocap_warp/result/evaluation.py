@@ -6,11 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from mmocap_warp.body.model import JOINTS
 from mmocap_warp.result.pose_errors import (
-    LIMB_ENDS,
-    LIMB_GROUPS,
-    LIMB_JOINTS,
     LOST_LIMB,
     aligned_error,
     common_frames,
@@ -35,10 +31,11 @@ def evaluate(result: Result, truth: Truth | None = None) -> dict[str, Any]:
 
     With truth also, over the frames that have it: ``truth_frames``; ``marker_error_mm``, Eq. 20: the mean over
     markers, then frames, of markers attached to the nearest point of the tracked skin when first seen (what lies
-    between marker and skin then is dropped, so it counts as error); over the twelve joints of ``LIMB_GROUPS``:
+    between marker and skin then is dropped, so it counts as error); over the skeleton's judged
+    joints, of a person the limbs' twelve:
     ``mpjpe_mm`` the mean distance, ``pa_mpjpe_mm`` the same after the best similarity transform of each frame,
     ``median_joint_mm`` (all), ``median_mm_by_joint`` and ``median_mm_by_group`` over frames and runs, and
-    ``limb_lost_frames``: frames in which a wrist or ankle of some run is over 200 mm off.
+    ``limb_lost_frames``: frames in which a limb's end, wrist or ankle, of some run is over 200 mm off.
 
     Values that nothing defines (no marker, no joint, no view) are ``None``.
 
@@ -97,15 +94,16 @@ def _joint_errors(
     result: Result,
     series: dict[str, np.ndarray],
 ) -> dict[str, Any]:
-    """Errors over the limb joints that the truth names; adds the per-frame errors to ``series``."""
-    names = [name for name in LIMB_JOINTS if name in truth.joint_names]
-    tracked = joints[:, mine][:, :, [JOINTS.index(name) for name in names]]
+    """Errors over the judged joints that the truth names; adds the per-frame errors to ``series``."""
+    skeleton = result.subject.body.skeleton
+    names = [name for group in skeleton.judged.values() for name in group if name in truth.joint_names]
+    tracked = joints[:, mine][:, :, [skeleton.index(name) for name in names]]
     known = truth.joints[theirs][:, [truth.joint_names.index(name) for name in names]]
     distance = np.linalg.norm(tracked - known, axis=-1) * _METRES_TO_MM  # (run, common frame, joint)
     aligned = aligned_error(tracked, known) * _METRES_TO_MM
     series["mpjpe_mm"] = on_all_frames(nanmean(distance, axis=2), mine, result)
     series["pa_mpjpe_mm"] = on_all_frames(aligned, mine, result)
-    ends = [i for i, name in enumerate(names) if name in LIMB_ENDS]
+    ends = [i for i, name in enumerate(names) if name in skeleton.ends]
     lost = (distance[..., ends] > LOST_LIMB * _METRES_TO_MM).any(axis=(0, 2))
 
     def median_of(*wanted: str) -> float:
@@ -116,7 +114,7 @@ def _joint_errors(
         "pa_mpjpe_mm": _mean(nanmean(series["pa_mpjpe_mm"], axis=1)),
         "median_joint_mm": median_of(*names),
         "median_mm_by_joint": {name: median_of(name) for name in names},
-        "median_mm_by_group": {group: median_of(*pair) for group, pair in LIMB_GROUPS.items()},
+        "median_mm_by_group": {group: median_of(*joints) for group, joints in skeleton.judged.items()},
         "limb_lost_frames": result.frame_numbers[mine[lost]],
     }
 

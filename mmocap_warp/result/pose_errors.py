@@ -19,28 +19,11 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
 
-LIMB_GROUPS: dict[str, tuple[str, str]] = {
-    "shoulders": ("LShoulder", "RShoulder"),
-    "elbows": ("LElbow", "RElbow"),
-    "wrists": ("LWrist", "RWrist"),
-    "hips": ("LHip", "RHip"),
-    "knees": ("LKnee", "RKnee"),
-    "ankles": ("LAnkle", "RAnkle"),
-}
-"""The joints that every source of truth defines alike: the ones that MPJPE is taken over."""
-
-LIMB_JOINTS: tuple[str, ...] = tuple(name for pair in LIMB_GROUPS.values() for name in pair)
-
 HEAD_TOP = "HeadTop"
 """The truth's name for the top of the head, which is no joint of the body: its highest vertex in the bind pose."""
 
-HUMANEVA_JOINTS: tuple[str, ...] = ("Root", "Neck", HEAD_TOP, *LIMB_JOINTS)
-"""HumanEva's fifteen, by this project's names: pelvis, thorax, top of the head, and the twelve of the limbs."""
-
-LIMB_ENDS: tuple[str, ...] = LIMB_GROUPS["wrists"] + LIMB_GROUPS["ankles"]
-
 LOST_LIMB = 0.2
-"""A limb is lost in a frame where its wrist or ankle is farther off than this [m]."""
+"""A limb is lost in a frame where its end, such as a wrist or ankle, is farther off than this [m]."""
 
 _POSES_AT_ONCE = 4096  # a pose's joints are 1.4 KB on the way
 _VERTICES_AT_ONCE = 1 << 20  # 12 MB
@@ -57,7 +40,7 @@ def joint_positions(result: Result) -> np.ndarray:
 
 
 def skin_positions(result: Result, pose: np.ndarray, vertex: np.ndarray) -> np.ndarray:
-    """Where some of the skin's vertices are: poses (n, 51) and vertices (m,) int to (n, m, 3) float32 [m]."""
+    """Where some of the skin's vertices are: poses (n, coordinate) and vertices (m,) int to (n, m, 3) float32 [m]."""
     body = result.subject.body
     some = SkinMesh(body.skin.rest[vertex], body.skin.face[:0], body.skin.joint[vertex], body.skin.weight[vertex])
     poser = Poser(replace(body, skin=some), result.subject.root_base)
@@ -85,10 +68,11 @@ def common_frames(result: Result, truth: Truth) -> tuple[np.ndarray, np.ndarray]
             f"its frames {_span(truth.frame_numbers)} share none with the result's {_span(result.frame_numbers)}",
             "give the truth of this recording, numbered as its frames are",
         )
-    if not truth.marker_names and not set(LIMB_JOINTS) & set(truth.joint_names):
+    judged = [name for group in result.subject.body.skeleton.judged.values() for name in group]
+    if not truth.marker_names and not set(judged) & set(truth.joint_names):
         raise InputError(
             "truth",
-            f"no markers, and none of its joints {list(truth.joint_names)} is one of {list(LIMB_JOINTS)}",
+            f"no markers, and none of its joints {list(truth.joint_names)} is one of {judged}",
             "name its joints as above",
         )
     return mine, theirs

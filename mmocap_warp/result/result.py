@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmocap_warp.body.model import FULL_DOF, Subject
+from mmocap_warp.body.model import Subject
 from mmocap_warp.views.rig import CameraRig
 
 STATUS: tuple[str, ...] = ("tracked", "partial", "lost")
@@ -18,7 +18,7 @@ class FrameAnswer:
     """What a frame's search found.
 
     Attributes:
-        pose: (run, 51) float32.
+        pose: (run, coordinate) float32.
         cost: (run,) float32; NaN when the frame is lost.
         iou: (run, camera) float64; NaN for a lost view.
         evaluations: spent by each run.
@@ -43,7 +43,7 @@ class Result:
         cameras: the rig, undistorted, at the scale that was tracked.
         fps: frames per second of the recording.
         frame_numbers: (frame,) int, the recording's own frame numbers.
-        pose: (run, frame, 51) float64, full pose vectors.
+        pose: (run, frame, coordinate) float64, poses.
         cost: (run, frame) float64, cost of the best pose; NaN for a lost frame.
         iou: (run, frame, camera) float64, intersection over union; NaN for a lost view.
         evaluations: (run, frame) int64, evaluations spent.
@@ -74,7 +74,7 @@ class Result:
         if not runs or not frames or (np.diff(self.frame_numbers) <= 0).any():
             raise ValueError("a result needs a run, a frame, and frame_numbers that ascend")
         for name, shape in (
-            ("pose", (runs, frames, FULL_DOF)),
+            ("pose", (runs, frames, self.subject.body.skeleton.coordinates)),
             ("cost", (runs, frames)),
             ("iou", (runs, frames, cameras)),
             ("evaluations", (runs, frames)),

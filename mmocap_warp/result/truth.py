@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from mmocap_warp.body.model import FULL_DOF
 from mmocap_warp.errors import InputError
 
 
@@ -20,9 +19,9 @@ class Truth:
         frame_numbers: (frame,) int, the recording's own frame numbers, ascending; frames without truth may be absent.
         marker_names: one per marker on the skin; may be empty.
         markers: (frame, marker, 3) float64 [m], NaN where a marker is unseen.
-        joint_names: one per joint, named as in ``body.JOINTS`` where they mean the same; may be empty.
+        joint_names: one per joint, named as the body's where they mean the same; may be empty.
         joints: (frame, joint, 3) float64 [m], NaN where a joint is unknown.
-        pose: (frame, 51) float64, full pose vectors of the body that made the recording, where one did.
+        pose: (frame, coordinate) float64, poses of the body that made the recording, where one did.
 
     Raises:
         ValueError: arrays whose lengths disagree, frame numbers that do not ascend.
@@ -43,10 +42,11 @@ class Truth:
         for name, array, shape in (
             ("markers", self.markers, (frames, len(self.marker_names), 3)),
             ("joints", self.joints, (frames, len(self.joint_names), 3)),
-            ("pose", self.pose, (frames, FULL_DOF)),
         ):
-            if array is not None and array.shape != shape:
+            if array.shape != shape:
                 raise ValueError(f"{name} must be {shape}, got {array.shape}")
+        if self.pose is not None and (self.pose.ndim != 2 or len(self.pose) != frames):
+            raise ValueError(f"pose must be ({frames}, coordinate), got {self.pose.shape}")
 
 
 def load_truth(path: str | Path, axes: str = "xyz", first_frame: int = 0) -> Truth:

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from mmocap_warp.body.model import FULL_DOF
 from mmocap_warp.errors import InputError
 from mmocap_warp.whole_file import write_whole
 
@@ -69,7 +68,7 @@ class CellResult:
             ``joint_error`` [m] (HumanEva's 15 joints), ``mpjpe`` [m], ``pa_mpjpe`` [m], ``iou`` (mean over views).
         per_run: (run,) float64 by name: ``jerk`` [m/s^3], ``foot_slide`` [m/s], ``frames_lost``,
             ``seconds`` (the cell's search, the same in each run), ``evaluations`` (of all frames).
-        pose: (run, frame, 51) float32, full pose vectors.
+        pose: (run, frame, coordinate) float32, poses.
         meta: JSON values: ``fps``, ``cameras``, ``size``, ``config``, ``versions``, ``device``, ``host``, ``started``,
             ``wall_seconds``, ``study``.
 
@@ -87,7 +86,7 @@ class CellResult:
 
     def __post_init__(self) -> None:
         runs, frames = len(self.seeds), len(self.frames)
-        shapes: dict[str, tuple[np.ndarray, tuple[int, ...]]] = {"pose": (self.pose, (runs, frames, FULL_DOF))}
+        shapes: dict[str, tuple[np.ndarray, tuple[int, ...]]] = {"pose": (self.pose[..., 0], (runs, frames))}
         shapes |= {name: (array, (runs, frames)) for name, array in self.per_frame.items()}
         shapes |= {name: (array, (runs,)) for name, array in self.per_run.items()}
         for name, (array, shape) in shapes.items():

@@ -7,6 +7,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+from mmocap_warp.bodies.human import MODELS
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import Table, load_toml
 from mmocap_warp.study.cell import Cell
@@ -116,6 +117,8 @@ def _grid(grid: Table, common: _Common, scenes: dict[str, Path]) -> list[Plan]:
             )
         except ValueError as error:
             raise grid.error(str(error), "correct that value") from None
+        if sequence not in scenes and dof not in MODELS:  # who is in a scene of one's own is not known yet
+            raise grid.error(f"dof must be one of {list(MODELS)}, got {dof}", "correct that value")
         clip = Clip(sequence, scenes.get(sequence), frames, common.scale)
         plans.append(Plan(Cell(sequence, algorithm, dof, evaluations, preset), clip, config))
     return plans

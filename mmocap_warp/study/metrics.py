@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mmocap_warp.body.model import JOINTS
 from mmocap_warp.result.pose_errors import (
     HEAD_TOP,
-    HUMANEVA_JOINTS,
-    LIMB_ENDS,
-    LIMB_JOINTS,
     LOST_LIMB,
     aligned_error,
     common_frames,
@@ -23,6 +19,10 @@ from mmocap_warp.result.pose_errors import (
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.result.truth import Truth
 
+TRUNK = ("Root", "Neck", HEAD_TOP)
+"""With the limbs' twelve they make HumanEva's fifteen joints: pelvis, thorax and top of the head, by our names."""
+
+_FEET = ("LAnkle", "RAnkle")
 _SOLE_THICKNESS = 0.02  # [m] of the foot that counts as its sole, from the lowest vertex up
 _FRAMES_AT_ONCE = 1024  # a sole has some hundred vertices
 
@@ -37,7 +37,7 @@ def measure(result: Result, truth: Truth | None) -> tuple[Metrics, Metrics]:
         truth:
 
         - ``marker_error``: Eq. 20 [m], see :func:`mmocap_warp.result.pose_errors.marker_error`;
-        - ``joint_error``: mean distance over ``HUMANEVA_JOINTS`` [m], as far as the truth names them;
+        - ``joint_error``: mean distance over ``TRUNK`` and the judged joints [m], as far as the truth names them;
         - ``mpjpe``: the same over the twelve joints of the limbs [m];
         - ``pa_mpjpe``: that after the best similarity transform of each frame [m];
         - ``iou``: mean over the views that were judged, NaN in a lost frame;
@@ -106,7 +106,10 @@ def foot_slide(result: Result) -> np.ndarray:
     if not len(step):
         return np.full(len(result.pose), np.nan)
     rate = result.fps / step.min()
-    soles = [_sole(result, side) for side in "LR"]
+    feet = [joint for joint in _FEET if joint in result.subject.body.skeleton.joints]
+    if not feet:
+        return np.full(len(result.pose), np.nan)
+    soles = [_sole(result, foot) for foot in feet]
     slower = [np.min([_contact_speed(result, pose, sole) for sole in soles], axis=0) for pose in result.pose]
     return np.array(slower)[:, step == step.min()].mean(axis=1) * rate
 
@@ -123,11 +126,11 @@ def _contact_speed(result: Result, pose: np.ndarray, sole: np.ndarray) -> np.nda
     return np.linalg.norm(moved - np.outer(moved @ up, up), axis=1)
 
 
-def _sole(result: Result, side: str) -> np.ndarray:
+def _sole(result: Result, joint: str) -> np.ndarray:
     """The vertices at the bottom of a foot in the bind pose."""
     skin = result.subject.body.skin
     leading = skin.joint[np.arange(len(skin.joint)), skin.weight.argmax(axis=1)]
-    foot = np.flatnonzero(leading == JOINTS.index(f"{side}Ankle"))
+    foot = np.flatnonzero(leading == result.subject.body.skeleton.index(joint))
     height = skin.rest[foot, 1]
     return foot[height <= height.min() + _SOLE_THICKNESS]
 
@@ -141,18 +144,20 @@ def _judge_joints(
     per_frame: Metrics,
 ) -> np.ndarray:
     """Fill in the joint errors of the frames ``mine``; returns how many of them have lost a limb, (run,)."""
-    names = [name for name in HUMANEVA_JOINTS if name in truth.joint_names]
+    skeleton = result.subject.body.skeleton
+    judged = [name for group in skeleton.judged.values() for name in group]
+    names = [name for name in (*TRUNK, *judged) if name in truth.joint_names]
     if not names:
         return np.full(len(joints), np.nan)
     known = truth.joints[theirs][:, [truth.joint_names.index(name) for name in names]]
     tracked = np.stack([_tracked(result, joints, mine, name) for name in names], axis=2)
     distance = np.linalg.norm(tracked - known, axis=-1)  # (run, common frame, joint)
     per_frame["joint_error"] = on_all_frames(nanmean(distance, axis=2), mine, result)
-    limbs = [i for i, name in enumerate(names) if name in LIMB_JOINTS]
+    limbs = [i for i, name in enumerate(names) if name in judged]
     per_frame["mpjpe"] = on_all_frames(nanmean(distance[..., limbs], axis=2), mine, result)
     aligned = aligned_error(tracked[:, :, limbs], known[:, limbs])
     per_frame["pa_mpjpe"] = on_all_frames(aligned, mine, result)
-    ends = [i for i, name in enumerate(names) if name in LIMB_ENDS]
+    ends = [i for i, name in enumerate(names) if name in skeleton.ends]
     lost = (distance[..., ends] > LOST_LIMB).any(axis=2).sum(axis=1)
     return lost.astype(float) if ends else np.full(len(joints), np.nan)
 
@@ -160,7 +165,7 @@ def _judge_joints(
 def _tracked(result: Result, joints: np.ndarray, mine: np.ndarray, name: str) -> np.ndarray:
     """(run, common frame, 3): where the body has the joint; ``joints`` are (run, common frame, joint, 3)."""
     if name != HEAD_TOP:
-        return joints[:, :, JOINTS.index(name)]
+        return joints[:, :, result.subject.body.skeleton.index(name)]
     pose = result.pose[:, mine].reshape(-1, result.pose.shape[2])
     top = skin_positions(result, pose, np.array([head_top(result.subject.body)]))
     return top.reshape(*joints.shape[:2], 3).astype(np.float64)

@@ -9,7 +9,7 @@ from itertools import islice
 import cv2
 import numpy as np
 
-from mmocap_warp.body.model import JOINTS, PARENT, Subject
+from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.drawing.overlay import Window, silhouette
 from mmocap_warp.study.source import Clip, open_clip
@@ -143,7 +143,7 @@ def _picture(recording: Recording, cell: CellSummary, place: int, camera: int | 
     if camera is None:
         models = [silhouette(vertices[k], body.tracking_face, size) > 0 for k, size in enumerate(sizes)]
         camera = int(np.argmin([_overlap(*pair) for pair in zip(masks, models, strict=True)]))
-    drawing = _draw(masks[camera], vertices[camera], body.tracking_face, joints[camera], sizes[camera])
+    drawing = _draw(masks[camera], vertices[camera], joints[camera], body, sizes[camera])
     return Picture(
         cell.cell.sequence,
         cell.cell.algorithm,
@@ -159,14 +159,14 @@ def _overlap(mask: np.ndarray, model: np.ndarray) -> float:
     return float((mask & model).sum() / (mask | model).sum()) if mask.any() else 2.0
 
 
-def _draw(mask: np.ndarray, vertices: np.ndarray, faces: np.ndarray, joints: np.ndarray, size: tuple[int, int]) -> str:
+def _draw(mask: np.ndarray, vertices: np.ndarray, joints: np.ndarray, body: BodyModel, size: tuple[int, int]) -> str:
     window = _window(mask, vertices, size)
     padded, shift = _padded(mask, window)
     seen = Window((window.corner[0] + shift[0], window.corner[1] + shift[1]), window.extent, window.size).picture(
         padded.astype(np.uint8) * 255, (padded.shape[1], padded.shape[0]), cv2.INTER_LINEAR
     )
-    model = silhouette(window.points(vertices), faces, _SIZE)
-    bones = window.points(joints)
+    model = silhouette(window.points(vertices), body.tracking_face, _SIZE)
+    bones, skeleton = window.points(joints), body.skeleton
     parts = [
         f'<path class="seen" d="{outline(_contours(seen > 127))}"/>',
         f'<path class="model" d="{outline(_contours(model > 0))}"/>',
@@ -174,8 +174,8 @@ def _draw(mask: np.ndarray, vertices: np.ndarray, faces: np.ndarray, joints: np.
     for side in ("left", "right", "middle"):
         path = "".join(
             polyline(bones[[parent, joint], 0], bones[[parent, joint], 1])
-            for joint, parent in enumerate(PARENT)
-            if parent >= 0 and _side(JOINTS[joint]) == side
+            for joint, parent in enumerate(skeleton.parent)
+            if parent >= 0 and skeleton.side(skeleton.joints[joint]) == side
         )
         parts.append(f'<path class="bone {side}" d="{path}"/>')
     return figure(_SIZE, "tracked body over the mask", parts)
@@ -205,9 +205,3 @@ def _contours(filled: np.ndarray) -> list[np.ndarray]:
     found, _ = cv2.findContours(filled.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     smooth = (cv2.approxPolyDP(contour, _SMOOTHING, True)[:, 0] for contour in found)
     return [contour for contour in smooth if len(contour) > 2]
-
-
-def _side(joint: str) -> str:
-    if joint != "Root" and joint[0] in "LR":
-        return "left" if joint[0] == "L" else "right"
-    return "middle"

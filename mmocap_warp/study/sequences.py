@@ -13,7 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from mmocap_warp.body.model import JOINTS, BodyModel, Subject
+from mmocap_warp.bodies.human import JOINTS
+from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.shape_space import heading_rotation, upright_base
 from mmocap_warp.result.pose_errors import HEAD_TOP, head_top
 from mmocap_warp.result.truth import Truth

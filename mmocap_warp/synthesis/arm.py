@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmocap_warp.body.model import JOINTS, BodyModel
+from mmocap_warp.bodies.human import JOINTS
+from mmocap_warp.body.model import BodyModel
 from mmocap_warp.synthesis.limbs import basis
 from mmocap_warp.synthesis.rotations import applied, transposed, turn
 
@@ -36,7 +37,7 @@ class Arm:
     def of(cls, body: BodyModel, side: str) -> Arm:
         """The arm of one side, ``L`` or ``R``."""
         chest, shoulder, elbow = (
-            body.joint_frame[JOINTS.index(name)].astype(float)
+            body.skeleton.frame[JOINTS.index(name)].astype(float)
             for name in ("UpperSpine", f"{side}Shoulder", f"{side}Elbow")
         )
         at = {name: body.joint_rest[JOINTS.index(side + name)].astype(float) for name in ("Shoulder", "Elbow", "Wrist")}

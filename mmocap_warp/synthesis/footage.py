@@ -7,7 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from mmocap_warp.body.model import JOINTS, BodyModel
+from mmocap_warp.bodies.human import JOINTS
+from mmocap_warp.body.model import BodyModel
 from mmocap_warp.synthesis.outlines import Surface, fill
 from mmocap_warp.synthesis.segmentation import Contrast, Patch, segment
 from mmocap_warp.synthesis.skinned import SkinnedBody, joint_transforms

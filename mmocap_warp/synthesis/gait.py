@@ -15,7 +15,8 @@ from functools import cached_property
 
 import numpy as np
 
-from mmocap_warp.body.model import FULL_DOF, JOINTS, BodyModel
+from mmocap_warp.bodies.human import JOINTS
+from mmocap_warp.body.model import BodyModel
 from mmocap_warp.synthesis import gait_curves as curves
 from mmocap_warp.synthesis.limbs import TRUNK, Leg, hanging_arm, trunk_angles
 from mmocap_warp.synthesis.rotations import applied, transposed, turn, zyx_angles
@@ -51,7 +52,7 @@ class Walk:
     def poses(self, phase: np.ndarray) -> np.ndarray:
         """Full pose vectors (frame, 51), from the axes above, at phases (frame,) of the left leg, not wrapped."""
         root, pelvis = self._pelvis(phase)
-        pose = np.zeros((len(phase), FULL_DOF))
+        pose = np.zeros((len(phase), self.body.skeleton.coordinates))
         pose[:, :3] = root
         _set(pose, "Root", zyx_angles(pelvis))
         for side in "LR":

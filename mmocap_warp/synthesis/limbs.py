@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmocap_warp.body.model import JOINTS, BodyModel
+from mmocap_warp.bodies.human import JOINTS
+from mmocap_warp.body.model import BodyModel
 from mmocap_warp.synthesis.rotations import applied, transposed, turn, zyx_angles
 
 
@@ -110,7 +111,8 @@ def hanging_arm(
     """
     sign = 1.0 if side == "L" else -1.0
     chest, shoulder, elbow = (
-        body.joint_frame[JOINTS.index(name)].astype(float) for name in ("UpperSpine", f"{side}Shoulder", f"{side}Elbow")
+        body.skeleton.frame[JOINTS.index(name)].astype(float)
+        for name in ("UpperSpine", f"{side}Shoulder", f"{side}Elbow")
     )
     # Of a hanging arm, x points down on the left and up on the right, z is where the forearm bends to: forward.
     down, forward = np.array([0.0, -sign, 0.0]), np.array([0.0, 0.0, 1.0])

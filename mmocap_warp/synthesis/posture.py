@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mmocap_warp.body.model import FULL_DOF, JOINTS, BodyModel
+from mmocap_warp.bodies.human import JOINTS
+from mmocap_warp.body.model import BodyModel
 from mmocap_warp.synthesis.arm import Arm
 from mmocap_warp.synthesis.limbs import TRUNK, Leg, trunk_angles
 from mmocap_warp.synthesis.rotations import applied, continuous_zyx_angles, transposed, turn, zyx_angles
@@ -54,7 +55,7 @@ class Posture:
         self._legs = {side: Leg.of(body, side) for side in "LR"}
         self._soles = {side: Sole.of(body, side) for side in "LR"}
         self._arms = {side: Arm.of(body, side) for side in "LR"}
-        self.poses = np.zeros((frames, FULL_DOF))
+        self.poses = np.zeros((frames, body.skeleton.coordinates))
         """(frame, 51) full pose vectors."""
 
     @property
@@ -140,7 +141,7 @@ class Posture:
 
     def _set_arm(self, side: str, wrist: np.ndarray, points: np.ndarray) -> None:
         rotation, flexion = self._arms[side].rotations(self._axes("UpperSpine"), wrist, points)
-        limits = self._body.limits[JOINTS.index(f"{side}Shoulder")].astype(float)
+        limits = self._body.skeleton.limits[JOINTS.index(f"{side}Shoulder")].astype(float)
         self._set(f"{side}Shoulder", continuous_zyx_angles(rotation, limits))
         self._set(f"{side}Elbow", np.stack([0 * flexion, flexion, 0 * flexion], axis=-1))
 

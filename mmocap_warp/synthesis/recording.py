@@ -7,7 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from mmocap_warp.body.model import JOINTS, BodyModel
+from mmocap_warp.bodies.human import JOINTS
+from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.shape_space import heading_rotation, upright_base
 from mmocap_warp.result.truth import Truth

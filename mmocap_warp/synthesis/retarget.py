@@ -13,7 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from mmocap_warp.body.model import FULL_DOF, JOINTS, BodyModel
+from mmocap_warp.bodies.human import JOINTS
+from mmocap_warp.body.model import BodyModel
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.motion.amc import read_amc, with_markers
 from mmocap_warp.formats.motion.bvh import read_bvh
@@ -111,7 +112,7 @@ def retargeted(clip: MotionClip, body: BodyModel, fps: float, source: object) ->
     for side in "LR":
         upper, fore = actor.bone(f"{side}Shoulder", f"{side}Elbow"), actor.bone(f"{side}Elbow", f"{side}Wrist")
         posture.point_arm(side, upper, fore)
-    limits = np.concatenate([np.full((3, 2), (-np.inf, np.inf)), body.limits.reshape(FULL_DOF - 3, 2)])
+    limits = body.skeleton.coordinate_limits
     poses = np.clip(posture.poses, *limits.T)
     shift[1] = _floor(body, poses)
     poses[:, 1] -= shift[1]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mmocap_warp.body.model import JOINTS, PARENT, BodyModel
+from mmocap_warp.bodies.human import JOINTS, PARENT
+from mmocap_warp.body.model import BodyModel
 from mmocap_warp.synthesis.rotations import turn
 
 
@@ -21,7 +22,7 @@ def joint_transforms(body: BodyModel, root_base: np.ndarray, poses: np.ndarray) 
     """
     angles = poses[:, 3:].reshape(len(poses), len(JOINTS), 3)
     own = turn("z", angles[..., 2]) @ turn("y", angles[..., 1]) @ turn("x", angles[..., 0])
-    rest, frame = body.joint_rest.astype(np.float64), body.joint_frame.astype(np.float64)
+    rest, frame = body.joint_rest.astype(np.float64), body.skeleton.frame.astype(np.float64)
     world = np.zeros((len(poses), len(JOINTS), 3, 4))
     for j, parent in enumerate(PARENT):
         if parent < 0:
@@ -39,7 +40,7 @@ class SkinnedBody:
     """A body's full mesh, ready to follow its joints."""
 
     def __init__(self, body: BodyModel) -> None:
-        skin, frame = body.skin, body.joint_frame.astype(np.float64)
+        skin, frame = body.skin, body.skeleton.frame.astype(np.float64)
         self._weight = np.zeros((len(skin.rest), len(JOINTS)))
         np.add.at(self._weight, (np.arange(len(skin.rest))[:, None], skin.joint), skin.weight.astype(np.float64))
         self._weight /= self._weight.sum(axis=1, keepdims=True)

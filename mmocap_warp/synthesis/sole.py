@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmocap_warp.body.model import JOINTS, BodyModel
+from mmocap_warp.bodies.human import JOINTS
+from mmocap_warp.body.model import BodyModel
 
 _STEEPEST = np.radians(75.0)
 _GRID = 1201  # 1/8 of a degree apart

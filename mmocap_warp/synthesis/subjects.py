@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmocap_warp.body.model import JOINTS, BodyModel, Subject, degrees_of_freedom
+from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.formats.usd.body import read_body
 from mmocap_warp.scenes import ROOT
 from mmocap_warp.synthesis.skinned import joint_transforms
@@ -132,8 +132,7 @@ def fitted_start(person: Person, root_base: np.ndarray, true_pose: np.ndarray, s
     true_joints, joints = (joint_transforms(b, root_base, pose[None])[0, :, :, 3] for b in (person.true_body(), body))
     pose[:3] += (true_joints - joints).mean(axis=0)
     rng = np.random.default_rng(seed)
-    free = degrees_of_freedom(39).index
+    free = body.skeleton.searched(39)
     pose[free] += np.where(free < 3, _PLACE_ERROR, _ANGLE_ERROR) * rng.standard_normal(len(free))
-    limits = np.concatenate([np.full((3, 2), (-np.inf, np.inf)), body.limits.reshape(len(JOINTS) * 3, 2)])
-    pose = np.round(np.clip(pose, *limits.T), 9)  # the same on any machine
+    pose = np.round(np.clip(pose, *body.skeleton.coordinate_limits.T), 9)  # the same on any machine
     return Subject(body, root_base, pose, {"made_by": "mmocap_warp.synthesis", "person": person.name, "seed": seed})

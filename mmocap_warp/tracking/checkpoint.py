@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mmocap_warp.body.model import FULL_DOF, Subject
+from mmocap_warp.body.model import Subject
 from mmocap_warp.errors import InputError
 from mmocap_warp.result.result import FrameAnswer
 from mmocap_warp.views.rig import CameraRig
@@ -32,7 +32,7 @@ def fingerprint(subject: Subject, rig: CameraRig, settings: dict) -> str:
     body = subject.body
     arrays = (
         body.tracking.rest, body.tracking.face, body.tracking.joint, body.tracking.weight, body.joint_rest,
-        body.joint_frame, body.limits, subject.root_base, subject.pose, rig.K, rig.R, rig.t, rig.size,
+        body.skeleton.frame, body.skeleton.limits, subject.root_base, subject.pose, rig.K, rig.R, rig.t, rig.size,
     )  # fmt: skip
     for array in arrays:
         digest.update(np.ascontiguousarray(array).tobytes())
@@ -49,13 +49,14 @@ class Checkpoint:
         path: the file.
         key: the run's :func:`fingerprint`.
         runs: independent runs.
+        coordinates: length of a pose.
         cameras: number of cameras.
     """
 
-    def __init__(self, path: Path, key: str, runs: int, cameras: int) -> None:
+    def __init__(self, path: Path, key: str, runs: int, coordinates: int, cameras: int) -> None:
         self._path = path
         self._header = _MAGIC + key.encode()
-        self._record = _record_type(runs, cameras)
+        self._record = _record_type(runs, coordinates, cameras)
         self._saved = 0  # frames in the file
         self._due = time.monotonic() + _INTERVAL
 
@@ -134,11 +135,11 @@ class Checkpoint:
         return records.tobytes()
 
 
-def _record_type(runs: int, cameras: int) -> np.dtype:
+def _record_type(runs: int, coordinates: int, cameras: int) -> np.dtype:
     """A finished frame in the file."""
     return np.dtype(
         [
-            ("pose", "<f4", (runs, FULL_DOF)),
+            ("pose", "<f4", (runs, coordinates)),
             ("cost", "<f4", (runs,)),
             ("iou", "<f8", (runs, cameras)),
             ("evaluations", "<i8"),

@@ -20,14 +20,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import warp as wp
 
-from mmocap_warp.body.model import FULL_DOF, FULL_NAMES, BodyModel, Subject, degrees_of_freedom
+from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.shape_space import ShapeSpace, upright_base
+from mmocap_warp.body.skeleton import TRANSLATION
 from mmocap_warp.errors import InputError
 from mmocap_warp.objective.objective import Objective
 from mmocap_warp.optimizers.cma_es import CmaEs, CmaEsConfig
 from mmocap_warp.optimizers.search import Search
 from mmocap_warp.tracking.strategy import hierarchical
-from mmocap_warp.tracking.tracker import available_threads, coordinate_limits, resolve_device
+from mmocap_warp.tracking.tracker import available_threads, resolve_device
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
 from mmocap_warp.views.visual_hull import visual_hull
@@ -36,8 +37,6 @@ if TYPE_CHECKING:
     from mmocap_warp.scene.recording import Scene
 
 _LONGEST = 480  # pixels
-_SPREAD = {"Root": 0.15, "Hip": 0.3, "Shoulder": 0.4, "Elbow": 0.4, "Knee": 0.3}
-_SPREAD_ELSE = 0.15  # spine, neck, wrists, ankles [rad]
 _SPREAD_TRANSLATION = 0.10  # [m]
 _SPREAD_SLIDER = 0.3
 _SPREAD_SCALE = 0.05  # of the logarithm
@@ -178,12 +177,9 @@ class _Task:
     def spread(self) -> np.ndarray:
         """(coordinate,) how far each may be from the start: the scale of the search and of the prior."""
         space = self.space
-        spread = np.full(len(space), _SPREAD_ELSE)
-        spread[:3] = _SPREAD_TRANSLATION
-        for i, name in enumerate(FULL_NAMES):
-            for part, value in _SPREAD.items():
-                if part in name:
-                    spread[i] = value
+        spread = np.full(len(space), np.inf)  # the heading's is not used
+        spread[:TRANSLATION] = _SPREAD_TRANSLATION
+        spread[TRANSLATION : space.body.skeleton.coordinates] = np.repeat(space.body.skeleton.spread, 3)
         spread[space.slider_index] = _SPREAD_SLIDER
         spread[space.scale_index] = _SPREAD_SCALE
         return spread
@@ -191,7 +187,8 @@ class _Task:
     def prior(self, strength: float) -> np.ndarray:
         """(coordinate,) quadratic pull: to the rest pose in units of the spread, and to the starting shape."""
         prior = np.zeros(len(self.space))
-        prior[3:FULL_DOF] = strength * self.config.pose_prior / self.spread[3:FULL_DOF] ** 2
+        angles = slice(TRANSLATION, self.space.body.skeleton.coordinates)
+        prior[angles] = strength * self.config.pose_prior / self.spread[angles] ** 2
         prior[self.space.slider_index] = self.config.shape_prior
         return prior
 
@@ -221,7 +218,7 @@ def _fit_headings(task: _Task, start: np.ndarray) -> tuple[np.ndarray, np.ndarra
     config, space = task.config, task.space
     starts = np.repeat(start[None], config.headings, axis=0)
     starts[:, space.heading_index] = 2 * np.pi * np.arange(config.headings) / config.headings
-    everything = np.concatenate([degrees_of_freedom(39).index, space.slider_index, [space.scale_index]])
+    everything = np.concatenate([space.body.skeleton.searched(), space.slider_index, [space.scale_index]])
     search = _ShapeSearch(task, starts, [everything], config.start_evaluations, population=24)
     search.run(prior=task.prior(1.0), narrowing=1.0)
     coordinates, costs = search.best()
@@ -233,7 +230,7 @@ def _refine(task: _Task, starts: np.ndarray, cycles: range) -> tuple[np.ndarray,
     """Cycles over root and shape, then the parts, ever narrower and less held: coordinates and costs."""
     config, space = task.config, task.space
     root_and_shape = np.concatenate([np.arange(6), space.slider_index, [space.scale_index]])
-    parts = [root_and_shape, *(part.index for part in hierarchical(degrees_of_freedom(39)))]
+    parts = [root_and_shape, *(part.index for part in hierarchical(space.body.skeleton))]
     search = _ShapeSearch(task, starts, parts, config.cycle_evaluations, population=12)
     for cycle in cycles:
         left = 1.0 - cycle / config.cycles
@@ -269,7 +266,7 @@ class _ShapeSearch:
             threads=config.threads or available_threads(),
         )
         self._objective.observe(task.observation)
-        limits = space.limits(coordinate_limits(space.body))
+        limits = space.limits(space.body.skeleton.coordinate_limits)
         self._search = Search(self._objective, self._optimizers, evaluations, limits)
         self._search.best_pose.assign(starts.astype(np.float32))
 

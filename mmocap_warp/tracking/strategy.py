@@ -6,16 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmocap_warp.body.model import DegreesOfFreedom
-
-_HIERARCHY: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("root", ("Root",)),
-    ("torso and head", ("BottomSpine", "UpperSpine", "Neck")),
-    ("left arm", ("LShoulder", "LElbow", "LWrist")),
-    ("right arm", ("RShoulder", "RElbow", "RWrist")),
-    ("left leg", ("LHip", "LKnee", "LAnkle")),
-    ("right leg", ("RHip", "RKnee", "RAnkle")),
-)  # the paper's six steps; later ones never revise earlier ones
+from mmocap_warp.body.skeleton import Skeleton
 
 
 @dataclass(frozen=True)
@@ -24,27 +15,21 @@ class Part:
 
     Attributes:
         name: for people.
-        index: (dof,) int32, positions in the full pose vector.
+        index: (dof,) int32, coordinates of the pose.
     """
 
     name: str
     index: np.ndarray
 
 
-def holistic(dofs: DegreesOfFreedom) -> list[Part]:
-    """One part with every degree of freedom."""
-    return [Part("whole body", dofs.index)]
+def holistic(skeleton: Skeleton, dof: int | None = None) -> list[Part]:
+    """One part with every coordinate that a model searches."""
+    return [Part("whole body", skeleton.searched(dof))]
 
 
-def hierarchical(dofs: DegreesOfFreedom) -> list[Part]:
-    """The paper's six parts; the root's takes the translation too."""
-    parts = []
-    for name, joints in _HIERARCHY:
-        chosen = dofs.of_joints(*joints)
-        if name == "root":
-            chosen = np.concatenate([np.flatnonzero(dofs.is_translation), chosen])
-        parts.append(Part(name, dofs.index[chosen]))
-    return parts
+def hierarchical(skeleton: Skeleton, dof: int | None = None) -> list[Part]:
+    """The skeleton's parts, of a person the paper's six; later ones never revise earlier ones."""
+    return [Part(name, index) for name, index in skeleton.searched_by_part(dof).items()]
 
 
 def share_budget(evaluations: int, parts: int) -> list[int]:

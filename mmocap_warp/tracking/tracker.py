@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import warp as wp
 
-from mmocap_warp.body.model import DOF_MODELS, FULL_DOF, BodyModel, Subject, degrees_of_freedom
+from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.errors import InputError
 from mmocap_warp.kernels.body.root_frame import enter, leave
@@ -41,7 +41,8 @@ class TrackConfig:
 
     Attributes:
         algorithm: one of ``ALGORITHMS``.
-        dof: degrees of freedom of the body, 51, 39 or 28 (Table 1).
+        dof: degrees of freedom that are searched, by one of the body's models; None for its default. People have 39,
+            28 and 51 (Table 1).
         evaluations: budget per frame; never exceeded.
         seed: of the first run; run r uses ``seed + r``.
         runs: independent runs, tracked at once.
@@ -57,7 +58,7 @@ class TrackConfig:
     """
 
     algorithm: str = "h-cmaes"
-    dof: int = 39
+    dof: int | None = None
     evaluations: int = 500
     seed: int = 0
     runs: int = 1
@@ -73,7 +74,6 @@ class TrackConfig:
 
     def __post_init__(self) -> None:
         _one_of("algorithm", self.algorithm, ALGORITHMS)
-        _one_of("dof", self.dof, DOF_MODELS)
         _one_of("preset", self.preset, PRESETS)
         _one_of("cost", self.cost, COSTS)
         _one_of("renderer", self.renderer, RENDERERS)
@@ -110,14 +110,17 @@ class Tracker:
         rig: undistorted cameras at the masks' size.
         config: settings.
         fps: frame rate of the recording, for the preset's radii.
+
+    Raises:
+        ValueError: the body has no model with so many degrees of freedom.
     """
 
     def __init__(self, subject: Subject, rig: CameraRig, config: TrackConfig, fps: float) -> None:
         self.config = config
         self.device = resolve_device(config.device)
-        dofs = degrees_of_freedom(config.dof)
+        skeleton = subject.body.skeleton
         algorithm = ALGORITHMS[config.algorithm]
-        parts = hierarchical(dofs) if algorithm.hierarchical else holistic(dofs)
+        parts = (hierarchical if algorithm.hierarchical else holistic)(skeleton, config.dof)
         rotation, translation = config.radii(fps)
         seeds = np.arange(config.seed, config.seed + config.runs)
         seed = wp.array(seeds, dtype=wp.int32, device=self.device)
@@ -140,16 +143,16 @@ class Tracker:
             threads=config.threads or available_threads(),
         )
         self._home = wp.mat33(subject.root_base.astype(np.float32))
-        self._root = wp.mat33(subject.body.joint_frame[0].astype(np.float32))
+        self._root = wp.mat33(skeleton.frame[0].astype(np.float32))
         self._angles = wp.zeros(config.runs, dtype=wp.vec3, device=self.device)
-        limits = coordinate_limits(subject.body) if config.limits else _FREE
+        limits = skeleton.coordinate_limits if config.limits else np.tile([-np.inf, np.inf], (skeleton.coordinates, 1))
         self._turns_freely = bool(np.all(np.abs(limits[_ROOT_ANGLES]) >= np.pi))
         self._search = Search(self._objective, optimizers, config.evaluations, limits, replays=True)
         self._search.best_pose.assign(np.repeat(subject.pose[None].astype(np.float32), config.runs, axis=0))
 
     @property
     def state(self) -> tuple[np.ndarray, np.ndarray]:
-        """All that the next frame depends on: last poses (run, 51) float32 and random counters (run,) int32."""
+        """All that the next frame depends on: last poses (run, coordinate) float32 and random counters (run,) int32."""
         return self._search.best_pose.numpy().copy(), self._draw.numpy().copy()
 
     @state.setter
@@ -199,14 +202,6 @@ class Tracker:
 
 
 _ROOT_ANGLES = slice(3, 6)
-_FREE = np.tile([-np.inf, np.inf], (FULL_DOF, 1))
-
-
-def coordinate_limits(body: BodyModel) -> np.ndarray:
-    """(51, 2) lowest and highest value of every coordinate of the full pose; the translation is free."""
-    limits = _FREE.copy()
-    limits[3:] = body.limits.reshape(-1, 2)
-    return limits
 
 
 def resolve_device(name: str) -> str:
@@ -267,7 +262,8 @@ def collect(
     """Gather the answers of consecutive frames, starting with frame number ``first``."""
     rotation, translation = config.radii(fps)
     device = resolve_device(config.device)
-    effective = {"rotation_radius": rotation, "translation_radius": translation, "device": device}
+    dof = len(subject.body.skeleton.searched(config.dof))
+    effective = {"dof": dof, "rotation_radius": rotation, "translation_radius": translation, "device": device}
     return Result(
         subject=subject,
         cameras=rig,
@@ -313,7 +309,8 @@ def track(
     store = None
     if checkpoint is not None:
         recorded = {"fps": scene.fps, "foreground": asdict(scene.foreground)}
-        store = Checkpoint(checkpoint, fingerprint(subject, rig, _bits(config) | recorded), config.runs, len(rig))
+        key = fingerprint(subject, rig, _bits(config, subject) | recorded)
+        store = Checkpoint(checkpoint, key, config.runs, subject.body.skeleton.coordinates, len(rig))
         done = store.load() if resume else []
     if len(done) > scene.frame_count:
         problem = f"it has {scene.frame_count} frames, {len(done)} were tracked before"
@@ -358,9 +355,10 @@ def _body_masks(tracker: Tracker, subject: Subject, rig: CameraRig) -> Callable[
     return masks
 
 
-def _bits(config: TrackConfig) -> dict:
+def _bits(config: TrackConfig, subject: Subject) -> dict:
     """The settings that a run's bits depend on; the number of threads and the renderer are none of them."""
-    settings = asdict(config) | {"device": resolve_device(config.device)}
+    dof = len(subject.body.skeleton.searched(config.dof))
+    settings = asdict(config) | {"device": resolve_device(config.device), "dof": dof}
     del settings["threads"], settings["renderer"]
     return settings
 

@@ -15,7 +15,8 @@ import pytest
 from reference import rotation
 
 from mmocap_warp.bodies.anatomy import joint_limits
-from mmocap_warp.body.model import JOINTS, BodyModel
+from mmocap_warp.bodies.human import JOINTS
+from mmocap_warp.body.model import BodyModel
 from mmocap_warp.formats.usd.body import read_body
 from mmocap_warp.scenes import ROOT
 
@@ -51,7 +52,7 @@ def euler_solutions(turn: np.ndarray) -> np.ndarray:
 
 
 def reachable(body: BodyModel, joint: str, turn: np.ndarray) -> bool:
-    lower, upper = body.limits[JOINTS.index(joint)].T
+    lower, upper = body.skeleton.limits[JOINTS.index(joint)].T
     solutions = euler_solutions(turn)
     return bool(((solutions >= lower) & (solutions <= upper)).all(axis=1).any())
 
@@ -73,7 +74,7 @@ def shoulder_poses():
 
 
 def test_shoulder_reaches_every_clinical_pose(body: BodyModel) -> None:
-    frame = body.joint_frame[JOINTS.index("LShoulder")]
+    frame = body.skeleton.frame[JOINTS.index("LShoulder")]
     for arm, flexing in shoulder_poses():
         posed = np.stack([arm, np.cross(flexing, arm), flexing], axis=1)
         assert reachable(body, "LShoulder", frame.T @ posed), (arm, flexing)
@@ -111,16 +112,16 @@ def test_limits_mirror(body: BodyModel) -> None:
         if name.startswith("R") and name != "Root":
             continue
         right = JOINTS.index("R" + name[1:]) if name.startswith("L") else left  # the middle mirrors itself
-        mirrored = body.limits[left].copy()
+        mirrored = body.skeleton.limits[left].copy()
         mirrored[1:] = -mirrored[1:, ::-1]
-        np.testing.assert_array_equal(body.limits[right], mirrored)
+        np.testing.assert_array_equal(body.skeleton.limits[right], mirrored)
 
 
 def test_zero_pose_is_within_the_limits_and_the_root_is_free(body: BodyModel) -> None:
-    assert (body.limits[..., 0] < 0).all()
-    assert (body.limits[..., 1] > 0).all()
-    assert np.isinf(body.limits[0]).all()
-    assert np.isfinite(body.limits[1:]).all()
+    assert (body.skeleton.limits[..., 0] < 0).all()
+    assert (body.skeleton.limits[..., 1] > 0).all()
+    assert np.isinf(body.skeleton.limits[0]).all()
+    assert np.isfinite(body.skeleton.limits[1:]).all()
 
 
 def test_hinges_count_from_the_bent_rest() -> None:

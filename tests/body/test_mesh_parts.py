@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from synthetic import synthetic_body
+from synthetic import MODELS, NAMES, SKELETON, synthetic_body
 
-from mmocap_warp.body.mesh_parts import mesh_edges, moved_joints, split_mesh, whole_mesh
-from mmocap_warp.body.model import DOF_MODELS, FULL_NAMES, JOINTS, PARENT, degrees_of_freedom
+from mmocap_warp.bodies.human import JOINTS, PARENT
+from mmocap_warp.body.mesh_parts import mesh_edges, split_mesh, whole_mesh
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.formats.usd.body import read_body
 from mmocap_warp.scenes import ROOT
@@ -18,7 +18,7 @@ TETRAHEDRON = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
 
 
 def parts_of(dof: int) -> list[Part]:
-    return hierarchical(degrees_of_freedom(dof))
+    return hierarchical(SKELETON, dof)
 
 
 def below(joint: int) -> set[int]:
@@ -33,15 +33,15 @@ def below(joint: int) -> set[int]:
 # Joints
 
 
-@pytest.mark.parametrize("name", FULL_NAMES)
+@pytest.mark.parametrize("name", NAMES)
 def test_a_coordinate_moves_its_joint_and_all_below(name):
-    moved = moved_joints(np.array([FULL_NAMES.index(name)]))
+    moved = SKELETON.moved_by(np.array([NAMES.index(name)]))
     joint = JOINTS.index(name.split(".")[0]) if "." in name else 0
     assert set(np.flatnonzero(moved)) == below(joint)
 
 
 def test_parts_move_what_their_names_say():
-    moved = {part.name: {JOINTS[j] for j in np.flatnonzero(moved_joints(part.index))} for part in parts_of(28)}
+    moved = {part.name: {JOINTS[j] for j in np.flatnonzero(SKELETON.moved_by(part.index))} for part in parts_of(28)}
     assert moved["root"] == set(JOINTS)
     assert moved["torso and head"] == {name for name in JOINTS if name[1:] not in ("Hip", "Knee", "Ankle", "oot")}
     assert moved["left arm"] == {"LShoulder", "LElbow", "LWrist"}
@@ -51,11 +51,11 @@ def test_parts_move_what_their_names_say():
 # Triangles
 
 
-@pytest.mark.parametrize("dof", DOF_MODELS)
+@pytest.mark.parametrize("dof", MODELS)
 def test_a_split_leaves_no_triangle_out_and_takes_none_twice(dof):
     mesh = synthetic_body().tracking
-    for part in [*parts_of(dof), *holistic(degrees_of_freedom(dof))]:
-        moving, staying = split_mesh(mesh, part.index)
+    for part in [*parts_of(dof), *holistic(SKELETON, dof)]:
+        moving, staying = split_mesh(mesh, SKELETON, part.index)
         together = np.concatenate([moving.face, staying.face])
         np.testing.assert_array_equal(np.unique(together, axis=0), np.unique(mesh.face, axis=0))
         assert len(together) == len(mesh.face)
@@ -72,7 +72,7 @@ def test_what_stays_really_stays_and_what_moves_really_moves(dof):
         poses = np.tile(rng.uniform(-0.5, 0.5, 51), (2, 1))
         poses[1, part.index] += rng.uniform(0.1, 0.2, len(part.index))
         before, after = poser.tracking_vertices(poses)
-        moving, staying = split_mesh(body.tracking, part.index)
+        moving, staying = split_mesh(body.tracking, body.skeleton, part.index)
         np.testing.assert_array_equal(before[staying.vertex], after[staying.vertex])
         assert np.any(before[moving.face] != after[moving.face], axis=(1, 2)).all()
         assert len(moving.face) > 0
@@ -81,8 +81,8 @@ def test_what_stays_really_stays_and_what_moves_really_moves(dof):
 
 def test_a_vertex_moves_with_any_of_its_joints_that_has_weight():
     mesh = synthetic_body().tracking
-    turned = np.array([FULL_NAMES.index("LWrist.Ry")])
-    moving, _ = split_mesh(mesh, turned)
+    turned = np.array([NAMES.index("LWrist.Ry")])
+    moving, _ = split_mesh(mesh, SKELETON, turned)
     wrist = np.any((mesh.joint == JOINTS.index("LWrist")) & (mesh.weight > 0), axis=1)
     np.testing.assert_array_equal(moving.face, mesh.face[wrist[mesh.face].any(axis=1)])
     assert not np.isin(np.flatnonzero(~wrist), moving.vertex).all()

@@ -8,9 +8,11 @@ import cv2
 import numpy as np
 import pytest
 from reference import joint_transforms, skin
+from synthetic import NAMES as COORDINATE_NAMES
 
 from mmocap_warp.bodies.decimation import is_closed
-from mmocap_warp.body.model import FULL_NAMES, JOINTS, PARENT, BodyModel, degrees_of_freedom
+from mmocap_warp.bodies.human import JOINTS, PARENT
+from mmocap_warp.body.model import BodyModel
 from mmocap_warp.formats.usd.body import read_body
 from mmocap_warp.scenes import ROOT
 
@@ -31,41 +33,8 @@ def posed(body: BodyModel, **degrees: float) -> np.ndarray:
     pose = np.zeros(51)
     pose[:3] = body.joint_rest[0]
     for name, angle in degrees.items():
-        pose[FULL_NAMES.index(name.replace("_", "."))] = np.radians(angle)
+        pose[COORDINATE_NAMES.index(name.replace("_", "."))] = np.radians(angle)
     return joint_transforms(body, np.eye(3), pose)[:, :3, 3]
-
-
-@pytest.mark.parametrize(("model", "count"), [(51, 51), (39, 39), (28, 28)])
-def test_table_1_counts(model: int, count: int) -> None:
-    dof = degrees_of_freedom(model)
-    assert len(dof) == len(dof.names) == len(set(dof.names)) == count
-    assert dof.is_translation.sum() == 3
-    assert (np.diff(dof.index) > 0).all()
-
-
-def test_table_1_part_sizes() -> None:
-    parts = [
-        ("Root",),
-        ("BottomSpine", "UpperSpine", "Neck"),
-        ("LShoulder", "LElbow", "LWrist"),
-        ("RShoulder", "RElbow", "RWrist"),
-        ("LHip", "LKnee", "LAnkle"),
-        ("RHip", "RKnee", "RAnkle"),
-    ]
-    rotations = {model: [len(degrees_of_freedom(model).of_joints(*part)) for part in parts] for model in (39, 28)}
-    assert rotations == {39: [3, 9, 6, 6, 6, 6], 28: [3, 6, 4, 4, 4, 4]}
-
-
-def test_table_1_hinges() -> None:
-    for model in (39, 28):
-        names = degrees_of_freedom(model).names
-        assert [n for n in names if "Elbow" in n] == ["LElbow.Ry", "RElbow.Ry"]
-        assert [n for n in names if "Knee" in n] == ["LKnee.Rx", "RKnee.Rx"]
-
-
-def test_unknown_model() -> None:
-    with pytest.raises(ValueError, match="dof must be one of"):
-        degrees_of_freedom(40)
 
 
 def test_stands_on_the_ground_facing_z(body: BodyModel) -> None:
@@ -83,8 +52,8 @@ def test_is_symmetric(body: BodyModel) -> None:
         if name.startswith("L"):
             right = JOINTS.index("R" + name[1:])
             np.testing.assert_allclose(body.joint_rest[right], mirror * body.joint_rest[left], atol=SYMMETRY_TOLERANCE)
-            turned = np.diag(mirror) @ body.joint_frame[left] @ np.diag(mirror)
-            np.testing.assert_allclose(body.joint_frame[right], turned, atol=1e-2)
+            turned = np.diag(mirror) @ body.skeleton.frame[left] @ np.diag(mirror)
+            np.testing.assert_allclose(body.skeleton.frame[right], turned, atol=1e-2)
 
 
 def test_weights(body: BodyModel) -> None:
@@ -151,9 +120,9 @@ def test_elbow_flexes_towards_the_shoulder(body: BodyModel, side: str, sign: int
     reach = [np.linalg.norm(joints[wrist] - joints[shoulder]) for joints in (rest, bent)]
     assert reach[1] < reach[0] - 0.05
     # A hinge: the forearm stays in the plane of its rest bend.
-    np.testing.assert_allclose((bent[wrist] - bent[elbow]) @ body.joint_frame[elbow][:, 1], 0.0, atol=1e-6)
+    np.testing.assert_allclose((bent[wrist] - bent[elbow]) @ body.skeleton.frame[elbow][:, 1], 0.0, atol=1e-6)
     # Full flexion and full extension by the limits are 150 and -10 degrees between upper arm and forearm.
-    lower, upper = np.degrees(body.limits[elbow, 1])
+    lower, upper = np.degrees(body.skeleton.limits[elbow, 1])
     flexed, straight = (lower, upper) if side == "L" else (upper, lower)
     for limit, angle in ((flexed, 150.0), (straight, 10.0)):
         joints = posed(body, **{f"{side}Elbow_Ry": limit})
@@ -175,11 +144,11 @@ def test_t_pose_aligns_the_arms_frames_with_the_body(body: BodyModel) -> None:
     pose[:3] = body.joint_rest[0]
     for side, sign in (("L", 1), ("R", -1)):
         shoulder, elbow = JOINTS.index(side + "Shoulder"), JOINTS.index(side + "Elbow")
-        upper = sign * body.joint_frame[shoulder][:, 0]
-        fore = sign * body.joint_frame[elbow][:, 0]
+        upper = sign * body.skeleton.frame[shoulder][:, 0]
+        fore = sign * body.skeleton.frame[elbow][:, 0]
         lowered = np.arctan2(-upper[1], sign * upper[0])
-        pose[FULL_NAMES.index(f"{side}Shoulder.Rz")] = sign * lowered
-        pose[FULL_NAMES.index(f"{side}Elbow.Ry")] = sign * np.arccos(upper @ fore)
+        pose[COORDINATE_NAMES.index(f"{side}Shoulder.Rz")] = sign * lowered
+        pose[COORDINATE_NAMES.index(f"{side}Elbow.Ry")] = sign * np.arccos(upper @ fore)
     frames = joint_transforms(body, np.eye(3), pose)[:, :3, :3]
     off = np.degrees(np.arccos(np.clip((np.trace(frames, axis1=1, axis2=2) - 1) / 2, -1, 1)))
     assert off.max() < 10.0

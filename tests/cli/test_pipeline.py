@@ -16,7 +16,7 @@ import pytest
 from synthetic import ring_rig, synthetic_poses, synthetic_subject
 
 from mmocap_warp import cli
-from mmocap_warp.body.model import JOINTS
+from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cli import exit_codes
 from mmocap_warp.drawing.overlay import silhouette

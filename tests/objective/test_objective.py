@@ -5,10 +5,9 @@ import pytest
 import reference
 import warp as wp
 from random_scenes import ODD_SIZES, indoor_rig, perfect_masks, random_masks, random_poses
-from synthetic import ring_rig, synthetic_body, synthetic_subject
+from synthetic import COORDINATES, SKELETON, ring_rig, synthetic_body, synthetic_subject
 
-from mmocap_warp.body.mesh_parts import moved_joints
-from mmocap_warp.body.model import FULL_DOF, JOINTS, degrees_of_freedom
+from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.shape_space import ShapeSpace, heading_rotation, upright_base
 from mmocap_warp.objective.objective import COSTS, Objective
 from mmocap_warp.objective.renderers import RENDERERS
@@ -89,7 +88,7 @@ def test_threads_do_not_change_a_bit(candidates):
 
 # A part that moves
 
-PARTS = {part.name: part.index for part in hierarchical(degrees_of_freedom(39))}
+PARTS = {part.name: part.index for part in hierarchical(SKELETON, 39)}
 
 
 def held_apart(part, runs=3, particles=4, seed=0):
@@ -131,7 +130,7 @@ def test_only_what_moves_is_posed(device, part, renderer):
     costs(objective, poses)
     posed = np.isfinite(objective._posed.numpy()).all(axis=(0, 2))
     mesh = subject.body.tracking
-    moved = np.any(moved_joints(PARTS[part])[mesh.joint] & (mesh.weight > 0), axis=1)
+    moved = np.any(SKELETON.moved_by(PARTS[part])[mesh.joint] & (mesh.weight > 0), axis=1)
     assert posed[moved].all()
     if part == "root":
         assert posed.all()
@@ -147,7 +146,7 @@ def test_bodies_that_are_shaped_are_never_held(device):
     objective = Objective(space.body, np.eye(3), rig, 5, shapes=space, device=device)
     objective.observe(Observation.from_masks(random_masks(rig.size)))
     coordinates = np.zeros((5, len(space)))
-    coordinates[:, :FULL_DOF] = random_poses(5, reach=0.2)
+    coordinates[:, :COORDINATES] = random_poses(5, reach=0.2)
     coordinates[:, space.scale_index] = np.log([1.0, 1.1, 0.9, 0.7, 1.3])
     expected = costs(objective, coordinates)
     before = objective.pose.numpy().copy()
@@ -195,7 +194,7 @@ def test_own_bodies_cost_what_the_shaped_bodies_cost(device, threads):
     subject, rig = synthetic_subject(), ring_rig(cameras=3, size=(320, 240))
     seen = Observation.from_masks(perfect_masks(subject, rig, subject.pose, device))
     coordinates = np.zeros((5, len(space)))
-    coordinates[:, :FULL_DOF] = random_poses(5, reach=0.2, bend=0.4)
+    coordinates[:, :COORDINATES] = random_poses(5, reach=0.2, bend=0.4)
     coordinates[:, space.slider_index] = [(0, 0), (0.7, 0.5), (-0.9, 1.0), (0.3, 0), (-0.2, 0.1)]
     coordinates[:, space.scale_index] = np.log([1.0, 1.1, 0.9, 0.7, 1.3])
     coordinates[:, space.heading_index] = [0.0, 0.5, -2.0, 3.0, 1.0]

@@ -11,9 +11,10 @@ import reference
 import warp as wp
 from drawn import Drawing, cast_bits, counts_of, draw_bits, pictures_of
 from random_scenes import any_rig, indoor_rig, posed_vertices, random_masks, random_poses
-from synthetic import ring_rig, synthetic_body, synthetic_subject
+from synthetic import SKELETON, ring_rig, synthetic_body, synthetic_subject
 
-from mmocap_warp.body.model import PARENT, BodyModel, degrees_of_freedom
+from mmocap_warp.bodies.human import PARENT
+from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.formats.usd.body import read_body
 from mmocap_warp.kernels.views.projection import BEHIND, SUBPIXEL
@@ -27,7 +28,7 @@ from mmocap_warp.views.rig import CameraRig
 PEOPLE = 25  # bodies in a room, with six cameras each
 ROOMS = 40 if wp.config.mode != "debug" else 4  # 1,000 bodies; fewer where every index is checked, which takes long
 PIXELS_APART = 1e-4  # of the image: corners are moved by up to half of a sixteenth of a pixel to the grid
-PARTS = {(dof, part.name): part.index for dof in (39, 28) for part in hierarchical(degrees_of_freedom(dof))}
+PARTS = {(dof, part.name): part.index for dof in (39, 28) for part in hierarchical(SKELETON, dof)}
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,8 @@ import pytest
 import warp as wp
 from poisoned import SENTINEL
 from random_scenes import perfect_masks
-from synthetic import ring_rig, synthetic_poses, synthetic_subject
+from synthetic import SKELETON, ring_rig, synthetic_poses, synthetic_subject
 
-from mmocap_warp.body.model import degrees_of_freedom
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.optimizers.de import De, DeConfig
 from mmocap_warp.tracking.tracker import TrackConfig, track_observations
@@ -451,7 +450,7 @@ def test_start_begins_anew(device):
 @pytest.mark.parametrize("algorithm", ["de", "h-de"])
 def test_a_motion_is_tracked(device, algorithm):
     """Ten frames in which every searched angle moves, seen in four images of 160 x 120: a pixel is 25 mm wide."""
-    subject, rig, index = synthetic_subject(), ring_rig(cameras=4, size=(160, 120)), degrees_of_freedom(39).index
+    subject, rig, index = synthetic_subject(), ring_rig(cameras=4, size=(160, 120)), SKELETON.searched(39)
     truth = np.tile(subject.pose, (10, 1))
     truth[:, index] = synthetic_poses(120)[:10, index]
     seen = [Observation.from_masks(list(perfect_masks(subject, rig, pose, device))) for pose in truth]

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import warp as wp
-from synthetic import synthetic_subject
+from synthetic import SKELETON, synthetic_subject
 from tracked_motion import FPS, RIG, motion
 
-from mmocap_warp.body.model import degrees_of_freedom
 from mmocap_warp.tracking.algorithms import ALGORITHMS
 from mmocap_warp.tracking.strategy import hierarchical, holistic
 from mmocap_warp.tracking.tracker import TrackConfig, Tracker
@@ -86,7 +85,7 @@ def test_parts_are_held_one_after_the_other_at_the_best_so_far(device, algorithm
     tracker._search._replays = False
     calls = calls_of(tracker)
     answer = tracker.step(motion(device)[1][1])
-    parts = [part.index for part in strategy(degrees_of_freedom(39))]
+    parts = [part.index for part in strategy(SKELETON, 39)]
     held = [call for call in calls if call[0] == "hold"]
     assert [call[1] for call in held] == [tuple(index) for index in parts]
     assert calls[0] == ("evaluate", 1)  # the pose carried over, before anything is held

@@ -6,7 +6,7 @@ import pytest
 import trimesh
 from synthetic import synthetic_body, synthetic_poses, synthetic_result
 
-from mmocap_warp.body.model import JOINTS
+from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.skin_points import attach, triangulated
 from mmocap_warp.errors import InputError

@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 
-from mmocap_warp.body.model import JOINTS
+from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cli import main
 from mmocap_warp.formats.usd.body import read_subject
@@ -74,7 +74,7 @@ def test_there_are_nine_as_long_as_a_third_of_the_papers():
 
 def test_joint_limits_hold_and_no_knee_or_elbow_is_overstretched(sequence):
     body, poses = sequence.footage.body, sequence.footage.poses
-    limits = body.limits.reshape(-1, 2)
+    limits = body.skeleton.limits.reshape(-1, 2)
     assert (poses[:, 3:] >= limits[:, 0]).all()
     assert (poses[:, 3:] <= limits[:, 1]).all()
     joints = sequence.truth.joints
@@ -148,7 +148,7 @@ def test_the_start_is_near_the_truth_but_of_another_body(sequence):
     assert error.max() < 0.12
     assert subject.pose[4] == pytest.approx(0.0, abs=np.radians(6))  # the heading is in the base
     assert np.abs(subject.body.skin.rest - sequence.footage.body.skin.rest).max() > 0.01
-    limits = subject.body.limits.reshape(-1, 2)
+    limits = subject.body.skeleton.limits.reshape(-1, 2)
     assert ((subject.pose[3:] >= limits[:, 0]) & (subject.pose[3:] <= limits[:, 1])).all()
 
 

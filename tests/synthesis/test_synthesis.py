@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 import warp as wp
 from drawn import cast_bits
+from synthetic import COORDINATES
 
-from mmocap_warp.body.model import FULL_DOF, JOINTS
+from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.skin_points import triangulated
 from mmocap_warp.formats.usd.body import local_transforms, read_body
 from mmocap_warp.objective.objective import Objective
@@ -80,7 +81,7 @@ def test_feet_are_on_the_floor_and_never_below(recording, phase):
 
 
 def test_joint_limits_hold(recording):
-    limits = recording.body.limits.reshape(-1, 2)
+    limits = recording.body.skeleton.limits.reshape(-1, 2)
     assert (recording.poses[:, 3:] >= limits[:, 0]).all()
     assert (recording.poses[:, 3:] <= limits[:, 1]).all()
 
@@ -147,7 +148,7 @@ def test_a_leg_reaches_where_it_is_told(recording):
 @pytest.mark.parametrize("side", "LR")
 def test_a_hanging_arm_hangs(recording, side):
     body = recording.body
-    pose = np.zeros((1, FULL_DOF))
+    pose = np.zeros((1, COORDINATES))
     zero = np.zeros(1)
     for joint, found in zip(("Shoulder", "Elbow"), hanging_arm(body, side, zero, zero + 0.5, 0.0, 0.0), strict=True):
         angles(pose, side + joint)[:] = found

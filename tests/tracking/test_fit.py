@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mmocap_warp.body.model import JOINTS
+from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.shape_space import ShapeSpace, heading_rotation, upright_base
 from mmocap_warp.errors import InputError

@@ -12,9 +12,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from synthetic import COORDINATES
 
 from mmocap_warp import cli
-from mmocap_warp.body.model import FULL_DOF, Subject
+from mmocap_warp.body.model import Subject
 from mmocap_warp.cli import exit_codes
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.body import write_subject
@@ -237,7 +238,7 @@ def answered(frames: int) -> list[checkpoint.FinishedFrame]:
     random = np.random.default_rng(1)
     done = []
     for _ in range(frames):
-        pose, cost, iou = (random.random(shape) for shape in ((2, FULL_DOF), 2, (2, 3)))
+        pose, cost, iou = (random.random(shape) for shape in ((2, COORDINATES), 2, (2, 3)))
         answer = FrameAnswer(pose.astype(np.float32), cost.astype(np.float32), iou, 9, 1, 0.5)
         done.append((answer, random.integers(0, 99, 2, np.int32)))
     return done
@@ -246,10 +247,10 @@ def answered(frames: int) -> list[checkpoint.FinishedFrame]:
 def test_a_checkpoint_gives_back_what_was_saved_however_often(tmp_path):
     done = answered(7)
     done[3][0].cost[:], done[3][0].iou[:] = np.nan, np.nan  # a lost frame
-    store = checkpoint.Checkpoint(tmp_path / "c", "key", 2, 3)
+    store = checkpoint.Checkpoint(tmp_path / "c", "key", 2, COORDINATES, 3)
     for frames in (0, 2, 2, 3, 7):
         store.save(done[:frames])
-    loaded = checkpoint.Checkpoint(tmp_path / "c", "key", 2, 3).load()
+    loaded = checkpoint.Checkpoint(tmp_path / "c", "key", 2, COORDINATES, 3).load()
     for (mine, my_draw), (theirs, their_draw) in zip(loaded, done, strict=True):
         np.testing.assert_array_equal(my_draw, their_draw)
         for field in fields(FrameAnswer):
@@ -262,12 +263,12 @@ def test_a_save_writes_only_what_is_new(tmp_path, monkeypatch):
     packed, pack = [], checkpoint.Checkpoint._packed
     monkeypatch.setattr(checkpoint.Checkpoint, "_packed", lambda self, new: packed.append(len(new)) or pack(self, new))
     done, path = answered(9), tmp_path / "c"
-    store = checkpoint.Checkpoint(path, "key", 2, 3)
+    store = checkpoint.Checkpoint(path, "key", 2, COORDINATES, 3)
     store.save(done[:4])
     size = path.stat().st_size
     store.save(done[:6])
     assert path.stat().st_size - size == (size - len(store._header)) // 2
-    resumed = checkpoint.Checkpoint(path, "key", 2, 3)
+    resumed = checkpoint.Checkpoint(path, "key", 2, COORDINATES, 3)
     assert len(resumed.load()) == 6
     resumed.save(done)
     assert packed == [4, 2, 3]
@@ -276,7 +277,7 @@ def test_a_save_writes_only_what_is_new(tmp_path, monkeypatch):
 def test_a_checkpoint_is_saved_at_most_every_few_seconds(tmp_path, monkeypatch):
     now = [100.0]
     monkeypatch.setattr(checkpoint.time, "monotonic", lambda: now[0])
-    store = checkpoint.Checkpoint(tmp_path / "c", "key", 2, 3)
+    store = checkpoint.Checkpoint(tmp_path / "c", "key", 2, COORDINATES, 3)
     assert not store.due
     now[0] += 2.0
     assert store.due
@@ -285,7 +286,7 @@ def test_a_checkpoint_is_saved_at_most_every_few_seconds(tmp_path, monkeypatch):
 
 
 def test_a_checkpoint_that_cannot_be_written_is_wrong_input(tmp_path):
-    store = checkpoint.Checkpoint(tmp_path / "c", "key", 2, 3)
+    store = checkpoint.Checkpoint(tmp_path / "c", "key", 2, COORDINATES, 3)
     store.save(answered(1))
     (tmp_path / "c").unlink()
     with pytest.raises(InputError, match="cannot be written"):

@@ -1,34 +1,32 @@
 import numpy as np
 import pytest
+from synthetic import MODELS, NAMES, SKELETON
 
-from mmocap_warp.body.model import DOF_MODELS, FULL_NAMES, degrees_of_freedom
 from mmocap_warp.tracking.strategy import hierarchical, holistic, share_budget
 
 DIMENSIONS = {39: [6, 9, 6, 6, 6, 6], 28: [6, 6, 4, 4, 4, 4], 51: [6, 9, 9, 9, 9, 9]}
 
 
-@pytest.mark.parametrize("model", DOF_MODELS)
+@pytest.mark.parametrize("model", MODELS)
 def test_the_six_parts_hold_every_degree_of_freedom_once(model):
-    dofs = degrees_of_freedom(model)
-    parts = hierarchical(dofs)
+    parts = hierarchical(SKELETON, model)
     assert [len(part.index) for part in parts] == DIMENSIONS[model]
-    np.testing.assert_array_equal(np.sort(np.concatenate([part.index for part in parts])), dofs.index)
+    np.testing.assert_array_equal(np.sort(np.concatenate([part.index for part in parts])), SKELETON.searched(model))
 
 
 def test_the_order_is_root_torso_arms_legs_left_before_right():
-    parts = hierarchical(degrees_of_freedom(39))
+    parts = hierarchical(SKELETON, 39)
     assert [part.name for part in parts] == ["root", "torso and head", "left arm", "right arm", "left leg", "right leg"]
-    names = [[FULL_NAMES[i] for i in part.index] for part in parts]
+    names = [[NAMES[i] for i in part.index] for part in parts]
     assert names[0] == ["Tx", "Ty", "Tz", "Root.Rx", "Root.Ry", "Root.Rz"]
     assert names[2] == ["LShoulder.Rx", "LShoulder.Ry", "LShoulder.Rz", "LElbow.Ry", "LWrist.Ry", "LWrist.Rz"]
     assert names[5] == ["RHip.Rx", "RHip.Ry", "RHip.Rz", "RKnee.Rx", "RAnkle.Rx", "RAnkle.Ry"]
 
 
-@pytest.mark.parametrize("model", DOF_MODELS)
+@pytest.mark.parametrize("model", MODELS)
 def test_holistic_is_one_part(model):
-    dofs = degrees_of_freedom(model)
-    (part,) = holistic(dofs)
-    np.testing.assert_array_equal(part.index, dofs.index)
+    (part,) = holistic(SKELETON, model)
+    np.testing.assert_array_equal(part.index, SKELETON.searched(model))
 
 
 @pytest.mark.parametrize("evaluations", [0, 1, 5, 6, 499, 2999])

@@ -4,9 +4,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from random_scenes import perfect_masks
-from synthetic import ring_rig, synthetic_poses, synthetic_subject
+from synthetic import COORDINATES, SKELETON, ring_rig, synthetic_poses, synthetic_subject
 
-from mmocap_warp.body.model import FULL_DOF, JOINTS, degrees_of_freedom
+from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.errors import InputError
 from mmocap_warp.foreground.settings import ForegroundSettings
@@ -23,7 +23,7 @@ def poses_of(dof, frames):
     """(frame, 51) a motion of the searched angles alone, about 0.02 rad a frame."""
     subject = synthetic_subject()
     poses = np.tile(subject.pose, (frames, 1))
-    index = degrees_of_freedom(dof).index
+    index = SKELETON.searched(dof)
     poses[:, index] = synthetic_poses(120)[:frames, index]
     return poses
 
@@ -161,10 +161,10 @@ def test_state_is_all_that_the_next_frame_depends_on(device, walk):
 def test_angles_that_are_not_searched_are_held(device, walk, dof):
     """The start has every angle turned; only the model's own move."""
     subject = synthetic_subject()
-    subject = replace(subject, pose=subject.pose + np.random.default_rng(0).uniform(-0.1, 0.1, FULL_DOF))
+    subject = replace(subject, pose=subject.pose + np.random.default_rng(0).uniform(-0.1, 0.1, COORDINATES))
     answer = tracker_of(device, subject, dof=dof, evaluations=200).step(walk[0])
     moved = answer.pose[0] != subject.pose.astype(np.float32)
-    searched = np.isin(np.arange(FULL_DOF), degrees_of_freedom(dof).index)
+    searched = np.isin(np.arange(COORDINATES), SKELETON.searched(dof))
     assert not np.any(moved & ~searched)
     assert np.mean(moved[searched]) > 0.9
 
@@ -173,7 +173,8 @@ def test_angles_stay_within_the_bodys_limits(device):
     """But for the root's, whose angles a search counts from where the last frame left them; no body limits these."""
     subject = synthetic_subject()
     narrow = np.tile(np.array([-0.05, 0.1], np.float32), (len(JOINTS), 3, 1))
-    subject = replace(subject, body=replace(subject.body, limits=narrow))
+    skeleton = replace(subject.body.skeleton, limits=narrow)
+    subject = replace(subject, body=replace(subject.body, skeleton=skeleton))
     bent = observed(poses_of(39, 40)[-1:], device)[0]
     settings = {"evaluations": 300, "rotation_radius": 0.5}
     angles = tracker_of(device, subject, **settings).step(bent).pose[0, 6:].reshape(-1, 3)
@@ -216,7 +217,7 @@ def test_a_result_says_how_it_was_made(walk):
         lambda number, answer: told.append((number, answer.evaluations)),
     )
     assert told == [(0, 20), (1, 20), (2, 20)]
-    assert result.pose.shape == (2, 3, FULL_DOF)
+    assert result.pose.shape == (2, 3, COORDINATES)
     assert result.cost.shape == result.evaluations.shape == (2, 3)
     assert result.iou.shape == (2, 3, 4)
     assert np.all(result.evaluations == 20)
@@ -248,7 +249,6 @@ def test_radii_come_from_the_preset_unless_given(settings, fps, radii):
     "settings",
     [
         {"algorithm": "H-CMAES"},
-        {"dof": 40},
         {"evaluations": 0},
         {"runs": -1},
         {"seed": -1},
@@ -268,6 +268,11 @@ def test_wrong_settings_are_refused_by_name_and_value(settings):
     ((name, value),) = settings.items()
     with pytest.raises(ValueError, match=rf"^{name} must .*{value}".replace("2147483647", "")):
         TrackConfig(**settings)
+
+
+def test_a_model_that_the_body_lacks_is_refused():
+    with pytest.raises(ValueError, match=r"dof must be one of \[39, 28, 51\], got 40"):
+        tracker_of(dof=40)
 
 
 def test_an_unknown_device_is_refused():

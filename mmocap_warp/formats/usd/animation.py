@@ -27,7 +27,7 @@ def animate(
         stage: the stage.
         root: the body.
         subject: what was authored there.
-        pose: (frame, 51), full pose vectors.
+        pose: (frame, coordinate), poses.
         frame_numbers: (frame,), the time code of each.
         fps: time codes per second.
     """
@@ -37,7 +37,7 @@ def animate(
     stage.SetStartTimeCode(times[0])
     stage.SetEndTimeCode(times[-1])
     animation = UsdSkel.Animation.Define(stage, root.GetPath().AppendChild("Animation"))
-    animation.CreateJointsAttr(joint_paths())
+    animation.CreateJointsAttr(joint_paths(subject.body.skeleton))
     skeleton = stage.GetPrimAtPath(root.GetPath().AppendChild("Skeleton"))
     UsdSkel.BindingAPI(skeleton).CreateAnimationSourceRel().SetTargets([animation.GetPath()])
 

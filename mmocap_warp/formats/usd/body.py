@@ -2,12 +2,16 @@
 
 Layout below the body's prim (a ``SkelRoot`` named after the body)::
 
-    Skeleton             joints, bind and rest transforms; mmocap:limitsLower, mmocap:limitsUpper [rad]
+    Skeleton             joints, bind and rest transforms; mmocap:limitsLower, mmocap:limitsUpper, mmocap:spread [rad];
+                         mmocap:models, numbers of degrees of freedom, the default first, and mmocap:dof39 and so on,
+                         the names of each model's coordinates; mmocap:parts, names of the hierarchy's steps, and
+                         mmocap:part, the step of each joint; mmocap:pairs, names of pairs, and mmocap:pairJoints,
+                         the left and the right joint of each
     Skin                 the full mesh; mmocap:markerNames, mmocap:markerVertices
     Skin/<shape target>  BlendShape; mmocap:jointOffsets, the joints' displacements [m]
     Tracking             the tracking mesh (purpose guide); mmocap:skinVertices, its vertices in Skin
 
-and on the prim itself ``mmocap:attribution`` and the names of the degrees of freedom, ``mmocap:dof39`` and so on.
+and on the prim itself ``mmocap:attribution``.
 
 A :class:`Subject` adds ``Skeleton/FirstPose``, a one-frame animation that shows the body where the recording starts,
 and on the prim ``mmocap:rootBase`` (for row vectors, as all in USD), ``mmocap:pose`` and ``mmocap:provenance`` (JSON).
@@ -22,29 +26,23 @@ import numpy as np
 from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdSkel, Vt
 
 from mmocap_warp.bodies.decimation import is_closed
-from mmocap_warp.body.model import (
-    DOF_MODELS,
-    FULL_DOF,
-    JOINTS,
-    PARENT,
-    BodyModel,
-    SkinMesh,
-    Subject,
-    degrees_of_freedom,
-)
+from mmocap_warp.body.model import BodyModel, SkinMesh, Subject
+from mmocap_warp.body.skeleton import Skeleton, coordinate_names
 from mmocap_warp.errors import InputError
+from mmocap_warp.formats.usd.attributes import author_value
 from mmocap_warp.formats.usd.file import PrimReader, author, read_stage, write_stage
 from mmocap_warp.formats.usd.world import set_world_up
 
 _REMAKE = "write the body again with `mmocap body make`, or start from one that comes with the project"
 _WEIGHT_SUM_TOLERANCE = 1e-3  # Files by other programs round their weights.
 _ROTATION_TOLERANCE = 1e-3
+_UNIFORM = Sdf.VariabilityUniform
 
 
-def joint_paths() -> list[str]:
+def joint_paths(skeleton: Skeleton) -> list[str]:
     """USD's names of the joints: each joint's path from the root, such as ``Root/LHip/LKnee``."""
     paths: list[str] = []
-    for joint, parent in zip(JOINTS, PARENT, strict=True):
+    for joint, parent in zip(skeleton.joints, skeleton.parent, strict=True):
         paths.append(joint if parent < 0 else f"{paths[parent]}/{joint}")
     return paths
 
@@ -107,7 +105,8 @@ def subject_from_prim(prim: Usd.Prim, source: object) -> Subject:
     """
     read = PrimReader(prim, source, "fit the subject again with `mmocap fit`")
     root_base = read.array("mmocap:rootBase", (3, 3), np.float64).T
-    pose = read.array("mmocap:pose", (FULL_DOF,), np.float64)
+    body = body_from_prim(prim, source)
+    pose = read.array("mmocap:pose", (body.skeleton.coordinates,), np.float64)
     read.require(is_rotation(root_base), "mmocap:rootBase is not a rotation")
     read.require(np.isfinite(pose).all(), "mmocap:pose is not finite")
     try:
@@ -115,7 +114,7 @@ def subject_from_prim(prim: Usd.Prim, source: object) -> Subject:
     except ValueError:
         provenance = None
     read.require(isinstance(provenance, dict), "mmocap:provenance is not a JSON object")
-    return Subject(body_from_prim(prim, source), root_base, pose, provenance)
+    return Subject(body, root_base, pose, provenance)
 
 
 def body_prim(stage: Usd.Stage, source: object) -> Usd.Prim:
@@ -136,20 +135,14 @@ def define_body(stage: Usd.Stage, path: str, body: BodyModel) -> UsdSkel.Root:
     root = UsdSkel.Root.Define(stage, path)
     Usd.ModelAPI(root).SetKind(Kind.Tokens.component)
     author(root, "mmocap:attribution", Sdf.ValueTypeNames.String, body.attribution)
-    for model in DOF_MODELS:
-        names = list(degrees_of_freedom(model).names)
-        author(root, f"mmocap:dof{model}", Sdf.ValueTypeNames.StringArray, names)
 
     skeleton = UsdSkel.Skeleton.Define(stage, f"{path}/Skeleton")
-    bind = bind_transforms(body)
-    skeleton.CreateJointsAttr(joint_paths())
-    skeleton.CreateJointNamesAttr(list(JOINTS))
-    skeleton.CreateBindTransformsAttr([Gf.Matrix4d(m.T) for m in bind])
+    skeleton.CreateJointsAttr(joint_paths(body.skeleton))
+    skeleton.CreateJointNamesAttr(list(body.skeleton.joints))
+    skeleton.CreateBindTransformsAttr([Gf.Matrix4d(m.T) for m in bind_transforms(body)])
     skeleton.CreateRestTransformsAttr([Gf.Matrix4d(m.T) for m in rest_transforms(body)])
     UsdSkel.BindingAPI.Apply(skeleton.GetPrim())
-    for name, column in (("Lower", 0), ("Upper", 1)):
-        limit = Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(body.limits[:, :, column]))
-        author(skeleton, f"mmocap:limits{name}", Sdf.ValueTypeNames.Float3Array, limit)
+    _define_freedom(skeleton.GetPrim(), body.skeleton)
 
     skin = _define_mesh(stage, f"{path}/Skin", body.skin, skeleton)
     author(skin, "mmocap:markerNames", Sdf.ValueTypeNames.StringArray, list(body.marker_names))
@@ -166,8 +159,8 @@ def define_body(stage: Usd.Stage, path: str, body: BodyModel) -> UsdSkel.Root:
 
 def bind_transforms(body: BodyModel) -> np.ndarray:
     """(joint, 4, 4) float64: body space from joint in the bind pose, for column vectors."""
-    bind = np.tile(np.eye(4), (len(JOINTS), 1, 1))
-    bind[:, :3, :3] = body.joint_frame
+    bind = np.tile(np.eye(4), (len(body.joint_rest), 1, 1))
+    bind[:, :3, :3] = body.skeleton.frame
     bind[:, :3, 3] = body.joint_rest
     return bind
 
@@ -175,11 +168,13 @@ def bind_transforms(body: BodyModel) -> np.ndarray:
 def rest_transforms(body: BodyModel) -> np.ndarray:
     """(joint, 4, 4) float64: parent from joint in the bind pose; the root's is body space from root."""
     bind = bind_transforms(body)
-    return np.stack([m if p < 0 else np.linalg.inv(bind[p]) @ m for m, p in zip(bind, PARENT, strict=True)])
+    return np.stack(
+        [m if p < 0 else np.linalg.inv(bind[p]) @ m for m, p in zip(bind, body.skeleton.parent, strict=True)]
+    )
 
 
 def local_transforms(body: BodyModel, root_base: np.ndarray, pose: np.ndarray) -> np.ndarray:
-    """(joint, 4, 4) float64: parent from joint at one full pose (51,); the root's is world from root."""
+    """(joint, 4, 4) float64: parent from joint at one pose (coordinate,); the root's is world from root."""
     local = rest_transforms(body)
     local[0, :3, :3] = root_base @ local[0, :3, :3]
     local[0, :3, 3] = pose[:3]
@@ -227,7 +222,7 @@ def up_axis(root_base: np.ndarray) -> str:
 def _show_first_pose(stage: Usd.Stage, root: UsdSkel.Root, subject: Subject) -> None:
     skeleton = root.GetPath().AppendChild("Skeleton")
     animation = UsdSkel.Animation.Define(stage, skeleton.AppendChild("FirstPose"))
-    animation.CreateJointsAttr(joint_paths())
+    animation.CreateJointsAttr(joint_paths(subject.body.skeleton))
     set_pose(animation, local_transforms(subject.body, subject.root_base, subject.pose), Usd.TimeCode(0))
     UsdSkel.BindingAPI(stage.GetPrimAtPath(skeleton)).CreateAnimationSourceRel().SetTargets([animation.GetPath()])
     stage.SetStartTimeCode(0)
@@ -245,15 +240,13 @@ def body_from_prim(prim: Usd.Prim, source: object) -> BodyModel:
     unit = UsdGeom.GetStageMetersPerUnit(prim.GetStage())
     read.require(unit == 1.0, f"its lengths are in units of {unit:g} m, expected metres")
     skeleton, skin, tracking = read.child("Skeleton"), read.child("Skin"), read.child("Tracking")
-    joint_rest, joint_frame = _read_joints(skeleton)
-    lower, upper = (skeleton.array(f"mmocap:limits{end}", (len(JOINTS), 3)) for end in ("Lower", "Upper"))
-    skeleton.require((lower <= upper).all(), "a lower joint limit lies above the upper one")
+    joints, joint_rest = _read_skeleton(skeleton)
 
-    mesh = _read_mesh(skin)
+    mesh = _read_mesh(skin, len(joint_rest))
     marker_names = tuple(skin.value("mmocap:markerNames"))
     marker_vertex = skin.array("mmocap:markerVertices", (len(marker_names),), np.int32)
     skin.require(_within(marker_vertex, len(mesh.rest)), "a marker's vertex does not exist")
-    shape_names, shape_vertex, shape_joint = _read_shapes(skin, len(mesh.rest))
+    shape_names, shape_vertex, shape_joint = _read_shapes(skin, len(mesh.rest), len(joint_rest))
 
     tracking_vertex = tracking.array("mmocap:skinVertices", (None,), np.int32)
     tracking.require(_within(tracking_vertex, len(mesh.rest)), "mmocap:skinVertices names a vertex that Skin lacks")
@@ -261,15 +254,14 @@ def body_from_prim(prim: Usd.Prim, source: object) -> BodyModel:
     tracking.require(is_closed(tracking_face), "the tracking mesh is not closed")
     return BodyModel(
         name=prim.GetName(),
+        skeleton=joints,
         joint_rest=joint_rest,
-        joint_frame=joint_frame,
         skin=mesh,
         tracking_vertex=tracking_vertex,
         tracking_face=tracking_face,
         shape_names=shape_names,
         shape_vertex=shape_vertex,
         shape_joint=shape_joint,
-        limits=np.stack([lower, upper], -1),
         marker_names=marker_names,
         marker_vertex=marker_vertex,
         attribution=read.value("mmocap:attribution"),
@@ -316,17 +308,66 @@ def _within(index: np.ndarray, count: int) -> bool:
     return bool(((index >= 0) & (index < count)).all())
 
 
-def _read_joints(skeleton: PrimReader) -> tuple[np.ndarray, np.ndarray]:
-    names = list(skeleton.value("joints"))
-    unknown = [name for name in names if name not in joint_paths()]
-    skeleton.require(not unknown, f"unknown joint '{unknown[0] if unknown else ''}'")
-    skeleton.require(
-        names == joint_paths(), f"has {len(names)} joints, expected {len(JOINTS)} in the order of {JOINTS}"
-    )
-    bind = skeleton.array("bindTransforms", (len(JOINTS), 4, 4), np.float64).transpose(0, 2, 1)
-    frame = bind[:, :3, :3]
-    skeleton.require(all(map(is_rotation, frame)), "a bind transform is not a rotation and a translation")
-    return bind[:, :3, 3].astype(np.float32), frame.astype(np.float32)
+def _define_freedom(prim: Usd.Prim, skeleton: Skeleton) -> None:
+    """What a skeleton says beyond joints and bind transforms, as attributes."""
+    for name, column in (("Lower", 0), ("Upper", 1)):
+        limit = Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(skeleton.limits[:, :, column]))
+        prim.CreateAttribute(f"mmocap:limits{name}", Sdf.ValueTypeNames.Float3Array, True, _UNIFORM).Set(limit)
+    author_value(prim, "mmocap:spread", skeleton.spread)
+    author_value(prim, "mmocap:models", np.array(list(skeleton.models)))
+    for number, index in skeleton.models.items():
+        author_value(prim, f"mmocap:dof{number}", [skeleton.coordinate_names[i] for i in index])
+    author_value(prim, "mmocap:parts", list(skeleton.parts))
+    author_value(prim, "mmocap:part", np.array(skeleton.part))
+    author_value(prim, "mmocap:pairs", [name for name, *_ in skeleton.pairs])
+    author_value(prim, "mmocap:pairJoints", [joint for _, *pair in skeleton.pairs for joint in pair])
+
+
+def _read_skeleton(read: PrimReader) -> tuple[Skeleton, np.ndarray]:
+    """The skeleton, and the joints' centres (joint, 3) float32 in the bind pose [m]."""
+    paths = [str(path) for path in read.value("joints")]
+    joints = tuple(path.rsplit("/", 1)[-1] for path in paths)
+    read.require(len(set(joints)) == len(joints), "two joints share a name")
+    numbers = {path: j for j, path in enumerate(paths)}
+    above = [path.rpartition("/")[0] for path in paths]
+    orphan = next((path for path, parent in zip(paths, above, strict=True) if parent and parent not in numbers), None)
+    read.require(orphan is None, f"joint '{orphan}' hangs on one that does not exist")
+    bind = read.array("bindTransforms", (len(joints), 4, 4), np.float64).transpose(0, 2, 1)
+    read.require(all(map(is_rotation, bind[:, :3, :3])), "a bind transform is not a rotation and a translation")
+    lower, upper = (read.array(f"mmocap:limits{end}", (len(joints), 3)) for end in ("Lower", "Upper"))
+    read.require((lower <= upper).all(), "a lower joint limit lies above the upper one")
+    sides = [str(joint) for joint in read.value("mmocap:pairJoints")]
+    names = [str(name) for name in read.value("mmocap:pairs")]
+    read.require(len(sides) == 2 * len(names), f"mmocap:pairJoints names {len(sides)} joints for {len(names)} pairs")
+    spread, models = read.array("mmocap:spread", (len(joints),), np.float64), _read_models(read, joints)
+    parts, part = read.value("mmocap:parts"), read.array("mmocap:part", (len(joints),), np.int64)
+    try:
+        skeleton = Skeleton(
+            joints=joints,
+            parent=tuple(numbers[parent] if parent else -1 for parent in above),
+            frame=bind[:, :3, :3].astype(np.float32),
+            limits=np.stack([lower, upper], -1),
+            spread=spread,
+            models=models,
+            parts=tuple(str(name) for name in parts),
+            part=tuple(part.tolist()),
+            pairs=tuple(zip(names, sides[::2], sides[1::2], strict=True)),
+        )
+    except ValueError as error:
+        raise InputError(read.source, f"{read.prim.GetPath()}: {error}", read.remedy) from error
+    return skeleton, bind[:, :3, 3].astype(np.float32)
+
+
+def _read_models(read: PrimReader, joints: tuple[str, ...]) -> dict[int, np.ndarray]:
+    """Searched coordinates of each model."""
+    known = {name: i for i, name in enumerate(coordinate_names(joints))}
+    models = {}
+    for number in read.array("mmocap:models", (None,), np.int64).tolist():
+        wanted = [str(name) for name in read.value(f"mmocap:dof{number}")]
+        unknown = next((name for name in wanted if name not in known), None)
+        read.require(unknown is None, f"mmocap:dof{number} names '{unknown}', which is no coordinate of its joints")
+        models[number] = np.array([known[name] for name in wanted], np.int32)
+    return models
 
 
 def _read_faces(mesh: PrimReader, vertices: int, corners: tuple[int, ...]) -> np.ndarray:
@@ -338,12 +379,12 @@ def _read_faces(mesh: PrimReader, vertices: int, corners: tuple[int, ...]) -> np
     return index.reshape(-1, sizes[0])
 
 
-def _read_mesh(mesh: PrimReader) -> SkinMesh:
+def _read_mesh(mesh: PrimReader, joints: int) -> SkinMesh:
     rest = mesh.array("points", (None, 3))
     mesh.require(np.isfinite(rest).all(), "points are not finite")
     joint = mesh.array("primvars:skel:jointIndices", (4 * len(rest),), np.int32).reshape(-1, 4)
     weight = mesh.array("primvars:skel:jointWeights", (4 * len(rest),)).reshape(-1, 4)
-    mesh.require(_within(joint, len(JOINTS)), "a vertex names a joint that does not exist")
+    mesh.require(_within(joint, joints), "a vertex names a joint that does not exist")
     mesh.require((weight >= 0).all(), "a skinning weight is negative")
     off = np.abs(weight.sum(1) - 1.0)
     worst = int(off.argmax())
@@ -353,14 +394,14 @@ def _read_mesh(mesh: PrimReader) -> SkinMesh:
     return SkinMesh(rest, _read_faces(mesh, len(rest), corners=(3, 4)), joint, weight)
 
 
-def _read_shapes(skin: PrimReader, vertices: int) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
+def _read_shapes(skin: PrimReader, vertices: int, joints: int) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
     names = tuple(skin.value("skel:blendShapes"))
     vertex = np.zeros((len(names), vertices, 3), np.float32)
-    joint = np.zeros((len(names), len(JOINTS), 3), np.float32)
+    joint = np.zeros((len(names), joints, 3), np.float32)
     for s, name in enumerate(names):
         shape = skin.child(name)
         moved = shape.array("pointIndices", (None,), np.int32)
         shape.require(_within(moved, vertices), "pointIndices names a vertex that Skin lacks")
         vertex[s, moved] = shape.array("offsets", (len(moved), 3))
-        joint[s] = shape.array("mmocap:jointOffsets", (len(JOINTS), 3))
+        joint[s] = shape.array("mmocap:jointOffsets", (joints, 3))
     return names, vertex, joint

@@ -103,9 +103,10 @@ class PrimReader:
         self.require(not absent, f"attribute {name} has no value at frame {absent[0] if absent else 0:g}")
         return [attribute.Get(time) for time in times]
 
-    def sampled_array(self, name: str, times: Sequence[float], shape: tuple[int, ...]) -> np.ndarray:
-        """A numeric attribute at time codes, (time, *shape); NaN may stand for "no value"."""
+    def sampled_array(self, name: str, times: Sequence[float], shape: tuple[int, ...] | None = None) -> np.ndarray:
+        """A numeric attribute at time codes, (time, *shape), as many as at the first; NaN may stand for "no value"."""
         rows = [np.array(value) for value in self.samples(name, times)]
+        shape = shape or np.shape(rows[0] if rows else ())
         for time, row in zip(times, rows, strict=True):
             self.require(row.size == np.prod(shape), f"{name} holds {row.size} values at frame {time:g}, not {shape}")
         return np.array(rows).reshape(len(times), *shape)

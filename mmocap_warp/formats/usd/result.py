@@ -7,7 +7,8 @@ Layout, with the recording's frame number as time code::
     /World/<body>/Animation  the best run as a SkelAnimation
     /World/Cameras/<view>    see ``usd_camera``
     /World/Tracking          mmocap:resultVersion, frames, runs, bestRun, seconds, config and versions (JSON);
-                             per frame pose (run x 51), cost (run), iou (run x camera), evaluations (run), status
+                             per frame pose (run x coordinate), cost (run), iou (run x camera), evaluations (run) and
+                             status
 """
 
 from __future__ import annotations
@@ -18,7 +19,6 @@ from pathlib import Path
 import numpy as np
 from pxr import Kind, Usd, UsdGeom
 
-from mmocap_warp.body.model import FULL_DOF
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.animation import animate
 from mmocap_warp.formats.usd.attributes import author_value
@@ -28,7 +28,7 @@ from mmocap_warp.formats.usd.file import PrimReader, read_stage, write_stage
 from mmocap_warp.formats.usd.world import set_world_up
 from mmocap_warp.result.result import STATUS, Result
 
-VERSION = 1
+VERSION = 2
 """Of the layout above; raised when a file of the older layout can no longer be read."""
 
 _REMEDY = "give a result that `mmocap track` wrote"
@@ -71,7 +71,8 @@ def read_result(path: str | Path) -> Result:
     status = read.samples("mmocap:status", times)
     read.require(set(status) <= set(STATUS), f"mmocap:status knows {STATUS}, not {sorted(set(status) - set(STATUS))}")
 
-    pose = read.sampled_array("mmocap:pose", times, (runs, FULL_DOF))
+    subject = subject_from_prim(body_prim(stage, path), path)
+    pose = read.sampled_array("mmocap:pose", times, (runs, subject.body.skeleton.coordinates))
     read.require(np.isfinite(pose).all(), "mmocap:pose is not finite")
 
     def of_runs(name: str, *shape: int) -> np.ndarray:
@@ -79,7 +80,7 @@ def read_result(path: str | Path) -> Result:
 
     try:
         return Result(
-            subject=subject_from_prim(body_prim(stage, path), path),
+            subject=subject,
             cameras=cameras,
             fps=stage.GetTimeCodesPerSecond(),
             frame_numbers=frames,

@@ -2,7 +2,7 @@
 
 Layout, in the world of the cameras, with the frame number as time code::
 
-    /Truth          mmocap:truthVersion, and mmocap:pose where known (double[51] per frame)
+    /Truth          mmocap:truthVersion, and mmocap:pose where known (double[] per frame)
     /Truth/Markers  Points; ids number the markers that are seen in a frame; mmocap:names
     /Truth/Joints   the same for the joints
 
@@ -16,7 +16,6 @@ from pathlib import Path
 import numpy as np
 from pxr import Usd, UsdGeom, Vt
 
-from mmocap_warp.body.model import FULL_DOF
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.attributes import author_value
 from mmocap_warp.formats.usd.file import PrimReader, read_stage, write_stage
@@ -67,7 +66,7 @@ def read_truth(path: str | Path) -> Truth:
     times = frames.astype(float).tolist()
     marker_names, markers = _points_from_prim(root.child("Markers"), times)
     joint_names, joints = _points_from_prim(root.child("Joints"), times)
-    pose = root.sampled_array("mmocap:pose", times, (FULL_DOF,)) if prim.HasAttribute("mmocap:pose") else None
+    pose = root.sampled_array("mmocap:pose", times) if prim.HasAttribute("mmocap:pose") else None
     try:
         return Truth(stage.GetTimeCodesPerSecond(), frames, marker_names, markers, joint_names, joints, pose)
     except ValueError as error:

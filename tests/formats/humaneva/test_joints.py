@@ -6,13 +6,14 @@ import humaneva_writer as made
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
+from synthetic import SKELETON
 
-from mmocap_warp.body.model import JOINTS
+from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.formats.humaneva.joints import JOINT_NAMES, SubjectMeasures, joints_at, torso_radius
 from mmocap_warp.formats.humaneva.markers import MissingPointError
 from mmocap_warp.formats.motion.trc import PointTracks
-from mmocap_warp.result.pose_errors import HUMANEVA_JOINTS
+from mmocap_warp.study.metrics import TRUNK
 
 NO_MEASURES = SubjectMeasures(0.0, (0.0, 0.0))
 EXACT = 1e-9  # [m]
@@ -47,7 +48,7 @@ def joints_of(points: dict[str, np.ndarray], subject: SubjectMeasures, position:
 
 
 def test_the_names_are_the_ones_that_results_are_judged_by():
-    assert sorted(JOINT_NAMES) == sorted(HUMANEVA_JOINTS)
+    assert sorted(JOINT_NAMES) == sorted((*TRUNK, *(name for pair in SKELETON.judged.values() for name in pair)))
 
 
 def test_a_straight_figure_by_hand():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mmocap_warp.body.model import JOINTS
+from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.skin_points import attach
 from mmocap_warp.cli import main
 from mmocap_warp.errors import InputError
@@ -262,7 +262,7 @@ def test_bones_point_where_the_clips_do(body):
         wanted = (end - start) / np.linalg.norm(end - start, axis=1, keepdims=True)
         atol = DIRECTION if ours[0] != "RHip" else STRAIGHT
         np.testing.assert_allclose(bone(body, poses, *ours)[1:], wanted[1:], atol=atol)
-    limits = body.limits.reshape(-1, 2)
+    limits = body.skeleton.limits.reshape(-1, 2)
     assert ((poses[:, 3:] >= limits[:, 0]) & (poses[:, 3:] <= limits[:, 1])).all()
 
 

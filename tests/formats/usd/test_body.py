@@ -11,7 +11,9 @@ import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel, UsdValidation, Vt
 from reference import joint_transforms, skin
 
-from mmocap_warp.body.model import JOINTS, BodyModel, SkinMesh, Subject
+from mmocap_warp.bodies.human import JOINTS
+from mmocap_warp.body.model import BodyModel, SkinMesh, Subject
+from mmocap_warp.body.skeleton import Skeleton
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.body import read_body, read_subject, write_body, write_subject
 from mmocap_warp.scenes import ROOT
@@ -42,8 +44,11 @@ def assert_same(a: object, b: object) -> None:
         if isinstance(x, np.ndarray):
             assert x.dtype == y.dtype, field.name
             np.testing.assert_array_equal(x, y, err_msg=field.name)
-        elif isinstance(x, SkinMesh | BodyModel):
+        elif isinstance(x, SkinMesh | BodyModel | Skeleton):
             assert_same(x, y)
+        elif field.name == "models":
+            assert list(x) == list(y)
+            assert all(np.array_equal(x[dof], y[dof]) for dof in x)
         else:
             assert x == y, field.name
 
@@ -210,11 +215,35 @@ WRONG_BODIES: dict[str, tuple[Callable[[Usd.Stage], None], str]] = {
     "no limits": (remove("Skeleton", "mmocap:limitsLower"), "mmocap:limitsLower is missing"),
     "no weights": (remove("Skin", "primvars:skel:jointWeights"), "primvars:skel:jointWeights is missing"),
     "centimetres": (lambda stage: UsdGeom.SetStageMetersPerUnit(stage, 0.01), "units of 0.01 m"),
-    "unknown joint": (
+    "orphan joint": (
         set_attribute("Skeleton", "joints", change_item(3, "Root/Tail")),
-        "unknown joint 'Root/Tail'",
+        "joint 'Root/BottomSpine/UpperSpine/LShoulder/LElbow' hangs on one that does not exist",
     ),
-    "joint missing": (set_attribute("Skeleton", "joints", lambda v: v[:-1]), "has 15 joints, expected 16"),
+    "joint missing": (
+        set_attribute("Skeleton", "joints", lambda v: v[:-1]),
+        "bindTransforms has shape (16, 4, 4), expected 15 x 4 x 4",
+    ),
+    "joint twice": (
+        set_attribute("Skeleton", "joints", change_item(15, "Root/LHip/LKnee/LAnkle")),
+        "two joints share a name",
+    ),
+    "no models": (remove("Skeleton", "mmocap:models"), "mmocap:models is missing"),
+    "model without names": (remove("Skeleton", "mmocap:dof28"), "mmocap:dof28 is missing"),
+    "unknown coordinate": (
+        set_attribute("Skeleton", "mmocap:dof39", change_item(7, "Tail.Rx")),
+        "mmocap:dof39 names 'Tail.Rx', which is no coordinate",
+    ),
+    "model of another length": (
+        set_attribute("Skeleton", "mmocap:dof39", lambda v: v[:-1]),
+        "models: 39 must be that many coordinates",
+    ),
+    "joint of no part": (set_attribute("Skeleton", "mmocap:part", change_item(2, 9)), "part must give each joint"),
+    "odd pair": (set_attribute("Skeleton", "mmocap:pairJoints", lambda v: v[:-1]), "11 joints for 6 pairs"),
+    "pair of another body": (
+        set_attribute("Skeleton", "mmocap:pairJoints", change_item(0, "LWing")),
+        "pairs must be of different joints",
+    ),
+    "no spread": (set_attribute("Skeleton", "mmocap:spread", change_item(4, -1.0)), "spread must be positive"),
     "bind transform missing": (
         set_attribute("Skeleton", "bindTransforms", lambda v: v[:-1]),
         "bindTransforms has shape (15, 4, 4), expected 16 x 4 x 4",

@@ -25,6 +25,10 @@ def assert_same(left, right, where="result"):
     elif isinstance(left, np.ndarray):
         np.testing.assert_array_equal(right, left, err_msg=where)
         assert left.dtype.kind == right.dtype.kind, where
+    elif isinstance(left, dict):
+        assert list(left) == list(right), where
+        for key in left:
+            assert_same(left[key], right[key], f"{where}[{key}]")
     else:
         assert left == right, where
 
@@ -148,7 +152,7 @@ def sample(name, value):
     ("spoil", "problem"),
     [
         (drop("/World/Tracking", "mmocap:resultVersion"), "holds no tracking result"),
-        (put("/World/Tracking", "mmocap:resultVersion", 2), "version 2, this program reads 1"),
+        (put("/World/Tracking", "mmocap:resultVersion", 1), "version 1, this program reads 2"),
         (put("/World/Tracking", "mmocap:runs", 3), "pose holds 102 values at frame 10, not"),
         (put("/World/Tracking", "mmocap:config", "{"), "config is not a JSON object"),
         (put("/World/Tracking", "mmocap:frames", [12, 11, 10]), "frame_numbers that ascend"),

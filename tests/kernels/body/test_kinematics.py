@@ -39,7 +39,7 @@ def test_joints_are_where_the_twin_has_them(device, up):
     transforms, skin_matrices = posed_joints([body], [base], poses, device)
     expected = np.stack([reference.joint_transforms(body, base, pose) for pose in poses])
     compare(transforms, expected)
-    bind = [reference.rigid(body.joint_frame[j].astype(float), body.joint_rest[j].astype(float)) for j in range(16)]
+    bind = [reference.rigid(body.skeleton.frame[j].astype(float), body.joint_rest[j].astype(float)) for j in range(16)]
     compare(skin_matrices, expected @ np.linalg.inv(bind))
 
 
@@ -60,5 +60,5 @@ def test_the_zero_pose_is_the_bind_pose(device):
     pose[0, :3] = body.joint_rest[0]
     transforms, skin_matrices = posed_joints([body], [np.eye(3)], pose, device)
     np.testing.assert_allclose(transforms[0, :, :, 3], body.joint_rest, rtol=0, atol=POSITION)
-    np.testing.assert_allclose(transforms[0, :, :, :3], body.joint_frame, rtol=0, atol=ROTATION)
+    np.testing.assert_allclose(transforms[0, :, :, :3], body.skeleton.frame, rtol=0, atol=ROTATION)
     np.testing.assert_allclose(skin_matrices[0], np.tile(np.eye(4)[:3], (16, 1, 1)), rtol=0, atol=ROTATION)

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import warp as wp
 
-from mmocap_warp.body.model import FULL_DOF, degrees_of_freedom
 from mmocap_warp.body.posing import BodyArrays
 from mmocap_warp.kernels.benchmarks.case import Case, Check
 from mmocap_warp.kernels.body.kinematics import Affine
@@ -41,7 +40,7 @@ def stages(load: Workload, candidates: int, device: str) -> Iterator[list[Case]]
         Case(GROUP, renderer, sizes, work, partial(_same_counts, drawn, device), candidates)
         for renderer, (work, _count) in drawn.items()
     ]
-    yield [_freezing(load, posed[:1], device)]
+    yield _freezing(load, posed[:1], device)
     yield [_cost(load, drawn[RENDERERS[0]][1], device)]
 
 
@@ -86,12 +85,15 @@ def _same_counts(drawn: dict[str, tuple[partial, wp.array]], device: str) -> Che
     return Check(f"{apart} of {first.shape[0] * first.shape[1]} counts differ between renderers", apart == 0)
 
 
-def _freezing(load: Workload, posed: wp.array, device: str) -> Case:
-    """Drawing what an arm leaves alone; the arm over it gives the counts of the whole body."""
+def _freezing(load: Workload, posed: wp.array, device: str) -> list[Case]:
+    """Drawing what an arm leaves alone, if anything; the arm over it gives the counts of the whole body."""
     silhouettes = Silhouettes(load.body.tracking, load.rig, 1, "raster", device)
     silhouettes.cameras.observed.assign(load.observation.words)
-    part = hierarchical(degrees_of_freedom(39))[_LEFT_ARM]
-    moving, staying = silhouettes.split(part.index)
+    part = hierarchical(load.body.skeleton)[_LEFT_ARM]
+    pieces = silhouettes.split(load.body.skeleton, part.index)
+    if pieces is None:
+        return []
+    moving, staying = pieces
     frozen = FrozenArrays(1, silhouettes.cameras, device)
     own = silhouettes.slice(0, 1)
 
@@ -104,15 +106,15 @@ def _freezing(load: Workload, posed: wp.array, device: str) -> Case:
         return Check(f"{apart} of {whole.shape[1]} counts differ from the whole body's", apart == 0)
 
     sizes = {"runs": 1, "moving": part.name} | load.sizes
-    return Case(GROUP, "freeze", sizes, partial(silhouettes.freeze, own, posed, staying, frozen), check)
+    return [Case(GROUP, "freeze", sizes, partial(silhouettes.freeze, own, posed, staying, frozen), check)]
 
 
 def _cost(load: Workload, count: wp.array, device: str) -> Case:
     candidates = count.shape[0]
     foreground = wp.array(load.observation.foreground, dtype=wp.int32, device=device)
     size = wp.array(load.rig.size, dtype=wp.vec2i, device=device)
-    pose = wp.zeros((candidates, FULL_DOF), dtype=wp.float32, device=device)
-    prior = wp.zeros(FULL_DOF, dtype=wp.float32, device=device)
+    pose = wp.zeros((candidates, load.body.skeleton.coordinates), dtype=wp.float32, device=device)
+    prior = wp.zeros(pose.shape[1], dtype=wp.float32, device=device)
     cost = wp.zeros(candidates, dtype=wp.float32, device=device)
 
     def check() -> Check:

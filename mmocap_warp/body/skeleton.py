@@ -1,0 +1,183 @@
+"""A joint tree with its degrees of freedom: of a person, an animal, a robot; it belongs to a body and its USD file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+TRANSLATION = 3
+"""A pose begins with the root's place; three angles a joint follow."""
+
+Pair = tuple[str, str, str]
+"""What both are called together, such as ``wrists``; the left joint; the right joint."""
+
+
+def coordinate_names(joints: tuple[str, ...]) -> tuple[str, ...]:
+    """Of a pose: ``Tx``, ``Ty``, ``Tz``, then ``<joint>.Rx`` and so on."""
+    return ("Tx", "Ty", "Tz", *(f"{joint}.R{axis}" for joint in joints for axis in "xyz"))
+
+
+@dataclass(frozen=True, eq=False)
+class Skeleton:
+    """Joints, the axes they turn about, and which of their angles are searched.
+
+    A **pose** holds ``Tx Ty Tz`` [m], then ``Rx Ry Rz`` [rad] of each joint, in the joints' order: its **coordinates**.
+    The first joint is the root and sits at the translation. Joint ``j`` turns by ``Rz @ Ry @ Rx`` (x first) about the
+    axes in the columns of its frame. A hinge is a joint of which one angle alone is searched; its frame is chosen so
+    that this is the angle about one of the axes. What a model does not search is held.
+
+    Attributes:
+        joints: names, valid as USD prim names, all different.
+        parent: (joint,) number of each joint's parent; parents come first, the root's is -1.
+        frame: (joint, 3, 3) float32, columns are the joint's axes in body space.
+        limits: (joint, axis, 2) float32, lowest and highest angle from the zero pose [rad]; infinite where free.
+        spread: (joint,) float64, how far the angles usually are from the zero pose when a recording starts, as a
+            standard deviation [rad].
+        models: searched coordinates (dof,) int32, ascending, of each model, by their number; the first is the default.
+        parts: names of the steps of a hierarchical search, in their order.
+        part: (joint,) the step that searches each joint; the root's also searches the translation.
+        pairs: joints that mirror each other; the ones that errors are taken over, where there are any.
+
+    Raises:
+        ValueError: any of these does not hold.
+    """
+
+    joints: tuple[str, ...]
+    parent: tuple[int, ...]
+    frame: np.ndarray
+    limits: np.ndarray
+    spread: np.ndarray
+    models: dict[int, np.ndarray]
+    parts: tuple[str, ...]
+    part: tuple[int, ...]
+    pairs: tuple[Pair, ...] = ()
+
+    def __post_init__(self) -> None:
+        count = len(self.joints)
+        if not count or len(set(self.joints)) < count:
+            raise ValueError(f"joints must be named, each differently, got {list(self.joints)}")
+        is_tree = self.parent[:1] == (-1,) and all(0 <= p < j for j, p in enumerate(self.parent) if j)
+        if len(self.parent) != count or not is_tree:
+            raise ValueError(f"parent must start with -1 and name earlier joints after that, got {list(self.parent)}")
+        for name, shape in (("frame", (count, 3, 3)), ("limits", (count, 3, 2)), ("spread", (count,))):
+            if getattr(self, name).shape != shape:
+                raise ValueError(f"{name} must be {shape}, got {getattr(self, name).shape}")
+        if not np.all(self.limits[..., 0] <= self.limits[..., 1]):
+            raise ValueError("limits must not have a lower limit above the upper one")
+        if not np.all((self.spread > 0) & np.isfinite(self.spread)):
+            raise ValueError("spread must be positive and finite")
+        self._check_choices()
+
+    def _check_choices(self) -> None:
+        """What is searched, in which steps, and what mirrors what."""
+        if not self.models:
+            raise ValueError("models must name at least one set of coordinates to search")
+        for number, index in self.models.items():
+            ascends = len(index) > 0 and bool(np.all(np.diff(index) > 0))
+            if len(index) != number or not ascends or index[0] < 0 or index[-1] >= self.coordinates:
+                raise ValueError(
+                    f"models: {number} must be that many coordinates of 0 .. {self.coordinates - 1}, ascending"
+                )
+        if len(self.part) != len(self.joints) or set(self.part) != set(range(len(self.parts))):
+            raise ValueError(f"part must give each joint one of the {len(self.parts)} parts, and each part a joint")
+        sides = [joint for _, *pair in self.pairs for joint in pair]
+        if len(set(sides)) < len(sides) or not set(sides) <= set(self.joints):
+            raise ValueError(f"pairs must be of different joints of this skeleton, got {list(self.pairs)}")
+
+    @property
+    def coordinates(self) -> int:
+        """Length of a pose."""
+        return TRANSLATION + 3 * len(self.joints)
+
+    @cached_property
+    def coordinate_names(self) -> tuple[str, ...]:
+        """See :func:`coordinate_names`."""
+        return coordinate_names(self.joints)
+
+    @cached_property
+    def coordinate_limits(self) -> np.ndarray:
+        """(coordinate, 2) float64, lowest and highest value; the translation is free."""
+        free = np.tile([-np.inf, np.inf], (TRANSLATION, 1))
+        return np.concatenate([free, self.limits.reshape(-1, 2).astype(float)])
+
+    @cached_property
+    def depth(self) -> np.ndarray:
+        """(joint,) int, how many joints lie above each."""
+        depth: list[int] = []
+        for parent in self.parent:
+            depth.append(0 if parent < 0 else depth[parent] + 1)
+        return np.array(depth)
+
+    @cached_property
+    def judged(self) -> dict[str, tuple[str, ...]]:
+        """Groups of joints that errors are taken over: the pairs, or each joint on its own where there are none.
+
+        Of a person these are the joints that every source of truth defines alike.
+        """
+        return {name: (left, right) for name, left, right in self.pairs} or {name: (name,) for name in self.joints}
+
+    @cached_property
+    def ends(self) -> tuple[str, ...]:
+        """Judged joints that no other joint hangs on, such as wrists and ankles."""
+        return tuple(
+            name for group in self.judged.values() for name in group if self.joints.index(name) not in self.parent
+        )
+
+    def index(self, joint: str) -> int:
+        """Number of a joint.
+
+        Raises:
+            ValueError: the skeleton has none of that name.
+        """
+        if joint not in self.joints:
+            raise ValueError(f"joint must be one of {list(self.joints)}, got {joint!r}")
+        return self.joints.index(joint)
+
+    def angles(self, joint: str) -> slice:
+        """Where a joint's three angles stand in a pose."""
+        first = TRANSLATION + 3 * self.index(joint)
+        return slice(first, first + 3)
+
+    def side(self, joint: str) -> str:
+        """``left``, ``right``, or ``middle`` for a joint that has no mirror image, in the skeleton's pairs."""
+        for _, left, right in self.pairs:
+            if joint in (left, right):
+                return "left" if joint == left else "right"
+        return "middle"
+
+    def searched(self, model: int | None = None) -> np.ndarray:
+        """Coordinates that a model searches, (dof,) int32, ascending.
+
+        Args:
+            model: its number of degrees of freedom; the default model where omitted.
+
+        Raises:
+            ValueError: no such model.
+        """
+        if model is None:
+            return next(iter(self.models.values()))
+        if model not in self.models:
+            raise ValueError(f"dof must be one of {list(self.models)}, got {model}")
+        return self.models[model]
+
+    def searched_by_part(self, model: int | None = None) -> dict[str, np.ndarray]:
+        """Of what a model searches, what each part does, by name and in order; parts of which it searches nothing miss.
+
+        Raises:
+            ValueError: no such model.
+        """
+        index = self.searched(model)
+        joint = np.maximum((index - TRANSLATION) // 3, 0)  # the translation goes with the root
+        part = np.asarray(self.part)[joint]
+        return {name: index[part == i] for i, name in enumerate(self.parts) if (part == i).any()}
+
+    def moved_by(self, index: np.ndarray) -> np.ndarray:
+        """(joint,) bool: the joints whose transforms change with coordinates ``index`` of a pose."""
+        turned = {(int(d) - TRANSLATION) // 3 for d in index if d >= TRANSLATION}
+        moved = np.zeros(len(self.joints), bool)
+        moved[0] = 0 in turned or bool(np.any(np.asarray(index) < TRANSLATION))
+        for joint, parent in enumerate(self.parent[1:], 1):
+            moved[joint] = joint in turned or moved[parent]
+        return moved

@@ -1,0 +1,114 @@
+"""Bodies that are no people go all the way: written, fitted, tracked by every algorithm, exported, judged."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from other_bodies import arm_robot, quadruped
+from random_scenes import perfect_masks
+from synthetic import ring_rig
+
+from mmocap_warp.body.model import BodyModel, Subject
+from mmocap_warp.body.posing import Poser
+from mmocap_warp.formats.usd.animation import export_animation
+from mmocap_warp.formats.usd.body import read_body, write_body
+from mmocap_warp.formats.usd.check import faults
+from mmocap_warp.formats.usd.result import read_result, write_result
+from mmocap_warp.result.evaluation import evaluate
+from mmocap_warp.result.truth import Truth
+from mmocap_warp.tracking.algorithms import ALGORITHMS
+from mmocap_warp.tracking.fit import FitConfig, fit_observation
+from mmocap_warp.tracking.tracker import TrackConfig, track_observations
+from mmocap_warp.views.observation import Observation
+
+RIG = ring_rig(cameras=4, size=(160, 120), distance=3.0)
+FPS = 60.0
+FRAMES = 5
+BODIES = {"quadruped": quadruped, "arm": arm_robot}
+
+
+@cache
+def subject_of(name: str) -> Subject:
+    body = BODIES[name]()
+    pose = np.zeros(body.skeleton.coordinates)
+    pose[:3] = body.joint_rest[0]
+    return Subject(body, np.eye(3), pose, {"source": "tests"})
+
+
+@cache
+def motion(name: str) -> tuple[np.ndarray, list[Observation]]:
+    """Poses (frame, coordinate) that drift by about 0.03 rad a frame in all that is searched, and their masks."""
+    subject = subject_of(name)
+    index = subject.body.skeleton.searched()
+    direction = np.random.default_rng(3).choice([-1.0, 1.0], len(index))
+    poses = np.tile(subject.pose, (FRAMES, 1))
+    poses[:, index] += np.where(index < 3, 0.01, 0.03) * direction * np.arange(FRAMES)[:, None]
+    return poses, [Observation.from_masks(perfect_masks(subject, RIG, pose)) for pose in poses]
+
+
+def corner_error(body: BodyModel, pose: np.ndarray, truth: np.ndarray) -> float:
+    """Mean distance of the mesh's vertices [m]."""
+    poser = Poser(body, np.eye(3))
+    return float(np.linalg.norm(poser.vertices(pose) - poser.vertices(truth), axis=-1).mean())
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_its_usd_reads_back(name: str, tmp_path: Path) -> None:
+    body = BODIES[name]()
+    write_body(tmp_path / "body.usda", body)
+    assert not faults(tmp_path / "body.usda")
+    back = read_body(tmp_path / "body.usda").skeleton
+    assert (back.joints, back.parent, back.parts, back.part, back.pairs) == (
+        body.skeleton.joints, body.skeleton.parent, body.skeleton.parts, body.skeleton.part, body.skeleton.pairs
+    )  # fmt: skip
+    np.testing.assert_array_equal(back.searched(), body.skeleton.searched())
+    np.testing.assert_array_equal(back.limits, body.skeleton.limits)
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@pytest.mark.parametrize("name", BODIES)
+def test_every_algorithm_follows_it(name: str, algorithm: str) -> None:
+    """From its start pose, with a third of the error that standing still makes; what is not searched stays."""
+    subject, (truth, seen) = subject_of(name), motion(name)
+    radii = {"rotation_radius": 0.06, "translation_radius": 0.02}
+    config = TrackConfig(algorithm, evaluations=1200, device="cpu", threads=1, **radii)
+    result = track_observations(subject, RIG, seen, FPS, config)
+    assert result.config["dof"] == len(subject.body.skeleton.searched())
+    stays = corner_error(subject.body, subject.pose[None], truth[-1:])
+    assert corner_error(subject.body, result.pose[0, -1:], truth[-1:]) < 0.35 * stays
+    held = np.setdiff1d(np.arange(subject.body.skeleton.coordinates), subject.body.skeleton.searched())
+    np.testing.assert_array_equal(result.pose[0][:, held], truth[:, held].astype(np.float32))
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_its_result_is_written_exported_and_judged(name: str, tmp_path: Path) -> None:
+    subject, (poses, seen) = subject_of(name), motion(name)
+    result = track_observations(subject, RIG, seen, FPS, TrackConfig(evaluations=120, device="cpu", threads=1))
+    write_result(tmp_path / "result.usdc", result)
+    np.testing.assert_array_equal(read_result(tmp_path / "result.usdc").pose, result.pose)
+    export_animation(result, tmp_path / "animation.usda")
+    assert not faults(tmp_path / "animation.usda")
+    transforms = Poser(subject.body, subject.root_base).joint_transforms(poses)
+    joints = transforms[:, :, :3, 3].astype(float)
+    truth = Truth(FPS, np.arange(FRAMES), (), np.zeros((FRAMES, 0, 3)), subject.body.skeleton.joints, joints, poses)
+    report = evaluate(result, truth)
+    assert set(report["median_mm_by_group"]) == set(subject.body.skeleton.judged)
+    exact = evaluate(replace(result, pose=poses[None]), truth)
+    assert exact["mpjpe_mm"] < 1e-3 < report["mpjpe_mm"]
+
+
+def test_a_quadruped_is_fitted_from_the_masks_alone() -> None:
+    """Its place, size and heading are found; it has no shape targets."""
+    subject, (poses, seen) = subject_of("quadruped"), motion("quadruped")
+    config = FitConfig(
+        start_evaluations=600, finalists=2, final_cycles=1, winner_cycles=2, winner_runs=1, cycle_evaluations=900,
+        device="cpu", threads=2,
+    )  # fmt: skip
+    fitted = fit_observation(subject.body, RIG, seen[0], config)
+    there = Poser(subject.body, subject.root_base).vertices(poses[:1])[0]
+    found = Poser(fitted.body, fitted.root_base).vertices(fitted.pose)[0]
+    assert np.linalg.norm(found - there, axis=-1).mean() < 0.04

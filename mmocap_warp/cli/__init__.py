@@ -52,7 +52,7 @@ _COMMANDS = (  # a command's help is here and not in its docstring, so that the 
     ("cameras", "cameras:cameras", _CAMERAS),
     ("eval", "evaluate:evaluate", "Print a result's IoU, and its errors where the truth is known."),
     ("show", "show:show", "Write a result's overlay video and contact sheet."),
-    ("export", "export:export", "Write a result's animation alone, as .usda, .usdc or .usdz."),
+    ("export", "export:export", "Write a result's animation alone, for other programs."),
     ("body", "body:app", "Make a body from MakeHuman's data."),
     ("study", "study:app", "Compare trackers: run a grid of them, and report on it."),
     ("bench", "bench:app", _BENCH),

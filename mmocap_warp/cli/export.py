@@ -8,13 +8,17 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from mmocap_warp.cli.console import Console, Switch
+from mmocap_warp.formats.table import EXPORT_SUFFIXES
+from mmocap_warp.formats.table import export as write_export
+
+_OUTPUT = f"The animation's file: {', '.join(EXPORT_SUFFIXES[:-1])} or {EXPORT_SUFFIXES[-1]}."
 
 
 def export(
     result: Path,
     /,
     *,
-    output: Annotated[Path, Parameter(name=["--output", "-o"])],
+    output: Annotated[Path, Parameter(name=["--output", "-o"], help=_OUTPUT)],
     force: Switch = False,
     console: Console | None = None,
 ) -> None:
@@ -24,20 +28,17 @@ def export(
     ----------
     result
         What 'mmocap track' wrote.
-    output
-        The animation's file: .usda, .usdc or .usdz.
     force
         Replace a file that exists.
     """
     from mmocap_warp.cli.devices import start_warp
     from mmocap_warp.cli.outputs import new_file
-    from mmocap_warp.formats.usd.animation import export_animation
     from mmocap_warp.formats.usd.result import read_result
 
     console = console or Console()
-    new_file(output, ".usda", ".usdc", ".usdz", force=force)
+    new_file(output, *EXPORT_SUFFIXES, force=force)
     tracked = read_result(result)
     start_warp()
-    export_animation(tracked, output)
+    write_export(tracked, output)
     frames = len(tracked.frame_numbers)
     console.result({"file": output, "frames": frames, "fps": tracked.fps}, f"{output}: {frames} frames")

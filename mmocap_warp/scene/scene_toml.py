@@ -14,9 +14,8 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.foreground.frames import Frames, open_frames, open_image
 from mmocap_warp.foreground.mask_image import decode_mask
 from mmocap_warp.foreground.settings import KEEP, MODELS, SOURCES, SUBTRACTED, ForegroundSettings
-from mmocap_warp.formats.calibration.opencv_yaml import read_opencv_yaml
-from mmocap_warp.formats.calibration.qualisys import read_qualisys
-from mmocap_warp.formats.calibration.toml_rig import METRES, read_toml_rig
+from mmocap_warp.formats.calibration.units import METRES
+from mmocap_warp.formats.table import read_calibration
 from mmocap_warp.formats.toml_table import Table, load_toml
 from mmocap_warp.scene.recording import CameraSource, Scene
 from mmocap_warp.views.rig import UP_AXES, CameraRig, check_rig
@@ -93,7 +92,8 @@ def _read_cameras(table: Table, scene: Path, up: str) -> tuple[tuple[CameraSourc
         raise table.error("no camera is named", "add a table [cameras.<name>] for each, named as in the calibration")
     shifts = np.array([camera.take_numbers("centre_shift", (2,), [0.0, 0.0]) for camera in tables.values()])
     sources = tuple(_read_source(camera, name, scene) for name, camera in tables.items())
-    rig = _read_rig(calibration, units, up, sources)
+    images = {source.name: source.video or source.masks for source in sources}
+    rig = read_calibration(calibration, units, up, {name: frames.size for name, frames in images.items() if frames})
     for source in sources:
         if source.name not in rig.names:
             near = difflib.get_close_matches(source.name, rig.names, 1, 0.0)[0]
@@ -129,15 +129,6 @@ def _read_source(table: Table, name: str, scene: Path) -> CameraSource:
     recorded.finish()
     table.finish()
     return source
-
-
-def _read_rig(path: Path, units: str, up: str, sources: tuple[CameraSource, ...]) -> CameraRig:
-    if path.is_dir() or path.suffix in (".yml", ".yaml"):
-        images = {source.name: source.video or source.masks for source in sources}
-        return read_opencv_yaml(path, units, up, {name: frames.size for name, frames in images.items() if frames})
-    if path.suffix == ".toml":
-        return read_toml_rig(path, units, up)
-    return read_qualisys(path, up)
 
 
 def _read_foreground(table: Table) -> ForegroundSettings:

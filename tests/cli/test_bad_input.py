@@ -219,7 +219,9 @@ CASES = (
     Case("too many frames", edit("scene.toml", "fps = 60", "fps = 60\nframes = 9"), "frames"),
     Case("negative frames", edit("scene.toml", "fps = 60", "fps = 60\nframes = -1"), "frames = -1"),
     Case("calibration missing", remove("calibration.toml"), "calibration.toml: no such file"),
-    Case("calibration of unknown kind", edit("scene.toml", "calibration.toml", "scene.xyz"), "scene.xyz"),
+    Case(
+        "calibration of unknown kind", edit("scene.toml", "calibration.toml", "scene.xyz"), "scene.xyz: ends in '.xyz'"
+    ),
     Case(
         "NaN in the calibration",
         rewrite("calibration.toml", r"translation = \[ *[^,]+", "translation = [ nan"),

@@ -276,6 +276,11 @@ WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
     "fps NaN": case("fps = 30", "fps = nan", r"fps is not finite"),
     "up": case('"+y"', '"y"', r"up = 'y' is not known; use one of '\+x'"),
     "no calibration": (lambda f: without(f, "calibration.toml"), r"calibration\.toml: no such file"),
+    "unknown calibration format": case(
+        "calibration.toml",
+        "plate.png",
+        r"plate\.png: ends in '\.png', which is none of the known formats; give Pose2Sim TOML \(\.toml\) or Qualisys",
+    ),
     "calibration not named": case("calibration =", "units =", r"\[cameras\]: 'calibration' is missing"),
     "units": case(
         "[cameras.cam01]", 'units = "inch"\n[cameras.cam01]', r"units = 'inch' is not known; use one of 'm', 'mm'"

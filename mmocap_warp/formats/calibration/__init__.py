@@ -1,1 +1,1 @@
-"""Calibrations, a file each: cameras of other programs as a CameraRig."""
+"""Calibrations, a file each: cameras of other programs as a CameraRig; ``formats/table.py`` lists them."""

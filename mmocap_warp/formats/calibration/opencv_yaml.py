@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.calibration.toml_rig import METRES
+from mmocap_warp.formats.calibration.units import METRES
 from mmocap_warp.views.rig import Camera, CameraRig, rig_of
 
 

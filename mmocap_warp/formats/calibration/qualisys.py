@@ -16,8 +16,12 @@ _SUBPIXELS = 64.0  # focal lengths and centres are written in 1/64 px; distortio
 _FROM_QUALISYS = np.diag([1.0, -1.0, -1.0])  # its cameras look along -z with y up
 
 
-def read_qualisys(path: str | Path, up: str = "+z") -> CameraRig:
+def read_qualisys(
+    path: str | Path, units: str = "m", up: str = "+z", sizes: dict[str, tuple[int, int]] | None = None
+) -> CameraRig:
     """Read a ``.qca.txt``; its lengths are millimetres by definition, its world has z up.
+
+    ``units`` and ``sizes`` are not needed.
 
     The convention was checked against the board pictures of Pose2Sim's single-person demo:
     ``R = diag(1, -1, -1) [[r11 r12 r13] ..]`` and ``x_cam = R (X - position / 1000)``.

@@ -7,16 +7,17 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from mmocap_warp.formats.calibration.units import METRES
 from mmocap_warp.formats.toml_table import Table, load_toml
 from mmocap_warp.views.rig import Camera, CameraRig, rig_of
 from mmocap_warp.whole_file import write_whole
 
-METRES = {"m": 1.0, "mm": 0.001}
-"""Metres per unit of length."""
 
-
-def read_toml_rig(path: str | Path, units: str = "m", up: str = "+z") -> CameraRig:
+def read_toml_rig(
+    path: str | Path, units: str = "m", up: str = "+z", sizes: dict[str, tuple[int, int]] | None = None
+) -> CameraRig:
     """Read a calibration; ``units`` are those of its translations (Pose2Sim writes "m", aniposelib often "mm").
+    ``sizes`` is not needed.
 
     Each table holds ``name`` (else the table's own), ``size``, ``matrix``, ``distortions`` (4 or 5), ``rotation``
     (Rodrigues, world to camera), ``translation`` and optionally ``fisheye = false``; ``[metadata]`` is not read.

@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from mmocap_warp.errors import InputError
 
 
-def write_whole(path: Path, data: bytes) -> None:
-    """Write ``data`` under a temporary name beside ``path``, then rename it; a file of that name is replaced.
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Give a temporary name beside ``path``, of the same ending, and rename what is written there when all went well.
+
+    A file of that name is replaced. Whatever goes wrong, nothing is left under either name that was not there before.
 
     Raises:
-        InputError: its folder does not exist or cannot be written to, or the disk is full.
+        InputError: its folder does not exist or cannot be written to, or the disk is full (any ``OSError`` within).
     """
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
+    if not path.parent.is_dir():
+        raise InputError(path, "its folder does not exist", "create the folder first")
+    unfinished = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
     try:
-        unfinished.write_bytes(data)
+        yield unfinished
         os.replace(unfinished, path)
     except OSError as error:
         raise InputError(
@@ -24,3 +31,9 @@ def write_whole(path: Path, data: bytes) -> None:
         ) from error
     finally:
         unfinished.unlink(missing_ok=True)
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write ``data`` as :func:`whole_file` says, with its errors."""
+    with whole_file(path) as unfinished:
+        unfinished.write_bytes(data)

@@ -7,11 +7,13 @@ import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import TracebackType
 
 import cv2
 import numpy as np
 
 from mmocap_warp.errors import InputError
+from mmocap_warp.whole_file import whole_file
 
 
 class WebmFile:
@@ -25,13 +27,12 @@ class WebmFile:
         self._path = Path(path)
         if self._path.suffix != ".webm":
             raise InputError(path, "is not a WebM file name", "end it in .webm")
-        if not self._path.parent.is_dir():
-            raise InputError(path, "its folder does not exist", "create the folder first")
-        self._unfinished = self._path.with_name(f".{self._path.stem}.{os.getpid()}.webm")
         self._fps = fps
         self._writer: cv2.VideoWriter | None = None
 
     def __enter__(self) -> WebmFile:
+        self._whole = whole_file(self._path)
+        self._unfinished = self._whole.__enter__()
         return self
 
     def write(self, frame: np.ndarray) -> None:
@@ -46,12 +47,12 @@ class WebmFile:
                 raise InputError(self._path, "cannot be written", "check its folder's permissions and free space")
         self._writer.write(frame)
 
-    def __exit__(self, kind: type | None, *_: object) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         if self._writer is not None:
             self._writer.release()
-        if kind is None and self._writer is not None:
-            os.replace(self._unfinished, self._path)
-        self._unfinished.unlink(missing_ok=True)
+        self._whole.__exit__(kind, error, trace)
 
 
 @contextlib.contextmanager

@@ -86,7 +86,7 @@ def test_lost_views_and_cameras_without_images_are_drawn(tmp_path):
         ({"video": "overlay.mp4"}, "not a WebM file name"),
         ({"video": "nowhere/overlay.webm"}, "folder does not exist"),
         ({"sheet": "sheet.jpg"}, "not a PNG file name"),
-        ({"sheet": "nowhere/sheet.png"}, "cannot be written"),
+        ({"sheet": "nowhere/sheet.png"}, "its folder does not exist"),
     ],
 )
 def test_a_wrong_place_is_refused(tmp_path, arguments, problem):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import tempfile
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from mmocap_warp.formats.usd.body import define_body, joint_paths, local_transfo
 from mmocap_warp.formats.usd.file import USD_SUFFIXES, write_stage
 from mmocap_warp.formats.usd.world import set_world_up
 from mmocap_warp.result.result import Result
+from mmocap_warp.whole_file import whole_file
 
 
 def animate(
@@ -99,19 +99,11 @@ def _keep_what_is_seen(stage: Usd.Stage, root: UsdSkel.Root) -> None:
 
 def _write_package(path: Path, stage: Usd.Stage) -> None:
     """A ``.usdz``: an uncompressed archive of one ``.usdc``."""
-    if not path.parent.is_dir():
-        raise InputError(path, "its folder does not exist", "create the folder first")
-    try:
-        with tempfile.TemporaryDirectory(prefix=f".{path.stem}.", dir=path.parent) as folder:
-            layer, package = Path(folder) / f"{path.stem}.usdc", Path(folder) / path.name
-            write_stage(layer, stage)
-            if not UsdUtils.CreateNewUsdzPackage(str(layer), str(package)):
-                raise InputError(path, "cannot be packed", "check the folder's free space")
-            os.replace(package, path)
-    except OSError as error:
-        raise InputError(
-            path, f"cannot be written ({error})", "check the folder's permissions and free space"
-        ) from error
+    with whole_file(path) as package, tempfile.TemporaryDirectory(prefix=f".{path.stem}.", dir=path.parent) as folder:
+        layer = Path(folder) / f"{path.stem}.usdc"
+        write_stage(layer, stage)
+        if not UsdUtils.CreateNewUsdzPackage(str(layer), str(package)):
+            raise OSError("USD packed nothing")
 
 
 def _bounds(low: np.ndarray, high: np.ndarray) -> Vt.Vec3fArray:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 from pxr import Sdf, Tf, Usd
 
 from mmocap_warp.errors import InputError
+from mmocap_warp.whole_file import whole_file
 
 USD_SUFFIXES: tuple[str, ...] = (".usd", ".usda", ".usdc")
 
@@ -44,19 +44,11 @@ def write_stage(path: str | Path, stage: Usd.Stage) -> None:
     path = Path(path)
     if path.suffix not in USD_SUFFIXES:
         raise InputError(path, "is not a USD file name", f"end it in {', '.join(USD_SUFFIXES)}")
-    if not path.parent.is_dir():
-        raise InputError(path, "its folder does not exist", "create the folder first")
-    # USD picks the format by the ending, so the temporary name keeps it.
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
-    try:
-        stage.GetRootLayer().Export(str(temporary))
-        os.replace(temporary, path)
-    except (Tf.ErrorException, OSError) as error:
-        raise InputError(
-            path, f"cannot be written ({error})", "check the folder's permissions and free space"
-        ) from error
-    finally:
-        temporary.unlink(missing_ok=True)
+    with whole_file(path) as unfinished:
+        try:
+            stage.GetRootLayer().Export(str(unfinished))
+        except Tf.ErrorException as error:
+            raise OSError(str(error)) from error
 
 
 def author(schema: Usd.SchemaBase, name: str, kind: Sdf.ValueTypeName, value: object) -> None:

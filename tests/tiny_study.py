@@ -42,7 +42,7 @@ def write_scene(folder: Path, frames: int = FRAMES) -> Path:
             target = folder / file.relative_to(ROOT / "walk")
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(file, target)
-    made = walking(frames)
+    made = walking()  # the whole walk: a shorter one would start elsewhere
     write_subject(folder / "subject.usdc", Subject(made.body, made.root_base, made.poses[0], {}))
     scene = folder / "scene.toml"
     scene.write_text(scene.read_text().replace("[scene]\n", '[scene]\nsubject = "subject.usdc"\n'))

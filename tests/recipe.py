@@ -1,0 +1,83 @@
+"""Does what a recipe of CONTRIBUTING.md says, in a copy of the tree."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from tiny_study import write_scene
+
+ROOT = Path(__file__).resolve().parents[1]
+QUICK = '\n[track]\nevaluations = 60\nscale = 0.25\ndevice = "cpu"\n'
+"""Settings of the scene, so that a recipe's commands take seconds."""
+
+
+class Recipe:
+    """A recipe's blocks, and a copy of the tree to which they are applied.
+
+    ``folder`` becomes the copy's root; a scene of three frames lies in it.
+    """
+
+    def __init__(self, title: str, folder: Path) -> None:
+        text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+        section = re.split(r"^##+ ", text.split(f"\n### {title}\n")[1], flags=re.M)[0]
+        self._blocks = re.findall(r"^```(\w+)\n(.*?)^```$", section, re.M | re.S)
+        self.folder = folder
+        self._copy_tree()
+        for language, block in self._blocks:
+            if language != "console":
+                apply(block, folder)
+
+    def _copy_tree(self) -> None:
+        only_code = shutil.ignore_patterns("__pycache__")
+        linked = ("kernels", "scenes")  # a checkout may hold links of these names in the package
+        shutil.copytree(
+            ROOT / "mmocap_warp", self.folder / "mmocap_warp", ignore=shutil.ignore_patterns("__pycache__", *linked)
+        )
+        for name in ("kernels", "tests"):
+            shutil.copytree(ROOT / name, self.folder / name, ignore=only_code)
+        shutil.copy(ROOT / "pyproject.toml", self.folder)
+        (self.folder / "mmocap_warp" / "kernels").symlink_to(self.folder / "kernels")
+        (self.folder / "mmocap_warp" / "scenes").symlink_to(ROOT / "scenes")
+        scene = write_scene(self.folder)
+        scene.write_text(scene.read_text(encoding="utf-8") + QUICK, encoding="utf-8")
+
+    def run_commands(self) -> list[str]:
+        """Run the recipe's commands in the copy's root; what each of them prints."""
+        console = "".join(block for language, block in self._blocks if language == "console")
+        return [self.run(*line.split()) for line in re.findall(r"^\$ (.+)$", console, re.M)]
+
+    def run(self, program: str, *arguments: str) -> str:
+        """Run ``mmocap``, ``pytest`` or ``python`` on the copy; what it prints."""
+        module = {"mmocap": ["-m", "mmocap_warp"], "pytest": ["-m", "pytest", "-n0"], "python": []}[program]
+        paths = os.pathsep.join([str(self.folder), str(self.folder / "tests")])
+        answer = subprocess.run(
+            [sys.executable, *module, *arguments],
+            cwd=self.folder,
+            env=os.environ | {"PYTHONPATH": paths},
+            capture_output=True,
+            text=True,
+        )
+        assert answer.returncode == 0, answer.stdout + answer.stderr
+        return answer.stdout
+
+
+def apply(block: str, folder: Path) -> None:
+    """Write the file that a block holds, or change the one that it changes."""
+    first, rest = block.split("\n", 1)
+    kind, name = first.split(" ", 1)
+    file = folder / name
+    if kind == "#":
+        assert not file.exists(), f"{name} exists already"
+        file.write_text(rest, encoding="utf-8")
+        return
+    lines = rest.splitlines(keepends=True)
+    before = "".join(line[1:] for line in lines if line[0] in " -")
+    after = "".join(line[1:] for line in lines if line[0] in " +")
+    text = file.read_text(encoding="utf-8")
+    assert text.count(before) == 1, f"{name} holds this {text.count(before)} times:\n{before}"
+    file.write_text(text.replace(before, after), encoding="utf-8")

@@ -1,5 +1,8 @@
 """What every test may ask for: a Warp that keeps quiet, the devices of this machine, recordings beside the checkout.
 
+The tests of a file run in one process, which makes its module's fixtures once, and the files that take longest come
+first, so that no process is left with one of them at the end.
+
 ``MMOCAP_WARP_DEBUG=1`` compiles the kernels in Warp's debug mode, where an index out of bounds is an error, into a
 kernel cache of their own.
 """
@@ -16,6 +19,21 @@ from browser import find_browser
 # A browser is no package that the tests could ask for: without one, its tests are not collected. The header says so.
 collect_ignore = [] if find_browser() else ["study/test_report_browser.py"]
 
+LONGEST = (
+    "bench/test_bench.py",
+    "study/test_ray.py",
+    "tracking/test_resume.py",
+    "study/test_run.py",
+    "cli/test_pipeline.py",
+    "cli/test_bad_input.py",
+    "study/test_cli.py",
+    "tracking/test_fit.py",
+    "study/test_report.py",
+    "test_documents.py",
+    "recipes/test_recipes.py",
+)
+"""Files that take more than ten seconds of a core, by how long they take."""
+
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
@@ -26,6 +44,13 @@ def pytest_configure(config: pytest.Config) -> None:
         # In the stack, tiles are found through a static pointer that debug code follows: CPU threads would share it.
         wp.config.enable_tiles_in_stack_memory = False
         wp.config.kernel_cache_dir = str(config.cache.mkdir("warp-debug"))
+
+
+@pytest.hookimpl(trylast=True)  # pytest itself sorts by session-wide parameters
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The longest files first, in this order; all others as they were collected."""
+    rank = {Path(__file__).parent / name: k for k, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: rank.get(item.path, len(rank)))
 
 
 def pytest_report_header() -> str:

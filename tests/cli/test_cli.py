@@ -1,4 +1,4 @@
-"""The command line's manners: speed, exit codes, what goes to which stream."""
+"""The command line's manners: exit codes, what goes to which stream, what help does not import."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ from mmocap_warp.cli.console import Console, table
 from mmocap_warp.cli.progress import Progress
 from mmocap_warp.errors import InputError
 
-HELP_SECONDS = 0.3
 COMMANDS = ("demo", "track", "fit", "mask", "cameras", "eval", "show", "export", "body")
 
 
@@ -26,16 +25,11 @@ def run(*arguments: str, **options) -> subprocess.CompletedProcess:
     return subprocess.run([sys.executable, "-m", "mmocap_warp", *arguments], capture_output=True, text=True, **options)
 
 
-def test_help_is_quick_and_names_every_command():
-    took = []
-    for _ in range(5):  # the best of five: the machine may be busy with something else
-        start = time.perf_counter()
-        answer = run("--help")
-        took.append(time.perf_counter() - start)
+def test_help_names_every_command():
+    answer = run("--help")
     assert answer.returncode == exit_codes.OK
     assert answer.stderr == ""
     assert all(f" {command} " in answer.stdout for command in COMMANDS)
-    assert min(took) < HELP_SECONDS
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -1,4 +1,3 @@
-import time
 import tracemalloc
 from dataclasses import replace
 
@@ -153,16 +152,6 @@ def test_alignment_is_that_of_a_frame_on_its_own():
             scale = np.trace(np.diag(d) @ sign) / (x**2).sum()
             fitted = scale * x @ (u @ sign @ vt).T
             assert error[run, frame] == pytest.approx(np.linalg.norm(fitted - y, axis=1).mean(), rel=1e-9)
-
-
-def test_thirty_runs_of_five_hundred_frames_take_a_moment():
-    poses = synthetic_poses(500)
-    pose = np.repeat(poses[None], 30, axis=0)
-    result, truth = still_result(pose), truth_of(still_result(poses[None]), poses)
-    measure(still_result(poses[None, :4]), None)  # loads the kernels
-    start = time.process_time()
-    measure(result, truth)
-    assert time.process_time() - start < 4.0
 
 
 def test_a_long_result_takes_little_memory():

@@ -36,6 +36,18 @@ def test_version_is_the_same_in_the_citation():
     assert re.search(r"^version: (\S+)$", citation, re.M)[1] == mmocap_warp.__version__
 
 
+def test_the_changelog_begins_with_what_is_unreleased_and_then_has_this_version():
+    changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert re.findall(r"^## \[(\S+)\]", changelog, re.M)[:2] == ["Unreleased", mmocap_warp.__version__]
+
+
+def test_what_runs_before_a_commit_runs_in_ci():
+    hooks = re.findall(r"entry: (.+)", (ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8"))
+    checks = (ROOT / ".ci" / "run").read_text(encoding="utf-8").replace(" --check", "").splitlines()
+    assert hooks
+    assert [hook for hook in hooks if hook not in checks] == []
+
+
 def test_readme_opens_with_the_two_commands():
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     first = readme.index("pip install -e . && mmocap demo")

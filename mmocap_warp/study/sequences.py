@@ -15,6 +15,7 @@ import numpy as np
 
 from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.model import BodyModel, Subject
+from mmocap_warp.body.rotations import turn, zyx_angles
 from mmocap_warp.body.shape_space import heading_rotation, upright_base
 from mmocap_warp.result.pose_errors import HEAD_TOP, head_top
 from mmocap_warp.result.truth import Truth
@@ -24,7 +25,6 @@ from mmocap_warp.synthesis.gait import Walk
 from mmocap_warp.synthesis.gestures import SCRIPTS, gesturing
 from mmocap_warp.synthesis.placing import placed_camera
 from mmocap_warp.synthesis.retarget import read_clip, retargeted
-from mmocap_warp.synthesis.rotations import turn, zyx_angles
 from mmocap_warp.synthesis.segmentation import Contrast
 from mmocap_warp.synthesis.subjects import PEOPLE, fitted_start
 from mmocap_warp.views.observation import Observation

@@ -21,9 +21,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel
+from mmocap_warp.body.rotations import turn
 from mmocap_warp.synthesis.limbs import leg_length
 from mmocap_warp.synthesis.posture import Foot, Posture
-from mmocap_warp.synthesis.rotations import turn
 from mmocap_warp.synthesis.tracks import Track, sway
 
 Point = tuple[float, float, float]

@@ -17,9 +17,9 @@ import numpy as np
 
 from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.model import BodyModel
+from mmocap_warp.body.rotations import applied, transposed, turn, zyx_angles
 from mmocap_warp.synthesis import gait_curves as curves
 from mmocap_warp.synthesis.limbs import TRUNK, Leg, hanging_arm, trunk_angles
-from mmocap_warp.synthesis.rotations import applied, transposed, turn, zyx_angles
 from mmocap_warp.synthesis.sole import Sole
 
 _SIGN = {"L": 1.0, "R": -1.0}  # of a side's x

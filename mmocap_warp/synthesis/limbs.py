@@ -8,7 +8,7 @@ import numpy as np
 
 from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.model import BodyModel
-from mmocap_warp.synthesis.rotations import applied, transposed, turn, zyx_angles
+from mmocap_warp.body.rotations import applied, transposed, turn, zyx_angles
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mmocap_warp.synthesis.rotations import turn
+from mmocap_warp.body.rotations import turn
 
 
 def placed_camera(

@@ -11,9 +11,9 @@ import numpy as np
 
 from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.model import BodyModel
+from mmocap_warp.body.rotations import applied, continuous_zyx_angles, transposed, turn, zyx_angles
 from mmocap_warp.synthesis.arm import Arm
 from mmocap_warp.synthesis.limbs import TRUNK, Leg, trunk_angles
-from mmocap_warp.synthesis.rotations import applied, continuous_zyx_angles, transposed, turn, zyx_angles
 from mmocap_warp.synthesis.skinned import joint_transforms
 from mmocap_warp.synthesis.sole import Sole
 

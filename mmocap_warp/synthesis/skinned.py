@@ -6,7 +6,7 @@ import numpy as np
 
 from mmocap_warp.bodies.human import JOINTS, PARENT
 from mmocap_warp.body.model import BodyModel
-from mmocap_warp.synthesis.rotations import turn
+from mmocap_warp.body.rotations import turn
 
 
 def joint_transforms(body: BodyModel, root_base: np.ndarray, poses: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ from drawn import cast_bits
 from synthetic import COORDINATES
 
 from mmocap_warp.bodies.human import JOINTS
+from mmocap_warp.body.rotations import turn, zyx_angles
 from mmocap_warp.body.skin_points import triangulated
 from mmocap_warp.formats.usd.body import local_transforms, read_body
 from mmocap_warp.objective.objective import Objective
@@ -21,7 +22,6 @@ from mmocap_warp.synthesis.faults import Faults, spoil
 from mmocap_warp.synthesis.gait import Walk
 from mmocap_warp.synthesis.limbs import Leg, hanging_arm
 from mmocap_warp.synthesis.recording import FRAMES, walking
-from mmocap_warp.synthesis.rotations import turn, zyx_angles
 from mmocap_warp.synthesis.silhouettes import draw_silhouettes
 from mmocap_warp.synthesis.sole import Sole
 from mmocap_warp.synthesis.writing import write_recording

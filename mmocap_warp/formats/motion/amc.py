@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from mmocap_warp.body.rotations import applied, turn
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.motion.clip import MotionClip
-from mmocap_warp.synthesis.rotations import applied, turn
 
 FPS = 120.0
 """Of CMU's clips; the files do not say."""

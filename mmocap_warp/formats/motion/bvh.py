@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from mmocap_warp.body.rotations import turn
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.motion.clip import MotionClip
-from mmocap_warp.synthesis.rotations import turn
 
 _REMEDY = "export it again as BVH"
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mmocap_warp.bodies.human import JOINTS
+from mmocap_warp.body.rotations import turn
 from mmocap_warp.body.skin_points import attach
 from mmocap_warp.cli import main
 from mmocap_warp.errors import InputError
@@ -15,7 +16,6 @@ from mmocap_warp.formats.motion.clip import MotionClip
 from mmocap_warp.scene.recording import load_scene
 from mmocap_warp.study.sequences import clip_sequence
 from mmocap_warp.synthesis.retarget import read_clip, retargeted
-from mmocap_warp.synthesis.rotations import turn
 from mmocap_warp.synthesis.skinned import joint_transforms
 from mmocap_warp.synthesis.subjects import PEOPLE
 

@@ -6,6 +6,8 @@ import heapq
 
 import numpy as np
 
+from mmocap_warp.body.mesh_parts import is_closed
+
 _LEAST_COSINE = 0.2  # between a triangle's normals before and after a collapse: it may tilt, not fold over
 
 
@@ -55,18 +57,6 @@ def decimate(vertex: np.ndarray, face: np.ndarray, triangles: int) -> tuple[np.n
             heapq.heappush(heap, (error(other, kept), other, kept, age[other], age[kept]))
     kept_vertex, renumbered = np.unique(mesh.remaining_faces(), return_inverse=True)
     return kept_vertex.astype(np.int32), renumbered.reshape(-1, 3).astype(np.int32)
-
-
-def is_closed(face: np.ndarray) -> bool:
-    """Whether every edge joins exactly two faces that run along it in opposite senses.
-
-    Args:
-        face: (face, corner) int.
-    """
-    edge = np.stack([face, np.roll(face, -1, axis=1)], axis=-1).reshape(-1, 2)
-    edge, count = np.unique(edge, axis=0, return_counts=True)
-    backward = np.unique(edge[:, ::-1], axis=0)
-    return bool((count == 1).all() and np.array_equal(edge, backward))
 
 
 def _quadrics(vertex: np.ndarray, face: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Which part of a body moves when some of its pose changes, and which stays."""
+"""Meshes as triangles: which of them move when some of a pose changes, their edges, and whether they are closed."""
 
 from __future__ import annotations
 
@@ -58,3 +58,15 @@ def mesh_edges(face: np.ndarray) -> np.ndarray:
             waiting.setdefault((a, b), []).append(len(edges))
             edges.append([a, b, t, -1])
     return np.array(edges, np.int32).reshape(-1, 4)
+
+
+def is_closed(face: np.ndarray) -> bool:
+    """Whether every edge joins exactly two faces that run along it in opposite senses.
+
+    Args:
+        face: (face, corner) int.
+    """
+    edge = np.stack([face, np.roll(face, -1, axis=1)], axis=-1).reshape(-1, 2)
+    edge, count = np.unique(edge, axis=0, return_counts=True)
+    backward = np.unique(edge[:, ::-1], axis=0)
+    return bool((count == 1).all() and np.array_equal(edge, backward))

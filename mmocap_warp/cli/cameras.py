@@ -39,7 +39,7 @@ def cameras(
     import numpy as np
 
     from mmocap_warp.cli.outputs import new_folder
-    from mmocap_warp.scene.recording import load_scene
+    from mmocap_warp.scene.scene_toml import load_scene
     from mmocap_warp.views.rig import describe_rig
 
     console = console or Console()

@@ -32,7 +32,7 @@ def demo(
     from mmocap_warp.cli.track import Start, TrackFlags, track_scene
     from mmocap_warp.drawing.plot import plot_report
     from mmocap_warp.result.evaluation import evaluate
-    from mmocap_warp.scene.recording import load_scene
+    from mmocap_warp.scene.scene_toml import load_scene
     from mmocap_warp.scenes import ROOT
     from mmocap_warp.tracking.tracker import TrackConfig
 

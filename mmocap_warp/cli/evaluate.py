@@ -31,9 +31,9 @@ def evaluate(
     """
     from mmocap_warp.cli.devices import start_warp
     from mmocap_warp.cli.judging import scene_of, summary, truth_of
+    from mmocap_warp.formats.truth import load_truth
     from mmocap_warp.formats.usd.result import read_result
     from mmocap_warp.result.evaluation import evaluate
-    from mmocap_warp.result.truth import load_truth
 
     console = console or Console()
     tracked = read_result(result)

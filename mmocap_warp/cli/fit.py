@@ -59,7 +59,7 @@ def fit(
     from mmocap_warp.cli.subjects import DEFAULT_BODY, body_named, fit_subject
     from mmocap_warp.formats.usd.body import write_subject
     from mmocap_warp.formats.usd.file import USD_SUFFIXES
-    from mmocap_warp.scene.recording import load_scene
+    from mmocap_warp.scene.scene_toml import load_scene
     from mmocap_warp.tracking.fit import FitConfig
 
     console, flags = console or Console(), flags or FitFlags()

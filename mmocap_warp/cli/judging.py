@@ -29,7 +29,7 @@ def scene_of(result: Result, path: Path, named: Path | None) -> Scene | None:
     Raises:
         InputError: the scene is wrong, or is no longer where the result says.
     """
-    from mmocap_warp.scene.recording import load_scene
+    from mmocap_warp.scene.scene_toml import load_scene
 
     if named is not None:
         return load_scene(named)
@@ -43,7 +43,7 @@ def scene_of(result: Result, path: Path, named: Path | None) -> Scene | None:
 
 def truth_of(scene: Scene | None) -> Truth | None:
     """The truth that the scene names."""
-    from mmocap_warp.result.truth import load_truth
+    from mmocap_warp.formats.truth import load_truth
 
     if scene is None or scene.truth is None:
         return None

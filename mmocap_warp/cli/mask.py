@@ -36,7 +36,7 @@ def mask(
     from mmocap_warp.cli.outputs import new_folder
     from mmocap_warp.cli.progress import Progress
     from mmocap_warp.scene.mask_writing import write_masks
-    from mmocap_warp.scene.recording import load_scene
+    from mmocap_warp.scene.scene_toml import load_scene
 
     console = console or Console()
     if not 0 < scale <= 1:

@@ -88,7 +88,7 @@ def track(
     from mmocap_warp.cli.settings import effective
     from mmocap_warp.formats.usd.file import USD_SUFFIXES
     from mmocap_warp.result.evaluation import evaluate
-    from mmocap_warp.scene.recording import load_scene
+    from mmocap_warp.scene.scene_toml import load_scene
     from mmocap_warp.tracking.tracker import TrackConfig
 
     console, flags = console or Console(), flags or TrackFlags()

@@ -194,14 +194,3 @@ def _shifted(frames: Frames | None, first: int, count: int) -> Iterator[np.ndarr
             continue
         reader = reader or frames.read(frame)
         yield next(reader)
-
-
-def load_scene(path: str | Path) -> Scene:
-    """Read and check a ``scene.toml`` (or the folder that holds one); paths in it are relative to its folder.
-
-    Raises:
-        InputError: anything that is wrong with the scene file, the calibration, or the files it names.
-    """
-    from mmocap_warp.scene.scene_toml import read_scene  # it builds a Scene, so it imports this module
-
-    return read_scene(path)

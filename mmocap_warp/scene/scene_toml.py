@@ -26,7 +26,7 @@ _MOST_FOREGROUND = 0.8  # of an image; more is an inverted mask
 Opened = TypeVar("Opened")
 
 
-def read_scene(path: str | Path) -> Scene:
+def load_scene(path: str | Path) -> Scene:
     """Read and check a scene file, or the ``scene.toml`` of a folder; paths in it are relative to its folder.
 
     Raises:

@@ -121,8 +121,8 @@ def open_clip(clip: Clip) -> OpenClip:
         sequence = whole.first(min(clip.frames or whole.frame_count, whole.frame_count))
         masks = (sequence.observation(frame) for frame in range(sequence.frame_count))
         return OpenClip(sequence.fps, sequence.subject, sequence.rig, sequence.truth, sequence.frame_count, masks)
+    from mmocap_warp.formats.truth import load_truth
     from mmocap_warp.formats.usd.body import read_subject
-    from mmocap_warp.result.truth import load_truth
 
     scene = _load_scene(clip.scene)
     frames = min(clip.frames or scene.frame_count, scene.frame_count)
@@ -169,7 +169,7 @@ def _content(files: Iterable[Path]) -> str:
 
 
 def _load_scene(path: Path) -> Scene:
-    from mmocap_warp.scene.recording import load_scene
+    from mmocap_warp.scene.scene_toml import load_scene
 
     return load_scene(path)
 

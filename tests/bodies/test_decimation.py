@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from mmocap_warp.bodies.decimation import decimate, is_closed
+from mmocap_warp.bodies.decimation import decimate
+from mmocap_warp.body.mesh_parts import is_closed
 
 
 @pytest.fixture(scope="module")

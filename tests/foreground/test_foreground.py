@@ -150,7 +150,7 @@ def test_the_recording_itself_teaches_the_background() -> None:
 
 
 def test_clean_plates_of_the_real_recording_give_the_shipped_masks(shared_data: Path) -> None:
-    from mmocap_warp.scene.recording import load_scene
+    from mmocap_warp.scene.scene_toml import load_scene
 
     scene = load_scene(Path(__file__).parents[2] / "scenes" / "balancing")
     given = next(replace(scene, foreground=ForegroundSettings()).masks(0.25, 5, 1))

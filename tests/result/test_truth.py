@@ -5,9 +5,10 @@ import pytest
 from pxr import Sdf, Usd
 
 from mmocap_warp.errors import InputError
+from mmocap_warp.formats.truth import load_truth
 from mmocap_warp.formats.usd.check import faults
 from mmocap_warp.formats.usd.truth import read_truth, write_truth
-from mmocap_warp.result.truth import Truth, load_truth
+from mmocap_warp.result.truth import Truth
 
 SINGLE_PRECISION = 1e-6  # [m], at a few metres
 

@@ -14,7 +14,8 @@ from synthetic import ring_rig
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.scene.mask_writing import write_masks
-from mmocap_warp.scene.recording import Scene, load_scene
+from mmocap_warp.scene.recording import Scene
+from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.views.rig import project
 
 FRAMES = 5

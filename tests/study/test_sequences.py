@@ -8,9 +8,9 @@ import pytest
 from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cli import main
+from mmocap_warp.formats.truth import load_truth
 from mmocap_warp.formats.usd.body import read_subject
-from mmocap_warp.result.truth import load_truth
-from mmocap_warp.scene.recording import load_scene
+from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.study.sequence_scene import write_sequence
 from mmocap_warp.study.sequences import FPS, MARKER_NOISE, PLANS, SEQUENCES, make_sequence
 from mmocap_warp.synthesis.footage import Footage

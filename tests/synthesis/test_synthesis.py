@@ -12,10 +12,10 @@ from synthetic import COORDINATES
 from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.rotations import turn, zyx_angles
 from mmocap_warp.body.skin_points import triangulated
+from mmocap_warp.formats.truth import load_truth
 from mmocap_warp.formats.usd.body import local_transforms, read_body
 from mmocap_warp.objective.objective import Objective
-from mmocap_warp.result.truth import load_truth
-from mmocap_warp.scene.recording import load_scene
+from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
 from mmocap_warp.synthesis import gait_curves
 from mmocap_warp.synthesis.faults import Faults, spoil

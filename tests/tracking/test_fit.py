@@ -11,9 +11,9 @@ from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.shape_space import ShapeSpace, heading_rotation, upright_base
 from mmocap_warp.errors import InputError
+from mmocap_warp.formats.truth import load_truth
 from mmocap_warp.formats.usd.body import read_body, read_subject, write_subject
-from mmocap_warp.result.truth import load_truth
-from mmocap_warp.scene.recording import load_scene
+from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
 from mmocap_warp.tracking.fit import FitConfig, NoSubjectError, fit, fit_observation
 from mmocap_warp.views.observation import Observation

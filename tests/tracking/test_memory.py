@@ -27,7 +27,7 @@ from mmocap_warp.formats.usd.result import read_result, write_result
 from mmocap_warp.result.evaluation import evaluate
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
-from mmocap_warp.scene.recording import load_scene
+from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
 from mmocap_warp.tracking.tracker import TrackConfig, track_observations
 from mmocap_warp.views.observation import Observation

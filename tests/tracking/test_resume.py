@@ -21,7 +21,8 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.body import write_subject
 from mmocap_warp.formats.usd.result import read_result
 from mmocap_warp.result.result import FrameAnswer
-from mmocap_warp.scene.recording import Scene, load_scene
+from mmocap_warp.scene.recording import Scene
+from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
 from mmocap_warp.synthesis.recording import walking
 from mmocap_warp.tracking import checkpoint

@@ -19,11 +19,13 @@ from mmocap_warp.formats.humaneva.background import nearest_background
 from mmocap_warp.formats.humaneva.markers import MARKERS
 from mmocap_warp.formats.humaneva.sequence import CAMERAS, FIRST_FRAME, SEQUENCES, HumanEvaSequence, read_sequence
 from mmocap_warp.formats.humaneva.sync import StreamOffset, synchronise
+from mmocap_warp.formats.truth import load_truth
 from mmocap_warp.formats.usd.body import write_subject
 from mmocap_warp.formats.usd.result import write_result
 from mmocap_warp.result.result import Result
-from mmocap_warp.result.truth import Truth, load_truth
-from mmocap_warp.scene.recording import Scene, load_scene
+from mmocap_warp.result.truth import Truth
+from mmocap_warp.scene.recording import Scene
+from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.synthesis.silhouettes import draw_silhouettes
 from mmocap_warp.views.rig import project
 

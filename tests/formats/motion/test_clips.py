@@ -13,7 +13,7 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.formats.motion.amc import read_amc
 from mmocap_warp.formats.motion.bvh import read_bvh
 from mmocap_warp.formats.motion.clip import MotionClip
-from mmocap_warp.scene.recording import load_scene
+from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.study.sequences import clip_sequence
 from mmocap_warp.synthesis.retarget import read_clip, retargeted
 from mmocap_warp.synthesis.skinned import joint_transforms

@@ -103,7 +103,7 @@ def _version() -> str:
     import platform
     from importlib.metadata import PackageNotFoundError, version
 
-    from mmocap_warp import __version__
+    from mmocap_warp.version import __version__
 
     lines = [f"mmocap-warp {__version__}"]
     for package in _DEPENDENCIES:

@@ -10,7 +10,6 @@ from importlib.resources import files
 from pathlib import Path
 from string import Template
 
-import mmocap_warp
 from mmocap_warp.study.cell import CellResult
 from mmocap_warp.study.report_sections import (
     Section,
@@ -34,6 +33,7 @@ from mmocap_warp.study.sequences import PLANS
 from mmocap_warp.study.source import Clip
 from mmocap_warp.study.summary import StudySummary
 from mmocap_warp.study.tables import by_algorithm
+from mmocap_warp.version import __version__
 from mmocap_warp.whole_file import write_whole
 
 
@@ -76,7 +76,7 @@ def render(study: StudySummary, clips: Mapping[str, Clip], notes: Sequence[str] 
         contents="".join(f'<li><a href="#{section.anchor}">{escape(section.title)}</a></li>' for section in sections),
         controls=_controls(study),
         sections="\n".join(section.html() for section in sections),
-        footer=escape(f"Written by mmocap-warp {mmocap_warp.__version__}."),
+        footer=escape(f"Written by mmocap-warp {__version__}."),
         script=script,
         script_hash=_hash(script),
         style=style,

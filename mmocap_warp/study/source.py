@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-import mmocap_warp
 from mmocap_warp.body.model import Subject
 from mmocap_warp.errors import InputError
 from mmocap_warp.result.truth import Truth
@@ -154,8 +153,9 @@ def _facts(clip: Clip, frames: int, described: dict) -> ClipFacts:
 @cache
 def _sequence_code() -> str:
     """A hash of all that shipped sequences are made from; once a process, which goes on with what it has loaded."""
-    package = Path(mmocap_warp.__file__).parent
-    modules = [package / "study" / "sequences.py", *(package / "synthesis").glob("*.py")]
+    package = Path(__file__).parents[1]
+    modules = [package / "study" / "sequences.py", package / "body" / "rotations.py"]
+    modules += (package / "synthesis").glob("*.py")
     return _content([*modules, *(ROOT / "bodies").glob("*.usdc")])
 
 

@@ -10,10 +10,10 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 
-import mmocap_warp
 from mmocap_warp.errors import InputError
 from mmocap_warp.study.cell import Cell, CellResult, read_cell
 from mmocap_warp.study.definition import Plan
+from mmocap_warp.version import __version__
 
 _KEY_DIGITS = 20  # of 64; in a folder of a million results two keys are alike with a chance of 4e-13
 _ABANDONED = 60.0  # a file that has been half written for so long will not be finished [s]
@@ -31,7 +31,7 @@ def content_key(plan: Plan, clip_identity: str, device_kind: str) -> str:
         "cell": asdict(plan.cell),
         "clip": clip_identity,
         "config": settings,
-        "version": mmocap_warp.__version__,
+        "version": __version__,
         "device": device_kind,
     }
     return hashlib.sha256(json.dumps(depends, sort_keys=True).encode()).hexdigest()[:_KEY_DIGITS]

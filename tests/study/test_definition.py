@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 from tiny_study import write_scene, write_study
 
-import mmocap_warp
 from mmocap_warp.errors import InputError
 from mmocap_warp.scenes import ROOT
 from mmocap_warp.study.cell import Cell
@@ -190,7 +189,7 @@ def test_a_key_follows_what_a_result_depends_on(tmp_path, monkeypatch):
             for name, value in (("runs", 9), ("seed", 1), ("evaluations", 13), ("limits", False), ("cost", "iou"))
         ),
     }
-    monkeypatch.setattr(mmocap_warp, "__version__", "99")
+    monkeypatch.setattr("mmocap_warp.study.store.__version__", "99")
     others.add(content_key(plan, "clip", "cpu"))
     assert key not in others
     assert len(others) == 9

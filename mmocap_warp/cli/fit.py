@@ -53,10 +53,11 @@ def fit(
     """
     import numpy as np
 
+    from mmocap_warp.bodies.shipped import DEFAULT_BODY, load_body
     from mmocap_warp.cli.devices import start_warp
     from mmocap_warp.cli.outputs import new_file
     from mmocap_warp.cli.settings import describe, effective
-    from mmocap_warp.cli.subjects import DEFAULT_BODY, body_named, fit_subject
+    from mmocap_warp.cli.subjects import fit_subject
     from mmocap_warp.formats.usd.body import write_subject
     from mmocap_warp.formats.usd.file import USD_SUFFIXES
     from mmocap_warp.scene.scene_toml import load_scene
@@ -66,7 +67,7 @@ def fit(
     new_file(output, *USD_SUFFIXES, force=force)
     loaded = load_scene(scene)
     config = effective(FitConfig, loaded.path, "fit", loaded.fit, flags)
-    start = body_named(body or loaded.body or DEFAULT_BODY, "--body" if body else loaded.path)
+    start = load_body(body or loaded.body or DEFAULT_BODY, "--body" if body else loaded.path)
     start_warp(config.device)
     console.note(f"fit: {describe(config, loaded.fit, flags)}")
     subject = fit_subject(loaded, start, config, console)

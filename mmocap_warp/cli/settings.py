@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import types
 from collections.abc import Mapping
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_type_hints
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from mmocap_warp.cli.exit_codes import UsageError
-from mmocap_warp.formats.toml_table import Table
+from mmocap_warp.formats.toml_table import Table, config_from_table
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -31,7 +30,7 @@ def effective(kind: type[Config], scene: Path, table: str, written: Mapping[str,
         InputError: the scene file holds an unknown name or a wrong value.
         UsageError: a flag's value is wrong.
     """
-    config = _from_table(kind, Table(dict(written), str(scene), table))
+    config = config_from_table(kind, Table(dict(written), str(scene), table))
     given = _given(flags)
     try:
         return replace(config, **given)
@@ -48,23 +47,6 @@ def describe(config: DataclassInstance, written: Mapping[str, Any], flags: Any) 
         if value is not None:
             parts.append(f"{name} {str(value).lower() if isinstance(value, bool) else value}{origin}")
     return ", ".join(parts)
-
-
-def _from_table(kind: type[Config], table: Table) -> Config:
-    hints = get_type_hints(kind)
-    values = {field.name: table.take(field.name, _plain(hints[field.name]), field.default) for field in fields(kind)}
-    table.finish()
-    try:
-        return kind(**values)
-    except ValueError as error:
-        raise table.error(str(error), "correct that value") from None
-
-
-def _plain(hint: Any) -> type:
-    """The type of a setting that may also be ``None``."""
-    if isinstance(hint, types.UnionType):
-        return next(arm for arm in get_args(hint) if arm is not type(None))
-    return hint
 
 
 def _given(flags: Any) -> dict[str, Any]:

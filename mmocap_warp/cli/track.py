@@ -192,15 +192,16 @@ def _named_subject(scene: Scene, output: Path, start: Start) -> Subject | None:
 
 def _fitted_subject(scene: Scene, config: TrackConfig, output: Path, start: Start, console: Console) -> Subject:
     """A subject fitted to the first frame and kept beside the result."""
+    from mmocap_warp.bodies.shipped import DEFAULT_BODY, load_body
     from mmocap_warp.cli.fit import FitFlags
     from mmocap_warp.cli.settings import describe, effective
-    from mmocap_warp.cli.subjects import DEFAULT_BODY, body_named, fit_subject
+    from mmocap_warp.cli.subjects import fit_subject
     from mmocap_warp.formats.usd.body import read_subject, write_subject
     from mmocap_warp.tracking.fit import FitConfig
 
     flags = FitFlags(device=config.device, threads=config.threads)
     fit = effective(FitConfig, scene.path, "fit", scene.fit, flags)
-    body = body_named(start.body or scene.body or DEFAULT_BODY, "--body" if start.body else scene.path)
+    body = load_body(start.body or scene.body or DEFAULT_BODY, "--body" if start.body else scene.path)
     _check_model(body, scene, config, start.flags)
     given = FitFlags(device=start.flags.device, threads=start.flags.threads)
     console.note(f"fit: {describe(fit, scene.fit, given)}")

@@ -1,14 +1,21 @@
-"""Reading TOML with one clear line for every mistake: wrong type, missing or unknown key."""
+"""Reading TOML with one clear line for every mistake: wrong type, missing or unknown key, wrong setting."""
 
 from __future__ import annotations
 
 import difflib
 import math
 import tomllib
+import types
+from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_type_hints
 
 from mmocap_warp.errors import InputError
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+    Config = TypeVar("Config", bound=DataclassInstance)
 
 _KINDS = {
     str: "a string",
@@ -123,3 +130,29 @@ class Table:
         known = ", ".join(dict.fromkeys(self._asked))
         remedy = f"did you mean '{near[0]}'?" if near else f"known keys: {known}"
         raise self.error(f"unknown key '{key}'", remedy)
+
+
+def config_from_table(kind: type[Config], table: Table) -> Config:
+    """The settings that a table holds, with defaults for the others.
+
+    Args:
+        kind: a dataclass that checks its fields and raises ``ValueError``.
+        table: it is emptied.
+
+    Raises:
+        InputError: an unknown name or a wrong value.
+    """
+    hints = get_type_hints(kind)
+    values = {field.name: table.take(field.name, _plain(hints[field.name]), field.default) for field in fields(kind)}
+    table.finish()
+    try:
+        return kind(**values)
+    except ValueError as error:
+        raise table.error(str(error), "correct that value") from None
+
+
+def _plain(hint: Any) -> type:
+    """The type of a setting that may also be ``None``."""
+    if isinstance(hint, types.UnionType):
+        return next(arm for arm in get_args(hint) if arm is not type(None))
+    return hint

@@ -10,7 +10,6 @@ from mmocap_warp.result.pose_errors import (
     LOST_LIMB,
     aligned_error,
     common_frames,
-    joint_positions,
     marker_error,
     nanmean,
     on_all_frames,
@@ -42,7 +41,7 @@ def evaluate(result: Result, truth: Truth | None = None) -> dict[str, Any]:
     Raises:
         InputError: truth that shares no frame, or neither markers nor joints, with the result.
     """
-    joints = joint_positions(result)
+    joints = result.joints()
     series = {"cost": result.cost, "iou": nanmean(result.iou, axis=2)}
     report = _overlap(result, series["iou"])
     report["jitter_mm"] = _jitter_mm(joints, result.frame_numbers)

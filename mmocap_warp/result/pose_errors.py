@@ -1,21 +1,15 @@
-"""Distances between a tracked body and what is known of the real one: whole arrays in, whole arrays out.
-
-Poses are posed in blocks, and of the skin only the vertices that are asked for, so that a recording of any length is
-judged in little memory.
-"""
+"""Distances between a tracked body and what is known of the real one: whole arrays in, whole arrays out."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
-from mmocap_warp.body.model import BodyModel, SkinMesh
-from mmocap_warp.body.posing import Poser
+from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.skin_points import SkinPoints, attach
 from mmocap_warp.errors import InputError
+from mmocap_warp.result.positions import POSES_AT_ONCE, blocks, skin_positions
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
 
@@ -24,30 +18,6 @@ HEAD_TOP = "HeadTop"
 
 LOST_LIMB = 0.2
 """A limb is lost in a frame where its end, such as a wrist or ankle, is farther off than this [m]."""
-
-_POSES_AT_ONCE = 4096  # a pose's joints are 1.4 KB on the way
-_VERTICES_AT_ONCE = 1 << 20  # 12 MB
-
-
-def joint_positions(result: Result) -> np.ndarray:
-    """(run, frame, joint, 3) float64, joint centres in the world [m]."""
-    poser = Poser(result.subject.body, result.subject.root_base)
-    poses = result.pose.reshape(-1, result.pose.shape[2])
-    centres = np.empty((len(poses), len(result.subject.body.joint_rest), 3))
-    for block in _blocks(len(poses), _POSES_AT_ONCE):
-        centres[block] = poser.joint_transforms(poses[block])[:, :, :3, 3]
-    return centres.reshape(*result.pose.shape[:2], -1, 3)
-
-
-def skin_positions(result: Result, pose: np.ndarray, vertex: np.ndarray) -> np.ndarray:
-    """Where some of the skin's vertices are: poses (n, coordinate) and vertices (m,) int to (n, m, 3) float32 [m]."""
-    body = result.subject.body
-    some = SkinMesh(body.skin.rest[vertex], body.skin.face[:0], body.skin.joint[vertex], body.skin.weight[vertex])
-    poser = Poser(replace(body, skin=some), result.subject.root_base)
-    positions = np.empty((len(pose), len(vertex), 3), np.float32)
-    for block in _blocks(len(pose), max(_VERTICES_AT_ONCE // max(len(vertex), 1), 1)):
-        positions[block] = poser.vertices(pose[block])
-    return positions
 
 
 def head_top(body: BodyModel) -> int:
@@ -96,14 +66,14 @@ def marker_error(result: Result, truth: Truth, mine: np.ndarray, theirs: np.ndar
     for run, pose in enumerate(result.pose[:, mine]):
         starts = np.unique(first)
         corners, weights = np.empty((len(ever), 3), int), np.empty((len(ever), 3))
-        for start, vertices in zip(starts, skin_positions(result, pose[starts], all_vertices), strict=True):
+        for start, vertices in zip(starts, skin_positions(result.subject, pose[starts], all_vertices), strict=True):
             some = first == start
             attached = attach(seen[start, ever[some]], vertices, face)
             corners[some], weights[some] = attached.corners, attached.weights
         vertex, corner = np.unique(corners, return_inverse=True)
         riding = SkinPoints(corner.reshape(corners.shape), weights)
-        for block in _blocks(len(mine), _POSES_AT_ONCE):
-            place = riding.positions(skin_positions(result, pose[block], vertex))
+        for block in blocks(len(mine), POSES_AT_ONCE):
+            place = riding.positions(skin_positions(result.subject, pose[block], vertex))
             error[run, block] = nanmean(np.linalg.norm(seen[block][:, ever] - place, axis=2), axis=1)
     return error
 
@@ -146,11 +116,6 @@ def on_all_frames(values: np.ndarray, mine: np.ndarray, result: Result) -> np.nd
     full = np.full((len(values), len(result.frame_numbers)), np.nan)
     full[:, mine] = values
     return full
-
-
-def _blocks(count: int, size: int) -> Iterator[slice]:
-    for start in range(0, count, size):
-        yield slice(start, min(start + size, count))
 
 
 def _span(numbers: np.ndarray) -> str:

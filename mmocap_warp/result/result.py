@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,3 +88,27 @@ class Result:
     def best_run(self) -> int:
         """The run with the lowest mean cost: the one that is animated."""
         return int(np.argmin(np.nanmean(self.cost, axis=1))) if np.isfinite(self.cost).any() else 0
+
+    def joints(self) -> np.ndarray:
+        """Joint centres in the world: (run, frame, joint, 3) float64 [m], the joints in the order of the body's."""
+        from mmocap_warp.result.positions import joint_positions  # Warp, which reading a result does not need
+
+        centres = joint_positions(self.subject, self.pose.reshape(-1, self.pose.shape[2]))
+        return centres.reshape(*self.pose.shape[:2], -1, 3)
+
+    def vertices(self, run: int | None = None, frames: Sequence[int] | None = None) -> np.ndarray:
+        """The skin's vertices in the world, which ``subject.body.skin.face`` joins: (frame, vertex, 3) float32 [m].
+
+        Args:
+            run: of which run; None for the best one.
+            frames: positions in ``frame_numbers``, negative ones from the end; None for all. A frame of a body of
+                13,000 vertices takes 160 KB, so of a long recording take some at a time.
+
+        Raises:
+            IndexError: no such run or frame.
+        """
+        from mmocap_warp.result.positions import skin_positions
+
+        pose = self.pose[self.best_run if run is None else run]
+        chosen = pose if frames is None else pose[np.asarray(frames, int)]
+        return skin_positions(self.subject, chosen, np.arange(len(self.subject.body.skin.rest)))

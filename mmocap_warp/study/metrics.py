@@ -10,12 +10,11 @@ from mmocap_warp.result.pose_errors import (
     aligned_error,
     common_frames,
     head_top,
-    joint_positions,
     marker_error,
     nanmean,
     on_all_frames,
-    skin_positions,
 )
+from mmocap_warp.result.positions import skin_positions
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.result.truth import Truth
 
@@ -54,7 +53,7 @@ def measure(result: Result, truth: Truth | None) -> tuple[Metrics, Metrics]:
     Raises:
         InputError: truth that shares no frame, or neither markers nor joints, with the result.
     """
-    joints = joint_positions(result)
+    joints = result.joints()
     shape = result.pose.shape[:2]
     per_frame = {name: np.full(shape, np.nan) for name in ("marker_error", "joint_error", "mpjpe", "pa_mpjpe")}
     limb_lost = np.full(shape[0], np.nan)
@@ -119,7 +118,7 @@ def _contact_speed(result: Result, pose: np.ndarray, sole: np.ndarray) -> np.nda
     up = result.cameras.up_vector
     moved = np.empty((len(pose) - 1, 3))
     for start in range(0, len(moved), _FRAMES_AT_ONCE):
-        place = skin_positions(result, pose[start : start + _FRAMES_AT_ONCE + 1], sole)
+        place = skin_positions(result.subject, pose[start : start + _FRAMES_AT_ONCE + 1], sole)
         lowest = (place[:-1] @ up).argmin(axis=1)
         frame = np.arange(len(lowest))
         moved[start : start + _FRAMES_AT_ONCE] = place[frame + 1, lowest] - place[frame, lowest]
@@ -167,5 +166,5 @@ def _tracked(result: Result, joints: np.ndarray, mine: np.ndarray, name: str) ->
     if name != HEAD_TOP:
         return joints[:, :, result.subject.body.skeleton.index(name)]
     pose = result.pose[:, mine].reshape(-1, result.pose.shape[2])
-    top = skin_positions(result, pose, np.array([head_top(result.subject.body)]))
+    top = skin_positions(result.subject, pose, np.array([head_top(result.subject.body)]))
     return top.reshape(*joints.shape[:2], 3).astype(np.float64)

@@ -1,0 +1,32 @@
+"""Bodies by name: those that ship with the package, or a file of one's own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mmocap_warp.body.model import BodyModel
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.usd.body import read_body
+from mmocap_warp.scenes import ROOT
+
+DEFAULT_BODY = "adult_man"
+"""Where a fit starts if nobody says."""
+
+
+def load_body(name: str | Path, source: object = "body") -> BodyModel:
+    """A body by the name of a shipped one, such as ``adult_man``, or by the path of its USD file.
+
+    Args:
+        name: a name without an ending, or a path with one.
+        source: where the name stands, for messages.
+
+    Raises:
+        InputError: no such body, or a file that holds none.
+    """
+    if Path(name).suffix:
+        return read_body(name)
+    shipped = ROOT / "bodies" / f"{name}.usdc"
+    if not shipped.is_file():
+        known = ", ".join(sorted(file.stem for file in shipped.parent.glob("*.usdc")))
+        raise InputError(source, f"there is no body '{name}'", f"name a USD file, or one of {known}")
+    return read_body(shipped)

@@ -1,3 +1,82 @@
-"""Silhouette-based markerless motion capture on NVIDIA Warp and OpenUSD."""
+"""Markerless motion capture from silhouettes, on NVIDIA Warp and OpenUSD: ``import mmocap_warp as mm``.
 
-__version__ = "0.1.0"
+What stands here is the public face; docs/python.md shows it at work. A name is imported when it is first used, so that
+importing the package imports nothing else. Metres, radians and seconds throughout; arrays are NumPy's. The face may
+name parts of every room but the command line, the benchmarks and the study; no room imports it.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from mmocap_warp.version import __version__
+
+if TYPE_CHECKING:
+    from mmocap_warp.bodies.shipped import load_body
+    from mmocap_warp.body.model import BodyModel, Subject
+    from mmocap_warp.drawing.show import overlay
+    from mmocap_warp.errors import InputError
+    from mmocap_warp.formats.truth import load_truth
+    from mmocap_warp.formats.usd.result import read_result as load_result
+    from mmocap_warp.formats.usd.result import write_result
+    from mmocap_warp.optimizers.minimize import minimize
+    from mmocap_warp.result.evaluation import evaluate
+    from mmocap_warp.result.result import Result
+    from mmocap_warp.scene.recording import Scene
+    from mmocap_warp.scene.scene_toml import load_scene
+    from mmocap_warp.tracking.fit import FitConfig, fit
+    from mmocap_warp.tracking.tracker import TrackConfig, track
+
+_HOME = {
+    "BodyModel": ("body.model", "BodyModel"),
+    "FitConfig": ("tracking.fit", "FitConfig"),
+    "InputError": ("errors", "InputError"),
+    "Result": ("result.result", "Result"),
+    "Scene": ("scene.recording", "Scene"),
+    "Subject": ("body.model", "Subject"),
+    "TrackConfig": ("tracking.tracker", "TrackConfig"),
+    "evaluate": ("result.evaluation", "evaluate"),
+    "fit": ("tracking.fit", "fit"),
+    "load_body": ("bodies.shipped", "load_body"),
+    "load_result": ("formats.usd.result", "read_result"),
+    "load_scene": ("scene.scene_toml", "load_scene"),
+    "load_truth": ("formats.truth", "load_truth"),
+    "minimize": ("optimizers.minimize", "minimize"),
+    "overlay": ("drawing.show", "overlay"),
+    "track": ("tracking.tracker", "track"),
+    "write_result": ("formats.usd.result", "write_result"),
+}
+
+__all__ = [
+    "BodyModel",
+    "FitConfig",
+    "InputError",
+    "Result",
+    "Scene",
+    "Subject",
+    "TrackConfig",
+    "__version__",
+    "evaluate",
+    "fit",
+    "load_body",
+    "load_result",
+    "load_scene",
+    "load_truth",
+    "minimize",
+    "overlay",
+    "track",
+    "write_result",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module, there = _HOME[name]
+    value = globals()[name] = getattr(import_module(f"{__name__}.{module}"), there)
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

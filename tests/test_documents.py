@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from tracked_motion import track_motion
 
+import mmocap_warp
 from mmocap_warp.optimizers.minimize import minimize
 from mmocap_warp.tracking.algorithms import ALGORITHMS
 
@@ -31,10 +32,22 @@ def test_the_optimizers_example_finds_the_minimum(tmp_path):
     assert min(costs) < 1e-6
 
 
-def test_the_line_from_python_names_what_exists(tmp_path):
-    imports = [line for line in example("architecture.md").splitlines() if line.startswith("from ")]
-    assert len(imports) == 7
-    subprocess.run([sys.executable, "-c", "\n".join(imports)], check=True)
+def test_the_public_face_goes_from_masks_to_a_picture(tmp_path):
+    (tmp_path / "example.py").write_text(example("python.md") + "print(joints.shape, skin.shape, picture.shape)\n")
+    command = [sys.executable, "example.py"]
+    answer = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    numbers, shapes = answer.stdout.splitlines()[-2:]
+    overlap, error = map(float, re.findall(r"[\d.]+\d", numbers))
+    assert overlap > 0.75
+    assert error < 60
+    assert shapes == "(1, 64, 16, 3) (2, 13380, 3) (240, 320, 3)"
+    assert (tmp_path / "walk.usdc").is_file()
+
+
+def test_the_page_on_python_names_the_whole_face():
+    page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"mm\.(\w+)|`(\w+)[`(]", page))
+    assert set(mmocap_warp.__all__) - {"__version__"} <= {name for pair in named for name in pair}
 
 
 def test_documents_that_the_code_names_exist():

@@ -39,7 +39,7 @@ def demo(
     console = console or Console()
     folder = new_folder(output, force=True)
     scene = load_scene(ROOT / "walk")
-    config = effective(TrackConfig, scene.path, "track", scene.track, TrackFlags())
+    config = effective(TrackConfig, scene.settings("track"), TrackFlags())
     files = {
         "result": folder / "walk.usdc",
         "overlay": folder / "walk.webm",

@@ -66,7 +66,7 @@ def fit(
     console, flags = console or Console(), flags or FitFlags()
     new_file(output, *USD_SUFFIXES, force=force)
     loaded = load_scene(scene)
-    config = effective(FitConfig, loaded.path, "fit", loaded.fit, flags)
+    config = effective(FitConfig, loaded.settings("fit"), flags)
     start = load_body(body or loaded.body or DEFAULT_BODY, "--body" if body else loaded.path)
     start_warp(config.device)
     console.note(f"fit: {describe(config, loaded.fit, flags)}")

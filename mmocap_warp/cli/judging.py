@@ -82,7 +82,7 @@ def draw_result(result: Result, scene: Scene | None, video: Path, sheet: Path, c
     Masks are those that were tracked; images may be larger, so that a result of small masks can still be judged.
     """
     from mmocap_warp.cli.progress import Progress
-    from mmocap_warp.drawing.show import show
+    from mmocap_warp.drawing.show import check_same_recording, show
 
     frames = len(result.frame_numbers)
     images = masks = None
@@ -90,19 +90,7 @@ def draw_result(result: Result, scene: Scene | None, video: Path, sheet: Path, c
         tracked = float(result.config.get("scale", 1.0))
         drawn = min(1.0, max(tracked, _DRAWN_LENGTH / int(scene.calibrated.size.max())))
         first = int(result.frame_numbers[0])
-        _check_same_recording(result, scene)
+        check_same_recording(result, scene)
         images, masks = scene.images(drawn, first, frames), scene.masks(tracked, first, frames)
     with Progress("show", quiet=console.quiet) as progress:
         show(result, images, masks, video=video, sheet=sheet, progress=lambda done: progress(done, frames))
-
-
-def _check_same_recording(result: Result, scene: Scene) -> None:
-    """A result is drawn over the recording that it is of."""
-    mine, theirs = result.cameras.names, scene.calibrated.names
-    if mine != theirs:
-        problem = f"has the cameras {', '.join(theirs)}, the result {', '.join(mine)}"
-        raise InputError(scene.path, problem, "name the scene that was tracked")
-    last = int(result.frame_numbers[-1])
-    if last >= scene.frame_count:
-        problem = f"has {scene.frame_count} frames, the result goes to frame {last}"
-        raise InputError(scene.path, problem, "name the scene that was tracked")

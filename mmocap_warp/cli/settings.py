@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from mmocap_warp.cli.exit_codes import UsageError
@@ -16,21 +15,19 @@ if TYPE_CHECKING:
     Config = TypeVar("Config", bound=DataclassInstance)
 
 
-def effective(kind: type[Config], scene: Path, table: str, written: Mapping[str, Any], flags: Any) -> Config:
+def effective(kind: type[Config], written: Table, flags: Any) -> Config:
     """The settings to run with.
 
     Args:
         kind: a frozen dataclass that checks its fields and raises ``ValueError``.
-        scene: the scene file, for messages.
-        table: name of the settings' table in it.
-        written: what that table holds.
+        written: the scene file's table of them.
         flags: a dataclass with some of the same fields, ``None`` where a flag was not given.
 
     Raises:
         InputError: the scene file holds an unknown name or a wrong value.
         UsageError: a flag's value is wrong.
     """
-    config = config_from_table(kind, Table(dict(written), str(scene), table))
+    config = config_from_table(kind, written)
     given = _given(flags)
     try:
         return replace(config, **given)

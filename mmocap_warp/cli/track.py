@@ -96,7 +96,7 @@ def track(
         raise UsageError("--resume continues what --force would replace; give one of them")
     new_file(output, *USD_SUFFIXES, force=force or resume)
     loaded = load_scene(scene)
-    config = effective(TrackConfig, loaded.path, "track", loaded.track, flags)
+    config = effective(TrackConfig, loaded.settings("track"), flags)
     truth = truth_of(loaded)
     start = Start(subject, body, flags, resume, force)
     tracked = track_scene(loaded, config, output, start, console)
@@ -200,7 +200,7 @@ def _fitted_subject(scene: Scene, config: TrackConfig, output: Path, start: Star
     from mmocap_warp.tracking.fit import FitConfig
 
     flags = FitFlags(device=config.device, threads=config.threads)
-    fit = effective(FitConfig, scene.path, "fit", scene.fit, flags)
+    fit = effective(FitConfig, scene.settings("fit"), flags)
     body = load_body(start.body or scene.body or DEFAULT_BODY, "--body" if start.body else scene.path)
     _check_model(body, scene, config, start.flags)
     given = FitFlags(device=start.flags.device, threads=start.flags.threads)

@@ -1,4 +1,4 @@
-"""A result to look at: an overlay video of all cameras, and a contact sheet."""
+"""A result to look at: an overlay video of all cameras, a contact sheet, and a single view."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.formats.png import write_png
 from mmocap_warp.formats.webm import WebmFile
 from mmocap_warp.result.result import STATUS, Result
+from mmocap_warp.scene.recording import Scene
 from mmocap_warp.views.rig import CameraRig, project
 
 _VIDEO_AREA = (1440, 900)  # [px], what the tiled views of a video frame fill at most
@@ -80,11 +81,72 @@ def show(
         write_png(sheet, _contact_sheet(result, body.run, on_sheet, cells))
 
 
-class _ProjectedBody:
-    """The best run in the cameras' pixels, posed a frame at a time: the skin of all frames would fill the memory."""
+def overlay(
+    result: Result,
+    scene: Scene | None = None,
+    frame: int = 0,
+    camera: int | str = 0,
+    *,
+    run: int | None = None,
+) -> np.ndarray:
+    """Draw the tracked body over what one camera saw: skin, contours of body and mask, skeleton.
 
-    def __init__(self, result: Result) -> None:
-        self.run, self.rig = result.best_run, result.cameras
+    Args:
+        result: what was tracked.
+        scene: its recording, for image and mask; None draws the body alone.
+        frame: position in ``result.frame_numbers``; a negative one counts from the end.
+        camera: which, by name or number.
+        run: of which run; None for the best one.
+
+    Returns:
+        (height, width, 3) uint8, red, green, blue; as large as the camera's images, or as its masks where the scene has
+        no video.
+
+    Raises:
+        ValueError: no such camera.
+        IndexError: no such frame or run.
+        InputError: the scene is another recording, or an image cannot be read.
+    """
+    names = result.cameras.names
+    if camera not in (*names, *range(len(names))):
+        raise ValueError(f"camera must be one of {list(names)} or a number below {len(names)}, got {camera!r}")
+    k = names.index(camera) if isinstance(camera, str) else camera
+    number = int(result.frame_numbers[frame])
+    images: Sequence[np.ndarray | None] = [None] * len(names)
+    masks: Sequence[np.ndarray | None] = images
+    if scene is not None:
+        check_same_recording(result, scene)
+        images = next(scene.images(1.0, number, 1))
+        masks = next(scene.masks(float(result.config.get("scale", 1.0)), number, 1))
+    windows = [
+        Window((0, 0), (width, height), (width, height) if image is None else (image.shape[1], image.shape[0]))
+        for (width, height), image in zip(result.cameras.size.tolist(), images, strict=True)
+    ]
+    view = _ProjectedBody(result, run).views(frame, images, masks, windows)[k]
+    return view[:, :, ::-1].copy()  # OpenCV draws blue first
+
+
+def check_same_recording(result: Result, scene: Scene) -> None:
+    """See that a result is drawn over the recording that it is of.
+
+    Raises:
+        InputError: the scene has other cameras, or fewer frames.
+    """
+    mine, theirs = result.cameras.names, scene.calibrated.names
+    if mine != theirs:
+        problem = f"has the cameras {', '.join(theirs)}, the result {', '.join(mine)}"
+        raise InputError(scene.path, problem, "name the scene that was tracked")
+    last = int(result.frame_numbers[-1])
+    if last >= scene.frame_count:
+        problem = f"has {scene.frame_count} frames, the result goes to frame {last}"
+        raise InputError(scene.path, problem, "name the scene that was tracked")
+
+
+class _ProjectedBody:
+    """A run in the cameras' pixels, posed a frame at a time: the skin of all frames would fill the memory."""
+
+    def __init__(self, result: Result, run: int | None = None) -> None:
+        self.run, self.rig = result.best_run if run is None else run, result.cameras
         self._pose = result.pose[self.run]
         self._faces = result.subject.body.tracking_face
         self._skeleton = result.subject.body.skeleton

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from mmocap_warp.foreground.mask_image import decode_mask
 from mmocap_warp.foreground.repair import repair_masks
 from mmocap_warp.foreground.settings import ForegroundSettings
 from mmocap_warp.foreground.subtraction import learn_background
+from mmocap_warp.formats.toml_table import Table
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
 from mmocap_warp.views.undistort import Undistortion, undistortion
@@ -99,6 +100,10 @@ class Scene:
     def directory(self) -> Path:
         """The folder of the scene file."""
         return self.path.parent
+
+    def settings(self, name: Literal["track", "fit"]) -> Table:
+        """Its [track] or [fit] table, to be read as a configuration."""
+        return Table(getattr(self, name), str(self.path), name)
 
     def rig(self, scale: float = 1.0) -> CameraRig:
         """The undistorted pinholes of the images at ``scale``.

@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import warp as wp
@@ -24,6 +24,7 @@ from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.shape_space import ShapeSpace, upright_base
 from mmocap_warp.body.skeleton import TRANSLATION
 from mmocap_warp.errors import InputError
+from mmocap_warp.formats.toml_table import config_from_table
 from mmocap_warp.objective.objective import Objective
 from mmocap_warp.optimizers.cma_es import CmaEs, CmaEsConfig
 from mmocap_warp.optimizers.search import Search
@@ -102,19 +103,27 @@ FitProgress = Callable[[str, float, float], None]
 """Called with the stage's name, the share of all work done, and the best cost so far."""
 
 
-def fit(scene: Scene, body: BodyModel, config: FitConfig | None = None, progress: FitProgress | None = None) -> Subject:
+def fit(
+    scene: Scene,
+    body: BodyModel,
+    config: FitConfig | None = None,
+    progress: FitProgress | None = None,
+    **settings: Any,
+) -> Subject:
     """Fit a body to a scene's first frame.
 
     Args:
         scene: the recording.
         body: where the shape starts; it needs shape targets.
-        config: settings.
+        config: settings; None for those of the scene's [fit] table.
         progress: told after every stage.
+        settings: fields of :class:`FitConfig` to replace those of ``config``, such as ``headings=4``.
 
     Raises:
+        ValueError, TypeError: a setting that cannot be, or is none.
         InputError: the first frame's masks do not show one subject in at least two views.
     """
-    config = config or FitConfig()
+    config = replace(config or config_from_table(FitConfig, scene.settings("fit")), **settings)
     scale = config.scale or min(1.0, _LONGEST / float(scene.rig().size.max()))
     rig = scene.rig(scale)
     observation = next(iter(scene.observations(scale, count=1)))

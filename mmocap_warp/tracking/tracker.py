@@ -7,10 +7,10 @@ import os
 import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import warp as wp
@@ -18,6 +18,7 @@ import warp as wp
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.errors import InputError
+from mmocap_warp.formats.toml_table import config_from_table
 from mmocap_warp.kernels.body.root_frame import enter, leave
 from mmocap_warp.objective.objective import COSTS, Objective
 from mmocap_warp.objective.renderers import RENDERERS
@@ -283,26 +284,30 @@ def collect(
 def track(
     scene: Scene,
     subject: Subject,
-    config: TrackConfig,
+    config: TrackConfig | None = None,
     *,
     checkpoint: Path | None = None,
     resume: bool = False,
     progress: FrameReport | None = None,
+    **settings: Any,
 ) -> Result:
     """Track a scene from its first frame to its last.
 
     Args:
         scene: the recording; its masks are streamed.
         subject: where to start.
-        config: settings.
+        config: settings; None for those of the scene's [track] table.
         checkpoint: file that progress is saved to, every few seconds and when the run is interrupted.
         resume: continue from ``checkpoint`` where it exists; the result has the same bits as an uninterrupted run's.
         progress: called after every frame, also once for each frame that was already done.
+        settings: fields of :class:`TrackConfig` to replace those of ``config``, such as ``evaluations=200``.
 
     Raises:
+        ValueError, TypeError: a setting that cannot be, or is none.
         InputError: unreadable images, a checkpoint that is damaged or another run's, or more than fits into the
             device's memory.
     """
+    config = replace(config or config_from_table(TrackConfig, scene.settings("track")), **settings)
     rig = scene.rig(config.scale)
     tracker = fitting_tracker(subject, rig, config, scene.fps)
     done: list[FinishedFrame] = []  # in pairs, so that no interruption finds one without the other

@@ -48,6 +48,21 @@ def test_what_is_heavy_is_imported_where_it_is_used(module, absent):
     assert run(f"import sys, {module}; print({absent} & set(sys.modules))") == "set()"
 
 
+def test_the_package_alone_imports_nothing_but_itself():
+    """Python's own modules apart: that takes a few milliseconds."""
+    imported = "{name for name in set(sys.modules) - before if name.split('.')[0] not in sys.stdlib_module_names}"
+    program = f"import sys; before = set(sys.modules); import mmocap_warp as mm; dir(mm); print(sorted({imported}))"
+    assert run(program) == str(["mmocap_warp", "mmocap_warp.version"])
+
+
+@pytest.mark.parametrize(
+    ("name", "heavy"),
+    [("load_scene", "warp"), ("load_scene", "pxr"), ("load_body", "cv2"), ("Result", "warp"), ("minimize", "pxr")],
+)
+def test_a_public_name_imports_only_what_it_needs(name, heavy):
+    assert run(f"import sys, mmocap_warp as mm; mm.{name}; print({heavy!r} in sys.modules)") == "False"
+
+
 @pytest.fixture(scope="module")
 def cache(tmp_path_factory) -> Path:
     """A kernel cache that one run with CMA-ES has filled."""

@@ -17,7 +17,7 @@ from mmocap_warp.drawing.overlay import (
     silhouette,
     write_text,
 )
-from mmocap_warp.drawing.show import show
+from mmocap_warp.drawing.show import overlay, show
 from mmocap_warp.errors import InputError
 from mmocap_warp.views.rig import project
 
@@ -154,3 +154,46 @@ def test_text_may_touch_the_border():
     canvas = np.zeros((20, 60, 3), np.uint8)
     assert write_text(canvas, "far too long a line", (0, 0)) > 60
     assert canvas.max() > 150
+
+
+class Recording:
+    """What an overlay asks of a scene: green images twice the cameras' size, and masks that are full."""
+
+    frame_count, path = 20, "scene.toml"
+
+    def __init__(self, result):
+        self.calibrated = result.cameras
+        self.asked = []
+
+    def images(self, scale, first, count):
+        self.asked.append(("images", scale, first, count))
+        yield [np.full((240, 320, 3), (10, 200, 40), np.uint8)] * len(self.calibrated)
+
+    def masks(self, scale, first, count):
+        self.asked.append(("masks", scale, first, count))
+        yield [np.ones((120, 160), bool)] * len(self.calibrated)
+
+
+def test_an_overlay_is_one_cameras_picture_in_red_green_blue():
+    result = replace(synthetic_result(frames=4), cameras=ring_rig(3, size=(160, 120)), config={"scale": 0.5})
+    alone = overlay(result, frame=2, camera=1)
+    assert (alone.shape, alone.dtype) == ((120, 160, 3), np.uint8)
+    assert tuple(alone[0, 0]) == PAPER[::-1]
+    left, right = project(result.cameras, result.joints()[result.best_run, 2, [5, 8]])[1].round().astype(int)  # wrists
+    assert alone[left[1], left[0]].argmax() == 1  # green
+    assert alone[right[1], right[0]].argmax() == 0  # red
+    np.testing.assert_array_equal(alone, overlay(result, None, -2, result.cameras.names[1], run=result.best_run))
+    assert (alone != overlay(result, frame=2, camera=1, run=1 - result.best_run)).any()
+
+    scene = Recording(result)
+    drawn = overlay(result, scene, 2, 1)
+    number = result.frame_numbers[2]
+    assert scene.asked == [("images", 1.0, number, 1), ("masks", 0.5, number, 1)]
+    assert drawn.shape == (240, 320, 3)
+    np.testing.assert_array_equal(drawn[20, 20], (40, 200, 10))
+
+
+@pytest.mark.parametrize("camera", [3, -1, "cam9"])
+def test_an_overlay_of_no_camera(camera):
+    with pytest.raises(ValueError, match=r"camera must be one of .* got"):
+        overlay(small_result(), camera=camera)

@@ -1,1 +1,4 @@
-"""All device code: Warp arrays in, Warp arrays out. Knows no class of ``mmocap_warp``."""
+"""All device code: Warp arrays in, Warp arrays out. Knows no class of ``mmocap_warp``.
+
+May import: no other room.
+"""

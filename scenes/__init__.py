@@ -1,4 +1,7 @@
-"""Bodies and scenes that ship with the package, as data files."""
+"""Bodies and scenes that ship with the package, as data files.
+
+May import: no other room.
+"""
 
 from pathlib import Path
 

@@ -1,1 +1,4 @@
-"""How the shipped bodies are made from MakeHuman's data."""
+"""The shipped bodies: found by name, and made from MakeHuman's data.
+
+May import: body, formats.
+"""

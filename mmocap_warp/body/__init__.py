@@ -1,1 +1,4 @@
-"""Bodies: the model, its poses, its shapes, and points on its skin."""
+"""Bodies: the model, its poses, its shapes, meshes, rotations, and points on its skin.
+
+May import: kernels.
+"""

@@ -1,6 +1,8 @@
 """The ``mmocap`` command line: a module per command, loaded when that command is called.
 
 Nothing here imports Warp, USD or OpenCV, so that ``mmocap --help`` answers at once.
+
+May import: every other room.
 """
 
 from __future__ import annotations

@@ -1,1 +1,4 @@
-"""Pictures of results: overlays, sheets, plots."""
+"""Pictures of results: overlays, sheets, plots.
+
+May import: body, views, result, formats, scene, tracking.
+"""

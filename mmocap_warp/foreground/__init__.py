@@ -1,1 +1,4 @@
-"""Which pixels are the subject: reading masks, subtracting the background, cleaning and repairing the result."""
+"""Which pixels are the subject: reading masks, subtracting the background, cleaning and repairing the result.
+
+May import: views.
+"""

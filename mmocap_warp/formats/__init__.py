@@ -1,1 +1,4 @@
-"""One file per outside format; nothing here is needed to evaluate a pose."""
+"""Outside formats, a file or a subroom each; they know no tracker.
+
+May import: body, views, foreground, result.
+"""

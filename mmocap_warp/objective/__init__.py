@@ -1,1 +1,4 @@
-"""From candidate poses to costs: posing, silhouettes, counts."""
+"""From candidate poses to costs: posing, silhouettes, counts.
+
+May import: kernels, body, views.
+"""

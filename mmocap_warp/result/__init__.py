@@ -1,1 +1,4 @@
-"""Answers of tracking, what is known of the truth, and how far they are apart."""
+"""Answers of tracking, what is known of the truth, and how far they are apart.
+
+May import: body, views.
+"""

@@ -1,1 +1,4 @@
-"""A recording as its scene.toml describes it."""
+"""A recording as its scene.toml describes it.
+
+May import: views, foreground, formats.
+"""

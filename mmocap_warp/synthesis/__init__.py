@@ -1,1 +1,4 @@
-"""Made-up recordings with known truth: a person walking, cameras around, masks with the faults of real ones."""
+"""Made-up recordings with known truth: people who move, cameras around, masks with the faults of real ones.
+
+May import: body, views, result, formats, bodies.
+"""

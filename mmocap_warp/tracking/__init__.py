@@ -1,1 +1,4 @@
-"""Trackers: configuration, algorithms, frames in turn, checkpoints, the first-frame fit."""
+"""Trackers: configuration, algorithms, frames in turn, checkpoints, the first-frame fit.
+
+May import: kernels, body, views, result, formats, scene, objective, optimizers.
+"""

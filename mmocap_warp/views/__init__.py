@@ -1,1 +1,4 @@
-"""What cameras see: the rig, its undistortion, observed masks and their visual hull."""
+"""What cameras see: the rig, its undistortion, observed masks and their visual hull.
+
+May import: no other room.
+"""

@@ -18,7 +18,7 @@ from synthetic import synthetic_body, synthetic_subject
 from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
-from mmocap_warp.synthesis.silhouettes import draw_silhouettes
+from mmocap_warp.synthesis.footage.polygons import draw_silhouettes
 from mmocap_warp.views.rig import CameraRig
 
 SIZE = (160, 120)

@@ -14,7 +14,7 @@ from mmocap_warp.study.engines.local import LocalEngine
 from mmocap_warp.study.engines.protocol import Engine
 from mmocap_warp.study.run import Status, run_study
 from mmocap_warp.study.tasks import Task, plan_tasks
-from mmocap_warp.synthesis.recording import walking
+from mmocap_warp.synthesis.walk import walking
 
 FRAMES = 3
 STUDY = """

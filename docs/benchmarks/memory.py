@@ -35,7 +35,7 @@ def recording(frames: int):
     from mmocap_warp.body.model import Subject
     from mmocap_warp.body.posing import Poser
     from mmocap_warp.drawing.overlay import silhouette
-    from mmocap_warp.synthesis.recording import walking
+    from mmocap_warp.synthesis.walk import walking
     from mmocap_warp.views.rig import CameraRig, project
 
     walk = walking()

@@ -19,14 +19,14 @@ from mmocap_warp.body.rotations import turn, zyx_angles
 from mmocap_warp.body.shape_space import heading_rotation, upright_base
 from mmocap_warp.result.pose_errors import HEAD_TOP, head_top
 from mmocap_warp.result.truth import Truth
-from mmocap_warp.synthesis.boxing import ROUNDS, boxing
-from mmocap_warp.synthesis.footage import Footage
-from mmocap_warp.synthesis.gait import Walk
-from mmocap_warp.synthesis.gestures import SCRIPTS, gesturing
-from mmocap_warp.synthesis.placing import placed_camera
-from mmocap_warp.synthesis.retarget import read_clip, retargeted
-from mmocap_warp.synthesis.segmentation import Contrast
-from mmocap_warp.synthesis.subjects import PEOPLE, fitted_start
+from mmocap_warp.synthesis.footage.cameras import placed_camera
+from mmocap_warp.synthesis.footage.recording import Footage
+from mmocap_warp.synthesis.footage.segmentation import Contrast
+from mmocap_warp.synthesis.motion.boxing import ROUNDS, boxing
+from mmocap_warp.synthesis.motion.gait import Walk
+from mmocap_warp.synthesis.motion.gestures import SCRIPTS, gesturing
+from mmocap_warp.synthesis.motion.retarget import read_clip, retargeted
+from mmocap_warp.synthesis.people import PEOPLE, fitted_start
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
 

@@ -155,7 +155,7 @@ def _sequence_code() -> str:
     """A hash of all that shipped sequences are made from; once a process, which goes on with what it has loaded."""
     package = Path(__file__).parents[1]
     modules = [package / "study" / "sequences.py", package / "body" / "rotations.py"]
-    modules += (package / "synthesis").glob("*.py")
+    modules += (package / "synthesis").rglob("*.py")
     return _content([*modules, *(ROOT / "bodies").glob("*.usdc")])
 
 

@@ -3,7 +3,7 @@
 import sys
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.synthesis.recording import walking
+from mmocap_warp.synthesis.walk import walking
 from mmocap_warp.synthesis.writing import write_recording
 
 if __name__ == "__main__":

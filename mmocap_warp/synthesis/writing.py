@@ -12,7 +12,7 @@ from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.png import write_png
 from mmocap_warp.formats.usd.truth import write_truth
 from mmocap_warp.result.truth import Truth
-from mmocap_warp.synthesis.recording import Recording
+from mmocap_warp.synthesis.walk import Recording
 from mmocap_warp.views.rig import CameraRig
 from mmocap_warp.whole_file import write_whole
 

@@ -13,13 +13,13 @@ from mmocap_warp.formats.usd.body import read_subject
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.study.sequence_scene import write_sequence
 from mmocap_warp.study.sequences import FPS, MARKER_NOISE, PLANS, SEQUENCES, make_sequence
-from mmocap_warp.synthesis.footage import Footage
-from mmocap_warp.synthesis.limbs import Leg
-from mmocap_warp.synthesis.outlines import Surface, fill
-from mmocap_warp.synthesis.segmentation import Contrast, segment
-from mmocap_warp.synthesis.silhouettes import draw_silhouettes
-from mmocap_warp.synthesis.skinned import SkinnedBody, joint_transforms
-from mmocap_warp.synthesis.tracks import Track, minimum_jerk
+from mmocap_warp.synthesis.footage.outlines import Surface, fill
+from mmocap_warp.synthesis.footage.polygons import draw_silhouettes
+from mmocap_warp.synthesis.footage.recording import Footage
+from mmocap_warp.synthesis.footage.segmentation import Contrast, segment
+from mmocap_warp.synthesis.motion.limbs import Leg
+from mmocap_warp.synthesis.motion.tracks import Track, minimum_jerk
+from mmocap_warp.synthesis.posing import SkinnedBody, joint_transforms
 from mmocap_warp.views.rig import check_rig, project
 
 MOST_SLIDE = 2e-3  # [m/s], mean over a sequence, of the foot that stands

@@ -17,13 +17,13 @@ from mmocap_warp.formats.usd.body import local_transforms, read_body
 from mmocap_warp.objective.objective import Objective
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
-from mmocap_warp.synthesis import gait_curves
-from mmocap_warp.synthesis.faults import Faults, spoil
-from mmocap_warp.synthesis.gait import Walk
-from mmocap_warp.synthesis.limbs import Leg, hanging_arm
-from mmocap_warp.synthesis.recording import FRAMES, walking
-from mmocap_warp.synthesis.silhouettes import draw_silhouettes
-from mmocap_warp.synthesis.sole import Sole
+from mmocap_warp.synthesis.footage.faults import Faults, spoil
+from mmocap_warp.synthesis.footage.polygons import draw_silhouettes
+from mmocap_warp.synthesis.motion import gait_curves
+from mmocap_warp.synthesis.motion.gait import Walk
+from mmocap_warp.synthesis.motion.limbs import Leg, hanging_arm
+from mmocap_warp.synthesis.motion.sole import Sole
+from mmocap_warp.synthesis.walk import FRAMES, walking
 from mmocap_warp.synthesis.writing import write_recording
 from mmocap_warp.views.observation import Observation, unpack_masks
 from mmocap_warp.views.rig import check_rig, project

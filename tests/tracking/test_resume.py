@@ -24,7 +24,7 @@ from mmocap_warp.result.result import FrameAnswer
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
-from mmocap_warp.synthesis.recording import walking
+from mmocap_warp.synthesis.walk import walking
 from mmocap_warp.tracking import checkpoint
 from mmocap_warp.tracking.tracker import TrackConfig, Tracker, track
 

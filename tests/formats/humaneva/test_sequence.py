@@ -26,7 +26,7 @@ from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
-from mmocap_warp.synthesis.silhouettes import draw_silhouettes
+from mmocap_warp.synthesis.footage.polygons import draw_silhouettes
 from mmocap_warp.views.rig import project
 
 FRAMES = made.LAST - FIRST_FRAME + 1

@@ -15,9 +15,9 @@ from mmocap_warp.formats.motion.bvh import read_bvh
 from mmocap_warp.formats.motion.clip import MotionClip
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.study.sequences import clip_sequence
-from mmocap_warp.synthesis.retarget import read_clip, retargeted
-from mmocap_warp.synthesis.skinned import joint_transforms
-from mmocap_warp.synthesis.subjects import PEOPLE
+from mmocap_warp.synthesis.motion.retarget import read_clip, retargeted
+from mmocap_warp.synthesis.people import PEOPLE
+from mmocap_warp.synthesis.posing import joint_transforms
 
 DIRECTION = 0.03  # between a bone's direction and the clip's: the body's bones and joint axes differ by a degree or two
 STRAIGHT = 0.06  # the same of a straight leg, which is bent by 3 degrees

@@ -18,9 +18,9 @@ import numpy as np
 from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import applied, transposed, turn, zyx_angles
-from mmocap_warp.synthesis import gait_curves as curves
-from mmocap_warp.synthesis.limbs import TRUNK, Leg, hanging_arm, trunk_angles
-from mmocap_warp.synthesis.sole import Sole
+from mmocap_warp.synthesis.motion import gait_curves as curves
+from mmocap_warp.synthesis.motion.limbs import TRUNK, Leg, hanging_arm, trunk_angles
+from mmocap_warp.synthesis.motion.sole import Sole
 
 _SIGN = {"L": 1.0, "R": -1.0}  # of a side's x
 _AHEAD = {"L": 0.0, "R": 0.5}  # of a leg's phase before the left one's

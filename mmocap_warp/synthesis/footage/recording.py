@@ -9,9 +9,9 @@ import numpy as np
 
 from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.model import BodyModel
-from mmocap_warp.synthesis.outlines import Surface, fill
-from mmocap_warp.synthesis.segmentation import Contrast, Patch, segment
-from mmocap_warp.synthesis.skinned import SkinnedBody, joint_transforms
+from mmocap_warp.synthesis.footage.outlines import Surface, fill
+from mmocap_warp.synthesis.footage.segmentation import Contrast, Patch, segment
+from mmocap_warp.synthesis.posing import SkinnedBody, joint_transforms
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
 

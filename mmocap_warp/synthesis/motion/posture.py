@@ -12,10 +12,10 @@ import numpy as np
 from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import applied, continuous_zyx_angles, transposed, turn, zyx_angles
-from mmocap_warp.synthesis.arm import Arm
-from mmocap_warp.synthesis.limbs import TRUNK, Leg, trunk_angles
-from mmocap_warp.synthesis.skinned import joint_transforms
-from mmocap_warp.synthesis.sole import Sole
+from mmocap_warp.synthesis.motion.arm import Arm
+from mmocap_warp.synthesis.motion.limbs import TRUNK, Leg, trunk_angles
+from mmocap_warp.synthesis.motion.sole import Sole
+from mmocap_warp.synthesis.posing import joint_transforms
 
 _SLIGHTLY = 0.05
 _MOST_STRAIGHT = 0.999  # of an arm's length: the elbow stays bent by 5 degrees

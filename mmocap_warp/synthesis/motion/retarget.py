@@ -19,9 +19,9 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.formats.motion.amc import read_amc, with_markers
 from mmocap_warp.formats.motion.bvh import read_bvh
 from mmocap_warp.formats.motion.clip import MotionClip
-from mmocap_warp.synthesis.limbs import leg_length
-from mmocap_warp.synthesis.posture import Posture
-from mmocap_warp.synthesis.skinned import SkinnedBody, joint_transforms
+from mmocap_warp.synthesis.motion.limbs import leg_length
+from mmocap_warp.synthesis.motion.posture import Posture
+from mmocap_warp.synthesis.posing import SkinnedBody, joint_transforms
 
 # What the joints of Acclaim's, Biovision's and Mixamo's skeletons are called, in small letters and without a prefix.
 _NAMES: dict[str, tuple[str, ...]] = {

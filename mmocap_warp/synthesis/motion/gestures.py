@@ -14,8 +14,8 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import turn
-from mmocap_warp.synthesis.posture import Foot, Posture
-from mmocap_warp.synthesis.tracks import Track, minimum_jerk, sway
+from mmocap_warp.synthesis.motion.posture import Foot, Posture
+from mmocap_warp.synthesis.motion.tracks import Track, minimum_jerk, sway
 
 
 @dataclass(frozen=True)

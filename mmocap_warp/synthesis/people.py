@@ -14,7 +14,7 @@ import numpy as np
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.formats.usd.body import read_body
 from mmocap_warp.scenes import ROOT
-from mmocap_warp.synthesis.skinned import joint_transforms
+from mmocap_warp.synthesis.posing import joint_transforms
 from mmocap_warp.synthesis.walker import stretched
 
 

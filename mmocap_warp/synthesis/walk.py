@@ -12,11 +12,11 @@ from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.shape_space import heading_rotation, upright_base
 from mmocap_warp.result.truth import Truth
-from mmocap_warp.synthesis.faults import Faults, spoil
-from mmocap_warp.synthesis.gait import Walk
-from mmocap_warp.synthesis.gait_curves import CADENCE
-from mmocap_warp.synthesis.placing import placed_camera
-from mmocap_warp.synthesis.silhouettes import draw_silhouettes
+from mmocap_warp.synthesis.footage.cameras import placed_camera
+from mmocap_warp.synthesis.footage.faults import Faults, spoil
+from mmocap_warp.synthesis.footage.polygons import draw_silhouettes
+from mmocap_warp.synthesis.motion.gait import Walk
+from mmocap_warp.synthesis.motion.gait_curves import CADENCE
 from mmocap_warp.synthesis.walker import walker
 from mmocap_warp.views.rig import CameraRig
 

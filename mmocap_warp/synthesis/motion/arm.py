@@ -9,7 +9,7 @@ import numpy as np
 from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import applied, transposed, turn
-from mmocap_warp.synthesis.limbs import basis
+from mmocap_warp.synthesis.motion.limbs import basis
 
 _FULL_REACH = 0.985  # of the arm's length: elbows stay bent by 20 degrees
 _SOFT = 0.12  # from this far before it, a reach is shortened smoothly

@@ -19,6 +19,11 @@ def turn(axis: str, angle: np.ndarray | float) -> np.ndarray:
     return matrix
 
 
+def zyx_rotation(angles: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) rotations ``Rz @ Ry @ Rx`` of angles Rx, Ry, Rz (..., 3) [rad]."""
+    return turn("z", angles[..., 2]) @ turn("y", angles[..., 1]) @ turn("x", angles[..., 0])
+
+
 def zyx_angles(rotation: np.ndarray) -> np.ndarray:
     """(..., 3) angles Rx, Ry, Rz [rad] of rotations ``Rz @ Ry @ Rx``, (..., 3, 3); away from Ry = 90 degrees."""
     r = rotation

@@ -2,37 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
-from mmocap_warp.formats.usd.body import write_subject
 from mmocap_warp.study.sequences import StudySequence
-from mmocap_warp.synthesis.writing import camera_tables, write_images, write_known
-from mmocap_warp.whole_file import write_whole
+from mmocap_warp.synthesis.writing import Progress, write_made_scene
 
-_SCENE = """\
-# {name} of the study's shipped sequences, made up with known truth.
-[scene]
-name = "{name}"
-fps = {fps:g}
-up = "{up}"
-subject = "subject.usdc"
-
-[truth]
-file = "truth.usdc"
-
-[cameras]
-calibration = "calibration.toml"
-{cameras}
+_FOREGROUND = """\
 # The study tracks these masks as they are, with all their faults.
 [foreground]
 source = "masks"
 """
 
 
-def write_sequence(
-    folder: str | Path, sequence: StudySequence, progress: Callable[[int, int], None] | None = None
-) -> Path:
+def write_sequence(folder: str | Path, sequence: StudySequence, progress: Progress | None = None) -> Path:
     """Write a sequence as a scene whose observations are the sequence's own, bit for bit.
 
     The folder gets ``masks/<camera>/<frame>.png`` (1 bit), ``calibration.toml``, ``truth.usdc`` (true markers with
@@ -42,7 +24,7 @@ def write_sequence(
     Args:
         folder: made if it does not exist, with the folders above it.
         sequence: what to write.
-        progress: called after each frame with the numbers of frames done and in all.
+        progress: called after each frame.
 
     Returns:
         Path of ``scene.toml``.
@@ -50,11 +32,13 @@ def write_sequence(
     Raises:
         InputError: a folder that cannot be written to.
     """
-    folder, rig, total = Path(folder), sequence.rig, sequence.frame_count
-    report = None if progress is None else lambda done: progress(done, total)
-    write_images(folder, rig, (sequence.footage.masks(frame) for frame in range(total)), report)
-    write_known(folder, rig, sequence.truth)
-    write_subject(folder / "subject.usdc", sequence.subject)
-    text = _SCENE.format(name=sequence.name, fps=sequence.fps, up=rig.up, cameras=camera_tables(rig))
-    write_whole(folder / "scene.toml", text.encode())
-    return folder / "scene.toml"
+    return write_made_scene(
+        Path(folder),
+        sequence.recording,
+        sequence.truth,
+        name=sequence.name,
+        about=f"{sequence.name} of the study's shipped sequences, made up with known truth.",
+        foreground=_FOREGROUND,
+        subject=sequence.subject,
+        progress=progress,
+    )

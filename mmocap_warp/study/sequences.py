@@ -13,15 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
-from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.model import BodyModel, Subject
-from mmocap_warp.body.rotations import turn, zyx_angles
+from mmocap_warp.body.rotations import zyx_angles, zyx_rotation
 from mmocap_warp.body.shape_space import heading_rotation, upright_base
 from mmocap_warp.result.pose_errors import HEAD_TOP, head_top
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.synthesis.footage.cameras import placed_camera
-from mmocap_warp.synthesis.footage.recording import Footage
-from mmocap_warp.synthesis.footage.segmentation import Contrast
+from mmocap_warp.synthesis.footage.recording import Recording
+from mmocap_warp.synthesis.footage.segmentation import Contrast, SegmentedMasks
 from mmocap_warp.synthesis.motion.boxing import ROUNDS, boxing
 from mmocap_warp.synthesis.motion.gait import Walk
 from mmocap_warp.synthesis.motion.gestures import SCRIPTS, gesturing
@@ -50,6 +49,7 @@ _CAMERAS: dict[str, tuple[float, float, float, float, float, float, tuple[float,
 }
 _COLOUR = Contrast(halo=0.3, flicker=0.3, ragged=0.6, holes=1.2, specks=1.0, shadow=0.15, dropouts=0.5)
 _GREY = Contrast(halo=0.6, flicker=0.5, ragged=0.9, holes=2.5, specks=2.0, shadow=0.45, dropouts=1.5)
+_LIGHT = np.array([0.45, -0.3, -1.0])  # where the lamps shine to
 _WORSE = {"S1": 1.0, "S2": 0.8, "S3": 1.3}  # how much worse than these a subject's clothes make it
 
 
@@ -62,24 +62,24 @@ class StudySequence:
         fps: frames per second.
         subject: the tracker's body, where a fit of the first frame might have left it.
         truth: markers on the true body's skin with 2 mm of noise, joints, and the true body's poses.
-        footage: the true body before the cameras.
+        recording: the true body before the cameras.
     """
 
     name: str
     fps: float
     subject: Subject
     truth: Truth
-    footage: Footage
+    recording: Recording
 
     @property
     def rig(self) -> CameraRig:
         """Seven pinholes."""
-        return self.footage.rig
+        return self.recording.rig
 
     @property
     def frame_count(self) -> int:
         """Frames run from 0 to one less."""
-        return len(self.footage.poses)
+        return len(self.recording)
 
     def observation(self, frame: int) -> Observation:
         """The masks of a frame; the same in whatever order frames are asked for.
@@ -89,7 +89,7 @@ class StudySequence:
         """
         if not 0 <= frame < self.frame_count:
             raise ValueError(f"frame must be in 0 to {self.frame_count - 1}, got {frame}")
-        return self.footage.observation(frame)
+        return self.recording.observation(frame)
 
     def first(self, count: int) -> StudySequence:
         """The sequence cut after ``count`` frames, which stay as they are.
@@ -106,7 +106,7 @@ class StudySequence:
             joints=self.truth.joints[:count],
             pose=None if self.truth.pose is None else self.truth.pose[:count],
         )
-        return replace(self, truth=truth, footage=replace(self.footage, poses=self.footage.poses[:count]))
+        return replace(self, truth=truth, recording=self.recording.first(count))
 
 
 Motion = Callable[[BodyModel, int, int], np.ndarray]
@@ -176,8 +176,10 @@ def make_sequence(name: str, plan: SequencePlan) -> StudySequence:
     body = person.true_body()
     base, poses = _facing_ahead(plan.motion(body, plan.frames, plan.seed), plan.heading)
     contrast = tuple((_COLOUR if camera.startswith("C") else _GREY).worse(_WORSE[plan.person]) for camera in _CAMERAS)
-    footage = Footage(body, base, poses, study_rig(), contrast, plan.seed)
-    return StudySequence(name, FPS, fitted_start(person, base, poses[0], plan.seed), _truth(footage), footage)
+    masks = SegmentedMasks(body, contrast, _LIGHT, plan.seed)
+    recording = Recording(body, base, poses, FPS, study_rig(), masks)
+    start = fitted_start(person, base, poses[0], plan.seed)
+    return StudySequence(name, FPS, start, _truth(recording, plan.seed), recording)
 
 
 def clip_sequence(
@@ -246,7 +248,7 @@ def _facing_ahead(poses: np.ndarray, heading: float) -> tuple[np.ndarray, np.nda
         poses: in body axes about the origin of the floor.
         heading: of those axes in the world [rad].
     """
-    turned = turn("z", poses[:, 5]) @ turn("y", poses[:, 4]) @ turn("x", poses[:, 3])
+    turned = zyx_rotation(poses[:, 3:6])
     floor = _floor_axes(heading)
     base = np.round(floor @ heading_rotation(float(np.arctan2(turned[0, 0, 2], turned[0, 2, 2]))), _DIGITS)
     moved = poses.copy()
@@ -255,17 +257,7 @@ def _facing_ahead(poses: np.ndarray, heading: float) -> tuple[np.ndarray, np.nda
     return base, np.round(moved, 9)
 
 
-def _truth(footage: Footage) -> Truth:
-    body, frames = footage.body, len(footage.poses)
-    points = np.append(body.marker_vertex, head_top(body))
-    skin = np.stack([footage.vertices(frame)[points] for frame in range(frames)])
-    noise = MARKER_NOISE * np.random.default_rng([footage.seed, 2]).standard_normal((frames, len(points) - 1, 3))
-    return Truth(
-        fps=FPS,
-        frame_numbers=np.arange(frames),
-        marker_names=body.marker_names,
-        markers=np.round(skin[:, :-1] + noise, 7),
-        joint_names=(*JOINTS, HEAD_TOP),
-        joints=np.round(np.concatenate([footage.joints[..., 3], skin[:, -1:]], axis=1), 7),
-        pose=footage.poses,
-    )
+def _truth(recording: Recording, seed: int) -> Truth:
+    exact = recording.truth({HEAD_TOP: head_top(recording.body)})
+    noise = MARKER_NOISE * np.random.default_rng([seed, 2]).standard_normal(exact.markers.shape)
+    return replace(exact, markers=np.round(exact.markers + noise, 7), joints=np.round(exact.joints, 7))

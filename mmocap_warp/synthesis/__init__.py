@@ -1,4 +1,7 @@
-"""Made-up recordings with known truth: people who move, cameras around, masks with the faults of real ones.
+"""Made-up recordings with known truth: people in motion, cameras around them, masks with the faults of real ones.
+
+``posing`` and ``people`` know neither of the rooms ``motion`` (what they do) and ``footage`` (what is seen of them),
+which know nothing of each other; ``walk`` joins them to the built-in scene, the study to its nine sequences.
 
 May import: body, views, result, formats, bodies.
 """

@@ -1,4 +1,4 @@
-"""Three people: how each is truly built, and the body that a tracker is given for each.
+"""Who moves: the walker of the built-in scene, and three people with the bodies that a tracker is given for them.
 
 The true bodies are shipped bodies with other shape weights, then stretched unequally, so that no shape of the
 tracker's body equals them. The tracker's bodies have the main proportions right, as a person who sets sliders by hand
@@ -7,15 +7,29 @@ tracker's body equals them. The tracker's bodies have the main proportions right
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.formats.usd.body import read_body
 from mmocap_warp.scenes import ROOT
-from mmocap_warp.synthesis.posing import joint_transforms
-from mmocap_warp.synthesis.walker import stretched
+from mmocap_warp.synthesis.posing import ExactPoser
+
+_WALKER_SHAPE: dict[str, float] = {
+    "weight_incr": 0.35,
+    "muscle_incr": 0.25,
+    "leg_length_incr": 0.30,
+    "arm_length_decr": 0.20,
+    "shoulder_width_incr": 0.40,
+    "waist_incr": 0.30,
+}
+_WALKER_STRETCH = (1.02, 0.99, 1.03)
+
+
+def walker() -> BodyModel:
+    """The shipped woman, heavier, stronger, longer of leg, broader of shoulder, then stretched unequally."""
+    return _stretched(_shipped("adult_woman").shaped(_WALKER_SHAPE), "walker", _WALKER_STRETCH)
 
 
 @dataclass(frozen=True)
@@ -40,7 +54,7 @@ class Person:
 
     def true_body(self) -> BodyModel:
         """Who is seen."""
-        return stretched(self._shaped(self.shape), f"{self.name}_true", self.stretch)
+        return _stretched(self._shaped(self.shape), f"{self.name}_true", self.stretch)
 
     def tracked_body(self) -> BodyModel:
         """Who is tracked."""
@@ -48,7 +62,7 @@ class Person:
 
     def _shaped(self, weights: dict[str, float]) -> BodyModel:
         """The shipped body with one target after the other: sums of several are rounded differently by CPUs' makes."""
-        body = read_body(ROOT / "bodies" / f"{self.base}.usdc")
+        body = _shipped(self.base)
         for name, weight in weights.items():
             body = body.shaped({name: weight})
         return body
@@ -112,6 +126,24 @@ PEOPLE: dict[str, Person] = {
 }
 """By name."""
 
+
+def _shipped(name: str) -> BodyModel:
+    return read_body(ROOT / "bodies" / f"{name}.usdc")
+
+
+def _stretched(body: BodyModel, name: str, stretch: tuple[float, float, float]) -> BodyModel:
+    """A body, named anew, that is ``stretch`` times as wide, as tall and as deep; its joints keep their axes."""
+    factors = np.array(stretch, np.float32)
+    return replace(
+        body,
+        name=name,
+        joint_rest=body.joint_rest * factors,
+        skin=replace(body.skin, rest=body.skin.rest * factors),
+        shape_vertex=body.shape_vertex * factors,
+        shape_joint=body.shape_joint * factors,
+    )
+
+
 _ANGLE_ERROR = np.radians(1.5)
 _PLACE_ERROR = 0.005  # [m]
 
@@ -129,7 +161,9 @@ def fitted_start(person: Person, root_base: np.ndarray, true_pose: np.ndarray, s
         seed: where the errors' chance comes from.
     """
     body, pose = person.tracked_body(), true_pose.astype(np.float64)
-    true_joints, joints = (joint_transforms(b, root_base, pose[None])[0, :, :, 3] for b in (person.true_body(), body))
+    true_joints, joints = (
+        ExactPoser(each, root_base).joint_transforms(pose[None])[0, :, :3, 3] for each in (person.true_body(), body)
+    )
     pose[:3] += (true_joints - joints).mean(axis=0)
     rng = np.random.default_rng(seed)
     free = body.skeleton.searched(39)

@@ -2,57 +2,77 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
-from mmocap_warp.bodies.human import JOINTS, PARENT
 from mmocap_warp.body.model import BodyModel
-from mmocap_warp.body.rotations import turn
+from mmocap_warp.body.rotations import zyx_rotation
 
 
-def joint_transforms(body: BodyModel, root_base: np.ndarray, poses: np.ndarray) -> np.ndarray:
-    """World transforms of the joints' frames.
+class ExactPoser:
+    """Poses a body in the world; to be used as :class:`mmocap_warp.body.posing.Poser` is.
 
     Args:
         body: the body.
         root_base: (3, 3), world from body axes at zero root rotation.
-        poses: (frame, 51) full pose vectors.
-
-    Returns:
-        (frame, joint, 3, 4) float64: axes, and the place in the last column [m].
     """
-    angles = poses[:, 3:].reshape(len(poses), len(JOINTS), 3)
-    own = turn("z", angles[..., 2]) @ turn("y", angles[..., 1]) @ turn("x", angles[..., 0])
-    rest, frame = body.joint_rest.astype(np.float64), body.skeleton.frame.astype(np.float64)
-    world = np.zeros((len(poses), len(JOINTS), 3, 4))
-    for j, parent in enumerate(PARENT):
-        if parent < 0:
-            world[:, j, :, :3] = root_base @ frame[j] @ own[:, j]
-            world[:, j, :, 3] = poses[:, :3]
-            continue
-        into_parent = frame[parent].T
-        axes = world[:, parent, :, :3]
-        world[:, j, :, :3] = axes @ (into_parent @ frame[j]) @ own[:, j]
-        world[:, j, :, 3] = world[:, parent, :, 3] + axes @ (into_parent @ (rest[j] - rest[parent]))
-    return world
 
+    def __init__(self, body: BodyModel, root_base: np.ndarray) -> None:
+        self._body = body
+        self._root_base = root_base
+        self._frame = body.skeleton.frame.astype(np.float64)
+        self._joint_rest = body.joint_rest.astype(np.float64)
 
-class SkinnedBody:
-    """A body's full mesh, ready to follow its joints."""
+    def joint_transforms(self, poses: np.ndarray) -> np.ndarray:
+        """World transforms of the joints' frames for full poses (n, 51): (n, joint, 4, 4) float64, column vectors."""
+        rest, frame = self._joint_rest, self._frame
+        own = zyx_rotation(poses[:, 3:].reshape(len(poses), len(rest), 3))
+        world = np.zeros((len(poses), len(rest), 4, 4))
+        world[..., 3, 3] = 1.0
+        for j, parent in enumerate(self._body.skeleton.parent):
+            if parent < 0:
+                world[:, j, :3, :3] = self._root_base @ frame[j] @ own[:, j]
+                world[:, j, :3, 3] = poses[:, :3]
+                continue
+            into_parent = frame[parent].T
+            axes = world[:, parent, :3, :3]
+            world[:, j, :3, :3] = axes @ (into_parent @ frame[j]) @ own[:, j]
+            world[:, j, :3, 3] = world[:, parent, :3, 3] + axes @ (into_parent @ (rest[j] - rest[parent]))
+        return world
 
-    def __init__(self, body: BodyModel) -> None:
-        skin, frame = body.skin, body.skeleton.frame.astype(np.float64)
-        self._weight = np.zeros((len(skin.rest), len(JOINTS)))
-        np.add.at(self._weight, (np.arange(len(skin.rest))[:, None], skin.joint), skin.weight.astype(np.float64))
-        self._weight /= self._weight.sum(axis=1, keepdims=True)
-        self._rest = skin.rest.astype(np.float64)
-        self._from_bind = np.concatenate(
-            [frame.transpose(0, 2, 1), -np.einsum("jba,jb->ja", frame, body.joint_rest.astype(np.float64))[..., None]],
-            axis=2,
-        )
+    def vertices(self, poses: np.ndarray) -> np.ndarray:
+        """The full mesh's vertices in the world for full poses (n, 51): (n, vertex, 3) float64 [m]."""
+        return np.stack([self._skinned(transforms) for transforms in self.joint_transforms(poses)[:, :, :3]])
 
-    def vertices(self, transforms: np.ndarray) -> np.ndarray:
-        """(vertex, 3) float64 in the world [m], from one frame's joint transforms (joint, 3, 4)."""
+    def _skinned(self, transforms: np.ndarray) -> np.ndarray:
+        """(vertex, 3), from one frame's joint transforms (joint, 3, 4)."""
         moved = transforms[:, :, :3] @ self._from_bind
         moved[:, :, 3] += transforms[:, :, 3]
-        blended = (self._weight @ moved.reshape(len(JOINTS), 12)).reshape(-1, 3, 4)
+        blended = (self._weight @ moved.reshape(-1, 12)).reshape(-1, 3, 4)
         return np.einsum("vab,vb->va", blended[:, :, :3], self._rest) + blended[:, :, 3]
+
+    @cached_property
+    def _rest(self) -> np.ndarray:
+        return self._body.skin.rest.astype(np.float64)
+
+    @cached_property
+    def _weight(self) -> np.ndarray:
+        """(vertex, joint), rows sum to one."""
+        skin = self._body.skin
+        weight = np.zeros((len(skin.rest), len(self._joint_rest)))
+        np.add.at(weight, (np.arange(len(skin.rest))[:, None], skin.joint), skin.weight.astype(np.float64))
+        return weight / weight.sum(axis=1, keepdims=True)
+
+    @cached_property
+    def _from_bind(self) -> np.ndarray:
+        """(joint, 3, 4), into the joints' frames from the bind pose."""
+        place = -np.einsum("jba,jb->ja", self._frame, self._joint_rest)
+        return np.concatenate([self._frame.transpose(0, 2, 1), place[..., None]], axis=2)
+
+
+def led_by(body: BodyModel, *joints: str) -> np.ndarray:
+    """(vertex,) bool: the full mesh's vertices on which one of these joints has the most weight."""
+    skin = body.skin
+    heaviest = skin.joint[np.arange(len(skin.joint)), skin.weight.argmax(axis=1)]
+    return np.isin(heaviest, [body.skeleton.index(name) for name in joints])

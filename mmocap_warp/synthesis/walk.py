@@ -1,23 +1,20 @@
-"""The walking recording: who walks where, seen by which cameras, with what faults."""
+"""The built-in scene: a person walks nearly a stride, seen by five cameras whose masks have faults."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
-from mmocap_warp.bodies.human import JOINTS
-from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.shape_space import heading_rotation, upright_base
-from mmocap_warp.result.truth import Truth
 from mmocap_warp.synthesis.footage.cameras import placed_camera
-from mmocap_warp.synthesis.footage.faults import Faults, spoil
-from mmocap_warp.synthesis.footage.polygons import draw_silhouettes
+from mmocap_warp.synthesis.footage.faults import Faults, SpoiltMasks
+from mmocap_warp.synthesis.footage.recording import Recording
 from mmocap_warp.synthesis.motion.gait import Walk
 from mmocap_warp.synthesis.motion.gait_curves import CADENCE
-from mmocap_warp.synthesis.walker import walker
+from mmocap_warp.synthesis.people import walker
+from mmocap_warp.synthesis.writing import write_made_scene
 from mmocap_warp.views.rig import CameraRig
 
 FRAMES, FPS = 64, 60.0
@@ -42,77 +39,30 @@ _FAULTS = (
 )
 _LIGHT = np.array([0.6, -0.35, -1.0])
 
-
-@dataclass(frozen=True)
-class Recording:
-    """A body in motion before cameras, known exactly. The world has +Z up, the floor is at zero.
-
-    Attributes:
-        body: who is seen.
-        root_base: (3, 3), world from body axes at zero root rotation.
-        poses: (frame, 51) full pose vectors.
-        rig: the cameras, with distortion.
-        faults: per camera, what is wrong with its masks.
-        fps: frames per second.
-        seed: where the faults' chance comes from.
-    """
-
-    body: BodyModel
-    root_base: np.ndarray
-    poses: np.ndarray
-    rig: CameraRig
-    faults: tuple[Faults, ...]
-    fps: float
-    seed: int
-
-    @cached_property
-    def vertices(self) -> np.ndarray:
-        """(frame, vertex, 3), the full mesh in the world [m]."""
-        return Poser(self.body, self.root_base).vertices(self.poses)
-
-    def perfect_masks(self, frame: int) -> list[np.ndarray]:
-        """Per camera (height, width) bool: what a faultless segmentation of the distorted image would give."""
-        return draw_silhouettes(self.rig, self.vertices[frame], self.body.skin.face)
-
-    def masks(self, frame: int) -> list[np.ndarray]:
-        """Per camera (height, width) bool, with faults; the same for the same seed, camera and frame."""
-        return [self._spoilt(k, frame, mask) for k, mask in enumerate(self.perfect_masks(frame))]
-
-    def truth(self) -> Truth:
-        """Markers, joints and poses of every frame."""
-        transforms = Poser(self.body, self.root_base).joint_transforms(self.poses)
-        return Truth(
-            fps=self.fps,
-            frame_numbers=np.arange(len(self.poses)),
-            marker_names=self.body.marker_names,
-            markers=self.vertices[:, self.body.marker_vertex].astype(float),
-            joint_names=JOINTS,
-            joints=transforms[:, :, :3, 3].astype(float),
-            pose=self.poses,
-        )
-
-    def _spoilt(self, k: int, frame: int, mask: np.ndarray) -> np.ndarray:
-        faults = self.faults[k]
-        shadow = self._shadow(k, frame, faults.shadow) if faults.shadow else np.zeros_like(mask)
-        return spoil(mask, shadow, faults, np.random.default_rng([self.seed, k, frame]))
-
-    def _shadow(self, k: int, frame: int, below: float) -> np.ndarray:
-        """Camera ``k``'s view of the shadow on the floor of what is lower than ``below``."""
-        vertices, faces, up = self.vertices[frame], self.body.skin.face, self.rig.up_vector
-        height = vertices @ up
-        low = faces[(height[faces] < below).all(axis=1)]
-        on_floor = vertices - np.outer(height / (_LIGHT @ up), _LIGHT)
-        return draw_silhouettes(self.rig.select((self.rig.names[k],)), on_floor, low)[0]
+_FOREGROUND = """\
+# The masks have ragged contours, holes, specks and shadows.
+[foreground]
+source = "masks"
+median = 3.0
+fill_holes = 150.0
+min_area = 200.0
+keep = "largest"
+join = 6.0
+"""
 
 
 def walking(frames: int = FRAMES, seed: int = 0) -> Recording:
-    """The recording of the built-in scene: nearly a stride along part of a circle, five cameras around its middle."""
+    """Part of a circle, walked along amid the cameras.
+
+    The body is posed in single precision, as the tracker poses it: the scene was first made so.
+    """
     body = walker()
     base = upright_base("+z") @ heading_rotation(_HEADING)
     cycles = CADENCE / 120.0 / FPS
     poses = Walk(body).poses(cycles * (np.arange(frames) - (frames - 1) / 2))
     poses[:, :3] = poses[:, :3] @ base.T
-    return Recording(body, base, poses, camera_ring(), _FAULTS, FPS, seed)
+    masks = SpoiltMasks(body.skin.face, _FAULTS, _LIGHT, seed)
+    return Recording(body, base, poses, FPS, camera_ring(), masks, posed_by=Poser)
 
 
 def camera_ring() -> CameraRig:
@@ -122,3 +72,19 @@ def camera_ring() -> CameraRig:
     distortion = np.array([(*row[8:], 0.0) for row in _CAMERAS])
     names = tuple(f"cam{k + 1}" for k in range(len(_CAMERAS)))
     return CameraRig(names, K, R, t, np.tile(_SIZE, (len(names), 1)), distortion, "+z")
+
+
+def write_walk(folder: str | Path, recording: Recording) -> Path:
+    """Write the recording as a scene named after its folder, and return the path of ``scene.toml``.
+
+    Raises:
+        InputError: a folder that cannot be written to.
+    """
+    return write_made_scene(
+        Path(folder),
+        recording,
+        recording.truth(),
+        name=Path(folder).resolve().name,
+        about="A person walking along part of a circle, made up with known truth. See README.md.",
+        foreground=_FOREGROUND,
+    )

@@ -23,8 +23,8 @@ from mmocap_warp.synthesis.motion import gait_curves
 from mmocap_warp.synthesis.motion.gait import Walk
 from mmocap_warp.synthesis.motion.limbs import Leg, hanging_arm
 from mmocap_warp.synthesis.motion.sole import Sole
-from mmocap_warp.synthesis.walk import FRAMES, walking
-from mmocap_warp.synthesis.writing import write_recording
+from mmocap_warp.synthesis.posing import led_by
+from mmocap_warp.synthesis.walk import FRAMES, walking, write_walk
 from mmocap_warp.views.observation import Observation, unpack_masks
 from mmocap_warp.views.rig import check_rig, project
 
@@ -45,9 +45,10 @@ def phase():
     return gait_curves.CADENCE / 120.0 / 60.0 * (np.arange(FRAMES) - (FRAMES - 1) / 2)
 
 
-def sole_vertices(body, side):
-    heaviest = body.skin.joint[np.arange(len(body.skin.joint)), body.skin.weight.argmax(axis=1)]
-    return heaviest == JOINTS.index(f"{side}Ankle")
+@pytest.fixture(scope="module")
+def vertices(recording):
+    """(frame, vertex, 3)."""
+    return np.stack([recording.vertices(frame) for frame in range(FRAMES)])
 
 
 def angles(pose, joint):
@@ -63,8 +64,8 @@ def iou(a, b):
 
 
 @pytest.mark.parametrize("side", "LR")
-def test_a_standing_foot_does_not_slide(recording, phase, side):
-    foot = recording.vertices[:, sole_vertices(recording.body, side)]
+def test_a_standing_foot_does_not_slide(recording, vertices, phase, side):
+    foot = vertices[:, led_by(recording.body, f"{side}Ankle")]
     lowest = foot[..., 2].argmin(axis=1)
     stands = Walk(recording.body).stands(side, phase)
     pairs = np.flatnonzero(stands[:-1] & stands[1:])
@@ -74,10 +75,10 @@ def test_a_standing_foot_does_not_slide(recording, phase, side):
         assert min(moved) < MOST_SLIDE
 
 
-def test_feet_are_on_the_floor_and_never_below(recording, phase):
+def test_feet_are_on_the_floor_and_never_below(recording, vertices, phase):
     walk = Walk(recording.body)
     assert (walk.stands("L", phase) | walk.stands("R", phase)).all()
-    assert np.abs(recording.vertices[..., 2].min(axis=1)).max() < FLOOR
+    assert np.abs(vertices[..., 2].min(axis=1)).max() < FLOOR
 
 
 def test_joint_limits_hold(recording):
@@ -179,12 +180,12 @@ def test_a_sole_rolls_without_sliding(recording):
 # Cameras and masks
 
 
-def test_cameras_are_a_calibration_and_see_all_of_the_walk(recording):
+def test_cameras_are_a_calibration_and_see_all_of_the_walk(recording, vertices):
     rig = check_rig(recording.rig, "walk")
     assert len(rig) >= 4
     assert np.abs(rig.distortion).max() > 0.1
-    for vertices in recording.vertices[::9]:
-        pixel = project(rig, vertices)
+    for posed in vertices[::9]:
+        pixel = project(rig, posed)
         assert (pixel > 10).all()
         assert (pixel < np.asarray(rig.size)[:, None] - 10).all()
         height = np.ptp(pixel[..., 1], axis=1)
@@ -192,7 +193,7 @@ def test_cameras_are_a_calibration_and_see_all_of_the_walk(recording):
 
 
 def test_silhouettes_equal_the_ray_caster_up_to_the_boundary(recording):
-    rig, vertices, faces = recording.rig.undistorted(), recording.vertices[20], recording.body.skin.face
+    rig, vertices, faces = recording.rig.undistorted(), recording.vertices(20), recording.body.skin.face
     posed = wp.array(vertices[None], dtype=wp.vec3, device="cpu")
     cast = cast_bits(triangulated(faces), rig, posed)
     drawn = draw_silhouettes(rig, vertices, faces)
@@ -209,7 +210,7 @@ def test_the_objective_sees_the_true_body_in_perfect_masks(recording):
     """The tracking mesh at the true pose, against the full mesh drawn by OpenCV."""
     rig, frame = recording.rig.undistorted(), 40
     objective = Objective(recording.body, recording.root_base, rig, 1, device="cpu")
-    masks = draw_silhouettes(rig, recording.vertices[frame], recording.body.skin.face)
+    masks = draw_silhouettes(rig, recording.vertices(frame), recording.body.skin.face)
     objective.observe(Observation.from_masks(masks))
     objective.pose.assign(recording.poses[frame][None].astype(np.float32))
     cost = objective.evaluate(1).numpy()[0]
@@ -218,19 +219,20 @@ def test_the_objective_sees_the_true_body_in_perfect_masks(recording):
 
 def test_undistorted_masks_are_the_pinhole_silhouettes(recording, tmp_path):
     """Perfect masks through the lens, undistorted as scenes are, against the same body through the pinhole."""
-    perfect = replace(recording, poses=recording.poses[:1], faults=(Faults(),) * len(recording.rig))
-    path = write_recording(tmp_path / "perfect", perfect)
+    faultless = replace(recording.segmentation, faults=(Faults(),) * len(recording.rig))
+    perfect = replace(recording.first(1), segmentation=faultless)
+    path = write_walk(tmp_path / "perfect", perfect)
     scene = path.read_text()
     path.write_text(scene[: scene.index("# The masks have")])  # no clean-up
     scene = load_scene(path)
-    drawn = draw_silhouettes(scene.rig(), perfect.vertices[0], perfect.body.skin.face)
+    drawn = draw_silhouettes(scene.rig(), perfect.vertices(0), perfect.body.skin.face)
     for mask, expected in zip(next(scene.masks()), drawn, strict=True):
         assert iou(mask, expected) > 0.97  # the contour of a 1-bit mask is good to half a pixel
 
 
 def test_faults_keep_most_of_a_mask(recording):
     for frame in (0, 30):
-        overlap = [iou(*pair) for pair in zip(recording.perfect_masks(frame), recording.masks(frame), strict=True)]
+        overlap = [iou(*pair) for pair in zip(recording.silhouettes(frame), recording.masks(frame), strict=True)]
         assert min(overlap) > 0.88
         assert max(overlap) < 0.98
 
@@ -250,7 +252,7 @@ def test_a_contour_grows_by_what_it_is_told():
 
 
 def test_writing_twice_gives_the_same_bytes(tmp_path):
-    first, second = (write_recording(tmp_path / name / "walk", walking(frames=3)).parent for name in "ab")
+    first, second = (write_walk(tmp_path / name / "walk", walking(frames=3)).parent for name in "ab")
     names = sorted(path.relative_to(first) for path in first.rglob("*") if path.suffix in (".png", ".toml"))
     assert len(names) == 3 * 5 + 2
     for name in names:
@@ -258,7 +260,7 @@ def test_writing_twice_gives_the_same_bytes(tmp_path):
 
 
 def test_another_seed_gives_other_faults(recording):
-    other = replace(recording, seed=1)
+    other = walking(seed=1)
     for a, b in zip(other.masks(0), recording.masks(0), strict=True):
         assert 0.8 < iou(a, b) < 1.0
 

@@ -1,4 +1,4 @@
-"""What is wrong with the masks of real recordings: ragged contours, holes, specks, and shadows at the feet."""
+"""Masks of which each is spoilt on its own: ragged contours, holes, specks, and shadows at the feet."""
 
 from __future__ import annotations
 
@@ -6,6 +6,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+
+from mmocap_warp.synthesis.footage.blemishes import distance_inside, draw_ellipse, on_floor
+from mmocap_warp.synthesis.footage.polygons import draw_silhouettes
+from mmocap_warp.views.rig import CameraRig
 
 
 @dataclass(frozen=True)
@@ -31,6 +35,40 @@ class Faults:
     shadow: float = 0.0
 
 
+@dataclass(frozen=True)
+class SpoiltMasks:
+    """Polygons seen through the lens, then spoilt.
+
+    Attributes:
+        face: (face, corner) of the mesh that is seen.
+        faults: one per camera.
+        light: (3,), where the lamps shine to.
+        seed: where chance comes from.
+    """
+
+    face: np.ndarray
+    faults: tuple[Faults, ...]
+    light: np.ndarray
+    seed: int
+
+    def silhouettes(self, rig: CameraRig, vertices: np.ndarray) -> list[np.ndarray]:
+        """Per camera (height, width) bool: what a faultless segmentation of the distorted image would give."""
+        return draw_silhouettes(rig, vertices, self.face)
+
+    def masks(self, rig: CameraRig, vertices: np.ndarray, frame: int) -> list[np.ndarray]:
+        """Per camera (height, width) bool; the same for the same seed, camera and frame."""
+        masks = []
+        for k, silhouette in enumerate(self.silhouettes(rig, vertices)):
+            faults, rng = self.faults[k], np.random.default_rng([self.seed, k, frame])
+            shadow = np.zeros_like(silhouette)
+            if faults.shadow > 0:
+                low = self.face[((vertices @ rig.up_vector)[self.face] < faults.shadow).all(axis=1)]
+                floor = on_floor(vertices, rig.up_vector, self.light)
+                shadow = draw_silhouettes(rig.select((rig.names[k],)), floor, low)[0]
+            masks.append(spoil(silhouette, shadow, faults, rng))
+        return masks
+
+
 _HOLE_RADIUS = (2.0, 5.0)
 _SPECK_RADIUS = (1.5, 5.0)
 _FIELD_MARGIN = 3.0  # smoothing lengths that a field is made larger by, so that its edges are like its middle
@@ -45,12 +83,10 @@ def spoil(mask: np.ndarray, shadow: np.ndarray, faults: Faults, rng: np.random.G
         faults: how bad it is.
         rng: where chance comes from.
     """
-    inside = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 5)
-    outside = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5)
-    signed = np.where(mask, inside - 0.5, 0.5 - outside)
+    depth = distance_inside(mask, 5)
     shift = faults.grow + faults.ragged * _smooth_field(mask.shape, faults.smooth, rng)
-    spoilt = ((signed + shift > 0) | shadow).astype(np.uint8)
-    _blobs(spoilt, np.argwhere(inside > _HOLE_RADIUS[1]), rng.poisson(faults.holes), _HOLE_RADIUS, 0, rng)
+    spoilt = ((depth + shift > 0) | shadow).astype(np.uint8)
+    _blobs(spoilt, np.argwhere(depth > _HOLE_RADIUS[1] - 0.5), rng.poisson(faults.holes), _HOLE_RADIUS, 0, rng)
     _blobs(spoilt, np.argwhere(~mask), rng.poisson(faults.specks), _SPECK_RADIUS, 1, rng)
     return spoilt.astype(bool) ^ (rng.random(mask.shape) < faults.salt)
 
@@ -69,5 +105,5 @@ def _blobs(
     """Draw ellipses of any direction with centres at random ``places`` (n, 2: row, column)."""
     for _ in range(count if len(places) else 0):
         row, column = places[rng.integers(len(places))]
-        axes = tuple(int(a) for a in np.rint(rng.uniform(*radius, 2)))
-        cv2.ellipse(mask, (int(column), int(row)), axes, float(rng.uniform(0, 180)), 0, 360, value, -1)
+        across, along = np.rint(rng.uniform(*radius, 2))
+        draw_ellipse(mask, (column, row), (across, along), rng.uniform(0, 180), value)

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mmocap_warp.views.rig import CameraRig
+
 
 @dataclass(frozen=True)
 class Surface:
@@ -49,14 +51,14 @@ class Surface:
 
         Args:
             vertices: (vertex, 3).
-            viewers: (viewer, 4), homogeneous: a point with a last entry of 1, or a direction toward it with 0.
+            viewers: (viewer, 3), points to see it from.
         """
         corner = vertices[self.face]
         across = corner[:, -1] - corner[:, 1] if self.face.shape[1] == 4 else corner[:, 2] - corner[:, 1]
         along = corner[:, 2] - corner[:, 0] if self.face.shape[1] == 4 else corner[:, 1] - corner[:, 0]
         normal = np.cross(along, across)
         plane = np.concatenate([normal, -(normal * corner[:, 0]).sum(axis=1, keepdims=True)], axis=1)
-        return viewers @ plane.T > 0
+        return np.concatenate([viewers, np.ones((len(viewers), 1))], axis=1) @ plane.T > 0
 
     def contour(self, facing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The edges (n, 2) where ``facing`` (face,) changes, and their sign (n,): +1 if the left face is seen."""
@@ -64,6 +66,29 @@ class Surface:
         sign = seen[self.left] - seen[self.right]
         there = np.flatnonzero(sign)
         return self.edge[there], sign[there]
+
+
+def draw_outlines(rig: CameraRig, vertices: np.ndarray, surface: Surface) -> list[np.ndarray]:
+    """Per camera (height, width) bool: pixels whose centre the surface covers, where it faces the camera.
+
+    Args:
+        rig: the cameras, without distortion.
+        vertices: (vertex, 3), posed, in the world [m].
+        surface: of the mesh.
+    """
+    masks = []
+    for k, facing in enumerate(surface.facing(vertices, rig.centres)):
+        edge, sign = surface.contour(facing)
+        start, end = (on_image(rig, k, vertices[ends]) for ends in edge.T)
+        masks.append(fill(start, end, sign, *rig.size[k]))
+    return masks
+
+
+def on_image(rig: CameraRig, k: int, points: np.ndarray) -> np.ndarray:
+    """Pixels (..., 2) of points (..., 3) in camera ``k``, a pinhole."""
+    seen = points @ rig.R[k].T + rig.t[k]
+    focal, centre = rig.K[k, [0, 1], [0, 1]], rig.K[k, :2, 2]
+    return seen[..., :2] / seen[..., 2:] * focal + centre
 
 
 def fill(start: np.ndarray, end: np.ndarray, sign: np.ndarray, width: int, height: int) -> np.ndarray:

@@ -1,16 +1,23 @@
 """What subtracting a background leaves of a silhouette: halo, ragged and flickering contours, holes, specks, shadow.
 
 Quick enough to run whenever a frame is asked for, because only the surroundings of the body are touched, and all
-chance is drawn from a generator that the caller seeds per camera and frame.
+chance is drawn from a generator that is seeded per camera and frame.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from statistics import NormalDist
 
 import cv2
 import numpy as np
+
+from mmocap_warp.body.model import BodyModel
+from mmocap_warp.synthesis.footage.blemishes import distance_inside, draw_ellipse, on_floor
+from mmocap_warp.synthesis.footage.outlines import Surface, draw_outlines, on_image
+from mmocap_warp.synthesis.posing import led_by
+from mmocap_warp.views.rig import CameraRig
 
 
 @dataclass(frozen=True)
@@ -57,12 +64,93 @@ class Patch:
 
 
 _MOST_SHADOW = 0.95
+_CASTING = ("LKnee", "LAnkle", "RKnee", "RAnkle")  # shanks and feet
+_PATCH_LIFE = 24  # frames in which a patch that looks like the background comes and goes
+_PATCH_RADIUS = (0.015, 0.06)  # [m]
+_DROPOUT_EVERY, _DROPOUT_FRAMES = 100, (6, 19)  # at most one in so many frames, and how long it lasts
+_MASK, _PATCHES, _DROPOUT = range(3)  # what chance is drawn for
+
+
+@dataclass(frozen=True)
+class SegmentedMasks:
+    """Exact outlines before pinhole cameras, as subtracting their backgrounds would leave them.
+
+    Attributes:
+        body: who is seen.
+        contrast: one per camera.
+        light: (3,), where the lamps shine to.
+        seed: where chance comes from.
+    """
+
+    body: BodyModel
+    contrast: tuple[Contrast, ...]
+    light: np.ndarray
+    seed: int
+
+    def silhouettes(self, rig: CameraRig, vertices: np.ndarray) -> list[np.ndarray]:
+        """Per camera (height, width) bool: what a faultless segmentation would give."""
+        return draw_outlines(rig, vertices, self._surface)
+
+    def masks(self, rig: CameraRig, vertices: np.ndarray, frame: int) -> list[np.ndarray]:
+        """Per camera (height, width) bool; empty where the camera has dropped out."""
+        shadows = draw_outlines(rig, on_floor(vertices, rig.up_vector, self.light), self._casting_surface)
+        masks = []
+        for k, silhouette in enumerate(self.silhouettes(rig, vertices)):
+            if self.dropped_out(k, frame):
+                masks.append(np.zeros_like(silhouette))
+                continue
+            patches = self._patches(rig, k, frame, vertices)
+            rng = np.random.default_rng([self.seed, _MASK, k, frame])
+            masks.append(segment(silhouette, shadows[k], patches, self.contrast[k], rng))
+        return masks
+
+    def dropped_out(self, k: int, frame: int) -> bool:
+        """Whether camera ``k`` delivers nothing in a frame; in frame 0, where tracking starts, all do."""
+        block = frame // _DROPOUT_EVERY
+        rng = np.random.default_rng([self.seed, _DROPOUT, k, block])
+        first = block * _DROPOUT_EVERY + 1 + rng.integers(_DROPOUT_EVERY - _DROPOUT_FRAMES[1])
+        happens = rng.random() < self.contrast[k].dropouts * _DROPOUT_EVERY / 1000
+        return bool(happens and first <= frame < first + rng.integers(*_DROPOUT_FRAMES))
+
+    @cached_property
+    def _surface(self) -> Surface:
+        return Surface.of(self.body.skin.face)
+
+    @cached_property
+    def _casting_surface(self) -> Surface:
+        """Of the mesh, what casts the shadow at the feet."""
+        face = self.body.skin.face
+        return Surface.of(face[led_by(self.body, *_CASTING)[face].all(axis=1)])
+
+    @cached_property
+    def _share_of_skin(self) -> np.ndarray:
+        """(face,) each face's share of the body's surface, summed up: for drawing points evenly."""
+        corner = self.body.skin.rest[self.body.skin.face]
+        area = np.linalg.norm(np.cross(corner[:, 2] - corner[:, 0], corner[:, -1] - corner[:, 1]), axis=1)
+        return np.cumsum(area) / area.sum()
+
+    def _patches(self, rig: CameraRig, k: int, frame: int, vertices: np.ndarray) -> list[Patch]:
+        """What of the body looks like the background to camera ``k``: stays on the skin for a fraction of a second."""
+        block = frame // _PATCH_LIFE
+        rng = np.random.default_rng([self.seed, _PATCHES, k, block])
+        patches = []
+        for _ in range(rng.poisson(3.0 * self.contrast[k].holes)):  # each is there for a third of its block, on average
+            begin, end = np.sort(rng.integers(0, _PATCH_LIFE + 1, 2)) + block * _PATCH_LIFE
+            face = int(np.searchsorted(self._share_of_skin, rng.random()))
+            radii, angle = rng.uniform(*_PATCH_RADIUS, 2), rng.uniform(0, 180)
+            if begin <= frame < end:
+                place = vertices[self.body.skin.face[face, 0]]
+                column, row = on_image(rig, k, place)
+                across, along = radii * rig.K[k, 0, 0] / float(rig.R[k, 2] @ place + rig.t[k, 2])
+                patches.append(Patch((column, row), (across, along), angle))
+        return patches
+
+
 _GRAIN = 9  # distance over which the contour's shift changes [px]
 _SPREAD = 1.4  # interpolating between independent draws takes this from their deviation
 _SHADOW_GRAIN = 14  # size of the pieces in which a shadow is seen [px]
 _MARGIN = 24  # around the body, in which shadow and specks are seen [px]
 _SPECK_RADIUS = (1.0, 4.0)
-_SUBPIXEL = 4  # binary digits of OpenCV's ellipses
 
 
 def segment(
@@ -81,21 +169,20 @@ def segment(
     box = _surroundings(mask)
     if box is None:
         return spoilt
-    body = mask[box].view(np.uint8)
-    inside = cv2.distanceTransform(body, cv2.DIST_L2, cv2.DIST_MASK_3)
-    outside = cv2.distanceTransform(1 - body, cv2.DIST_L2, cv2.DIST_MASK_3)
-    signed = np.where(mask[box], inside - 0.5, 0.5 - outside)
-    shift = contrast.halo + contrast.flicker * rng.standard_normal() + contrast.ragged * _grain(body.shape, _GRAIN, rng)
-    seen = (signed + shift > 0).view(np.uint8)
+    depth = distance_inside(mask[box], 3)
+    steady = contrast.halo + contrast.flicker * rng.standard_normal()
+    shift = steady + contrast.ragged * _grain(depth.shape, _GRAIN, rng)
+    seen = (depth + shift > 0).view(np.uint8)
     if contrast.shadow > 0:
         bound = NormalDist().inv_cdf(1.0 - contrast.shadow)
-        seen |= (shadow[box] & (_grain(body.shape, _SHADOW_GRAIN, rng) > bound)).view(np.uint8)
-    corner = np.array([box[1].start, box[0].start])
+        seen |= (shadow[box] & (_grain(depth.shape, _SHADOW_GRAIN, rng) > bound)).view(np.uint8)
+    left, top = box[1].start, box[0].start
     for patch in patches:
-        _ellipse(seen, np.array(patch.centre) - corner, patch.radii, patch.angle, 0)
+        draw_ellipse(seen, (patch.centre[0] - left, patch.centre[1] - top), patch.radii, patch.angle, 0)
     for _ in range(rng.poisson(contrast.specks)):
-        place, radii = rng.uniform(0, body.shape[::-1]), rng.uniform(*_SPECK_RADIUS, 2)
-        _ellipse(seen, place, (radii[0], radii[1]), rng.uniform(0, 180), 1)
+        column, row = rng.uniform(0, depth.shape[::-1])
+        across, along = rng.uniform(*_SPECK_RADIUS, 2)
+        draw_ellipse(seen, (column, row), (across, along), rng.uniform(0, 180), 1)
     spoilt[box] = seen.view(bool)
     return spoilt
 
@@ -113,9 +200,3 @@ def _grain(shape: tuple[int, ...], size: int, rng: np.random.Generator) -> np.nd
     coarse = rng.standard_normal((shape[0] // size + 3, shape[1] // size + 3), np.float32) * np.float32(_SPREAD)
     fine = cv2.resize(coarse, None, fx=size, fy=size, interpolation=cv2.INTER_LINEAR)
     return fine[size : size + shape[0], size : size + shape[1]]
-
-
-def _ellipse(image: np.ndarray, centre: np.ndarray, radii: tuple[float, float], angle: float, value: int) -> None:
-    x, y = (round(float(c) * 2**_SUBPIXEL) for c in centre)
-    axes = (round(radii[0] * 2**_SUBPIXEL), round(radii[1] * 2**_SUBPIXEL))
-    cv2.ellipse(image, (x, y), axes, float(angle), 0, 360, value, -1, cv2.LINE_8, _SUBPIXEL)

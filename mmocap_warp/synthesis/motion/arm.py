@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import applied, transposed, turn
-from mmocap_warp.synthesis.motion.limbs import basis
+from mmocap_warp.synthesis.motion.limbs import SIGN, basis, rest_axes, rest_place
 
 _FULL_REACH = 0.985  # of the arm's length: elbows stay bent by 20 degrees
 _SOFT = 0.12  # from this far before it, a reach is shortened smoothly
@@ -36,13 +35,10 @@ class Arm:
     @classmethod
     def of(cls, body: BodyModel, side: str) -> Arm:
         """The arm of one side, ``L`` or ``R``."""
-        chest, shoulder, elbow = (
-            body.skeleton.frame[JOINTS.index(name)].astype(float)
-            for name in ("UpperSpine", f"{side}Shoulder", f"{side}Elbow")
-        )
-        at = {name: body.joint_rest[JOINTS.index(side + name)].astype(float) for name in ("Shoulder", "Elbow", "Wrist")}
+        chest, shoulder, elbow = (rest_axes(body, name) for name in ("UpperSpine", f"{side}Shoulder", f"{side}Elbow"))
+        at = {name: rest_place(body, side + name) for name in ("Shoulder", "Elbow", "Wrist")}
         return cls(
-            sign=1.0 if side == "L" else -1.0,
+            sign=SIGN[side],
             frame=chest.T @ shoulder,
             elbow=shoulder.T @ elbow,
             upper=shoulder.T @ (at["Elbow"] - at["Shoulder"]),

@@ -15,14 +15,12 @@ from functools import cached_property
 
 import numpy as np
 
-from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.model import BodyModel
-from mmocap_warp.body.rotations import applied, transposed, turn, zyx_angles
+from mmocap_warp.body.rotations import applied, transposed, turn, zyx_angles, zyx_rotation
 from mmocap_warp.synthesis.motion import gait_curves as curves
-from mmocap_warp.synthesis.motion.limbs import TRUNK, Leg, hanging_arm, trunk_angles
+from mmocap_warp.synthesis.motion.limbs import SIGN, TRUNK, Leg, hanging_arm, trunk_angles
 from mmocap_warp.synthesis.motion.sole import Sole
 
-_SIGN = {"L": 1.0, "R": -1.0}  # of a side's x
 _AHEAD = {"L": 0.0, "R": 0.5}  # of a leg's phase before the left one's
 _BELOW_HIP = 0.22  # phase at which a standing foot is below the pelvis
 _LEAST_KNEE = np.radians(6.0)  # of a standing leg
@@ -54,7 +52,7 @@ class Walk:
         root, pelvis = self._pelvis(phase)
         pose = np.zeros((len(phase), self.body.skeleton.coordinates))
         pose[:, :3] = root
-        _set(pose, "Root", zyx_angles(pelvis))
+        pose[:, self.body.skeleton.angles("Root")] = zyx_angles(pelvis)
         for side in "LR":
             self._set_leg(pose, side, phase, pelvis)
             self._set_arm(pose, side, phase + _AHEAD[side])
@@ -113,18 +111,19 @@ class Walk:
         leg = np.where(s > 0, swinging, standing)
         yaw = self._yaw(side, step) * (1 - _ease(s[:, 0])) + self._yaw(side, step + 1) * _ease(s[:, 0])
         foot = turn("y", yaw) @ turn("x", -curves.foot_pitch(own))
-        _set(pose, f"{side}Hip", leg[:, :3])
-        pose[:, 3 + 3 * JOINTS.index(f"{side}Knee")] = leg[:, 3]
-        hip = turn("z", leg[:, 2]) @ turn("y", leg[:, 1]) @ turn("x", leg[:, 0])
-        _set(pose, f"{side}Ankle", zyx_angles(transposed(pelvis @ hip @ turn("x", leg[:, 3])) @ foot))
+        shank = pelvis @ zyx_rotation(leg[:, :3]) @ turn("x", leg[:, 3])
+        angles = self.body.skeleton.angles
+        pose[:, angles(f"{side}Hip")] = leg[:, :3]
+        pose[:, angles(f"{side}Knee").start] = leg[:, 3]
+        pose[:, angles(f"{side}Ankle")] = zyx_angles(transposed(shank) @ foot)
 
     def _yaw(self, side: str, step: np.ndarray) -> np.ndarray:
         """Direction of a footprint."""
-        return self._heading(step + _BELOW_HIP - _AHEAD[side]) + _SIGN[side] * self.toe_out
+        return self._heading(step + _BELOW_HIP - _AHEAD[side]) + SIGN[side] * self.toe_out
 
     def _on_floor(self, side: str, step: np.ndarray, own: np.ndarray) -> np.ndarray:
         """The ankle (frame, 3) of a foot that rolls over its footprint of a step."""
-        footprint = self._path(step + _BELOW_HIP - _AHEAD[side], _SIGN[side] * self.step_width / 2)
+        footprint = self._path(step + _BELOW_HIP - _AHEAD[side], SIGN[side] * self.step_width / 2)
         forward, up = self._soles[side].ankle(curves.foot_pitch(own))
         return footprint + applied(turn("y", self._yaw(side, step)), np.stack([0 * up, up, forward], axis=-1))
 
@@ -159,20 +158,15 @@ class Walk:
     def _set_arm(self, pose: np.ndarray, side: str, own: np.ndarray) -> None:
         swing, flexion = curves.shoulder_flexion(own), curves.elbow_flexion(own)
         shoulder, elbow = hanging_arm(self.body, side, swing, flexion, _ARM_SPREAD, _ARM_INWARD)
-        _set(pose, f"{side}Shoulder", shoulder)
-        _set(pose, f"{side}Elbow", elbow)
+        pose[:, self.body.skeleton.angles(f"{side}Shoulder")] = shoulder
+        pose[:, self.body.skeleton.angles(f"{side}Elbow")] = elbow
 
     def _set_trunk(self, pose: np.ndarray, phase: np.ndarray, pelvis: np.ndarray) -> None:
         """The spine takes the chest from the pelvis' axes to the girdle's, half at either joint; the head looks on."""
         heading = turn("y", self._heading(phase))
         chest = heading @ turn("y", -curves.girdle_turn(phase)) @ turn("x", _CHEST_LEAN)
         for joint, angles in zip(TRUNK, trunk_angles(pelvis, chest, heading), strict=True):
-            _set(pose, joint, angles)
-
-
-def _set(pose: np.ndarray, joint: str, angles: np.ndarray) -> None:
-    first = 3 + 3 * JOINTS.index(joint)
-    pose[:, first : first + 3] = angles
+            pose[:, self.body.skeleton.angles(joint)] = angles
 
 
 def _ease(s: np.ndarray) -> np.ndarray:

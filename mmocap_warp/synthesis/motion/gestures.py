@@ -14,6 +14,7 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import turn
+from mmocap_warp.synthesis.motion.limbs import SIGN, rest_place
 from mmocap_warp.synthesis.motion.posture import Foot, Posture
 from mmocap_warp.synthesis.motion.tracks import Track, minimum_jerk, sway
 
@@ -71,31 +72,28 @@ def gesturing(body: BodyModel, frames: int, fps: float, script: Script, seed: in
     aside = sway(time, _SWAY_RATES, rng)
     shift = Track(np.zeros(1))  # of the weight, from foot to foot
     for begin, side, _, hold in script:
-        shift.out_and_back(begin, _MOVE, hold, _RETURN, -_SIGN[side] * _SHIFT)
+        shift.out_and_back(begin, _MOVE, hold, _RETURN, -SIGN[side] * _SHIFT)
     moved = shift.at(time)[:, 0]
     root = np.zeros((frames, 3))
     root[:, 0] = _SWAY_ASIDE * aside + moved
     root[:, 2] = _SWAY_AHEAD * sway(time, _SWAY_RATES, rng)
     pelvis = turn("y", 0.02 * sway(time, _SWAY_RATES, rng)) @ turn("z", -0.6 * moved)
-    half_width = float(abs(body.joint_rest[10, 0]))
-    feet = {side: _foot(frames, sign, half_width) for side, sign in _SIGN.items()}
+    half_width = float(abs(rest_place(body, "LHip")[0]))
+    feet = {side: _foot(frames, sign, half_width) for side, sign in SIGN.items()}
     posture.stand(root, pelvis, feet, _LEAST_KNEE)
 
     turned = Track(np.zeros(1))  # of the chest, toward the hand that is raised
     for begin, side, _, hold in script:
-        turned.out_and_back(begin, _MOVE, hold, _RETURN, -_SIGN[side] * 0.05)
+        turned.out_and_back(begin, _MOVE, hold, _RETURN, -SIGN[side] * 0.05)
     chest = turn("y", turned.at(time)[:, 0] + 0.015 * sway(time, _SWAY_RATES, rng)) @ turn("x", np.full(frames, 0.02))
     look = turn("y", 0.08 * sway(time, (0.2, 0.37, 0.6), rng)) @ turn("x", 0.04 * sway(time, (0.3, 0.5), rng) + 0.03)
     posture.bend(chest, look)
 
-    for side, sign in _SIGN.items():
+    for side, sign in SIGN.items():
         wrist, elbow = _hand(time, [entry for entry in script if entry[1] == side], rng)
         outward = np.array([sign, 1.0, 1.0])
         posture.reach(side, posture.place(f"{side}Shoulder") + wrist * outward * posture.arm_length, elbow * outward)
     return posture.poses
-
-
-_SIGN = {"L": 1.0, "R": -1.0}  # of a side's x
 
 
 def _foot(frames: int, sign: float, half_width: float) -> Foot:

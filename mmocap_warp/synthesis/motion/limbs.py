@@ -6,9 +6,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.model import BodyModel
-from mmocap_warp.body.rotations import applied, transposed, turn, zyx_angles
+from mmocap_warp.body.rotations import applied, transposed, turn, zyx_angles, zyx_rotation
+
+SIGN: dict[str, float] = {"L": 1.0, "R": -1.0}
+"""Of a side's x."""
+
+
+def rest_place(body: BodyModel, joint: str) -> np.ndarray:
+    """(3,) float64, a joint in the bind pose [m]."""
+    return body.joint_rest[body.skeleton.index(joint)].astype(float)
+
+
+def rest_axes(body: BodyModel, joint: str) -> np.ndarray:
+    """(3, 3) float64, a joint's axes in the bind pose."""
+    return body.skeleton.frame[body.skeleton.index(joint)].astype(float)
+
+
+def about(axis: str, angle: np.ndarray) -> np.ndarray:
+    """(frame, 3) angles Rx, Ry, Rz [rad] of which one is ``angle`` (frame,) and the others are zero."""
+    return np.stack([angle if each == axis else 0 * angle for each in "xyz"], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -28,7 +45,7 @@ class Leg:
     @classmethod
     def of(cls, body: BodyModel, side: str) -> Leg:
         """The leg of one side, ``L`` or ``R``."""
-        hip, knee, ankle = (body.joint_rest[JOINTS.index(side + name)].astype(float) for name in _LEG)
+        hip, knee, ankle = (rest_place(body, side + name) for name in _LEG)
         return cls(hip - body.joint_rest[0], knee - hip, ankle - knee)
 
     @property
@@ -109,11 +126,8 @@ def hanging_arm(
         spread: upper arm away from the chest [rad].
         inward: turn of the forearm toward the body's middle, about the upper arm [rad].
     """
-    sign = 1.0 if side == "L" else -1.0
-    chest, shoulder, elbow = (
-        body.skeleton.frame[JOINTS.index(name)].astype(float)
-        for name in ("UpperSpine", f"{side}Shoulder", f"{side}Elbow")
-    )
+    sign = SIGN[side]
+    chest, shoulder, elbow = (rest_axes(body, name) for name in ("UpperSpine", f"{side}Shoulder", f"{side}Elbow"))
     # Of a hanging arm, x points down on the left and up on the right, z is where the forearm bends to: forward.
     down, forward = np.array([0.0, -sign, 0.0]), np.array([0.0, 0.0, 1.0])
     hanging = np.stack([down, np.cross(forward, down), forward], axis=-1) @ turn("x", inward)
@@ -122,7 +136,7 @@ def hanging_arm(
     bound = shoulder.T @ elbow
     already_bent = np.arctan2(sign * bound[2, 0], bound[0, 0])
     bend = -sign * (flexion - already_bent)
-    return zyx_angles(shoulder_turn), np.stack([0 * bend, bend, 0 * bend], -1)
+    return zyx_angles(shoulder_turn), about("y", bend)
 
 
 TRUNK: tuple[str, ...] = ("BottomSpine", "UpperSpine", "Neck")
@@ -136,5 +150,4 @@ def trunk_angles(pelvis: np.ndarray, chest: np.ndarray, head: np.ndarray) -> tup
     """
     between = transposed(pelvis) @ chest
     half = zyx_angles(between) / 2
-    lower = turn("z", half[:, 2]) @ turn("y", half[:, 1]) @ turn("x", half[:, 0])
-    return half, zyx_angles(transposed(lower) @ between), zyx_angles(transposed(chest) @ head)
+    return half, zyx_angles(transposed(zyx_rotation(half)) @ between), zyx_angles(transposed(chest) @ head)

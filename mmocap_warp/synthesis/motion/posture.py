@@ -9,13 +9,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.model import BodyModel
-from mmocap_warp.body.rotations import applied, continuous_zyx_angles, transposed, turn, zyx_angles
+from mmocap_warp.body.rotations import applied, continuous_zyx_angles, transposed, turn, zyx_angles, zyx_rotation
 from mmocap_warp.synthesis.motion.arm import Arm
-from mmocap_warp.synthesis.motion.limbs import TRUNK, Leg, trunk_angles
+from mmocap_warp.synthesis.motion.limbs import TRUNK, Leg, about, trunk_angles
 from mmocap_warp.synthesis.motion.sole import Sole
-from mmocap_warp.synthesis.posing import joint_transforms
+from mmocap_warp.synthesis.posing import ExactPoser
 
 _SLIGHTLY = 0.05
 _MOST_STRAIGHT = 0.999  # of an arm's length: the elbow stays bent by 5 degrees
@@ -52,6 +51,7 @@ class Posture:
 
     def __init__(self, body: BodyModel, frames: int) -> None:
         self._body = body
+        self._poser = ExactPoser(body, np.eye(3))
         self._legs = {side: Leg.of(body, side) for side in "LR"}
         self._soles = {side: Sole.of(body, side) for side in "LR"}
         self._arms = {side: Arm.of(body, side) for side in "LR"}
@@ -114,7 +114,7 @@ class Posture:
 
     def place(self, joint: str) -> np.ndarray:
         """(frame, 3), where a joint is, given what has been set so far."""
-        return self._transforms()[:, JOINTS.index(joint), :, 3]
+        return self._transforms(joint)[:, :3, 3]
 
     def pivoting(self, side: str, foot: Foot) -> Foot:
         """The foot with its places moved so that, as it yaws, it turns about the point that touches the floor."""
@@ -141,9 +141,9 @@ class Posture:
 
     def _set_arm(self, side: str, wrist: np.ndarray, points: np.ndarray) -> None:
         rotation, flexion = self._arms[side].rotations(self._axes("UpperSpine"), wrist, points)
-        limits = self._body.skeleton.limits[JOINTS.index(f"{side}Shoulder")].astype(float)
+        limits = self._body.skeleton.limits[self._body.skeleton.index(f"{side}Shoulder")].astype(float)
         self._set(f"{side}Shoulder", continuous_zyx_angles(rotation, limits))
-        self._set(f"{side}Elbow", np.stack([0 * flexion, flexion, 0 * flexion], axis=-1))
+        self._set(f"{side}Elbow", about("y", flexion))
 
     def _set_legs(
         self,
@@ -158,10 +158,9 @@ class Posture:
         for side, ankle in ankles.items():
             leg = self._legs[side]
             angles = leg.angles(root + applied(pelvis, leg.hip), ankle, pelvis, hinges[side])
-            hip = turn("z", angles[:, 2]) @ turn("y", angles[:, 1]) @ turn("x", angles[:, 0])
-            knee = turn("x", angles[:, 3])
+            hip, knee = zyx_rotation(angles[:, :3]), turn("x", angles[:, 3])
             self._set(f"{side}Hip", angles[:, :3])
-            self._set(f"{side}Knee", np.stack([angles[:, 3], 0 * angles[:, 3], 0 * angles[:, 3]], axis=-1))
+            self._set(f"{side}Knee", about("x", angles[:, 3]))
             self._set(f"{side}Ankle", zyx_angles(transposed(pelvis @ hip @ knee) @ feet[side]))
 
     def _room(self, side: str, root: np.ndarray, pelvis: np.ndarray, ankle: np.ndarray, least_knee: float) -> float:
@@ -172,11 +171,10 @@ class Posture:
         return float((away[:, 1] + np.sqrt(leg.reach(least_knee) ** 2 - level**2)).min())
 
     def _set(self, joint: str, angles: np.ndarray) -> None:
-        first = 3 + 3 * JOINTS.index(joint)
-        self.poses[:, first : first + 3] = angles
-
-    def _transforms(self) -> np.ndarray:
-        return joint_transforms(self._body, np.eye(3), self.poses)
+        self.poses[:, self._body.skeleton.angles(joint)] = angles
 
     def _axes(self, joint: str) -> np.ndarray:
-        return self._transforms()[:, JOINTS.index(joint), :, :3]
+        return self._transforms(joint)[:, :3, :3]
+
+    def _transforms(self, joint: str) -> np.ndarray:
+        return self._poser.joint_transforms(self.poses)[:, self._body.skeleton.index(joint)]

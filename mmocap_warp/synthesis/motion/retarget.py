@@ -13,15 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
-from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.motion.amc import read_amc, with_markers
 from mmocap_warp.formats.motion.bvh import read_bvh
 from mmocap_warp.formats.motion.clip import MotionClip
-from mmocap_warp.synthesis.motion.limbs import leg_length
+from mmocap_warp.synthesis.motion.limbs import leg_length, rest_place
 from mmocap_warp.synthesis.motion.posture import Posture
-from mmocap_warp.synthesis.posing import SkinnedBody, joint_transforms
+from mmocap_warp.synthesis.posing import ExactPoser
 
 # What the joints of Acclaim's, Biovision's and Mixamo's skeletons are called, in small letters and without a prefix.
 _NAMES: dict[str, tuple[str, ...]] = {
@@ -96,9 +95,8 @@ def retargeted(clip: MotionClip, body: BodyModel, fps: float, source: object) ->
     actor = actor.part(_in_reach(actor.place_of("pelvis") * scale))
     posture = Posture(body, len(actor.place))
     pelvis, hips = actor.rotation["pelvis"], (actor.place_of("LHip") + actor.place_of("RHip")) / 2 * scale
-    joint_rest = body.joint_rest.astype(float)
-    hips_rest = (joint_rest[JOINTS.index("LHip")] + joint_rest[JOINTS.index("RHip")]) / 2
-    root = hips - pelvis @ (hips_rest - joint_rest[0])
+    hips_rest = (rest_place(body, "LHip") + rest_place(body, "RHip")) / 2
+    root = hips - pelvis @ (hips_rest - body.joint_rest[0])
     shift = (root.min(axis=0) + root.max(axis=0)) / 2 * (1.0, 0.0, 1.0)
     posture.point_legs(
         root - shift,
@@ -112,8 +110,7 @@ def retargeted(clip: MotionClip, body: BodyModel, fps: float, source: object) ->
     for side in "LR":
         upper, fore = actor.bone(f"{side}Shoulder", f"{side}Elbow"), actor.bone(f"{side}Elbow", f"{side}Wrist")
         posture.point_arm(side, upper, fore)
-    limits = body.skeleton.coordinate_limits
-    poses = np.clip(posture.poses, *limits.T)
+    poses = np.clip(posture.poses, *body.skeleton.coordinate_limits.T)
     shift[1] = _floor(body, poses)
     poses[:, 1] -= shift[1]
     return Retargeted(poses, clip.marker_names, actor.markers * scale - shift)
@@ -226,6 +223,5 @@ def _in_reach(root: np.ndarray) -> slice:
 
 def _floor(body: BodyModel, poses: np.ndarray) -> float:
     """Height of the floor that the body is on in most frames [m]."""
-    skin, transforms = SkinnedBody(body), joint_transforms(body, np.eye(3), poses)
     every = max(1, len(poses) // 100)
-    return float(np.median([skin.vertices(frame)[:, 1].min() for frame in transforms[::every]]))
+    return float(np.median(ExactPoser(body, np.eye(3)).vertices(poses[::every])[..., 1].min(axis=1)))

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.model import BodyModel
+from mmocap_warp.synthesis.posing import led_by
 
 _STEEPEST = np.radians(75.0)
 _GRID = 1201  # 1/8 of a degree apart
@@ -32,9 +32,8 @@ class Sole:
     @classmethod
     def of(cls, body: BodyModel, side: str) -> Sole:
         """The sole of one side, ``L`` or ``R``, of a body that stands flat in its bind pose."""
-        joint = JOINTS.index(f"{side}Ankle")
-        heaviest = body.skin.joint[np.arange(len(body.skin.joint)), body.skin.weight.argmax(axis=1)]
-        foot = (body.skin.rest[heaviest == joint] - body.joint_rest[joint]).astype(float)
+        joint = body.skeleton.index(f"{side}Ankle")
+        foot = (body.skin.rest[led_by(body, f"{side}Ankle")] - body.joint_rest[joint]).astype(float)
         x, y, z = foot.T
         pitch = np.linspace(-_STEEPEST, _STEEPEST, _GRID)
         sine, cosine = np.sin(pitch)[:, None], np.cos(pitch)[:, None]

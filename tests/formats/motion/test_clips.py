@@ -17,7 +17,7 @@ from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.study.sequences import clip_sequence
 from mmocap_warp.synthesis.motion.retarget import read_clip, retargeted
 from mmocap_warp.synthesis.people import PEOPLE
-from mmocap_warp.synthesis.posing import joint_transforms
+from mmocap_warp.synthesis.posing import ExactPoser, led_by
 
 DIRECTION = 0.03  # between a bone's direction and the clip's: the body's bones and joint axes differ by a degree or two
 STRAIGHT = 0.06  # the same of a straight leg, which is bent by 3 degrees
@@ -142,7 +142,7 @@ def figure(turned: dict[str, np.ndarray], frames: int = 3, prefix: str = "") -> 
 
 def bone(body, poses, start, end):
     """(frame, 3), a unit vector."""
-    places = joint_transforms(body, np.eye(3), poses)[..., 3]
+    places = ExactPoser(body, np.eye(3)).joint_transforms(poses)[..., :3, 3]
     away = places[:, JOINTS.index(end)] - places[:, JOINTS.index(start)]
     return away / np.linalg.norm(away, axis=1, keepdims=True)
 
@@ -303,13 +303,11 @@ def test_a_real_walk_walks(shared_data, name):
         pytest.skip(f"needs {name}, which is not part of the project")
     sequence = clip_sequence("S1/Walking", clip)
     assert sequence.frame_count > 100
-    footage = sequence.footage
-    skin = footage.body.skin
-    heaviest = skin.joint[np.arange(len(skin.joint)), skin.weight.argmax(axis=1)]
-    vertices = np.stack([footage.vertices(f) for f in range(0, sequence.frame_count)])
+    recording = sequence.recording
+    vertices = np.stack([recording.vertices(f) for f in range(sequence.frame_count)])
     slide = []
     for side in "LR":
-        foot = vertices[:, heaviest == JOINTS.index(f"{side}Ankle")]
+        foot = vertices[:, led_by(recording.body, f"{side}Ankle")]
         low, frame = foot[:-1, :, 2].argmin(axis=1), np.arange(len(foot) - 1)
         slide.append(np.linalg.norm((foot[frame + 1, low] - foot[frame, low])[:, :2], axis=1) * 60)
     assert np.min(slide, axis=0).mean() < MOST_SLIDE
@@ -324,11 +322,11 @@ def test_real_markers_ride_on_the_retargeted_skin(shared_data):
     if not (folder / "02_01.c3d").exists():
         pytest.skip("needs 02_01.c3d, which is not part of the project")
     sequence = clip_sequence("S1/Walking", folder / "02_01.amc", markers=folder / "02_01.c3d")
-    truth, footage = sequence.truth, sequence.footage
+    truth, recording = sequence.truth, sequence.recording
     assert {"LKNE", "RTOE", "C7"} <= set(truth.marker_names)
     assert truth.markers.shape == (sequence.frame_count, 41, 3)
-    vertices = np.stack([footage.vertices(f) for f in range(sequence.frame_count)])
-    riding = attach(truth.markers[0], vertices[0], footage.body.skin.face)
+    vertices = np.stack([recording.vertices(f) for f in range(sequence.frame_count)])
+    riding = attach(truth.markers[0], vertices[0], recording.body.skin.face)
     assert np.nanmean(np.linalg.norm(truth.markers - riding.positions(vertices), axis=2)) < MOST_MARKER_ERROR
     with pytest.raises(InputError, match="same take"):
         clip_sequence("S1/Walking", folder / "02_02.amc", markers=folder / "02_01.c3d")

@@ -1,4 +1,4 @@
-"""Micro-benchmarks of the kernels: how they are timed, what the machine could do, and each kernel alone.
+"""Micro-benchmarks of the kernels: how they are timed, and each kernel alone.
 
 Unlike the kernels themselves, they know the rest of the project: a kernel is timed on the arrays that a tracker gives
 it. ``mmocap bench`` runs them.

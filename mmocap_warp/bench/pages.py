@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from mmocap_warp.bench.aims import aims_table
 from mmocap_warp.bench.growth import AXES
 from mmocap_warp.bench.plots import growth_lines, growth_plots, line_name, slope
 from mmocap_warp.bench.tables import Report, Table, heading, report_tables
@@ -37,8 +36,7 @@ def _page(reports: Sequence[Report]) -> str:
         "# Measured",
         "Written by `mmocap bench pages`. What is measured and how: [performance](../performance.md).",
     ]
-    parts += ["## Aims", *("; ".join(heading(report).splitlines()) + "." for report in reports)]
-    parts.append(_markdown(aims_table(reports)))
+    parts += ["; ".join(heading(report).splitlines()) + "." for report in reports]
     growing = [axis for axis in AXES if growth_lines(reports, axis)]
     if growing:
         parts.append("## Growth")

@@ -18,12 +18,10 @@ import warp as wp
 from mmocap_warp.bench.evaluations import evaluations, moving_parts
 from mmocap_warp.bench.growth import growth
 from mmocap_warp.bench.peers import peers
-from mmocap_warp.bench.roofline import roofline
 from mmocap_warp.bench.searches import ask_and_tell, frames, measure_generations, same_frames
 from mmocap_warp.bench.stages import stages
 from mmocap_warp.bench.workload import Workload, workload
 from mmocap_warp.kernels.benchmarks.case import Case, Measurement, measure
-from mmocap_warp.kernels.benchmarks.ceilings import ceilings
 from mmocap_warp.tracking.tracker import versions
 
 FORMAT = 1
@@ -98,7 +96,6 @@ def run_suite(plan: Plan, tell: Callable[[str], None], load: Workload | None = N
         "plan": asdict(plan),
         "measure": load.sizes | {"height": round(load.height), "size": load.rig.size[0].tolist()},
         "measurements": [asdict(row) for row in measured],
-        "roofline": roofline(load, measured),
         "ok": all(row.ok for row in measured),
     }
 
@@ -113,7 +110,6 @@ def _steps(plan: Plan, load: Workload) -> Iterator[list[Measurement]]:
     for candidates in plan.kernel_candidates:
         yield from measured(stages(load, candidates, device))
     yield from measured(evaluations(load, plan.batches, threads, device))
-    yield from measured(ceilings(device))
     yield from measured(moving_parts(load, device))
     yield from measured(ask_and_tell(load, (1, plan.runs), device), seconds=_ASK_SECONDS)
     yield from measure_generations(load, device, threads[0], plan.seconds)

@@ -10,13 +10,11 @@ from typing import Any
 from mmocap_warp.bench.evaluations import EVALUATION
 from mmocap_warp.bench.peers import PEER
 from mmocap_warp.bench.searches import FRAME
-from mmocap_warp.kernels.benchmarks.ceilings import GROUP as CEILINGS
 
 Report = dict[str, Any]
 Row = dict[str, Any]
 
 _MEASURE = ("cameras", "pixels", "triangles", "vertices", "renderer")  # the same for all, or said elsewhere
-_UNITS = {"candidates": "candidate", "runs": "run", "threads": "thread", "particles": "particle"}
 
 
 @dataclass(frozen=True)
@@ -50,8 +48,7 @@ def report_tables(report: Report, old: Report | None = None, answers: bool = Fal
         if not row["group"].startswith("growth"):
             groups.setdefault(row["group"], []).append(row)
     gpu = report["kind"] == "cuda"
-    tables = [_group_table(group, rows, gpu, before, answers) for group, rows in groups.items() if group != CEILINGS]
-    return [*tables, _roofline_table(report)]
+    return [_group_table(group, rows, gpu, before, answers) for group, rows in groups.items()]
 
 
 def _key(row: Row) -> str:
@@ -116,35 +113,6 @@ def _ratio(other: Row, mine: Row) -> float:
     return other["median"] / mine["median"]
 
 
-def _roofline_table(report: Report) -> Table:
-    columns = (
-        "", "of", "an evaluation", "moves", "does", "bytes/s", "of a copy's", "operations/s", "of multiply-adds'",
-        "at the ceilings",
-    )  # fmt: skip
-    rows = [
-        (
-            line["renderer"],
-            f"{line['candidates']:,} candidates",
-            duration(line["seconds"]),
-            f"{line['bytes'] / 1e3:,.0f} KB",
-            f"{line['operations'] / 1e6:.2f} M operations",
-            f"{line['bytes_per_second'] / 1e9:,.3g} G",
-            f"{100 * line['share_of_bytes']:.2g} %",
-            f"{line['operations_per_second'] / 1e9:,.3g} G",
-            f"{100 * line['share_of_operations']:.2g} %",
-            duration(line["shortest_seconds"]),
-        )
-        for line in report["roofline"]
-    ]
-    line = report["roofline"][0]
-    ceilings = (
-        f"measured ceilings: a copy moves {line['ceiling_bytes_per_second'] / 1e9:,.4g} GB/s, multiply-adds do "
-        f"{line['ceiling_operations_per_second'] / 1e9:,.4g} G operations/s"
-        + (" (one thread)" if report["kind"] == "cpu" else "")
-    )
-    return Table("roofline", columns, rows, (ceilings,))
-
-
 def case_name(row: Row) -> str:
     """What a line is called, with its renderer."""
     renderer = row["sizes"].get("renderer", row["name"])
@@ -164,7 +132,7 @@ def sizes_in_words(sizes: dict[str, Any], leave: Sequence[str] = ()) -> str:
         elif name == "moving":
             words.append(f"all but the {value}")
         else:
-            words.append(f"{value:,} {_UNITS[name]}{'s' * (value != 1)}")
+            words.append(f"{value:,} {name if value != 1 else name.removesuffix('s')}")
     return ", ".join(words)
 
 

@@ -44,7 +44,7 @@ _CAMERAS = (
 _BENCH = (
     "Measure how fast the program is on this machine, checking every answer.\n\n"
     "From the pose of a body to its cost, in seven cameras of 640x480: each kernel, the whole evaluation, the "
-    "optimizers, and frames; and what share of the machine's own limits that is. Exits with 4 if an answer is wrong."
+    "optimizers, and frames. Exits with 4 if an answer is wrong."
 )
 _COMMANDS = (  # a command's help is here and not in its docstring, so that the list of commands loads none of them
     ("demo", "demo:demo", _DEMO),

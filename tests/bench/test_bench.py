@@ -15,20 +15,17 @@ import warp as wp
 from mmocap_warp import cli
 from mmocap_warp.bench import growth as growth_module
 from mmocap_warp.bench import suite as suite_module
-from mmocap_warp.bench.aims import aims_table
 from mmocap_warp.bench.pages import write_pages
 from mmocap_warp.bench.peer_names import missing
 from mmocap_warp.bench.peers import peers
 from mmocap_warp.bench.plots import growth_lines, slope
-from mmocap_warp.bench.roofline import demand
 from mmocap_warp.bench.suite import Plan, run_suite
 from mmocap_warp.bench.tables import digits, duration, report_tables
 from mmocap_warp.bench.terminal import rendered, to_text
 from mmocap_warp.bench.workload import workload
 from mmocap_warp.body.mesh_parts import is_closed
 from mmocap_warp.cli import exit_codes
-from mmocap_warp.kernels.benchmarks import ceilings as ceilings_module
-from mmocap_warp.kernels.benchmarks.case import Case, Check, measure
+from mmocap_warp.kernels.benchmarks.case import Case, Check
 from mmocap_warp.kernels.benchmarks.timing import time_together
 
 SMALL = {"cameras": 2, "size": (64, 48)}
@@ -43,8 +40,6 @@ def small():
 def report(small):
     """All that is measured, as it comes back from JSON."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ceilings_module, "_COPIED", 2**12)
-        patch.setattr(ceilings_module, "_THREADS", {"cpu": 4, "cuda": 4})
         patch.setattr(growth_module, "_CANDIDATES", {"cpu": (1, 4), "cuda": (1, 4)})
         patch.setattr(growth_module, "BATCH", {"cpu": 2, "cuda": 2})
         patch.setattr(growth_module, "_CAMERAS", (1, 2))
@@ -103,7 +98,6 @@ def test_a_wrong_answer_is_reported(monkeypatch, small):
 
     for name in ("stages", "moving_parts", "ask_and_tell", "frames", "same_frames", "measure_generations"):
         monkeypatch.setattr(suite_module, name, wrong if name == "stages" else lambda *_: iter([]))
-    monkeypatch.setattr(ceilings_module, "_COPIED", 2**12)
     plan = Plan("cpu", 1, (), False, (2,), (2,), seconds=0.0)
     report = run_suite(plan, lambda _: None, small)
     assert not report["ok"]
@@ -128,14 +122,6 @@ def test_times_are_of_the_work_and_compiling_is_apart():
     assert len(slow.samples) == len(quick.samples) == 5
 
 
-def test_ceilings_check_their_answers(device, monkeypatch):
-    monkeypatch.setattr(ceilings_module, "_COPIED", 2**12)
-    monkeypatch.setattr(ceilings_module, "_THREADS", {"cpu": 4, "cuda": 4})
-    rows = [row for cases in ceilings_module.ceilings(device) for row in measure(cases, device, 0.0)]
-    assert all(row.ok for row in rows)
-    assert rows[0].sizes == {"bytes": 2 * 16 * 2**12}
-
-
 def test_a_peer_that_differs_is_noticed(small, monkeypatch):
     (cases,) = peers(small, ["opencv"])
     opencv = cases[-1]
@@ -144,14 +130,6 @@ def test_a_peer_that_differs_is_noticed(small, monkeypatch):
     assert opencv.check().ok
     monkeypatch.setattr("mmocap_warp.bench.peers.cv2.fillConvexPoly", lambda *_: None)
     assert not opencv.check().ok
-
-
-def test_demand_grows_with_what_there_is_to_do():
-    small, large = workload(**SMALL), workload(cameras=4, size=(64, 48))
-    for renderer in ("raycast", "raster"):
-        assert demand(large, renderer, 8).operations > 1.5 * demand(small, renderer, 8).operations
-        assert demand(small, renderer, 1).bytes > demand(small, renderer, 8).bytes > 8 * 1302 * 2
-    assert demand(small, "raycast", 8).operations > demand(small, "raster", 8).operations
 
 
 def test_tables_have_a_word_for_every_column(report):
@@ -175,7 +153,7 @@ def test_an_older_report_gives_ratios(report):
     assert ratio["cost"] == ""
 
 
-def test_pages_show_growth_and_aims(report, tmp_path):
+def test_pages_show_growth(report, tmp_path):
     gpu = json.loads(json.dumps(report))
     gpu["kind"], gpu["device"] = "cuda", "A GPU"
     files = write_pages(tmp_path, [report, gpu])
@@ -186,9 +164,6 @@ def test_pages_show_growth_and_aims(report, tmp_path):
         root = ElementTree.parse(path).getroot()
         words = [element.text for element in root.iter("{http://www.w3.org/2000/svg}text")]
         assert {"CPU, raycast", "CPU, raster", "GPU, raycast", "GPU, raster"} <= set(words)
-    rows = aims_table([report, gpu]).rows
-    assert any(row[0].startswith("CPU") and row[3] for row in rows)
-    assert {row[4] for row in rows} <= {"", "aim", "floor", "missed"}
 
 
 def test_a_slope_is_the_power_of_growth(report):

@@ -9,6 +9,7 @@ kernel cache of their own.
 
 from __future__ import annotations
 
+import importlib.metadata
 import os
 from pathlib import Path
 
@@ -75,3 +76,16 @@ def shared_data() -> Path:
     if not SHARED_DATA.is_dir():
         pytest.skip("needs the recordings in ../shared/data, which are not part of the project")
     return SHARED_DATA
+
+
+@pytest.fixture
+def no_distribution(monkeypatch):
+    """The package lies on Python's path and was never installed."""
+    distribution = importlib.metadata.distribution
+
+    def found(name):
+        if name == "mmocap-warp":
+            raise importlib.metadata.PackageNotFoundError(name)
+        return distribution(name)
+
+    monkeypatch.setattr(importlib.metadata, "distribution", found)

@@ -14,7 +14,6 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from importlib.metadata import version
 from itertools import product
 
 import cmaes
@@ -28,6 +27,7 @@ from mmocap_warp.optimizers.cma_es import CmaEs, CmaEsTable
 from mmocap_warp.optimizers.de import De, DeConfig
 from mmocap_warp.optimizers.minimize import minimize
 from mmocap_warp.optimizers.pso import Pso
+from mmocap_warp.versions import package_versions
 
 BUDGETS = (500, 1500, 3000)
 DIMENSIONS = (10, 39)
@@ -256,7 +256,8 @@ def table(columns: list[str | Pair], cell: Callable[..., str]) -> Iterator[str]:
 
 def machine() -> str:
     """What the figures were measured with."""
-    packages = ", ".join(f"{name} {version(name)}" for name in ("warp-lang", "numpy", "scipy", "cmaes"))
+    known = package_versions(("warp-lang", "numpy", "scipy", "cmaes"))
+    packages = ", ".join(f"{name} {version}" for name, version in known.items())
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     return f"Python {platform.python_version()}, {packages}; one of {cores} {platform.machine()} cores"
 

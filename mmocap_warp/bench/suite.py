@@ -6,10 +6,8 @@ import os
 import platform
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +15,12 @@ import warp as wp
 
 from mmocap_warp.bench.evaluations import evaluations, moving_parts
 from mmocap_warp.bench.growth import growth
-from mmocap_warp.bench.peers import peers
+from mmocap_warp.bench.peers import PEERS, peers
 from mmocap_warp.bench.searches import ask_and_tell, frames, measure_generations, same_frames
 from mmocap_warp.bench.stages import stages
 from mmocap_warp.bench.workload import Workload, workload
 from mmocap_warp.kernels.benchmarks.case import Case, Measurement, measure
-from mmocap_warp.tracking.tracker import versions
+from mmocap_warp.versions import package_versions, versions
 
 FORMAT = 1
 """Of a report; another number means other keys."""
@@ -87,7 +85,7 @@ def run_suite(plan: Plan, tell: Callable[[str], None], load: Workload | None = N
         "format": FORMAT,
         "started": started.isoformat(timespec="seconds"),
         "seconds": time.perf_counter() - clock,
-        "versions": versions(plan.device) | _peer_versions(plan.against) | {"python": platform.python_version()},
+        "versions": _versions(plan),
         "device": wp.get_device(plan.device).name if plan.device != "cpu" else _processor(),
         "kind": "cpu" if plan.device == "cpu" else "cuda",
         "cores": os.cpu_count(),
@@ -120,6 +118,11 @@ def _steps(plan: Plan, load: Workload) -> Iterator[list[Measurement]]:
         yield from measured(growth(load, device), seconds=_GROWTH_SECONDS)
 
 
+def _versions(plan: Plan) -> dict[str, str]:
+    peers_need = {PEERS[name] for name in plan.against}
+    return versions(plan.device) | package_versions(peers_need) | {"python": platform.python_version()}
+
+
 def _compiled_kernels() -> set[str]:
     """Names of what Warp's kernel cache holds."""
     folder = Path(wp.config.kernel_cache_dir or "")
@@ -138,11 +141,3 @@ def _processor() -> str:
             if line.startswith("model name"):
                 return line.partition(":")[2].strip()
     return platform.processor() or platform.machine()
-
-
-def _peer_versions(names: tuple[str, ...]) -> dict[str, str]:
-    found = {}
-    if "embree" in names:
-        with suppress(PackageNotFoundError):
-            found["embreex"] = version("embreex")
-    return found

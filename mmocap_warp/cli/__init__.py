@@ -10,7 +10,6 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
-from contextlib import suppress
 
 from cyclopts import App, CycloptsError
 
@@ -62,7 +61,6 @@ _COMMANDS = (  # a command's help is here and not in its docstring, so that the 
 )
 for _order, (_name, _target, _help) in enumerate(_COMMANDS):
     app.command(f"mmocap_warp.cli.{_target}", name=_name, help=_help, sort_key=_order)
-_DEPENDENCIES = ("warp-lang", "usd-core", "opencv-python-headless", "opencv-python", "numpy")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -103,12 +101,8 @@ def _fail(message: str, code: int) -> int:
 
 def _version() -> str:
     import platform
-    from importlib.metadata import PackageNotFoundError, version
 
-    from mmocap_warp.version import __version__
+    from mmocap_warp.versions import package_versions
 
-    lines = [f"mmocap-warp {__version__}"]
-    for package in _DEPENDENCIES:
-        with suppress(PackageNotFoundError):  # OpenCV comes under two names
-            lines.append(f"{package} {version(package)}")
+    lines = [f"{name} {version}" for name, version in package_versions().items()]
     return "\n".join([*lines, f"Python {platform.python_version()}"])

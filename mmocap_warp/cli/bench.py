@@ -78,7 +78,7 @@ def _peers(names: str | None) -> tuple[str, ...]:
     """The peers of a list, all known and installed."""
     if names is None:
         return ()
-    from mmocap_warp.bench.peer_names import PEERS, missing
+    from mmocap_warp.bench.peers import PEERS, missing
 
     wanted = tuple(name.strip() for name in names.split(","))
     unknown = [name for name in wanted if name not in PEERS]

@@ -6,9 +6,7 @@ import math
 import os
 import time
 from collections.abc import Callable, Iterable
-from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +27,7 @@ from mmocap_warp.tracking.checkpoint import Checkpoint, FinishedFrame, fingerpri
 from mmocap_warp.tracking.memory_need import check_fits
 from mmocap_warp.tracking.presets import PRESETS
 from mmocap_warp.tracking.strategy import hierarchical, holistic, share_budget
+from mmocap_warp.versions import versions
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig, project
 
@@ -222,16 +221,6 @@ def resolve_device(name: str) -> str:
 def available_threads() -> int:
     """CPU cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def versions(device: str) -> dict[str, str]:
-    """What produced a result: package versions and the device's name."""
-    packages = ("mmocap-warp", "warp-lang", "usd-core", "opencv-python-headless", "opencv-python", "numpy")
-    found = {}
-    for name in packages:
-        with suppress(PackageNotFoundError):  # OpenCV comes under two names
-            found[name] = version(name)
-    return found | {"device": wp.get_device(device).name}
 
 
 def fitting_tracker(subject: Subject, rig: CameraRig, config: TrackConfig, fps: float) -> Tracker:

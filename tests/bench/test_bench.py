@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 import warp as wp
 
+import mmocap_warp
 from mmocap_warp import cli
 from mmocap_warp.bench import growth as growth_module
 from mmocap_warp.bench import suite as suite_module
 from mmocap_warp.bench.pages import write_pages
-from mmocap_warp.bench.peer_names import missing
-from mmocap_warp.bench.peers import peers
+from mmocap_warp.bench.peers import missing, peers
 from mmocap_warp.bench.plots import growth_lines, slope
 from mmocap_warp.bench.suite import Plan, run_suite
 from mmocap_warp.bench.tables import digits, duration, report_tables
@@ -92,19 +92,32 @@ def test_everything_is_measured_once(report):
     assert {("a frame", "h-cmaes"), ("peers", "opencv")} <= names
 
 
-def test_a_wrong_answer_is_reported(monkeypatch, small):
-    def wrong(*_):
-        return iter([[Case("kernels", "raster", {}, lambda: None, lambda: Check("1 of 98 counts differ", False))]])
+@pytest.fixture
+def bench_one_case(monkeypatch, small):
+    """Runs the suite on a case with this check and nothing else; returns its report."""
 
-    for name in ("stages", "moving_parts", "ask_and_tell", "frames", "same_frames", "measure_generations"):
-        monkeypatch.setattr(suite_module, name, wrong if name == "stages" else lambda *_: iter([]))
-    plan = Plan("cpu", 1, (), False, (2,), (2,), seconds=0.0)
-    report = run_suite(plan, lambda _: None, small)
+    def bench(check):
+        case = Case("kernels", "raster", {}, lambda: None, lambda: check)
+        monkeypatch.setattr(suite_module, "stages", lambda *_: iter([[case]]))
+        for name in ("moving_parts", "ask_and_tell", "frames", "same_frames", "measure_generations"):
+            monkeypatch.setattr(suite_module, name, lambda *_: iter([]))
+        return run_suite(Plan("cpu", 1, (), False, (), (2,), seconds=0.0), lambda _: None, small)
+
+    return bench
+
+
+def test_a_wrong_answer_is_reported(bench_one_case):
+    report = bench_one_case(Check("1 of 98 counts differ", False))
     assert not report["ok"]
     text = to_text(rendered(report), colours=False)
     assert "✗" in text
     assert "wrong: raster" in text
     assert "1 of 98 counts differ" in text
+
+
+def test_it_needs_no_installed_distribution(bench_one_case, no_distribution):
+    report = bench_one_case(Check("", True))
+    assert f"mmocap-warp {mmocap_warp.__version__}" in to_text(rendered(report), colours=False)
 
 
 def test_times_are_of_the_work_and_compiling_is_apart():
@@ -217,7 +230,7 @@ def test_wrong_use_is_said_in_a_line(arguments, code, words, capsys, monkeypatch
 
 
 def test_a_peer_that_is_not_installed_is_named(monkeypatch, capsys):
-    monkeypatch.setattr("mmocap_warp.bench.peer_names.find_spec", lambda name: None)
+    monkeypatch.setattr("mmocap_warp.bench.peers.find_spec", lambda name: None)
     assert cli.main(["bench", "--against", "embree"]) == exit_codes.USAGE
     assert "pip install 'mmocap-warp[bench]'" in capsys.readouterr().err
 

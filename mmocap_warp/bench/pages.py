@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mmocap_warp.bench.growth import AXES
-from mmocap_warp.bench.plots import growth_lines, growth_plots, line_name, slope
+from mmocap_warp.bench.plots import growth_lines, growth_plots
 from mmocap_warp.bench.tables import Report, Table, heading, report_tables
 from mmocap_warp.whole_file import write_whole
 
@@ -52,7 +52,7 @@ def _page(reports: Sequence[Report]) -> str:
 
 def _slopes(reports: Sequence[Report], axis: str) -> str:
     """In words, how steep the lines end: 1 is in proportion."""
-    words = [f"{line_name(line)} {slope(line):.2f}" for line in growth_lines(reports, axis) if len(line.points) > 1]
+    words = [f"{line.name} {line.slope:.2f}" for line in growth_lines(reports, axis) if len(line.points) > 1]
     return f"Slope at the end: {', '.join(words)}."
 
 

@@ -44,7 +44,7 @@ def demo(
         "result": folder / "walk.usdc",
         "overlay": folder / "walk.webm",
         "sheet": folder / "walk.png",
-        "plot": folder / "walk-error.png",
+        "plot": folder / "walk-error.svg",
     }
     result = track_scene(scene, config, files["result"], Start(force=True), console)
     report = evaluate(result, truth_of(scene))

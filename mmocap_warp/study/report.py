@@ -10,6 +10,7 @@ from importlib.resources import files
 from pathlib import Path
 from string import Template
 
+from mmocap_warp.drawing.chart import MARKS
 from mmocap_warp.study.cell import CellResult
 from mmocap_warp.study.report_sections import (
     Section,
@@ -65,7 +66,7 @@ def render(study: StudySummary, clips: Mapping[str, Clip], notes: Sequence[str] 
         citing_section(),
     )
     sections = [section for section in candidates if section is not None]
-    script, style = _resource("report.js"), _resource("report.css")
+    script, style = _resource("report.js"), MARKS + _resource("report.css")
     names = sorted({str(cell.meta["study"]) for cell in study.cells.values() if cell.meta.get("study")})
     return Template(_resource("report.html")).substitute(
         page_title=escape(title),

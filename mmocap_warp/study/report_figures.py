@@ -2,42 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from html import escape
 
 import numpy as np
 
+from mmocap_warp.drawing.chart import Axis, axes, axis, box, categories, curve, dots, figure, line, number, text
 from mmocap_warp.study import paper
 from mmocap_warp.study.summary import CellSummary, Measure, StudySummary
-from mmocap_warp.study.svg import Axis, axis, figure, line, number, polyline, text, tick_label
 from mmocap_warp.study.tables import Ranking
 
 _WIDTH = 960.0
-_LEFT, _RIGHT, _TOP = 58.0, 12.0, 14.0
+_LEFT, _RIGHT, _TOP = 58.0, 12.0, 26.0
 _CURVE_POINTS = 300
 _WHISKER_REACH = 2.0  # in upper quartiles; longer whiskers are cut off and marked
 
 
 def rank_figure(ranking: Ranking, algorithms: Sequence[str]) -> str:
     """Average ranks with their intervals, beside the paper's where it has them: a line per algorithm."""
-    row, top, left, width = 24.0, 30.0, 76.0, 320.0
-    bottom = top + row * len(algorithms)
-    x = axis(1, max(len(algorithms), 2), left + 14, width - 14, len(algorithms))
+    top, left, width = 24.0, 76.0, 320.0
+    bottom = top + 24.0 * len(algorithms)
+    worst = max(len(algorithms), 2)
+    x = Axis(0.6, worst + 0.4, left, width, tuple(range(1, worst + 1)))
+    y = categories([paper.ALGORITHM_NAMES[name] for name in algorithms], top, bottom)
     first = ranking.rows[0].contender
     printed = paper.printed_ranks(first.dof, first.evaluations)
-    parts = [text((left + 14, 14), f"{first.evaluations:,} evaluations", "head", "start")]
-    parts += [text((x.at(tick), bottom + 16), tick_label(tick)) for tick in x.ticks]
-    for i, name in enumerate(algorithms):
-        y = top + row * (i + 0.5)
-        parts.append(text((left - 6, y + 4), paper.ALGORITHM_NAMES[name], "name", "end"))
-        parts.append(line((left, y), (width, y), "grid"))
+    parts = [text((x.at(1), 14), f"{first.evaluations:,} evaluations", "head", "start"), axes(x, y)]
+    for name, row in zip(algorithms, y.ticks, strict=True):
         if name in printed:
-            parts.append(_diamond(x.at(printed[name]), y))
+            parts.append(_diamond(x.at(printed[name]), y.at(row)))
         found = ranking.row(name, first.dof, first.evaluations)
         if found is not None:
-            low, high = found.rank_interval
-            dot = f'<circle class="dot" cx="{number(x.at(found.comparison.rank))}" cy="{number(y)}" r="5"/>'
-            parts.append(f'<g class="a-{name}">{line((x.at(low), y), (x.at(high), y), "range")}{dot}</g>')
+            low, high = ((x.at(end), y.at(row)) for end in found.rank_interval)
+            dot = dots(x, y, [(found.comparison.rank, row)], 5)
+            parts.append(f'<g class="a-{name}">{line(low, high, "range")}{dot}</g>')
     label = f"Average rank of each algorithm, {first.dof} DOF, {first.evaluations} evaluations per frame"
     return figure((width, bottom + 22), label, parts)
 
@@ -56,32 +54,22 @@ def box_figure(study: StudySummary, measure: Measure, budget: int, algorithms: S
     }
     if not cells:
         return ""
-    height, bottom = 292.0, 250.0
+    height, bottom = 304.0, 262.0
+    x = categories([_two_lines(sequence) for sequence in study.sequences], _LEFT, _WIDTH - _RIGHT)
     y = _spread_axis(list(cells.values()), measure, bottom)
-    parts = list(_horizontal_grid(y, _LEFT, _WIDTH - _RIGHT))
-    group = (_WIDTH - _LEFT - _RIGHT) / len(study.sequences)
-    pitch = min(group * 0.86 / len(kinds), 30.0)
-    boxes: dict[tuple[str, int], list[str]] = {kind: [] for kind in kinds}
-    medians: dict[tuple[str, int], list[str]] = {kind: [] for kind in kinds}
-    for s, sequence in enumerate(study.sequences):
-        middle = _LEFT + group * (s + 0.5)
-        if s:
-            parts.append(line((_LEFT + group * s, _TOP), (_LEFT + group * s, bottom), "grid"))
-        subject, _, action = sequence.rpartition("/")
-        parts.append(text((middle, bottom + 17), action or sequence))
-        parts.append(text((middle, bottom + 32), subject))
-        for k, kind in enumerate(kinds):
-            cell = cells.get((sequence, *kind))
-            if cell is not None:
-                centre = middle + (k - (len(kinds) - 1) / 2) * pitch
-                box, median = _box(cell.spread[measure.key], y, centre, pitch * 0.72)
-                boxes[kind].append(box)
-                medians[kind].append(median)
-    for name, dof in kinds:
+    parts = [axes(x, y, y_label=_unit_label(measure))]
+    parts += [line((x.at(s), _TOP), (x.at(s), bottom), "grid") for s in range(1, len(study.sequences))]
+    pitch = min((x.at(1) - x.at(0)) * 0.86 / len(kinds), 30.0)
+    for k, (name, dof) in enumerate(kinds):
+        shift = (k - (len(kinds) - 1) / 2) * pitch
+        drawn = [
+            box(cell.spread[measure.key], y, x.at(tick) + shift, pitch * 0.72)
+            for tick, sequence in zip(x.ticks, study.sequences, strict=True)
+            if (cell := cells.get((sequence, name, dof))) is not None
+        ]
         model = "large" if dof == study.models[0] else "small"
-        parts.append(f'<g class="a-{name} {model}"><path class="box" d="{"".join(boxes[name, dof])}"/>')
-        parts.append(f'<path class="median" d="{"".join(medians[name, dof])}"/></g>')
-    parts.append(_vertical_label(y, _unit_label(measure)))
+        parts.append(f'<g class="a-{name} {model}"><path class="box" d="{"".join(shape for shape, _ in drawn)}"/>')
+        parts.append(f'<path class="median" d="{"".join(median for _, median in drawn)}"/></g>')
     names = ", ".join(paper.ALGORITHM_NAMES[name] for name in algorithms)
     return figure((_WIDTH, height), f"{measure.label} of {names} by sequence, {budget} evaluations per frame", parts)
 
@@ -95,20 +83,16 @@ def curve_figure(study: StudySummary, measure: Measure, sequence: str, dof: int,
     }
     if not curves:
         return ""
-    height, bottom = 300.0, 256.0
+    height, bottom = 312.0, 268.0
     values = np.concatenate([cell.curve[measure.key] for cell in curves.values()])
     low = float(np.nanmin(values)) if measure.higher_is_better else 0.0
     y = axis(low, float(np.nanmax(values)) * (1.0 if measure.higher_is_better else 1.05), bottom, _TOP)
     frames = np.concatenate([cell.frames for cell in curves.values()])
     x = axis(float(frames.min()), float(frames.max()), _LEFT, _WIDTH - _RIGHT, 8)
-    parts = list(_horizontal_grid(y, x.start, x.stop))
-    parts += [text((x.at(tick), bottom + 17), tick_label(tick)) for tick in x.ticks]
-    parts.append(text(((x.start + x.stop) / 2, bottom + 36), "frame", "axis"))
+    parts = [axes(x, y, "frame", _unit_label(measure))]
     for name in reversed(curves):  # the best are drawn last, over the others
-        frame, curve = _thinned(curves[name].frames, curves[name].curve[measure.key])
-        path = polyline([x.at(f) for f in frame], [y.at(v) if np.isfinite(v) else np.nan for v in curve])
-        parts.append(f'<path class="curve a-{name}" d="{path}"/>')
-    parts.append(_vertical_label(y, _unit_label(measure)))
+        frame, values = _thinned(curves[name].frames, curves[name].curve[measure.key])
+        parts.append(curve(x, y, zip(frame, values, strict=True), f"a-{name}"))
     label = f"{measure.label} against frame in {sequence}, {dof} DOF, {budget} evaluations per frame"
     return figure((_WIDTH, height), label, parts)
 
@@ -154,23 +138,18 @@ def legend(algorithms: Sequence[str]) -> str:
 
 
 def _by_budget(study: StudySummary, points: dict[str, list[tuple[int, float]]], unit: str, label: str) -> str:
-    width, height, bottom = 470.0, 260.0, 212.0
-    known = [value for curve in points.values() for _, value in curve if np.isfinite(value)]
+    width, height, bottom = 470.0, 258.0, 210.0
+    known = [value for measured in points.values() for _, value in measured if np.isfinite(value)]
     if not known:
         return ""
     high = max(known)
     low = min(known) - 0.1 * (high - min(known)) if high <= 1.0 else 0.0
-    y = axis(low, high * 1.04, bottom, _TOP + 14)
-    x = axis(0, study.budgets[-1] * 1.04, _LEFT, width - _RIGHT)
-    parts = list(_horizontal_grid(y, x.start, x.stop))
-    parts += [text((x.at(budget), bottom + 17), tick_label(budget)) for budget in study.budgets]
-    parts.append(text(((x.start + x.stop) / 2, bottom + 36), "evaluations per frame", "axis"))
+    y = axis(low, high * 1.04, bottom, _TOP)
+    x = Axis(0.0, study.budgets[-1] * 1.04, _LEFT, width - _RIGHT, tuple(study.budgets))
+    parts = [axes(x, y, "evaluations per frame", unit)]
     for name in reversed(points):
-        curve = [(x.at(budget), y.at(value)) for budget, value in points[name] if np.isfinite(value)]
-        dots = "".join(f'<circle class="dot" cx="{number(a)}" cy="{number(b)}" r="3.2"/>' for a, b in curve)
-        path = polyline([a for a, _ in curve], [b for _, b in curve])
-        parts.append(f'<g class="a-{name}"><path class="curve" d="{path}"/>{dots}</g>')
-    parts.append(_vertical_label(y, unit))
+        measured = [(budget, value) for budget, value in points[name] if np.isfinite(value)]
+        parts.append(f'<g class="a-{name}">{curve(x, y, measured)}{dots(x, y, measured)}</g>')
     return figure((width, height), label, parts)
 
 
@@ -185,17 +164,10 @@ def _spread_axis(cells: list[CellSummary], measure: Measure, bottom: float) -> A
     return axis(float(low), float(high), bottom, _TOP)
 
 
-def _box(spread: np.ndarray, y: Axis, centre: float, width: float) -> tuple[str, str]:
-    """Path data of a box with its whiskers, and of its median."""
-    least, lower, median, upper, most = (y.at(value) for value in spread)
-    left = centre - width / 2
-    box = f"M{number(left)} {number(lower)}h{number(width)}V{number(upper)}h{number(-width)}z"
-    whiskers = f"M{number(centre)} {number(lower)}V{number(least)}M{number(centre)} {number(upper)}V{number(most)}"
-    if spread[4] > y.high:  # an arrow: it goes on
-        whiskers += f"m{number(-width / 2)} 4l{number(width / 2)} -4l{number(width / 2)} 4"
-    if spread[0] < y.low:
-        whiskers += f"M{number(left)} {number(least - 4)}l{number(width / 2)} 4l{number(width / 2)} -4"
-    return box + whiskers, f"M{number(left)} {number(median)}h{number(width)}"
+def _two_lines(sequence: str) -> str:
+    """The action, and below it the subject."""
+    subject, _, action = sequence.rpartition("/")
+    return f"{action}\n{subject}"
 
 
 def _thinned(frames: np.ndarray, curve: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -207,18 +179,6 @@ def _thinned(frames: np.ndarray, curve: np.ndarray) -> tuple[np.ndarray, np.ndar
     pieces = [curve[start : start + step] for start in starts]
     means = [float(np.mean(piece[np.isfinite(piece)])) if np.isfinite(piece).any() else np.nan for piece in pieces]
     return frames[::step], np.array(means)
-
-
-def _horizontal_grid(y: Axis, left: float, right: float) -> Iterator[str]:
-    for tick in y.ticks:
-        yield line((left, y.at(tick)), (right, y.at(tick)), "grid")
-        yield text((left - 8, y.at(tick) + 4), tick_label(tick), anchor="end")
-
-
-def _vertical_label(y: Axis, label: str) -> str:
-    middle = (y.start + y.stop) / 2
-    turned = f'transform="rotate(-90 13 {number(middle)})"'
-    return f'<text class="axis" x="13" y="{number(middle)}" text-anchor="middle" {turned}>{escape(label)}</text>'
 
 
 def _unit_label(measure: Measure) -> str:

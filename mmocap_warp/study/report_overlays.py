@@ -11,10 +11,10 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.posing import Poser
+from mmocap_warp.drawing.chart import figure, outline, polyline
 from mmocap_warp.drawing.overlay import Window, silhouette
 from mmocap_warp.study.source import Clip, open_clip
 from mmocap_warp.study.summary import CellSummary, Measure, StudySummary
-from mmocap_warp.study.svg import figure, outline, polyline
 from mmocap_warp.study.tables import Ranking
 from mmocap_warp.views.observation import Observation, unpack_masks
 from mmocap_warp.views.rig import CameraRig, project

@@ -6,7 +6,6 @@ import json
 import re
 import time
 import xml.etree.ElementTree as ElementTree
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,7 +17,7 @@ from mmocap_warp.bench import growth as growth_module
 from mmocap_warp.bench import suite as suite_module
 from mmocap_warp.bench.pages import write_pages
 from mmocap_warp.bench.peers import missing, peers
-from mmocap_warp.bench.plots import growth_lines, slope
+from mmocap_warp.bench.plots import Line, growth_lines
 from mmocap_warp.bench.suite import Plan, run_suite
 from mmocap_warp.bench.tables import digits, duration, report_tables
 from mmocap_warp.bench.terminal import rendered, to_text
@@ -179,9 +178,14 @@ def test_pages_show_growth(report, tmp_path):
         assert {"CPU, raycast", "CPU, raster", "GPU, raycast", "GPU, raster"} <= set(words)
 
 
-def test_a_slope_is_the_power_of_growth(report):
-    line = growth_lines([report], "candidates")[0]
-    assert slope(replace(line, points=[(64.0, 8.0), (16.0, 4.0), (1.0, 7.0)])) == pytest.approx(0.5)
+def test_a_slope_is_the_power_of_growth():
+    assert Line("A CPU", "raster", False, [(1.0, 7.0), (16.0, 4.0), (64.0, 8.0)]).slope == pytest.approx(0.5)
+
+
+def test_growth_is_ordered_by_size(report):
+    for axis in growth_module.AXES:
+        for line in growth_lines([report], axis):
+            assert line.points == sorted(line.points)
 
 
 @pytest.mark.parametrize(

@@ -250,5 +250,5 @@ def test_demo_checks_itself_and_writes_all_it_names(most, code, scene, tmp_path,
     assert cli.main(["demo", "-o", str(tmp_path / "out"), "--json", "--quiet"]) == code
     report = json.loads(capsys.readouterr().out)
     assert all(report[key] is not None for key in (*PROMISED, *PROMISED_WITH_TRUTH))
-    assert sorted(os.listdir(tmp_path / "out")) == ["walk-error.png", "walk.png", "walk.usdc", "walk.webm"]
+    assert sorted(os.listdir(tmp_path / "out")) == ["walk-error.svg", "walk.png", "walk.usdc", "walk.webm"]
     assert all(Path(report[name]).is_file() for name in ("result", "overlay", "sheet", "plot"))

@@ -24,7 +24,6 @@ from mmocap_warp.study.sequences import SEQUENCES as SHIPPED
 from mmocap_warp.study.source import Clip
 from mmocap_warp.study.store import result_path
 from mmocap_warp.study.summary import MEASURES, StudySummary, summarise
-from mmocap_warp.study.svg import axis, outline, polyline
 from mmocap_warp.study.tables import by_algorithm, by_model, model_differences
 
 VOID = {"meta", "link", "br", "input"}
@@ -308,19 +307,6 @@ def test_pictures_of_another_recording_are_not_drawn():
         assert side_by_side(study, "S1/Walking", 39, 500, Clip("S1/Walking")) == []
     rows = side_by_side(StudySummary.of([here]), "S1/Walking", 39, 500, Clip("S1/Walking"))
     assert [[picture.frame for picture in row] for row in rows] == [[6, 12, 18]]
-
-
-def test_axes_mark_round_numbers():
-    assert axis(0, 83, 0, 100).ticks == (0, 20, 40, 60, 80)
-    assert axis(0.71, 0.93, 0, 100).ticks == (0.75, 0.8, 0.85, 0.9)
-    assert axis(5, 5, 0, 1).at(5) == 0
-    assert axis(0, 10, 100, 0).at(2.5) == 75
-    assert axis(0, 10, 100, 0).at(99) == 0
-
-
-def test_paths_have_gaps_and_close():
-    assert polyline([0, 1, 2, 3, 4], [5, 6, np.nan, 7, 4]) == "M0 5l0 0l1 1M3 7l0 0l1-3"
-    assert outline([np.array([[1, 2], [4, 2], [4, 0]])]) == "M1 2l3 0l0-2z"
 
 
 @pytest.fixture

@@ -1,5 +1,1 @@
-"""Micro-benchmarks of the kernels: how they are timed, and each kernel alone.
-
-Unlike the kernels themselves, they know the rest of the project: a kernel is timed on the arrays that a tracker gives
-it. ``mmocap bench`` runs them.
-"""
+"""How kernels are timed, and what a timed work and its check are; nothing here knows what is timed."""

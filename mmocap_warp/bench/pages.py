@@ -57,7 +57,6 @@ def _slopes(reports: Sequence[Report], axis: str) -> str:
 
 
 def _markdown(table: Table) -> str:
-    shown = [i for i in range(len(table.columns)) if any(row[i] for row in table.rows)]
-    lines = [[table.columns[i] for i in shown], ["---"] * len(shown)]
-    lines += [[row[i].replace("|", "\\|") for i in shown] for row in table.rows]
+    lines = [table.columns, ["---"] * len(table.columns)]
+    lines += [[word.replace("|", "\\|") for word in row] for row in table.rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)

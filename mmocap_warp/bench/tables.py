@@ -31,7 +31,17 @@ class Table:
     title: str
     columns: tuple[str, ...]
     rows: Sequence[tuple[str, ...]]
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...]
+
+    @classmethod
+    def of(cls, title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], notes: Iterable[str]) -> Table:
+        """A table without the columns that hold no word."""
+        kept = [i for i in range(len(columns)) if any(row[i] for row in rows)]
+
+        def left(line: Sequence[str]) -> tuple[str, ...]:
+            return tuple(line[i] for i in kept)
+
+        return cls(title, left(columns), [left(row) for row in rows], tuple(notes))
 
 
 def report_tables(report: Report, old: Report | None = None, answers: bool = False) -> list[Table]:
@@ -74,7 +84,7 @@ def _group_table(group: str, rows: list[Row], gpu: bool, before: dict[str, Row] 
         lines.append((*line, f"{mark} {row['check']}" if answers else mark))
     shared = sizes_in_words({name: rows[0]["sizes"][name] for name in common})
     title = f"{group}: {shared}" if shared else group
-    return Table(title, tuple(columns), lines, (*_notes(group, rows), *_failures(rows)))
+    return Table.of(title, columns, lines, (*_notes(group, rows), *_failures(rows)))
 
 
 def _failures(rows: list[Row]) -> Iterable[str]:

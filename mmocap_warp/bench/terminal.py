@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from rich.console import Console, Group, RenderableType
 from rich.table import Table as RichTable
 from rich.text import Text
@@ -30,7 +28,6 @@ def to_text(parts: RenderableType, *, colours: bool) -> str:
 
 
 def _rich(table: Table) -> RichTable:
-    shown = _columns_with_words(table)
     rich = RichTable(
         title=Text(f"{table.title}\n", style="bold"),
         title_justify="left",
@@ -38,16 +35,11 @@ def _rich(table: Table) -> RichTable:
         box=None,
         padding=(0, 2, 0, 0),
     )
-    for i in shown:
-        number = i > 1 and table.columns[i] != "answer"
-        rich.add_column(table.columns[i], justify="right" if number else "left", no_wrap=True)
+    for name in table.columns:
+        rich.add_column(name, justify="left" if name in ("", "of", "answer") else "right", no_wrap=True)
     for row in table.rows:
-        rich.add_row(*(_coloured(row[i]) for i in shown))
+        rich.add_row(*map(_coloured, row))
     return rich
-
-
-def _columns_with_words(table: Table) -> Sequence[int]:
-    return [i for i in range(len(table.columns)) if any(row[i] for row in table.rows)]
 
 
 def _coloured(word: str) -> Text:

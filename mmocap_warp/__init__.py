@@ -25,8 +25,9 @@ if TYPE_CHECKING:
     from mmocap_warp.result.result import Result
     from mmocap_warp.scene.recording import Scene
     from mmocap_warp.scene.scene_toml import load_scene
+    from mmocap_warp.tracking.config import TrackConfig
     from mmocap_warp.tracking.fit import FitConfig, fit
-    from mmocap_warp.tracking.tracker import TrackConfig, track
+    from mmocap_warp.tracking.track import track
 
 _HOME = {
     "BodyModel": ("body.model", "BodyModel"),
@@ -35,7 +36,7 @@ _HOME = {
     "Result": ("result.result", "Result"),
     "Scene": ("scene.recording", "Scene"),
     "Subject": ("body.model", "Subject"),
-    "TrackConfig": ("tracking.tracker", "TrackConfig"),
+    "TrackConfig": ("tracking.config", "TrackConfig"),
     "evaluate": ("result.evaluation", "evaluate"),
     "fit": ("tracking.fit", "fit"),
     "load_body": ("bodies.shipped", "load_body"),
@@ -44,7 +45,7 @@ _HOME = {
     "load_truth": ("formats.truth", "load_truth"),
     "minimize": ("optimizers.minimize", "minimize"),
     "overlay": ("drawing.show", "overlay"),
-    "track": ("tracking.tracker", "track"),
+    "track": ("tracking.track", "track"),
     "write_result": ("formats.usd.result", "write_result"),
 }
 

@@ -1,8 +1,9 @@
-"""Starting Warp without a word."""
+"""The machine that Warp runs on: starting it, and its devices, threads and free memory."""
 
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 import warp as wp
 
@@ -22,3 +23,34 @@ def start_quietly() -> None:
         finally:
             os.dup2(stderr, 2)
             os.close(stderr)
+
+
+def resolve_device(name: str) -> str:
+    """``auto`` is the first CUDA device, or the CPU where there is none.
+
+    Raises:
+        ValueError: no such device here.
+    """
+    if name == "auto":
+        return "cuda:0" if wp.is_cuda_available() else "cpu"
+    known = [device.alias for device in wp.get_devices()]
+    if name not in known and name != "cuda":
+        raise ValueError(f"device must be auto or one of {known}, got {name!r}")
+    return "cuda:0" if name == "cuda" else name
+
+
+def available_threads() -> int:
+    """CPU cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def free_memory(device: str) -> int | None:
+    """Bytes that a device has left; None where nothing tells."""
+    if device != "cpu":
+        return wp.get_device(device).free_memory
+    table = Path("/proc/meminfo")
+    if table.exists():
+        available = next(line for line in table.read_text().splitlines() if line.startswith("MemAvailable"))
+        return 1024 * int(available.split()[1])
+    known = hasattr(os, "sysconf") and "SC_PHYS_PAGES" in os.sysconf_names
+    return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") if known else None

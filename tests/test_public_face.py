@@ -12,7 +12,7 @@ from synthetic import synthetic_result
 
 import mmocap_warp as mm
 from mmocap_warp.scenes import ROOT
-from mmocap_warp.synthesis.recording import walking
+from mmocap_warp.synthesis.walk import walking
 
 
 def names_for_type_checkers() -> set[str]:

@@ -73,7 +73,8 @@ def step_track(frames: int, evaluations: int, result: Path) -> Callable[[], obje
 
 def _track(frames: int, evaluations: int, path: Path) -> None:
     from mmocap_warp.formats.usd.result import write_result
-    from mmocap_warp.tracking.tracker import TrackConfig, track_observations
+    from mmocap_warp.tracking.config import TrackConfig
+    from mmocap_warp.tracking.track import track_observations
     from mmocap_warp.views.observation import Observation
 
     subject, rig, masks, _ = recording(frames)

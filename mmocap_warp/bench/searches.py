@@ -17,8 +17,9 @@ from mmocap_warp.objective.renderers import RENDERERS
 from mmocap_warp.optimizers.protocol import Optimizer
 from mmocap_warp.optimizers.search import Search
 from mmocap_warp.tracking.algorithms import ALGORITHMS
+from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.strategy import Part, hierarchical, holistic
-from mmocap_warp.tracking.tracker import TrackConfig, Tracker
+from mmocap_warp.tracking.tracker import Tracker
 
 OPTIMIZER, GENERATION, FRAME = "ask and tell", "a generation", "a frame"
 COST_APART = 1e-5

@@ -34,7 +34,7 @@ def demo(
     from mmocap_warp.result.evaluation import evaluate
     from mmocap_warp.scene.scene_toml import load_scene
     from mmocap_warp.scenes import ROOT
-    from mmocap_warp.tracking.tracker import TrackConfig
+    from mmocap_warp.tracking.config import TrackConfig
 
     console = console or Console()
     folder = new_folder(output, force=True)

@@ -12,8 +12,7 @@ def start_warp(device: str = "auto") -> None:
     Raises:
         UsageError: this machine has no such device.
     """
-    from mmocap_warp.device import start_quietly
-    from mmocap_warp.tracking.tracker import resolve_device
+    from mmocap_warp.device import resolve_device, start_quietly
 
     start_quietly()
     try:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from mmocap_warp.body.model import BodyModel, Subject
     from mmocap_warp.result.result import Result
     from mmocap_warp.scene.recording import Scene
-    from mmocap_warp.tracking.tracker import TrackConfig
+    from mmocap_warp.tracking.config import TrackConfig
 
 
 @Parameter(name="*")
@@ -89,7 +89,7 @@ def track(
     from mmocap_warp.formats.usd.file import USD_SUFFIXES
     from mmocap_warp.result.evaluation import evaluate
     from mmocap_warp.scene.scene_toml import load_scene
-    from mmocap_warp.tracking.tracker import TrackConfig
+    from mmocap_warp.tracking.config import TrackConfig
 
     console, flags = console or Console(), flags or TrackFlags()
     if resume and force:
@@ -136,8 +136,8 @@ def track_scene(scene: Scene, config: TrackConfig, output: Path, start: Start, c
     from mmocap_warp.cli.progress import Progress
     from mmocap_warp.cli.settings import describe
     from mmocap_warp.formats.usd.result import read_result, write_result
-    from mmocap_warp.tracking.tracker import FrameAnswer
-    from mmocap_warp.tracking.tracker import track as track_frames
+    from mmocap_warp.result.result import FrameAnswer
+    from mmocap_warp.tracking.track import track as track_frames
 
     checkpoint = output.with_name(f"{output.name}.checkpoint")
     if start.resume and output.exists() and not checkpoint.exists():

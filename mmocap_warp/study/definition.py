@@ -12,7 +12,7 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import Table, load_toml
 from mmocap_warp.study.cell import Cell
 from mmocap_warp.study.source import Clip
-from mmocap_warp.tracking.tracker import TrackConfig
+from mmocap_warp.tracking.config import TrackConfig
 
 
 @dataclass(frozen=True)

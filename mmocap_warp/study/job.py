@@ -10,11 +10,15 @@ from datetime import UTC, datetime
 
 import numpy as np
 
+from mmocap_warp.device import resolve_device
 from mmocap_warp.errors import InputError
+from mmocap_warp.result.result import FrameAnswer
 from mmocap_warp.study.cell import Cell, CellResult
 from mmocap_warp.study.metrics import measure
 from mmocap_warp.study.source import Clip, OpenClip, clip_facts, open_clip
-from mmocap_warp.tracking.tracker import FrameAnswer, TrackConfig, Tracker, collect, resolve_device
+from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.tracking.track import collect
+from mmocap_warp.tracking.tracker import Tracker
 from mmocap_warp.views.observation import Observation
 
 _SECONDS_BETWEEN_REPORTS = 0.5

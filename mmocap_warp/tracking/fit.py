@@ -23,13 +23,13 @@ import warp as wp
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.shape_space import ShapeSpace, upright_base
 from mmocap_warp.body.skeleton import TRANSLATION
+from mmocap_warp.device import available_threads, resolve_device
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import config_from_table
 from mmocap_warp.objective.objective import Objective
 from mmocap_warp.optimizers.cma_es import CmaEs, CmaEsConfig
 from mmocap_warp.optimizers.search import Search
 from mmocap_warp.tracking.strategy import hierarchical
-from mmocap_warp.tracking.tracker import available_threads, resolve_device
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
 from mmocap_warp.views.visual_hull import visual_hull

@@ -7,18 +7,17 @@ naming what fits. The need is measured on small searches, not modelled: it follo
 from __future__ import annotations
 
 import bisect
-import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import warp as wp
 
+from mmocap_warp.device import free_memory
 from mmocap_warp.errors import InputError
 
 if TYPE_CHECKING:
-    from mmocap_warp.tracking.tracker import TrackConfig
+    from mmocap_warp.tracking.config import TrackConfig
 
 _SHARE = 0.9  # of the free memory may be taken: kernels, graphs and everybody else want some too
 _SMALL = 600  # evaluations of the smallest search that is measured: filters' layers and parts divide it
@@ -98,18 +97,6 @@ def check_fits(build: Callable[[TrackConfig], object], config: TrackConfig, devi
 def _most(wanted: int, fits: Callable[[int], bool]) -> int:
     """The largest number below ``wanted``, which does not fit, that does."""
     return bisect.bisect_left(range(1, wanted), True, key=lambda number: not fits(number))
-
-
-def free_memory(device: str) -> int | None:
-    """Bytes that a device has left; None where nothing tells."""
-    if device != "cpu":
-        return wp.get_device(device).free_memory
-    table = Path("/proc/meminfo")
-    if table.exists():
-        available = next(line for line in table.read_text().splitlines() if line.startswith("MemAvailable"))
-        return 1024 * int(available.split()[1])
-    known = hasattr(os, "sysconf") and "SC_PHYS_PAGES" in os.sysconf_names
-    return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") if known else None
 
 
 def array_bytes(owner: object) -> int:

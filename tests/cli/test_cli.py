@@ -149,8 +149,8 @@ def test_table_aligns_its_values():
 def test_every_setting_of_a_run_is_a_flag_and_every_flag_of_a_fit_a_setting():
     from mmocap_warp.cli.fit import FitFlags
     from mmocap_warp.cli.track import TrackFlags
+    from mmocap_warp.tracking.config import TrackConfig
     from mmocap_warp.tracking.fit import FitConfig
-    from mmocap_warp.tracking.tracker import TrackConfig
 
     def names(kind: type) -> set[str]:
         return {field.name for field in dataclasses.fields(kind)}

@@ -20,7 +20,8 @@ import numpy as np
 from synthetic import synthetic_subject
 from tracked_motion import FPS, RIG
 from mmocap_warp.views.observation import Observation
-from mmocap_warp.tracking.tracker import TrackConfig, track_observations
+from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.tracking.track import track_observations
 
 seen = Observation.from_masks([np.eye(120, 160, dtype=bool)] * len(RIG))
 track_observations(synthetic_subject(), RIG, [seen] * 2, FPS, TrackConfig(evaluations=20, device="cpu", threads=2))
@@ -41,7 +42,7 @@ def run(code: str, **environment: str) -> str:
     [
         ("mmocap_warp", {"warp", "pxr", "cv2", "numpy", "scipy", "ray", "trimesh", "rich", "cyclopts"}),
         ("mmocap_warp.cli", {"warp", "pxr", "cv2", "numpy", "scipy", "ray", "trimesh"}),
-        ("mmocap_warp.tracking.tracker", {"scipy", "ray", "trimesh", "rich", "cyclopts"}),
+        ("mmocap_warp.tracking.track", {"scipy", "ray", "trimesh", "rich", "cyclopts"}),
     ],
 )
 def test_what_is_heavy_is_imported_where_it_is_used(module, absent):

@@ -13,7 +13,8 @@ from synthetic import SKELETON, ring_rig, synthetic_poses, synthetic_subject
 
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.optimizers.de import De, DeConfig
-from mmocap_warp.tracking.tracker import TrackConfig, track_observations
+from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.tracking.track import track_observations
 from mmocap_warp.views.observation import Observation
 
 TWIN = 1e-5  # absolute, of coordinates about 1

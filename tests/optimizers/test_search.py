@@ -9,8 +9,9 @@ from synthetic import SKELETON, synthetic_subject
 from tracked_motion import FPS, RIG, motion
 
 from mmocap_warp.tracking.algorithms import ALGORITHMS
+from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.strategy import hierarchical, holistic
-from mmocap_warp.tracking.tracker import TrackConfig, Tracker
+from mmocap_warp.tracking.tracker import Tracker
 
 ROOT = np.arange(3, 6)  # its angles
 HIERARCHICAL = [name for name, algorithm in ALGORITHMS.items() if algorithm.hierarchical]

@@ -10,7 +10,7 @@ from recipe import Recipe
 
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.formats.usd.result import read_result
-from mmocap_warp.scene.recording import load_scene
+from mmocap_warp.scene.scene_toml import load_scene
 
 MINIMISE = """
 import sys, numpy

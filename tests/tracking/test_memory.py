@@ -29,7 +29,8 @@ from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
-from mmocap_warp.tracking.tracker import TrackConfig, track_observations
+from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.tracking.track import track_observations
 from mmocap_warp.views.observation import Observation
 
 KB = 1024

@@ -10,11 +10,14 @@ import warp as wp
 from synthetic import synthetic_subject
 from tracked_motion import FPS, RIG, motion
 
+from mmocap_warp.device import free_memory
 from mmocap_warp.errors import InputError
 from mmocap_warp.tracking import memory_need
 from mmocap_warp.tracking.algorithms import ALGORITHMS
-from mmocap_warp.tracking.memory_need import array_bytes, check_fits, free_memory, measure_need
-from mmocap_warp.tracking.tracker import TrackConfig, Tracker, track_observations
+from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.tracking.memory_need import array_bytes, check_fits, measure_need
+from mmocap_warp.tracking.track import track_observations
+from mmocap_warp.tracking.tracker import Tracker
 
 MB = 10**6
 

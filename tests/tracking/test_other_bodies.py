@@ -21,8 +21,9 @@ from mmocap_warp.formats.usd.result import read_result, write_result
 from mmocap_warp.result.evaluation import evaluate
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.tracking.algorithms import ALGORITHMS
+from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.fit import FitConfig, fit_observation
-from mmocap_warp.tracking.tracker import TrackConfig, track_observations
+from mmocap_warp.tracking.track import track_observations
 from mmocap_warp.views.observation import Observation
 
 RIG = ring_rig(cameras=4, size=(160, 120), distance=3.0)

@@ -26,7 +26,9 @@ from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
 from mmocap_warp.synthesis.walk import walking
 from mmocap_warp.tracking import checkpoint
-from mmocap_warp.tracking.tracker import TrackConfig, Tracker, track
+from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.tracking.track import track
+from mmocap_warp.tracking.tracker import Tracker
 
 FRAMES = 16
 STOPS = 10

@@ -8,10 +8,13 @@ from synthetic import COORDINATES, SKELETON, ring_rig, synthetic_poses, syntheti
 
 from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.posing import Poser
+from mmocap_warp.device import resolve_device
 from mmocap_warp.errors import InputError
 from mmocap_warp.foreground.settings import ForegroundSettings
 from mmocap_warp.result.result import STATUS
-from mmocap_warp.tracking.tracker import TrackConfig, Tracker, resolve_device, track, track_observations
+from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.tracking.track import track, track_observations
+from mmocap_warp.tracking.tracker import Tracker
 from mmocap_warp.views.observation import Observation
 
 FPS = 60.0

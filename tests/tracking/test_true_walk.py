@@ -9,7 +9,9 @@ from random_scenes import perfect_masks
 from mmocap_warp.body.model import Subject
 from mmocap_warp.result.evaluation import evaluate
 from mmocap_warp.synthesis.walk import walking
-from mmocap_warp.tracking.tracker import TrackConfig, Tracker, collect, track_observations
+from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.tracking.track import collect, track_observations
+from mmocap_warp.tracking.tracker import Tracker
 from mmocap_warp.views.observation import Observation
 
 FRAMES = 3

@@ -13,10 +13,9 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
 
-from mmocap_warp.device import start_quietly
+from mmocap_warp.device import resolve_device, start_quietly
 from mmocap_warp.study.engines.protocol import Death, EngineLost, Event, Ready
 from mmocap_warp.study.job import Job, Worker, device_kind
-from mmocap_warp.tracking.tracker import resolve_device
 
 _STARTS = 3  # of a worker that dies before it is ready; after these its device is given up
 _GRACE = 5.0  # for a worker to end [s]

@@ -1,0 +1,167 @@
+"""Tracking a recording from its first frame to its last: masks are streamed, progress is kept, answers are gathered."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mmocap_warp.body.model import Subject
+from mmocap_warp.body.posing import Poser
+from mmocap_warp.device import resolve_device
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.toml_table import config_from_table
+from mmocap_warp.result.result import FrameAnswer, Result
+from mmocap_warp.tracking.checkpoint import Checkpoint, FinishedFrame, fingerprint
+from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.tracking.tracker import Tracker, fitting_tracker
+from mmocap_warp.versions import versions
+from mmocap_warp.views.observation import Observation
+from mmocap_warp.views.rig import CameraRig, project
+
+if TYPE_CHECKING:
+    from mmocap_warp.scene.recording import Scene
+
+FrameReport = Callable[[int, FrameAnswer], None]
+"""Called after every frame with its position and answer."""
+
+
+def collect(
+    subject: Subject,
+    rig: CameraRig,
+    fps: float,
+    config: TrackConfig,
+    answers: list[FrameAnswer],
+    first: int = 0,
+) -> Result:
+    """Gather the answers of consecutive frames, starting with frame number ``first``."""
+    rotation, translation = config.radii(fps)
+    device = resolve_device(config.device)
+    dof = len(subject.body.skeleton.searched(config.dof))
+    effective = {"dof": dof, "rotation_radius": rotation, "translation_radius": translation, "device": device}
+    return Result(
+        subject=subject,
+        cameras=rig,
+        fps=fps,
+        frame_numbers=np.arange(first, first + len(answers)),
+        pose=np.stack([answer.pose for answer in answers], axis=1).astype(np.float64),
+        cost=np.stack([answer.cost for answer in answers], axis=1).astype(np.float64),
+        iou=np.stack([answer.iou for answer in answers], axis=1),
+        evaluations=np.repeat([[answer.evaluations for answer in answers]], config.runs, axis=0).astype(np.int64),
+        status=np.array([answer.status for answer in answers], np.int8),
+        seconds=float(sum(answer.seconds for answer in answers)),
+        config=asdict(config) | effective,
+        versions=versions(device),
+    )
+
+
+def track(
+    scene: Scene,
+    subject: Subject,
+    config: TrackConfig | None = None,
+    *,
+    checkpoint: Path | None = None,
+    resume: bool = False,
+    progress: FrameReport | None = None,
+    **settings: Any,
+) -> Result:
+    """Track a scene from its first frame to its last.
+
+    Args:
+        scene: the recording; its masks are streamed.
+        subject: where to start.
+        config: settings; None for those of the scene's [track] table.
+        checkpoint: file that progress is saved to, every few seconds and when the run is interrupted.
+        resume: continue from ``checkpoint`` where it exists; the result has the same bits as an uninterrupted run's.
+        progress: called after every frame, also once for each frame that was already done.
+        settings: fields of :class:`TrackConfig` to replace those of ``config``, such as ``evaluations=200``.
+
+    Raises:
+        ValueError, TypeError: a setting that cannot be, or is none.
+        InputError: unreadable images, a checkpoint that is damaged or another run's, or more than fits into the
+            device's memory.
+    """
+    config = replace(config or config_from_table(TrackConfig, scene.settings("track")), **settings)
+    rig = scene.rig(config.scale)
+    tracker = fitting_tracker(subject, rig, config, scene.fps)
+    done: list[FinishedFrame] = []  # in pairs, so that no interruption finds one without the other
+    store = None
+    if checkpoint is not None:
+        recorded = {"fps": scene.fps, "foreground": asdict(scene.foreground)}
+        key = fingerprint(subject, rig, _bits(config, subject) | recorded)
+        store = Checkpoint(checkpoint, key, config.runs, subject.body.skeleton.coordinates, len(rig))
+        done = store.load() if resume else []
+    if len(done) > scene.frame_count:
+        problem = f"it has {scene.frame_count} frames, {len(done)} were tracked before"
+        raise InputError(scene.path, problem, "restore [scene] frames, or start anew with --force")
+    for number, (answer, _) in enumerate(done):
+        if progress:
+            progress(number, answer)
+    if done:
+        answer, draw = done[-1]
+        tracker.state = (answer.pose, draw)
+    try:
+        body = _body_masks(tracker, subject, rig) if scene.foreground.keep == "nearest" else None
+        for observation in scene.observations(config.scale, first=len(done), body=body):
+            answer = tracker.step(observation)
+            _, draw = tracker.state
+            done.append((answer, draw))
+            if progress:
+                progress(len(done) - 1, answer)
+            if store and store.due:
+                store.save(done)
+    except BaseException:
+        if store:
+            store.save(done)
+        raise
+    return collect(subject, rig, scene.fps, config, [answer for answer, _ in done])
+
+
+def _body_masks(tracker: Tracker, subject: Subject, rig: CameraRig) -> Callable[[], list[np.ndarray]]:
+    """Says where the body was tracked last: per camera (height, width) bool, all runs together."""
+    from mmocap_warp.drawing.overlay import silhouette
+
+    poser, faces = Poser(subject.body, subject.root_base), subject.body.tracking_face
+
+    def masks() -> list[np.ndarray]:
+        pose, _ = tracker.state
+        seen = [project(rig, vertices) for vertices in poser.tracking_vertices(pose)]
+        return [
+            np.any([silhouette(pixels[k], faces, tuple(size)) > 0 for pixels in seen], axis=0)
+            for k, size in enumerate(rig.size.tolist())
+        ]
+
+    return masks
+
+
+def _bits(config: TrackConfig, subject: Subject) -> dict:
+    """The settings that a run's bits depend on; the number of threads and the renderer are none of them."""
+    dof = len(subject.body.skeleton.searched(config.dof))
+    settings = asdict(config) | {"device": resolve_device(config.device), "dof": dof}
+    del settings["threads"], settings["renderer"]
+    return settings
+
+
+def track_observations(
+    subject: Subject,
+    rig: CameraRig,
+    observations: Iterable[Observation],
+    fps: float,
+    config: TrackConfig,
+    progress: FrameReport | None = None,
+) -> Result:
+    """Track consecutive observations in memory or from any stream.
+
+    Raises:
+        InputError: more than fits into the device's memory.
+    """
+    tracker = fitting_tracker(subject, rig, config, fps)
+    answers = []
+    for number, observation in enumerate(observations):
+        answers.append(tracker.step(observation))
+        if progress:
+            progress(number, answers[-1])
+    return collect(subject, rig, fps, config, answers)

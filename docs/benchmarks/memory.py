@@ -34,9 +34,9 @@ def recording(frames: int):
     """The subject, the cameras, and the masks of each frame in turn."""
     from mmocap_warp.body.model import Subject
     from mmocap_warp.body.posing import Poser
-    from mmocap_warp.drawing.overlay import silhouette
     from mmocap_warp.synthesis.walk import walking
     from mmocap_warp.views.rig import CameraRig, project
+    from mmocap_warp.views.silhouette import silhouette
 
     walk = walking()
     angle = 2 * np.pi * np.arange(CAMERAS) / CAMERAS

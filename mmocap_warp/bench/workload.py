@@ -11,12 +11,12 @@ import warp as wp
 from mmocap_warp.bodies.decimation import decimate
 from mmocap_warp.body.model import BodyModel, SkinMesh, Subject
 from mmocap_warp.body.posing import Poser
-from mmocap_warp.drawing.overlay import silhouette
 from mmocap_warp.formats.usd.body import read_body
 from mmocap_warp.objective.objective import Objective
 from mmocap_warp.scenes import ROOT
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig, project
+from mmocap_warp.views.silhouette import silhouettes
 
 CAMERAS, SIZE = 7, (640, 480)
 _DISTANCE, _EYE, _MIDDLE = 4.15, 1.4, 0.9  # [m] of the cameras from the body, their height, and the height they look at
@@ -50,10 +50,8 @@ class Workload:
     @cached_property
     def observation(self) -> Observation:
         """The masks of all cameras."""
-        pixels = self.pixels(self.seen[None])[0]
-        faces = self.body.tracking_face
-        masks = [silhouette(pixels[k], faces, tuple(size)) > 0 for k, size in enumerate(self.rig.size.tolist())]
-        return Observation.from_masks(masks)
+        (vertices,) = self.vertices(self.seen[None])
+        return Observation.from_masks(silhouettes(self.rig, vertices, self.body.tracking_face))
 
     @property
     def subject(self) -> Subject:

@@ -83,6 +83,7 @@ def draw_result(result: Result, scene: Scene | None, video: Path, sheet: Path, c
     """
     from mmocap_warp.cli.progress import Progress
     from mmocap_warp.drawing.show import check_same_recording, show
+    from mmocap_warp.tracking.body_masks import tracked_masks
 
     frames = len(result.frame_numbers)
     images = masks = None
@@ -91,6 +92,6 @@ def draw_result(result: Result, scene: Scene | None, video: Path, sheet: Path, c
         drawn = min(1.0, max(tracked, _DRAWN_LENGTH / int(scene.calibrated.size.max())))
         first = int(result.frame_numbers[0])
         check_same_recording(result, scene)
-        images, masks = scene.images(drawn, first, frames), scene.masks(tracked, first, frames)
+        images, masks = scene.images(drawn, first, frames), tracked_masks(scene, result)
     with Progress("show", quiet=console.quiet) as progress:
         show(result, images, masks, video=video, sheet=sheet, progress=lambda done: progress(done, frames))

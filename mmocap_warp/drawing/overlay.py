@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from mmocap_warp.body.skeleton import Skeleton
+from mmocap_warp.views.silhouette import silhouette
 
 Colour = tuple[int, int, int]
 
@@ -51,24 +52,6 @@ class Window:
         left, top = np.rint(np.multiply(self.corner, ratio)).astype(int)
         right, bottom = np.rint(np.add(self.corner, self.extent) * ratio).astype(int)
         return cv2.resize(image[top:bottom, left:right], self.size, interpolation=interpolation)
-
-
-def silhouette(pixels: np.ndarray, faces: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """The filled outline of a projected mesh, (height, width) uint8 of 0 and 255.
-
-    Args:
-        pixels: (vertex, 2) projected vertices [px]; faces with a vertex that is not finite are left out.
-        faces: (face, 3) triangles.
-        size: width and height.
-    """
-    image = np.zeros((size[1], size[0]), np.uint8)
-    reach = 8.0 * max(size)  # keeps fixed-point coordinates of what lies far outside from overflowing
-    drawable = (np.isfinite(pixels) & (np.abs(pixels) < reach)).all(axis=1)
-    fixed = np.where(drawable[:, None], pixels, 0.0) * (1 << _SUBPIXEL_BITS)
-    corners = np.rint(fixed).astype(np.int32)[faces[drawable[faces].all(axis=1)]]
-    for triangle in corners:
-        cv2.fillConvexPoly(image, triangle, 255, cv2.LINE_8, _SUBPIXEL_BITS)
-    return image
 
 
 def draw_view(

@@ -126,8 +126,8 @@ class Scene:
             scale: of the images relative to the calibrated ones.
             first: frame to start with.
             count: number of frames.
-            body: for ``keep = "nearest"``: called before each frame, returns per camera (height, width) bool where the
-                body was tracked last. Without it, what was kept in the frame before stands for the body.
+            body: for ``keep = "nearest"``: called before each of these frames, returns per camera (height, width) bool
+                where the body was tracked last. Without it, what was kept in the frame before stands for the body.
 
         Raises:
             ValueError: frames that the scene does not have.
@@ -149,6 +149,8 @@ class Scene:
         streams = [self._raw_masks(k, scale, start, first + count - start) for k in range(len(self.cameras))]
         kept = empty
         for frame, raw in enumerate(zip(*streams, strict=True), start):
+            if frame < first and not follows_masks:
+                continue  # the background model alone remembers it
             where = kept if body is None else body()
             kept = [
                 empty[k] if mask is None else clean_mask(mask, self.foreground, scale, where[k])

@@ -12,12 +12,13 @@ import numpy as np
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.drawing.chart import figure, outline, polyline
-from mmocap_warp.drawing.overlay import Window, silhouette
+from mmocap_warp.drawing.overlay import Window
 from mmocap_warp.study.source import Clip, open_clip
 from mmocap_warp.study.summary import CellSummary, Measure, StudySummary
 from mmocap_warp.study.tables import Ranking
 from mmocap_warp.views.observation import Observation, unpack_masks
 from mmocap_warp.views.rig import CameraRig, project
+from mmocap_warp.views.silhouette import silhouette
 
 _SIZE = (360, 480)
 _MARGIN = 1.12  # of the window around what is drawn

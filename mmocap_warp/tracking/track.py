@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mmocap_warp.body.model import Subject
-from mmocap_warp.body.posing import Poser
 from mmocap_warp.device import resolve_device
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import config_from_table
 from mmocap_warp.result.result import FrameAnswer, Result
+from mmocap_warp.tracking.body_masks import body_masks
 from mmocap_warp.tracking.checkpoint import Checkpoint, FinishedFrame, fingerprint
 from mmocap_warp.tracking.config import TrackConfig
-from mmocap_warp.tracking.tracker import Tracker, fitting_tracker
+from mmocap_warp.tracking.tracker import fitting_tracker
 from mmocap_warp.versions import versions
 from mmocap_warp.views.observation import Observation
-from mmocap_warp.views.rig import CameraRig, project
+from mmocap_warp.views.rig import CameraRig
 
 if TYPE_CHECKING:
     from mmocap_warp.scene.recording import Scene
@@ -104,7 +104,8 @@ def track(
         answer, draw = done[-1]
         tracker.state = (answer.pose, draw)
     try:
-        body = _body_masks(tracker, subject, rig) if scene.foreground.keep == "nearest" else None
+        follows = scene.foreground.keep == "nearest"
+        body = body_masks(subject, rig, lambda: tracker.state[0]) if follows else None
         for observation in scene.observations(config.scale, first=len(done), body=body):
             answer = tracker.step(observation)
             _, draw = tracker.state
@@ -118,23 +119,6 @@ def track(
             store.save(done)
         raise
     return collect(subject, rig, scene.fps, config, [answer for answer, _ in done])
-
-
-def _body_masks(tracker: Tracker, subject: Subject, rig: CameraRig) -> Callable[[], list[np.ndarray]]:
-    """Says where the body was tracked last: per camera (height, width) bool, all runs together."""
-    from mmocap_warp.drawing.overlay import silhouette
-
-    poser, faces = Poser(subject.body, subject.root_base), subject.body.tracking_face
-
-    def masks() -> list[np.ndarray]:
-        pose, _ = tracker.state
-        seen = [project(rig, vertices) for vertices in poser.tracking_vertices(pose)]
-        return [
-            np.any([silhouette(pixels[k], faces, tuple(size)) > 0 for pixels in seen], axis=0)
-            for k, size in enumerate(rig.size.tolist())
-        ]
-
-    return masks
 
 
 def _bits(config: TrackConfig, subject: Subject) -> dict:

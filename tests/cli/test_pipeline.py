@@ -19,7 +19,6 @@ from mmocap_warp import cli
 from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cli import exit_codes
-from mmocap_warp.drawing.overlay import silhouette
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.usd.body import write_subject
 from mmocap_warp.formats.usd.check import faults
@@ -27,6 +26,7 @@ from mmocap_warp.formats.usd.result import read_result
 from mmocap_warp.formats.usd.truth import write_truth
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.views.rig import project
+from mmocap_warp.views.silhouette import silhouette
 
 FRAMES = 8
 SCENE = """

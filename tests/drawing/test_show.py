@@ -14,12 +14,12 @@ from mmocap_warp.drawing.overlay import (
     RIGHT_COLOUR,
     Window,
     draw_view,
-    silhouette,
     write_text,
 )
 from mmocap_warp.drawing.show import overlay, show
 from mmocap_warp.errors import InputError
 from mmocap_warp.views.rig import project
+from mmocap_warp.views.silhouette import silhouette, silhouettes
 
 
 def small_result(frames=4, cameras=3):
@@ -31,14 +31,7 @@ def masks_of(result):
     """Per frame and camera, the tracked body's own silhouette."""
     subject = result.subject
     posed = Poser(subject.body, subject.root_base).tracking_vertices(result.pose[0])
-    sizes = [tuple(size) for size in result.cameras.size.tolist()]
-    return [
-        [
-            silhouette(pixels, subject.body.tracking_face, size) > 0
-            for pixels, size in zip(project(result.cameras, vertices), sizes, strict=True)
-        ]
-        for vertices in posed
-    ]
+    return [silhouettes(result.cameras, vertices, subject.body.tracking_face) for vertices in posed]
 
 
 def frames_of(path):
@@ -100,14 +93,6 @@ def test_a_recording_that_is_too_short_leaves_nothing_behind(tmp_path):
     with pytest.raises(InputError, match="has no frame 12, which the result has"):
         show(result, None, masks_of(result)[:2], video=tmp_path / "overlay.webm", sheet=tmp_path / "sheet.png")
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_silhouette_fills_whole_pixels():
-    square = np.array([[2.0, 3.0], [6.0, 3.0], [6.0, 8.0], [2.0, 8.0], [np.nan, 0.0], [1e9, 0.0]])
-    faces = np.array([[0, 1, 2], [0, 2, 3], [0, 1, 4], [0, 1, 5]])  # the last two cannot be drawn
-    expected = np.zeros((12, 10), np.uint8)
-    expected[3:9, 2:7] = 255
-    np.testing.assert_array_equal(silhouette(square, faces, (10, 12)), expected)
 
 
 def test_a_window_maps_pixels_as_it_maps_the_picture():

@@ -1,0 +1,51 @@
+"""What is drawn of a result is what was tracked."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from synthetic import ring_rig, synthetic_poses, synthetic_subject
+
+from mmocap_warp import cli
+from mmocap_warp.body.posing import Poser
+from mmocap_warp.cli import exit_codes
+from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
+from mmocap_warp.formats.usd.body import write_subject
+from mmocap_warp.tracking.tracker import Tracker
+from mmocap_warp.views.observation import Observation
+from mmocap_warp.views.silhouette import silhouettes
+
+FRAMES = 4
+
+
+@pytest.mark.parametrize("keep", ["all", "largest", "nearest"])
+def test_the_masks_that_are_drawn_are_those_that_were_tracked(keep, tmp_path, monkeypatch):
+    """Also where something larger than the body stands beside it, and two runs track apart."""
+    subject, rig = synthetic_subject(), ring_rig(3, (160, 120))
+    posed = Poser(subject.body, subject.root_base).tracking_vertices(synthetic_poses(40)[:FRAMES])
+    scene = ["[scene]", "fps = 60", 'up = "+y"', 'subject = "subject.usdc"', "[cameras]", 'calibration = "rig.toml"']
+    for k, name in enumerate(rig.names):
+        (tmp_path / name).mkdir()
+        for frame, vertices in enumerate(posed):
+            mask = silhouettes(rig, vertices, subject.body.tracking_face)[k]
+            free = slice(0, 30) if np.nonzero(mask)[1].mean() > 80 else slice(130, 160)
+            mask[:, free] = True
+            cv2.imwrite(str(tmp_path / name / f"{frame:03d}.png"), mask * np.uint8(255))
+        scene += [f"[cameras.{name}]", f'masks = "{name}"']
+    scene += ["[foreground]", f'keep = "{keep}"', "[track]", "evaluations = 60", "runs = 2", 'device = "cpu"']
+    (tmp_path / "scene.toml").write_text("\n".join(scene))
+    write_toml_rig(tmp_path / "rig.toml", rig)
+    write_subject(tmp_path / "subject.usdc", subject)
+    tracked, drawn, step = [], [], Tracker.step
+
+    def show(result, images, masks, **files):
+        drawn.extend(Observation.from_masks(views) for views in masks)
+
+    monkeypatch.setattr(Tracker, "step", lambda self, seen: tracked.append(seen) or step(self, seen))
+    monkeypatch.setattr("mmocap_warp.drawing.show.show", show)
+    assert cli.main(["track", str(tmp_path / "scene.toml"), "-o", str(tmp_path / "r.usdc"), "--quiet"]) == exit_codes.OK
+    assert cli.main(["show", str(tmp_path / "r.usdc"), "--quiet"]) == exit_codes.OK
+    assert len(drawn) == FRAMES
+    for mine, theirs in zip(drawn, tracked, strict=True):
+        np.testing.assert_array_equal(mine.words, theirs.words)

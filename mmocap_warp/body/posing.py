@@ -36,7 +36,7 @@ class BodyArrays:
         self.levels = int(skeleton.depth.max()) + 1
         self.joint_frame = wp.array(skeleton.frame, dtype=wp.mat33, device=device)
         self.joint_rest = wp.array(_repeat(body.joint_rest, copies), dtype=wp.vec3, device=device)
-        self.root_base = wp.array(_repeat(root_base, bases or copies), dtype=wp.mat33, device=device)
+        self.root_base = wp.array(_repeat(root_base, copies if bases is None else bases), dtype=wp.mat33, device=device)
         self.rest = wp.array(_repeat(mesh.rest, copies), dtype=wp.vec3, device=device)
         self.joint = wp.array(joint, dtype=wp.vec4i, device=device)
         self.weight = wp.array(weight, dtype=wp.vec4, device=device)

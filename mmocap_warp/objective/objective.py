@@ -139,6 +139,12 @@ class Objective:
         self._parts: dict[tuple[int, bytes], _Held | None] = {}
         self._held: _Held | None = None
 
+    @property
+    def candidate_arrays(self) -> list[wp.array]:
+        """Those whose first axis is the candidates; without shapes."""
+        posed = [self.pose, self.cost, self._joint_transform, self._skin_matrix, self._posed]
+        return posed + self._silhouettes.candidate_arrays
+
     def observe(self, observation: Observation) -> None:
         """Judge against these masks from now on.
 

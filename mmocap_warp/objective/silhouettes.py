@@ -100,6 +100,11 @@ class Silhouettes:
         self._image = wp.zeros((*shape, len(mesh.rest)), dtype=wp.vec2i, device=device)
         self.count = wp.zeros(shape, dtype=wp.vec2i, device=device)
 
+    @property
+    def candidate_arrays(self) -> list[wp.array]:
+        """Those whose first axis is the candidates."""
+        return [self._image, self.count, *self._renderer.arrays, *self._contours.arrays]
+
     def split(self, skeleton: Skeleton, index: np.ndarray) -> tuple[Part, Part] | None:
         """What coordinates ``index`` move and what they leave, or None where nothing is left."""
         moving, staying = split_mesh(self._mesh, skeleton, index)

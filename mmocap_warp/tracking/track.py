@@ -17,7 +17,7 @@ from mmocap_warp.result.result import FrameAnswer, Result
 from mmocap_warp.tracking.body_masks import body_masks
 from mmocap_warp.tracking.checkpoint import Checkpoint, FinishedFrame, fingerprint
 from mmocap_warp.tracking.config import TrackConfig
-from mmocap_warp.tracking.tracker import fitting_tracker
+from mmocap_warp.tracking.memory_need import fitting_tracker
 from mmocap_warp.versions import versions
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig

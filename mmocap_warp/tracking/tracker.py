@@ -15,7 +15,6 @@ from mmocap_warp.optimizers.search import Search
 from mmocap_warp.result.result import STATUS, FrameAnswer
 from mmocap_warp.tracking.algorithms import ALGORITHMS
 from mmocap_warp.tracking.config import TrackConfig
-from mmocap_warp.tracking.memory_need import check_fits
 from mmocap_warp.tracking.strategy import hierarchical, holistic, share_budget
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
@@ -29,45 +28,59 @@ class Tracker:
         rig: undistorted cameras at the masks' size.
         config: settings.
         fps: frame rate of the recording, for the preset's radii.
+        runs: instead of the configuration's. With 0 it can track nothing, but its arrays have the shapes of a run's.
+
+    Attributes:
+        device: the Warp device.
+        particles: the most candidates of a run at a time.
 
     Raises:
         ValueError: the body has no model with so many degrees of freedom.
     """
 
-    def __init__(self, subject: Subject, rig: CameraRig, config: TrackConfig, fps: float) -> None:
+    def __init__(
+        self, subject: Subject, rig: CameraRig, config: TrackConfig, fps: float, runs: int | None = None
+    ) -> None:
         self.config = config
         self.device = resolve_device(config.device)
         skeleton = subject.body.skeleton
         algorithm = ALGORITHMS[config.algorithm]
         parts = (hierarchical if algorithm.hierarchical else holistic)(skeleton, config.dof)
         rotation, translation = config.radii(fps)
-        seeds = np.arange(config.seed, config.seed + config.runs)
+        self._runs = config.runs if runs is None else runs
+        seeds = np.arange(config.seed, config.seed + self._runs)
         seed = wp.array(seeds, dtype=wp.int32, device=self.device)
-        self._draw = wp.zeros(config.runs, dtype=wp.int32, device=self.device)
+        self._draw = wp.zeros(self._runs, dtype=wp.int32, device=self.device)
         radii = [np.where(part.index < 3, translation, rotation) for part in parts]
         shares = share_budget(config.evaluations, len(parts))
         optimizers = [
-            algorithm.optimizer(part.index, radius, config.runs, seed, self._draw, share)
+            algorithm.optimizer(part.index, radius, self._runs, seed, self._draw, share)
             for part, radius, share in zip(parts, radii, shares, strict=True)
         ]
+        self.particles = max(optimizer.particles for optimizer in optimizers)
         self._objective = Objective(
             subject.body,
             subject.root_base,
             rig,
-            config.runs * max(optimizer.particles for optimizer in optimizers),
+            self._runs * self.particles,
             cost=config.cost,
             renderer=config.renderer,
-            bases=config.runs,
+            bases=self._runs,
             device=self.device,
             threads=config.threads or available_threads(),
         )
         self._home = wp.mat33(subject.root_base.astype(np.float32))
         self._root = wp.mat33(skeleton.frame[0].astype(np.float32))
-        self._angles = wp.zeros(config.runs, dtype=wp.vec3, device=self.device)
+        self._angles = wp.zeros(self._runs, dtype=wp.vec3, device=self.device)
         limits = skeleton.coordinate_limits if config.limits else np.tile([-np.inf, np.inf], (skeleton.coordinates, 1))
         self._turns_freely = bool(np.all(np.abs(limits[_ROOT_ANGLES]) >= np.pi))
         self._search = Search(self._objective, optimizers, config.evaluations, limits, replays=True)
-        self._search.best_pose.assign(np.repeat(subject.pose[None].astype(np.float32), config.runs, axis=0))
+        self._search.best_pose.assign(np.repeat(subject.pose[None].astype(np.float32), self._runs, axis=0))
+
+    @property
+    def candidate_arrays(self) -> list[wp.array]:
+        """The arrays that have a row for every candidate; all others that depend on the runs have one for each run."""
+        return self._objective.candidate_arrays
 
     @property
     def state(self) -> tuple[np.ndarray, np.ndarray]:
@@ -83,7 +96,7 @@ class Tracker:
     def step(self, observation: Observation) -> FrameAnswer:
         """Find the pose of the next frame. Without any foreground the frame is lost and the pose is carried over."""
         seen = observation.foreground > 0
-        runs, cameras = self.config.runs, len(seen)
+        runs, cameras = self._runs, len(seen)
         if not seen.any():
             pose = self._search.best_pose.numpy().copy()
             nothing = np.full(runs, np.nan, np.float32)
@@ -114,24 +127,10 @@ class Tracker:
 
         Where the answer is an estimate, this is also where its cost becomes known.
         """
-        search, objective, runs = self._search, self._objective, self.config.runs
+        search, objective, runs = self._search, self._objective, self._runs
         wp.copy(objective.pose, search.best_pose, count=search.best_pose.size)
         wp.copy(search.best_cost, objective.evaluate(runs), count=runs)
         return objective.count.numpy()[:runs]
 
 
 _ROOT_ANGLES = slice(3, 6)
-
-
-def fitting_tracker(subject: Subject, rig: CameraRig, config: TrackConfig, fps: float) -> Tracker:
-    """A :class:`Tracker`, or an error where the device has not the memory for it.
-
-    Raises:
-        InputError: too many runs, or too large a budget; says what fits.
-    """
-
-    def tracker(config: TrackConfig) -> Tracker:
-        return Tracker(subject, rig, config, fps)
-
-    check_fits(tracker, config, resolve_device(config.device))
-    return tracker(config)

@@ -12,25 +12,56 @@ from tracked_motion import FPS, RIG, motion
 
 from mmocap_warp.device import free_memory
 from mmocap_warp.errors import InputError
-from mmocap_warp.tracking import memory_need
+from mmocap_warp.objective.renderers import RENDERERS
 from mmocap_warp.tracking.algorithms import ALGORITHMS
 from mmocap_warp.tracking.config import TrackConfig
-from mmocap_warp.tracking.memory_need import array_bytes, check_fits, measure_need
+from mmocap_warp.tracking.memory_need import arrays_of, fitting_tracker, memory_need
 from mmocap_warp.tracking.track import track_observations
 from mmocap_warp.tracking.tracker import Tracker
 
 MB = 10**6
+FREE_MEMORY = "mmocap_warp.tracking.memory_need.free_memory"
 
 
 def build(config: TrackConfig) -> Tracker:
     return Tracker(synthetic_subject(), RIG, config, FPS)
 
 
+def check_fits(config: TrackConfig) -> None:
+    fitting_tracker(synthetic_subject(), RIG, config, FPS)
+
+
+def need(config: TrackConfig) -> int:
+    return memory_need(synthetic_subject(), RIG, config, FPS).of(config.runs)
+
+
+def array_bytes(owner: object) -> int:
+    return sum(array.capacity for array in arrays_of(owner))
+
+
+@pytest.fixture
+def nothing_is_built(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tracker with runs may not be built before it is known to fit."""
+    init = Tracker.__init__
+
+    def only_empty(self, subject, rig, config, fps, runs=None):
+        if runs == 0:
+            init(self, subject, rig, config, fps, runs)
+
+    monkeypatch.setattr(Tracker, "__init__", only_empty)
+
+
+@pytest.mark.parametrize("renderer", RENDERERS)
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
-@pytest.mark.parametrize(("runs", "evaluations"), [(1, 3000), (5, 6000), (3, 77)])
-def test_the_need_is_what_a_search_holds(algorithm, runs, evaluations):
-    config = TrackConfig(algorithm, device="cpu", runs=runs, evaluations=evaluations)
-    assert measure_need(build, config).of(runs, evaluations) == array_bytes(build(config))
+@pytest.mark.parametrize(("runs", "evaluations"), [(1, 3000), (5, 6000), (3, 77), (2, 3001)])
+def test_the_need_is_what_a_search_holds(algorithm, runs, evaluations, renderer, device):
+    config = TrackConfig(algorithm, device=device, runs=runs, evaluations=evaluations, renderer=renderer)
+    assert need(config) == array_bytes(build(config))
+
+
+def test_finding_the_need_takes_next_to_nothing():
+    empty = Tracker(synthetic_subject(), RIG, TrackConfig("apf", device="cpu", evaluations=10**9), FPS, runs=0)
+    assert array_bytes(empty) < MB
 
 
 @pytest.mark.skipif(not wp.is_cuda_available(), reason="needs a GPU, whose memory pool counts")
@@ -44,7 +75,7 @@ def test_a_gpu_counts_the_same():
 
 def test_an_array_is_counted_once_however_often_it_is_held():
     tracker = build(TrackConfig(device="cpu", runs=2))
-    tracker.again, tracker.views = [tracker._draw, {"draw": tracker._draw}], [tracker._search.best_pose[1:]]
+    tracker.again = [tracker._draw, {"draw": tracker._draw}]
     assert array_bytes(tracker) == array_bytes(build(TrackConfig(device="cpu", runs=2)))
 
 
@@ -58,33 +89,33 @@ def test_an_array_is_counted_once_however_often_it_is_held():
     ],
     ids=["runs", "runs of a filter", "budget", "budget of runs"],
 )
-def test_what_does_not_fit_is_refused_and_what_fits_is_told(settings, told, monkeypatch):
-    monkeypatch.setattr(memory_need, "free_memory", lambda device: 200 * MB)
+def test_what_does_not_fit_is_refused_and_what_fits_is_told(settings, told, monkeypatch, nothing_is_built):
+    monkeypatch.setattr(FREE_MEMORY, lambda device: 200 * MB)
     config = TrackConfig(device="cpu", **settings)
     with pytest.raises(InputError, match=r"^cpu: .* GB of memory, 0\.2 GB are free; the most that fits is") as caught:
-        check_fits(build, config, "cpu")
+        check_fits(config)
     most = int(re.search(rf"{told} = (\d+)", caught.value.remedy)[1])
-    check_fits(build, replace(config, **{told: most}), "cpu")
+    check_fits(replace(config, **{told: most}))
     with pytest.raises(InputError):
-        check_fits(build, replace(config, **{told: most + 1}), "cpu")
+        check_fits(replace(config, **{told: most + 1}))
 
 
 def test_both_ways_out_are_told():
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(memory_need, "free_memory", lambda device: 200 * MB)
+        patched.setattr(FREE_MEMORY, lambda device: 200 * MB)
         with pytest.raises(InputError, match=r"the most that fits is runs = \d+ or evaluations = \d+$"):
-            check_fits(build, TrackConfig("apf", device="cpu", runs=10, evaluations=10**4), "cpu")
+            check_fits(TrackConfig("apf", device="cpu", runs=10, evaluations=10**4))
 
 
 def test_where_nothing_fits_the_scale_is_too_large(monkeypatch):
-    monkeypatch.setattr(memory_need, "free_memory", lambda device: 1000)
+    monkeypatch.setattr(FREE_MEMORY, lambda device: 1000)
     with pytest.raises(InputError, match="choose fewer runs, a smaller budget and a smaller scale"):
-        check_fits(build, TrackConfig(device="cpu"), "cpu")
+        check_fits(TrackConfig(device="cpu"))
 
 
-def test_where_nothing_tells_the_memory_nothing_is_refused(monkeypatch):
-    monkeypatch.setattr(memory_need, "free_memory", lambda device: None)
-    check_fits(build, TrackConfig(device="cpu", runs=10**6), "cpu")
+def test_where_nothing_tells_the_memory_nothing_is_refused(monkeypatch, nothing_is_built):
+    monkeypatch.setattr(FREE_MEMORY, lambda device: None)
+    check_fits(TrackConfig(device="cpu", runs=10**6))
 
 
 def test_the_free_memory_of_a_device_is_told(device):

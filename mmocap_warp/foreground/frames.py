@@ -74,6 +74,11 @@ class VideoFile:
     def __len__(self) -> int:
         return self.count
 
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The one file, as an :class:`ImageFolder` has them."""
+        return (self.path,)
+
     def read(self, first: int = 0) -> Iterator[np.ndarray]:
         """Frames from ``first`` on, (height, width, 3) BGR uint8.
 

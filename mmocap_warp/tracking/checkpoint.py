@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import time
@@ -10,15 +9,15 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 
-from mmocap_warp.body.model import Subject
 from mmocap_warp.errors import InputError
 from mmocap_warp.result.result import FrameAnswer
-from mmocap_warp.views.rig import CameraRig
+from mmocap_warp.tracking.run_identity import Identity
 
-_MAGIC = b"mmocap checkpoint 1\n"
+_MAGIC = b"mmocap checkpoint 2\n"
 _INTERVAL = 2.0  # seconds between saves, at least
 _ANSWER = tuple(field.name for field in fields(FrameAnswer))
 
@@ -26,36 +25,24 @@ FinishedFrame = tuple[FrameAnswer, np.ndarray]
 """A frame's answer, and the counters of the random numbers after it: (run,) int32."""
 
 
-def fingerprint(subject: Subject, rig: CameraRig, settings: dict) -> str:
-    """A hash of all that a run's bits depend on, so that a checkpoint is never continued as another run's."""
-    digest = hashlib.sha256(json.dumps(settings, sort_keys=True).encode())
-    body = subject.body
-    arrays = (
-        body.tracking.rest, body.tracking.face, body.tracking.joint, body.tracking.weight, body.joint_rest,
-        body.skeleton.frame, body.skeleton.limits, subject.root_base, subject.pose, rig.K, rig.R, rig.t, rig.size,
-    )  # fmt: skip
-    for array in arrays:
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()
-
-
 class Checkpoint:
-    """A checkpoint file: a header, then a record for each finished frame.
+    """A checkpoint file: a line that says what it is, a line with the run's identity, then a record per finished frame.
 
     Frames are appended, so that a save takes as long after a day as after a minute. A record carries a checksum: what
     a crash left half-written at the end is not read, and those frames are tracked again.
 
     Args:
         path: the file.
-        key: the run's :func:`fingerprint`.
+        identity: the run's, see :func:`~mmocap_warp.tracking.run_identity.run_identity`.
         runs: independent runs.
         coordinates: length of a pose.
         cameras: number of cameras.
     """
 
-    def __init__(self, path: Path, key: str, runs: int, coordinates: int, cameras: int) -> None:
+    def __init__(self, path: Path, identity: Identity, runs: int, coordinates: int, cameras: int) -> None:
         self._path = path
-        self._header = _MAGIC + key.encode()
+        self._identity = identity
+        self._header = _MAGIC + json.dumps(identity).encode() + b"\n"
         self._record = _record_type(runs, coordinates, cameras)
         self._saved = 0  # frames in the file
         self._due = time.monotonic() + _INTERVAL
@@ -106,24 +93,34 @@ class Checkpoint:
             return []
         except OSError as error:
             raise InputError(self._path, f"cannot be read ({error})", "check its permissions") from error
-        header = content[: len(self._header)]
-        if len(header) < len(self._header) or not header.startswith(_MAGIC):
-            raise InputError(self._path, "is damaged, or no checkpoint", "start anew with --force")
-        if header != self._header:
-            raise InputError(
-                self._path,
-                "the checkpoint is of a run with another subject, cameras or settings",
-                "repeat that run's flags, or start anew with --force",
-            )
+        if not content.startswith(self._header):
+            self._refuse(content)
         done = []
-        whole = (len(content) - len(header)) // self._record.itemsize
-        for record in np.frombuffer(content, self._record, whole, len(header)):
+        whole = (len(content) - len(self._header)) // self._record.itemsize
+        for record in np.frombuffer(content, self._record, whole, len(self._header)):
             if record["checksum"] != _checksum(record):
                 break
             answer = FrameAnswer(*(record[name] for name in _ANSWER))
             done.append((answer, record["draw"]))
         self._saved = len(done)
         return done
+
+    def _refuse(self, content: bytes) -> NoReturn:
+        """Say what is wrong with a file of another header."""
+        magic, line = content[: len(_MAGIC)], content[len(_MAGIC) :].partition(b"\n")[0]
+        try:
+            theirs = json.loads(line) if magic == _MAGIC else None
+        except ValueError:
+            theirs = None
+        if not isinstance(theirs, dict):
+            raise InputError(self._path, "is damaged, or no checkpoint", "start anew with --force")
+        mine = json.loads(json.dumps(self._identity))
+        differing = [name for name in mine | theirs if mine.get(name) != theirs.get(name)]
+        raise InputError(
+            self._path,
+            f"the checkpoint is of a run that differs in its {', '.join(differing)}",
+            "repeat that run's flags and files, or start anew with --force",
+        )
 
     def _packed(self, done: Sequence[FinishedFrame]) -> bytes:
         records = np.zeros(len(done), self._record)

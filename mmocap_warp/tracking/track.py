@@ -11,13 +11,13 @@ import numpy as np
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.device import resolve_device
-from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import config_from_table
 from mmocap_warp.result.result import FrameAnswer, Result
 from mmocap_warp.tracking.body_masks import body_masks
-from mmocap_warp.tracking.checkpoint import Checkpoint, FinishedFrame, fingerprint
+from mmocap_warp.tracking.checkpoint import Checkpoint, FinishedFrame
 from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.memory_need import fitting_tracker
+from mmocap_warp.tracking.run_identity import run_identity
 from mmocap_warp.versions import versions
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
@@ -86,17 +86,13 @@ def track(
     """
     config = replace(config or config_from_table(TrackConfig, scene.settings("track")), **settings)
     rig = scene.rig(config.scale)
-    tracker = fitting_tracker(subject, rig, config, scene.fps)
     done: list[FinishedFrame] = []  # in pairs, so that no interruption finds one without the other
     store = None
     if checkpoint is not None:
-        recorded = {"fps": scene.fps, "foreground": asdict(scene.foreground)}
-        key = fingerprint(subject, rig, _bits(config, subject) | recorded)
-        store = Checkpoint(checkpoint, key, config.runs, subject.body.skeleton.coordinates, len(rig))
+        identity = run_identity(scene, subject, config)
+        store = Checkpoint(checkpoint, identity, config.runs, subject.body.skeleton.coordinates, len(rig))
         done = store.load() if resume else []
-    if len(done) > scene.frame_count:
-        problem = f"it has {scene.frame_count} frames, {len(done)} were tracked before"
-        raise InputError(scene.path, problem, "restore [scene] frames, or start anew with --force")
+    tracker = fitting_tracker(subject, rig, config, scene.fps)
     for number, (answer, _) in enumerate(done):
         if progress:
             progress(number, answer)
@@ -119,14 +115,6 @@ def track(
             store.save(done)
         raise
     return collect(subject, rig, scene.fps, config, [answer for answer, _ in done])
-
-
-def _bits(config: TrackConfig, subject: Subject) -> dict:
-    """The settings that a run's bits depend on; the number of threads and the renderer are none of them."""
-    dof = len(subject.body.skeleton.searched(config.dof))
-    settings = asdict(config) | {"device": resolve_device(config.device), "dof": dof}
-    del settings["threads"], settings["renderer"]
-    return settings
 
 
 def track_observations(

@@ -9,7 +9,6 @@ from synthetic import COORDINATES, SKELETON, ring_rig, synthetic_poses, syntheti
 from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.device import resolve_device
-from mmocap_warp.errors import InputError
 from mmocap_warp.foreground.settings import ForegroundSettings
 from mmocap_warp.result.result import STATUS
 from mmocap_warp.tracking.config import TrackConfig
@@ -304,22 +303,3 @@ def test_the_component_nearest_the_tracked_body_is_kept(walk):
     for masks, pose in zip(asked, starts, strict=True):
         for mask, expected in zip(masks, perfect_masks(synthetic_subject(), RIG, pose, "cpu"), strict=True):
             assert (mask & expected).sum() > 0.85 * (mask | expected).sum()  # another rasteriser, at 25 mm a pixel
-
-
-def test_a_checkpoint_of_more_frames_than_the_recording_is_refused(walk, tmp_path):
-    class Recording:
-        path, fps, frame_count, foreground = tmp_path / "scene.toml", FPS, 3, ForegroundSettings()
-
-        def rig(self, scale):
-            return RIG
-
-        def observations(self, scale, first=0, body=None):
-            yield from walk[first:3]
-            raise KeyboardInterrupt
-
-    recording, config = Recording(), TrackConfig(evaluations=10, device="cpu")
-    with pytest.raises(KeyboardInterrupt):
-        track(recording, synthetic_subject(), config, checkpoint=tmp_path / "c")
-    recording.frame_count = 2
-    with pytest.raises(InputError, match="3 were tracked before"):
-        track(recording, synthetic_subject(), config, checkpoint=tmp_path / "c", resume=True)

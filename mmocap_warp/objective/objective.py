@@ -6,6 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -140,7 +141,7 @@ class Objective:
         self._held: _Held | None = None
 
     @property
-    def candidate_arrays(self) -> list[wp.array]:
+    def candidate_arrays(self) -> list[wp.array[Any]]:
         """Those whose first axis is the candidates; without shapes."""
         posed = [self.pose, self.cost, self._joint_transform, self._skin_matrix, self._posed]
         return posed + self._silhouettes.candidate_arrays

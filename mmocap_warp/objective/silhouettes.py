@@ -101,7 +101,7 @@ class Silhouettes:
         self.count = wp.zeros(shape, dtype=wp.vec2i, device=device)
 
     @property
-    def candidate_arrays(self) -> list[wp.array]:
+    def candidate_arrays(self) -> list[wp.array[Any]]:
         """Those whose first axis is the candidates."""
         return [self._image, self.count, *self._renderer.arrays, *self._contours.arrays]
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import bisect
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import warp as wp
 
@@ -54,7 +55,7 @@ def memory_need(subject: Subject, rig: CameraRig, config: TrackConfig, fps: floa
     return MemoryNeed(fixed, per_run)
 
 
-def arrays_of(owner: object) -> Iterator[wp.array]:
+def arrays_of(owner: object) -> Iterator[wp.array[Any]]:
     """The Warp arrays that an object of this project holds, in itself and in its parts, each once."""
     seen: set[int] = set()
     unseen = [owner]

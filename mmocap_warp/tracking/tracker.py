@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -78,7 +79,7 @@ class Tracker:
         self._search.best_pose.assign(np.repeat(subject.pose[None].astype(np.float32), self._runs, axis=0))
 
     @property
-    def candidate_arrays(self) -> list[wp.array]:
+    def candidate_arrays(self) -> list[wp.array[Any]]:
         """The arrays that have a row for every candidate; all others that depend on the runs have one for each run."""
         return self._objective.candidate_arrays
 
@@ -130,7 +131,8 @@ class Tracker:
         search, objective, runs = self._search, self._objective, self._runs
         wp.copy(objective.pose, search.best_pose, count=search.best_pose.size)
         wp.copy(search.best_cost, objective.evaluate(runs), count=runs)
-        return objective.count.numpy()[:runs]
+        count: np.ndarray = objective.count.numpy()
+        return count[:runs]
 
 
 _ROOT_ANGLES = slice(3, 6)

@@ -8,7 +8,7 @@ from rich.text import Text
 
 from mmocap_warp.bench.tables import Report, Table, heading, report_tables
 
-_WIDTH = 150  # columns; no table needs more
+_WIDTH = 200  # columns; more than any table needs, also where times spread on a busy machine
 
 
 def rendered(report: Report, old: Report | None = None) -> Group:

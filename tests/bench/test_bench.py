@@ -154,6 +154,13 @@ def test_tables_have_a_word_for_every_column(report):
     assert "threads are" in text
 
 
+def test_no_number_is_cut_off_where_a_busy_machine_spreads_times(report):
+    busy = json.loads(json.dumps(report))
+    for row in busy["measurements"]:
+        row["median"], row["quartiles"] = 2e-4, [2e-4, 3.0]
+    assert "…" not in to_text(rendered(busy, busy), colours=False)
+
+
 def test_an_older_report_gives_ratios(report):
     old = json.loads(json.dumps(report))
     for row in old["measurements"]:

@@ -10,8 +10,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from mmocap_warp.study.distributions import chi2_critical, chi2_tail, f_tail, normal_two_sided
-
 ALPHA = 0.05
 CONFIDENCE = 0.95
 RESAMPLES = 1000
@@ -19,8 +17,9 @@ RESAMPLES = 1000
 
 def ranks(scores: np.ndarray) -> np.ndarray:
     """Rank each score among the last axis' scores, 1 for the lowest; equal scores share the mean of their ranks."""
-    other, own = scores[..., None, :], scores[..., :, None]
-    return 0.5 + (other < own).sum(axis=-1) + 0.5 * (other == own).sum(axis=-1)
+    from scipy.stats import rankdata
+
+    return rankdata(scores, axis=-1)
 
 
 @dataclass(frozen=True)
@@ -56,6 +55,9 @@ def friedman(average_rank: np.ndarray, blocks: int, tie_variance: float = 1.0) -
     Raises:
         ValueError: fewer than two algorithms or blocks.
     """
+    from scipy.stats import chi2
+    from scipy.stats import f as f_distribution
+
     n, k = blocks, len(average_rank)
     if n < 2 or k < 2:
         raise ValueError(f"a test needs two algorithms and two blocks, got {k} and {n}")
@@ -68,11 +70,11 @@ def friedman(average_rank: np.ndarray, blocks: int, tie_variance: float = 1.0) -
     return Omnibus(
         statistic=statistic,
         dof=k - 1,
-        p=chi2_tail(statistic, k - 1),
-        critical=chi2_critical(ALPHA, k - 1),
+        p=float(chi2.sf(statistic, k - 1)),
+        critical=float(chi2.isf(ALPHA, k - 1)),
         f=f,
         f_dof=f_dof,
-        f_p=f_tail(f, f_dof),
+        f_p=float(f_distribution.sf(f, *f_dof)),
         kendall_w=statistic / most,
     )
 
@@ -108,6 +110,8 @@ class Comparison:
 
 def against_control(average_rank: np.ndarray, blocks: int) -> list[Comparison]:
     """Holm's procedure on ``z = (R - R_control) / sqrt(k (k + 1) / (6 n))``, best average rank first."""
+    from scipy.stats import norm
+
     k = len(average_rank)
     order = np.argsort(average_rank, kind="stable")
     best = float(average_rank[order[0]])
@@ -117,7 +121,7 @@ def against_control(average_rank: np.ndarray, blocks: int) -> list[Comparison]:
     for place in range(k, 1, -1):  # from the worst, whose p is the smallest
         algorithm = int(order[place - 1])
         z = (float(average_rank[algorithm]) - best) / error
-        p, threshold = normal_two_sided(z), ALPHA / (place - 1)
+        p, threshold = 2 * float(norm.sf(z)), ALPHA / (place - 1)
         still = still and p < threshold
         adjusted = max(adjusted, min(1.0, (place - 1) * p))
         rows.insert(1, Comparison(algorithm, float(average_rank[algorithm]), z, p, threshold, adjusted, still))

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from mmocap_warp.study.distributions import chi2_critical, chi2_tail, f_tail, normal_two_sided
 from mmocap_warp.study.paper import (
     ALGORITHM_NAMES,
     BLOCKS,
@@ -126,11 +125,15 @@ def test_adjusted_p_values_decide_as_thresholds_do():
         assert np.all(np.diff([row.adjusted_p for row in rows]) <= 0)
 
 
+def test_equal_scores_share_the_mean_of_their_ranks():
+    scores = np.array([[[0.3, 0.1, 0.1, 0.2], [5.0, 5.0, 5.0, 5.0]]])
+    np.testing.assert_array_equal(ranks(scores), [[[4, 1.5, 1.5, 3], [2.5, 2.5, 2.5, 2.5]]])
+
+
 def test_against_scipy():
     rng = np.random.default_rng(3)
     scores = rng.normal(size=(9, 8))
     rank = ranks(scores)
-    np.testing.assert_array_equal(rank, stats.rankdata(scores, axis=1))
     expected = stats.friedmanchisquare(*scores.T)
     test = friedman(rank.mean(axis=0), 9, tie_variance(rank))
     assert test.statistic == pytest.approx(expected.statistic, rel=1e-12)
@@ -141,7 +144,6 @@ def test_against_scipy():
 def test_ties_against_scipy():
     scores = np.random.default_rng(4).integers(0, 4, (9, 6)).astype(float)
     rank = ranks(scores)
-    np.testing.assert_array_equal(rank, stats.rankdata(scores, axis=1))
     expected = stats.friedmanchisquare(*scores.T)
     assert friedman(rank.mean(axis=0), 9, tie_variance(rank)).statistic == pytest.approx(expected.statistic, rel=1e-12)
 
@@ -162,27 +164,6 @@ def test_blocks_that_agree():
 def test_too_little_for_a_test(algorithms, blocks):
     with pytest.raises(ValueError, match="two algorithms and two blocks"):
         friedman(np.arange(1.0, algorithms + 1), blocks)
-
-
-@pytest.mark.parametrize("dof", [1, 2, 5, 7, 8, 30])
-def test_chi_square_against_scipy(dof):
-    for x in (0.01, 1.0, 14.067, 60.0, 300.0):
-        assert chi2_tail(x, dof) == pytest.approx(stats.chi2.sf(x, dof), rel=1e-10)
-    assert chi2_tail(0.0, dof) == 1.0
-    for alpha in (0.5, 0.05, 1e-6):
-        assert chi2_critical(alpha, dof) == pytest.approx(stats.chi2.isf(alpha, dof), rel=1e-9)
-
-
-@pytest.mark.parametrize("dof", [(7, 56), (1, 1), (2, 9), (5, 40), (11, 3)], ids=str)
-def test_f_against_scipy(dof):
-    for x in (0.01, 0.5, 1.0, 3.0, 40.0, 500.0):
-        assert f_tail(x, dof) == pytest.approx(stats.f.sf(x, *dof), rel=1e-10)
-    assert (f_tail(0.0, dof), f_tail(math.inf, dof)) == (1, 0)
-
-
-def test_normal_against_scipy():
-    for z in (0.0, 1.0, -2.5, 9.0):
-        assert normal_two_sided(z) == pytest.approx(2 * stats.norm.sf(abs(z)), rel=1e-12)
 
 
 def test_superiority_counts_pairs():

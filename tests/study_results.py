@@ -9,17 +9,17 @@ import numpy as np
 from synthetic import COORDINATES
 
 from mmocap_warp.study.cell import Cell, CellResult
-from mmocap_warp.study.paper import ALGORITHM_NAMES
+from mmocap_warp.study.paper import ALGORITHM_ORDER
 from mmocap_warp.tracking.presets import PRESETS
 
 SEQUENCES = tuple(f"{subject}/{action}" for action in ("Walking", "Gestures", "Box") for subject in ("S1", "S2", "S3"))
-_ERROR = dict(zip(ALGORITHM_NAMES, (0.022, 0.026, 0.027, 0.032, 0.038, 0.046, 0.060, 0.066), strict=True))  # [m]
+_ERROR = dict(zip(ALGORITHM_ORDER, (0.022, 0.026, 0.027, 0.032, 0.038, 0.046, 0.060, 0.066), strict=True))  # [m]
 _HARDER = {"Walking": 1.0, "Gestures": 0.75, "Box": 1.5, "S1": 1.0, "S2": 1.05, "S3": 1.2}
 
 
 def made_up_study(
     sequences: tuple[str, ...] = SEQUENCES,
-    algorithms: tuple[str, ...] = tuple(ALGORITHM_NAMES),
+    algorithms: tuple[str, ...] = ALGORITHM_ORDER,
     models: tuple[int, ...] = (39, 28),
     budgets: tuple[int, ...] = (500, 1500, 3000),
     presets: tuple[str, ...] = ("recording",),

@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from mmocap_warp.study.cell import CellResult
-from mmocap_warp.study.paper import ALGORITHM_NAMES
+from mmocap_warp.study.paper import ALGORITHM_ORDER
 from mmocap_warp.study.store import read_results
+from mmocap_warp.tracking.algorithms import ALGORITHMS
 
 ERRORS = {"walk": "marker_error", "balancing": "mpjpe"}
 HEAD = """| tracker | walk: median (quartiles) [mm] | worst | IoU | real: median (quartiles) [mm] | worst | IoU | ms |
@@ -36,7 +37,7 @@ def main() -> None:
     groups = {(cell.preset, cell.evaluations, -cell.dof) for cell in results}
     for preset, evaluations, less in sorted(groups, key=lambda group: (group[0] == "paper", group)):
         print(f"\n### Preset `{preset}`, {evaluations} evaluations, {-less} DOF\n\n{HEAD}")
-        for algorithm, name in ALGORITHM_NAMES.items():
+        for algorithm in ALGORITHM_ORDER:
             row = {
                 cell.sequence: result
                 for cell, result in results.items()
@@ -44,7 +45,7 @@ def main() -> None:
             }
             real = row["balancing"]
             time = 1000.0 * real.per_run["seconds"][0] / len(real.frames) / len(real.seeds)
-            print(f"| {name} | {columns(row['walk'])} | {columns(real)} | {time:.1f} |")
+            print(f"| {ALGORITHMS[algorithm].label} | {columns(row['walk'])} | {columns(real)} | {time:.1f} |")
 
 
 if __name__ == "__main__":

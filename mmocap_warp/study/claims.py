@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmocap_warp.study.paper import ALGORITHM_NAMES
 from mmocap_warp.study.summary import MEASURES, CellSummary, Measure, StudySummary
 from mmocap_warp.study.tables import Ranking, Row, by_algorithm, by_model
+from mmocap_warp.study.wording import algorithm_label
 
 AGREES, MOSTLY, DIFFERS, UNTESTED = "agrees", "mostly agrees", "differs", "not tested"
 
@@ -147,7 +147,7 @@ def _hierarchy_first(rankings: dict[tuple[int, int], Ranking]) -> tuple[str, str
         for name in ("cmaes", "pso", "de"):
             if name in of and f"h-{name}" in of:
                 won.setdefault(name, []).append(of[f"h-{name}"] < of[name])
-    each = ", ".join(f"{ALGORITHM_NAMES[f'h-{name}']} {sum(cases)} of {len(cases)}" for name, cases in won.items())
+    each = ", ".join(f"{algorithm_label(f'h-{name}')} {sum(cases)} of {len(cases)}" for name, cases in won.items())
     return _verdict((case for cases in won.values() for case in cases), f"Better ranked: {each}.")
 
 
@@ -161,7 +161,7 @@ def _larger_model(
         if known:
             gain = float(np.mean([small - large for large, small in known])) * (-1 if measure.higher_is_better else 1)
             cases.append((gain > 0) == larger_is_better)
-            notes.append(f"{ALGORITHM_NAMES[name]} {_signed(gain, measure)}")
+            notes.append(f"{algorithm_label(name)} {_signed(gain, measure)}")
     return _verdict(cases, f"Gain of 39 over 28, mean over budgets: {', '.join(notes)}.")
 
 
@@ -174,7 +174,7 @@ def _frugal(models: dict[str, Ranking], budgets: dict[str, int]) -> tuple[str, s
         if row is not None and ranking is not None and ranking.test is not None and more:
             cases.append(not row.comparison.rejected)
             best = ranking.rows[0].contender
-            notes.append(f"{ALGORITHM_NAMES[name]}: best ranked is ({best.dof},{best.evaluations}), " + _p_of(row))
+            notes.append(f"{algorithm_label(name)}: best ranked is ({best.dof},{best.evaluations}), " + _p_of(row))
     return _verdict(cases, "; ".join(notes) + ".")
 
 
@@ -223,7 +223,7 @@ def _steadier(study: StudySummary) -> tuple[str, str]:
     of = {name: _level(study, measure, name) for name in ("cmaes", "de", "pso", "h-cmaes", "h-de", "h-pso")}
     pairs = [("cmaes", "de"), ("cmaes", "pso"), ("h-cmaes", "h-de"), ("h-cmaes", "h-pso")]
     cases = [of[mine] < of[other] for mine, other in pairs if np.isfinite(of[mine]) and np.isfinite(of[other])]
-    known = [f"{ALGORITHM_NAMES[name]} {_shown(value, measure)}" for name, value in of.items() if np.isfinite(value)]
+    known = [f"{algorithm_label(name)} {_shown(value, measure)}" for name, value in of.items() if np.isfinite(value)]
     return _verdict(cases, f"Jerk: {', '.join(known)}.")
 
 

@@ -4,17 +4,8 @@ from __future__ import annotations
 
 from fractions import Fraction
 
-ALGORITHM_NAMES: dict[str, str] = {
-    "h-cmaes": "H-CMAES",
-    "h-pso": "H-PSO",
-    "cmaes": "CMAES",
-    "h-de": "H-DE",
-    "de": "DE",
-    "pso": "PSO",
-    "apf": "APF",
-    "psapf": "PSAPF",
-}
-"""The paper's spelling of each algorithm, in the order of its Table 4."""
+ALGORITHM_ORDER: tuple[str, ...] = ("h-cmaes", "h-pso", "cmaes", "h-de", "de", "pso", "apf", "psapf")
+"""The paper's algorithms in the order of its Table 4; their labels are ``mmocap_warp.tracking.algorithms``'s."""
 
 BLOCKS = 9
 """Sequences: Walking, Gestures and Box of S1, S2 and S3."""
@@ -34,7 +25,7 @@ CITATION = (
     "particle filters for Markerless Human Motion Capture. Applied Soft Computing 17, 153-166, 2014."
 )
 
-# Table 4 (39 DOF) and Table 5 (28 DOF): average rank and p-value by algorithm, in ALGORITHM_NAMES' order.
+# Table 4 (39 DOF) and Table 5 (28 DOF): average rank and p-value by algorithm, in ALGORITHM_ORDER' order.
 _RANKS: dict[tuple[int, int], tuple[str, ...]] = {
     (39, 500): ("1.222", "2.333", "3.000", "3.555", "5.111", "5.888", "7.000", "7.888"),
     (39, 1500): ("2.000", "2.777", "2.666", "3.111", "4.777", "6.111", "7.555", "7.000"),
@@ -74,7 +65,7 @@ def average_ranks(model: int, evaluations: int) -> dict[str, Fraction]:
     """Average rank by algorithm, the printed decimals restored to the ninths that nine sequences give."""
     printed = _RANKS[model, evaluations]
     return {
-        name: Fraction(round(float(rank) * BLOCKS), BLOCKS) for name, rank in zip(ALGORITHM_NAMES, printed, strict=True)
+        name: Fraction(round(float(rank) * BLOCKS), BLOCKS) for name, rank in zip(ALGORITHM_ORDER, printed, strict=True)
     }
 
 

@@ -11,6 +11,7 @@ from mmocap_warp.drawing.chart import Axis, axes, axis, box, categories, curve, 
 from mmocap_warp.study import paper
 from mmocap_warp.study.summary import CellSummary, Measure, StudySummary
 from mmocap_warp.study.tables import Ranking
+from mmocap_warp.study.wording import algorithm_label
 
 _WIDTH = 960.0
 _LEFT, _RIGHT, _TOP = 58.0, 12.0, 26.0
@@ -24,7 +25,7 @@ def rank_figure(ranking: Ranking, algorithms: Sequence[str]) -> str:
     bottom = top + 24.0 * len(algorithms)
     worst = max(len(algorithms), 2)
     x = Axis(0.6, worst + 0.4, left, width, tuple(range(1, worst + 1)))
-    y = categories([paper.ALGORITHM_NAMES[name] for name in algorithms], top, bottom)
+    y = categories([algorithm_label(name) for name in algorithms], top, bottom)
     first = ranking.rows[0].contender
     printed = paper.printed_ranks(first.dof, first.evaluations)
     parts = [text((x.at(1), 14), f"{first.evaluations:,} evaluations", "head", "start"), axes(x, y)]
@@ -35,7 +36,7 @@ def rank_figure(ranking: Ranking, algorithms: Sequence[str]) -> str:
         if found is not None:
             low, high = ((x.at(end), y.at(row)) for end in found.rank_interval)
             dot = dots(x, y, [(found.comparison.rank, row)], 5)
-            parts.append(f'<g class="a-{name}">{line(low, high, "range")}{dot}</g>')
+            parts.append(f'<g class="a-{escape(name)}">{line(low, high, "range")}{dot}</g>')
     label = f"Average rank of each algorithm, {first.dof} DOF, {first.evaluations} evaluations per frame"
     return figure((width, bottom + 22), label, parts)
 
@@ -68,9 +69,9 @@ def box_figure(study: StudySummary, measure: Measure, budget: int, algorithms: S
             if (cell := cells.get((sequence, name, dof))) is not None
         ]
         model = "large" if dof == study.models[0] else "small"
-        parts.append(f'<g class="a-{name} {model}"><path class="box" d="{"".join(shape for shape, _ in drawn)}"/>')
+        parts.append(f'<g class="a-{escape(name)} {model}"><path class="box" d="{"".join(shape for shape, _ in drawn)}"/>')
         parts.append(f'<path class="median" d="{"".join(median for _, median in drawn)}"/></g>')
-    names = ", ".join(paper.ALGORITHM_NAMES[name] for name in algorithms)
+    names = ", ".join(algorithm_label(name) for name in algorithms)
     return figure((_WIDTH, height), f"{measure.label} of {names} by sequence, {budget} evaluations per frame", parts)
 
 
@@ -92,7 +93,7 @@ def curve_figure(study: StudySummary, measure: Measure, sequence: str, dof: int,
     parts = [axes(x, y, "frame", _unit_label(measure))]
     for name in reversed(curves):  # the best are drawn last, over the others
         frame, values = _thinned(curves[name].frames, curves[name].curve[measure.key])
-        parts.append(curve(x, y, zip(frame, values, strict=True), f"a-{name}"))
+        parts.append(curve(x, y, zip(frame, values, strict=True), f"a-{escape(name)}"))
     label = f"{measure.label} against frame in {sequence}, {dof} DOF, {budget} evaluations per frame"
     return figure((_WIDTH, height), label, parts)
 
@@ -129,9 +130,9 @@ def seconds_per_frame(cell: CellSummary) -> float:
 def legend(algorithms: Sequence[str]) -> str:
     """Algorithm names with their marks; the script makes buttons of them that single an algorithm out."""
     items = "".join(
-        f'<li class="a-{name}"><button type="button" value="{name}" aria-pressed="false" disabled>'
+        f'<li class="a-{escape(name)}"><button type="button" value="{escape(name)}" aria-pressed="false" disabled>'
         '<svg viewBox="0 0 28 12" aria-hidden="true"><path class="curve" d="M1 6L27 6"/></svg>'
-        f"{escape(paper.ALGORITHM_NAMES[name])}</button></li>"
+        f"{escape(algorithm_label(name))}</button></li>"
         for name in algorithms
     )
     return f'<ul class="legend">{items}</ul>'
@@ -149,7 +150,7 @@ def _by_budget(study: StudySummary, points: dict[str, list[tuple[int, float]]], 
     parts = [axes(x, y, "evaluations per frame", unit)]
     for name in reversed(points):
         measured = [(budget, value) for budget, value in points[name] if np.isfinite(value)]
-        parts.append(f'<g class="a-{name}">{curve(x, y, measured)}{dots(x, y, measured)}</g>')
+        parts.append(f'<g class="a-{escape(name)}">{curve(x, y, measured)}{dots(x, y, measured)}</g>')
     return figure((width, height), label, parts)
 
 

@@ -23,8 +23,8 @@ from mmocap_warp.study.report_tables import (
     sequence_table,
 )
 from mmocap_warp.study.summary import Measure, StudySummary
-from mmocap_warp.study.tables import HIERARCHICAL, Ranking, by_algorithm, by_model, model_differences
-from mmocap_warp.study.wording import listed, named, with_unit
+from mmocap_warp.study.tables import Ranking, by_algorithm, by_model, model_differences
+from mmocap_warp.study.wording import algorithm_label, listed, named, with_unit
 
 
 class Section:
@@ -99,10 +99,7 @@ def ranks_section(study: StudySummary) -> Section:
 
 def spread_section(study: StudySummary) -> Section:
     """Fig. 7."""
-    halves = (
-        ("Hierarchical", [name for name in study.algorithms if name in HIERARCHICAL]),
-        ("Holistic", [name for name in study.algorithms if name not in HIERARCHICAL]),
-    )
+    halves = (("Hierarchical", study.hierarchical), ("Holistic", study.holistic))
     parts = []
     for measure in study.measures:
         for budget in study.budgets:
@@ -157,11 +154,11 @@ def overlays_section(
         return None
     pairs = "".join(
         f'<figure class="pair"><div>{_picture(best, measure, "best")}{_picture(worst, measure, "worst")}</div>'
-        f"<figcaption>{escape(best.sequence)}, {paper.ALGORITHM_NAMES[best.algorithm]}</figcaption></figure>"
+        f"<figcaption>{escape(f'{best.sequence}, {algorithm_label(best.algorithm)}')}</figcaption></figure>"
         for best, worst in extremes
     )
     strips = "".join(
-        f'<figure class="strip"><figcaption>{paper.ALGORITHM_NAMES[row[0].algorithm]}</figcaption>'
+        f'<figure class="strip"><figcaption>{escape(algorithm_label(row[0].algorithm))}</figcaption>'
         f"<div>{''.join(_picture(picture, measure) for picture in row)}</div></figure>"
         for row in rows
         if row
@@ -187,10 +184,7 @@ def overlays_section(
 def models_section(study: StudySummary) -> Section | None:
     """Tables 6 and 7; None with one model and one budget."""
     parts = []
-    halves = (
-        (6, "hierarchical", [name for name in study.algorithms if name in HIERARCHICAL]),
-        (7, "holistic", [name for name in study.algorithms if name not in HIERARCHICAL]),
-    )
+    halves = ((6, "hierarchical", study.hierarchical), (7, "holistic", study.holistic))
     for measure in study.measures:
         tables = []
         for number, kind, names in halves:

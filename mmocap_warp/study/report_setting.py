@@ -14,9 +14,9 @@ from mmocap_warp.study import paper
 from mmocap_warp.study.report_figures import budget_figure, legend, seconds_per_frame, time_figure
 from mmocap_warp.study.report_sections import Section, choice
 from mmocap_warp.study.report_tables import grid_table
-from mmocap_warp.study.summary import CellSummary, Measure, StudySummary
+from mmocap_warp.study.summary import CellSummary, Measure, StudySummary, in_order
 from mmocap_warp.study.tables import Ranking, Row, by_algorithm
-from mmocap_warp.study.wording import counted, in_unit, listed, shown, spelled, with_unit
+from mmocap_warp.study.wording import algorithm_label, counted, in_unit, listed, shown, spelled, with_unit
 
 
 def headline(study: StudySummary, measure: Measure) -> tuple[str, str]:
@@ -28,7 +28,7 @@ def headline(study: StudySummary, measure: Measure) -> tuple[str, str]:
         best = min(rows, key=lambda found: -found[1].mean if measure.higher_is_better else found[1].mean)
         ranking, row = best
         who = row.contender
-        name = paper.ALGORITHM_NAMES[who.algorithm]
+        name = algorithm_label(who.algorithm)
         over = spelled(len(ranking.sequences), "sequence")
         title = f"{name} tracks {over} to {with_unit(row.mean, measure)}"
         setting = f"{name}, {who.dof} DOF, {who.evaluations:,} evaluations per frame"
@@ -115,9 +115,8 @@ def _preset_table(study: StudySummary, measure: Measure, other: str) -> str:
     columns = [(preset, budget) for budget in budgets for preset in (study.preset, other)]
     head = ["Algorithm", *(f"{budget:,}: {preset}" for preset, budget in columns)]
     rows = [
-        [paper.ALGORITHM_NAMES[name], *(_shown_or_dash(mean(*column, name), measure) for column in columns)]
-        for name in paper.ALGORITHM_NAMES
-        if any(cell.algorithm == name for cell in cells)
+        [algorithm_label(name), *(_shown_or_dash(mean(*column, name), measure) for column in columns)]
+        for name in in_order(cell.algorithm for cell in cells)
     ]
     rows.append(["All", *(_shown_or_dash(mean(*column), measure) for column in columns)])
     caption = f"{measure.label}{in_unit(measure)} by evaluations per frame and preset, mean over the same sequences"
@@ -136,7 +135,7 @@ def setting_section(study: StudySummary, notes: Sequence[str]) -> Section:
     rows = [[name, *_recording_of(by_sequence[name])] for name in study.sequences]
     sequences = grid_table("Sequences", ["Sequence", "frames", "frames/s", "cameras", "pixels"], rows)
     facts = [
-        ("Algorithms", ", ".join(paper.ALGORITHM_NAMES[name] for name in study.algorithms)),
+        ("Algorithms", ", ".join(algorithm_label(name) for name in study.algorithms)),
         ("Degrees of freedom", listed(study.models)),
         ("Evaluations per frame", listed(study.budgets)),
         ("Seeds", _spans(study, lambda cell: str(len(cell.seeds)))),
@@ -270,7 +269,7 @@ def _time_row(study: StudySummary, algorithm: str) -> list[str]:
     by_budget = [[1000 * seconds_per_frame(s) for s in of if s.cell.evaluations == budget] for budget in study.budgets]
     spent, seconds = sum(summary.evaluations for summary in of), sum(summary.seconds for summary in of)
     return [
-        paper.ALGORITHM_NAMES[algorithm],
+        algorithm_label(algorithm),
         *(f"{np.mean(times):.2f}" if times else "–" for times in by_budget),
         f"{spent / seconds:,.0f}" if seconds > 0 else "–",
     ]

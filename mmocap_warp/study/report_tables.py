@@ -12,7 +12,7 @@ from mmocap_warp.study import paper
 from mmocap_warp.study.statistics import ALPHA, Omnibus
 from mmocap_warp.study.summary import Measure, StudySummary
 from mmocap_warp.study.tables import ModelDifference, Ranking, Row
-from mmocap_warp.study.wording import in_unit, interval, p_value, shown, statistic
+from mmocap_warp.study.wording import algorithm_label, in_unit, interval, p_value, shown, statistic
 
 
 def ranking_table(rankings: Sequence[Ranking], caption: str) -> str:
@@ -68,7 +68,7 @@ def sequence_table(study: StudySummary, measure: Measure, budget: int) -> str:
                 f"<td>{_mean_and_deviation(study, measure, sequence, algorithm, dof, budget)}</td>"
                 for sequence in study.sequences
             )
-            rows.append(f"<tr><th>{paper.ALGORITHM_NAMES[algorithm]}</th><td>{dof}</td>{cells}</tr>")
+            rows.append(f"<tr><th>{escape(algorithm_label(algorithm))}</th><td>{dof}</td>{cells}</tr>")
     caption = (
         f"{measure.label}{in_unit(measure)}, mean ± standard deviation over runs, {budget:,} evaluations per frame"
     )
@@ -85,7 +85,7 @@ def difference_table(differences: Sequence[ModelDifference], measure: Measure, m
     for algorithm, found in groupby(differences, key=lambda difference: difference.algorithm):
         of = {difference.evaluations: difference for difference in found}
         cells = "".join(_difference_cells(of.get(budget), measure) for budget in budgets)
-        rows.append(f"<tr><th>{paper.ALGORITHM_NAMES[algorithm]}</th>{cells}</tr>")
+        rows.append(f"<tr><th>{escape(algorithm_label(algorithm))}</th>{cells}</tr>")
     caption = (
         f"{measure.label}{in_unit(measure)} with {models[0]} DOF less that with {models[-1]}, mean over sequences; "
         f"A is the chance that a run with {models[0]} is better"

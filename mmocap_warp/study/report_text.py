@@ -8,13 +8,12 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from mmocap_warp.study import paper
 from mmocap_warp.study.claims import check_claims
 from mmocap_warp.study.report_setting import grid_sentence, headline
 from mmocap_warp.study.statistics import ALPHA
 from mmocap_warp.study.summary import MEASURES, CellSummary, Measure, StudySummary
-from mmocap_warp.study.tables import HIERARCHICAL, Ranking, by_algorithm, by_model, model_differences
-from mmocap_warp.study.wording import in_unit, interval, named, p_value, shown, statistic
+from mmocap_warp.study.tables import Ranking, by_algorithm, by_model, model_differences
+from mmocap_warp.study.wording import algorithm_label, in_unit, interval, named, p_value, shown, statistic
 
 _RANKED_BY = ("marker_error", "cost")
 """The paper ranks by tracking error and, in its text, by fitness: Markdown has both."""
@@ -44,9 +43,7 @@ def markdown_tables(study: StudySummary) -> str:
         for number, dof in enumerate(study.models, 4):
             found = [by_algorithm(study, measure, dof, budget) for budget in study.budgets]
             parts += _tables(found, f"{dof} DOF by {named(measure)} (as the paper’s Table {number})")
-        for number, hierarchical in ((6, True), (7, False)):
-            names = [name for name in study.algorithms if (name in HIERARCHICAL) == hierarchical]
-            kind = "Hierarchical" if hierarchical else "Holistic"
+        for number, kind, names in ((6, "Hierarchical", study.hierarchical), (7, "Holistic", study.holistic)):
             found = [by_model(study, measure, name) for name in names]
             parts += _tables(found, f"{kind} algorithms by {named(measure)} (as the paper’s Table {number})")
         parts.append(_differences(study, measure))
@@ -144,7 +141,7 @@ def _kendall(ranking: Ranking) -> tuple[str, str]:
 def _differences(study: StudySummary, measure: Measure) -> str:
     rows = [
         [
-            paper.ALGORITHM_NAMES[found.algorithm],
+            algorithm_label(found.algorithm),
             f"{found.evaluations}",
             shown(found.difference, measure, sign=True),
             interval(found.interval, measure.decimals),

@@ -11,7 +11,8 @@ import numpy as np
 
 from mmocap_warp.result.pose_errors import nanmean
 from mmocap_warp.study.cell import Cell, CellResult
-from mmocap_warp.study.paper import ALGORITHM_NAMES
+from mmocap_warp.study.paper import ALGORITHM_ORDER
+from mmocap_warp.tracking.algorithms import ALGORITHMS
 
 
 @dataclass(frozen=True)
@@ -171,9 +172,18 @@ class StudySummary:
 
     @cached_property
     def algorithms(self) -> list[str]:
-        """In the paper's order."""
-        order = list(ALGORITHM_NAMES)
-        return sorted({cell.algorithm for cell in self._grid}, key=lambda name: (order.index(name), name))
+        """In order, see :func:`in_order`."""
+        return in_order(cell.algorithm for cell in self._grid)
+
+    @cached_property
+    def hierarchical(self) -> list[str]:
+        """Those that search part by part: the paper's Table 6, and one half of its Fig. 7."""
+        return [name for name in self.algorithms if name in ALGORITHMS and ALGORITHMS[name].hierarchical]
+
+    @cached_property
+    def holistic(self) -> list[str]:
+        """Those that search all at once: Table 7. What this process has not registered is in neither."""
+        return [name for name in self.algorithms if name in ALGORITHMS and not ALGORITHMS[name].hierarchical]
 
     @cached_property
     def models(self) -> list[int]:
@@ -200,6 +210,12 @@ class StudySummary:
     ) -> CellSummary | None:
         """A cell, of the main preset unless another is named; None where the grid has a gap."""
         return self.cells.get(Cell(sequence, algorithm, dof, evaluations, preset or self.preset))
+
+
+def in_order(algorithms: Iterable[str]) -> list[str]:
+    """Each algorithm once: the paper's as in its Table 4, then others as they are registered, then the rest."""
+    order = [*ALGORITHM_ORDER, *ALGORITHMS]
+    return sorted(set(algorithms), key=lambda name: (order.index(name) if name in order else len(order), name))
 
 
 def _typical(values: np.ndarray) -> int:

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from mmocap_warp.study import paper
 from mmocap_warp.study.statistics import (
     Comparison,
     Omnibus,
@@ -21,9 +20,7 @@ from mmocap_warp.study.statistics import (
     tie_variance,
 )
 from mmocap_warp.study.summary import CellSummary, Measure, StudySummary
-
-HIERARCHICAL: tuple[str, ...] = ("h-cmaes", "h-pso", "h-de", "psapf")
-"""The paper's Table 6, and one half of its Fig. 7; the others are holistic."""
+from mmocap_warp.study.wording import algorithm_label
 
 
 @dataclass(frozen=True)
@@ -36,7 +33,7 @@ class Contender:
 
     def __str__(self) -> str:
         """The paper's ALG(DOF, EVAL)."""
-        return f"{paper.ALGORITHM_NAMES[self.algorithm]}({self.dof},{self.evaluations})"
+        return f"{algorithm_label(self.algorithm)}({self.dof},{self.evaluations})"
 
 
 @dataclass(frozen=True)

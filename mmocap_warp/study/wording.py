@@ -7,9 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from mmocap_warp.study.summary import Measure
+from mmocap_warp.tracking.algorithms import ALGORITHMS
 
 _MINUS = "\N{MINUS SIGN}"
 _NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
+
+
+def algorithm_label(name: str) -> str:
+    """An algorithm's label; its name alone where this process has not registered it, as another may have tracked it."""
+    return ALGORITHMS[name].label if name in ALGORITHMS else name
 
 
 def p_value(p: float) -> str:

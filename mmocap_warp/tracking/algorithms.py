@@ -21,21 +21,23 @@ class Algorithm:
 
     Attributes:
         optimizer: makes the optimizer of a part from ``(index, radius, runs, seed, draw, evaluations)``.
+        label: its name for people.
         hierarchical: six parts one after the other, instead of all degrees of freedom at once.
     """
 
     optimizer: Callable[..., Optimizer]
+    label: str
     hierarchical: bool
 
 
 ALGORITHMS: dict[str, Algorithm] = {
-    "cmaes": Algorithm(CmaEs, hierarchical=False),
-    "h-cmaes": Algorithm(CmaEs, hierarchical=True),
-    "de": Algorithm(De, hierarchical=False),
-    "h-de": Algorithm(De, hierarchical=True),
-    "pso": Algorithm(Pso, hierarchical=False),
-    "h-pso": Algorithm(Pso, hierarchical=True),
-    "apf": Algorithm(AnnealedFilter, hierarchical=False),
-    "psapf": Algorithm(AnnealedFilter, hierarchical=True),
+    "cmaes": Algorithm(CmaEs, "CMAES", hierarchical=False),
+    "h-cmaes": Algorithm(CmaEs, "H-CMAES", hierarchical=True),
+    "de": Algorithm(De, "DE", hierarchical=False),
+    "h-de": Algorithm(De, "H-DE", hierarchical=True),
+    "pso": Algorithm(Pso, "PSO", hierarchical=False),
+    "h-pso": Algorithm(Pso, "H-PSO", hierarchical=True),
+    "apf": Algorithm(AnnealedFilter, "APF", hierarchical=False),
+    "psapf": Algorithm(AnnealedFilter, "PSAPF", hierarchical=True),
 }
-"""The paper's names in lower case; ``h-`` is the six-step hierarchy."""
+"""The labels in lower case are the paper's names; ``h-`` is the six-step hierarchy."""

@@ -15,6 +15,7 @@ from study_results import SEQUENCES, made_up_result, made_up_study
 
 from mmocap_warp.cli import main
 from mmocap_warp.cli.exit_codes import BAD_INPUT, OK
+from mmocap_warp.optimizers.cma_es import CmaEs
 from mmocap_warp.study.cell import Cell, write_cell
 from mmocap_warp.study.claims import AGREES, DIFFERS, UNTESTED, check_claims
 from mmocap_warp.study.report import render
@@ -25,6 +26,7 @@ from mmocap_warp.study.source import Clip
 from mmocap_warp.study.store import result_path
 from mmocap_warp.study.summary import MEASURES, StudySummary, summarise
 from mmocap_warp.study.tables import by_algorithm, by_model, model_differences
+from mmocap_warp.tracking.algorithms import ALGORITHMS, Algorithm
 
 VOID = {"meta", "link", "br", "input"}
 MARKER_ERROR = MEASURES[0]
@@ -134,6 +136,34 @@ def test_no_number_is_missing_from_a_drawing(html):
     drawn = re.findall(r' (?:d|x|y|cx|cy)="([^"]*)"', html)
     assert len(drawn) > 1000
     assert not [value for value in drawn if "nan" in value or "inf" in value]
+
+
+def with_a_ninth(name):
+    """Results of two of the paper's algorithms and another one."""
+    for result in made_up_study(SEQUENCES[:2], ("h-cmaes", "pso", "apf"), (39, 28), (500,), seeds=2, frames=12):
+        algorithm = name if result.cell.algorithm == "apf" else result.cell.algorithm
+        yield replace(result, cell=replace(result.cell, algorithm=algorithm))
+
+
+@pytest.mark.parametrize(("hierarchical", "table"), [(True, 6), (False, 7)])
+def test_a_ninth_algorithm_is_reported(hierarchical, table, monkeypatch):
+    """By its label, after the paper's, among those that search as it does."""
+    monkeypatch.setitem(ALGORITHMS, "random", Algorithm(CmaEs, "RANDOM <9>", hierarchical))
+    study = StudySummary.of(with_a_ninth("random"))
+    assert study.algorithms == ["h-cmaes", "pso", "random"]
+    assert "RANDOM <9>(39,500)" in Page(render(study, {})).text
+    tables = markdown_tables(study)
+    assert "RANDOM <9>(39,500)" in tables.split("(as the paper’s Table 5)")[0]
+    assert "RANDOM <9>(39,500)" in tables.split(f"(as the paper’s Table {table})")[1].split("##")[0]
+    assert "random" in csv_table(study)
+
+
+def test_an_algorithm_that_is_not_registered_here_has_its_name():
+    study = StudySummary.of(with_a_ninth('"<b>elsewhere'))
+    page = Page(render(study, {}))
+    assert page.all("b") == []
+    assert '"<b>elsewhere(39,500)' in page.text
+    assert '"<b>elsewhere(39,500)' in markdown_tables(study)
 
 
 def test_names_are_escaped():

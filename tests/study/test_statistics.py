@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from mmocap_warp.study.paper import (
-    ALGORITHM_NAMES,
+    ALGORITHM_ORDER,
     BLOCKS,
     FRIEDMAN,
     HOLM,
@@ -54,7 +54,7 @@ def test_the_papers_p_values(column):
         if form == "-":
             assert i == rows[0].algorithm
             continue
-        assert printed(p_of[i], form) == Decimal(form), list(ALGORITHM_NAMES)[i]
+        assert printed(p_of[i], form) == Decimal(form), ALGORITHM_ORDER[i]
 
 
 @pytest.mark.parametrize("column", SOUND, ids=str)
@@ -78,7 +78,7 @@ def test_the_papers_two_misprints(column, algorithm, ninths):
     assert sum(printed_ranks.values()) == 36 - Fraction(ninths, 9)
     assert printed(friedman(ranks_of(column), BLOCKS).statistic, "0.001") != Decimal(FRIEDMAN[column])
     mending = []
-    for name in ALGORITHM_NAMES:
+    for name in ALGORITHM_ORDER:
         mended = printed_ranks | {name: printed_ranks[name] + Fraction(ninths, 9)}
         statistic = friedman(np.array([float(rank) for rank in mended.values()]), BLOCKS).statistic
         if printed(statistic, "0.001") == Decimal(FRIEDMAN[column]):
@@ -94,7 +94,7 @@ def test_holms_thresholds():
     rows = against_control(ranks_of((39, 500)), BLOCKS)
     assert [printed(row.threshold, "0.001") for row in rows[1:]] == [Decimal(form) for form in HOLM]
     assert [row.threshold for row in rows[1:]] == [ALPHA / i for i in range(1, 8)]
-    assert [list(ALGORITHM_NAMES)[row.algorithm] for row in rows if row.rejected] == ["de", "pso", "apf", "psapf"]
+    assert [ALGORITHM_ORDER[row.algorithm] for row in rows if row.rejected] == ["de", "pso", "apf", "psapf"]
 
 
 def test_a_threshold_of_0016_is_a_sixtieth():

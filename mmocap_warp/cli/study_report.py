@@ -45,8 +45,10 @@ def report(
     from mmocap_warp.errors import InputError
     from mmocap_warp.study.definition import load_study
     from mmocap_warp.study.report import write_report
+    from mmocap_warp.study.report_setting import mixture
     from mmocap_warp.study.source import Clip
     from mmocap_warp.study.store import read_results
+    from mmocap_warp.study.summary import StudySummary
 
     console = console or Console()
     page = new_file(output, ".html", force=force)
@@ -64,8 +66,13 @@ def report(
             else:
                 yield found
 
-    written = write_report(sound(), clips, notes, page, tables, cells)
-    if written == 0:
+    summary = StudySummary.of(sound())
+    if not summary.measures:
         raise InputError(results, "holds no result", "run 'mmocap study run' first, or name its folder")
-    values = {"page": page, "tables": tables, "cells": cells, "results": written, "left_out": notes}
+    mixed = mixture(summary)
+    if mixed:
+        console.note(f"{results}: {mixed}")
+    write_report(summary, clips, notes, page, tables, cells)
+    values = {"page": page, "tables": tables, "cells": cells, "results": len(summary.cells), "left_out": notes}
+    values["mixed_code"] = mixed or None
     console.result(values, f"{page}\n{tables}\n{cells}")

@@ -26,7 +26,7 @@ def show(folder: Path, /, *, console: Console | None = None) -> int:
             damaged.append(str(result))
             continue
         runs, frames = result.pose.shape[:2]
-        names = ("study", "host", "device", "started", "wall_seconds", "versions")
+        names = ("study", "host", "device", "started", "wall_seconds", "versions", "code")
         made = {name: result.meta.get(name) for name in names}
         rows.append({"cell": str(result.cell), "runs": runs, "frames": frames} | made)
     lines = [

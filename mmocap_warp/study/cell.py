@@ -22,7 +22,7 @@ PER_FRAME: tuple[str, ...] = ("marker_error", "joint_error", "mpjpe", "pa_mpjpe"
 PER_RUN: tuple[str, ...] = ("jerk", "foot_slide", "frames_lost", "seconds", "evaluations")
 """What is measured once a run."""
 
-PROVENANCE: tuple[str, ...] = ("study", "host", "started", "wall_seconds", "versions")
+PROVENANCE: tuple[str, ...] = ("study", "host", "started", "wall_seconds", "versions", "code")
 """The parts of ``meta`` that say where and when a result was made: with the seconds, all that a repetition changes."""
 
 _VERSION = 1
@@ -69,8 +69,9 @@ class CellResult:
         per_run: (run,) float64 by name: ``jerk`` [m/s^3], ``foot_slide`` [m/s], ``frames_lost``,
             ``seconds`` (the cell's search, the same in each run), ``evaluations`` (of all frames).
         pose: (run, frame, coordinate) float32, poses.
-        meta: JSON values: ``fps``, ``cameras``, ``size``, ``config``, ``versions``, ``device``, ``host``, ``started``,
-            ``wall_seconds``, ``study``.
+        meta: JSON values: ``fps``, ``cameras``, ``size``, ``config``, ``versions``, ``code`` (see
+            :func:`mmocap_warp.study.code_hash.code_hash`), ``device``, ``host``, ``started``, ``wall_seconds``,
+            ``study``.
 
     Raises:
         ValueError: arrays whose shapes disagree.

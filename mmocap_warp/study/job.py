@@ -14,6 +14,7 @@ from mmocap_warp.device import resolve_device
 from mmocap_warp.errors import InputError
 from mmocap_warp.result.result import FrameAnswer
 from mmocap_warp.study.cell import Cell, CellResult
+from mmocap_warp.study.code_hash import code_hash
 from mmocap_warp.study.metrics import measure
 from mmocap_warp.study.source import Clip, OpenClip, clip_facts, open_clip
 from mmocap_warp.tracking.config import TrackConfig
@@ -35,6 +36,7 @@ class Job:
         clip_identity: of the clip where the study was started; a worker that finds another one refuses.
         config: settings; device and threads are the worker's.
         study: the study's name.
+        code: hash of the code where the study was started; a worker that runs other code refuses.
     """
 
     cell: Cell
@@ -42,6 +44,7 @@ class Job:
     clip_identity: str
     config: TrackConfig
     study: str
+    code: str
 
 
 @dataclass(frozen=True)
@@ -88,6 +91,8 @@ class Worker:
             yield Refusal(str(error))
 
     def _work(self, job: Job) -> Iterator[Advance | CellResult]:
+        if job.code != code_hash():
+            raise InputError(socket.gethostname(), "runs other code than that which the study was started with", _SAME)
         started, begun = datetime.now(UTC).isoformat(timespec="seconds"), time.perf_counter()
         clip = yield from self._open(job)
         config = replace(job.config, device=self.device, threads=self.threads, renderer="raster")
@@ -115,6 +120,7 @@ class Worker:
                 "config": {name: value for name, value in tracked.config.items() if name not in ("device", "threads")},
                 "device": device_kind(self.device),
                 "versions": tracked.versions,
+                "code": job.code,
                 "host": socket.gethostname(),
                 "started": started,
                 "wall_seconds": time.perf_counter() - begun,

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import base64
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from importlib.resources import files
 from pathlib import Path
 from string import Template
 
 from mmocap_warp.drawing.chart import MARKS
-from mmocap_warp.study.cell import CellResult
 from mmocap_warp.study.report_sections import (
     Section,
     claims_section,
@@ -86,35 +85,29 @@ def render(study: StudySummary, clips: Mapping[str, Clip], notes: Sequence[str] 
 
 
 def write_report(
-    results: Iterable[CellResult],
+    study: StudySummary,
     clips: Mapping[str, Clip],
     notes: Sequence[str],
     page: Path,
     tables: Path,
     cells: Path,
-) -> int:
+) -> None:
     """Write the page, its tables as Markdown, and a CSV file with a line per cell; each whole or not at all.
 
     Args:
-        results: of a study; read one at a time.
+        study: what it is about; one cell at least.
         clips: where the recordings of sequences are; those that the project ships are found by name.
-        notes: remarks for the page, read after the last result.
+        notes: remarks for the page.
         page, tables, cells: the files; those that exist are replaced.
-
-    Returns:
-        How many cells are in it; without any, nothing is written.
 
     Raises:
         InputError: a file cannot be written.
+        ValueError: see :func:`render`.
     """
-    study = StudySummary.of(results)
-    if not study.measures:
-        return 0
     shipped = {name: Clip(name) for name in study.sequences if name in PLANS}
     write_whole(page, render(study, shipped | dict(clips), notes).encode())
     write_whole(tables, markdown_tables(study).encode())
     write_whole(cells, csv_table(study).encode())
-    return len(study.cells)
 
 
 def _overlays(study: StudySummary, clips: Mapping[str, Clip]) -> Section | None:

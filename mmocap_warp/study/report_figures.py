@@ -69,7 +69,9 @@ def box_figure(study: StudySummary, measure: Measure, budget: int, algorithms: S
             if (cell := cells.get((sequence, name, dof))) is not None
         ]
         model = "large" if dof == study.models[0] else "small"
-        parts.append(f'<g class="a-{escape(name)} {model}"><path class="box" d="{"".join(shape for shape, _ in drawn)}"/>')
+        parts.append(
+            f'<g class="a-{escape(name)} {model}"><path class="box" d="{"".join(shape for shape, _ in drawn)}"/>'
+        )
         parts.append(f'<path class="median" d="{"".join(median for _, median in drawn)}"/></g>')
     names = ", ".join(algorithm_label(name) for name in algorithms)
     return figure((_WIDTH, height), f"{measure.label} of {names} by sequence, {budget} evaluations per frame", parts)

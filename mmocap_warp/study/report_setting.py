@@ -18,6 +18,8 @@ from mmocap_warp.study.summary import CellSummary, Measure, StudySummary, in_ord
 from mmocap_warp.study.tables import Ranking, Row, by_algorithm
 from mmocap_warp.study.wording import algorithm_label, counted, in_unit, listed, shown, spelled, with_unit
 
+_CODE_DIGITS = 12  # of 64 that are shown
+
 
 def headline(study: StudySummary, measure: Measure) -> tuple[str, str]:
     """The page's title, and the figures beneath it."""
@@ -54,13 +56,24 @@ def headline(study: StudySummary, measure: Measure) -> tuple[str, str]:
 
 
 def grid_sentence(study: StudySummary) -> str:
-    """What was compared, in a sentence."""
+    """What was compared, in a sentence, and a warning where results should not be compared."""
     seeds = {len(cell.seeds) for cell in study.cells.values()}
     runs = f"{min(seeds)}" if len(seeds) == 1 else f"{min(seeds)} to {max(seeds)}"
-    return (
+    sentence = (
         f"{counted(len(study.algorithms), 'algorithm')}, {listed(study.models)} degrees of freedom, "
         f"{listed(study.budgets)} evaluations per frame, {counted(len(study.sequences), 'sequence')}, "
         f"{runs} seeds: {counted(len(study.cells), 'cell')}, {study.evaluations:,} evaluations."
+    )
+    return " ".join(part for part in (sentence, mixture(study)) if part)
+
+
+def mixture(study: StudySummary) -> str:
+    """A warning, if the study's results come from different code; else nothing."""
+    if len({_code(cell) for cell in study.cells.values()}) == 1:
+        return ""
+    return (
+        f"Results of different code are mixed: {_spans(study, _code)}; "
+        "run the study again, which tracks what the present code has not."
     )
 
 
@@ -145,6 +158,7 @@ def setting_section(study: StudySummary, notes: Sequence[str]) -> Section:
         ("Device", _spans(study, _device)),
         ("Host", _spans(study, lambda cell: str(cell.meta.get("host", "unknown")))),
         ("Software", _spans(study, _software)),
+        ("Code", _spans(study, _code)),
         ("Tracked", _period(study)),
     ]
     entries = "".join(f"<dt>{escape(name)}</dt><dd>{escape(value)}</dd>" for name, value in facts)
@@ -219,6 +233,12 @@ def _device(cell: CellSummary) -> str:
 def _software(cell: CellSummary) -> str:
     versions = cell.meta.get("versions", {})
     return ", ".join(f"{name} {version}" for name, version in versions.items() if name != "device")
+
+
+def _code(cell: CellSummary) -> str:
+    """The package's version and the first digits of its code's hash, which older results do not have."""
+    version = cell.meta.get("versions", {}).get("mmocap-warp", "unknown version")
+    return f"{version} ({str(cell.meta.get('code', 'unknown'))[:_CODE_DIGITS]})"
 
 
 def _spans(study: StudySummary, of: Callable[[CellSummary], str]) -> str:

@@ -81,8 +81,9 @@ class OpenClip:
 def clip_facts(clip: Clip) -> ClipFacts:
     """A clip's identity and length.
 
-    A shipped sequence is identified by the text of the modules that make it, a recording by its scene, subject and
-    truth and by the names and sizes of its images and videos.
+    A shipped sequence is identified by the bodies in it (the code that makes it is part of every result's key, see
+    :func:`mmocap_warp.study.store.content_key`), a recording by its scene, subject and truth and by the names and sizes
+    of its images and videos.
 
     Raises:
         InputError: no such sequence; a scene that is wrong or names no fitted subject.
@@ -91,7 +92,7 @@ def clip_facts(clip: Clip) -> ClipFacts:
         from mmocap_warp.study.sequences import PLANS
 
         _check_shipped(clip, PLANS)
-        return _facts(clip, PLANS[clip.name].frames, {"made by": _sequence_code()})
+        return _facts(clip, PLANS[clip.name].frames, {"bodies": _bodies()})
     scene = _load_scene(clip.scene)
     rig = scene.calibrated
     numbers = [np.round(array, _RIG_DECIMALS).tolist() for array in (rig.K, rig.R, rig.t, rig.size, rig.distortion)]
@@ -151,12 +152,9 @@ def _facts(clip: Clip, frames: int, described: dict) -> ClipFacts:
 
 
 @cache
-def _sequence_code() -> str:
-    """A hash of all that shipped sequences are made from; once a process, which goes on with what it has loaded."""
-    package = Path(__file__).parents[1]
-    modules = [package / "study" / "sequences.py", package / "body" / "rotations.py"]
-    modules += (package / "synthesis").rglob("*.py")
-    return _content([*modules, *(ROOT / "bodies").glob("*.usdc")])
+def _bodies() -> str:
+    """A hash of the bodies that shipped sequences are made from; read once a process."""
+    return _content((ROOT / "bodies").glob("*.usdc"))
 
 
 def _content(files: Iterable[Path]) -> str:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.study.cell import Cell, CellResult, read_cell
+from mmocap_warp.study.code_hash import code_hash
 from mmocap_warp.study.definition import Plan
 from mmocap_warp.version import __version__
 
@@ -23,7 +24,7 @@ def content_key(plan: Plan, clip_identity: str, device_kind: str) -> str:
     """A hash of all that a cell's result depends on, the same on any machine.
 
     That is: what is tracked and what it is judged against (``clip_identity``), the cell and its settings, this
-    package's version, and ``cpu`` or ``cuda``, whose arithmetic differs in the last bits.
+    package's version and code, and ``cpu`` or ``cuda``, whose arithmetic differs in the last bits.
     """
     settings = asdict(plan.config)
     del settings["device"], settings["threads"]
@@ -32,6 +33,7 @@ def content_key(plan: Plan, clip_identity: str, device_kind: str) -> str:
         "clip": clip_identity,
         "config": settings,
         "version": __version__,
+        "code": code_hash(),
         "device": device_kind,
     }
     return hashlib.sha256(json.dumps(depends, sort_keys=True).encode()).hexdigest()[:_KEY_DIGITS]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mmocap_warp.study.cell import Cell
+from mmocap_warp.study.code_hash import code_hash
 from mmocap_warp.study.definition import Study
 from mmocap_warp.study.job import Job
 from mmocap_warp.study.source import clip_facts
@@ -48,6 +49,6 @@ def plan_tasks(study: Study, folder: Path, device_kind: str) -> list[Task]:
     for plan in study.plans:
         identity, frames = facts[plan.clip].identity, facts[plan.clip].frames
         key = content_key(plan, identity, device_kind)
-        job = Job(plan.cell, plan.clip, identity, plan.config, study.name)
+        job = Job(plan.cell, plan.clip, identity, plan.config, study.name, code_hash())
         tasks.append(Task(job, result_path(folder, plan.cell, key), frames))
     return tasks

@@ -16,7 +16,7 @@ from study_results import SEQUENCES, made_up_result, made_up_study
 from mmocap_warp.cli import main
 from mmocap_warp.cli.exit_codes import BAD_INPUT, OK
 from mmocap_warp.optimizers.cma_es import CmaEs
-from mmocap_warp.study.cell import Cell, write_cell
+from mmocap_warp.study.cell import Cell, read_cell, write_cell
 from mmocap_warp.study.claims import AGREES, DIFFERS, UNTESTED, check_claims
 from mmocap_warp.study.report import render
 from mmocap_warp.study.report_overlays import best_and_worst, extreme_frames, side_by_side
@@ -355,7 +355,7 @@ def test_the_command_writes_page_tables_and_cells(results, tmp_path, capsys):
     assert main(["study", "report", str(results), "-o", str(page), "--json"]) == OK
     said = capsys.readouterr()
     answer = json.loads(said.out)
-    assert (answer["results"], len(answer["left_out"])) == (4, 1)
+    assert (answer["results"], len(answer["left_out"]), answer["mixed_code"]) == (4, 1, None)
     assert "cut-short.npz" in said.err
     assert "cut-short.npz" in Page(page.read_text(encoding="utf-8")).text
     assert sorted(path.name for path in tmp_path.iterdir()) == ["report.html", "results", "results.csv", "tables.md"]
@@ -369,6 +369,23 @@ def test_the_command_writes_page_tables_and_cells(results, tmp_path, capsys):
     assert "H-CMAES(39,500) | 1.000" in (tmp_path / "tables.md").read_text(encoding="utf-8")
     assert main(["study", "report", str(results), "-o", str(page)]) == BAD_INPUT
     assert main(["study", "report", str(results), "-o", str(page), "--force"]) == OK
+
+
+def test_results_of_different_code_are_not_mixed_without_a_word(results, tmp_path, capsys):
+    path = min(results.glob("S*.npz"))
+    result = read_cell(path)
+    write_cell(path, replace(result, meta=result.meta | {"code": "0123456789abcdef"}))
+    page = tmp_path / "report.html"
+    assert main(["study", "report", str(results), "-o", str(page), "--json"]) == OK
+    said = capsys.readouterr()
+    warning = (
+        "Results of different code are mixed: 0.1.0 (unknown) (3 cells); 0.1.0 (0123456789ab) (1 cell); "
+        "run the study again"
+    )
+    assert f"{results}: {warning}" in said.err
+    assert json.loads(said.out)["mixed_code"].startswith(warning)
+    assert warning in Page(page.read_text(encoding="utf-8")).text
+    assert warning in (tmp_path / "tables.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("folder", ["nowhere", "empty"])

@@ -33,6 +33,16 @@ def serve_and_die_once(connection, device, threads) -> None:
     serve_jobs(connection, device, threads)
 
 
+def serve_and_be_killed(connection, device, threads) -> None:
+    """A worker that makes up results, and that the system kills whenever PSO is to be tracked."""
+    connection.send(Ready(device))
+    while True:
+        job = connection.recv()
+        if job.cell.algorithm == "pso":
+            os.kill(os.getpid(), signal.SIGKILL)
+        connection.send(made_up(job))
+
+
 def serve_never(connection, device, threads) -> None:
     """A worker that does not come up."""
     sys.exit(3)
@@ -63,7 +73,7 @@ class ScriptedEngine:
         if fate in (DYING_ALWAYS, DYING_ONCE):
             if fate == DYING_ONCE:
                 del self._script[job.cell]
-            self._told += [(worker, Death("lightning")), (worker, Ready(f"seat {worker}"))]
+            self._told += [(worker, Death("lightning", "stand elsewhere")), (worker, Ready(f"seat {worker}"))]
         elif fate == FAILING:
             self._told.append((worker, Refusal("scene.toml: is wrong; mend it")))
         else:

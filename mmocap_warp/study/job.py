@@ -18,12 +18,15 @@ from mmocap_warp.study.code_hash import code_hash
 from mmocap_warp.study.metrics import measure
 from mmocap_warp.study.source import Clip, OpenClip, clip_facts, open_clip
 from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.tracking.memory_need import fitting_tracker
 from mmocap_warp.tracking.track import collect
-from mmocap_warp.tracking.tracker import Tracker
 from mmocap_warp.views.observation import Observation
 
 _SECONDS_BETWEEN_REPORTS = 0.5
 _SAME = "give all machines the same files and version; if they have changed since, run the study again"
+
+LESS_MEMORY = "give the study fewer seeds or frames, or run fewer workers at a time on this machine"
+"""What a user can do about a worker that ran out of memory."""
 
 
 @dataclass(frozen=True)
@@ -89,6 +92,12 @@ class Worker:
             yield from self._work(job)
         except InputError as error:
             yield Refusal(str(error))
+        except (MemoryError, RuntimeError) as error:
+            if not _is_out_of_memory(error):
+                raise
+            self._opened, self._observations = None, []  # the masks may be what took it
+            told = " ".join(str(error).split()) or "MemoryError"
+            yield Refusal(f"{self.device}: memory ran out ({told}); {LESS_MEMORY}")
 
     def _work(self, job: Job) -> Iterator[Advance | CellResult]:
         if job.code != code_hash():
@@ -96,7 +105,7 @@ class Worker:
         started, begun = datetime.now(UTC).isoformat(timespec="seconds"), time.perf_counter()
         clip = yield from self._open(job)
         config = replace(job.config, device=self.device, threads=self.threads, renderer="raster")
-        tracker = Tracker(clip.subject, clip.rig, config, clip.fps)
+        tracker = fitting_tracker(clip.subject, clip.rig, config, clip.fps)
         answers: list[FrameAnswer] = []
         total, evaluations, pace = len(self._observations), 0, _Pace()
         for observation in self._observations:
@@ -147,6 +156,12 @@ class Worker:
 def device_kind(device: str) -> str:
     """``cpu`` or ``cuda``: results of one kind are the same bits on any number of such devices."""
     return "cpu" if resolve_device(device) == "cpu" else "cuda"
+
+
+def _is_out_of_memory(error: Exception) -> bool:
+    """Whether Python, NumPy or Warp had not the memory for something; Warp has no exception of its own for it."""
+    told = str(error)
+    return isinstance(error, MemoryError) or "Failed to allocate" in told or "out of memory" in told
 
 
 class _Pace:

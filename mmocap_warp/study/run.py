@@ -211,7 +211,7 @@ class _Run:
         elif isinstance(event, Advance):
             self._advance[worker] = event
         elif isinstance(event, Death):
-            self._mourn(worker, event.reason)
+            self._mourn(worker, event)
         else:
             task = self._task.pop(worker)
             self._advance.pop(worker, None)
@@ -221,18 +221,19 @@ class _Run:
                 self._spent += int(event.per_run["evaluations"].sum())
                 self._finished += self._outbox.put(task.path, event)
 
-    def _mourn(self, worker: int, reason: str) -> None:
+    def _mourn(self, worker: int, death: Death) -> None:
         """A worker has died; its cell is tried again."""
         name, task = self._name.pop(worker, "worker"), self._task.pop(worker, None)
         self._advance.pop(worker, None)
         self._held.pop(worker, None)
         if task is None:
-            self._note(f"{name} died while it waited or started ({reason})")
+            self._note(f"{name} died while it waited or started ({death.reason})")
         elif self._attempts[task.cell] < _ATTEMPTS:
-            self._note(f"{task.cell}: {name} died ({reason}); the cell is tried again")
+            self._note(f"{task.cell}: {name} died ({death.reason}); the cell is tried again")
             self._pending.append(task)
         else:
-            self._fail(task, f"{name} died ({reason}), as workers did {_ATTEMPTS} times at this cell")
+            problem = f"{name} died ({death.reason}), as workers did {_ATTEMPTS} times at this cell"
+            self._fail(task, f"{problem}; {death.remedy}" if death.remedy else problem)
 
     def _fail(self, task: Task, problem: str) -> None:
         self._note(f"{task.cell}: given up: {problem}")

@@ -9,10 +9,11 @@ import shutil
 from pathlib import Path
 
 import pytest
+from study_workers import DYING_ALWAYS, ScriptedEngine
 from tiny_study import run_quietly, tasks_of, write_study
 
 from mmocap_warp import cli
-from mmocap_warp.cli import exit_codes
+from mmocap_warp.cli import exit_codes, study_run
 from mmocap_warp.cli.study_progress import StudyProgress, headline
 from mmocap_warp.study import tasks
 from mmocap_warp.study.cell import Cell
@@ -79,6 +80,17 @@ def test_cells_that_fail_are_told_and_the_run_fails(study, copied, capsys, monke
     assert "Walk is not the same here as where the study was started" in out
     assert out.endswith("run the study again to track what is missing\n")
     assert err.count("given up: ") == 3
+
+
+def test_workers_that_are_killed_are_told_in_one_line_and_the_run_fails(study, tmp_path, capsys, monkeypatch):
+    engine = ScriptedEngine(1, {Cell("Walk", "pso", 39, 12): DYING_ALWAYS})
+    monkeypatch.setattr(study_run, "_local", lambda *_: ("cpu", lambda: engine))
+    assert run(study, tmp_path / "r") == exit_codes.FAILURE
+    out, err = capsys.readouterr()
+    assert f"{CELLS - 1} of {CELLS} cells" in out
+    reason = "seat 0 died (lightning), as workers did 3 times at this cell; stand elsewhere"
+    assert f"missing: Walk pso 39 DOF 12 evaluations recording: {reason}\n" in out
+    assert f"Walk pso 39 DOF 12 evaluations recording: given up: {reason}\n" in err
 
 
 @pytest.mark.parametrize(

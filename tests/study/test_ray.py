@@ -18,7 +18,9 @@ from mmocap_warp import cli
 from mmocap_warp.cli import exit_codes
 from mmocap_warp.errors import InputError
 from mmocap_warp.study.cell import answer_members
-from mmocap_warp.study.engines.ray import Shares, join_cluster, share_cluster
+from mmocap_warp.study.engines.protocol import Death
+from mmocap_warp.study.engines.ray import Shares, _how_it_ended, join_cluster, share_cluster
+from mmocap_warp.study.job import LESS_MEMORY
 
 CELLS = 12
 PATIENCE = 120.0  # for whatever a cluster does [s]
@@ -82,6 +84,13 @@ def test_without_a_cluster_the_remedy_is_told(address, tmp_path, capsys):
     assert "there is no Ray cluster" in (told := capsys.readouterr().err)
     assert "start one with 'ray start --head'" in told
     assert told.count("\n") == 1
+
+
+def test_a_workers_end_is_told_in_one_line_by_its_cause():
+    failed = ray.exceptions.RayTaskError("work", "Traceback\n ...", ValueError("no such\nthing")).as_instanceof_cause()
+    assert _how_it_ended(failed) == Death("ValueError: no such thing")
+    killed = ray.exceptions.OutOfMemoryError("Task was killed due to the node running low on memory.\nMemory on ...")
+    assert _how_it_ended(killed) == Death("Task was killed due to the node running low on memory", LESS_MEMORY)
 
 
 def test_without_ray_the_extra_is_named(monkeypatch):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -20,14 +21,16 @@ from study_workers import (
     DYING_ONCE,
     FAILING,
     ScriptedEngine,
+    serve_and_be_killed,
     serve_and_die_once,
     serve_never,
 )
 from tiny_study import FRAMES, STUDY, run_quietly, tasks_of, write_study
 
-from mmocap_warp.study import outbox, run
+from mmocap_warp.study import job, outbox, run
 from mmocap_warp.study.cell import answer_members, read_cell
 from mmocap_warp.study.engines.local import LocalEngine, local_devices
+from mmocap_warp.study.job import Refusal, Worker
 from mmocap_warp.study.run import run_study
 
 STOPS = 5
@@ -178,6 +181,65 @@ def test_a_worker_that_is_killed_is_replaced_and_its_cell_repeated(study, whole,
     assert len(notes) == 1
     assert "cpu died (killed by SIGKILL); the cell is tried again" in notes[0]
     assert same_answers(tmp_path / "results", whole)
+
+
+def test_a_cell_that_workers_are_killed_at_is_told_with_the_remedy(study, tmp_path):
+    """As by a system that is short of memory."""
+    tasks, notes = tasks_of(study, tmp_path / "results"), []
+    few = [next(task for task in tasks if task.cell.algorithm == name) for name in ("pso", "de", "cmaes")]
+    status = run_quietly(few, lambda: LocalEngine(["cpu"], 1, serve_and_be_killed), notes)
+    assert (status.finished, list(status.failures)) == (2, [few[0].cell])
+    assert notes[-1] == (
+        f"{few[0].cell}: given up: cpu died (killed by SIGKILL), as workers did 3 times at this cell; a system that is "
+        "short of memory kills so: give the study fewer seeds or frames, or run fewer workers at a time on this machine"
+    )
+    assert len(notes) == 3
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        (MemoryError("Unable to allocate\n3 GiB"), "Unable to allocate 3 GiB"),
+        (MemoryError(), "MemoryError"),
+        (RuntimeError("Failed to allocate 9 bytes on device 'cpu'"), "Failed to allocate 9 bytes on device 'cpu'"),
+    ],
+    ids=["NumPy", "Python", "Warp"],
+)
+def test_a_worker_out_of_memory_says_so_and_goes_on(error, told, study, tmp_path, monkeypatch):
+    first, second = (task.job for task in tasks_of(study, tmp_path / "results")[:2])
+    worker = Worker("cpu", 1)
+    with monkeypatch.context() as patched:
+        patched.setattr(job, "fitting_tracker", fails_with(error))
+        *_, refusal = worker.work(first)
+    assert refusal == Refusal(
+        f"cpu: memory ran out ({told}); give the study fewer seeds or frames, or run fewer workers at a time on this "
+        "machine"
+    )
+    *_, result = worker.work(second)
+    assert result.cell == second.cell
+
+
+def fails_with(error):
+    def failing(*_):
+        raise error
+
+    return failing
+
+
+def test_other_errors_are_none_of_memory(study, tmp_path, monkeypatch):
+    monkeypatch.setattr(job, "fitting_tracker", fails_with(RuntimeError("an illegal memory access was encountered")))
+    with pytest.raises(RuntimeError, match="illegal"):
+        list(Worker("cpu", 1).work(tasks_of(study, tmp_path / "results")[0].job))
+
+
+def test_more_seeds_than_fit_are_refused_with_the_number_that_does(study, tmp_path):
+    many = study.with_name("many.toml")
+    many.write_text(STUDY.replace("seeds = 2", "seeds = 100_000_000"))
+    *_, refusal = Worker("cpu", 1).work(tasks_of(many, tmp_path / "results")[0].job)
+    assert re.search(
+        r"^cpu: h-cmaes with runs = 100000000 .* GB are free; the most that fits is runs = \d+", refusal.problem
+    )
+    assert "\n" not in refusal.problem
 
 
 def test_workers_that_cannot_start_end_the_run(study, tmp_path):

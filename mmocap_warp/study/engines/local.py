@@ -15,7 +15,7 @@ from typing import Any
 
 from mmocap_warp.device import resolve_device, start_quietly
 from mmocap_warp.study.engines.protocol import Death, EngineLost, Event, Ready
-from mmocap_warp.study.job import Job, Worker, device_kind
+from mmocap_warp.study.job import LESS_MEMORY, Job, Worker, device_kind
 
 _STARTS = 3  # of a worker that dies before it is ready; after these its device is given up
 _GRACE = 5.0  # for a worker to end [s]
@@ -86,7 +86,7 @@ class LocalEngine:
             try:
                 event = self._seats[worker].connection.recv()
             except (EOFError, OSError):
-                event = Death(_how_it_ended(self._seats[worker].process))
+                event = _how_it_ended(self._seats[worker].process)
             if isinstance(event, Ready):
                 self._seats[worker].ready = True
             if isinstance(event, Death):
@@ -156,9 +156,11 @@ def _end(seat: _Seat) -> None:
         seat.process.join()
 
 
-def _how_it_ended(process: BaseProcess) -> str:
+def _how_it_ended(process: BaseProcess) -> Death:
     process.join(_GRACE)
     code = process.exitcode
+    if code == -signal.SIGKILL:
+        return Death("killed by SIGKILL", f"a system that is short of memory kills so: {LESS_MEMORY}")
     if code is not None and code < 0:
-        return f"killed by {signal.Signals(-code).name}"
-    return f"ended with exit code {code}"
+        return Death(f"killed by {signal.Signals(-code).name}")
+    return Death(f"ended with exit code {code}")

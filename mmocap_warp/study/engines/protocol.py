@@ -22,9 +22,15 @@ class Ready:
 
 @dataclass(frozen=True)
 class Death:
-    """A worker is gone, and with it what it was tracking. Another one may become ready in its place."""
+    """A worker is gone, and with it what it was tracking. Another one may become ready in its place.
+
+    Attributes:
+        reason: what happened.
+        remedy: what the user can do if it happens again, where that is known.
+    """
 
     reason: str
+    remedy: str = ""
 
 
 Event = Ready | Advance | CellResult | Refusal | Death

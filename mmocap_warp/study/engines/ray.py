@@ -15,7 +15,7 @@ from typing import Any
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.study.engines.protocol import Death, EngineLost, Event, Ready
-from mmocap_warp.study.job import Job, Worker
+from mmocap_warp.study.job import LESS_MEMORY, Job, Worker
 
 _STARTS = 3  # of a worker that dies before it is ready; after these its place is given up
 _PROBE = 2.0  # how long the cluster's head may take to answer [s]
@@ -202,7 +202,7 @@ class RayEngine:
         except ray.exceptions.RayError as error:
             self._check_head()
             self._replace(worker)
-            return Death(_first_sentence(error))
+            return _how_it_ended(error)
 
     def _replace(self, worker: int) -> None:
         """Ask the cluster for another worker in the place of one that died, on whatever machine has room."""
@@ -233,7 +233,11 @@ def _knock(address: str) -> None:
     socket.create_connection((host.strip("[]"), int(port)), _PROBE).close()
 
 
-def _first_sentence(error: Exception) -> str:
-    """What Ray says first; pages about where and why it may have happened follow."""
-    text = " ".join(str(error).split())
-    return re.split(r"\.? (?:class_name|actor_id|The task may)|\. ", text, maxsplit=1)[0]
+def _how_it_ended(error: Exception) -> Death:
+    """The worker's own error, or what Ray says first; pages about where and why it may have happened follow."""
+    import ray
+
+    if isinstance(error, ray.exceptions.RayTaskError):
+        return Death(" ".join(f"{type(error.cause).__name__}: {error.cause}".split()))
+    text = re.split(r"\.? (?:class_name|actor_id|The task may)|\. ", " ".join(str(error).split()), maxsplit=1)[0]
+    return Death(text, LESS_MEMORY if isinstance(error, ray.exceptions.OutOfMemoryError) else "")

@@ -32,7 +32,7 @@ algorithms = ["h-cmaes", "cmaes", "de", "pso"]
 dof = [51, 39, 28]
 evaluations = [12]
 """
-"""Twelve cells."""
+CELLS = 12
 
 
 def write_scene(folder: Path, frames: int = FRAMES) -> Path:

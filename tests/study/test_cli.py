@@ -5,12 +5,11 @@ from __future__ import annotations
 import io
 import json
 import os
-import shutil
 from pathlib import Path
 
 import pytest
 from study_workers import DYING_ALWAYS, ScriptedEngine
-from tiny_study import run_quietly, tasks_of, write_study
+from tiny_study import CELLS
 
 from mmocap_warp import cli
 from mmocap_warp.cli import exit_codes, study_run
@@ -20,26 +19,6 @@ from mmocap_warp.study.cell import Cell
 from mmocap_warp.study.job import Advance, Job
 from mmocap_warp.study.run import Seat, Status
 from mmocap_warp.study.store import open_folder
-
-CELLS = 12
-
-
-@pytest.fixture(scope="module")
-def study(tmp_path_factory) -> Path:
-    return write_study(tmp_path_factory.mktemp("study"))
-
-
-@pytest.fixture(scope="module")
-def whole(study, tmp_path_factory) -> Path:
-    """Results of the whole study."""
-    folder = tmp_path_factory.mktemp("whole")
-    run_quietly(tasks_of(study, folder))
-    return folder
-
-
-@pytest.fixture
-def copied(whole, tmp_path) -> Path:
-    return Path(shutil.copytree(whole, tmp_path / "copied"))
 
 
 def run(study: Path, folder: Path, *flags: str) -> int:

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from tiny_study import tasks_of, write_study
+from tiny_study import tasks_of
 
 from mmocap_warp.study import code_hash as module
 from mmocap_warp.study import store, tasks
@@ -76,16 +76,16 @@ def test_what_it_names_exists():
     assert {f"mmocap_warp.{name}.__init__" for name in module._LEFT_OUT} <= names
 
 
-def test_results_of_changed_code_have_files_of_their_own(tmp_path, monkeypatch):
-    plan = load_study(write_study(tmp_path)).plans[0]
+def test_results_of_changed_code_have_files_of_their_own(study, monkeypatch):
+    plan = load_study(study).plans[0]
     before = content_key(plan, "clip", "cpu")
     monkeypatch.setattr(store, "code_hash", lambda: "of a tracker that was changed")
     assert content_key(plan, "clip", "cpu") != before
 
 
-def test_a_worker_with_other_code_refuses(tmp_path, monkeypatch):
+def test_a_worker_with_other_code_refuses(study, tmp_path, monkeypatch):
     monkeypatch.setattr(tasks, "code_hash", lambda: "of the machine that started the study")
-    job = tasks_of(write_study(tmp_path), tmp_path / "results")[0].job
+    job = tasks_of(study, tmp_path / "results")[0].job
     (told,) = Worker("cpu").work(job)
     assert isinstance(told, Refusal)
     assert "runs other code than that which the study was started with; give all machines the same" in told.problem

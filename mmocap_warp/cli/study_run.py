@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from mmocap_warp.study.run import Status
     from mmocap_warp.study.tasks import Task
 
+_COLUMNS = {"marker_error": "marker_error_mm", "mpjpe": "mpjpe_mm", "iou": "iou"}  # of the table, by measure
 _NAMED = 3  # cells that are missing for one reason; of more, the number is told
 
 
@@ -132,9 +133,8 @@ def _values(status: Status, tasks: list[Task]) -> dict[str, Any]:
 
 def _summary(tasks: list[Task]) -> list[dict[str, Any]]:
     """Means over sequences, seeds and frames, for every tracker whose sequences are all there."""
-    import numpy as np
-
     from mmocap_warp.study.cell import read_cell
+    from mmocap_warp.study.summary import summarise
 
     groups: dict[tuple, list[Task]] = {}
     for task in tasks:
@@ -144,15 +144,11 @@ def _summary(tasks: list[Task]) -> list[dict[str, Any]]:
     for (preset, evaluations, dof, algorithm), members in groups.items():
         if not all(task.path.exists() for task in members):
             continue
-        results = [read_cell(task.path) for task in members]
+        runs = [summarise(read_cell(task.path)).runs for task in members]
         row = {"preset": preset, "evaluations": evaluations, "dof": dof, "algorithm": algorithm}
-        for name, column, unit in (
-            ("marker_error", "marker_error_mm", 1e3),
-            ("mpjpe", "mpjpe_mm", 1e3),
-            ("iou", "iou", 1),
-        ):
-            values = [result.per_frame[name][np.isfinite(result.per_frame[name])] for result in results]
-            row[column] = unit * float(np.mean([value.mean() for value in values])) if all(map(len, values)) else None
+        for measure, column in _COLUMNS.items():
+            means = [float(of[measure].mean()) for of in runs if measure in of]
+            row[column] = sum(means) / len(means) if len(means) == len(runs) else None
         rows.append(row)
     return rows
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from mmocap_warp.study.summary import MEASURES, CellSummary, Measure, StudySummary
 from mmocap_warp.study.tables import Ranking, Row, by_algorithm, by_model
-from mmocap_warp.study.wording import algorithm_label
+from mmocap_warp.study.wording import algorithm_label, shown
 
 AGREES, MOSTLY, DIFFERS, UNTESTED = "agrees", "mostly agrees", "differs", "not tested"
 
@@ -161,7 +161,7 @@ def _larger_model(
         if known:
             gain = float(np.mean([small - large for large, small in known])) * (-1 if measure.higher_is_better else 1)
             cases.append((gain > 0) == larger_is_better)
-            notes.append(f"{algorithm_label(name)} {_signed(gain, measure)}")
+            notes.append(f"{algorithm_label(name)} {_with_unit(gain, measure, sign=True)}")
     return _verdict(cases, f"Gain of 39 over 28, mean over budgets: {', '.join(notes)}.")
 
 
@@ -196,7 +196,7 @@ def _in_order(of: dict[str, float], pairs: list[tuple[str, str]], measure: Measu
         return _verdict([], "")
     sign = -1 if measure.higher_is_better else 1
     cases = [sign * of[better] < sign * of[worse] for better, worse in pairs]
-    return _verdict(cases, ", ".join(f"{name} {_shown(of[name], measure)}" for name in sorted(of)) + ".")
+    return _verdict(cases, ", ".join(f"{name} {_with_unit(of[name], measure)}" for name in sorted(of)) + ".")
 
 
 def _narrower(study: StudySummary, measure: Measure) -> tuple[str, str]:
@@ -223,7 +223,9 @@ def _steadier(study: StudySummary) -> tuple[str, str]:
     of = {name: _level(study, measure, name) for name in ("cmaes", "de", "pso", "h-cmaes", "h-de", "h-pso")}
     pairs = [("cmaes", "de"), ("cmaes", "pso"), ("h-cmaes", "h-de"), ("h-cmaes", "h-pso")]
     cases = [of[mine] < of[other] for mine, other in pairs if np.isfinite(of[mine]) and np.isfinite(of[other])]
-    known = [f"{algorithm_label(name)} {_shown(value, measure)}" for name, value in of.items() if np.isfinite(value)]
+    known = [
+        f"{algorithm_label(name)} {_with_unit(value, measure)}" for name, value in of.items() if np.isfinite(value)
+    ]
     return _verdict(cases, f"Jerk: {', '.join(known)}.")
 
 
@@ -263,9 +265,5 @@ def _by_part(study: StudySummary, measure: Measure, part: int) -> dict[str, floa
     return {name: float(np.mean(found)) for name, found in values.items()}
 
 
-def _shown(value: float, measure: Measure) -> str:
-    return f"{value:.{measure.decimals}f}{' ' + measure.unit if measure.unit else ''}"
-
-
-def _signed(value: float, measure: Measure) -> str:
-    return f"{value:+.{measure.decimals}f}{' ' + measure.unit if measure.unit else ''}".replace("-", "−")
+def _with_unit(value: float, measure: Measure, *, sign: bool = False) -> str:
+    return shown(value, measure, sign=sign) + (f" {measure.unit}" if measure.unit else "")

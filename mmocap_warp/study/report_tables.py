@@ -36,26 +36,28 @@ def effect_table(ranking: Ranking) -> str:
     """A ranking's intervals, effect sizes and adjusted p-values, and the paper's ranks."""
     first = ranking.rows[0].contender
     caption = f"{first.evaluations:,} evaluations, {ranking.measure.label}{in_unit(ranking.measure)}"
+    head = ["Algorithm", "Mean", "95 %", "Rank", "95 %", "Holm-adjusted p", "A"]
+    rows = [effect_cells(row, ranking.measure) for row in ranking.rows]
     printed = paper.printed_ranks(first.dof, first.evaluations)
-    compares_algorithms = len({row.contender.algorithm for row in ranking.rows}) > 1
-    head = (
-        "<th>Algorithm</th><th>Mean</th><th>95 %</th><th>Rank</th><th>95 %</th>"
-        + ("<th>Rank in the paper</th>" if compares_algorithms and printed else "")
-        + "<th>Holm-adjusted p</th><th>A</th>"
-    )
-    rows = []
-    for row in ranking.rows:
-        theirs = ""
-        if compares_algorithms and printed:
+    if printed and len({row.contender.algorithm for row in ranking.rows}) > 1:
+        head.insert(5, "Rank in the paper")
+        for cells, row in zip(rows, ranking.rows, strict=True):
             known = printed.get(row.contender.algorithm)
-            theirs = f"<td>{known:.3f}</td>" if known is not None else "<td></td>"
-        rows.append(
-            f"<tr><th>{escape(str(row.contender))}</th><td>{shown(row.mean, ranking.measure)}</td>"
-            f"<td>{interval(row.mean_interval, ranking.measure.decimals)}</td><td>{row.comparison.rank:.3f}</td>"
-            f"<td>{interval(row.rank_interval, 2)}</td>{theirs}<td>{p_value(row.comparison.adjusted_p)}</td>"
-            f"<td>{'' if np.isnan(row.superiority) else f'{row.superiority:.2f}'}</td></tr>"
-        )
-    return _table(caption, head, "".join(rows))
+            cells.insert(5, "" if known is None else f"{known:.3f}")
+    return grid_table(caption, head, rows)
+
+
+def effect_cells(row: Row, measure: Measure) -> list[str]:
+    """A contender's mean, rank and their intervals, adjusted p-value and effect size."""
+    return [
+        str(row.contender),
+        shown(row.mean, measure),
+        interval(row.mean_interval, measure.decimals),
+        f"{row.comparison.rank:.3f}",
+        interval(row.rank_interval, 2),
+        p_value(row.comparison.adjusted_p),
+        "" if np.isnan(row.superiority) else f"{row.superiority:.2f}",
+    ]
 
 
 def sequence_table(study: StudySummary, measure: Measure, budget: int) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 
 from mmocap_warp.study.claims import check_claims
 from mmocap_warp.study.report_setting import grid_sentence, headline
+from mmocap_warp.study.report_tables import effect_cells
 from mmocap_warp.study.statistics import ALPHA
 from mmocap_warp.study.summary import MEASURES, CellSummary, Measure, StudySummary
 from mmocap_warp.study.tables import Ranking, by_algorithm, by_model, model_differences
@@ -102,19 +103,7 @@ def _tables(found: Sequence[Ranking | None], title: str) -> Iterator[str]:
         rows.append([cell for ranking in rankings for cell in (name, *of(ranking))] + [""])
     yield f"## {title}\n\n{_grid([*(['Algorithm', 'Rank', 'p-value'] * len(rankings)), 'Holm'], rows)}"
     head = ["Algorithm", f"mean{in_unit(rankings[0].measure)}", "95 %", "rank", "95 %", "Holm-adjusted p", "A"]
-    effects = [
-        [
-            str(row.contender),
-            shown(row.mean, ranking.measure),
-            interval(row.mean_interval, ranking.measure.decimals),
-            f"{row.comparison.rank:.3f}",
-            interval(row.rank_interval, 2),
-            p_value(row.comparison.adjusted_p),
-            "" if np.isnan(row.superiority) else f"{row.superiority:.2f}",
-        ]
-        for ranking in rankings
-        for row in ranking.rows
-    ]
+    effects = [effect_cells(row, ranking.measure) for ranking in rankings for row in ranking.rows]
     yield _grid(head, effects)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import cv2
 import numpy as np
 
@@ -20,12 +22,17 @@ def distance_inside(mask: np.ndarray, reach: int) -> np.ndarray:
     return np.where(mask, inside - 0.5, 0.5 - outside)
 
 
-def draw_ellipse(
-    image: np.ndarray, centre: tuple[float, float], radii: tuple[float, float], angle: float, value: int
-) -> None:
-    """Fill an ellipse: centre (column, row) and radii [px], and the angle of its first axis [degrees]."""
-    x, y, across, along = (round(float(length) * 2**_SUBPIXEL) for length in (*centre, *radii))
-    cv2.ellipse(image, (x, y), (across, along), float(angle), 0, 360, value, -1, cv2.LINE_8, _SUBPIXEL)
+class Ellipse(NamedTuple):
+    """Centre (column, row) and radii (2,) [px], and the angle of the first radius [degrees]."""
+
+    centre: np.ndarray
+    radii: np.ndarray
+    angle: float
+
+    def draw(self, image: np.ndarray, value: int) -> None:
+        """Fill it."""
+        x, y, across, along = (round(float(length) * 2**_SUBPIXEL) for length in (*self.centre, *self.radii))
+        cv2.ellipse(image, (x, y), (across, along), float(self.angle), 0, 360, value, -1, cv2.LINE_8, _SUBPIXEL)
 
 
 def on_floor(vertices: np.ndarray, up: np.ndarray, light: np.ndarray) -> np.ndarray:

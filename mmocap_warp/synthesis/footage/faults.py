@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from mmocap_warp.synthesis.footage.blemishes import distance_inside, draw_ellipse, on_floor
+from mmocap_warp.synthesis.footage.blemishes import Ellipse, distance_inside, on_floor
 from mmocap_warp.synthesis.footage.polygons import draw_silhouettes
 from mmocap_warp.views.rig import CameraRig
 
@@ -104,6 +104,5 @@ def _blobs(
 ) -> None:
     """Draw ellipses of any direction with centres at random ``places`` (n, 2: row, column)."""
     for _ in range(count if len(places) else 0):
-        row, column = places[rng.integers(len(places))]
-        across, along = np.rint(rng.uniform(*radius, 2))
-        draw_ellipse(mask, (column, row), (across, along), rng.uniform(0, 180), value)
+        centre, radii = places[rng.integers(len(places))][::-1], np.rint(rng.uniform(*radius, 2))
+        Ellipse(centre, radii, rng.uniform(0, 180)).draw(mask, value)

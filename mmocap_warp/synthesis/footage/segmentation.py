@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel
-from mmocap_warp.synthesis.footage.blemishes import distance_inside, draw_ellipse, on_floor
+from mmocap_warp.synthesis.footage.blemishes import Ellipse, distance_inside, on_floor
 from mmocap_warp.synthesis.footage.outlines import Surface, draw_outlines, on_image
 from mmocap_warp.synthesis.posing import led_by
 from mmocap_warp.views.rig import CameraRig
@@ -46,21 +46,6 @@ class Contrast:
         """The same camera where the subject's clothes or the light are worse: all but the dropouts times ``factor``."""
         scaled = {name: getattr(self, name) * factor for name in ("halo", "flicker", "ragged", "holes", "specks")}
         return replace(self, **scaled, shadow=min(_MOST_SHADOW, self.shadow * factor))
-
-
-@dataclass(frozen=True)
-class Patch:
-    """An elliptic piece of the body that looks like the background.
-
-    Attributes:
-        centre: column and row [px].
-        radii: of the ellipse [px].
-        angle: of its first axis [degrees].
-    """
-
-    centre: tuple[float, float]
-    radii: tuple[float, float]
-    angle: float
 
 
 _MOST_SHADOW = 0.95
@@ -129,7 +114,7 @@ class SegmentedMasks:
         area = np.linalg.norm(np.cross(corner[:, 2] - corner[:, 0], corner[:, -1] - corner[:, 1]), axis=1)
         return np.cumsum(area) / area.sum()
 
-    def _patches(self, rig: CameraRig, k: int, frame: int, vertices: np.ndarray) -> list[Patch]:
+    def _patches(self, rig: CameraRig, k: int, frame: int, vertices: np.ndarray) -> list[Ellipse]:
         """What of the body looks like the background to camera ``k``: stays on the skin for a fraction of a second."""
         block = frame // _PATCH_LIFE
         rng = np.random.default_rng([self.seed, _PATCHES, k, block])
@@ -140,9 +125,8 @@ class SegmentedMasks:
             radii, angle = rng.uniform(*_PATCH_RADIUS, 2), rng.uniform(0, 180)
             if begin <= frame < end:
                 place = vertices[self.body.skin.face[face, 0]]
-                column, row = on_image(rig, k, place)
-                across, along = radii * rig.K[k, 0, 0] / float(rig.R[k, 2] @ place + rig.t[k, 2])
-                patches.append(Patch((column, row), (across, along), angle))
+                radii = radii * rig.K[k, 0, 0] / float(rig.R[k, 2] @ place + rig.t[k, 2])
+                patches.append(Ellipse(on_image(rig, k, place), radii, angle))
         return patches
 
 
@@ -154,7 +138,7 @@ _SPECK_RADIUS = (1.0, 4.0)
 
 
 def segment(
-    mask: np.ndarray, shadow: np.ndarray, patches: list[Patch], contrast: Contrast, rng: np.random.Generator
+    mask: np.ndarray, shadow: np.ndarray, patches: list[Ellipse], contrast: Contrast, rng: np.random.Generator
 ) -> np.ndarray:
     """A silhouette as a real segmentation might have left it: (height, width) bool.
 
@@ -176,13 +160,12 @@ def segment(
     if contrast.shadow > 0:
         bound = NormalDist().inv_cdf(1.0 - contrast.shadow)
         seen |= (shadow[box] & (_grain(depth.shape, _SHADOW_GRAIN, rng) > bound)).view(np.uint8)
-    left, top = box[1].start, box[0].start
+    corner = np.array([box[1].start, box[0].start])
     for patch in patches:
-        draw_ellipse(seen, (patch.centre[0] - left, patch.centre[1] - top), patch.radii, patch.angle, 0)
+        patch._replace(centre=patch.centre - corner).draw(seen, 0)
     for _ in range(rng.poisson(contrast.specks)):
-        column, row = rng.uniform(0, depth.shape[::-1])
-        across, along = rng.uniform(*_SPECK_RADIUS, 2)
-        draw_ellipse(seen, (column, row), (across, along), rng.uniform(0, 180), 1)
+        place, radii = rng.uniform(0, depth.shape[::-1]), rng.uniform(*_SPECK_RADIUS, 2)
+        Ellipse(place, radii, rng.uniform(0, 180)).draw(seen, 1)
     spoilt[box] = seen.view(bool)
     return spoilt
 

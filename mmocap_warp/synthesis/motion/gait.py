@@ -89,10 +89,8 @@ class Walk:
         own, highest = np.linspace(0.0, curves.TOE_OFF, 63), np.inf
         for side, leg in self._legs.items():
             root, pelvis = self._low_pelvis(own - _AHEAD[side])
-            away = self._on_floor(side, np.zeros_like(own), own) - root - applied(pelvis, leg.hip)
-            level = np.hypot(away[:, 0], away[:, 2])
-            highest = min(highest, (away[:, 1] + np.sqrt(leg.reach(_LEAST_KNEE) ** 2 - level**2)).min())
-        return float(highest)
+            highest = min(highest, leg.room(root, pelvis, self._on_floor(side, 0 * own, own), _LEAST_KNEE))
+        return highest
 
     @cached_property
     def _legs(self) -> dict[str, Leg]:

@@ -81,6 +81,18 @@ class Leg:
         thigh = basis(target, sideways) @ transposed(basis(leg, np.broadcast_to(np.eye(3)[0], leg.shape)))
         return np.concatenate([zyx_angles(transposed(pelvis) @ thigh), knee[:, None]], axis=1)
 
+    def room(self, root: np.ndarray, pelvis: np.ndarray, ankle: np.ndarray, flexion: float) -> float:
+        """How far up the root can go before the knee's flexion from straight is less than ``flexion`` [rad]; [m].
+
+        Args:
+            root, ankle: (frame, 3), in the world [m].
+            pelvis: (frame, 3, 3), world from the root joint's axes.
+            flexion: from straight [rad].
+        """
+        away = ankle - root - applied(pelvis, self.hip)
+        level = np.hypot(away[:, 0], away[:, 2])
+        return float((away[:, 1] + np.sqrt(self.reach(flexion) ** 2 - level**2)).min())
+
     def _knee_terms(self) -> tuple[float, float]:
         """``a`` and ``b`` of ``thigh . Rx(angle) shank = a cos + b sin + constant``."""
         (_, ty, tz), (_, sy, sz) = self.thigh, self.shank

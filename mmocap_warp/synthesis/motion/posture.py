@@ -74,7 +74,7 @@ class Posture:
             least_knee: flexion from straight [rad].
         """
         ankles = {side: foot.ankle(self._soles[side]) for side, foot in feet.items()}
-        room = [self._room(side, root, pelvis, ankles[side], least_knee) for side in feet]
+        room = [self._legs[side].room(root, pelvis, ankle, least_knee) for side, ankle in ankles.items()]
         root = root + np.array([0.0, np.min(room), 0.0])
         axes = {side: foot.axes() for side, foot in feet.items()}
         hinges = {side: turn("y", foot.yaw)[:, :, 0] for side, foot in feet.items()}
@@ -162,13 +162,6 @@ class Posture:
             self._set(f"{side}Hip", angles[:, :3])
             self._set(f"{side}Knee", about("x", angles[:, 3]))
             self._set(f"{side}Ankle", zyx_angles(transposed(pelvis @ hip @ knee) @ feet[side]))
-
-    def _room(self, side: str, root: np.ndarray, pelvis: np.ndarray, ankle: np.ndarray, least_knee: float) -> float:
-        """How far up the root can go before a leg is straighter than it may be."""
-        leg = self._legs[side]
-        away = ankle - root - applied(pelvis, leg.hip)
-        level = np.hypot(away[:, 0], away[:, 2])
-        return float((away[:, 1] + np.sqrt(leg.reach(least_knee) ** 2 - level**2)).min())
 
     def _set(self, joint: str, angles: np.ndarray) -> None:
         self.poses[:, self._body.skeleton.angles(joint)] = angles

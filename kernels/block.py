@@ -123,21 +123,21 @@ def matrix_at(words: wp.array[wp.uint32], first: int, rows: int, columns: int):
 
 
 @wp.struct
-class Seat:
-    """A lane's elements of a matrix: in rows ``row, row + rows, ...``, columns ``column, column + width, ...``."""
+class LaneLayout:
+    """A lane's elements of a matrix: every ``row_step``-th row from ``row`` on, and so the columns."""
 
     row: int
-    rows: int
+    row_step: int
     column: int
-    width: int
+    column_step: int
 
 
 @wp.func
-def seat(lane: int, lanes: int, columns: int) -> Seat:
-    """Share a matrix among lanes that sit in rows as wide as its own; one without a seat gets a column beyond."""
-    mine = Seat()
-    mine.width = wp.min(lanes, columns)
-    mine.rows = lanes // mine.width
-    mine.row = lane // mine.width
-    mine.column = wp.where(mine.row < mine.rows, lane - mine.row * mine.width, columns)
-    return mine
+def lane_layout(lane: int, lanes: int, columns: int) -> LaneLayout:
+    """Lay lanes over a matrix in rows as wide as its own; a lane that is left over gets a column beyond the last."""
+    layout = LaneLayout()
+    layout.column_step = wp.min(lanes, columns)
+    layout.row_step = lanes // layout.column_step
+    layout.row = lane // layout.column_step
+    layout.column = wp.where(layout.row < layout.row_step, lane - layout.row * layout.column_step, columns)
+    return layout

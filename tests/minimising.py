@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 from poisoned import SENTINEL
 
-_GIVEN = ("index", "scale", "_seed", "_weight")  # arrays that a search does not change
+from mmocap_warp.kernels.optimizers.populations import make_space
 
 
 class Search:
@@ -20,30 +20,28 @@ class Search:
         self.scale = np.broadcast_to(np.asarray(scale, float), dofs)
         self.index = 2 * np.arange(dofs)[::-1]
         self.evaluations = evaluations
-        self.draw = wp.zeros(runs, dtype=wp.int32, device=device)
+        self.counter = wp.zeros(runs, dtype=wp.int32, device=device)
         seed = wp.array(seeds, dtype=wp.int32, device=device)
-        self.optimizer = kind(self.index, self.scale, runs, seed, self.draw, evaluations, config)
-        for name, array in self._arrays():
-            if name != "_draw":
-                array.assign(np.full(array.numpy().shape, np.nan if array.dtype is wp.float32 else SENTINEL))
+        self.optimizer = kind(make_space(self.index, self.scale, seed, self.counter), evaluations, config)
+        for array in self._arrays().values():
+            array.assign(np.full(array.numpy().shape, np.nan if array.dtype is wp.float32 else SENTINEL))
         self.start = np.broadcast_to(np.asarray(start, np.float32), (runs, dofs))
         self.restart()
 
     def _arrays(self):
-        arrays = vars(self.optimizer).items()
-        return [(name, value) for name, value in arrays if isinstance(value, wp.array) and name not in _GIVEN]
+        return {name: value for name, value in vars(self.optimizer.state).items() if isinstance(value, wp.array)}
 
     def restart(self):
         pose = np.full((len(self.start), 2 * len(self.index)), np.nan, np.float32)
         pose[:, self.index] = self.start
-        self.optimizer.start(wp.array(pose, device=self.draw.device))
+        self.optimizer.start(wp.array(pose, device=self.counter.device))
 
     def ask(self, particles=None):
         """(run, particle, dof)."""
         return self.optimizer.ask(particles or self.optimizer.particles).numpy().astype(float)
 
     def tell(self, cost):
-        self.optimizer.tell(wp.array(np.ravel(cost), dtype=wp.float32, device=self.draw.device))
+        self.optimizer.tell(wp.array(np.ravel(cost), dtype=wp.float32, device=self.counter.device))
 
     def generation(self, function):
         """One generation; returns its candidates (run, particle, dof) and single-precision costs (run, particle)."""
@@ -55,7 +53,7 @@ class Search:
     def run(self, function):
         """Spend the budget; returns the lowest cost that each run met, (run,)."""
         best = np.full(len(self.start), np.inf)
-        for particles in self.optimizer.plan(self.evaluations):
+        for particles in self.optimizer.generation_sizes(self.evaluations):
             x = self.ask(particles)[:, :particles]
             cost = function(x)
             best = np.minimum(best, cost.min(axis=1))
@@ -65,13 +63,14 @@ class Search:
 
     def estimate(self):
         """(run, dof)."""
-        pose = wp.zeros((len(self.start), 2 * len(self.index)), dtype=wp.float32, device=self.draw.device)
+        pose = wp.zeros((len(self.start), 2 * len(self.index)), dtype=wp.float32, device=self.counter.device)
         self.optimizer.estimate(pose)
         return pose.numpy()[:, self.index].astype(float)
 
     def state(self):
         """Every array that a search changes, by name, the run first."""
-        return {name: array.numpy().copy() for name, array in self._arrays()}
+        arrays = self._arrays() | {"counter": self.counter}
+        return {name: array.numpy().copy() for name, array in arrays.items()}
 
 
 def assert_a_run_of_a_batch_is_the_single_run(kind, dofs, device, function, **settings):
@@ -91,7 +90,8 @@ def assert_a_run_of_a_batch_is_the_single_run(kind, dofs, device, function, **se
     for run, single in enumerate(singles):
         for name, alone in single.state().items():
             np.testing.assert_array_equal(together[name][run], alone[0], err_msg=name)
-    assert not np.array_equal(together["population"][0], together["population"][1])
+    candidates = batch.optimizer.population.numpy()
+    assert not np.array_equal(candidates[0], candidates[1])
 
 
 def assert_finite(search):

@@ -23,7 +23,7 @@ from scipy.optimize import differential_evolution
 from scipy.stats import mannwhitneyu
 
 from mmocap_warp.optimizers.annealed_filter import AnnealedFilter
-from mmocap_warp.optimizers.cma_es import CmaEs, CmaEsTable
+from mmocap_warp.optimizers.cma_es import CmaEs, CmaEsParameters
 from mmocap_warp.optimizers.de import De, DeConfig
 from mmocap_warp.optimizers.minimize import minimize
 from mmocap_warp.optimizers.pso import Pso
@@ -162,19 +162,19 @@ def by_cmaes(problem: Problem, seed: int, table_2: bool = False) -> list[float]:
     """One run of the package ``cmaes``; lowest cost at each budget."""
     trace, search = Trace(problem), cmaes.CMA(mean=np.zeros(problem.dofs), sigma=1.0, seed=seed)
     if table_2:
-        _take_constants(search, CmaEsTable.for_search(problem.dofs))
+        _take_parameters(search, CmaEsParameters.for_search(problem.dofs))
     while len(trace) < BUDGETS[-1]:
         points = [search.ask() for _ in range(search.population_size)]
         search.tell([(x, trace(x)) for x in points])
     return trace.lowest
 
 
-def _take_constants(search: cmaes.CMA, table: CmaEsTable) -> None:
-    """Give the package the paper's constants: no negative weights, rank-one and rank-mu rates from one ``c_cov``."""
-    search._weights = np.concatenate([table.weights, np.zeros(table.population - table.mu)])
-    search._mu, search._mu_eff = table.mu, table.mu_eff
-    search._c_sigma, search._d_sigma, search._cc = table.c_sigma, table.d_sigma, table.c_c
-    search._c1, search._cmu = table.c_cov / table.mu_cov, table.c_cov * (1 - 1 / table.mu_cov)
+def _take_parameters(search: cmaes.CMA, ours: CmaEsParameters) -> None:
+    """Give the package the paper's parameters: no negative weights, rank-one and rank-mu rates from one ``c_cov``."""
+    search._weights = np.concatenate([ours.weights, np.zeros(ours.population - ours.mu)])
+    search._mu, search._mu_eff = ours.mu, ours.mu_eff
+    search._c_sigma, search._d_sigma, search._cc = ours.c_sigma, ours.d_sigma, ours.c_c
+    search._c1, search._cmu = ours.c_cov / ours.mu_cov, ours.c_cov * (1 - 1 / ours.mu_cov)
 
 
 def by_scipy(problem: Problem, seed: int, members: int) -> list[float]:

@@ -1,1 +1,1 @@
-"""Populations: how each optimizer draws and learns."""
+"""Populations: how each optimizer samples and learns."""

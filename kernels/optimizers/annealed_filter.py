@@ -1,11 +1,20 @@
 """The annealed particle filter on the device, a batch of runs at a time: propagation, weights, selection.
 
-Equations are those of the paper's Section 4.1.1 as settled in ``docs/algorithms.md``.
+Equations are those of the paper's Section 4.1.1 as settled in ``docs/algorithms.md``. A layer spreads N particles,
+weighs them by their costs f, and selects N of them with replacement, each as often as it weighs on average::
+
+    selected s_1 .. s_N  --propagate-->  x_1 .. x_N  --weigh-->  w_1 .. w_N  --select-->  s_1 .. s_N of the next layer
+
+    w_k ~ (1 - f_k)^beta  with the beta for which  (sum w)^2 / (N sum w^2) = delta,  the survival rate
+
+A small beta weighs all particles alike, a large one only the best; delta says how many survive, whatever the costs are.
+In terms of a distance from the best particle, ``d_k = ln(1 - f_best) - ln(1 - f_k)``, weights are ``exp(-beta d_k)``:
+the rate falls as beta grows, so that bisection finds it.
 """
 
 import warp as wp
 
-from mmocap_warp.kernels.optimizers.populations import advance
+from mmocap_warp.kernels.optimizers.populations import SearchSpace, advance, random_stream, scatter
 
 wp.set_module_options({"enable_backward": False})
 
@@ -17,93 +26,115 @@ _LOG_LARGE = wp.constant(80.0)  # whose exponential is still finite
 _BISECTIONS = wp.constant(26)  # of the logarithm, until single precision sees no difference
 
 
+@wp.struct
+class AnnealedFilterState:
+    """A layer of particles: from those selected of the last one to those selected of this one."""
+
+    layer: wp.array[wp.int32]  # (run,) layers weighed
+    noise: wp.array3d[wp.float32]  # (run, particle, number) standard normal
+    uniform: wp.array2d[wp.float32]  # (run, particle) random, in [0, 1)
+    x: wp.array3d[wp.float32]  # (run, particle, dof)
+    distance: wp.array2d[wp.float32]  # (run, particle) from the best cost
+    exponent: wp.array[wp.float32]  # (run,) beta
+    weight: wp.array2d[wp.float32]  # (run, particle)
+    mean: wp.array2d[wp.float32]  # (run, dof) weighted
+    parent: wp.array2d[wp.int32]  # (run, particle) which particle is selected
+    selected: wp.array3d[wp.float32]  # (run, particle, dof)
+    center: wp.array2d[wp.float32]  # (run, dof) mean of the selected
+
+
+def make_state(population: wp.array[wp.float32]) -> AnnealedFilterState:
+    """Arrays for a search that writes its candidates to ``population`` (run, particle, dof)."""
+    runs, particles, dofs = population.shape
+    device = population.device
+    # The first layer needs a random number per dimension, later ones a number per particle.
+    numbers = max(dofs, particles)
+    state = AnnealedFilterState()
+    state.layer = wp.zeros(runs, dtype=wp.int32, device=device)
+    state.noise = wp.zeros((runs, particles, numbers), dtype=wp.float32, device=device)
+    state.uniform = wp.zeros((runs, particles), dtype=wp.float32, device=device)
+    state.x = population
+    state.distance = wp.zeros((runs, particles), dtype=wp.float32, device=device)
+    state.exponent = wp.zeros(runs, dtype=wp.float32, device=device)
+    state.weight = wp.zeros((runs, particles), dtype=wp.float32, device=device)
+    state.mean = wp.zeros((runs, dofs), dtype=wp.float32, device=device)
+    state.parent = wp.zeros((runs, particles), dtype=wp.int32, device=device)
+    state.selected = wp.zeros_like(population)
+    state.center = wp.zeros((runs, dofs), dtype=wp.float32, device=device)
+    return state
+
+
 @wp.kernel
 def _start(
+    space: SearchSpace,
     pose: wp.array2d[wp.float32],  # (run, coordinate)
-    index: wp.array[wp.int32],  # (dof,) coordinates that are searched
     # out
-    selected: wp.array3d[wp.float32],  # (run, particle, dof)
-    center: wp.array2d[wp.float32],  # (run, dof)
-    mean: wp.array2d[wp.float32],  # (run, dof)
-    layer: wp.array[wp.int32],  # (run,)
-):
+    state: AnnealedFilterState,
+) -> None:
     run, i = wp.tid()
-    value = pose[run, index[i]]
-    for k in range(selected.shape[1]):
-        selected[run, k, i] = value
-    center[run, i] = value
-    mean[run, i] = value
+    value = pose[run, space.index[i]]
+    for k in range(state.selected.shape[1]):
+        state.selected[run, k, i] = value
+    state.center[run, i] = value
+    state.mean[run, i] = value
     if i == 0:
-        layer[run] = 0
+        state.layer[run] = 0
 
 
-def start(pose, index, selected, center, mean, layer):
+def start(space: SearchSpace, pose: wp.array[wp.float32], state: AnnealedFilterState) -> None:
     """Begin anew: every particle is ``pose[:, index]``."""
-    wp.launch(
-        _start, dim=mean.shape, inputs=[pose, index], outputs=[selected, center, mean, layer], device=mean.device
-    )  # fmt: skip
+    wp.launch(_start, dim=state.mean.shape, inputs=[space, pose], outputs=[state], device=pose.device)
 
 
 @wp.kernel
-def _draw_noise(
-    seed: wp.array[wp.int32],  # (run,)
-    draw: wp.array[wp.int32],  # (run,) candidates drawn so far, each from a random stream of its own
+def _sample_noise(
+    space: SearchSpace,
     # out
-    chance: wp.array2d[wp.float32],  # (run, particle) in [0, 1)
-    noise: wp.array3d[wp.float32],  # (run, particle, number) standard normal
-):
+    state: AnnealedFilterState,
+) -> None:
     run, k = wp.tid()
-    state = wp.rand_init(seed[run], draw[run] + k)
-    chance[run, k] = wp.randf(state)
-    for j in range(noise.shape[2]):
-        noise[run, k, j] = wp.randn(state)
+    random = random_stream(space, run, k)
+    state.uniform[run, k] = wp.randf(random)
+    for j in range(state.noise.shape[2]):
+        state.noise[run, k, j] = wp.randn(random)
 
 
-def draw_noise(seed, draw, particles, chance, noise):
-    """Draw the random numbers of a layer for the first ``particles``; ``draw`` advances by as many."""
-    runs, device = draw.shape[0], draw.device
-    wp.launch(_draw_noise, dim=(runs, particles), inputs=[seed, draw], outputs=[chance, noise], device=device)
-    advance(draw, particles)
+def sample_noise(space: SearchSpace, particles: int, state: AnnealedFilterState) -> None:
+    """Sample the random numbers of a layer's first ``particles``."""
+    runs = state.layer.shape[0]
+    wp.launch(_sample_noise, dim=(runs, particles), inputs=[space], outputs=[state], device=space.seed.device)
+    advance(space.counter, particles)
 
 
 @wp.kernel
 def _propagate(
-    selected: wp.array3d[wp.float32],  # (run, particle, dof)
-    center: wp.array2d[wp.float32],  # (run, dof)
-    layer: wp.array[wp.int32],  # (run,)
-    scale: wp.array[wp.float32],  # (dof,)
+    space: SearchSpace,
     diffusion: float,
-    noise: wp.array3d[wp.float32],  # (run, particle, number)
-    # out
-    x: wp.array3d[wp.float32],  # (run, particle, dof)
-):
+    # in and out
+    state: AnnealedFilterState,
+) -> None:
     run, k, i = wp.tid()
-    particles = selected.shape[1]
-    if layer[run] == 0:
-        x[run, k, i] = selected[run, k, i] + scale[i] * noise[run, k, i]
+    particles = state.selected.shape[1]
+    if state.layer[run] == 0:
+        state.x[run, k, i] = state.selected[run, k, i] + space.radius[i] * state.noise[run, k, i]
         return
     step = float(0.0)
     for j in range(particles):
-        step += noise[run, k, j] * (selected[run, j, i] - center[run, i])
-    x[run, k, i] = selected[run, k, i] + wp.sqrt(diffusion / float(particles)) * step
+        step += state.noise[run, k, j] * (state.selected[run, j, i] - state.center[run, i])
+    state.x[run, k, i] = state.selected[run, k, i] + wp.sqrt(diffusion / float(particles)) * step
 
 
-def propagate(selected, center, layer, scale, diffusion, noise, particles, x):
+def propagate(space: SearchSpace, diffusion: float, particles: int, state: AnnealedFilterState) -> None:
     """Diffuse the selected particles ``s_k``: ``x_k = s_k + sqrt(diffusion / N) sum_j noise[k, j] (s_j - center)``.
 
     Given the selection, that sum of independent normal numbers times deviations is normal, with the covariance
     ``diffusion / N sum_j (s_j - center)(s_j - center)^T`` of Eq. 6: no matrix needs to be built or factorised, and a
     singular one, of fewer particles than dimensions, is no special case. The first layer has no spread yet:
-    ``x_k = s_k + scale * noise[k]``.
+    ``x_k = s_k + radius * noise[k]``.
     """
-    runs, _particles, dofs = x.shape
-    wp.launch(
-        _propagate,
-        dim=(runs, particles, dofs),
-        inputs=[selected, center, layer, scale, diffusion, noise],
-        outputs=[x],
-        device=x.device,
-    )
+    runs, _particles, dofs = state.x.shape
+    device = space.seed.device
+    wp.launch(_propagate, dim=(runs, particles, dofs), inputs=[space, diffusion], outputs=[state], device=device)
 
 
 @wp.func
@@ -119,10 +150,10 @@ def _minus_log_of_rest(share: float) -> float:
 def _measure_distances(
     cost: wp.array[wp.float32],  # (candidate,)
     # out
-    distance: wp.array2d[wp.float32],  # (run, particle)
-):
+    state: AnnealedFilterState,
+) -> None:
     run, k = wp.tid()
-    particles = distance.shape[1]
+    particles = state.distance.shape[1]
     best = float(wp.inf)
     worst = float(-wp.inf)
     for j in range(particles):
@@ -133,12 +164,12 @@ def _measure_distances(
     mine = cost[run * particles + k]
     # Halves, as the range of large costs may be more than a float holds.
     if 0.5 * worst - 0.5 * best <= 0.0:  # all alike: those that can be judged, or nobody
-        distance[run, k] = wp.where(wp.isfinite(mine) or not wp.isfinite(best), 0.0, wp.inf)
+        state.distance[run, k] = wp.where(wp.isfinite(mine) or not wp.isfinite(best), 0.0, wp.inf)
     elif not wp.isfinite(mine):
-        distance[run, k] = wp.inf
+        state.distance[run, k] = wp.inf
     else:
         top = wp.where(best >= 0.0 and worst <= 1.0, 1.0, worst)
-        distance[run, k] = _minus_log_of_rest((0.5 * mine - 0.5 * best) / (0.5 * top - 0.5 * best))
+        state.distance[run, k] = _minus_log_of_rest((0.5 * mine - 0.5 * best) / (0.5 * top - 0.5 * best))
 
 
 @wp.func
@@ -161,21 +192,17 @@ def _survival_rate(distance: wp.array2d[wp.float32], run: int, exponent: float) 
 
 @wp.kernel
 def _anneal(
-    distance: wp.array2d[wp.float32],  # (run, particle)
     survival: float,
     # in and out
-    layer: wp.array[wp.int32],  # (run,)
-    # out
-    exponent: wp.array[wp.float32],  # (run,)
-    weight: wp.array2d[wp.float32],  # (run, particle)
-):
+    state: AnnealedFilterState,
+) -> None:
     run = wp.tid()
-    particles = distance.shape[1]
-    layer[run] = layer[run] + 1
+    particles = state.distance.shape[1]
+    state.layer[run] = state.layer[run] + 1
     near = float(wp.inf)
     far = float(0.0)
     for k in range(particles):
-        apart = distance[run, k]
+        apart = state.distance[run, k]
         if apart > 0.0 and wp.isfinite(apart):
             near = wp.min(near, apart)
             far = wp.max(far, apart)
@@ -185,35 +212,33 @@ def _anneal(
         hardest = wp.min(wp.log(_HARDEST) - wp.log(near), _LOG_LARGE)
         for _step in range(_BISECTIONS):  # the rate falls as the exponent grows
             middle = 0.5 * (softest + hardest)
-            if _survival_rate(distance, run, wp.exp(middle)) > survival:
+            if _survival_rate(state.distance, run, wp.exp(middle)) > survival:
                 softest = middle
             else:
                 hardest = middle
         beta = wp.exp(hardest)  # Eq. 8
-    exponent[run] = beta
+    state.exponent[run] = beta
     total = float(0.0)
     for k in range(particles):
-        total += _weight(distance[run, k], beta)
+        total += _weight(state.distance[run, k], beta)
     for k in range(particles):
-        weight[run, k] = _weight(distance[run, k], beta) / total
+        state.weight[run, k] = _weight(state.distance[run, k], beta) / total
 
 
 @wp.kernel
 def _average(
-    x: wp.array3d[wp.float32],  # (run, particle, dof)
-    weight: wp.array2d[wp.float32],  # (run, particle)
-    # out
-    mean: wp.array2d[wp.float32],  # (run, dof)
-):
+    # in and out
+    state: AnnealedFilterState,
+) -> None:
     run, i = wp.tid()
-    first = x[run, 0, i]
+    first = state.x[run, 0, i]
     beyond = float(0.0)  # from the first particle, so that particles all alike have exactly their mean
-    for k in range(x.shape[1]):
-        beyond += weight[run, k] * (x[run, k, i] - first)
-    mean[run, i] = first + beyond
+    for k in range(state.x.shape[1]):
+        beyond += state.weight[run, k] * (state.x[run, k, i] - first)
+    state.mean[run, i] = first + beyond
 
 
-def weigh(cost, x, survival, layer, distance, exponent, weight, mean):
+def weigh(cost: wp.array[wp.float32], survival: float, state: AnnealedFilterState) -> None:
     """Weigh particles by ``w = (1 - f)^beta``, normalised, with Eq. 8's beta; ``mean = sum_k w_k x_k``.
 
     Costs are taken as they are where a run's finite ones lie in [0, 1], and are mapped onto [0, 1] by their range where
@@ -221,51 +246,51 @@ def weigh(cost, x, survival, layer, distance, exponent, weight, mean):
     Where no exponent reaches the survival rate, the nearest end decides: all particles that can be weighed alike, or
     the best ones alone.
     """
-    device, runs = x.device, layer.shape
-    wp.launch(_measure_distances, dim=distance.shape, inputs=[cost], outputs=[distance], device=device)
-    wp.launch(_anneal, dim=runs, inputs=[distance, survival], outputs=[layer, exponent, weight], device=device)
-    wp.launch(_average, dim=mean.shape, inputs=[x, weight], outputs=[mean], device=device)
+    device = cost.device
+    wp.launch(_measure_distances, dim=state.distance.shape, inputs=[cost], outputs=[state], device=device)
+    wp.launch(_anneal, dim=state.layer.shape, inputs=[survival], outputs=[state], device=device)
+    wp.launch(_average, dim=state.mean.shape, inputs=[], outputs=[state], device=device)
 
 
 @wp.kernel
 def _choose_parents(
-    weight: wp.array2d[wp.float32],  # (run, particle)
-    chance: wp.array2d[wp.float32],  # (run, particle)
-    # out
-    parent: wp.array2d[wp.int32],  # (run, particle)
-):
+    # in and out
+    state: AnnealedFilterState,
+) -> None:
     run, k = wp.tid()
     chosen = int(0)
     reached = float(0.0)
-    for j in range(weight.shape[1]):
-        # Rounding may leave the last sum below the chance: the last particle that weighs anything is chosen then.
-        if reached <= chance[run, k] and weight[run, j] > 0.0:
+    for j in range(state.weight.shape[1]):
+        # Rounding may leave the last sum below the number: the last particle that weighs anything is chosen then.
+        if reached <= state.uniform[run, k] and state.weight[run, j] > 0.0:
             chosen = j
-        reached += weight[run, j]
-    parent[run, k] = chosen
+        reached += state.weight[run, j]
+    state.parent[run, k] = chosen
 
 
 @wp.kernel
 def _copy_parents(
-    x: wp.array3d[wp.float32],  # (run, particle, dof)
-    parent: wp.array2d[wp.int32],  # (run, particle)
-    # out
-    selected: wp.array3d[wp.float32],  # (run, particle, dof)
-    center: wp.array2d[wp.float32],  # (run, dof)
-):
+    # in and out
+    state: AnnealedFilterState,
+) -> None:
     run, i = wp.tid()
-    particles = x.shape[1]
-    first = x[run, parent[run, 0], i]
+    particles = state.x.shape[1]
+    first = state.x[run, state.parent[run, 0], i]
     beyond = float(0.0)
     for k in range(particles):
-        value = x[run, parent[run, k], i]
-        selected[run, k, i] = value
+        value = state.x[run, state.parent[run, k], i]
+        state.selected[run, k, i] = value
         beyond += value - first
-    center[run, i] = first + beyond / float(particles)
+    state.center[run, i] = first + beyond / float(particles)
 
 
-def select(x, weight, chance, parent, selected, center):
+def select(state: AnnealedFilterState) -> None:
     """Choose N particles with replacement, each particle as often as it weighs on average; ``center`` is their mean."""
-    device = x.device
-    wp.launch(_choose_parents, dim=parent.shape, inputs=[weight, chance], outputs=[parent], device=device)
-    wp.launch(_copy_parents, dim=center.shape, inputs=[x, parent], outputs=[selected, center], device=device)
+    device = state.parent.device
+    wp.launch(_choose_parents, dim=state.parent.shape, inputs=[], outputs=[state], device=device)
+    wp.launch(_copy_parents, dim=state.center.shape, inputs=[], outputs=[state], device=device)
+
+
+def write_mean(space: SearchSpace, state: AnnealedFilterState, pose: wp.array[wp.float32]) -> None:
+    """Write the weighted mean of the last layer: ``pose[:, index] = mean``."""
+    scatter(state.mean, space.index, pose)

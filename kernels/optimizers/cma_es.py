@@ -1,15 +1,29 @@
-"""CMA-ES on the device, a block of lanes for each run: one launch draws a generation, one learns from its costs.
+"""CMA-ES on the device, a block of lanes for each run: one launch samples a generation, one learns from its costs.
 
-Equations and misprints are those of the paper's Section 4 as settled in ``docs/algorithms.md``. The covariance matrix
-``C = B D^2 B^T`` is kept as its eigenvectors and the square roots of its eigenvalues. In the eigenvectors' coordinates
-it is diagonal and an offspring's step ``B D z`` is ``D z``: Eq. 14 is worked out there, and what it leaves beside the
-diagonal is small.
+Candidates are normal, ``x = m + sigma B D z`` with ``z ~ N(0, I)``: a ball z, stretched by D along the axes of B::
+
+         . .               .   .                .
+       .     .    D     .         .    B     .     .      the ellipsoid's covariance matrix is
+       .  z  .  ---->   .         .  ---->    .      .    C = B D^2 B^T
+         . .               .   .                 .  .
+
+The best mu of them are the parents. Their weighted mean ``<z>`` moves m (Eq. 10). The paths p_sigma and p_c are sums of
+the last moves that fade away. Where p_sigma (Eq. 11) is longer than chance would have it, moves point the same way, and
+sigma grows, else it shrinks (Eq. 12). C learns from p_c (Eq. 13) and from the parents' steps (Eq. 14)::
+
+    C <- kept C + c_cov / mu_cov p_c p_c^T + c_cov (1 - 1 / mu_cov) sum_r w_r (B D z_r) (B D z_r)^T
+
+Only B and D are kept. In the coordinates of B's columns C is D^2 and a parent's step is D z, so Eq. 14 is worked out
+there. What it leaves beside the diagonal is small, and a sweep or two of rotations give the next B and D (``eigen``).
+
+Equations and misprints are those of the paper's Section 4 as settled in ``docs/algorithms.md``.
 """
 
 import warp as wp
 
-from mmocap_warp.kernels.block import WORDS, lanes_of, matrix_at, seat, shared_words, sync
+from mmocap_warp.kernels.block import WORDS, lane_layout, lanes_of, matrix_at, shared_words, sync
 from mmocap_warp.kernels.optimizers.eigen import Spectrum, diagonalize, even, lanes_worth, spectrum_at, spectrum_words
+from mmocap_warp.kernels.optimizers.populations import SearchSpace, random_stream, scatter
 
 wp.set_module_options({"enable_backward": False})
 
@@ -19,10 +33,11 @@ _LARGEST = wp.constant(1.0e16)  # eigenvalue; its square still fits
 
 
 @wp.struct
-class CmaEsConstants:
+class CmaEsParameters:
     """Table 2, for a search in D dimensions."""
 
     mu: int  # parents
+    weight: wp.array[wp.float32]  # (parent,)
     mu_eff: float
     c_sigma: float
     d_sigma: float
@@ -35,7 +50,7 @@ class CmaEsConstants:
 
 @wp.struct
 class CmaEsState:
-    """What a generation hands to the next."""
+    """What a generation hands to the next, and its candidates."""
 
     mean: wp.array2d[wp.float32]  # (run, dof)
     sigma: wp.array[wp.float32]  # (run,)
@@ -44,20 +59,42 @@ class CmaEsState:
     axes: wp.array3d[wp.float32]  # (run, dof, dof) B^T: an eigenvector a row
     lengths: wp.array2d[wp.float32]  # (run, dof) D: square roots of the eigenvalues
     generation: wp.array[wp.int32]  # (run,)
+    z: wp.array3d[wp.float32]  # (run, particle, dof) standard normal
+    x: wp.array3d[wp.float32]  # (run, particle, dof)
+    order: wp.array2d[wp.int32]  # (run, rank) particles, the best first
+    scratch: wp.array2d[wp.uint32]  # (run, word) workspaces that shared memory has no room for
+
+
+def make_state(population: wp.array[wp.float32]) -> CmaEsState:
+    """Arrays for a search that writes its candidates to ``population`` (run, particle, dof)."""
+    runs, particles, dofs = population.shape
+    device = population.device
+    state = CmaEsState()
+    for name in ("mean", "p_sigma", "p_c", "lengths"):
+        setattr(state, name, wp.zeros((runs, dofs), dtype=wp.float32, device=device))
+    state.sigma = wp.zeros(runs, dtype=wp.float32, device=device)
+    state.axes = wp.zeros((runs, dofs, dofs), dtype=wp.float32, device=device)
+    state.generation = wp.zeros(runs, dtype=wp.int32, device=device)
+    state.z = wp.zeros_like(population)
+    state.x = population
+    state.order = wp.zeros((runs, particles), dtype=wp.int32, device=device)
+    words = 1 if _has_room(dofs, device) else workspace_words(dofs)
+    state.scratch = wp.empty((runs, words), dtype=wp.uint32, device=device)
+    return state
 
 
 @wp.kernel
 def _start(
+    space: SearchSpace,
     pose: wp.array2d[wp.float32],  # (run, coordinate)
-    index: wp.array[wp.int32],  # (dof,) coordinates that are searched
     sigma_start: float,
     # out
     state: CmaEsState,
-):
+) -> None:
     run, i, j = wp.tid()
     state.axes[run, i, j] = wp.where(i == j, 1.0, 0.0)
     if j == 0:
-        state.mean[run, i] = pose[run, index[i]]
+        state.mean[run, i] = pose[run, space.index[i]]
         state.p_sigma[run, i] = 0.0
         state.p_c[run, i] = 0.0
         state.lengths[run, i] = 1.0
@@ -66,119 +103,103 @@ def _start(
             state.generation[run] = 0
 
 
-def start(pose, index, sigma_start, state):
+def start(space: SearchSpace, pose: wp.array[wp.float32], sigma_start: float, state: CmaEsState) -> None:
     """Begin anew at ``pose[:, index]``: ``C = I``, zero paths, ``sigma = sigma_start``."""
-    wp.launch(_start, dim=state.axes.shape, inputs=[pose, index, sigma_start], outputs=[state], device=pose.device)
+    wp.launch(_start, dim=state.axes.shape, inputs=[space, pose, sigma_start], outputs=[state], device=pose.device)
 
 
 @wp.kernel
 def _sample(
-    seed: wp.array[wp.int32],  # (run,)
-    state: CmaEsState,
-    scale: wp.array[wp.float32],  # (dof,)
     particles: int,
     lanes: int,
     # in and out
-    draw: wp.array[wp.int32],  # (run,) candidates drawn so far, each from a random stream of its own
-    # out
-    z: wp.array3d[wp.float32],  # (run, particle, dof)
-    x: wp.array3d[wp.float32],  # (run, particle, dof)
-):
+    space: SearchSpace,
+    state: CmaEsState,
+) -> None:
     run, lane = wp.tid()
-    dofs = scale.shape[0]
-    first = draw[run]
+    dofs = space.radius.shape[0]
     for k in range(lane, particles, lanes):
-        stream = wp.rand_init(seed[run], first + k)
+        random = random_stream(space, run, k)
         for i in range(dofs):
-            z[run, k, i] = wp.randn(stream)
+            state.z[run, k, i] = wp.randn(random)
     sync()
     if lane == 0:
-        draw[run] = first + particles
+        space.counter[run] = space.counter[run] + particles
     sigma = state.sigma[run]
-    mine = seat(lane, lanes, dofs)
-    for k in range(mine.row, particles, mine.rows):
-        for i in range(mine.column, dofs, mine.width):
+    layout = lane_layout(lane, lanes, dofs)
+    for k in range(layout.row, particles, layout.row_step):
+        for i in range(layout.column, dofs, layout.column_step):
             y = float(0.0)
             for j in range(dofs):
-                y += state.axes[run, j, i] * state.lengths[run, j] * z[run, k, j]
-            x[run, k, i] = state.mean[run, i] + sigma * scale[i] * y
+                y += state.axes[run, j, i] * state.lengths[run, j] * state.z[run, k, j]
+            state.x[run, k, i] = state.mean[run, i] + sigma * space.radius[i] * y
 
 
-def sample(seed, draw, state, scale, particles, z, x):
-    """Draw ``x = mean + sigma * scale * y`` with ``y = B D z ~ N(0, C)``; ``draw`` advances by ``particles``."""
-    lanes = lanes_of(z.device)
+def sample(space: SearchSpace, particles: int, state: CmaEsState) -> None:
+    """Sample ``x = mean + sigma * radius * y`` with ``y = B D z ~ N(0, C)`` for the first ``particles``."""
+    device = space.seed.device
+    lanes = lanes_of(device)
     wp.launch(
         _sample,
-        dim=(z.shape[0], lanes),
-        inputs=[seed, state, scale, particles, lanes],
-        outputs=[draw, z, x],
+        dim=(state.sigma.shape[0], lanes),
+        inputs=[particles, lanes],
+        outputs=[space, state],
         block_dim=lanes,
-        device=z.device,
+        device=device,
     )
 
 
 @wp.struct
-class Generation:
-    """What a generation is learned from."""
-
-    cost: wp.array[wp.float32]  # (candidate,)
-    z: wp.array3d[wp.float32]  # (run, particle, dof)
-    weight: wp.array[wp.float32]  # (parent,)
-    scale: wp.array[wp.float32]  # (dof,)
-    order: wp.array2d[wp.int32]  # (run, rank) particles, the best first; written
-
-
-@wp.struct
-class Desk:
+class Workspace:
     """What a run's lanes share while they learn."""
 
     spectrum: Spectrum  # C in the coordinates of the last eigenvectors
     mean_z: wp.array2d[wp.float32]  # (1, dof) of the parents
-    step: wp.array2d[wp.float32]  # (1, dof) (m' - m) / sigma, without scale
-    path: wp.array2d[wp.float32]  # (1, dof) p_sigma
-    turned: wp.array2d[wp.float32]  # (1, dof) B^T p_c
+    step: wp.array2d[wp.float32]  # (1, dof) (m' - m) / sigma, without the radius
+    path: wp.array2d[wp.float32]  # (1, dof) p_sigma, then p_c
+    path_along: wp.array2d[wp.float32]  # (1, dof) B^T p_c: along each eigenvector
 
 
 @wp.func
-def desk_words(dofs: int) -> int:
-    """32-bit words of a desk."""
+def workspace_words(dofs: int) -> int:
+    """32-bit words of a workspace."""
     return spectrum_words(dofs) + 4 * dofs
 
 
 @wp.func
-def _desk_at(words: wp.array[wp.uint32], dofs: int) -> Desk:
+def _workspace_at(words: wp.array[wp.uint32], dofs: int) -> Workspace:
     first = spectrum_words(dofs)
-    desk = Desk()
-    desk.spectrum = spectrum_at(words, dofs)
-    desk.mean_z = matrix_at(words, first, 1, dofs)
-    desk.step = matrix_at(words, first + dofs, 1, dofs)
-    desk.path = matrix_at(words, first + 2 * dofs, 1, dofs)
-    desk.turned = matrix_at(words, first + 3 * dofs, 1, dofs)
-    return desk
+    work = Workspace()
+    work.spectrum = spectrum_at(words, dofs)
+    work.mean_z = matrix_at(words, first, 1, dofs)
+    work.step = matrix_at(words, first + dofs, 1, dofs)
+    work.path = matrix_at(words, first + 2 * dofs, 1, dofs)
+    work.path_along = matrix_at(words, first + 3 * dofs, 1, dofs)
+    return work
 
 
 @wp.func
-def _rank(run: int, lane: int, lanes: int, seen: Generation):
-    particles = seen.order.shape[1]
+def _rank(run: int, lane: int, lanes: int, cost: wp.array[wp.float32], state: CmaEsState) -> None:
+    particles = state.order.shape[1]
     for k in range(lane, particles, lanes):
-        mine = seen.cost[run * particles + k]
+        mine = cost[run * particles + k]
         rank = int(0)
         for other in range(particles):
-            theirs = seen.cost[run * particles + other]
+            theirs = cost[run * particles + other]
             if theirs < mine or (theirs == mine and other < k):
                 rank += 1
-        seen.order[run, rank] = k
+        state.order[run, rank] = k
 
 
 @wp.func
-def _lay_out(run: int, lane: int, lanes: int, state: CmaEsState, spectrum: Spectrum):
+def _lay_out(run: int, lane: int, lanes: int, state: CmaEsState, spectrum: Spectrum) -> None:
     """Copy the eigenvectors, filled up by zeros."""
     dofs = state.mean.shape[1]
     n = even(dofs)
     columns = spectrum.axes.shape[1]
-    mine = seat(lane, lanes, columns)
-    for j in range(mine.row, n, mine.rows):
-        for i in range(mine.column, columns, mine.width):
+    layout = lane_layout(lane, lanes, columns)
+    for j in range(layout.row, n, layout.row_step):
+        for i in range(layout.column, columns, layout.column_step):
             value = float(0.0)
             if i < dofs and j < dofs:
                 value = state.axes[run, j, i]
@@ -186,185 +207,198 @@ def _lay_out(run: int, lane: int, lanes: int, state: CmaEsState, spectrum: Spect
 
 
 @wp.func
-def _move_mean(table: CmaEsConstants, run: int, lane: int, lanes: int, seen: Generation, state: CmaEsState, desk: Desk):
+def _move_mean(
+    radius: wp.array[wp.float32],
+    parameters: CmaEsParameters,
+    run: int,
+    lane: int,
+    lanes: int,
+    state: CmaEsState,
+    work: Workspace,
+) -> None:
     """Eq. 10 and 11. The mean's step is ``B D <z>``, and ``C^(-1/2)`` times that is ``B <z>``."""
     dofs = state.mean.shape[1]
     for j in range(lane, dofs, lanes):
         total = float(0.0)
-        for r in range(table.mu):
-            total += seen.weight[r] * seen.z[run, seen.order[run, r], j]
-        desk.mean_z[0, j] = total
+        for r in range(parameters.mu):
+            total += parameters.weight[r] * state.z[run, state.order[run, r], j]
+        work.mean_z[0, j] = total
     sync()
-    to_sigma = wp.sqrt(table.c_sigma * (2.0 - table.c_sigma) * table.mu_eff)
+    to_sigma = wp.sqrt(parameters.c_sigma * (2.0 - parameters.c_sigma) * parameters.mu_eff)
     for i in range(lane, dofs, lanes):
         step = float(0.0)
         whitened = float(0.0)
         for j in range(dofs):
-            along = desk.spectrum.axes[j, i] * desk.mean_z[0, j]
+            along = work.spectrum.axes[j, i] * work.mean_z[0, j]
             step += along * state.lengths[run, j]
             whitened += along
-        path = (1.0 - table.c_sigma) * state.p_sigma[run, i] + to_sigma * whitened  # Eq. 11
+        path = (1.0 - parameters.c_sigma) * state.p_sigma[run, i] + to_sigma * whitened  # Eq. 11
         state.p_sigma[run, i] = path
-        state.mean[run, i] = state.mean[run, i] + state.sigma[run] * seen.scale[i] * step  # Eq. 10
-        desk.path[0, i] = path
-        desk.step[0, i] = step
+        state.mean[run, i] = state.mean[run, i] + state.sigma[run] * radius[i] * step  # Eq. 10
+        work.path[0, i] = path
+        work.step[0, i] = step
     sync()
 
 
 @wp.func
-def _path_length(table: CmaEsConstants, desk: Desk) -> float:
+def _path_length(parameters: CmaEsParameters, work: Workspace) -> float:
     """The step-size path's length, 1 for a random walk; every lane adds it up for itself."""
     total = float(0.0)
-    for i in range(desk.path.shape[1]):
-        total += desk.path[0, i] * desk.path[0, i]
-    return wp.sqrt(total) / table.chi_n
+    for i in range(work.path.shape[1]):
+        total += work.path[0, i] * work.path[0, i]
+    return wp.sqrt(total) / parameters.chi_n
 
 
 @wp.func
-def _move_path(table: CmaEsConstants, h_sigma: float, run: int, lane: int, lanes: int, state: CmaEsState, desk: Desk):
+def _move_path(
+    parameters: CmaEsParameters, h_sigma: float, run: int, lane: int, lanes: int, state: CmaEsState, work: Workspace
+) -> None:
     """Eq. 13, and the path in the eigenvectors' coordinates."""
     dofs = state.mean.shape[1]
-    to_c = h_sigma * wp.sqrt(table.c_c * (2.0 - table.c_c) * table.mu_eff)
+    to_c = h_sigma * wp.sqrt(parameters.c_c * (2.0 - parameters.c_c) * parameters.mu_eff)
     for i in range(lane, dofs, lanes):
-        path = (1.0 - table.c_c) * state.p_c[run, i] + to_c * desk.step[0, i]  # Eq. 13
+        path = (1.0 - parameters.c_c) * state.p_c[run, i] + to_c * work.step[0, i]  # Eq. 13
         state.p_c[run, i] = path
-        desk.path[0, i] = path
+        work.path[0, i] = path
     sync()
     for j in range(lane, dofs, lanes):
         total = float(0.0)
         for i in range(dofs):
-            total += desk.spectrum.axes[j, i] * desk.path[0, i]
-        desk.turned[0, j] = total
+            total += work.spectrum.axes[j, i] * work.path[0, i]
+        work.path_along[0, j] = total
     sync()
 
 
 @wp.func
 def _update_covariance(
-    table: CmaEsConstants,
+    parameters: CmaEsParameters,
     h_sigma: float,
     run: int,
     lane: int,
     lanes: int,
-    seen: Generation,
     state: CmaEsState,
-    desk: Desk,
-):
+    work: Workspace,
+) -> None:
     """Eq. 14 in the eigenvectors' coordinates, where C is ``D^2`` and an offspring's step ``D z``."""
     dofs = state.mean.shape[1]
     n = even(dofs)
-    share = 1.0 / table.mu_cov
-    kept = 1.0 - table.c_cov + table.c_cov * share * (1.0 - h_sigma) * table.c_c * (2.0 - table.c_c)
-    mine = seat(lane, lanes, n)
-    for i in range(mine.row, n, mine.rows):
-        for j in range(mine.column, n, mine.width):
+    share = 1.0 / parameters.mu_cov
+    c_c = parameters.c_c
+    kept = 1.0 - parameters.c_cov + parameters.c_cov * share * (1.0 - h_sigma) * c_c * (2.0 - c_c)
+    layout = lane_layout(lane, lanes, n)
+    for i in range(layout.row, n, layout.row_step):
+        for j in range(layout.column, n, layout.column_step):
             value = float(0.0)
             if i <= j and j < dofs:
                 rank_mu = float(0.0)
-                for r in range(table.mu):
-                    k = seen.order[run, r]
-                    rank_mu += seen.weight[r] * seen.z[run, k, i] * seen.z[run, k, j]
+                for r in range(parameters.mu):
+                    k = state.order[run, r]
+                    rank_mu += parameters.weight[r] * state.z[run, k, i] * state.z[run, k, j]
                 spread = state.lengths[run, i] * state.lengths[run, j]
-                rank_one = desk.turned[0, i] * desk.turned[0, j]
-                value = table.c_cov * (share * rank_one + (1.0 - share) * spread * rank_mu)
+                rank_one = work.path_along[0, i] * work.path_along[0, j]
+                value = parameters.c_cov * (share * rank_one + (1.0 - share) * spread * rank_mu)
                 if i == j:
                     value += kept * spread
-            desk.spectrum.matrix[i, j] = value
+            work.spectrum.matrix[i, j] = value
     sync()
 
 
 @wp.func
-def _keep(run: int, lane: int, lanes: int, spectrum: Spectrum, state: CmaEsState):
+def _keep(run: int, lane: int, lanes: int, spectrum: Spectrum, state: CmaEsState) -> None:
     """Hand on the new B and D."""
     dofs = state.mean.shape[1]
-    mine = seat(lane, lanes, dofs)
-    for j in range(mine.row, dofs, mine.rows):
-        for i in range(mine.column, dofs, mine.width):
+    layout = lane_layout(lane, lanes, dofs)
+    for j in range(layout.row, dofs, layout.row_step):
+        for i in range(layout.column, dofs, layout.column_step):
             state.axes[run, j, i] = spectrum.axes[j, i]
     for j in range(lane, dofs, lanes):
         state.lengths[run, j] = wp.sqrt(wp.clamp(spectrum.matrix[j, j], _SMALLEST, _LARGEST))
 
 
 @wp.func
-def _grown(table: CmaEsConstants, length: float, run: int, seen: Generation, state: CmaEsState) -> float:
+def _grown(
+    parameters: CmaEsParameters, length: float, run: int, cost: wp.array[wp.float32], state: CmaEsState
+) -> float:
     """The next sigma."""
-    grown = state.sigma[run] * wp.exp(table.c_sigma / table.d_sigma * (length - 1.0))  # Eq. 12
-    first = run * seen.order.shape[1]
-    if seen.cost[first + seen.order[run, 0]] == seen.cost[first + seen.order[run, table.flat_rank]]:
-        grown *= wp.exp(0.2 + table.c_sigma / table.d_sigma)  # a flat neighbourhood tells nothing: look further
+    rate = parameters.c_sigma / parameters.d_sigma
+    grown = state.sigma[run] * wp.exp(rate * (length - 1.0))  # Eq. 12
+    first = run * state.order.shape[1]
+    if cost[first + state.order[run, 0]] == cost[first + state.order[run, parameters.flat_rank]]:
+        grown *= wp.exp(0.2 + rate)  # a flat neighbourhood tells nothing: look further
     return wp.min(grown, _WIDEST)
 
 
 @wp.func
 def _learn(
-    table: CmaEsConstants,
+    radius: wp.array[wp.float32],
+    parameters: CmaEsParameters,
     run: int,
     lane: int,
     lanes: int,
-    seen: Generation,
+    cost: wp.array[wp.float32],
     words: wp.array[wp.uint32],
     state: CmaEsState,
-):
+) -> None:
     """A run's generation, in ``words`` that its lanes share."""
     dofs = state.mean.shape[1]
-    desk = _desk_at(words, dofs)
-    _rank(run, lane, lanes, seen)
-    _lay_out(run, lane, lanes, state, desk.spectrum)
+    work = _workspace_at(words, dofs)
+    _rank(run, lane, lanes, cost, state)
+    _lay_out(run, lane, lanes, state, work.spectrum)
     sync()
-    _move_mean(table, run, lane, lanes, seen, state, desk)
-    length = _path_length(table, desk)
+    _move_mean(radius, parameters, run, lane, lanes, state, work)
+    length = _path_length(parameters, work)
     age = float(state.generation[run] + 1)
-    unbiased = length / wp.sqrt(1.0 - wp.pow(1.0 - table.c_sigma, 2.0 * age))
+    unbiased = length / wp.sqrt(1.0 - wp.pow(1.0 - parameters.c_sigma, 2.0 * age))
     h_sigma = wp.where(unbiased < 1.4 + 2.0 / (float(dofs) + 1.0), 1.0, 0.0)
     sync()
-    _move_path(table, h_sigma, run, lane, lanes, state, desk)
-    _update_covariance(table, h_sigma, run, lane, lanes, seen, state, desk)
-    diagonalize(desk.spectrum, lane, lanes)
-    _keep(run, lane, lanes, desk.spectrum, state)
+    _move_path(parameters, h_sigma, run, lane, lanes, state, work)
+    _update_covariance(parameters, h_sigma, run, lane, lanes, state, work)
+    diagonalize(work.spectrum, lane, lanes)
+    _keep(run, lane, lanes, work.spectrum, state)
     if lane == 0:
-        state.sigma[run] = _grown(table, length, run, seen, state)
+        state.sigma[run] = _grown(parameters, length, run, cost, state)
         state.generation[run] = state.generation[run] + 1
 
 
 @wp.kernel
 def _update(
-    table: CmaEsConstants,
-    seen: Generation,
+    space: SearchSpace,
+    parameters: CmaEsParameters,
+    cost: wp.array[wp.float32],  # (candidate,)
     used: int,  # lanes; those beyond leave, so that few wait for few
-    shares: bool,
-    scratch: wp.array2d[wp.uint32],  # (run, word), unless the runs have room in shared memory
+    is_shared: bool,  # whether the workspace lies in shared memory
     # in and out
     state: CmaEsState,
-):
+) -> None:
     run, lane = wp.tid()
     if lane >= used:
         return
-    if shares:
-        _learn(table, run, lane, used, seen, shared_words(scratch[run]), state)
+    if is_shared:
+        _learn(space.radius, parameters, run, lane, used, cost, shared_words(state.scratch[run]), state)
     else:
-        _learn(table, run, lane, used, seen, scratch[run], state)
+        _learn(space.radius, parameters, run, lane, used, cost, state.scratch[run], state)
 
 
-def _has_room(dofs, device):
-    """Whether a run's desk fits into a block's shared memory."""
-    return device.is_cuda and desk_words(dofs) <= WORDS
+def _has_room(dofs: int, device: wp.Device) -> bool:
+    """Whether a run's workspace fits into a block's shared memory."""
+    return device.is_cuda and workspace_words(dofs) <= WORDS
 
 
-def scratch(runs, dofs, device):
-    """Words for runs to learn in where shared memory has no room for them."""
-    words = 1 if _has_room(dofs, device) else desk_words(dofs)
-    return wp.empty((runs, words), dtype=wp.uint32, device=device)
-
-
-def update(table, seen, scratch, state):
-    """One generation: rank, then Eq. 10-14 for mean, paths, sigma and C, then ``C = B D^2 B^T`` for the next draw."""
+def update(space: SearchSpace, parameters: CmaEsParameters, cost: wp.array[wp.float32], state: CmaEsState) -> None:
+    """One generation: rank, then Eq. 10-14 for mean, paths, sigma and C, then ``C = B D^2 B^T`` for the next sample."""
     runs, dofs = state.mean.shape
-    device = seen.z.device
+    device = cost.device
     lanes = lanes_of(device)
     wp.launch(
         _update,
         dim=(runs, lanes),
-        inputs=[table, seen, min(lanes, lanes_worth(dofs)), _has_room(dofs, device), scratch],
+        inputs=[space, parameters, cost, min(lanes, lanes_worth(dofs)), _has_room(dofs, device)],
         outputs=[state],
         block_dim=lanes,
         device=device,
     )
+
+
+def write_mean(space: SearchSpace, state: CmaEsState, pose: wp.array[wp.float32]) -> None:
+    """Write the mean of the search distribution: ``pose[:, index] = mean``."""
+    scatter(state.mean, space.index, pose)

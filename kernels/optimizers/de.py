@@ -1,30 +1,37 @@
 """Differential evolution with role differentiation and malleable mating on the device, a batch of runs at a time.
 
-Fig. 5, Eq. 15 and Eq. 16 of the paper, with its open points as settled in ``docs/algorithms.md``. The random numbers of
-a generation are drawn first, as uniform ``chance`` (run, particle, number): one number for each dof, then the forced
-dof, the placing member, two alterations, the candidates for leading and those for correcting. What follows is a
-function of them.
+Fig. 5, Eq. 15 and Eq. 16 of the paper, with its open points as settled in ``docs/algorithms.md``. Every member R, the
+receiver, gets a trial U that takes its place if it is better. Each of the trial's coordinates is the receiver's own or
+that of a donor, a step from a placing member P along the difference of a leading member L and a correcting member C::
+
+    worst    C . . . . . L    best                U_i = x_P,i + F (x_L,i - x_C,i)   with chance CR, and for one i
+             P ---> U     (F = 1/2)                   = x_R,i                       else
+
+P and L are among the best members, C among the worst. How near L and C shall be to P is the strength of mating, a
+whole number alpha each: the nearest (alpha > 0) or the farthest (alpha < 0) of |alpha| candidates chosen at random.
+A trial inherits P's alphas, each altered by -1, 0 or 1; so they are selected along with the coordinates.
+
+The random numbers of a generation are sampled first, as ``uniform`` (run, particle, number): one number for each dof,
+then the forced dof, the placing member, two alterations, the candidates for leading and those for correcting. What
+follows is a function of them.
 """
 
 import warp as wp
 
-from mmocap_warp.kernels.optimizers.populations import advance
+from mmocap_warp.kernels.optimizers.populations import SearchSpace, advance, random_stream
 
 wp.set_module_options({"enable_backward": False})
 
-ALPHA_MAX = 4  # mating parameters are whole numbers in -ALPHA_MAX .. ALPHA_MAX
-CHANCES = 4 + 2 * ALPHA_MAX  # random numbers of a particle beside those of its dofs
-
-_ALPHA_MAX = wp.constant(ALPHA_MAX)
-_Barred = wp.types.vector(length=3 + ALPHA_MAX, dtype=wp.int32)  # receiver, placing, leading; candidates drawn before
+_ALPHA_MAX = wp.constant(4)  # alphas are whole numbers in -_ALPHA_MAX .. _ALPHA_MAX
+_Barred = wp.types.vector(length=3 + _ALPHA_MAX, dtype=wp.int32)  # receiver, placing, leading; earlier candidates
 _RECEIVER = wp.constant(0)
 _PLACING = wp.constant(1)
 _LEADING = wp.constant(2)
-_DRAWN = wp.constant(3)
+_CANDIDATE = wp.constant(3)
 
 
 @wp.struct
-class DeConstants:
+class DeParameters:
     """What does not change during a search."""
 
     placing: int  # N_P, how many of the best may place
@@ -35,71 +42,93 @@ class DeConstants:
     include_start: int  # 1: the start is one of the first population
 
 
+@wp.struct
+class DeState:
+    """The members of each run, and the trials that may take their places."""
+
+    center: wp.array2d[wp.float32]  # (run, dof) of the box that is searched
+    member: wp.array3d[wp.float32]  # (run, particle, dof)
+    member_cost: wp.array2d[wp.float32]  # (run, particle)
+    alpha: wp.array2d[wp.vec2i]  # (run, particle) alpha_L, alpha_C of the members
+    order: wp.array2d[wp.int32]  # (run, rank) members, the best first
+    generation: wp.array[wp.int32]  # (run,) generations learnt from
+    uniform: wp.array3d[wp.float32]  # (run, particle, number) random, in [0, 1)
+    parents: wp.array2d[wp.vec3i]  # (run, particle) placing, leading and correcting member of the trials
+    altered: wp.array2d[wp.vec2i]  # (run, particle) alpha_L', alpha_C' of the trials
+    trial: wp.array3d[wp.float32]  # (run, particle, dof)
+
+
+def make_state(population: wp.array[wp.float32]) -> DeState:
+    """Arrays for a search that writes its candidates to ``population`` (run, particle, dof)."""
+    runs, particles, dofs = population.shape
+    device = population.device
+    state = DeState()
+    state.center = wp.zeros((runs, dofs), dtype=wp.float32, device=device)
+    state.member = wp.zeros_like(population)
+    state.member_cost = wp.zeros((runs, particles), dtype=wp.float32, device=device)
+    state.alpha = wp.zeros((runs, particles), dtype=wp.vec2i, device=device)
+    state.order = wp.zeros((runs, particles), dtype=wp.int32, device=device)
+    state.generation = wp.zeros(runs, dtype=wp.int32, device=device)
+    state.uniform = wp.zeros((runs, particles, dofs + 4 + 2 * _ALPHA_MAX), dtype=wp.float32, device=device)
+    state.parents = wp.zeros((runs, particles), dtype=wp.vec3i, device=device)
+    state.altered = wp.zeros_like(state.alpha)
+    state.trial = population
+    return state
+
+
 @wp.kernel
 def _start(
+    space: SearchSpace,
     pose: wp.array2d[wp.float32],  # (run, coordinate)
-    index: wp.array[wp.int32],  # (dof,) coordinates that are searched
     # out
-    center: wp.array2d[wp.float32],  # (run, dof)
-    member: wp.array3d[wp.float32],  # (run, particle, dof)
-    member_cost: wp.array2d[wp.float32],  # (run, particle)
-    alpha: wp.array2d[wp.vec2i],  # (run, particle)
-    order: wp.array2d[wp.int32],  # (run, rank)
-    generation: wp.array[wp.int32],  # (run,)
-):
+    state: DeState,
+) -> None:
     run, k = wp.tid()
-    for i in range(index.shape[0]):
-        member[run, k, i] = pose[run, index[i]]
-    member_cost[run, k] = wp.inf
-    alpha[run, k] = wp.vec2i(0, 0)
-    order[run, k] = k
+    for i in range(space.index.shape[0]):
+        state.member[run, k, i] = pose[run, space.index[i]]
+    state.member_cost[run, k] = wp.inf
+    state.alpha[run, k] = wp.vec2i(0, 0)
+    state.order[run, k] = k
     if k == 0:
-        generation[run] = 0
-        for i in range(index.shape[0]):
-            center[run, i] = pose[run, index[i]]
+        state.generation[run] = 0
+        for i in range(space.index.shape[0]):
+            state.center[run, i] = pose[run, space.index[i]]
 
 
-def start(pose, index, center, member, member_cost, alpha, order, generation):
+def start(space: SearchSpace, pose: wp.array[wp.float32], state: DeState) -> None:
     """Begin anew around ``center = pose[:, index]``; it stands in for members until the first ones are told."""
-    wp.launch(
-        _start,
-        dim=order.shape,
-        inputs=[pose, index],
-        outputs=[center, member, member_cost, alpha, order, generation],
-        device=order.device,
-    )
+    wp.launch(_start, dim=state.order.shape, inputs=[space, pose], outputs=[state], device=pose.device)
 
 
 @wp.kernel
-def _draw_chances(
-    seed: wp.array[wp.int32],  # (run,)
-    draw: wp.array[wp.int32],  # (run,) candidates drawn so far, each from a random stream of its own
+def _sample_uniform(
+    space: SearchSpace,
     # out
-    chance: wp.array3d[wp.float32],  # (run, particle, number) in [0, 1)
-):
+    state: DeState,
+) -> None:
     run, k = wp.tid()
-    state = wp.rand_init(seed[run], draw[run] + k)
-    for n in range(chance.shape[2]):
-        chance[run, k, n] = wp.randf(state)
+    random = random_stream(space, run, k)
+    for n in range(state.uniform.shape[2]):
+        state.uniform[run, k, n] = wp.randf(random)
 
 
-def draw_chances(seed, draw, particles, chance):
-    """Draw ``chance[r, k] ~ U[0, 1)`` for the first ``particles``; ``draw`` advances by as many."""
-    runs, device = draw.shape[0], draw.device
-    wp.launch(_draw_chances, dim=(runs, particles), inputs=[seed, draw], outputs=[chance], device=device)
-    advance(draw, particles)
+def sample_uniform(space: SearchSpace, particles: int, state: DeState) -> None:
+    """Sample the random numbers ``U[0, 1)`` of the first ``particles`` trials."""
+    runs = state.order.shape[0]
+    wp.launch(_sample_uniform, dim=(runs, particles), inputs=[space], outputs=[state], device=space.seed.device)
+    advance(space.counter, particles)
 
 
 @wp.func
-def _pick(chance: float, count: int) -> int:
+def _pick(uniform: float, count: int) -> int:
     """A uniform whole number in 0 .. count - 1; the product may round up to ``count``."""
-    return wp.min(int(chance * float(count)), count - 1)
+    return wp.min(int(uniform * float(count)), count - 1)
 
 
 @wp.func
 def _is_barred(barred: _Barred, particle: int) -> bool:
     found = bool(False)
-    for slot in range(wp.static(3 + ALPHA_MAX)):
+    for slot in range(wp.static(3 + _ALPHA_MAX)):
         if barred[slot] == particle:
             found = True
     return found
@@ -131,12 +160,10 @@ def _nth_free(order: wp.array2d[wp.int32], run: int, first: int, size: int, barr
 
 @wp.func
 def _assort(
-    member: wp.array3d[wp.float32],  # (run, particle, dof)
-    order: wp.array2d[wp.int32],  # (run, rank)
-    chance: wp.array3d[wp.float32],  # (run, particle, number)
+    state: DeState,
     run: int,
     k: int,
-    number: int,
+    number: int,  # of the first candidate's random number
     first: int,
     size: int,
     exclude: _Barred,
@@ -145,7 +172,7 @@ def _assort(
 ) -> int:
     """Of ``|alpha|`` distinct members of a role set, the nearest to ``placing`` if alpha > 0, the farthest if < 0."""
     barred = exclude
-    count = _count_free(order, run, first, size, barred)
+    count = _count_free(state.order, run, first, size, barred)
     if count == 0:  # a set that its exclusions empty is used whole
         barred = _Barred(-1)
         count = size
@@ -153,11 +180,12 @@ def _assort(
     chosen = int(-1)
     least = float(0.0)
     for c in range(candidates):
-        particle = _nth_free(order, run, first, size, barred, _pick(chance[run, k, number + c], count - c))
-        barred[_DRAWN + c] = particle
+        nth = _pick(state.uniform[run, k, number + c], count - c)
+        particle = _nth_free(state.order, run, first, size, barred, nth)
+        barred[_CANDIDATE + c] = particle
         distance = float(0.0)
-        for i in range(member.shape[2]):
-            distance += wp.abs(member[run, particle, i] - member[run, placing, i])
+        for i in range(state.member.shape[2]):
+            distance += wp.abs(state.member[run, particle, i] - state.member[run, placing, i])
         if alpha < 0:
             distance = -distance
         if chosen < 0 or distance < least:
@@ -167,53 +195,40 @@ def _assort(
 
 
 @wp.func
-def _alter(alpha: int, chance: float) -> int:
+def _alter(alpha: int, uniform: float) -> int:
     """One less, the same or one more, equally likely; clamped."""
-    return wp.clamp(alpha + _pick(chance, 3) - 1, -_ALPHA_MAX, _ALPHA_MAX)
+    return wp.clamp(alpha + _pick(uniform, 3) - 1, -_ALPHA_MAX, _ALPHA_MAX)
 
 
 @wp.kernel
 def _mate(
-    constants: DeConstants,
-    member: wp.array3d[wp.float32],  # (run, particle, dof)
-    alpha: wp.array2d[wp.vec2i],  # (run, particle) alpha_L, alpha_C of the members
-    order: wp.array2d[wp.int32],  # (run, rank)
-    chance: wp.array3d[wp.float32],  # (run, particle, number)
-    # out
-    parents: wp.array2d[wp.vec3i],  # (run, particle) placing, leading and correcting member
-    altered: wp.array2d[wp.vec2i],  # (run, particle) alpha_L', alpha_C' of the trials
-):
+    parameters: DeParameters,
+    # in and out
+    state: DeState,
+) -> None:
     run, k = wp.tid()
-    number = member.shape[2] + 1
+    number = state.member.shape[2] + 1
     barred = _Barred(-1)
     barred[_RECEIVER] = k
-    # A plain draw is mating with alpha = 0, whatever it is near to.
-    placing = _assort(member, order, chance, run, k, number, 0, constants.placing, barred, k, 0)
+    # Any member of the set is mating with alpha = 0, whatever it is near to.
+    placing = _assort(state, run, k, number, 0, parameters.placing, barred, k, 0)
     barred[_PLACING] = placing
-    inherited = alpha[run, placing]
-    alpha_l = _alter(inherited[0], chance[run, k, number + 1])
-    alpha_c = _alter(inherited[1], chance[run, k, number + 2])
-    leading = _assort(
-        member, order, chance, run, k, number + 3, 0, constants.leading, barred, placing, alpha_l
-    )  # fmt: skip
+    inherited = state.alpha[run, placing]
+    alpha_l = _alter(inherited[0], state.uniform[run, k, number + 1])
+    alpha_c = _alter(inherited[1], state.uniform[run, k, number + 2])
+    leading = _assort(state, run, k, number + 3, 0, parameters.leading, barred, placing, alpha_l)
     barred[_LEADING] = leading
-    worst = order.shape[1] - constants.correcting
-    correcting = _assort(
-        member, order, chance, run, k, number + 3 + _ALPHA_MAX, worst, constants.correcting, barred, placing, alpha_c
-    )  # fmt: skip
-    parents[run, k] = wp.vec3i(placing, leading, correcting)
-    altered[run, k] = wp.vec2i(alpha_l, alpha_c)
+    number += 3 + _ALPHA_MAX
+    worst = state.order.shape[1] - parameters.correcting
+    correcting = _assort(state, run, k, number, worst, parameters.correcting, barred, placing, alpha_c)
+    state.parents[run, k] = wp.vec3i(placing, leading, correcting)
+    state.altered[run, k] = wp.vec2i(alpha_l, alpha_c)
 
 
-def mate(constants, member, alpha, order, chance, particles, parents, altered):
+def mate(parameters: DeParameters, particles: int, state: DeState) -> None:
     """Choose who places, leads and corrects each of the first ``particles`` trials, Fig. 5."""
-    wp.launch(
-        _mate,
-        dim=(order.shape[0], particles),
-        inputs=[constants, member, alpha, order, chance],
-        outputs=[parents, altered],
-        device=order.device,
-    )
+    runs, device = state.order.shape[0], state.order.device
+    wp.launch(_mate, dim=(runs, particles), inputs=[parameters], outputs=[state], device=device)
 
 
 @wp.func
@@ -231,112 +246,88 @@ def _reflect(value: float, lower: float, upper: float) -> float:
 
 @wp.kernel
 def _vary(
-    constants: DeConstants,
-    center: wp.array2d[wp.float32],  # (run, dof)
-    scale: wp.array[wp.float32],  # (dof,)
-    member: wp.array3d[wp.float32],  # (run, particle, dof)
-    parents: wp.array2d[wp.vec3i],  # (run, particle)
-    generation: wp.array[wp.int32],  # (run,)
-    chance: wp.array3d[wp.float32],  # (run, particle, number)
-    # out
-    trial: wp.array3d[wp.float32],  # (run, particle, dof)
-):
+    space: SearchSpace,
+    parameters: DeParameters,
+    # in and out
+    state: DeState,
+) -> None:
     run, k, i = wp.tid()
-    middle = center[run, i]
-    if generation[run] == 0:
-        founder = middle + scale[i] * (2.0 * chance[run, k, i] - 1.0)
-        trial[run, k, i] = wp.where(k == 0 and constants.include_start == 1, middle, founder)
+    middle = state.center[run, i]
+    radius = space.radius[i]
+    uniform = state.uniform[run, k, i]
+    if state.generation[run] == 0:
+        anywhere = middle + radius * (2.0 * uniform - 1.0)
+        state.trial[run, k, i] = wp.where(k == 0 and parameters.include_start == 1, middle, anywhere)
         return
-    dofs = member.shape[2]
-    x = member[run, k, i]
-    if chance[run, k, i] < constants.crossover or _pick(chance[run, k, dofs], dofs) == i:  # Eq. 16
-        chosen = parents[run, k]
-        toward = member[run, chosen[1], i] - member[run, chosen[2], i]
-        donor = member[run, chosen[0], i] + constants.factor * toward  # Eq. 15
-        x = _reflect(donor, middle - scale[i], middle + scale[i])
-    trial[run, k, i] = x
+    dofs = state.member.shape[2]
+    x = state.member[run, k, i]
+    if uniform < parameters.crossover or _pick(state.uniform[run, k, dofs], dofs) == i:  # Eq. 16
+        chosen = state.parents[run, k]
+        toward = state.member[run, chosen[1], i] - state.member[run, chosen[2], i]
+        donor = state.member[run, chosen[0], i] + parameters.factor * toward  # Eq. 15
+        x = _reflect(donor, middle - radius, middle + radius)
+    state.trial[run, k, i] = x
 
 
-def vary(constants, center, scale, member, parents, generation, chance, particles, trial):
-    """``U = x_P + F (x_L - x_C)`` where a chance < CR or the dof is forced, else ``x_R``; at first, uniform members."""
-    runs, _, dofs = trial.shape
-    wp.launch(
-        _vary,
-        dim=(runs, particles, dofs),
-        inputs=[constants, center, scale, member, parents, generation, chance],
-        outputs=[trial],
-        device=trial.device,
-    )
+def vary(space: SearchSpace, parameters: DeParameters, particles: int, state: DeState) -> None:
+    """``U = x_P + F (x_L - x_C)`` where a number < CR or the dof is forced, else ``x_R``; at first, uniform members."""
+    runs, _, dofs = state.trial.shape
+    device = space.seed.device
+    wp.launch(_vary, dim=(runs, particles, dofs), inputs=[space, parameters], outputs=[state], device=device)
 
 
 @wp.kernel
 def _select(
     cost: wp.array[wp.float32],  # (candidate,)
-    trial: wp.array3d[wp.float32],  # (run, particle, dof)
-    altered: wp.array2d[wp.vec2i],  # (run, particle)
-    generation: wp.array[wp.int32],  # (run,)
     # in and out
-    member: wp.array3d[wp.float32],  # (run, particle, dof)
-    member_cost: wp.array2d[wp.float32],  # (run, particle)
-    alpha: wp.array2d[wp.vec2i],  # (run, particle)
-):
+    state: DeState,
+) -> None:
     run, k = wp.tid()
-    founding = generation[run] == 0
-    mine = cost[run * member.shape[1] + k]
-    if founding or mine < member_cost[run, k]:
-        member_cost[run, k] = mine
-        for i in range(member.shape[2]):
-            member[run, k, i] = trial[run, k, i]
-        if not founding:  # the first are born with 0
-            alpha[run, k] = altered[run, k]
+    is_first = state.generation[run] == 0
+    mine = cost[run * state.member.shape[1] + k]
+    if is_first or mine < state.member_cost[run, k]:
+        state.member_cost[run, k] = mine
+        for i in range(state.member.shape[2]):
+            state.member[run, k, i] = state.trial[run, k, i]
+        if not is_first:  # the first are born with 0
+            state.alpha[run, k] = state.altered[run, k]
 
 
 @wp.kernel
 def _rank(
-    member_cost: wp.array2d[wp.float32],  # (run, particle)
-    # out
-    order: wp.array2d[wp.int32],  # (run, rank) particles, the best first
     # in and out
-    generation: wp.array[wp.int32],  # (run,)
-):
+    state: DeState,
+) -> None:
     run, k = wp.tid()
-    mine = member_cost[run, k]
+    mine = state.member_cost[run, k]
     rank = int(0)
-    for other in range(order.shape[1]):
-        theirs = member_cost[run, other]
+    for other in range(state.order.shape[1]):
+        theirs = state.member_cost[run, other]
         if theirs < mine or (theirs == mine and other < k):
             rank += 1
-    order[run, rank] = k
+    state.order[run, rank] = k
     if k == 0:
-        generation[run] = generation[run] + 1
+        state.generation[run] = state.generation[run] + 1
 
 
-def select(cost, trial, altered, member, member_cost, alpha, order, generation):
+def select(cost: wp.array[wp.float32], state: DeState) -> None:
     """Let a trial that is strictly better take its receiver's place, with its alphas; then rank the members."""
-    device = order.device
-    wp.launch(
-        _select,
-        dim=order.shape,
-        inputs=[cost, trial, altered, generation],
-        outputs=[member, member_cost, alpha],
-        device=device,
-    )
-    wp.launch(_rank, dim=order.shape, inputs=[member_cost], outputs=[order, generation], device=device)
+    members, device = state.order.shape, cost.device
+    wp.launch(_select, dim=members, inputs=[cost], outputs=[state], device=device)
+    wp.launch(_rank, dim=members, inputs=[], outputs=[state], device=device)
 
 
 @wp.kernel
 def _write_best(
-    member: wp.array3d[wp.float32],  # (run, particle, dof)
-    order: wp.array2d[wp.int32],  # (run, rank)
-    index: wp.array[wp.int32],  # (dof,)
+    space: SearchSpace,
+    state: DeState,
     # out
     pose: wp.array2d[wp.float32],  # (run, coordinate)
-):
+) -> None:
     run, i = wp.tid()
-    pose[run, index[i]] = member[run, order[run, 0], i]
+    pose[run, space.index[i]] = state.member[run, state.order[run, 0], i]
 
 
-def write_best(member, order, index, pose):
+def write_best(space: SearchSpace, state: DeState, pose: wp.array[wp.float32]) -> None:
     """Write the best member's coordinates: ``pose[:, index] = member[:, order[:, 0]]``."""
-    runs, _, dofs = member.shape
-    wp.launch(_write_best, dim=(runs, dofs), inputs=[member, order, index], outputs=[pose], device=pose.device)
+    wp.launch(_write_best, dim=state.center.shape, inputs=[space, state], outputs=[pose], device=pose.device)

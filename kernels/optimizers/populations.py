@@ -1,5 +1,6 @@
-"""Between a population's search space and full pose vectors."""
+"""What all optimizers share: what is searched, random numbers, and the way from candidates to full vectors."""
 
+import numpy as np
 import warp as wp
 
 from mmocap_warp.kernels.block import lanes_of, sync
@@ -7,35 +8,105 @@ from mmocap_warp.kernels.block import lanes_of, sync
 wp.set_module_options({"enable_backward": False})
 
 
+@wp.struct
+class SearchSpace:
+    """The coordinates that a batch of independent runs searches, and where each run's random numbers come from."""
+
+    index: wp.array[wp.int32]  # (dof,) coordinates of a full vector that are searched
+    radius: wp.array[wp.float32]  # (dof,) how far the search reaches in each of them
+    seed: wp.array[wp.int32]  # (run,)
+    counter: wp.array[wp.int32]  # (run,) random streams used so far; the parts of one search share it
+
+
+def make_space(
+    index: np.ndarray, radius: np.ndarray, seed: wp.array[wp.int32], counter: wp.array[wp.int32]
+) -> SearchSpace:
+    """A search of coordinates ``index`` (dof,) within ``radius`` (dof,), on the device of its seeds."""
+    space = SearchSpace()
+    space.index = wp.array(index, dtype=wp.int32, device=seed.device)
+    space.radius = wp.array(radius, dtype=wp.float32, device=seed.device)
+    space.seed, space.counter = seed, counter
+    return space
+
+
+def make_population(space: SearchSpace, particles: int) -> wp.array[wp.float32]:
+    """Candidates (run, particle, dof), zeros."""
+    shape = (space.seed.shape[0], particles, space.index.shape[0])
+    return wp.zeros(shape, dtype=wp.float32, device=space.seed.device)
+
+
+@wp.func
+def random_stream(space: SearchSpace, run: int, k: int) -> wp.uint32:
+    """The random numbers of a run's ``k``-th candidate from now on, for ``wp.randf`` and ``wp.randn``."""
+    return wp.rand_init(space.seed[run], space.counter[run] + k)
+
+
+@wp.kernel
+def _advance(
+    streams: int,
+    # in and out
+    counter: wp.array[wp.int32],  # (run,)
+) -> None:
+    run = wp.tid()
+    counter[run] = counter[run] + streams
+
+
+def advance(counter: wp.array[wp.int32], streams: int) -> None:
+    """Count random streams that were used, so that none is used again: ``counter[run] += streams``."""
+    wp.launch(_advance, dim=counter.shape, inputs=[streams], outputs=[counter], device=counter.device)
+
+
+@wp.struct
+class Limits:
+    """The lowest and the highest value of every coordinate of a full vector; infinite where free."""
+
+    lower: wp.array[wp.float32]  # (coordinate,)
+    upper: wp.array[wp.float32]  # (coordinate,)
+
+
+def make_limits(limits: np.ndarray, device: wp.DeviceLike) -> Limits:
+    """From (coordinate, 2)."""
+    made = Limits()
+    made.lower = wp.array(limits[:, 0], dtype=wp.float32, device=device)
+    made.upper = wp.array(limits[:, 1], dtype=wp.float32, device=device)
+    return made
+
+
 @wp.kernel
 def _place(
-    params: wp.array3d[wp.float32],  # (run, particle, dof)
-    dof: wp.array[wp.int32],  # (dof,) positions in the full pose
+    population: wp.array3d[wp.float32],  # (run, particle, dof)
+    index: wp.array[wp.int32],  # (dof,)
     base: wp.array2d[wp.float32],  # (run, coordinate)
-    lower: wp.array[wp.float32],  # (coordinate,)
-    upper: wp.array[wp.float32],  # (coordinate,)
+    limits: Limits,
     particles: int,
     lanes: int,
     # out
     pose: wp.array2d[wp.float32],  # (candidate, coordinate)
-):
+) -> None:
     c, lane = wp.tid()
     run = c // particles
     for d in range(lane, base.shape[1], lanes):
         pose[c, d] = base[run, d]
     sync()
-    for i in range(lane, dof.shape[0], lanes):
-        d = dof[i]
-        pose[c, d] = wp.clamp(params[run, c - run * particles, i], lower[d], upper[d])
+    for i in range(lane, index.shape[0], lanes):
+        d = index[i]
+        pose[c, d] = wp.clamp(population[run, c - run * particles, i], limits.lower[d], limits.upper[d])
 
 
-def place(params, dof, base, lower, upper, particles, pose):
+def place(
+    population: wp.array[wp.float32],
+    index: wp.array[wp.int32],
+    base: wp.array[wp.float32],
+    limits: Limits,
+    particles: int,
+    pose: wp.array[wp.float32],
+) -> None:
     """Write ``particles`` candidates a run into full poses: searched ones within limits, the rest from ``base``."""
     lanes = lanes_of(pose.device)
     wp.launch(
         _place,
         dim=(base.shape[0] * particles, lanes),
-        inputs=[params, dof, base, lower, upper, particles, lanes],
+        inputs=[population, index, base, limits, particles, lanes],
         outputs=[pose],
         block_dim=lanes,
         device=pose.device,
@@ -51,7 +122,7 @@ def _keep_best(
     # in and out
     best_cost: wp.array[wp.float32],  # (run,)
     best_pose: wp.array2d[wp.float32],  # (run, coordinate)
-):
+) -> None:
     run, lane = wp.tid()
     lowest = float(best_cost[run])
     winner = int(-1)
@@ -67,7 +138,13 @@ def _keep_best(
             best_cost[run] = lowest
 
 
-def keep_best(cost, pose, particles, best_cost, best_pose):
+def keep_best(
+    cost: wp.array[wp.float32],
+    pose: wp.array[wp.float32],
+    particles: int,
+    best_cost: wp.array[wp.float32],
+    best_pose: wp.array[wp.float32],
+) -> None:
     """Let a run's best ever pose be replaced by a strictly better candidate; the first of equals wins."""
     lanes = lanes_of(cost.device)
     wp.launch(
@@ -82,46 +159,30 @@ def keep_best(cost, pose, particles, best_cost, best_pose):
 
 @wp.kernel
 def _scatter(
-    params: wp.array2d[wp.float32],  # (run, dof)
-    dof: wp.array[wp.int32],  # (dof,)
+    value: wp.array2d[wp.float32],  # (run, dof)
+    index: wp.array[wp.int32],  # (dof,)
     # out
     pose: wp.array2d[wp.float32],  # (run, coordinate)
-):
+) -> None:
     run, i = wp.tid()
-    pose[run, dof[i]] = params[run, i]
+    pose[run, index[i]] = value[run, i]
 
 
-def scatter(params, dof, pose):
-    """Write searched coordinates back: ``pose[run, dof[i]] = params[run, i]``."""
-    wp.launch(_scatter, dim=params.shape, inputs=[params, dof], outputs=[pose], device=pose.device)
+def scatter(value: wp.array[wp.float32], index: wp.array[wp.int32], pose: wp.array[wp.float32]) -> None:
+    """Write searched coordinates back: ``pose[run, index[i]] = value[run, i]``."""
+    wp.launch(_scatter, dim=value.shape, inputs=[value, index], outputs=[pose], device=pose.device)
 
 
 @wp.kernel
 def _clamp(
-    lower: wp.array[wp.float32],  # (coordinate,)
-    upper: wp.array[wp.float32],  # (coordinate,)
+    limits: Limits,
     # in and out
     pose: wp.array2d[wp.float32],  # (run, coordinate)
-):
+) -> None:
     run, d = wp.tid()
-    pose[run, d] = wp.clamp(pose[run, d], lower[d], upper[d])
+    pose[run, d] = wp.clamp(pose[run, d], limits.lower[d], limits.upper[d])
 
 
-def clamp(lower, upper, pose):
+def clamp(limits: Limits, pose: wp.array[wp.float32]) -> None:
     """Keep every coordinate within its limits."""
-    wp.launch(_clamp, dim=pose.shape, inputs=[lower, upper], outputs=[pose], device=pose.device)
-
-
-@wp.kernel
-def _advance(
-    streams: int,
-    # in and out
-    draw: wp.array[wp.int32],  # (run,)
-):
-    run = wp.tid()
-    draw[run] = draw[run] + streams
-
-
-def advance(draw, streams):
-    """Count the random streams that a draw has used, so that no later draw repeats them: ``draw[run] += streams``."""
-    wp.launch(_advance, dim=draw.shape, inputs=[streams], outputs=[draw], device=draw.device)
+    wp.launch(_clamp, dim=pose.shape, inputs=[limits], outputs=[pose], device=pose.device)

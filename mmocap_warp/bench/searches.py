@@ -13,6 +13,7 @@ import warp as wp
 from mmocap_warp.bench.workload import Workload
 from mmocap_warp.kernels.benchmarks.case import Case, Check, Measurement
 from mmocap_warp.kernels.benchmarks.timing import Timing, time_together
+from mmocap_warp.kernels.optimizers.populations import make_space
 from mmocap_warp.objective.renderers import RENDERERS
 from mmocap_warp.optimizers.protocol import Optimizer
 from mmocap_warp.optimizers.search import Search
@@ -39,9 +40,9 @@ def ask_and_tell(load: Workload, runs: Sequence[int], device: str) -> Iterator[l
 
 def _optimizer(name: str, part: Part, radius: float, runs: int, evaluations: int, device: str) -> Optimizer:
     seed = wp.array(np.arange(runs), dtype=wp.int32, device=device)
-    draw = wp.zeros(runs, dtype=wp.int32, device=device)
-    scale = np.full(len(part.index), radius)
-    return ALGORITHMS[name].optimizer(part.index, scale, runs, seed, draw, evaluations)
+    counter = wp.zeros(runs, dtype=wp.int32, device=device)
+    space = make_space(part.index, np.full(len(part.index), radius), seed, counter)
+    return ALGORITHMS[name].optimizer(space, evaluations)
 
 
 def _ask_and_tell(load: Workload, name: str, part: Part, runs: int, device: str) -> Case:

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
 import warp as wp
 
 from mmocap_warp.kernels.optimizers import annealed_filter as kernels
-from mmocap_warp.kernels.optimizers.populations import scatter
+from mmocap_warp.kernels.optimizers.populations import SearchSpace, make_population
 
 
 @dataclass(frozen=True)
@@ -49,72 +48,39 @@ class AnnealedFilter:
     a smaller budget there are fewer layers, and of a budget of one none, so that the start pose is the answer.
 
     Args:
-        index: coordinates of the start vector that are searched, (dof,) int.
-        scale: (dof,) standard deviation of the first layer's noise.
-        runs: independent runs.
-        seed: (run,) int32 Warp array; run r's samples depend on its seed and counter alone.
-        draw: (run,) int32 Warp array of counters that sampling advances; optimizers of one search share it.
+        space: its radius is the standard deviation of the first layer's noise.
         evaluations: the search's budget, which sets the number of particles.
         config: settings.
     """
 
     returns_best = False
 
-    def __init__(
-        self,
-        index: np.ndarray,
-        scale: np.ndarray,
-        runs: int,
-        seed: wp.array,
-        draw: wp.array,
-        evaluations: int,
-        config: AnnealedFilterConfig | None = None,
-    ) -> None:
+    def __init__(self, space: SearchSpace, evaluations: int, config: AnnealedFilterConfig | None = None) -> None:
         self.config = config or AnnealedFilterConfig()
+        self.space = space
         self.particles = max(2, evaluations // self.config.layers)
-        dofs, device = len(index), seed.device
-        self.index = wp.array(index, dtype=wp.int32, device=device)
-        self.scale = wp.array(scale, dtype=wp.float32, device=device)
-        self._seed, self._draw = seed, draw
-        self.population = wp.zeros((runs, self.particles, dofs), dtype=wp.float32, device=device)
-        self.selected = wp.zeros_like(self.population)
-        self._center = wp.zeros((runs, dofs), dtype=wp.float32, device=device)
-        self.mean = wp.zeros_like(self._center)
-        self.weight = wp.zeros((runs, self.particles), dtype=wp.float32, device=device)
-        self._distance = wp.zeros_like(self.weight)
-        self._chance = wp.zeros_like(self.weight)
-        # The first layer needs a number per dimension, later ones a number per particle.
-        numbers = max(dofs, self.particles)
-        self._noise = wp.zeros((runs, self.particles, numbers), dtype=wp.float32, device=device)
-        self.parent = wp.zeros((runs, self.particles), dtype=wp.int32, device=device)
-        self.exponent = wp.zeros(runs, dtype=wp.float32, device=device)
-        self._layer = wp.zeros(runs, dtype=wp.int32, device=device)
+        self.population = make_population(space, self.particles)
+        self.state = kernels.make_state(self.population)
 
-    def plan(self, evaluations: int) -> list[int]:
+    def generation_sizes(self, evaluations: int) -> list[int]:
         """Whole layers only; what does not divide is not spent."""
         return [self.particles] * min(self.config.layers, evaluations // self.particles)
 
-    def start(self, pose: wp.array) -> None:
+    def start(self, pose: wp.array[wp.float32]) -> None:
         """Begin a search at ``pose`` (run, coordinate)."""
-        kernels.start(pose, self.index, self.selected, self._center, self.mean, self._layer)
+        kernels.start(self.space, pose, self.state)
 
-    def ask(self, particles: int) -> wp.array:
+    def ask(self, particles: int) -> wp.array[wp.float32]:
         """Propagate the first ``particles`` of the selected into ``population``."""
-        kernels.draw_noise(self._seed, self._draw, particles, self._chance, self._noise)
-        kernels.propagate(
-            self.selected, self._center, self._layer, self.scale, self.config.diffusion, self._noise,
-            particles, self.population,
-        )  # fmt: skip
+        kernels.sample_noise(self.space, particles, self.state)
+        kernels.propagate(self.space, self.config.diffusion, particles, self.state)
         return self.population
 
-    def tell(self, cost: wp.array) -> None:
+    def tell(self, cost: wp.array[wp.float32]) -> None:
         """Weigh a whole layer by its costs (candidate,), and select from it."""
-        kernels.weigh(
-            cost, self.population, self.config.survival, self._layer, self._distance, self.exponent, self.weight,
-            self.mean,
-        )  # fmt: skip
-        kernels.select(self.population, self.weight, self._chance, self.parent, self.selected, self._center)
+        kernels.weigh(cost, self.config.survival, self.state)
+        kernels.select(self.state)
 
-    def estimate(self, pose: wp.array) -> None:
+    def estimate(self, pose: wp.array[wp.float32]) -> None:
         """Write the weighted mean of the last layer."""
-        scatter(self.mean, self.index, pose)
+        kernels.write_mean(self.space, self.state, pose)

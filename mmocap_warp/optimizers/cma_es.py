@@ -1,4 +1,4 @@
-"""CMA-ES: N. Hansen, A. Ostermeier, Evolutionary Computation 9(2), 2001, with the constants of the paper's Table 2."""
+"""CMA-ES: N. Hansen, A. Ostermeier, Evolutionary Computation 9(2), 2001, with the parameters of the paper's Table 2."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from mmocap_warp.kernels.optimizers import cma_es as kernels
-from mmocap_warp.kernels.optimizers.populations import scatter
+from mmocap_warp.kernels.optimizers.populations import SearchSpace, make_population
 from mmocap_warp.optimizers.protocol import whole_generations
 
 
@@ -19,7 +19,7 @@ class CmaEsConfig:
 
     Attributes:
         population: lambda, offspring a generation; None is ``4 + floor(3 ln D)``.
-        sigma: initial step size, in units of the search's ``scale``.
+        sigma: initial step size, in units of the search's radius.
     """
 
     population: int | None = None
@@ -33,8 +33,8 @@ class CmaEsConfig:
 
 
 @dataclass(frozen=True)
-class CmaEsTable:
-    """Table 2 of the paper: the strategy's constants for a search in ``dofs`` dimensions."""
+class CmaEsParameters:
+    """Table 2 of the paper: the strategy's parameters for a search in ``dofs`` dimensions."""
 
     dofs: int
     population: int
@@ -48,8 +48,8 @@ class CmaEsTable:
     mu_cov: float
 
     @classmethod
-    def for_search(cls, dofs: int, population: int | None = None) -> CmaEsTable:
-        """The constants for ``dofs`` dimensions, with Table 2's population unless one is given."""
+    def for_search(cls, dofs: int, population: int | None = None) -> CmaEsParameters:
+        """The parameters for ``dofs`` dimensions, with Table 2's population unless one is given."""
         lam = population or 4 + math.floor(3 * math.log(dofs))
         mu = lam // 2
         raw = math.log(mu + 1) - np.log(np.arange(1, mu + 1))
@@ -71,80 +71,50 @@ class CmaEs:
     such a cut generation is not told.
 
     Args:
-        index: coordinates of the start vector that are searched, (dof,) int.
-        scale: (dof,) unit of the step size for each of them.
-        runs: independent runs.
-        seed: (run,) int32 Warp array; run r's samples depend on its seed and counter alone.
-        draw: (run,) int32 Warp array of counters that sampling advances; optimizers of one search share it.
+        space: its radius is the unit of the step size.
         evaluations: the search's budget; CMA-ES does not depend on it.
         config: settings.
     """
 
     returns_best = True
 
-    def __init__(
-        self,
-        index: np.ndarray,
-        scale: np.ndarray,
-        runs: int,
-        seed: wp.array,
-        draw: wp.array,
-        evaluations: int,
-        config: CmaEsConfig | None = None,
-    ) -> None:
+    def __init__(self, space: SearchSpace, evaluations: int, config: CmaEsConfig | None = None) -> None:
         self.config = config or CmaEsConfig()
-        self.table = CmaEsTable.for_search(len(index), self.config.population)
-        dofs, lam, device = len(index), self.table.population, seed.device
-        self.particles = lam
-        self.index = wp.array(index, dtype=wp.int32, device=device)
-        self.scale = wp.array(scale, dtype=wp.float32, device=device)
-        self._seed, self._draw = seed, draw
-        self._weight = wp.array(self.table.weights, dtype=wp.float32, device=device)
-        self._constants = _constants(self.table)
-        self.population = wp.zeros((runs, lam, dofs), dtype=wp.float32, device=device)
-        self.mean = wp.zeros((runs, dofs), dtype=wp.float32, device=device)
-        self.sigma = wp.zeros(runs, dtype=wp.float32, device=device)
-        self.p_sigma = wp.zeros_like(self.mean)
-        self.p_c = wp.zeros_like(self.mean)
-        self.axes = wp.zeros((runs, dofs, dofs), dtype=wp.float32, device=device)
-        self.lengths = wp.zeros_like(self.mean)
-        self.generation = wp.zeros(runs, dtype=wp.int32, device=device)
-        self._z = wp.zeros_like(self.population)
-        self._order = wp.zeros((runs, lam), dtype=wp.int32, device=device)
-        self._scratch = kernels.scratch(runs, dofs, device)
-        self._state = kernels.CmaEsState()
-        for name in ("mean", "sigma", "p_sigma", "p_c", "axes", "lengths", "generation"):
-            setattr(self._state, name, getattr(self, name))
+        self.space = space
+        self.parameters = CmaEsParameters.for_search(space.index.size, self.config.population)
+        self.particles = self.parameters.population
+        self._parameters = _on_device(self.parameters, space.seed.device)
+        self.population = make_population(space, self.particles)
+        self.state = kernels.make_state(self.population)
 
-    def plan(self, evaluations: int) -> list[int]:
+    def generation_sizes(self, evaluations: int) -> list[int]:
         """Whole generations, the last one cut."""
         return whole_generations(evaluations, self.particles)
 
-    def start(self, pose: wp.array) -> None:
+    def start(self, pose: wp.array[wp.float32]) -> None:
         """Begin a search at ``pose`` (run, coordinate)."""
-        kernels.start(pose, self.index, self.config.sigma, self._state)
+        kernels.start(self.space, pose, self.config.sigma, self.state)
 
-    def ask(self, particles: int) -> wp.array:
+    def ask(self, particles: int) -> wp.array[wp.float32]:
         """Sample the first ``particles`` of the next generation into ``population``."""
-        kernels.sample(self._seed, self._draw, self._state, self.scale, particles, self._z, self.population)
+        kernels.sample(self.space, particles, self.state)
         return self.population
 
-    def tell(self, cost: wp.array) -> None:
+    def tell(self, cost: wp.array[wp.float32]) -> None:
         """Learn from the costs (candidate,) of a whole generation."""
-        seen = kernels.Generation()
-        seen.cost, seen.z, seen.weight, seen.scale, seen.order = cost, self._z, self._weight, self.scale, self._order
-        kernels.update(self._constants, seen, self._scratch, self._state)
+        kernels.update(self.space, self._parameters, cost, self.state)
 
-    def estimate(self, pose: wp.array) -> None:
+    def estimate(self, pose: wp.array[wp.float32]) -> None:
         """Write the mean of the search distribution."""
-        scatter(self.mean, self.index, pose)
+        kernels.write_mean(self.space, self.state, pose)
 
 
-def _constants(table: CmaEsTable) -> kernels.CmaEsConstants:
-    constants = kernels.CmaEsConstants()
+def _on_device(parameters: CmaEsParameters, device: wp.DeviceLike) -> kernels.CmaEsParameters:
+    copy = kernels.CmaEsParameters()
     for name in ("mu", "mu_eff", "c_sigma", "d_sigma", "c_c", "c_cov", "mu_cov"):
-        setattr(constants, name, getattr(table, name))
-    dofs = table.dofs
-    constants.chi_n = math.sqrt(dofs) * (1 - 1 / (4 * dofs) + 1 / (21 * dofs**2))
-    constants.flat_rank = math.ceil(0.7 * table.population) - 1
-    return constants
+        setattr(copy, name, getattr(parameters, name))
+    copy.weight = wp.array(parameters.weights, dtype=wp.float32, device=device)
+    dofs = parameters.dofs
+    copy.chi_n = math.sqrt(dofs) * (1 - 1 / (4 * dofs) + 1 / (21 * dofs**2))
+    copy.flat_rank = math.ceil(0.7 * parameters.population) - 1
+    return copy

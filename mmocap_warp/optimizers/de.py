@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
 import warp as wp
 
 from mmocap_warp.kernels.optimizers import de as kernels
+from mmocap_warp.kernels.optimizers.populations import SearchSpace, make_population
 from mmocap_warp.optimizers.protocol import whole_generations
 
 
@@ -55,86 +55,51 @@ class DeConfig:
 class De:
     """Differential evolution over a batch of runs; all state lives on the device.
 
-    It searches the box of ``scale`` around the start. The first generation evaluates the first members, each later one
-    a trial for every member; a generation that is cut to meet a budget is not told.
+    It searches the box of the radius around the start. The first generation evaluates the first members, each
+    later one a trial for every member; a generation that is cut to meet a budget is not told.
 
     Args:
-        index: coordinates of the start vector that are searched, (dof,) int.
-        scale: (dof,) half the width of the box in each of them; 0 holds one fixed.
-        runs: independent runs.
-        seed: (run,) int32 Warp array; run r's members depend on its seed and counter alone.
-        draw: (run,) int32 Warp array of counters that drawing advances; optimizers of one search share it.
+        space: its radius is half the width of the box in each coordinate; 0 holds one fixed.
         evaluations: the search's budget; differential evolution does not depend on it.
         config: settings.
     """
 
     returns_best = True
 
-    def __init__(
-        self,
-        index: np.ndarray,
-        scale: np.ndarray,
-        runs: int,
-        seed: wp.array,
-        draw: wp.array,
-        evaluations: int,
-        config: DeConfig | None = None,
-    ) -> None:
+    def __init__(self, space: SearchSpace, evaluations: int, config: DeConfig | None = None) -> None:
         self.config = config or DeConfig()
-        dofs, members, device = len(index), self.config.population, seed.device
-        self.particles = members
-        self.index = wp.array(index, dtype=wp.int32, device=device)
-        self.scale = wp.array(scale, dtype=wp.float32, device=device)
-        self._seed, self._draw = seed, draw
-        self._constants = _constants(self.config)
-        self.population = wp.zeros((runs, members, dofs), dtype=wp.float32, device=device)
-        self.member = wp.zeros_like(self.population)
-        self.member_cost = wp.zeros((runs, members), dtype=wp.float32, device=device)
-        self.alpha = wp.zeros((runs, members), dtype=wp.vec2i, device=device)
-        self._altered = wp.zeros_like(self.alpha)
-        self._parents = wp.zeros((runs, members), dtype=wp.vec3i, device=device)
-        self._order = wp.zeros((runs, members), dtype=wp.int32, device=device)
-        self._center = wp.zeros((runs, dofs), dtype=wp.float32, device=device)
-        self._generation = wp.zeros(runs, dtype=wp.int32, device=device)
-        self._chance = wp.zeros((runs, members, dofs + kernels.CHANCES), dtype=wp.float32, device=device)
+        self.space = space
+        self.particles = self.config.population
+        self._parameters = _on_device(self.config)
+        self.population = make_population(space, self.particles)
+        self.state = kernels.make_state(self.population)
 
-    def plan(self, evaluations: int) -> list[int]:
+    def generation_sizes(self, evaluations: int) -> list[int]:
         """Whole generations, the last one cut."""
         return whole_generations(evaluations, self.particles)
 
-    def start(self, pose: wp.array) -> None:
+    def start(self, pose: wp.array[wp.float32]) -> None:
         """Begin a search around ``pose`` (run, coordinate)."""
-        kernels.start(
-            pose, self.index, self._center, self.member, self.member_cost, self.alpha, self._order, self._generation
-        )
+        kernels.start(self.space, pose, self.state)
 
-    def ask(self, particles: int) -> wp.array:
+    def ask(self, particles: int) -> wp.array[wp.float32]:
         """Write the first ``particles`` of the first members, or of the next trials, into ``population``."""
-        kernels.draw_chances(self._seed, self._draw, particles, self._chance)
-        kernels.mate(
-            self._constants, self.member, self.alpha, self._order, self._chance, particles,
-            self._parents, self._altered,
-        )  # fmt: skip
-        kernels.vary(
-            self._constants, self._center, self.scale, self.member, self._parents, self._generation, self._chance,
-            particles, self.population,
-        )  # fmt: skip
+        kernels.sample_uniform(self.space, particles, self.state)
+        kernels.mate(self._parameters, particles, self.state)
+        kernels.vary(self.space, self._parameters, particles, self.state)
         return self.population
 
-    def tell(self, cost: wp.array) -> None:
+    def tell(self, cost: wp.array[wp.float32]) -> None:
         """Select by the costs (candidate,) of a whole generation."""
-        kernels.select(
-            cost, self.population, self._altered, self.member, self.member_cost, self.alpha,
-            self._order, self._generation,
-        )  # fmt: skip
+        kernels.select(cost, self.state)
 
-    def estimate(self, pose: wp.array) -> None:
+    def estimate(self, pose: wp.array[wp.float32]) -> None:
         """Write the best member; the start where no generation was told."""
-        kernels.write_best(self.member, self._order, self.index, pose)
+        kernels.write_best(self.space, self.state, pose)
 
 
-def _constants(config: DeConfig) -> kernels.DeConstants:
-    constants = kernels.DeConstants()
+def _on_device(config: DeConfig) -> kernels.DeParameters:
+    parameters = kernels.DeParameters()
     for name in ("placing", "leading", "correcting", "crossover", "factor", "include_start"):
-        setattr(constants, name, getattr(config, name))
-    return constants
+        setattr(parameters, name, getattr(config, name))
+    return parameters

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
+from mmocap_warp.kernels.optimizers.populations import SearchSpace, make_space
 from mmocap_warp.optimizers.cma_es import CmaEs
 from mmocap_warp.optimizers.protocol import Optimizer
 from mmocap_warp.optimizers.search import Search
@@ -29,12 +30,12 @@ class Minimum:
 
 
 def minimize(
-    cost: Callable[[wp.array, wp.array], None],
+    cost: Callable[[wp.array[wp.float32], wp.array[wp.float32]], None],
     start: np.ndarray,
     radius: np.ndarray | float,
     evaluations: int,
     *,
-    optimizer: Callable[..., Optimizer] = CmaEs,
+    optimizer: Callable[[SearchSpace, int], Optimizer] = CmaEs,
     runs: int = 1,
     seed: int = 0,
     bounds: np.ndarray | None = None,
@@ -76,8 +77,8 @@ def minimize(
     if not (np.isfinite(radii).all() and np.all(radii >= 0.0)):
         raise ValueError(f"radius must be finite and not negative, got {radius}")
     seeds = wp.array(seed + np.arange(runs), dtype=wp.int32, device=device)
-    draw = wp.zeros(runs, dtype=wp.int32, device=device)
-    engine = optimizer(np.arange(len(start)), radii, runs, seeds, draw, evaluations)
+    counter = wp.zeros(runs, dtype=wp.int32, device=device)
+    engine = optimizer(make_space(np.arange(len(start)), radii, seeds, counter), evaluations)
     candidates = _Candidates(cost, runs * engine.particles, len(start), device)
     search = Search(candidates, [engine], evaluations, limits)
     search.best_pose.assign(np.repeat(start[None], runs, axis=0))
@@ -92,21 +93,25 @@ class _Candidates:
     """A user's cost as the search wants it."""
 
     def __init__(
-        self, cost: Callable[[wp.array, wp.array], None], candidates: int, coordinates: int, device: str
+        self,
+        cost: Callable[[wp.array[wp.float32], wp.array[wp.float32]], None],
+        candidates: int,
+        coordinates: int,
+        device: str,
     ) -> None:
         self.device = device
         self.pose = wp.zeros((candidates, coordinates), dtype=wp.float32, device=device)
         self._cost = cost
         self._out = wp.zeros(candidates, dtype=wp.float32, device=device)
 
-    def evaluate(self, candidates: int) -> wp.array:
+    def evaluate(self, candidates: int) -> wp.array[wp.float32]:
         self._cost(self.pose[:candidates], self._out[:candidates])
         return self._out
 
     def prepare(self, runs: int, index: np.ndarray) -> None:
         """A cost that is not ours always judges whole candidates."""
 
-    def hold(self, base: wp.array, index: np.ndarray) -> None:
+    def hold(self, base: wp.array[wp.float32], index: np.ndarray) -> None:
         """See :meth:`prepare`."""
 
     def release(self) -> None:

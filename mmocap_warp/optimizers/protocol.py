@@ -6,54 +6,55 @@ from typing import Protocol
 
 import warp as wp
 
+from mmocap_warp.kernels.optimizers.populations import SearchSpace
+
 
 class Optimizer(Protocol):
     """Minimises a batched cost over a batch of independent runs; all of its state lives on the device.
 
-    ``start`` begins a search. Then, for each size in ``plan(evaluations)``, ``ask(size)`` fills the first ``size``
-    particles of ``population``, the caller computes their costs (candidate = run * size + particle), and ``tell``
-    learns from them. A generation smaller than ``particles`` only spends what is left of the budget: it is not told.
+    ``start`` begins a search. Then, for each size in ``generation_sizes(evaluations)``, ``ask(size)`` fills the first
+    ``size`` particles of ``population``, the caller computes their costs (candidate = run * size + particle), and
+    ``tell`` learns from them. A generation smaller than ``particles`` only spends what is left of the budget: it is not
+    told.
 
     Nothing that changes from one generation to the next is a host scalar, so that a captured graph of a generation
     can be replayed.
 
     Attributes:
-        index: (dof,) int32, coordinates of the start vector that are searched.
-        scale: (dof,) float32, the radius of the search in each of them.
+        space: its runs, what they search and how far, and their random streams.
         particles: size of a whole generation.
         population: (run, particle, dof) float32, the candidates.
         returns_best: whether the answer is the best candidate ever, which the caller keeps; otherwise it is the
             optimizer's own ``estimate``.
     """
 
-    index: wp.array
-    scale: wp.array
+    space: SearchSpace
     particles: int
-    population: wp.array
+    population: wp.array[wp.float32]
     returns_best: bool
 
-    def plan(self, evaluations: int) -> list[int]:
+    def generation_sizes(self, evaluations: int) -> list[int]:
         """Sizes of the generations that spend a budget; they never add up to more."""
         ...
 
-    def start(self, pose: wp.array) -> None:
+    def start(self, pose: wp.array[wp.float32]) -> None:
         """Begin a search at ``pose`` (run, coordinate)."""
         ...
 
-    def ask(self, particles: int) -> wp.array:
+    def ask(self, particles: int) -> wp.array[wp.float32]:
         """Fill ``population`` and return it."""
         ...
 
-    def tell(self, cost: wp.array) -> None:
+    def tell(self, cost: wp.array[wp.float32]) -> None:
         """Learn from the costs (candidate,) of a whole generation; infinite costs are allowed, NaN is not."""
         ...
 
-    def estimate(self, pose: wp.array) -> None:
+    def estimate(self, pose: wp.array[wp.float32]) -> None:
         """Write the answer's coordinates into ``pose`` (run, coordinate), where ``returns_best`` is False."""
         ...
 
 
 def whole_generations(evaluations: int, particles: int) -> list[int]:
-    """A plan of whole generations, the last one cut to what is left."""
+    """Sizes of whole generations, the last one cut to what is left."""
     whole, left = divmod(evaluations, particles)
     return [particles] * whole + ([left] if left else [])

@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
 import warp as wp
 
 from mmocap_warp.kernels.optimizers import pso as kernels
+from mmocap_warp.kernels.optimizers.populations import SearchSpace, make_population
 from mmocap_warp.optimizers.protocol import whole_generations
 
 
@@ -26,7 +26,7 @@ class PsoConfig:
         phi_2: greatest pull of the swarm's best position.
         inertia_max: omega_max, the weight of the old velocity in the first move.
         inertia_min: omega_min, the weight in the last move.
-        velocity_limit: greatest speed v_max in every dimension, in units of the search's ``scale``.
+        velocity_limit: greatest speed v_max in every dimension, in units of the search's radius.
     """
 
     population: int = 10
@@ -62,77 +62,48 @@ class Pso:
     move weighs the old velocity by ``inertia_max``, the last by ``inertia_min``.
 
     Args:
-        index: coordinates of the start vector that are searched, (dof,) int.
-        scale: (dof,) standard deviation of the first positions, and unit of the velocity's limit.
-        runs: independent runs.
-        seed: (run,) int32 Warp array; run r's samples depend on its seed and counter alone.
-        draw: (run,) int32 Warp array of counters that sampling advances; optimizers of one search share it.
+        space: its radius is the standard deviation of the first positions, and the unit of the velocity's limit.
         evaluations: the search's budget, over which the inertia falls.
         config: settings.
     """
 
     returns_best = True
 
-    def __init__(
-        self,
-        index: np.ndarray,
-        scale: np.ndarray,
-        runs: int,
-        seed: wp.array,
-        draw: wp.array,
-        evaluations: int,
-        config: PsoConfig | None = None,
-    ) -> None:
+    def __init__(self, space: SearchSpace, evaluations: int, config: PsoConfig | None = None) -> None:
         self.config = config or PsoConfig()
+        self.space = space
         self.particles = self.config.population
-        dofs, device = len(index), seed.device
-        self.index = wp.array(index, dtype=wp.int32, device=device)
-        self.scale = wp.array(scale, dtype=wp.float32, device=device)
-        self._seed, self._draw = seed, draw
-        self._constants = _constants(self.config, moves=len(self.plan(evaluations)) - 1)
-        self.population = wp.zeros((runs, self.particles, dofs), dtype=wp.float32, device=device)
-        self.velocity = wp.zeros_like(self.population)
-        self.own_best = wp.zeros_like(self.population)
-        self._r_1 = wp.zeros_like(self.population)
-        self._r_2 = wp.zeros_like(self.population)
-        self.own_cost = wp.zeros((runs, self.particles), dtype=wp.float32, device=device)
-        self.inertia = wp.zeros(runs, dtype=wp.float32, device=device)
-        self.leader = wp.zeros(runs, dtype=wp.int32, device=device)
-        self._generation = wp.zeros_like(self.leader)
+        self._parameters = _on_device(self.config, moves=len(self.generation_sizes(evaluations)) - 1)
+        self.population = make_population(space, self.particles)
+        self.state = kernels.make_state(self.population)
 
-    def plan(self, evaluations: int) -> list[int]:
+    def generation_sizes(self, evaluations: int) -> list[int]:
         """Whole generations, the last one cut."""
         return whole_generations(evaluations, self.particles)
 
-    def start(self, pose: wp.array) -> None:
+    def start(self, pose: wp.array[wp.float32]) -> None:
         """Begin a search about ``pose`` (run, coordinate)."""
-        kernels.start(
-            self._constants, self._seed, self._draw, pose, self.index, self.scale,
-            self.population, self.velocity, self.own_best, self.own_cost, self._generation, self.leader,
-        )  # fmt: skip
+        kernels.start(self.space, self._parameters, pose, self.state)
 
-    def ask(self, particles: int) -> wp.array:
+    def ask(self, particles: int) -> wp.array[wp.float32]:
         """The swarm; it flew on when it was told."""
         return self.population
 
-    def tell(self, cost: wp.array) -> None:
+    def tell(self, cost: wp.array[wp.float32]) -> None:
         """Learn from the costs (candidate,) of the whole swarm, and fly on."""
-        kernels.remember(cost, self.population, self.own_best, self.own_cost, self._generation, self.leader)
-        kernels.draw_uniform(self._seed, self._draw, self._r_1, self._r_2)
-        kernels.move(
-            self._constants, self.scale, self._generation, self.own_best, self.leader, self._r_1, self._r_2,
-            self.population, self.velocity, self.inertia,
-        )  # fmt: skip
+        kernels.remember(cost, self.state)
+        kernels.sample_factors(self.space, self.state)
+        kernels.move(self.space, self._parameters, self.state)
 
-    def estimate(self, pose: wp.array) -> None:
+    def estimate(self, pose: wp.array[wp.float32]) -> None:
         """Write the swarm's best position."""
-        kernels.take_best(self.own_best, self.leader, self.index, pose)
+        kernels.write_best(self.space, self.state, pose)
 
 
-def _constants(config: PsoConfig, moves: int) -> kernels.PsoConstants:
-    constants = kernels.PsoConstants()
+def _on_device(config: PsoConfig, moves: int) -> kernels.PsoParameters:
+    parameters = kernels.PsoParameters()
     for name in ("phi_1", "phi_2", "inertia_max", "velocity_limit"):
-        setattr(constants, name, getattr(config, name))
-    constants.log_inertia_fall = math.log(config.inertia_max / config.inertia_min)
-    constants.inertia_changes = max(1, moves - 1)
-    return constants
+        setattr(parameters, name, getattr(config, name))
+    parameters.log_inertia_fall = math.log(config.inertia_max / config.inertia_min)
+    parameters.inertia_changes = max(1, moves - 1)
+    return parameters

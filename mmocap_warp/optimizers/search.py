@@ -8,9 +8,8 @@ from typing import Protocol
 import numpy as np
 import warp as wp
 
-from mmocap_warp.kernels.optimizers.populations import clamp, keep_best, place
+from mmocap_warp.kernels.optimizers.populations import clamp, keep_best, make_limits, place
 from mmocap_warp.optimizers.protocol import Optimizer
-from mmocap_warp.tracking.strategy import share_budget
 
 
 class BatchedCost(Protocol):
@@ -22,9 +21,9 @@ class BatchedCost(Protocol):
     """
 
     device: str
-    pose: wp.array
+    pose: wp.array[wp.float32]
 
-    def evaluate(self, candidates: int) -> wp.array:
+    def evaluate(self, candidates: int) -> wp.array[wp.float32]:
         """Costs (candidate,) float32 of the first ``candidates`` rows of ``pose``; infinite is allowed, NaN is not."""
         ...
 
@@ -32,7 +31,7 @@ class BatchedCost(Protocol):
         """Allocate what ``hold`` will need."""
         ...
 
-    def hold(self, base: wp.array, index: np.ndarray) -> None:
+    def hold(self, base: wp.array[wp.float32], index: np.ndarray) -> None:
         """Be told that candidates differ from their run's ``base`` (run, coordinate) in coordinates ``index`` alone."""
         ...
 
@@ -72,19 +71,18 @@ class Search:
         self._loaded = False
         self._returns_best = all(optimizer.returns_best for optimizer in optimizers)
         shares = share_budget(evaluations - self._returns_best, len(optimizers))
-        self._moved = [optimizer.index.numpy() for optimizer in optimizers]
+        self._moved = [optimizer.space.index.numpy() for optimizer in optimizers]
         for moved in self._moved:
             objective.prepare(runs, moved)
-        self._plans = [optimizer.plan(share) for optimizer, share in zip(optimizers, shares, strict=True)]
-        self._lower = wp.array(limits[:, 0], dtype=wp.float32, device=device)
-        self._upper = wp.array(limits[:, 1], dtype=wp.float32, device=device)
+        self._sizes = [optimizer.generation_sizes(share) for optimizer, share in zip(optimizers, shares, strict=True)]
+        self._limits = make_limits(limits, device)
         self.best_pose = wp.zeros((runs, len(limits)), dtype=wp.float32, device=device)
         self.best_cost = wp.zeros(runs, dtype=wp.float32, device=device)
 
     @property
     def evaluations(self) -> int:
         """What a search costs each run: the budget, or less where it does not divide."""
-        return self._returns_best + sum(map(sum, self._plans))
+        return self._returns_best + sum(map(sum, self._sizes))
 
     def run(self) -> None:
         """Search; improves ``best_pose`` in place.
@@ -111,17 +109,17 @@ class Search:
         if self._returns_best:
             wp.copy(objective.pose, self.best_pose, count=self.best_pose.size)
             keep_best(objective.evaluate(self._runs), objective.pose, 1, self.best_cost, self.best_pose)
-        for optimizer, moved, plan in zip(self._optimizers, self._moved, self._plans, strict=True):
+        for optimizer, moved, sizes in zip(self._optimizers, self._moved, self._sizes, strict=True):
             objective.hold(self.best_pose, moved)
-            self._search_part(optimizer, plan)
+            self._search_part(optimizer, sizes)
         objective.release()
 
-    def _search_part(self, optimizer: Optimizer, plan: list[int]) -> None:
+    def _search_part(self, optimizer: Optimizer, sizes: list[int]) -> None:
         optimizer.start(self.best_pose)
         objective = self._objective
-        for particles in plan:
+        for particles in sizes:
             population = optimizer.ask(particles)
-            place(population, optimizer.index, self.best_pose, self._lower, self._upper, particles, objective.pose)
+            place(population, optimizer.space.index, self.best_pose, self._limits, particles, objective.pose)
             cost = objective.evaluate(self._runs * particles)
             if optimizer.returns_best:
                 keep_best(cost, objective.pose, particles, self.best_cost, self.best_pose)
@@ -129,4 +127,9 @@ class Search:
                 optimizer.tell(cost)
         if not optimizer.returns_best:
             optimizer.estimate(self.best_pose)
-            clamp(self._lower, self._upper, self.best_pose)
+            clamp(self._limits, self.best_pose)
+
+
+def share_budget(evaluations: int, parts: int) -> list[int]:
+    """Split a budget evenly; what does not divide goes to the first parts."""
+    return [evaluations // parts + (i < evaluations % parts) for i in range(parts)]

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from mmocap_warp.kernels.optimizers.populations import SearchSpace
 from mmocap_warp.optimizers.annealed_filter import AnnealedFilter
 from mmocap_warp.optimizers.cma_es import CmaEs
 from mmocap_warp.optimizers.de import De
@@ -20,12 +21,12 @@ class Algorithm:
     """A tracker.
 
     Attributes:
-        optimizer: makes the optimizer of a part from ``(index, radius, runs, seed, draw, evaluations)``.
+        optimizer: makes the optimizer of a part from its search space and its budget.
         label: its name for people.
-        hierarchical: six parts one after the other, instead of all degrees of freedom at once.
+        hierarchical: the body's parts one after the other, instead of all degrees of freedom at once.
     """
 
-    optimizer: Callable[..., Optimizer]
+    optimizer: Callable[[SearchSpace, int], Optimizer]
     label: str
     hierarchical: bool
 

@@ -26,6 +26,7 @@ from mmocap_warp.body.skeleton import TRANSLATION
 from mmocap_warp.device import available_threads, resolve_device
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import config_from_table
+from mmocap_warp.kernels.optimizers.populations import make_space
 from mmocap_warp.objective.objective import Objective
 from mmocap_warp.optimizers.cma_es import CmaEs, CmaEsConfig
 from mmocap_warp.optimizers.search import Search
@@ -258,11 +259,11 @@ class _ShapeSearch:
         config, space, runs = task.config, task.space, len(starts)
         device = resolve_device(config.device)
         seed = wp.array(config.seed + np.arange(runs), dtype=wp.int32, device=device)
-        draw = wp.zeros(runs, dtype=wp.int32, device=device)
+        counter = wp.zeros(runs, dtype=wp.int32, device=device)
         self._spreads = [task.spread[part] for part in parts]
         self._optimizers = [
-            CmaEs(part, scale, runs, seed, draw, evaluations, CmaEsConfig(population))
-            for part, scale in zip(parts, self._spreads, strict=True)
+            CmaEs(make_space(part, radius, seed, counter), evaluations, CmaEsConfig(population))
+            for part, radius in zip(parts, self._spreads, strict=True)
         ]
         self._objective = Objective(
             space.body,
@@ -283,7 +284,7 @@ class _ShapeSearch:
         """Search once more from the best so far, starting at a share of the spread."""
         self._objective.prior.assign(prior)
         for optimizer, spread in zip(self._optimizers, self._spreads, strict=True):
-            optimizer.scale.assign((narrowing * spread).astype(np.float32))
+            optimizer.space.radius.assign((narrowing * spread).astype(np.float32))
         self._search.run()
 
     def best(self) -> tuple[np.ndarray, np.ndarray]:

@@ -70,10 +70,14 @@ def arrays_of(owner: object) -> Iterator[wp.array[Any]]:
             unseen += thing.values()
         elif isinstance(thing, list | tuple):
             unseen += thing
-        elif hasattr(thing, "__dict__") and any(
-            base.__module__.startswith("mmocap_warp") for base in type(thing).mro()
-        ):
+        elif _is_ours(thing) and hasattr(thing, "__dict__"):
             unseen += vars(thing).values()
+
+
+def _is_ours(thing: object) -> bool:
+    """Whether a thing may hold arrays: an object of this project, or a Warp struct."""
+    is_struct = hasattr(thing, "__ctype__")
+    return is_struct or any(base.__module__.startswith("mmocap_warp") for base in type(thing).mro())
 
 
 def fitting_tracker(subject: Subject, rig: CameraRig, config: TrackConfig, fps: float) -> Tracker:

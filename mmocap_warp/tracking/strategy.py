@@ -30,8 +30,3 @@ def holistic(skeleton: Skeleton, dof: int | None = None) -> list[Part]:
 def hierarchical(skeleton: Skeleton, dof: int | None = None) -> list[Part]:
     """The skeleton's parts, of a person the paper's six; later ones never revise earlier ones."""
     return [Part(name, index) for name, index in skeleton.searched_by_part(dof).items()]
-
-
-def share_budget(evaluations: int, parts: int) -> list[int]:
-    """Split a budget evenly; what does not divide goes to the first parts."""
-    return [evaluations // parts + (i < evaluations % parts) for i in range(parts)]

@@ -11,12 +11,13 @@ import warp as wp
 from mmocap_warp.body.model import Subject
 from mmocap_warp.device import available_threads, resolve_device
 from mmocap_warp.kernels.body.root_frame import enter, leave
+from mmocap_warp.kernels.optimizers.populations import make_space
 from mmocap_warp.objective.objective import Objective
-from mmocap_warp.optimizers.search import Search
+from mmocap_warp.optimizers.search import Search, share_budget
 from mmocap_warp.result.result import STATUS, FrameAnswer
 from mmocap_warp.tracking.algorithms import ALGORITHMS
 from mmocap_warp.tracking.config import TrackConfig
-from mmocap_warp.tracking.strategy import hierarchical, holistic, share_budget
+from mmocap_warp.tracking.strategy import hierarchical, holistic
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
 
@@ -51,11 +52,11 @@ class Tracker:
         self._runs = config.runs if runs is None else runs
         seeds = np.arange(config.seed, config.seed + self._runs)
         seed = wp.array(seeds, dtype=wp.int32, device=self.device)
-        self._draw = wp.zeros(self._runs, dtype=wp.int32, device=self.device)
+        self._counter = wp.zeros(self._runs, dtype=wp.int32, device=self.device)
         radii = [np.where(part.index < 3, translation, rotation) for part in parts]
         shares = share_budget(config.evaluations, len(parts))
         optimizers = [
-            algorithm.optimizer(part.index, radius, self._runs, seed, self._draw, share)
+            algorithm.optimizer(make_space(part.index, radius, seed, self._counter), share)
             for part, radius, share in zip(parts, radii, shares, strict=True)
         ]
         self.particles = max(optimizer.particles for optimizer in optimizers)
@@ -86,13 +87,13 @@ class Tracker:
     @property
     def state(self) -> tuple[np.ndarray, np.ndarray]:
         """All that the next frame depends on: last poses (run, coordinate) float32 and random counters (run,) int32."""
-        return self._search.best_pose.numpy().copy(), self._draw.numpy().copy()
+        return self._search.best_pose.numpy().copy(), self._counter.numpy().copy()
 
     @state.setter
     def state(self, value: tuple[np.ndarray, np.ndarray]) -> None:
-        pose, draw = value
+        pose, counter = value
         self._search.best_pose.assign(pose)
-        self._draw.assign(draw)
+        self._counter.assign(counter)
 
     def step(self, observation: Observation) -> FrameAnswer:
         """Find the pose of the next frame. Without any foreground the frame is lost and the pose is carried over."""

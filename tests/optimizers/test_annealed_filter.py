@@ -76,14 +76,14 @@ class Twin:
         self.first = False
         return self.x
 
-    def tell(self, cost, chance):
+    def tell(self, cost, uniform):
         """Weigh by costs (particle,) and select by random numbers (particle,)."""
         judged = np.isfinite(cost)
         if judged.any() and (cost[judged].min() < 0 or cost[judged].max() > 1):
             cost = (cost - cost[judged].min()) / np.ptp(cost[judged])
         self.weight = annealed(np.where(judged, cost, 1.0))
         self.mean = self.weight @ self.x
-        self.parent = np.searchsorted(np.cumsum(self.weight), chance, side="right")
+        self.parent = np.searchsorted(np.cumsum(self.weight), uniform, side="right")
         self.selected = self.x[self.parent]
 
 
@@ -103,14 +103,14 @@ def test_a_whole_search_is_the_twins(device, dofs, function):
     scale = np.linspace(0.2, 0.5, dofs)
     start = np.random.default_rng(dofs).normal(0, 1, (2, dofs))
     search = Search(AnnealedFilter, dofs, [11, 12], device, 500, scale=scale, start=start)
-    assert search.optimizer.plan(500) == [50] * 10
+    assert search.optimizer.generation_sizes(500) == [50] * 10
     twins = [Twin(search.start[run], scale, 50) for run in (0, 1)]
     for _ in range(10):
         x, cost = search.generation(function)
         now = search.state()
         for run, twin in enumerate(twins):
-            assert np.abs(x[run] - twin.ask(now["_noise"][run].astype(float))).max() < TWIN
-            twin.tell(cost[run].astype(float), now["_chance"][run].astype(float))
+            assert np.abs(x[run] - twin.ask(now["noise"][run].astype(float))).max() < TWIN
+            twin.tell(cost[run].astype(float), now["uniform"][run].astype(float))
             assert np.abs(now["weight"][run] - twin.weight).max() < WEIGHT * twin.weight.max()
             np.testing.assert_array_equal(now["parent"][run], twin.parent)
             assert np.abs(search.estimate()[run] - twin.mean).max() < TWIN
@@ -144,7 +144,7 @@ def test_the_survival_rate_is_met_where_it_can_be(device, particles, survival):
             np.where(np.arange(particles) < 0.04 * particles, np.inf, base[6]),
         ]
     )
-    weight = weighed(device, costs, survival=survival).optimizer.weight.numpy().astype(float)
+    weight = weighed(device, costs, survival=survival).optimizer.state.weight.numpy().astype(float)
     np.testing.assert_allclose(weight.sum(axis=1), 1.0, rtol=0, atol=1e-5)
     np.testing.assert_allclose(survival_rate(weight), survival, rtol=0, atol=SURVIVAL)
 
@@ -152,17 +152,17 @@ def test_the_survival_rate_is_met_where_it_can_be(device, particles, survival):
 def test_weights_are_powers_of_one_less_the_cost(device):
     costs = np.random.default_rng(0).uniform(0.1, 0.6, (4, 30)).astype(np.float32)
     search = weighed(device, costs)
-    exponent = search.optimizer.exponent.numpy().astype(float)
+    exponent = search.optimizer.state.exponent.numpy().astype(float)
     expected = (1 - costs.astype(float)) ** exponent[:, None]
     expected /= expected.sum(axis=1, keepdims=True)
-    np.testing.assert_allclose(search.optimizer.weight.numpy(), expected, rtol=1e-4, atol=0)
+    np.testing.assert_allclose(search.optimizer.state.weight.numpy(), expected, rtol=1e-4, atol=0)
 
 
 @pytest.mark.parametrize(("factor", "offset"), [(1.0, 3.0), (1000.0, 0.0), (0.01, -0.001), (1e38, -1e38), (3e38, 0)])
 def test_costs_outside_0_to_1_are_mapped_onto_it_by_their_range(device, factor, offset):
     costs = np.linspace(0, 1, 20)[None]
-    inside = weighed(device, costs).optimizer.weight.numpy()
-    outside = weighed(device, factor * costs + offset).optimizer.weight.numpy()
+    inside = weighed(device, costs).optimizer.state.weight.numpy()
+    outside = weighed(device, factor * costs + offset).optimizer.state.weight.numpy()
     np.testing.assert_allclose(outside, inside, rtol=0, atol=1e-4)
 
 
@@ -185,7 +185,7 @@ def test_costs_outside_0_to_1_are_mapped_onto_it_by_their_range(device, factor, 
 )
 def test_weights_where_the_survival_rate_cannot_be_met(device, costs, weights):
     search = weighed(device, [costs, costs])
-    found = search.optimizer.weight.numpy()
+    found = search.optimizer.state.weight.numpy()
     if weights is not None:
         np.testing.assert_allclose(found, [weights, weights], rtol=0, atol=1e-3)
     np.testing.assert_allclose(found.sum(axis=1), 1.0, rtol=0, atol=1e-5)
@@ -197,8 +197,8 @@ def test_particles_are_selected_as_often_as_they_weigh_with_replacement(device):
     """Counts of 2000 runs: chi-square of their sum, and of a run's own counts, which are those of independent draws."""
     cost = np.linspace(0.1, 0.9, 20)
     search = weighed(device, np.tile(cost, (2000, 1)))
-    weight = search.optimizer.weight.numpy()[0].astype(float)
-    parent = search.optimizer.parent.numpy()
+    weight = search.optimizer.state.weight.numpy()[0].astype(float)
+    parent = search.optimizer.state.parent.numpy()
     counts = np.stack([np.bincount(chosen, minlength=20) for chosen in parent])
     likely = weight * 20 > 0.05
     assert likely.sum() > 10
@@ -215,7 +215,7 @@ def test_particles_are_selected_as_often_as_they_weigh_with_replacement(device):
 
 def test_particles_without_weight_are_never_selected(device):
     costs = np.where(np.arange(16) % 2, np.inf, 0.5)
-    parent = weighed(device, np.tile(costs, (500, 1))).optimizer.parent.numpy()
+    parent = weighed(device, np.tile(costs, (500, 1))).optimizer.state.parent.numpy()
     assert not np.any(parent % 2)
 
 
@@ -224,9 +224,9 @@ def test_propagation_adds_half_of_the_selected_particles_covariance(device):
     search = Search(AnnealedFilter, 3, range(runs), device, 10 * particles)
     search.generation(sphere)
     chosen = np.random.default_rng(1).normal(0, [0.1, 1.0, 3.0], (particles, 3)) @ np.linalg.qr(np.ones((3, 3)))[0]
-    o = search.optimizer
+    o = search.optimizer.state
     o.selected.assign(np.tile(chosen, (runs, 1, 1)))
-    o._center.assign(np.tile(chosen.mean(axis=0), (runs, 1)))
+    o.center.assign(np.tile(chosen.mean(axis=0), (runs, 1)))
     added = search.ask() - chosen.astype(np.float32)
     expected = 0.5 * np.cov(chosen.T, bias=True)
     white = np.linalg.solve(np.linalg.cholesky(expected), added.reshape(-1, 3).T)
@@ -246,7 +246,7 @@ def test_the_first_layer_is_spread_by_the_radius(device):
 
 
 @pytest.mark.parametrize(
-    ("evaluations", "plan"),
+    ("evaluations", "sizes"),
     [
         (0, []),
         (1, []),
@@ -259,20 +259,20 @@ def test_the_first_layer_is_spread_by_the_radius(device):
         (1500, [150] * 10),
     ],
 )
-def test_a_budget_is_spread_over_the_layers(device, evaluations, plan):
+def test_a_budget_is_spread_over_the_layers(device, evaluations, sizes):
     search = Search(AnnealedFilter, 4, [0, 1], device, evaluations, start=0.7)
-    assert search.optimizer.plan(evaluations) == plan
+    assert search.optimizer.generation_sizes(evaluations) == sizes
     search.run(sphere)
     assert np.isfinite(search.estimate()).all()
-    if not plan:
+    if not sizes:
         np.testing.assert_array_equal(search.estimate(), search.start)
 
 
-def test_a_plan_never_exceeds_another_budget():
+def test_generations_never_exceed_another_budget():
     search = Search(AnnealedFilter, 4, [0], "cpu", 500)
-    assert search.optimizer.plan(499) == [50] * 9
-    assert search.optimizer.plan(49) == []
-    assert search.optimizer.plan(5000) == [50] * 10
+    assert search.optimizer.generation_sizes(499) == [50] * 9
+    assert search.optimizer.generation_sizes(49) == []
+    assert search.optimizer.generation_sizes(5000) == [50] * 10
 
 
 @pytest.mark.parametrize("dofs", [1, 39])
@@ -285,7 +285,7 @@ def test_start_forgets_the_last_search(device):
     search = Search(AnnealedFilter, 4, [3, 4], device, 150)
     search.run(sphere)
     fresh = Search(AnnealedFilter, 4, [3, 4], device, 150)
-    fresh.draw.assign(search.draw.numpy())
+    fresh.counter.assign(search.counter.numpy())
     search.restart()
     for _ in range(3):
         search.generation(ellipsoid)
@@ -294,16 +294,16 @@ def test_start_forgets_the_last_search(device):
         np.testing.assert_array_equal(search.state()[name], values, err_msg=name)
 
 
-def test_asking_again_without_telling_draws_again(device):
+def test_asking_again_without_telling_samples_again(device):
     search = Search(AnnealedFilter, 4, [3, 4], device, 150)
     search.generation(sphere)
     before = search.state()
     first = search.ask(5)
     assert not np.any(search.ask(5)[:, :5] == first[:, :5])
     after = search.state()
-    for name in ("selected", "_center", "mean", "weight", "_layer"):
+    for name in ("selected", "center", "mean", "weight", "layer"):
         np.testing.assert_array_equal(before[name], after[name], err_msg=name)
-    np.testing.assert_array_equal(after["_draw"], before["_draw"] + 10)
+    np.testing.assert_array_equal(after["counter"], before["counter"] + 10)
 
 
 @pytest.mark.parametrize("scale", [0.5, 0.0])
@@ -360,9 +360,9 @@ def test_the_answer_is_the_estimate_within_the_limits_and_its_own_cost(device):
     answer = tracker.step(seen[1])
     search = tracker._search
     optimizer = search._optimizers[0]
-    estimate = optimizer.mean.numpy()[0]
-    lower, upper = search._lower.numpy(), search._upper.numpy()
-    index = optimizer.index.numpy()
+    estimate = optimizer.state.mean.numpy()[0]
+    lower, upper = search._limits.lower.numpy(), search._limits.upper.numpy()
+    index = optimizer.space.index.numpy()
     np.testing.assert_array_equal(answer.pose[0][index], np.clip(estimate, lower[index], upper[index]))
     assert np.any(estimate != answer.pose[0][index])
     other, _calls = tracker_of("h-cmaes", device, evaluations=1)

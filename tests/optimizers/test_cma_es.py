@@ -6,7 +6,8 @@ import pytest
 import reference
 import warp as wp
 
-from mmocap_warp.optimizers.cma_es import CmaEs, CmaEsConfig, CmaEsTable
+from mmocap_warp.kernels.optimizers.populations import make_space
+from mmocap_warp.optimizers.cma_es import CmaEs, CmaEsConfig, CmaEsParameters
 
 TWIN = 1e-4  # relative, after 50 generations in single precision
 ORTHONORMAL = 1e-5
@@ -20,16 +21,17 @@ PRINTED = {  # lambda, mu, mueff, cs, ds, cc, ccov of the paper's Table 2, worke
 
 
 @pytest.mark.parametrize("dofs", PRINTED)
-def test_constants_are_those_of_table_2(dofs):
-    table = CmaEsTable.for_search(dofs)
+def test_parameters_are_those_of_table_2(dofs):
+    parameters = CmaEsParameters.for_search(dofs)
     population, mu, *printed = PRINTED[dofs]
-    assert (table.dofs, table.population, table.mu, len(table.weights)) == (dofs, population, mu, mu)
-    found = (table.mu_eff, table.c_sigma, table.d_sigma, table.c_c, table.c_cov)
+    assert (parameters.dofs, parameters.population) == (dofs, population)
+    assert parameters.mu == len(parameters.weights) == mu
+    found = (parameters.mu_eff, parameters.c_sigma, parameters.d_sigma, parameters.c_c, parameters.c_cov)
     for value, expected in zip(found, printed, strict=True):
         assert value == pytest.approx(expected, abs=0.5 * 10 ** -len(str(expected).split(".")[1]))
-    assert table.mu_cov == table.mu_eff
-    assert table.weights.sum() == pytest.approx(1.0)
-    assert np.all(np.diff(table.weights) < 0)
+    assert parameters.mu_cov == parameters.mu_eff
+    assert parameters.weights.sum() == pytest.approx(1.0)
+    assert np.all(np.diff(parameters.weights) < 0)
 
 
 @pytest.mark.parametrize("settings", [{"population": 1}, {"sigma": 0.0}, {"sigma": float("nan")}, {"sigma": np.inf}])
@@ -47,8 +49,9 @@ class Search:
         self.scale = np.full(dofs, 0.5) if scale is None else np.asarray(scale, float)
         self.index = 2 * np.arange(dofs)[::-1]  # every other coordinate, from the last
         self.seed = wp.array(seeds, dtype=wp.int32, device=device)
-        self.draw = wp.zeros(runs, dtype=wp.int32, device=device)
-        self.optimizer = CmaEs(self.index, self.scale, runs, self.seed, self.draw, 1000, CmaEsConfig(**settings))
+        self.counter = wp.zeros(runs, dtype=wp.int32, device=device)
+        space = make_space(self.index, self.scale, self.seed, self.counter)
+        self.optimizer = CmaEs(space, 1000, CmaEsConfig(**settings))
         self.start = np.zeros((runs, dofs), np.float32) if start is None else np.asarray(start, np.float32)
         pose = np.full((runs, 2 * dofs), np.nan, np.float32)
         pose[:, self.index] = self.start
@@ -67,14 +70,15 @@ class Search:
 
     def state(self):
         """Everything that the next generation depends on."""
-        o = self.optimizer
-        arrays = (o.mean, o.sigma, o.p_sigma, o.p_c, o.axes, o.lengths, o.generation, self.draw)
+        o = self.optimizer.state
+        arrays = (o.mean, o.sigma, o.p_sigma, o.p_c, o.axes, o.lengths, o.generation, self.counter)
         return [array.numpy() for array in arrays]
 
     def covariance(self, run):
         """C (dof, dof) of a run."""
-        turned = self.optimizer.axes.numpy()[run].astype(float) * self.optimizer.lengths.numpy()[run][:, None]
-        return turned.T @ turned
+        o = self.optimizer.state
+        root = o.axes.numpy()[run].astype(float) * o.lengths.numpy()[run][:, None]
+        return root.T @ root
 
 
 def sphere(x):
@@ -88,8 +92,8 @@ def ellipsoid(x):
     return np.sum(1000 ** np.linspace(0, 1, dofs) * (x @ turn) ** 2, axis=-1)
 
 
-def constants_of(table):
-    return {name: getattr(table, name) for name in ("mu_eff", "c_sigma", "d_sigma", "c_c", "c_cov", "mu_cov")}
+def constants_of(parameters):
+    return {name: getattr(parameters, name) for name in ("mu_eff", "c_sigma", "d_sigma", "c_c", "c_cov", "mu_cov")}
 
 
 def relative(found, expected):
@@ -101,16 +105,16 @@ def relative(found, expected):
 def test_fifty_generations_are_the_twins(device, dofs):
     start = np.random.default_rng(dofs).normal(0, 1, (2, dofs))
     search = Search(dofs, [11, 12], device, scale=np.linspace(0.1, 0.5, dofs), start=start)
-    table = search.optimizer.table
+    parameters = search.optimizer.parameters
     twins = [
-        reference.CmaEs(start_, 1.0, search.scale, table.weights, constants_of(table))
+        reference.CmaEs(start_, 1.0, search.scale, parameters.weights, constants_of(parameters))
         for start_ in search.start.astype(float)
     ]
     for _ in range(50):
         x, cost = search.generation(ellipsoid)
         for run, twin in enumerate(twins):
             twin.tell(x[run], cost[run])
-    o = search.optimizer
+    o = search.optimizer.state
     for run, twin in enumerate(twins):
         assert relative(o.mean.numpy()[run], twin.mean) < TWIN
         assert o.sigma.numpy()[run] == pytest.approx(twin.sigma, rel=TWIN)
@@ -121,23 +125,23 @@ def test_fifty_generations_are_the_twins(device, dofs):
 
 def test_a_search_too_wide_for_shared_memory_is_the_twins(device):
     search = Search(90, [11], device)
-    table = search.optimizer.table
-    twin = reference.CmaEs(search.start[0], 1.0, search.scale, table.weights, constants_of(table))
+    parameters = search.optimizer.parameters
+    twin = reference.CmaEs(search.start[0], 1.0, search.scale, parameters.weights, constants_of(parameters))
     for _ in range(5):
         x, cost = search.generation(ellipsoid)
         twin.tell(x[0], cost[0])
-    assert relative(search.optimizer.mean.numpy()[0], twin.mean) < TWIN
+    assert relative(search.optimizer.state.mean.numpy()[0], twin.mean) < TWIN
     assert relative(search.covariance(0), twin.C) < TWIN
 
 
 def test_of_equal_costs_the_first_ranks_first(device):
     search = Search(6, [3], device)
-    table = search.optimizer.table
-    twin = reference.CmaEs(search.start[0], 1.0, search.scale, table.weights, constants_of(table))
+    parameters = search.optimizer.parameters
+    twin = reference.CmaEs(search.start[0], 1.0, search.scale, parameters.weights, constants_of(parameters))
     for _ in range(20):
         x, cost = search.generation(lambda x: np.where(x[..., 1] > 0, np.inf, np.sign(x[..., 0])))
         twin.tell(x[0], cost[0])
-    assert relative(search.optimizer.mean.numpy()[0], twin.mean) < TWIN
+    assert relative(search.optimizer.state.mean.numpy()[0], twin.mean) < TWIN
 
 
 @pytest.mark.parametrize("dofs", [6, 39])
@@ -146,38 +150,38 @@ def test_eigenvectors_stay_orthonormal_over_a_long_search(device, dofs):
     search = Search(dofs, [11, 12], device, start=np.ones((2, dofs)))
     for _ in range(300):
         search.generation(ellipsoid)
-    for axes in search.optimizer.axes.numpy().astype(float):
+    for axes in search.optimizer.state.axes.numpy().astype(float):
         assert np.abs(axes @ axes.T - np.eye(dofs)).max() < ORTHONORMAL
 
 
 def test_a_long_path_stalls_the_rank_one_update_as_in_the_twin(device):
     """On a slope the step-size path grows: h_sigma is 0 at times, and C keeps its variance."""
     search = Search(6, [3], device)
-    table = search.optimizer.table
-    twin = reference.CmaEs(np.zeros(6), 1.0, search.scale, table.weights, constants_of(table))
+    parameters = search.optimizer.parameters
+    twin = reference.CmaEs(np.zeros(6), 1.0, search.scale, parameters.weights, constants_of(parameters))
     for _ in range(20):
         x, cost = search.generation(lambda x: x[..., 0])
         twin.tell(x[0], cost[0])
     assert 0 < twin.stalls < 20
     assert relative(search.covariance(0), twin.C) < TWIN
-    assert search.optimizer.sigma.numpy()[0] == pytest.approx(twin.sigma, rel=TWIN)
+    assert search.optimizer.state.sigma.numpy()[0] == pytest.approx(twin.sigma, rel=TWIN)
 
 
 @pytest.mark.parametrize("dofs", [6, 39])
 def test_the_package_cmaes_learns_the_same(device, dofs):
     """M. Nomura's package with Table 2's constants: weights (none negative), c1 + cmu = ccov, generations from 1."""
     search = Search(dofs, [8], device, scale=np.ones(dofs), start=np.full((1, dofs), 2.0))
-    table = search.optimizer.table
-    other = cmaes.CMA(mean=np.full(dofs, 2.0), sigma=1.0, population_size=table.population)
-    other._weights = np.concatenate([table.weights, np.zeros(table.population - table.mu)])
-    other._mu, other._mu_eff = table.mu, table.mu_eff
-    other._c_sigma, other._d_sigma, other._cc = table.c_sigma, table.d_sigma, table.c_c
-    other._c1, other._cmu = table.c_cov / table.mu_cov, table.c_cov * (1 - 1 / table.mu_cov)
+    parameters = search.optimizer.parameters
+    other = cmaes.CMA(mean=np.full(dofs, 2.0), sigma=1.0, population_size=parameters.population)
+    other._weights = np.concatenate([parameters.weights, np.zeros(parameters.population - parameters.mu)])
+    other._mu, other._mu_eff = parameters.mu, parameters.mu_eff
+    other._c_sigma, other._d_sigma, other._cc = parameters.c_sigma, parameters.d_sigma, parameters.c_c
+    other._c1, other._cmu = parameters.c_cov / parameters.mu_cov, parameters.c_cov * (1 - 1 / parameters.mu_cov)
     other._g = -1  # it counts from 2 in the correction of h_sigma
     for _ in range(50):
         x, cost = search.generation(ellipsoid)
         other.tell(list(zip(x[0], cost[0], strict=True)))
-    o = search.optimizer
+    o = search.optimizer.state
     assert relative(o.mean.numpy()[0], other._mean) < TWIN
     assert o.sigma.numpy()[0] == pytest.approx(other._sigma, rel=TWIN)
     assert relative(search.covariance(0), other._C) < TWIN
@@ -189,7 +193,7 @@ def test_known_minima_are_found(device, function, evaluations, dofs):
     search = Search(dofs, range(5), device, start=np.full((5, dofs), 1.5))
     for _ in range(evaluations // search.optimizer.particles):
         search.generation(function)
-    assert function(search.optimizer.mean.numpy()).max() < 1e-6 * function(search.start).min()
+    assert function(search.optimizer.state.mean.numpy()).max() < 1e-6 * function(search.start).min()
 
 
 def test_a_flat_neighbourhood_widens_the_step(device):
@@ -197,7 +201,7 @@ def test_a_flat_neighbourhood_widens_the_step(device):
     search = Search(6, range(8), device)
     for _ in range(10):
         search.generation(lambda x: np.zeros(x.shape[:2]))
-    assert search.optimizer.sigma.numpy().min() > 5.0
+    assert search.optimizer.state.sigma.numpy().min() > 5.0
 
 
 def test_infinite_costs_do_no_harm(device):
@@ -206,7 +210,7 @@ def test_infinite_costs_do_no_harm(device):
     for _ in range(60):
         search.generation(lambda x: np.where(x[..., 0] > 1.0, np.inf, sphere(x)))
     assert all(np.isfinite(values).all() for values in search.state())
-    assert sphere(search.optimizer.mean.numpy()).max() < 0.1
+    assert sphere(search.optimizer.state.mean.numpy()).max() < 0.1
 
 
 @pytest.mark.parametrize("dofs", [6, 39])
@@ -235,7 +239,7 @@ def test_a_cut_generation_is_the_beginning_of_a_whole_one_and_breaks_nothing(dev
         np.testing.assert_array_equal(was, now, err_msg=str(name))
     for _ in range(300):
         cut.generation(sphere)
-    assert sphere(cut.optimizer.mean.numpy()).max() < 1e-6
+    assert sphere(cut.optimizer.state.mean.numpy()).max() < 1e-6
 
 
 def test_start_begins_anew(device):
@@ -252,5 +256,5 @@ def test_start_begins_anew(device):
 def test_the_population_may_be_set(device):
     search = Search(4, [0], device, population=20, sigma=0.25)
     assert search.ask().shape == (1, 20, 4)
-    assert search.optimizer.table.mu == 10
-    assert search.optimizer.sigma.numpy()[0] == 0.25
+    assert search.optimizer.parameters.mu == 10
+    assert search.optimizer.state.sigma.numpy()[0] == 0.25

@@ -12,6 +12,7 @@ from random_scenes import perfect_masks
 from synthetic import SKELETON, ring_rig, synthetic_poses, synthetic_subject
 
 from mmocap_warp.body.posing import Poser
+from mmocap_warp.kernels.optimizers.populations import make_space
 from mmocap_warp.optimizers.de import De, DeConfig
 from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.track import track_observations
@@ -51,8 +52,8 @@ class Search:
         self.scale = np.full(dofs, 0.5) if scale is None else np.asarray(scale, float)
         self.index = 2 * np.arange(dofs)[::-1]  # every other coordinate, from the last
         self.seed = wp.array(seeds, dtype=wp.int32, device=device)
-        self.draw = wp.zeros(runs, dtype=wp.int32, device=device)
-        self.optimizer = De(self.index, self.scale, runs, self.seed, self.draw, 1000, self.config)
+        self.counter = wp.zeros(runs, dtype=wp.int32, device=device)
+        self.optimizer = De(make_space(self.index, self.scale, self.seed, self.counter), 1000, self.config)
         self._poison()
         self.start = np.zeros((runs, dofs), np.float32) if start is None else np.asarray(start, np.float32)
         pose = np.full((runs, 2 * dofs), np.nan, np.float32)
@@ -61,8 +62,8 @@ class Search:
 
     def _poison(self):
         """Nothing is used before it is written."""
-        for name, array in vars(self.optimizer).items():
-            if isinstance(array, wp.array) and name not in ("index", "scale", "_seed", "_draw"):
+        for array in vars(self.optimizer.state).values():
+            if isinstance(array, wp.array):
                 array.assign(np.full(array.numpy().shape, np.nan if array.dtype is wp.float32 else SENTINEL))
 
     def ask(self, particles=None):
@@ -87,8 +88,8 @@ class Search:
 
     def state(self):
         """Everything that the next generation depends on."""
-        o = self.optimizer
-        arrays = (o.member, o.member_cost, o.alpha, o._order, o._center, o._generation, self.draw)
+        o = self.optimizer.state
+        arrays = (o.member, o.member_cost, o.alpha, o.order, o.center, o.generation, self.counter)
         return [array.numpy().copy() for array in arrays]
 
 
@@ -104,7 +105,7 @@ def ellipsoid(x):
 class Twin:
     """Fig. 5 for one run in float64, told the random numbers of another and how that decided ties.
 
-    ``chance`` is (particle, number): the dofs' own, then forced dof, placing, alterations of alpha_L and alpha_C,
+    ``uniform`` is (particle, number): the dofs' own, then forced dof, placing, alterations of alpha_L and alpha_C,
     four candidates each for leading and correcting. ``parents`` (particle, role) decide between candidates whose
     distances differ by rounding alone.
     """
@@ -114,11 +115,11 @@ class Twin:
         self.x = None
         self.alpha = np.zeros((config.population, 2), int)
 
-    def ask(self, chance, parents):
+    def ask(self, uniform, parents):
         """(particle, dof)."""
         count, dofs = self.config.population, len(self.center)
         if self.x is None:
-            self.trial = self.center + self.scale * (2 * chance[:, :dofs].astype(float) - 1)
+            self.trial = self.center + self.scale * (2 * uniform[:, :dofs].astype(float) - 1)
             if self.config.include_start:
                 self.trial[0] = self.center
             self.altered = self.alpha
@@ -126,7 +127,7 @@ class Twin:
         self.trial, self.altered, self.parents = self.x.copy(), np.zeros_like(self.alpha), np.zeros((count, 3), int)
         order = list(np.argsort(self.cost, kind="stable"))
         for r in range(count):
-            own, drawn = chance[r, :dofs], chance[r, dofs:]
+            own, drawn = uniform[r, :dofs], uniform[r, dofs:]
             p = self._mate(order[: self.config.placing], {r}, 0, 0, drawn[1:2], parents[r, 0])
             step = [pick(drawn[2], 3) - 1, pick(drawn[3], 3) - 1]
             a_l, a_c = self.altered[r] = np.clip(self.alpha[p] + step, -4, 4)
@@ -141,10 +142,10 @@ class Twin:
             self.trial[r, crossed] = donor[crossed]
         return self.trial
 
-    def _mate(self, role, excluded, alpha, placing, chance, told):
+    def _mate(self, role, excluded, alpha, placing, uniform, told):
         free = [k for k in role if k not in excluded] or list(role)
         drawn = []
-        for u in chance[: max(1, min(abs(alpha), len(free) - 1))]:
+        for u in uniform[: max(1, min(abs(alpha), len(free) - 1))]:
             drawn.append(free.pop(pick(u, len(free))))
         distance = {k: np.abs(self.x[k] - self.x[placing]).sum() * (1 if alpha >= 0 else -1) for k in drawn}
         least = min(drawn, key=distance.__getitem__)
@@ -168,7 +169,7 @@ def test_forty_generations_are_the_twins(device, dofs, settings):
     """The costs fall and are noisy, so that many trials win and the members do not crowd at the minimum."""
     rng = np.random.default_rng(dofs)
     search = Search(dofs, [11, 12], device, np.linspace(0.4, 1.0, dofs), rng.normal(0, 0.3, (2, dofs)), **settings)
-    o = search.optimizer
+    o = search.optimizer.state
     twins = [Twin(center, search.scale, search.config) for center in search.start]
     strengths = set()
     for generation in range(40):
@@ -177,10 +178,10 @@ def test_forty_generations_are_the_twins(device, dofs, settings):
         cost = (noise + 2 * np.abs(x - 0.3).mean(axis=-1)).astype(np.float32)
         search.tell(cost)
         for run, twin in enumerate(twins):
-            expected = twin.ask(o._chance.numpy()[run], o._parents.numpy()[run])
+            expected = twin.ask(o.uniform.numpy()[run], o.parents.numpy()[run])
             np.testing.assert_allclose(x[run], expected, atol=ROUNDING * (generation + 1), rtol=0)
             if generation:
-                np.testing.assert_array_equal(o._parents.numpy()[run], twin.parents)
+                np.testing.assert_array_equal(o.parents.numpy()[run], twin.parents)
             twin.tell(cost[run])
             np.testing.assert_allclose(o.member.numpy()[run], twin.x, atol=TWIN, rtol=0)
             np.testing.assert_array_equal(o.alpha.numpy()[run], twin.alpha)
@@ -192,21 +193,22 @@ def mated(device, alpha, **settings):
     """A search of 200 runs whose members all have the same alphas when they are mated; parents and altered alphas."""
     search = Search(3, range(200), device, **settings)
     search.generation(ellipsoid)
-    o = search.optimizer
+    o = search.optimizer.state
     o.alpha.assign(np.broadcast_to(alpha, o.alpha.numpy().shape))
     search.ask()
-    return search, o._parents.numpy(), o._altered.numpy()
+    return search, o.parents.numpy(), o.altered.numpy()
 
 
 def roles(search, run):
     """The members that may place, lead and correct."""
-    order, config = search.optimizer._order.numpy()[run].tolist(), search.config
+    order, config = search.optimizer.state.order.numpy()[run].tolist(), search.config
     return order[: config.placing], order[: config.leading], order[config.population - config.correcting :]
 
 
 def test_roles_keep_to_their_sets_and_exclusions(device):
     search, parents, _ = mated(device, (2, -2), placing=3, leading=4, correcting=9)
-    ranked = np.take_along_axis(search.optimizer.member_cost.numpy(), search.optimizer._order.numpy(), axis=1)
+    o = search.optimizer.state
+    ranked = np.take_along_axis(o.member_cost.numpy(), o.order.numpy(), axis=1)
     assert np.all(np.diff(ranked) >= 0)
     for run, receiver in np.ndindex(parents.shape[:2]):
         assert len({receiver, *parents[run, receiver]}) == 4
@@ -219,7 +221,7 @@ def test_roles_keep_to_their_sets_and_exclusions(device):
 def test_mating_takes_the_nearest_or_the_farthest_of_alpha_members(device, role, alpha):
     """The nearest of m drawn from n is the j-th nearest of all (from 0) with frequency C(n-1-j, m-1) / C(n, m)."""
     search, parents, altered = mated(device, (alpha, alpha), leading=10, correcting=10)
-    x = search.optimizer.member.numpy().astype(float)
+    x = search.optimizer.state.member.numpy().astype(float)
     places = {}  # how near the chosen ones are, by alpha
     for run, receiver in np.ndindex(parents.shape[:2]):
         free = sorted(set(range(10)) - {receiver, *parents[run, receiver, :role]})
@@ -239,7 +241,7 @@ def test_mating_takes_the_nearest_or_the_farthest_of_alpha_members(device, role,
 def test_no_more_are_drawn_than_the_set_less_one(device, size):
     """Of two free members one is drawn, whichever alpha; of three two, so that the farthest is never taken."""
     search, parents, _ = mated(device, (4, 4), placing=1, leading=2 + size)
-    x = search.optimizer.member.numpy().astype(float)
+    x = search.optimizer.state.member.numpy().astype(float)
     places = []
     for run in range(len(parents)):
         best, receiver, *free = roles(search, run)[1]  # the best places, the next receives, the others may lead
@@ -263,13 +265,13 @@ def test_alphas_are_altered_by_one_or_not_at_all_and_clamped(device, alpha, fall
 def test_a_trial_that_wins_brings_its_alphas_and_one_that_does_not_takes_them_along(device):
     search = Search(4, range(20), device)
     search.generation(ellipsoid)
-    o = search.optimizer
+    o = search.optimizer.state
     assert not np.any(o.alpha.numpy())
     inherited = 0
     for _ in range(10):
         alpha, member, cost_before = (array.numpy().copy() for array in (o.alpha, o.member, o.member_cost))
         x, cost = search.generation(ellipsoid)
-        parents, altered = o._parents.numpy(), o._altered.numpy()
+        parents, altered = o.parents.numpy(), o.altered.numpy()
         assert np.abs(altered - np.take_along_axis(alpha, parents[..., :1], axis=1)).max() <= 1
         won = cost < cost_before
         np.testing.assert_array_equal(o.alpha.numpy(), np.where(won[..., None], altered, alpha))
@@ -283,8 +285,8 @@ def test_an_equal_trial_does_not_win(device):
     search = Search(4, [0], device)
     x, _ = search.generation(lambda x: np.ones(x.shape[:2]))
     search.generation(lambda x: np.ones(x.shape[:2]))
-    np.testing.assert_array_equal(search.optimizer.member.numpy(), x)
-    assert not np.any(search.optimizer.alpha.numpy())
+    np.testing.assert_array_equal(search.optimizer.state.member.numpy(), x)
+    assert not np.any(search.optimizer.state.alpha.numpy())
 
 
 def folded(x, low, high):
@@ -299,7 +301,7 @@ def test_without_a_crossover_rate_one_coordinate_is_the_donors_with_rate_one_all
     for rate in (0.0, 1.0):
         search = Search(5, range(50), device, scale=[0.1, 0.2, 0.3, 0.4, 0.5], crossover=rate, factor=factor)
         members, _ = search.generation(ellipsoid)
-        trial, parents = search.ask(), search.optimizer._parents.numpy()
+        trial, parents = search.ask(), search.optimizer.state.parents.numpy()
         placing, leading, correcting = (np.take_along_axis(members, parents[..., [r]], axis=1) for r in range(3))
         donor = placing + factor * (leading - correcting)
         assert np.mean(np.abs(donor) > search.scale) > 0.05
@@ -364,7 +366,7 @@ def test_any_cost_leaves_a_defined_answer_in_the_box(device, name, dofs, scale):
         x, _ = search.generation(COSTS[name])
         assert np.all(np.abs(x - 0.2) <= scale + TWIN)
         assert scale or np.all(x == np.float32(0.2))
-    cost = search.optimizer.member_cost.numpy()
+    cost = search.optimizer.state.member_cost.numpy()
     answer = search.estimate()
     assert not np.any(np.isnan(cost))
     assert np.all(COSTS[name](answer[:, None])[:, 0] == pytest.approx(cost.min(axis=1)))
@@ -390,13 +392,13 @@ def test_role_sets_that_exclusions_empty_are_used_whole(device, population, role
         assert np.all(np.abs(x) <= 0.5)
         if not generation:
             continue
-        parents = search.optimizer._parents.numpy()
+        parents = search.optimizer.state.parents.numpy()
         assert parents.min() >= 0
         assert parents.max() < population
     if role == 1:  # the best is then its own placing and leading member
-        best = search.optimizer._order.numpy()[:, 0]
+        best = search.optimizer.state.order.numpy()[:, 0]
         search.ask()
-        assert np.all(search.optimizer._parents.numpy()[np.arange(10), best, :2] == best[:, None])
+        assert np.all(search.optimizer.state.parents.numpy()[np.arange(10), best, :2] == best[:, None])
     assert np.all(ellipsoid(search.estimate()) <= ellipsoid(search.start))
 
 
@@ -423,15 +425,15 @@ def test_a_cut_generation_is_the_beginning_of_a_whole_one_and_breaks_nothing(dev
         for was, now in zip(before[:-1], cut.state()[:-1], strict=True):
             np.testing.assert_array_equal(was, now)
         np.testing.assert_array_equal(cut.state()[-1], before[-1] + 3)
-        whole.draw.assign(cut.draw)
+        whole.counter.assign(cut.counter)
         for search in (cut, whole):
             search.generation(sphere)
 
 
 def test_a_budget_below_one_population_begins_with_the_start(device):
     search = Search(6, [0, 1], device, start=np.full((2, 6), 0.7))
-    assert search.optimizer.plan(4) == [4]
-    assert search.optimizer.plan(25) == [10, 10, 5]
+    assert search.optimizer.generation_sizes(4) == [4]
+    assert search.optimizer.generation_sizes(25) == [10, 10, 5]
     np.testing.assert_array_equal(search.ask(4)[:, 0], search.start)
     np.testing.assert_array_equal(search.estimate(), search.start)
 
@@ -441,7 +443,7 @@ def test_start_begins_anew(device):
     for _ in range(30):
         search.generation(ellipsoid)
     search.optimizer.start(wp.zeros((2, 12), dtype=wp.float32, device=device))
-    fresh.draw.assign(search.draw)
+    fresh.counter.assign(search.counter)
     for used, new in zip(search.state(), fresh.state(), strict=True):
         np.testing.assert_array_equal(used, new)
     for _ in range(3):

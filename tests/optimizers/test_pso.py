@@ -74,10 +74,7 @@ def test_a_whole_search_is_the_twins(device, dofs, function):
     search = Search(Pso, dofs, [11, 12], device, 500, scale=scale, start=start)
     now = search.state()
     led, free = (
-        [
-            Twin(now["population"][run].astype(float), now["velocity"][run].astype(float), scale / 2, 48)
-            for run in (0, 1)
-        ]
+        [Twin(now["x"][run].astype(float), now["v"][run].astype(float), scale / 2, 48) for run in (0, 1)]
         for _ in range(2)
     )
     for _ in range(50):
@@ -85,11 +82,11 @@ def test_a_whole_search_is_the_twins(device, dofs, function):
         _x, cost = search.generation(function)
         now = search.state()
         for run in (0, 1):
-            led[run].x, led[run].v = before["population"][run].astype(float), before["velocity"][run].astype(float)
+            led[run].x, led[run].v = before["x"][run].astype(float), before["v"][run].astype(float)
             for twin, tolerance in ((led[run], TWIN), (free[run], FREE)):
-                twin.tell(cost[run], now["_r_1"][run].astype(float), now["_r_2"][run].astype(float))
-                assert np.abs(now["population"][run] - twin.x).max() < tolerance
-                assert np.abs(now["velocity"][run] - twin.v).max() < tolerance
+                twin.tell(cost[run], now["r_1"][run].astype(float), now["r_2"][run].astype(float))
+                assert np.abs(now["x"][run] - twin.x).max() < tolerance
+                assert np.abs(now["v"][run] - twin.v).max() < tolerance
                 assert np.abs(now["own_best"][run] - twin.p).max() < tolerance
                 assert np.abs(search.estimate()[run] - twin.p[np.argmin(twin.p_cost)]).max() < tolerance
                 np.testing.assert_array_equal(now["own_cost"][run], twin.p_cost)
@@ -99,7 +96,7 @@ def test_the_swarm_starts_about_the_pose(device):
     scale = np.array([0.1, 0.5, 2.0])
     search = Search(Pso, 3, range(400), device, scale=scale, start=[5.0, -5.0, 0.0])
     x = (search.ask() - search.start[:, None].astype(float)) / scale
-    v = search.state()["velocity"] / scale
+    v = search.state()["v"] / scale
     for i in range(3):
         assert stats.kstest(x[..., i].ravel(), "norm").pvalue > CHANCE
         assert stats.kstest(v[..., i].ravel(), stats.uniform(-0.5, 1.0).cdf).pvalue > CHANCE
@@ -113,7 +110,7 @@ def test_random_factors_are_uniform_and_anew_in_each_dimension(device):
     first = search.state()
     search.generation(flat)
     second = search.state()
-    drawn = [first["_r_1"], first["_r_2"], second["_r_1"], second["_r_2"]]
+    drawn = [first["r_1"], first["r_2"], second["r_1"], second["r_2"]]
     numbers = np.concatenate(drawn, axis=-1).reshape(4000, 12)
     for i in range(12):
         assert stats.kstest(numbers[:, i], "uniform").pvalue > CHANCE
@@ -124,7 +121,7 @@ def test_random_factors_are_uniform_and_anew_in_each_dimension(device):
 def test_inertia_falls_from_2_to_a_tenth_over_the_moves_of_the_budget(device, evaluations):
     """In equal ratios. The cut generation moves too, so that 83 evaluations are nine generations and eight moves."""
     search = Search(Pso, 4, [0, 1], device, evaluations)
-    generations = len(search.optimizer.plan(evaluations))
+    generations = len(search.optimizer.generation_sizes(evaluations))
     inertia = []
     for _ in range(generations - 1):
         search.generation(sphere)
@@ -134,20 +131,20 @@ def test_inertia_falls_from_2_to_a_tenth_over_the_moves_of_the_budget(device, ev
     expected = np.geomspace(2.0, 0.1, generations - 1)
     np.testing.assert_allclose(inertia, np.stack([expected] * 2, axis=1), rtol=SINGLE)
     search.generation(sphere)
-    np.testing.assert_allclose(search.optimizer.inertia.numpy(), 0.1, rtol=SINGLE)  # beyond the budget
+    np.testing.assert_allclose(search.optimizer.state.inertia.numpy(), 0.1, rtol=SINGLE)  # beyond the budget
 
 
 @pytest.mark.parametrize("limit", [0.5, 0.05])
 def test_no_particle_is_faster_than_the_limit(device, limit):
     scale = np.array([0.1, 0.5, 2.0])
     search = Search(Pso, 3, range(5), device, scale=scale, start=3.0, config=PsoConfig(velocity_limit=limit))
-    fastest = np.abs(search.state()["velocity"])
+    fastest = np.abs(search.state()["v"])
     x = search.ask()
     for _ in range(50):
         search.generation(ellipsoid)
         moved = np.abs(search.ask() - x)
         assert np.all(moved <= limit * scale + 1e-5)
-        fastest = np.maximum(fastest, np.abs(search.state()["velocity"]))
+        fastest = np.maximum(fastest, np.abs(search.state()["v"]))
         x = search.ask()
     np.testing.assert_array_equal(fastest.max(axis=(0, 1)), np.float32(limit) * np.float32(scale))
 
@@ -157,7 +154,7 @@ def test_the_first_of_equals_leads_and_is_remembered(device):
     first = search.ask()
     for _ in range(3):
         search.generation(flat)
-    np.testing.assert_array_equal(search.optimizer.own_best.numpy(), first)
+    np.testing.assert_array_equal(search.optimizer.state.own_best.numpy(), first)
     np.testing.assert_array_equal(search.estimate(), first[:, 0])
 
 
@@ -168,7 +165,7 @@ def test_start_forgets_the_last_search(device):
     before = search.ask()
     search.restart()
     fresh = Search(Pso, 4, [3, 4], device)
-    fresh.draw.assign(search.draw.numpy() - search.optimizer.particles)
+    fresh.counter.assign(search.counter.numpy() - search.optimizer.particles)
     fresh.restart()
     assert not np.any(search.ask() == before)
     for _ in range(3):
@@ -195,10 +192,10 @@ def test_costs_that_tell_little_do_no_harm(device, function, dofs, scale):
         assert np.all(search.ask() == 0.25)
 
 
-@pytest.mark.parametrize(("evaluations", "plan"), [(0, []), (1, [1]), (7, [7]), (10, [10]), (25, [10, 10, 5])])
-def test_small_budgets_are_spent(device, evaluations, plan):
+@pytest.mark.parametrize(("evaluations", "sizes"), [(0, []), (1, [1]), (7, [7]), (10, [10]), (25, [10, 10, 5])])
+def test_small_budgets_are_spent(device, evaluations, sizes):
     search = Search(Pso, 4, range(3), device, evaluations, start=1.0)
-    assert search.optimizer.plan(evaluations) == plan
+    assert search.optimizer.generation_sizes(evaluations) == sizes
     search.run(sphere)
     assert np.isfinite(search.ask()).all()
 

@@ -8,6 +8,7 @@ import warp as wp
 from synthetic import SKELETON, synthetic_subject
 from tracked_motion import FPS, RIG, motion
 
+from mmocap_warp.optimizers.search import share_budget
 from mmocap_warp.tracking.algorithms import ALGORITHMS
 from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.strategy import hierarchical, holistic
@@ -98,3 +99,13 @@ def test_parts_are_held_one_after_the_other_at_the_best_so_far(device, algorithm
     kept = np.r_[ROOT, parts[-1]]
     np.testing.assert_array_equal(np.delete(answer.pose, kept, axis=1), np.delete(bases[-1], kept, axis=1))
     assert calls[-2:] == [("release",), ("evaluate", 1)]  # the answer is looked at as a whole
+
+
+@pytest.mark.parametrize("evaluations", [0, 1, 5, 6, 499, 2999])
+@pytest.mark.parametrize("parts", [1, 6])
+def test_budgets_are_shared_evenly_and_wholly(evaluations, parts):
+    shares = share_budget(evaluations, parts)
+    assert sum(shares) == evaluations
+    assert len(shares) == parts
+    assert max(shares) - min(shares) <= 1
+    assert shares == sorted(shares, reverse=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import warp as wp
 from synthetic import synthetic_subject
@@ -12,7 +13,12 @@ from tracked_motion import FPS, RIG, motion
 
 from mmocap_warp.device import free_memory
 from mmocap_warp.errors import InputError
+from mmocap_warp.kernels.optimizers.populations import make_space
 from mmocap_warp.objective.renderers import RENDERERS
+from mmocap_warp.optimizers.annealed_filter import AnnealedFilter
+from mmocap_warp.optimizers.cma_es import CmaEs
+from mmocap_warp.optimizers.de import De
+from mmocap_warp.optimizers.pso import Pso
 from mmocap_warp.tracking.algorithms import ALGORITHMS
 from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.memory_need import arrays_of, fitting_tracker, memory_need
@@ -73,9 +79,18 @@ def test_a_gpu_counts_the_same():
     assert array_bytes(tracker) == pytest.approx(taken, rel=0.05)
 
 
+@pytest.mark.parametrize("optimizer", [CmaEs, De, Pso, AnnealedFilter])
+def test_the_arrays_of_structs_are_counted(optimizer):
+    seed, counter = (wp.zeros(3, dtype=wp.int32, device="cpu") for _ in range(2))
+    made = optimizer(make_space(np.arange(39), np.ones(39), seed, counter), 500)
+    arrays = [value for value in vars(made.state).values() if isinstance(value, wp.array)]
+    assert len(arrays) >= 9
+    assert array_bytes(made) >= sum(array.capacity for array in arrays)
+
+
 def test_an_array_is_counted_once_however_often_it_is_held():
     tracker = build(TrackConfig(device="cpu", runs=2))
-    tracker.again = [tracker._draw, {"draw": tracker._draw}]
+    tracker.again = [tracker._counter, {"counter": tracker._counter}]
     assert array_bytes(tracker) == array_bytes(build(TrackConfig(device="cpu", runs=2)))
 
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from synthetic import MODELS, NAMES, SKELETON
 
-from mmocap_warp.tracking.strategy import hierarchical, holistic, share_budget
+from mmocap_warp.tracking.strategy import hierarchical, holistic
 
 DIMENSIONS = {39: [6, 9, 6, 6, 6, 6], 28: [6, 6, 4, 4, 4, 4], 51: [6, 9, 9, 9, 9, 9]}
 
@@ -27,13 +27,3 @@ def test_the_order_is_root_torso_arms_legs_left_before_right():
 def test_holistic_is_one_part(model):
     (part,) = holistic(SKELETON, model)
     np.testing.assert_array_equal(part.index, SKELETON.searched(model))
-
-
-@pytest.mark.parametrize("evaluations", [0, 1, 5, 6, 499, 2999])
-@pytest.mark.parametrize("parts", [1, 6])
-def test_budgets_are_shared_evenly_and_wholly(evaluations, parts):
-    shares = share_budget(evaluations, parts)
-    assert sum(shares) == evaluations
-    assert len(shares) == parts
-    assert max(shares) - min(shares) <= 1
-    assert shares == sorted(shares, reverse=True)

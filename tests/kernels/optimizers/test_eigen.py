@@ -82,8 +82,8 @@ def decompose(matrix, device, is_shared, used):
 def test_matrices_are_decomposed(device, dofs, condition, is_shared):
     """In shared memory and out of it, by as many lanes as are worth it: the scratch is full of NaN."""
     rng = np.random.default_rng(dofs)
-    turn = np.stack([np.linalg.qr(rng.normal(0, 1, (dofs, dofs)))[0] for _ in range(2)])
-    matrix = np.einsum("rij,j,rkj->rik", turn, np.geomspace(1, condition, dofs), turn)
+    rotation = np.stack([np.linalg.qr(rng.normal(0, 1, (dofs, dofs)))[0] for _ in range(2)])
+    matrix = np.einsum("rij,j,rkj->rik", rotation, np.geomspace(1, condition, dofs), rotation)
     axes, eigenvalue = decompose(matrix, device, is_shared, lanes_worth(dofs))
     identity = np.tile(np.eye(dofs), (2, 1, 1))
     np.testing.assert_allclose(axes @ axes.transpose(0, 2, 1), identity, rtol=0, atol=ORTHONORMAL)

@@ -3,29 +3,28 @@ import pytest
 import warp as wp
 from poisoned import poisoned
 
-from mmocap_warp.kernels.optimizers.populations import keep_best, place
+from mmocap_warp.kernels.optimizers.populations import keep_best, make_limits, place
 
 
 @pytest.mark.parametrize("particles", [1, 3, 4])
 def test_candidates_are_placed_within_limits_over_their_runs_base(device, particles):
     """Of the four particles that the population holds, only the first ``particles`` are placed."""
     rng = np.random.default_rng(0)
-    params, base = rng.normal(0, 2, (3, 4, 2)).astype(np.float32), rng.normal(0, 9, (3, 6)).astype(np.float32)
-    dof = np.array([4, 1])
+    population, base = rng.normal(0, 2, (3, 4, 2)).astype(np.float32), rng.normal(0, 9, (3, 6)).astype(np.float32)
+    index = np.array([4, 1])
     lower, upper = np.full(6, -np.inf, np.float32), np.full(6, np.inf, np.float32)
     lower[4], upper[4], upper[1] = -1.0, 0.5, 1.0
     pose = poisoned((12, 6), wp.float32, device)
     place(
-        wp.array(params, device=device),
-        wp.array(dof, dtype=wp.int32, device=device),
+        wp.array(population, device=device),
+        wp.array(index, dtype=wp.int32, device=device),
         wp.array(base, device=device),
-        wp.array(lower, device=device),
-        wp.array(upper, device=device),
+        make_limits(np.stack([lower, upper], axis=1), device),
         particles,
         pose,
     )
     expected = np.repeat(base, particles, axis=0)
-    expected[:, dof] = np.clip(params, lower[dof], upper[dof])[:, :particles].reshape(-1, 2)
+    expected[:, index] = np.clip(population, lower[index], upper[index])[:, :particles].reshape(-1, 2)
     found = pose.numpy()
     np.testing.assert_array_equal(found[: 3 * particles], expected)
     assert np.isnan(found[3 * particles :]).all()

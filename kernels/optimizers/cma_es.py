@@ -1,15 +1,12 @@
 """CMA-ES on the device, a block of lanes for each run: one launch samples a generation, one learns from its costs.
 
-Candidates are normal, ``x = m + sigma B D z`` with ``z ~ N(0, I)``: a ball z, stretched by D along the axes of B::
+Candidates are normal, ``x = m + sigma B D z``, in units of the search's radius::
 
-         . .               .   .                .
-       .     .    D     .         .    B     .     .      the ellipsoid's covariance matrix is
-       .  z  .  ---->   .         .  ---->    .      .    C = B D^2 B^T
-         . .               .   .                 .  .
+    z ~ N(0, I)  --D-->  stretched along the coordinates  --B-->  rotated: N(0, C) with C = B D^2 B^T
 
-The best mu of them are the parents. Their weighted mean ``<z>`` moves m (Eq. 10). The paths p_sigma and p_c are sums of
-the last moves that fade away. Where p_sigma (Eq. 11) is longer than chance would have it, moves point the same way, and
-sigma grows, else it shrinks (Eq. 12). C learns from p_c (Eq. 13) and from the parents' steps (Eq. 14)::
+The best mu of them are the parents. Their weighted mean ``<z>`` moves m (Eq. 10). The paths p_sigma and p_c are fading
+sums of these moves. Where p_sigma (Eq. 11) is longer than that of a random walk, moves point the same way, and sigma
+grows, else it shrinks (Eq. 12). C learns from p_c (Eq. 13) and from the parents' steps (Eq. 14)::
 
     C <- kept C + c_cov / mu_cov p_c p_c^T + c_cov (1 - 1 / mu_cov) sum_r w_r (B D z_r) (B D z_r)^T
 

@@ -83,7 +83,7 @@ class CmaEs:
         self.space = space
         self.parameters = CmaEsParameters.for_search(space.index.size, self.config.population)
         self.particles = self.parameters.population
-        self._parameters = _on_device(self.parameters, space.seed.device)
+        self._device_parameters = _device_parameters(self.parameters, space.seed.device)
         self.population = make_population(space, self.particles)
         self.state = kernels.make_state(self.population)
 
@@ -102,14 +102,14 @@ class CmaEs:
 
     def tell(self, cost: wp.array[wp.float32]) -> None:
         """Learn from the costs (candidate,) of a whole generation."""
-        kernels.update(self.space, self._parameters, cost, self.state)
+        kernels.update(self.space, self._device_parameters, cost, self.state)
 
     def estimate(self, pose: wp.array[wp.float32]) -> None:
         """Write the mean of the search distribution."""
         kernels.write_mean(self.space, self.state, pose)
 
 
-def _on_device(parameters: CmaEsParameters, device: wp.DeviceLike) -> kernels.CmaEsParameters:
+def _device_parameters(parameters: CmaEsParameters, device: wp.DeviceLike) -> kernels.CmaEsParameters:
     copy = kernels.CmaEsParameters()
     for name in ("mu", "mu_eff", "c_sigma", "d_sigma", "c_c", "c_cov", "mu_cov"):
         setattr(copy, name, getattr(parameters, name))

@@ -19,8 +19,7 @@ WORDS = 10240
 NUMBERS = 8
 """Counters that a block shares beside them."""
 
-
-_MOST_PARTS = 8  # each projects the whole body
+_MOST_BLOCKS = 8  # of a view: each projects the whole body
 
 
 def lanes_of(device: wp.Device) -> int:
@@ -28,12 +27,12 @@ def lanes_of(device: wp.Device) -> int:
     return 1 if device.is_cpu else LANES
 
 
-def parts_of(device: wp.Device, views: int) -> int:
+def blocks_of(device: wp.Device, views: int) -> int:
     """Blocks that should share a view when there are so many: enough for two on each of a GPU's multiprocessors."""
-    return 1 if device.is_cpu else max(1, min(_MOST_PARTS, 2 * device.sm_count // views))
+    return 1 if device.is_cpu else max(1, min(_MOST_BLOCKS, 2 * device.sm_count // views))
 
 
-def scratch(device: wp.DeviceLike) -> wp.array:
+def scratch(device: wp.DeviceLike) -> wp.array[wp.uint32]:
     """What stands for a block's shared memory on the CPU; each thread that launches kernels needs its own."""
     return wp.empty(WORDS + NUMBERS if wp.get_device(device).is_cpu else 1, dtype=wp.uint32, device=device)
 
@@ -43,7 +42,7 @@ def scratch(device: wp.DeviceLike) -> wp.array:
     __syncthreads();
 #endif
 """)
-def sync():
+def sync() -> None:
     """Wait for the block's lanes; what they wrote is then seen by all of them."""
 
 
@@ -52,7 +51,7 @@ def sync():
     __syncwarp();
 #endif
 """)
-def sync_warp():
+def sync_warp() -> None:
     """Wait for the 32 lanes of a warp; all of them must call."""
 
 
@@ -79,13 +78,13 @@ def _numbers(scratch: wp.array[wp.uint32]) -> wp.uint64: ...
 
 
 @wp.func
-def shared_words(scratch: wp.array[wp.uint32]):
+def shared_words(scratch: wp.array[wp.uint32]) -> wp.array[wp.uint32]:
     """The block's shared words, (WORDS,) uint32."""
     return wp.array(ptr=_words(scratch), shape=(WORDS,), dtype=wp.uint32)
 
 
 @wp.func
-def shared_numbers(scratch: wp.array[wp.uint32]):
+def shared_numbers(scratch: wp.array[wp.uint32]) -> wp.array[wp.int32]:
     """The block's shared counters, (NUMBERS,) int32."""
     return wp.array(ptr=_numbers(scratch), shape=(NUMBERS,), dtype=wp.int32)
 
@@ -117,7 +116,7 @@ def _address(words: wp.array[wp.uint32], first: int) -> wp.uint64: ...
 
 
 @wp.func
-def matrix_at(words: wp.array[wp.uint32], first: int, rows: int, columns: int):
+def matrix_at(words: wp.array[wp.uint32], first: int, rows: int, columns: int) -> wp.array2d[wp.float32]:
     """A (rows, columns) float32 matrix in an array of words, the shared ones or others, from word ``first`` on."""
     return wp.array(ptr=_address(words, first), shape=(rows, columns), dtype=wp.float32)
 

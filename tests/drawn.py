@@ -7,9 +7,10 @@ import warp as wp
 from poisoned import poisoned
 
 from mmocap_warp.body.model import SkinMesh
+from mmocap_warp.kernels.batch import Batch, batch_of
 from mmocap_warp.kernels.silhouettes.pixel_rays import cast_pixels
 from mmocap_warp.kernels.views.projection import BEHIND, SUBPIXEL
-from mmocap_warp.objective.silhouettes import FrozenArrays, Silhouettes, camera_arrays
+from mmocap_warp.objective.silhouettes import FrozenArrays, Silhouettes, ViewArrays
 from mmocap_warp.views.observation import pack_masks, unpack_masks
 from mmocap_warp.views.rig import CameraRig
 
@@ -20,38 +21,42 @@ class Drawing:
     def __init__(self, mesh: SkinMesh, rig: CameraRig, posed: wp.array, renderer: str = "raycast") -> None:
         self._posed, self._sizes = posed, rig.size
         self._silhouettes = Silhouettes(mesh, rig, posed.shape[0], renderer, str(posed.device))
-        self._own = self._silhouettes.slice(0, posed.shape[0])
 
     def count(self, masks: list[np.ndarray]) -> np.ndarray:
         """(candidate, camera, 2) of |M| and |M and F|, F the given boolean pictures, one a camera."""
         drawing = self._silhouettes
-        drawing.cameras.observed.assign(pack_masks(masks))
-        drawing.count.assign(poisoned(drawing.count.shape, wp.vec2i, str(self._posed.device)))
-        drawing.draw(self._own, self._posed, drawing.whole, None, 0)
-        return drawing.count.numpy()
+        count = drawing.canvas.count
+        drawing.views.observed.assign(pack_masks(masks))
+        count.assign(poisoned(count.shape, wp.vec2i, str(self._posed.device)))
+        drawing.draw(self._posed, drawing.whole, whole_batch(self._posed))
+        return count.numpy()
 
     def image(self) -> np.ndarray:
         """(candidate, camera, vertex, 2) cells, once :meth:`count` has projected them."""
-        return self._own.image.numpy()
+        return self._silhouettes.canvas.cell.numpy()
+
+
+def whole_batch(posed: wp.array) -> Batch:
+    """All candidates in one launch."""
+    return batch_of(0, posed.shape[0], posed.shape[0], str(posed.device))
 
 
 def draw_bits(mesh: SkinMesh, rig: CameraRig, posed: wp.array) -> np.ndarray:
     """(candidate, camera, row, word) uint32: closed meshes as the kernels draw them."""
     device = str(posed.device)
     drawing = Silhouettes(mesh, rig, posed.shape[0], "raster", device)
-    frozen = FrozenArrays(posed.shape[0], drawing.cameras, device)
+    frozen = FrozenArrays(posed.shape[0], drawing.views, device)
     frozen.words.assign(poisoned(frozen.words.shape, wp.uint32, device))
-    drawing.freeze(drawing.slice(0, posed.shape[0]), posed, drawing.whole, frozen)
+    drawing.freeze(posed, drawing.whole, whole_batch(posed), frozen)
     return frozen.words.numpy()
 
 
 def cast_bits(faces: np.ndarray, rig: CameraRig, posed: wp.array) -> np.ndarray:
     """(candidate, camera, row, word) uint32, by one ray a pixel."""
     device = str(posed.device)
-    cameras = camera_arrays(rig, device)
-    bits = poisoned((posed.shape[0], *cameras.observed.shape), wp.uint32, device)
-    triangle = wp.array(faces, dtype=wp.vec3i, device=device)
-    cast_pixels(posed, triangle, cameras.rotation, cameras.translation, cameras.lens, cameras.size, bits)
+    views = ViewArrays(rig, device)
+    bits = poisoned((posed.shape[0], *views.observed.shape), wp.uint32, device)
+    cast_pixels(posed, wp.array(faces, dtype=wp.vec3i, device=device), views.struct, bits)
     return bits.numpy()
 
 

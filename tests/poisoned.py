@@ -7,6 +7,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from mmocap_warp.kernels.body.kinematics import Affine, Joints
+from mmocap_warp.kernels.structs import filled
+
 SENTINEL = 0x5A5A5A5A
 
 
@@ -17,3 +20,9 @@ def poisoned(shape: int | tuple[int, ...], dtype: Any, device: str) -> wp.array:
     values[...] = np.nan if values.dtype.kind == "f" else SENTINEL
     array.assign(values)
     return array
+
+
+def poisoned_joints(candidates: int, joints: int, device: str) -> Joints:
+    """Where joints are written to, full of NaN."""
+    shape = (candidates, joints)
+    return filled(Joints, transform=poisoned(shape, Affine, device), skin_matrix=poisoned(shape, Affine, device))

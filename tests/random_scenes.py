@@ -8,12 +8,12 @@ import numpy as np
 import reference
 import warp as wp
 from drawn import draw_bits
-from poisoned import poisoned
+from poisoned import poisoned, poisoned_joints
 from synthetic import COORDINATES, ring_rig
 
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.posing import BodyArrays
-from mmocap_warp.kernels.body.kinematics import Affine, pose_joints
+from mmocap_warp.kernels.body.kinematics import pose_joints
 from mmocap_warp.kernels.body.skinning import skin
 from mmocap_warp.views.observation import unpack_masks
 from mmocap_warp.views.rig import CameraRig
@@ -63,15 +63,10 @@ def random_masks(sizes: np.ndarray, seed: int = 0) -> list[np.ndarray]:
 
 def posed_vertices(body: BodyModel, root_base: np.ndarray, poses: np.ndarray, device: str) -> wp.array:
     """(candidate, tracking vertex) vec3 by the kernels [m]."""
-    arrays = BodyArrays(body, root_base, body.tracking, device)
-    shape = (len(poses), 16)
-    joint_transform, skin_matrix = poisoned(shape, Affine, device), poisoned(shape, Affine, device)
-    params = wp.array(poses, dtype=wp.float32, device=device)
-    pose_joints(
-        params, arrays.parent, arrays.joint_frame, arrays.joint_rest, arrays.root_base, joint_transform, skin_matrix
-    )
+    arrays, joints = BodyArrays(body, root_base, body.tracking, device), poisoned_joints(len(poses), 16, device)
+    pose_joints(arrays.struct, wp.array(poses, dtype=wp.float32, device=device), joints)
     posed = poisoned((len(poses), len(body.tracking.rest)), wp.vec3, device)
-    skin(arrays.rest, arrays.joint, arrays.weight, skin_matrix, posed)
+    skin(arrays.struct, joints, posed)
     return posed
 
 

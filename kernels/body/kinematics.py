@@ -8,6 +8,32 @@ Affine = wp.types.matrix(shape=(3, 4), dtype=wp.float32)
 """A rigid transform ``[R | t]`` for column vectors: ``y = R @ x + t``."""
 
 
+@wp.struct
+class Body:
+    """A skinned body: its joints, and a mesh that they carry; ``copy`` is one for all candidates, or one each.
+
+    The weights of a vertex are sorted, the largest first.
+    """
+
+    parent: wp.array[wp.int32]  # (joint,) -1 for the root
+    depth: wp.array[wp.int32]  # (joint,) joints above it
+    levels: int  # one more than the largest depth
+    joint_frame: wp.array[wp.mat33]  # (joint,)
+    joint_rest: wp.array2d[wp.vec3]  # (copy, joint) [m]
+    root_base: wp.array[wp.mat33]  # (run,) the world from the body's axes
+    rest: wp.array2d[wp.vec3]  # (copy, vertex) [m]
+    joint: wp.array[wp.vec4i]  # (vertex,)
+    weight: wp.array[wp.vec4]  # (vertex,)
+
+
+@wp.struct
+class Joints:
+    """Where the joints of candidates are."""
+
+    transform: wp.array2d[Affine]  # (candidate, joint) frames in the world
+    skin_matrix: wp.array2d[Affine]  # (candidate, joint) carry rest points along with them
+
+
 @wp.func
 def affine(rotation: wp.mat33, translation: wp.vec3) -> Affine:
     """``[rotation | translation]``."""
@@ -48,79 +74,52 @@ def rotation_zyx(x: float, y: float, z: float) -> wp.mat33:
 
 
 @wp.func
-def turn_joint(
-    pose: wp.array2d[wp.float32],
-    parent: wp.array[wp.int32],
-    joint_frame: wp.array[wp.mat33],
-    joint_rest: wp.array2d[wp.vec3],
-    root_base: wp.array[wp.mat33],
-    c: int,
-    base: int,
-    j: int,
-) -> Affine:
-    """A joint's frame in its parent's, or the root's in the world; ``base`` is the number of its root base."""
-    body = wp.min(c, joint_rest.shape[0] - 1)
+def turn_joint(body: Body, pose: wp.array2d[wp.float32], c: int, run: int, j: int) -> Affine:
+    """A joint's frame in its parent's, or the root's in the world, of a run's candidate."""
+    copy = wp.min(c, body.joint_rest.shape[0] - 1)
     rotation = rotation_zyx(pose[c, 3 + 3 * j], pose[c, 4 + 3 * j], pose[c, 5 + 3 * j])
-    p = parent[j]
+    p = body.parent[j]
     if p < 0:
-        return affine(root_base[base] * joint_frame[j] * rotation, wp.vec3(pose[c, 0], pose[c, 1], pose[c, 2]))
-    into_parent = wp.transpose(joint_frame[p])
-    bone = joint_rest[body, j] - joint_rest[body, p]
-    return affine(into_parent * joint_frame[j] * rotation, into_parent * bone)
+        at = wp.vec3(pose[c, 0], pose[c, 1], pose[c, 2])
+        return affine(body.root_base[run] * body.joint_frame[j] * rotation, at)
+    into_parent = wp.transpose(body.joint_frame[p])
+    bone = body.joint_rest[copy, j] - body.joint_rest[copy, p]
+    return affine(into_parent * body.joint_frame[j] * rotation, into_parent * bone)
 
 
 @wp.func
-def chain_joint(
-    local: Affine,
-    parent: wp.array[wp.int32],
-    joint_frame: wp.array[wp.mat33],
-    joint_rest: wp.array2d[wp.vec3],
-    c: int,
-    j: int,
-    joint_transform: wp.array2d[Affine],
-    skin_matrix: wp.array2d[Affine],
-):
+def chain_joint(local: Affine, body: Body, c: int, j: int, joints: Joints) -> None:
     """Hang a joint on its parent, which has been hung."""
     world = rotation_of(local)
     origin = translation_of(local)
-    if parent[j] >= 0:
-        above = joint_transform[c, parent[j]]
+    if body.parent[j] >= 0:
+        above = joints.transform[c, body.parent[j]]
         origin = translation_of(above) + rotation_of(above) * origin
         world = rotation_of(above) * world
-    joint_transform[c, j] = affine(world, origin)
-    from_rest = world * wp.transpose(joint_frame[j])
-    skin_matrix[c, j] = affine(from_rest, origin - from_rest * joint_rest[wp.min(c, joint_rest.shape[0] - 1), j])
+    joints.transform[c, j] = affine(world, origin)
+    from_rest = world * wp.transpose(body.joint_frame[j])
+    rest = body.joint_rest[wp.min(c, body.joint_rest.shape[0] - 1), j]
+    joints.skin_matrix[c, j] = affine(from_rest, origin - from_rest * rest)
 
 
 @wp.kernel
 def _pose_joints(
+    body: Body,
     pose: wp.array2d[wp.float32],  # (candidate, 3 + 3 joint)
-    parent: wp.array[wp.int32],  # (joint,)
-    joint_frame: wp.array[wp.mat33],  # (joint,)
-    joint_rest: wp.array2d[wp.vec3],  # (body, joint)
-    root_base: wp.array[wp.mat33],  # (body,)
     # out
-    joint_transform: wp.array2d[Affine],  # (candidate, joint)
-    skin_matrix: wp.array2d[Affine],  # (candidate, joint)
-):
+    joints: Joints,
+) -> None:
     c = wp.tid()
-    base = wp.min(c, root_base.shape[0] - 1)
-    for j in range(parent.shape[0]):
-        local = turn_joint(pose, parent, joint_frame, joint_rest, root_base, c, base, j)
-        chain_joint(local, parent, joint_frame, joint_rest, c, j, joint_transform, skin_matrix)
+    run = wp.min(c, body.root_base.shape[0] - 1)
+    for j in range(body.parent.shape[0]):
+        chain_joint(turn_joint(body, pose, c, run, j), body, c, j, joints)
 
 
-def pose_joints(pose, parent, joint_frame, joint_rest, root_base, joint_transform, skin_matrix):
+def pose_joints(body: Body, pose: wp.array[wp.float32], joints: Joints) -> None:
     """Joint frames in the world, and the matrices that carry rest points along with them.
 
-    ``joint_transform[j] = joint_transform[parent] @ rest_local[j] @ (Rz Ry Rx)`` and
-    ``skin_matrix[j] = joint_transform[j] @ inverse(bind[j])``; the root sits at ``pose[:, :3]`` [m] and turns in
-    ``root_base``. ``body`` is one for all candidates, or one each.
+    ``transform[j] = transform[parent] @ rest_local[j] @ (Rz Ry Rx)`` and
+    ``skin_matrix[j] = transform[j] @ inverse(bind[j])``; the root sits at ``pose[:, :3]`` [m] and turns in
+    ``root_base``, one for all candidates or one each. ``pose`` is (candidate, 3 + 3 joint) [m, rad].
     """
-    wp.launch(
-        _pose_joints,
-        dim=pose.shape[0],
-        inputs=[pose, parent, joint_frame, joint_rest, root_base],
-        outputs=[joint_transform, skin_matrix],
-        device=pose.device,
-    )
+    wp.launch(_pose_joints, dim=pose.shape[0], inputs=[body, pose], outputs=[joints], device=pose.device)

@@ -23,7 +23,7 @@ def _enter(
     # out
     angles: wp.array[wp.vec3],  # (run,)
     root_base: wp.array[wp.mat33],  # (run,)
-):
+) -> None:
     run = wp.tid()
     left = wp.vec3(pose[run, _ROOT], pose[run, _ROOT + 1], pose[run, _ROOT + 2])
     angles[run] = left
@@ -32,10 +32,17 @@ def _enter(
         pose[run, _ROOT + i] = 0.0
 
 
-def enter(home, frame, pose, angles, root_base):
+def enter(
+    home: wp.mat33,
+    frame: wp.mat33,
+    pose: wp.array[wp.float32],
+    angles: wp.array[wp.vec3],
+    root_base: wp.array[wp.mat33],
+) -> None:
     """Count root angles from where they are: ``root_base = home F R(pose) F^T``, and they become zero.
 
-    ``home`` is the subject's base, F the root joint's frame, ``angles`` (run,) keeps what they were [rad].
+    ``home`` is the subject's base, F the root joint's frame, ``pose`` is (run, coordinate); ``angles`` (run,) keeps
+    what they were [rad].
     """
     wp.launch(
         _enter,
@@ -74,7 +81,7 @@ def _leave(
     # in and out
     pose: wp.array2d[wp.float32],  # (run, coordinate)
     root_base: wp.array[wp.mat33],  # (run,)
-):
+) -> None:
     run = wp.tid()
     turn = wp.vec3(pose[run, _ROOT], pose[run, _ROOT + 1], pose[run, _ROOT + 2])
     found = angles[run]
@@ -86,7 +93,13 @@ def _leave(
     root_base[run] = home
 
 
-def leave(home, frame, angles, pose, root_base):
+def leave(
+    home: wp.mat33,
+    frame: wp.mat33,
+    angles: wp.array[wp.vec3],
+    pose: wp.array[wp.float32],
+    root_base: wp.array[wp.mat33],
+) -> None:
     """Count root angles from ``home`` again, on the branch that is nearest to ``angles``; undoes :func:`enter`."""
     wp.launch(
         _leave,

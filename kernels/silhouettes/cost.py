@@ -2,6 +2,9 @@
 
 import warp as wp
 
+from mmocap_warp.kernels.batch import Batch
+from mmocap_warp.kernels.views.projection import Views
+
 wp.set_module_options({"enable_backward": False})
 
 PAPER, XOR, IOU = 0, 1, 2
@@ -10,21 +13,21 @@ PAPER, XOR, IOU = 0, 1, 2
 @wp.kernel
 def _cost(
     kind: int,
+    views: Views,
     count: wp.array2d[wp.vec2i],  # (candidate, camera) |M|, |M and F|
-    foreground: wp.array[wp.int32],  # (camera,) |F|
-    size: wp.array[wp.vec2i],  # (camera,) width height [px]
     pose: wp.array2d[wp.float32],  # (candidate, coordinate)
     prior: wp.array[wp.float32],  # (coordinate,) [1 / rad^2]
+    batch: Batch,
     # out
     cost: wp.array[wp.float32],  # (candidate,)
-):
-    c = wp.tid()
+) -> None:
+    c = batch.first + wp.tid()
     total = float(0.0)
-    views = int(0)
-    for k in range(foreground.shape[0]):
-        observed = foreground[k]
+    judged = int(0)
+    for k in range(views.foreground.shape[0]):
+        observed = views.foreground[k]
         if observed > 0:  # a view without foreground says nothing
-            views += 1
+            judged += 1
             model = count[c, k][0]
             overlap = count[c, k][1]
             f = float(1.0)
@@ -36,28 +39,38 @@ def _cost(
                     union = model + observed - overlap
                     f = float(union - overlap) / float(union)
             if kind == XOR:
-                f = float(model + observed - 2 * overlap) / (float(size[k][0]) * float(size[k][1]))
+                f = float(model + observed - 2 * overlap) / (float(views.size[k][0]) * float(views.size[k][1]))
             total += f
-    if views == 0:
+    if judged == 0:
         cost[c] = wp.inf
         return
     pull = float(0.0)
     for d in range(prior.shape[0]):
         if prior[d] > 0.0:
             pull += prior[d] * pose[c, d] * pose[c, d]
-    cost[c] = total / float(views) + pull  # Eq. 5: the mean over the views
+    cost[c] = total / float(judged) + pull  # Eq. 5: the mean over the views
 
 
-def cost_of_counts(kind, count, foreground, size, pose, prior, cost):
+def cost_of_counts(
+    kind: int,
+    views: Views,
+    count: wp.array[wp.vec2i],
+    pose: wp.array[wp.float32],
+    prior: wp.array[wp.float32],
+    batch: Batch,
+    cost: wp.array[wp.float32],
+) -> None:
     """Mean over the views of the disagreement of model M and foreground F, plus ``sum_d prior[d] pose[d]^2``.
 
     ``PAPER``: Eq. 4; ``XOR``: differing pixels over all pixels; ``IOU``: 1 - |M and F| / |M or F|. A view in which
     the model is not seen costs 1, one without foreground is left out, and without any view the cost is infinite.
+    ``count`` is (candidate, camera) of |M| and |M and F|, ``pose`` (candidate, coordinate), ``prior`` (coordinate,),
+    ``cost`` (candidate,).
     """
     wp.launch(
         _cost,
-        dim=cost.shape[0],
-        inputs=[kind, count, foreground, size, pose, prior],
+        dim=batch.size,
+        inputs=[kind, views, count, pose, prior, batch],
         outputs=[cost],
         device=cost.device,
     )

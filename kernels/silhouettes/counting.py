@@ -1,14 +1,14 @@
 """What both renderers begin and end with: projecting a block's body, and counting against the mask.
 
-A renderer draws the triangles that a search moves over the silhouette of those it leaves alone (``frozen``), which is
-drawn once for all candidates. A block of lanes draws one candidate in one camera.
+A renderer draws the moving piece of the mesh over the frozen silhouette of the resting piece, which is drawn once for
+all candidates of a run. A block of lanes draws one candidate in one camera.
 """
 
 import warp as wp
 
 from mmocap_warp.kernels.block import NUMBERS, shared_numbers, sync, warp_max, warp_sum
-from mmocap_warp.kernels.silhouettes.coverage import first_after, is_behind, last_before
-from mmocap_warp.kernels.views.projection import Pinhole, project
+from mmocap_warp.kernels.silhouettes.coverage import first_after, last_before
+from mmocap_warp.kernels.views.projection import Views, is_behind, pinhole, project
 
 wp.set_module_options({"enable_backward": False})
 
@@ -20,44 +20,32 @@ _CUT, _LEFT, _RIGHT, _TOP, _BOTTOM, _MODEL, _OVERLAP = (wp.constant(i) for i in 
 
 
 @wp.struct
-class Cameras:
-    """Pinhole cameras and what they saw."""
+class Canvas:
+    """What renderers work in, and what they count; a renderer leaves empty what it has no use for."""
 
-    rotation: wp.array[wp.mat33]  # (camera,)
-    translation: wp.array[wp.vec3]  # (camera,) [m]
-    lens: wp.array[wp.vec4]  # (camera,) fx fy cx cy [px]
-    size: wp.array[wp.vec2i]  # (camera,) width height [px]
-    observed: wp.array3d[wp.uint32]  # (camera, row, word) masks
+    cell: wp.array3d[wp.vec2i]  # (candidate, camera, vertex) projected vertices
+    facing: wp.array3d[wp.uint8]  # (candidate, camera, triangle) whether it shows the camera its outside
+    box: wp.array3d[wp.vec4i]  # (candidate, camera, node) of a tree
+    group_box: wp.array3d[wp.vec4i]  # (candidate, camera, group) of the wide tree
+    count: wp.array2d[wp.vec2i]  # (candidate, camera) |M|, |M and F|
 
 
 @wp.struct
 class Frozen:
-    """The silhouettes of what stays as it is, a set for every ``particles`` candidates; unused where that is 0."""
+    """Silhouettes of the resting piece, drawn and counted; no runs where everything moves."""
 
-    particles: int
-    first: int  # number of the first candidate of the launch
     words: wp.array4d[wp.uint32]  # (run, camera, row, word)
     count: wp.array2d[wp.vec2i]  # (run, camera) |M|, |M and F|
     cut: wp.array2d[wp.int32]  # (run, camera) whether the near plane cuts it
 
 
 @wp.func
-def pinhole(cameras: Cameras, k: int) -> Pinhole:
-    """One of the cameras."""
-    camera = Pinhole()
-    camera.rotation = cameras.rotation[k]
-    camera.translation = cameras.translation[k]
-    camera.lens = cameras.lens[k]
-    return camera
-
-
-@wp.func
-def project_body(
+def project_piece(
     posed: wp.array[wp.vec3],
     vertex: wp.array[wp.int32],
-    cameras: Cameras,
+    views: Views,
     frozen: Frozen,
-    c: int,
+    run: int,
     k: int,
     lane: int,
     lanes: int,
@@ -65,7 +53,7 @@ def project_body(
     points: wp.array[wp.vec2i],
 ) -> Bounds:
     """Project the vertices and find the pixels that they may cover: all, where the near plane cuts the body."""
-    camera = pinhole(cameras, k)
+    camera = pinhole(views, k)
     numbers = shared_numbers(scratch)
     for i in range(lane, NUMBERS, lanes):
         numbers[i] = wp.where(i >= _LEFT and i <= _BOTTOM, _NOWHERE, 0)
@@ -92,8 +80,8 @@ def project_body(
         wp.atomic_max(numbers, _TOP, top)
         wp.atomic_max(numbers, _BOTTOM, bottom)
     sync()
-    width, height = cameras.size[k][0], cameras.size[k][1]
-    if is_cut(frozen, c, k, scratch):
+    width, height = views.size[k][0], views.size[k][1]
+    if is_cut(frozen, run, k, scratch):
         return wp.vec4i(0, height - 1, 0, width - 1)
     if numbers[_RIGHT] == _NOWHERE:
         return wp.vec4i(0, -1, 0, -1)
@@ -106,46 +94,47 @@ def project_body(
 
 
 @wp.func
-def is_cut(frozen: Frozen, c: int, k: int, scratch: wp.array[wp.uint32]) -> bool:
-    """Whether the near plane cuts the body, its frozen part included; known once the body is projected."""
+def is_cut(frozen: Frozen, run: int, k: int, scratch: wp.array[wp.uint32]) -> bool:
+    """Whether the near plane cuts the body, its resting piece included; known once the moving piece is projected."""
     numbers = shared_numbers(scratch)
-    if frozen.particles > 0:
-        return numbers[_CUT] + frozen.cut[(frozen.first + c) // frozen.particles, k] > 0
+    if run >= 0:
+        return numbers[_CUT] + frozen.cut[run, k] > 0
     return numbers[_CUT] > 0
 
 
 @wp.func
-def frozen_word(frozen: Frozen, c: int, k: int, row: int, word: int) -> wp.uint32:
+def frozen_word(frozen: Frozen, run: int, k: int, row: int, word: int) -> wp.uint32:
     """The frozen silhouette's pixels in a word."""
-    if frozen.particles > 0:
-        return frozen.words[(frozen.first + c) // frozen.particles, k, row, word]
+    if run >= 0:
+        return frozen.words[run, k, row, word]
     return wp.uint32(0)
 
 
 @wp.func
-def count_word(bits: wp.uint32, cameras: Cameras, frozen: Frozen, c: int, k: int, row: int, word: int) -> wp.vec2i:
-    """What a word of moved pixels adds to the frozen silhouette's counts."""
-    added = bits & ~frozen_word(frozen, c, k, row, word)
+def count_word(bits: wp.uint32, views: Views, frozen: Frozen, run: int, k: int, row: int, word: int) -> wp.vec2i:
+    """What a word of the moving piece's pixels adds to the frozen silhouette's counts."""
+    added = bits & ~frozen_word(frozen, run, k, row, word)
     if added == wp.uint32(0):
         return wp.vec2i(0, 0)
-    return wp.vec2i(wp.bit_count(added), wp.bit_count(added & cameras.observed[k, row, word]))
+    return wp.vec2i(wp.bit_count(added), wp.bit_count(added & views.observed[k, row, word]))
 
 
 @wp.func
 def add_up(
     mine: wp.vec2i,
     frozen: Frozen,
+    run: int,
     c: int,
     k: int,
     lane: int,
-    part: int,
-    parts: int,
+    block: int,
+    blocks: int,
     scratch: wp.array[wp.uint32],
     count: wp.array2d[wp.vec2i],
-):
+) -> None:
     """Sum what the lanes of a block counted, and what is frozen, into ``count[c, k]``.
 
-    Where several blocks share a view, they add their parts to a count that begins at zero.
+    Where several blocks share a view, each adds what it counted to a count that begins at zero.
     """
     numbers = shared_numbers(scratch)
     model, overlap = warp_sum(mine[0]), warp_sum(mine[1])
@@ -155,9 +144,9 @@ def add_up(
     sync()
     if lane == 0:
         total = wp.vec2i(numbers[_MODEL], numbers[_OVERLAP])
-        if frozen.particles > 0 and part == 0:
-            total += frozen.count[(frozen.first + c) // frozen.particles, k]
-        if parts > 1:
+        if run >= 0 and block == 0:
+            total += frozen.count[run, k]
+        if blocks > 1:
             wp.atomic_add(count, c, k, total)
         else:
             count[c, k] = total

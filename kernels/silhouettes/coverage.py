@@ -1,4 +1,14 @@
-"""Which pixel centres of a row a projected triangle covers: the tie rule that all renderers share.
+r"""Which pixel centres of a row a projected triangle covers: the tie rule that all renderers share.
+
+The idea: a row of pixel centres meets two edges of a triangle, and the triangle covers what lies between. Where an
+edge meets the row, the first pixel on its right, or on it, is found by rounding up.
+
+          top +
+             / \            x = x_top + (row - y_top) * dx / dy      where an edge meets the row
+    row . . /o o\. . .      p = ceil(x)                              the first pixel on its right, or on it
+           /   __+ middle
+          /__--             the row's pixels: p(left edge), ..., p(right edge) - 1
+         + bottom
 
 Vertices lie in the middle of the cells of a grid whose corners are the pixel centres (see ``projection.py``), so a
 vertex is never level with a pixel centre. Where an edge passes exactly through one, **the pixel belongs to the side
@@ -8,7 +18,7 @@ are those of its facing triangles alone: a ray enters it as often as it leaves i
 
 import warp as wp
 
-from mmocap_warp.kernels.views.projection import BEHIND, SUBPIXEL
+from mmocap_warp.kernels.views.projection import SUBPIXEL
 
 wp.set_module_options({"enable_backward": False})
 
@@ -73,11 +83,11 @@ def _crossing_far(top: wp.vec2i, step: wp.vec2i, row: int) -> int:
 
 
 @wp.func
-def crossing(e: Edge, row: int) -> int:
+def crossing(side: Edge, row: int) -> int:
     """The first pixel of a row on the right of an edge that meets the row, or on it."""
-    if e.is_short:
-        return e.whole + int(wp.ceil(e.base + (float(row) * float(SUBPIXEL) - e.start) * e.slope))
-    return _crossing_far(e.top, e.step, row)
+    if side.is_short:
+        return side.whole + int(wp.ceil(side.base + (float(row) * float(SUBPIXEL) - side.start) * side.slope))
+    return _crossing_far(side.top, side.step, row)
 
 
 @wp.func
@@ -86,12 +96,6 @@ def span(a: Edge, b: Edge, row: int) -> wp.vec2i:
     p = crossing(a, row)
     q = crossing(b, row)
     return wp.vec2i(wp.min(p, q), wp.max(p, q) - 1)
-
-
-@wp.func
-def is_behind(point: wp.vec2i) -> bool:
-    """Whether a vertex lies before the near plane."""
-    return point[0] == BEHIND
 
 
 @wp.func

@@ -5,7 +5,7 @@ It shares nothing with them: no grid of sub-pixels, no facing triangles, no BVH 
 
 import warp as wp
 
-from mmocap_warp.kernels.views.projection import NEAR
+from mmocap_warp.kernels.views.projection import NEAR, Views
 
 wp.set_module_options({"enable_backward": False})
 
@@ -15,20 +15,18 @@ _REACH = wp.constant(1.0e4)  # [m]
 @wp.kernel
 def _cast_pixels(
     mesh: wp.array[wp.uint64],  # (candidate,)
-    rotation: wp.array[wp.mat33],  # (camera,)
-    translation: wp.array[wp.vec3],  # (camera,) [m]
-    intrinsics: wp.array[wp.vec4],  # (camera,) fx fy cx cy [px]
-    size: wp.array[wp.vec2i],  # (camera,) width height [px]
+    views: Views,
     # out
     silhouette: wp.array4d[wp.uint32],  # (candidate, camera, row, word)
-):
+) -> None:
     c, k, row, word = wp.tid()
-    lens = intrinsics[k]
-    into_world = wp.transpose(rotation[k])
-    centre = -(into_world * translation[k])
+    lens = views.lens[k]
+    size = views.size[k]
+    into_world = wp.transpose(views.rotation[k])
+    centre = -(into_world * views.translation[k])
     bits = wp.uint32(0)
-    if row < size[k][1]:
-        for i in range(wp.min(32, size[k][0] - word * 32)):
+    if row < size[1]:
+        for i in range(wp.min(32, size[0] - word * 32)):
             x = (float(word * 32 + i) - lens[2]) / lens[0]
             y = (float(row) - lens[3]) / lens[1]
             ray = into_world * wp.vec3(x, y, 1.0)  # its parameter is the depth
@@ -37,7 +35,9 @@ def _cast_pixels(
     silhouette[c, k, row, word] = bits
 
 
-def cast_pixels(posed, triangle, rotation, translation, intrinsics, size, silhouette):
+def cast_pixels(
+    posed: wp.array[wp.vec3], triangle: wp.array[wp.vec3i], views: Views, silhouette: wp.array[wp.uint32]
+) -> None:
     """Draw every candidate: bit ``x % 32`` of ``silhouette[c, k, y, x // 32]`` is set where pixel (x, y)'s ray hits.
 
     ``posed`` (candidate, vertex) vec3 [m] and ``triangle`` (triangle,) vec3i make a mesh a candidate, built here one
@@ -45,16 +45,11 @@ def cast_pixels(posed, triangle, rotation, translation, intrinsics, size, silhou
     """
     corners = triangle.view(dtype=wp.int32).flatten()
     meshes = [wp.Mesh(points=posed[c].contiguous(), indices=corners) for c in range(posed.shape[0])]
+    numbers = wp.array([mesh.id for mesh in meshes], dtype=wp.uint64, device=posed.device)
     wp.launch(
         _cast_pixels,
         dim=silhouette.shape,
-        inputs=[
-            wp.array([mesh.id for mesh in meshes], dtype=wp.uint64, device=posed.device),
-            rotation,
-            translation,
-            intrinsics,
-            size,
-        ],
+        inputs=[numbers, views],
         outputs=[silhouette],
         device=posed.device,
     )

@@ -1,30 +1,34 @@
 """Silhouettes by their contours: edges mark where a row enters and leaves the body, a running sum fills between them.
 
-An edge whose two triangles both face the camera, or both face away, bounds nothing. What is left, the contour, has a
-tenth of the triangles' rows. Going down a facing triangle's outline is its left side: there a row enters one more
-layer of the body, going up it leaves one. A pixel is covered where the sum of these steps along its row, the number of
-layers in front of it, is positive. The tie rule (``coverage.py``) makes the sums exact.
+The idea: an edge whose two triangles both face the camera, or both face away, bounds nothing. What is left, the
+contour, has a tenth of the triangles' rows. Going down a facing triangle's outline is its left side: there a row
+enters one more layer of the body; going up is its right side: there it leaves one.
 
-A block holds the steps of a band of rows in shared memory, a byte a pixel, then turns them into 32-bit words of pixels
-and counts these with popcounts. A byte holds up to 127 layers.
+    a row of pixels          .    .    [    .    [    .    ]    ]    .          [ ] two layers' left and right sides
+    steps, marked by edges   0    0   +1    0   +1    0   -1   -1    0          a byte a pixel, in shared memory
+    running sum: layers      0    0    1    1    2    2    1    0    0          a pixel is covered where it is positive
+    bits                     0    0    1    1    1    1    1    0    0          32 to a word, counted by popcounts
+
+A block holds the steps of a band of rows in shared memory, then turns them into words and counts these. A byte holds
+up to 127 layers. The tie rule (``coverage.py``) makes the sums exact.
 """
 
 import warp as wp
 
-from mmocap_warp.kernels.block import CPU_FLAGS, LANES, WORDS, lanes_of, shared_words, sync
+from mmocap_warp.kernels.batch import Batch, run_of
+from mmocap_warp.kernels.block import CPU_FLAGS, LANES, WORDS, blocks_of, lanes_of, shared_words, sync
 from mmocap_warp.kernels.silhouettes.counting import (
     Bounds,
-    Cameras,
+    Canvas,
     Frozen,
     add_up,
     count_word,
     is_cut,
-    pinhole,
-    project_body,
+    project_piece,
 )
 from mmocap_warp.kernels.silhouettes.coverage import crossing, edge, faces_camera, first_after, last_before, word_bits
 from mmocap_warp.kernels.views.near_plane import clip, corner
-from mmocap_warp.kernels.views.projection import Pinhole
+from mmocap_warp.kernels.views.projection import Pinhole, Views, pinhole
 
 wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": CPU_FLAGS})
 
@@ -36,8 +40,9 @@ _GATHER = wp.constant(wp.uint64(0x0102040810204080))  # brings the lowest bits o
 
 @wp.struct
 class Outline:
-    """Triangles and their edges."""
+    """A piece of a mesh: its triangles and their edges."""
 
+    vertex: wp.array[wp.int32]  # (vertex of the piece,)
     triangle: wp.array[wp.vec3i]  # (triangle,)
     edge: wp.array[wp.vec4i]  # (edge,) two vertices, the triangle in which they follow one another, the other or -1
 
@@ -64,7 +69,7 @@ def _first_band(bounds: Bounds) -> Band:
 
 
 @wp.func
-def _mark(a: wp.vec2i, b: wp.vec2i, layers: int, band: Band, steps: wp.array[wp.uint32]):
+def _mark(a: wp.vec2i, b: wp.vec2i, layers: int, band: Band, steps: wp.array[wp.uint32]) -> None:
     """Add the side ``a -> b`` of a facing outline, ``layers`` times."""
     top = a
     bottom = b
@@ -96,24 +101,24 @@ def _mark_contour(
     lanes: int,
     band: Band,
     steps: wp.array[wp.uint32],
-):
+) -> None:
     """Mark the edges whose triangles face different ways; ``beyond`` an open border, 1 faces the camera, 0 does not.
 
     With 0 the layers are those of the triangles that face the camera, with 1 of those that face away. Both are the
     same where the surface is closed.
     """
     for i in range(lane, contour.shape[0], lanes):
-        e = contour[i]
-        here = int(facing[e[2]])
+        side = contour[i]
+        here = int(facing[side[2]])
         there = beyond
-        if e[3] >= 0:
-            there = int(facing[e[3]])
+        if side[3] >= 0:
+            there = int(facing[side[3]])
         if here != there:
-            _mark(points[e[0]], points[e[1]], here - there, band, steps)
+            _mark(points[side[0]], points[side[1]], here - there, band, steps)
 
 
 @wp.func
-def _mark_outline(a: wp.vec2i, b: wp.vec2i, c: wp.vec2i, band: Band, steps: wp.array[wp.uint32]):
+def _mark_outline(a: wp.vec2i, b: wp.vec2i, c: wp.vec2i, band: Band, steps: wp.array[wp.uint32]) -> None:
     """Mark a triangle, whichever way it faces."""
     layers = wp.where(faces_camera(a, b, c), 1, -1)
     _mark(a, b, layers, band, steps)
@@ -131,7 +136,7 @@ def _mark_clipped(
     lanes: int,
     band: Band,
     steps: wp.array[wp.uint32],
-):
+) -> None:
     """Mark what the near plane leaves of every triangle."""
     for t in range(lane, triangle.shape[0], lanes):
         v = triangle[t]
@@ -147,7 +152,7 @@ def _face(
     lanes: int,
     points: wp.array[wp.vec2i],
     facing: wp.array[wp.uint8],
-):
+) -> None:
     """Find out which triangles face the camera."""
     for t in range(lane, triangle.shape[0], lanes):
         v = triangle[t]
@@ -183,14 +188,14 @@ def _fill(word: int, row: int, layers: int, band: Band, steps: wp.array[wp.uint3
     for (int i = 0; i < words; ++i) p[i] = 0x80808080u;
 #endif
 """)
-def _clear(words: int, lane: int, lanes: int, steps: wp.array[wp.uint32]):
+def _clear(words: int, lane: int, lanes: int, steps: wp.array[wp.uint32]) -> None:
     """Forget all steps. Straight through memory, which Warp's arrays do not let a compiler see: twice as fast."""
 
 
 @wp.func
-def _mark_body(
+def _mark_piece(
     posed: wp.array[wp.vec3],
-    mesh: Outline,
+    piece: Outline,
     camera: Pinhole,
     points: wp.array[wp.vec2i],
     facing: wp.array[wp.uint8],
@@ -200,140 +205,146 @@ def _mark_body(
     lanes: int,
     band: Band,
     steps: wp.array[wp.uint32],
-):
+) -> None:
     _clear((band.last_row - band.first_row + 1) * band.stride, lane, lanes, steps)
     if cut:
-        _mark_clipped(posed, mesh.triangle, camera, points, lane, lanes, band, steps)
+        _mark_clipped(posed, piece.triangle, camera, points, lane, lanes, band, steps)
     else:
-        _mark_contour(mesh.edge, points, facing, beyond, lane, lanes, band, steps)
+        _mark_contour(piece.edge, points, facing, beyond, lane, lanes, band, steps)
     sync()
 
 
 @wp.kernel(launch_bounds=(LANES, 3))
 def _raster(
     posed: wp.array2d[wp.vec3],  # (candidate, vertex) [m]
-    vertex: wp.array[wp.int32],  # (moved vertex,)
-    mesh: Outline,  # of the moved triangles
-    cameras: Cameras,
+    piece: Outline,  # that moves
+    views: Views,
     frozen: Frozen,
-    parts: int,
+    batch: Batch,
+    blocks: int,
     lanes: int,
-    scratch: wp.array[wp.uint32],
     # out
-    image: wp.array3d[wp.vec2i],  # (candidate, camera, vertex) cells
-    facing: wp.array3d[wp.uint8],  # (candidate, camera, moved triangle)
-    count: wp.array2d[wp.vec2i],  # (candidate, camera) |M|, |M and F|
-):
-    c, k, part, lane = wp.tid()
+    canvas: Canvas,
+) -> None:
+    own, k, block, lane = wp.tid()
+    c = batch.first + own
+    run = run_of(c, batch, frozen.words.shape[0])
+    scratch = batch.scratch
     steps = shared_words(scratch)
-    points = image[c, k]
-    bounds = project_body(posed[c], vertex, cameras, frozen, c, k, lane, lanes, scratch, points)
-    cut = is_cut(frozen, c, k, scratch)
-    camera = pinhole(cameras, k)
-    width = cameras.size[k][0]
+    points = canvas.cell[c, k]
+    facing = canvas.facing[c, k]
+    bounds = project_piece(posed[c], piece.vertex, views, frozen, run, k, lane, lanes, scratch, points)
+    cut = is_cut(frozen, run, k, scratch)
+    camera = pinhole(views, k)
+    width = views.size[k][0]
     total = wp.vec2i(0, 0)
     if bounds[0] <= bounds[1] and bounds[2] <= bounds[3]:
-        _face(mesh.triangle, lane, lanes, points, facing[c, k])
-        rows = (bounds[1] - bounds[0]) // parts + 1
-        end = wp.min(bounds[0] + (part + 1) * rows - 1, bounds[1])
+        _face(piece.triangle, lane, lanes, points, facing)
+        rows = (bounds[1] - bounds[0]) // blocks + 1
+        end = wp.min(bounds[0] + (block + 1) * rows - 1, bounds[1])
         band = _first_band(bounds)
-        band.first_row += part * rows
+        band.first_row += block * rows
         while band.first_row <= end:
             band.last_row = wp.min(band.first_row + WORDS // band.stride - 1, end)
-            _mark_body(posed[c], mesh, camera, points, facing[c, k], 0, cut, lane, lanes, band, steps)
+            _mark_piece(posed[c], piece, camera, points, facing, 0, cut, lane, lanes, band, steps)
             for row in range(band.first_row + lane, band.last_row + 1, lanes):
                 inside = int(0)
                 for word in range(band.first_four >> 3, (band.last_four >> 3) + 1):
                     filled = _fill(word, row, inside, band, steps)
                     inside = filled[1]
                     pixels = wp.uint32(filled[0]) & word_bits(0, width - 1, word)
-                    total += count_word(pixels, cameras, frozen, c, k, row, word)
+                    total += count_word(pixels, views, frozen, run, k, row, word)
             sync()
             band.first_row = band.last_row + 1
-    add_up(total, frozen, c, k, lane, part, parts, scratch, count)
+    add_up(total, frozen, run, c, k, lane, block, blocks, scratch, canvas.count)
 
 
-def raster(posed, vertex, mesh, cameras, frozen, parts, scratch, image, facing, count):
+def raster(
+    posed: wp.array[wp.vec3], piece: Outline, views: Views, frozen: Frozen, batch: Batch, canvas: Canvas
+) -> None:
     """Count pixels: ``count[c, k] = (|M|, |M and F|)`` of candidate ``c``'s silhouette M and camera ``k``'s mask F.
 
-    ``vertex`` and ``mesh`` are what moves; the silhouette of the rest is in ``frozen``. ``parts`` blocks share a view,
-    a stretch of its rows each, where a block each would leave most of a GPU idle.
+    ``posed`` is (candidate, vertex) [m]; ``piece`` is what moves, ``frozen`` holds the silhouettes of the rest. Where
+    a block a view would leave most of a GPU idle, several share it, a stretch of its rows each.
     """
-    if parts > 1:
-        count.zero_()
-    lanes = lanes_of(count.device)
+    cameras = views.size.shape[0]
+    lanes, blocks = lanes_of(posed.device), blocks_of(posed.device, batch.size * cameras)
+    if blocks > 1:
+        canvas.count.zero_()
     wp.launch(
         _raster,
-        dim=(*count.shape, parts, lanes),
-        inputs=[posed, vertex, mesh, cameras, frozen, parts, lanes, scratch],
-        outputs=[image, facing, count],
+        dim=(batch.size, cameras, blocks, lanes),
+        inputs=[posed, piece, views, frozen, batch, blocks, lanes],
+        outputs=[canvas],
         block_dim=lanes,
-        device=count.device,
+        device=posed.device,
     )
 
 
 @wp.kernel
 def _freeze(
     posed: wp.array2d[wp.vec3],  # (run, vertex) [m]
-    vertex: wp.array[wp.int32],  # (frozen vertex,)
-    mesh: Outline,  # of the frozen triangles
-    cameras: Cameras,
+    piece: Outline,  # that rests
+    views: Views,
+    batch: Batch,
     lanes: int,
-    scratch: wp.array[wp.uint32],
     # out
-    image: wp.array3d[wp.vec2i],  # (run, camera, vertex) cells
-    facing: wp.array3d[wp.uint8],  # (run, camera, frozen triangle)
-    words: wp.array4d[wp.uint32],  # (run, camera, row, word)
-    count: wp.array2d[wp.vec2i],  # (run, camera) |M|, |M and F|
-    cut: wp.array2d[wp.int32],  # (run, camera)
-):
-    c, k, lane = wp.tid()
+    canvas: Canvas,
+    frozen: Frozen,
+) -> None:
+    own, k, lane = wp.tid()
+    c = batch.first + own
+    scratch = batch.scratch
     steps = shared_words(scratch)
-    alone = Frozen()
-    points = image[c, k]
-    bounds = project_body(posed[c], vertex, cameras, alone, c, k, lane, lanes, scratch, points)
-    is_open = is_cut(alone, c, k, scratch)
+    none = Frozen()
+    points = canvas.cell[c, k]
+    facing = canvas.facing[c, k]
+    bounds = project_piece(posed[c], piece.vertex, views, none, -1, k, lane, lanes, scratch, points)
+    is_open = is_cut(none, -1, k, scratch)
     if lane == 0:
-        cut[c, k] = int(is_open)
-    camera = pinhole(cameras, k)
-    width = cameras.size[k][0]
-    for row in range(lane, words.shape[2], lanes):
-        for word in range(words.shape[3]):
-            words[c, k, row, word] = wp.uint32(0)
+        frozen.cut[c, k] = int(is_open)
+    camera = pinhole(views, k)
+    width = views.size[k][0]
+    words = frozen.words[c, k]
+    for row in range(lane, words.shape[0], lanes):
+        for word in range(words.shape[1]):
+            words[row, word] = wp.uint32(0)
     sync()
     total = wp.vec2i(0, 0)
     if bounds[0] <= bounds[1] and bounds[2] <= bounds[3]:
-        _face(mesh.triangle, lane, lanes, points, facing[c, k])
+        _face(piece.triangle, lane, lanes, points, facing)
         band = _first_band(bounds)
         while band.first_row <= bounds[1]:
             band.last_row = wp.min(band.first_row + WORDS // band.stride - 1, bounds[1])
             for beyond in range(2):
-                _mark_body(posed[c], mesh, camera, points, facing[c, k], beyond, is_open, lane, lanes, band, steps)
+                _mark_piece(posed[c], piece, camera, points, facing, beyond, is_open, lane, lanes, band, steps)
                 for row in range(band.first_row + lane, band.last_row + 1, lanes):
                     inside = int(0)
                     for word in range(band.first_four >> 3, (band.last_four >> 3) + 1):
                         filled = _fill(word, row, inside, band, steps)
                         inside = filled[1]
-                        pixels = wp.uint32(filled[0]) & word_bits(0, width - 1, word) & ~words[c, k, row, word]
-                        words[c, k, row, word] = words[c, k, row, word] | pixels
-                        total += count_word(pixels, cameras, alone, c, k, row, word)
+                        pixels = wp.uint32(filled[0]) & word_bits(0, width - 1, word) & ~words[row, word]
+                        words[row, word] = words[row, word] | pixels
+                        total += count_word(pixels, views, none, -1, k, row, word)
                 sync()
             band.first_row = band.last_row + 1
-    add_up(total, alone, c, k, lane, 0, 1, scratch, count)
+    add_up(total, none, -1, c, k, lane, 0, 1, scratch, frozen.count)
 
 
-def freeze(posed, vertex, mesh, cameras, scratch, image, facing, frozen):
-    """Draw what stays into ``frozen.words`` and count it, a silhouette a run.
+def freeze(
+    posed: wp.array[wp.vec3], piece: Outline, views: Views, batch: Batch, canvas: Canvas, frozen: Frozen
+) -> None:
+    """Draw a resting piece into ``frozen.words`` and count it, a silhouette a run; ``posed`` is (run, vertex) [m].
 
     Triangles that face away are drawn too. As long as the whole body is seen, the others cover them; where the moving
-    part is cut by the near plane, they count.
+    piece is cut by the near plane, they count.
     """
     lanes = lanes_of(posed.device)
     wp.launch(
         _freeze,
-        dim=(*frozen.count.shape, lanes),
-        inputs=[posed, vertex, mesh, cameras, lanes, scratch],
-        outputs=[image, facing, frozen.words, frozen.count, frozen.cut],
+        dim=(batch.size, views.size.shape[0], lanes),
+        inputs=[posed, piece, views, batch, lanes],
+        outputs=[canvas, frozen],
         block_dim=lanes,
         device=posed.device,
     )

@@ -1,8 +1,20 @@
-"""Silhouettes by packets of rays on the CPU: up to 256 x 128 pixels share one traversal of a BVH.
+r"""Silhouettes by packets of rays on the CPU: up to 256 x 128 pixels share one traversal of a BVH.
 
-The tree is built once over the rest pose; each candidate and camera refits its boxes, in the image, around the
-projected triangles that face the camera. A packet walks the tree once, marks the pixels that each triangle covers as
-bits, stops when all its rays have hit, and is counted against the observed mask in place: no image is ever stored.
+The idea: a silhouette only asks whether a pixel's ray hits anything. All rays of a packet ask the tree together: a
+box that the packet misses is skipped with all that is below it, a triangle sets the bits of all rays that hit it, row
+by row, and the packet is done as soon as all of its bits are set.
+
+    the image                 the tree                       bits of one row of the packet
+    +--------+                     root                      before        ....11111.......
+    | packet |   .---.            /    \                     a triangle    ........1111....
+    |    .---|.  | B |       box A     box B: missed,        after         ....11111111....
+    |    | A ||  '---'      /     \    skip to what
+    +----|---+|         triangles  ... comes after it
+         '----'
+
+The tree is built once over the rest pose. Each candidate and camera fits its boxes anew, in the image, around the
+projected triangles that face the camera. What a packet hit is counted against the observed mask in place: no image is
+ever stored.
 
 A node is ``(skip, first, count)``: where to go when its box is missed, and for a leaf its run of triangles. Nodes
 stand in depth-first order, so the next node is the first child, and boxes can be fitted from the last to the first.
@@ -12,20 +24,20 @@ A GPU's threads would each go their own way through such a tree: ``raycast_wide.
 
 import warp as wp
 
+from mmocap_warp.kernels.batch import Batch, run_of
 from mmocap_warp.kernels.block import CPU_FLAGS, shared_words
 from mmocap_warp.kernels.silhouettes.counting import (
-    Cameras,
+    Canvas,
     Frozen,
     add_up,
     count_word,
     frozen_word,
     is_cut,
-    pinhole,
-    project_body,
+    project_piece,
 )
-from mmocap_warp.kernels.silhouettes.coverage import drop, faces_camera, is_behind, last_before, row_span, word_bits
+from mmocap_warp.kernels.silhouettes.coverage import drop, faces_camera, last_before, row_span, word_bits
 from mmocap_warp.kernels.views.near_plane import clip, corner
-from mmocap_warp.kernels.views.projection import Pinhole
+from mmocap_warp.kernels.views.projection import Pinhole, Views, is_behind, pinhole
 
 wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": CPU_FLAGS})
 
@@ -38,8 +50,9 @@ _EMPTY_HIGH = wp.constant(-(2**29))
 
 @wp.struct
 class Tree:
-    """A BVH over triangles; see :class:`mmocap_warp.objective.bvh.Bvh`."""
+    """A piece of a mesh, its triangles in a BVH; see :class:`mmocap_warp.objective.bvh.Bvh`."""
 
+    vertex: wp.array[wp.int32]  # (vertex of the piece,)
     node: wp.array[wp.vec3i]  # (node,)
     triangle: wp.array[wp.vec3i]  # (triangle,) in leaf order
 
@@ -50,7 +63,7 @@ def _leaf_box(
     tree: Tree,
     points: wp.array[wp.vec2i],
     cut: bool,
-    visible: wp.array[wp.uint8],
+    facing: wp.array[wp.uint8],
 ) -> wp.vec4i:
     """The box of a leaf's visible triangles, which are noted: those that face the camera, or all where it is cut."""
     box = wp.vec4i(_EMPTY_LOW, _EMPTY_LOW, _EMPTY_HIGH, _EMPTY_HIGH)
@@ -60,7 +73,7 @@ def _leaf_box(
         q = points[v[1]]
         r = points[v[2]]
         is_visible = cut or faces_camera(p, q, r)
-        visible[t] = wp.uint8(is_visible)
+        facing[t] = wp.uint8(is_visible)
         if cut and (is_behind(p) or is_behind(q) or is_behind(r)):
             box = wp.vec4i(_EMPTY_HIGH, _EMPTY_HIGH, _EMPTY_LOW, _EMPTY_LOW)  # clipped points may lie anywhere
         elif is_visible:
@@ -78,15 +91,15 @@ def _refit(
     tree: Tree,
     points: wp.array[wp.vec2i],
     cut: bool,
-    visible: wp.array[wp.uint8],
+    facing: wp.array[wp.uint8],
     box: wp.array[wp.vec4i],
-):
+) -> None:
     """Fit the boxes of a candidate and camera around its triangles."""
     for i in range(tree.node.shape[0]):
         n = tree.node.shape[0] - 1 - i
         node = tree.node[n]
         if node[2] > 0:
-            box[n] = _leaf_box(node, tree, points, cut, visible)
+            box[n] = _leaf_box(node, tree, points, cut, facing)
         else:
             left = box[n + 1]
             right = box[tree.node[n + 1][0]]
@@ -109,7 +122,7 @@ class Packet:
 
 
 @wp.func
-def _hit(a: wp.vec2i, b: wp.vec2i, c: wp.vec2i, packet: Packet, bits: wp.array[wp.uint32]):
+def _hit(a: wp.vec2i, b: wp.vec2i, c: wp.vec2i, packet: Packet, bits: wp.array[wp.uint32]) -> None:
     """Mark the rays that hit a projected triangle."""
     left = packet.word * 32
     right = left + packet.words * 32 - 1
@@ -134,7 +147,7 @@ def _hit_clipped(
     camera: Pinhole,
     packet: Packet,
     bits: wp.array[wp.uint32],
-):
+) -> None:
     """Mark the rays that hit what the near plane leaves of a triangle."""
     left = clip(v, points, posed, camera)
     _hit(corner(left, 0), corner(left, 1), corner(left, 2), packet, bits)
@@ -147,12 +160,12 @@ def _cast(
     tree: Tree,
     posed: wp.array[wp.vec3],
     points: wp.array[wp.vec2i],
-    visible: wp.array[wp.uint8],
+    facing: wp.array[wp.uint8],
     box: wp.array[wp.vec4i],
     camera: Pinhole,
     cut: bool,
     bits: wp.array[wp.uint32],
-):
+) -> None:
     """Cast a packet's rays that have not hit yet."""
     first_column = packet.word * 32
     last_column = first_column + packet.words * 32 - 1
@@ -173,7 +186,7 @@ def _cast(
             n += 1
         else:
             for t in range(node[1], node[1] + node[2]):
-                if visible[t] != wp.uint8(0):
+                if facing[t] != wp.uint8(0):
                     v = tree.triangle[t]
                     if cut:
                         _hit_clipped(v, posed, points, camera, packet, bits)
@@ -188,27 +201,28 @@ def _cast(
 @wp.kernel
 def _raycast(
     posed: wp.array2d[wp.vec3],  # (candidate, vertex) [m]
-    vertex: wp.array[wp.int32],  # (moved vertex,)
-    tree: Tree,  # of the moved triangles
-    cameras: Cameras,
+    tree: Tree,  # of the moving piece
+    views: Views,
     frozen: Frozen,
-    scratch: wp.array[wp.uint32],
+    batch: Batch,
     # out
-    image: wp.array3d[wp.vec2i],  # (candidate, camera, vertex) cells
-    visible: wp.array3d[wp.uint8],  # (candidate, camera, moved triangle)
-    box: wp.array3d[wp.vec4i],  # (candidate, camera, node) x_min y_min x_max y_max, cells
-    count: wp.array2d[wp.vec2i],  # (candidate, camera) |M|, |M and F|
-):
-    c, k = wp.tid()
+    canvas: Canvas,
+) -> None:
+    own, k = wp.tid()
+    c = batch.first + own
+    run = run_of(c, batch, frozen.words.shape[0])
+    scratch = batch.scratch
     bits = shared_words(scratch)
-    points = image[c, k]
-    bounds = project_body(posed[c], vertex, cameras, frozen, c, k, 0, 1, scratch, points)
-    cut = is_cut(frozen, c, k, scratch)
+    points = canvas.cell[c, k]
+    facing = canvas.facing[c, k]
+    box = canvas.box[c, k]
+    bounds = project_piece(posed[c], tree.vertex, views, frozen, run, k, 0, 1, scratch, points)
+    cut = is_cut(frozen, run, k, scratch)
     total = wp.vec2i(0, 0)
     if bounds[0] <= bounds[1] and bounds[2] <= bounds[3]:
-        camera = pinhole(cameras, k)
-        width = cameras.size[k][0]
-        _refit(tree, points, cut, visible[c, k], box[c, k])
+        camera = pinhole(views, k)
+        width = views.size[k][0]
+        _refit(tree, points, cut, facing, box)
         packet = Packet()
         for first_row in range(bounds[0], bounds[1] + 1, _ROWS):
             packet.first_row = first_row
@@ -218,24 +232,24 @@ def _raycast(
                 packet.words = wp.min(_WORDS, (bounds[3] >> 5) + 1 - word)
                 for row in range(packet.rows):
                     for w in range(packet.words):
-                        bits[row * packet.words + w] = frozen_word(frozen, c, k, first_row + row, word + w)
-                _cast(packet, tree, posed[c], points, visible[c, k], box[c, k], camera, cut, bits)
+                        bits[row * packet.words + w] = frozen_word(frozen, run, k, first_row + row, word + w)
+                _cast(packet, tree, posed[c], points, facing, box, camera, cut, bits)
                 for row in range(packet.rows):
                     for w in range(packet.words):
                         hits = bits[row * packet.words + w] & word_bits(0, width - 1, word + w)
-                        total += count_word(hits, cameras, frozen, c, k, first_row + row, word + w)
-    add_up(total, frozen, c, k, 0, 0, 1, scratch, count)
+                        total += count_word(hits, views, frozen, run, k, first_row + row, word + w)
+    add_up(total, frozen, run, c, k, 0, 0, 1, scratch, canvas.count)
 
 
-def raycast(posed, vertex, tree, cameras, frozen, scratch, image, visible, box, count):
+def raycast(posed: wp.array[wp.vec3], tree: Tree, views: Views, frozen: Frozen, batch: Batch, canvas: Canvas) -> None:
     """Count pixels: ``count[c, k] = (|M|, |M and F|)`` of candidate ``c``'s silhouette M and camera ``k``'s mask F.
 
-    ``vertex`` and the triangles of ``tree`` are those that move; the silhouette of the others is in ``frozen``.
+    ``posed`` is (candidate, vertex) [m]; ``tree`` holds the moving piece, ``frozen`` the silhouettes of the rest.
     """
     wp.launch(
         _raycast,
-        dim=count.shape,
-        inputs=[posed, vertex, tree, cameras, frozen, scratch],
-        outputs=[image, visible, box, count],
-        device=count.device,
+        dim=(batch.size, views.size.shape[0]),
+        inputs=[posed, tree, views, frozen, batch],
+        outputs=[canvas],
+        device=posed.device,
     )

@@ -1,43 +1,51 @@
-"""Silhouettes by packets of rays on a GPU: a warp casts a packet, its 32 lanes test 32 boxes or triangles at a time.
+"""Silhouettes by rays on a GPU: a warp casts 32 x 32 rays, its 32 lanes test 32 boxes or triangles at a time.
 
-The tree has two levels, 32 wide: boxes of single triangles, in the order of the binary tree's leaves, and boxes of 32
-of these. A packet's warp tests the upper boxes, then those under each one that it meets, collects the triangles that
-it may hit, and marks the pixels of 32 triangles at once. It stops when all its rays have hit. See ``raycast.py``.
+The idea: as in ``raycast.py``, only whether a ray hits is asked, and many rays ask together. But the threads of a
+warp must all do the same, so the tree is flat and 32 wide, and the lanes vote. Every triangle has a box in the image,
+every 32 neighbours, a group, have a box around these. A tile is a word, 32 pixels, of each of 32 rows.
+
+    lane                       0   1   2   3  ...  31
+    1. meets the tile:  box of group 0, 1, 2, 3 ...      a vote: groups 1 and 3 are to be visited
+    2. meets the tile:  box of triangle 32, 33, 34 ...   of group 1, then 3; a vote: who meets it joins the queue
+    3. once 32 wait:    [ 33 | 40 | 41 | 96 | ... ]      each lane sets the bits of the rays that hit its triangle
+    4. are all bits of the tile set?                     a vote: then it is done, else on with 2 or 1
+
+Neighbours are near one another because triangles stand in the order of the leaves of a binary tree. The 8 warps of a
+block take tile after tile of a view; where there are few views, several blocks share one.
 """
 
 import warp as wp
 
-from mmocap_warp.kernels.block import LANES, shared_words, sync, sync_warp, warp_max
+from mmocap_warp.kernels.batch import Batch, run_of
+from mmocap_warp.kernels.block import LANES, blocks_of, shared_words, sync, sync_warp, warp_max
 from mmocap_warp.kernels.silhouettes.counting import (
-    Cameras,
+    Canvas,
     Frozen,
     add_up,
     count_word,
     frozen_word,
     is_cut,
-    pinhole,
-    project_body,
+    project_piece,
 )
 from mmocap_warp.kernels.silhouettes.coverage import (
     drop,
     faces_camera,
     first_after,
-    is_behind,
     last_before,
     row_span,
     word_bits,
 )
 from mmocap_warp.kernels.views.near_plane import clip, corner
-from mmocap_warp.kernels.views.projection import Pinhole
+from mmocap_warp.kernels.views.projection import Pinhole, Views, is_behind, pinhole
 
 wp.set_module_options({"enable_backward": False})
 
 WIDTH = 32
 """Boxes under a node, and lanes of a warp."""
 
-_ROWS = wp.constant(32)  # of a packet
+_ROWS = wp.constant(32)  # of a tile
 _QUEUE = wp.constant(2 * WIDTH)  # triangles that wait to be marked, a warp
-_BITS = wp.constant(LANES // WIDTH * 2 * WIDTH)  # where the packets' pixels begin in the shared words
+_BITS = wp.constant(LANES // WIDTH * 2 * WIDTH)  # where the tiles' pixels begin in the shared words
 _FAR = wp.constant(2**29)
 
 
@@ -60,7 +68,15 @@ def _below(votes: wp.uint32, lane: int) -> int:
 
 
 @wp.struct
-class Packet:
+class Leaves:
+    """A piece of a mesh, its triangles in the order of a binary tree's leaves, where neighbours are near."""
+
+    vertex: wp.array[wp.int32]  # (vertex of the piece,)
+    triangle: wp.array[wp.vec3i]  # (triangle,)
+
+
+@wp.struct
+class Tile:
     """Rays through a few rows of a word of pixels, and where their hits are kept in the block's shared words."""
 
     word: int
@@ -98,23 +114,18 @@ def _box_of(
 
 
 @wp.func
-def _meets(box: wp.vec4i, packet: Packet) -> bool:
-    left = packet.word * 32
-    return (
-        box[0] <= left + 31
-        and box[1] >= left
-        and box[2] < packet.first_row + packet.rows
-        and box[3] >= packet.first_row
-    )
+def _meets(box: wp.vec4i, tile: Tile) -> bool:
+    left = tile.word * 32
+    return box[0] <= left + 31 and box[1] >= left and box[2] < tile.first_row + tile.rows and box[3] >= tile.first_row
 
 
 @wp.func
-def _mark(a: wp.vec2i, b: wp.vec2i, c: wp.vec2i, packet: Packet, shared: wp.array[wp.uint32]):
+def _mark(a: wp.vec2i, b: wp.vec2i, c: wp.vec2i, tile: Tile, shared: wp.array[wp.uint32]) -> None:
     """Mark the rays that hit a projected triangle."""
-    d = drop(a, b, c, packet.first_row, packet.first_row + packet.rows - 1)
+    d = drop(a, b, c, tile.first_row, tile.first_row + tile.rows - 1)
     for row in range(d.first, d.last + 1):
         s = row_span(d, row)
-        shared[packet.start + row - packet.first_row] |= word_bits(s[0], s[1], packet.word)
+        shared[tile.start + row - tile.first_row] |= word_bits(s[0], s[1], tile.word)
 
 
 @wp.func
@@ -123,18 +134,18 @@ def _mark_clipped(
     posed: wp.array[wp.vec3],
     points: wp.array[wp.vec2i],
     camera: Pinhole,
-    packet: Packet,
+    tile: Tile,
     shared: wp.array[wp.uint32],
-):
+) -> None:
     """Mark the rays that hit what the near plane leaves of a triangle."""
     left = clip(v, points, posed, camera)
-    _mark(corner(left, 0), corner(left, 1), corner(left, 2), packet, shared)
-    _mark(corner(left, 0), corner(left, 2), corner(left, 3), packet, shared)
+    _mark(corner(left, 0), corner(left, 1), corner(left, 2), tile, shared)
+    _mark(corner(left, 0), corner(left, 2), corner(left, 3), tile, shared)
 
 
 @wp.func
 def _cast(
-    packet: Packet,
+    tile: Tile,
     queue: int,
     lane: int,
     triangle: wp.array[wp.vec3i],
@@ -146,14 +157,14 @@ def _cast(
     width: int,
     cut: bool,
     shared: wp.array[wp.uint32],
-):
-    """Cast a packet's rays that have not hit yet, with a warp.
+) -> None:
+    """Cast a tile's rays that have not hit yet, with a warp.
 
     Groups whose boxes it meets wait in ``to_visit``; their triangles whose boxes it meets wait in the queue, until 32
     of them, or the last, are marked.
     """
     groups = (triangle.shape[0] + WIDTH - 1) // WIDTH
-    all_hit = word_bits(0, width - 1, packet.word)
+    all_hit = word_bits(0, width - 1, tile.word)
     waiting = int(0)
     to_visit = wp.uint32(0)
     first = int(-WIDTH)
@@ -162,13 +173,13 @@ def _cast(
             first += WIDTH
             met = bool(False)
             if first + lane < groups:
-                met = _meets(group_box[first + lane], packet)
+                met = _meets(group_box[first + lane], tile)
             to_visit = _ballot(met)
         if to_visit != wp.uint32(0):
             lowest = to_visit & (~to_visit + wp.uint32(1))
             to_visit = to_visit ^ lowest
             t = (first + wp.bit_count(lowest - wp.uint32(1))) * WIDTH + lane
-            hit = _meets(box[t], packet)
+            hit = _meets(box[t], tile)
             hits = _ballot(hit)
             if hit:
                 shared[queue + waiting + _below(hits, lane)] = wp.uint32(t)
@@ -179,9 +190,9 @@ def _cast(
             if lane < waiting:
                 v = triangle[int(shared[queue + lane])]
                 if cut:
-                    _mark_clipped(v, posed, points, camera, packet, shared)
+                    _mark_clipped(v, posed, points, camera, tile, shared)
                 else:
-                    _mark(points[v[0]], points[v[1]], points[v[2]], packet, shared)
+                    _mark(points[v[0]], points[v[1]], points[v[2]], tile, shared)
             waiting = wp.max(waiting - WIDTH, 0)
             left_over = wp.uint32(0)
             if lane < waiting:
@@ -189,7 +200,7 @@ def _cast(
             sync_warp()
             if lane < waiting:
                 shared[queue + lane] = left_over
-            missed = lane < packet.rows and (shared[packet.start + lane] & all_hit) != all_hit
+            missed = lane < tile.rows and (shared[tile.start + lane] & all_hit) != all_hit
             if _ballot(missed) == wp.uint32(0):
                 break
         if is_last and waiting == 0:
@@ -199,76 +210,76 @@ def _cast(
 @wp.kernel(launch_bounds=(LANES, 3))
 def _raycast_wide(
     posed: wp.array2d[wp.vec3],  # (candidate, vertex) [m]
-    vertex: wp.array[wp.int32],  # (moved vertex,)
-    triangle: wp.array[wp.vec3i],  # (moved triangle,) in leaf order
-    cameras: Cameras,
+    leaves: Leaves,  # of the moving piece
+    views: Views,
     frozen: Frozen,
-    parts: int,
-    scratch: wp.array[wp.uint32],
+    batch: Batch,
+    blocks: int,
     # out
-    image: wp.array3d[wp.vec2i],  # (candidate, camera, vertex) cells
-    box: wp.array3d[wp.vec4i],  # (candidate, camera, moved triangle) columns and rows
-    group_box: wp.array3d[wp.vec4i],  # (candidate, camera, group) columns and rows
-    count: wp.array2d[wp.vec2i],  # (candidate, camera) |M|, |M and F|
-):
-    c, k, part, thread = wp.tid()
-    shared = shared_words(scratch)
-    points = image[c, k]
-    boxes = box[c, k]
-    group_boxes = group_box[c, k]
-    bounds = project_body(posed[c], vertex, cameras, frozen, c, k, thread, LANES, scratch, points)
-    cut = is_cut(frozen, c, k, scratch)
-    camera = pinhole(cameras, k)
-    width = cameras.size[k][0]
+    canvas: Canvas,
+) -> None:
+    own, k, block, thread = wp.tid()
+    c = batch.first + own
+    run = run_of(c, batch, frozen.words.shape[0])
+    shared = shared_words(batch.scratch)
+    triangle = leaves.triangle
+    points = canvas.cell[c, k]
+    box = canvas.box[c, k]
+    group_box = canvas.group_box[c, k]
+    bounds = project_piece(posed[c], leaves.vertex, views, frozen, run, k, thread, LANES, batch.scratch, points)
+    cut = is_cut(frozen, run, k, batch.scratch)
+    camera = pinhole(views, k)
+    width = views.size[k][0]
     warp = thread // WIDTH
     lane = thread % WIDTH
     groups = (triangle.shape[0] + WIDTH - 1) // WIDTH
     total = wp.vec2i(0, 0)
     if bounds[0] <= bounds[1] and bounds[2] <= bounds[3]:
         for group in range(warp, groups, LANES // WIDTH):
-            own = _box_of(group * WIDTH + lane, triangle, points, cut)
-            boxes[group * WIDTH + lane] = own
-            left = -warp_max(-own[0])
-            right = warp_max(own[1])
-            top = -warp_max(-own[2])
-            bottom = warp_max(own[3])
+            mine = _box_of(group * WIDTH + lane, triangle, points, cut)
+            box[group * WIDTH + lane] = mine
+            left = -warp_max(-mine[0])
+            right = warp_max(mine[1])
+            top = -warp_max(-mine[2])
+            bottom = warp_max(mine[3])
             if lane == 0:
-                group_boxes[group] = wp.vec4i(left, right, top, bottom)
+                group_box[group] = wp.vec4i(left, right, top, bottom)
         sync()
         first_word = bounds[2] >> 5
         words = (bounds[3] >> 5) - first_word + 1
-        packets = ((bounds[1] - bounds[0]) // _ROWS + 1) * words
-        packet = Packet()
-        packet.start = _BITS + warp * WIDTH
-        for i in range(warp + part * (LANES // WIDTH), packets, parts * (LANES // WIDTH)):
-            packet.word = first_word + i % words
-            packet.first_row = bounds[0] + i // words * _ROWS
-            packet.rows = wp.min(_ROWS, bounds[1] - packet.first_row + 1)
-            if lane < packet.rows:
-                shared[packet.start + lane] = frozen_word(frozen, c, k, packet.first_row + lane, packet.word)
-            _cast(
-                packet, warp * _QUEUE, lane, triangle, posed[c], points, boxes, group_boxes, camera, width, cut, shared
-            )
+        tiles = ((bounds[1] - bounds[0]) // _ROWS + 1) * words
+        tile = Tile()
+        tile.start = _BITS + warp * WIDTH
+        for i in range(warp + block * (LANES // WIDTH), tiles, blocks * (LANES // WIDTH)):
+            tile.word = first_word + i % words
+            tile.first_row = bounds[0] + i // words * _ROWS
+            tile.rows = wp.min(_ROWS, bounds[1] - tile.first_row + 1)
+            if lane < tile.rows:
+                shared[tile.start + lane] = frozen_word(frozen, run, k, tile.first_row + lane, tile.word)
+            _cast(tile, warp * _QUEUE, lane, triangle, posed[c], points, box, group_box, camera, width, cut, shared)
             sync_warp()
-            if lane < packet.rows:
-                hits = shared[packet.start + lane] & word_bits(0, width - 1, packet.word)
-                total += count_word(hits, cameras, frozen, c, k, packet.first_row + lane, packet.word)
-    add_up(total, frozen, c, k, thread, part, parts, scratch, count)
+            if lane < tile.rows:
+                hits = shared[tile.start + lane] & word_bits(0, width - 1, tile.word)
+                total += count_word(hits, views, frozen, run, k, tile.first_row + lane, tile.word)
+    add_up(total, frozen, run, c, k, thread, block, blocks, batch.scratch, canvas.count)
 
 
-def raycast_wide(posed, vertex, triangle, cameras, frozen, parts, scratch, image, box, group_box, count):
+def raycast_wide(
+    posed: wp.array[wp.vec3], leaves: Leaves, views: Views, frozen: Frozen, batch: Batch, canvas: Canvas
+) -> None:
     """The same as :func:`~mmocap_warp.kernels.silhouettes.raycast.raycast`, on a GPU.
 
-    ``parts`` blocks share a candidate's view, where a block each would leave most of the chip idle. ``box`` has room
-    for whole groups of ``WIDTH`` triangles.
+    ``canvas.box`` has room for whole groups of ``WIDTH`` triangles.
     """
-    if parts > 1:
-        count.zero_()
+    cameras = views.size.shape[0]
+    blocks = blocks_of(posed.device, batch.size * cameras)
+    if blocks > 1:
+        canvas.count.zero_()
     wp.launch(
         _raycast_wide,
-        dim=(*count.shape, parts, LANES),
-        inputs=[posed, vertex, triangle, cameras, frozen, parts, scratch],
-        outputs=[image, box, group_box, count],
+        dim=(batch.size, cameras, blocks, LANES),
+        inputs=[posed, leaves, views, frozen, batch, blocks],
+        outputs=[canvas],
         block_dim=LANES,
-        device=count.device,
+        device=posed.device,
     )

@@ -6,8 +6,7 @@ count too. Such views are rare and pay for it; all others only ask whether a ver
 
 import warp as wp
 
-from mmocap_warp.kernels.silhouettes.coverage import is_behind
-from mmocap_warp.kernels.views.projection import BEHIND, NEAR, Pinhole, into_camera, onto_grid
+from mmocap_warp.kernels.views.projection import BEHIND, NEAR, Pinhole, into_camera, is_behind, onto_grid
 
 wp.set_module_options({"enable_backward": False})
 

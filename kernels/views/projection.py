@@ -25,6 +25,28 @@ class Pinhole:
     lens: wp.vec4  # fx fy cx cy [px]
 
 
+@wp.struct
+class Views:
+    """Pinhole cameras and what they see of the person."""
+
+    rotation: wp.array[wp.mat33]  # (camera,)
+    translation: wp.array[wp.vec3]  # (camera,) [m]
+    lens: wp.array[wp.vec4]  # (camera,) fx fy cx cy [px]
+    size: wp.array[wp.vec2i]  # (camera,) width height [px]
+    observed: wp.array3d[wp.uint32]  # (camera, row, word) masks F
+    foreground: wp.array[wp.int32]  # (camera,) |F|
+
+
+@wp.func
+def pinhole(views: Views, k: int) -> Pinhole:
+    """One of the cameras."""
+    camera = Pinhole()
+    camera.rotation = views.rotation[k]
+    camera.translation = views.translation[k]
+    camera.lens = views.lens[k]
+    return camera
+
+
 @wp.func
 def into_camera(point: wp.vec3, camera: Pinhole) -> wp.vec3:
     """Camera coordinates of a point in the world: x right, y down, z forward [m]."""
@@ -50,3 +72,9 @@ def project(point: wp.vec3, camera: Pinhole) -> wp.vec2i:
     if p[2] < NEAR:
         return wp.vec2i(BEHIND, BEHIND)
     return onto_grid(p, camera.lens)
+
+
+@wp.func
+def is_behind(point: wp.vec2i) -> bool:
+    """Whether a projected point lies before the near plane."""
+    return point[0] == BEHIND

@@ -1,4 +1,4 @@
-"""Each kernel of an evaluation alone: posing, the two renderers, freezing what stays, and the cost."""
+"""Each kernel of an evaluation alone: posing, the two renderers, freezing what rests, and the cost."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import warp as wp
 
-from mmocap_warp.body.posing import BodyArrays
+from mmocap_warp.body.posing import BodyArrays, JointArrays
+from mmocap_warp.kernels.batch import batch_of
 from mmocap_warp.kernels.benchmarks.case import Case, Check
-from mmocap_warp.kernels.body.kinematics import Affine
 from mmocap_warp.kernels.body.skinning import pose_vertices
 from mmocap_warp.kernels.silhouettes.cost import PAPER, cost_of_counts
 from mmocap_warp.objective.renderers import RENDERERS
-from mmocap_warp.objective.silhouettes import FrozenArrays, Silhouettes
+from mmocap_warp.objective.silhouettes import FrozenArrays, Silhouettes, ViewArrays
 from mmocap_warp.tracking.strategy import hierarchical
 
 if TYPE_CHECKING:
@@ -47,17 +47,12 @@ def stages(load: Workload, candidates: int, device: str) -> Iterator[list[Case]]
 def _posing(load: Workload, candidates: int, device: str) -> Case:
     mesh, poses = load.body.tracking, load.poses(candidates)
     body = BodyArrays(load.body, np.eye(3), mesh, device)
-    shape = (candidates, len(load.body.joint_rest))
-    transform, skin_matrix = (wp.zeros(shape, dtype=Affine, device=device) for _ in range(2))
+    joints = JointArrays(candidates, len(load.body.joint_rest), device)
     posed = wp.zeros((candidates, len(mesh.rest)), dtype=wp.vec3, device=device)
     pose = wp.array(poses, dtype=wp.float32, device=device)
     vertex = wp.array(np.arange(len(mesh.rest)), dtype=wp.int32, device=device)
-
-    def work() -> None:
-        pose_vertices(
-            pose, body.parent, body.depth, body.joint_frame, body.joint_rest, body.root_base, body.rest, body.joint,
-            body.weight, vertex, body.levels, 0, candidates, transform, skin_matrix, posed,
-        )  # fmt: skip
+    batch = batch_of(0, candidates, candidates, device)
+    work = partial(pose_vertices, body.struct, pose, vertex, batch, joints.struct, posed)
 
     def check() -> Check:
         apart = float(np.abs(posed.numpy() - load.vertices(poses)).max())
@@ -71,9 +66,9 @@ def _drawing(load: Workload, renderer: str, posed: wp.array, device: str) -> tup
     """What draws and counts, and where the counts are."""
     candidates = posed.shape[0]
     silhouettes = Silhouettes(load.body.tracking, load.rig, candidates, renderer, device)
-    silhouettes.cameras.observed.assign(load.observation.words)
-    own = silhouettes.slice(0, candidates)
-    return partial(silhouettes.draw, own, posed, silhouettes.whole, None, 0), silhouettes.count
+    silhouettes.views.observed.assign(load.observation.words)
+    batch = batch_of(0, candidates, candidates, device)
+    return partial(silhouettes.draw, posed, silhouettes.whole, batch), silhouettes.canvas.count
 
 
 def _same_counts(drawn: dict[str, tuple[partial, wp.array]], device: str) -> Check:
@@ -88,33 +83,34 @@ def _same_counts(drawn: dict[str, tuple[partial, wp.array]], device: str) -> Che
 def _freezing(load: Workload, posed: wp.array, device: str) -> list[Case]:
     """Drawing what an arm leaves alone, if anything; the arm over it gives the counts of the whole body."""
     silhouettes = Silhouettes(load.body.tracking, load.rig, 1, "raster", device)
-    silhouettes.cameras.observed.assign(load.observation.words)
+    silhouettes.views.observed.assign(load.observation.words)
     part = hierarchical(load.body.skeleton)[_LEFT_ARM]
     pieces = silhouettes.split(load.body.skeleton, part.index)
     if pieces is None:
         return []
-    moving, staying = pieces
-    frozen = FrozenArrays(1, silhouettes.cameras, device)
-    own = silhouettes.slice(0, 1)
+    moving, resting = pieces
+    frozen = FrozenArrays(1, silhouettes.views, device)
+    batch, count = batch_of(0, 1, 1, device), silhouettes.canvas.count
 
     def check() -> Check:
-        silhouettes.draw(own, posed, silhouettes.whole, None, 0)
-        whole = silhouettes.count.numpy().copy()
-        silhouettes.freeze(own, posed, staying, frozen)
-        silhouettes.draw(own, posed, moving, frozen, 1)
-        apart = int((whole != silhouettes.count.numpy()).any(axis=-1).sum())
+        silhouettes.draw(posed, silhouettes.whole, batch)
+        whole = count.numpy().copy()
+        silhouettes.freeze(posed, resting, batch, frozen)
+        silhouettes.draw(posed, moving, batch, frozen)
+        apart = int((whole != count.numpy()).any(axis=-1).sum())
         return Check(f"{apart} of {whole.shape[1]} counts differ from the whole body's", apart == 0)
 
     sizes = {"runs": 1, "moving": part.name} | load.sizes
-    return [Case(GROUP, "freeze", sizes, partial(silhouettes.freeze, own, posed, staying, frozen), check)]
+    return [Case(GROUP, "freeze", sizes, partial(silhouettes.freeze, posed, resting, batch, frozen), check)]
 
 
 def _cost(load: Workload, count: wp.array, device: str) -> Case:
     candidates = count.shape[0]
-    foreground = wp.array(load.observation.foreground, dtype=wp.int32, device=device)
-    size = wp.array(load.rig.size, dtype=wp.vec2i, device=device)
+    views = ViewArrays(load.rig, device)
+    views.foreground.assign(load.observation.foreground.astype(np.int32))
     pose = wp.zeros((candidates, load.body.skeleton.coordinates), dtype=wp.float32, device=device)
     prior = wp.zeros(pose.shape[1], dtype=wp.float32, device=device)
+    batch = batch_of(0, candidates, candidates, device)
     cost = wp.zeros(candidates, dtype=wp.float32, device=device)
 
     def check() -> Check:
@@ -124,5 +120,5 @@ def _cost(load: Workload, count: wp.array, device: str) -> Case:
         apart = float(np.abs(cost.numpy() - expected).max())
         return Check(f"within {apart:.0e} of double precision", apart <= COST_APART)
 
-    work = partial(cost_of_counts, PAPER, count, foreground, size, pose, prior, cost)
+    work = partial(cost_of_counts, PAPER, views.struct, count, pose, prior, batch, cost)
     return Case(GROUP, "cost", {"candidates": candidates, "cameras": count.shape[1]}, work, check, candidates)

@@ -6,7 +6,7 @@ import heapq
 
 import numpy as np
 
-from mmocap_warp.body.mesh_parts import is_closed
+from mmocap_warp.body.mesh_pieces import is_closed
 
 _LEAST_COSINE = 0.2  # between a triangle's normals before and after a collapse: it may tilt, not fold over
 

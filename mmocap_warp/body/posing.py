@@ -6,15 +6,16 @@ import numpy as np
 import warp as wp
 
 from mmocap_warp.body.model import BodyModel, SkinMesh
-from mmocap_warp.kernels.body.kinematics import Affine, pose_joints
+from mmocap_warp.kernels.body.kinematics import Affine, Body, Joints, pose_joints
 from mmocap_warp.kernels.body.skinning import skin
+from mmocap_warp.kernels.structs import filled
 
 
 class BodyArrays:
-    """A body's joints and one of its meshes as Warp arrays, ready for the kernels.
+    """A body's joints and one of its meshes as Warp arrays, and the ``struct`` of them that kernels take.
 
-    ``joint_rest``, ``rest`` and ``root_base`` have a leading body axis of ``copies``: 1, or one body per candidate;
-    ``root_base`` one of ``bases``, if given.
+    ``joint_rest`` and ``rest`` have a leading axis of ``copies``: 1, or a body for every candidate; ``root_base`` has
+    one of ``bases``, or of copies if not given.
     Influences are sorted by falling weight, because the skinning kernel always adds the first and skips zeros.
     """
 
@@ -40,6 +41,16 @@ class BodyArrays:
         self.rest = wp.array(_repeat(mesh.rest, copies), dtype=wp.vec3, device=device)
         self.joint = wp.array(joint, dtype=wp.vec4i, device=device)
         self.weight = wp.array(weight, dtype=wp.vec4, device=device)
+        self.struct = filled(Body, **vars(self))
+
+
+class JointArrays:
+    """Where the joints of candidates are written to as Warp arrays, and the ``struct`` of them that kernels take."""
+
+    def __init__(self, candidates: int, joints: int, device: str) -> None:
+        self.transform = wp.zeros((candidates, joints), dtype=Affine, device=device)
+        self.skin_matrix = wp.zeros((candidates, joints), dtype=Affine, device=device)
+        self.struct = filled(Joints, **vars(self))
 
 
 def _repeat(values: np.ndarray, copies: int) -> np.ndarray:
@@ -63,31 +74,28 @@ class Poser:
 
     def joint_transforms(self, pose: np.ndarray) -> np.ndarray:
         """World transforms of the joints for poses (n, coordinate): (n, joint, 4, 4) float32, for column vectors."""
-        transforms, _ = self._pose(pose)
-        square = np.zeros((*transforms.shape, 4, 4), np.float32)
-        square[..., :3, :] = transforms.numpy()
+        transforms = self._pose(pose).transform.numpy()
+        square = np.zeros((*transforms.shape[:2], 4, 4), np.float32)
+        square[..., :3, :] = transforms
         square[..., 3, 3] = 1.0
         return square
 
     def vertices(self, pose: np.ndarray) -> np.ndarray:
         """The full mesh's vertices in the world for poses (n, coordinate): (n, vertex, 3) float32 [m]."""
-        _, skin_matrix = self._pose(pose)
-        posed = wp.empty((len(skin_matrix), self._full.rest.shape[1]), dtype=wp.vec3, device=self._device)
-        skin(self._full.rest, self._full.joint, self._full.weight, skin_matrix, posed)
+        joints = self._pose(pose)
+        shape = (joints.transform.shape[0], self._full.rest.shape[1])
+        posed = wp.empty(shape, dtype=wp.vec3, device=self._device)
+        skin(self._full.struct, joints.struct, posed)
         return posed.numpy()
 
     def tracking_vertices(self, pose: np.ndarray) -> np.ndarray:
         """The tracking mesh's vertices in the world for poses (n, coordinate): (n, tracking vertex, 3) float32 [m]."""
         return self.vertices(pose)[:, self._tracking]
 
-    def _pose(self, pose: np.ndarray) -> tuple[wp.array, wp.array]:
+    def _pose(self, pose: np.ndarray) -> JointArrays:
         poses = np.atleast_2d(np.asarray(pose, np.float32))
         if poses.shape[1] != self._coordinates:
             raise ValueError(f"pose must be (n, {self._coordinates}), got {poses.shape}")
-        body = self._full
-        shape = (len(poses), len(body.parent))
-        transforms = wp.empty(shape, dtype=Affine, device=self._device)
-        skin_matrix = wp.empty(shape, dtype=Affine, device=self._device)
-        params = wp.array(poses, dtype=wp.float32, device=self._device)
-        pose_joints(params, body.parent, body.joint_frame, body.joint_rest, body.root_base, transforms, skin_matrix)
-        return transforms, skin_matrix
+        joints = JointArrays(len(poses), len(self._full.parent), self._device)
+        pose_joints(self._full.struct, wp.array(poses, dtype=wp.float32, device=self._device), joints.struct)
+        return joints

@@ -12,22 +12,24 @@ import numpy as np
 import warp as wp
 
 from mmocap_warp.body.model import BodyModel
-from mmocap_warp.body.posing import BodyArrays
+from mmocap_warp.body.posing import BodyArrays, JointArrays
 from mmocap_warp.body.shape_space import ShapeSpace, upright_base
+from mmocap_warp.kernels.batch import Batch, batch_of
 from mmocap_warp.kernels.body import shaping, skinning
-from mmocap_warp.kernels.body.kinematics import Affine
-from mmocap_warp.kernels.body.shaping import shape, turn
+from mmocap_warp.kernels.body.shaping import Sliders, shape, turn
 from mmocap_warp.kernels.body.skinning import pose_vertices
 from mmocap_warp.kernels.silhouettes import cost as cost_kernels
 from mmocap_warp.kernels.silhouettes.cost import cost_of_counts
-from mmocap_warp.objective.silhouettes import FrozenArrays, Part, Silhouettes, SilhouetteSlice
+from mmocap_warp.kernels.silhouettes.raster import Outline
+from mmocap_warp.kernels.structs import filled
+from mmocap_warp.objective.silhouettes import FrozenArrays, Silhouettes
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
 
 COSTS: dict[str, int] = {"paper": cost_kernels.PAPER, "xor": cost_kernels.XOR, "iou": cost_kernels.IOU}
 """The named costs; ``paper`` is Eq. 4-5."""
 
-_SMALLEST_SLICE = 4  # candidates; for fewer, starting a thread costs more than it saves
+_SMALLEST_BATCH = 4  # candidates; for fewer, starting a thread costs more than it saves
 
 
 class ShapeArrays:
@@ -35,44 +37,35 @@ class ShapeArrays:
 
     def __init__(self, space: ShapeSpace, device: str) -> None:
         body = space.body
-        self._rest = wp.array(body.tracking.rest, dtype=wp.vec3, device=device)
-        self._joint_rest = wp.array(body.joint_rest, dtype=wp.vec3, device=device)
-        vertex = space.displacements(body.shape_vertex[:, body.tracking_vertex])
-        joint = space.displacements(body.shape_joint)
-        self._vertex = [wp.array(side, dtype=wp.vec3, device=device) for side in vertex]
-        self._joint = [wp.array(side, dtype=wp.vec3, device=device) for side in joint]
+
+        def sliders(points: np.ndarray, targets: np.ndarray) -> Sliders:
+            increase, decrease = space.displacements(targets)
+            return filled(
+                Sliders,
+                first=body.skeleton.coordinates,
+                base=wp.array(points, dtype=wp.vec3, device=device),
+                increase=wp.array(increase, dtype=wp.vec3, device=device),
+                decrease=wp.array(decrease, dtype=wp.vec3, device=device),
+            )
+
+        self._vertices = sliders(body.tracking.rest, body.shape_vertex[:, body.tracking_vertex])
+        self._joints = sliders(body.joint_rest, body.shape_joint)
         self._upright = wp.mat33(upright_base(space.up).astype(np.float32))
         self._heading = space.heading_index
-        self._first = body.skeleton.coordinates  # of the sliders
 
-    def apply(self, coordinate: wp.array, rest: wp.array, joint_rest: wp.array, root_base: wp.array) -> None:
-        """Write every candidate's rest vertices, joints and base from its coordinates."""
-        shape(coordinate, self._first, self._rest, *self._vertex, rest)
-        shape(coordinate, self._first, self._joint_rest, *self._joint, joint_rest)
-        turn(coordinate, self._heading, self._upright, root_base)
-
-
-@dataclass(frozen=True)
-class _Slice:
-    """The arrays of a row of candidates, as views."""
-
-    pose: wp.array
-    joint_rest: wp.array
-    root_base: wp.array
-    rest: wp.array
-    joint_transform: wp.array
-    skin_matrix: wp.array
-    posed: wp.array
-    drawn: SilhouetteSlice
-    cost: wp.array
+    def apply(self, coordinate: wp.array[wp.float32], batch: Batch, body: BodyArrays) -> None:
+        """Write the rest vertices, joints and base of a batch's candidates from their coordinates."""
+        shape(self._vertices, coordinate, batch, body.rest)
+        shape(self._joints, coordinate, batch, body.joint_rest)
+        turn(coordinate, self._heading, self._upright, batch, body.root_base)
 
 
 @dataclass(frozen=True)
-class _Held:
-    """A part of the body that moves, and the silhouettes of the rest."""
+class _Split:
+    """The piece of the mesh that moves while others rest, and the silhouettes of these."""
 
-    moving: Part
-    staying: Part
+    moving: Any
+    resting: Outline
     frozen: FrozenArrays
 
 
@@ -119,31 +112,28 @@ class Objective:
         vertices, joints = len(mesh.rest), len(body.joint_rest)
         copies, bases = (candidates, candidates) if shapes else (1, bases)
         self.body = BodyArrays(body, root_base, mesh, device, copies, bases)
-        self._bases = bases
         self._silhouettes = Silhouettes(mesh, rig, candidates, renderer, device)
-        self._foreground = wp.zeros(len(rig), dtype=wp.int32, device=device)
         coordinates = len(shapes) if shapes else body.skeleton.coordinates
         self._shapes = ShapeArrays(shapes, device) if shapes else None
         self.prior = wp.zeros(coordinates, dtype=wp.float32, device=device)
 
         self.pose = wp.zeros((candidates, coordinates), dtype=wp.float32, device=device)
         self.cost = wp.zeros(candidates, dtype=wp.float32, device=device)
-        self.count = self._silhouettes.count
-        self._joint_transform = wp.zeros((candidates, joints), dtype=Affine, device=device)
-        self._skin_matrix = wp.zeros((candidates, joints), dtype=Affine, device=device)
+        self.count = self._silhouettes.canvas.count
+        self._joints = JointArrays(candidates, joints, device)
         self._posed = wp.zeros((candidates, vertices), dtype=wp.vec3, device=device)
         self._threads = threads if device == "cpu" else 1
         modules = [skinning, *self._silhouettes.modules, cost_kernels, *([shaping] if shapes else [])]
         for module in modules:  # before threads launch from them at the same time
             wp.load_module(module, device=device)
-        self._slices: dict[tuple[int, int], list[_Slice]] = {}
-        self._parts: dict[tuple[int, bytes], _Held | None] = {}
-        self._held: _Held | None = None
+        self._batches: dict[tuple[int, int], list[Batch]] = {}
+        self._splits: dict[tuple[int, bytes], _Split | None] = {}
+        self._split: _Split | None = None  # while coordinates are held
 
     @property
     def candidate_arrays(self) -> list[wp.array[Any]]:
         """Those whose first axis is the candidates; without shapes."""
-        posed = [self.pose, self.cost, self._joint_transform, self._skin_matrix, self._posed]
+        posed = [self.pose, self.cost, self._joints.transform, self._joints.skin_matrix, self._posed]
         return posed + self._silhouettes.candidate_arrays
 
     def observe(self, observation: Observation) -> None:
@@ -152,98 +142,78 @@ class Objective:
         Raises:
             ValueError: masks of another shape than the rig's.
         """
-        self._held = None  # its counts are those of the last masks
-        observed = self._silhouettes.cameras.observed
-        if observation.words.shape != observed.shape:
-            raise ValueError(f"masks are packed as {observation.words.shape}, the rig needs {observed.shape}")
-        observed.assign(observation.words)
-        self._foreground.assign(observation.foreground.astype(np.int32))
+        self._split = None  # its counts are those of the last masks
+        views = self._silhouettes.views
+        if observation.words.shape != views.observed.shape:
+            raise ValueError(f"masks are packed as {observation.words.shape}, the rig needs {views.observed.shape}")
+        views.observed.assign(observation.words)
+        views.foreground.assign(observation.foreground.astype(np.int32))
 
     def prepare(self, runs: int, index: np.ndarray) -> None:
         """Allocate what :meth:`hold` needs for so many runs and these coordinates."""
         key = (runs, np.asarray(index).tobytes())
-        if key not in self._parts:
-            self._parts[key] = self._part(runs, index)
+        if key not in self._splits:
+            self._splits[key] = self._split_at(runs, index)
 
-    def hold(self, base: wp.array, index: np.ndarray) -> None:
+    def hold(self, base: wp.array[wp.float32], index: np.ndarray) -> None:
         """From now on candidates differ from their run's ``base`` (run, coordinate) in coordinates ``index`` alone.
 
-        What these do not move is posed, drawn and counted once, here. It overwrites the first poses.
+        The piece of the mesh that rests is posed, drawn and counted once, here. It overwrites the first poses.
         """
         self.release()
-        self.prepare(base.shape[0], index)
-        held = self._parts[base.shape[0], np.asarray(index).tobytes()]
-        if held is None:
+        runs = base.shape[0]
+        self.prepare(runs, index)
+        split = self._splits[runs, np.asarray(index).tobytes()]
+        if split is None:
             return
         wp.copy(self.pose, base, count=base.size)
-        for own in self._slices_of(base.shape[0], threads=1):
-            self._pose(own, held.staying, base.shape[0])
-            self._silhouettes.freeze(own.drawn, own.posed, held.staying, held.frozen)
-        self._held = held
+        for batch in self._batches_of(runs, threads=1):
+            self._pose(split.resting.vertex, batch)
+            self._silhouettes.freeze(self._posed, split.resting, batch, split.frozen)
+        self._split = split
 
     def release(self) -> None:
         """Candidates may differ in everything again."""
-        self._held = None
+        self._split = None
 
-    def evaluate(self, candidates: int) -> wp.array:
+    def evaluate(self, candidates: int) -> wp.array[wp.float32]:
         """Fill ``count`` and ``cost`` for the first ``candidates`` poses, which divide evenly over bases and runs."""
-        slices = self._slices_of(candidates, self._threads)
-        if len(slices) == 1:
-            self._evaluate(slices[0], candidates)
+        batches = self._batches_of(candidates, self._threads)
+        if len(batches) == 1:
+            self._evaluate(batches[0])
         else:
-            list(self._pool.map(lambda own: self._evaluate(own, candidates), slices))
+            list(self._pool.map(self._evaluate, batches))
         return self.cost
 
     @cached_property
     def _pool(self) -> ThreadPoolExecutor:
         return ThreadPoolExecutor(self._threads)
 
-    def _part(self, runs: int, index: np.ndarray) -> _Held | None:
-        parts = None if self._shapes else self._silhouettes.split(self._skeleton, index)
-        return None if parts is None else _Held(*parts, FrozenArrays(runs, self._silhouettes.cameras, self.device))
+    def _split_at(self, runs: int, index: np.ndarray) -> _Split | None:
+        pieces = None if self._shapes else self._silhouettes.split(self._skeleton, index)
+        return None if pieces is None else _Split(*pieces, FrozenArrays(runs, self._silhouettes.views, self.device))
 
-    def _slices_of(self, candidates: int, threads: int) -> list[_Slice]:
-        """Candidates in one slice per thread: Warp runs a CPU launch on the calling thread and frees the others."""
+    def _batches_of(self, candidates: int, threads: int) -> list[Batch]:
+        """Candidates in one batch per thread: Warp runs a CPU launch on the calling thread and frees the others."""
         if not 0 < candidates <= self.candidates:
             raise ValueError(f"candidates must be in 1..{self.candidates}, got {candidates}")
-        count = min(threads, max(1, candidates // _SMALLEST_SLICE))
-        if (candidates, count) not in self._slices:
-            bounds = np.linspace(0, candidates, count + 1).round().astype(int)
-            self._slices[candidates, count] = [self._slice(int(a), int(b)) for a, b in pairwise(bounds)]
-        return self._slices[candidates, count]
+        count = min(threads, max(1, candidates // _SMALLEST_BATCH))
+        if (candidates, count) not in self._batches:
+            bounds = np.linspace(0, candidates, count + 1).round().astype(int).tolist()
+            batches = [batch_of(first, end, candidates, self.device) for first, end in pairwise(bounds)]
+            self._batches[candidates, count] = batches
+        return self._batches[candidates, count]
 
-    def _slice(self, first: int, end: int) -> _Slice:
-        bodies = slice(first, end) if self._shapes else slice(0, 1)
-        base = self.body.root_base[bodies] if self._shapes else self.body.root_base
-        return _Slice(
-            self.pose[first:end],
-            self.body.joint_rest[bodies],
-            base,
-            self.body.rest[bodies],
-            self._joint_transform[first:end],
-            self._skin_matrix[first:end],
-            self._posed[first:end],
-            self._silhouettes.slice(first, end),
-            self.cost[first:end],
-        )
-
-    def _pose(self, own: _Slice, part: Part, candidates: int) -> None:
-        """Pose a slice of so many candidates."""
-        body = self.body
-        first, share = own.drawn.first, max(candidates // self._bases, 1)
+    def _pose(self, vertex: wp.array[wp.int32], batch: Batch) -> None:
+        """Pose the joints of a batch's candidates, and these vertices."""
         if self._shapes:
-            self._shapes.apply(own.pose, own.rest, own.joint_rest, own.root_base)
-            first, share = 0, 1
-        pose_vertices(
-            own.pose, body.parent, body.depth, body.joint_frame, own.joint_rest, own.root_base, own.rest, body.joint,
-            body.weight, part.vertex, body.levels, first, share, own.joint_transform, own.skin_matrix, own.posed,
-        )  # fmt: skip
+            self._shapes.apply(self.pose, batch, self.body)
+        pose_vertices(self.body.struct, self.pose, vertex, batch, self._joints.struct, self._posed)
 
-    def _evaluate(self, own: _Slice, candidates: int) -> None:
-        held, drawing = self._held, self._silhouettes
-        part = held.moving if held else drawing.whole
-        particles = candidates // held.frozen.runs if held else 0
-        self._pose(own, part, candidates)
-        drawing.draw(own.drawn, own.posed, part, held.frozen if held else None, particles)
-        size = drawing.cameras.size
-        cost_of_counts(self._kind, own.drawn.count, self._foreground, size, own.pose, self.prior, own.cost)
+    def _evaluate(self, batch: Batch) -> None:
+        silhouettes, split = self._silhouettes, self._split
+        piece = split.moving if split else silhouettes.whole
+        self._pose(piece.vertex, batch)
+        silhouettes.draw(self._posed, piece, batch, split.frozen if split else None)
+        views = silhouettes.views.struct
+        cost_of_counts(self._kind, views, self.count, self.pose, self.prior, batch, self.cost)

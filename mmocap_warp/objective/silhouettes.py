@@ -1,83 +1,76 @@
-"""Silhouettes of posed bodies, counted against masks: the whole body, or a part of it over the frozen rest."""
+"""Silhouettes of posed bodies, counted against masks: the whole body, or a moving piece over the frozen rest."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import warp as wp
 
-from mmocap_warp.body.mesh_parts import split_mesh, whole_mesh
+from mmocap_warp.body.mesh_pieces import split_mesh, whole_mesh
 from mmocap_warp.body.model import SkinMesh
 from mmocap_warp.body.skeleton import Skeleton
 from mmocap_warp.kernels import block
-from mmocap_warp.kernels.silhouettes.counting import Cameras, Frozen
-from mmocap_warp.objective.renderers import Contours, make_renderer
+from mmocap_warp.kernels.batch import Batch
+from mmocap_warp.kernels.silhouettes import raster
+from mmocap_warp.kernels.silhouettes.counting import Canvas, Frozen
+from mmocap_warp.kernels.silhouettes.raster import Outline
+from mmocap_warp.kernels.structs import filled
+from mmocap_warp.kernels.views.projection import Views
+from mmocap_warp.objective.renderers import make_renderer, outline
 from mmocap_warp.views.observation import words_per_row
 from mmocap_warp.views.rig import CameraRig
 
 
-def camera_arrays(rig: CameraRig, device: str) -> Cameras:
-    """A rig and empty masks for the kernels.
+class ViewArrays:
+    """A rig and its masks, empty at first, as Warp arrays, and the ``struct`` of them that kernels take.
 
     Raises:
         ValueError: images so wide that a block cannot hold a row.
     """
-    lens = np.stack([rig.K[:, 0, 0], rig.K[:, 1, 1], rig.K[:, 0, 2], rig.K[:, 1, 2]], axis=1)
-    cameras = Cameras()
-    cameras.rotation = wp.array(rig.R, dtype=wp.mat33, device=device)
-    cameras.translation = wp.array(rig.t, dtype=wp.vec3, device=device)
-    cameras.lens = wp.array(lens, dtype=wp.vec4, device=device)
-    cameras.size = wp.array(rig.size.astype(np.int32), dtype=wp.vec2i, device=device)
-    rows, words = int(rig.size[:, 1].max()), words_per_row(int(rig.size[:, 0].max()))
-    if 8 * words >= block.WORDS:
-        raise ValueError(f"images must be narrower than {4 * block.WORDS} px, got {rig.size[:, 0].max()}")
-    cameras.observed = wp.zeros((len(rig), rows, words), dtype=wp.uint32, device=device)
-    return cameras
 
-
-@dataclass(frozen=True)
-class Part:
-    """Some of the mesh: the vertices (n,) that it needs, and its triangles as the renderer wants them."""
-
-    vertex: wp.array
-    drawn: Any
+    def __init__(self, rig: CameraRig, device: str) -> None:
+        lens = np.stack([rig.K[:, 0, 0], rig.K[:, 1, 1], rig.K[:, 0, 2], rig.K[:, 1, 2]], axis=1)
+        rows, words = int(rig.size[:, 1].max()), words_per_row(int(rig.size[:, 0].max()))
+        if 8 * words >= block.WORDS:
+            raise ValueError(f"images must be narrower than {4 * block.WORDS} px, got {rig.size[:, 0].max()}")
+        self.rotation = wp.array(rig.R, dtype=wp.mat33, device=device)
+        self.translation = wp.array(rig.t, dtype=wp.vec3, device=device)
+        self.lens = wp.array(lens, dtype=wp.vec4, device=device)
+        self.size = wp.array(rig.size.astype(np.int32), dtype=wp.vec2i, device=device)
+        self.observed = wp.zeros((len(rig), rows, words), dtype=wp.uint32, device=device)
+        self.foreground = wp.zeros(len(rig), dtype=wp.int32, device=device)
+        self.struct = filled(Views, **vars(self))
 
 
 class FrozenArrays:
-    """Where the silhouettes of what stays are drawn, a set for every run."""
+    """Where the silhouettes of a resting piece are drawn, a set for every run, and the ``struct`` that kernels take."""
 
-    def __init__(self, runs: int, cameras: Cameras, device: str) -> None:
-        views, rows, words = cameras.observed.shape
-        self.runs = runs
-        self.words = wp.zeros((runs, views, rows, words), dtype=wp.uint32, device=device)
-        self.count = wp.zeros((runs, views), dtype=wp.vec2i, device=device)
-        self.cut = wp.zeros((runs, views), dtype=wp.int32, device=device)
-
-    def of(self, first: int, particles: int) -> Frozen:
-        """For a launch that begins at candidate ``first``; it is left out with 0 ``particles``."""
-        frozen = Frozen()
-        frozen.first, frozen.particles = first, particles
-        frozen.words, frozen.count, frozen.cut = self.words, self.count, self.cut
-        return frozen
+    def __init__(self, runs: int, views: ViewArrays, device: str) -> None:
+        cameras, rows, words = views.observed.shape
+        self.words = wp.zeros((runs, cameras, rows, words), dtype=wp.uint32, device=device)
+        self.count = wp.zeros((runs, cameras), dtype=wp.vec2i, device=device)
+        self.cut = wp.zeros((runs, cameras), dtype=wp.int32, device=device)
+        self.struct = filled(Frozen, **vars(self))
 
 
-@dataclass(frozen=True)
-class SilhouetteSlice:
-    """The arrays of a row of candidates that one thread draws."""
+class CanvasArrays:
+    """What candidates are drawn in and counted, and the ``struct`` of it that kernels take."""
 
-    first: int
-    scratch: wp.array
-    image: wp.array
-    count: wp.array
-    arrays: tuple[wp.array, ...]
+    def __init__(self, shape: tuple[int, int], vertices: int, faces: int, boxes: int, groups: int, device: str) -> None:
+        self.cell = wp.zeros((*shape, vertices), dtype=wp.vec2i, device=device)
+        self.facing = wp.zeros((*shape, faces), dtype=wp.uint8, device=device)
+        self.box = wp.zeros((*shape, boxes), dtype=wp.vec4i, device=device)
+        self.group_box = wp.zeros((*shape, groups), dtype=wp.vec4i, device=device)
+        self.count = wp.zeros(shape, dtype=wp.vec2i, device=device)
+        self.struct = filled(Canvas, **vars(self))
 
 
 class Silhouettes:
-    """Draws posed candidates in every camera and counts them against the masks in ``cameras.observed``.
+    """Draws posed candidates in every camera and counts them against the masks in ``views``.
 
-    ``count`` (candidate, camera) holds (|M|, |M and F|) after :meth:`draw`. ``modules`` have the kernels.
+    ``canvas.count`` (candidate, camera) holds (|M|, |M and F|) after :meth:`draw`. ``modules`` have the kernels.
 
     Args:
         mesh: the tracking mesh.
@@ -89,51 +82,34 @@ class Silhouettes:
 
     def __init__(self, mesh: SkinMesh, rig: CameraRig, candidates: int, renderer: str, device: str) -> None:
         self._mesh, self._device = mesh, device
-        self.cameras = camera_arrays(rig, device)
-        shape = (candidates, len(rig))
-        self._renderer = make_renderer(renderer, mesh.rest, mesh.face, shape, device)
-        self._contours = self._renderer if isinstance(self._renderer, Contours) else Contours(mesh.face, shape, device)
-        self.modules = (self._renderer.module, self._contours.module)
-        whole = whole_mesh(mesh)
-        self.whole = Part(wp.array(whole.vertex, dtype=wp.int32, device=device), self._renderer.of(whole))
-        self._nothing_frozen = FrozenArrays(1, self.cameras, device)
-        self._image = wp.zeros((*shape, len(mesh.rest)), dtype=wp.vec2i, device=device)
-        self.count = wp.zeros(shape, dtype=wp.vec2i, device=device)
+        self._renderer = make_renderer(renderer, mesh.rest, mesh.face, device)
+        self.modules = (self._renderer.module, raster)
+        self.whole = self._renderer.piece(whole_mesh(mesh))
+        self.views = ViewArrays(rig, device)
+        shape, boxes = (candidates, len(rig)), (self._renderer.boxes, self._renderer.groups)
+        self.canvas = CanvasArrays(shape, len(mesh.rest), len(mesh.face), *boxes, device)
 
     @property
     def candidate_arrays(self) -> list[wp.array[Any]]:
         """Those whose first axis is the candidates."""
-        return [self._image, self.count, *self._renderer.arrays, *self._contours.arrays]
+        return [array for array in vars(self.canvas).values() if isinstance(array, wp.array)]
 
-    def split(self, skeleton: Skeleton, index: np.ndarray) -> tuple[Part, Part] | None:
-        """What coordinates ``index`` move and what they leave, or None where nothing is left."""
-        moving, staying = split_mesh(self._mesh, skeleton, index)
-        if not len(staying.face) or not len(moving.face):
+    @cached_property
+    def _nothing_frozen(self) -> FrozenArrays:
+        return FrozenArrays(0, self.views, self._device)
+
+    def split(self, skeleton: Skeleton, index: np.ndarray) -> tuple[Any, Outline] | None:
+        """The piece that coordinates ``index`` move and the one that rests, or None where either is empty."""
+        moving, resting = split_mesh(self._mesh, skeleton, index)
+        if not len(resting.face) or not len(moving.face):
             return None
-        return (
-            Part(wp.array(moving.vertex, dtype=wp.int32, device=self._device), self._renderer.of(moving)),
-            Part(wp.array(staying.vertex, dtype=wp.int32, device=self._device), self._contours.of(staying)),
-        )
+        return self._renderer.piece(moving), outline(resting, self._device)
 
-    def slice(self, first: int, end: int) -> SilhouetteSlice:
-        """Candidates ``first .. end - 1``, to be drawn by a thread of their own."""
-        return SilhouetteSlice(
-            first,
-            block.scratch(self._device),
-            self._image[first:end],
-            self.count[first:end],
-            tuple(array[first:end] for array in self._renderer.arrays),
-        )
+    def draw(self, posed: wp.array[wp.vec3], piece: Any, batch: Batch, frozen: FrozenArrays | None = None) -> None:
+        """Draw and count a piece of a batch's ``posed`` (candidate, vertex), over what is ``frozen`` for each run."""
+        under = (frozen or self._nothing_frozen).struct
+        self._renderer.draw(posed, piece, self.views.struct, under, batch, self.canvas.struct)
 
-    def draw(
-        self, own: SilhouetteSlice, posed: wp.array, part: Part, frozen: FrozenArrays | None, particles: int
-    ) -> None:
-        """Draw and count a slice's ``posed`` (candidate, vertex); of a part, over what is ``frozen`` for each run."""
-        held = frozen.of(own.first, particles) if frozen else self._nothing_frozen.of(0, 0)
-        self._renderer.draw(
-            posed, part.vertex, part.drawn, self.cameras, held, own.scratch, own.image, own.arrays, own.count
-        )
-
-    def freeze(self, own: SilhouetteSlice, posed: wp.array, part: Part, frozen: FrozenArrays) -> None:
-        """Draw and count what stays, of ``posed`` (run, vertex)."""
-        self._contours.freeze(posed, part.vertex, part.drawn, self.cameras, own.scratch, own.image, frozen.of(0, 0))
+    def freeze(self, posed: wp.array[wp.vec3], resting: Outline, batch: Batch, frozen: FrozenArrays) -> None:
+        """Draw and count the resting piece of ``posed`` (run, vertex); a batch's candidates are runs here."""
+        raster.freeze(posed, resting, self.views.struct, batch, self.canvas.struct, frozen.struct)

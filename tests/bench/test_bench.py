@@ -22,7 +22,7 @@ from mmocap_warp.bench.suite import Plan, run_suite
 from mmocap_warp.bench.tables import digits, duration, report_tables
 from mmocap_warp.bench.terminal import rendered, to_text
 from mmocap_warp.bench.workload import workload
-from mmocap_warp.body.mesh_parts import is_closed
+from mmocap_warp.body.mesh_pieces import is_closed
 from mmocap_warp.cli import exit_codes
 from mmocap_warp.kernels.benchmarks.case import Case, Check
 from mmocap_warp.kernels.benchmarks.timing import time_together

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from mmocap_warp.bodies.decimation import decimate
-from mmocap_warp.body.mesh_parts import is_closed
+from mmocap_warp.body.mesh_pieces import is_closed
 
 
 @pytest.fixture(scope="module")

@@ -22,7 +22,7 @@ from mmocap_warp import cli
 from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.bodies.makehuman import MacroSliders, MakeHuman, age_slider, macro_weights
 from mmocap_warp.bodies.making import make_body
-from mmocap_warp.body.mesh_parts import is_closed
+from mmocap_warp.body.mesh_pieces import is_closed
 from mmocap_warp.body.model import BodyModel, SkinMesh
 from mmocap_warp.cli import exit_codes
 from mmocap_warp.errors import InputError

@@ -25,7 +25,7 @@ from pathlib import Path
 import numpy as np
 from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdSkel, Vt
 
-from mmocap_warp.body.mesh_parts import is_closed
+from mmocap_warp.body.mesh_pieces import is_closed
 from mmocap_warp.body.model import BodyModel, SkinMesh, Subject
 from mmocap_warp.body.skeleton import Skeleton, coordinate_names
 from mmocap_warp.errors import InputError

@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 import reference
 import warp as wp
-from poisoned import poisoned
+from poisoned import poisoned_joints
 from random_scenes import random_poses
 from synthetic import synthetic_body, synthetic_subject, upright
 
 from mmocap_warp.body.posing import BodyArrays
-from mmocap_warp.kernels.body.kinematics import Affine, pose_joints
+from mmocap_warp.kernels.body.kinematics import pose_joints
 
 POSITION = 1e-5  # [m]
 ROTATION = 1e-5  # of a matrix entry
@@ -19,12 +19,9 @@ def posed_joints(bodies, bases, poses, device):
     arrays.joint_rest.assign(np.stack([body.joint_rest for body in bodies]))
     arrays.root_base.assign(np.stack(bases).astype(np.float32))
     params = wp.array(poses, dtype=wp.float32, device=device)
-    joint_transform = poisoned((len(poses), 16), Affine, device)
-    skin_matrix = poisoned((len(poses), 16), Affine, device)
-    pose_joints(
-        params, arrays.parent, arrays.joint_frame, arrays.joint_rest, arrays.root_base, joint_transform, skin_matrix
-    )
-    return joint_transform.numpy(), skin_matrix.numpy()
+    joints = poisoned_joints(len(poses), 16, device)
+    pose_joints(arrays.struct, params, joints)
+    return joints.transform.numpy(), joints.skin_matrix.numpy()
 
 
 def compare(found, expected):

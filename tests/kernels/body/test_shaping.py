@@ -6,7 +6,9 @@ import warp as wp
 from poisoned import poisoned
 from synthetic import synthetic_body, upright
 
-from mmocap_warp.kernels.body.shaping import shape, turn
+from mmocap_warp.kernels.batch import batch_of
+from mmocap_warp.kernels.body.shaping import Sliders, shape, turn
+from mmocap_warp.kernels.structs import filled
 
 POSITION = 1e-5  # [m]
 ROTATION = 1e-6
@@ -39,14 +41,15 @@ def test_sliders_and_scale_are_the_shaped_body(device):
     ):
         increase, decrease = targets[:2], np.stack([targets[2], np.zeros_like(targets[2])])
         shaped = poisoned((len(sliders), len(rest)), wp.vec3, device)
-        shape(
-            wp.array(coordinates, dtype=wp.float32, device=device),
-            2,
-            wp.array(rest, dtype=wp.vec3, device=device),
-            wp.array(increase, dtype=wp.vec3, device=device),
-            wp.array(decrease, dtype=wp.vec3, device=device),
-            shaped,
+        pairs = filled(
+            Sliders,
+            first=2,
+            base=wp.array(rest, dtype=wp.vec3, device=device),
+            increase=wp.array(increase, dtype=wp.vec3, device=device),
+            decrease=wp.array(decrease, dtype=wp.vec3, device=device),
         )
+        batch = batch_of(0, len(sliders), len(sliders), device)
+        shape(pairs, wp.array(coordinates, dtype=wp.float32, device=device), batch, shaped)
         np.testing.assert_allclose(shaped.numpy(), np.stack(twins), rtol=0, atol=POSITION)
 
 
@@ -55,8 +58,7 @@ def test_headings_turn_about_the_bodys_own_up(device):
     coordinates = np.full((4, 3), np.nan)
     coordinates[:, 1] = headings
     root_base = poisoned(4, wp.mat33, device)
-    turn(
-        wp.array(coordinates, dtype=wp.float32, device=device), 1, wp.mat33(upright("-z").astype(np.float32)), root_base
-    )
+    base = wp.mat33(upright("-z").astype(np.float32))
+    turn(wp.array(coordinates, dtype=wp.float32, device=device), 1, base, batch_of(0, 4, 4, device), root_base)
     expected = [upright("-z") @ reference.rotation(1, heading) for heading in headings]
     np.testing.assert_allclose(root_base.numpy(), expected, rtol=0, atol=ROTATION)

@@ -2,12 +2,13 @@ import numpy as np
 import pytest
 import reference
 import warp as wp
-from poisoned import poisoned
+from poisoned import poisoned, poisoned_joints
 from random_scenes import posed_vertices, random_poses
 from synthetic import synthetic_body, synthetic_subject
 
 from mmocap_warp.body.posing import BodyArrays
-from mmocap_warp.kernels.body.kinematics import Affine
+from mmocap_warp.kernels.batch import batch_of
+from mmocap_warp.kernels.body.kinematics import Affine, Body, Joints
 from mmocap_warp.kernels.body.skinning import pose_vertices, skin
 
 POSITION = 1e-5  # [m]
@@ -37,13 +38,12 @@ def test_any_matrices_blend_as_in_the_twin(device, bodies):
     matrices, joint, weight = random_skin(rng, 5, 40, 7)
     rest = rng.normal(0, 1, (bodies, 40, 3))
     posed = poisoned((5, 40), wp.vec3, device)
-    skin(
-        wp.array(rest, dtype=wp.vec3, device=device),
-        wp.array(joint, dtype=wp.vec4i, device=device),
-        wp.array(weight, dtype=wp.vec4, device=device),
-        wp.array(matrices, dtype=Affine, device=device),
-        posed,
-    )
+    body, joints = Body(), Joints()  # what skinning reads of them
+    body.rest = wp.array(rest, dtype=wp.vec3, device=device)
+    body.joint = wp.array(joint, dtype=wp.vec4i, device=device)
+    body.weight = wp.array(weight, dtype=wp.vec4, device=device)
+    joints.skin_matrix = wp.array(matrices, dtype=Affine, device=device)
+    skin(body, joints, posed)
     ones = np.concatenate([np.broadcast_to(rest, (5, 40, 3)), np.ones((5, 40, 1))], axis=2)
     expected = np.einsum("vi,cviab,cvb->cva", weight, matrices[:, joint], ones)
     np.testing.assert_allclose(posed.numpy(), expected, rtol=0, atol=POSITION)
@@ -60,13 +60,15 @@ def test_vertices_that_are_wanted_are_posed_in_one_go(device):
     arrays.rest.assign(np.stack([one.tracking.rest for one in bodies]))
     arrays.root_base.assign(np.stack(bases).astype(np.float32))
     wanted = np.random.default_rng(2).permutation(len(body.tracking.rest))[:50]
-    joint_transform, skin_matrix = poisoned((3, 16), Affine, device), poisoned((3, 16), Affine, device)
     posed = poisoned((3, len(body.tracking.rest)), wp.vec3, device)
     pose_vertices(
-        wp.array(poses, dtype=wp.float32, device=device), arrays.parent, arrays.depth, arrays.joint_frame,
-        arrays.joint_rest, arrays.root_base, arrays.rest, arrays.joint, arrays.weight,
-        wp.array(wanted, dtype=wp.int32, device=device), arrays.levels, 0, 1, joint_transform, skin_matrix, posed,
-    )  # fmt: skip
+        arrays.struct,
+        wp.array(poses, dtype=wp.float32, device=device),
+        wp.array(wanted, dtype=wp.int32, device=device),
+        batch_of(0, 3, 3, device),
+        poisoned_joints(3, 16, device),
+        posed,
+    )
     found = posed.numpy()
     for c, (one, own_base, pose) in enumerate(zip(bodies, bases, poses, strict=True)):
         expected = reference.skin(one.tracking, one, reference.joint_transforms(one, own_base, pose))
@@ -75,22 +77,24 @@ def test_vertices_that_are_wanted_are_posed_in_one_go(device):
 
 
 def test_candidates_of_a_run_share_its_base(device):
-    """Three runs of four candidates; the launch begins in the middle of the first run, as a thread's may."""
+    """Three runs of four candidates; the launch begins and ends in the middle of a run, as a thread's may."""
     body = synthetic_body()
     bases = [synthetic_subject().root_base @ reference.rotation(1, angle) for angle in (0.0, 1.0, -2.5)]
-    first, poses = 2, random_poses(9)
+    first, end, poses = 2, 11, random_poses(12)
     arrays = BodyArrays(body, bases[0], body.tracking, device, bases=3)
     arrays.root_base.assign(np.stack(bases).astype(np.float32))
     vertices = len(body.tracking.rest)
-    joint_transform, skin_matrix = poisoned((9, 16), Affine, device), poisoned((9, 16), Affine, device)
-    posed = poisoned((9, vertices), wp.vec3, device)
+    posed = poisoned((12, vertices), wp.vec3, device)
     pose_vertices(
-        wp.array(poses, dtype=wp.float32, device=device), arrays.parent, arrays.depth, arrays.joint_frame,
-        arrays.joint_rest, arrays.root_base, arrays.rest, arrays.joint, arrays.weight,
-        wp.array(np.arange(vertices), dtype=wp.int32, device=device), arrays.levels, first, 4,
-        joint_transform, skin_matrix, posed,
-    )  # fmt: skip
-    for c, (found, pose) in enumerate(zip(posed.numpy(), poses, strict=True)):
-        base = bases[(first + c) // 4]
-        expected = reference.skin(body.tracking, body, reference.joint_transforms(body, base, pose))
-        np.testing.assert_allclose(found, expected, rtol=0, atol=POSITION)
+        arrays.struct,
+        wp.array(poses, dtype=wp.float32, device=device),
+        wp.array(np.arange(vertices), dtype=wp.int32, device=device),
+        batch_of(first, end, 12, device),
+        poisoned_joints(12, 16, device),
+        posed,
+    )
+    found = posed.numpy()
+    for c in range(first, end):
+        expected = reference.skin(body.tracking, body, reference.joint_transforms(body, bases[c // 4], poses[c]))
+        np.testing.assert_allclose(found[c], expected, rtol=0, atol=POSITION)
+    assert np.isnan(np.delete(found, np.arange(first, end), axis=0)).all()

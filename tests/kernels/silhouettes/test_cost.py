@@ -4,7 +4,9 @@ import reference
 import warp as wp
 from poisoned import poisoned
 
+from mmocap_warp.kernels.batch import batch_of
 from mmocap_warp.kernels.silhouettes.cost import IOU, PAPER, XOR, cost_of_counts
+from mmocap_warp.kernels.views.projection import Views
 
 FLOAT32 = 1e-6
 TWIN = {PAPER: reference.paper_cost, XOR: reference.xor_cost, IOU: reference.iou_cost}
@@ -16,17 +18,25 @@ def blobs(rng, filled=0.4):
     return [rng.random((height, width)) < filled for width, height in SIZES]
 
 
+def views_of(sizes, foreground, device):
+    """What a cost reads of views."""
+    views = Views()
+    views.size = wp.array(sizes, dtype=wp.vec2i, device=device)
+    views.foreground = wp.array(foreground, dtype=wp.int32, device=device)
+    return views
+
+
 def cost_of(kind, models, masks, device, pose=None, prior=None):
     """Costs (candidate,) of the kernel for pictures of models, one list of them a candidate."""
     count = [[(m.sum(), (m & f).sum()) for m, f in zip(views, masks, strict=True)] for views in models]
     cost = poisoned(len(models), wp.float32, device)
     cost_of_counts(
         kind,
+        views_of(SIZES, [int(mask.sum()) for mask in masks], device),
         wp.array(np.array(count), dtype=wp.vec2i, device=device),
-        wp.array([int(mask.sum()) for mask in masks], dtype=wp.int32, device=device),
-        wp.array(SIZES, dtype=wp.vec2i, device=device),
         wp.array(np.zeros((len(models), 4)) if pose is None else pose, dtype=wp.float32, device=device),
         wp.array(np.zeros(4) if prior is None else prior, dtype=wp.float32, device=device),
+        batch_of(0, len(models), len(models), device),
         cost,
     )
     return cost.numpy()
@@ -48,11 +58,11 @@ def test_a_perfect_model_of_any_size_costs_exactly_nothing(device, kind):
     cost = poisoned(1, wp.float32, device)
     cost_of_counts(
         kind,
+        views_of(np.full((20_000, 2), 200), pixels, device),
         wp.array(np.stack([pixels, pixels], axis=1)[None], dtype=wp.vec2i, device=device),
-        wp.array(pixels, dtype=wp.int32, device=device),
-        wp.array(np.full((20_000, 2), 200), dtype=wp.vec2i, device=device),
         wp.zeros((1, 4), dtype=wp.float32, device=device),
         wp.zeros(4, dtype=wp.float32, device=device),
+        batch_of(0, 1, 1, device),
         cost,
     )
     assert cost.numpy()[0] == 0.0

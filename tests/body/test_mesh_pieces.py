@@ -7,7 +7,7 @@ import pytest
 from synthetic import MODELS, NAMES, SKELETON, synthetic_body
 
 from mmocap_warp.bodies.human import JOINTS, PARENT
-from mmocap_warp.body.mesh_parts import mesh_edges, split_mesh, whole_mesh
+from mmocap_warp.body.mesh_pieces import mesh_edges, split_mesh, whole_mesh
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.formats.usd.body import read_body
 from mmocap_warp.scenes import ROOT
@@ -55,28 +55,28 @@ def test_parts_move_what_their_names_say():
 def test_a_split_leaves_no_triangle_out_and_takes_none_twice(dof):
     mesh = synthetic_body().tracking
     for part in [*parts_of(dof), *holistic(SKELETON, dof)]:
-        moving, staying = split_mesh(mesh, SKELETON, part.index)
-        together = np.concatenate([moving.face, staying.face])
+        moving, resting = split_mesh(mesh, SKELETON, part.index)
+        together = np.concatenate([moving.face, resting.face])
         np.testing.assert_array_equal(np.unique(together, axis=0), np.unique(mesh.face, axis=0))
         assert len(together) == len(mesh.face)
-        for piece in (moving, staying):
+        for piece in (moving, resting):
             np.testing.assert_array_equal(piece.vertex, np.unique(piece.face))
 
 
 @pytest.mark.parametrize("dof", [39, 28])
-def test_what_stays_really_stays_and_what_moves_really_moves(dof):
-    """Posed twice, with a part turned in between: staying corners are equal to the bit, moving triangles are not."""
+def test_what_rests_really_rests_and_what_moves_really_moves(dof):
+    """Posed twice, with a part turned in between: resting corners are equal to the bit, moving triangles are not."""
     body = synthetic_body()
     poser, rng = Poser(body, np.eye(3)), np.random.default_rng(0)
     for part in parts_of(dof):
         poses = np.tile(rng.uniform(-0.5, 0.5, 51), (2, 1))
         poses[1, part.index] += rng.uniform(0.1, 0.2, len(part.index))
         before, after = poser.tracking_vertices(poses)
-        moving, staying = split_mesh(body.tracking, body.skeleton, part.index)
-        np.testing.assert_array_equal(before[staying.vertex], after[staying.vertex])
+        moving, resting = split_mesh(body.tracking, body.skeleton, part.index)
+        np.testing.assert_array_equal(before[resting.vertex], after[resting.vertex])
         assert np.any(before[moving.face] != after[moving.face], axis=(1, 2)).all()
         assert len(moving.face) > 0
-        assert (len(staying.face) == 0) == (part.name == "root")
+        assert (len(resting.face) == 0) == (part.name == "root")
 
 
 def test_a_vertex_moves_with_any_of_its_joints_that_has_weight():

@@ -1,4 +1,4 @@
-"""Meshes as triangles: which of them move when some of a pose changes, their edges, and whether they are closed."""
+"""Meshes as triangles: which piece moves when some of a pose changes, their edges, and whether they are closed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from mmocap_warp.body.skeleton import Skeleton
 
 
 @dataclass(frozen=True)
-class MeshPart:
+class MeshPiece:
     """Some triangles of a mesh and the vertices that they need.
 
     Attributes:
@@ -23,20 +23,20 @@ class MeshPart:
     face: np.ndarray
 
 
-def split_mesh(mesh: SkinMesh, skeleton: Skeleton, index: np.ndarray) -> tuple[MeshPart, MeshPart]:
+def split_mesh(mesh: SkinMesh, skeleton: Skeleton, index: np.ndarray) -> tuple[MeshPiece, MeshPiece]:
     """The triangles that coordinates ``index`` move, wholly or at a corner, and those that they leave alone."""
     moved = np.any(skeleton.moved_by(index)[mesh.joint] & (mesh.weight > 0), axis=1)
     moving = moved[mesh.face].any(axis=1)
-    return _part(mesh.face[moving]), _part(mesh.face[~moving])
+    return _piece(mesh.face[moving]), _piece(mesh.face[~moving])
 
 
-def whole_mesh(mesh: SkinMesh) -> MeshPart:
+def whole_mesh(mesh: SkinMesh) -> MeshPiece:
     """All triangles."""
-    return _part(mesh.face)
+    return _piece(mesh.face)
 
 
-def _part(face: np.ndarray) -> MeshPart:
-    return MeshPart(np.unique(face).astype(np.int32), np.ascontiguousarray(face, np.int32))
+def _piece(face: np.ndarray) -> MeshPiece:
+    return MeshPiece(np.unique(face).astype(np.int32), np.ascontiguousarray(face, np.int32))
 
 
 def mesh_edges(face: np.ndarray) -> np.ndarray:

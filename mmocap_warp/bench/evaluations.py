@@ -63,7 +63,7 @@ def _counts(load: Workload, candidates: int) -> np.ndarray:
 
 
 def moving_parts(load: Workload, device: str) -> Iterator[list[Case]]:
-    """What each part of the hierarchy moves, by both renderers, and drawing what it leaves."""
+    """What each part of the hierarchy moves, by both renderers, and drawing what rests."""
     for part in hierarchical(load.body.skeleton):
         yield [case for renderer in RENDERERS for case in _moving(load, part, renderer, device)]
 

@@ -32,8 +32,7 @@ from mmocap_warp.kernels.views.projection import Pinhole, Views, pinhole
 
 wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": CPU_FLAGS})
 
-_NO_STEPS = wp.constant(wp.uint32(0x80808080))  # four pixels; a byte holds 128 + its step
-_NO_STEPS_OF_EIGHT = wp.constant(wp.uint64(0x8080808080808080))
+_NO_STEPS_OF_EIGHT = wp.constant(wp.uint64(0x8080808080808080))  # eight pixels; a byte holds 128 + its step
 _EACH = wp.constant(wp.uint64(0x0101010101010101))
 _GATHER = wp.constant(wp.uint64(0x0102040810204080))  # brings the lowest bits of the bytes together in the highest byte
 

@@ -54,11 +54,11 @@ class Recipe:
     def run(self, program: str, *arguments: str) -> str:
         """Run ``mmocap``, ``pytest`` or ``python`` on the copy; what it prints."""
         module = {"mmocap": ["-m", "mmocap_warp"], "pytest": ["-m", "pytest", "-n0"], "python": []}[program]
-        paths = os.pathsep.join([str(self.folder), str(self.folder / "tests")])
+        paths = [str(self.folder), str(self.folder / "tests"), *filter(None, [os.environ.get("PYTHONPATH")])]
         answer = subprocess.run(
             [sys.executable, *module, *arguments],
             cwd=self.folder,
-            env=os.environ | {"PYTHONPATH": paths},
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(paths)},
             capture_output=True,
             text=True,
         )

@@ -189,7 +189,8 @@ def _frame(load: Workload, algorithm: str, renderer: str, device: str, threads: 
 
 def _frame_case(group: str, load: Workload, tracker: Tracker, check: Callable[[], Check]) -> Case:
     config = tracker.config
-    sizes = {"renderer": config.renderer, "dof": config.dof, "budget": config.evaluations, "runs": config.runs}
+    dof = len(load.body.skeleton.searched(config.dof))
+    sizes = {"renderer": config.renderer, "dof": dof, "budget": config.evaluations, "runs": config.runs}
     if tracker.device == "cpu":
         sizes["threads"] = config.threads
     work = partial(tracker.step, load.observation)

@@ -149,6 +149,7 @@ def track_scene(scene: Scene, config: TrackConfig, output: Path, start: Start, c
     scene.rig(config.scale)  # a scale that cannot be is told before a fit of minutes
     subject = _named_subject(scene, output, start) or _fitted_subject(scene, config, output, start, console)
     _check_model(subject.body, scene, config, start.flags)
+    config = replace(config, dof=len(subject.body.skeleton.searched(config.dof)))
     console.note(f"track: {describe(config, scene.track, start.flags)}")
     total, evaluations = scene.frame_count, 0
 

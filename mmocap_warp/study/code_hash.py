@@ -11,8 +11,8 @@ from importlib.resources.abc import Traversable
 _ROOTS = ("mmocap_warp", "mmocap_warp.kernels")
 """Where the package's modules lie: its kernels may be in a folder elsewhere, as in an editable install."""
 
-_LEFT_OUT: tuple[str, ...] = ("bench", "bodies", "cli", "drawing", "kernels.benchmarks", "study")
-"""Packages that no pose, mask or error comes from. A new package counts unless it is named here."""
+_LEFT_OUT: tuple[str, ...] = ("bench", "bodies", "cli", "drawing", "kernels.benchmarks", "scenes", "study")
+"""Packages that no pose, mask or error comes from, or data alone. A new package counts unless it is named here."""
 
 _OF_STUDY: tuple[str, ...] = ("job", "metrics", "sequences", "source")
 """The modules of the study that count: what is tracked, how, and how it is judged."""

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from mmocap_warp import __version__
 from mmocap_warp.body.model import Subject
 from mmocap_warp.device import resolve_device
 from mmocap_warp.errors import InputError
 from mmocap_warp.scene.recording import CameraSource, Scene
 from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.version import __version__
 
 Identity = dict[str, Any]
 """What a run depends on, by names for people: hashes, and settings as JSON-compatible values."""

@@ -110,7 +110,11 @@ def test_missing_data(tmp_path: Path, folder: Path) -> None:
         MakeHuman(folder).shaped(MacroSliders(gender=0.0))
 
 
-@pytest.mark.parametrize("content", [b"not gzip", gzip.compress(b"3 0 two 0\n"), gzip.compress(b"99 0 0 0\n")])
+@pytest.mark.parametrize(
+    "content",
+    [b"not gzip", gzip.compress(b"3 0 two 0\n"), gzip.compress(b"99 0 0 0\n")],
+    ids=["plain", "word", "vertex 99"],
+)
 def test_broken_target(folder: Path, content: bytes) -> None:
     path = folder / "targets" / "macrodetails" / "caucasian-male-young.target.gz"
     path.write_bytes(content)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import warp as wp
+from pixel_rays import cast_pixels
 from poisoned import poisoned
 
 from mmocap_warp.body.model import SkinMesh
 from mmocap_warp.kernels.batch import Batch, batch_of
-from mmocap_warp.kernels.silhouettes.pixel_rays import cast_pixels
 from mmocap_warp.kernels.views.projection import BEHIND, SUBPIXEL
 from mmocap_warp.objective.silhouettes import FrozenArrays, Silhouettes, ViewArrays
 from mmocap_warp.views.observation import pack_masks, unpack_masks

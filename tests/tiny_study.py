@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -70,3 +71,9 @@ def run_quietly(
     """Run a study on the CPU, or on an engine of one's own; what is noted is added to ``notes``."""
     kept = [] if notes is None else notes
     return run_study(tasks, engine or (lambda: LocalEngine(["cpu"], 1)), lambda status: None, kept.append)
+
+
+def answer_members(path: Path) -> dict[str, bytes]:
+    """The parts of a result file that any repetition on the same kind of device gives bit for bit, by member."""
+    with zipfile.ZipFile(path) as file:
+        return {name: file.read(name) for name in file.namelist() if name != "provenance.json"}

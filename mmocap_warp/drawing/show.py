@@ -26,6 +26,7 @@ from mmocap_warp.formats.png import write_png
 from mmocap_warp.formats.webm import WebmFile
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.scene.recording import Scene
+from mmocap_warp.tracking.body_masks import tracked_masks
 from mmocap_warp.views.rig import CameraRig, project
 
 _VIDEO_AREA = (1440, 900)  # [px], what the tiled views of a video frame fill at most
@@ -117,7 +118,7 @@ def overlay(
     if scene is not None:
         check_same_recording(result, scene)
         images = next(scene.images(1.0, number, 1))
-        masks = next(scene.masks(float(result.config.get("scale", 1.0)), number, 1))
+        masks = next(tracked_masks(scene, result, frame % len(result.frame_numbers), 1))
     windows = [
         Window((0, 0), (width, height), (width, height) if image is None else (image.shape[1], image.shape[0]))
         for (width, height), image in zip(result.cameras.size.tolist(), images, strict=True)

@@ -138,12 +138,6 @@ def read_cell(path: Path) -> CellResult:
         raise InputError(path, f"is damaged, or no result of a cell ({error})", remedy) from None
 
 
-def answer_members(path: Path) -> dict[str, bytes]:
-    """The parts of a result file that any repetition on the same kind of device gives bit for bit, by member."""
-    with zipfile.ZipFile(path) as file:
-        return {name: file.read(name) for name in file.namelist() if name != _PROVENANCE}
-
-
 def _assemble(members: dict[str, bytes]) -> CellResult:
     answer, measured = json.loads(members[_ANSWER]), json.loads(members[_PROVENANCE])
     if answer["version"] != _VERSION:

@@ -31,18 +31,26 @@ def body_masks(subject: Subject, rig: CameraRig, last_poses: Callable[[], np.nda
     return masks
 
 
-def tracked_masks(scene: Scene, result: Result) -> Iterator[list[np.ndarray]]:
+def tracked_masks(
+    scene: Scene, result: Result, position: int = 0, count: int | None = None
+) -> Iterator[list[np.ndarray]]:
     """The masks that a result was tracked from, made again: per frame of the result, per camera (height, width) bool.
 
     What ``keep = "nearest"`` kept depended on where the body was tracked, and so depends on the result here.
+
+    Args:
+        scene: the recording.
+        result: what was tracked.
+        position: in ``result.frame_numbers``, of the first frame.
+        count: of frames; all to the last where omitted.
 
     Raises:
         ValueError: frames that the scene does not have.
         InputError: images that turn out unreadable.
     """
     scale = float(result.config.get("scale", 1.0))
-    first, frames = int(result.frame_numbers[0]), len(result.frame_numbers)
-    last_poses = iter([result.subject.pose[None], *np.moveaxis(result.pose, 1, 0)])
+    first, frames = int(result.frame_numbers[position]), len(result.frame_numbers) - position
+    last_poses = iter([result.subject.pose[None], *np.moveaxis(result.pose, 1, 0)][position:])
     follows = scene.foreground.keep == "nearest"
     body = body_masks(result.subject, scene.rig(scale), lambda: next(last_poses)) if follows else None
-    return scene.masks(scale, first, frames, body)
+    return scene.masks(scale, first, count or frames, body)

@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tiny_study import answer_members
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.study.cell import PER_FRAME, PER_RUN, Cell, CellResult, answer_members, read_cell, write_cell
+from mmocap_warp.study.cell import PER_FRAME, PER_RUN, Cell, CellResult, read_cell, write_cell
 
 RUNS, FRAMES = 3, 5
 

@@ -25,10 +25,10 @@ from study_workers import (
     serve_and_die_once,
     serve_never,
 )
-from tiny_study import CELLS, FRAMES, STUDY, run_quietly, tasks_of
+from tiny_study import CELLS, FRAMES, STUDY, answer_members, run_quietly, tasks_of
 
 from mmocap_warp.study import job, outbox, run
-from mmocap_warp.study.cell import answer_members, read_cell
+from mmocap_warp.study.cell import read_cell
 from mmocap_warp.study.engines.local import LocalEngine, local_devices
 from mmocap_warp.study.job import Refusal, Worker
 from mmocap_warp.study.run import run_study

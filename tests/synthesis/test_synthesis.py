@@ -63,11 +63,16 @@ def iou(a, b):
 # The walk
 
 
+def on_the_floor(side, phase):
+    """Whether a foot stands at phases of the left leg: the right one is half a stride ahead."""
+    return np.mod(phase + 0.5 * (side == "R"), 1.0) <= gait_curves.TOE_OFF
+
+
 @pytest.mark.parametrize("side", "LR")
 def test_a_standing_foot_does_not_slide(recording, vertices, phase, side):
     foot = vertices[:, led_by(recording.body, f"{side}Ankle")]
     lowest = foot[..., 2].argmin(axis=1)
-    stands = Walk(recording.body).stands(side, phase)
+    stands = on_the_floor(side, phase)
     pairs = np.flatnonzero(stands[:-1] & stands[1:])
     assert len(pairs) > FRAMES / 2
     for i in pairs:  # what touches the floor in either frame stays where it is until the other
@@ -76,8 +81,7 @@ def test_a_standing_foot_does_not_slide(recording, vertices, phase, side):
 
 
 def test_feet_are_on_the_floor_and_never_below(recording, vertices, phase):
-    walk = Walk(recording.body)
-    assert (walk.stands("L", phase) | walk.stands("R", phase)).all()
+    assert (on_the_floor("L", phase) | on_the_floor("R", phase)).all()
     assert np.abs(vertices[..., 2].min(axis=1)).max() < FLOOR
 
 

@@ -11,8 +11,9 @@ from pxr import Kind, Usd, UsdGeom, UsdSkel, UsdUtils, Vt
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.usd.body import define_body, joint_paths, local_transforms, set_pose
+from mmocap_warp.formats.usd.body import define_body, local_transforms, set_pose
 from mmocap_warp.formats.usd.file import USD_SUFFIXES, write_stage
+from mmocap_warp.formats.usd.skeleton import joint_paths
 from mmocap_warp.formats.usd.world import set_world_up
 from mmocap_warp.result.result import Result
 from mmocap_warp.whole_file import whole_file

@@ -2,11 +2,7 @@
 
 Layout below the body's prim (a ``SkelRoot`` named after the body)::
 
-    Skeleton             joints, bind and rest transforms; mmocap:limitsLower, mmocap:limitsUpper, mmocap:spread [rad];
-                         mmocap:models, numbers of degrees of freedom, the default first, and mmocap:dof39 and so on,
-                         the names of each model's coordinates; mmocap:parts, names of the hierarchy's steps, and
-                         mmocap:part, the step of each joint; mmocap:pairs, names of pairs, and mmocap:pairJoints,
-                         the left and the right joint of each
+    Skeleton             joints, bind and rest transforms, degrees of freedom (see ``skeleton``)
     Skin                 the full mesh; mmocap:markerNames, mmocap:markerVertices
     Skin/<shape target>  BlendShape; mmocap:jointOffsets, the joints' displacements [m]
     Tracking             the tracking mesh (purpose guide); mmocap:skinVertices, its vertices in Skin
@@ -27,24 +23,13 @@ from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdSkel, Vt
 
 from mmocap_warp.body.mesh_pieces import is_closed
 from mmocap_warp.body.model import BodyModel, SkinMesh, Subject
-from mmocap_warp.body.skeleton import Skeleton, coordinate_names
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.usd.attributes import author_value
 from mmocap_warp.formats.usd.file import PrimReader, author, read_stage, write_stage
+from mmocap_warp.formats.usd.skeleton import define_freedom, is_rotation, joint_paths, read_skeleton
 from mmocap_warp.formats.usd.world import set_world_up
 
 _REMAKE = "write the body again with `mmocap body make`, or start from one that comes with the project"
 _WEIGHT_SUM_TOLERANCE = 1e-3  # Files by other programs round their weights.
-_ROTATION_TOLERANCE = 1e-3
-_UNIFORM = Sdf.VariabilityUniform
-
-
-def joint_paths(skeleton: Skeleton) -> list[str]:
-    """USD's names of the joints: each joint's path from the root, such as ``Root/LHip/LKnee``."""
-    paths: list[str] = []
-    for joint, parent in zip(skeleton.joints, skeleton.parent, strict=True):
-        paths.append(joint if parent < 0 else f"{paths[parent]}/{joint}")
-    return paths
 
 
 def write_body(path: str | Path, body: BodyModel) -> None:
@@ -142,7 +127,7 @@ def define_body(stage: Usd.Stage, path: str, body: BodyModel) -> UsdSkel.Root:
     skeleton.CreateBindTransformsAttr([Gf.Matrix4d(m.T) for m in bind_transforms(body)])
     skeleton.CreateRestTransformsAttr([Gf.Matrix4d(m.T) for m in rest_transforms(body)])
     UsdSkel.BindingAPI.Apply(skeleton.GetPrim())
-    _define_freedom(skeleton.GetPrim(), body.skeleton)
+    define_freedom(skeleton.GetPrim(), body.skeleton)
 
     skin = _define_mesh(stage, f"{path}/Skin", body.skin, skeleton)
     author(skin, "mmocap:markerNames", Sdf.ValueTypeNames.StringArray, list(body.marker_names))
@@ -240,7 +225,7 @@ def body_from_prim(prim: Usd.Prim, source: object) -> BodyModel:
     unit = UsdGeom.GetStageMetersPerUnit(prim.GetStage())
     read.require(unit == 1.0, f"its lengths are in units of {unit:g} m, expected metres")
     skeleton, skin, tracking = read.child("Skeleton"), read.child("Skin"), read.child("Tracking")
-    joints, joint_rest = _read_skeleton(skeleton)
+    joints, joint_rest = read_skeleton(skeleton)
 
     mesh = _read_mesh(skin, len(joint_rest))
     marker_names = tuple(skin.value("mmocap:markerNames"))
@@ -299,75 +284,8 @@ def _define_shapes(stage: Usd.Stage, skin: UsdGeom.Mesh, body: BodyModel) -> Non
     binding.CreateBlendShapeTargetsRel().SetTargets(targets)
 
 
-def is_rotation(matrix: np.ndarray) -> bool:
-    """Whether a (3, 3) matrix is a proper rotation."""
-    return bool(np.allclose(matrix @ matrix.T, np.eye(3), atol=_ROTATION_TOLERANCE) and np.linalg.det(matrix) > 0)
-
-
 def _within(index: np.ndarray, count: int) -> bool:
     return bool(((index >= 0) & (index < count)).all())
-
-
-def _define_freedom(prim: Usd.Prim, skeleton: Skeleton) -> None:
-    """What a skeleton says beyond joints and bind transforms, as attributes."""
-    for name, column in (("Lower", 0), ("Upper", 1)):
-        limit = Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(skeleton.limits[:, :, column]))
-        prim.CreateAttribute(f"mmocap:limits{name}", Sdf.ValueTypeNames.Float3Array, True, _UNIFORM).Set(limit)
-    author_value(prim, "mmocap:spread", skeleton.spread)
-    author_value(prim, "mmocap:models", np.array(list(skeleton.models)))
-    for number, index in skeleton.models.items():
-        author_value(prim, f"mmocap:dof{number}", [skeleton.coordinate_names[i] for i in index])
-    author_value(prim, "mmocap:parts", list(skeleton.parts))
-    author_value(prim, "mmocap:part", np.array(skeleton.part))
-    author_value(prim, "mmocap:pairs", [name for name, *_ in skeleton.pairs])
-    author_value(prim, "mmocap:pairJoints", [joint for _, *pair in skeleton.pairs for joint in pair])
-
-
-def _read_skeleton(read: PrimReader) -> tuple[Skeleton, np.ndarray]:
-    """The skeleton, and the joints' centres (joint, 3) float32 in the bind pose [m]."""
-    paths = [str(path) for path in read.value("joints")]
-    joints = tuple(path.rsplit("/", 1)[-1] for path in paths)
-    read.require(len(set(joints)) == len(joints), "two joints share a name")
-    numbers = {path: j for j, path in enumerate(paths)}
-    above = [path.rpartition("/")[0] for path in paths]
-    orphan = next((path for path, parent in zip(paths, above, strict=True) if parent and parent not in numbers), None)
-    read.require(orphan is None, f"joint '{orphan}' hangs on one that does not exist")
-    bind = read.array("bindTransforms", (len(joints), 4, 4), np.float64).transpose(0, 2, 1)
-    read.require(all(map(is_rotation, bind[:, :3, :3])), "a bind transform is not a rotation and a translation")
-    lower, upper = (read.array(f"mmocap:limits{end}", (len(joints), 3)) for end in ("Lower", "Upper"))
-    read.require((lower <= upper).all(), "a lower joint limit lies above the upper one")
-    sides = [str(joint) for joint in read.value("mmocap:pairJoints")]
-    names = [str(name) for name in read.value("mmocap:pairs")]
-    read.require(len(sides) == 2 * len(names), f"mmocap:pairJoints names {len(sides)} joints for {len(names)} pairs")
-    spread, models = read.array("mmocap:spread", (len(joints),), np.float64), _read_models(read, joints)
-    parts, part = read.value("mmocap:parts"), read.array("mmocap:part", (len(joints),), np.int64)
-    try:
-        skeleton = Skeleton(
-            joints=joints,
-            parent=tuple(numbers[parent] if parent else -1 for parent in above),
-            frame=bind[:, :3, :3].astype(np.float32),
-            limits=np.stack([lower, upper], -1),
-            spread=spread,
-            models=models,
-            parts=tuple(str(name) for name in parts),
-            part=tuple(part.tolist()),
-            pairs=tuple(zip(names, sides[::2], sides[1::2], strict=True)),
-        )
-    except ValueError as error:
-        raise InputError(read.source, f"{read.prim.GetPath()}: {error}", read.remedy) from error
-    return skeleton, bind[:, :3, 3].astype(np.float32)
-
-
-def _read_models(read: PrimReader, joints: tuple[str, ...]) -> dict[int, np.ndarray]:
-    """Searched coordinates of each model."""
-    known = {name: i for i, name in enumerate(coordinate_names(joints))}
-    models = {}
-    for number in read.array("mmocap:models", (None,), np.int64).tolist():
-        wanted = [str(name) for name in read.value(f"mmocap:dof{number}")]
-        unknown = next((name for name in wanted if name not in known), None)
-        read.require(unknown is None, f"mmocap:dof{number} names '{unknown}', which is no coordinate of its joints")
-        models[number] = np.array([known[name] for name in wanted], np.int32)
-    return models
 
 
 def _read_faces(mesh: PrimReader, vertices: int, corners: tuple[int, ...]) -> np.ndarray:

@@ -59,10 +59,6 @@ class Walk:
         self._set_trunk(pose, phase, pelvis)
         return pose
 
-    def stands(self, side: str, phase: np.ndarray) -> np.ndarray:
-        """Whether the foot of a side, ``L`` or ``R``, is on the floor at phases of the left leg."""
-        return np.mod(phase + _AHEAD[side], 1.0) <= curves.TOE_OFF
-
     def _heading(self, phase: np.ndarray) -> np.ndarray:
         return self.stride * phase / self.radius
 

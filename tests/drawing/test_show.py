@@ -18,6 +18,7 @@ from mmocap_warp.drawing.overlay import (
 )
 from mmocap_warp.drawing.show import overlay, show
 from mmocap_warp.errors import InputError
+from mmocap_warp.foreground.settings import ForegroundSettings
 from mmocap_warp.views.rig import project
 from mmocap_warp.views.silhouette import silhouette, silhouettes
 
@@ -144,7 +145,7 @@ def test_text_may_touch_the_border():
 class Recording:
     """What an overlay asks of a scene: green images twice the cameras' size, and masks that are full."""
 
-    frame_count, path = 20, "scene.toml"
+    frame_count, path, foreground = 20, "scene.toml", ForegroundSettings()
 
     def __init__(self, result):
         self.calibrated = result.cameras
@@ -154,7 +155,7 @@ class Recording:
         self.asked.append(("images", scale, first, count))
         yield [np.full((240, 320, 3), (10, 200, 40), np.uint8)] * len(self.calibrated)
 
-    def masks(self, scale, first, count):
+    def masks(self, scale, first, count, body):
         self.asked.append(("masks", scale, first, count))
         yield [np.ones((120, 160), bool)] * len(self.calibrated)
 

@@ -53,7 +53,7 @@ class Search:
     def run(self, function):
         """Spend the budget; returns the lowest cost that each run met, (run,)."""
         best = np.full(len(self.start), np.inf)
-        for particles in self.optimizer.generation_sizes(self.evaluations):
+        for particles in self.optimizer.plan(self.evaluations):
             x = self.ask(particles)[:, :particles]
             cost = function(x)
             best = np.minimum(best, cost.min(axis=1))

@@ -62,7 +62,7 @@ class AnnealedFilter:
         self.population = make_population(space, self.particles)
         self.state = kernels.make_state(self.population)
 
-    def generation_sizes(self, evaluations: int) -> list[int]:
+    def plan(self, evaluations: int) -> list[int]:
         """Whole layers only; what does not divide is not spent."""
         return [self.particles] * min(self.config.layers, evaluations // self.particles)
 

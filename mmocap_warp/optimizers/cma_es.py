@@ -72,7 +72,7 @@ class CmaEs:
 
     Args:
         space: its radius is the unit of the step size.
-        evaluations: the search's budget; CMA-ES does not depend on it.
+        evaluations: budget of a search; CMA-ES does not depend on it.
         config: settings.
     """
 
@@ -87,7 +87,7 @@ class CmaEs:
         self.population = make_population(space, self.particles)
         self.state = kernels.make_state(self.population)
 
-    def generation_sizes(self, evaluations: int) -> list[int]:
+    def plan(self, evaluations: int) -> list[int]:
         """Whole generations, the last one cut."""
         return whole_generations(evaluations, self.particles)
 

@@ -60,7 +60,7 @@ class De:
 
     Args:
         space: its radius is half the width of the box in each coordinate; 0 holds one fixed.
-        evaluations: the search's budget; differential evolution does not depend on it.
+        evaluations: budget of a search; differential evolution does not depend on it.
         config: settings.
     """
 
@@ -74,7 +74,7 @@ class De:
         self.population = make_population(space, self.particles)
         self.state = kernels.make_state(self.population)
 
-    def generation_sizes(self, evaluations: int) -> list[int]:
+    def plan(self, evaluations: int) -> list[int]:
         """Whole generations, the last one cut."""
         return whole_generations(evaluations, self.particles)
 

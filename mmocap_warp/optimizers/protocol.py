@@ -12,10 +12,10 @@ from mmocap_warp.kernels.optimizers.populations import SearchSpace
 class Optimizer(Protocol):
     """Minimises a batched cost over a batch of independent runs; all of its state lives on the device.
 
-    ``start`` begins a search. Then, for each size in ``generation_sizes(evaluations)``, ``ask(size)`` fills the first
-    ``size`` particles of ``population``, the caller computes their costs (candidate = run * size + particle), and
-    ``tell`` learns from them. A generation smaller than ``particles`` only spends what is left of the budget: it is not
-    told.
+    It is made for a budget, and told the one that is left to it by ``plan``, before the first search. Then
+    ``start`` begins a search, and for each size that was planned, ``ask(size)`` fills the first ``size`` particles of
+    ``population``, the caller computes their costs (candidate = run * size + particle), and ``tell`` learns from them.
+    A generation smaller than ``particles`` only spends what is left of the budget: it is not told.
 
     Nothing that changes from one generation to the next is a host scalar, so that a captured graph of a generation
     can be replayed.
@@ -33,8 +33,12 @@ class Optimizer(Protocol):
     population: wp.array[wp.float32]
     returns_best: bool
 
-    def generation_sizes(self, evaluations: int) -> list[int]:
-        """Sizes of the generations that spend a budget; they never add up to more."""
+    def plan(self, evaluations: int) -> list[int]:
+        """Be told the budget of every search from now on.
+
+        Returns:
+            Sizes of the generations that spend it; they never add up to more.
+        """
         ...
 
     def start(self, pose: wp.array[wp.float32]) -> None:

@@ -63,7 +63,7 @@ class Pso:
 
     Args:
         space: its radius is the standard deviation of the first positions, and the unit of the velocity's limit.
-        evaluations: the search's budget, over which the inertia falls.
+        evaluations: budget over which the inertia falls, until ``plan`` tells another.
         config: settings.
     """
 
@@ -73,13 +73,17 @@ class Pso:
         self.config = config or PsoConfig()
         self.space = space
         self.particles = self.config.population
-        self._parameters = _on_device(self.config, moves=len(self.generation_sizes(evaluations)) - 1)
+        self._parameters = _on_device(self.config)
+        self.plan(evaluations)
         self.population = make_population(space, self.particles)
         self.state = kernels.make_state(self.population)
 
-    def generation_sizes(self, evaluations: int) -> list[int]:
-        """Whole generations, the last one cut."""
-        return whole_generations(evaluations, self.particles)
+    def plan(self, evaluations: int) -> list[int]:
+        """Whole generations, the last one cut; the inertia falls over the moves between them."""
+        sizes = whole_generations(evaluations, self.particles)
+        moves = len(sizes) - 1
+        self._parameters.inertia_changes = max(1, moves - 1)
+        return sizes
 
     def start(self, pose: wp.array[wp.float32]) -> None:
         """Begin a search about ``pose`` (run, coordinate)."""
@@ -100,10 +104,9 @@ class Pso:
         kernels.write_best(self.space, self.state, pose)
 
 
-def _on_device(config: PsoConfig, moves: int) -> kernels.PsoParameters:
+def _on_device(config: PsoConfig) -> kernels.PsoParameters:
     parameters = kernels.PsoParameters()
     for name in ("phi_1", "phi_2", "inertia_max", "velocity_limit"):
         setattr(parameters, name, getattr(config, name))
     parameters.log_inertia_fall = math.log(config.inertia_max / config.inertia_min)
-    parameters.inertia_changes = max(1, moves - 1)
     return parameters

@@ -49,7 +49,8 @@ class Search:
     Args:
         objective: the cost; its ``pose`` is sized for ``runs`` times the largest population.
         optimizers: one per part, in order.
-        evaluations: budget of each run; the start is the first evaluation, unless the answer is an estimate.
+        evaluations: budget of each run; the start is the first evaluation, unless the answer is an estimate. The rest
+            is shared evenly over the optimizers, which are told their shares here and nowhere else.
         limits: (coordinate, 2) lowest and highest value of every coordinate; infinite where free.
         replays: search again and again with the same arrays, and on a GPU replay a captured graph.
     """
@@ -74,7 +75,7 @@ class Search:
         self._moved = [optimizer.space.index.numpy() for optimizer in optimizers]
         for moved in self._moved:
             objective.prepare(runs, moved)
-        self._sizes = [optimizer.generation_sizes(share) for optimizer, share in zip(optimizers, shares, strict=True)]
+        self._sizes = [optimizer.plan(share) for optimizer, share in zip(optimizers, shares, strict=True)]
         self._limits = make_limits(limits, device)
         self.best_pose = wp.zeros((runs, len(limits)), dtype=wp.float32, device=device)
         self.best_cost = wp.zeros(runs, dtype=wp.float32, device=device)

@@ -103,7 +103,7 @@ def test_a_whole_search_is_the_twins(device, dofs, function):
     scale = np.linspace(0.2, 0.5, dofs)
     start = np.random.default_rng(dofs).normal(0, 1, (2, dofs))
     search = Search(AnnealedFilter, dofs, [11, 12], device, 500, scale=scale, start=start)
-    assert search.optimizer.generation_sizes(500) == [50] * 10
+    assert search.optimizer.plan(500) == [50] * 10
     twins = [Twin(search.start[run], scale, 50) for run in (0, 1)]
     for _ in range(10):
         x, cost = search.generation(function)
@@ -261,7 +261,7 @@ def test_the_first_layer_is_spread_by_the_radius(device):
 )
 def test_a_budget_is_spread_over_the_layers(device, evaluations, sizes):
     search = Search(AnnealedFilter, 4, [0, 1], device, evaluations, start=0.7)
-    assert search.optimizer.generation_sizes(evaluations) == sizes
+    assert search.optimizer.plan(evaluations) == sizes
     search.run(sphere)
     assert np.isfinite(search.estimate()).all()
     if not sizes:
@@ -270,9 +270,9 @@ def test_a_budget_is_spread_over_the_layers(device, evaluations, sizes):
 
 def test_generations_never_exceed_another_budget():
     search = Search(AnnealedFilter, 4, [0], "cpu", 500)
-    assert search.optimizer.generation_sizes(499) == [50] * 9
-    assert search.optimizer.generation_sizes(49) == []
-    assert search.optimizer.generation_sizes(5000) == [50] * 10
+    assert search.optimizer.plan(499) == [50] * 9
+    assert search.optimizer.plan(49) == []
+    assert search.optimizer.plan(5000) == [50] * 10
 
 
 @pytest.mark.parametrize("dofs", [1, 39])

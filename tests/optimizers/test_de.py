@@ -445,8 +445,8 @@ def test_a_cut_generation_is_the_beginning_of_a_whole_one_and_breaks_nothing(dev
 
 def test_a_budget_below_one_population_begins_with_the_start(device):
     search = Search(6, [0, 1], device, start=np.full((2, 6), 0.7))
-    assert search.optimizer.generation_sizes(4) == [4]
-    assert search.optimizer.generation_sizes(25) == [10, 10, 5]
+    assert search.optimizer.plan(4) == [4]
+    assert search.optimizer.plan(25) == [10, 10, 5]
     np.testing.assert_array_equal(search.ask(4)[:, 0], search.start)
     np.testing.assert_array_equal(search.estimate(), search.start)
 

@@ -121,7 +121,7 @@ def test_random_factors_are_uniform_and_anew_in_each_dimension(device):
 def test_inertia_falls_from_2_to_a_tenth_over_the_moves_of_the_budget(device, evaluations):
     """In equal ratios. The cut generation moves too, so that 83 evaluations are nine generations and eight moves."""
     search = Search(Pso, 4, [0, 1], device, evaluations)
-    generations = len(search.optimizer.generation_sizes(evaluations))
+    generations = len(search.optimizer.plan(evaluations))
     inertia = []
     for _ in range(generations - 1):
         search.generation(sphere)
@@ -195,7 +195,7 @@ def test_costs_that_tell_little_do_no_harm(device, function, dofs, scale):
 @pytest.mark.parametrize(("evaluations", "sizes"), [(0, []), (1, [1]), (7, [7]), (10, [10]), (25, [10, 10, 5])])
 def test_small_budgets_are_spent(device, evaluations, sizes):
     search = Search(Pso, 4, range(3), device, evaluations, start=1.0)
-    assert search.optimizer.generation_sizes(evaluations) == sizes
+    assert search.optimizer.plan(evaluations) == sizes
     search.run(sphere)
     assert np.isfinite(search.ask()).all()
 

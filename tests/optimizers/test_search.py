@@ -8,7 +8,9 @@ import warp as wp
 from synthetic import SKELETON, synthetic_subject
 from tracked_motion import FPS, RIG, motion
 
-from mmocap_warp.optimizers.search import share_budget
+from mmocap_warp.kernels.optimizers.populations import make_space
+from mmocap_warp.optimizers.pso import Pso
+from mmocap_warp.optimizers.search import Search, share_budget
 from mmocap_warp.tracking.algorithms import ALGORITHMS
 from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.strategy import hierarchical, holistic
@@ -109,3 +111,26 @@ def test_budgets_are_shared_evenly_and_wholly(evaluations, parts):
     assert len(shares) == parts
     assert max(shares) - min(shares) <= 1
     assert shares == sorted(shares, reverse=True)
+
+
+class Nowhere:
+    """An objective that is never evaluated."""
+
+    device = "cpu"
+
+    def prepare(self, runs, index):
+        pass
+
+
+@pytest.mark.parametrize("parts", [1, 6])
+def test_inertia_falls_over_exactly_the_moves_of_every_budget(parts):
+    """From 60 to 3000 evaluations, whatever the swarms were made for: its last move weighs by the least inertia."""
+    seed, counter = (wp.zeros(1, dtype=wp.int32, device="cpu") for _ in range(2))
+    swarms = [Pso(make_space(np.array([i]), np.ones(1), seed, counter), 3000) for i in range(parts)]
+    limits = np.tile([-np.inf, np.inf], (parts, 1))
+    for evaluations in range(60, 3001):
+        search = Search(Nowhere(), swarms, evaluations, limits)
+        assert search.evaluations == evaluations
+        for swarm, sizes in zip(swarms, search._sizes, strict=True):
+            moves = len(sizes) - 1  # one between two generations, the last of which may be cut
+            assert swarm._parameters.inertia_changes == max(1, moves - 1), evaluations

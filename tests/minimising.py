@@ -12,7 +12,7 @@ from mmocap_warp.kernels.optimizers.populations import make_space
 class Search:
     """A search by ``kind``; every other column of a wider pose vector is searched, the others are NaN.
 
-    The optimizer's arrays are poisoned before the start: nothing may be used before it is written.
+    The optimizer's arrays are poisoned before the start: nothing may be used before it is written, but its memory.
     """
 
     def __init__(self, kind, dofs, seeds, device, evaluations=500, scale=0.5, start=0.0, config=None):
@@ -22,8 +22,11 @@ class Search:
         self.evaluations = evaluations
         self.counter = wp.zeros(runs, dtype=wp.int32, device=device)
         seed = wp.array(seeds, dtype=wp.int32, device=device)
-        self.optimizer = kind(make_space(self.index, self.scale, seed, self.counter), evaluations, config)
+        self.optimizer = kind(make_space(self.index, self.scale, seed, self.counter), evaluations, config=config)
+        memory = [id(array) for array in self.optimizer.memory]
         for array in self._arrays().values():
+            if id(array) in memory:
+                continue
             array.assign(np.full(array.numpy().shape, np.nan if array.dtype is wp.float32 else SENTINEL))
         self.start = np.broadcast_to(np.asarray(start, np.float32), (runs, dofs))
         self.restart()

@@ -1,11 +1,15 @@
 """The annealed particle filter on the device, a batch of runs at a time: propagation, weights, selection.
 
-Equations are those of the paper's Section 4.1.1 as settled in ``docs/algorithms.md``. A layer spreads N particles,
+Equations are those of the paper's Section 4.1 as settled in ``docs/algorithms.md``. A layer spreads N particles,
 weighs them by their costs f, and selects N of them with replacement, each as often as it weighs on average::
 
     selected s_1 .. s_N  --propagate-->  x_1 .. x_N  --weigh-->  w_1 .. w_N  --select-->  s_1 .. s_N of the next layer
 
-    w_k ~ (1 - f_k)^beta  with the beta for which  (sum w)^2 / (N sum w^2) = delta,  the survival rate
+    w_k ~ (1 - f_k)^beta,  and after a layer the next one's beta is that for which this layer's weights would have
+    (sum w)^2 / (N sum w^2) = delta,  the survival rate
+
+The selected particles of a search's last layer are those of the next search's first. A layer propagates the coordinates
+of one partition; the others stay as each particle has them, and whole particles are selected.
 
 A small beta weighs all particles alike, a large one only the best; delta says how many survive, whatever the costs are.
 In terms of a distance from the best particle, ``d_k = ln(1 - f_best) - ln(1 - f_k)``, weights are ``exp(-beta d_k)``:
@@ -27,6 +31,28 @@ _BISECTIONS = wp.constant(26)  # of the logarithm, until single precision sees n
 
 
 @wp.struct
+class Schedule:
+    """Which coordinates each layer propagates: those of one partition after the other."""
+
+    first: wp.array[wp.int32]  # (layer,) of the partition's dofs, which lie side by side
+    end: wp.array[wp.int32]  # (layer,) one past the last of them
+    opens: wp.array[wp.int32]  # (layer,) 1 in a partition's first layer
+
+
+def make_schedule(partitions: list[int], layers: list[int], device: wp.DeviceLike) -> Schedule:
+    """So many layers for each partition of so many dofs; a partition may have none."""
+    first, end, opens = [], [], []
+    for p, count in enumerate(layers):
+        first += [sum(partitions[:p])] * count
+        end += [sum(partitions[: p + 1])] * count
+        opens += [int(layer == 0) for layer in range(count)]
+    schedule = Schedule()
+    for name, values in (("first", first), ("end", end), ("opens", opens)):
+        setattr(schedule, name, wp.array(values, dtype=wp.int32, device=device))
+    return schedule
+
+
+@wp.struct
 class AnnealedFilterState:
     """A layer of particles: from those selected of the last one to those selected of this one."""
 
@@ -35,16 +61,20 @@ class AnnealedFilterState:
     uniform: wp.array2d[wp.float32]  # (run, particle) random, in [0, 1)
     x: wp.array3d[wp.float32]  # (run, particle, dof)
     distance: wp.array2d[wp.float32]  # (run, particle) from the best cost
-    exponent: wp.array[wp.float32]  # (run,) beta
+    exponent: wp.array[wp.float32]  # (run,) beta of the next layer
     weight: wp.array2d[wp.float32]  # (run, particle)
     mean: wp.array2d[wp.float32]  # (run, dof) weighted
     parent: wp.array2d[wp.int32]  # (run, particle) which particle is selected
     selected: wp.array3d[wp.float32]  # (run, particle, dof)
     center: wp.array2d[wp.float32]  # (run, dof) mean of the selected
+    spread: wp.array2d[wp.float32]  # (run, dof) their standard deviation
 
 
 def make_state(population: wp.array[wp.float32]) -> AnnealedFilterState:
-    """Arrays for a search that writes its candidates to ``population`` (run, particle, dof)."""
+    """Arrays for searches that write their candidates to ``population`` (run, particle, dof).
+
+    ``selected`` and ``mean`` outlive a search; zeros are no particles yet.
+    """
     runs, particles, dofs = population.shape
     device = population.device
     # The first layer needs a random number per dimension, later ones a number per particle.
@@ -61,6 +91,7 @@ def make_state(population: wp.array[wp.float32]) -> AnnealedFilterState:
     state.parent = wp.zeros((runs, particles), dtype=wp.int32, device=device)
     state.selected = wp.zeros_like(population)
     state.center = wp.zeros((runs, dofs), dtype=wp.float32, device=device)
+    state.spread = wp.zeros((runs, dofs), dtype=wp.float32, device=device)
     return state
 
 
@@ -68,21 +99,25 @@ def make_state(population: wp.array[wp.float32]) -> AnnealedFilterState:
 def _start(
     space: SearchSpace,
     pose: wp.array2d[wp.float32],  # (run, coordinate)
-    # out
+    # in and out
     state: AnnealedFilterState,
 ) -> None:
     run, i = wp.tid()
     value = pose[run, space.index[i]]
+    step = value - state.mean[run, i]
     for k in range(state.selected.shape[1]):
-        state.selected[run, k, i] = value
-    state.center[run, i] = value
+        state.selected[run, k, i] = state.selected[run, k, i] + step
     state.mean[run, i] = value
     if i == 0:
         state.layer[run] = 0
 
 
 def start(space: SearchSpace, pose: wp.array[wp.float32], state: AnnealedFilterState) -> None:
-    """Begin anew: every particle is ``pose[:, index]``."""
+    """Move the particles by as much as the answer was moved since: ``s_k += pose[:, index] - mean``.
+
+    That is by nothing, unless the answer was brought within limits, or its angles are counted from elsewhere now.
+    Particles that are zeros with a mean of zero all become the pose.
+    """
     wp.launch(_start, dim=state.mean.shape, inputs=[space, pose], outputs=[state], device=pose.device)
 
 
@@ -106,35 +141,58 @@ def sample_noise(space: SearchSpace, particles: int, state: AnnealedFilterState)
     advance(space.counter, particles)
 
 
+@wp.func
+def _opens(schedule: Schedule, layer: int) -> bool:
+    """Whether a layer is its partition's first."""
+    return layer < schedule.opens.shape[0] and schedule.opens[layer] == 1
+
+
 @wp.kernel
 def _propagate(
     space: SearchSpace,
+    schedule: Schedule,
     diffusion: float,
     # in and out
     state: AnnealedFilterState,
 ) -> None:
     run, k, i = wp.tid()
     particles = state.selected.shape[1]
-    if state.layer[run] == 0:
-        state.x[run, k, i] = state.selected[run, k, i] + space.radius[i] * state.noise[run, k, i]
-        return
-    step = float(0.0)
-    for j in range(particles):
-        step += state.noise[run, k, j] * (state.selected[run, j, i] - state.center[run, i])
-    state.x[run, k, i] = state.selected[run, k, i] + wp.sqrt(diffusion / float(particles)) * step
+    stays = state.selected[run, k, i]
+    layer = wp.min(state.layer[run], schedule.first.shape[0] - 1)  # beyond the budget, the last partition goes on
+    if i < schedule.first[layer] or i >= schedule.end[layer]:
+        state.x[run, k, i] = stays
+    elif _opens(schedule, state.layer[run]):
+        state.x[run, k, i] = stays + space.radius[i] * state.noise[run, k, i]
+    else:
+        step = float(0.0)
+        for j in range(particles):
+            step += state.noise[run, k, j] * (state.selected[run, j, i] - state.center[run, i])
+        share = wp.sqrt(diffusion)
+        if share * state.spread[run, i] > space.radius[i]:
+            share = space.radius[i] / state.spread[run, i]
+        state.x[run, k, i] = stays + share / wp.sqrt(float(particles)) * step
 
 
-def propagate(space: SearchSpace, diffusion: float, particles: int, state: AnnealedFilterState) -> None:
-    """Diffuse the selected particles ``s_k``: ``x_k = s_k + sqrt(diffusion / N) sum_j noise[k, j] (s_j - center)``.
+def propagate(
+    space: SearchSpace, schedule: Schedule, diffusion: float, particles: int, state: AnnealedFilterState
+) -> None:
+    """Diffuse the layer's partition of the selected particles ``s_k``, and leave the rest as it is.
 
-    Given the selection, that sum of independent normal numbers times deviations is normal, with the covariance
-    ``diffusion / N sum_j (s_j - center)(s_j - center)^T`` of Eq. 6: no matrix needs to be built or factorised, and a
-    singular one, of fewer particles than dimensions, is no special case. The first layer has no spread yet:
-    ``x_k = s_k + radius * noise[k]``.
+    In the partition's first layer, ``x_k = s_k + radius * noise[k]``. In the others,
+    ``x_k = s_k + sqrt(diffusion / N) sum_j noise[k, j] (s_j - center)``: given the selection, that sum of independent
+    normal numbers times deviations is normal, with Eq. 6's covariance
+    ``diffusion / N sum_j (s_j - center)(s_j - center)^T``. No matrix needs to be built or factorised, and a singular
+    one, of fewer particles than dimensions, is no special case. In a coordinate where the standard deviation of that
+    step would be more than the radius, it is the radius: what no cost shows would spread without end.
     """
     runs, _particles, dofs = state.x.shape
-    device = space.seed.device
-    wp.launch(_propagate, dim=(runs, particles, dofs), inputs=[space, diffusion], outputs=[state], device=device)
+    wp.launch(
+        _propagate,
+        dim=(runs, particles, dofs),
+        inputs=[space, schedule, diffusion],
+        outputs=[state],
+        device=space.seed.device,
+    )
 
 
 @wp.func
@@ -190,19 +248,13 @@ def _survival_rate(distance: wp.array2d[wp.float32], run: int, exponent: float) 
     return total * total / (squares * float(distance.shape[1]))
 
 
-@wp.kernel
-def _anneal(
-    survival: float,
-    # in and out
-    state: AnnealedFilterState,
-) -> None:
-    run = wp.tid()
-    particles = state.distance.shape[1]
-    state.layer[run] = state.layer[run] + 1
+@wp.func
+def _exponent(distance: wp.array2d[wp.float32], run: int, survival: float) -> float:
+    """Eq. 8."""
     near = float(wp.inf)
     far = float(0.0)
-    for k in range(particles):
-        apart = state.distance[run, k]
+    for k in range(distance.shape[1]):
+        apart = distance[run, k]
         if apart > 0.0 and wp.isfinite(apart):
             near = wp.min(near, apart)
             far = wp.max(far, apart)
@@ -212,12 +264,29 @@ def _anneal(
         hardest = wp.min(wp.log(_HARDEST) - wp.log(near), _LOG_LARGE)
         for _step in range(_BISECTIONS):  # the rate falls as the exponent grows
             middle = 0.5 * (softest + hardest)
-            if _survival_rate(state.distance, run, wp.exp(middle)) > survival:
+            if _survival_rate(distance, run, wp.exp(middle)) > survival:
                 softest = middle
             else:
                 hardest = middle
-        beta = wp.exp(hardest)  # Eq. 8
-    state.exponent[run] = beta
+        beta = wp.exp(hardest)
+    return beta
+
+
+@wp.kernel
+def _anneal(
+    schedule: Schedule,
+    survival: float,
+    # in and out
+    state: AnnealedFilterState,
+) -> None:
+    run = wp.tid()
+    particles = state.distance.shape[1]
+    following = _exponent(state.distance, run, survival)
+    beta = float(state.exponent[run])
+    if _opens(schedule, state.layer[run]):  # nothing is known of its costs before
+        beta = following
+    state.exponent[run] = following
+    state.layer[run] = state.layer[run] + 1
     total = float(0.0)
     for k in range(particles):
         total += _weight(state.distance[run, k], beta)
@@ -238,8 +307,10 @@ def _average(
     state.mean[run, i] = first + beyond
 
 
-def weigh(cost: wp.array[wp.float32], survival: float, state: AnnealedFilterState) -> None:
-    """Weigh particles by ``w = (1 - f)^beta``, normalised, with Eq. 8's beta; ``mean = sum_k w_k x_k``.
+def weigh(cost: wp.array[wp.float32], schedule: Schedule, survival: float, state: AnnealedFilterState) -> None:
+    """Weigh particles by ``w = (1 - f)^beta``, normalised; ``mean = sum_k w_k x_k``; then choose the next layer's beta.
+
+    That is Eq. 8 for this layer's costs, which a partition's first layer uses itself.
 
     Costs are taken as they are where a run's finite ones lie in [0, 1], and are mapped onto [0, 1] by their range where
     one lies outside. Infinite costs weigh nothing; where all costs are equal, or none is finite, weights are equal too.
@@ -248,7 +319,7 @@ def weigh(cost: wp.array[wp.float32], survival: float, state: AnnealedFilterStat
     """
     device = cost.device
     wp.launch(_measure_distances, dim=state.distance.shape, inputs=[cost], outputs=[state], device=device)
-    wp.launch(_anneal, dim=state.layer.shape, inputs=[survival], outputs=[state], device=device)
+    wp.launch(_anneal, dim=state.layer.shape, inputs=[schedule, survival], outputs=[state], device=device)
     wp.launch(_average, dim=state.mean.shape, inputs=[], outputs=[state], device=device)
 
 
@@ -281,11 +352,17 @@ def _copy_parents(
         value = state.x[run, state.parent[run, k], i]
         state.selected[run, k, i] = value
         beyond += value - first
-    state.center[run, i] = first + beyond / float(particles)
+    center = first + beyond / float(particles)
+    squares = float(0.0)
+    for k in range(particles):
+        apart = state.selected[run, k, i] - center
+        squares += apart * apart
+    state.center[run, i] = center
+    state.spread[run, i] = wp.sqrt(squares / float(particles))
 
 
 def select(state: AnnealedFilterState) -> None:
-    """Choose N particles with replacement, each particle as often as it weighs on average; ``center`` is their mean."""
+    """Choose N whole particles with replacement, each as often as it weighs on average; and their mean and spread."""
     device = state.parent.device
     wp.launch(_choose_parents, dim=state.parent.shape, inputs=[], outputs=[state], device=device)
     wp.launch(_copy_parents, dim=state.center.shape, inputs=[], outputs=[state], device=device)

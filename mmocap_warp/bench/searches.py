@@ -59,6 +59,8 @@ def _ask_and_tell(load: Workload, name: str, part: Part, runs: int, device: str)
 
     def check() -> Check:
         """It minimises the squared distance from 0."""
+        for array in optimizer.memory:
+            array.zero_()
         optimizer.start(start)
         means = []
         for _ in range(_SPHERE):
@@ -201,7 +203,7 @@ def _frame_case(group: str, load: Workload, tracker: Tracker, check: Callable[[]
 def _same_run(load: Workload, one: Tracker, many: Tracker) -> Check:
     """Whether the first of many runs has the same bits as that run alone."""
     for tracker in (one, many):
-        pose, draw = tracker.state
+        pose, draw, *_particles = tracker.state
         tracker.state = np.repeat(load.subject.pose[None].astype(np.float32), len(pose), axis=0), np.zeros_like(draw)
     alone, first = one.step(load.observation).pose[0], many.step(load.observation).pose[0]
     same = bool(np.array_equal(alone, first))

@@ -77,6 +77,7 @@ class CmaEs:
     """
 
     returns_best = True
+    memory = ()
 
     def __init__(self, space: SearchSpace, evaluations: int, config: CmaEsConfig | None = None) -> None:
         self.config = config or CmaEsConfig()

@@ -65,6 +65,7 @@ class De:
     """
 
     returns_best = True
+    memory = ()
 
     def __init__(self, space: SearchSpace, evaluations: int, config: DeConfig | None = None) -> None:
         self.config = config or DeConfig()

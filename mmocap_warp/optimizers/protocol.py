@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any, Protocol
 
 import warp as wp
 
@@ -12,7 +12,7 @@ from mmocap_warp.kernels.optimizers.populations import SearchSpace
 class Optimizer(Protocol):
     """Minimises a batched cost over a batch of independent runs; all of its state lives on the device.
 
-    It is made for a budget, and told the one that is left to it by ``plan``, before the first search. Then
+    It is made for the budget of a whole search, and told its share of it by ``plan``, before the first one. Then
     ``start`` begins a search, and for each size that was planned, ``ask(size)`` fills the first ``size`` particles of
     ``population``, the caller computes their costs (candidate = run * size + particle), and ``tell`` learns from them.
     A generation smaller than ``particles`` only spends what is left of the budget: it is not told.
@@ -32,6 +32,11 @@ class Optimizer(Protocol):
     particles: int
     population: wp.array[wp.float32]
     returns_best: bool
+
+    @property
+    def memory(self) -> tuple[wp.array[Any], ...]:
+        """Arrays, the run first, by which a search depends on the one before it; zeros before there was one."""
+        ...
 
     def plan(self, evaluations: int) -> list[int]:
         """Be told the budget of every search from now on.
@@ -62,3 +67,8 @@ def whole_generations(evaluations: int, particles: int) -> list[int]:
     """Sizes of whole generations, the last one cut to what is left."""
     whole, left = divmod(evaluations, particles)
     return [particles] * whole + ([left] if left else [])
+
+
+def share_budget(evaluations: int, parts: int) -> list[int]:
+    """Split a budget evenly; what does not divide goes to the first parts."""
+    return [evaluations // parts + (i < evaluations % parts) for i in range(parts)]

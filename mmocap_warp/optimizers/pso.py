@@ -68,6 +68,7 @@ class Pso:
     """
 
     returns_best = True
+    memory = ()
 
     def __init__(self, space: SearchSpace, evaluations: int, config: PsoConfig | None = None) -> None:
         self.config = config or PsoConfig()

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import warp as wp
 
 from mmocap_warp.kernels.optimizers.populations import clamp, keep_best, make_limits, place
-from mmocap_warp.optimizers.protocol import Optimizer
+from mmocap_warp.optimizers.protocol import Optimizer, share_budget
 
 
 class BatchedCost(Protocol):
@@ -81,6 +81,11 @@ class Search:
         self.best_cost = wp.zeros(runs, dtype=wp.float32, device=device)
 
     @property
+    def memory(self) -> list[wp.array[Any]]:
+        """By which, beside ``best_pose`` and the random counters, a search depends on the one before it."""
+        return [array for optimizer in self._optimizers for array in optimizer.memory]
+
+    @property
     def evaluations(self) -> int:
         """What a search costs each run: the budget, or less where it does not divide."""
         return self._returns_best + sum(map(sum, self._sizes))
@@ -129,8 +134,3 @@ class Search:
         if not optimizer.returns_best:
             optimizer.estimate(self.best_pose)
             clamp(self._limits, self.best_pose)
-
-
-def share_budget(evaluations: int, parts: int) -> list[int]:
-    """Split a budget evenly; what does not divide goes to the first parts."""
-    return [evaluations // parts + (i < evaluations % parts) for i in range(parts)]

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from mmocap_warp.kernels.optimizers.populations import SearchSpace
 from mmocap_warp.optimizers.annealed_filter import AnnealedFilter
 from mmocap_warp.optimizers.cma_es import CmaEs
 from mmocap_warp.optimizers.de import De
@@ -21,14 +20,17 @@ class Algorithm:
     """A tracker.
 
     Attributes:
-        optimizer: makes the optimizer of a part from its search space and its budget.
+        optimizer: makes an optimizer from what it searches and the budget of the whole search.
         label: its name for people.
         hierarchical: the body's parts one after the other, instead of all degrees of freedom at once.
+        partitioned: of one that is hierarchical, whether a single optimizer searches all parts, whose sizes it is given
+            as ``partitions``, instead of one optimizer each.
     """
 
-    optimizer: Callable[[SearchSpace, int], Optimizer]
+    optimizer: Callable[..., Optimizer]
     label: str
     hierarchical: bool
+    partitioned: bool = False
 
 
 ALGORITHMS: dict[str, Algorithm] = {
@@ -39,6 +41,6 @@ ALGORITHMS: dict[str, Algorithm] = {
     "pso": Algorithm(Pso, "PSO", hierarchical=False),
     "h-pso": Algorithm(Pso, "H-PSO", hierarchical=True),
     "apf": Algorithm(AnnealedFilter, "APF", hierarchical=False),
-    "psapf": Algorithm(AnnealedFilter, "PSAPF", hierarchical=True),
+    "psapf": Algorithm(AnnealedFilter, "PSAPF", hierarchical=True, partitioned=True),
 }
 """The labels in lower case are the paper's names; ``h-`` is the six-step hierarchy."""

@@ -17,12 +17,15 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.result.result import FrameAnswer
 from mmocap_warp.tracking.run_identity import Identity
 
-_MAGIC = b"mmocap checkpoint 2\n"
+_MAGIC = b"mmocap checkpoint 3\n"
 _INTERVAL = 2.0  # seconds between saves, at least
 _ANSWER = tuple(field.name for field in fields(FrameAnswer))
 
 FinishedFrame = tuple[FrameAnswer, np.ndarray]
 """A frame's answer, and the counters of the random numbers after it: (run,) int32."""
+
+Memory = Sequence[np.ndarray]
+"""What else the next frame depends on, float32 arrays: a filter's particles. See ``Tracker.state``."""
 
 
 class Checkpoint:
@@ -31,19 +34,29 @@ class Checkpoint:
     Frames are appended, so that a save takes as long after a day as after a minute. A record carries a checksum: what
     a crash left half-written at the end is not read, and those frames are tracked again.
 
+    A filter's particles are large and only the last frame's are needed. So there are two places for them, before the
+    frames, and saves take turns: one of the two is always whole.
+
     Args:
         path: the file.
         identity: the run's, see :func:`~mmocap_warp.tracking.run_identity.run_identity`.
         runs: independent runs.
         coordinates: length of a pose.
         cameras: number of cameras.
+        memory: arrays of the shapes that are saved with the last frame.
     """
 
-    def __init__(self, path: Path, identity: Identity, runs: int, coordinates: int, cameras: int) -> None:
+    def __init__(
+        self, path: Path, identity: Identity, runs: int, coordinates: int, cameras: int, memory: Memory = ()
+    ) -> None:
         self._path = path
         self._identity = identity
         self._header = _MAGIC + json.dumps(identity).encode() + b"\n"
         self._record = _record_type(runs, coordinates, cameras)
+        self._memory_record = _memory_type([array.shape for array in memory])
+        self._memories = 2 if memory else 0
+        self._turn = 0  # the place that the next save writes
+        self._first = len(self._header) + self._memories * self._memory_record.itemsize  # byte of the first frame
         self._saved = 0  # frames in the file
         self._due = time.monotonic() + _INTERVAL
 
@@ -52,11 +65,12 @@ class Checkpoint:
         """Whether the last save is long enough ago."""
         return time.monotonic() >= self._due
 
-    def save(self, done: Sequence[FinishedFrame]) -> None:
+    def save(self, done: Sequence[FinishedFrame], memory: Memory = ()) -> None:
         """Add the frames that were finished since the last save; the first save replaces an earlier run's file.
 
         Args:
             done: all finished frames, from the recording's first.
+            memory: after the last of them.
 
         Raises:
             InputError: its folder cannot be written to, or the disk is full.
@@ -67,22 +81,27 @@ class Checkpoint:
         try:
             if self._saved:
                 with self._path.open("r+b") as file:
-                    file.seek(len(self._header) + self._saved * self._record.itemsize)
+                    file.seek(self._first + self._saved * self._record.itemsize)
                     file.write(self._packed(new))
                     file.truncate()
+                    if self._memories:
+                        file.seek(len(self._header) + self._turn * self._memory_record.itemsize)
+                        file.write(self._packed_memory(len(done), memory))
             else:
                 temporary = self._path.with_name(self._path.name + ".part")
-                temporary.write_bytes(self._header + self._packed(new))
+                places = self._packed_memory(len(done), memory) * self._memories
+                temporary.write_bytes(self._header + places + self._packed(new))
                 os.replace(temporary, self._path)
         except OSError as error:
             raise InputError(
                 self._path, f"cannot be written ({error})", "check its folder's permissions and free space"
             ) from error
+        self._turn = 1 - self._turn
         self._saved = len(done)
         self._due = time.monotonic() + _INTERVAL
 
-    def load(self) -> list[FinishedFrame]:
-        """The frames that were saved, from the recording's first; none where there is no file.
+    def load(self) -> tuple[list[FinishedFrame], Memory]:
+        """The frames that were saved, from the recording's first, and the memory after them; none without a file.
 
         Raises:
             InputError: the file is no checkpoint, or another run's.
@@ -90,20 +109,35 @@ class Checkpoint:
         try:
             content = self._path.read_bytes()
         except FileNotFoundError:
-            return []
+            return [], ()
         except OSError as error:
             raise InputError(self._path, f"cannot be read ({error})", "check its permissions") from error
         if not content.startswith(self._header):
             self._refuse(content)
         done = []
-        whole = (len(content) - len(self._header)) // self._record.itemsize
-        for record in np.frombuffer(content, self._record, whole, len(self._header)):
+        whole = max(0, len(content) - self._first) // self._record.itemsize
+        for record in np.frombuffer(content[self._first :], self._record, whole):
             if record["checksum"] != _checksum(record):
                 break
             answer = FrameAnswer(*(record[name] for name in _ANSWER))
             done.append((answer, record["draw"]))
+        memory: Memory = ()
+        if self._memories:
+            frames, memory = self._latest_memory(content, len(done))
+            done = done[:frames]
         self._saved = len(done)
-        return done
+        return done, memory
+
+    def _latest_memory(self, content: bytes, done: int) -> tuple[int, Memory]:
+        """After how many of the frames that are done the latest memory is, and it; the next save spares it."""
+        frames = 0
+        memory: Memory = ()
+        places = self._memories if done else 0
+        for place, record in enumerate(np.frombuffer(content, self._memory_record, places, len(self._header))):
+            if record["checksum"] == _checksum(record) and frames < record["frames"] <= done:
+                frames, memory = int(record["frames"]), tuple(record["memory"])
+                self._turn = 1 - place
+        return frames, memory
 
     def _refuse(self, content: bytes) -> NoReturn:
         """Say what is wrong with a file of another header."""
@@ -130,6 +164,25 @@ class Checkpoint:
             record["draw"] = draw
             record["checksum"] = _checksum(record)
         return records.tobytes()
+
+    def _packed_memory(self, frames: int, memory: Memory) -> bytes:
+        record = np.zeros(1, self._memory_record)[0]
+        record["frames"] = frames
+        for number, array in enumerate(memory):
+            record["memory"][_array_name(number)] = array
+        record["checksum"] = _checksum(record)
+        packed: bytes = record.tobytes()
+        return packed
+
+
+def _memory_type(shapes: Sequence[tuple[int, ...]]) -> np.dtype:
+    """A place for a memory in the file."""
+    arrays = [(_array_name(number), "<f4", shape) for number, shape in enumerate(shapes)]
+    return np.dtype([("frames", "<i8"), ("memory", arrays), ("checksum", "<u4")])
+
+
+def _array_name(number: int) -> str:
+    return f"array {number}"
 
 
 def _record_type(runs: int, coordinates: int, cameras: int) -> np.dtype:

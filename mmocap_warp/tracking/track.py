@@ -14,7 +14,7 @@ from mmocap_warp.device import resolve_device
 from mmocap_warp.formats.toml_table import config_from_table
 from mmocap_warp.result.result import FrameAnswer, Result
 from mmocap_warp.tracking.body_masks import body_masks
-from mmocap_warp.tracking.checkpoint import Checkpoint, FinishedFrame
+from mmocap_warp.tracking.checkpoint import Checkpoint, FinishedFrame, Memory
 from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.memory_need import fitting_tracker
 from mmocap_warp.tracking.run_identity import run_identity
@@ -86,33 +86,39 @@ def track(
     """
     config = replace(config or config_from_table(TrackConfig, scene.settings("track")), **settings)
     rig = scene.rig(config.scale)
+    identity = run_identity(scene, subject, config) if checkpoint else {}
+    tracker = fitting_tracker(subject, rig, config, scene.fps)
     done: list[FinishedFrame] = []  # in pairs, so that no interruption finds one without the other
+    memory: Memory
+    _, _, *memory = tracker.state
     store = None
     if checkpoint is not None:
-        identity = run_identity(scene, subject, config)
-        store = Checkpoint(checkpoint, identity, config.runs, subject.body.skeleton.coordinates, len(rig))
-        done = store.load() if resume else []
-    tracker = fitting_tracker(subject, rig, config, scene.fps)
+        coordinates = subject.body.skeleton.coordinates
+        store = Checkpoint(checkpoint, identity, config.runs, coordinates, len(rig), memory)
+        done, memory = store.load() if resume else ([], memory)
     for number, (answer, _) in enumerate(done):
         if progress:
             progress(number, answer)
     if done:
         answer, draw = done[-1]
-        tracker.state = (answer.pose, draw)
+        tracker.state = (answer.pose, draw, *memory)
+    whole = len(done), memory  # likewise
     try:
         follows = scene.foreground.keep == "nearest"
         body = body_masks(subject, rig, lambda: tracker.state[0]) if follows else None
         for observation in scene.observations(config.scale, first=len(done), body=body):
             answer = tracker.step(observation)
-            _, draw = tracker.state
+            _, draw, *memory = tracker.state
             done.append((answer, draw))
+            whole = len(done), memory
             if progress:
                 progress(len(done) - 1, answer)
             if store and store.due:
-                store.save(done)
+                store.save(done, memory)
     except BaseException:
         if store:
-            store.save(done)
+            frames, memory = whole
+            store.save(done[:frames], memory)
         raise
     return collect(subject, rig, scene.fps, config, [answer for answer, _ in done])
 

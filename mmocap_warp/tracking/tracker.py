@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,13 +12,14 @@ import warp as wp
 from mmocap_warp.body.model import Subject
 from mmocap_warp.device import available_threads, resolve_device
 from mmocap_warp.kernels.body.root_frame import enter, leave
-from mmocap_warp.kernels.optimizers.populations import make_space
+from mmocap_warp.kernels.optimizers.populations import SearchSpace, make_space
 from mmocap_warp.objective.objective import Objective
-from mmocap_warp.optimizers.search import Search, share_budget
+from mmocap_warp.optimizers.protocol import Optimizer
+from mmocap_warp.optimizers.search import Search
 from mmocap_warp.result.result import STATUS, FrameAnswer
-from mmocap_warp.tracking.algorithms import ALGORITHMS
+from mmocap_warp.tracking.algorithms import ALGORITHMS, Algorithm
 from mmocap_warp.tracking.config import TrackConfig
-from mmocap_warp.tracking.strategy import hierarchical, holistic
+from mmocap_warp.tracking.strategy import Part, hierarchical, holistic
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
 
@@ -53,12 +55,11 @@ class Tracker:
         seeds = np.arange(config.seed, config.seed + self._runs)
         seed = wp.array(seeds, dtype=wp.int32, device=self.device)
         self._counter = wp.zeros(self._runs, dtype=wp.int32, device=self.device)
-        radii = [np.where(part.index < 3, translation, rotation) for part in parts]
-        shares = share_budget(config.evaluations, len(parts))
-        optimizers = [
-            algorithm.optimizer(make_space(part.index, radius, seed, self._counter), share)
-            for part, radius, share in zip(parts, radii, shares, strict=True)
-        ]
+
+        def space(index: np.ndarray) -> SearchSpace:
+            return make_space(index, np.where(index < 3, translation, rotation), seed, self._counter)
+
+        optimizers = _optimizers(algorithm, parts, space, config.evaluations)
         self.particles = max(optimizer.particles for optimizer in optimizers)
         self._objective = Objective(
             subject.body,
@@ -85,15 +86,26 @@ class Tracker:
         return self._objective.candidate_arrays
 
     @property
-    def state(self) -> tuple[np.ndarray, np.ndarray]:
-        """All that the next frame depends on: last poses (run, coordinate) float32 and random counters (run,) int32."""
-        return self._search.best_pose.numpy().copy(), self._counter.numpy().copy()
+    def state(self) -> tuple[np.ndarray, ...]:
+        """All that the next frame depends on.
+
+        Last poses (run, coordinate) float32 and random counters (run,) int32; of a particle filter its particles
+        (run, particle, dof) and their mean (run, dof), float32. Without those, a filter begins anew at the poses.
+        """
+        return tuple(array.numpy().copy() for array in self._carried)
 
     @state.setter
-    def state(self, value: tuple[np.ndarray, np.ndarray]) -> None:
-        pose, counter = value
-        self._search.best_pose.assign(pose)
-        self._counter.assign(counter)
+    def state(self, value: tuple[np.ndarray, ...]) -> None:
+        pose, counter, *memory = value
+        for array in self._search.memory:
+            array.zero_()
+        for array, values in zip(self._carried, (pose, counter, *memory), strict=False):
+            array.assign(values)
+
+    @property
+    def _carried(self) -> list[wp.array[Any]]:
+        """The arrays of :attr:`state`."""
+        return [self._search.best_pose, self._counter, *self._search.memory]
 
     def step(self, observation: Observation) -> FrameAnswer:
         """Find the pose of the next frame. Without any foreground the frame is lost and the pose is carried over."""
@@ -134,6 +146,17 @@ class Tracker:
         wp.copy(search.best_cost, objective.evaluate(runs), count=runs)
         count: np.ndarray = objective.count.numpy()
         return count[:runs]
+
+
+def _optimizers(
+    algorithm: Algorithm, parts: list[Part], space: Callable[[np.ndarray], SearchSpace], evaluations: int
+) -> list[Optimizer]:
+    """One for each part, or one for all of them."""
+    if algorithm.partitioned:
+        together = np.concatenate([part.index for part in parts])
+        sizes = [len(part.index) for part in parts]
+        return [algorithm.optimizer(space(together), evaluations, partitions=sizes)]
+    return [algorithm.optimizer(space(part.index), evaluations) for part in parts]
 
 
 _ROOT_ANGLES = slice(3, 6)

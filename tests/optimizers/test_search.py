@@ -9,8 +9,9 @@ from synthetic import SKELETON, synthetic_subject
 from tracked_motion import FPS, RIG, motion
 
 from mmocap_warp.kernels.optimizers.populations import make_space
+from mmocap_warp.optimizers.protocol import share_budget
 from mmocap_warp.optimizers.pso import Pso
-from mmocap_warp.optimizers.search import Search, share_budget
+from mmocap_warp.optimizers.search import Search
 from mmocap_warp.tracking.algorithms import ALGORITHMS
 from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.strategy import hierarchical, holistic

@@ -239,7 +239,7 @@ def test_a_checkpoint_gives_back_what_was_saved_however_often(tmp_path):
     store = checkpoint.Checkpoint(tmp_path / "c", IDENTITY, 2, COORDINATES, 3)
     for frames in (0, 2, 2, 3, 7):
         store.save(done[:frames])
-    loaded = checkpoint.Checkpoint(tmp_path / "c", IDENTITY, 2, COORDINATES, 3).load()
+    loaded, _memory = checkpoint.Checkpoint(tmp_path / "c", IDENTITY, 2, COORDINATES, 3).load()
     for (mine, my_draw), (theirs, their_draw) in zip(loaded, done, strict=True):
         np.testing.assert_array_equal(my_draw, their_draw)
         for field in fields(FrameAnswer):
@@ -258,7 +258,7 @@ def test_a_save_writes_only_what_is_new(tmp_path, monkeypatch):
     store.save(done[:6])
     assert path.stat().st_size - size == (size - len(store._header)) // 2
     resumed = checkpoint.Checkpoint(path, IDENTITY, 2, COORDINATES, 3)
-    assert len(resumed.load()) == 6
+    assert len(resumed.load()[0]) == 6
     resumed.save(done)
     assert packed == [4, 2, 3]
 
@@ -280,3 +280,74 @@ def test_a_checkpoint_that_cannot_be_written_is_wrong_input(tmp_path):
     (tmp_path / "c").unlink()
     with pytest.raises(InputError, match="cannot be written"):
         store.save(answered(2))
+
+
+@pytest.mark.parametrize("algorithm", ["apf", "psapf"])
+def test_a_filters_particles_are_saved_with_its_last_frame(algorithm, loaded, subject, tmp_path, monkeypatch):
+    """The run is stopped twice; every frame is saved, and in between the frames saved do not grow by the particles."""
+    monkeypatch.setattr(checkpoint, "_INTERVAL", 0)
+    config = TrackConfig(algorithm, scale=0.25, evaluations=240, runs=2, device="cpu")
+    path, sizes = tmp_path / "r.checkpoint", []
+    for after in (4, 6):
+        with monkeypatch.context() as patched:
+            patched.setattr("mmocap_warp.tracking.tracker.Tracker.step", stopping_step(after))
+            with pytest.raises(KeyboardInterrupt):
+                track(loaded, subject, config, checkpoint=path, resume=True)
+        sizes.append(path.stat().st_size)
+    assert sizes[1] - sizes[0] < 6 * 2 * 4 * (COORDINATES + 40)
+    resumed = track(loaded, subject, config, checkpoint=path, resume=True)
+    whole = track(loaded, subject, config)
+    np.testing.assert_array_equal(resumed.pose, whole.pose)
+    np.testing.assert_array_equal(resumed.cost, whole.cost)
+
+
+def remembered(frames: int) -> tuple[np.ndarray, np.ndarray]:
+    """A made-up memory after so many frames: arrays of two runs."""
+    return np.full((2, 5, 3), frames, np.float32), np.full((2, 3), -frames, np.float32)
+
+
+def spoilt(path: Path, found: bytes, times: int = 1) -> None:
+    content = path.read_bytes()
+    assert content.count(found) == times
+    path.write_bytes(content.replace(found, bytes(len(found))))
+
+
+def test_the_last_memory_but_one_serves_where_a_crash_spoilt_the_last(tmp_path):
+    """The frames after it are tracked again; it is the other one that the next save replaces."""
+
+    def store():
+        return checkpoint.Checkpoint(tmp_path / "c", IDENTITY, 2, COORDINATES, 3, remembered(0))
+
+    def kept():
+        done, memory = store().load()
+        for array, expected in zip(memory, remembered(len(done)), strict=bool(done)):
+            np.testing.assert_array_equal(array, expected)
+        return len(done)
+
+    done, first = answered(9), store()
+    assert kept() == 0
+    for frames in (2, 3, 5):
+        first.save(done[:frames], remembered(frames))
+        assert kept() == frames
+    spoilt(tmp_path / "c", remembered(5)[0].tobytes())
+    assert kept() == 3
+    second = store()
+    second.load()
+    second.save(done[:4], remembered(4))
+    assert kept() == 4
+    spoilt(tmp_path / "c", remembered(4)[0].tobytes())
+    assert kept() == 3
+    spoilt(tmp_path / "c", remembered(3)[0].tobytes())
+    assert kept() == 0
+
+
+def test_a_memory_of_frames_that_a_crash_spoilt_is_not_used(tmp_path):
+    store = checkpoint.Checkpoint(tmp_path / "c", IDENTITY, 2, COORDINATES, 3, remembered(0))
+    done = answered(4)
+    store.save(done[:2], remembered(2))
+    store.save(done, remembered(4))
+    content = (tmp_path / "c").read_bytes()
+    (tmp_path / "c").write_bytes(content[:-100])
+    loaded, memory = store.load()
+    assert len(loaded) == 2
+    np.testing.assert_array_equal(memory[0], remembered(2)[0])

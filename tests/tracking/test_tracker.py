@@ -11,6 +11,7 @@ from mmocap_warp.body.posing import Poser
 from mmocap_warp.device import resolve_device
 from mmocap_warp.foreground.settings import ForegroundSettings
 from mmocap_warp.result.result import STATUS
+from mmocap_warp.tracking.algorithms import ALGORITHMS
 from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.track import track, track_observations
 from mmocap_warp.tracking.tracker import Tracker
@@ -132,7 +133,7 @@ def test_a_frame_without_views_is_lost_and_carries_the_pose_over(device, walk):
     np.testing.assert_array_equal(tracker.step(walk[1]).pose, undisturbed.step(walk[1]).pose)
 
 
-@pytest.mark.parametrize("algorithm", ["h-cmaes", "cmaes"])
+@pytest.mark.parametrize("algorithm", ["h-cmaes", "cmaes", "apf", "psapf"])
 def test_a_run_of_a_batch_is_the_single_run_bit_for_bit(device, walk, algorithm):
     def track(**settings):
         config = TrackConfig(algorithm, evaluations=120, device=device, **settings)
@@ -147,16 +148,30 @@ def test_a_run_of_a_batch_is_the_single_run_bit_for_bit(device, walk, algorithm)
     assert not np.array_equal(batch.pose[0, -1], batch.pose[1, -1])
 
 
-def test_state_is_all_that_the_next_frame_depends_on(device, walk):
-    tracker = tracker_of(device, evaluations=60, runs=2)
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_state_is_all_that_the_next_frame_depends_on(device, walk, algorithm):
+    tracker = tracker_of(device, algorithm=algorithm, evaluations=240, runs=2)
     for observation in walk[:3]:
         tracker.step(observation)
-    resumed = tracker_of(device, evaluations=60, runs=2)
+    resumed = tracker_of(device, algorithm=algorithm, evaluations=240, runs=2)
     resumed.state = tracker.state
     for observation in walk[3:]:
         after, again = tracker.step(observation), resumed.step(observation)
         np.testing.assert_array_equal(after.pose, again.pose)
         np.testing.assert_array_equal(after.cost, again.cost)
+
+
+@pytest.mark.parametrize("algorithm", ["apf", "psapf"])
+def test_a_filter_that_is_given_a_pose_alone_begins_anew(device, walk, algorithm):
+    """As a tracker that was never used; with the particles of before it would go on otherwise."""
+    used, new = (tracker_of(device, algorithm=algorithm, evaluations=1500) for _ in range(2))
+    used.step(walk[0])
+    pose, counter, *particles = used.state
+    used.state = new.state = pose, counter
+    answer = used.step(walk[1]).pose
+    np.testing.assert_array_equal(answer, new.step(walk[1]).pose)
+    new.state = pose, counter, *particles
+    assert not np.array_equal(answer, new.step(walk[1]).pose)
 
 
 @pytest.mark.parametrize("dof", [28, 39])

@@ -11,7 +11,7 @@ from mmocap_warp.body.skeleton import Skeleton
 
 @dataclass(frozen=True)
 class Part:
-    """Degrees of freedom that are searched together while the rest is frozen at the best so far.
+    """Degrees of freedom that are searched together while the rest is left as it is.
 
     Attributes:
         name: for people.

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mmocap_warp.study.summary import MEASURES, CellSummary, Measure, StudySummary
 from mmocap_warp.study.tables import Ranking, Row, by_algorithm, by_model
-from mmocap_warp.study.wording import algorithm_label, shown
+from mmocap_warp.study.wording import algorithm_label, named, shown
 
-AGREES, MOSTLY, DIFFERS, UNTESTED = "agrees", "mostly agrees", "differs", "not tested"
+AGREES, MOSTLY, FAILS, DIFFERS, UNTESTED = "agrees", "mostly agrees", "fails", "differs", "not tested"
 
 EVOLUTIONARY: tuple[str, ...] = ("h-cmaes", "cmaes", "h-pso", "pso", "h-de", "de")
 FILTERS: tuple[str, ...] = ("apf", "psapf")
@@ -24,19 +24,33 @@ class Finding:
     Attributes:
         claim: in the paper's sense.
         where: it is made.
-        verdict: ``agrees`` if it holds in every case, ``mostly agrees`` in more than half, ``differs`` otherwise, or
-            ``not tested`` where the study has no case.
+        by: the measure that it was checked on.
+        verdict: ``agrees`` if it holds in every case. If it does not: ``fails`` where the paper claims it of all cases,
+            else ``mostly agrees`` if it holds in more than half, and ``differs`` otherwise. ``not tested`` where the
+            study has no case.
         evidence: the numbers.
     """
 
     claim: str
     where: str
+    by: str
     verdict: str
     evidence: str
 
 
 def check_claims(study: StudySummary, measure: Measure) -> list[Finding]:
-    """The paper's findings on a study's main preset, judged by one measure."""
+    """The paper's findings on a study's main preset.
+
+    Those of section 5.3 are about the tracking error: they are judged by ``measure``. Those of section 5.4 are about
+    Tables 4 to 7, which rank "best solutions' fitness": they are judged by ``measure``, and beside it by the fitness.
+    """
+    judged = [measure, *(other for other in study.measures if other.key == "cost" and other != measure)]
+    of_ranks = zip(*(_about_ranks(study, each) for each in judged), strict=True)
+    return [finding for findings in of_ranks for finding in findings] + list(_about_errors(study, measure))
+
+
+def _about_ranks(study: StudySummary, measure: Measure) -> Iterator[Finding]:
+    """Section 5.4, the abstract and section 6."""
     rankings = {
         (dof, budget): ranking
         for dof in study.models
@@ -51,58 +65,76 @@ def check_claims(study: StudySummary, measure: Measure) -> list[Finding]:
             lambda: _control_is(rankings, "h-cmaes"),
         ),
         (
-            "The evolutionary algorithms rank before the particle filters.",
-            "section 5.4",
+            "In all cases the evolutionary algorithms rank before the particle filters.",
+            "abstract",
             lambda: _filters_last(rankings),
         ),
         (
-            "The particle filters differ significantly from the best.",
+            "In all cases the particle filters differ significantly from the best.",
             "section 5.4",
             lambda: _filters_significant(rankings),
         ),
         (
-            "Searching part by part ranks before searching all at once: H-CMAES, H-PSO and H-DE before CMAES, PSO, DE.",
-            "section 5.4",
+            "In all tests searching part by part ranks before searching all at once: H-CMAES, H-PSO and H-DE before "
+            "CMAES, PSO and DE.",
+            "section 6",
             lambda: _hierarchy_first(rankings),
         ),
         (
             "39 degrees of freedom are better than 28 for the evolutionary algorithms.",
             "Tables 6-7",
-            lambda: _larger_model(study, measure, EVOLUTIONARY, larger_is_better=True),
+            lambda: _larger_model(models, EVOLUTIONARY, larger_is_better=True),
         ),
         (
             "28 degrees of freedom are better than 39 for the particle filters.",
             "Tables 6-7",
-            lambda: _larger_model(study, measure, FILTERS, larger_is_better=False),
+            lambda: _larger_model(models, FILTERS, larger_is_better=False),
         ),
         (
-            "CMAES and H-CMAES reach their best with 39 degrees of freedom and 500 evaluations: more of them make no "
-            "significant difference.",
+            "CMAES and H-CMAES need no more than 500 evaluations with 39 degrees of freedom: nothing else is "
+            "significantly better.",
             "section 5.4",
             lambda: _frugal(models, {"h-cmaes": 500, "cmaes": 500}),
         ),
         (
-            "H-DE, H-PSO, DE and PSO do so with 1500.",
+            "H-DE, H-PSO, DE and PSO need no more than 1500.",
             "section 5.4",
             lambda: _frugal(models, {"h-de": 1500, "h-pso": 1500, "de": 1500, "pso": 1500}),
         ),
-        ("Gestures are tracked best, boxing worst.", "section 5.3", lambda: _actions(study, measure)),
-        ("Subject S3 is the hardest.", "section 5.3", lambda: _subjects(study, measure)),
-        ("More evaluations narrow the errors’ spread.", "section 5.3", lambda: _narrower(study, measure)),
+    )
+    for claim, where, check in checks:
+        yield Finding(claim, where, named(measure), *check())
+
+
+def _about_errors(study: StudySummary, measure: Measure) -> Iterator[Finding]:
+    """Section 5.3."""
+    jerk = next(measure for measure in MEASURES if measure.key == "jerk")
+    checks: tuple[tuple[str, Measure, tuple[str, str]], ...] = (
+        ("Gestures are tracked best.", measure, _gestures_first(study, measure)),
+        ("Errors spread least in gestures and most in boxing.", measure, _boxing_spreads(study, measure)),
+        ("Subject S3 is the hardest.", measure, _subjects(study, measure)),
+        ("More evaluations narrow the errors’ spread.", measure, _narrower(study, measure)),
         (
             "CMAES tracks more evenly over time than DE and PSO, whose bodies vibrate.",
-            "section 5.3",
-            lambda: _steadier(study),
+            jerk,
+            _steadier(study, jerk),
         ),
     )
-    return [Finding(claim, where, *check()) for claim, where, check in checks]
+    for claim, by, check in checks:
+        yield Finding(claim, "section 5.3", named(by), *check)
 
 
-def _verdict(cases: Iterable[bool], evidence: str) -> tuple[str, str]:
+def _verdict(cases: Iterable[bool], evidence: str, *, of_all: bool = False) -> tuple[str, str]:
+    """The verdict and the evidence; ``of_all``: the paper claims it of all cases, so that one exception refutes it."""
     held = list(cases)
     if not held:
         return UNTESTED, "The study has no case of it."
-    verdict = AGREES if all(held) else MOSTLY if sum(held) > len(held) / 2 else DIFFERS
+    if all(held):
+        verdict = AGREES
+    elif of_all:
+        verdict = FAILS
+    else:
+        verdict = MOSTLY if sum(held) > len(held) / 2 else DIFFERS
     return verdict, evidence.format(held=sum(held), cases=len(held))
 
 
@@ -110,7 +142,8 @@ def _control_is(rankings: dict[tuple[int, int], Ranking], algorithm: str) -> tup
     with_it = [ranking for (dof, budget), ranking in rankings.items() if ranking.row(algorithm, dof, budget)]
     others = sorted({str(ranking.rows[0].contender) for ranking in with_it if not _led_by(ranking, algorithm)})
     instead = f"; elsewhere {', '.join(others)}" if others else ""
-    return _verdict((_led_by(ranking, algorithm) for ranking in with_it), "First in {held} of {cases}" + instead + ".")
+    cases = [_led_by(ranking, algorithm) for ranking in with_it]
+    return _verdict(cases, "First in {held} of {cases}" + instead + ".", of_all=True)
 
 
 def _led_by(ranking: Ranking, algorithm: str) -> bool:
@@ -126,7 +159,8 @@ def _filters_last(rankings: dict[tuple[int, int], Ranking]) -> tuple[str, str]:
     for ranking in rankings.values():
         of = _average_ranks(ranking)
         cases += [of[own] < of[other] for own in EVOLUTIONARY for other in FILTERS if own in of and other in of]
-    return _verdict(cases, "True of {held} of {cases} pairs of an evolutionary algorithm and a particle filter.")
+    text = "True of {held} of {cases} pairs of an evolutionary algorithm and a particle filter."
+    return _verdict(cases, text, of_all=True)
 
 
 def _filters_significant(rankings: dict[tuple[int, int], Ranking]) -> tuple[str, str]:
@@ -137,7 +171,7 @@ def _filters_significant(rankings: dict[tuple[int, int], Ranking]) -> tuple[str,
         for row in ranking.rows
         if row.contender.algorithm in FILTERS
     ]
-    return _verdict(cases, "Holm's test rejects equality with the control in {held} of {cases} cases.")
+    return _verdict(cases, "Holm's test rejects equality with the control in {held} of {cases} cases.", of_all=True)
 
 
 def _hierarchy_first(rankings: dict[tuple[int, int], Ranking]) -> tuple[str, str]:
@@ -148,21 +182,25 @@ def _hierarchy_first(rankings: dict[tuple[int, int], Ranking]) -> tuple[str, str
             if name in of and f"h-{name}" in of:
                 won.setdefault(name, []).append(of[f"h-{name}"] < of[name])
     each = ", ".join(f"{algorithm_label(f'h-{name}')} {sum(cases)} of {len(cases)}" for name, cases in won.items())
-    return _verdict((case for cases in won.values() for case in cases), f"Better ranked: {each}.")
+    return _verdict((case for cases in won.values() for case in cases), f"Better ranked: {each}.", of_all=True)
 
 
 def _larger_model(
-    study: StudySummary, measure: Measure, algorithms: tuple[str, ...], *, larger_is_better: bool
+    models: dict[str, Ranking], algorithms: tuple[str, ...], *, larger_is_better: bool
 ) -> tuple[str, str]:
+    """The larger model's rank against the smaller's at each budget, among all models and budgets of an algorithm."""
     cases, notes = [], []
-    for name in algorithms:
-        pairs = [(_level(study, measure, name, 39, b), _level(study, measure, name, 28, b)) for b in study.budgets]
-        known = [(large, small) for large, small in pairs if np.isfinite(large) and np.isfinite(small)]
-        if known:
-            gain = float(np.mean([small - large for large, small in known])) * (-1 if measure.higher_is_better else 1)
-            cases.append((gain > 0) == larger_is_better)
-            notes.append(f"{algorithm_label(name)} {_with_unit(gain, measure, sign=True)}")
-    return _verdict(cases, f"Gain of 39 over 28, mean over budgets: {', '.join(notes)}.")
+    for name in (name for name in algorithms if name in models):
+        of = {(row.contender.dof, row.contender.evaluations): row for row in models[name].rows}
+        pairs = [(row, of[28, budget]) for (dof, budget), row in of.items() if dof == 39 and (28, budget) in of]
+        if pairs:
+            leads = [small.comparison.rank - large.comparison.rank for large, small in pairs]
+            cases += [lead > 0 if larger_is_better else lead < 0 for lead in leads]
+            measure = models[name].measure
+            gain = float(np.mean([small.mean - large.mean for large, small in pairs]))
+            shown_gain = _with_unit(-gain if measure.higher_is_better else gain, measure, sign=True)
+            notes.append(f"{algorithm_label(name)} {sum(lead > 0 for lead in leads)} of {len(pairs)} ({shown_gain})")
+    return _verdict(cases, f"39 ranks before 28 (mean gain): {', '.join(notes)}.")
 
 
 def _frugal(models: dict[str, Ranking], budgets: dict[str, int]) -> tuple[str, str]:
@@ -182,12 +220,21 @@ def _p_of(row: Row) -> str:
     return "the same" if np.isnan(row.comparison.p) else f"p = {row.comparison.p:.2g}"
 
 
-def _actions(study: StudySummary, measure: Measure) -> tuple[str, str]:
-    return _in_order(_by_part(study, measure, 1), [("Gestures", "Walking"), ("Walking", "Box")], measure)
+def _gestures_first(study: StudySummary, measure: Measure) -> tuple[str, str]:
+    return _in_order(_by_part(study, measure, 1, _mean), [("Gestures", "Walking"), ("Gestures", "Box")], measure)
+
+
+def _boxing_spreads(study: StudySummary, measure: Measure) -> tuple[str, str]:
+    """By the interquartile range over all frames of all runs; the less, the better, whatever the measure."""
+    of = _by_part(study, measure, 1, _quartile_range)
+    return _in_order(of, [("Gestures", "Walking"), ("Walking", "Box")], replace(measure, higher_is_better=False))
 
 
 def _subjects(study: StudySummary, measure: Measure) -> tuple[str, str]:
-    return _in_order(_by_part(study, measure, 0), [("S1", "S3"), ("S2", "S3")], measure)
+    of = _by_part(study, measure, 0, _mean)
+    verdict, evidence = _in_order(of, [("S1", "S3"), ("S2", "S3")], measure)
+    made_so = " The shipped sequences are made so: S3's tracked body and masks are the worst."
+    return verdict, evidence if verdict == UNTESTED else evidence + made_so
 
 
 def _in_order(of: dict[str, float], pairs: list[tuple[str, str]], measure: Measure) -> tuple[str, str]:
@@ -213,13 +260,16 @@ def _narrower(study: StudySummary, measure: Measure) -> tuple[str, str]:
     return _verdict(cases, text)
 
 
+def _mean(cell: CellSummary, measure: Measure) -> float:
+    return float(cell.runs[measure.key].mean())
+
+
 def _quartile_range(cell: CellSummary, measure: Measure) -> float:
     spread = cell.spread[measure.key]
     return float(spread[3] - spread[1])
 
 
-def _steadier(study: StudySummary) -> tuple[str, str]:
-    measure = next(measure for measure in MEASURES if measure.key == "jerk")
+def _steadier(study: StudySummary, measure: Measure) -> tuple[str, str]:
     of = {name: _level(study, measure, name) for name in ("cmaes", "de", "pso", "h-cmaes", "h-de", "h-pso")}
     pairs = [("cmaes", "de"), ("cmaes", "pso"), ("h-cmaes", "h-de"), ("h-cmaes", "h-pso")]
     cases = [of[mine] < of[other] for mine, other in pairs if np.isfinite(of[mine]) and np.isfinite(of[other])]
@@ -238,7 +288,7 @@ def _level(
 ) -> float:
     """Mean of a measure over the cells of the main preset that fit; NaN where there is none."""
     values = [
-        float(summary.runs[measure.key].mean())
+        _mean(summary, measure)
         for cell, summary in study.cells.items()
         if cell.preset == study.preset
         and measure.key in summary.runs
@@ -249,8 +299,10 @@ def _level(
     return float(np.mean(values)) if values else np.nan
 
 
-def _by_part(study: StudySummary, measure: Measure, part: int) -> dict[str, float]:
-    """Mean of a measure by the subject (part 0) or the action (part 1) of the sequences' names.
+def _by_part(
+    study: StudySummary, measure: Measure, part: int, of: Callable[[CellSummary, Measure], float]
+) -> dict[str, float]:
+    """Mean over cells of ``of``, by the subject (part 0) or the action (part 1) of the sequences' names.
 
     Empty unless every subject was tracked in every action, as else one would be taken for the other.
     """
@@ -260,8 +312,8 @@ def _by_part(study: StudySummary, measure: Measure, part: int) -> dict[str, floa
     values: dict[str, list[float]] = {}
     for cell, summary in study.cells.items():
         parts = cell.sequence.split("/")
-        if cell.preset == study.preset and len(parts) == 2 and measure.key in summary.runs:
-            values.setdefault(parts[part], []).append(float(summary.runs[measure.key].mean()))
+        if cell.preset == study.preset and len(parts) == 2 and measure.key in summary.spread:
+            values.setdefault(parts[part], []).append(of(summary, measure))
     return {name: float(np.mean(found)) for name, found in values.items()}
 
 

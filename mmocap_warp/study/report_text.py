@@ -85,9 +85,10 @@ def _significant(value: float) -> str:
 
 def _claims(study: StudySummary, measure: Measure) -> str:
     rows = [
-        (finding.claim, finding.where, finding.verdict, finding.evidence) for finding in check_claims(study, measure)
+        (finding.claim, finding.where, finding.by, finding.verdict, finding.evidence)
+        for finding in check_claims(study, measure)
     ]
-    return f"## The paper’s findings\n\n{_grid(('Finding', 'where', 'here', 'evidence'), rows)}"
+    return f"## The paper’s findings\n\n{_grid(('Finding', 'where', 'here by', 'verdict', 'evidence'), rows)}"
 
 
 def _tables(found: Sequence[Ranking | None], title: str) -> Iterator[str]:

@@ -17,7 +17,7 @@ from mmocap_warp.cli import main
 from mmocap_warp.cli.exit_codes import BAD_INPUT, OK
 from mmocap_warp.optimizers.cma_es import CmaEs
 from mmocap_warp.study.cell import Cell, read_cell, write_cell
-from mmocap_warp.study.claims import AGREES, DIFFERS, UNTESTED, check_claims
+from mmocap_warp.study.claims import AGREES, FAILS, UNTESTED, check_claims
 from mmocap_warp.study.report import render
 from mmocap_warp.study.report_overlays import best_and_worst, extreme_frames, side_by_side
 from mmocap_warp.study.report_text import csv_table, markdown_tables
@@ -286,7 +286,7 @@ def test_claims_are_checked_not_assumed():
         for result in results
     ]
     verdicts = [finding.verdict for finding in check_claims(StudySummary.of(swapped), MARKER_ERROR)]
-    assert verdicts[0] == DIFFERS
+    assert verdicts[0] == FAILS
     assert verdicts.count(AGREES) < sum(verdict == AGREES for verdict in of.values())
     alone = StudySummary.of(made_up_study(("S1/Box",), ("de",), (39,), (500,), seeds=2, frames=10))
     assert {finding.verdict for finding in check_claims(alone, MARKER_ERROR)} == {UNTESTED}

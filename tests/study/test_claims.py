@@ -1,0 +1,225 @@
+"""Every verdict on every claim of the paper, reached by a table made for it."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+from study_results import SEQUENCES
+
+from mmocap_warp.study.cell import Cell
+from mmocap_warp.study.claims import AGREES, DIFFERS, EVOLUTIONARY, FAILS, MOSTLY, UNTESTED, check_claims
+from mmocap_warp.study.paper import ALGORITHM_ORDER, EVALUATIONS
+from mmocap_warp.study.summary import MEASURES, CellSummary, StudySummary
+
+MEASURE = {measure.key: measure for measure in MEASURES}
+_BY_SUBJECT = {"S1": 0.0, "S2": 1.0, "S3": 2.0}
+_BY_ACTION = {"Gestures": 0.0, "Box": 1.0, "Walking": 2.0}
+_SPREAD = {"Gestures": 50.0, "Walking": 60.0, "Box": 70.0}
+
+
+def error(cell: Cell) -> float:
+    """An error [mm] of which all that the paper says holds: algorithms as in Table 4, budgets all alike."""
+    subject, action = cell.sequence.split("/")
+    place = 100.0 * ALGORITHM_ORDER.index(cell.algorithm)
+    model = 10.0 if (cell.dof == 28) == (cell.algorithm in EVOLUTIONARY) else 0.0
+    return 100.0 + place + model + _BY_ACTION[action] + _BY_SUBJECT[subject]
+
+
+def spread(cell: Cell) -> float:
+    """Between the quartiles [mm]."""
+    return _SPREAD[cell.sequence.split("/")[1]] - cell.evaluations / 1000
+
+
+def jerk(cell: Cell) -> float:
+    return 100.0 if cell.algorithm in ("cmaes", "h-cmaes") else 200.0
+
+
+def planted(
+    sequences=SEQUENCES,
+    algorithms=ALGORITHM_ORDER,
+    models=(39, 28),
+    budgets=EVALUATIONS,
+    error=error,
+    spread=spread,
+    jerk=jerk,
+    **others,
+) -> StudySummary:
+    """A study whose every run has these values; ``others`` are of further measures."""
+    cells = {}
+    for sequence, algorithm, dof, budget in product(sequences, algorithms, models, budgets):
+        cell = Cell(sequence, algorithm, dof, budget)
+        of_runs = {"marker_error": error, "jerk": jerk} | others
+        reach = spread(cell) / 2 * np.array([-9, -1, 0, 1, 9])
+        cells[cell] = CellSummary(
+            cell=cell,
+            seeds=np.arange(2),
+            frames=np.arange(1),
+            runs={key: np.full(2, value(cell)) for key, value in of_runs.items()},
+            spread={key: value(cell) + reach for key, value in of_runs.items()},
+            curve={},
+            frames_lost=0.0,
+            typical_pose=np.zeros((1, 51)),
+            typical_curve=np.zeros(1),
+            seconds=1.0,
+            evaluations=budget,
+            meta={},
+        )
+    return StudySummary(cells)
+
+
+def with_(value, where, of=error):
+    """``of``, but ``value`` of the cells for which ``where`` holds."""
+    return lambda cell: value(cell) if where(cell) else of(cell)
+
+
+def at(algorithm, dof, budget):
+    return lambda cell: (cell.algorithm, cell.dof, cell.evaluations) == (algorithm, dof, budget)
+
+
+def one_of(*algorithms):
+    return lambda cell: cell.algorithm in algorithms
+
+
+def boxing(cell):
+    return cell.sequence.endswith("Box")
+
+
+def as_ever(cell):
+    return 9.0
+
+
+def smooth(cell):
+    return 50.0
+
+
+def first(cell):
+    """Better than all others."""
+    return error(cell) / 1000
+
+
+def last(cell):
+    """Worse than all others."""
+    return error(cell) * 1000
+
+
+def second(cell):
+    return error(Cell(cell.sequence, "h-cmaes", cell.dof, cell.evaluations)) + 5.0
+
+
+def other_model(cell):
+    """The models change places."""
+    return error(Cell(cell.sequence, cell.algorithm, 67 - cell.dof, cell.evaluations))
+
+
+def before_the_hierarchy(cell):
+    return error(Cell(cell.sequence, f"h-{cell.algorithm}", cell.dof, cell.evaluations)) - 1.0
+
+
+def easy(cell):
+    return error(cell) - 50.0
+
+
+def hard(cell):
+    return error(cell) + 50.0
+
+
+VERDICTS = [
+    ("H-CMAES has the best", FAILS, {"error": with_(first, at("h-pso", 39, 500))}, "5 of 6; elsewhere H-PSO(39,500)."),
+    ("H-CMAES has the best", UNTESTED, {"algorithms": ("de", "pso")}, "no case"),
+    ("In all cases the evol", FAILS, {"error": with_(first, at("psapf", 28, 3000))}, "of 66 of 72 pairs"),
+    ("In all cases the evol", UNTESTED, {"algorithms": EVOLUTIONARY}, "no case"),
+    ("In all cases the part", FAILS, {"error": with_(second, at("psapf", 39, 500))}, "in 11 of 12 cases"),
+    ("In all cases the part", UNTESTED, {"sequences": SEQUENCES[:1]}, "no case"),
+    (
+        "In all tests searching",
+        FAILS,
+        {"error": with_(before_the_hierarchy, at("de", 39, 500))},
+        "H-CMAES 6 of 6, H-PSO 6 of 6, H-DE 5 of 6",
+    ),
+    ("In all tests searching", UNTESTED, {"algorithms": ("cmaes", "h-pso")}, "no case"),
+    ("39 degrees", MOSTLY, {"error": with_(other_model, one_of("h-de"))}, "DE 3 of 3 (+10.0 mm)"),
+    ("39 degrees", MOSTLY, {"error": with_(other_model, one_of("h-de", "de"))}, "H-DE 0 of 3 (−10.0 mm)"),
+    ("39 degrees", DIFFERS, {"error": with_(other_model, one_of("h-de", "de", "pso"))}, "PSO 0 of 3"),
+    ("39 degrees", UNTESTED, {"models": (39,)}, "no case"),
+    ("28 degrees", MOSTLY, {"error": with_(other_model, at("apf", 39, 500))}, "APF 0 of 3 (−6.7 mm), PSAPF 0 of 3"),
+    ("28 degrees", DIFFERS, {"error": with_(other_model, one_of("psapf"))}, "APF 0 of 3 (−10.0 mm), PSAPF 3 of 3"),
+    ("28 degrees", UNTESTED, {"models": (28,)}, "no case"),
+    ("CMAES and H-CMAES need", DIFFERS, {"error": with_(last, at("cmaes", 39, 500))}, "p = "),
+    ("CMAES and H-CMAES need", UNTESTED, {"budgets": (500,)}, "no case"),
+    (
+        "H-DE, H-PSO, DE and PSO",
+        MOSTLY,
+        {"error": with_(last, at("de", 39, 1500))},
+        "H-PSO: best ranked is (39,500), p = 1;",
+    ),
+    (
+        "H-DE, H-PSO, DE and PSO",
+        DIFFERS,
+        {"error": with_(last, lambda c: at("de", 39, 1500)(c) or at("h-pso", 39, 1500)(c))},
+        "H-PSO: best ranked is (39,500), p = 3.4e-07;",
+    ),
+    ("H-DE, H-PSO, DE and PSO", UNTESTED, {"budgets": (500, 1500)}, "no case"),
+    ("Gestures", DIFFERS, {"error": with_(easy, boxing)}, "Box 407.0 mm"),
+    ("Gestures", UNTESTED, {"sequences": SEQUENCES[:6]}, "no case"),
+    ("Errors spread", DIFFERS, {"spread": with_(as_ever, boxing, spread)}, "Box 9.0 mm"),
+    ("Errors spread", UNTESTED, {"sequences": SEQUENCES[3:]}, "no case"),
+    ("Subject S3", DIFFERS, {"error": with_(hard, lambda c: c.sequence.startswith("S2"))}, "made so: S3's"),
+    ("Subject S3", UNTESTED, {"sequences": ("S1/Box", "S2/Box")}, "no case"),
+    ("More evaluations", MOSTLY, {"spread": with_(as_ever, one_of("de", "pso", "apf"), spread)}, "in 90 of 144"),
+    (
+        "More evaluations",
+        DIFFERS,
+        {"spread": with_(as_ever, one_of("de", "pso", "apf", "cmaes"), spread)},
+        "in 72 of 144",
+    ),
+    ("More evaluations", UNTESTED, {"budgets": (500,)}, "no case"),
+    ("CMAES tracks", MOSTLY, {"jerk": with_(smooth, one_of("de"), jerk)}, "CMAES 100 m/s³, DE 50 m/s³, PSO 200 m/s³"),
+    ("CMAES tracks", DIFFERS, {"jerk": with_(smooth, one_of("de", "h-pso"), jerk)}, "H-PSO 50 m/s³"),
+    ("CMAES tracks", UNTESTED, {"algorithms": ("de", "h-pso", "apf")}, "no case"),
+]
+
+
+def finding_of(study, claim, measure="marker_error", by=None):
+    findings = check_claims(study, MEASURE[measure])
+    (found,) = [each for each in findings if each.claim.startswith(claim) and by in (None, each.by)]
+    return found
+
+
+def test_all_agrees_where_all_that_the_paper_says_holds():
+    findings = check_claims(planted(), MEASURE["marker_error"])
+    assert len(findings) == 13
+    assert {finding.verdict for finding in findings} == {AGREES}
+    assert {finding.claim.split()[0] for finding in findings} >= {claim.split()[0] for claim, *_ in VERDICTS}
+
+
+@pytest.mark.parametrize(("claim", "verdict", "table", "evidence"), VERDICTS, ids=[f"{v[0]}: {v[1]}" for v in VERDICTS])
+def test_every_verdict_has_a_table(claim, verdict, table, evidence):
+    found = finding_of(planted(**table), claim)
+    assert found.verdict == verdict
+    assert evidence in found.evidence
+
+
+def test_where_more_is_better_the_same_holds():
+    """By an overlap that falls as the error grows."""
+    study = planted(iou=lambda cell: 1 - error(cell) / 2000)
+    verdicts = [found.verdict for found in check_claims(study, MEASURE["iou"]) if found.by == "overlap (IoU)"]
+    assert verdicts == [AGREES] * 12
+    gain = finding_of(study, "39 degrees", "iou").evidence
+    assert "H-CMAES 3 of 3 (+0.005)" in gain
+
+
+def test_rankings_are_judged_by_fitness_beside_error():
+    """39 degrees of freedom fit the masks better and the markers worse: two verdicts, each with its measure's name."""
+    study = planted(error=with_(other_model, one_of(*EVOLUTIONARY)), cost=lambda cell: error(cell) / 1e4)
+    by_error, by_fitness = (
+        finding_of(study, "39 degrees", by=by) for by in ("marker error (Eq. 20)", "fitness (Eq. 5)")
+    )
+    assert (by_error.verdict, by_fitness.verdict) == (DIFFERS, AGREES)
+    findings = check_claims(study, MEASURE["marker_error"])
+    place = findings.index(by_error)
+    assert findings[place + 1] == by_fitness
+    assert len([finding for finding in findings if finding.by == "fitness (Eq. 5)"]) == 8
+    alone = check_claims(study, MEASURE["cost"])
+    assert [finding.by for finding in alone].count("fitness (Eq. 5)") == 12

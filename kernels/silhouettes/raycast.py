@@ -2,7 +2,8 @@ r"""Silhouettes by packets of rays on the CPU: up to 256 x 128 pixels share one 
 
 The idea: a silhouette only asks whether a pixel's ray hits anything. All rays of a packet ask the tree together: a
 box that the packet misses is skipped with all that is below it, a triangle sets the bits of all rays that hit it, row
-by row, and the packet is done as soon as all of its bits are set.
+by row, and the packet is done as soon as all of its bits are set. A body hardly ever fills a packet: it
+is the boxes that save work, see ``docs/performance.md``.
 
     the image                 the tree                       bits of one row of the packet
     +--------+                     root                      before        ....11111.......

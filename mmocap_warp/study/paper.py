@@ -12,10 +12,11 @@ BLOCKS = 9
 
 EVALUATIONS = (500, 1500, 3000)
 SECONDS_PER_500 = 1.18
-"""Of 500 evaluations on one core of a Core 2 Quad Q8400, with seven cameras."""
+"""Of 500 evaluations on one core of a Core 2 Quad Q8400, with seven cameras, loading images and all else included."""
 
 GRID_EVALUATIONS = 2.0e10
-"""8366 frames x 30 seeds x 8 algorithms x 2 models x 5000 evaluations."""
+"""8366 frames x 30 seeds x 8 algorithms x 2 models x 5000 evaluations; the paper says "more than 8300" frames, and 8366
+is what HumanEva's own lists of these sequences add up to."""
 
 CPU_WEEKS = (40, 12)
 """CPUs, and the weeks that they took."""
@@ -24,6 +25,8 @@ CITATION = (
     "E. Yeguas-Bolivar, R. Muñoz-Salinas, R. Medina-Carnicer, A. Carmona-Poyato: Comparing evolutionary algorithms and "
     "particle filters for Markerless Human Motion Capture. Applied Soft Computing 17, 153-166, 2014."
 )
+UNVERIFIED = "Unverified: neither this reference nor a DOI could be resolved; check it before you cite it."
+"""Of ``CITATION``."""
 
 # Table 4 (39 DOF) and Table 5 (28 DOF): average rank and p-value by algorithm, in ALGORITHM_ORDER' order.
 _RANKS: dict[tuple[int, int], tuple[str, ...]] = {

@@ -91,7 +91,8 @@ def budget_section(study: StudySummary) -> Section:
     rows = [_time_row(study, name) for name in study.algorithms]
     note = (
         "Search time of a frame of one run. All runs of a cell are tracked at once, so this is a share of what the "
-        f"device did in that time. The paper reports {paper.SECONDS_PER_500:g} s for 500 evaluations on one core."
+        f"device did in that time. The paper reports {paper.SECONDS_PER_500:g} s for 500 evaluations on one core, "
+        "images included."
     )
     table = grid_table("Milliseconds per frame and run, mean over sequences and models", head, rows)
     return Section(
@@ -173,12 +174,12 @@ def citing_section() -> Section:
         "  title   = {Comparing evolutionary algorithms and particle filters for Markerless Human Motion Capture},\n"
         "  author  = {Yeguas-Bolivar, Enrique and Muñoz-Salinas, Rafael and Medina-Carnicer, Rafael\n"
         "             and Carmona-Poyato, Angel},\n"
-        "  journal = {Applied Soft Computing}, volume = {17}, pages = {153--166}, year = {2014}\n}"
+        "  journal = {Applied Soft Computing}, volume = {17}, pages = {153--166}, year = {2014},\n"
+        f"  note    = {{{paper.UNVERIFIED}}}\n}}"
     )
     text = "Please cite the paper whose study this repeats, and the software, mmocap-warp (see its CITATION.cff)."
-    return Section(
-        "cite", "How to cite", f"<p>{text}</p>", f"<p>{escape(paper.CITATION)}</p><pre>{escape(bibtex)}</pre>"
-    )
+    reference = f"<p>{escape(paper.CITATION)} {escape(paper.UNVERIFIED)}</p><pre>{escape(bibtex)}</pre>"
+    return Section("cite", "How to cite", f"<p>{text}</p>", reference)
 
 
 def _all_rows(study: StudySummary, measure: Measure) -> list[tuple[Ranking, Row]]:

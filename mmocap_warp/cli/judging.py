@@ -61,15 +61,24 @@ def summary(report: dict[str, Any]) -> str:
         ("worst IoU", f"{_number(report['worst_iou'], '.3f')} (frame {report['worst_iou_frame']})"),
     ]
     errors = (
-        ("marker error, Eq. 20", "marker_error_mm"),
         ("MPJPE", "mpjpe_mm"),
         ("PA-MPJPE", "pa_mpjpe_mm"),
         ("median joint error", "median_joint_mm"),
+        ("Eq. 20 as printed", "eq20_as_printed_mm"),
+        ("Eq. 20 from own answer", "marker_error_mm"),
     )
-    rows += [(name, f"{report[key]:.1f} mm") for name, key in errors if report.get(key) is not None]
+    rows += [(name, _error(report, key)) for name, key in errors if report.get(key) is not None]
     if report.get("limb_lost_frames"):
         rows.append(("limb lost in", f"{len(report['limb_lost_frames'])} frames"))
     return table(rows)
+
+
+def _error(report: dict[str, Any], key: str) -> str:
+    """An error, its floor where it has one, and the markers that it leaves out."""
+    floor, left_out = (report.get(key.replace("_mm", ending)) for ending in ("_floor_mm", "_left_out"))
+    notes = [f"floor {floor:.1f}"] if floor is not None else []
+    notes += [f"markers left out: {left_out}"] if left_out else []
+    return f"{report[key]:.1f} mm" + (f" ({', '.join(notes)})" if notes else "")
 
 
 def _number(value: float | None, form: str) -> str:

@@ -20,7 +20,12 @@ if TYPE_CHECKING:
     from mmocap_warp.study.run import Status
     from mmocap_warp.study.tasks import Task
 
-_COLUMNS = {"marker_error": "marker_error_mm", "mpjpe": "mpjpe_mm", "iou": "iou"}  # of the table, by measure
+_COLUMNS = {  # of the table, by measure: its key in JSON, its title, how it is shown, its unit
+    "mpjpe": ("mpjpe_mm", "MPJPE", ".1f", " mm"),
+    "eq20_as_printed": ("eq20_as_printed_mm", "Eq. 20", ".1f", " mm"),
+    "marker_error": ("marker_error_mm", "own answer", ".1f", " mm"),
+    "iou": ("iou", "IoU", ".3f", ""),
+}
 _NAMED = 3  # cells that are missing for one reason; of more, the number is told
 
 
@@ -146,7 +151,7 @@ def _summary(tasks: list[Task]) -> list[dict[str, Any]]:
             continue
         runs = [summarise(read_cell(task.path)).runs for task in members]
         row = {"preset": preset, "evaluations": evaluations, "dof": dof, "algorithm": algorithm}
-        for measure, column in _COLUMNS.items():
+        for measure, (column, *_) in _COLUMNS.items():
             means = [float(of[measure].mean()) for of in runs if measure in of]
             row[column] = sum(means) / len(means) if len(means) == len(runs) else None
         rows.append(row)
@@ -160,17 +165,14 @@ def _text(values: dict[str, Any]) -> str:
         rate, hours = values["evaluations_per_second"], values["paper_grid_hours"]
         lines.append(f"{rate:,.0f} evaluations/s; at that rate the paper's study (2.0e10) takes {hours:,.1f} hours")
     if values["results"]:
-        lines += [
-            "",
-            f"{'preset':<10} {'evaluations':>11} {'DOF':>4}  {'algorithm':<9} {'markers':>9} {'joints':>9} {'IoU':>6}",
-        ]
+        titles = "".join(f" {title:>10}" for _, title, *_ in _COLUMNS.values())
+        lines += ["", f"{'preset':<10} {'evaluations':>11} {'DOF':>4}  {'algorithm':<9}{titles}"]
     for row in values["results"]:
-        marker, joint, iou = (
-            "-" if row[name] is None else format(row[name], kind) + unit
-            for name, kind, unit in (("marker_error_mm", ".1f", " mm"), ("mpjpe_mm", ".1f", " mm"), ("iou", ".3f", ""))
+        shown = (
+            "-" if row[name] is None else format(row[name], kind) + unit for name, _, kind, unit in _COLUMNS.values()
         )
         name = f"{row['preset']:<10} {row['evaluations']:>11} {row['dof']:>4}  {row['algorithm']:<9}"
-        lines.append(f"{name} {marker:>9} {joint:>9} {iou:>6}")
+        lines.append(name + "".join(f" {value:>10}" for value in shown))
     lines += _missing(values["failed"])
     return "\n".join(lines)
 

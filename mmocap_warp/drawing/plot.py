@@ -17,8 +17,9 @@ _LEFT, _RIGHT, _TOP, _BOTTOM = 58.0, 14.0, 30.0, 46.0  # around a panel's axes
 
 # What the first panel may show, best first: key in a report's series, label.
 _ERRORS = (
-    ("marker_error_mm", "marker error (Eq. 20) [mm]"),
-    ("mpjpe_mm", "mean joint error [mm]"),
+    ("mpjpe_mm", "MPJPE [mm]"),
+    ("eq20_as_printed_mm", "Eq. 20 as printed [mm]"),
+    ("marker_error_mm", "Eq. 20 from own first answer [mm]"),
     ("cost", "cost"),
 )
 

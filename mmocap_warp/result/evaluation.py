@@ -6,14 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from mmocap_warp.result.pose_errors import (
-    LOST_LIMB,
-    aligned_error,
-    common_frames,
-    marker_error,
-    nanmean,
-    on_all_frames,
-)
+from mmocap_warp.result.marker_errors import marker_errors
+from mmocap_warp.result.pose_errors import LOST_LIMB, aligned_error, common_frames, nanmean, on_all_frames
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.result.truth import Truth
 
@@ -28,13 +22,15 @@ def evaluate(result: Result, truth: Truth | None = None) -> dict[str, Any]:
     over runs) and its ``worst_iou_frame``, ``iou_by_camera``, ``jitter_mm`` (median second difference of the joints
     over consecutive frames), ``per_run`` and ``series`` (per run and frame).
 
-    With truth also, over the frames that have it: ``truth_frames``; ``marker_error_mm``, Eq. 20: the mean over
-    markers, then frames, of markers attached to the nearest point of the tracked skin when first seen (what lies
-    between marker and skin then is dropped, so it counts as error); over the skeleton's judged
-    joints, of a person the limbs' twelve:
-    ``mpjpe_mm`` the mean distance, ``pa_mpjpe_mm`` the same after the best similarity transform of each frame,
-    ``median_joint_mm`` (all), ``median_mm_by_joint`` and ``median_mm_by_group`` over frames and runs, and
+    With truth also, over the frames that have it: ``truth_frames``; over the skeleton's judged joints, of a person the
+    limbs' twelve: ``mpjpe_mm`` the mean distance, ``pa_mpjpe_mm`` the same after the best similarity transform of each
+    frame, ``median_joint_mm`` (all), ``median_mm_by_joint`` and ``median_mm_by_group`` over frames and runs, and
     ``limb_lost_frames``: frames in which a limb's end, wrist or ankle, of some run is over 200 mm off.
+
+    And Eq. 20, the mean over markers, then frames, in the two readings of :mod:`mmocap_warp.result.marker_errors`:
+    ``eq20_as_printed_mm`` from the given first pose, where ``eq20_as_printed_left_out`` markers do not count, and
+    ``marker_error_mm`` from each run's own first answer. ``eq20_as_printed_floor_mm`` and ``marker_error_floor_mm`` are
+    what the tracked body scores at the true angles.
 
     Values that nothing defines (no marker, no joint, no view) are ``None``.
 
@@ -48,9 +44,7 @@ def evaluate(result: Result, truth: Truth | None = None) -> dict[str, Any]:
     if truth is not None:
         mine, theirs = common_frames(result, truth)
         report["truth_frames"] = len(mine)
-        error = marker_error(result, truth, mine, theirs) * _METRES_TO_MM
-        series["marker_error_mm"] = on_all_frames(error, mine, result)
-        report["marker_error_mm"] = _mean(nanmean(series["marker_error_mm"], axis=1))
+        report |= _marker_errors(truth, mine, theirs, result, series)
         report |= _joint_errors(joints, truth, mine, theirs, result, series)
     report["per_run"] = _per_run(result, series)
     report["series"] = {"frame": result.frame_numbers} | series
@@ -83,6 +77,22 @@ def _jitter_mm(joints: np.ndarray, frame_numbers: np.ndarray) -> float:
     consecutive = (step[1:] == step.min()) & (step[:-1] == step.min()) if len(step) > 1 else np.zeros(0, bool)
     second = np.diff(joints, n=2, axis=1)[:, consecutive]
     return _median(np.linalg.norm(second, axis=-1)) * _METRES_TO_MM
+
+
+def _marker_errors(
+    truth: Truth, mine: np.ndarray, theirs: np.ndarray, result: Result, series: dict[str, np.ndarray]
+) -> dict[str, Any]:
+    """Both readings of Eq. 20; adds the per-frame errors to ``series``."""
+    errors = marker_errors(result, truth, mine, theirs)
+    report: dict[str, Any] = {}
+    for name, error, floor in (
+        ("eq20_as_printed", errors.as_printed, errors.as_printed_floor),
+        ("marker_error", errors.from_own_answer, errors.from_own_answer_floor),
+    ):
+        series[f"{name}_mm"] = on_all_frames(error * _METRES_TO_MM, mine, result)
+        report[f"{name}_mm"] = _mean(nanmean(series[f"{name}_mm"], axis=1))
+        report[f"{name}_floor_mm"] = _mean(floor) * _METRES_TO_MM
+    return report | {"eq20_as_printed_left_out": errors.left_out}
 
 
 def _joint_errors(

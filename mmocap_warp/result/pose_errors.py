@@ -1,4 +1,4 @@
-"""Distances between a tracked body and what is known of the real one: whole arrays in, whole arrays out."""
+"""Distances between tracked joints and what is known of the real ones: whole arrays in, whole arrays out."""
 
 from __future__ import annotations
 
@@ -7,9 +7,7 @@ import warnings
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel
-from mmocap_warp.body.skin_points import SkinPoints, attach
 from mmocap_warp.errors import InputError
-from mmocap_warp.result.positions import POSES_AT_ONCE, blocks, skin_positions
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
 
@@ -46,36 +44,6 @@ def common_frames(result: Result, truth: Truth) -> tuple[np.ndarray, np.ndarray]
             "name its joints as above",
         )
     return mine, theirs
-
-
-def marker_error(result: Result, truth: Truth, mine: np.ndarray, theirs: np.ndarray) -> np.ndarray:
-    """Eq. 20, the mean distance over the markers seen in a frame: (run, common frame) float64 [m].
-
-    Each run attaches a marker to the nearest point of its own skin in the frame where the marker is first seen; what
-    lies between marker and skin then is dropped, so it counts as error.
-    """
-    seen = truth.markers[theirs]
-    known = np.isfinite(seen).all(axis=2)
-    ever = np.flatnonzero(known.any(axis=0))
-    first = known.argmax(axis=0)[ever]  # frame of each marker that is ever seen
-    error = np.full((len(result.pose), len(mine)), np.nan)
-    if not len(ever):
-        return error
-    face = result.subject.body.skin.face
-    all_vertices = np.arange(len(result.subject.body.skin.rest))
-    for run, pose in enumerate(result.pose[:, mine]):
-        starts = np.unique(first)
-        corners, weights = np.empty((len(ever), 3), int), np.empty((len(ever), 3))
-        for start, vertices in zip(starts, skin_positions(result.subject, pose[starts], all_vertices), strict=True):
-            some = first == start
-            attached = attach(seen[start, ever[some]], vertices, face)
-            corners[some], weights[some] = attached.corners, attached.weights
-        vertex, corner = np.unique(corners, return_inverse=True)
-        riding = SkinPoints(corner.reshape(corners.shape), weights)
-        for block in blocks(len(mine), POSES_AT_ONCE):
-            place = riding.positions(skin_positions(result.subject, pose[block], vertex))
-            error[run, block] = nanmean(np.linalg.norm(seen[block][:, ever] - place, axis=2), axis=1)
-    return error
 
 
 def aligned_error(points: np.ndarray, target: np.ndarray) -> np.ndarray:

@@ -18,7 +18,9 @@ class Truth:
         markers: (frame, marker, 3) float64 [m], NaN where a marker is unseen.
         joint_names: one per joint, named as the body's where they mean the same; may be empty.
         joints: (frame, joint, 3) float64 [m], NaN where a joint is unknown.
-        pose: (frame, coordinate) float64, poses of the body that made the recording, where one did.
+        pose: (frame, coordinate) float64, poses of the body that made the recording, where one did; ``joint_names``
+            then begins with that body's joints.
+        root_base: (3, 3) float64, world from that body's axes at zero root rotation; None where it is unknown.
 
     Raises:
         ValueError: arrays whose lengths disagree, frame numbers that do not ascend.
@@ -31,6 +33,7 @@ class Truth:
     joint_names: tuple[str, ...]
     joints: np.ndarray
     pose: np.ndarray | None = None
+    root_base: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         frames = len(self.frame_numbers)
@@ -44,3 +47,5 @@ class Truth:
                 raise ValueError(f"{name} must be {shape}, got {array.shape}")
         if self.pose is not None and (self.pose.ndim != 2 or len(self.pose) != frames):
             raise ValueError(f"pose must be ({frames}, coordinate), got {self.pose.shape}")
+        if self.root_base is not None and self.root_base.shape != (3, 3):
+            raise ValueError(f"root_base must be (3, 3), got {self.root_base.shape}")

@@ -16,7 +16,7 @@ import numpy as np
 from mmocap_warp.errors import InputError
 from mmocap_warp.whole_file import write_whole
 
-PER_FRAME: tuple[str, ...] = ("marker_error", "joint_error", "mpjpe", "pa_mpjpe", "iou")
+PER_FRAME: tuple[str, ...] = ("eq20_as_printed", "marker_error", "joint_error", "mpjpe", "pa_mpjpe", "iou")
 """What is measured in every frame of every run."""
 
 PER_RUN: tuple[str, ...] = ("jerk", "foot_slide", "frames_lost", "seconds", "evaluations")
@@ -64,8 +64,9 @@ class CellResult:
         cell: which one.
         seeds: (run,) int64.
         frames: (frame,) int64, the sequence's own frame numbers.
-        per_frame: (run, frame) float32 by name, NaN where the truth is unknown: ``marker_error`` [m] (Eq. 20),
-            ``joint_error`` [m] (HumanEva's 15 joints), ``mpjpe`` [m], ``pa_mpjpe`` [m], ``iou`` (mean over views).
+        per_frame: (run, frame) float32 by name, NaN where the truth is unknown: ``eq20_as_printed`` [m],
+            ``marker_error`` [m] (Eq. 20 from the run's own first answer), ``joint_error`` [m] (HumanEva's 15 joints),
+            ``mpjpe`` [m], ``pa_mpjpe`` [m], ``iou`` (mean over views).
         per_run: (run,) float64 by name: ``jerk`` [m/s^3], ``foot_slide`` [m/s], ``frames_lost``,
             ``seconds`` (the cell's search, the same in each run), ``evaluations`` (of all frames).
         pose: (run, frame, coordinate) float32, poses.

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from mmocap_warp.result.marker_errors import marker_errors
 from mmocap_warp.result.pose_errors import (
     HEAD_TOP,
     LOST_LIMB,
     aligned_error,
     common_frames,
     head_top,
-    marker_error,
     nanmean,
     on_all_frames,
 )
@@ -21,6 +21,8 @@ from mmocap_warp.result.truth import Truth
 TRUNK = ("Root", "Neck", HEAD_TOP)
 """With the limbs' twelve they make HumanEva's fifteen joints: pelvis, thorax and top of the head, by our names."""
 
+_ERRORS = ("eq20_as_printed", "marker_error", "joint_error", "mpjpe", "pa_mpjpe")
+_OF_TRUTH = ("eq20_as_printed_floor", "marker_error_floor", "eq20_as_printed_left_out")
 _FEET = ("LAnkle", "RAnkle")
 _SOLE_THICKNESS = 0.02  # [m] of the foot that counts as its sole, from the lowest vertex up
 _FRAMES_AT_ONCE = 1024  # a sole has some hundred vertices
@@ -35,7 +37,8 @@ def measure(result: Result, truth: Truth | None) -> tuple[Metrics, Metrics]:
         Per frame, (run, frame) float32 each; errors are NaN where the truth says nothing, and everywhere without
         truth:
 
-        - ``marker_error``: Eq. 20 [m], see :func:`mmocap_warp.result.pose_errors.marker_error`;
+        - ``eq20_as_printed``, ``marker_error``: Eq. 20 from the given first pose, and from the run's own first answer
+          [m], see :mod:`mmocap_warp.result.marker_errors`;
         - ``joint_error``: mean distance over ``TRUNK`` and the judged joints [m], as far as the truth names them;
         - ``mpjpe``: the same over the twelve joints of the limbs [m];
         - ``pa_mpjpe``: that after the best similarity transform of each frame [m];
@@ -48,6 +51,9 @@ def measure(result: Result, truth: Truth | None) -> tuple[Metrics, Metrics]:
         - ``foot_slide``: see :func:`foot_slide` [m/s];
         - ``frames_lost``: frames in which no view could be judged;
         - ``limb_lost``: frames in which a wrist or ankle is over 200 mm off, NaN without truth of any;
+        - ``eq20_as_printed_floor``, ``marker_error_floor``: what the tracked body scores at the true angles [m], the
+          same in each run, NaN where these are unknown;
+        - ``eq20_as_printed_left_out``: markers that do not count as printed, the same in each run;
         - ``seconds``: of the search, all runs together; ``evaluations``: of the run, all frames together.
 
     Raises:
@@ -55,11 +61,19 @@ def measure(result: Result, truth: Truth | None) -> tuple[Metrics, Metrics]:
     """
     joints = result.joints()
     shape = result.pose.shape[:2]
-    per_frame = {name: np.full(shape, np.nan) for name in ("marker_error", "joint_error", "mpjpe", "pa_mpjpe")}
+    per_frame = {name: np.full(shape, np.nan) for name in _ERRORS}
+    of_truth = {name: np.nan for name in _OF_TRUTH}
     limb_lost = np.full(shape[0], np.nan)
     if truth is not None:
         mine, theirs = common_frames(result, truth)
-        per_frame["marker_error"] = on_all_frames(marker_error(result, truth, mine, theirs), mine, result)
+        markers = marker_errors(result, truth, mine, theirs)
+        per_frame["eq20_as_printed"] = on_all_frames(markers.as_printed, mine, result)
+        per_frame["marker_error"] = on_all_frames(markers.from_own_answer, mine, result)
+        of_truth = {
+            "eq20_as_printed_floor": float(nanmean(markers.as_printed_floor, axis=0)),
+            "marker_error_floor": float(nanmean(markers.from_own_answer_floor, axis=0)),
+            "eq20_as_printed_left_out": markers.left_out,
+        }
         limb_lost = _judge_joints(result, joints[:, mine], truth, mine, theirs, per_frame)
     per_frame |= {"iou": nanmean(result.iou, axis=2), "cost": result.cost}
     per_run = {
@@ -67,6 +81,7 @@ def measure(result: Result, truth: Truth | None) -> tuple[Metrics, Metrics]:
         "foot_slide": foot_slide(result),
         "frames_lost": np.full(shape[0], (result.status == STATUS.index("lost")).sum()),
         "limb_lost": limb_lost,
+        **{name: np.full(shape[0], value) for name, value in of_truth.items()},
         "seconds": np.full(shape[0], result.seconds),
         "evaluations": result.evaluations.sum(axis=1),
     }

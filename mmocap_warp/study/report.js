@@ -3,7 +3,7 @@
   const controls = document.querySelector(".controls");
   const choices = [...document.querySelectorAll(".choice")];
 
-  // A part shows if it fits every control that it depends on. Curves exist for two measures: others show the first.
+  // A part shows if it fits every control that it depends on. Curves exist for some measures: others show the first.
   const curves = new Set(choices.map((part) => part.dataset.curve).filter(Boolean));
   const show = () => {
     const chosen = Object.fromEntries(new FormData(controls));

@@ -19,6 +19,7 @@ from mmocap_warp.study.report_overlays import Picture
 from mmocap_warp.study.report_tables import (
     difference_table,
     effect_table,
+    floor_note,
     ranking_table,
     sequence_table,
 )
@@ -86,6 +87,7 @@ def ranks_section(study: StudySummary) -> Section:
                 f"<figcaption>Average ranks, {dof} DOF, by {named(measure)}; 1 is the best. Dots are this study, with "
                 f"95 % intervals over seeds{diamonds}.</figcaption></figure>"
                 + ranking_table(rankings, caption)
+                + _paragraph(floor_note(study, measure, rankings[0].sequences))
                 + _left_out(rankings)
                 + f"<details><summary>Intervals and effect sizes, {dof} DOF</summary>{_EFFECTS}{effects}</details>"
             )
@@ -93,7 +95,8 @@ def ranks_section(study: StudySummary) -> Section:
     note = (
         "Average rank over the sequences, of each algorithm’s mean over runs. Friedman’s test asks whether any differ; "
         "p-values compare each algorithm with the best ranked, the control, and are bold where Holm’s procedure "
-        "rejects equality at 0.05."
+        f"rejects equality at 0.05. This study is judged by {named(study.measures[0])}; the list at the top chooses "
+        "another measure."
     )
     return Section("ranks", "Ranking", f"<p>{note}</p>", *parts)
 
@@ -123,8 +126,9 @@ def spread_section(study: StudySummary) -> Section:
 
 
 def curves_section(study: StudySummary) -> Section:
-    """Fig. 10, for the main measure and the overlap."""
-    measures = [measure for measure in study.measures if measure == study.measures[0] or measure.key == "iou"]
+    """Fig. 10, which is Eq. 20, beside the main measure and the overlap."""
+    beside = ("eq20_as_printed", "iou")
+    measures = [measure for measure in study.measures if measure == study.measures[0] or measure.key in beside]
     first = (study.models[0], study.budgets[0], study.sequences[0])
     parts = []
     for measure in measures:
@@ -140,8 +144,8 @@ def curves_section(study: StudySummary) -> Section:
                     keys = {"curve": measure.key, "sequence": sequence, "model": dof, "budget": budget}
                     parts.append(choice(content, default=default, **keys))
     note = (
-        "The median over runs; the paper’s Fig. 10 has one run. Gaps have no truth. Markers are put on the skin in "
-        "the first frame, so that the error starts near zero."
+        "The median over runs; the paper’s Fig. 10 has one run and shows Eq. 20. Gaps have no truth. For other measures "
+        "than these the main one stays."
     )
     figures = f"<figure>{''.join(parts)}{legend(study.algorithms)}</figure>"
     return Section("curves", "Error over time", f"<p>{note}</p>", figures)
@@ -212,6 +216,10 @@ _EFFECTS = (
     "<p>Intervals are bootstrapped over seeds, the sequences held. A is Vargha and Delaney’s: the chance that a run of "
     "the control is better than one of this algorithm, mean over sequences; 0.5 means no difference.</p>"
 )
+
+
+def _paragraph(text: str) -> str:
+    return f"<p>{escape(text)}</p>" if text else ""
 
 
 def _picture(picture: Picture, measure: Measure, title: str = "") -> str:

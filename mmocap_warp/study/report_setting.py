@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from datetime import datetime
 from html import escape
@@ -13,9 +13,9 @@ import numpy as np
 from mmocap_warp.study import paper
 from mmocap_warp.study.report_figures import budget_figure, legend, seconds_per_frame, time_figure
 from mmocap_warp.study.report_sections import Section, choice
-from mmocap_warp.study.report_tables import grid_table
-from mmocap_warp.study.summary import CellSummary, Measure, StudySummary, in_order
-from mmocap_warp.study.tables import Ranking, Row, by_algorithm
+from mmocap_warp.study.report_tables import floor_note, grid_table
+from mmocap_warp.study.summary import EQ_20, CellSummary, Measure, StudySummary, in_order
+from mmocap_warp.study.tables import Contender, Ranking, Row, by_algorithm
 from mmocap_warp.study.wording import algorithm_label, counted, in_unit, listed, shown, spelled, with_unit
 
 _CODE_DIGITS = 12  # of 64 that are shown
@@ -35,6 +35,7 @@ def headline(study: StudySummary, measure: Measure) -> tuple[str, str]:
         title = f"{name} tracks {over} to {with_unit(row.mean, measure)}"
         setting = f"{name}, {who.dof} DOF, {who.evaluations:,} evaluations per frame"
         cards.append((with_unit(row.mean, measure), f"{measure.label}, mean over {over}: {setting}"))
+        cards += _eq_20_cards(study, measure, who)
         least = by_algorithm(study, measure, study.models[0], study.budgets[0])
         if least is not None:
             first = least.rows[0]
@@ -53,6 +54,18 @@ def headline(study: StudySummary, measure: Measure) -> tuple[str, str]:
         cards.append((f"{hours:,.0f} h" if hours >= 10 else f"{hours:.1f} h", text))
     figures = "".join(f"<li><strong>{escape(value)}</strong><span>{escape(text)}</span></li>" for value, text in cards)
     return title, f'<ul class="cards">{figures}</ul>'
+
+
+def _eq_20_cards(study: StudySummary, main: Measure, who: Contender) -> Iterator[tuple[str, str]]:
+    """What a contender scores by both readings of Eq. 20, each with its floor."""
+    for measure in study.measures:
+        if measure == main or measure.key not in EQ_20:
+            continue
+        ranking = by_algorithm(study, measure, who.dof, who.evaluations)
+        row = ranking.row(who.algorithm, who.dof, who.evaluations) if ranking is not None else None
+        if ranking is not None and row is not None:
+            note = floor_note(study, measure, ranking.sequences)
+            yield with_unit(row.mean, measure), f"{measure.label}, of the same. {note}".strip()
 
 
 def grid_sentence(study: StudySummary) -> str:

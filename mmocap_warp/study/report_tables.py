@@ -12,7 +12,16 @@ from mmocap_warp.study import paper
 from mmocap_warp.study.statistics import ALPHA, Omnibus
 from mmocap_warp.study.summary import Measure, StudySummary
 from mmocap_warp.study.tables import ModelDifference, Ranking, Row
-from mmocap_warp.study.wording import algorithm_label, in_unit, interval, p_value, shown, statistic
+from mmocap_warp.study.wording import (
+    algorithm_label,
+    in_unit,
+    interval,
+    p_value,
+    shown,
+    spelled,
+    statistic,
+    with_unit,
+)
 
 
 def ranking_table(rankings: Sequence[Ranking], caption: str) -> str:
@@ -60,6 +69,15 @@ def effect_cells(row: Row, measure: Measure) -> list[str]:
     ]
 
 
+def floor_note(study: StudySummary, measure: Measure, sequences: Sequence[str]) -> str:
+    """A sentence on what the tracked bodies score at the true angles; empty where that is unknown."""
+    floor = study.floor(measure, sequences)
+    if np.isnan(floor):
+        return ""
+    over = spelled(len(sequences), "sequence")
+    return f"Floor: at the true angles the tracked bodies score {with_unit(floor, measure)}, mean over {over}."
+
+
 def sequence_table(study: StudySummary, measure: Measure, budget: int) -> str:
     """Mean and standard deviation over runs for every sequence, algorithm and model."""
     head = "<th>Algorithm</th><th>DOF</th>" + "".join(f"<th>{escape(name)}</th>" for name in study.sequences)
@@ -71,6 +89,10 @@ def sequence_table(study: StudySummary, measure: Measure, budget: int) -> str:
                 for sequence in study.sequences
             )
             rows.append(f"<tr><th>{escape(algorithm_label(algorithm))}</th><td>{dof}</td>{cells}</tr>")
+    floors = [study.floor(measure, [sequence]) for sequence in study.sequences]
+    if np.isfinite(floors).any():
+        cells = "".join(f"<td>{shown(floor, measure) if np.isfinite(floor) else '–'}</td>" for floor in floors)
+        rows.append(f"<tr><th>Floor: at the true angles</th><td></td>{cells}</tr>")
     caption = (
         f"{measure.label}{in_unit(measure)}, mean ± standard deviation over runs, {budget:,} evaluations per frame"
     )

@@ -39,17 +39,21 @@ class Measure:
 
 
 MEASURES: tuple[Measure, ...] = (
-    Measure("marker_error", "Marker error (Eq. 20)", "mm", 1000.0, 1),
+    Measure("mpjpe", "MPJPE", "mm", 1000.0, 1),
+    Measure("eq20_as_printed", "Marker error (Eq. 20 as printed)", "mm", 1000.0, 1),
+    Measure("marker_error", "Marker error (Eq. 20 from own answer)", "mm", 1000.0, 1),
     Measure("cost", "Fitness (Eq. 5)", "", 1.0, 4),
     Measure("joint_error", "HumanEva joint error", "mm", 1000.0, 1),
-    Measure("mpjpe", "MPJPE", "mm", 1000.0, 1),
     Measure("pa_mpjpe", "PA-MPJPE", "mm", 1000.0, 1),
     Measure("iou", "Overlap (IoU)", "", 1.0, 3, higher_is_better=True),
     Measure("limb_lost", "Frames with a lost limb", "%", 100.0, 1, per_frame=False),
     Measure("jerk", "Jerk", "m/s³", 1.0, 0, per_frame=False),
     Measure("foot_slide", "Foot slide", "mm/s", 1000.0, 0, per_frame=False),
 )
-"""The first that a study knows is the one that it is judged by."""
+"""The first that a study knows is the one that it is judged by: MPJPE, which needs no first pose to start from."""
+
+EQ_20 = ("eq20_as_printed", "marker_error")
+"""The two readings of the paper's Eq. 20, see :mod:`mmocap_warp.result.marker_errors`."""
 
 _COUNTS = ("limb_lost", "frames_lost")  # of frames; shown as a share of them
 
@@ -65,6 +69,7 @@ class CellSummary:
         runs: (run,) by measure: the mean over frames.
         spread: (5,) by measure of frames: minimum, quartiles and maximum over all frames of all runs.
         curve: (frame,) by measure of frames: the median over runs.
+        floors: by measure: what the tracked body scores at the true angles, where that is known.
         frames_lost: share of frames without a view to judge by.
         typical_pose: (frame, 51), poses of the run whose main measure is the median of all runs.
         typical_curve: (frame,), that run's main measure; NaN where it is unknown.
@@ -79,6 +84,7 @@ class CellSummary:
     runs: dict[str, np.ndarray]
     spread: dict[str, np.ndarray]
     curve: dict[str, np.ndarray]
+    floors: dict[str, float]
     frames_lost: float
     typical_pose: np.ndarray
     typical_curve: np.ndarray
@@ -90,7 +96,7 @@ class CellSummary:
 def summarise(result: CellResult) -> CellSummary:
     """The short form of a cell's result; what it does not know is absent."""
     frames = len(result.frames)
-    runs, spread, curve = {}, {}, {}
+    runs, spread, curve, floors = {}, {}, {}, {}
     main: np.ndarray | None = None
     for measure in MEASURES:
         if measure.per_frame and measure.key in result.per_frame:
@@ -100,6 +106,8 @@ def summarise(result: CellResult) -> CellSummary:
                 runs[measure.key] = nanmean(values, axis=1)
                 spread[measure.key] = np.nanquantile(values, (0, 0.25, 0.5, 0.75, 1))
                 curve[measure.key] = _nanmedian(values)
+                floor = float(np.mean(result.per_run.get(f"{measure.key}_floor", np.nan))) * measure.factor
+                floors |= {measure.key: floor} if np.isfinite(floor) else {}
         elif measure.key in result.per_run and np.isfinite(result.per_run[measure.key]).all():
             share = frames if measure.key in _COUNTS else 1
             runs[measure.key] = result.per_run[measure.key] * measure.factor / share
@@ -112,6 +120,7 @@ def summarise(result: CellResult) -> CellSummary:
         runs=runs,
         spread=spread,
         curve=curve,
+        floors=floors,
         frames_lost=float(np.mean(result.per_run.get("frames_lost", 0.0))) / frames,
         typical_pose=result.pose[typical].copy(),
         typical_curve=unknown if main is None else main[typical].copy(),
@@ -210,6 +219,11 @@ class StudySummary:
     ) -> CellSummary | None:
         """A cell, of the main preset unless another is named; None where the grid has a gap."""
         return self.cells.get(Cell(sequence, algorithm, dof, evaluations, preset or self.preset))
+
+    def floor(self, measure: Measure, sequences: Iterable[str]) -> float:
+        """What the tracked bodies score at the true angles, mean over sequences; NaN where one's is unknown."""
+        of = {cell.sequence: self.cells[cell].floors.get(measure.key, np.nan) for cell in self._grid}
+        return float(np.mean([of[sequence] for sequence in sequences]))
 
 
 def in_order(algorithms: Iterable[str]) -> list[str]:

@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pxr import Sdf, Usd
+from pxr import Gf, Sdf, Usd
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.truth import load_truth
@@ -11,6 +11,7 @@ from mmocap_warp.formats.usd.truth import read_truth, write_truth
 from mmocap_warp.result.truth import Truth
 
 SINGLE_PRECISION = 1e-6  # [m], at a few metres
+TURN = np.array([[0.8, 0.0, 0.6], [0.6, 0.0, -0.8], [0.0, 1.0, 0.0]])
 
 
 def some_truth(pose=True):
@@ -25,6 +26,7 @@ def some_truth(pose=True):
         joint_names=("LWrist", "RAnkle"),
         joints=joints,
         pose=rng.normal(0, 1, (5, 51)) if pose else None,
+        root_base=TURN if pose else None,
     )
 
 
@@ -40,8 +42,9 @@ def test_truth_reads_back(tmp_path, suffix, pose):
     np.testing.assert_allclose(again.joints, truth.joints, rtol=0, atol=SINGLE_PRECISION)
     if pose:
         np.testing.assert_array_equal(again.pose, truth.pose)
+        np.testing.assert_array_equal(again.root_base, TURN)
     else:
-        assert again.pose is None
+        assert again.pose is again.root_base is None
     assert faults(path) == []
 
 
@@ -63,6 +66,8 @@ def test_arrays_that_disagree_are_refused():
     truth = some_truth()
     with pytest.raises(ValueError, match="joints must be"):
         replace(truth, joints=truth.joints[:-1])
+    with pytest.raises(ValueError, match=r"root_base must be \(3, 3\)"):
+        replace(truth, root_base=TURN[:2])
     with pytest.raises(ValueError, match="must ascend"):
         replace(truth, frame_numbers=truth.frame_numbers[::-1])
 
@@ -91,6 +96,10 @@ def frames_out_of_order(layer):
     layer.GetAttributeAtPath("/Truth.mmocap:frames").default = [3, 4, 5, 9, 8]
 
 
+def a_mirror(layer):
+    layer.GetAttributeAtPath("/Truth.mmocap:rootBase").default = Gf.Matrix3d(-1.0)
+
+
 @pytest.mark.parametrize(
     ("spoil", "problem"),
     [
@@ -100,6 +109,7 @@ def frames_out_of_order(layer):
         (a_stray_id, "/Truth/Joints: ids do not fit points and names at frame 4"),
         (a_longer_frame_list, "no value at frame 10"),
         (frames_out_of_order, "frame_numbers must ascend"),
+        (a_mirror, "mmocap:rootBase is not a rotation"),
     ],
 )
 def test_wrong_truth_is_one_clear_line(tmp_path, spoil, problem):

@@ -25,7 +25,7 @@ def still_result(pose, frame_numbers=None, fps=50.0):
         cameras=ring_rig(2, size=(320, 240)),
         fps=fps,
         frame_numbers=numbers,
-        pose=pose,
+        pose=pose.copy(),
         cost=np.zeros((runs, frames)),
         iou=np.full((runs, frames, 2), 0.9),
         evaluations=np.full((runs, frames), 500),
@@ -49,6 +49,8 @@ def truth_of(result, pose):
         markers=vertices[:, body.marker_vertex],
         joint_names=(*JOINTS, HEAD_TOP),
         joints=np.concatenate([poser.joint_transforms(pose)[:, :, :3, 3].astype(float), top], axis=1),
+        pose=pose.copy(),
+        root_base=result.subject.root_base,
     )
 
 
@@ -58,11 +60,13 @@ def test_a_shifted_body_is_off_by_the_shift():
     truth = truth_of(still_result(pose), pose[0])
     pose[:, 1:, :3] += [0.03, 0.0, 0.04]
     per_frame, per_run = measure(still_result(pose), truth)
-    for name in ("marker_error", "joint_error", "mpjpe"):
+    for name in ("eq20_as_printed", "marker_error", "joint_error", "mpjpe"):
         assert per_frame[name].shape == (3, 8)
         np.testing.assert_allclose(per_frame[name][:, 0], 0.0, rtol=0, atol=SINGLE_PRECISION)
         np.testing.assert_allclose(per_frame[name][:, 1:], 0.05, rtol=0, atol=SINGLE_PRECISION)
     np.testing.assert_allclose(per_frame["pa_mpjpe"], 0.0, rtol=0, atol=SINGLE_PRECISION)
+    for name in ("eq20_as_printed_floor", "marker_error_floor", "eq20_as_printed_left_out"):
+        np.testing.assert_allclose(per_run[name], np.zeros(3), rtol=0, atol=SINGLE_PRECISION)
     np.testing.assert_array_equal(per_run["limb_lost"], [0, 0, 0])
     np.testing.assert_array_equal(per_run["evaluations"], [4000, 4000, 4000])
     np.testing.assert_array_equal(per_run["seconds"], [2, 2, 2])
@@ -85,10 +89,17 @@ def test_humanevas_fifteen_joints():
 def test_it_agrees_with_the_evaluation_of_a_single_result():
     result = synthetic_result(frames=6, runs=2)
     truth = truth_of(result, synthetic_poses(6, seed=4))
-    report = evaluate(result, truth)["series"]
+    unseen = truth.markers.copy()
+    unseen[0, :2] = np.nan
+    truth = replace(truth, markers=unseen)
+    whole = evaluate(result, truth)
+    report = whole["series"]
     per_frame, per_run = measure(result, truth)
-    for mine, theirs in (("marker_error", "marker_error_mm"), ("mpjpe", "mpjpe_mm"), ("pa_mpjpe", "pa_mpjpe_mm")):
-        np.testing.assert_allclose(per_frame[mine] * 1000, np.array(report[theirs]), rtol=1e-6)
+    for name in ("eq20_as_printed", "marker_error", "mpjpe", "pa_mpjpe"):
+        np.testing.assert_allclose(per_frame[name] * 1000, np.array(report[f"{name}_mm"]), rtol=1e-6)
+    for name in ("eq20_as_printed_floor", "marker_error_floor"):
+        np.testing.assert_allclose(per_run[name] * 1000, [whole[f"{name}_mm"]] * 2, rtol=1e-9)
+    assert list(per_run["eq20_as_printed_left_out"]) == [whole["eq20_as_printed_left_out"]] * 2 == [2, 2]
     np.testing.assert_allclose(per_frame["iou"], np.array(report["iou"], float), rtol=1e-6)
     np.testing.assert_array_equal(per_frame["cost"], result.cost.astype(np.float32))
     assert list(per_run["frames_lost"]) == [1, 1]
@@ -96,7 +107,9 @@ def test_it_agrees_with_the_evaluation_of_a_single_result():
 
 def test_without_truth_errors_are_unknown():
     per_frame, per_run = measure(synthetic_result(frames=5, runs=2), None)
-    assert all(np.isnan(per_frame[name]).all() for name in ("marker_error", "joint_error", "mpjpe", "pa_mpjpe"))
+    errors = ("eq20_as_printed", "marker_error", "joint_error", "mpjpe", "pa_mpjpe")
+    assert all(np.isnan(per_frame[name]).all() for name in errors)
+    assert all(np.isnan(per_run[name]).all() for name in ("eq20_as_printed_floor", "marker_error_floor"))
     assert np.isfinite(per_frame["iou"][:, :-1]).all()
     assert np.isnan(per_run["limb_lost"]).all()
     assert np.isfinite(per_run["jerk"]).all()
@@ -110,7 +123,7 @@ def test_frames_without_truth_are_unknown():
     holey = replace(truth, joints=joints, markers=markers)
     partly = replace(holey, frame_numbers=holey.frame_numbers + np.array([0, 0, 0, 0, 0, 90]))
     per_frame, _ = measure(still_result(pose), partly)
-    for name in ("marker_error", "joint_error", "mpjpe", "pa_mpjpe"):
+    for name in ("eq20_as_printed", "marker_error", "joint_error", "mpjpe", "pa_mpjpe"):
         assert np.isnan(per_frame[name][0]).tolist() == [False, False, False, False, True, True]
 
 

@@ -29,7 +29,8 @@ from mmocap_warp.study.tables import by_algorithm, by_model, model_differences
 from mmocap_warp.tracking.algorithms import ALGORITHMS, Algorithm
 
 VOID = {"meta", "link", "br", "input"}
-MARKER_ERROR = MEASURES[0]
+MAIN = MEASURES[0]
+MARKER_ERROR = next(measure for measure in MEASURES if measure.key == "marker_error")
 
 
 class Page(HTMLParser):
@@ -117,7 +118,7 @@ def test_controls_start_where_the_page_does(page, study):
     assert "hidden" in form
     assert [select["name"] for select in page.all("select")] == ["measure", "model", "budget", "sequence"]
     assert all("disabled" in button for button in page.all("button"))
-    first = {"measure": "marker_error", "curve": "marker_error", "model": "39", "budget": "500"}
+    first = {"measure": "mpjpe", "curve": "mpjpe", "model": "39", "budget": "500"}
     first["sequence"] = study.sequences[0]
     parts = page.of_class("choice")
     assert len(parts) > 50
@@ -201,6 +202,59 @@ def test_without_truth_fitness_decides():
     assert [measure.key for measure in study.measures] == ["cost", "iou", "jerk", "foot_slide"]
 
 
+def readings_that_disagree():
+    """PSO is the better one by MPJPE, H-CMAES by both readings of Eq. 20."""
+    other_way_round = {"h-cmaes": 0.040, "pso": 0.030}
+    for result in made_up_study(SEQUENCES[:3], ("h-cmaes", "pso"), (39,), (500,), seeds=2, frames=12):
+        error = other_way_round[result.cell.algorithm]
+        yield replace(result, per_frame=result.per_frame | {"mpjpe": np.full((2, 12), error, np.float32)})
+
+
+def test_mpjpe_decides_and_both_readings_of_eq_20_stand_beside():
+    study = StudySummary.of(readings_that_disagree())
+    assert [measure.key for measure in study.measures[:3]] == ["mpjpe", "eq20_as_printed", "marker_error"]
+    firsts = [by_algorithm(study, measure, 39, 500).rows[0].contender.algorithm for measure in study.measures[:3]]
+    assert firsts == ["pso", "h-cmaes", "h-cmaes"]
+    text = Page(render(study, {})).text
+    tables = markdown_tables(study)
+    for written in (text, tables):
+        assert "PSO tracks three sequences to 30.0\N{NO-BREAK SPACE}mm" in written
+        assert "elsewhere PSO(39,500)" in written
+        for label in ("by MPJPE", "by marker error (Eq. 20 as printed)", "by marker error (Eq. 20 from own answer)"):
+            assert f"39 DOF {label}" in written or f"39 DOF, {label}" in written
+
+
+def test_each_reading_has_its_floor_beside_it():
+    """The made-up floors are 10 and 5 mm for S1, 1.05 and 1.2 times as much for S2 and S3."""
+    study = StudySummary.of(made_up_study(SEQUENCES[:3], ("h-cmaes", "pso"), (39,), (500,), seeds=2, frames=12))
+    readings = study.measures[1:3]
+    assert [study.floor(measure, ["S2/Walking"]) for measure in readings] == pytest.approx([10.5, 5.25])
+    floors = [
+        f"Floor: at the true angles the tracked bodies score {floor}\N{NO-BREAK SPACE}mm, mean over three sequences."
+        for floor in ("10.8", "5.4")
+    ]
+    text = Page(render(study, {})).text
+    tables = markdown_tables(study)
+    for floor in floors:
+        assert text.count(floor) == 2  # in the headline and with the ranking
+        assert floor in tables
+    assert "Floor: at the true angles10.010.512.0" in text
+    (line,) = [line for line in csv.DictReader(io.StringIO(csv_table(study))) if line["algorithm"] == "pso"][:1]
+    assert (line["eq20_as_printed_floor_mm"], line["marker_error_floor_mm"]) == ("10", "5")
+
+
+def test_an_unknown_floor_is_not_shown():
+    results = [
+        replace(result, per_run={name: of for name, of in result.per_run.items() if not name.endswith("_floor")})
+        for result in made_up_study(SEQUENCES[:2], ("h-cmaes", "pso"), (39,), (500,), seeds=2, frames=12)
+    ]
+    study = StudySummary.of(results)
+    assert np.isnan(study.floor(MARKER_ERROR, study.sequences))
+    assert "Floor" not in Page(render(study, {})).text
+    assert "Floor" not in markdown_tables(study)
+    assert {line["marker_error_floor_mm"] for line in csv.DictReader(io.StringIO(csv_table(study)))} == {""}
+
+
 def test_a_gap_in_the_grid_leaves_its_sequence_out(study):
     cells = {cell: summary for cell, summary in study.cells.items() if cell != Cell(SEQUENCES[2], "de", 39, 500)}
     ranking = by_algorithm(StudySummary(cells), MARKER_ERROR, 39, 500)
@@ -237,8 +291,8 @@ def test_a_summary_is_of_its_result():
     np.testing.assert_allclose(summary.spread["marker_error"], np.percentile(known, (0, 25, 50, 75, 100)), rtol=1e-9)
     assert np.isnan(summary.curve["marker_error"]).tolist() == [24 <= frame < 27 for frame in range(60)]
     assert summary.typical_pose.shape == (60, 51)
-    middle = np.argsort(summary.runs["marker_error"])[2]
-    np.testing.assert_allclose(summary.typical_curve, error[middle], rtol=1e-9)
+    middle = np.argsort(summary.runs["mpjpe"])[2]
+    np.testing.assert_allclose(summary.typical_curve, 1000 * result.per_frame["mpjpe"][middle].astype(float), rtol=1e-9)
     np.testing.assert_allclose(summary.runs["limb_lost"], 100 * result.per_run["limb_lost"] / 60, rtol=1e-9)
 
 
@@ -308,16 +362,16 @@ def tracked_walk(frames=20):
     error[0, 0], error[0, 7], error[0, 13] = 0.0, 0.01, 0.09
     pose = np.repeat(truth.pose[None, :frames], 1, axis=0).astype(np.float32)
     pose[0, 13, :3] += 0.3
-    return replace(result, pose=pose, per_frame=result.per_frame | {"marker_error": error})
+    return replace(result, pose=pose, per_frame=result.per_frame | {"mpjpe": error})
 
 
 def test_pictures_show_the_best_and_the_worst_frame():
     study = StudySummary.of([tracked_walk(), made_up_result(Cell("S1/Walking", "apf", 39, 500), 1, 20)])
     (summary,) = [summary for cell, summary in study.cells.items() if cell.algorithm == "h-cmaes"]
-    assert extreme_frames(summary, MARKER_ERROR) == (7, 13)
-    ranking = by_algorithm(study, MARKER_ERROR, 39, 500)
+    assert extreme_frames(summary, MAIN) == (7, 13)
+    ranking = by_algorithm(study, MAIN, 39, 500)
     clips = {"S1/Walking": Clip("S1/Walking")}
-    ((best, worst),) = best_and_worst(study, MARKER_ERROR, ranking, clips)
+    ((best, worst),) = best_and_worst(study, MAIN, ranking, clips)
     assert (best.frame, worst.frame) == (7, 13)
     assert (round(best.error), round(worst.error)) == (10, 90)
     for picture in (best, worst):
@@ -405,5 +459,5 @@ def test_presets_are_compared_where_both_have_tracked():
     text = Page(render(study, {})).text
     assert "recording: 0.01 to 0.08 rad and 0.0067 to 0.053 m. paper: 0.5 rad and 0.5 m." in text
     of = {preset: study.cells[Cell(SEQUENCES[0], "cmaes", 39, 500, preset)] for preset in ("recording", "paper")}
-    shown = [f"{of[preset].runs['marker_error'].mean():.1f}" for preset in ("recording", "paper")]
+    shown = [f"{of[preset].runs['mpjpe'].mean():.1f}" for preset in ("recording", "paper")]
     assert f"9,000: paperCMAES{''.join(shown)}–" in text

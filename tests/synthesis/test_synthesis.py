@@ -278,6 +278,7 @@ def test_the_shipped_scene_is_this_recording(recording):
     np.testing.assert_allclose(truth.markers, made.markers, atol=POSITION)
     np.testing.assert_allclose(truth.joints, made.joints, atol=POSITION)
     np.testing.assert_allclose(truth.pose, made.pose, atol=1e-12)
+    np.testing.assert_allclose(truth.root_base, made.root_base, atol=1e-12)
     for source, mask in zip(scene.cameras, recording.masks(7), strict=True):
         shipped = cv2.imread(str(source.masks.path / "0007.png"), cv2.IMREAD_UNCHANGED) > 0
         assert iou(shipped, mask) > 0.999

@@ -2,7 +2,8 @@
 
 Layout, in the world of the cameras, with the frame number as time code::
 
-    /Truth          mmocap:truthVersion, and mmocap:pose where known (double[] per frame)
+    /Truth          mmocap:truthVersion, and where known mmocap:pose (double[] per frame) and mmocap:rootBase (a matrix
+                    for row vectors)
     /Truth/Markers  Points; ids number the markers that are seen in a frame; mmocap:names
     /Truth/Joints   the same for the joints
 
@@ -14,11 +15,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from pxr import Usd, UsdGeom, Vt
+from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.attributes import author_value
-from mmocap_warp.formats.usd.file import PrimReader, read_stage, write_stage
+from mmocap_warp.formats.usd.file import PrimReader, author, read_stage, write_stage
+from mmocap_warp.formats.usd.skeleton import is_rotation
 from mmocap_warp.formats.usd.world import set_world_up
 from mmocap_warp.result.truth import Truth
 
@@ -46,6 +48,8 @@ def write_truth(path: str | Path, truth: Truth, up: str = "+z") -> None:
         _define_points(stage, f"/Truth/{name}", labels, positions, truth.frame_numbers)
     for frame, pose in zip(truth.frame_numbers, truth.pose if truth.pose is not None else (), strict=False):
         author_value(root.GetPrim(), "mmocap:pose", pose, float(frame))
+    if truth.root_base is not None:
+        author(root, "mmocap:rootBase", Sdf.ValueTypeNames.Matrix3d, Gf.Matrix3d(np.asarray(truth.root_base, float).T))
     write_stage(path, stage)
 
 
@@ -67,10 +71,17 @@ def read_truth(path: str | Path) -> Truth:
     marker_names, markers = _points_from_prim(root.child("Markers"), times)
     joint_names, joints = _points_from_prim(root.child("Joints"), times)
     pose = root.sampled_array("mmocap:pose", times) if prim.HasAttribute("mmocap:pose") else None
+    root_base = _root_base(root) if prim.HasAttribute("mmocap:rootBase") else None
     try:
-        return Truth(stage.GetTimeCodesPerSecond(), frames, marker_names, markers, joint_names, joints, pose)
+        return Truth(stage.GetTimeCodesPerSecond(), frames, marker_names, markers, joint_names, joints, pose, root_base)
     except ValueError as error:
         raise InputError(path, str(error), _REMEDY) from error
+
+
+def _root_base(root: PrimReader) -> np.ndarray:
+    base = root.array("mmocap:rootBase", (3, 3), np.float64).T
+    root.require(is_rotation(base), "mmocap:rootBase is not a rotation")
+    return base
 
 
 def _define_points(

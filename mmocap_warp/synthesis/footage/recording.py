@@ -93,6 +93,7 @@ class Recording:
             joint_names=(*self.body.skeleton.joints, *named),
             joints=np.concatenate([places, more], axis=1),
             pose=self.poses,
+            root_base=self.root_base,
         )
 
     @cached_property

@@ -1,0 +1,136 @@
+"""The paper's Eq. 20 in two readings: how far markers are from the points of the skin that they were put on.
+
+A marker is put on the nearest point of the skin once and rides on it from there. What lies between marker and skin at
+that moment is dropped, so it counts as error. The readings differ in the skin:
+
+- as printed, it is the body's in its initial position: the pose that tracking was given for its first frame, the same
+  for all runs. A marker that is not seen in that frame cannot be put there, and is left out.
+- from the run's own first answer, it is the body's in that run's answer in the frame where the marker is first seen.
+  What this answer is off by there is not counted, which flatters.
+
+The floor of a reading is what the tracked body scores at the true angles, its joints as near the true ones as a shift
+brings them: where tracking has no error of its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mmocap_warp.body.model import Subject
+from mmocap_warp.body.skin_points import SkinPoints, attach
+from mmocap_warp.result.pose_errors import nanmean
+from mmocap_warp.result.positions import POSES_AT_ONCE, blocks, joint_positions, skin_positions
+from mmocap_warp.result.result import Result
+from mmocap_warp.result.truth import Truth
+
+
+@dataclass(frozen=True)
+class MarkerErrors:
+    """Eq. 20 of every run and frame: the mean distance over the markers seen in a frame.
+
+    Attributes:
+        as_printed: (run, common frame) float64 [m], NaN where no marker counts.
+        from_own_answer: likewise.
+        as_printed_floor: (common frame,) float64 [m]; NaN also where the truth has no poses of a body like the tracked.
+        from_own_answer_floor: likewise.
+        left_out: markers that are seen, but not in the first frame that was tracked: they do not count as printed.
+    """
+
+    as_printed: np.ndarray
+    from_own_answer: np.ndarray
+    as_printed_floor: np.ndarray
+    from_own_answer_floor: np.ndarray
+    left_out: int
+
+
+def marker_errors(result: Result, truth: Truth, mine: np.ndarray, theirs: np.ndarray) -> MarkerErrors:
+    """Both readings and their floors over the frames ``mine`` of the result, which are ``theirs`` of the truth."""
+    seen, pose = truth.markers[theirs], result.pose[:, mine]
+    known = np.isfinite(seen).all(axis=2)
+    start = known[0] if mine[0] == 0 else np.zeros(known.shape[1], bool)  # known in the first frame that was tracked
+    initial = result.subject
+    as_printed_floor = from_own_answer_floor = np.full(len(mine), np.nan)
+    motion = _true_motion(result, truth, theirs)
+    if motion is not None:
+        true_subject, true_pose = motion
+        as_printed_floor = _as_printed(initial, start, true_subject, true_pose, seen)[0]
+        from_own_answer_floor = _from_own_answer(true_subject, true_pose, seen)[0]
+    return MarkerErrors(
+        as_printed=_as_printed(initial, start, initial, pose, seen),
+        from_own_answer=_from_own_answer(initial, pose, seen),
+        as_printed_floor=as_printed_floor,
+        from_own_answer_floor=from_own_answer_floor,
+        left_out=int((known.any(axis=0) & ~start).sum()),
+    )
+
+
+def _true_motion(result: Result, truth: Truth, theirs: np.ndarray) -> tuple[Subject, np.ndarray] | None:
+    """The tracked body in the true one's axes, and its poses (1, common frame, coordinate) at the true angles."""
+    skeleton = result.subject.body.skeleton
+    if truth.pose is None or truth.root_base is None or truth.pose.shape[1] != skeleton.coordinates:
+        return None
+    if truth.joint_names[: len(skeleton.joints)] != skeleton.joints:  # angles of another skeleton
+        return None
+    subject, pose = replace(result.subject, root_base=truth.root_base), truth.pose[theirs]
+    apart = truth.joints[theirs, : len(skeleton.joints)] - joint_positions(subject, pose)
+    pose[:, :3] += np.nan_to_num(nanmean(apart, axis=1))  # joints that are unknown do not count
+    return subject, pose[None]
+
+
+def _as_printed(
+    initial: Subject, start: np.ndarray, subject: Subject, pose: np.ndarray, seen: np.ndarray
+) -> np.ndarray:
+    """(run, frame) [m]: markers put on the ``initial`` subject in its own pose ride on ``subject``.
+
+    Args:
+        initial: whose pose is that of frame 0.
+        start: (marker,) bool, known in frame 0: these count.
+        subject: who moves.
+        pose: (run, frame, coordinate).
+        seen: (frame, marker, 3) [m], NaN where a marker is unseen.
+    """
+    (vertices,) = skin_positions(initial, initial.pose[None], _all_vertices(initial))
+    points = attach(seen[0, start], vertices, initial.body.skin.face)
+    return np.array([_distance(subject, one, seen[:, start], points) for one in pose])
+
+
+def _from_own_answer(subject: Subject, pose: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """(run, frame) [m]: each run puts a marker on its own skin in the frame where the marker is first seen.
+
+    Args:
+        subject: who moves.
+        pose: (run, frame, coordinate).
+        seen: (frame, marker, 3) [m], NaN where a marker is unseen.
+    """
+    known = np.isfinite(seen).all(axis=2)
+    ever = np.flatnonzero(known.any(axis=0))
+    first = known.argmax(axis=0)[ever]  # frame of each marker that is ever seen
+    starts = np.unique(first)
+    error = np.empty(pose.shape[:2])
+    for run, one in enumerate(pose):
+        corners, weights = np.empty((len(ever), 3), int), np.empty((len(ever), 3))
+        for start, vertices in zip(starts, skin_positions(subject, one[starts], _all_vertices(subject)), strict=True):
+            some = first == start
+            attached = attach(seen[start, ever[some]], vertices, subject.body.skin.face)
+            corners[some], weights[some] = attached.corners, attached.weights
+        error[run] = _distance(subject, one, seen[:, ever], SkinPoints(corners, weights))
+    return error
+
+
+def _distance(subject: Subject, pose: np.ndarray, seen: np.ndarray, points: SkinPoints) -> np.ndarray:
+    """(frame,) [m]: mean distance of the markers ``seen`` (frame, point, 3) from ``points`` of the skin in ``pose``."""
+    error = np.full(len(pose), np.nan)
+    if not len(points.corners):
+        return error
+    vertex, corner = np.unique(points.corners, return_inverse=True)
+    riding = SkinPoints(corner.reshape(points.corners.shape), points.weights)
+    for block in blocks(len(pose), POSES_AT_ONCE):
+        place = riding.positions(skin_positions(subject, pose[block], vertex))
+        error[block] = nanmean(np.linalg.norm(seen[block] - place, axis=2), axis=1)
+    return error
+
+
+def _all_vertices(subject: Subject) -> np.ndarray:
+    return np.arange(len(subject.body.skin.rest))

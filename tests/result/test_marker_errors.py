@@ -216,6 +216,9 @@ def test_a_marker_that_the_first_frame_does_not_show_is_left_out_as_printed():
     np.testing.assert_array_equal(series(report, "eq20_as_printed_mm"), series(whole, "eq20_as_printed_mm"))
     assert report["eq20_as_printed_floor_mm"] == whole["eq20_as_printed_floor_mm"]
     assert whole["eq20_as_printed_left_out"] == 0
+    without_d = evaluate(result, truth_of(markers[:, [0, 4]], true))
+    hidden = [series(each, "eq20_as_printed_mm")[0, 3] for each in (report, without_d)]
+    assert hidden[0] == pytest.approx(hidden[1], abs=1e-9)  # D is left out of that frame's mean
     assert report["marker_error_mm"] != whole["marker_error_mm"]  # B counts from the second frame on
     assert "(floor " in summary(whole)
     assert "markers left out: 1)" in summary(report)

@@ -144,8 +144,8 @@ def curves_section(study: StudySummary) -> Section:
                     keys = {"curve": measure.key, "sequence": sequence, "model": dof, "budget": budget}
                     parts.append(choice(content, default=default, **keys))
     note = (
-        "The median over runs; the paper’s Fig. 10 has one run and shows Eq. 20. Gaps have no truth. For other measures "
-        "than these the main one stays."
+        "The median over runs; the paper’s Fig. 10 has one run and shows Eq. 20. Gaps have no truth. For other "
+        "measures than these the main one stays."
     )
     figures = f"<figure>{''.join(parts)}{legend(study.algorithms)}</figure>"
     return Section("curves", "Error over time", f"<p>{note}</p>", figures)

@@ -17,26 +17,37 @@ from mmocap_warp.views.observation import Observation
 
 RIG = ring_rig(cameras=4, size=(160, 120))  # a pixel is 25 mm wide
 FPS = 60.0
+FRAMES = 15
+TRACKED = 1 / 3  # of what standing still errs by
 
 
 @cache
 def motion(device: str) -> tuple[np.ndarray, list[Observation]]:
     """Poses (frame, 51) in which every searched angle moves by about 0.02 rad a frame, and what is seen of them."""
     subject, index = synthetic_subject(), SKELETON.searched(39)
-    truth = np.tile(subject.pose, (6, 1))
-    truth[:, index] = synthetic_poses(120)[:6, index]
+    truth = np.tile(subject.pose, (FRAMES, 1))
+    truth[:, index] = synthetic_poses(120)[:FRAMES, index]
     return truth, [Observation.from_masks(list(perfect_masks(subject, RIG, pose, device))) for pose in truth]
 
 
 def track_motion(algorithm: str, device: str, frames: int = 6, **settings: int) -> tuple[Result, np.ndarray]:
     """The result, and each run's mean distance of the markers over the first frames (run,) [m]."""
-    subject = synthetic_subject()
     truth, seen = (values[:frames] for values in motion(device))
-    result = track_observations(subject, RIG, seen, FPS, TrackConfig(algorithm, device=device, **settings))
+    result = track_observations(synthetic_subject(), RIG, seen, FPS, TrackConfig(algorithm, device=device, **settings))
+    return result, np.array([marker_errors(pose, truth).mean() for pose in result.pose])
+
+
+def standing_still(frames: int = 6) -> float:
+    """What a tracker that never moves errs by over the first frames, mean distance of the markers [m]."""
+    truth = motion("cpu")[0][:frames]
+    return float(marker_errors(np.tile(truth[0], (frames, 1)), truth).mean())
+
+
+def marker_errors(poses: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Mean distance of the markers in each frame (frame,) [m]."""
+    subject = synthetic_subject()
     poser, marker = Poser(subject.body, subject.root_base), subject.body.marker_vertex
-    there = poser.vertices(truth)[:, marker]
-    errors = [np.linalg.norm(poser.vertices(pose)[:, marker] - there, axis=-1).mean() for pose in result.pose]
-    return result, np.array(errors)
+    return np.linalg.norm(poser.vertices(poses)[:, marker] - poser.vertices(truth)[:, marker], axis=-1).mean(axis=1)
 
 
 def tracker_of(algorithm: str, device: str, **settings: int) -> tuple[Tracker, list[int]]:

@@ -8,19 +8,13 @@ import numpy as np
 import pytest
 import warp as wp
 from poisoned import SENTINEL
-from random_scenes import perfect_masks
-from synthetic import SKELETON, ring_rig, synthetic_poses, synthetic_subject
+from tracked_motion import FRAMES, TRACKED, standing_still, track_motion
 
-from mmocap_warp.body.posing import Poser
 from mmocap_warp.kernels.optimizers.populations import make_space
 from mmocap_warp.optimizers.de import De, DeConfig
-from mmocap_warp.tracking.config import TrackConfig
-from mmocap_warp.tracking.track import track_observations
-from mmocap_warp.views.observation import Observation
 
 TWIN = 1e-5  # absolute, of coordinates about 1
 UNIT = 2.0**-24  # most that single precision rounds off, as a share of the value
-TRACKED = 0.025  # [m], mean marker error
 CHANCE = 4  # standard deviations that a frequency may be off
 
 
@@ -465,14 +459,7 @@ def test_start_begins_anew(device):
 
 @pytest.mark.parametrize("algorithm", ["de", "h-de"])
 def test_a_motion_is_tracked(device, algorithm):
-    """Ten frames in which every searched angle moves, seen in four images of 160 x 120: a pixel is 25 mm wide."""
-    subject, rig, index = synthetic_subject(), ring_rig(cameras=4, size=(160, 120)), SKELETON.searched(39)
-    truth = np.tile(subject.pose, (10, 1))
-    truth[:, index] = synthetic_poses(120)[:10, index]
-    seen = [Observation.from_masks(list(perfect_masks(subject, rig, pose, device))) for pose in truth]
-    result = track_observations(subject, rig, seen, 60.0, TrackConfig(algorithm, device=device))
-    poser, marker = Poser(subject.body, subject.root_base), subject.body.marker_vertex
-    apart = poser.vertices(result.pose[0])[:, marker] - poser.vertices(truth)[:, marker]
-    assert np.linalg.norm(apart, axis=-1).mean() < TRACKED
+    result, errors = track_motion(algorithm, device, FRAMES)
+    assert errors[0] < TRACKED * standing_still(FRAMES)
     assert result.iou.mean() > 0.85
     assert np.all(result.evaluations == 500)

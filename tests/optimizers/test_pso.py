@@ -14,14 +14,13 @@ from minimising import (
     unjudged,
 )
 from scipy import stats
-from tracked_motion import motion, track_motion, tracker_of
+from tracked_motion import FRAMES, TRACKED, motion, standing_still, track_motion, tracker_of
 
 from mmocap_warp.optimizers.pso import Pso, PsoConfig
 
 TWIN = 1e-6  # of coordinates about 1, a move in single precision
 FREE = 5e-4  # likewise, after all moves of a search
 SINGLE = 1e-6  # relative, a few roundings
-TRACKED = 0.02  # [m], mean marker error
 CHANCE = 1e-3  # probability under which a distribution is refused
 
 
@@ -217,8 +216,8 @@ def test_a_swarm_of_one_is_allowed(device):
 
 @pytest.mark.parametrize("algorithm", ["pso", "h-pso"])
 def test_a_motion_is_tracked(device, algorithm):
-    result, errors = track_motion(algorithm, device, runs=2)
-    assert np.all(errors < TRACKED)
+    result, errors = track_motion(algorithm, device, FRAMES, runs=2)
+    assert np.all(errors < TRACKED * standing_still(FRAMES))
     assert np.all(result.evaluations == 500)
     single, _ = track_motion(algorithm, device, frames=2, seed=1)
     np.testing.assert_array_equal(result.pose[1, :2], single.pose[0])

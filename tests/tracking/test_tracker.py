@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from random_scenes import perfect_masks
 from synthetic import COORDINATES, SKELETON, ring_rig, synthetic_poses, synthetic_subject
+from tracked_motion import TRACKED
 
 from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.posing import Poser
@@ -217,6 +218,7 @@ def test_a_motion_is_tracked(device, dof):
     result = track_observations(synthetic_subject(), RIG, observed(truth, device), FPS, config)
     for run in range(2):
         errors = marker_error(result.pose[run], truth)
+        assert errors.mean() < TRACKED * marker_error(np.tile(truth[0], (15, 1)), truth).mean()
         assert errors.mean() < TRACKING_ERROR
         assert errors.max() < 2 * TRACKING_ERROR
     assert result.iou.mean() > 0.9

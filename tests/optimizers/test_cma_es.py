@@ -204,6 +204,22 @@ def test_a_flat_neighbourhood_widens_the_step(device):
     assert search.optimizer.state.sigma.numpy().min() > 5.0
 
 
+@pytest.mark.parametrize(("dofs", "equal"), [(4, 6), (6, 7), (9, 7), (39, 10)])
+def test_a_generation_is_flat_where_its_best_seventy_percent_are_equal(device, dofs, equal):
+    """Candidates rank alike in all three searches; the one that is so flat widens sigma by exp(0.2 + c_sigma/d_sigma)."""
+    sigma = {}
+    for best in (1, equal - 1, equal):  # how many share the lowest cost; the first ranks first
+        search = Search(dofs, [3], device)
+        ranks = np.maximum(np.arange(search.optimizer.particles), best - 1)
+        search.generation(lambda x, ranks=ranks: ranks[None].astype(float))
+        sigma[best] = search.optimizer.state.sigma.numpy()[0]
+    parameters = search.optimizer.parameters
+    assert equal == np.ceil(0.7 * parameters.population)
+    assert sigma[equal - 1] == sigma[1]
+    widened = np.exp(0.2 + parameters.c_sigma / parameters.d_sigma)
+    assert sigma[equal] == pytest.approx(widened * sigma[1], rel=1e-5)
+
+
 def test_infinite_costs_do_no_harm(device):
     """Where most offspring cannot be judged, the search goes on with the others."""
     search = Search(6, range(3), device, start=np.ones((3, 6)))

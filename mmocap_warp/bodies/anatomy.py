@@ -6,8 +6,8 @@ Kapandji, *The Physiology of the Joints*, for the spine and for the shoulder's c
 *Full-body musculoskeletal model* (IEEE TBME 63, 2016), for the signs and the knee.
 
 A hinge's limits are its clinical range, with a few degrees to spare. A ball joint's Euler angles are not clinical
-angles: there the limits hold every pose that combines the clinical ranges (tests/body/test_model.py samples them), so
-they are wider. They keep a limb from turning round itself; they do not say that a pose is possible.
+angles: there the limits hold every pose that combines the clinical ranges (tests/bodies/test_anatomy.py samples them),
+so they are wider. They keep a limb from turning round itself; they do not say that a pose is possible.
 """
 
 from __future__ import annotations

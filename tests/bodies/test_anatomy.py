@@ -1,8 +1,8 @@
-"""Joint limits: mirror images of each other, and wide enough for every pose within the clinical ranges.
+"""Joint limits: mirror images of each other, wide enough for every pose within the clinical ranges, and hardly wider.
 
 A clinical pose of a ball joint is a plane or order of movements with a twist, not our three Euler angles. The tests
 sample clinical poses, turn them into Euler angles from each shipped body's zero pose and ask that one of the two
-solutions lies within the limits.
+solutions lies within the limits; and that of some pose none would if any limit were tighter.
 """
 
 from __future__ import annotations
@@ -51,10 +51,9 @@ def euler_solutions(turn: np.ndarray) -> np.ndarray:
     return (solutions + np.pi) % (2 * np.pi) - np.pi
 
 
-def reachable(body: BodyModel, joint: str, turn: np.ndarray) -> bool:
-    lower, upper = body.skeleton.limits[JOINTS.index(joint)].T
-    solutions = euler_solutions(turn)
-    return bool(((solutions >= lower) & (solutions <= upper)).all(axis=1).any())
+def within(solutions: np.ndarray, limits: np.ndarray) -> np.ndarray:
+    """Whether one of the solutions (pose, solution, axis) of each pose lies within limits (axis, 2)."""
+    return ((solutions >= limits[:, 0]) & (solutions <= limits[:, 1])).all(axis=2).any(axis=1)
 
 
 def degrees(start: float, stop: float, count: int) -> np.ndarray:
@@ -73,38 +72,58 @@ def shoulder_poses():
                 yield arm, about(arm, -twist) @ swing(DOWN, arm) @ FORWARD
 
 
-def test_shoulder_reaches_every_clinical_pose(body: BodyModel) -> None:
+def shoulder_turns(body: BodyModel) -> list[np.ndarray]:
     frame = body.skeleton.frame[JOINTS.index("LShoulder")]
-    for arm, flexing in shoulder_poses():
-        posed = np.stack([arm, np.cross(flexing, arm), flexing], axis=1)
-        assert reachable(body, "LShoulder", frame.T @ posed), (arm, flexing)
+    return [frame.T @ np.stack([arm, np.cross(flexing, arm), flexing], axis=1) for arm, flexing in shoulder_poses()]
 
 
-def test_hip_reaches_every_clinical_pose(body: BodyModel) -> None:
+def hip_turns(body: BodyModel) -> list[np.ndarray]:
+    """Flexion about the pelvis, then abduction, then rotation about the thigh (Grood and Suntay's order)."""
     hip, knee = body.joint_rest[[JOINTS.index("LHip"), JOINTS.index("LKnee")]]
     rest = swing(DOWN, (knee - hip) / np.linalg.norm(knee - hip))
-    for flexion, abduction, twist in product(degrees(-30, 120, 11), degrees(-30, 45, 6), degrees(-45, 45, 7)):
-        # flexion about the pelvis, then abduction, then rotation about the thigh (Grood and Suntay's order)
-        turn = rotation(0, -flexion) @ rotation(2, abduction) @ rotation(1, twist)
-        assert reachable(body, "LHip", turn @ rest.T), np.degrees([flexion, abduction, twist])
+    ranges = degrees(-30, 120, 11), degrees(-30, 45, 6), degrees(-45, 45, 7)
+    return [rotation(0, -x) @ rotation(2, z) @ rotation(1, y) @ rest.T for x, z, y in product(*ranges)]
 
 
-@pytest.mark.parametrize(
-    ("joint", "bend", "side", "twist"),
-    [
-        ("Neck", (-60, 50), 45, 70),
-        ("BottomSpine", (-30, 70), 30, 30),
-        ("UpperSpine", (-25, 50), 30, 35),
-        ("LAnkle", (-30, 50), 30, 30),
-    ],
-)
-def test_trunk_and_ankle_reach_combined_poses(
-    body: BodyModel, joint: str, bend: tuple[int, int], side: int, twist: int
-) -> None:
-    for x, z, y in product(degrees(*bend, 7), degrees(-side, side, 5), degrees(-twist, twist, 5)):
-        if np.abs([z / np.radians(side), y / np.radians(twist)]).sum() > 1:
-            continue  # Side bend and rotation are coupled: nobody has both in full.
-        assert reachable(body, joint, rotation(1, y) @ rotation(2, z) @ rotation(0, x))
+def bent(bend: tuple[int, int], side: int, twist: int) -> list[np.ndarray]:
+    """Side bend and rotation are coupled: nobody has both in full."""
+    ranges = degrees(*bend, 7), degrees(-side, side, 5), degrees(-twist, twist, 5)
+    return [
+        rotation(1, y) @ rotation(2, z) @ rotation(0, x)
+        for x, z, y in product(*ranges)
+        if np.abs([z / np.radians(side), y / np.radians(twist)]).sum() <= 1
+    ]
+
+
+CLINICAL = {
+    "LShoulder": shoulder_turns,
+    "LHip": hip_turns,
+    "Neck": lambda body: bent((-60, 50), 45, 70),
+    "BottomSpine": lambda body: bent((-30, 70), 30, 30),
+    "UpperSpine": lambda body: bent((-25, 50), 30, 35),
+    "LAnkle": lambda body: bent((-30, 50), 30, 30),
+}
+TIGHT = {  # no limit about x, y, z has more to spare [degrees]
+    "LShoulder": (7, 45, 83),
+    "LHip": (14, 26, 26),
+    "Neck": (6, 16, 17),
+    "BottomSpine": (8, 17, 17),
+    "UpperSpine": (17, 17, 17),
+    "LAnkle": (13, 17, 17),
+}
+
+
+@pytest.mark.parametrize("joint", CLINICAL)
+def test_limits_hold_every_clinical_pose_and_hardly_more(body: BodyModel, joint: str) -> None:
+    turns = CLINICAL[joint](body)
+    solutions = np.stack([euler_solutions(turn) for turn in turns])
+    limits = body.skeleton.limits[JOINTS.index(joint)].astype(float)
+    reached = within(solutions, limits)
+    assert reached.all(), turns[int(reached.argmin())]
+    for axis, end in product(range(3), range(2)):
+        tighter = limits.copy()
+        tighter[axis, end] += (1 - 2 * end) * np.radians(TIGHT[joint][axis])
+        assert not within(solutions, tighter).all(), (axis, end)
 
 
 def test_limits_mirror(body: BodyModel) -> None:
@@ -129,3 +148,9 @@ def test_hinges_count_from_the_bent_rest() -> None:
     np.testing.assert_allclose(limits[JOINTS.index("LElbow"), 1], [-105, 55], atol=1e-4)
     np.testing.assert_allclose(limits[JOINTS.index("RElbow"), 1], [-55, 105], atol=1e-4)
     np.testing.assert_allclose(limits[JOINTS.index("RKnee"), 0], [-15, 145], atol=1e-4)
+
+
+def test_wrists_flex_about_either_axis_and_hardly_further() -> None:
+    wrist = np.degrees(joint_limits(0.0, 0.0)[JOINTS.index("LWrist")])
+    assert (np.abs(wrist[1:]) >= 80).all()  # flexion
+    assert (np.abs(wrist[1:]) <= 90).all()

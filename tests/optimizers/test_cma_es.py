@@ -206,7 +206,7 @@ def test_a_flat_neighbourhood_widens_the_step(device):
 
 @pytest.mark.parametrize(("dofs", "equal"), [(4, 6), (6, 7), (9, 7), (39, 10)])
 def test_a_generation_is_flat_where_its_best_seventy_percent_are_equal(device, dofs, equal):
-    """Candidates rank alike in all three searches; the one that is so flat widens sigma by exp(0.2 + c_sigma/d_sigma)."""
+    """Candidates rank alike in all three searches; the flat one's sigma is wider by exp(0.2 + c_sigma / d_sigma)."""
     sigma = {}
     for best in (1, equal - 1, equal):  # how many share the lowest cost; the first ranks first
         search = Search(dofs, [3], device)

@@ -51,7 +51,7 @@ class Checkpoint:
     ) -> None:
         self._path = path
         self._identity = identity
-        self._header = _MAGIC + json.dumps(identity).encode() + b"\n"
+        self._header = _header(identity)
         self._record = _record_type(runs, coordinates, cameras)
         self._memory_record = _memory_type([array.shape for array in memory])
         self._memories = 2 if memory else 0
@@ -106,14 +106,9 @@ class Checkpoint:
         Raises:
             InputError: the file is no checkpoint, or another run's.
         """
-        try:
-            content = self._path.read_bytes()
-        except FileNotFoundError:
+        content = _read(self._path, self._identity)
+        if content is None:
             return [], ()
-        except OSError as error:
-            raise InputError(self._path, f"cannot be read ({error})", "check its permissions") from error
-        if not content.startswith(self._header):
-            self._refuse(content)
         done = []
         whole = max(0, len(content) - self._first) // self._record.itemsize
         for record in np.frombuffer(content[self._first :], self._record, whole):
@@ -139,23 +134,6 @@ class Checkpoint:
                 self._turn = 1 - place
         return frames, memory
 
-    def _refuse(self, content: bytes) -> NoReturn:
-        """Say what is wrong with a file of another header."""
-        magic, line = content[: len(_MAGIC)], content[len(_MAGIC) :].partition(b"\n")[0]
-        try:
-            theirs = json.loads(line) if magic == _MAGIC else None
-        except ValueError:
-            theirs = None
-        if not isinstance(theirs, dict):
-            raise InputError(self._path, "is damaged, or no checkpoint", "start anew with --force")
-        mine = json.loads(json.dumps(self._identity))
-        differing = [name for name in mine | theirs if mine.get(name) != theirs.get(name)]
-        raise InputError(
-            self._path,
-            f"the checkpoint is of a run that differs in its {', '.join(differing)}",
-            "repeat that run's flags and files, or start anew with --force",
-        )
-
     def _packed(self, done: Sequence[FinishedFrame]) -> bytes:
         records = np.zeros(len(done), self._record)
         for record, (answer, draw) in zip(records, done, strict=True):
@@ -173,6 +151,50 @@ class Checkpoint:
         record["checksum"] = _checksum(record)
         packed: bytes = record.tobytes()
         return packed
+
+
+def check_same_run(path: Path, identity: Identity) -> None:
+    """See that a checkpoint, where there is one, is of this run, before anything is built for it.
+
+    Raises:
+        InputError: the file is no checkpoint, or another run's.
+    """
+    _read(path, identity)
+
+
+def _header(identity: Identity) -> bytes:
+    return _MAGIC + json.dumps(identity).encode() + b"\n"
+
+
+def _read(path: Path, identity: Identity) -> bytes | None:
+    """The content of a run's checkpoint; None where there is no file."""
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error})", "check its permissions") from error
+    if not content.startswith(_header(identity)):
+        _refuse(path, identity, content)
+    return content
+
+
+def _refuse(path: Path, identity: Identity, content: bytes) -> NoReturn:
+    """Say what is wrong with a file of another header."""
+    magic, line = content[: len(_MAGIC)], content[len(_MAGIC) :].partition(b"\n")[0]
+    try:
+        theirs = json.loads(line) if magic == _MAGIC else None
+    except ValueError:
+        theirs = None
+    if not isinstance(theirs, dict):
+        raise InputError(path, "is damaged, or no checkpoint", "start anew with --force")
+    mine = json.loads(json.dumps(identity))
+    differing = [name for name in mine | theirs if mine.get(name) != theirs.get(name)]
+    raise InputError(
+        path,
+        f"the checkpoint is of a run that differs in its {', '.join(differing)}",
+        "repeat that run's flags and files, or start anew with --force",
+    )
 
 
 def _memory_type(shapes: Sequence[tuple[int, ...]]) -> np.dtype:

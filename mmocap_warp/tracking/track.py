@@ -14,7 +14,7 @@ from mmocap_warp.device import resolve_device
 from mmocap_warp.formats.toml_table import config_from_table
 from mmocap_warp.result.result import FrameAnswer, Result
 from mmocap_warp.tracking.body_masks import body_masks
-from mmocap_warp.tracking.checkpoint import Checkpoint, FinishedFrame, Memory
+from mmocap_warp.tracking.checkpoint import Checkpoint, FinishedFrame, Memory, check_same_run
 from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.memory_need import fitting_tracker
 from mmocap_warp.tracking.run_identity import run_identity
@@ -87,6 +87,8 @@ def track(
     config = replace(config or config_from_table(TrackConfig, scene.settings("track")), **settings)
     rig = scene.rig(config.scale)
     identity = run_identity(scene, subject, config) if checkpoint else {}
+    if checkpoint and resume:
+        check_same_run(checkpoint, identity)
     tracker = fitting_tracker(subject, rig, config, scene.fps)
     done: list[FinishedFrame] = []  # in pairs, so that no interruption finds one without the other
     memory: Memory

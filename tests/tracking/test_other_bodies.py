@@ -76,7 +76,7 @@ def test_every_algorithm_follows_it(name: str, algorithm: str) -> None:
     """From its start pose, with a third of the error that standing still makes; what is not searched stays."""
     subject, (truth, seen) = subject_of(name), motion(name)
     radii = {"rotation_radius": 0.06, "translation_radius": 0.02}
-    config = TrackConfig(algorithm, evaluations=1200, device="cpu", threads=1, **radii)
+    config = TrackConfig(algorithm, evaluations=2400, device="cpu", threads=1, **radii)
     result = track_observations(subject, RIG, seen, FPS, config)
     assert result.config["dof"] == len(subject.body.skeleton.searched())
     stays = corner_error(subject.body, subject.pose[None], truth[-1:])

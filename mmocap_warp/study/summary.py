@@ -170,7 +170,7 @@ class StudySummary:
 
     @cached_property
     def sequences(self) -> list[str]:
-        """Grouped by action as in the paper's Fig. 7: Walking, Gestures, Box, then others; by subject within."""
+        """Grouped by action: Walking, Gestures, Box, then others; by subject within."""
         actions = ("Walking", "Gestures", "Box")
 
         def place(sequence: str) -> tuple[int, str, str]:
@@ -186,7 +186,7 @@ class StudySummary:
 
     @cached_property
     def hierarchical(self) -> list[str]:
-        """Those that search part by part: the paper's Table 6, and one half of its Fig. 7."""
+        """Those that search part by part: one half of the paper's Fig. 7 and, as far as its text tells, Table 6."""
         return [name for name in self.algorithms if name in ALGORITHMS and ALGORITHMS[name].hierarchical]
 
     @cached_property

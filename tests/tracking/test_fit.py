@@ -81,6 +81,88 @@ def test_an_empty_first_frame_is_wrong_input(walk, man, monkeypatch):
         fit(walk, man, QUICK)
 
 
+class PlannedSearch:
+    """In place of a search: keeps how it is run, and finds the costs that are planned for it, one for each start."""
+
+    made: list[PlannedSearch]
+    planned: list[list[float]]
+
+    def __init__(self, task, starts, parts, evaluations, population):
+        self.starts, self.cycles = starts, []
+        self.costs = np.array(self.planned[len(self.made)])
+        self.found = starts.copy()
+        self.found[:, 1] = 10 * len(self.made) + np.arange(len(starts))  # a height that says which it is
+        self.made.append(self)
+
+    def run(self, prior, narrowing):
+        self.cycles.append((prior, narrowing))
+
+    def best(self):
+        return self.found, self.costs
+
+
+HEADINGS = [0.5, 0.3, 0.9, 0.2, 0.8, 0.4, 0.7, 0.6]
+
+
+@pytest.fixture
+def planned(walk, man, monkeypatch):
+    """Fits with the costs of each search given; returns the subject and the searches."""
+    rig = walk.rig(0.25)
+    observation = next(iter(walk.observations(0.25, count=1)))
+
+    def run(*costs, **settings):
+        monkeypatch.setattr("mmocap_warp.tracking.fit._ShapeSearch", PlannedSearch)
+        PlannedSearch.made, PlannedSearch.planned = [], list(costs)
+        subject = fit_observation(man, rig, observation, replace(QUICK, **settings))
+        return subject, PlannedSearch.made
+
+    return run
+
+
+def test_the_best_headings_go_on_and_of_the_winners_runs_the_best_is_the_answer(planned):
+    subject, (headings, finals, winner) = planned(HEADINGS, [0.15, 0.11, 0.18], [0.10, 0.07, 0.09])
+    np.testing.assert_array_equal(finals.starts, headings.found[[3, 1, 5]])
+    np.testing.assert_array_equal(winner.starts, finals.found[[1, 1, 1]])
+    assert subject.pose[1] == winner.found[1, 1]
+    assert subject.provenance["fit.cost"] == pytest.approx(0.07)
+
+
+def test_the_margin_is_how_far_the_second_best_finalist_is_behind(planned):
+    subject, _ = planned(HEADINGS, [0.15, 0.11, 0.18], [0.10, 0.07, 0.09])
+    assert subject.provenance["fit.margin"] == pytest.approx(0.04)
+    alone, _ = planned(HEADINGS, [0.15], [0.10], finalists=1, winner_runs=1)
+    assert np.isnan(alone.provenance["fit.margin"])
+
+
+def test_headings_are_spread_evenly(planned, man):
+    """All of them start at one place, upright, in the rest pose."""
+    _, (headings, *_) = planned(HEADINGS, [0.1, 0.2, 0.3], [0.1, 0.2, 0.3])
+    heading = ShapeSpace(man, "+z").heading_index
+    np.testing.assert_allclose(headings.starts[:, heading], np.arange(8) * np.pi / 4)
+    assert np.ptp(np.delete(headings.starts, heading, axis=1), axis=0).max() == 0
+    assert not headings.starts[:, 3 : heading - 1].any()
+
+
+def test_the_prior_pulls_to_the_rest_pose_and_fades(planned, man):
+    """It is what tells a person seen from behind from one seen from the front: angles weigh by how far joints turn."""
+    _, (headings, finals, winner) = planned(HEADINGS, [0.1, 0.2, 0.3], [0.1, 0.2, 0.3], winner_cycles=18)
+    space = ShapeSpace(man, "+z")
+    expected = np.zeros(len(space))
+    expected[3 : man.skeleton.coordinates] = 0.001 / np.repeat(man.skeleton.spread, 3) ** 2
+    assert (expected[3 : man.skeleton.coordinates] > 0).all()
+    expected[space.slider_index] = 0.003
+    ((prior, narrowing),) = headings.cycles
+    np.testing.assert_allclose(prior, expected)
+    assert narrowing == 1.0
+    cycles = finals.cycles + winner.cycles
+    assert [len(finals.cycles), len(winner.cycles)] == [QUICK.final_cycles, 18]
+    for cycle, (prior, narrowing) in enumerate(cycles):
+        left = 1 - cycle / len(cycles)
+        np.testing.assert_allclose(prior[3], max(left, 0.1) * expected[3])
+        np.testing.assert_array_equal(prior[space.slider_index], expected[space.slider_index])
+        assert narrowing == pytest.approx(max(0.6 * left, 0.1))
+
+
 @pytest.mark.parametrize(
     "settings",
     [{"headings": 0}, {"scale": 0.0}, {"scale": 1.5}, {"winner_cycles": 0}, {"shape_prior": -1.0}],

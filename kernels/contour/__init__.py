@@ -1,0 +1,1 @@
+"""From posed bodies to the normal equations of their outlines against the masks' contours."""

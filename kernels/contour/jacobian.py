@@ -1,0 +1,264 @@
+"""How an outline moves along its normals when a joint turns, the root moves or the rest body changes.
+
+A point x of the skin is a blend, ``x = sum_j w_j x_j``, of where each joint would carry it. A turn of joint k about a
+unit axis a moves the part of the blend that hangs below k, as ``a x sum_j w_j (x_j - o_k)``, and a residual whose
+gradient is g (by the point's place in the world) changes by
+
+    a . ( sum_j w_j (x_j - o_k)  x  g )                                   j: the joint k and those below it
+
+which holds for any tree of joints. A change of the rest body moves point and joints in the bind pose, and the joints'
+origins with the bones above them.
+"""
+
+import warp as wp
+
+from mmocap_warp.kernels.batch import Batch
+from mmocap_warp.kernels.block import CPU_FLAGS, lanes_of
+from mmocap_warp.kernels.body.kinematics import Body, Joints, rotation_of, translation_of
+from mmocap_warp.kernels.contour.outline import Outline
+from mmocap_warp.kernels.contour.residuals import Residuals
+from mmocap_warp.kernels.views.projection import Pinhole, Views, into_camera, pinhole
+
+wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": CPU_FLAGS})
+
+_INFLUENCES = wp.constant(8)  # four of each end of an edge
+_Parts = wp.types.matrix(shape=(8, 4), dtype=wp.float32)
+_Numbers = wp.types.vector(length=8, dtype=wp.int32)
+
+
+@wp.struct
+class Posed:
+    """Posed candidates: what they were posed from, their joints, the axes that these turn about, and the skin."""
+
+    body: Body
+    joints: Joints
+    axes: wp.array2d[wp.mat33]  # (candidate, joint) in the columns: of the x, y and z angle, in the world
+    vertex: wp.array2d[wp.vec3]  # (candidate, vertex) [m]
+
+
+@wp.struct
+class Tree:
+    """Which joints hang below which, as ranges: joint j below k, or k, where ``rank[k] <= rank[j] <= last[k]``."""
+
+    rank: wp.array[wp.int32]  # (joint,)
+    last: wp.array[wp.int32]  # (joint,)
+    column: wp.array[wp.int32]  # (coordinate,) in a row of the Jacobian; -1 for what is held
+
+
+@wp.struct
+class RestChange:
+    """By how much the rest body changes with each of its parameters, at its present shape."""
+
+    vertex: wp.array2d[wp.vec3]  # (parameter, vertex) [m]
+    joint: wp.array2d[wp.vec3]  # (parameter, joint) [m]
+    origin: wp.array3d[wp.vec3]  # (candidate, parameter, joint) of the joints' posed origins [m]
+
+
+@wp.struct
+class Rows:
+    """Of each contour edge: the Jacobian by what is searched, then by the parameters, and the residual."""
+
+    value: wp.array[wp.float32]  # (candidate, camera, contour edge, column) flat
+    width: int  # columns
+
+
+@wp.struct
+class _Influences:
+    """The parts of a point's blend: what each joint carries of it, weighted, and how much that is."""
+
+    count: int
+    part: _Parts  # (influence, 4): sum of w x_j, w
+    joint: _Numbers
+    vertex: _Numbers
+
+
+@wp.kernel
+def _turn_axes(
+    pose: wp.array2d[wp.float32],  # (candidate, coordinate)
+    batch: Batch,
+    # out
+    posed: Posed,
+) -> None:
+    own, j = wp.tid()
+    c = batch.first + own
+    cx, sx = wp.cos(pose[c, 3 + 3 * j]), wp.sin(pose[c, 3 + 3 * j])
+    cy, sy = wp.cos(pose[c, 4 + 3 * j]), wp.sin(pose[c, 4 + 3 * j])
+    # A joint turns by Rz Ry Rx: the last of its axes by none of these, the one before by Rz, the first by Rz Ry.
+    turned = rotation_of(posed.joints.transform[c, j])
+    undone = wp.mat33(1.0, 0.0, -sy, 0.0, cx, sx * cy, 0.0, -sx, cx * cy)
+    posed.axes[c, j] = turned * undone
+
+
+def turn_axes(pose: wp.array[wp.float32], batch: Batch, posed: Posed) -> None:
+    """Find the axes that the joints of a batch's candidates turn about; ``pose`` is (candidate, coordinate) [m, rad]."""
+    wp.launch(
+        _turn_axes,
+        dim=(batch.size, posed.axes.shape[1]),
+        inputs=[pose, batch],
+        outputs=[posed],
+        device=pose.device,
+    )
+
+
+@wp.kernel
+def _move_origins(
+    change: RestChange,
+    body: Body,
+    joints: Joints,
+    batch: Batch,
+    # out
+    origin: wp.array3d[wp.vec3],  # (candidate, parameter, joint)
+) -> None:
+    own, p = wp.tid()
+    c = batch.first + own
+    origin[c, p, 0] = wp.vec3()
+    for j in range(1, body.parent.shape[0]):
+        above = body.parent[j]
+        bone = change.joint[p, j] - change.joint[p, above]
+        origin[c, p, j] = origin[c, p, above] + rotation_of(joints.skin_matrix[c, above]) * bone
+
+
+def move_origins(posed: Posed, change: RestChange, batch: Batch) -> None:
+    """By how much the joints' origins move with the rest body's parameters, of a batch's candidates."""
+    parameters = change.vertex.shape[0]
+    if parameters:
+        wp.launch(
+            _move_origins,
+            dim=(batch.size, parameters),
+            inputs=[change, posed.body, posed.joints, batch],
+            outputs=[change.origin],
+            device=change.origin.device,
+        )
+
+
+@wp.func
+def _gradient(point: wp.vec3, normal: wp.vec2, camera: Pinhole) -> wp.vec3:
+    """By the point's place in the world, how far it moves along a normal in the image [px/m]."""
+    p = into_camera(point, camera)
+    x = normal[0] * camera.lens[0] / p[2]
+    y = normal[1] * camera.lens[1] / p[2]
+    return wp.transpose(camera.rotation) * wp.vec3(x, y, -(x * p[0] + y * p[1]) / p[2])
+
+
+@wp.func
+def _influences(body: Body, joints: Joints, c: int, ends: wp.vec2i) -> _Influences:
+    """What carries the middle of an edge."""
+    found = _Influences()
+    found.count = 0
+    copy = wp.min(c, body.rest.shape[0] - 1)
+    for i in range(2):
+        v = ends[i]
+        point = body.rest[copy, v]
+        at = wp.vec4(point[0], point[1], point[2], 1.0)
+        for n in range(4):
+            share = 0.5 * body.weight[v][n]
+            if share > 0.0:
+                j = body.joint[v][n]
+                carried = share * (joints.skin_matrix[c, j] * at)
+                k = found.count
+                found.part[k, 0] = carried[0]
+                found.part[k, 1] = carried[1]
+                found.part[k, 2] = carried[2]
+                found.part[k, 3] = share
+                found.joint[k] = j
+                found.vertex[k] = v
+                found.count = k + 1
+    return found
+
+
+@wp.func
+def _write_pose(
+    tree: Tree, posed: Posed, c: int, by: _Influences, gradient: wp.vec3, rows: Rows, row: int
+) -> None:
+    """The columns of the pose."""
+    for i in range(3):
+        if tree.column[i] >= 0:
+            rows.value[row + tree.column[i]] = gradient[i]
+    for k in range(tree.rank.shape[0]):
+        arm = wp.vec3()
+        share = float(0.0)
+        for i in range(by.count):
+            rank = tree.rank[by.joint[i]]
+            if rank >= tree.rank[k] and rank <= tree.last[k]:
+                arm += wp.vec3(by.part[i, 0], by.part[i, 1], by.part[i, 2])
+                share += by.part[i, 3]
+        moment = wp.vec3()
+        if share > 0.0:
+            moment = wp.cross(arm - share * translation_of(posed.joints.transform[c, k]), gradient)
+        axes = posed.axes[c, k]
+        for i in range(3):
+            column = tree.column[3 + 3 * k + i]
+            if column >= 0:
+                rows.value[row + column] = wp.dot(moment, wp.vec3(axes[0, i], axes[1, i], axes[2, i]))
+
+
+@wp.func
+def _write_rest(
+    change: RestChange, joints: Joints, c: int, by: _Influences, gradient: wp.vec3, rows: Rows, first: int
+) -> None:
+    """The columns of the rest body's parameters."""
+    for p in range(change.vertex.shape[0]):
+        value = float(0.0)
+        for i in range(by.count):
+            j = by.joint[i]
+            from_rest = rotation_of(joints.skin_matrix[c, j])
+            moved = from_rest * (change.vertex[p, by.vertex[i]] - change.joint[p, j]) + change.origin[c, p, j]
+            value += by.part[i, 3] * wp.dot(gradient, moved)
+        rows.value[first + p] = value
+
+
+@wp.kernel
+def _differentiate(
+    posed: Posed,
+    tree: Tree,
+    change: RestChange,
+    views: Views,
+    outline: Outline,
+    residuals: Residuals,
+    batch: Batch,
+    lanes: int,
+    # out
+    rows: Rows,
+) -> None:
+    own, k, lane = wp.tid()
+    c = batch.first + own
+    camera = pinhole(views, k)
+    searched = rows.width - 1 - change.vertex.shape[0]
+    for s in range(lane, outline.count[c, k], lanes):
+        weighted = residuals.weighted[c, k, s]
+        if weighted[1] > 0.0:
+            ends = outline.ends[c, k, s]
+            middle = 0.5 * (posed.vertex[c, ends[0]] + posed.vertex[c, ends[1]])
+            gradient = _gradient(middle, residuals.normal[c, k, s], camera)
+            by = _influences(posed.body, posed.joints, c, ends)
+            row = ((c * outline.count.shape[1] + k) * outline.size + s) * rows.width
+            _write_pose(tree, posed, c, by, gradient, rows, row)
+            _write_rest(change, posed.joints, c, by, gradient, rows, row + searched)
+            rows.value[row + rows.width - 1] = weighted[0]
+
+
+def differentiate(
+    posed: Posed,
+    tree: Tree,
+    change: RestChange,
+    views: Views,
+    outline: Outline,
+    residuals: Residuals,
+    batch: Batch,
+    rows: Rows,
+) -> None:
+    """Fill the rows of a batch's residuals that count, with these behind: a block of lanes for each view.
+
+    A row is the change of the outline's place along its normal [px] by every searched coordinate, then by every
+    parameter of the rest body. Rows of other contour edges keep what they hold.
+    """
+    device = outline.image.device
+    lanes = lanes_of(device)
+    wp.launch(
+        _differentiate,
+        dim=(batch.size, outline.count.shape[1], lanes),
+        inputs=[posed, tree, change, views, outline, residuals, batch, lanes],
+        outputs=[rows],
+        block_dim=lanes,
+        device=device,
+    )

@@ -1,0 +1,185 @@
+"""The outline of a posed mesh in a view: its contour edges that no other part of the body covers.
+
+An edge is on a contour where one of its two triangles faces the camera and the other does not. Contours are closed
+curves in the image, and a point beside them is covered by the body as often as they wind around it. So a point just
+outside an edge tells whether the edge is on the outline of the whole body::
+
+       ____                 a point just outside the edge a: no contour winds around it, a is outline
+      /    \\  . a
+     |  ____|______         a point just outside the edge b: the trunk's contour winds around it once,
+     | |  b .      |        so the body is on both sides of b, and b is no outline
+     | |___________|
+      \\____/
+
+The number of turns is counted on a ray to the left: contours that cross it upward less those that cross it downward.
+Nothing is drawn, and the answer does not depend on pixels.
+"""
+
+import warp as wp
+
+from mmocap_warp.kernels.batch import Batch
+from mmocap_warp.kernels.block import CPU_FLAGS, lanes_of, shared_numbers, shared_words, sync
+from mmocap_warp.kernels.views.projection import NEAR, Pinhole, Views, into_camera, pinhole
+
+wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": CPU_FLAGS})
+
+_PROBE = wp.constant(0.75)  # px outside an edge: more than rounding moves a contour, less than anything to be seen
+
+
+@wp.struct
+class Edges:
+    """The edges of a closed mesh: ``(a, b, left, right)``.
+
+    Triangles are ``(a, b, left)`` and ``(b, a, right)``, counter-clockwise seen from outside.
+    """
+
+    corner: wp.array[wp.vec4i]  # (edge,) numbers of vertices
+
+
+@wp.struct
+class Outline:
+    """Contour edges of candidates in their views, in the order of the mesh's edges; ``size`` is the most in a view."""
+
+    size: int
+    image: wp.array3d[wp.vec3]  # (candidate, camera, vertex) x, y [px], depth [m]
+    found: wp.array3d[wp.int32]  # (candidate, camera, edge) by the lane that found them, on their way to ``ends``
+    count: wp.array2d[wp.int32]  # (candidate, camera) contour edges
+    ends: wp.array3d[wp.vec2i]  # (candidate, camera, contour edge) vertices; the body is on the right, y down
+    line: wp.array[wp.float32]  # (candidate, camera, 4, contour edge) flat: x and y of the start, y of the end, dx / dy
+
+
+@wp.func
+def _into_image(point: wp.vec3, camera: Pinhole) -> wp.vec3:
+    """Image coordinates and depth; only the depth is meant where it is not before the camera."""
+    p = into_camera(point, camera)
+    depth = wp.max(p[2], NEAR)
+    return wp.vec3(camera.lens[0] * p[0] / depth + camera.lens[2], camera.lens[1] * p[1] / depth + camera.lens[3], p[2])
+
+
+@wp.func
+def _area(a: wp.vec3, b: wp.vec3, c: wp.vec3) -> float:
+    """Twice the signed area in the image; negative for a triangle that faces the camera, because y goes down."""
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+
+
+@wp.func
+def line_start(outline: Outline, c: int, k: int) -> int:
+    """Where the lines of a candidate's view begin."""
+    return (c * outline.count.shape[1] + k) * 4 * outline.size
+
+
+@wp.func_native("""
+    const float* start_x = line.data + first;
+    const float* start_y = start_x + size;
+    const float* end_y = start_y + size;
+    const float* slope = end_y + size;
+    int turns = 0;
+    for (int i = 0; i < count; ++i)
+        turns += ((start_y[i] <= y) - (end_y[i] <= y)) * (start_x[i] + (y - start_y[i]) * slope[i] < x);
+    return turns;
+""")
+def _turns_around(line: wp.array[wp.float32], first: int, size: int, count: int, x: float, y: float) -> int:
+    """How often contours wind around a point: in plain C, because compilers turn this loop into vectors."""
+    ...
+
+
+@wp.func
+def is_outline(outline: Outline, c: int, k: int, middle: wp.vec2, outward: wp.vec2) -> bool:
+    """Whether a contour edge, by its middle and its outward normal, has nothing of the body outside of it."""
+    probe = middle + _PROBE * outward
+    first = line_start(outline, c, k)
+    return _turns_around(outline.line, first, outline.size, outline.count[c, k], probe[0], probe[1]) == 0
+
+
+@wp.func
+def _find_share(edges: Edges, outline: Outline, c: int, k: int, first: int, end: int) -> int:
+    """Find the contour edges among a lane's share of all; those whose left triangle is hidden as ``-1 - edge``."""
+    found = int(0)
+    for i in range(first, end):
+        corner = edges.corner[i]
+        a = outline.image[c, k, corner[0]]
+        b = outline.image[c, k, corner[1]]
+        left = _area(a, b, outline.image[c, k, corner[2]]) < 0.0
+        right = _area(b, a, outline.image[c, k, corner[3]]) < 0.0
+        if left != right:
+            outline.found[c, k, first + found] = wp.where(left, i, -1 - i)
+            found += 1
+    return found
+
+
+@wp.func
+def _keep(edges: Edges, outline: Outline, c: int, k: int, found: int, s: int) -> None:
+    """Write a contour edge in the direction in which its visible triangle has it."""
+    corner = edges.corner[wp.where(found < 0, -1 - found, found)]
+    start = wp.where(found < 0, corner[1], corner[0])
+    end = wp.where(found < 0, corner[0], corner[1])
+    outline.ends[c, k, s] = wp.vec2i(start, end)
+    a = outline.image[c, k, start]
+    b = outline.image[c, k, end]
+    line = line_start(outline, c, k) + s
+    rise = b[1] - a[1]
+    outline.line[line] = a[0]
+    outline.line[line + outline.size] = a[1]
+    outline.line[line + 2 * outline.size] = b[1]
+    outline.line[line + 3 * outline.size] = wp.where(rise == 0.0, 0.0, (b[0] - a[0]) / rise)
+
+
+@wp.kernel
+def _find_contours(
+    edges: Edges,
+    posed: wp.array2d[wp.vec3],  # (candidate, vertex)
+    views: Views,
+    batch: Batch,
+    lanes: int,
+    # out
+    outline: Outline,
+) -> None:
+    own, k, lane = wp.tid()
+    c = batch.first + own
+    words = shared_words(batch.scratch)
+    numbers = shared_numbers(batch.scratch)
+    if lane == 0:
+        numbers[0] = 0
+    sync()
+    camera = pinhole(views, k)
+    for v in range(lane, posed.shape[1], lanes):
+        seen = _into_image(posed[c, v], camera)
+        outline.image[c, k, v] = seen
+        if seen[2] < NEAR:
+            wp.atomic_add(numbers, 0, 1)
+    sync()
+    total = edges.corner.shape[0]
+    first = lane * total // lanes
+    found = _find_share(edges, outline, c, k, first, (lane + 1) * total // lanes)
+    words[lane] = wp.uint32(found)
+    sync()
+    before = int(0)
+    all = int(0)
+    for other in range(lanes):
+        if other == lane:
+            before = all
+        all += int(words[other])
+    usable = numbers[0] == 0 and all <= outline.size
+    if lane == 0:
+        outline.count[c, k] = wp.where(usable, all, 0)
+    if usable:
+        for i in range(found):
+            _keep(edges, outline, c, k, outline.found[c, k, first + i], before + i)
+
+
+def find_contours(
+    edges: Edges, posed: wp.array[wp.vec3], views: Views, batch: Batch, outline: Outline
+) -> None:
+    """Project a batch's ``posed`` (candidate, vertex) [m] and find its contour edges in every view: a block each.
+
+    A view has none where a vertex is not before the camera, or where there are more than ``outline`` has room for.
+    """
+    lanes = lanes_of(posed.device)
+    wp.launch(
+        _find_contours,
+        dim=(batch.size, outline.count.shape[1], lanes),
+        inputs=[edges, posed, views, batch, lanes],
+        outputs=[outline],
+        block_dim=lanes,
+        device=posed.device,
+    )

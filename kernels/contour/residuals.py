@@ -1,0 +1,163 @@
+"""How far the masks' contours lie from the outline of a posed body, along its normals.
+
+Each outline edge looks in and out along its normal for the nearest place where the mask ends: where the signed
+distance to the mask's contour, negative inside, turns positive on the way out. Residuals count outward [px]. Their
+weights make a Huber estimate, and the scale of all is in millimetres at the body, so that near and far cameras and
+small and large images mean the same.
+"""
+
+import warp as wp
+
+from mmocap_warp.kernels.batch import Batch
+from mmocap_warp.kernels.block import CPU_FLAGS, lanes_of
+from mmocap_warp.kernels.contour.outline import Outline, is_outline
+from mmocap_warp.kernels.views.projection import Views
+
+wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": CPU_FLAGS})
+
+_BORDER = wp.constant(1.0)  # px of an image's rim in which an outline means nothing
+
+
+@wp.struct
+class Fields:
+    """Signed distances to the masks' contours [px], negative inside, in a box around the foreground of each view."""
+
+    value: wp.array[wp.float32]  # flat: the boxes' rows
+    box: wp.array2d[wp.vec4i]  # (frame, camera) x, y, width, height [px]; no width without foreground
+    start: wp.array2d[wp.int32]  # (frame, camera) where a box begins in ``value``
+    frame: wp.array[wp.int32]  # (candidate,) the frame that each candidate is judged against
+
+
+@wp.struct
+class Matching:
+    """How residuals are looked for and weighed; lengths are at the body [m]."""
+
+    reach: float  # how far from the outline a mask's contour is looked for
+    huber: float  # residuals above count linearly
+    sigma: float  # standard deviation of a residual
+    apart: float  # px of outline that err as one
+
+
+@wp.struct
+class Residuals:
+    """Of each contour edge; all zero where it is not outline or meets no contour."""
+
+    normal: wp.array3d[wp.vec2]  # (candidate, camera, contour edge) outward
+    weighted: wp.array3d[wp.vec2]  # (candidate, camera, contour edge) residual [px], weight [1/px^2]
+    tally: wp.array3d[wp.vec4]  # (candidate, camera, contour edge) cost; outline, matched outline [px]; its |residual| [px m]
+
+
+@wp.func
+def _distance(fields: Fields, start: int, box: wp.vec4i, point: wp.vec2) -> float:
+    """Signed distance at a point of the image, bilinear; beyond its box that of the nearest point in it."""
+    x = wp.clamp(point[0] - float(box[0]), 0.0, float(box[2]) - 1.001)
+    y = wp.clamp(point[1] - float(box[1]), 0.0, float(box[3]) - 1.001)
+    column = int(x)
+    row = int(y)
+    fx = x - float(column)
+    fy = y - float(row)
+    at = start + row * box[2] + column
+    upper = fields.value[at] * (1.0 - fx) + fields.value[at + 1] * fx
+    below = fields.value[at + box[2]] * (1.0 - fx) + fields.value[at + box[2] + 1] * fx
+    return upper * (1.0 - fy) + below * fy
+
+
+@wp.func
+def _end_of_mask(fields: Fields, start: int, box: wp.vec4i, middle: wp.vec2, normal: wp.vec2, reach: float) -> float:
+    """Where along its normal, nearest to an outline's middle, a mask ends [px]; infinite if not within reach.
+
+    One pixel at a time, outward and inward in turn.
+    """
+    inner = _distance(fields, start, box, middle)
+    outer = inner
+    step = int(0)
+    nearest = float(wp.inf)
+    while nearest == wp.inf and float(step) < reach:
+        t = float(step)
+        next_outer = _distance(fields, start, box, middle + (t + 1.0) * normal)
+        if outer < 0.0 and next_outer >= 0.0:
+            nearest = t + outer / (outer - next_outer)
+        next_inner = _distance(fields, start, box, middle - (t + 1.0) * normal)
+        if next_inner < 0.0 and inner >= 0.0:
+            found = -t - inner / (inner - next_inner)
+            if -found < nearest:
+                nearest = found
+        outer = next_outer
+        inner = next_inner
+        step += 1
+    return wp.where(wp.abs(nearest) <= reach, nearest, wp.inf)
+
+
+@wp.func
+def _huber(residual: float, corner: float) -> float:
+    """A residual's square, or what goes on linearly above the corner."""
+    size = wp.abs(residual)
+    return wp.where(size <= corner, size * size, corner * (2.0 * size - corner))
+
+
+@wp.kernel
+def _find_residuals(
+    outline: Outline,
+    fields: Fields,
+    views: Views,
+    matching: Matching,
+    batch: Batch,
+    lanes: int,
+    # out
+    residuals: Residuals,
+) -> None:
+    own, k, lane = wp.tid()
+    c = batch.first + own
+    frame = fields.frame[c]
+    box = fields.box[frame, k]
+    start = fields.start[frame, k]
+    size = views.size[k]
+    for s in range(lane, outline.count[c, k], lanes):
+        residuals.weighted[c, k, s] = wp.vec2(0.0, 0.0)
+        residuals.tally[c, k, s] = wp.vec4(0.0, 0.0, 0.0, 0.0)
+        ends = outline.ends[c, k, s]
+        a = outline.image[c, k, ends[0]]
+        b = outline.image[c, k, ends[1]]
+        along = wp.vec2(b[0] - a[0], b[1] - a[1])
+        middle = wp.vec2(0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]))
+        length = wp.length(along)
+        inside = (
+            middle[0] > _BORDER
+            and middle[1] > _BORDER
+            and middle[0] < float(size[0] - 1) - _BORDER
+            and middle[1] < float(size[1] - 1) - _BORDER
+        )
+        if box[2] > 0 and inside and length > 1.0e-6:
+            normal = wp.vec2(-along[1], along[0]) / length
+            if is_outline(outline, c, k, middle, normal):
+                px = 2.0 * views.lens[k][0] / (a[2] + b[2])  # of a metre at the edge
+                reach = matching.reach * px
+                corner = matching.huber * px
+                found = _end_of_mask(fields, start, box, middle, normal, reach)
+                matched = wp.abs(found) <= reach
+                share = length / (matching.sigma * matching.sigma * px * px * matching.apart)
+                residual = wp.where(matched, found, reach)
+                cost = share * _huber(residual, corner)
+                residuals.normal[c, k, s] = normal
+                if matched:
+                    weight = share / wp.max(wp.abs(residual) / corner, 1.0)
+                    residuals.weighted[c, k, s] = wp.vec2(residual, weight)
+                    residuals.tally[c, k, s] = wp.vec4(cost, length, length, length * wp.abs(residual) / px)
+                else:
+                    residuals.tally[c, k, s] = wp.vec4(cost, length, 0.0, 0.0)
+
+
+def find_residuals(
+    outline: Outline, fields: Fields, views: Views, matching: Matching, batch: Batch, residuals: Residuals
+) -> None:
+    """Match a batch's outlines with the masks' contours: a block of lanes for each candidate's view."""
+    device = outline.image.device
+    lanes = lanes_of(device)
+    wp.launch(
+        _find_residuals,
+        dim=(batch.size, outline.count.shape[1], lanes),
+        inputs=[outline, fields, views, matching, batch, lanes],
+        outputs=[residuals],
+        block_dim=lanes,
+        device=device,
+    )

@@ -1,0 +1,353 @@
+"""Fits poses to masks by their outlines: residuals, normal equations and damped steps, on the device."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import warp as wp
+
+from mmocap_warp.body.mesh_pieces import mesh_edges
+from mmocap_warp.body.model import BodyModel
+from mmocap_warp.body.posing import BodyArrays, JointArrays
+from mmocap_warp.body.skeleton import Skeleton
+from mmocap_warp.contour.fields import DistanceFields
+from mmocap_warp.kernels.batch import Batch, batch_of
+from mmocap_warp.kernels.body import skinning
+from mmocap_warp.kernels.body.skinning import pose_vertices
+from mmocap_warp.kernels.contour import descent as descent_kernels
+from mmocap_warp.kernels.contour import jacobian, normal_equations, outline, residuals
+from mmocap_warp.kernels.contour.descent import Descent, descend
+from mmocap_warp.kernels.contour.jacobian import Posed, RestChange, Rows, Tree, differentiate, move_origins, turn_axes
+from mmocap_warp.kernels.contour.normal_equations import Sums, sum_normal_equations
+from mmocap_warp.kernels.contour.outline import Edges, Outline, find_contours
+from mmocap_warp.kernels.contour.residuals import Matching, Residuals, find_residuals
+from mmocap_warp.kernels.structs import filled
+from mmocap_warp.kernels.views.projection import Views
+from mmocap_warp.views.observation import Observation
+from mmocap_warp.views.rig import CameraRig
+
+
+@dataclass(frozen=True)
+class MatchingConfig:
+    """How an outline is compared with the masks' contours; lengths are at the body.
+
+    Attributes:
+        reach: how far along its normal a contour is looked for [m].
+        huber: residuals above count linearly [m].
+        sigma: standard deviation of a residual [m].
+        apart: outline that errs as one [px].
+    """
+
+    reach: float = 0.090
+    huber: float = 0.012
+    sigma: float = 0.012
+    apart: float = 4.0
+
+
+class NormalEquations(NamedTuple):
+    """Of ``frames`` poses on their own: minimise ``step' matrix step / 2 - gradient' step``.
+
+    Attributes:
+        matrix: (frame, n, n) float64, n the searched coordinates, and then the rest body's parameters if they are free.
+        gradient: (frame, n) float64.
+        cost: (frame,) float64, ``r' W r``, robust.
+        outline: (frame,) length of the outlines that are in the images [px].
+        matched: (frame,) share of it that found a contour within reach.
+        residual: (frame,) mean distance of these [m].
+    """
+
+    matrix: np.ndarray
+    gradient: np.ndarray
+    cost: np.ndarray
+    outline: np.ndarray
+    matched: np.ndarray
+    residual: np.ndarray
+
+
+class ContourFitter:
+    """Outlines of posed bodies against the contours of masks.
+
+    Args:
+        body: the body; its tracking mesh must be closed.
+        rig: undistorted cameras, at the masks' size.
+        index: (dof,) searched coordinates of a pose.
+        limits: (coordinate, 2) lowest and highest value of every coordinate; infinite where free.
+        candidates: poses at a time.
+        frames: places for frames' masks.
+        parameters: of the rest body, at most; see :meth:`reshape`.
+        matching: settings.
+        device: a Warp device.
+        threads: CPU threads; ignored on a GPU.
+    """
+
+    def __init__(
+        self,
+        body: BodyModel,
+        rig: CameraRig,
+        index: np.ndarray,
+        limits: np.ndarray,
+        *,
+        candidates: int,
+        frames: int = 1,
+        parameters: int = 0,
+        matching: MatchingConfig | None = None,
+        device: str = "cpu",
+        threads: int = 1,
+    ) -> None:
+        mesh, skeleton = body.tracking, body.skeleton
+        self.index, self.candidates = np.asarray(index), candidates
+        self._device, self._threads = device, threads if wp.get_device(device).is_cpu else 1
+        self.body = BodyArrays(body, np.eye(3), mesh, device, bases=candidates)
+        self.fields = DistanceFields(rig, frames, candidates, device)
+        self._views = _views(rig, device)
+        self._joints = JointArrays(candidates, len(skeleton.joints), device)
+        vertices, joints, cameras = len(mesh.rest), len(skeleton.joints), len(rig)
+        self._vertex = wp.array(np.arange(vertices), dtype=wp.int32, device=device)
+        self._posed = filled(
+            Posed,
+            body=self.body.struct,
+            joints=self._joints.struct,
+            axes=wp.zeros((candidates, joints), dtype=wp.mat33, device=device),
+            vertex=wp.zeros((candidates, vertices), dtype=wp.vec3, device=device),
+        )
+        corner = _edges(mesh.face)
+        self._edges = filled(Edges, corner=wp.array(corner, dtype=wp.vec4i, device=device))
+        self._tree = _tree(skeleton, self.index, device)
+        self._change = _change(parameters, vertices, joints, candidates, device)
+        config = matching or MatchingConfig()
+        self._matching = filled(
+            Matching, reach=config.reach, huber=config.huber, sigma=config.sigma, apart=config.apart
+        )
+        size = min(len(corner), max(_MOST_CONTOUR, len(corner) // 2))
+        view = (candidates, cameras)
+        self._outline = _outline(view, size, vertices, len(corner), device)
+        self._residuals = _residuals((*view, size), device)
+        width = len(self.index) + parameters + 1
+        self._width = width
+        self._rows = filled(
+            Rows,
+            value=wp.zeros(candidates * cameras * size * width, dtype=wp.float32, device=device),
+            width=width,
+        )
+        triangle = width * (width + 1) // 2
+        self._sums = filled(
+            Sums,
+            triangle=wp.zeros(candidates * cameras * triangle, dtype=wp.float32, device=device),
+            tally=wp.zeros(view, dtype=wp.vec4, device=device),
+        )
+        self._triangle = (cameras, triangle)
+        self.descent = _descent(self.index, limits, candidates, triangle, device)
+        for module in (skinning, outline, residuals, jacobian, normal_equations, descent_kernels):
+            wp.load_module(module, device=device)  # before threads launch from them at the same time
+        self._batches: dict[int, list[Batch]] = {}
+
+    def observe(self, place: int, observation: Observation) -> None:
+        """Put a frame's masks into one of the places for frames."""
+        self.fields.observe(place, observation)
+
+    def reshape(self, rest: np.ndarray, joint_rest: np.ndarray) -> None:
+        """Take another rest body: (vertex, 3) of the tracking mesh and (joint, 3) [m]."""
+        self.body.rest.assign(np.asarray(rest, np.float32)[None])
+        self.body.joint_rest.assign(np.asarray(joint_rest, np.float32)[None])
+
+    def set_change(self, vertex: np.ndarray, joint: np.ndarray) -> None:
+        """By how much rest (parameter, vertex, 3) and joints (parameter, joint, 3) change with each parameter [m]."""
+        self._change.vertex.assign(vertex.astype(np.float32))
+        self._change.joint.assign(joint.astype(np.float32))
+
+    def linearise(self, pose: np.ndarray, base: np.ndarray, frame: np.ndarray) -> NormalEquations:
+        """The normal equations of poses, each of a frame of its own.
+
+        Args:
+            pose: (n, coordinate) [m, rad]; n may exceed ``candidates``.
+            base: (n, 3, 3) root bases.
+            frame: (n,) places of their frames.
+        """
+        parts = []
+        for first in range(0, len(pose), self.candidates):
+            part = slice(first, min(first + self.candidates, len(pose)))
+            count = part.stop - part.start
+            _assign(self.descent.pose, pose[part])
+            _assign(self.body.root_base, base[part])
+            _assign(self.fields.frame, frame[part])
+            for batch in self._each_batch(count):
+                self._sum(batch)
+            parts.append(self._read_sums(count))
+        return NormalEquations(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+    def descend(self, count: int, steps: int) -> None:
+        """Take damped steps with the first ``count`` candidates, from ``descent.pose`` towards lower cost.
+
+        Before: ``descent.pose``, ``body.root_base`` and ``fields.frame`` are set. After: ``descent.best`` has the
+        poses, with their ``cost`` and ``tally``.
+        """
+        descent = self.descent
+        wp.copy(descent.start, descent.pose)
+        descent.cost.fill_(wp.inf)
+        descent.damping.fill_(_FIRST_DAMPING)
+        self._together(count, lambda batch: self._descend(batch, steps))
+
+    def _descend(self, batch: Batch, steps: int) -> None:
+        for step in range(steps + 1):
+            self._sum(batch)
+            descend(self._sums, batch, self.descent, steps=step < steps)
+
+    def _sum(self, batch: Batch) -> None:
+        """From the poses of a batch's candidates to their sums."""
+        pose = self.descent.pose
+        pose_vertices(self.body.struct, pose, self._vertex, batch, self._joints.struct, self._posed.vertex)
+        turn_axes(pose, batch, self._posed)
+        move_origins(self._posed, self._change, batch)
+        find_contours(self._edges, self._posed.vertex, self._views, batch, self._outline)
+        find_residuals(self._outline, self.fields.struct, self._views, self._matching, batch, self._residuals)
+        differentiate(
+            self._posed, self._tree, self._change, self._views, self._outline, self._residuals, batch, self._rows
+        )
+        sum_normal_equations(self._outline, self._residuals, self._rows, batch, self._sums)
+
+    def _read_sums(self, count: int) -> NormalEquations:
+        cameras, size = self._triangle
+        flat = self._sums.triangle.numpy().reshape(-1, cameras, size)[:count].astype(np.float64).sum(axis=1)
+        tally = self._sums.tally.numpy()[:count].astype(np.float64).sum(axis=1)
+        n = self._width - 1
+        row, column = np.tril_indices(self._width)
+        full = np.zeros((count, self._width, self._width))
+        full[:, row, column] = flat
+        full[:, column, row] = flat
+        lost = np.maximum(tally[:, 2], 1e-9)
+        matched = tally[:, 2] / np.maximum(tally[:, 1], 1e-9)
+        return NormalEquations(full[:, :n, :n], full[:, n, :n], tally[:, 0], tally[:, 1], matched, tally[:, 3] / lost)
+
+    def _together(self, count: int, work) -> None:  # type: ignore[no-untyped-def]
+        batches = self._each_batch(count)
+        if len(batches) == 1:
+            work(batches[0])
+        else:
+            list(self._pool.map(work, batches))
+
+    @cached_property
+    def _pool(self) -> ThreadPoolExecutor:
+        return ThreadPoolExecutor(self._threads)
+
+    def _each_batch(self, count: int) -> list[Batch]:
+        if count not in self._batches:
+            bounds = np.linspace(0, count, min(self._threads, count) + 1).round().astype(int).tolist()
+            self._batches[count] = [batch_of(first, end, count, self._device) for first, end in pairwise(bounds)]
+        return self._batches[count]
+
+
+_MOST_CONTOUR = 2048  # contour edges of a view for which there is room even in a small mesh
+_FIRST_DAMPING = 1.0e-3
+
+
+def _assign(array: wp.array, values: np.ndarray) -> None:
+    """Write the first rows of an array."""
+    whole = np.zeros(array.shape + array.dtype._shape_ if hasattr(array.dtype, "_shape_") else array.shape, np.float32)
+    host = wp.array(np.ascontiguousarray(values), dtype=array.dtype, device=array.device)
+    wp.copy(array, host, count=host.size)
+
+
+def _views(rig: CameraRig, device: str) -> Views:
+    lens = np.stack([rig.K[:, 0, 0], rig.K[:, 1, 1], rig.K[:, 0, 2], rig.K[:, 1, 2]], axis=1)
+    return filled(
+        Views,
+        rotation=wp.array(rig.R, dtype=wp.mat33, device=device),
+        translation=wp.array(rig.t, dtype=wp.vec3, device=device),
+        lens=wp.array(lens, dtype=wp.vec4, device=device),
+        size=wp.array(rig.size.astype(np.int32), dtype=wp.vec2i, device=device),
+        observed=wp.zeros((len(rig), 0, 0), dtype=wp.uint32, device=device),
+        foreground=wp.zeros(len(rig), dtype=wp.int32, device=device),
+    )
+
+
+def _edges(face: np.ndarray) -> np.ndarray:
+    """(edge, 4) int32: two vertices, and the third ones of the triangles on the left and on the right."""
+    edge = mesh_edges(face)
+    if (edge[:, 3] < 0).any():
+        raise ValueError("the tracking mesh must be closed, this one has open edges")
+    third = face.sum(axis=1)
+    ends = edge[:, 0] + edge[:, 1]
+    return np.stack([edge[:, 0], edge[:, 1], third[edge[:, 2]] - ends, third[edge[:, 3]] - ends], axis=1).astype(np.int32)
+
+
+def _tree(skeleton: Skeleton, index: np.ndarray, device: str) -> Tree:
+    joints = len(skeleton.joints)
+    children: list[list[int]] = [[] for _ in range(joints)]
+    for joint, parent in enumerate(skeleton.parent[1:], 1):
+        children[parent].append(joint)
+    order: list[int] = []
+    waiting = [0]
+    while waiting:
+        joint = waiting.pop()
+        order.append(joint)
+        waiting.extend(children[joint])
+    rank = np.empty(joints, np.int32)
+    rank[order] = np.arange(joints)
+    last = rank.copy()
+    for joint in range(joints - 1, 0, -1):
+        parent = skeleton.parent[joint]
+        last[parent] = max(last[parent], last[joint])
+    column = np.full(skeleton.coordinates, -1, np.int32)
+    column[index] = np.arange(len(index))
+    return filled(
+        Tree,
+        rank=wp.array(rank, dtype=wp.int32, device=device),
+        last=wp.array(last, dtype=wp.int32, device=device),
+        column=wp.array(column, dtype=wp.int32, device=device),
+    )
+
+
+def _change(parameters: int, vertices: int, joints: int, candidates: int, device: str) -> RestChange:
+    return filled(
+        RestChange,
+        vertex=wp.zeros((parameters, vertices), dtype=wp.vec3, device=device),
+        joint=wp.zeros((parameters, joints), dtype=wp.vec3, device=device),
+        origin=wp.zeros((candidates if parameters else 0, parameters, joints), dtype=wp.vec3, device=device),
+    )
+
+
+def _outline(view: tuple[int, int], size: int, vertices: int, edges: int, device: str) -> Outline:
+    return filled(
+        Outline,
+        size=size,
+        image=wp.zeros((*view, vertices), dtype=wp.vec3, device=device),
+        found=wp.zeros((*view, edges), dtype=wp.int32, device=device),
+        count=wp.zeros(view, dtype=wp.int32, device=device),
+        ends=wp.zeros((*view, size), dtype=wp.vec2i, device=device),
+        line=wp.zeros(view[0] * view[1] * 4 * size, dtype=wp.float32, device=device),
+    )
+
+
+def _residuals(shape: tuple[int, int, int], device: str) -> Residuals:
+    return filled(
+        Residuals,
+        normal=wp.zeros(shape, dtype=wp.vec2, device=device),
+        weighted=wp.zeros(shape, dtype=wp.vec2, device=device),
+        tally=wp.zeros(shape, dtype=wp.vec4, device=device),
+    )
+
+
+def _descent(index: np.ndarray, limits: np.ndarray, candidates: int, triangle: int, device: str) -> Descent:
+    coordinates = len(limits)
+
+    def poses() -> wp.array:
+        return wp.zeros((candidates, coordinates), dtype=wp.float32, device=device)
+
+    return filled(
+        Descent,
+        index=wp.array(index, dtype=wp.int32, device=device),
+        pull=wp.array(np.where(index < 3, 0.05, 0.10) ** -2.0, dtype=wp.float32, device=device),
+        limits=wp.array(limits[index], dtype=wp.float32, device=device),
+        start=poses(),
+        pose=poses(),
+        best=poses(),
+        cost=wp.zeros(candidates, dtype=wp.float32, device=device),
+        tally=wp.zeros(candidates, dtype=wp.vec4, device=device),
+        damping=wp.zeros(candidates, dtype=wp.float32, device=device),
+        triangle=wp.zeros((candidates, triangle), dtype=wp.float32, device=device),
+    )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import cv2
 import numpy as np
 import warp as wp
@@ -11,8 +13,7 @@ from mmocap_warp.kernels.structs import filled
 from mmocap_warp.views.observation import Observation, unpack_masks
 from mmocap_warp.views.rig import CameraRig
 
-MARGIN = 40
-"""Pixels around the foreground's box in which distances are known; what is farther away is not looked for."""
+_MARGIN = 0.04  # of an image's longer side around the foreground's box: what is farther away is not looked for
 
 _FEWEST = 50  # foreground pixels of a view; fewer show nobody
 _BLUR = 1.0  # px: takes the stairs out of a contour of pixels
@@ -87,13 +88,14 @@ def signed_distance(mask: np.ndarray) -> tuple[tuple[int, int, int, int], np.nda
         The box ``(x, y, width, height)`` and (height, width) float32 distances in it, slightly smoothed [px].
     """
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    top, bottom = max(rows[0] - MARGIN, 0), min(rows[-1] + MARGIN + 1, mask.shape[0])
-    left, right = max(columns[0] - MARGIN, 0), min(columns[-1] + MARGIN + 1, mask.shape[1])
+    margin = math.ceil(_MARGIN * max(mask.shape))
+    top, bottom = max(rows[0] - margin, 0), min(rows[-1] + margin + 1, mask.shape[0])
+    left, right = max(columns[0] - margin, 0), min(columns[-1] + margin + 1, mask.shape[1])
     inside = np.ascontiguousarray(mask[top:bottom, left:right], np.uint8)
-    within = cv2.distanceTransform(inside, cv2.DIST_L2, 5)
-    beyond = cv2.distanceTransform(1 - inside, cv2.DIST_L2, 5)
-    distance = np.where(inside > 0, 0.5 - within, beyond - 0.5).astype(np.float32)
-    return (left, top, right - left, bottom - top), cv2.GaussianBlur(distance, (0, 0), _BLUR)
+    outside = 1 - inside
+    distance = cv2.subtract(cv2.distanceTransform(outside, cv2.DIST_L2, 5), cv2.distanceTransform(inside, cv2.DIST_L2, 5))
+    distance += inside - np.float32(0.5)
+    return (left, top, right - left, bottom - top), cv2.GaussianBlur(distance, (5, 5), _BLUR)
 
 
 _NO_BOX = (0, 0, 0, 0)

@@ -1,0 +1,74 @@
+"""Which joints and vertices of a body are each other's mirror image: left and right across the root, along X."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mmocap_warp.body.model import BodyModel
+
+_SIDES = (("L", "R"), ("l", "r"), ("Left", "Right"), ("left", "right"), ("LEFT", "RIGHT"))
+_JOINT_TOLERANCE = 0.02  # how far mirrored joints may be apart, as a share of the skeleton's extent
+_VERTEX_TOLERANCE = 1e-3  # how far mirrored vertices may be apart, as a share of the mesh's extent
+_MIRROR = np.array([-1.0, 1.0, 1.0])
+
+
+def mirrored_joints(body: BodyModel) -> dict[str, tuple[int, ...]]:
+    """The body's joints by number, those that mirror each other together; each stands in one group.
+
+    Joints mirror each other if the skeleton's pairs say so, or if their names differ in a prefix or suffix of the side
+    (``L`` and ``R``, ``left`` and ``right``) and their rest places are mirrored. Groups are in the order of their first
+    joint; each bears the pair's name, both joints' names as ``left+right``, or the name of its only joint.
+    """
+    skeleton = body.skeleton
+    partner: dict[int, tuple[str, tuple[int, ...]]] = {}
+    for name, *sides in skeleton.pairs:
+        group = tuple(skeleton.index(joint) for joint in sides)
+        partner |= dict.fromkeys(group, (name, group))
+    rest = body.joint_rest.astype(np.float64) - body.joint_rest[0]
+    near = _JOINT_TOLERANCE * np.ptp(rest, axis=0).max()
+    for left, joint in enumerate(skeleton.joints):
+        for other in _other_side(joint):
+            right = skeleton.joints.index(other) if other in skeleton.joints else left
+            apart = np.linalg.norm(rest[left] * _MIRROR - rest[right])
+            if left not in partner and right not in partner and left != right and apart <= near:
+                partner |= dict.fromkeys((left, right), (f"{joint}+{other}", (left, right)))
+    groups = [partner.get(j, (joint, (j,))) for j, joint in enumerate(skeleton.joints)]
+    return dict(groups)
+
+
+def _other_side(joint: str) -> list[str]:
+    """Names that a left joint's mirror image may have."""
+    found = []
+    for left, right in _SIDES:
+        if joint.startswith(left):
+            found.append(right + joint.removeprefix(left))
+        if joint.endswith(left):
+            found.append(joint.removesuffix(left) + right)
+    return found
+
+
+def mirrored_weights(body: BodyModel) -> np.ndarray:
+    """(vertex, joint) float64, the full mesh's skinning weights, equal on both sides.
+
+    Each vertex takes the mean of its own weights and of its mirror image's, which has them at the other side's joints.
+    A vertex without a mirror image keeps its own.
+    """
+    from scipy.spatial import cKDTree
+
+    skin = body.skin
+    weight = np.zeros((len(skin.rest), len(body.joint_rest)))
+    np.add.at(weight, (np.arange(len(weight))[:, None], skin.joint), skin.weight.astype(np.float64))
+    across = np.arange(len(body.joint_rest))
+    for group in mirrored_joints(body).values():
+        across[list(group)] = group[::-1]
+
+    rest = skin.rest.astype(np.float64) - body.joint_rest[0]
+    near = _VERTEX_TOLERANCE * np.ptp(rest, axis=0).max()
+    # of vertices that lie on each other, the one with like weights is the mirror image
+    own = np.concatenate([rest, near * weight], axis=1)
+    image = np.concatenate([rest * _MIRROR, near * weight[:, across]], axis=1)
+    mirror = cKDTree(own).query(image)[1]
+    apart = np.linalg.norm(rest[mirror] - rest * _MIRROR, axis=1)
+    has_image = (apart <= near) & (mirror[mirror] == np.arange(len(mirror)))
+    mean = (weight + weight[mirror][:, across]) / 2
+    return np.where(has_image[:, None], mean, weight)

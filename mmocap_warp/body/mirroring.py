@@ -16,24 +16,26 @@ def mirrored_joints(body: BodyModel) -> dict[str, tuple[int, ...]]:
     """The body's joints by number, those that mirror each other together; each stands in one group.
 
     Joints mirror each other if the skeleton's pairs say so, or if their names differ in a prefix or suffix of the side
-    (``L`` and ``R``, ``left`` and ``right``) and their rest places are mirrored. Groups are in the order of their first
-    joint; each bears the pair's name, both joints' names as ``left+right``, or the name of its only joint.
+    (``L`` and ``R``, ``left`` and ``right``) and their rest places are mirrored. A group is named after its joints,
+    ``LKnee+RKnee`` or ``Neck``; groups are in the order of their first joint.
     """
     skeleton = body.skeleton
-    partner: dict[int, tuple[str, tuple[int, ...]]] = {}
-    for name, *sides in skeleton.pairs:
-        group = tuple(skeleton.index(joint) for joint in sides)
-        partner |= dict.fromkeys(group, (name, group))
+    mirrored: dict[int, tuple[int, ...]] = {}
+    for _, *sides in skeleton.pairs:
+        pair = tuple(skeleton.index(joint) for joint in sides)
+        mirrored |= dict.fromkeys(pair, pair)
     rest = body.joint_rest.astype(np.float64) - body.joint_rest[0]
     near = _JOINT_TOLERANCE * np.ptp(rest, axis=0).max()
     for left, joint in enumerate(skeleton.joints):
         for other in _other_side(joint):
-            right = skeleton.joints.index(other) if other in skeleton.joints else left
+            if other not in skeleton.joints:
+                continue
+            right = skeleton.joints.index(other)
             apart = np.linalg.norm(rest[left] * _MIRROR - rest[right])
-            if left not in partner and right not in partner and left != right and apart <= near:
-                partner |= dict.fromkeys((left, right), (f"{joint}+{other}", (left, right)))
-    groups = [partner.get(j, (joint, (j,))) for j, joint in enumerate(skeleton.joints)]
-    return dict(groups)
+            if left not in mirrored and right not in mirrored and apart <= near:
+                mirrored |= dict.fromkeys((left, right), (left, right))
+    groups = [mirrored.get(joint, (joint,)) for joint in range(len(skeleton.joints))]
+    return {"+".join(skeleton.joints[joint] for joint in group): group for group in groups}
 
 
 def _other_side(joint: str) -> list[str]:

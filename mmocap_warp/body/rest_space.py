@@ -46,7 +46,7 @@ class RestSpace:
       stay where they are;
     - ``log_scale``, the natural logarithm of the uniform scale.
 
-    Joints that mirror each other share their parameters, which then bear their pair's name (:func:`mirrored_joints`).
+    Joints that mirror each other share their parameters, such as ``bone.LKnee+RKnee`` (:func:`mirrored_joints`).
 
     Attributes:
         body: the body at ``beta = 0``.
@@ -107,9 +107,9 @@ class RestSpace:
             beta: (parameter,).
             vertex: as in :meth:`at`.
         """
-        scale = np.exp(beta[-1])
         rest, joint = self.at(beta, vertex)
         skin = self._skin if vertex is None else self._skin[:, vertex]
+        scale = np.exp(beta[-1])
         return np.concatenate([scale * skin, rest[None]]), np.concatenate([scale * self._joint, joint[None]])
 
     def model(self, beta: np.ndarray) -> BodyModel:

@@ -90,8 +90,7 @@ def _ray_exit(site: _Site, skin: SkinMesh, joint_rest: np.ndarray, joint_frame: 
     direction = joint_frame[start] @ np.array(site.direction)
     direction /= np.linalg.norm(direction)
 
-    heaviest = skin.joint[np.arange(len(skin.joint)), skin.weight.argmax(axis=1)]
-    eligible = np.flatnonzero(np.isin(heaviest, [JOINTS.index(part) for part in site.parts]))
+    eligible = np.flatnonzero(np.isin(skin.heaviest_joint, [JOINTS.index(part) for part in site.parts]))
     away = skin.rest[eligible] - origin
     along = away @ direction
     off = np.linalg.norm(away - along[:, None] * direction, axis=1)

@@ -26,6 +26,11 @@ class SkinMesh:
     joint: np.ndarray
     weight: np.ndarray
 
+    @cached_property
+    def heaviest_joint(self) -> np.ndarray:
+        """(vertex,) int32, the joint that has the most weight on each vertex; the first of equals."""
+        return self.joint[np.arange(len(self.joint)), self.weight.argmax(axis=1)]
+
 
 @dataclass(frozen=True)
 class BodyModel:

@@ -27,6 +27,18 @@ def heading_rotation(heading: float) -> np.ndarray:
     return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
 
+def paired_targets(names: tuple[str, ...]) -> tuple[tuple[str, str, str | None], ...]:
+    """Sliders of shape targets: per slider its name and its targets on the positive and the negative side."""
+    found: list[tuple[str, str, str | None]] = []
+    for name in names:
+        stem = name.removesuffix("_incr")
+        if name.endswith("_incr"):
+            found.append((stem, name, f"{stem}_decr" if f"{stem}_decr" in names else None))
+        elif not (name.endswith("_decr") and f"{name.removesuffix('_decr')}_incr" in names):
+            found.append((name, name, None))
+    return tuple(found)
+
+
 @dataclass(frozen=True)
 class ShapeSpace:
     """Coordinates ``pose, sliders, log(scale), heading`` of a body standing along ``up``.
@@ -43,17 +55,9 @@ class ShapeSpace:
     up: str
 
     @cached_property
-    def sliders(self) -> tuple[tuple[str, str | None, str | None], ...]:
+    def sliders(self) -> tuple[tuple[str, str, str | None], ...]:
         """Per slider its name and its targets on the positive and the negative side."""
-        names = self.body.shape_names
-        found = []
-        for name in names:
-            stem = name.removesuffix("_incr")
-            if name.endswith("_incr"):
-                found.append((stem, name, f"{stem}_decr" if f"{stem}_decr" in names else None))
-            elif not (name.endswith("_decr") and f"{name.removesuffix('_decr')}_incr" in names):
-                found.append((name, name, None))
-        return tuple(found)
+        return paired_targets(self.body.shape_names)
 
     def __len__(self) -> int:
         return self.body.skeleton.coordinates + len(self.sliders) + 2

@@ -143,8 +143,7 @@ def _contact_speed(result: Result, pose: np.ndarray, sole: np.ndarray) -> np.nda
 def _sole(result: Result, joint: str) -> np.ndarray:
     """The vertices at the bottom of a foot in the bind pose."""
     skin = result.subject.body.skin
-    leading = skin.joint[np.arange(len(skin.joint)), skin.weight.argmax(axis=1)]
-    foot = np.flatnonzero(leading == result.subject.body.skeleton.index(joint))
+    foot = np.flatnonzero(skin.heaviest_joint == result.subject.body.skeleton.index(joint))
     height = skin.rest[foot, 1]
     return foot[height <= height.min() + _SOLE_THICKNESS]
 

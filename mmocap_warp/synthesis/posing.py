@@ -73,6 +73,4 @@ class ExactPoser:
 
 def led_by(body: BodyModel, *joints: str) -> np.ndarray:
     """(vertex,) bool: the full mesh's vertices on which one of these joints has the most weight."""
-    skin = body.skin
-    heaviest = skin.joint[np.arange(len(skin.joint)), skin.weight.argmax(axis=1)]
-    return np.isin(heaviest, [body.skeleton.index(name) for name in joints])
+    return np.isin(body.skin.heaviest_joint, [body.skeleton.index(name) for name in joints])

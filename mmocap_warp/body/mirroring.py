@@ -1,0 +1,76 @@
+"""Which joints and vertices of a body are each other's mirror image: left and right across the root, along X."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mmocap_warp.body.model import BodyModel
+
+_SIDES = (("L", "R"), ("l", "r"), ("Left", "Right"), ("left", "right"), ("LEFT", "RIGHT"))
+_JOINT_TOLERANCE = 0.02  # how far mirrored joints may be apart, as a share of the skeleton's extent
+_VERTEX_TOLERANCE = 1e-3  # how far mirrored vertices may be apart, as a share of the mesh's extent
+_MIRROR = np.array([-1.0, 1.0, 1.0])
+
+
+def mirrored_joints(body: BodyModel) -> dict[str, tuple[int, ...]]:
+    """The body's joints by number, those that mirror each other together; each stands in one group.
+
+    Joints mirror each other if the skeleton's pairs say so, or if their names differ in a prefix or suffix of the side
+    (``L`` and ``R``, ``left`` and ``right``) and their rest places are mirrored. A group is named after its joints,
+    ``LKnee+RKnee`` or ``Neck``; groups are in the order of their first joint.
+    """
+    skeleton = body.skeleton
+    mirrored: dict[int, tuple[int, ...]] = {}
+    for _, *sides in skeleton.pairs:
+        pair = tuple(skeleton.index(joint) for joint in sides)
+        mirrored |= dict.fromkeys(pair, pair)
+    rest = body.joint_rest.astype(np.float64) - body.joint_rest[0]
+    near = _JOINT_TOLERANCE * np.ptp(rest, axis=0).max()
+    for left, joint in enumerate(skeleton.joints):
+        for other in _other_side(joint):
+            if other not in skeleton.joints:
+                continue
+            right = skeleton.joints.index(other)
+            apart = np.linalg.norm(rest[left] * _MIRROR - rest[right])
+            if left not in mirrored and right not in mirrored and apart <= near:
+                mirrored |= dict.fromkeys((left, right), (left, right))
+    groups = [mirrored.get(joint, (joint,)) for joint in range(len(skeleton.joints))]
+    return {"+".join(skeleton.joints[joint] for joint in group): group for group in groups}
+
+
+def _other_side(joint: str) -> list[str]:
+    """Names that a left joint's mirror image may have."""
+    found = []
+    for left, right in _SIDES:
+        if joint.startswith(left):
+            found.append(right + joint.removeprefix(left))
+        if joint.endswith(left):
+            found.append(joint.removesuffix(left) + right)
+    return found
+
+
+def mirrored_weights(body: BodyModel) -> np.ndarray:
+    """(vertex, joint) float64, the full mesh's skinning weights, equal on both sides.
+
+    Each vertex takes the mean of its own weights and of its mirror image's, which has them at the other side's joints.
+    A vertex without a mirror image keeps its own.
+    """
+    from scipy.spatial import cKDTree
+
+    skin = body.skin
+    weight = np.zeros((len(skin.rest), len(body.joint_rest)))
+    np.add.at(weight, (np.arange(len(weight))[:, None], skin.joint), skin.weight.astype(np.float64))
+    across = np.arange(len(body.joint_rest))
+    for group in mirrored_joints(body).values():
+        across[list(group)] = group[::-1]
+
+    rest = skin.rest.astype(np.float64) - body.joint_rest[0]
+    near = _VERTEX_TOLERANCE * np.ptp(rest, axis=0).max()
+    # of vertices that lie on each other, the one with like weights is the mirror image
+    own = np.concatenate([rest, near * weight], axis=1)
+    image = np.concatenate([rest * _MIRROR, near * weight[:, across]], axis=1)
+    mirror = cKDTree(own).query(image)[1]
+    apart = np.linalg.norm(rest[mirror] - rest * _MIRROR, axis=1)
+    has_image = (apart <= near) & (mirror[mirror] == np.arange(len(mirror)))
+    mean = (weight + weight[mirror][:, across]) / 2
+    return np.where(has_image[:, None], mean, weight)

@@ -1,0 +1,213 @@
+"""A body's rest shape as a linear space: what can be solved for together with poses, for any skeleton."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from mmocap_warp.body.mirroring import mirrored_joints, mirrored_weights
+from mmocap_warp.body.model import BodyModel
+from mmocap_warp.body.shape_space import paired_targets
+
+_SLIDER_SIGMA = 0.5
+_BONE_SIGMA = 0.02  # [m]
+_GIRTH_SIGMA = 0.01  # [m]
+_LOG_SCALE_SIGMA = 0.3
+_SAME = 0.9  # least squared cosine between the displacements of parameters of which one is enough
+_SKIN_SIGMA = 1e-3  # [m], how closely `nearest` follows each vertex before it gives way to the prior
+
+
+class _Column(NamedTuple):
+    """One parameter: how far it moves the skin (vertex, 3) and the joints (joint, 3) at value 1, before scaling [m]."""
+
+    name: str
+    sigma: float
+    skin: np.ndarray
+    joint: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class RestSpace:
+    """Rest bodies around one body: ``scale * (rest + sum of parameter * its displacement)``.
+
+    The parameters ``beta`` (parameter,) float64 are zero for the body itself. They are, in this order,
+
+    - sliders, by name, in units of their shape targets. ``<name>_incr`` and ``<name>_decr`` make one column, the mean
+      of both sides; a target that ends otherwise is a slider by itself. Two kinds are left out: sliders that do what
+      uniform scaling or an earlier slider does (``height``, or both ends of one range as two targets), and those of
+      which one side is missing (``age_incr`` alone), for a linear parameter goes both ways;
+    - ``bone.<joint>``, by how much the bone from the parent to the joint is longer [m]. Everything below the joint
+      moves along, skin beside the bone in proportion. A bone of no length has no parameter;
+    - ``girth.<joint>``, by how much the skin that follows the joint lies further out along its normals [m]. Joints
+      stay where they are;
+    - ``log_scale``, the natural logarithm of the uniform scale.
+
+    Joints that mirror each other share their parameters, such as ``bone.LKnee+RKnee`` (:func:`mirrored_joints`).
+
+    Attributes:
+        body: the body at ``beta = 0``.
+    """
+
+    body: BodyModel
+
+    @cached_property
+    def _columns(self) -> tuple[_Column, ...]:
+        """All parameters but the scale."""
+        groups, weight = mirrored_joints(self.body), mirrored_weights(self.body)
+        return (
+            *_sliders(self.body),
+            *_bones(self.body, groups, weight),
+            *_girths(self.body, groups, weight),
+        )
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """What each parameter is called."""
+        return (*(column.name for column in self._columns), "log_scale")
+
+    @cached_property
+    def sigma(self) -> np.ndarray:
+        """(parameter,) float64, prior standard deviations in the parameters' units: how bodies differ from this one."""
+        return np.array([*(column.sigma for column in self._columns), _LOG_SCALE_SIGMA])
+
+    @cached_property
+    def _skin(self) -> np.ndarray:
+        """(parameter - 1, vertex, 3), of the full mesh."""
+        return np.stack([column.skin for column in self._columns])
+
+    @cached_property
+    def _joint(self) -> np.ndarray:
+        """(parameter - 1, joint, 3)."""
+        return np.stack([column.joint for column in self._columns])
+
+    def at(self, beta: np.ndarray, vertex: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """The rest body of some parameters, float64 [m]: vertices (vertex, 3) and joint centres (joint, 3).
+
+        Args:
+            beta: (parameter,).
+            vertex: (vertex,) full-mesh vertices that are wanted, such as ``body.tracking_vertex``; all where omitted.
+        """
+        skin, rest = self._skin, self.body.skin.rest
+        if vertex is not None:
+            skin, rest = skin[:, vertex], rest[vertex]
+        return self._combined(beta, rest, skin), self._combined(beta, self.body.joint_rest, self._joint)
+
+    @staticmethod
+    def _combined(beta: np.ndarray, rest: np.ndarray, column: np.ndarray) -> np.ndarray:
+        return np.exp(beta[-1]) * (rest.astype(np.float64) + np.tensordot(beta[:-1], column, 1))
+
+    def basis(self, beta: np.ndarray, vertex: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of :meth:`at` by the parameters: (parameter, vertex, 3) and (parameter, joint, 3), float64.
+
+        Args:
+            beta: (parameter,).
+            vertex: as in :meth:`at`.
+        """
+        rest, joint = self.at(beta, vertex)
+        skin = self._skin if vertex is None else self._skin[:, vertex]
+        scale = np.exp(beta[-1])
+        return np.concatenate([scale * skin, rest[None]]), np.concatenate([scale * self._joint, joint[None]])
+
+    def model(self, beta: np.ndarray) -> BodyModel:
+        """The body of some parameters. As with ``BodyModel.shaped`` its shape targets are the old ones, scaled."""
+        rest, joint = self.at(beta)
+        scale = np.float32(np.exp(beta[-1]))
+        return replace(
+            self.body,
+            skin=replace(self.body.skin, rest=rest.astype(np.float32)),
+            joint_rest=joint.astype(np.float32),
+            shape_vertex=self.body.shape_vertex * scale,
+            shape_joint=self.body.shape_joint * scale,
+        )
+
+    def nearest(self, body: BodyModel) -> np.ndarray:
+        """Parameters (parameter,) float64 of the member nearest to another body of the same mesh.
+
+        Least squares over all vertices, seen from the root joint because a pose says where that is, with a weak pull to
+        ``beta = 0`` by :attr:`sigma`.
+
+        Raises:
+            ValueError: the body has other joints or another mesh.
+        """
+        mine, other = self.body, body
+        if other.skeleton.joints != mine.skeleton.joints or not np.array_equal(other.skin.face, mine.skin.face):
+            raise ValueError(f"body must have the joints and the mesh of {mine.name!r}, {other.name!r} has others")
+        # linear in scale * beta and the scale
+        own = mine.skin.rest.astype(np.float64) - mine.joint_rest[0]
+        column = np.concatenate([self._skin - self._joint[:, :1], own[None]]).reshape(len(self.names), -1)
+        target = (other.skin.rest.astype(np.float64) - other.joint_rest[0]).ravel()
+        normal = column @ column.T / _SKIN_SIGMA**2 + np.diag(self.sigma**-2)
+        toward = column @ target / _SKIN_SIGMA**2
+        toward[-1] += self.sigma[-1] ** -2  # the scale is pulled to one
+        solved = np.linalg.solve(normal, toward)
+        return np.append(solved[:-1] / solved[-1], np.log(solved[-1]))
+
+
+def _sliders(body: BodyModel) -> Iterator[_Column]:
+    vertex, joint = body.shape_vertex.astype(np.float64), body.shape_joint.astype(np.float64)
+    number = {name: i for i, name in enumerate(body.shape_names)}
+    known = [body.skin.rest.astype(np.float64) - body.joint_rest[0]]  # uniform scaling, then the sliders so far
+    for name, positive, negative in paired_targets(body.shape_names):
+        if negative is None and positive.endswith(("_incr", "_decr")):
+            continue
+        skin, centre = vertex[number[positive]], joint[number[positive]]
+        if negative is not None:
+            skin, centre = (skin - vertex[number[negative]]) / 2, (centre - joint[number[negative]]) / 2
+        moved = skin - centre[0]
+        if any(np.vdot(moved, one) ** 2 > _SAME * np.vdot(moved, moved) * np.vdot(one, one) for one in known):
+            continue
+        known.append(moved)
+        yield _Column(name, _SLIDER_SIGMA, skin, centre)
+
+
+def _bones(body: BodyModel, groups: dict[str, tuple[int, ...]], weight: np.ndarray) -> Iterator[_Column]:
+    rest, place = body.skin.rest.astype(np.float64), body.joint_rest.astype(np.float64)
+    below = _subtrees(body.skeleton.parent)
+    for name, group in groups.items():
+        parents = [body.skeleton.parent[joint] for joint in group]
+        bones = [place[joint] - place[parent] for joint, parent in zip(group, parents, strict=True)]
+        lengths = [float(np.linalg.norm(bone)) for bone in bones]
+        if min(parents) < 0 or min(lengths) == 0:
+            continue
+        skin, centre = np.zeros_like(rest), np.zeros_like(place)
+        for joint, parent, bone, length in zip(group, parents, bones, lengths, strict=True):
+            direction = bone / length
+            along = np.clip((rest - place[parent]) @ direction / length, 0, 1)
+            skin += (weight[:, below[joint]].sum(axis=1) + weight[:, parent] * along)[:, None] * direction
+            centre[below[joint]] += direction
+        yield _Column(f"bone.{name}", _BONE_SIGMA, skin, centre)
+
+
+def _subtrees(parent: tuple[int, ...]) -> np.ndarray:
+    """(joint, joint) bool, whether the second is the first or hangs on it."""
+    below = np.eye(len(parent), dtype=bool)
+    for joint in range(1, len(parent)):
+        below[:, joint] |= below[:, parent[joint]]
+    return below
+
+
+def _girths(body: BodyModel, groups: dict[str, tuple[int, ...]], weight: np.ndarray) -> Iterator[_Column]:
+    normal = _vertex_normals(body.skin.rest.astype(np.float64), body.skin.face)
+    for name, group in groups.items():
+        follows = weight[:, list(group)].sum(axis=1)
+        if follows.any():
+            skin = follows[:, None] * normal
+            yield _Column(f"girth.{name}", _GIRTH_SIGMA, skin, np.zeros(body.joint_rest.shape))
+
+
+def _vertex_normals(rest: np.ndarray, face: np.ndarray) -> np.ndarray:
+    """(vertex, 3), outward and of length one; zero where a vertex has no face of any area.
+
+    Diagonals of a quad span its normal, whichever corner it begins with: mirrored faces have mirrored normals.
+    """
+    corner = rest[face]
+    of_face = np.cross(corner[:, 2] - corner[:, 0], corner[:, -1] - corner[:, 1])
+    normal = np.zeros_like(rest)
+    for side in range(face.shape[1]):
+        np.add.at(normal, face[:, side], of_face)
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    return np.divide(normal, length, out=np.zeros_like(normal), where=length > 0)

@@ -202,10 +202,10 @@ def synthetic_result(frames: int = 6, runs: int = 2, up: str = "+y", cameras: in
     pose = np.stack([synthetic_poses(frames, up, seed=run) for run in range(runs)])
     cost = 0.2 + 0.01 * rng.random((runs, frames)) - 0.1 * (np.arange(runs) == 1)[:, None]
     iou = 0.8 + 0.1 * rng.random((runs, frames, cameras))
-    status = np.zeros(frames, np.int8)
+    status = np.zeros((runs, frames), np.int8)
     if frames > 2:
         iou[:, 1, 0] = iou[:, -1] = cost[:, -1] = np.nan
-        status[[1, -1]] = 1, 2
+        status[:, [1, -1]] = 1, 2
     return Result(
         subject=synthetic_subject(up),
         cameras=ring_rig(cameras, size=(320, 240), up=up),

@@ -53,7 +53,7 @@ def truth_of(scene: Scene | None) -> Truth | None:
 def summary(report: dict[str, Any]) -> str:
     """The headline numbers of :func:`mmocap_warp.result.evaluation.evaluate` for people."""
     rows = [
-        ("frames", f"{report['frames']} ({report['lost']} lost, {report['partial']} with a view lost)"),
+        ("frames", f"{report['frames']} ({_statuses(report)})"),
         ("runs", str(report["runs"])),
         ("evaluations", _number(report["evaluations"], ",d")),
         ("evaluations/s", _number(report["evaluations_per_second"], ",.0f")),
@@ -71,6 +71,12 @@ def summary(report: dict[str, Any]) -> str:
     if report.get("limb_lost_frames"):
         rows.append(("limb lost in", f"{len(report['limb_lost_frames'])} frames"))
     return table(rows)
+
+
+def _statuses(report: dict[str, Any]) -> str:
+    """How many frames were not tracked in the ordinary way."""
+    parts = [f"{report['lost']} lost", f"{report['partial']} with a view lost"]
+    return ", ".join(parts + [f"{report[name]} {name}" for name in ("rescued", "interpolated") if report[name]])
 
 
 def _error(report: dict[str, Any], key: str) -> str:

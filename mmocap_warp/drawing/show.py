@@ -222,7 +222,7 @@ def _video_frame(result: Result, run: int, frame: int, views: list[np.ndarray], 
     end = write_text(
         canvas,
         f"frame {result.frame_numbers[frame]}   {_number('cost', result.cost[run, frame], 'no cost')}   "
-        f"{result.evaluations[run, frame]} evaluations   {STATUS[result.status[frame]]}",
+        f"{result.evaluations[run, frame]} evaluations   {STATUS[result.status[run, frame]]}",
         (12, 9),
     )
     legend = {"mask": MASK_COLOUR, "model": MODEL_COLOUR, "left": LEFT_COLOUR, "right": RIGHT_COLOUR}

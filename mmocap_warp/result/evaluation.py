@@ -6,21 +6,25 @@ from typing import Any
 
 import numpy as np
 
+from mmocap_warp.body.skeleton import TRANSLATION
 from mmocap_warp.result.marker_errors import marker_errors
 from mmocap_warp.result.pose_errors import LOST_LIMB, aligned_error, common_frames, nanmean, on_all_frames
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.result.truth import Truth
 
 _METRES_TO_MM = 1000.0
+_COUNTED = ("lost", "partial", "rescued", "interpolated")
 
 
 def evaluate(result: Result, truth: Truth | None = None) -> dict[str, Any]:
     """Judge a result; numbers over several runs are means of the runs' numbers, except the worst and the medians.
 
-    Without truth: ``frames``, ``runs``, ``lost`` and ``partial`` frames, ``evaluations`` (all runs),
-    ``evaluations_per_second``, ``mean_cost``, ``mean_iou``, ``worst_iou`` (the lowest mean over views of a frame,
-    over runs) and its ``worst_iou_frame``, ``iou_by_camera``, ``jitter_mm`` (median second difference of the joints
-    over consecutive frames), ``per_run`` and ``series`` (per run and frame).
+    Without truth: ``frames``, ``runs``, the frames in which some run is ``lost``, ``partial``, ``rescued`` or
+    ``interpolated``, ``evaluations`` (all runs), ``evaluations_per_second``, ``mean_cost``, ``mean_iou``,
+    ``worst_iou`` (the lowest mean over views of a frame, over runs) and its ``worst_iou_frame``, ``iou_by_camera``,
+    ``jitter_mm`` (median second difference of the joints over consecutive frames), ``per_run`` and ``series`` (per run
+    and frame). Where the result has standard deviations, their medians over frames and runs: ``sigma_mm_by_joint``
+    (the length of a joint's three) and ``sigma_deg_by_angle``.
 
     With truth also, over the frames that have it: ``truth_frames``; over the skeleton's judged joints, of a person the
     limbs' twelve: ``mpjpe_mm`` the mean distance, ``pa_mpjpe_mm`` the same after the best similarity transform of each
@@ -41,6 +45,7 @@ def evaluate(result: Result, truth: Truth | None = None) -> dict[str, Any]:
     series = {"cost": result.cost, "iou": nanmean(result.iou, axis=2)}
     report = _overlap(result, series["iou"])
     report["jitter_mm"] = _jitter_mm(joints, result.frame_numbers)
+    report |= _sigmas(result)
     if truth is not None:
         mine, theirs = common_frames(result, truth)
         report["truth_frames"] = len(mine)
@@ -58,8 +63,7 @@ def _overlap(result: Result, iou: np.ndarray) -> dict[str, Any]:
     return {
         "frames": len(result.frame_numbers),
         "runs": len(result.pose),
-        "lost": int((result.status == STATUS.index("lost")).sum()),
-        "partial": int((result.status == STATUS.index("partial")).sum()),
+        **{name: int((result.status == STATUS.index(name)).any(axis=0).sum()) for name in _COUNTED},
         "evaluations": total,
         "evaluations_per_second": total / result.seconds if result.seconds > 0 else None,
         "seconds": result.seconds,
@@ -69,6 +73,22 @@ def _overlap(result: Result, iou: np.ndarray) -> dict[str, Any]:
         "worst_iou_frame": int(result.frame_numbers[worst.argmin()]) if np.isfinite(worst).any() else None,
         "iou_by_camera": dict(zip(result.cameras.names, nanmean(result.iou, axis=(0, 1)), strict=True)),
     }
+
+
+def _sigmas(result: Result) -> dict[str, Any]:
+    """How sure the tracker was, as far as it told."""
+    skeleton = result.subject.body.skeleton
+    report: dict[str, Any] = {}
+    if result.joint_sigma is not None:
+        length = np.linalg.norm(result.joint_sigma, axis=-1) * _METRES_TO_MM
+        report["sigma_mm_by_joint"] = {name: _median(length[..., i]) for i, name in enumerate(skeleton.joints)}
+    if result.angle_sigma is not None:
+        report["sigma_deg_by_angle"] = {
+            name: np.degrees(_median(result.angle_sigma[..., i]))
+            for i, name in enumerate(skeleton.coordinate_names)
+            if i >= TRANSLATION
+        }
+    return report
 
 
 def _jitter_mm(joints: np.ndarray, frame_numbers: np.ndarray) -> float:
@@ -133,6 +153,7 @@ def _per_run(result: Result, series: dict[str, np.ndarray]) -> list[dict[str, An
     seed = result.config.get("seed")
     return [
         {"run": run, "seed": None if seed is None else seed + run, "worst_iou": _min(series["iou"][run])}
+        | {name: int((result.status[run] == STATUS.index(name)).sum()) for name in _COUNTED}
         | {f"mean_{name}" if name in ("cost", "iou") else name: _mean(of[run]) for name, of in series.items()}
         for run in range(len(result.pose))
     ]

@@ -10,8 +10,13 @@ import numpy as np
 from mmocap_warp.body.model import Subject
 from mmocap_warp.views.rig import CameraRig
 
-STATUS: tuple[str, ...] = ("tracked", "partial", "lost")
-"""Of a frame: all views judged; some view left out (empty mask); no view left, the pose is carried over."""
+STATUS: tuple[str, ...] = ("tracked", "partial", "lost", "rescued", "interpolated")
+"""How a frame's pose was found.
+
+Tracked: in the ordinary way, with all views. Partial: likewise, but a view was left out (its mask is empty).
+Lost: not at all, the pose is carried over. Rescued: by a larger search or a new start. Interpolated: filled in
+afterwards from the frames around it.
+"""
 
 
 @dataclass(frozen=True)
@@ -23,7 +28,7 @@ class FrameAnswer:
         cost: (run,) float32; NaN when the frame is lost.
         iou: (run, camera) float64; NaN for a lost view.
         evaluations: spent by each run.
-        status: index into ``STATUS``.
+        status: index into ``STATUS``, of all runs or (run,) int.
         seconds: wall-clock time [s].
     """
 
@@ -31,7 +36,7 @@ class FrameAnswer:
     cost: np.ndarray
     iou: np.ndarray
     evaluations: int
-    status: int
+    status: int | np.ndarray
     seconds: float
 
 
@@ -44,14 +49,19 @@ class Result:
         cameras: the rig, undistorted, at the scale that was tracked.
         fps: frames per second of the recording.
         frame_numbers: (frame,) int, the recording's own frame numbers.
-        pose: (run, frame, coordinate) float64, poses.
+        pose: (run, frame, coordinate) float64, poses: the answer, smoothed where the track was.
         cost: (run, frame) float64, cost of the best pose; NaN for a lost frame.
         iou: (run, frame, camera) float64, intersection over union; NaN for a lost view.
         evaluations: (run, frame) int64, evaluations spent.
-        status: (frame,) int8, index into ``STATUS``.
+        status: (run, frame) int8, index into ``STATUS``.
         seconds: wall-clock time of the search, images left out [s].
         config: the full configuration as JSON-compatible values; ``config["seed"]`` is the first run's seed.
         versions: package versions and device.
+        raw_pose: like ``pose``, the track before it was smoothed, NaN where a frame had none; None if it was not.
+        angle_sigma: like ``pose``, standard deviation of each coordinate [m, rad], NaN where it is unknown; None if
+            the tracker does not tell.
+        joint_sigma: (run, frame, joint, 3) float64, standard deviation of each joint's place along the world's axes
+            [m]; likewise.
 
     Raises:
         ValueError: no frame, frame numbers that do not ascend, or arrays whose shapes disagree.
@@ -69,20 +79,29 @@ class Result:
     seconds: float
     config: dict
     versions: dict[str, str]
+    raw_pose: np.ndarray | None = None
+    angle_sigma: np.ndarray | None = None
+    joint_sigma: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         runs, frames, cameras = len(self.pose), len(self.frame_numbers), len(self.cameras)
+        skeleton = self.subject.body.skeleton
+        poses = runs, frames, skeleton.coordinates
         if not runs or not frames or (np.diff(self.frame_numbers) <= 0).any():
             raise ValueError("a result needs a run, a frame, and frame_numbers that ascend")
         for name, shape in (
-            ("pose", (runs, frames, self.subject.body.skeleton.coordinates)),
+            ("pose", poses),
             ("cost", (runs, frames)),
             ("iou", (runs, frames, cameras)),
             ("evaluations", (runs, frames)),
-            ("status", (frames,)),
+            ("status", (runs, frames)),
+            ("raw_pose", poses),
+            ("angle_sigma", poses),
+            ("joint_sigma", (runs, frames, len(skeleton.joints), 3)),
         ):
-            if getattr(self, name).shape != shape:
-                raise ValueError(f"{name} must be {shape}, got {getattr(self, name).shape}")
+            array = getattr(self, name)
+            if array is not None and array.shape != shape:
+                raise ValueError(f"{name} must be {shape}, got {array.shape}")
 
     @property
     def best_run(self) -> int:

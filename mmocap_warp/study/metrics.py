@@ -79,7 +79,7 @@ def measure(result: Result, truth: Truth | None) -> tuple[Metrics, Metrics]:
     per_run = {
         "jerk": jerk(joints, result.frame_numbers, result.fps),
         "foot_slide": foot_slide(result),
-        "frames_lost": np.full(shape[0], (result.status == STATUS.index("lost")).sum()),
+        "frames_lost": (result.status == STATUS.index("lost")).sum(axis=1),
         "limb_lost": limb_lost,
         **{name: np.full(shape[0], value) for name, value in of_truth.items()},
         "seconds": np.full(shape[0], result.seconds),

@@ -17,7 +17,7 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.result.result import FrameAnswer
 from mmocap_warp.tracking.run_identity import Identity
 
-_MAGIC = b"mmocap checkpoint 3\n"
+_MAGIC = b"mmocap checkpoint 4\n"
 _INTERVAL = 2.0  # seconds between saves, at least
 _ANSWER = tuple(field.name for field in fields(FrameAnswer))
 
@@ -215,7 +215,7 @@ def _record_type(runs: int, coordinates: int, cameras: int) -> np.dtype:
             ("cost", "<f4", (runs,)),
             ("iou", "<f8", (runs, cameras)),
             ("evaluations", "<i8"),
-            ("status", "<i1"),
+            ("status", "<i1", (runs,)),
             ("seconds", "<f8"),
             ("draw", "<i4", (runs,)),
             ("checksum", "<u4"),  # of all before it

@@ -51,7 +51,7 @@ def collect(
         cost=np.stack([answer.cost for answer in answers], axis=1).astype(np.float64),
         iou=np.stack([answer.iou for answer in answers], axis=1),
         evaluations=np.repeat([[answer.evaluations for answer in answers]], config.runs, axis=0).astype(np.int64),
-        status=np.array([answer.status for answer in answers], np.int8),
+        status=np.stack([np.broadcast_to(answer.status, config.runs) for answer in answers], axis=1).astype(np.int8),
         seconds=float(sum(answer.seconds for answer in answers)),
         config=asdict(config) | effective,
         versions=versions(device),

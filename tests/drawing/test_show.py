@@ -69,7 +69,7 @@ def test_images_go_below_the_drawing(tmp_path):
 def test_lost_views_and_cameras_without_images_are_drawn(tmp_path):
     result = small_result()
     nothing = np.full_like(result.iou, np.nan)
-    lost = replace(result, iou=nothing, cost=np.full_like(result.cost, np.nan), status=np.full(4, 2, np.int8))
+    lost = replace(result, iou=nothing, cost=np.full_like(result.cost, np.nan), status=np.full((1, 4), 2, np.int8))
     show(lost, [[None] * 3] * 4, [[np.zeros((120, 160), bool)] * 3] * 4, sheet=tmp_path / "sheet.png")
     assert (tmp_path / "sheet.png").is_file()
 

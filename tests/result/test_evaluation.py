@@ -9,6 +9,7 @@ from synthetic import synthetic_body, synthetic_poses, synthetic_result
 from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.skin_points import attach, triangulated
+from mmocap_warp.cli.judging import summary
 from mmocap_warp.errors import InputError
 from mmocap_warp.result.evaluation import evaluate
 from mmocap_warp.result.truth import Truth
@@ -126,6 +127,29 @@ def test_overlap_counts_only_what_was_judged():
     assert report["iou_by_camera"]["cam01"] == pytest.approx((3 * 0.9 + 0.5) / 4)
     assert [run["seed"] for run in report["per_run"]] == [7, 8]
     assert "marker_error_mm" not in report
+
+
+def test_statuses_are_counted_by_frame_and_by_run():
+    result = synthetic_result(frames=4, runs=2)
+    status = np.array([[0, 3, 0, 2], [1, 3, 4, 0]], np.int8)
+    report = evaluate(replace(result, status=status))
+    names = ("lost", "partial", "rescued", "interpolated")
+    assert [report[name] for name in names] == [1, 1, 1, 1]
+    assert [[run[name] for name in names] for run in report["per_run"]] == [[1, 0, 1, 0], [0, 1, 1, 1]]
+    assert summary(report).splitlines()[0].endswith("4 (1 lost, 1 with a view lost, 1 rescued, 1 interpolated)")
+    assert summary(evaluate(result)).splitlines()[0].endswith("4 (1 lost, 1 with a view lost)")
+
+
+def test_standard_deviations_are_told_by_joint_and_by_angle():
+    result = synthetic_result(frames=3, runs=1)
+    joint, angle = np.full((1, 3, len(JOINTS), 3), 0.001), np.full(result.pose.shape, np.radians(2.0))
+    joint[:, :, JOINTS.index("LWrist")] = 0.003, 0.004, 0.0
+    joint[:, 1] = angle[:, 1] = np.nan  # what is unknown does not count
+    report = evaluate(replace(result, joint_sigma=joint, angle_sigma=angle))
+    assert report["sigma_mm_by_joint"]["LWrist"] == pytest.approx(5.0)
+    assert report["sigma_deg_by_angle"]["LKnee.Rx"] == pytest.approx(2.0)
+    assert "Tx" not in report["sigma_deg_by_angle"]
+    assert not [name for name in evaluate(result) if name.startswith("sigma")]
 
 
 def test_jitter_is_the_second_difference():

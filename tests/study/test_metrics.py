@@ -29,7 +29,7 @@ def still_result(pose, frame_numbers=None, fps=50.0):
         cost=np.zeros((runs, frames)),
         iou=np.full((runs, frames, 2), 0.9),
         evaluations=np.full((runs, frames), 500),
-        status=np.zeros(frames, np.int8),
+        status=np.zeros((runs, frames), np.int8),
         seconds=2.0,
         config={},
         versions={},

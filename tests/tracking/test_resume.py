@@ -228,7 +228,7 @@ def answered(frames: int) -> list[checkpoint.FinishedFrame]:
     done = []
     for _ in range(frames):
         pose, cost, iou = (random.random(shape) for shape in ((2, COORDINATES), 2, (2, 3)))
-        answer = FrameAnswer(pose.astype(np.float32), cost.astype(np.float32), iou, 9, 1, 0.5)
+        answer = FrameAnswer(pose.astype(np.float32), cost.astype(np.float32), iou, 9, np.array([1, 3]), 0.5)
         done.append((answer, random.integers(0, 99, 2, np.int32)))
     return done
 

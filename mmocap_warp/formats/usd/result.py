@@ -7,8 +7,9 @@ Layout, with the recording's frame number as time code::
     /World/<body>/Animation  the best run as a SkelAnimation
     /World/Cameras/<view>    see ``usd_camera``
     /World/Tracking          mmocap:resultVersion, frames, runs, bestRun, seconds, config and versions (JSON);
-                             per frame pose (run x coordinate), cost (run), iou (run x camera), evaluations (run) and
-                             status
+                             per frame pose (run x coordinate), cost (run), iou (run x camera), evaluations (run),
+                             status (run); where known rawPose and angleSigma (run x coordinate) and jointSigma
+                             (run x joint x 3)
 """
 
 from __future__ import annotations
@@ -68,30 +69,34 @@ def read_result(path: str | Path) -> Result:
     cameras = cameras_from_prim(stage.GetPrimAtPath("/World/Cameras"), path)
     frames = read.array("mmocap:frames", (None,), np.int64)
     times, runs = frames.astype(float).tolist(), read.value("mmocap:runs")
-    status = read.samples("mmocap:status", times)
-    read.require(set(status) <= set(STATUS), f"mmocap:status knows {STATUS}, not {sorted(set(status) - set(STATUS))}")
-
     subject = subject_from_prim(body_prim(stage, path), path)
-    pose = read.sampled_array("mmocap:pose", times, (runs, subject.body.skeleton.coordinates))
-    read.require(np.isfinite(pose).all(), "mmocap:pose is not finite")
+    skeleton = subject.body.skeleton
 
     def of_runs(name: str, *shape: int) -> np.ndarray:
         return np.moveaxis(read.sampled_array(f"mmocap:{name}", times, (runs, *shape)), 1, 0)
 
+    def where_known(name: str, *shape: int) -> np.ndarray | None:
+        return of_runs(name, *shape) if prim.HasAttribute(f"mmocap:{name}") else None
+
+    pose = of_runs("pose", skeleton.coordinates)
+    read.require(np.isfinite(pose).all(), "mmocap:pose is not finite")
     try:
         return Result(
             subject=subject,
             cameras=cameras,
             fps=stage.GetTimeCodesPerSecond(),
             frame_numbers=frames,
-            pose=np.moveaxis(pose, 1, 0),
+            pose=pose,
             cost=of_runs("cost"),
             iou=of_runs("iou", len(cameras)),
             evaluations=of_runs("evaluations"),
-            status=np.array([STATUS.index(name) for name in status], np.int8),
+            status=_status(read, times, runs),
             seconds=read.value("mmocap:seconds"),
             config=_json_object(read, "mmocap:config"),
             versions=_json_object(read, "mmocap:versions"),
+            raw_pose=where_known("rawPose", skeleton.coordinates),
+            angle_sigma=where_known("angleSigma", skeleton.coordinates),
+            joint_sigma=where_known("jointSigma", len(skeleton.joints), 3),
         )
     except InputError:
         raise
@@ -108,12 +113,32 @@ def _define_tracking(stage: Usd.Stage, result: Result) -> None:
     author_value(prim, "mmocap:seconds", float(result.seconds))
     author_value(prim, "mmocap:config", json.dumps(result.config))
     author_value(prim, "mmocap:versions", json.dumps(result.versions))
+    sampled = {
+        "pose": result.pose,
+        "cost": result.cost,
+        "iou": result.iou,
+        "evaluations": result.evaluations,
+        "rawPose": result.raw_pose,
+        "angleSigma": result.angle_sigma,
+        "jointSigma": result.joint_sigma,
+    }
     for i, time in enumerate(result.frame_numbers.astype(float).tolist()):
-        author_value(prim, "mmocap:pose", result.pose[:, i], time)
-        author_value(prim, "mmocap:cost", result.cost[:, i], time)
-        author_value(prim, "mmocap:iou", result.iou[:, i], time)
-        author_value(prim, "mmocap:evaluations", result.evaluations[:, i], time)
-        author_value(prim, "mmocap:status", STATUS[result.status[i]], time)
+        for name, values in sampled.items():
+            if values is not None:
+                author_value(prim, f"mmocap:{name}", values[:, i], time)
+        author_value(prim, "mmocap:status", [STATUS[status] for status in result.status[:, i]], time)
+
+
+def _status(read: PrimReader, times: list[float], runs: int) -> np.ndarray:
+    """(run, frame) int8; a frame may name one status for all runs, as results of one status a frame do."""
+    names = [
+        [value] * runs if isinstance(value, str) else list(value) for value in read.samples("mmocap:status", times)
+    ]
+    unknown = {name for frame in names for name in frame} - set(STATUS)
+    read.require(not unknown, f"mmocap:status knows {STATUS}, not {sorted(unknown)}")
+    wrong = [len(frame) for frame in names if len(frame) != runs]
+    read.require(not wrong, f"mmocap:status names {wrong[:1]} runs in a frame, not {runs}")
+    return np.array([[STATUS.index(name) for name in frame] for frame in names], np.int8).T
 
 
 def _json_object(read: PrimReader, name: str) -> dict:

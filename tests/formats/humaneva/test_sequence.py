@@ -313,7 +313,7 @@ def true_result(scene: Scene, positions: np.ndarray) -> Result:
         cost=0 * ones,
         iou=np.ones((1, FRAMES, len(CAMERAS))),
         evaluations=ones.astype(int),
-        status=np.zeros(FRAMES, np.int8),
+        status=np.zeros((1, FRAMES), np.int8),
         seconds=1.0,
         config={},
         versions={},

@@ -13,8 +13,25 @@ from mmocap_warp.formats.usd.body import write_body
 from mmocap_warp.formats.usd.check import faults
 from mmocap_warp.formats.usd.file import read_stage
 from mmocap_warp.formats.usd.result import read_result, write_result
+from mmocap_warp.result.result import STATUS
 
 SKINNING_M = 1e-5
+
+
+def told(result):
+    """The result with all that a tracker may tell: other statuses a run, the raw track, and how sure it is."""
+    rng = np.random.default_rng(2)
+    status = np.arange(result.status.size).reshape(result.status.shape).astype(np.int8) % len(STATUS)
+    joints = len(result.subject.body.skeleton.joints)
+    sigma = rng.random((*result.cost.shape, joints, 3))
+    sigma[:, -1] = np.nan  # of a lost frame nothing is known
+    return replace(
+        result,
+        status=status,
+        raw_pose=result.pose + rng.normal(0, 0.01, result.pose.shape),
+        angle_sigma=rng.random(result.pose.shape),
+        joint_sigma=sigma,
+    )
 
 
 def assert_same(left, right, where="result"):
@@ -54,17 +71,32 @@ def expected_vertices(result):
 
 @pytest.mark.parametrize("suffix", ["usda", "usdc"])
 @pytest.mark.parametrize(("runs", "frames"), [(1, 1), (3, 6)])
-def test_a_result_reads_back_exactly(tmp_path, suffix, runs, frames):
-    result, path = synthetic_result(frames, runs), tmp_path / f"result.{suffix}"
+@pytest.mark.parametrize("tell", [told, lambda result: result])
+def test_a_result_reads_back_exactly(tmp_path, suffix, runs, frames, tell):
+    result, path = tell(synthetic_result(frames, runs)), tmp_path / f"result.{suffix}"
     write_result(path, result)
     assert_same(result, read_result(path))
     assert [file.name for file in tmp_path.iterdir()] == [path.name]
 
 
+def test_a_result_with_one_status_a_frame_is_read(tmp_path):
+    """As results were written when all runs shared it."""
+    result, path = synthetic_result(runs=3), tmp_path / "result.usda"
+    write_result(path, result)
+    layer = Sdf.Layer.OpenAsAnonymous(str(path))
+    tracking = layer.GetPrimAtPath("/World/Tracking")
+    tracking.RemoveProperty(tracking.attributes["mmocap:status"])
+    Sdf.AttributeSpec(tracking, "mmocap:status", Sdf.ValueTypeNames.String)
+    for frame, status in zip(result.frame_numbers, result.status[0], strict=True):
+        layer.SetTimeSample("/World/Tracking.mmocap:status", float(frame), STATUS[status])
+    layer.Export(str(path))
+    assert_same(result, read_result(path))
+
+
 @pytest.mark.parametrize("up", ["+y", "+z", "-y", "+x"])
 def test_a_result_is_sound_usd(tmp_path, up):
     path = tmp_path / "result.usdc"
-    write_result(path, synthetic_result(up=up))
+    write_result(path, told(synthetic_result(up=up)))
     assert faults(path) == []
 
 
@@ -157,7 +189,10 @@ def sample(name, value):
         (put("/World/Tracking", "mmocap:config", "{"), "config is not a JSON object"),
         (put("/World/Tracking", "mmocap:frames", [12, 11, 10]), "frame_numbers that ascend"),
         (put("/World/Tracking", "mmocap:frames", [10, 99]), "has no value at frame 99"),
-        (sample("mmocap:status", "asleep"), "not .'asleep'"),
+        (sample("mmocap:status", Vt.StringArray(["lost", "asleep"])), "not .'asleep'"),
+        (sample("mmocap:status", Vt.StringArray(["lost"])), "status names .1. runs in a frame, not 2"),
+        (sample("mmocap:jointSigma", [0.5]), "jointSigma holds 1 values at frame 11"),
+        (sample("mmocap:rawPose", [0.5]), "rawPose holds 1 values at frame 11"),
         (sample("mmocap:pose", [float("nan")] * 102), "pose is not finite"),
         (sample("mmocap:iou", [0.5]), "iou holds 1 values at frame 11"),
         (drop("/World/Cameras/cam02", "mmocap:intrinsics"), "/World/Cameras/cam02: attribute mmocap:intrinsics"),
@@ -166,7 +201,7 @@ def sample(name, value):
 )
 def test_a_spoilt_result_is_one_clear_line(tmp_path, spoil, problem):
     path = tmp_path / "result.usda"
-    write_result(path, synthetic_result())
+    write_result(path, told(synthetic_result()))
     layer = Sdf.Layer.OpenAsAnonymous(str(path))
     spoil(layer)
     layer.Export(str(path))
@@ -209,5 +244,10 @@ def test_shapes_that_disagree_are_refused():
     result = synthetic_result()
     with pytest.raises(ValueError, match="iou must be"):
         replace(result, iou=result.iou[:, :, :2])
+    with pytest.raises(ValueError, match=r"status must be \(2, 6\)"):
+        replace(result, status=result.status[0])
+    for name in ("raw_pose", "angle_sigma", "joint_sigma"):
+        with pytest.raises(ValueError, match=f"{name} must be"):
+            replace(result, **{name: result.pose[:, 1:]})
     with pytest.raises(ValueError, match="ascend"):
         replace(result, frame_numbers=result.frame_numbers[::-1])

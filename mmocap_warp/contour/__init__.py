@@ -1,4 +1,4 @@
-"""Poses, the body and a clip's motion by least squares on outlines: what the paper's search begins, it finishes.
+"""Poses and body from contours, by least squares: a frame, a clip and a body at a time.
 
-May import: kernels, body, views.
+May import: kernels, body, views, objective.
 """

@@ -1,0 +1,130 @@
+"""A body from several frames: its parameters and the frames' poses as one least-squares problem."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mmocap_warp.contour.descent import descend
+from mmocap_warp.contour.normal_equations import LineariseBody, NormalEquations
+from mmocap_warp.contour.rooted import RootedPoses, Rooting
+from mmocap_warp.contour.trust import LARGEST_STEP, Trust
+
+LARGEST_CHANGE = 0.3
+"""No parameter moves further in a step."""
+
+
+@dataclass(frozen=True, eq=False)
+class BodySolution:
+    """A body and the poses it was found in.
+
+    Attributes:
+        beta: (parameter,) float64.
+        covariance: (parameter, parameter) float64, with the poses unknown too.
+        rooted: the poses.
+        cost: (frame,) float64, what the contours cost.
+    """
+
+    beta: np.ndarray
+    covariance: np.ndarray
+    rooted: RootedPoses
+    cost: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class BodyProblem:
+    """What is known of a body.
+
+    Attributes:
+        linearise: the contours' equations.
+        rooting: moves poses.
+        generic: (parameter,) the body that is expected before anything is seen.
+        sigma: (parameter,) how far it is from that, as standard deviations.
+    """
+
+    linearise: LineariseBody
+    rooting: Rooting
+    generic: np.ndarray
+    sigma: np.ndarray
+
+    def solved(self, frames: np.ndarray, rooted: RootedPoses, beta: np.ndarray, steps: int = 12) -> BodySolution:
+        """The body and its poses in frames by their numbers, from poses and parameters to start with."""
+        descent = _Descent(self, frames)
+        start = _State(rooted, np.asarray(beta, float))
+        state, equations = descend(descent, start, descent.linearised(start), steps)
+        anywhere = np.diag(self.rooting.anywhere**-2.0)
+        information = equations.without_poses(equations.contour.matrix[:, : len(anywhere), : len(anywhere)] + anywhere)
+        covariance = np.linalg.inv(information.matrix)
+        return BodySolution(state.beta, covariance, state.rooted, equations.contour.cost)
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """Poses and a body."""
+
+    rooted: RootedPoses
+    beta: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class _Reduced:
+    """The body's own equations, once each frame's pose follows the body; and how it follows."""
+
+    matrix: np.ndarray  # (parameter, parameter)
+    gradient: np.ndarray  # (parameter,)
+    pose_step: np.ndarray  # (frame, dof) with the body as it is
+    pose_by_body: np.ndarray  # (frame, dof, parameter) what a step of the body takes from it
+
+
+@dataclass(frozen=True, eq=False)
+class _Equations:
+    """The problem around a state. ``prior`` is the matrix, the gradient and the cost of the body's distance."""
+
+    contour: NormalEquations
+    prior: tuple[np.ndarray, np.ndarray, float]
+
+    @property
+    def cost(self) -> np.ndarray:
+        return self.contour.cost
+
+    @property
+    def shared_cost(self) -> float:
+        return self.prior[2]
+
+    def without_poses(self, pose_matrix: np.ndarray) -> _Reduced:
+        """Schur's complement: the poses eliminated, of which each frame has the matrix ``pose_matrix``."""
+        dof = pose_matrix.shape[1]
+        across = self.contour.matrix[:, :dof, dof:]
+        pose_gradient, gradient = self.contour.gradient[:, :dof], self.contour.gradient[:, dof:]
+        solved = np.linalg.solve(pose_matrix, np.concatenate([pose_gradient[:, :, None], across], axis=2))
+        pose_step, pose_by_body = solved[:, :, 0], solved[:, :, 1:]
+        own = self.contour.matrix[:, dof:, dof:] - np.swapaxes(across, 1, 2) @ pose_by_body
+        followed = gradient - np.einsum("fdp,fd->fp", across, pose_step)
+        return _Reduced(self.prior[0] + own.sum(axis=0), self.prior[1] + followed.sum(axis=0), pose_step, pose_by_body)
+
+
+class _Descent:
+    """Steps of poses and body; see :class:`mmocap_warp.contour.descent.Problem`."""
+
+    def __init__(self, problem: BodyProblem, frames: np.ndarray) -> None:
+        self._problem, self._frames = problem, frames
+        self._trust = Trust(problem.rooting.searched)
+
+    def linearised(self, state: _State) -> _Equations:
+        information = self._problem.sigma**-2.0
+        off = state.beta - self._problem.generic
+        prior = np.diag(information), -information * off, 0.5 * float(information @ off**2)
+        return _Equations(self._problem.linearise(self._frames, state.rooted, state.beta), prior)
+
+    def stepped(self, state: _State, equations: _Equations, damping: np.ndarray) -> tuple[_State, float]:
+        trust = self._trust.matrix(equations.contour, damping)
+        dof = trust.shape[1]
+        reduced = equations.without_poses(equations.contour.matrix[:, :dof, :dof] + trust)
+        # Frames that were refused hold the body back too, by as much of its own scale.
+        pull = (damping.max() - 1) * np.diag(np.diag(reduced.matrix))
+        change = np.linalg.solve(reduced.matrix + pull, reduced.gradient)
+        change = np.clip(change, -LARGEST_CHANGE, LARGEST_CHANGE)
+        step = np.clip(reduced.pose_step - reduced.pose_by_body @ change, -LARGEST_STEP, LARGEST_STEP)
+        moved = _State(self._problem.rooting.stepped(state.rooted, step), state.beta + change)
+        return moved, float(max(np.abs(step).max(), np.abs(change).max()))

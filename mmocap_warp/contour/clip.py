@@ -1,0 +1,175 @@
+"""All poses of a clip as one least-squares problem: what the contours say, and a penalty on accelerations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mmocap_warp.contour.descent import descend
+from mmocap_warp.contour.filled import filled
+from mmocap_warp.contour.motion_penalty import MotionCost, MotionPenalty
+from mmocap_warp.contour.motion_points import MotionPoints
+from mmocap_warp.contour.normal_equations import LineariseFrames, NormalEquations
+from mmocap_warp.contour.rooted import RootedPoses, Rooting
+from mmocap_warp.contour.trust import LARGEST_STEP, Trust
+
+ACCELERATION = 10.8
+"""Standard deviation of a point's acceleration [m/s^2]: 3 mm of second difference at 60 frames/s."""
+COARSE_ACCELERATION = 72.0
+"""The same for a first pass, in which the frames still find the contours that they belong to."""
+
+WINDOW = 4.0
+"""What is solved together [s]."""
+OVERLAP = 0.7
+"""The end of a window that is solved again with what follows it [s]."""
+
+
+@dataclass(frozen=True)
+class Pass:
+    """Steps under one penalty.
+
+    Attributes:
+        acceleration: standard deviation of a point's acceleration, by coordinate [m/s^2].
+        steps: how many are tried at most.
+    """
+
+    acceleration: float
+    steps: int
+
+
+def coarse_then_fine(acceleration: float = ACCELERATION) -> tuple[Pass, ...]:
+    """Four steps under a weak penalty, then three under the one that is asked for."""
+    return Pass(max(acceleration, COARSE_ACCELERATION), 4), Pass(acceleration, 3)
+
+
+@dataclass(frozen=True, eq=False)
+class ClipSolution:
+    """Poses of a clip.
+
+    Attributes:
+        rooted: the poses.
+        observed: (frame,) bool; the others showed nothing and were filled in.
+        cost: (frame,) float64, what the contours cost.
+    """
+
+    rooted: RootedPoses
+    observed: np.ndarray
+    cost: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class ClipProblem:
+    """What all frames of a clip share.
+
+    Attributes:
+        linearise: the contours' equations.
+        rooting: moves poses.
+        points: what is kept from accelerating.
+        rate: frames a second.
+    """
+
+    linearise: LineariseFrames
+    rooting: Rooting
+    points: MotionPoints
+    rate: float
+
+    def solved(self, rooted: RootedPoses, passes: tuple[Pass, ...] | None = None) -> ClipSolution:
+        """The clip's poses, from a pose for every frame; those of frames that show nothing don't matter.
+
+        Windows of frames are solved in turn, so that memory does not grow with the clip. All but a window's end is
+        final: the next window starts from there, with its last two poses held, to which alone accelerations couple.
+        """
+        passes = coarse_then_fine() if passes is None else passes
+        window, overlap = round(WINDOW * self.rate), round(OVERLAP * self.rate)
+        done: list[_Stretch] = []
+        first, held = 0, rooted[:0]
+        while first < len(rooted):
+            last = min(first + window, len(rooted))
+            stretch = self.stretch(np.arange(first, last), rooted[first:last], held, passes)
+            if last < len(rooted):
+                keep = _end_to_keep(stretch.contour.observed, overlap)
+                rooted = rooted[: first + keep].followed_by(stretch.rooted[keep:]).followed_by(rooted[last:])
+                stretch = stretch[:keep]
+            done.append(stretch)
+            first += len(stretch.rooted)
+            held = held.followed_by(stretch.rooted)[-2:]
+        return ClipSolution(
+            RootedPoses(
+                np.concatenate([stretch.rooted.base for stretch in done]),
+                np.concatenate([stretch.rooted.pose for stretch in done]),
+            ),
+            np.concatenate([stretch.contour.observed for stretch in done]),
+            np.concatenate([stretch.contour.cost for stretch in done]),
+        )
+
+    def stretch(self, frames: np.ndarray, rooted: RootedPoses, held: RootedPoses, passes: tuple[Pass, ...]) -> _Stretch:
+        """Frames by their numbers, solved together; ``held`` are the poses before them, two if there are."""
+        contour = self.linearise(frames, rooted)
+        known = np.concatenate([np.ones(len(held), bool), contour.observed])
+        rooted = filled(held.followed_by(rooted), known)[len(held) :]
+        for each in passes:
+            descent = _Descent(self, frames, held, MotionPenalty(each.acceleration, self.rate))
+            rooted, equations = descend(descent, rooted, descent.around(rooted, contour), each.steps)
+            contour = equations.contour
+        return _Stretch(rooted, contour)
+
+
+@dataclass(frozen=True, eq=False)
+class _Stretch:
+    """Consecutive frames, solved."""
+
+    rooted: RootedPoses
+    contour: NormalEquations
+
+    def __getitem__(self, frames: slice) -> _Stretch:
+        return _Stretch(self.rooted[frames], self.contour[frames])
+
+
+@dataclass(frozen=True, eq=False)
+class _Equations:
+    """A stretch around its poses."""
+
+    contour: NormalEquations
+    motion: MotionCost
+
+    @property
+    def cost(self) -> np.ndarray:
+        cost: np.ndarray = self.contour.cost + self.motion.cost
+        return cost
+
+    @property
+    def shared_cost(self) -> float:
+        return 0.0
+
+
+class _Descent:
+    """Steps of a stretch; see :class:`mmocap_warp.contour.descent.Problem`."""
+
+    def __init__(self, clip: ClipProblem, frames: np.ndarray, held: RootedPoses, penalty: MotionPenalty) -> None:
+        self._clip, self._frames, self._held, self._penalty = clip, frames, held, penalty
+        self._trust = Trust(clip.rooting.searched)
+
+    def around(self, rooted: RootedPoses, contour: NormalEquations) -> _Equations:
+        points = self._clip.points.linearised(self._held.followed_by(rooted))
+        return _Equations(contour, self._penalty.around(*points).without_first(len(self._held)))
+
+    def linearised(self, rooted: RootedPoses) -> _Equations:
+        return self.around(rooted, self._clip.linearise(self._frames, rooted))
+
+    def stepped(self, rooted: RootedPoses, equations: _Equations, damping: np.ndarray) -> tuple[RootedPoses, float]:
+        contour, motion = equations.contour, equations.motion
+        band = motion.band + (contour.matrix + self._trust.matrix(contour, damping))
+        step = np.clip(band.solved(contour.gradient + motion.gradient), -LARGEST_STEP, LARGEST_STEP)
+        return self._clip.rooting.stepped(rooted, step), float(np.abs(step).max())
+
+
+def _end_to_keep(observed: np.ndarray, overlap: int) -> int:
+    """How many frames of a window are final: all but its end, which does not begin where frames show nothing.
+
+    A gap that is longer than half a window is cut all the same.
+    """
+    end = len(observed) - overlap
+    shows = np.flatnonzero(observed[:end])
+    keep = int(shows[-1]) + 1 if len(shows) else 0
+    return keep if keep > len(observed) // 2 else end

@@ -1,0 +1,45 @@
+"""What contours say about each frame, as the solvers of a clip and of a body take it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from mmocap_warp.contour.rooted import RootedPoses
+
+
+@dataclass(frozen=True, eq=False)
+class NormalEquations:
+    """A quadratic model of each frame's cost around its pose, and around the body where that is sought too.
+
+    ``cost(step) = cost - gradient @ step + step @ matrix @ step / 2``, where a step has the searched coordinates
+    [m, rad], then the body's parameters. Costs are those of errors in units of their standard deviation, halved: the
+    inverse of ``matrix`` is a covariance.
+
+    Attributes:
+        matrix: (frame, n, n) float64, symmetric, positive semidefinite; zero where a frame shows nothing.
+        gradient: (frame, n) float64, the direction in which the cost falls.
+        cost: (frame,) float64.
+    """
+
+    matrix: np.ndarray
+    gradient: np.ndarray
+    cost: np.ndarray
+
+    @property
+    def observed(self) -> np.ndarray:
+        """(frame,) bool: the frames that show anything."""
+        observed: np.ndarray = np.trace(self.matrix, axis1=1, axis2=2) > 0
+        return observed
+
+    def __getitem__(self, frames: slice) -> NormalEquations:
+        return NormalEquations(self.matrix[frames], self.gradient[frames], self.cost[frames])
+
+
+LineariseFrames = Callable[[np.ndarray, RootedPoses], NormalEquations]
+"""The equations of frames, by their numbers (frame,) and their poses; n is the number of searched coordinates."""
+
+LineariseBody = Callable[[np.ndarray, RootedPoses, np.ndarray], NormalEquations]
+"""As above for a body of parameters (parameter,), which follow the searched coordinates in n."""

@@ -1,0 +1,123 @@
+"""Poses whose root is turned by a base of its own in each frame, so that its three angles stay at zero.
+
+Euler angles lock where the middle one reaches a quarter turn, and a person who turns round gets there. Least squares
+take small steps: they count the root's angles from where the root is now, fold each step into the base, and ask for
+the angles of the usual kind when they have finished.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mmocap_warp.body.rotations import transposed, turn, zyx_rotation
+from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
+
+_ROOM = 10.0  # [m]
+_ROOT = slice(TRANSLATION, TRANSLATION + 3)
+
+
+@dataclass(frozen=True, eq=False)
+class RootedPoses:
+    """Poses with a root base for every frame.
+
+    Attributes:
+        base: (frame, 3, 3) float64, world from body axes at zero root rotation.
+        pose: (frame, coordinate) float64 [m, rad]; the root's angles count from the frame's base.
+    """
+
+    base: np.ndarray
+    pose: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.pose)
+
+    def __getitem__(self, frames: slice | np.ndarray) -> RootedPoses:
+        return RootedPoses(self.base[frames], self.pose[frames])
+
+    def followed_by(self, more: RootedPoses) -> RootedPoses:
+        """These frames, then the others."""
+        return RootedPoses(np.concatenate([self.base, more.base]), np.concatenate([self.pose, more.pose]))
+
+
+class Rooting:
+    """Turns poses into rooted ones, moves them and turns them back.
+
+    A root of which a model does not search all three angles keeps the one base: to count from elsewhere would change
+    what is held.
+
+    Args:
+        skeleton: the joints.
+        root_base: (3, 3), world from body axes at zero root rotation, the same for all frames.
+        searched: (dof,) coordinates that steps are taken in.
+    """
+
+    def __init__(self, skeleton: Skeleton, root_base: np.ndarray, searched: np.ndarray) -> None:
+        self.searched = np.asarray(searched)
+        self.root_base = np.asarray(root_base, float)
+        self.folds = bool(np.isin(np.arange(_ROOT.start, _ROOT.stop), self.searched).all())
+        self._frame = skeleton.frame[0].astype(float)
+        self._into_frame = np.linalg.inv(self._frame)  # of rounded numbers: its transpose would turn the root a little
+        limits = skeleton.coordinate_limits.copy()
+        if self.folds:
+            limits[_ROOT] = -np.inf, np.inf
+        self._limits = limits[self.searched]
+
+    @property
+    def anywhere(self) -> np.ndarray:
+        """(dof,) standard deviation of each searched coordinate if all that is known of it is its limits [m, rad].
+
+        A free angle is anywhere in a turn, the translation within some ten metres.
+        """
+        turns = np.where(np.isfinite(self._limits), self._limits, (-np.pi, np.pi))
+        widest = turns[:, 1] - turns[:, 0]
+        return np.where(self.searched < TRANSLATION, _ROOM, np.maximum(widest, 1e-3) / np.sqrt(12))
+
+    def enter(self, pose: np.ndarray) -> RootedPoses:
+        """Rooted poses of poses (frame, coordinate)."""
+        base = np.tile(self.root_base, (len(pose), 1, 1))
+        return self.refold(RootedPoses(base, np.array(pose, float)))
+
+    def refold(self, rooted: RootedPoses) -> RootedPoses:
+        """The same poses, with the root's angles in the base."""
+        if not self.folds:
+            return rooted
+        pose = rooted.pose.copy()
+        pose[:, _ROOT] = 0.0
+        turned = self._frame @ zyx_rotation(rooted.pose[:, _ROOT]) @ self._into_frame
+        return RootedPoses(rooted.base @ turned, pose)
+
+    def stepped(self, rooted: RootedPoses, step: np.ndarray) -> RootedPoses:
+        """Rooted poses after steps (frame, dof) of the searched coordinates, which stop at the joints' limits."""
+        pose = rooted.pose.copy()
+        moved = pose[:, self.searched] + step
+        pose[:, self.searched] = np.clip(moved, self._limits[:, 0], self._limits[:, 1])
+        return self.refold(RootedPoses(rooted.base, pose))
+
+    def leave(self, rooted: RootedPoses, near: np.ndarray) -> np.ndarray:
+        """Poses (frame, coordinate) float64 that count from the one base again.
+
+        Of the triples of angles that mean the same rotation each frame takes the nearest to the frame before, the
+        first the nearest to ``near`` (3,) [rad]: the root's angles of the pose before, or of the pose it came from.
+        """
+        pose = rooted.pose.copy()
+        if not self.folds:
+            return pose
+        turned = self._into_frame @ transposed(self.root_base) @ rooted.base @ self._frame
+        angles = _zyx_angles(turned @ zyx_rotation(rooted.pose[:, _ROOT]))
+        other = angles * (1, -1, 1) + np.pi  # Rx + pi, pi - Ry, Rz + pi is the same rotation
+        last = np.asarray(near, float)
+        for frame, triples in enumerate(np.stack([angles, other], axis=1)):
+            nearest = triples - 2 * np.pi * np.round((triples - last) / (2 * np.pi))
+            last = pose[frame, _ROOT] = nearest[np.argmin(((nearest - last) ** 2).sum(axis=1))]
+        return pose
+
+
+def _zyx_angles(rotation: np.ndarray) -> np.ndarray:
+    """(..., 3) angles Rx, Ry, Rz of rotations ``Rz @ Ry @ Rx``, which they give back at a quarter turn too."""
+    z = np.arctan2(rotation[..., 1, 0], rotation[..., 0, 0])
+    rest = transposed(turn("z", z)) @ rotation  # Ry @ Rx, whose second row is (0, cos x, -sin x)
+    x = np.arctan2(-rest[..., 1, 2], rest[..., 1, 1])
+    y = np.arctan2(-rest[..., 2, 0], rest[..., 0, 0])
+    return np.stack([x, y, z], axis=-1)

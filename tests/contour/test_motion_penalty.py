@@ -1,0 +1,66 @@
+"""The penalty on accelerations is what it says, its derivatives too, and it is the same at any frame rate."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from planted import dense, swung
+from synthetic import synthetic_body
+
+from mmocap_warp.contour.motion_penalty import SPEED, MotionPenalty
+from mmocap_warp.contour.motion_points import MotionPoints
+from mmocap_warp.contour.rooted import RootedPoses
+
+BODY = synthetic_body()
+POINTS = MotionPoints(BODY.skeleton, BODY.joint_rest, BODY.skeleton.searched())
+
+
+def rooted(frames: int, rate: float) -> RootedPoses:
+    return RootedPoses(np.tile(np.eye(3), (frames, 1, 1)), swung(BODY, frames, rate))
+
+
+def test_a_joint_that_accelerates_costs_half_the_square_of_it():
+    rate, acceleration = 50.0, 4.0
+    time = np.arange(6) / rate
+    points = np.zeros((6, 4, 3))  # one joint's
+    points[:, :, 1] = 0.5 * acceleration * time[:, None] ** 2
+    cost = MotionPenalty(2.0, rate).around(points, np.zeros((6, 4, 3, 1))).cost
+    speed = acceleration * (time[1:] + time[:-1]) / 2
+    expected = np.append(0.0, 0.5 * (speed / SPEED) ** 2) + np.array([0, 0, 2, 2, 2, 2])
+    np.testing.assert_allclose(cost, expected)
+
+
+def test_its_derivatives_are_finite_differences():
+    poses, penalty = rooted(5, 30.0), MotionPenalty(3.0, 30.0)
+    around = penalty.around(*POINTS.linearised(poses))
+    direction = np.random.default_rng(0).normal(size=around.gradient.shape)
+
+    def cost(step: float) -> float:
+        pose = poses.pose.copy()
+        pose[:, BODY.skeleton.searched()] += step * direction
+        return penalty.around(*POINTS.linearised(RootedPoses(poses.base, pose))).cost.sum()
+
+    slope = (cost(1e-6) - cost(-1e-6)) / 2e-6
+    assert slope == pytest.approx(-(around.gradient * direction).sum(), rel=1e-6)
+
+
+def test_its_matrix_is_that_of_the_linearised_points():
+    frames, rate, acceleration = 6, 30.0, 3.0
+    poses = rooted(frames, rate)
+    _, derivative = POINTS.linearised(poses)
+    around = MotionPenalty(acceleration, rate).around(*POINTS.linearised(poses))
+    rows = derivative.reshape(frames, -1, derivative.shape[-1]) / 2
+    expected = 0.0
+    for order, scale in ((1, rate / SPEED), (2, rate**2 / acceleration)):
+        differences = np.diff(np.eye(frames), n=order, axis=0) * scale  # (difference, frame)
+        jacobian = np.einsum("kf,fpd->kpfd", differences, rows).reshape(-1, frames * rows.shape[-1])
+        expected = expected + jacobian.T @ jacobian
+    np.testing.assert_allclose(dense(around.band), expected, atol=1e-9 * np.abs(expected).max())
+
+
+def test_it_costs_the_same_a_second_at_any_frame_rate():
+    def a_second(rate: float) -> float:
+        points, derivative = POINTS.linearised(rooted(round(4 * rate), rate))
+        return MotionPenalty(3.0, rate).around(points, derivative).cost[2:].mean()
+
+    np.testing.assert_allclose([a_second(rate) for rate in (15, 30, 120)], a_second(60), rtol=0.05)

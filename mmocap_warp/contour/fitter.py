@@ -6,7 +6,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 import warp as wp
@@ -16,6 +15,8 @@ from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import BodyArrays, JointArrays
 from mmocap_warp.body.skeleton import Skeleton
 from mmocap_warp.contour.fields import DistanceFields
+from mmocap_warp.contour.normal_equations import NormalEquations
+from mmocap_warp.contour.rooted import RootedPoses
 from mmocap_warp.kernels.batch import Batch, batch_of
 from mmocap_warp.kernels.body import skinning
 from mmocap_warp.kernels.body.skinning import pose_vertices
@@ -47,26 +48,6 @@ class MatchingConfig:
     huber: float = 0.012
     sigma: float = 0.012
     apart: float = 4.0
-
-
-class NormalEquations(NamedTuple):
-    """Of ``frames`` poses on their own: minimise ``step' matrix step / 2 - gradient' step``.
-
-    Attributes:
-        matrix: (frame, n, n) float64, n the searched coordinates, and then the rest body's parameters if they are free.
-        gradient: (frame, n) float64.
-        cost: (frame,) float64, ``r' W r``, robust.
-        outline: (frame,) length of the outlines that are in the images [px].
-        matched: (frame,) share of it that found a contour within reach.
-        residual: (frame,) mean distance of these [m].
-    """
-
-    matrix: np.ndarray
-    gradient: np.ndarray
-    cost: np.ndarray
-    outline: np.ndarray
-    matched: np.ndarray
-    residual: np.ndarray
 
 
 class ContourFitter:
@@ -134,13 +115,12 @@ class ContourFitter:
             value=wp.zeros(candidates * cameras * size * width, dtype=wp.float32, device=device),
             width=width,
         )
-        triangle = width * (width + 1) // 2
+        triangle = _triangle(width)
         self._sums = filled(
             Sums,
             triangle=wp.zeros(candidates * cameras * triangle, dtype=wp.float32, device=device),
             tally=wp.zeros(view, dtype=wp.vec4, device=device),
         )
-        self._triangle = (cameras, triangle)
         self.descent = _descent(self.index, limits, candidates, triangle, device)
         for module in (skinning, outline, residuals, jacobian, normal_equations, descent_kernels):
             wp.load_module(module, device=device)  # before threads launch from them at the same time
@@ -160,25 +140,21 @@ class ContourFitter:
         self._change.vertex.assign(vertex.astype(np.float32))
         self._change.joint.assign(joint.astype(np.float32))
 
-    def linearise(self, pose: np.ndarray, base: np.ndarray, frame: np.ndarray) -> NormalEquations:
-        """The normal equations of poses, each of a frame of its own.
-
-        Args:
-            pose: (n, coordinate) [m, rad]; n may exceed ``candidates``.
-            base: (n, 3, 3) root bases.
-            frame: (n,) places of their frames.
-        """
+    def linearise(self, place: np.ndarray, rooted: RootedPoses) -> NormalEquations:
+        """The normal equations of poses against the frames in places (pose,); there may be more than ``candidates``."""
         parts = []
-        for first in range(0, len(pose), self.candidates):
-            part = slice(first, min(first + self.candidates, len(pose)))
-            count = part.stop - part.start
-            _assign(self.descent.pose, pose[part])
-            _assign(self.body.root_base, base[part])
-            _assign(self.fields.frame, frame[part])
-            for batch in self._each_batch(count):
-                self._sum(batch)
-            parts.append(self._read_sums(count))
+        for first in range(0, len(rooted), self.candidates):
+            part = slice(first, min(first + self.candidates, len(rooted)))
+            self.start_at(rooted.pose[part], rooted.base[part], place[part])
+            self._together(part.stop - part.start, self._sum)
+            parts.append(self._read_sums(part.stop - part.start))
         return NormalEquations(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+    def start_at(self, pose: np.ndarray, base: np.ndarray, place: np.ndarray) -> None:
+        """Set the first candidates' poses (n, coordinate), root bases (n, 3, 3), and the places of their frames."""
+        _assign(self.descent.pose, pose)
+        _assign(self.body.root_base, base)
+        _assign(self.fields.frame, place)
 
     def descend(self, count: int, steps: int) -> None:
         """Take damped steps with the first ``count`` candidates, from ``descent.pose`` towards lower cost.
@@ -210,18 +186,16 @@ class ContourFitter:
         )
         sum_normal_equations(self._outline, self._residuals, self._rows, batch, self._sums)
 
-    def _read_sums(self, count: int) -> NormalEquations:
-        cameras, size = self._triangle
-        flat = self._sums.triangle.numpy().reshape(-1, cameras, size)[:count].astype(np.float64).sum(axis=1)
-        tally = self._sums.tally.numpy()[:count].astype(np.float64).sum(axis=1)
-        n = self._width - 1
+    def _read_sums(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Matrix, gradient and cost, for half the squares."""
+        triangle = self._sums.triangle.numpy().reshape(self.candidates, -1, _triangle(self._width))
+        views = triangle[:count].astype(np.float64).sum(axis=1)
         row, column = np.tril_indices(self._width)
         full = np.zeros((count, self._width, self._width))
-        full[:, row, column] = flat
-        full[:, column, row] = flat
-        lost = np.maximum(tally[:, 2], 1e-9)
-        matched = tally[:, 2] / np.maximum(tally[:, 1], 1e-9)
-        return NormalEquations(full[:, :n, :n], full[:, n, :n], tally[:, 0], tally[:, 1], matched, tally[:, 3] / lost)
+        full[:, row, column] = full[:, column, row] = views
+        n = self._width - 1
+        cost = self._sums.tally.numpy()[:count, :, 0].astype(np.float64).sum(axis=1)
+        return full[:, :n, :n], full[:, n, :n], 0.5 * cost
 
     def _together(self, count: int, work) -> None:  # type: ignore[no-untyped-def]
         batches = self._each_batch(count)
@@ -247,9 +221,12 @@ _FIRST_DAMPING = 1.0e-3
 
 def _assign(array: wp.array, values: np.ndarray) -> None:
     """Write the first rows of an array."""
-    whole = np.zeros(array.shape + array.dtype._shape_ if hasattr(array.dtype, "_shape_") else array.shape, np.float32)
     host = wp.array(np.ascontiguousarray(values), dtype=array.dtype, device=array.device)
     wp.copy(array, host, count=host.size)
+
+
+def _triangle(width: int) -> int:
+    return width * (width + 1) // 2
 
 
 def _views(rig: CameraRig, device: str) -> Views:

@@ -1,4 +1,4 @@
-"""The trackers of the paper by name: an optimizer, and whether it searches the body's parts one after the other.
+"""Trackers by name. The paper's: an optimizer, and whether it searches the body's parts one after the other.
 
 A ninth needs its optimizer's file and a line here; see docs/optimizers.md.
 """
@@ -44,3 +44,9 @@ ALGORITHMS: dict[str, Algorithm] = {
     "psapf": Algorithm(AnnealedFilter, "PSAPF", hierarchical=True, partitioned=True),
 }
 """The labels in lower case are the paper's names; ``h-`` is the six-step hierarchy."""
+
+CONTOUR_TRACKERS: dict[str, str | None] = {"search-contour": "h-cmaes", "contour": None}
+"""Trackers that fit contours, and the algorithm that searches for them."""
+
+BUDGETS: dict[str, int] = dict.fromkeys(ALGORITHMS, 500) | {"search-contour": 120, "contour": 0}
+"""Evaluations of a frame's search unless something else is asked for."""

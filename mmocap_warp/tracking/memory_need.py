@@ -97,12 +97,12 @@ def fitting_tracker(subject: Subject, rig: CameraRig, config: TrackConfig, fps: 
         return smaller.of(config.runs) > _SHARE * free
 
     runs = int((_SHARE * free - need.fixed) // need.per_run)
-    budgets = range(1, 1 if too_much(1) else config.evaluations)
+    budgets = range(1, 1 if too_much(1) else config.budget)
     evaluations = bisect.bisect_left(budgets, True, key=too_much)
     fitting = [f"runs = {runs}"] * (runs > 0) + [f"evaluations = {evaluations}"] * (evaluations > 0)
     raise InputError(
         device,
-        f"{config.algorithm} with runs = {config.runs} and evaluations = {config.evaluations} takes "
+        f"{config.algorithm} with runs = {config.runs} and evaluations = {config.budget} takes "
         f"{need.of(config.runs) / _GB:,.1f} GB of memory, {free / _GB:,.1f} GB are free",
         f"the most that fits is {' or '.join(fitting)}"
         if fitting

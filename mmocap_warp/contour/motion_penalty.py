@@ -38,7 +38,8 @@ class MotionPenalty:
     """What accelerations and velocities of the joints cost, in units of their standard deviations.
 
     A joint's error is the mean over its points. Small errors cost half their square; far ones, of a blow or a
-    landing, cost less (``log(1 + square)``, Cauchy's), so that the speed of such a motion is kept.
+    landing, cost less (``log(1 + square)``, Cauchy's), so that the speed of such a motion is kept. That needs frames
+    that show it: where one shows nothing, the square counts, or else all motion there would be a few jerks.
 
     Args:
         acceleration: standard deviation of a joint's acceleration, by coordinate [m/s^2].
@@ -48,8 +49,8 @@ class MotionPenalty:
     def __init__(self, acceleration: float, rate: float) -> None:
         self._scale = {1: rate / SPEED, 2: rate**2 / acceleration}
 
-    def around(self, points: np.ndarray, derivative: np.ndarray) -> MotionCost:
-        """The penalty around points (frame, point, 3) with derivatives (frame, point, 3, dof)."""
+    def around(self, points: np.ndarray, derivative: np.ndarray, seen: np.ndarray) -> MotionCost:
+        """The penalty around points (frame, point, 3) with derivatives (frame, point, 3, dof) in frames ``seen``."""
         frames, count, _, dof = derivative.shape
         joints = count // POINTS_A_JOINT
         place = points.reshape(frames, joints, -1) / np.sqrt(POINTS_A_JOINT)
@@ -62,8 +63,10 @@ class MotionPenalty:
                 continue
             stencil = np.diff(np.eye(order + 1), n=order, axis=0)[0] * scale
             error = sum(weight * place[i : i + rows] for i, weight in enumerate(stencil))
-            far = 1.0 + (np.linalg.norm(error, axis=2) / FAR) ** 2  # (row, joint)
-            cost[order:] += 0.5 * FAR**2 * np.log(far).sum(axis=1)
+            square = (error**2).sum(axis=2)  # (row, joint)
+            all_seen = np.all([seen[i : i + rows] for i in range(order + 1)], axis=0)[:, None]
+            far = np.where(all_seen, 1.0 + square / FAR**2, 1.0)
+            cost[order:] += 0.5 * np.where(all_seen, FAR**2 * np.log(far), square).sum(axis=1)
             for i, weight in enumerate(stencil):
                 pull[i : i + rows] -= (weight / far)[..., None] * error
                 for j in range(i + 1):

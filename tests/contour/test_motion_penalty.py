@@ -13,6 +13,7 @@ from mmocap_warp.contour.rooted import RootedPoses
 
 BODY = synthetic_body()
 POINTS = MotionPoints(BODY.skeleton, BODY.joint_rest, BODY.skeleton.searched())
+SEEN = np.ones(6, bool)
 
 
 def rooted(frames: int, rate: float) -> RootedPoses:
@@ -26,10 +27,10 @@ def test_a_joint_that_accelerates_costs_half_the_square_of_it_or_less():
     points[:, :, 1] = 0.5 * acceleration * time[:, None] ** 2
     speed = acceleration * (time[1:] + time[:-1]) / 2
     errors = np.append(0.0, speed / SPEED), np.array([0, 0, *[acceleration / 0.5] * 4])
-    cost = MotionPenalty(0.5, rate).around(points, np.zeros((6, 4, 3, 1))).cost
+    cost = MotionPenalty(0.5, rate).around(points, np.zeros((6, 4, 3, 1)), SEEN[:6]).cost
     np.testing.assert_allclose(cost, sum(FAR**2 / 2 * np.log1p((error / FAR) ** 2) for error in errors))
     np.testing.assert_allclose(
-        MotionPenalty(400.0, rate).around(1e-3 * points, np.zeros((6, 4, 3, 1))).cost,
+        MotionPenalty(400.0, rate).around(1e-3 * points, np.zeros((6, 4, 3, 1)), SEEN[:6]).cost,
         sum((1e-3 * error) ** 2 / 2 for error in (errors[0], errors[1] / 800)),
         rtol=1e-4,
     )
@@ -37,13 +38,13 @@ def test_a_joint_that_accelerates_costs_half_the_square_of_it_or_less():
 
 def test_its_derivatives_are_finite_differences():
     poses, penalty = rooted(5, 30.0), MotionPenalty(3.0, 30.0)
-    around = penalty.around(*POINTS.linearised(poses))
+    around = penalty.around(*POINTS.linearised(poses), SEEN[:5])
     direction = np.random.default_rng(0).normal(size=around.gradient.shape)
 
     def cost(step: float) -> float:
         pose = poses.pose.copy()
         pose[:, BODY.skeleton.searched()] += step * direction
-        return penalty.around(*POINTS.linearised(RootedPoses(poses.base, pose))).cost.sum()
+        return penalty.around(*POINTS.linearised(RootedPoses(poses.base, pose)), SEEN[:5]).cost.sum()
 
     slope = (cost(1e-6) - cost(-1e-6)) / 2e-6
     assert slope == pytest.approx(-(around.gradient * direction).sum(), rel=1e-6)
@@ -53,7 +54,7 @@ def test_its_matrix_is_that_of_the_linearised_points():
     frames, rate, acceleration = 6, 30.0, 3.0
     poses = rooted(frames, rate)
     _, derivative = POINTS.linearised(poses)
-    around = MotionPenalty(acceleration, rate).around(*POINTS.linearised(poses))
+    around = MotionPenalty(acceleration, rate).around(*POINTS.linearised(poses), SEEN[:frames])
     rows = derivative.reshape(frames, -1, 12, derivative.shape[-1]) / 2
     place = POINTS.at(poses).reshape(frames, -1, 12) / 2
     expected = 0.0
@@ -69,6 +70,16 @@ def test_its_matrix_is_that_of_the_linearised_points():
 def test_it_costs_the_same_a_second_at_any_frame_rate():
     def a_second(rate: float) -> float:
         points, derivative = POINTS.linearised(rooted(round(4 * rate), rate))
-        return MotionPenalty(3.0, rate).around(points, derivative).cost[2:].mean()
+        return MotionPenalty(3.0, rate).around(points, derivative, np.ones(len(points), bool)).cost[2:].mean()
 
     np.testing.assert_allclose([a_second(rate) for rate in (15, 30, 120)], a_second(60), rtol=0.05)
+
+
+def test_what_nothing_shows_costs_its_square():
+    points = np.zeros((6, 4, 3))
+    points[3] = 1.0
+    derivative = np.zeros((6, 4, 3, 1))
+    seen = np.arange(6) != 4
+    cost = MotionPenalty(1e-3, 1.0).around(points, derivative, seen).cost
+    np.testing.assert_allclose(cost[4:], [3 * 4e6 / 2 + 3 / SPEED**2 / 2, 3 * 1e6 / 2], rtol=1e-6)
+    assert cost[3] < 100

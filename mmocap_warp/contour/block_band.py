@@ -53,7 +53,7 @@ class BlockBand:
         """The inverse's blocks on the diagonal, (frame, n, n): of a normal matrix, each frame's covariance.
 
         Going back from the last frame, a frame's part of the inverse follows from those of the next two (Takahashi,
-        Fagan and Chen, 1973).
+        Fagan and Chin, 1973).
 
         Raises:
             numpy.linalg.LinAlgError: the matrix is not positive definite.

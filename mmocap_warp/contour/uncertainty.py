@@ -42,7 +42,7 @@ def marginal_covariance(
     contour = problem.linearise(frames, rooted)
     points = problem.points.linearised(rooted)
     motion = MotionPenalty(acceleration, problem.rate).around(*points, contour.observed)
-    return (motion.band + (contour.matrix + np.diag(problem.rooting.anywhere**-2.0))).inverse_diagonal()
+    return (motion.band + contour.with_prior(problem.rooting.anywhere**-2.0)).inverse_diagonal()
 
 
 def uncertainty(problem: ClipProblem, rooted: RootedPoses, acceleration: float) -> Uncertainty:

@@ -10,6 +10,7 @@ from mmocap_warp.body.rotations import turn
 from mmocap_warp.contour import uncertainty as module
 from mmocap_warp.contour.clip import ACCELERATION, ClipProblem
 from mmocap_warp.contour.motion_penalty import MotionPenalty
+from mmocap_warp.contour.normal_equations import NormalEquations
 from mmocap_warp.contour.rooted import RootedPoses, Rooting
 from mmocap_warp.contour.uncertainty import marginal_covariance, uncertainty
 
@@ -30,7 +31,7 @@ def test_covariances_are_those_of_the_dense_inverse():
     problem, rooted = clip_of(7, 0.004)
     contour = problem.linearise(np.arange(7), rooted)
     motion = MotionPenalty(ACCELERATION, 60.0).around(*problem.points.linearised(rooted), contour.observed)
-    whole = np.linalg.inv(dense(motion.band + (contour.matrix + np.diag(problem.rooting.anywhere**-2.0))))
+    whole = np.linalg.inv(dense(motion.band + contour.with_prior(problem.rooting.anywhere**-2.0)))
     expected = [whole[f * DOF : (f + 1) * DOF, f * DOF : (f + 1) * DOF] for f in range(7)]
     got = marginal_covariance(problem, np.arange(7), rooted, ACCELERATION)
     np.testing.assert_allclose(got, expected, rtol=1e-6, atol=1e-9 * np.abs(expected).max())
@@ -80,3 +81,12 @@ def test_windows_say_what_the_whole_clip_says(monkeypatch):
     windows = uncertainty(problem, rooted, ACCELERATION)
     np.testing.assert_allclose(windows.joint, whole.joint, rtol=0.01)
     np.testing.assert_allclose(windows.pose, whole.pose, rtol=0.01)
+
+
+def test_a_prior_makes_what_single_precision_rounded_invertible():
+    problem, rooted = clip_of(2, 0.004)
+    contour = problem.linearise(np.arange(2), rooted)
+    rounded = NormalEquations(contour.matrix.astype(np.float32).astype(float), contour.gradient, contour.cost)
+    proper = rounded.with_prior(np.full(DOF, 1e-9))
+    assert (np.linalg.eigvalsh(proper) > 0).all()
+    np.testing.assert_allclose(proper, contour.matrix, atol=2e-6 * contour.matrix.max())

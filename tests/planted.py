@@ -42,8 +42,9 @@ def swung(body: BodyModel, frames: int, rate: float, seed: int = 0) -> np.ndarra
     skeleton = body.skeleton
     time = np.arange(frames)[:, None] / rate
     low, high = np.clip(skeleton.coordinate_limits.T, -0.5, 0.5)
-    phase, pace = rng.uniform(0, 2 * np.pi, skeleton.coordinates), rng.uniform(0.3, 1.2, skeleton.coordinates)
-    pose = (low + high) / 2 + 0.4 * (high - low) * np.sin(phase + 2 * np.pi * pace * time)
+    phase, pace = rng.uniform(0, 2 * np.pi, skeleton.coordinates), rng.uniform(0.3, 0.8, skeleton.coordinates)
+    wide = np.where(np.arange(skeleton.coordinates) < 3, 0.1, 0.4) * (high - low)
+    pose = (low + high) / 2 + wide * np.sin(phase + 2 * np.pi * pace * time)
     held = np.setdiff1d(np.arange(skeleton.coordinates), skeleton.searched())
     pose[:, held] = 0.0
     if skeleton.searched()[0] == 0:

@@ -1,4 +1,8 @@
-"""Symmetric matrices whose blocks couple a frame with the next two: solved, and inverted where that is needed."""
+"""Symmetric matrices whose blocks couple a frame with the next two: solved, and inverted where that is needed.
+
+A block is small, so that a step of the elimination is done before a second thread would have started: LAPACK's banded
+solver, which starts one at every step, took a hundred times as long while other programs worked.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +12,11 @@ import numpy as np
 
 
 class BlockBand:
-    """A symmetric matrix of (frame, frame) blocks, zero where frames are further apart than the band is wide.
+    """A symmetric matrix of (frame, frame) blocks, zero where frames are more than two apart.
 
     Args:
-        blocks: by how many frames apart: ``blocks[o][f]`` is the block in row ``f + o`` and column ``f``;
-            (frame - o, n, n).
+        blocks: by how many frames apart, three at most: ``blocks[o][f]`` is the block in row ``f + o`` and column
+            ``f``; (frame - o, n, n).
     """
 
     def __init__(self, blocks: Sequence[np.ndarray]) -> None:
@@ -28,72 +32,57 @@ class BlockBand:
         return BlockBand([block[frames:] for block in self.blocks if len(block) > frames])
 
     def solved(self, right: np.ndarray) -> np.ndarray:
-        """``x`` (frame, n) of ``matrix @ x = right`` (frame, n), by Cholesky's decomposition of the band.
+        """``x`` (frame, n) of ``matrix @ x = right`` (frame, n).
 
         Raises:
             numpy.linalg.LinAlgError: the matrix is not positive definite.
         """
-        from scipy.linalg import solveh_banded
-
-        flat = solveh_banded(self._diagonals(), right.ravel(), lower=True, overwrite_ab=True)
-        solution: np.ndarray = flat.reshape(right.shape)
-        return solution
-
-    def _diagonals(self) -> np.ndarray:
-        """(diagonal, frame * n), LAPACK's lower form: row ``r`` has the elements ``r`` below the diagonal."""
-        n = self.size
-        row, column = np.divmod(np.arange(n * n), n)
-        band = np.zeros((n * len(self.blocks), self.frames, n))
-        for apart, block in enumerate(self.blocks):
-            below = apart * n + row - column
-            kept = below >= 0
-            elements = block.reshape(len(block), n * n).T[kept]
-            band[below[kept], : len(block), column[kept]] = elements
-        return band.reshape(len(band), -1)
+        own, next_one, next_two = self._factor()
+        x = np.zeros((self.frames + 2, self.size))
+        x[:-2] = right
+        for f in range(self.frames):
+            x[f] = own[f] @ x[f]
+            x[f + 1] -= next_one[f] @ x[f]
+            x[f + 2] -= next_two[f] @ x[f]
+        x[-2:] = 0.0
+        for f in reversed(range(self.frames)):
+            x[f] = own[f].T @ (x[f] - next_one[f].T @ x[f + 1] - next_two[f].T @ x[f + 2])
+        return x[:-2]
 
     def inverse_diagonal(self) -> np.ndarray:
         """The inverse's blocks on the diagonal, (frame, n, n): of a normal matrix, each frame's covariance.
 
-        Two frames at a time make the matrix block tridiagonal. Eliminating from the first block to the last, and
-        going back, gives the inverse's diagonal blocks without its others (Takahashi, Fagan and Chen, 1973; for
-        smoothing in time: Rauch, Tung and Striebel, 1965).
+        Going back from the last frame, a frame's part of the inverse follows from those of the next two (Takahashi,
+        Fagan and Chin, 1973).
 
         Raises:
             numpy.linalg.LinAlgError: the matrix is not positive definite.
         """
-        from scipy.linalg import cho_factor, cho_solve
+        own, next_one, next_two = self._factor()
+        inverse = np.zeros((self.frames + 2, self.size, self.size))
+        below = np.zeros((self.size, self.size))  # in the inverse: row f + 2, column f + 1
+        for f in reversed(range(self.frames)):
+            one, two = next_one[f] @ own[f], next_two[f] @ own[f]
+            first = -(inverse[f + 1] @ one + below.T @ two)
+            second = -(below @ one + inverse[f + 2] @ two)
+            inverse[f] = own[f].T @ own[f] - one.T @ first - two.T @ second
+            below = first
+        return inverse[:-2]
 
-        diagonal, below = self._tridiagonal()
-        remaining = diagonal[0]
-        eliminated = []  # each block's matrix once those before it are gone, inverted; and how the next depends on it
-        for pair, coupling in enumerate(below):
-            factor = cho_factor(remaining, lower=True)
-            gain = cho_solve(factor, coupling.T)
-            eliminated.append((cho_solve(factor, np.eye(len(remaining))), gain))
-            remaining = diagonal[pair + 1] - coupling @ gain
-        covariance = np.empty_like(diagonal)
-        covariance[-1] = cho_solve(cho_factor(remaining, lower=True), np.eye(len(remaining)))
-        for pair in reversed(range(len(below))):
-            own, gain = eliminated[pair]
-            covariance[pair] = own + gain @ covariance[pair + 1] @ gain.T
-        n = self.size
-        both = np.stack([covariance[:, :n, :n], covariance[:, n:, n:]], axis=1)
-        return both.reshape(-1, n, n)[: self.frames]
+    def _factor(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Cholesky's factor by columns: its blocks on the diagonal, inverted; those one and those two rows below.
 
-    def _tridiagonal(self) -> tuple[np.ndarray, np.ndarray]:
-        """Blocks of two frames: (pair, 2 n, 2 n) on the diagonal, (pair - 1, 2 n, 2 n) below it.
-
-        An odd last frame is paired with one that nothing couples it to.
+        Each is (frame, n, n).
         """
-        n, frames = self.size, self.frames
-        pairs = (frames + 1) // 2
-        own, one, two = (np.zeros((2 * pairs, n, n)) for _ in range(3))
-        own[:] = np.eye(n)
-        for padded, block in zip((own, one, two), self.blocks, strict=False):
-            padded[: len(block)] = block
-        diagonal, below = np.zeros((pairs, 2 * n, 2 * n)), np.zeros((pairs - 1, 2 * n, 2 * n))
-        diagonal[:, :n, :n], diagonal[:, n:, n:] = own[::2], own[1::2]
-        diagonal[:, n:, :n], diagonal[:, :n, n:] = one[::2], np.swapaxes(one[::2], 1, 2)
-        below[:, :n, :n], below[:, n:, n:] = two[:-2:2], two[1:-2:2]
-        below[:, :n, n:] = one[1:-2:2]
-        return diagonal, below
+        remaining = np.zeros((3, self.frames + 2, self.size, self.size))
+        for apart, block in enumerate(self.blocks):
+            remaining[apart, : len(block)] = block
+        own, next_one, next_two = (np.empty((self.frames, self.size, self.size)) for _ in range(3))
+        for f in range(self.frames):
+            own[f] = np.linalg.inv(np.linalg.cholesky(remaining[0, f]))
+            next_one[f] = remaining[1, f] @ own[f].T
+            next_two[f] = remaining[2, f] @ own[f].T
+            remaining[0, f + 1] -= next_one[f] @ next_one[f].T
+            remaining[1, f + 1] -= next_two[f] @ next_one[f].T
+            remaining[0, f + 2] -= next_two[f] @ next_two[f].T
+        return own, next_one, next_two

@@ -53,8 +53,7 @@ class BodyProblem:
         descent = _Descent(self, frames)
         start = _State(rooted, np.asarray(beta, float))
         state, equations = descend(descent, start, descent.linearised(start), steps)
-        anywhere = np.diag(self.rooting.anywhere**-2.0)
-        information = equations.without_poses(equations.contour.matrix[:, : len(anywhere), : len(anywhere)] + anywhere)
+        information = equations.without_poses(equations.contour.with_prior(self.rooting.anywhere**-2.0))
         covariance = np.linalg.inv(information.matrix)
         return BodySolution(state.beta, covariance, state.rooted, equations.contour.cost)
 

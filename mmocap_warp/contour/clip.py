@@ -23,6 +23,8 @@ WINDOW = 4.0
 """What is solved together [s]."""
 OVERLAP = 0.7
 """The end of a window that is solved again with what follows it [s]."""
+HELD = 2
+"""Frames back to which an acceleration couples."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,7 @@ def coarse_then_fine(acceleration: float = ACCELERATION) -> tuple[Pass, ...]:
 
 @dataclass(frozen=True, eq=False)
 class ClipSolution:
-    """Poses of a clip.
+    """Poses of consecutive frames.
 
     Attributes:
         rooted: the poses.
@@ -56,6 +58,17 @@ class ClipSolution:
     rooted: RootedPoses
     observed: np.ndarray
     cost: np.ndarray
+
+    def __getitem__(self, frames: slice) -> ClipSolution:
+        return ClipSolution(self.rooted[frames], self.observed[frames], self.cost[frames])
+
+    def followed_by(self, *more: ClipSolution) -> ClipSolution:
+        """These frames, then the others."""
+        return ClipSolution(
+            self.rooted.followed_by(*(each.rooted for each in more)),
+            np.concatenate([self.observed, *(each.observed for each in more)]),
+            np.concatenate([self.cost, *(each.cost for each in more)]),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,37 +87,31 @@ class ClipProblem:
     points: MotionPoints
     rate: float
 
-    def solved(self, rooted: RootedPoses, passes: tuple[Pass, ...] | None = None) -> ClipSolution:
+    def solved(self, rooted: RootedPoses, passes: tuple[Pass, ...] = coarse_then_fine()) -> ClipSolution:
         """The clip's poses, from a pose for every frame; those of frames that show nothing don't matter.
 
         Windows of frames are solved in turn, so that memory does not grow with the clip. All but a window's end is
-        final: the next window starts from there, with its last two poses held, to which alone accelerations couple.
+        final: the next window starts from there, with its last poses held.
         """
-        passes = coarse_then_fine() if passes is None else passes
         window, overlap = round(WINDOW * self.rate), round(OVERLAP * self.rate)
-        done: list[_Stretch] = []
-        first, held = 0, rooted[:0]
-        while first < len(rooted):
+        done: list[ClipSolution] = []
+        first, held = 0, self.rooting.none
+        while first < len(rooted) or not done:
             last = min(first + window, len(rooted))
-            stretch = self.stretch(np.arange(first, last), rooted[first:last], held, passes)
+            solution = self.solved_together(np.arange(first, last), rooted[first:last], held, passes)
             if last < len(rooted):
-                keep = _end_to_keep(stretch.contour.observed, overlap)
-                rooted = rooted[: first + keep].followed_by(stretch.rooted[keep:]).followed_by(rooted[last:])
-                stretch = stretch[:keep]
-            done.append(stretch)
-            first += len(stretch.rooted)
-            held = held.followed_by(stretch.rooted)[-2:]
-        return ClipSolution(
-            RootedPoses(
-                np.concatenate([stretch.rooted.base for stretch in done]),
-                np.concatenate([stretch.rooted.pose for stretch in done]),
-            ),
-            np.concatenate([stretch.contour.observed for stretch in done]),
-            np.concatenate([stretch.contour.cost for stretch in done]),
-        )
+                final = _final(solution.observed, overlap)
+                rooted = rooted[: first + final].followed_by(solution.rooted[final:], rooted[last:])
+                solution = solution[:final]
+            done.append(solution)
+            first += len(solution.cost)
+            held = held.followed_by(solution.rooted)[-HELD:]
+        return done[0].followed_by(*done[1:])
 
-    def stretch(self, frames: np.ndarray, rooted: RootedPoses, held: RootedPoses, passes: tuple[Pass, ...]) -> _Stretch:
-        """Frames by their numbers, solved together; ``held`` are the poses before them, two if there are."""
+    def solved_together(
+        self, frames: np.ndarray, rooted: RootedPoses, held: RootedPoses, passes: tuple[Pass, ...]
+    ) -> ClipSolution:
+        """Consecutive frames by their numbers, solved at once; ``held`` are the final poses before them."""
         contour = self.linearise(frames, rooted)
         known = np.concatenate([np.ones(len(held), bool), contour.observed])
         rooted = filled(held.followed_by(rooted), known)[len(held) :]
@@ -112,18 +119,7 @@ class ClipProblem:
             descent = _Descent(self, frames, held, MotionPenalty(each.acceleration, self.rate))
             rooted, equations = descend(descent, rooted, descent.around(rooted, contour), each.steps)
             contour = equations.contour
-        return _Stretch(rooted, contour)
-
-
-@dataclass(frozen=True, eq=False)
-class _Stretch:
-    """Consecutive frames, solved."""
-
-    rooted: RootedPoses
-    contour: NormalEquations
-
-    def __getitem__(self, frames: slice) -> _Stretch:
-        return _Stretch(self.rooted[frames], self.contour[frames])
+        return ClipSolution(rooted, contour.observed, contour.cost)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +148,8 @@ class _Descent:
 
     def around(self, rooted: RootedPoses, contour: NormalEquations) -> _Equations:
         points = self._clip.points.linearised(self._held.followed_by(rooted))
-        return _Equations(contour, self._penalty.around(*points).without_first(len(self._held)))
+        seen = np.concatenate([np.ones(len(self._held), bool), contour.observed])
+        return _Equations(contour, self._penalty.around(*points, seen).without_first(len(self._held)))
 
     def linearised(self, rooted: RootedPoses) -> _Equations:
         return self.around(rooted, self._clip.linearise(self._frames, rooted))
@@ -164,12 +161,12 @@ class _Descent:
         return self._clip.rooting.stepped(rooted, step), float(np.abs(step).max())
 
 
-def _end_to_keep(observed: np.ndarray, overlap: int) -> int:
+def _final(observed: np.ndarray, overlap: int) -> int:
     """How many frames of a window are final: all but its end, which does not begin where frames show nothing.
 
     A gap that is longer than half a window is cut all the same.
     """
     end = len(observed) - overlap
     shows = np.flatnonzero(observed[:end])
-    keep = int(shows[-1]) + 1 if len(shows) else 0
-    return keep if keep > len(observed) // 2 else end
+    final = int(shows[-1]) + 1 if len(shows) else 0
+    return final if final >= len(observed) // 2 else end

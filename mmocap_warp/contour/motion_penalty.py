@@ -11,6 +11,8 @@ from mmocap_warp.contour.motion_points import POINTS_A_JOINT
 
 SPEED = 3.0
 """Standard deviation of a point's velocity [m/s]; it ends motion where frames show nothing, and else weighs nothing."""
+FAR = 2.0
+"""An error of this many standard deviations pulls half as hard as it would if only its square counted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,39 +35,45 @@ class MotionCost:
 
 
 class MotionPenalty:
-    """Half the squares of accelerations and velocities of the points, in units of their standard deviations.
+    """What accelerations and velocities of the joints cost, in units of their standard deviations.
 
-    The points of a joint count as one: each has a quarter of the weight.
+    A joint's error is the mean over its points. Small errors cost half their square; far ones, of a blow or a
+    landing, cost less (``log(1 + square)``, Cauchy's), so that the speed of such a motion is kept. That needs frames
+    that show it: where one shows nothing, the square counts, or else all motion there would be a few jerks.
 
     Args:
-        acceleration: standard deviation of a point's acceleration, by coordinate [m/s^2].
+        acceleration: standard deviation of a joint's acceleration, by coordinate [m/s^2].
         rate: frames a second.
     """
 
     def __init__(self, acceleration: float, rate: float) -> None:
         self._scale = {1: rate / SPEED, 2: rate**2 / acceleration}
 
-    def around(self, points: np.ndarray, derivative: np.ndarray) -> MotionCost:
-        """The penalty around points (frame, point, 3) with derivatives (frame, point, 3, dof)."""
-        frames, _, _, dof = derivative.shape
-        by_frame = points.reshape(frames, -1) / np.sqrt(POINTS_A_JOINT)
-        rows = derivative.reshape(frames, -1, dof) / np.sqrt(POINTS_A_JOINT)
-        pull = np.zeros_like(by_frame)
+    def around(self, points: np.ndarray, derivative: np.ndarray, seen: np.ndarray) -> MotionCost:
+        """The penalty around points (frame, point, 3) with derivatives (frame, point, 3, dof) in frames ``seen``."""
+        frames, count, _, dof = derivative.shape
+        joints = count // POINTS_A_JOINT
+        place = points.reshape(frames, joints, -1) / np.sqrt(POINTS_A_JOINT)
         cost = np.zeros(frames)
-        couplings = np.zeros((3, frames))  # of frames 0, 1 and 2 apart: (offset, earlier frame)
+        pull = np.zeros_like(place)
+        couplings = np.zeros((3, frames, joints))  # of frames 0, 1 and 2 apart, by the earlier one
         for order, scale in self._scale.items():
-            if frames <= order:
+            rows = frames - order
+            if rows <= 0:
                 continue
             stencil = np.diff(np.eye(order + 1), n=order, axis=0)[0] * scale
-            count = frames - order
-            error = sum(weight * by_frame[i : i + count] for i, weight in enumerate(stencil))
-            cost[order:] += 0.5 * (error**2).sum(axis=1)
+            error = sum(weight * place[i : i + rows] for i, weight in enumerate(stencil))
+            square = (error**2).sum(axis=2)  # (row, joint)
+            all_seen = np.all([seen[i : i + rows] for i in range(order + 1)], axis=0)[:, None]
+            far = np.where(all_seen, 1.0 + square / FAR**2, 1.0)
+            cost[order:] += 0.5 * np.where(all_seen, FAR**2 * np.log(far), square).sum(axis=1)
             for i, weight in enumerate(stencil):
-                pull[i : i + count] -= weight * error
+                pull[i : i + rows] -= (weight / far)[..., None] * error
                 for j in range(i + 1):
-                    couplings[i - j, j : j + count] += weight * stencil[j]
-        gradient = np.einsum("fpd,fp->fd", rows, pull)
-        across = np.swapaxes(rows, 1, 2)
-        apart = range(min(3, frames))
-        blocks = [across[o:] @ rows[: frames - o] * couplings[o, : frames - o, None, None] for o in apart]
+                    couplings[i - j, j : j + rows] += weight * stencil[j] / far
+        slopes = derivative.reshape(frames, -1, dof) / np.sqrt(POINTS_A_JOINT)
+        gradient = np.einsum("frd,fr->fd", slopes, pull.reshape(frames, -1))
+        across = np.swapaxes(slopes, 1, 2)
+        by_row = np.repeat(couplings, 3 * POINTS_A_JOINT, axis=2)[..., None]
+        blocks = [across[o:] @ (by_row[o, : frames - o] * slopes[: frames - o]) for o in range(min(3, frames))]
         return MotionCost(cost, gradient, BlockBand(blocks))

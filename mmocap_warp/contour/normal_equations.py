@@ -9,6 +9,8 @@ import numpy as np
 
 from mmocap_warp.contour.rooted import RootedPoses
 
+_ROUNDING = 1e-6  # of the diagonal: more than sums in single precision are off by
+
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
@@ -33,6 +35,14 @@ class NormalEquations:
         """(frame,) bool: the frames that show anything."""
         observed: np.ndarray = np.trace(self.matrix, axis1=1, axis2=2) > 0
         return observed
+
+    def with_prior(self, information: np.ndarray) -> np.ndarray:
+        """(frame, dof, dof) matrices of the poses alone that can be inverted, with a prior's information (dof,)."""
+        dof = len(information)
+        matrix = self.matrix[:, :dof, :dof]
+        rounding = _ROUNDING * np.einsum("fdd->fd", matrix)
+        proper: np.ndarray = matrix + (information + rounding)[:, :, None] * np.eye(dof)
+        return proper
 
     def __getitem__(self, frames: slice) -> NormalEquations:
         return NormalEquations(self.matrix[frames], self.gradient[frames], self.cost[frames])

@@ -36,9 +36,10 @@ class RootedPoses:
     def __getitem__(self, frames: slice | np.ndarray) -> RootedPoses:
         return RootedPoses(self.base[frames], self.pose[frames])
 
-    def followed_by(self, more: RootedPoses) -> RootedPoses:
+    def followed_by(self, *more: RootedPoses) -> RootedPoses:
         """These frames, then the others."""
-        return RootedPoses(np.concatenate([self.base, more.base]), np.concatenate([self.pose, more.pose]))
+        each = self, *more
+        return RootedPoses(np.concatenate([r.base for r in each]), np.concatenate([r.pose for r in each]))
 
 
 class Rooting:
@@ -57,6 +58,7 @@ class Rooting:
         self.searched = np.asarray(searched)
         self.root_base = np.asarray(root_base, float)
         self.folds = bool(np.isin(np.arange(_ROOT.start, _ROOT.stop), self.searched).all())
+        self.none = RootedPoses(np.zeros((0, 3, 3)), np.zeros((0, skeleton.coordinates)))
         self._frame = skeleton.frame[0].astype(float)
         self._into_frame = np.linalg.inv(self._frame)  # of rounded numbers: its transpose would turn the root a little
         limits = skeleton.coordinate_limits.copy()
@@ -104,14 +106,41 @@ class Rooting:
         pose = rooted.pose.copy()
         if not self.folds:
             return pose
-        turned = self._into_frame @ transposed(self.root_base) @ rooted.base @ self._frame
-        angles = _zyx_angles(turned @ zyx_rotation(rooted.pose[:, _ROOT]))
+        angles = self._left_angles(rooted)
         other = angles * (1, -1, 1) + np.pi  # Rx + pi, pi - Ry, Rz + pi is the same rotation
         last = np.asarray(near, float)
         for frame, triples in enumerate(np.stack([angles, other], axis=1)):
             nearest = triples - 2 * np.pi * np.round((triples - last) / (2 * np.pi))
             last = pose[frame, _ROOT] = nearest[np.argmin(((nearest - last) ** 2).sum(axis=1))]
         return pose
+
+    def leaving(self, rooted: RootedPoses) -> np.ndarray:
+        """(frame, dof, dof) derivative of the searched coordinates as they leave by the rooted ones.
+
+        It is the identity but for the root's angles, which grow without bounds where their middle one nears a quarter
+        turn.
+        """
+        derivative = np.tile(np.eye(len(self.searched)), (len(rooted), 1, 1))
+        if not self.folds:
+            return derivative
+        angles = self._left_angles(rooted)
+        (sin_x, sin_y, _), (cos_x, cos_y, _) = np.sin(angles).T, np.cos(angles).T
+        away = np.copysign(np.maximum(np.abs(cos_y), 1e-6), cos_y)
+        zero, one = np.zeros_like(sin_x), np.ones_like(sin_x)
+        by_z = np.stack([zero, sin_x / away, cos_x / away], axis=1)
+        rows = (
+            np.stack([one, zero, zero], axis=1) + sin_y[:, None] * by_z,
+            np.stack([zero, cos_x, -sin_x], axis=1),
+            by_z,
+        )
+        root = np.searchsorted(self.searched, _ROOT.start)
+        derivative[:, root : root + 3, root : root + 3] = np.stack(rows, axis=1)
+        return derivative
+
+    def _left_angles(self, rooted: RootedPoses) -> np.ndarray:
+        """(frame, 3) the root's angles from the one base, between minus and plus half a turn."""
+        turned = self._into_frame @ transposed(self.root_base) @ rooted.base @ self._frame
+        return _zyx_angles(turned @ zyx_rotation(rooted.pose[:, _ROOT]))
 
 
 def _zyx_angles(rotation: np.ndarray) -> np.ndarray:

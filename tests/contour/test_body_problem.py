@@ -87,7 +87,7 @@ def test_the_covariance_is_a_block_of_the_whole_inverse(true_poses):
     whole[size:, size:] = np.diag(SIGMA**-2.0) + equations.matrix[:, DOF:, DOF:].sum(axis=0)
     for frame, matrix in enumerate(equations.matrix):
         own = slice(frame * DOF, (frame + 1) * DOF)
-        whole[own, own] = matrix[:DOF, :DOF] + np.diag(ROOTING.anywhere**-2.0)
+        whole[own, own] = equations.with_prior(ROOTING.anywhere**-2.0)[frame]
         whole[own, size:], whole[size:, own] = matrix[:DOF, DOF:], matrix[DOF:, :DOF]
     np.testing.assert_allclose(solution.covariance, np.linalg.inv(whole)[size:, size:], rtol=1e-6, atol=1e-12)
 

@@ -85,3 +85,16 @@ def test_what_is_known_of_nothing_but_limits_is_wide():
     np.testing.assert_allclose(wide[3:6], 2 * np.pi / np.sqrt(12))
     assert (wide[6:] > 0).all()
     assert (wide[6:] < 2).all()
+
+
+def test_how_coordinates_leave_is_by_finite_differences():
+    pose = poses(4)
+    rooting = Rooting(SKELETON, HOME, SEARCHED)
+    rooted = rooting.enter(pose)
+    derivative = rooting.leaving(rooted)
+    for number in range(len(SEARCHED)):
+        step = np.zeros((4, len(SEARCHED)))
+        step[:, number] = 1e-6
+        ahead, behind = (rooting.leave(rooting.stepped(rooted, s), pose[0, 3:6]) for s in (step, -step))
+        slope = (ahead - behind)[:, SEARCHED] / 2e-6
+        np.testing.assert_allclose(derivative[:, :, number], slope, atol=1e-6)

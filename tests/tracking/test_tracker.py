@@ -14,7 +14,7 @@ from mmocap_warp.foreground.settings import ForegroundSettings
 from mmocap_warp.result.result import STATUS
 from mmocap_warp.tracking.algorithms import ALGORITHMS
 from mmocap_warp.tracking.config import TrackConfig
-from mmocap_warp.tracking.track import track, track_observations
+from mmocap_warp.tracking.track import collect, track, track_observations
 from mmocap_warp.tracking.tracker import Tracker
 from mmocap_warp.views.observation import Observation
 
@@ -222,6 +222,17 @@ def test_a_motion_is_tracked(device, dof):
         assert errors.mean() < TRACKING_ERROR
         assert errors.max() < 2 * TRACKING_ERROR
     assert result.iou.mean() > 0.9
+
+
+def test_a_status_may_be_of_all_runs_or_of_each(walk):
+    tracker = tracker_of(evaluations=1, runs=2)
+    first, second = tracker.step(walk[0]), tracker.step(walk[1])
+    rescued = replace(second, status=np.array([STATUS.index("tracked"), STATUS.index("rescued")]))
+    result = collect(synthetic_subject(), RIG, FPS, TrackConfig(runs=2), [first, rescued])
+    assert [[STATUS[status] for status in run] for run in result.status] == [
+        ["tracked", "tracked"],
+        ["tracked", "rescued"],
+    ]
 
 
 def test_a_result_says_how_it_was_made(walk):

@@ -1,4 +1,8 @@
-"""Damped Gauss-Newton steps that are taken back where the cost would rise (Levenberg-Marquardt)."""
+"""Damped Gauss-Newton steps that are taken back where the cost would rise (Levenberg-Marquardt).
+
+A rise within the noise of matching is let pass. Where none was, bodies got stuck far from the best one: on
+``scenes/walk`` hips stayed 21 mm off, and with it 4 mm.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +11,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 _RAISE = 10.0
+_NOISE = 0.05  # by so much of itself the objective may rise: a step matches outlines anew, and some find none
 _STOP = 1e-4  # the largest step that is not worth another [m, rad]
 
 
@@ -44,7 +49,7 @@ def objective(equations: Linearised) -> float:
 def descend(
     problem: Problem[State, Equations], state: State, equations: Equations, steps: int
 ) -> tuple[State, Equations]:
-    """The state after some steps, none of which raised the objective, and the problem around it.
+    """The state after some steps, none of which raised the objective beyond its noise, and the problem around it.
 
     A step that would raise it is not taken; the next is damped ten times as much in the frames whose own cost rose,
     and in all frames where that is not enough. A step taken lowers the damping again, as far as 1.
@@ -60,7 +65,7 @@ def descend(
     for _ in range(steps):
         moved, largest = problem.stepped(state, equations, damping)
         there = problem.linearised(moved)
-        if objective(there) <= objective(equations):
+        if objective(there) <= objective(equations) * (1.0 + _NOISE):
             state, equations = moved, there
             damping = np.maximum(damping / _RAISE, 1.0)
             refused = False

@@ -11,7 +11,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 _RAISE = 10.0
-_NOISE = 0.05  # by so much of itself the objective may rise: a step matches outlines anew, and some find none
+_NOISE = 0.1  # by so much of the lowest the objective may rise: a step matches outlines anew, and some find none
 _STOP = 1e-4  # the largest step that is not worth another [m, rad]
 
 
@@ -62,11 +62,13 @@ def descend(
     """
     damping = np.ones(len(equations.cost))
     refused = False
+    lowest = objective(equations)
     for _ in range(steps):
         moved, largest = problem.stepped(state, equations, damping)
         there = problem.linearised(moved)
-        if objective(there) <= objective(equations) * (1.0 + _NOISE):
+        if objective(there) <= lowest * (1.0 + _NOISE):
             state, equations = moved, there
+            lowest = min(lowest, objective(there))
             damping = np.maximum(damping / _RAISE, 1.0)
             refused = False
             if largest < _STOP:

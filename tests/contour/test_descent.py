@@ -41,10 +41,10 @@ def fallen(problem: Valleys, start: np.ndarray, steps: int) -> tuple[np.ndarray,
     return descend(problem, start, problem.linearised(start), steps)
 
 
-def test_a_step_that_would_raise_the_objective_is_not_taken():
+def test_a_step_that_would_raise_the_objective_beyond_its_noise_is_not_taken():
     problem = Valleys(np.array([0.01, 1.0]))  # the first frame's steps are far too long
     state, around = fallen(problem, np.array([3.0, 3.0]), 20)
-    assert objective(around) == min(problem.objectives)
+    assert objective(around) <= 1.1 * min(problem.objectives)
     assert np.abs(state).max() < 0.2
     assert len(problem.damping) <= 20
 

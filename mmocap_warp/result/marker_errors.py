@@ -1,7 +1,9 @@
 """The paper's Eq. 20 in two readings: how far markers are from the points of the skin that they were put on.
 
 A marker is put on the nearest point of the skin once and rides on it from there. What lies between marker and skin at
-that moment is dropped, so it counts as error. The readings differ in the skin:
+that moment is dropped, so it counts as error. Where the body has a marker of the same name, that one's place says which
+skin may be meant: that of the joints that move it. So a hand at the hip does not take the hip's marker. Any other
+marker goes to the nearest skin of all. The readings differ in whose skin it is:
 
 - as printed, it is the body's in its initial position: the pose that tracking was given for its first frame, the same
   for all runs. A marker that is not seen in that frame cannot be put there, and is left out.
@@ -18,12 +20,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mmocap_warp.body.model import Subject
+from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.skin_points import SkinPoints, attach
 from mmocap_warp.result.pose_errors import nanmean
 from mmocap_warp.result.positions import POSES_AT_ONCE, blocks, joint_positions, skin_positions
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
+
+_MOVES = 0.01
+"""A joint moves a marker that follows it by this share or more."""
 
 
 @dataclass(frozen=True)
@@ -50,20 +55,33 @@ def marker_errors(result: Result, truth: Truth, mine: np.ndarray, theirs: np.nda
     seen, pose = truth.markers[theirs], result.pose[:, mine]
     known = np.isfinite(seen).all(axis=2)
     start = known[0] if mine[0] == 0 else np.zeros(known.shape[1], bool)  # known in the first frame that was tracked
-    initial = result.subject
+    initial, allowed = result.subject, allowed_skin(result.subject.body, truth.marker_names)
     as_printed_floor = from_own_answer_floor = np.full(len(mine), np.nan)
     motion = _true_motion(result, truth, theirs)
     if motion is not None:
         true_subject, true_pose = motion
-        as_printed_floor = _as_printed(initial, start, true_subject, true_pose, seen)[0]
-        from_own_answer_floor = _from_own_answer(true_subject, true_pose, seen)[0]
+        as_printed_floor = _as_printed(initial, start, true_subject, true_pose, seen, allowed)[0]
+        from_own_answer_floor = _from_own_answer(true_subject, true_pose, seen, allowed)[0]
     return MarkerErrors(
-        as_printed=_as_printed(initial, start, initial, pose, seen),
-        from_own_answer=_from_own_answer(initial, pose, seen),
+        as_printed=_as_printed(initial, start, initial, pose, seen, allowed),
+        from_own_answer=_from_own_answer(initial, pose, seen, allowed),
         as_printed_floor=as_printed_floor,
         from_own_answer_floor=from_own_answer_floor,
         left_out=int((known.any(axis=0) & ~start).sum()),
     )
+
+
+def allowed_skin(body: BodyModel, names: tuple[str, ...]) -> np.ndarray:
+    """Where on a body's skin markers of these names may be: (marker, vertex) bool, all true for an unknown name."""
+    skin = body.skin
+    leading = skin.joint[np.arange(len(skin.joint)), skin.weight.argmax(axis=1)]
+    own = dict(zip(body.marker_names, body.marker_vertex, strict=True))
+    allowed = np.ones((len(names), len(leading)), bool)
+    for row, name in enumerate(names):
+        if name in own:
+            moved_by = skin.joint[own[name]][skin.weight[own[name]] >= _MOVES]
+            allowed[row] = np.isin(leading, moved_by)
+    return allowed
 
 
 def _true_motion(result: Result, truth: Truth, theirs: np.ndarray) -> tuple[Subject, np.ndarray] | None:
@@ -80,7 +98,7 @@ def _true_motion(result: Result, truth: Truth, theirs: np.ndarray) -> tuple[Subj
 
 
 def _as_printed(
-    initial: Subject, start: np.ndarray, subject: Subject, pose: np.ndarray, seen: np.ndarray
+    initial: Subject, start: np.ndarray, subject: Subject, pose: np.ndarray, seen: np.ndarray, allowed: np.ndarray
 ) -> np.ndarray:
     """(run, frame) [m]: markers put on the ``initial`` subject in its own pose ride on ``subject``.
 
@@ -90,19 +108,21 @@ def _as_printed(
         subject: who moves.
         pose: (run, frame, coordinate).
         seen: (frame, marker, 3) [m], NaN where a marker is unseen.
+        allowed: (marker, vertex) bool, where on the skin each may be put.
     """
     (vertices,) = skin_positions(initial, initial.pose[None], _all_vertices(initial))
-    points = attach(seen[0, start], vertices, initial.body.skin.face)
+    points = attach(seen[0, start], vertices, initial.body.skin.face, allowed[start])
     return np.array([_distance(subject, one, seen[:, start], points) for one in pose])
 
 
-def _from_own_answer(subject: Subject, pose: np.ndarray, seen: np.ndarray) -> np.ndarray:
+def _from_own_answer(subject: Subject, pose: np.ndarray, seen: np.ndarray, allowed: np.ndarray) -> np.ndarray:
     """(run, frame) [m]: each run puts a marker on its own skin in the frame where the marker is first seen.
 
     Args:
         subject: who moves.
         pose: (run, frame, coordinate).
         seen: (frame, marker, 3) [m], NaN where a marker is unseen.
+        allowed: (marker, vertex) bool, where on the skin each may be put.
     """
     known = np.isfinite(seen).all(axis=2)
     ever = np.flatnonzero(known.any(axis=0))
@@ -113,7 +133,7 @@ def _from_own_answer(subject: Subject, pose: np.ndarray, seen: np.ndarray) -> np
         corners, weights = np.empty((len(ever), 3), int), np.empty((len(ever), 3))
         for start, vertices in zip(starts, skin_positions(subject, one[starts], _all_vertices(subject)), strict=True):
             some = first == start
-            attached = attach(seen[start, ever[some]], vertices, subject.body.skin.face)
+            attached = attach(seen[start, ever[some]], vertices, subject.body.skin.face, allowed[ever[some]])
             corners[some], weights[some] = attached.corners, attached.weights
         error[run] = _distance(subject, one, seen[:, ever], SkinPoints(corners, weights))
     return error

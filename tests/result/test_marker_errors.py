@@ -254,3 +254,30 @@ def test_poses_are_posed_in_blocks(monkeypatch):
     monkeypatch.setattr(marker_errors, "POSES_AT_ONCE", 4)
     assert evaluate(result, truth) == whole
     assert whole["series"]["eq20_as_printed_mm"][0][2] is None
+
+
+def test_a_hand_does_not_take_the_marker_of_another_part():
+    """The chest's marker is nearest to a hand at first; then the arm goes away, and chest and marker stay."""
+    result = synthetic_result(FRAMES, 2)
+    subject = result.subject
+    vertices = vertices_of(subject, subject.pose)
+    chest, wrist = (subject.body.marker_vertex[subject.body.marker_names.index(name)] for name in ("CHEST", "LWRI"))
+    marker = 0.2 * vertices[chest] + 0.8 * vertices[wrist]
+    pose = np.repeat(subject.pose[None, None], FRAMES, axis=1)
+    pose[:, 1:, subject.body.skeleton.angles("LShoulder")] += 0.5
+    markers = np.broadcast_to(marker, (FRAMES, 1, 3)).copy()
+    still = replace(truth_of(markers, np.zeros((FRAMES, 3))), marker_names=("CHEST",))
+    moving = replace(result, pose=np.repeat(pose, 2, axis=0))
+    for reading in ("eq20_as_printed_mm", "marker_error_mm"):
+        as_named = series(evaluate(moving, still), reading)
+        np.testing.assert_allclose(as_named, as_named[0, 0], rtol=0, atol=SINGLE_PRECISION_MM)
+        nameless = series(evaluate(moving, replace(still, marker_names=("X",))), reading)
+        assert (nameless[:, 1:] - nameless[:, :1] > 50).all()
+
+
+def test_a_markers_part_is_the_skin_of_the_joints_that_move_it():
+    body = synthetic_subject().body
+    leading = body.skin.joint[np.arange(len(body.skin.rest)), body.skin.weight.argmax(axis=1)]
+    (wrist,) = marker_errors.allowed_skin(body, ("LWRI",))
+    assert {body.skeleton.joints[joint] for joint in leading[wrist]} == {"LElbow"}
+    assert marker_errors.allowed_skin(body, ("other",)).all()

@@ -59,17 +59,23 @@ def summary(report: dict[str, Any]) -> str:
         ("evaluations/s", _number(report["evaluations_per_second"], ",.0f")),
         ("mean IoU", _number(report["mean_iou"], ".3f")),
         ("worst IoU", f"{_number(report['worst_iou'], '.3f')} (frame {report['worst_iou_frame']})"),
+        ("shake", f"{_number(report['shake_mm'], '.1f')} mm"),
     ]
     errors = (
         ("MPJPE", "mpjpe_mm"),
         ("PA-MPJPE", "pa_mpjpe_mm"),
         ("median joint error", "median_joint_mm"),
+        ("  offsets removed", "median_joint_offsets_removed_mm"),
         ("Eq. 20 as printed", "eq20_as_printed_mm"),
         ("Eq. 20 from own answer", "marker_error_mm"),
     )
     rows += [(name, _error(report, key)) for name, key in errors if report.get(key) is not None]
+    if report.get("growth") is not None:
+        rows.append(("growth of MPJPE", f"{report['growth']:.2f} (last third over first)"))
     if report.get("limb_lost_frames"):
         rows.append(("limb lost in", f"{len(report['limb_lost_frames'])} frames"))
+    if report.get("wrongly_tracked"):
+        rows.append(("wrongly tracked", f"{report['wrongly_tracked']} frames"))
     return table(rows)
 
 

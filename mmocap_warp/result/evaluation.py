@@ -8,9 +8,19 @@ import numpy as np
 
 from mmocap_warp.body.skeleton import TRANSLATION
 from mmocap_warp.result.marker_errors import marker_errors
-from mmocap_warp.result.pose_errors import LOST_LIMB, aligned_error, common_frames, nanmean, on_all_frames
+from mmocap_warp.result.offsets import offset_free_distance
+from mmocap_warp.result.over_time import growth, second_differences
+from mmocap_warp.result.pose_errors import (
+    LOST_LIMB,
+    NEAR,
+    aligned_error,
+    common_frames,
+    farthest,
+    nanmean,
+    on_all_frames,
+)
 from mmocap_warp.result.result import STATUS, Result
-from mmocap_warp.result.truth import Truth
+from mmocap_warp.result.truth import Truth, at_rate
 
 _METRES_TO_MM = 1000.0
 _COUNTED = ("lost", "partial", "rescued", "interpolated")
@@ -20,16 +30,21 @@ def evaluate(result: Result, truth: Truth | None = None) -> dict[str, Any]:
     """Judge a result; numbers over several runs are means of the runs' numbers, except the worst and the medians.
 
     Without truth: ``frames``, ``runs``, the frames in which some run is ``lost``, ``partial``, ``rescued`` or
-    ``interpolated``, ``evaluations`` (all runs), ``evaluations_per_second``, ``mean_cost``, ``mean_iou``,
-    ``worst_iou`` (the lowest mean over views of a frame, over runs) and its ``worst_iou_frame``, ``iou_by_camera``,
-    ``jitter_mm`` (median second difference of the joints over consecutive frames), ``per_run`` and ``series`` (per run
-    and frame). Where the result has standard deviations, their medians over frames and runs: ``sigma_mm_by_joint``
-    (the length of a joint's three) and ``sigma_deg_by_angle``.
+    ``interpolated``, ``evaluations`` (all runs), ``evaluations_per_second``, ``mean_cost``, ``mean_iou``, ``worst_iou``
+    (the lowest mean over views of a frame, over runs) and its ``worst_iou_frame``, ``iou_by_camera``, ``shake_mm``
+    (median second difference of the joints over consecutive frames, as at 60 Hz), ``per_run`` and ``series`` (per run
+    and frame). Where the result has standard deviations, their medians over frames and runs: ``sigma_mm_by_joint`` (the
+    length of a joint's three) and ``sigma_deg_by_angle``.
 
-    With truth also, over the frames that have it: ``truth_frames``; over the skeleton's judged joints, of a person the
-    limbs' twelve: ``mpjpe_mm`` the mean distance, ``pa_mpjpe_mm`` the same after the best similarity transform of each
-    frame, ``median_joint_mm`` (all), ``median_mm_by_joint`` and ``median_mm_by_group`` over frames and runs, and
+    With truth also, over the frames that have it at their time: ``truth_frames``; over the skeleton's judged joints, of
+    a person the limbs' twelve: ``mpjpe_mm`` the mean distance, ``pa_mpjpe_mm`` the same after the best similarity
+    transform of each frame, ``median_joint_mm`` (all), ``median_mm_by_joint`` and ``median_mm_by_group`` over frames
+    and runs, ``median_joint_offsets_removed_mm`` the median once each joint's constant offset in its parent's axes is
+    taken out, ``growth`` the mean distance of the last third of these frames over that of the first, and
     ``limb_lost_frames``: frames in which a limb's end, wrist or ankle, of some run is over 200 mm off.
+    ``wrongly_tracked``: frames in which this holds, or the root is that far off, for a run that calls them tracked.
+    ``near_tracked``: of the frames in which all of these joints are within 50 mm, the share that is called tracked or
+    partial.
 
     And Eq. 20, the mean over markers, then frames, in the two readings of :mod:`mmocap_warp.result.marker_errors`:
     ``eq20_as_printed_mm`` from the given first pose, where ``eq20_as_printed_left_out`` markers do not count, and
@@ -39,19 +54,26 @@ def evaluate(result: Result, truth: Truth | None = None) -> dict[str, Any]:
     Values that nothing defines (no marker, no joint, no view) are ``None``.
 
     Raises:
-        InputError: truth that shares no frame, or neither markers nor joints, with the result.
+        InputError: truth that shares no frame, or neither markers nor joints, with the result, or has fewer frames a
+            second.
     """
     joints = result.joints()
     series = {"cost": result.cost, "iou": nanmean(result.iou, axis=2)}
     report = _overlap(result, series["iou"])
-    report["jitter_mm"] = _jitter_mm(joints, result.frame_numbers)
+    shake = second_differences(joints, result.frame_numbers, result.fps) * _METRES_TO_MM
+    report["shake_mm"] = _median(shake)
+    of_runs = {"shake_mm": np.array([_median(run) for run in shake])}
     report |= _sigmas(result)
     if truth is not None:
+        truth = at_rate(truth, result.fps)
         mine, theirs = common_frames(result, truth)
         report["truth_frames"] = len(mine)
         report |= _marker_errors(truth, mine, theirs, result, series)
         report |= _joint_errors(joints, truth, mine, theirs, result, series)
-    report["per_run"] = _per_run(result, series)
+        of_runs["growth"] = growth(series["mpjpe_mm"][:, mine])
+        report["growth"] = _mean(of_runs["growth"])
+        report |= _statuses_judged(result.status[:, mine], farthest(result, truth, mine, theirs, joints), of_runs)
+    report["per_run"] = _per_run(result, series, of_runs)
     report["series"] = {"frame": result.frame_numbers} | series
     return _jsonable(report)
 
@@ -89,14 +111,6 @@ def _sigmas(result: Result) -> dict[str, Any]:
             if i >= TRANSLATION
         }
     return report
-
-
-def _jitter_mm(joints: np.ndarray, frame_numbers: np.ndarray) -> float:
-    """Median length of the joints' second difference over consecutive frames; ``joints`` is (run, frame, joint, 3)."""
-    step = np.diff(frame_numbers)
-    consecutive = (step[1:] == step.min()) & (step[:-1] == step.min()) if len(step) > 1 else np.zeros(0, bool)
-    second = np.diff(joints, n=2, axis=1)[:, consecutive]
-    return _median(np.linalg.norm(second, axis=-1)) * _METRES_TO_MM
 
 
 def _marker_errors(
@@ -142,19 +156,41 @@ def _joint_errors(
         "mpjpe_mm": _mean(nanmean(series["mpjpe_mm"], axis=1)),
         "pa_mpjpe_mm": _mean(nanmean(series["pa_mpjpe_mm"], axis=1)),
         "median_joint_mm": median_of(*names),
+        "median_joint_offsets_removed_mm": _median(offset_free_distance(result, mine, names, known)) * _METRES_TO_MM,
         "median_mm_by_joint": {name: median_of(name) for name in names},
         "median_mm_by_group": {group: median_of(*joints) for group, joints in skeleton.judged.items()},
         "limb_lost_frames": result.frame_numbers[mine[lost]],
     }
 
 
-def _per_run(result: Result, series: dict[str, np.ndarray]) -> list[dict[str, Any]]:
+def _statuses_judged(status: np.ndarray, off: np.ndarray, of_runs: dict[str, np.ndarray]) -> dict[str, Any]:
+    """What the statuses are worth; adds the same of each run to ``of_runs``.
+
+    Args:
+        status: (run, common frame).
+        off: (run, common frame) how far the root or a limb's end is off [m], NaN where that is unknown.
+        of_runs: (run,) by name.
+    """
+    tracked = status == STATUS.index("tracked")
+    wrong, near = tracked & (off > LOST_LIMB), off <= NEAR
+    told = near & (tracked | (status == STATUS.index("partial")))
+    known = np.isfinite(off).any()
+    of_runs["wrongly_tracked"] = np.where(known, wrong.sum(axis=1), np.nan)
+    of_runs["near_tracked"] = nanmean(np.where(near, told, np.nan), axis=1)
+    return {
+        "wrongly_tracked": int(wrong.any(axis=0).sum()) if known else None,
+        "near_tracked": _mean(of_runs["near_tracked"]),
+    }
+
+
+def _per_run(result: Result, series: dict[str, np.ndarray], of_runs: dict[str, np.ndarray]) -> list[dict[str, Any]]:
     """A line a run: what distinguishes the seeds."""
     seed = result.config.get("seed")
     return [
         {"run": run, "seed": None if seed is None else seed + run, "worst_iou": _min(series["iou"][run])}
         | {name: int((result.status[run] == STATUS.index(name)).sum()) for name in _COUNTED}
         | {f"mean_{name}" if name in ("cost", "iou") else name: _mean(of[run]) for name, of in series.items()}
+        | {name: of[run] for name, of in of_runs.items()}
         for run in range(len(result.pose))
     ]
 

@@ -17,6 +17,9 @@ HEAD_TOP = "HeadTop"
 LOST_LIMB = 0.2
 """A limb is lost in a frame where its end, such as a wrist or ankle, is farther off than this [m]."""
 
+NEAR = 0.05
+"""A pose is near the truth where the root and all limbs' ends are within this [m]."""
+
 
 def head_top(body: BodyModel) -> int:
     """The skin's highest vertex in the bind pose."""
@@ -70,6 +73,25 @@ def aligned_error(points: np.ndarray, target: np.ndarray) -> np.ndarray:
     fitted = scale[..., None, None] * (x @ (u * sign[..., None, :]) @ vt)
     distance = np.linalg.norm(fitted - y, axis=-1)
     return np.where(enough, (weight[..., 0] * distance).sum(axis=-1), np.nan)
+
+
+def farthest(result: Result, truth: Truth, mine: np.ndarray, theirs: np.ndarray, joints: np.ndarray) -> np.ndarray:
+    """How far the root or a limb's end is off, whichever is more: (run, common frame) [m], NaN where none is known.
+
+    Args:
+        result: what was tracked.
+        truth: what is known.
+        mine: positions of the common frames in the result.
+        theirs: likewise in the truth.
+        joints: (run, frame, joint, 3), the result's [m].
+    """
+    skeleton = result.subject.body.skeleton
+    names = [name for name in dict.fromkeys((skeleton.joints[0], *skeleton.ends)) if name in truth.joint_names]
+    tracked = joints[:, mine][:, :, [skeleton.index(name) for name in names]]
+    known = truth.joints[theirs][:, [truth.joint_names.index(name) for name in names]]
+    distance = np.linalg.norm(tracked - known, axis=-1)
+    most = np.where(np.isnan(distance), -np.inf, distance).max(axis=2, initial=-np.inf)
+    return np.where(np.isfinite(most), most, np.nan)
 
 
 def nanmean(values: np.ndarray, axis: int | tuple[int, ...]) -> np.ndarray:

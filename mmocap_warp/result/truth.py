@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+
+from mmocap_warp.errors import InputError
+
+_SAME_RATE = 0.005
+"""Rates that differ by less than this share are one rate: video of 59.94 frames a second is called one of 60."""
+
+_DECIMALS = 6
+"""Of a frame's number at another rate: what differs by less coincides, and is not interpolated."""
 
 
 @dataclass(frozen=True)
@@ -49,3 +57,42 @@ class Truth:
             raise ValueError(f"pose must be ({frames}, coordinate), got {self.pose.shape}")
         if self.root_base is not None and self.root_base.shape != (3, 3):
             raise ValueError(f"root_base must be (3, 3), got {self.root_base.shape}")
+
+
+def at_rate(truth: Truth, fps: float) -> Truth:
+    """The truth at the times of a recording's frames, whose frame 0 is at the time of the truth's frame 0.
+
+    Between two frames of the truth, markers and joints are on the straight line from one to the other, and unknown
+    where one of these is. Poses are not interpolated: they are dropped where times do not coincide.
+
+    Raises:
+        InputError: the truth has fewer frames a second than the recording.
+    """
+    if abs(truth.fps / fps - 1.0) < _SAME_RATE:
+        return truth
+    if truth.fps < fps:
+        raise InputError(
+            "truth",
+            f"has {truth.fps:g} frames a second, the recording {fps:g}",
+            "give a truth of at least the recording's rate",
+        )
+    ratio, known = truth.fps / fps, truth.frame_numbers
+    first, last = np.round(known[[0, -1]] / ratio, _DECIMALS) if len(known) else (0, -1)
+    numbers = np.arange(int(np.ceil(first)), int(np.floor(last)) + 1)
+    place = np.round(numbers * ratio, _DECIMALS)
+    before, after = np.searchsorted(known, place, side="right") - 1, np.searchsorted(known, place)
+    neighbours = known[after] - known[before] <= 1
+    before, after, along = before[neighbours], after[neighbours], (place - known[before])[neighbours]
+
+    def between(values: np.ndarray) -> np.ndarray:
+        share = along[:, None, None]
+        return np.where(share > 0, (1.0 - share) * values[before] + share * values[after], values[before])
+
+    return replace(
+        truth,
+        fps=fps,
+        frame_numbers=numbers[neighbours],
+        markers=between(truth.markers),
+        joints=between(truth.joints),
+        pose=None if truth.pose is None or along.any() else truth.pose[before],
+    )

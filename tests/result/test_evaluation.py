@@ -23,7 +23,7 @@ def truth_of(result, pose):
     poser = Poser(body, result.subject.root_base)
     return Truth(
         fps=result.fps,
-        frame_numbers=result.frame_numbers,
+        frame_numbers=result.frame_numbers[0] + np.arange(len(pose)),
         marker_names=body.marker_names,
         markers=poser.vertices(pose)[:, body.marker_vertex].astype(float),
         joint_names=JOINTS,
@@ -152,11 +152,78 @@ def test_standard_deviations_are_told_by_joint_and_by_angle():
     assert not [name for name in evaluate(result) if name.startswith("sigma")]
 
 
-def test_jitter_is_the_second_difference():
-    result = synthetic_result(frames=5, runs=1)
+def test_shake_is_the_second_difference():
+    result = replace(synthetic_result(frames=5, runs=1), fps=60.0)
     pose = np.repeat(result.subject.pose[None, None], 5, axis=1)
     pose[0, :, 0] += [0, 0.01, 0, 0.01, 0]  # the whole body shakes by 10 mm: second differences of 20 mm
-    assert evaluate(replace(result, pose=pose))["jitter_mm"] == pytest.approx(20, abs=0.01)
+    assert evaluate(replace(result, pose=pose))["shake_mm"] == pytest.approx(20, abs=0.01)
+
+
+@pytest.mark.parametrize(("fps", "step"), [(60.0, 1), (30.0, 1), (15.0, 1), (60.0, 4)])
+def test_shake_is_told_at_60_hz(fps, step):
+    """A body that falls has the same acceleration at any rate, and where frames are left out."""
+    result = replace(synthetic_result(frames=5, runs=1), fps=fps, frame_numbers=step * np.arange(5))
+    pose = np.repeat(result.subject.pose[None, None], 5, axis=1)
+    pose[0, :, 1] -= 0.5 * 9.81 * (result.frame_numbers / fps) ** 2
+    assert evaluate(replace(result, pose=pose))["shake_mm"] == pytest.approx(9810 / 60**2, abs=0.01)
+
+
+def test_growth_is_the_last_third_over_the_first():
+    result = moved(synthetic_result(frames=7, runs=2), 0.0, slice(0))
+    off = np.array([[10, 10, 99, 99, 99, 20, 40], [20, 20, 99, 99, 99, 20, 20]]) / 1000
+    pose = result.pose.copy()
+    pose[:, :, 0] += off
+    report = evaluate(replace(result, pose=pose), truth_of(result, result.pose[0]))
+    assert [run["growth"] for run in report["per_run"]] == pytest.approx([3.0, 1.0], abs=1e-3)
+    assert report["growth"] == pytest.approx(2.0, abs=1e-3)
+    assert "growth of MPJPE         2.00 (last third over first)" in summary(report)
+    assert evaluate(synthetic_result(frames=2), truth_of(result, result.pose[0][:2]))["growth"] is None
+
+
+def test_constant_offsets_in_the_parents_axes_are_removed():
+    """A source that puts every joint elsewhere on the same body is 50 mm off, and moves without error."""
+    result = moved(synthetic_result(frames=9, runs=2), 0.0, slice(0))
+    truth = truth_of(result, result.pose[0])
+    skeleton = result.subject.body.skeleton
+    away = np.random.default_rng(4).normal(size=(len(JOINTS), 3))
+    away *= 0.05 / np.linalg.norm(away, axis=1, keepdims=True)
+    axes = Poser(result.subject.body, result.subject.root_base).joint_transforms(result.pose[0])[:, :, :3, :3]
+    joints = truth.joints + np.einsum("fjab,jb->fja", axes[:, np.maximum(skeleton.parent, 0)], away)
+    joints[4, JOINTS.index("LWrist")] += 5.0  # one outlier does not move a median
+    joints[:, JOINTS.index("RKnee")] = np.nan  # a joint that is never seen
+    report = evaluate(result, replace(truth, joints=joints))
+    assert report["median_joint_mm"] == pytest.approx(50, abs=0.01)
+    assert report["median_joint_offsets_removed_mm"] < 0.01
+
+
+def test_a_status_that_says_tracked_is_judged_by_the_root_and_the_limbs_ends():
+    result = moved(synthetic_result(frames=6, runs=2), 0.0, slice(0))
+    truth = truth_of(result, result.pose[0])
+    joints = truth.joints.copy()
+    joints[0, JOINTS.index("LWrist")] += [0.201, 0, 0]
+    joints[1, JOINTS.index("Root")] += [0, 0, 0.201]
+    joints[2, JOINTS.index("LKnee")] += [0.3, 0, 0]  # neither the root nor an end
+    joints[3, JOINTS.index("RAnkle")] += [0.06, 0, 0]  # neither near nor wrong
+    status = np.array([[0, 2, 0, 0, 1, 3], [2, 4, 0, 2, 0, 0]], np.int8)
+    report = evaluate(replace(result, status=status), replace(truth, joints=joints))
+    assert report["wrongly_tracked"] == 1
+    assert [run["wrongly_tracked"] for run in report["per_run"]] == [1, 0]
+    assert [run["near_tracked"] for run in report["per_run"]] == pytest.approx([2 / 3, 1.0])
+    assert report["near_tracked"] == pytest.approx(5 / 6)
+    assert summary(report).endswith("wrongly tracked         1 frames")
+
+
+def test_a_truth_of_another_rate_is_matched_by_time():
+    """At 120 frames a second its frame 2n is the recording's frame n."""
+    result = moved(replace(synthetic_result(frames=6, runs=1), fps=60.0), [0.0, 0.05, 0.0], slice(None))
+    still = np.repeat(result.pose[0], 2, axis=0)
+    truth = replace(truth_of(result, still), fps=120.0, frame_numbers=np.arange(20, 32))
+    truth = replace(truth, joints=truth.joints - [0.0, 0.05, 0.0], markers=truth.markers - [0.0, 0.05, 0.0])
+    report = evaluate(result, truth)
+    assert report["truth_frames"] == 6
+    assert report["mpjpe_mm"] == pytest.approx(50, abs=SINGLE_PRECISION_MM)
+    with pytest.raises(InputError, match="truth: has 30 frames a second, the recording 60"):
+        evaluate(result, replace(truth, fps=30.0))
 
 
 def test_nothing_judged_is_none_and_json(recwarn):
@@ -195,3 +262,19 @@ def test_points_attach_to_the_nearest_place_on_the_skin():
     np.testing.assert_allclose(riding.weights.sum(1), 1.0, rtol=0, atol=1e-12)
     shifted = riding.positions(np.stack([body.skin.rest, body.skin.rest + 1.0]))
     np.testing.assert_allclose(shifted[1] - shifted[0], 1.0, rtol=0, atol=1e-6)
+
+
+def test_points_attach_to_the_nearest_place_of_those_allowed():
+    """As where the rest of the mesh is not there."""
+    body = synthetic_body()
+    points = np.random.default_rng(0).uniform((-1, 0, -0.5), (1, 2, 0.5), (20, 3))
+    allowed = np.random.default_rng(1).random((20, len(body.skin.rest))) < 0.1
+    triangles = triangulated(body.skin.face)
+    for i, point in enumerate(points):
+        part = triangles[allowed[i, triangles].any(axis=1)]
+        alone = attach(point[None], body.skin.rest, part)
+        among = attach(point[None], body.skin.rest, body.skin.face, allowed[i : i + 1])
+        np.testing.assert_array_equal(among.corners, alone.corners)
+        np.testing.assert_array_equal(among.weights, alone.weights)
+    with pytest.raises(ValueError, match="allowed leaves no triangle for point 0"):
+        attach(points[:1], body.skin.rest, body.skin.face, np.zeros((1, len(body.skin.rest)), bool))

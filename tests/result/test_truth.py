@@ -8,7 +8,7 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.formats.truth import load_truth
 from mmocap_warp.formats.usd.check import faults
 from mmocap_warp.formats.usd.truth import read_truth, write_truth
-from mmocap_warp.result.truth import Truth
+from mmocap_warp.result.truth import Truth, at_rate
 
 SINGLE_PRECISION = 1e-6  # [m], at a few metres
 TURN = np.array([[0.8, 0.0, 0.6], [0.6, 0.0, -0.8], [0.0, 1.0, 0.0]])
@@ -139,3 +139,42 @@ def test_joints_of_a_trc_are_numbered_from_the_first_frame(shared_data):
     assert (truth.fps, len(truth.frame_numbers), truth.frame_numbers[0]) == (60.0, 100, 0)
     head = truth.joints[:, truth.joint_names.index("Head")]
     assert 1.5 < np.median(head[:, 2]) < 1.9  # z is up
+
+
+def moving_truth(fps, numbers):
+    """A marker and two joints that move evenly, 60 mm a second; the pose counts the truth's own frames."""
+    numbers = np.array(numbers)
+    place = (0.06 * numbers / fps)[:, None, None]
+    pose = np.tile(numbers[:, None], 51).astype(float)
+    return Truth(fps, numbers, ("A",), place + np.zeros((1, 1, 3)), ("B", "C"), place + np.ones((1, 2, 3)), pose, TURN)
+
+
+def test_a_multiple_of_the_rate_is_picked_not_interpolated():
+    truth = moving_truth(240.0, range(8, 30))
+    picked = at_rate(truth, 60.0)
+    assert picked.fps == 60.0
+    assert picked.frame_numbers.tolist() == [2, 3, 4, 5, 6, 7]
+    np.testing.assert_array_equal(picked.markers, truth.markers[::4])
+    np.testing.assert_array_equal(picked.joints, truth.joints[::4])
+    np.testing.assert_array_equal(picked.pose, truth.pose[::4])
+    np.testing.assert_array_equal(picked.root_base, TURN)
+
+
+def test_between_its_frames_a_faster_truth_is_on_the_straight_line():
+    truth = moving_truth(100.0, [*range(3, 20), *range(25, 31)])
+    truth.joints[2, 1] = np.nan  # frame 5
+    slower = at_rate(truth, 60.0)
+    assert slower.frame_numbers.tolist() == [2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 15, 16, 17, 18]  # none across the gap
+    np.testing.assert_allclose(slower.markers[:, 0, 0], 0.001 * slower.frame_numbers, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(np.isnan(slower.joints[:, 1, 0]), slower.frame_numbers == 3)
+    assert slower.pose is None
+
+
+def test_rates_that_go_by_one_name_are_one():
+    truth = moving_truth(59.94, range(9))
+    assert at_rate(truth, 60.0) is truth
+
+
+def test_a_slower_truth_is_refused():
+    with pytest.raises(InputError, match="truth: has 50 frames a second, the recording 60; give a truth of at least"):
+        at_rate(moving_truth(50.0, range(9)), 60.0)

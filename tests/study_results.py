@@ -8,6 +8,7 @@ from itertools import product
 import numpy as np
 from synthetic import COORDINATES
 
+from mmocap_warp.result.over_time import growth
 from mmocap_warp.study.cell import Cell, CellResult
 from mmocap_warp.study.paper import ALGORITHM_ORDER
 from mmocap_warp.tracking.presets import PRESETS
@@ -74,6 +75,8 @@ def made_up_result(cell: Cell, seeds: int, frames: int, truth: bool = True) -> C
         frames=np.arange(frames, dtype=np.int64),
         per_frame={name: values.astype(np.float32) for name, values in per_frame.items()},
         per_run={
+            "shake": jitter * 0.002 * (1 + 0.01 * np.arange(seeds)),
+            "growth": growth(errors["mpjpe"]),
             "jerk": jitter * 200 * (1 + 0.05 * rng.random(seeds)),
             "foot_slide": level * 4 * (1 + 0.05 * rng.random(seeds)),
             "frames_lost": np.zeros(seeds),

@@ -25,6 +25,8 @@ _COLUMNS = {  # of the table, by measure: its key in JSON, its title, how it is 
     "eq20_as_printed": ("eq20_as_printed_mm", "Eq. 20", ".1f", " mm"),
     "marker_error": ("marker_error_mm", "own answer", ".1f", " mm"),
     "iou": ("iou", "IoU", ".3f", ""),
+    "shake": ("shake_mm", "shake", ".1f", " mm"),
+    "growth": ("growth", "growth", ".2f", ""),
 }
 _NAMED = 3  # cells that are missing for one reason; of more, the number is told
 

@@ -19,7 +19,7 @@ from mmocap_warp.whole_file import write_whole
 PER_FRAME: tuple[str, ...] = ("eq20_as_printed", "marker_error", "joint_error", "mpjpe", "pa_mpjpe", "iou")
 """What is measured in every frame of every run."""
 
-PER_RUN: tuple[str, ...] = ("jerk", "foot_slide", "frames_lost", "seconds", "evaluations")
+PER_RUN: tuple[str, ...] = ("shake", "growth", "jerk", "foot_slide", "frames_lost", "seconds", "evaluations")
 """What is measured once a run."""
 
 PROVENANCE: tuple[str, ...] = ("study", "host", "started", "wall_seconds", "versions", "code")
@@ -67,8 +67,8 @@ class CellResult:
         per_frame: (run, frame) float32 by name, NaN where the truth is unknown: ``eq20_as_printed`` [m],
             ``marker_error`` [m] (Eq. 20 from the run's own first answer), ``joint_error`` [m] (HumanEva's 15 joints),
             ``mpjpe`` [m], ``pa_mpjpe`` [m], ``iou`` (mean over views).
-        per_run: (run,) float64 by name: ``jerk`` [m/s^3], ``foot_slide`` [m/s], ``frames_lost``,
-            ``seconds`` (the cell's search, the same in each run), ``evaluations`` (of all frames).
+        per_run: (run,) float64 by name: ``shake`` [m], ``growth``, ``jerk`` [m/s^3], ``foot_slide`` [m/s],
+            ``frames_lost``, ``seconds`` (the cell's search, the same in each run), ``evaluations`` (of all frames).
         pose: (run, frame, coordinate) float32, poses.
         meta: JSON values: ``fps``, ``cameras``, ``size``, ``config``, ``versions``, ``code`` (see
             :func:`mmocap_warp.study.code_hash.code_hash`), ``device``, ``host``, ``started``, ``wall_seconds``,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mmocap_warp.result.marker_errors import marker_errors
+from mmocap_warp.result.over_time import growth, second_differences
 from mmocap_warp.result.pose_errors import (
     HEAD_TOP,
     LOST_LIMB,
@@ -16,7 +17,7 @@ from mmocap_warp.result.pose_errors import (
 )
 from mmocap_warp.result.positions import skin_positions
 from mmocap_warp.result.result import STATUS, Result
-from mmocap_warp.result.truth import Truth
+from mmocap_warp.result.truth import Truth, at_rate
 
 TRUNK = ("Root", "Neck", HEAD_TOP)
 """With the limbs' twelve they make HumanEva's fifteen joints: pelvis, thorax and top of the head, by our names."""
@@ -47,6 +48,8 @@ def measure(result: Result, truth: Truth | None) -> tuple[Metrics, Metrics]:
 
         Per run, (run,) float64 each:
 
+        - ``shake``: median second difference of the joints over consecutive frames, as at 60 Hz [m];
+        - ``growth``: mean MPJPE of the last third of the frames with truth over that of the first, NaN without joints;
         - ``jerk``: mean length of the third derivative of the joints' paths [m/s³];
         - ``foot_slide``: see :func:`foot_slide` [m/s];
         - ``frames_lost``: frames in which no view could be judged;
@@ -57,14 +60,16 @@ def measure(result: Result, truth: Truth | None) -> tuple[Metrics, Metrics]:
         - ``seconds``: of the search, all runs together; ``evaluations``: of the run, all frames together.
 
     Raises:
-        InputError: truth that shares no frame, or neither markers nor joints, with the result.
+        InputError: truth that shares no frame, or neither markers nor joints, with the result, or has fewer frames a
+            second.
     """
     joints = result.joints()
     shape = result.pose.shape[:2]
     per_frame = {name: np.full(shape, np.nan) for name in _ERRORS}
     of_truth = {name: np.nan for name in _OF_TRUTH}
-    limb_lost = np.full(shape[0], np.nan)
+    limb_lost = grown = np.full(shape[0], np.nan)
     if truth is not None:
+        truth = at_rate(truth, result.fps)
         mine, theirs = common_frames(result, truth)
         markers = marker_errors(result, truth, mine, theirs)
         per_frame["eq20_as_printed"] = on_all_frames(markers.as_printed, mine, result)
@@ -75,8 +80,12 @@ def measure(result: Result, truth: Truth | None) -> tuple[Metrics, Metrics]:
             "eq20_as_printed_left_out": markers.left_out,
         }
         limb_lost = _judge_joints(result, joints[:, mine], truth, mine, theirs, per_frame)
+        grown = growth(per_frame["mpjpe"][:, mine])
     per_frame |= {"iou": nanmean(result.iou, axis=2), "cost": result.cost}
+    shake = second_differences(joints, result.frame_numbers, result.fps)
     per_run = {
+        "shake": np.median(shake, axis=(1, 2)) if shake.size else np.full(shape[0], np.nan),
+        "growth": grown,
         "jerk": jerk(joints, result.frame_numbers, result.fps),
         "foot_slide": foot_slide(result),
         "frames_lost": (result.status == STATUS.index("lost")).sum(axis=1),

@@ -47,6 +47,8 @@ MEASURES: tuple[Measure, ...] = (
     Measure("pa_mpjpe", "PA-MPJPE", "mm", 1000.0, 1),
     Measure("iou", "Overlap (IoU)", "", 1.0, 3, higher_is_better=True),
     Measure("limb_lost", "Frames with a lost limb", "%", 100.0, 1, per_frame=False),
+    Measure("shake", "Shake at 60 Hz", "mm", 1000.0, 2, per_frame=False),
+    Measure("growth", "Growth of MPJPE", "", 1.0, 2, per_frame=False),
     Measure("jerk", "Jerk", "m/s³", 1.0, 0, per_frame=False),
     Measure("foot_slide", "Foot slide", "mm/s", 1000.0, 0, per_frame=False),
 )

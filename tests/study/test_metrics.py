@@ -103,6 +103,10 @@ def test_it_agrees_with_the_evaluation_of_a_single_result():
     np.testing.assert_allclose(per_frame["iou"], np.array(report["iou"], float), rtol=1e-6)
     np.testing.assert_array_equal(per_frame["cost"], result.cost.astype(np.float32))
     assert list(per_run["frames_lost"]) == [1, 1]
+    for name in ("shake", "growth"):
+        scale = 1000 if name == "shake" else 1
+        told = [run[f"{name}_mm" if name == "shake" else name] for run in whole["per_run"]]
+        np.testing.assert_allclose(per_run[name] * scale, told, rtol=1e-6)
 
 
 def test_without_truth_errors_are_unknown():
@@ -112,6 +116,8 @@ def test_without_truth_errors_are_unknown():
     assert all(np.isnan(per_run[name]).all() for name in ("eq20_as_printed_floor", "marker_error_floor"))
     assert np.isfinite(per_frame["iou"][:, :-1]).all()
     assert np.isnan(per_run["limb_lost"]).all()
+    assert np.isnan(per_run["growth"]).all()
+    assert np.isfinite(per_run["shake"]).all()
     assert np.isfinite(per_run["jerk"]).all()
 
 
@@ -125,6 +131,22 @@ def test_frames_without_truth_are_unknown():
     per_frame, _ = measure(still_result(pose), partly)
     for name in ("eq20_as_printed", "marker_error", "joint_error", "mpjpe", "pa_mpjpe"):
         assert np.isnan(per_frame[name][0]).tolist() == [False, False, False, False, True, True]
+
+
+def test_a_truth_of_another_rate_is_matched_by_time():
+    result = still_result(np.repeat(synthetic_poses(6)[None], 2, axis=0), fps=50.0)
+    whole = truth_of(result, result.pose[0])
+    away = np.array([0.0, 0.01, 0.0])
+    twice = replace(
+        whole,
+        fps=100.0,
+        frame_numbers=np.arange(12),
+        markers=np.repeat(whole.markers, 2, axis=0),
+        joints=np.repeat(whole.joints, 2, axis=0) + away,
+        pose=np.repeat(whole.pose, 2, axis=0),
+    )
+    per_frame, _ = measure(result, twice)
+    np.testing.assert_allclose(per_frame["mpjpe"], np.full((2, 6), 0.01), rtol=0, atol=SINGLE_PRECISION)
 
 
 def test_jerk_of_a_cubic_path():

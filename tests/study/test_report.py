@@ -199,7 +199,7 @@ def test_any_grid_has_a_page(grid):
 
 def test_without_truth_fitness_decides():
     study = StudySummary.of(made_up_study(SEQUENCES[:2], budgets=(500,), seeds=2, frames=12, truth=False))
-    assert [measure.key for measure in study.measures] == ["cost", "iou", "jerk", "foot_slide"]
+    assert [measure.key for measure in study.measures] == ["cost", "iou", "shake", "jerk", "foot_slide"]
 
 
 def readings_that_disagree():

@@ -112,9 +112,12 @@ def mocap_index(camera: str, frame: np.ndarray | int) -> np.ndarray:
 
 
 def marker_vertices() -> dict[str, int]:
-    """Where each marker sits on the figure's skin."""
-    vertices = np.linspace(0, len(synthetic_body().skin.rest) - 1, len(_MARKERS)).round().astype(int)
-    return dict(zip(_MARKERS, vertices.tolist(), strict=True))
+    """Where each marker sits on the figure's skin: those that the figure has where it has them, others anywhere."""
+    body = synthetic_body()
+    vertices = np.linspace(0, len(body.skin.rest) - 1, len(_MARKERS)).round().astype(int)
+    own = dict(zip(body.marker_names, body.marker_vertex.tolist(), strict=True))
+    anywhere = zip(_MARKERS, vertices.tolist(), strict=True)
+    return {name: own.get(name, vertex) for name, vertex in anywhere}
 
 
 def write_humaneva(root: Path) -> None:

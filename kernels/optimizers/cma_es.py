@@ -11,7 +11,7 @@ grows, else it shrinks (Eq. 12). C learns from p_c (Eq. 13) and from the parents
     C <- kept C + c_cov / mu_cov p_c p_c^T + c_cov (1 - 1 / mu_cov) sum_r w_r (B D z_r) (B D z_r)^T
 
 Only B and D are kept. In the coordinates of B's columns C is D^2 and a parent's step is D z, so Eq. 14 is worked out
-there. What it leaves beside the diagonal is small, and a sweep or two of rotations give the next B and D (``eigen``).
+there. What it leaves beside the diagonal is small, and few sweeps of rotations give the next B and D (``eigen``).
 
 Equations and misprints are those of the paper's Section 4 as settled in ``docs/algorithms.md``.
 """
@@ -19,7 +19,16 @@ Equations and misprints are those of the paper's Section 4 as settled in ``docs/
 import warp as wp
 
 from mmocap_warp.kernels.block import WORDS, lane_layout, lanes_of, matrix_at, shared_words, sync
-from mmocap_warp.kernels.optimizers.eigen import Spectrum, diagonalize, even, lanes_worth, spectrum_at, spectrum_words
+from mmocap_warp.kernels.optimizers.eigen import (
+    Spectrum,
+    Tournament,
+    diagonalize,
+    even,
+    lanes_worth,
+    make_tournament,
+    spectrum_at,
+    spectrum_words,
+)
 from mmocap_warp.kernels.optimizers.populations import SearchSpace, random_stream, scatter
 
 wp.set_module_options({"enable_backward": False})
@@ -59,6 +68,7 @@ class CmaEsState:
     z: wp.array3d[wp.float32]  # (run, particle, dof) standard normal
     x: wp.array3d[wp.float32]  # (run, particle, dof)
     order: wp.array2d[wp.int32]  # (run, rank) particles, the best first
+    tournament: Tournament  # of the dofs
     scratch: wp.array2d[wp.uint32]  # (run, word) workspaces that shared memory has no room for
 
 
@@ -75,6 +85,7 @@ def make_state(population: wp.array[wp.float32]) -> CmaEsState:
     state.z = wp.zeros_like(population)
     state.x = population
     state.order = wp.zeros((runs, particles), dtype=wp.int32, device=device)
+    state.tournament = make_tournament(dofs, device)
     words = 1 if _has_room(dofs, device) else workspace_words(dofs)
     state.scratch = wp.empty((runs, words), dtype=wp.uint32, device=device)
     return state
@@ -105,6 +116,44 @@ def start(space: SearchSpace, pose: wp.array[wp.float32], sigma_start: float, st
     wp.launch(_start, dim=state.axes.shape, inputs=[space, pose, sigma_start], outputs=[state], device=pose.device)
 
 
+@wp.func_native("""
+#if !defined(__CUDA_ARCH__)
+    #pragma clang fp contract(off)
+#endif
+    const int dofs = radius.shape[0];
+    const float* __restrict__ row = axes.data;
+    const float* __restrict__ length = lengths.data;
+    const float* __restrict__ normal = z.data;
+    float* __restrict__ sum = x.data;
+#if defined(__CUDA_ARCH__)
+    for (int i = column; i < dofs; i += columns) {
+        float y = 0.0f;
+        for (int j = 0; j < dofs; ++j) y += row[j * dofs + i] * length[j] * normal[j];
+        sum[i] = mean.data[i] + sigma * radius.data[i] * y;
+    }
+#else
+    for (int i = 0; i < dofs; ++i) sum[i] = 0.0f;
+    for (int j = 0; j < dofs; ++j) {
+        for (int i = 0; i < dofs; ++i) sum[i] += row[j * dofs + i] * length[j] * normal[j];
+    }
+    for (int i = 0; i < dofs; ++i) sum[i] = mean.data[i] + sigma * radius.data[i] * sum[i];
+#endif
+""")
+def _transform(
+    axes: wp.array2d[wp.float32],
+    lengths: wp.array[wp.float32],
+    z: wp.array[wp.float32],
+    mean: wp.array[wp.float32],
+    sigma: float,
+    radius: wp.array[wp.float32],
+    x: wp.array[wp.float32],
+    column: int,
+    columns: int,
+) -> None:
+    """Write a candidate; the same sums on both kinds of device, on the CPU many coordinates at a time."""
+    ...
+
+
 @wp.kernel
 def _sample(
     particles: int,
@@ -115,21 +164,33 @@ def _sample(
 ) -> None:
     run, lane = wp.tid()
     dofs = space.radius.shape[0]
-    for k in range(lane, particles, lanes):
-        random = random_stream(space, run, k)
-        for i in range(dofs):
-            state.z[run, k, i] = wp.randn(random)
+    shares = lane_layout(lane, lanes, wp.max(1, lanes // particles))
+    share = (dofs + shares.column_step - 1) // shares.column_step
+    for k in range(shares.row, particles, shares.row_step):
+        if shares.column < shares.column_step:
+            first = shares.column * share
+            random = random_stream(space, run, k)
+            for _ in range(2 * first):  # two for each number that lanes before this one draw
+                wp.randu(random)
+            for i in range(first, wp.min(first + share, dofs)):
+                state.z[run, k, i] = wp.randn(random)
     sync()
     if lane == 0:
         space.counter[run] = space.counter[run] + particles
     sigma = state.sigma[run]
     layout = lane_layout(lane, lanes, dofs)
     for k in range(layout.row, particles, layout.row_step):
-        for i in range(layout.column, dofs, layout.column_step):
-            y = float(0.0)
-            for j in range(dofs):
-                y += state.axes[run, j, i] * state.lengths[run, j] * state.z[run, k, j]
-            state.x[run, k, i] = state.mean[run, i] + sigma * space.radius[i] * y
+        _transform(
+            state.axes[run],
+            state.lengths[run],
+            state.z[run, k],
+            state.mean[run],
+            sigma,
+            space.radius,
+            state.x[run, k],
+            layout.column,
+            layout.column_step,
+        )
 
 
 def sample(space: SearchSpace, particles: int, state: CmaEsState) -> None:
@@ -296,12 +357,13 @@ def _update_covariance(
                 value = parameters.c_cov * (share * rank_one + (1.0 - share) * spread * rank_mu)
                 if i == j:
                     value += kept * spread
-            work.spectrum.matrix[i, j] = value
+            if i <= j:
+                work.spectrum.elements[0, state.tournament.start[i, j]] = value
     sync()
 
 
 @wp.func
-def _keep(run: int, lane: int, lanes: int, spectrum: Spectrum, state: CmaEsState) -> None:
+def _keep(run: int, lane: int, lanes: int, eigenvalues: int, spectrum: Spectrum, state: CmaEsState) -> None:
     """Hand on the new B and D."""
     dofs = state.mean.shape[1]
     layout = lane_layout(lane, lanes, dofs)
@@ -309,7 +371,8 @@ def _keep(run: int, lane: int, lanes: int, spectrum: Spectrum, state: CmaEsState
         for i in range(layout.column, dofs, layout.column_step):
             state.axes[run, j, i] = spectrum.axes[j, i]
     for j in range(lane, dofs, lanes):
-        state.lengths[run, j] = wp.sqrt(wp.clamp(spectrum.matrix[j, j], _SMALLEST, _LARGEST))
+        eigenvalue = spectrum.elements[eigenvalues, state.tournament.start[j, j]]
+        state.lengths[run, j] = wp.sqrt(wp.clamp(eigenvalue, _SMALLEST, _LARGEST))
 
 
 @wp.func
@@ -350,8 +413,8 @@ def _learn(
     sync()
     _move_path(parameters, h_sigma, run, lane, lanes, state, work)
     _update_covariance(parameters, h_sigma, run, lane, lanes, state, work)
-    diagonalize(work.spectrum, lane, lanes)
-    _keep(run, lane, lanes, work.spectrum, state)
+    eigenvalues = diagonalize(state.tournament, work.spectrum, lane, lanes)
+    _keep(run, lane, lanes, eigenvalues, work.spectrum, state)
     if lane == 0:
         state.sigma[run] = _grown(parameters, length, run, cost, state)
         state.generation[run] = state.generation[run] + 1

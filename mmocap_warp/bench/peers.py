@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from importlib.util import find_spec
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -22,8 +21,6 @@ from mmocap_warp.views.observation import unpack_masks
 from mmocap_warp.views.rig import CameraRig, project
 
 PEER = "peers"
-PEERS = {"embree": "embreex", "trimesh": "embreex", "opencv": "cv2"}
-"""Names of peers, and the modules that they need; trimesh casts its rays with Embree too."""
 
 _CANDIDATES = 4  # as many as a core does in a fraction of a second
 _SUBPIXEL_BITS = 4
@@ -43,11 +40,6 @@ class Box(NamedTuple):
     def of(self, image: np.ndarray) -> np.ndarray:
         """That part of an image."""
         return image[self.top : self.bottom, self.left : self.right]
-
-
-def missing(names: Sequence[str]) -> list[str]:
-    """Those that are not installed."""
-    return [name for name in names if find_spec(PEERS[name]) is None]
 
 
 def peers(load: Workload, names: Sequence[str]) -> Iterator[list[Case]]:

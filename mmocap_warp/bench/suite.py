@@ -13,9 +13,11 @@ from typing import Any
 
 import warp as wp
 
+from mmocap_warp.bench.against import DRAWING, OPTIMIZING, PEERS
 from mmocap_warp.bench.evaluations import evaluations, moving_parts
 from mmocap_warp.bench.growth import growth
-from mmocap_warp.bench.peers import PEERS, peers
+from mmocap_warp.bench.optimizer_peers import optimizer_peers
+from mmocap_warp.bench.peers import peers
 from mmocap_warp.bench.searches import ask_and_tell, frames, measure_generations, same_frames
 from mmocap_warp.bench.stages import stages
 from mmocap_warp.bench.workload import Workload, workload
@@ -36,7 +38,7 @@ class Plan:
     Attributes:
         device: a Warp device.
         threads: of the CPU, beside one.
-        against: names in ``peers.PEERS``.
+        against: names in ``against.PEERS``.
         growing: also measure how time grows with every size.
         batches: candidates of the whole evaluation.
         kernel_candidates: of each kernel alone.
@@ -113,13 +115,15 @@ def _steps(plan: Plan, load: Workload) -> Iterator[list[Measurement]]:
     yield from measure_generations(load, device, threads[0], plan.seconds)
     yield from measured(frames(load, device, threads[-1]))
     yield from measured(same_frames(load, (1, plan.runs), plan.budget, device, threads[-1]))
-    yield from measured(peers(load, plan.against), "cpu")
+    yield from measured(peers(load, [name for name in plan.against if name in DRAWING]), "cpu")
+    optimizers = [name for name in plan.against if name in OPTIMIZING]
+    yield from measured(optimizer_peers(optimizers, (1, plan.runs)), "cpu")
     if plan.growing:
         yield from measured(growth(load, device), seconds=_GROWTH_SECONDS)
 
 
 def _versions(plan: Plan) -> dict[str, str]:
-    peers_need = {PEERS[name] for name in plan.against}
+    peers_need = {PEERS[name].module for name in plan.against}
     return versions(plan.device) | package_versions(peers_need) | {"python": platform.python_version()}
 
 

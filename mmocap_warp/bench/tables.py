@@ -8,12 +8,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from mmocap_warp.bench.evaluations import EVALUATION
+from mmocap_warp.bench.optimizer_peers import ASK_AND_TELL, FUNCTION, OURS
 from mmocap_warp.bench.peers import PEER
 from mmocap_warp.bench.searches import FRAME
 
 Report = dict[str, Any]
 Row = dict[str, Any]
 
+_ON_THE_CPU = (PEER, ASK_AND_TELL, FUNCTION)  # always
 _MEASURE = ("cameras", "pixels", "triangles", "vertices", "renderer")  # the same for all, or said elsewhere
 
 
@@ -66,7 +68,7 @@ def _key(row: Row) -> str:
 
 
 def _group_table(group: str, rows: list[Row], gpu: bool, before: dict[str, Row] | None, answers: bool) -> Table:
-    host = "launched" if gpu and group != PEER else "processor"
+    host = "launched" if gpu and group not in _ON_THE_CPU else "processor"
     columns = ["", "of", "median", "lowest", "quartiles", host, "compile", "an evaluation", "in 1 s"]
     columns += ["speed-up"] * (before is not None) + ["answer"]
     common = [name for name, value in rows[0]["sizes"].items() if all(row["sizes"].get(name) == value for row in rows)]
@@ -99,6 +101,11 @@ def _notes(group: str, rows: list[Row]) -> Iterable[str]:
         for mine in ours:
             ratios = (f"{_ratio(other, mine):.1f} times as quick as {other['name']}'s drawing" for other in theirs)
             yield f"{mine['name']}, posing and cost included: {', '.join(ratios)}"
+    for mine in rows if group in (ASK_AND_TELL, FUNCTION) else ():
+        alike = [row for row in rows if row["sizes"] == mine["sizes"] and row is not mine]
+        if mine["name"] == OURS and alike:
+            ratios = (f"{_ratio(other, mine):.2f} times as quick as {other['name']}" for other in alike)
+            yield f"{OURS}, {sizes_in_words(mine['sizes'])}: {', '.join(ratios)}"
     for one, many in pairs(rows, "runs") if group == FRAME else ():
         sizes = many["sizes"]
         times = sizes["runs"] * _ratio(one, many)
@@ -139,6 +146,8 @@ def sizes_in_words(sizes: dict[str, Any], leave: Sequence[str] = ()) -> str:
             words.append(f"{value} DOF")
         elif name == "budget":
             words.append(f"{value} evaluations")
+        elif name == "function":
+            words.append(str(value))
         elif name == "moving":
             words.append(f"all but the {value}")
         else:

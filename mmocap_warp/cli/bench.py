@@ -38,8 +38,8 @@ def bench(
     threads
         CPU threads beside one. All by default.
     against
-        Others to run beside it on the CPU: embree, trimesh (Embree as trimesh offers it), opencv, or a list such as
-        embree,opencv.
+        Others to run beside it on the CPU: embree, trimesh (Embree as trimesh offers it) and opencv draw; evosax, cmaes
+        and cma have a CMA-ES; or a list such as embree,opencv.
     growth
         Also measure how time grows with candidates, cameras, pixels, triangles and runs.
     compare
@@ -78,7 +78,7 @@ def _peers(names: str | None) -> tuple[str, ...]:
     """The peers of a list, all known and installed."""
     if names is None:
         return ()
-    from mmocap_warp.bench.peers import PEERS, missing
+    from mmocap_warp.bench.against import PEERS, missing
 
     wanted = tuple(name.strip() for name in names.split(","))
     unknown = [name for name in wanted if name not in PEERS]
@@ -86,7 +86,6 @@ def _peers(names: str | None) -> tuple[str, ...]:
         raise UsageError(f"--against must name {', '.join(PEERS)}, got '{', '.join(unknown)}'")
     absent = missing(wanted)
     if absent:
-        raise UsageError(
-            f"--against {absent[0]} needs the package {PEERS[absent[0]]}: pip install 'mmocap-warp[bench]'"
-        )
+        module, extra = PEERS[absent[0]]
+        raise UsageError(f"--against {absent[0]} needs the package {module}: pip install 'mmocap-warp[{extra}]'")
     return wanted

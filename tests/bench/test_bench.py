@@ -15,8 +15,10 @@ import mmocap_warp
 from mmocap_warp import cli
 from mmocap_warp.bench import growth as growth_module
 from mmocap_warp.bench import suite as suite_module
+from mmocap_warp.bench.against import OPTIMIZING, missing
+from mmocap_warp.bench.optimizer_peers import ENGINES, FUNCTIONS, OURS, optimizer_peers
 from mmocap_warp.bench.pages import write_pages
-from mmocap_warp.bench.peers import missing, peers
+from mmocap_warp.bench.peers import peers
 from mmocap_warp.bench.plots import Line, growth_lines
 from mmocap_warp.bench.suite import Plan, run_suite
 from mmocap_warp.bench.tables import digits, duration, report_tables
@@ -26,6 +28,7 @@ from mmocap_warp.body.mesh_pieces import is_closed
 from mmocap_warp.cli import exit_codes
 from mmocap_warp.kernels.benchmarks.case import Case, Check
 from mmocap_warp.kernels.benchmarks.timing import time_together
+from mmocap_warp.optimizers.cma_es import CmaEs
 
 SMALL = {"cameras": 2, "size": (64, 48)}
 
@@ -47,6 +50,7 @@ def report(small):
         patch.setattr(growth_module, "_TRIANGLES", (1300, None))
         patch.setattr(growth_module, "_RUNS", {"cpu": (1, 2), "cuda": (1, 2)})
         against = () if missing(["embree"]) else ("embree", "trimesh")
+        against += tuple(name for name in ("cmaes",) if not missing([name]))
         plan = Plan("cpu", 2, (*against, "opencv"), True, (8,), (2,), runs=2, budget=60, seconds=0.0)
         steps = []
         report = run_suite(plan, steps.append, small)
@@ -224,7 +228,11 @@ def test_the_command_writes_a_report_and_compares(monkeypatch, report, tmp_path,
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [
-        (["--against", "povray"], exit_codes.USAGE, "--against must name embree, trimesh, opencv, got 'povray'"),
+        (
+            ["--against", "povray"],
+            exit_codes.USAGE,
+            "--against must name embree, trimesh, opencv, evosax, cmaes, cma, got 'povray'",
+        ),
         (["--threads", "0"], exit_codes.USAGE, "--threads must be at least 1"),
         (["--device", "cuda:99"], exit_codes.USAGE, "--device must be auto or one of"),
         (["--compare", "absent.json"], exit_codes.BAD_INPUT, "absent.json: cannot be read"),
@@ -240,10 +248,47 @@ def test_wrong_use_is_said_in_a_line(arguments, code, words, capsys, monkeypatch
     assert shown.err.count("\n") == 1
 
 
-def test_a_peer_that_is_not_installed_is_named(monkeypatch, capsys):
-    monkeypatch.setattr("mmocap_warp.bench.peers.find_spec", lambda name: None)
-    assert cli.main(["bench", "--against", "embree"]) == exit_codes.USAGE
-    assert "pip install 'mmocap-warp[bench]'" in capsys.readouterr().err
+@pytest.mark.parametrize("name", [OURS, *OPTIMIZING])
+def test_every_cma_es_samples_learns_and_begins_anew(name):
+    if name != OURS and missing([name]):
+        pytest.skip(f"{name} is not installed: pip install 'mmocap-warp[peers]'")
+    engine = ENGINES[name](4, 8, 2)
+    lowest = []
+    for _ in range(2):
+        engine.begin()
+        costs = []
+        for _ in range(60):
+            x = engine.ask()
+            assert x.shape == (2, 8, 4)
+            cost = np.sum(x**2, axis=-1).astype(np.float32)
+            engine.tell(cost)
+            costs.append(cost.min())
+        lowest.append(min(costs))
+        engine.generation(cost)()
+    assert costs[0] > 0.05
+    assert lowest[0] == lowest[1] < 1e-3
+
+
+def test_an_optimizer_that_stands_still_is_noticed(monkeypatch):
+    monkeypatch.setattr(CmaEs, "tell", lambda self, cost: None)
+    for cases in optimizer_peers([OURS], (1,)):
+        for case in cases:
+            case.work()
+            assert not case.check().ok
+
+
+def test_functions_are_lowest_where_they_say():
+    for function, at in (("sphere", 0.0), ("Rosenbrock", 2.0), ("Rastrigin", 0.0)):
+        costs_of, _allowed = FUNCTIONS[function]
+        assert costs_of(np.full(10, at)) == 0.0
+        assert costs_of(np.full(10, at) + 0.01) > 0.0
+
+
+@pytest.mark.parametrize(("name", "extra"), [("embree", "bench"), ("evosax", "peers")])
+def test_a_peer_that_is_not_installed_is_named(name, extra, monkeypatch, capsys):
+    monkeypatch.setattr("mmocap_warp.bench.against.find_spec", lambda name: None)
+    assert cli.main(["bench", "--against", name]) == exit_codes.USAGE
+    assert f"pip install 'mmocap-warp[{extra}]'" in capsys.readouterr().err
 
 
 def test_a_graph_replays_what_was_launched():

@@ -6,7 +6,16 @@ import warp as wp
 from poisoned import poisoned
 
 from mmocap_warp.kernels.block import WORDS, lanes_of, shared_words, sync
-from mmocap_warp.kernels.optimizers.eigen import Spectrum, diagonalize, even, lanes_worth, spectrum_at, spectrum_words
+from mmocap_warp.kernels.optimizers.eigen import (
+    Spectrum,
+    Tournament,
+    diagonalize,
+    even,
+    lanes_worth,
+    make_tournament,
+    spectrum_at,
+    spectrum_words,
+)
 
 ORTHONORMAL = 1e-5
 DECOMPOSED = 1e-5  # of the largest eigenvalue
@@ -14,6 +23,7 @@ DECOMPOSED = 1e-5  # of the largest eigenvalue
 
 @wp.func
 def _decompose_in(
+    tournament: Tournament,
     spectrum: Spectrum,
     matrix: wp.array2d[wp.float32],
     lane: int,
@@ -26,19 +36,22 @@ def _decompose_in(
         for j in range(spectrum.axes.shape[1]):
             inside = i < dofs and j < dofs
             spectrum.axes[i, j] = wp.where(i == j and inside, 1.0, 0.0)
-            spectrum.matrix[i, j] = 0.0
-            if inside and i <= j:
-                spectrum.matrix[i, j] = matrix[i, j]
+        for j in range(i, even(dofs)):
+            value = 0.0
+            if j < dofs:
+                value = matrix[i, j]
+            spectrum.elements[0, tournament.start[i, j]] = value
     sync()
-    diagonalize(spectrum, lane, lanes)
+    row = diagonalize(tournament, spectrum, lane, lanes)
     for i in range(lane, dofs, lanes):
-        eigenvalue[i] = spectrum.matrix[i, i]
+        eigenvalue[i] = spectrum.elements[row, tournament.start[i, i]]
         for j in range(dofs):
             axes[i, j] = spectrum.axes[i, j]
 
 
 @wp.kernel
 def _decompose(
+    tournament: Tournament,
     matrix: wp.array3d[wp.float32],  # (run, dof, dof)
     used: int,
     is_shared: bool,
@@ -53,9 +66,10 @@ def _decompose(
     dofs = eigenvalue.shape[1]
     if is_shared:
         spectrum = spectrum_at(shared_words(scratch[run]), dofs)
-        _decompose_in(spectrum, matrix[run], lane, used, axes[run], eigenvalue[run])
+        _decompose_in(tournament, spectrum, matrix[run], lane, used, axes[run], eigenvalue[run])
     else:
-        _decompose_in(spectrum_at(scratch[run], dofs), matrix[run], lane, used, axes[run], eigenvalue[run])
+        spectrum = spectrum_at(scratch[run], dofs)
+        _decompose_in(tournament, spectrum, matrix[run], lane, used, axes[run], eigenvalue[run])
 
 
 def decompose(matrix, device, is_shared, used):
@@ -68,7 +82,13 @@ def decompose(matrix, device, is_shared, used):
     wp.launch(
         _decompose,
         dim=(runs, lanes),
-        inputs=[wp.array(matrix, dtype=wp.float32, device=device), min(used, lanes), is_shared, scratch],
+        inputs=[
+            make_tournament(dofs, device),
+            wp.array(matrix, dtype=wp.float32, device=device),
+            min(used, lanes),
+            is_shared,
+            scratch,
+        ],
         outputs=[axes, eigenvalue],
         block_dim=lanes,
         device=device,

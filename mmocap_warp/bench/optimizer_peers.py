@@ -1,0 +1,258 @@
+"""The CMA-ES of other packages beside ours, on the CPU in the same process: a generation, and searches of functions.
+
+Ours decomposes C in every generation, and so do evosax and cmaes; cma waits for as many as it thinks C needs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import Any, Protocol
+
+import numpy as np
+import warp as wp
+
+from mmocap_warp.kernels.benchmarks.case import Case, Check
+from mmocap_warp.kernels.optimizers.populations import make_space
+from mmocap_warp.optimizers.cma_es import CmaEs, CmaEsConfig, CmaEsParameters
+
+ASK_AND_TELL, FUNCTION = "ask and tell beside peers", "a function beside peers"
+OURS = "mmocap-warp"
+
+_DOFS = 39  # of a generation that is timed
+_FUNCTION_DOFS, _GENERATIONS = 10, 200  # of a search of a function
+_SIGMA = 0.5
+
+
+class Engine(Protocol):
+    """Independent runs of a CMA-ES, used as its package would have it."""
+
+    def begin(self) -> None:
+        """Begin anew where all coordinates are 1."""
+        ...
+
+    def ask(self) -> np.ndarray:
+        """Sample a generation (run, particle, dof)."""
+        ...
+
+    def tell(self, cost: np.ndarray) -> None:
+        """Learn from its costs (run, particle) float32."""
+        ...
+
+    def generation(self, cost: np.ndarray) -> Callable[[], None]:
+        """What asks and tells, with costs that were made up."""
+        ...
+
+
+def _ask_and_tell_once(engine: Engine, cost: np.ndarray) -> None:
+    engine.ask()
+    engine.tell(cost)
+
+
+class _Ours:
+    def __init__(self, dofs: int, particles: int, runs: int) -> None:
+        seed = wp.array(np.arange(runs), dtype=wp.int32, device="cpu")
+        self._counter = wp.zeros(runs, dtype=wp.int32, device="cpu")
+        space = make_space(np.arange(dofs), np.ones(dofs), seed, self._counter)
+        self._optimizer = CmaEs(space, 1, CmaEsConfig(population=particles, sigma=_SIGMA))
+        self._start = wp.ones((runs, dofs), dtype=wp.float32, device="cpu")
+        self._cost = wp.zeros(runs * particles, dtype=wp.float32, device="cpu")
+
+    def begin(self) -> None:
+        self._counter.zero_()
+        self._optimizer.start(self._start)
+
+    def ask(self) -> np.ndarray:
+        return self._optimizer.ask(self._optimizer.particles).numpy()
+
+    def tell(self, cost: np.ndarray) -> None:
+        self._cost.numpy()[:] = cost.ravel()
+        self._optimizer.tell(self._cost)
+
+    def generation(self, cost: np.ndarray) -> Callable[[], None]:
+        return partial(_ask_and_tell_once, self, cost)
+
+
+class _Evosax:
+    """Compiled by JAX: one run as it is, several as one ``vmap``; asking and telling in one go where none looks."""
+
+    def __init__(self, dofs: int, particles: int, runs: int) -> None:
+        import jax
+        import jax.numpy as jnp
+        from evosax.algorithms import CMA_ES
+
+        cpu = jax.devices("cpu")[0]
+        algorithm = CMA_ES(population_size=particles, solution=jnp.zeros(dofs))
+        parameters = algorithm.default_params.replace(std_init=jnp.asarray(_SIGMA))
+
+        def begin(key: jax.Array) -> Any:
+            return algorithm.init(key, jnp.ones(dofs), parameters)
+
+        def ask(key: jax.Array, state: Any) -> Any:
+            return algorithm.ask(key, state, parameters)
+
+        def tell(key: jax.Array, state: Any, x: jax.Array, cost: jax.Array) -> Any:
+            return algorithm.tell(key, x, cost, state, parameters)[0]
+
+        def step(key: jax.Array, state: Any, cost: jax.Array) -> Any:
+            x, state = ask(key, state)
+            return tell(key, state, x, cost)
+
+        functions = (begin, ask, tell, step) if runs == 1 else map(jax.vmap, (begin, ask, tell, step))
+        self._begin, self._ask, self._tell, self._step = map(jax.jit, functions)
+        self._wait, self._put, self._runs = jax.block_until_ready, partial(jax.device_put, device=cpu), runs
+        self._keys = []
+        for generation in range(_GENERATIONS):
+            keys = jax.random.split(jax.random.key(generation), runs)
+            self._keys.append(self._put(keys[0] if runs == 1 else keys))
+
+    def begin(self) -> None:
+        self._generation = 0
+        self._state = self._begin(self._keys[0])
+
+    def _key(self) -> Any:
+        self._generation += 1
+        return self._keys[self._generation % _GENERATIONS]
+
+    def ask(self) -> np.ndarray:
+        self._x, self._state = self._ask(self._key(), self._state)
+        return np.asarray(self._x).reshape(self._runs, *self._x.shape[-2:])
+
+    def tell(self, cost: np.ndarray) -> None:
+        key = self._keys[self._generation % _GENERATIONS]
+        self._state = self._tell(key, self._state, self._x, cost.reshape(self._x.shape[:-1]))
+
+    def generation(self, cost: np.ndarray) -> Callable[[], None]:
+        given = self._put(cost[0] if self._runs == 1 else cost)
+
+        def step() -> None:
+            self._state = self._wait(self._step(self._key(), self._state, given))
+
+        return step
+
+
+class _Cmaes:
+    def __init__(self, dofs: int, particles: int, runs: int) -> None:
+        from cmaes import CMA
+
+        self._make = lambda run: CMA(np.ones(dofs), _SIGMA, population_size=particles, seed=run)
+        self._runs = runs
+
+    def begin(self) -> None:
+        self._engines = [self._make(run) for run in range(self._runs)]
+
+    def ask(self) -> np.ndarray:
+        self._x = np.array([[engine.ask() for _ in range(engine.population_size)] for engine in self._engines])
+        return self._x
+
+    def tell(self, cost: np.ndarray) -> None:
+        for engine, x, costs in zip(self._engines, self._x, cost, strict=True):
+            engine.tell(list(zip(x, costs.tolist(), strict=True)))
+
+    def generation(self, cost: np.ndarray) -> Callable[[], None]:
+        return partial(_ask_and_tell_once, self, cost)
+
+
+class _Cma:
+    def __init__(self, dofs: int, particles: int, runs: int) -> None:
+        from cma import CMAEvolutionStrategy
+
+        options = {"popsize": particles, "verbose": -9}
+        self._make = lambda run: CMAEvolutionStrategy(np.ones(dofs), _SIGMA, options | {"seed": 1 + run})
+        self._runs = runs
+
+    def begin(self) -> None:
+        self._engines = [self._make(run) for run in range(self._runs)]
+
+    def ask(self) -> np.ndarray:
+        self._x = [engine.ask() for engine in self._engines]
+        return np.array(self._x)
+
+    def tell(self, cost: np.ndarray) -> None:
+        for engine, x, costs in zip(self._engines, self._x, cost, strict=True):
+            engine.tell(x, costs.tolist())
+
+    def generation(self, cost: np.ndarray) -> Callable[[], None]:
+        return partial(_ask_and_tell_once, self, cost)
+
+
+ENGINES: dict[str, Callable[[int, int, int], Engine]] = {
+    OURS: _Ours,
+    "evosax": _Evosax,
+    "cmaes": _Cmaes,
+    "cma": _Cma,
+}
+"""Engines, made from numbers of dofs, particles and runs; ours is the first."""
+
+
+def sphere(x: np.ndarray) -> np.ndarray:
+    """Costs of points (..., dof); 0 at 0."""
+    return np.sum(x**2, axis=-1)
+
+
+def rosenbrock(x: np.ndarray) -> np.ndarray:
+    """A bent valley; 0 where all coordinates are 2, and so moved by 1: engines start where they are 1."""
+    x = x - 1.0
+    return np.sum(100.0 * (x[..., 1:] - x[..., :-1] ** 2) ** 2 + (1.0 - x[..., :-1]) ** 2, axis=-1)
+
+
+def rastrigin(x: np.ndarray) -> np.ndarray:
+    """Many minima; 0 at 0, and about 1 more for each coordinate that ends in the next one."""
+    return np.sum(x**2 + 10.0 * (1.0 - np.cos(2.0 * np.pi * x)), axis=-1)
+
+
+FUNCTIONS = {"sphere": (sphere, 1e-4), "Rosenbrock": (rosenbrock, 8.9), "Rastrigin": (rastrigin, 30.0)}
+"""Functions, and the cost below which a search of them must come: one that never learns stays above."""
+
+
+def optimizer_peers(names: Sequence[str], runs: Sequence[int]) -> Iterator[list[Case]]:
+    """The named peers and ours, taking turns."""
+    if not names:
+        return
+    wanted = [name for name in ENGINES if name in names or name == OURS]
+    for number in runs:
+        yield [_ask_and_tell(name, number) for name in wanted]
+    for function in FUNCTIONS:
+        yield [_search(name, function) for name in wanted]
+
+
+def _ask_and_tell(name: str, runs: int) -> Case:
+    particles = CmaEsParameters.for_search(_DOFS).population
+    engine = ENGINES[name](_DOFS, particles, runs)
+    engine.begin()
+    made_up = np.random.default_rng(0).uniform(0.1, 0.9, (runs, particles)).astype(np.float32)
+
+    def check() -> Check:
+        """Anew, it minimises the squared distance from 0."""
+        engine.begin()
+        means = []
+        for _ in range(_GENERATIONS):
+            cost = sphere(engine.ask())
+            means.append(cost.mean(axis=1))
+            engine.tell(cost.astype(np.float32))
+        share = float(np.max(means[-1] / means[0]))
+        return Check(f"a sphere's cost falls to {share:.2g} in {_GENERATIONS} generations", share < 0.1)
+
+    sizes = {"dof": _DOFS, "particles": particles, "runs": runs}
+    return Case(ASK_AND_TELL, name, sizes, engine.generation(made_up), check)
+
+
+def _search(name: str, function: str) -> Case:
+    particles = CmaEsParameters.for_search(_FUNCTION_DOFS).population
+    costs_of, allowed = FUNCTIONS[function]
+    engine = ENGINES[name](_FUNCTION_DOFS, particles, 1)
+    lowest = [np.inf]
+
+    def work() -> None:
+        engine.begin()
+        lowest[0] = np.inf
+        for _ in range(_GENERATIONS):
+            cost = costs_of(engine.ask())
+            lowest[0] = min(lowest[0], float(cost.min()))
+            engine.tell(cost.astype(np.float32))
+
+    def check() -> Check:
+        return Check(f"{function}'s cost falls to {lowest[0]:.2g}, allowed {allowed:g}", lowest[0] < allowed)
+
+    sizes = {"function": function, "dof": _FUNCTION_DOFS, "particles": particles, "generations": _GENERATIONS}
+    return Case(FUNCTION, name, sizes, work, check, _GENERATIONS * particles)

@@ -93,7 +93,9 @@ def signed_distance(mask: np.ndarray) -> tuple[tuple[int, int, int, int], np.nda
     left, right = max(columns[0] - margin, 0), min(columns[-1] + margin + 1, mask.shape[1])
     inside = np.ascontiguousarray(mask[top:bottom, left:right], np.uint8)
     outside = 1 - inside
-    distance = cv2.subtract(cv2.distanceTransform(outside, cv2.DIST_L2, 5), cv2.distanceTransform(inside, cv2.DIST_L2, 5))
+    distance = cv2.subtract(
+        cv2.distanceTransform(outside, cv2.DIST_L2, 5), cv2.distanceTransform(inside, cv2.DIST_L2, 5)
+    )
     distance += inside - np.float32(0.5)
     return (left, top, right - left, bottom - top), cv2.GaussianBlur(distance, (5, 5), _BLUR)
 

@@ -149,7 +149,7 @@ class ContourFitter:
     def linearise(self, place: np.ndarray, rooted: RootedPoses) -> NormalEquations:
         """The normal equations of poses against the frames in places (pose,); there may be more than ``candidates``."""
         parts = []
-        for first in range(0, len(rooted), self.candidates):
+        for first in range(0, max(len(rooted), 1), self.candidates):
             part = slice(first, min(first + self.candidates, len(rooted)))
             self.start_at(rooted.pose[part], rooted.base[part], place[part])
             self._together(part.stop - part.start, self._sum)

@@ -8,13 +8,18 @@ The matrix is factored as ``L L^T`` with the gradient as one more row, which so 
 then only takes the way back, through ``L^T``.
 """
 
+import math
+
 import warp as wp
 
 from mmocap_warp.kernels.batch import Batch
-from mmocap_warp.kernels.block import lanes_of, matrix_at, shared_words, sync
-from mmocap_warp.kernels.contour.normal_equations import Sums, triangle_words
+from mmocap_warp.kernels.block import WORDS, lanes_of, matrix_at, shared_words, sync
+from mmocap_warp.kernels.contour.normal_equations import Sums
 
 wp.set_module_options({"enable_backward": False})
+
+MOST_SEARCHED = math.isqrt(WORDS) - 1
+"""Coordinates of a system that fits into what a block shares."""
 
 _EASED = wp.constant(0.3)  # damping after a step that helped, as a share
 _RAISED = wp.constant(6.0)  # after one that did not
@@ -27,6 +32,7 @@ class Descent:
     """Where each candidate's search is, and what it may do."""
 
     index: wp.array[wp.int32]  # (dof,) the searched coordinates
+    gradient: int  # row of the triangle that has the gradient: the last
     pull: wp.array[wp.float32]  # (dof,) one over the variance about the start
     limits: wp.array2d[wp.float32]  # (dof, 2) lowest and highest
     start: wp.array2d[wp.float32]  # (candidate, coordinate) what is pulled to
@@ -80,8 +86,9 @@ def _set_up(descent: Descent, c: int, system: wp.array2d[wp.float32], lane: int,
     """The damped matrix and the gradient below it, with the pull; coordinates that a limit stops are left out."""
     n = descent.index.shape[0]
     for i in range(lane, n + 1, lanes):
+        row = wp.where(i < n, i, descent.gradient)
         for j in range(wp.min(i + 1, n)):
-            system[i, j] = descent.triangle[c, i * (i + 1) // 2 + j]
+            system[i, j] = descent.triangle[c, row * (row + 1) // 2 + j]
     sync()
     for i in range(lane, n, lanes):
         value = descent.best[c, descent.index[i]]
@@ -163,7 +170,7 @@ def _descend(
 def descend(sums: Sums, batch: Batch, descent: Descent, steps: bool) -> None:
     """Take a batch's judged poses or leave them, and where ``steps``, go on to the next: a block of lanes each.
 
-    The searched coordinates, plus one, squared, must fit into :data:`~mmocap_warp.kernels.block.WORDS`.
+    There may be up to ``MOST_SEARCHED`` searched coordinates.
     """
     device = descent.pose.device
     lanes = lanes_of(device)

@@ -90,7 +90,7 @@ def _turn_axes(
 
 
 def turn_axes(pose: wp.array[wp.float32], batch: Batch, posed: Posed) -> None:
-    """Find the axes that the joints of a batch's candidates turn about; ``pose`` is (candidate, coordinate) [m, rad]."""
+    """Find the axes that a batch's joints turn about; ``pose`` is (candidate, coordinate) [m, rad]."""
     wp.launch(
         _turn_axes,
         dim=(batch.size, posed.axes.shape[1]),
@@ -167,9 +167,7 @@ def _influences(body: Body, joints: Joints, c: int, ends: wp.vec2i) -> _Influenc
 
 
 @wp.func
-def _write_pose(
-    tree: Tree, posed: Posed, c: int, by: _Influences, gradient: wp.vec3, rows: Rows, row: int
-) -> None:
+def _write_pose(tree: Tree, posed: Posed, c: int, by: _Influences, gradient: wp.vec3, rows: Rows, row: int) -> None:
     """The columns of the pose."""
     for i in range(3):
         if tree.column[i] >= 0:

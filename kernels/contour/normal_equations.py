@@ -117,17 +117,23 @@ def _sum_normal_equations(
     for i in range(lane, triangle_words(rows.width), lanes):
         sums.triangle[at + i] = 0.0
     sync()
+    words = shared_words(batch.scratch)
     if lanes == 1:
         _sum_serially(residuals.weighted, rows.value, view * outline.size, count, rows.width, sums.triangle, at)
     else:
-        words = shared_words(batch.scratch)
-        _sum_together(
-            residuals, rows, words, c, k, view * outline.size, count, sums.triangle, at, lane, lanes
-        )
+        _sum_together(residuals, rows, words, c, k, view * outline.size, count, sums.triangle, at, lane, lanes)
+    sync()
+    shares = matrix_at(words, 0, lanes, 4)
+    share = wp.vec4()
+    for s in range(lane, count, lanes):
+        share += residuals.tally[c, k, s]
+    for i in range(4):
+        shares[lane, i] = share[i]
+    sync()
     for i in range(lane, 4, lanes):
         total = float(0.0)
-        for s in range(count):
-            total += residuals.tally[c, k, s][i]
+        for other in range(lanes):
+            total += shares[other, i]
         sums.tally[c, k][i] = total
 
 

@@ -28,12 +28,13 @@ _PROBE = wp.constant(0.75)  # px outside an edge: more than rounding moves a con
 
 @wp.struct
 class Edges:
-    """The edges of a closed mesh: ``(a, b, left, right)``.
+    """A closed mesh, by its triangles and the two of them at each edge.
 
-    Triangles are ``(a, b, left)`` and ``(b, a, right)``, counter-clockwise seen from outside.
+    Triangles are counter-clockwise seen from outside; the left one has the edge from its first end to its second.
     """
 
-    corner: wp.array[wp.vec4i]  # (edge,) numbers of vertices
+    face: wp.array[wp.vec3i]  # (face,) vertices
+    edge: wp.array[wp.vec4i]  # (edge,) two vertices, the triangles on the left and on the right
 
 
 @wp.struct
@@ -42,9 +43,10 @@ class Outline:
 
     size: int
     image: wp.array3d[wp.vec3]  # (candidate, camera, vertex) x, y [px], depth [m]
+    facing: wp.array3d[wp.uint8]  # (candidate, camera, face) whether it faces the camera
     found: wp.array3d[wp.int32]  # (candidate, camera, edge) by the lane that found them, on their way to ``ends``
     count: wp.array2d[wp.int32]  # (candidate, camera) contour edges
-    ends: wp.array3d[wp.vec2i]  # (candidate, camera, contour edge) vertices; the body is on the right, y down
+    ends: wp.array3d[wp.vec2i]  # (candidate, camera, contour edge) vertices; the body is on the left as one sees it
     line: wp.array[wp.float32]  # (candidate, camera, 4, contour edge) flat: x and y of the start, y of the end, dx / dy
 
 
@@ -57,9 +59,9 @@ def _into_image(point: wp.vec3, camera: Pinhole) -> wp.vec3:
 
 
 @wp.func
-def _area(a: wp.vec3, b: wp.vec3, c: wp.vec3) -> float:
-    """Twice the signed area in the image; negative for a triangle that faces the camera, because y goes down."""
-    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+def _faces(a: wp.vec3, b: wp.vec3, c: wp.vec3) -> bool:
+    """Whether a triangle faces the camera: its area in the image is negative, because y goes down."""
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) < 0.0
 
 
 @wp.func
@@ -96,13 +98,10 @@ def _find_share(edges: Edges, outline: Outline, c: int, k: int, first: int, end:
     """Find the contour edges among a lane's share of all; those whose left triangle is hidden as ``-1 - edge``."""
     found = int(0)
     for i in range(first, end):
-        corner = edges.corner[i]
-        a = outline.image[c, k, corner[0]]
-        b = outline.image[c, k, corner[1]]
-        left = _area(a, b, outline.image[c, k, corner[2]]) < 0.0
-        right = _area(b, a, outline.image[c, k, corner[3]]) < 0.0
-        if left != right:
-            outline.found[c, k, first + found] = wp.where(left, i, -1 - i)
+        edge = edges.edge[i]
+        left = outline.facing[c, k, edge[2]]
+        if left != outline.facing[c, k, edge[3]]:
+            outline.found[c, k, first + found] = wp.where(left > wp.uint8(0), i, -1 - i)
             found += 1
     return found
 
@@ -110,9 +109,9 @@ def _find_share(edges: Edges, outline: Outline, c: int, k: int, first: int, end:
 @wp.func
 def _keep(edges: Edges, outline: Outline, c: int, k: int, found: int, s: int) -> None:
     """Write a contour edge in the direction in which its visible triangle has it."""
-    corner = edges.corner[wp.where(found < 0, -1 - found, found)]
-    start = wp.where(found < 0, corner[1], corner[0])
-    end = wp.where(found < 0, corner[0], corner[1])
+    edge = edges.edge[wp.where(found < 0, -1 - found, found)]
+    start = wp.where(found < 0, edge[1], edge[0])
+    end = wp.where(found < 0, edge[0], edge[1])
     outline.ends[c, k, s] = wp.vec2i(start, end)
     a = outline.image[c, k, start]
     b = outline.image[c, k, end]
@@ -148,7 +147,13 @@ def _find_contours(
         if seen[2] < NEAR:
             wp.atomic_add(numbers, 0, 1)
     sync()
-    total = edges.corner.shape[0]
+    # Once a triangle and not at each of its edges: roundings must not open a contour at a triangle seen from its side.
+    for f in range(lane, edges.face.shape[0], lanes):
+        face = edges.face[f]
+        faces = _faces(outline.image[c, k, face[0]], outline.image[c, k, face[1]], outline.image[c, k, face[2]])
+        outline.facing[c, k, f] = wp.uint8(wp.where(faces, 1, 0))
+    sync()
+    total = edges.edge.shape[0]
     first = lane * total // lanes
     found = _find_share(edges, outline, c, k, first, (lane + 1) * total // lanes)
     words[lane] = wp.uint32(found)
@@ -167,9 +172,7 @@ def _find_contours(
             _keep(edges, outline, c, k, outline.found[c, k, first + i], before + i)
 
 
-def find_contours(
-    edges: Edges, posed: wp.array[wp.vec3], views: Views, batch: Batch, outline: Outline
-) -> None:
+def find_contours(edges: Edges, posed: wp.array[wp.vec3], views: Views, batch: Batch, outline: Outline) -> None:
     """Project a batch's ``posed`` (candidate, vertex) [m] and find its contour edges in every view: a block each.
 
     A view has none where a vertex is not before the camera, or where there are more than ``outline`` has room for.

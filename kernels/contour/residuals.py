@@ -44,7 +44,7 @@ class Residuals:
 
     normal: wp.array3d[wp.vec2]  # (candidate, camera, contour edge) outward
     weighted: wp.array3d[wp.vec2]  # (candidate, camera, contour edge) residual [px], weight [1/px^2]
-    tally: wp.array3d[wp.vec4]  # (candidate, camera, contour edge) cost; outline, matched outline [px]; its |residual| [px m]
+    tally: wp.array3d[wp.vec4]  # (candidate, camera, contour edge) cost; length, that matched [px]; error [px m]
 
 
 @wp.func

@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 
 from mmocap_warp.body.mesh_pieces import mesh_edges
-from mmocap_warp.body.model import BodyModel
+from mmocap_warp.body.model import BodyModel, SkinMesh
 from mmocap_warp.body.posing import BodyArrays, JointArrays
 from mmocap_warp.body.skeleton import Skeleton
 from mmocap_warp.contour.fields import DistanceFields
@@ -22,7 +22,7 @@ from mmocap_warp.kernels.body import skinning
 from mmocap_warp.kernels.body.skinning import pose_vertices
 from mmocap_warp.kernels.contour import descent as descent_kernels
 from mmocap_warp.kernels.contour import jacobian, normal_equations, outline, residuals
-from mmocap_warp.kernels.contour.descent import Descent, descend
+from mmocap_warp.kernels.contour.descent import MOST_SEARCHED, Descent, descend
 from mmocap_warp.kernels.contour.jacobian import Posed, RestChange, Rows, Tree, differentiate, move_origins, turn_axes
 from mmocap_warp.kernels.contour.normal_equations import Sums, sum_normal_equations
 from mmocap_warp.kernels.contour.outline import Edges, Outline, find_contours
@@ -80,6 +80,8 @@ class ContourFitter:
         device: str = "cpu",
         threads: int = 1,
     ) -> None:
+        if len(index) > MOST_SEARCHED:
+            raise ValueError(f"index must have at most {MOST_SEARCHED} coordinates, got {len(index)}")
         mesh, skeleton = body.tracking, body.skeleton
         self.index, self.candidates = np.asarray(index), candidates
         self._device, self._threads = device, threads if wp.get_device(device).is_cpu else 1
@@ -96,17 +98,21 @@ class ContourFitter:
             axes=wp.zeros((candidates, joints), dtype=wp.mat33, device=device),
             vertex=wp.zeros((candidates, vertices), dtype=wp.vec3, device=device),
         )
-        corner = _edges(mesh.face)
-        self._edges = filled(Edges, corner=wp.array(corner, dtype=wp.vec4i, device=device))
+        edge = _edges(mesh.face)
+        self._edges = filled(
+            Edges,
+            face=wp.array(mesh.face, dtype=wp.vec3i, device=device),
+            edge=wp.array(edge, dtype=wp.vec4i, device=device),
+        )
         self._tree = _tree(skeleton, self.index, device)
         self._change = _change(parameters, vertices, joints, candidates, device)
         config = matching or MatchingConfig()
         self._matching = filled(
             Matching, reach=config.reach, huber=config.huber, sigma=config.sigma, apart=config.apart
         )
-        size = min(len(corner), max(_MOST_CONTOUR, len(corner) // 2))
+        size = min(len(edge), max(_MOST_CONTOUR, len(edge) // 2))
         view = (candidates, cameras)
-        self._outline = _outline(view, size, vertices, len(corner), device)
+        self._outline = _outline(view, size, mesh, len(edge), device)
         self._residuals = _residuals((*view, size), device)
         width = len(self.index) + parameters + 1
         self._width = width
@@ -121,7 +127,7 @@ class ContourFitter:
             triangle=wp.zeros(candidates * cameras * triangle, dtype=wp.float32, device=device),
             tally=wp.zeros(view, dtype=wp.vec4, device=device),
         )
-        self.descent = _descent(self.index, limits, candidates, triangle, device)
+        self.descent = _descent(self.index, limits, candidates, width, device)
         for module in (skinning, outline, residuals, jacobian, normal_equations, descent_kernels):
             wp.load_module(module, device=device)  # before threads launch from them at the same time
         self._batches: dict[int, list[Batch]] = {}
@@ -143,7 +149,7 @@ class ContourFitter:
     def linearise(self, place: np.ndarray, rooted: RootedPoses) -> NormalEquations:
         """The normal equations of poses against the frames in places (pose,); there may be more than ``candidates``."""
         parts = []
-        for first in range(0, len(rooted), self.candidates):
+        for first in range(0, max(len(rooted), 1), self.candidates):
             part = slice(first, min(first + self.candidates, len(rooted)))
             self.start_at(rooted.pose[part], rooted.base[part], place[part])
             self._together(part.stop - part.start, self._sum)
@@ -243,13 +249,11 @@ def _views(rig: CameraRig, device: str) -> Views:
 
 
 def _edges(face: np.ndarray) -> np.ndarray:
-    """(edge, 4) int32: two vertices, and the third ones of the triangles on the left and on the right."""
+    """(edge, 4) int32: two vertices, and the triangles on the left and on the right."""
     edge = mesh_edges(face)
     if (edge[:, 3] < 0).any():
         raise ValueError("the tracking mesh must be closed, this one has open edges")
-    third = face.sum(axis=1)
-    ends = edge[:, 0] + edge[:, 1]
-    return np.stack([edge[:, 0], edge[:, 1], third[edge[:, 2]] - ends, third[edge[:, 3]] - ends], axis=1).astype(np.int32)
+    return edge
 
 
 def _tree(skeleton: Skeleton, index: np.ndarray, device: str) -> Tree:
@@ -288,11 +292,12 @@ def _change(parameters: int, vertices: int, joints: int, candidates: int, device
     )
 
 
-def _outline(view: tuple[int, int], size: int, vertices: int, edges: int, device: str) -> Outline:
+def _outline(view: tuple[int, int], size: int, mesh: SkinMesh, edges: int, device: str) -> Outline:
     return filled(
         Outline,
         size=size,
-        image=wp.zeros((*view, vertices), dtype=wp.vec3, device=device),
+        image=wp.zeros((*view, len(mesh.rest)), dtype=wp.vec3, device=device),
+        facing=wp.zeros((*view, len(mesh.face)), dtype=wp.uint8, device=device),
         found=wp.zeros((*view, edges), dtype=wp.int32, device=device),
         count=wp.zeros(view, dtype=wp.int32, device=device),
         ends=wp.zeros((*view, size), dtype=wp.vec2i, device=device),
@@ -309,7 +314,7 @@ def _residuals(shape: tuple[int, int, int], device: str) -> Residuals:
     )
 
 
-def _descent(index: np.ndarray, limits: np.ndarray, candidates: int, triangle: int, device: str) -> Descent:
+def _descent(index: np.ndarray, limits: np.ndarray, candidates: int, width: int, device: str) -> Descent:
     coordinates = len(limits)
 
     def poses() -> wp.array:
@@ -318,6 +323,7 @@ def _descent(index: np.ndarray, limits: np.ndarray, candidates: int, triangle: i
     return filled(
         Descent,
         index=wp.array(index, dtype=wp.int32, device=device),
+        gradient=width - 1,
         pull=wp.array(np.where(index < 3, 0.05, 0.10) ** -2.0, dtype=wp.float32, device=device),
         limits=wp.array(limits[index], dtype=wp.float32, device=device),
         start=poses(),
@@ -326,5 +332,5 @@ def _descent(index: np.ndarray, limits: np.ndarray, candidates: int, triangle: i
         cost=wp.zeros(candidates, dtype=wp.float32, device=device),
         tally=wp.zeros(candidates, dtype=wp.vec4, device=device),
         damping=wp.zeros(candidates, dtype=wp.float32, device=device),
-        triangle=wp.zeros((candidates, triangle), dtype=wp.float32, device=device),
+        triangle=wp.zeros((candidates, _triangle(width)), dtype=wp.float32, device=device),
     )

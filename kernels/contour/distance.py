@@ -1,0 +1,309 @@
+"""Signed distances to the contours of bit-packed masks, around the foreground of each view.
+
+The distance of a pixel to the nearest one on the other side of a contour is found in two passes: along its row, and
+then over the rows above and below, ``min over d of d^2 + (distance along the row d further)^2``. A contour runs half
+way between two pixels, so half a pixel is taken off. That is exact; a small blur then takes the stairs out. Distances
+are cut off a few pixels from a contour: what lies between has one sign, and nobody asks for more.
+
+The passes work on boxes with a rim, in which the mask goes on beyond the image as at its border, so that no pass has
+borders to mind.
+"""
+
+import numpy as np
+import warp as wp
+
+from mmocap_warp.kernels.block import CPU_FLAGS, LANES, lanes_of, shared_numbers, sync
+from mmocap_warp.kernels.contour.residuals import Fields
+
+wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": CPU_FLAGS})
+
+FARTHEST = 8
+"""Beyond so many pixels from a contour the distance is cut off, half a pixel less."""
+
+_RIM = wp.constant(FARTHEST + 2)  # px around a box, of which the distances need the most, and the blur the rest
+_VIEW_LANES = 32 * LANES  # of a GPU for a view
+
+
+@wp.struct
+class Masks:
+    """Masks of frames, 32 pixels to a word."""
+
+    word: wp.array4d[wp.uint32]  # (frame, camera, row, word)
+    size: wp.array[wp.vec2i]  # (camera,) width, height [px]
+    place: wp.array[wp.int32]  # (frame,) of the fields that each frame has
+
+
+@wp.struct
+class Workings:
+    """What the passes leave for the next one, in the boxes with their rims; ``room`` is that of a frame."""
+
+    room: int
+    inside: wp.array[wp.uint8]  # (frame, pixel) flat: whether it is of the mask
+    across: wp.array[wp.uint8]  # (frame, pixel) flat: square of the distance along the row
+    rough: wp.array[wp.float32]  # (frame, pixel) flat: signed distance [px]
+
+
+@wp.struct
+class _View:
+    """A view's box, and where its pixels are in the workings."""
+
+    box: wp.vec4i
+    width: int  # with the rim
+    pixels: int
+    first: int
+
+
+@wp.func_native("""
+    int bits = (int)word;
+#if defined(__CUDA_ARCH__)
+    return __ffs(bits) - 1;
+#else
+    return __builtin_ctz(bits);
+#endif
+""")
+def _lowest_bit(word: wp.uint32) -> int: ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return 31 - __clz((int)word);
+#else
+    return 31 - __builtin_clz(word);
+#endif
+""")
+def _highest_bit(word: wp.uint32) -> int: ...
+
+
+@wp.kernel
+def _find_boxes(
+    masks: Masks,
+    lanes: int,
+    scratch: wp.array[wp.uint32],
+    # out
+    box: wp.array2d[wp.vec4i],  # (frame, camera) x, y, width, height [px]
+) -> None:
+    f, k, lane = wp.tid()
+    numbers = shared_numbers(scratch)
+    size = masks.size[k]
+    if lane == 0:
+        numbers[0] = size[0]
+        numbers[1] = size[1]
+        numbers[2] = -1
+        numbers[3] = -1
+    sync()
+    left = size[0]
+    top = size[1]
+    right = int(-1)
+    bottom = int(-1)
+    words = (size[0] + 31) // 32
+    for i in range(lane, size[1] * words, lanes):
+        row = i // words
+        column = i - row * words
+        word = masks.word[f, k, row, column]
+        if word != wp.uint32(0):
+            left = wp.min(left, 32 * column + _lowest_bit(word))
+            right = wp.max(right, 32 * column + _highest_bit(word))
+            top = wp.min(top, row)
+            bottom = row
+    wp.atomic_min(numbers, 0, left)
+    wp.atomic_min(numbers, 1, top)
+    wp.atomic_max(numbers, 2, right)
+    wp.atomic_max(numbers, 3, bottom)
+    sync()
+    if lane == 0:
+        x = wp.max(numbers[0] - FARTHEST, 0)
+        y = wp.max(numbers[1] - FARTHEST, 0)
+        end_x = wp.min(numbers[2] + FARTHEST + 1, size[0])
+        end_y = wp.min(numbers[3] + FARTHEST + 1, size[1])
+        box[f, k] = wp.where(numbers[2] < 0, wp.vec4i(), wp.vec4i(x, y, end_x - x, end_y - y))
+
+
+def find_boxes(masks: Masks, scratch: wp.array[wp.uint32], box: wp.array[wp.vec4i]) -> None:
+    """Boxes (frame, camera) around the foreground and what is near it; no width without foreground."""
+    lanes = lanes_of(box.device)
+    wp.launch(
+        _find_boxes,
+        dim=(*box.shape, lanes),
+        inputs=[masks, lanes, scratch],
+        outputs=[box],
+        block_dim=lanes,
+        device=box.device,
+    )
+
+
+def pixels_of(width: np.ndarray, height: np.ndarray) -> np.ndarray:
+    """Pixels of boxes with their rims, which is what views need of the fields and of the workings."""
+    rim = 2 * (FARTHEST + 2)
+    return np.where(width > 0, (width + rim) * (height + rim), 0)
+
+
+@wp.func
+def _view_of(masks: Masks, fields: Fields, room: int, f: int, k: int) -> _View:
+    view = _View()
+    place = masks.place[f]
+    view.box = fields.box[place, k]
+    view.width = view.box[2] + 2 * _RIM
+    view.pixels = wp.where(view.box[2] > 0, view.width * (view.box[3] + 2 * _RIM), 0)
+    view.first = fields.start[place, k] - (place - f) * room
+    return view
+
+
+@wp.func_native("""
+    const unsigned int* row = &wp::index(word, f, k, y, 0);
+    unsigned char* to = inside.data + first;
+    for (int i = 0; i < count; ++i) {
+        int at = x + i;
+        at = at < 0 ? 0 : at >= width ? width - 1 : at;
+        to[i] = (row[at >> 5] >> (at & 31)) & 1u;
+    }
+""")
+def _unpack(
+    word: wp.array4d[wp.uint32],
+    f: int,
+    k: int,
+    x: int,
+    y: int,
+    width: int,
+    count: int,
+    inside: wp.array[wp.uint8],
+    first: int,
+) -> None:
+    """Pixels from x on; beyond the image the row goes on as at its ends."""
+    ...
+
+
+@wp.func_native(f"""
+    const unsigned char* in = inside.data + first;
+    unsigned char* to = across.data + first;
+    for (int i = 0; i < count; ++i) {{
+        unsigned char nearest = {FARTHEST**2};
+        #pragma unroll
+        for (int d = {FARTHEST - 1}; d > 0; --d) {{
+            const unsigned char other = (in[i] ^ in[i - d]) | (in[i] ^ in[i + d]);
+            nearest = other ? (unsigned char)(d * d) : nearest;
+        }}
+        to[i] = nearest;
+    }}
+""")
+def _search_rows(inside: wp.array[wp.uint8], first: int, count: int, across: wp.array[wp.uint8]) -> None:
+    """Squares of the distances to the other side along the row."""
+    ...
+
+
+@wp.func_native(f"""
+    const unsigned char* in = inside.data + first;
+    const unsigned char* row = across.data + first;
+    float* to = rough.data + first;
+    for (int i = 0; i < count; ++i) {{
+        unsigned char nearest = {FARTHEST**2};
+        #pragma unroll
+        for (int d = {1 - FARTHEST}; d < {FARTHEST}; ++d) {{
+            const int at = i + d * width;
+            const unsigned char along = in[at] == in[i] ? row[at] : (unsigned char)0;
+            const unsigned char square = (unsigned char)(along + d * d);
+            nearest = square < nearest ? square : nearest;
+        }}
+        const float distance = sqrtf((float)nearest) - 0.5f;
+        to[i] = in[i] ? -distance : distance;
+    }}
+""")
+def _search_columns(
+    inside: wp.array[wp.uint8],
+    across: wp.array[wp.uint8],
+    first: int,
+    count: int,
+    width: int,
+    rough: wp.array[wp.float32],
+) -> None:
+    """Signed distances to the other side."""
+    ...
+
+
+@wp.func_native("""
+    const float outer = 0.05448868f, inner = 0.24420135f, middle = 0.40261996f;
+    const float* row = rough.data + centre;
+    float* to = value.data + first;
+    for (int i = 0; i < count; ++i) {
+        float total = 0.0f;
+        #pragma unroll
+        for (int d = -2; d <= 2; ++d) {
+            const float* at = row + i + d * width;
+            const float along = outer * (at[-2] + at[2]) + inner * (at[-1] + at[1]) + middle * at[0];
+            total += (d == 0 ? middle : d == 1 || d == -1 ? inner : outer) * along;
+        }
+        to[i] = total;
+    }
+""")
+def _blur(
+    rough: wp.array[wp.float32], centre: int, first: int, count: int, width: int, value: wp.array[wp.float32]
+) -> None:
+    """By a normal distribution of 1 px within two pixels."""
+    ...
+
+
+@wp.kernel
+def _draw(
+    masks: Masks,
+    fields: Fields,
+    lanes: int,
+    # out
+    workings: Workings,
+) -> None:
+    f, k, lane = wp.tid()
+    view = _view_of(masks, fields, workings.room, f, k)
+    size = masks.size[k]
+    many = wp.where(lanes == 1, view.width, 1)
+    for i in range(lane * many, view.pixels, lanes * many):
+        row = i // view.width
+        x = view.box[0] - _RIM + i - row * view.width
+        y = wp.clamp(view.box[1] - _RIM + row, 0, size[1] - 1)
+        _unpack(masks.word, f, k, x, y, size[0], many, workings.inside, view.first + i)
+
+
+@wp.kernel
+def _search(
+    masks: Masks,
+    fields: Fields,
+    lanes: int,
+    rows: bool,
+    # in and out
+    workings: Workings,
+) -> None:
+    f, k, lane = wp.tid()
+    view = _view_of(masks, fields, workings.room, f, k)
+    rim = wp.where(rows, FARTHEST, FARTHEST * view.width)
+    many = wp.where(lanes == 1, view.pixels - 2 * rim, 1)
+    for i in range(rim + lane * many, view.pixels - rim, lanes * many):
+        if rows:
+            _search_rows(workings.inside, view.first + i, many, workings.across)
+        else:
+            _search_columns(workings.inside, workings.across, view.first + i, many, view.width, workings.rough)
+
+
+@wp.kernel
+def _smooth(
+    masks: Masks,
+    workings: Workings,
+    lanes: int,
+    # in and out
+    fields: Fields,
+) -> None:
+    f, k, lane = wp.tid()
+    view = _view_of(masks, fields, workings.room, f, k)
+    wide = view.box[2]
+    many = wp.where(lanes == 1, wide, 1)
+    for i in range(lane * many, wide * view.box[3], lanes * many):
+        row = i // wide
+        at = view.first + (row + _RIM) * view.width + _RIM + i - row * wide
+        _blur(workings.rough, at, fields.start[masks.place[f], k] + i, many, view.width, fields.value)
+
+
+def measure_distances(masks: Masks, workings: Workings, fields: Fields) -> None:
+    """Fill the fields of the masks' places, of which box and start are known."""
+    device = fields.value.device
+    lanes = 1 if device.is_cpu else _VIEW_LANES
+    dim = (*masks.word.shape[:2], lanes)
+    wp.launch(_draw, dim=dim, inputs=[masks, fields, lanes], outputs=[workings], device=device)
+    for rows in (True, False):
+        wp.launch(_search, dim=dim, inputs=[masks, fields, lanes, rows], outputs=[workings], device=device)
+    wp.launch(_smooth, dim=dim, inputs=[masks, workings, lanes], outputs=[fields], device=device)

@@ -1,0 +1,123 @@
+"""Contour edges are those between triangles that face the camera and others; outline is what no triangle covers."""
+
+import numpy as np
+import pytest
+import warp as wp
+from contours import Contours, contour_edges, depth_in_body, image_of
+from other_bodies import arm_robot, quadruped
+from random_scenes import any_rig, random_poses
+from synthetic import ring_rig, synthetic_body, synthetic_subject
+
+from mmocap_warp.body.rotations import turn
+from mmocap_warp.kernels.contour.outline import Outline, is_outline
+
+PROBE = 0.75  # px outside an edge
+BODIES = {"person": synthetic_body(), "dog": quadruped(), "arm": arm_robot()}
+
+
+@wp.kernel
+def _ask(outline: Outline, middle: wp.array3d[wp.vec2], normal: wp.array3d[wp.vec2], answer: wp.array3d[wp.int32]):
+    c, k, s = wp.tid()
+    if s < outline.count[c, k]:
+        answer[c, k, s] = wp.where(is_outline(outline, c, k, middle[c, k, s], normal[c, k, s]), 1, 0)
+
+
+def of_body(name: str, device: str, candidates: int = 3, **more) -> Contours:
+    body = BODIES[name]
+    rng = np.random.default_rng(4)
+    pose = rng.uniform(-0.6, 0.6, (candidates, body.skeleton.coordinates))
+    pose[:, :3] = rng.uniform(-0.3, 0.3, (candidates, 3)) + np.array([0.0, 0.9, 0.0])
+    base = np.stack([turn("y", 1.1 * c) for c in range(candidates)])
+    return Contours(body, ring_rig(3, size=(160, 120)), pose, base, device, **more).found()
+
+
+def directed(case: Contours, c: int, k: int) -> list[tuple[int, int]]:
+    return [tuple(ends) for ends in case.outline.ends.numpy()[c, k, : case.outline.count.numpy()[c, k]].tolist()]
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_contour_edges_are_the_twins_in_the_order_of_the_mesh(device, name):
+    case = of_body(name, device)
+    order = {frozenset(ends): i for i, ends in enumerate(case.edge[:, :2].tolist())}
+    for c in range(len(case.pose)):
+        for k in range(len(case.rig)):
+            found = directed(case, c, k)
+            image = image_of(case.rig, k, case.twin(c))
+            sure, doubtful = contour_edges(case.edge, case.body.tracking.face, image)
+            assert set(found) - doubtful == sure
+            assert len(sure) > 20
+            numbers = [order[frozenset(ends)] for ends in found]
+            assert numbers == sorted(numbers)
+            seen = case.outline.image.numpy()[c, k]
+            np.testing.assert_allclose(seen[:, :2], image, atol=2e-3)
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_contours_are_closed(device, name):
+    """As many contour edges end at a vertex as begin there, also where triangles are seen exactly from the side."""
+    case = of_body(name, device)
+    for c in range(len(case.pose)):
+        for k in range(len(case.rig)):
+            start, end = np.array(directed(case, c, k)).T
+            vertices = len(case.body.tracking.rest)
+            assert (np.bincount(start, minlength=vertices) == np.bincount(end, minlength=vertices)).all()
+
+
+def test_contours_of_a_box_seen_straight_from_the_front_are_closed(device):
+    """Its sides have no area but for roundings, which differ from one of a triangle's edges to the next."""
+    body = arm_robot()
+    rig = ring_rig(1, size=(160, 120))
+    rng = np.random.default_rng(0)
+    poses = np.zeros((40, body.skeleton.coordinates))
+    poses[:, :3] = (0.0, 0.5, 0.0) + rng.uniform(-1.0, 1.0, (40, 1)) * rig.R[0, 2]  # along the camera's axis
+    case = Contours(body, rig, poses, np.tile(rig.R[0].T @ np.diag([1.0, -1.0, -1.0]), (40, 1, 1)), device).found()
+    for c in range(40):
+        start, end = np.array(directed(case, c, 0)).T
+        assert (np.bincount(start, minlength=200) == np.bincount(end, minlength=200)).all()
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_outline_is_what_no_triangle_covers(device, name):
+    case = of_body(name, device)
+    shape = (*case.outline.count.shape, case.size)
+    middle, outward = np.zeros((*shape, 2)), np.zeros((*shape, 2))
+    image = case.outline.image.numpy()[..., :2].astype(float)
+    for c, k in np.ndindex(*shape[:2]):
+        for s, (start, end) in enumerate(directed(case, c, k)):
+            a, b = image[c, k, start], image[c, k, end]
+            middle[c, k, s] = (a + b) / 2
+            outward[c, k, s] = np.array([a[1] - b[1], b[0] - a[0]]) / max(np.hypot(*(b - a)), 1e-9)
+    answer = wp.full(shape, -1, dtype=wp.int32, device=device)
+    inputs = [wp.array(values, dtype=wp.vec2, device=device) for values in (middle, outward)]
+    wp.launch(_ask, dim=shape, inputs=[case.outline, *inputs], outputs=[answer], device=device)
+    for c, k in np.ndindex(*shape[:2]):
+        count = case.outline.count.numpy()[c, k]
+        probe = (middle + PROBE * outward)[c, k, :count]
+        depth = depth_in_body(probe, case.body.tracking.face, image[c, k])
+        clear = np.abs(depth) > 1e-2
+        visible = answer.numpy()[c, k, :count] == 1
+        assert (visible == (depth < 0))[clear].all()
+        assert clear.mean() > 0.95
+        assert 0.1 < visible.mean() < 1.0
+
+
+def test_a_view_with_a_vertex_behind_the_camera_has_no_contour(device):
+    """Nor one with more contour edges than there is room for; others are as they were."""
+    body = synthetic_body()
+    poses = random_poses(8)
+    rig = any_rig(3, inside=np.array([0.0, 0.9, 0.0]))
+    base = np.tile(synthetic_subject().root_base, (8, 1, 1))
+    case = Contours(body, rig, poses, base, device).found()
+    behind = np.array(
+        [[((case.twin(c) @ rig.R[k].T + rig.t[k])[:, 2] < 0.05).any() for k in range(len(rig))] for c in range(8)]
+    )
+    count = case.outline.count.numpy()
+    assert (count[behind] == 0).all()
+    assert (count[~behind] > 0).all()
+    assert behind.any()
+    assert not behind.all()
+    room = int(np.median(count[~behind]))
+    tight = Contours(body, rig, poses, base, device, size=room).found()
+    np.testing.assert_array_equal(tight.outline.count.numpy(), np.where(count <= room, count, 0))
+    for c, k in zip(*np.nonzero((count <= room) & ~behind), strict=True):
+        assert directed(tight, c, k) == directed(case, c, k)

@@ -30,7 +30,8 @@ def make(
     folder
         The folder to write; each sequence gets its own in it, such as S1/Walking.
     sequence
-        Which: S1, S2 or S3 with /Walking, /Gestures or /Box; may be given several times. [default: all nine]
+        Which: S1, S2 or S3 with /Walking, /Gestures or /Box, or one of the further clips: S1/Spin, S2/Spin,
+        Uneven/Walking, Skirt/Walking, Child/Walking; may be given several times. [default: the nine of S1 to S3]
     frames
         At most so many of each. [default: all]
     clip
@@ -44,22 +45,25 @@ def make(
     """
     from mmocap_warp.cli.outputs import new_folder
     from mmocap_warp.cli.progress import Progress
+    from mmocap_warp.study.further_clips import CLIPS
     from mmocap_warp.study.sequence_scene import write_sequence
     from mmocap_warp.study.sequences import SEQUENCES, clip_sequence
 
     console = console or Console()
-    if unknown := [name for name in sequence if name not in SEQUENCES]:
-        raise UsageError(f"--sequence {unknown[0]} is not one of {', '.join(SEQUENCES)}")
+    if unknown := [name for name in sequence if name not in CLIPS]:
+        raise UsageError(f"--sequence {unknown[0]} is not one of {', '.join(CLIPS)}")
     if frames is not None and frames < 1:
         raise UsageError(f"--frames must be at least 1, got {frames}")
     if clip is not None and len(sequence) != 1:
         raise UsageError("--clip needs one --sequence, whose person and cameras it takes")
+    if clip is not None and sequence[0] not in SEQUENCES:
+        raise UsageError(f"--clip goes with one of {', '.join(SEQUENCES)}, not with {sequence[0]}")
     if clip is None and (skeleton or markers):
         raise UsageError(f"--{'skeleton' if skeleton else 'markers'} belongs to a --clip")
     new_folder(folder, force=force)
     written = {}
     for name in sequence or tuple(SEQUENCES):
-        made = SEQUENCES[name] if clip is None else clip_sequence(name, clip, skeleton, markers)
+        made = CLIPS[name] if clip is None else clip_sequence(name, clip, skeleton, markers)
         made = made.first(min(frames or made.frame_count, made.frame_count))
         with Progress(f"make {name}", quiet=console.quiet) as progress:
             written[name] = write_sequence(folder / name, made, progress)

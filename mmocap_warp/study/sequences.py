@@ -25,7 +25,8 @@ from mmocap_warp.synthesis.motion.boxing import ROUNDS, boxing
 from mmocap_warp.synthesis.motion.gait import Walk
 from mmocap_warp.synthesis.motion.gestures import SCRIPTS, gesturing
 from mmocap_warp.synthesis.motion.retarget import read_clip, retargeted
-from mmocap_warp.synthesis.people import PEOPLE, fitted_start
+from mmocap_warp.synthesis.people import PEOPLE, Person, fitted_start
+from mmocap_warp.synthesis.strangers import STRANGERS
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
 
@@ -50,6 +51,7 @@ _CAMERAS: dict[str, tuple[float, float, float, float, float, float, tuple[float,
 _COLOUR = Contrast(halo=0.3, flicker=0.3, ragged=0.6, holes=1.2, specks=1.0, shadow=0.15, dropouts=0.5)
 _GREY = Contrast(halo=0.6, flicker=0.5, ragged=0.9, holes=2.5, specks=2.0, shadow=0.45, dropouts=1.5)
 _LIGHT = np.array([0.45, -0.3, -1.0])  # where the lamps shine to
+_PEOPLE: dict[str, Person] = {**PEOPLE, **STRANGERS}
 _WORSE = {"S1": 1.0, "S2": 0.8, "S3": 1.3}  # how much worse than these a subject's clothes make it
 
 
@@ -118,11 +120,12 @@ class SequencePlan:
     """How a sequence is made.
 
     Attributes:
-        person: a key of ``PEOPLE``.
+        person: a key of ``PEOPLE`` or ``STRANGERS``.
         frames: its length.
         motion: what the person does.
         heading: of those axes in the world [rad].
         seed: of everything in the sequence.
+        cameras: those of the ring that record it.
     """
 
     person: str
@@ -130,10 +133,16 @@ class SequencePlan:
     motion: Motion
     heading: float
     seed: int
+    cameras: tuple[str, ...] = tuple(_CAMERAS)
 
 
-def _walking(radius: float, stride: float, cadence: float) -> Motion:
-    """Around the origin of the floor, once or nearly so; strides differ by 2 % in duration."""
+def walking_around(radius: float, stride: float, cadence: float, step_width: float = Walk.step_width) -> Motion:
+    """Around the origin of the floor, once or nearly so; strides differ by 2 % in duration.
+
+    Args:
+        radius, stride, step_width: see :class:`mmocap_warp.synthesis.motion.gait.Walk` [m].
+        cadence: steps per minute.
+    """
 
     def motion(body: BodyModel, frames: int, seed: int) -> np.ndarray:
         rng = np.random.default_rng([seed, 1])
@@ -141,7 +150,7 @@ def _walking(radius: float, stride: float, cadence: float) -> Motion:
         phase = rate * time + rng.random()
         for slow in (0.11, 0.17, 0.29):  # [Hz]
             phase += 0.016 * rate / (2 * np.pi * slow) * np.sin(2 * np.pi * (slow * time + rng.random()))
-        poses = Walk(body, radius=radius, stride=stride).poses(phase)
+        poses = Walk(body, radius=radius, stride=stride, step_width=step_width).poses(phase)
         poses[:, 0] -= radius
         return poses
 
@@ -157,13 +166,13 @@ def _boxing(person: str) -> Motion:
 
 
 PLANS: dict[str, SequencePlan] = {
-    "S1/Walking": SequencePlan("S1", 401, _walking(1.10, 1.15, 112.0), 0.4, 11),
+    "S1/Walking": SequencePlan("S1", 401, walking_around(1.10, 1.15, 112.0), 0.4, 11),
     "S1/Gestures": SequencePlan("S1", 267, _gesturing("S1"), 0.2, 12),
     "S1/Box": SequencePlan("S1", 263, _boxing("S1"), 1.9, 13),
-    "S2/Walking": SequencePlan("S2", 292, _walking(1.00, 1.10, 116.0), 2.1, 21),
+    "S2/Walking": SequencePlan("S2", 292, walking_around(1.00, 1.10, 116.0), 2.1, 21),
     "S2/Gestures": SequencePlan("S2", 300, _gesturing("S2"), 1.1, 22),
     "S2/Box": SequencePlan("S2", 245, _boxing("S2"), 0.6, 23),
-    "S3/Walking": SequencePlan("S3", 313, _walking(1.15, 1.22, 106.0), 4.0, 31),
+    "S3/Walking": SequencePlan("S3", 313, walking_around(1.15, 1.22, 106.0), 4.0, 31),
     "S3/Gestures": SequencePlan("S3", 367, _gesturing("S3"), -0.3, 32),
     "S3/Box": SequencePlan("S3", 340, _boxing("S3"), 1.4, 33),
 }
@@ -172,12 +181,13 @@ PLANS: dict[str, SequencePlan] = {
 
 def make_sequence(name: str, plan: SequencePlan) -> StudySequence:
     """Write the motion and put the moving body before the study's cameras."""
-    person = PEOPLE[plan.person]
+    person = _PEOPLE[plan.person]
     body = person.true_body()
     base, poses = _facing_ahead(plan.motion(body, plan.frames, plan.seed), plan.heading)
-    contrast = tuple((_COLOUR if camera.startswith("C") else _GREY).worse(_WORSE[plan.person]) for camera in _CAMERAS)
+    worse = _WORSE.get(plan.person, 1.0)
+    contrast = tuple((_COLOUR if camera.startswith("C") else _GREY).worse(worse) for camera in plan.cameras)
     masks = SegmentedMasks(body, contrast, _LIGHT, plan.seed)
-    recording = Recording(body, base, poses, FPS, study_rig(), masks)
+    recording = Recording(body, base, poses, FPS, study_rig().select(plan.cameras), masks, posed_by=person.posed_by)
     start = fitted_start(person, base, poses[0], plan.seed)
     return StudySequence(name, FPS, start, _truth(recording, plan.seed), recording)
 
@@ -198,7 +208,7 @@ def clip_sequence(
         InputError: a file that is missing or wrong, or a skeleton that is not understood.
     """
     plan = PLANS[name]
-    moved = retargeted(read_clip(clip, skeleton, markers), PEOPLE[plan.person].true_body(), FPS, clip)
+    moved = retargeted(read_clip(clip, skeleton, markers), _PEOPLE[plan.person].true_body(), FPS, clip)
     made = make_sequence(name, replace(plan, frames=len(moved.poses), motion=lambda *_: moved.poses))
     if not moved.marker_names:
         return made
@@ -206,25 +216,35 @@ def clip_sequence(
     return replace(made, truth=replace(made.truth, marker_names=moved.marker_names, markers=np.round(paths, 7)))
 
 
-class _Sequences(Mapping[str, StudySequence]):
-    """The sequences by name, each made when it is first asked for."""
+class MadeSequences(Mapping[str, StudySequence]):
+    """Sequences by name, each made when it is first asked for.
+
+    Args:
+        plans: how, by name.
+    """
+
+    def __init__(self, plans: Mapping[str, SequencePlan]) -> None:
+        self._plans = plans
 
     def __getitem__(self, name: str) -> StudySequence:
-        return _made(name)
+        return _made(name, self._plans[name])
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._plans
 
     def __iter__(self) -> Iterator[str]:
-        return iter(PLANS)
+        return iter(self._plans)
 
     def __len__(self) -> int:
-        return len(PLANS)
+        return len(self._plans)
 
 
 @cache
-def _made(name: str) -> StudySequence:
-    return make_sequence(name, PLANS[name])
+def _made(name: str, plan: SequencePlan) -> StudySequence:
+    return make_sequence(name, plan)
 
 
-SEQUENCES: Mapping[str, StudySequence] = _Sequences()
+SEQUENCES: Mapping[str, StudySequence] = MadeSequences(PLANS)
 """The nine sequences by name."""
 
 

@@ -89,10 +89,10 @@ def clip_facts(clip: Clip) -> ClipFacts:
         InputError: no such sequence; a scene that is wrong or names no fitted subject.
     """
     if clip.scene is None:
-        from mmocap_warp.study.sequences import PLANS
+        from mmocap_warp.study.further_clips import CLIP_PLANS
 
-        _check_shipped(clip, PLANS)
-        return _facts(clip, PLANS[clip.name].frames, {"bodies": _bodies()})
+        _check_shipped(clip, CLIP_PLANS)
+        return _facts(clip, CLIP_PLANS[clip.name].frames, {"bodies": _bodies()})
     scene = _load_scene(clip.scene)
     rig = scene.calibrated
     numbers = [np.round(array, _RIG_DECIMALS).tolist() for array in (rig.K, rig.R, rig.t, rig.size, rig.distortion)]
@@ -114,10 +114,10 @@ def open_clip(clip: Clip) -> OpenClip:
         InputError: as :func:`clip_facts`, or files that turn out unreadable.
     """
     if clip.scene is None:
-        from mmocap_warp.study.sequences import SEQUENCES
+        from mmocap_warp.study.further_clips import CLIPS
 
-        _check_shipped(clip, SEQUENCES)
-        whole = SEQUENCES[clip.name]
+        _check_shipped(clip, CLIPS)
+        whole = CLIPS[clip.name]
         sequence = whole.first(min(clip.frames or whole.frame_count, whole.frame_count))
         masks = (sequence.observation(frame) for frame in range(sequence.frame_count))
         return OpenClip(sequence.fps, sequence.subject, sequence.rig, sequence.truth, sequence.frame_count, masks)

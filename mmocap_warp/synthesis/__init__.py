@@ -1,7 +1,8 @@
 """Made-up recordings with known truth: people in motion, cameras around them, masks with the faults of real ones.
 
-``posing`` and ``people`` know neither of the rooms ``motion`` (what they do) and ``footage`` (what is seen of them),
-which know nothing of each other; ``walk`` joins them to the built-in scene, the study to its nine sequences.
+``posing`` and the people (``people``, ``strangers``, their ``skirt``) know neither of the rooms ``motion`` (what they
+do) and ``footage`` (what is seen of them), which know nothing of each other; ``walk`` joins them to the built-in scene,
+the study to its sequences.
 
 May import: body, views, result, formats, bodies.
 """

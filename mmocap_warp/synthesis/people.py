@@ -60,6 +60,11 @@ class Person:
         """Who is tracked."""
         return self._shaped(self.modelled).shaped({}, self.scale)
 
+    @property
+    def posed_by(self) -> type[ExactPoser]:
+        """What poses the true body."""
+        return ExactPoser
+
     def _shaped(self, weights: dict[str, float]) -> BodyModel:
         """The shipped body with one target after the other: sums of several are rounded differently by CPUs' makes."""
         body = _shipped(self.base)

@@ -1,0 +1,132 @@
+"""The clips beyond the nine: somebody who turns fast, and people unlike the tracker's bodies."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mmocap_warp.cli import main
+from mmocap_warp.scene.scene_toml import load_scene
+from mmocap_warp.study.further_clips import CLIP_PLANS, CLIPS, FURTHER_PLANS
+from mmocap_warp.study.sequences import FPS, SEQUENCES, make_sequence
+from mmocap_warp.study.source import Clip, clip_facts, open_clip
+from mmocap_warp.synthesis.motion.spinning import SPINS
+from mmocap_warp.synthesis.people import PEOPLE
+from mmocap_warp.synthesis.posing import ExactPoser
+from mmocap_warp.views.rig import project
+
+FLOOR = 2e-3  # [m]
+
+
+@pytest.fixture(scope="module", params=FURTHER_PLANS)
+def short(request):
+    """The first 12 frames of a clip."""
+    return make_sequence(request.param, replace(FURTHER_PLANS[request.param], frames=12))
+
+
+@pytest.fixture(scope="module", params=SPINS)
+def spin(request):
+    """Who spins, and the pose vectors of the whole clip."""
+    plan = FURTHER_PLANS[f"{request.param}/Spin"]
+    body = PEOPLE[request.param].true_body()
+    return request.param, body, plan.motion(body, plan.frames, plan.seed)
+
+
+def test_they_are_none_of_the_nine():
+    assert not set(FURTHER_PLANS) & set(SEQUENCES)
+    assert set(CLIPS) == set(CLIP_PLANS) == set(SEQUENCES) | set(FURTHER_PLANS)
+
+
+def test_cameras_see_all_of_the_body_and_no_joint_is_beyond_its_limits(short):
+    assert len(short.rig) == (5 if short.name.endswith("Spin") else 7)
+    body, poses = short.recording.body, short.recording.poses
+    limits = body.skeleton.limits.reshape(-1, 2)
+    assert (poses[:, 3:] >= limits[:, 0]).all()
+    assert (poses[:, 3:] <= limits[:, 1]).all()
+    for frame in (0, 11):
+        pixel = project(short.rig, short.recording.vertices(frame))
+        assert (pixel > 0).all()
+        assert (pixel < np.asarray(short.rig.size)[:, None] - 1).all()
+        assert abs(short.recording.vertices(frame)[:, 2].min()) < FLOOR
+
+
+def test_the_truth_is_of_the_skin_and_the_start_is_near_it(short):
+    skin = short.recording.vertices(7)[short.recording.body.marker_vertex]
+    assert np.linalg.norm(short.truth.markers[7] - skin, axis=1).mean() < 0.005
+    subject = short.subject
+    start = ExactPoser(subject.body, subject.root_base).joint_transforms(subject.pose[None])[0, :, :3, 3]
+    error = np.linalg.norm(start - short.truth.joints[0, : len(start)], axis=1)
+    assert 0.005 < error.mean() < 0.04
+    assert error.max() < 0.12
+
+
+def test_masks_are_the_same_when_made_again(short):
+    again = make_sequence(short.name, replace(FURTHER_PLANS[short.name], frames=9))
+    np.testing.assert_array_equal(again.observation(8).words, short.observation(8).words)
+    np.testing.assert_array_equal(again.truth.joints, short.truth.joints[:9])
+    np.testing.assert_array_equal(again.subject.pose, short.subject.pose)
+
+
+# Turning
+
+
+def test_a_spin_is_as_fast_as_it_says_and_leaves_time_before_and_after(spin):
+    person, body, poses = spin
+    ahead = ExactPoser(body, np.eye(3)).joint_transforms(poses)[:, 0, :3, 2]
+    heading = np.degrees(np.unwrap(np.arctan2(ahead[:, 0], ahead[:, 2])))
+    rate = np.diff(heading) * FPS
+    wanted = SPINS[person]
+    assert rate.max() == pytest.approx(wanted.rate, rel=1e-3)
+    fast = np.flatnonzero(rate > 0.97 * wanted.rate)
+    assert len(fast) == fast[-1] - fast[0] + 1 > 1.4 * FPS
+    assert np.abs(rate[: int(1.0 * FPS)]).max() < 40  # a walk's pelvis turns by so much
+    assert np.abs(rate[-int(0.4 * FPS) :]).max() < 40
+    assert heading[-1] - heading[0] == pytest.approx(360 * wanted.turns, abs=15)
+
+
+def test_a_spin_is_on_one_foot_with_the_arms_out(spin):
+    person, body, poses = spin
+    index, poser = body.skeleton.index, ExactPoser(body, np.eye(3))
+    middle = int((SPINS[person].begin + SPINS[person].end) / 2 * FPS)
+    joints = poser.joint_transforms(poses)[..., :3, 3]
+    for side in "LR":
+        reach = joints[middle, index(f"{side}Wrist")] - joints[middle, index(f"{side}Shoulder")]
+        assert np.linalg.norm(reach[[0, 2]]) > 0.4
+        assert abs(reach[1]) < 0.1
+    turning = slice(int((SPINS[person].begin + 0.3) * FPS), int(SPINS[person].end * FPS))
+    ankles = joints[turning][:, [index("LAnkle"), index("RAnkle")]]
+    assert np.ptp(ankles[:, 0, 1]) < 1e-9  # stands
+    assert ankles[:, 1, 1].min() > ankles[0, 0, 1] + 0.15  # in the air
+    assert np.hypot(*ankles[:, 0, [0, 2]].T).max() < 0.1  # about its ball
+    assert np.linalg.norm(np.diff(joints, 2, axis=0), axis=-1).max() < 0.03
+    lowest = [poser.vertices(poses[frame : frame + 1])[0, :, 1].min() for frame in range(0, len(poses), 24)]
+    assert np.abs(lowest).max() < FLOOR
+
+
+# Where they are made by name
+
+
+def test_a_study_opens_them_by_name(monkeypatch):
+    name = "S1/Spin"
+    assert clip_facts(Clip(name, frames=7)).frames == 7
+    assert clip_facts(Clip(name)).frames == FURTHER_PLANS[name].frames
+    monkeypatch.setitem(CLIP_PLANS, name, replace(CLIP_PLANS[name], frames=5))
+    opened = open_clip(Clip(name, frames=3))
+    assert (opened.frames, len(opened.rig), len(list(opened.observations))) == (3, 5, 3)
+
+
+def test_make_writes_one_as_a_scene(tmp_path, monkeypatch, capsys):
+    name = "Skirt/Walking"
+    monkeypatch.setitem(CLIP_PLANS, name, replace(CLIP_PLANS[name], frames=2))
+    assert main(["study", "make", str(tmp_path / "made"), "--sequence", name, "--quiet"]) == 0
+    scene = load_scene(tmp_path / "made" / name / "scene.toml")
+    assert (scene.frame_count, len(scene.cameras)) == (2, 7)
+    np.testing.assert_array_equal(next(scene.observations()).words, CLIPS[name].observation(0).words)
+
+
+def test_a_clip_moves_the_nine_alone(tmp_path, capsys):
+    flags = ["--sequence", "S1/Spin", "--clip", "walk.bvh"]
+    assert main(["study", "make", str(tmp_path / "made"), *flags]) == 2
+    assert "S1/Walking" in capsys.readouterr().err

@@ -17,6 +17,8 @@ def make(
     *,
     sequence: Annotated[tuple[str, ...], Parameter(negative="", show_default=False)] = (),
     frames: int | None = None,
+    degrade: str = "none",
+    seed: int = 0,
     clip: Path | None = None,
     skeleton: Path | None = None,
     markers: Path | None = None,
@@ -34,6 +36,11 @@ def make(
         Uneven/Walking, Skirt/Walking, Child/Walking; may be given several times. [default: the nine of S1 to S3]
     frames
         At most so many of each. [default: all]
+    degrade
+        What makes them worse: passer-by, furniture, fps=15, views=3, cut=2 (or all), calibration=10 (pixels), or
+        several joined by +.
+    seed
+        Of what is random in that.
     clip
         A .bvh or .amc file whose motion takes the place of the one sequence's own.
     skeleton
@@ -45,6 +52,7 @@ def make(
     """
     from mmocap_warp.cli.outputs import new_folder
     from mmocap_warp.cli.progress import Progress
+    from mmocap_warp.study.degradations import parse
     from mmocap_warp.study.further_clips import CLIPS
     from mmocap_warp.study.sequence_scene import write_sequence
     from mmocap_warp.study.sequences import SEQUENCES, clip_sequence
@@ -60,11 +68,18 @@ def make(
         raise UsageError(f"--clip goes with one of {', '.join(SEQUENCES)}, not with {sequence[0]}")
     if clip is None and (skeleton or markers):
         raise UsageError(f"--{'skeleton' if skeleton else 'markers'} belongs to a --clip")
+    try:
+        parse(degrade)
+    except ValueError as error:
+        raise UsageError(f"--degrade: {error}") from None
     new_folder(folder, force=force)
     written = {}
     for name in sequence or tuple(SEQUENCES):
         made = CLIPS[name] if clip is None else clip_sequence(name, clip, skeleton, markers)
         made = made.first(min(frames or made.frame_count, made.frame_count))
         with Progress(f"make {name}", quiet=console.quiet) as progress:
-            written[name] = write_sequence(folder / name, made, progress)
+            try:
+                written[name] = write_sequence(folder / name, made, progress, degradation=degrade, seed=seed)
+            except ValueError as error:
+                raise UsageError(f"--degrade: {error}") from None
     console.result(written, "\n".join(str(path) for path in written.values()))

@@ -14,7 +14,7 @@ _ROOTS = ("mmocap_warp", "mmocap_warp.kernels")
 _LEFT_OUT: tuple[str, ...] = ("bench", "bodies", "cli", "drawing", "kernels.benchmarks", "scenes", "study")
 """Packages that no pose, mask or error comes from, or data alone. A new package counts unless it is named here."""
 
-_OF_STUDY: tuple[str, ...] = ("further_clips", "job", "metrics", "sequences", "source")
+_OF_STUDY: tuple[str, ...] = ("degradations", "further_clips", "job", "metrics", "sequences", "source")
 """The modules of the study that count: what is tracked, how, and how it is judged."""
 
 

@@ -1,11 +1,16 @@
-"""Writing a shipped sequence as an ordinary scene, to look at or to track on its own."""
+"""Writing a shipped sequence as an ordinary scene, whole or made worse, to look at or to track on its own."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
+from mmocap_warp.study.degradations import NONE, degraded
 from mmocap_warp.study.sequences import StudySequence
+from mmocap_warp.study.source import OpenClip, open_sequence
 from mmocap_warp.synthesis.writing import Progress, write_made_scene
+from mmocap_warp.views.observation import unpack_masks
 
 _FOREGROUND = """\
 # The study tracks these masks as they are, with all their faults.
@@ -14,8 +19,15 @@ source = "masks"
 """
 
 
-def write_sequence(folder: str | Path, sequence: StudySequence, progress: Progress | None = None) -> Path:
-    """Write a sequence as a scene whose observations are the sequence's own, bit for bit.
+def write_sequence(
+    folder: str | Path,
+    sequence: StudySequence,
+    progress: Progress | None = None,
+    *,
+    degradation: str = NONE,
+    seed: int = 0,
+) -> Path:
+    """Write a sequence as a scene whose observations are the sequence's own, bit for bit, or these made worse.
 
     The folder gets ``masks/<camera>/<frame>.png`` (1 bit), ``calibration.toml``, ``truth.usdc`` (true markers with
     their noise, joints and poses), ``subject.usdc`` (where tracking starts) and last ``scene.toml``. Files of the same
@@ -25,20 +37,42 @@ def write_sequence(folder: str | Path, sequence: StudySequence, progress: Progre
         folder: made if it does not exist, with the folders above it.
         sequence: what to write.
         progress: called after each frame.
+        degradation: see :mod:`mmocap_warp.study.degradations`.
+        seed: of the degradation.
 
     Returns:
         Path of ``scene.toml``.
 
     Raises:
         InputError: a folder that cannot be written to.
+        ValueError: a degradation that means nothing to this sequence.
     """
+    worse = degraded(open_sequence(sequence), degradation, seed)
+    about = f"{sequence.name} of the study's shipped sequences, made up with known truth."
+    if degradation != NONE:
+        about += f" Made worse: {degradation}, seed {seed}."
     return write_made_scene(
         Path(folder),
-        sequence.recording,
-        sequence.truth,
+        _Streamed(worse),
+        worse.truth or sequence.truth,
         name=sequence.name,
-        about=f"{sequence.name} of the study's shipped sequences, made up with known truth.",
+        about=about,
         foreground=_FOREGROUND,
         subject=sequence.subject,
         progress=progress,
     )
+
+
+class _Streamed:
+    """A clip as footage."""
+
+    def __init__(self, clip: OpenClip) -> None:
+        self._clip = clip
+        self.fps, self.rig = clip.fps, clip.rig
+
+    def __len__(self) -> int:
+        return self._clip.frames
+
+    def masks(self, frame: int) -> list[np.ndarray]:
+        """Per camera (height, width) bool, of the next frame."""
+        return unpack_masks(next(self._clip.observations).words, self.rig.size)

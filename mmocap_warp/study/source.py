@@ -23,6 +23,7 @@ from mmocap_warp.views.rig import CameraRig
 
 if TYPE_CHECKING:
     from mmocap_warp.scene.recording import Scene
+    from mmocap_warp.study.sequences import StudySequence
 
 _RIG_DECIMALS = 9  # of a calibration that count: more differ between machines
 
@@ -36,12 +37,14 @@ class Clip:
         scene: its ``scene.toml``; None for a shipped sequence.
         frames: at most so many, from the first on; None for all.
         scale: of masks and cameras, in (0, 1]; 1 for a shipped sequence.
+        subject: file of the subject to start from; None for the sequence's own.
     """
 
     name: str
     scene: Path | None = None
     frames: int | None = None
     scale: float = 1.0
+    subject: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -92,7 +95,8 @@ def clip_facts(clip: Clip) -> ClipFacts:
         from mmocap_warp.study.further_clips import CLIP_PLANS
 
         _check_shipped(clip, CLIP_PLANS)
-        return _facts(clip, CLIP_PLANS[clip.name].frames, {"bodies": _bodies()})
+        own = {"subject": _content([clip.subject])} if clip.subject else {}
+        return _facts(clip, CLIP_PLANS[clip.name].frames, {"bodies": _bodies()} | own)
     scene = _load_scene(clip.scene)
     rig = scene.calibrated
     numbers = [np.round(array, _RIG_DECIMALS).tolist() for array in (rig.K, rig.R, rig.t, rig.size, rig.distortion)]
@@ -101,7 +105,7 @@ def clip_facts(clip: Clip) -> ClipFacts:
         "foreground": asdict(scene.foreground),
         "rig": [rig.names, rig.up, numbers],
         "images": [_images(scene, k) for k in range(len(scene.cameras))],
-        "subject": _content([_subject_file(scene)]),
+        "subject": _content([clip.subject or _subject_file(scene)]),
         "truth": [_content([scene.truth]), scene.truth_axes] if scene.truth else None,
     }
     return _facts(clip, scene.frame_count, described)
@@ -113,28 +117,34 @@ def open_clip(clip: Clip) -> OpenClip:
     Raises:
         InputError: as :func:`clip_facts`, or files that turn out unreadable.
     """
+    from mmocap_warp.formats.usd.body import read_subject
+
     if clip.scene is None:
         from mmocap_warp.study.further_clips import CLIPS
 
         _check_shipped(clip, CLIPS)
         whole = CLIPS[clip.name]
-        sequence = whole.first(min(clip.frames or whole.frame_count, whole.frame_count))
-        masks = (sequence.observation(frame) for frame in range(sequence.frame_count))
-        return OpenClip(sequence.fps, sequence.subject, sequence.rig, sequence.truth, sequence.frame_count, masks)
+        opened = open_sequence(whole.first(min(clip.frames or whole.frame_count, whole.frame_count)))
+        return replace(opened, subject=read_subject(clip.subject)) if clip.subject else opened
     from mmocap_warp.formats.truth import load_truth
-    from mmocap_warp.formats.usd.body import read_subject
 
     scene = _load_scene(clip.scene)
     frames = min(clip.frames or scene.frame_count, scene.frame_count)
     truth = load_truth(scene.truth, scene.truth_axes) if scene.truth else None
     return OpenClip(
         fps=scene.fps,
-        subject=read_subject(_subject_file(scene)),
+        subject=read_subject(clip.subject or _subject_file(scene)),
         rig=scene.rig(clip.scale),
         truth=truth and _first_frames(truth, frames),
         frames=frames,
         observations=islice(scene.observations(clip.scale), frames),
     )
+
+
+def open_sequence(sequence: StudySequence) -> OpenClip:
+    """All of a sequence."""
+    masks = (sequence.observation(frame) for frame in range(sequence.frame_count))
+    return OpenClip(sequence.fps, sequence.subject, sequence.rig, sequence.truth, sequence.frame_count, masks)
 
 
 def _check_shipped(clip: Clip, shipped: Iterable[str]) -> None:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Protocol
+
+import numpy as np
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.errors import InputError
@@ -12,7 +15,7 @@ from mmocap_warp.formats.png import write_png
 from mmocap_warp.formats.usd.body import write_subject
 from mmocap_warp.formats.usd.truth import write_truth
 from mmocap_warp.result.truth import Truth
-from mmocap_warp.synthesis.footage.recording import Recording
+from mmocap_warp.views.rig import CameraRig
 from mmocap_warp.whole_file import write_whole
 
 _SCENE = """\
@@ -30,13 +33,32 @@ calibration = "calibration.toml"
 {cameras}
 {foreground}"""
 
+
+class Footage(Protocol):
+    """What a scene is written of: a :class:`mmocap_warp.synthesis.footage.recording.Recording`, or one made worse."""
+
+    @property
+    def fps(self) -> float:
+        """Frames per second."""
+
+    @property
+    def rig(self) -> CameraRig:
+        """The cameras, as the scene shall say they are."""
+
+    def __len__(self) -> int:
+        """How many frames."""
+
+    def masks(self, frame: int) -> list[np.ndarray]:
+        """Per camera (height, width) bool; each frame is asked for once, in order."""
+
+
 Progress = Callable[[int, int], None]
 """Called after each frame with the numbers of frames done and in all."""
 
 
 def write_made_scene(
     folder: Path,
-    recording: Recording,
+    footage: Footage,
     truth: Truth,
     *,
     name: str,
@@ -51,8 +73,8 @@ def write_made_scene(
 
     Args:
         folder: made if it does not exist, with the folders above it.
-        recording: what to write.
-        truth: of the recording.
+        footage: what to write.
+        truth: of it.
         name: of the scene.
         about: what it is, for the scene file's first line.
         foreground: the scene file's table of that name.
@@ -65,33 +87,33 @@ def write_made_scene(
     Raises:
         InputError: a folder that cannot be written to.
     """
-    _write_masks(folder, recording, progress)
-    write_toml_rig(folder / "calibration.toml", recording.rig)
-    write_truth(folder / "truth.usdc", truth, recording.rig.up)
+    _write_masks(folder, footage, progress)
+    write_toml_rig(folder / "calibration.toml", footage.rig)
+    write_truth(folder / "truth.usdc", truth, footage.rig.up)
     if subject is not None:
         write_subject(folder / "subject.usdc", subject)
     text = _SCENE.format(
         about=about,
         name=name,
-        fps=recording.fps,
-        up=recording.rig.up,
+        fps=footage.fps,
+        up=footage.rig.up,
         subject="" if subject is None else 'subject = "subject.usdc"\n',
-        cameras="".join(f'\n[cameras.{name}]\nmasks = "masks/{name}"\n' for name in recording.rig.names),
+        cameras="".join(f'\n[cameras.{name}]\nmasks = "masks/{name}"\n' for name in footage.rig.names),
         foreground=foreground,
     )
     write_whole(folder / "scene.toml", text.encode())
     return folder / "scene.toml"
 
 
-def _write_masks(folder: Path, recording: Recording, progress: Progress | None) -> None:
-    folders = [folder / "masks" / name for name in recording.rig.names]
+def _write_masks(folder: Path, footage: Footage, progress: Progress | None) -> None:
+    folders = [folder / "masks" / name for name in footage.rig.names]
     try:
         for each in folders:
             each.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(folder, f"cannot be written to ({error})", "choose another folder") from error
-    for frame in range(len(recording)):
-        for each, mask in zip(folders, recording.masks(frame), strict=True):
+    for frame in range(len(footage)):
+        for each, mask in zip(folders, footage.masks(frame), strict=True):
             write_png(each / f"{frame:04d}.png", mask)
         if progress is not None:
-            progress(frame + 1, len(recording))
+            progress(frame + 1, len(footage))

@@ -1,0 +1,238 @@
+"""What a tracker owes to what: clips, degradations of them and trackers in every combination, a file each.
+
+A cell is one tracker with one seed on one clip made worse in one way. Its file is named by a hash of all that it
+depends on, so that a run that was interrupted, or has cells added, tracks what is missing and nothing else.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import socket
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mmocap_warp.body.model import Subject
+from mmocap_warp.result.evaluation import evaluate
+from mmocap_warp.result.pose_errors import LOST_LIMB, common_frames
+from mmocap_warp.result.result import STATUS, Result
+from mmocap_warp.result.truth import Truth
+from mmocap_warp.study.code_hash import code_hash
+from mmocap_warp.study.degradations import degraded, is_random
+from mmocap_warp.study.further_clips import CLIP_PLANS
+from mmocap_warp.study.job import device_kind
+from mmocap_warp.study.sequences import PLANS
+from mmocap_warp.study.source import Clip, OpenClip, clip_facts, open_clip
+from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.tracking.track import track_observations
+from mmocap_warp.version import __version__
+from mmocap_warp.views.observation import Observation
+from mmocap_warp.views.rig import CameraRig
+from mmocap_warp.whole_file import write_whole
+
+TUNING: tuple[str, ...] = (*tuple(PLANS)[1::2], "S2/Spin")
+"""Clips to choose settings on: of the nine sequences those of even number, and a spin."""
+
+REPORTING: tuple[str, ...] = tuple(name for name in CLIP_PLANS if name not in TUNING)
+"""Clips whose figures are told, and on which nothing is chosen."""
+
+_VERSION = 1  # of the measures: results of another are made again
+_KEY_DIGITS = 20
+_WITHIN = 0.05  # [m]: a frame whose ends and root are no farther off is right
+
+Track = Callable[[Subject, CameraRig, Iterable[Observation], float, TrackConfig, int], Result]
+"""From a subject, undistorted cameras, the frames' masks, frames per second, settings and a seed."""
+
+
+def track_with_seed(
+    subject: Subject,
+    rig: CameraRig,
+    observations: Iterable[Observation],
+    fps: float,
+    settings: TrackConfig,
+    seed: int,
+) -> Result:
+    """One run of the tracker that the settings name."""
+    return track_observations(subject, rig, observations, fps, replace(settings, seed=seed, runs=1))
+
+
+@dataclass(frozen=True)
+class AblationCell:
+    """One point of an ablation.
+
+    Attributes:
+        clip: what is tracked.
+        degradation: see :mod:`mmocap_warp.study.degradations`.
+        label: what the tracker is called in tables.
+        settings: of the tracker; its seed and runs do not count.
+        seed: of the tracker, and of the degradation where that is random.
+    """
+
+    clip: Clip
+    degradation: str
+    label: str
+    settings: TrackConfig
+    seed: int
+
+    def __str__(self) -> str:
+        return f"{self.clip.name} {self.degradation} {self.label} seed {self.seed}"
+
+
+def purpose(clip: Clip) -> str:
+    """``tuning`` or ``reporting``; of a clip that is not made by name, unknown: an empty string."""
+    return "tuning" if clip.name in TUNING else "reporting" if clip.name in REPORTING else ""
+
+
+def run_ablation(
+    folder: Path, cells: Sequence[AblationCell], report: Callable[[AblationCell, dict], None], track: Track
+) -> list[dict[str, Any]]:
+    """Track the cells whose file is missing, and read the others.
+
+    Args:
+        folder: of the files; it exists.
+        cells: cells of one clip that follow each other share its masks in memory.
+        report: called with each cell and what :func:`measures` gave.
+        track: see ``Track``.
+
+    Returns:
+        A file's content a cell: ``cell``, ``settings``, ``measures`` and ``made``.
+
+    Raises:
+        InputError: a clip that cannot be opened, a folder that cannot be written to.
+        ValueError: a degradation that means nothing to a clip.
+    """
+    rows = []
+    for clip, of_clip in groupby(cells, key=lambda cell: cell.clip):
+        identity = clip_facts(clip).identity
+        takes = _Takes(clip)
+        for cell in of_clip:
+            path = _path(folder, cell, identity)
+            if not path.exists():
+                row = _tracked(cell, takes.of(cell), track)
+                write_whole(path, json.dumps(row, indent=1, allow_nan=False).encode())
+            rows.append(json.loads(path.read_bytes()))
+            report(cell, rows[-1]["measures"])
+    return rows
+
+
+def measures(result: Result, truth: Truth | None) -> dict[str, float | None]:
+    """The numbers of a result of one run; None where nothing defines them.
+
+    ``marker_error_mm`` (Eq. 20 from the run's own first answer), ``mpjpe_mm``, ``shake_mm`` (median second difference
+    of the joints), ``growth`` (marker error of the last third of the frames over the first's), ``iou`` and
+    ``worst_iou`` (of a frame), ``ms_per_frame``; and over the frames whose truth is known, of the skeleton's ends and
+    root: ``off_frames`` with one of them over 200 mm off, ``longest_off`` the most of these in a row, ``wrong_frames``
+    those of them that are said to be tracked, and ``told`` the share said to be tracked of those within 50 mm.
+    """
+    report = evaluate(result, truth)
+    known: dict[str, float | None] = {
+        "marker_error_mm": report.get("marker_error_mm"),
+        "mpjpe_mm": report.get("mpjpe_mm"),
+        "shake_mm": report["jitter_mm"],
+        "growth": _growth(report["series"].get("marker_error_mm")),
+        "iou": report["mean_iou"],
+        "worst_iou": report["worst_iou"],
+        "ms_per_frame": 1000.0 * result.seconds / len(result.frame_numbers),
+        "off_frames": None,
+        "longest_off": None,
+        "wrong_frames": None,
+        "told": None,
+    }
+    return known if truth is None else known | _honesty(result, truth)
+
+
+def _honesty(result: Result, truth: Truth) -> dict[str, float | None]:
+    """How far off the skeleton's ends and root are in which frames, against what the statuses say."""
+    skeleton = result.subject.body.skeleton
+    names = [name for name in (*skeleton.ends, skeleton.joints[0]) if name in truth.joint_names]
+    if not names:
+        return {}
+    mine, theirs = common_frames(result, truth)
+    joints = result.joints()[0, mine][:, [skeleton.index(name) for name in names]]
+    apart = np.linalg.norm(joints - truth.joints[theirs][:, [truth.joint_names.index(name) for name in names]], axis=2)
+    tracked = np.reshape(result.status, -1)[mine] == STATUS.index("tracked")
+    off, right = (apart > LOST_LIMB).any(axis=1), (apart <= _WITHIN).all(axis=1)
+    return {
+        "off_frames": int(off.sum()),
+        "longest_off": max((len(list(run)) for is_off, run in groupby(off) if is_off), default=0),
+        "wrong_frames": int((off & tracked).sum()),
+        "told": float(tracked[right].mean()) if right.any() else None,
+    }
+
+
+def _growth(series: list[list[float | None]] | None) -> float | None:
+    """The mean of a series' last third over that of its first."""
+    (errors,) = np.array(series or [[]], float)
+    known = errors[np.isfinite(errors)]
+    third = len(known) // 3
+    return float(known[-third:].mean() / known[:third].mean()) if third and known[:third].any() else None
+
+
+class _Takes:
+    """A clip's masks, made or read once, as each cell's degradation leaves them; the last of these is kept, too."""
+
+    def __init__(self, clip: Clip) -> None:
+        self._clip = clip
+        self._whole: tuple[OpenClip, list[Observation]] | None = None
+        self._last: tuple[tuple[str, int], OpenClip, list[Observation]] | None = None
+
+    def of(self, cell: AblationCell) -> OpenClip:
+        which = cell.degradation, cell.seed if is_random(cell.degradation) else 0
+        if self._last is None or self._last[0] != which:
+            if self._whole is None:
+                opened = open_clip(self._clip)
+                self._whole = opened, list(opened.observations)
+            self._last = None
+            worse = degraded(replace(self._whole[0], observations=iter(self._whole[1])), *which)
+            self._last = which, worse, list(worse.observations)
+        return replace(self._last[1], observations=iter(self._last[2]))
+
+
+def _tracked(cell: AblationCell, take: OpenClip, track: Track) -> dict[str, Any]:
+    started = datetime.now(UTC).isoformat(timespec="seconds")
+    result = track(take.subject, take.rig, take.observations, take.fps, cell.settings, cell.seed)
+    return {
+        "cell": {
+            "clip": cell.clip.name,
+            "purpose": purpose(cell.clip),
+            "degradation": cell.degradation,
+            "tracker": cell.label,
+            "seed": cell.seed,
+            "frames": take.frames,
+            "scale": cell.clip.scale,
+        },
+        "settings": result.config,
+        "measures": measures(result, take.truth),
+        "made": {
+            "started": started,
+            "host": socket.gethostname(),
+            "versions": result.versions,
+            "code": code_hash(),
+        },
+    }
+
+
+def _path(folder: Path, cell: AblationCell, identity: str) -> Path:
+    """Where a cell's file lies: a name for people, then a hash of all that it depends on."""
+    settings = asdict(replace(cell.settings, seed=cell.seed, runs=1))
+    kind = device_kind(settings.pop("device"))
+    del settings["threads"]
+    depends = {
+        "clip": identity,
+        "degradation": cell.degradation,
+        "settings": settings,
+        "device": kind,
+        "code": code_hash(),
+        "package": __version__,
+        "version": _VERSION,
+    }
+    key = hashlib.sha256(json.dumps(depends, sort_keys=True).encode()).hexdigest()[:_KEY_DIGITS]
+    name = f"{cell.clip.name}-{cell.degradation}-{cell.label}-{cell.seed}"
+    return folder / f"{re.sub(r'[^A-Za-z0-9.=+-]+', '_', name)}.{key}.json"

@@ -1,0 +1,234 @@
+"""What makes a recording harder: fewer cameras, fewer frames, a wrong calibration, bystanders, parts cut away.
+
+Each takes a clip as a tracker is given it and gives it back made worse; the masks are changed as they are asked for.
+They are named as in ``views=3``; several are joined by ``+``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from itertools import combinations, islice
+
+import numpy as np
+
+from mmocap_warp.result.truth import Truth
+from mmocap_warp.study.source import OpenClip
+from mmocap_warp.synthesis.bystanders import PasserBy, furniture
+from mmocap_warp.views.observation import Observation, unpack_masks
+from mmocap_warp.views.rig import CameraRig
+
+NONE = "none"
+"""The recording as it is."""
+
+Masks = list[np.ndarray]
+"""Per camera (height, width) bool."""
+
+_APART = 0.8  # of bystanders from the way of whom is tracked [m]
+_CUT_SECONDS = 0.5
+_CUT_SHARE = 0.5  # of the person's height: width and height of what is cut out
+
+
+def fewer_views(clip: OpenClip, count: int) -> OpenClip:
+    """The ``count`` cameras whose directions of view differ most; opposite directions count as alike."""
+    rig = clip.rig
+    chosen = most_different_views(rig, count)
+    observations = (
+        Observation.from_masks([masks[k] for k in chosen])
+        for masks in (unpack_masks(seen.words, rig.size) for seen in clip.observations)
+    )
+    return replace(clip, rig=rig.select(tuple(rig.names[k] for k in chosen)), observations=observations)
+
+
+def most_different_views(rig: CameraRig, count: int) -> tuple[int, ...]:
+    """Positions, ascending, of ``count`` cameras, the two most alike of which differ as much as can be.
+
+    Opposite views count as alike: their silhouettes are mirror images.
+
+    Raises:
+        ValueError: fewer cameras than that.
+    """
+    if not 1 <= count <= len(rig):
+        raise ValueError(f"views must be 1 to {len(rig)}, got {count}")
+    ahead = rig.R[:, 2]
+    alike = np.abs(ahead @ ahead.T).round(9) - 2 * np.eye(len(rig))
+
+    def most_alike(chosen: tuple[int, ...]) -> float:
+        return float(alike[np.ix_(chosen, chosen)].max())
+
+    return min(combinations(range(len(rig)), count), key=most_alike)
+
+
+def fewer_frames(clip: OpenClip, fps: float) -> OpenClip:
+    """Every second, third, ... frame, numbered anew.
+
+    Raises:
+        ValueError: a rate that is not the clip's divided by a whole number.
+    """
+    step = round(clip.fps / fps)
+    if step < 1 or abs(clip.fps - step * fps) > 1e-6 * clip.fps:
+        raise ValueError(f"fps must divide the clip's {clip.fps:g}, got {fps:g}")
+    return replace(
+        clip,
+        fps=fps,
+        frames=-(-clip.frames // step),
+        truth=clip.truth and _every(clip.truth, step, fps),
+        observations=islice(clip.observations, 0, None, step),
+    )
+
+
+def wrong_calibration(clip: OpenClip, pixels: float, seed: int) -> OpenClip:
+    """Each camera's principal point off by so many pixels, in a direction of its own: to first order a turned camera.
+
+    Args:
+        clip: whose masks stay as they are.
+        pixels: at the scale of the clip.
+        seed: of the directions.
+    """
+    angle = np.random.default_rng([seed, 6]).uniform(0, 2 * np.pi, len(clip.rig))
+    K = clip.rig.K.copy()
+    K[:, :2, 2] += pixels * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    return replace(clip, rig=replace(clip.rig, K=K))
+
+
+def passed_by(clip: OpenClip) -> OpenClip:
+    """Another person walks by, nearest in the middle of the clip, and is taken for foreground."""
+    middle, radius = _whereabouts(clip)
+    other = PasserBy(clip.rig, middle, radius + _APART)
+
+    def joined(frame: int, masks: Masks) -> Masks:
+        return _either(masks, other.silhouettes((frame - clip.frames / 2) / clip.fps))
+
+    return _with_masks(clip, joined)
+
+
+def furnished(clip: OpenClip) -> OpenClip:
+    """A chest stands there that the background was taken without: it is foreground in every frame."""
+    middle, radius = _whereabouts(clip)
+    chest = furniture(clip.rig, middle, radius + _APART)
+    return _with_masks(clip, lambda _, masks: _either(masks, chest))
+
+
+def cut_out(clip: OpenClip, views: int) -> OpenClip:
+    """For half a second in the middle, a block about the person's middle is missing in the first ``views`` views.
+
+    It stays where it is, and is half as wide and as high as the person stands when it begins.
+    """
+    half = round(_CUT_SECONDS / 2 * clip.fps)
+    first, last = clip.frames // 2 - half, clip.frames // 2 + half
+    blocks: dict[int, tuple[slice, slice]] = {}
+
+    def cut(frame: int, masks: Masks) -> Masks:
+        if not first <= frame < last:
+            return masks
+        for k, mask in enumerate(masks[:views]):
+            if mask.any():
+                mask[blocks.setdefault(k, _block(mask))] = False
+        return masks
+
+    return _with_masks(clip, cut)
+
+
+Step = Callable[[OpenClip, float, int], OpenClip]
+"""From a clip, an amount and a seed."""
+
+_STEPS: dict[str, tuple[Step, str]] = {  # in the order in which they are done, with what stands for the amount
+    "passer-by": (lambda clip, amount, seed: passed_by(clip), ""),
+    "furniture": (lambda clip, amount, seed: furnished(clip), ""),
+    "fps": (lambda clip, amount, seed: fewer_frames(clip, amount), "RATE"),
+    "views": (lambda clip, amount, seed: fewer_views(clip, round(amount)), "COUNT"),
+    "cut": (lambda clip, amount, seed: cut_out(clip, min(round(min(amount, 1e6)), len(clip.rig))), "VIEWS"),
+    "calibration": (lambda clip, amount, seed: wrong_calibration(clip, amount, seed), "PIXELS"),
+}
+
+FORMS: tuple[str, ...] = tuple(f"{name}={amount}" if amount else name for name, (_, amount) in _STEPS.items())
+"""How degradations are written."""
+
+
+def parse(text: str) -> dict[str, float]:
+    """Amounts by the names in ``FORMS``; an amount may be ``all``, which is infinite.
+
+    Raises:
+        ValueError: not as in ``FORMS``.
+    """
+    if text == NONE:
+        return {}
+    amounts: dict[str, float] = {}
+    for step in text.split("+"):
+        name, given, amount = step.partition("=")
+        if name not in _STEPS or bool(given) != bool(_STEPS[name][1]) or name in amounts:
+            raise ValueError(f"degradation must be {NONE} or {', '.join(FORMS)}, or some joined by +, got {text!r}")
+        try:
+            amounts[name] = float("inf") if amount == "all" and name == "cut" else float(amount or 0)
+        except ValueError:
+            raise ValueError(f"degradation {name} takes a number, got {amount!r}") from None
+        if given and not amounts[name] > 0:
+            raise ValueError(f"degradation {name} must be above zero, got {amount}")
+    return amounts
+
+
+def is_random(text: str) -> bool:
+    """Whether it matters which seed a degradation is given."""
+    return "calibration" in parse(text)
+
+
+def degraded(clip: OpenClip, text: str, seed: int) -> OpenClip:
+    """A clip made worse, as ``text`` says.
+
+    Args:
+        clip: its masks are used up.
+        text: see :func:`parse`. Bystanders come first and the calibration last, however it is written.
+        seed: of what is random.
+
+    Raises:
+        ValueError: a text that means nothing, or nothing to this clip.
+    """
+    amounts = parse(text)
+    for name, (step, _) in _STEPS.items():
+        if name in amounts:
+            clip = step(clip, amounts[name], seed)
+    return clip
+
+
+def _with_masks(clip: OpenClip, change: Callable[[int, Masks], Masks]) -> OpenClip:
+    """The clip whose masks are changed, frame by frame; what is changed may be the masks given."""
+
+    def changed(observations: Iterator[Observation]) -> Iterator[Observation]:
+        for frame, seen in enumerate(observations):
+            yield Observation.from_masks(change(frame, unpack_masks(seen.words, clip.rig.size)))
+
+    return replace(clip, observations=changed(clip.observations))
+
+
+def _either(masks: Masks, others: Masks) -> Masks:
+    return [mask | other for mask, other in zip(masks, others, strict=True)]
+
+
+def _block(mask: np.ndarray) -> tuple[slice, slice]:
+    rows, columns = np.nonzero(mask)
+    half = round(_CUT_SHARE / 2 * (rows.max() + 1 - rows.min()))
+    row, column = round(rows.mean()), round(columns.mean())
+    return slice(max(row - half, 0), row + half), slice(max(column - half, 0), column + half)
+
+
+def _whereabouts(clip: OpenClip) -> tuple[np.ndarray, float]:
+    """The middle (3,) of the floor that is walked over, and how far from it the root joint ever is [m]."""
+    root = clip.subject.pose[None, :3]
+    if clip.truth is not None and clip.subject.body.skeleton.joints[0] in clip.truth.joint_names:
+        root = clip.truth.joints[:, clip.truth.joint_names.index(clip.subject.body.skeleton.joints[0])]
+    up = clip.rig.up_vector
+    floor = root - np.outer(root @ up, up)
+    middle = (np.nanmin(floor, axis=0) + np.nanmax(floor, axis=0)) / 2
+    return middle, float(np.nanmax(np.linalg.norm(floor - middle, axis=1)))
+
+
+def _every(truth: Truth, step: int, fps: float) -> Truth:
+    kept = truth.frame_numbers % step == 0
+    return replace(
+        truth,
+        fps=fps,
+        frame_numbers=truth.frame_numbers[kept] // step,
+        markers=truth.markers[kept],
+        joints=truth.joints[kept],
+        pose=None if truth.pose is None else truth.pose[kept],
+    )

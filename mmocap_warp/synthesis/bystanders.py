@@ -1,0 +1,88 @@
+"""What else stands or moves before cameras: a person who walks by, and a piece of furniture; as perfect silhouettes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from mmocap_warp.body.shape_space import heading_rotation, upright_base
+from mmocap_warp.synthesis.footage.outlines import Surface, draw_outlines
+from mmocap_warp.synthesis.motion.gait import Walk
+from mmocap_warp.synthesis.motion.gait_curves import CADENCE
+from mmocap_warp.synthesis.people import PEOPLE
+from mmocap_warp.synthesis.posing import ExactPoser
+from mmocap_warp.views.rig import CameraRig
+
+_NEAREST = 0.3  # to a camera's plane; what comes nearer is not seen by it [m]
+_STRAIGHT = 200.0  # radius of a circle that is walked along as if it were a line [m]
+_HEADING = 0.7  # of who walks by [rad]
+_HALF_WAY = 2.6  # so far before and after the middle of the way somebody is seen [m]
+_SIZE = (0.7, 0.75, 0.45)  # of the furniture: wide, high and deep [m]
+_BEARING = 2.0  # of the furniture from the middle of the room [rad]
+_BOX = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])  # of _corners
+
+
+@dataclass(frozen=True)
+class PasserBy:
+    """Somebody who walks by in a straight line, nearest to ``middle`` at time zero.
+
+    Attributes:
+        rig: undistorted cameras; the floor is at zero along their up axis.
+        middle: (3,), on the floor, what is passed [m].
+        aside: how far from it [m].
+    """
+
+    rig: CameraRig
+    middle: np.ndarray
+    aside: float
+
+    def silhouettes(self, time: float) -> list[np.ndarray]:
+        """Per camera (height, width) bool, at a time [s]; empty where the person is not near."""
+        poses = self._walk.poses(np.array([CADENCE / 120.0 * time]))
+        if abs(poses[0, 2]) > _HALF_WAY:
+            return [np.zeros((height, width), bool) for width, height in self.rig.size]
+        poses[:, 0] += self.aside
+        poses[:, :3] = poses[:, :3] @ self._base.T + self.middle
+        return _seen(self.rig, self._poser.vertices(poses)[0], self._surface)
+
+    @cached_property
+    def _base(self) -> np.ndarray:
+        return upright_base(self.rig.up) @ heading_rotation(_HEADING)
+
+    @cached_property
+    def _walk(self) -> Walk:
+        return Walk(PEOPLE["S3"].true_body(), radius=_STRAIGHT)
+
+    @cached_property
+    def _poser(self) -> ExactPoser:
+        body = self._walk.body
+        return ExactPoser(replace(body, skin=body.tracking), self._base)
+
+    @cached_property
+    def _surface(self) -> Surface:
+        return Surface.of(self._walk.body.tracking.face)
+
+
+def furniture(rig: CameraRig, middle: np.ndarray, aside: float) -> list[np.ndarray]:
+    """Silhouettes of a chest that stands ``aside`` of ``middle`` [m]: per camera (height, width) bool."""
+    turned = upright_base(rig.up) @ heading_rotation(_BEARING)
+    corners = (_corners() + np.array([0.0, 0.0, aside])) @ turned.T + middle
+    return _seen(rig, corners, Surface.of(_BOX))
+
+
+def _corners() -> np.ndarray:
+    """(8, 3), standing on the floor about the origin; in the order of the binary digits of their number."""
+    wide, high, deep = _SIZE
+    digits = np.array([[i >> 2 & 1, i >> 1 & 1, i & 1] for i in range(8)])
+    return (digits - (0.5, 0.0, 0.5)) * (wide, high, deep)
+
+
+def _seen(rig: CameraRig, vertices: np.ndarray, surface: Surface) -> list[np.ndarray]:
+    """Silhouettes in the cameras that the whole of it is in front of; the others see nothing."""
+    depth = (np.einsum("kj,vj->kv", rig.R[:, 2], vertices) + rig.t[:, 2:]).min(axis=1)
+    masks = [np.zeros((height, width), bool) for width, height in rig.size]
+    for k in np.flatnonzero(depth > _NEAREST):
+        masks[k] = draw_outlines(rig.select((rig.names[k],)), vertices, surface)[0]
+    return masks

@@ -1,0 +1,180 @@
+"""Clips made worse: what changes is what is said, and nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mmocap_warp.cli import main
+from mmocap_warp.formats.truth import load_truth
+from mmocap_warp.scene.scene_toml import load_scene
+from mmocap_warp.study.degradations import degraded, is_random, most_different_views, parse
+from mmocap_warp.study.further_clips import CLIP_PLANS, CLIPS
+from mmocap_warp.study.sequences import PLANS, make_sequence, study_rig
+from mmocap_warp.study.source import open_sequence
+from mmocap_warp.synthesis.bystanders import PasserBy, furniture
+from mmocap_warp.views.observation import unpack_masks
+from mmocap_warp.views.rig import check_rig
+
+FRAMES = 34
+
+
+@pytest.fixture(scope="module")
+def sequence():
+    return make_sequence("S1/Box", replace(PLANS["S1/Box"], frames=FRAMES))
+
+
+@pytest.fixture(scope="module")
+def clip(sequence):
+    """The sequence, made once; its masks are a list."""
+    opened = open_sequence(sequence)
+    return replace(opened, observations=list(opened.observations))
+
+
+@pytest.fixture(scope="module")
+def whole(clip):
+    """(frame, camera, height, width) bool."""
+    return masks_of(clip)
+
+
+def masks_of(clip):
+    return np.array([unpack_masks(seen.words, clip.rig.size) for seen in clip.observations])
+
+
+def worse(clip, text, seed=0):
+    """The clip made worse, and its masks."""
+    changed = degraded(replace(clip, observations=iter(clip.observations)), text, seed)
+    masks = masks_of(changed)
+    assert len(masks) == changed.frames
+    return changed, masks
+
+
+def test_nothing_is_changed_by_none(clip, whole):
+    changed, masks = worse(clip, "none")
+    assert changed.rig.names == clip.rig.names
+    np.testing.assert_array_equal(masks, whole)
+
+
+def test_fewer_views_are_different_ones_and_their_masks_are_kept(clip, whole):
+    changed, masks = worse(clip, "views=3")
+    k = [clip.rig.names.index(name) for name in changed.rig.names]
+    assert len(k) == 3
+    np.testing.assert_array_equal(masks, whole[:, k])
+    np.testing.assert_array_equal(changed.rig.K, clip.rig.K[k])
+    ahead = changed.rig.R[:, 2]
+    assert np.abs(ahead @ ahead.T - np.eye(3)).max() < np.cos(np.radians(35))
+
+
+def test_two_views_are_square_on_each_other_not_opposite():
+    rig = study_rig()
+    a, b = rig.R[list(most_different_views(rig, 2)), 2]
+    assert abs(a @ b) < np.cos(np.radians(75))
+    assert most_different_views(rig, 7) == tuple(range(7))
+    with pytest.raises(ValueError, match="1 to 7, got 8"):
+        most_different_views(rig, 8)
+
+
+@pytest.mark.parametrize(("fps", "step"), [(60, 1), (30, 2), (15, 4)])
+def test_fewer_frames_are_numbered_anew_with_their_truth(clip, whole, fps, step):
+    changed, masks = worse(clip, f"fps={fps}")
+    assert (changed.fps, changed.truth.fps) == (fps, fps)
+    np.testing.assert_array_equal(masks, whole[::step])
+    np.testing.assert_array_equal(changed.truth.frame_numbers, np.arange(len(masks)))
+    np.testing.assert_array_equal(changed.truth.joints, clip.truth.joints[::step])
+    np.testing.assert_array_equal(changed.truth.pose, clip.truth.pose[::step])
+
+
+def test_a_wrong_calibration_is_as_wrong_as_it_says_and_of_its_seed(clip, whole):
+    changed, masks = worse(clip, "calibration=10", 1)
+    shift = changed.rig.K[:, :2, 2] - clip.rig.K[:, :2, 2]
+    np.testing.assert_allclose(np.linalg.norm(shift, axis=1), 10.0)
+    np.testing.assert_array_equal(masks, whole)
+    np.testing.assert_array_equal(worse(clip, "calibration=10", 1)[0].rig.K, changed.rig.K)
+    assert np.abs(worse(clip, "calibration=10", 2)[0].rig.K - changed.rig.K).max() > 1
+    check_rig(changed.rig, "worse")
+
+
+def test_bystanders_are_added_to_the_masks_and_keep_their_distance(clip, whole):
+    _, passed = worse(clip, "passer-by")
+    _, furnished = worse(clip, "furniture")
+    for masks in (passed, furnished):
+        assert not (whole & ~masks).any()
+    added = furnished & ~whole
+    stands = (furnished[0] | furnished[-1]) & ~(whole[0] | whole[-1])
+    assert (stands.sum(axis=(1, 2)) > 300).sum() >= 5  # seen beside the person by most cameras
+    assert not (added[0] & ~furnished[-1]).any()  # and does not move
+    both = (passed[0] & ~whole[0]) & (passed[-1] & ~whole[-1])
+    moves = passed[0] & ~whole[0]
+    assert both.sum() < 0.8 * moves.sum()
+
+
+def test_who_walks_by_is_gone_before_and_after():
+    rig = study_rig()
+    other = PasserBy(rig, np.zeros(3), 1.2)
+    assert sum(mask.any() for mask in other.silhouettes(0.0)) >= 6
+    assert not any(mask.any() for time in (-6.0, 6.0) for mask in other.silhouettes(time))
+
+
+def test_what_is_behind_a_camera_is_not_seen():
+    rig = study_rig()
+    beside = rig.centres[0] * (1.0, 1.0, 0.0)
+    assert not furniture(rig, beside, 0.0)[0].any()
+
+
+@pytest.mark.parametrize(("text", "views"), [("cut=2", 2), ("cut=all", 7)])
+def test_a_block_is_cut_out_of_some_views_for_half_a_second(clip, whole, text, views):
+    _, masks = worse(clip, text)
+    assert not (masks & ~whole).any()
+    missing = (whole & ~masks).any(axis=(2, 3))  # (frame, camera)
+    first, last = FRAMES // 2 - 15, FRAMES // 2 + 15
+    seen = whole.any(axis=(2, 3))
+    assert (missing[first:last, :views] == seen[first:last, :views]).all()
+    assert not missing[:first].any()
+    assert not missing[last:].any()
+    assert not missing[:, views:].any()
+    share = (whole & ~masks)[first:last, :views].sum() / whole[first:last, :views].sum()
+    assert 0.4 < share < 0.95
+
+
+def test_several_are_done_in_one_order(clip):
+    a, ours = worse(clip, "views=2+fps=15+calibration=2+cut=1")
+    b, theirs = worse(clip, "calibration=2+cut=1+fps=15+views=2")
+    np.testing.assert_array_equal(ours, theirs)
+    np.testing.assert_array_equal(a.rig.K, b.rig.K)
+    assert (a.frames, len(a.rig), a.fps) == (9, 2, 15)
+    assert is_random("views=2+calibration=2")
+    assert not is_random("passer-by")
+
+
+@pytest.mark.parametrize("text", ["", "fog", "views", "views=x", "furniture=2", "fps=0", "views=all", "cut=1+cut=2"])
+def test_what_is_no_degradation_is_said(text):
+    with pytest.raises(ValueError, match="degradation"):
+        parse(text)
+
+
+def test_a_rate_that_does_not_divide_is_said(sequence):
+    with pytest.raises(ValueError, match="must divide the clip's 60, got 25"):
+        degraded(open_sequence(sequence), "fps=25", 0)
+
+
+def test_make_writes_what_a_tracker_is_given(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(CLIP_PLANS, "S2/Box", replace(PLANS["S2/Box"], frames=9))
+    flags = ["--sequence", "S2/Box", "--degrade", "views=2+fps=15+calibration=2", "--seed", "3"]
+    assert main(["study", "make", str(tmp_path / "made"), *flags, "--quiet"]) == 0
+    scene = load_scene(tmp_path / "made" / "S2" / "Box" / "scene.toml")
+    clip = degraded(open_sequence(CLIPS["S2/Box"]), flags[3], 3)
+    assert (scene.fps, scene.frame_count, len(scene.cameras)) == (15, 3, 2)
+    np.testing.assert_allclose(scene.calibrated.K, clip.rig.K, atol=1e-9)
+    for ours, theirs in zip(scene.observations(), clip.observations, strict=True):
+        np.testing.assert_array_equal(ours.words, theirs.words)
+    np.testing.assert_allclose(load_truth(scene.truth).joints, clip.truth.joints, atol=1e-6)
+
+
+@pytest.mark.parametrize("text", ["fog", "fps=25", "views=8"])
+def test_make_says_which_degradation_is_wrong(tmp_path, monkeypatch, capsys, text):
+    monkeypatch.setitem(CLIP_PLANS, "S2/Box", replace(PLANS["S2/Box"], frames=2))
+    flags = ["--sequence", "S2/Box", "--degrade", text]
+    assert main(["study", "make", str(tmp_path / "made"), *flags, "--quiet"]) == 2
+    assert "--degrade" in capsys.readouterr().err

@@ -128,8 +128,8 @@ def ablate(
     done: list[AblationCell] = []
     try:
         rows = run_ablation(open_folder(folder), cells, told, track_with_seed)
-    except ValueError as error:
-        raise UsageError(f"--degrade: {error}") from None
+    except ValueError as error:  # such as more views than a clip has, or no such model of its body
+        raise UsageError(str(error)) from None
     write_whole(folder / "ablation.csv", _csv(rows).encode())
     console.result({"folder": folder, "cells": rows}, _table(rows))
 

@@ -26,7 +26,7 @@ from mmocap_warp.synthesis.posing import ExactPoser
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
 
-MATCHING = {"reach": 0.09, "huber": 0.012, "sigma": 0.012, "apart": 4.0}
+MATCHING = {"reach": 0.09, "huber": 0.012, "sigma": 0.012, "apart": 4.0, "deep": 0.04}
 
 
 def poisoned_outline(candidates: int, cameras: int, size: int, mesh: tuple[int, int, int], device: str) -> Outline:

@@ -39,7 +39,7 @@ class Descent:
     pose: wp.array2d[wp.float32]  # (candidate, coordinate) that the sums are of, and then the next one
     best: wp.array2d[wp.float32]  # (candidate, coordinate)
     cost: wp.array[wp.float32]  # (candidate,) of the best; infinite before the first
-    tally: wp.array[wp.vec4]  # (candidate,) of the best: see Residuals.tally
+    tally: wp.array2d[wp.vec4]  # (candidate, camera) of the best: see Residuals.tally
     damping: wp.array[wp.float32]  # (candidate,) share of the diagonal
     triangle: wp.array2d[wp.float32]  # (candidate, element) sums of the best over all views
 
@@ -58,10 +58,9 @@ def _pull_cost(descent: Descent, c: int) -> float:
 def _take_or_leave(sums: Sums, descent: Descent, c: int, lane: int, lanes: int) -> None:
     """Keep the pose that was judged if it costs less than the best one."""
     cameras = sums.tally.shape[1]
-    tally = wp.vec4()
+    cost = _pull_cost(descent, c)
     for k in range(cameras):
-        tally += sums.tally[c, k]
-    cost = tally[0] + _pull_cost(descent, c)
+        cost += sums.tally[c, k][0]
     better = cost < descent.cost[c]
     sync()
     if better:
@@ -73,10 +72,11 @@ def _take_or_leave(sums: Sums, descent: Descent, c: int, lane: int, lanes: int) 
             descent.triangle[c, i] = total
         for i in range(lane, descent.pose.shape[1], lanes):
             descent.best[c, i] = descent.pose[c, i]
+        for k in range(lane, cameras, lanes):
+            descent.tally[c, k] = sums.tally[c, k]
     if lane == 0:
         if better:
             descent.cost[c] = cost
-            descent.tally[c] = tally
         damping = descent.damping[c]
         descent.damping[c] = wp.where(better, wp.max(_EASED * damping, _LEAST), _RAISED * damping)
 

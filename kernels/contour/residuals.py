@@ -36,6 +36,7 @@ class Matching:
     huber: float  # residuals above count linearly
     sigma: float  # standard deviation of a residual
     apart: float  # px of outline that err as one
+    deep: float  # outline that is farther outside of the mask is exposed: a limb where nobody is
 
 
 @wp.struct
@@ -44,7 +45,7 @@ class Residuals:
 
     normal: wp.array3d[wp.vec2]  # (candidate, camera, contour edge) outward
     weighted: wp.array3d[wp.vec2]  # (candidate, camera, contour edge) residual [px], weight [1/px^2]
-    tally: wp.array3d[wp.vec4]  # (candidate, camera, contour edge) cost; length, that matched [px]; error [px m]
+    tally: wp.array3d[wp.vec4]  # (candidate, camera, contour edge) cost; length, that matched [px]; exposed [m]
 
 
 @wp.func
@@ -137,14 +138,15 @@ def _find_residuals(
                 matched = wp.abs(found) <= reach
                 share = length / (matching.sigma * matching.sigma * px * px * matching.apart)
                 residual = wp.where(matched, found, reach)
+                exposed = wp.where(_distance(fields, start, box, middle) > matching.deep * px, length / px, 0.0)
                 cost = share * _huber(residual, corner)
                 residuals.normal[c, k, s] = normal
                 if matched:
                     weight = share / wp.max(wp.abs(residual) / corner, 1.0)
                     residuals.weighted[c, k, s] = wp.vec2(residual, weight)
-                    residuals.tally[c, k, s] = wp.vec4(cost, length, length, length * wp.abs(residual) / px)
+                    residuals.tally[c, k, s] = wp.vec4(cost, length, length, exposed)
                 else:
-                    residuals.tally[c, k, s] = wp.vec4(cost, length, 0.0, 0.0)
+                    residuals.tally[c, k, s] = wp.vec4(cost, length, 0.0, exposed)
 
 
 def find_residuals(

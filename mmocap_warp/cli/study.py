@@ -14,11 +14,7 @@ _RUN = (
 _COMMANDS = (  # a command's help is here and not in its docstring, so that the list of commands loads none of them
     ("make", "study_make:make", "Write shipped sequences as scenes, to look at or to track on their own."),
     ("run", "study_run:run", _RUN),
-    (
-        "ablate",
-        "study_ablate:ablate",
-        "Track clips made worse in several ways with several trackers, and tell how well it went.",
-    ),
+    ("ablate", "study_ablate:ablate", "Track clips, made worse in several ways, with several trackers."),
     ("show", "study_show:show", "List a folder's results, checking every byte. Exits with 4 if one is damaged."),
     ("report", "study_report:report", "Write a study's results as one HTML page."),
 )

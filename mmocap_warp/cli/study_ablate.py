@@ -31,20 +31,20 @@ _COLUMNS: dict[str, tuple[str, str, Callable[[list[float]], float]]] = {  # titl
     "mpjpe_mm": ("MPJPE", ".1f", _mean),
     "shake_mm": ("shake", ".1f", _mean),
     "growth": ("growth", ".2f", _mean),
-    "iou": ("IoU", ".3f", _mean),
+    "mean_iou": ("IoU", ".3f", _mean),
     "worst_iou": ("worst", ".3f", min),
-    "wrong_frames": ("wrong", ".0f", max),
+    "wrongly_tracked": ("wrong", ".0f", max),
     "off_frames": ("off", ".0f", max),
     "longest_off": ("in a row", ".0f", max),
-    "told": ("told", ".2f", min),
+    "near_tracked": ("told", ".2f", min),
     "ms_per_frame": ("ms", ".0f", min),
 }
 _LEGEND = (
-    "Means over seeds: marker error from the run's own first answer, MPJPE and shake [mm]; growth: marker error of the "
-    "last third over the first's; IoU. ms: a frame of the fastest seed.\n"
+    "Means over seeds: marker error from the run's own first answer, MPJPE and shake at 60 Hz [mm]; growth: MPJPE of "
+    "the last third over the first's; IoU. ms: a frame of the fastest seed.\n"
     "Of the worst seed: IoU of the worst frame; wrong: frames said to be tracked with a wrist, an ankle or the root "
-    "over 200 mm off; off: such frames whatever is said, and how many in a row; told: share said to be tracked of the "
-    "frames with none of these over 50 mm off."
+    "over 200 mm off; off: such frames whatever is said, and how many in a row; told: share said to be tracked or "
+    "partial of the frames with none of these over 50 mm off."
 )
 _NAMED = ("clip", "purpose", "degradation", "tracker")  # what a line of the table is about
 _OWN = ("seed", "runs", "scale", "device", "threads")  # settings that the command has flags for
@@ -128,8 +128,8 @@ def ablate(
     done: list[AblationCell] = []
     try:
         rows = run_ablation(open_folder(folder), cells, told, track_with_seed)
-    except ValueError as error:
-        raise UsageError(f"--degrade: {error}") from None
+    except ValueError as error:  # such as more views than a clip has, or no such model of its body
+        raise UsageError(str(error)) from None
     write_whole(folder / "ablation.csv", _csv(rows).encode())
     console.result({"folder": folder, "cells": rows}, _table(rows))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from itertools import pairwise
 
@@ -42,12 +42,14 @@ class MatchingConfig:
         huber: residuals above count linearly [m].
         sigma: standard deviation of a residual [m].
         apart: outline that errs as one [px].
+        deep: outline that is farther outside of the mask is counted as exposed [m].
     """
 
     reach: float = 0.090
     huber: float = 0.012
     sigma: float = 0.012
     apart: float = 4.0
+    deep: float = 0.04
 
 
 class ContourFitter:
@@ -107,9 +109,7 @@ class ContourFitter:
         self._tree = _tree(skeleton, self.index, device)
         self._change = _change(parameters, vertices, joints, candidates, device)
         config = matching or MatchingConfig()
-        self._matching = filled(
-            Matching, reach=config.reach, huber=config.huber, sigma=config.sigma, apart=config.apart
-        )
+        self._matching = filled(Matching, **asdict(config))
         size = min(len(edge), max(_MOST_CONTOUR, len(edge) // 2))
         view = (candidates, cameras)
         self._outline = _outline(view, size, mesh, len(edge), device)
@@ -127,7 +127,7 @@ class ContourFitter:
             triangle=wp.zeros(candidates * cameras * triangle, dtype=wp.float32, device=device),
             tally=wp.zeros(view, dtype=wp.vec4, device=device),
         )
-        self.descent = _descent(self.index, limits, candidates, width, device)
+        self.descent = _descent(self.index, limits, view, width, device)
         for module in (skinning, outline, residuals, jacobian, normal_equations, descent_kernels):
             wp.load_module(module, device=device)  # before threads launch from them at the same time
         self._batches: dict[int, list[Batch]] = {}
@@ -314,8 +314,8 @@ def _residuals(shape: tuple[int, int, int], device: str) -> Residuals:
     )
 
 
-def _descent(index: np.ndarray, limits: np.ndarray, candidates: int, width: int, device: str) -> Descent:
-    coordinates = len(limits)
+def _descent(index: np.ndarray, limits: np.ndarray, view: tuple[int, int], width: int, device: str) -> Descent:
+    candidates, coordinates = view[0], len(limits)
 
     def poses() -> wp.array:
         return wp.zeros((candidates, coordinates), dtype=wp.float32, device=device)
@@ -330,7 +330,7 @@ def _descent(index: np.ndarray, limits: np.ndarray, candidates: int, width: int,
         pose=poses(),
         best=poses(),
         cost=wp.zeros(candidates, dtype=wp.float32, device=device),
-        tally=wp.zeros(candidates, dtype=wp.vec4, device=device),
+        tally=wp.zeros(view, dtype=wp.vec4, device=device),
         damping=wp.zeros(candidates, dtype=wp.float32, device=device),
         triangle=wp.zeros((candidates, _triangle(width)), dtype=wp.float32, device=device),
     )

@@ -17,13 +17,11 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from mmocap_warp.body.model import Subject
 from mmocap_warp.result.evaluation import evaluate
-from mmocap_warp.result.pose_errors import LOST_LIMB, common_frames
-from mmocap_warp.result.result import STATUS, Result
-from mmocap_warp.result.truth import Truth
+from mmocap_warp.result.pose_errors import LOST_LIMB, common_frames, farthest
+from mmocap_warp.result.result import Result
+from mmocap_warp.result.truth import Truth, at_rate
 from mmocap_warp.study.code_hash import code_hash
 from mmocap_warp.study.degradations import degraded, is_random
 from mmocap_warp.study.further_clips import CLIP_PLANS
@@ -45,7 +43,10 @@ REPORTING: tuple[str, ...] = tuple(name for name in CLIP_PLANS if name not in TU
 
 _VERSION = 1  # of the measures: results of another are made again
 _KEY_DIGITS = 20
-_WITHIN = 0.05  # [m]: a frame whose ends and root are no farther off is right
+_FROM_EVALUATION = (
+    "marker_error_mm", "mpjpe_mm", "shake_mm", "growth", "mean_iou", "worst_iou", "wrongly_tracked", "near_tracked",
+    "lost", "partial", "rescued", "interpolated",
+)  # fmt: skip
 
 Track = Callable[[Subject, CameraRig, Iterable[Observation], float, TrackConfig, int], Result]
 """From a subject, undistorted cameras, the frames' masks, frames per second, settings and a seed."""
@@ -125,54 +126,18 @@ def run_ablation(
 def measures(result: Result, truth: Truth | None) -> dict[str, float | None]:
     """The numbers of a result of one run; None where nothing defines them.
 
-    ``marker_error_mm`` (Eq. 20 from the run's own first answer), ``mpjpe_mm``, ``shake_mm`` (median second difference
-    of the joints), ``growth`` (marker error of the last third of the frames over the first's), ``iou`` and
-    ``worst_iou`` (of a frame), ``ms_per_frame``; and over the frames whose truth is known, of the skeleton's ends and
-    root: ``off_frames`` with one of them over 200 mm off, ``longest_off`` the most of these in a row, ``wrong_frames``
-    those of them that are said to be tracked, and ``told`` the share said to be tracked of those within 50 mm.
+    Those of :func:`mmocap_warp.result.evaluation.evaluate` have its names. ``off_frames`` are frames with a limb's end
+    or the root over 200 mm off, whatever their status says, ``longest_off`` the most of these in a row.
     """
     report = evaluate(result, truth)
-    known: dict[str, float | None] = {
-        "marker_error_mm": report.get("marker_error_mm"),
-        "mpjpe_mm": report.get("mpjpe_mm"),
-        "shake_mm": report["jitter_mm"],
-        "growth": _growth(report["series"].get("marker_error_mm")),
-        "iou": report["mean_iou"],
-        "worst_iou": report["worst_iou"],
-        "ms_per_frame": 1000.0 * result.seconds / len(result.frame_numbers),
-        "off_frames": None,
-        "longest_off": None,
-        "wrong_frames": None,
-        "told": None,
-    }
-    return known if truth is None else known | _honesty(result, truth)
-
-
-def _honesty(result: Result, truth: Truth) -> dict[str, float | None]:
-    """How far off the skeleton's ends and root are in which frames, against what the statuses say."""
-    skeleton = result.subject.body.skeleton
-    names = [name for name in (*skeleton.ends, skeleton.joints[0]) if name in truth.joint_names]
-    if not names:
-        return {}
-    mine, theirs = common_frames(result, truth)
-    joints = result.joints()[0, mine][:, [skeleton.index(name) for name in names]]
-    apart = np.linalg.norm(joints - truth.joints[theirs][:, [truth.joint_names.index(name) for name in names]], axis=2)
-    tracked = np.reshape(result.status, -1)[mine] == STATUS.index("tracked")
-    off, right = (apart > LOST_LIMB).any(axis=1), (apart <= _WITHIN).all(axis=1)
-    return {
-        "off_frames": int(off.sum()),
-        "longest_off": max((len(list(run)) for is_off, run in groupby(off) if is_off), default=0),
-        "wrong_frames": int((off & tracked).sum()),
-        "told": float(tracked[right].mean()) if right.any() else None,
-    }
-
-
-def _growth(series: list[list[float | None]] | None) -> float | None:
-    """The mean of a series' last third over that of its first."""
-    (errors,) = np.array(series or [[]], float)
-    known = errors[np.isfinite(errors)]
-    third = len(known) // 3
-    return float(known[-third:].mean() / known[:third].mean()) if third and known[:third].any() else None
+    known: dict[str, float | None] = {name: report.get(name) for name in _FROM_EVALUATION}
+    known |= {"off_frames": None, "longest_off": None, "ms_per_frame": 1000.0 * result.seconds / report["frames"]}
+    if truth is not None:
+        truth = at_rate(truth, result.fps)
+        (off,) = farthest(result, truth, *common_frames(result, truth), result.joints()) > LOST_LIMB
+        in_a_row = [len(list(run)) for is_off, run in groupby(off) if is_off]
+        known |= {"off_frames": sum(in_a_row), "longest_off": max(in_a_row, default=0)}
+    return known
 
 
 class _Takes:

@@ -132,7 +132,7 @@ def tracked(pose, status=0):
 def test_the_truth_is_right_and_honest():
     told = measures(*tracked(CLIPS[NAME].truth.pose))
     assert told["mpjpe_mm"] < 0.1
-    assert (told["off_frames"], told["longest_off"], told["wrong_frames"], told["told"]) == (0, 0, 0, 1.0)
+    assert (told["off_frames"], told["longest_off"], told["wrongly_tracked"], told["near_tracked"]) == (0, 0, 0, 1.0)
     assert told["marker_error_mm"] < 5
     assert told["ms_per_frame"] > 0
 
@@ -142,17 +142,17 @@ def test_frames_that_are_off_are_counted_and_are_wrong_where_they_are_said_to_be
     pose[[2, 5, 6, 7], 0] += 0.3
     status = np.zeros(FRAMES)
     status[6] = STATUS.index("lost")
-    status[0] = STATUS.index("partial")
+    status[0], status[1] = STATUS.index("rescued"), STATUS.index("partial")
     told = measures(*tracked(pose, status))
-    assert (told["off_frames"], told["longest_off"], told["wrong_frames"]) == (4, 3, 3)
-    assert told["told"] == pytest.approx(4 / 5)
+    assert (told["off_frames"], told["longest_off"], told["wrongly_tracked"]) == (4, 3, 3)
+    assert told["near_tracked"] == pytest.approx(4 / 5)
     assert told["growth"] == pytest.approx(2.0, rel=0.1)  # two of the last three frames against one of the first
 
 
 def test_without_truth_nothing_is_said_of_errors():
     told = measures(tracked(CLIPS[NAME].truth.pose)[0], None)
-    assert told["mpjpe_mm"] is told["wrong_frames"] is told["told"] is told["growth"] is None
-    assert told["iou"] is not None
+    assert told["mpjpe_mm"] is told["wrongly_tracked"] is told["near_tracked"] is told["growth"] is None
+    assert told["mean_iou"] is not None
 
 
 # The command

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmocap_warp.contour.descent import descend
+from mmocap_warp.contour.descent import RAISE, STOP
 from mmocap_warp.contour.filled import filled
 from mmocap_warp.contour.motion_penalty import MotionCost, MotionPenalty
 from mmocap_warp.contour.motion_points import MotionPoints
@@ -25,6 +25,9 @@ OVERLAP = 0.7
 """The end of a window that is solved again with what follows it [s]."""
 HELD = 2
 """Frames back to which an acceleration couples."""
+
+
+_NOISE = 0.05  # by so much of itself a frame's cost may rise
 
 
 @dataclass(frozen=True)
@@ -117,8 +120,7 @@ class ClipProblem:
         rooted = filled(held.followed_by(rooted), known)[len(held) :]
         for each in passes:
             descent = _Descent(self, frames, held, MotionPenalty(each.acceleration, self.rate))
-            rooted, equations = descend(descent, rooted, descent.around(rooted, contour), each.steps)
-            contour = equations.contour
+            rooted, contour = descent.down(rooted, contour, each.steps)
         return ClipSolution(rooted, contour.observed, contour.cost)
 
 
@@ -131,30 +133,46 @@ class _Equations:
 
     @property
     def cost(self) -> np.ndarray:
+        """(frame,) what the poses cost."""
         cost: np.ndarray = self.contour.cost + self.motion.cost
         return cost
 
-    @property
-    def shared_cost(self) -> float:
-        return 0.0
-
 
 class _Descent:
-    """Steps of a stretch; see :class:`mmocap_warp.contour.descent.Problem`."""
+    """Damped Gauss-Newton steps of a stretch, each frame with a damping of its own."""
 
     def __init__(self, clip: ClipProblem, frames: np.ndarray, held: RootedPoses, penalty: MotionPenalty) -> None:
         self._clip, self._frames, self._held, self._penalty = clip, frames, held, penalty
         self._trust = Trust(clip.rooting.searched)
 
-    def around(self, rooted: RootedPoses, contour: NormalEquations) -> _Equations:
+    def down(
+        self, rooted: RootedPoses, contour: NormalEquations, steps: int
+    ) -> tuple[RootedPoses, NormalEquations]:
+        """Poses after some steps, fewer where one becomes tiny, and the contours' equations around them.
+
+        A frame whose own cost rose by more than matching is noisy stays where it was, and is damped ten times as much
+        in the next step: a fist before the chest has no outline, and one that is lost drags its neighbours along.
+        """
+        damping = np.ones(len(rooted))
+        for _ in range(steps):
+            equations = self._around(rooted, contour)
+            moved, largest = self._stepped(rooted, equations, damping)
+            there = self._clip.linearise(self._frames, moved)
+            taken = self._around(moved, there).cost <= equations.cost * (1.0 + _NOISE)
+            rooted, contour = moved.where(taken, rooted), there.where(taken, contour)
+            damping = np.where(taken, np.maximum(damping / RAISE, 1.0), damping * RAISE)
+            if largest < STOP:
+                break
+        return rooted, contour
+
+    def _around(self, rooted: RootedPoses, contour: NormalEquations) -> _Equations:
         points = self._clip.points.linearised(self._held.followed_by(rooted))
         seen = np.concatenate([np.ones(len(self._held), bool), contour.observed])
         return _Equations(contour, self._penalty.around(*points, seen).without_first(len(self._held)))
 
-    def linearised(self, rooted: RootedPoses) -> _Equations:
-        return self.around(rooted, self._clip.linearise(self._frames, rooted))
-
-    def stepped(self, rooted: RootedPoses, equations: _Equations, damping: np.ndarray) -> tuple[RootedPoses, float]:
+    def _stepped(
+        self, rooted: RootedPoses, equations: _Equations, damping: np.ndarray
+    ) -> tuple[RootedPoses, float]:
         contour, motion = equations.contour, equations.motion
         band = motion.band + (contour.matrix + self._trust.matrix(contour, damping))
         step = np.clip(band.solved(contour.gradient + motion.gradient), -LARGEST_STEP, LARGEST_STEP)

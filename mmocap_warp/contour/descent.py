@@ -10,9 +10,9 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
-_RAISE = 10.0
+RAISE = 10.0
 _NOISE = 0.1  # by so much of the lowest the objective may rise: a step matches outlines anew, and some find none
-_STOP = 1e-4  # the largest step that is not worth another [m, rad]
+STOP = 1e-4  # the largest step that is not worth another [m, rad]
 
 
 class Linearised(Protocol):
@@ -69,12 +69,12 @@ def descend(
         if objective(there) <= lowest * (1.0 + _NOISE):
             state, equations = moved, there
             lowest = min(lowest, objective(there))
-            damping = np.maximum(damping / _RAISE, 1.0)
+            damping = np.maximum(damping / RAISE, 1.0)
             refused = False
-            if largest < _STOP:
+            if largest < STOP:
                 break
         else:
             rose = there.cost > equations.cost
-            damping = np.where(rose | refused | ~rose.any(), damping * _RAISE, damping)
+            damping = np.where(rose | refused | ~rose.any(), damping * RAISE, damping)
             refused = True
     return state, equations

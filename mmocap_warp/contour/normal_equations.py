@@ -44,6 +44,14 @@ class NormalEquations:
         proper: np.ndarray = matrix + (information + rounding)[:, :, None] * np.eye(dof)
         return proper
 
+    def where(self, taken: np.ndarray, other: NormalEquations) -> NormalEquations:
+        """These in the frames that are ``taken`` (frame,) bool, and others elsewhere."""
+        return NormalEquations(
+            np.where(taken[:, None, None], self.matrix, other.matrix),
+            np.where(taken[:, None], self.gradient, other.gradient),
+            np.where(taken, self.cost, other.cost),
+        )
+
     def __getitem__(self, frames: slice) -> NormalEquations:
         return NormalEquations(self.matrix[frames], self.gradient[frames], self.cost[frames])
 

@@ -36,6 +36,12 @@ class RootedPoses:
     def __getitem__(self, frames: slice | np.ndarray) -> RootedPoses:
         return RootedPoses(self.base[frames], self.pose[frames])
 
+    def where(self, taken: np.ndarray, other: RootedPoses) -> RootedPoses:
+        """These in the frames that are ``taken`` (frame,) bool, and others elsewhere."""
+        return RootedPoses(
+            np.where(taken[:, None, None], self.base, other.base), np.where(taken[:, None], self.pose, other.pose)
+        )
+
     def followed_by(self, *more: RootedPoses) -> RootedPoses:
         """These frames, then the others."""
         each = self, *more

@@ -301,7 +301,7 @@ def _smooth(
 def measure_distances(masks: Masks, workings: Workings, fields: Fields) -> None:
     """Fill the fields of the masks' places, of which box and start are known."""
     device = fields.value.device
-    lanes = 1 if device.is_cpu else _VIEW_LANES
+    lanes = _VIEW_LANES if lanes_of(device) > 1 else 1
     dim = (*masks.word.shape[:2], lanes)
     wp.launch(_draw, dim=dim, inputs=[masks, fields, lanes], outputs=[workings], device=device)
     for rows in (True, False):

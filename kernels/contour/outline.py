@@ -59,12 +59,6 @@ def _into_image(point: wp.vec3, camera: Pinhole) -> wp.vec3:
 
 
 @wp.func
-def _faces(a: wp.vec3, b: wp.vec3, c: wp.vec3) -> bool:
-    """Whether a triangle faces the camera: its area in the image is negative, because y goes down."""
-    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) < 0.0
-
-
-@wp.func
 def line_start(outline: Outline, c: int, k: int) -> int:
     """Where the lines of a candidate's view begin."""
     return (c * outline.count.shape[1] + k) * 4 * outline.size
@@ -93,17 +87,50 @@ def is_outline(outline: Outline, c: int, k: int, middle: wp.vec2, outward: wp.ve
     return _turns_around(outline.line, first, outline.size, outline.count[c, k], probe[0], probe[1]) == 0
 
 
-@wp.func
-def _find_share(edges: Edges, outline: Outline, c: int, k: int, first: int, end: int) -> int:
+@wp.func_native("""
+    for (int f = lane; f < face.shape[0]; f += lanes) {
+        const wp::vec3 a = image.data[vertices + face.data[f][0]];
+        const wp::vec3 b = image.data[vertices + face.data[f][1]];
+        const wp::vec3 c = image.data[vertices + face.data[f][2]];
+        facing.data[faces + f] = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) < 0.0f;
+    }
+""")
+def _face_camera(
+    face: wp.array[wp.vec3i],
+    image: wp.array3d[wp.vec3],
+    vertices: int,
+    facing: wp.array3d[wp.uint8],
+    faces: int,
+    lane: int,
+    lanes: int,
+) -> None:
+    """Which triangles of a view face the camera: their area in the image is negative, because y goes down.
+
+    Plain C, as below, because addresses in arrays of many axes would take most of the time.
+    """
+    ...
+
+
+@wp.func_native("""
+    int count = 0;
+    for (int i = first; i < end; ++i) {
+        const int left = facing.data[faces + edge.data[i][2]];
+        found.data[edges + first + count] = left ? i : -1 - i;
+        count += left != facing.data[faces + edge.data[i][3]];
+    }
+    return count;
+""")
+def _find_share(
+    edge: wp.array[wp.vec4i],
+    facing: wp.array3d[wp.uint8],
+    faces: int,
+    found: wp.array3d[wp.int32],
+    edges: int,
+    first: int,
+    end: int,
+) -> int:
     """Find the contour edges among a lane's share of all; those whose left triangle is hidden as ``-1 - edge``."""
-    found = int(0)
-    for i in range(first, end):
-        edge = edges.edge[i]
-        left = outline.facing[c, k, edge[2]]
-        if left != outline.facing[c, k, edge[3]]:
-            outline.found[c, k, first + found] = wp.where(left > wp.uint8(0), i, -1 - i)
-            found += 1
-    return found
+    ...
 
 
 @wp.func
@@ -148,14 +175,14 @@ def _find_contours(
             wp.atomic_add(numbers, 0, 1)
     sync()
     # Once a triangle and not at each of its edges: roundings must not open a contour at a triangle seen from its side.
-    for f in range(lane, edges.face.shape[0], lanes):
-        face = edges.face[f]
-        faces = _faces(outline.image[c, k, face[0]], outline.image[c, k, face[1]], outline.image[c, k, face[2]])
-        outline.facing[c, k, f] = wp.uint8(wp.where(faces, 1, 0))
+    view = c * outline.count.shape[1] + k
+    faces = view * edges.face.shape[0]
+    _face_camera(edges.face, outline.image, view * posed.shape[1], outline.facing, faces, lane, lanes)
     sync()
     total = edges.edge.shape[0]
     first = lane * total // lanes
-    found = _find_share(edges, outline, c, k, first, (lane + 1) * total // lanes)
+    end = (lane + 1) * total // lanes
+    found = _find_share(edges.edge, outline.facing, faces, outline.found, view * total, first, end)
     words[lane] = wp.uint32(found)
     sync()
     before = int(0)

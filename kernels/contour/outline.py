@@ -12,17 +12,23 @@ outside an edge tells whether the edge is on the outline of the whole body::
       \\____/
 
 The number of turns is counted on a ray to the left: contours that cross it upward less those that cross it downward.
-Nothing is drawn, and the answer does not depend on pixels.
+Nothing is drawn, and the answer does not depend on pixels. An image is cut into bands of rows, and a ray only meets
+the contours of its band.
 """
 
 import warp as wp
 
 from mmocap_warp.kernels.batch import Batch
-from mmocap_warp.kernels.block import CPU_FLAGS, lanes_of, shared_numbers, shared_words, sync
+from mmocap_warp.kernels.block import CPU_FLAGS, LANES, lanes_of, shared_numbers, shared_words, sync
 from mmocap_warp.kernels.views.projection import NEAR, Pinhole, Views, into_camera, pinhole
 
 wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": CPU_FLAGS})
 
+BANDS = 64
+"""Of an image, in which its contours are sorted."""
+
+_BANDS = wp.constant(BANDS)
+_COUNTERS = wp.constant(LANES)  # where a block's counters for the bands begin, behind its lanes' own words
 _PROBE = wp.constant(0.75)  # px outside an edge: more than rounding moves a contour, less than anything to be seen
 
 
@@ -47,7 +53,11 @@ class Outline:
     found: wp.array3d[wp.int32]  # (candidate, camera, edge) by the lane that found them, on their way to ``ends``
     count: wp.array2d[wp.int32]  # (candidate, camera) contour edges
     ends: wp.array3d[wp.vec2i]  # (candidate, camera, contour edge) vertices; the body is on the left as one sees it
-    line: wp.array[wp.float32]  # (candidate, camera, 4, contour edge) flat: x and y of the start, y of the end, dx / dy
+    room: int  # for lines: contour edges, as often as there are bands that they lie in
+    line: wp.array[wp.float32]  # (candidate, camera, 4, line) flat: x and y of the start, y of the end, dx / dy
+    band: wp.array3d[
+        wp.int32
+    ]  # (candidate, camera, band) where its lines begin, and behind the last one where they end
 
 
 @wp.func
@@ -61,30 +71,45 @@ def _into_image(point: wp.vec3, camera: Pinhole) -> wp.vec3:
 @wp.func
 def line_start(outline: Outline, c: int, k: int) -> int:
     """Where the lines of a candidate's view begin."""
-    return (c * outline.count.shape[1] + k) * 4 * outline.size
+    return (c * outline.count.shape[1] + k) * 4 * outline.room
+
+
+@wp.func
+def _band_of(y: float, height: int) -> int:
+    """The band in which a place of an image of so many rows is; the first or the last one for places beyond it."""
+    return int(wp.clamp(y * float(_BANDS) / float(height), 0.0, float(_BANDS - 1)))
 
 
 @wp.func_native("""
     const float* start_x = line.data + first;
-    const float* start_y = start_x + size;
-    const float* end_y = start_y + size;
-    const float* slope = end_y + size;
+    const float* start_y = start_x + room;
+    const float* end_y = start_y + room;
+    const float* slope = end_y + room;
     int turns = 0;
-    for (int i = 0; i < count; ++i)
+    for (int i = begin; i < end; ++i)
         turns += ((start_y[i] <= y) - (end_y[i] <= y)) * (start_x[i] + (y - start_y[i]) * slope[i] < x);
     return turns;
 """)
-def _turns_around(line: wp.array[wp.float32], first: int, size: int, count: int, x: float, y: float) -> int:
+def _turns_around(line: wp.array[wp.float32], first: int, room: int, begin: int, end: int, x: float, y: float) -> int:
     """How often contours wind around a point: in plain C, because compilers turn this loop into vectors."""
     ...
 
 
 @wp.func
-def is_outline(outline: Outline, c: int, k: int, middle: wp.vec2, outward: wp.vec2) -> bool:
-    """Whether a contour edge, by its middle and its outward normal, has nothing of the body outside of it."""
+def is_outline(outline: Outline, c: int, k: int, height: int, middle: wp.vec2, outward: wp.vec2) -> bool:
+    """Whether a contour edge, by its middle and its outward normal, has nothing of the body outside of it.
+
+    The image has ``height`` rows, and the middle is in it.
+    """
     probe = middle + _PROBE * outward
     first = line_start(outline, c, k)
-    return _turns_around(outline.line, first, outline.size, outline.count[c, k], probe[0], probe[1]) == 0
+    band = _band_of(probe[1], height)
+    begin = outline.band[c, k, band]
+    end = outline.band[c, k, band + 1]
+    if begin > end:  # not sorted
+        begin = 0
+        end = outline.count[c, k]
+    return _turns_around(outline.line, first, outline.room, begin, end, probe[0], probe[1]) == 0
 
 
 @wp.func_native("""
@@ -140,14 +165,69 @@ def _keep(edges: Edges, outline: Outline, c: int, k: int, found: int, s: int) ->
     start = wp.where(found < 0, edge[1], edge[0])
     end = wp.where(found < 0, edge[0], edge[1])
     outline.ends[c, k, s] = wp.vec2i(start, end)
-    a = outline.image[c, k, start]
-    b = outline.image[c, k, end]
-    line = line_start(outline, c, k) + s
+
+
+@wp.func
+def _write_line(outline: Outline, c: int, k: int, s: int, at: int) -> None:
+    """Write a contour edge as a line."""
+    ends = outline.ends[c, k, s]
+    a = outline.image[c, k, ends[0]]
+    b = outline.image[c, k, ends[1]]
+    line = line_start(outline, c, k) + at
     rise = b[1] - a[1]
     outline.line[line] = a[0]
-    outline.line[line + outline.size] = a[1]
-    outline.line[line + 2 * outline.size] = b[1]
-    outline.line[line + 3 * outline.size] = wp.where(rise == 0.0, 0.0, (b[0] - a[0]) / rise)
+    outline.line[line + outline.room] = a[1]
+    outline.line[line + 2 * outline.room] = b[1]
+    outline.line[line + 3 * outline.room] = wp.where(rise == 0.0, 0.0, (b[0] - a[0]) / rise)
+
+
+@wp.func
+def _bands_of(outline: Outline, c: int, k: int, s: int, height: int) -> wp.vec2i:
+    """The first and the last band that a contour edge lies in."""
+    ends = outline.ends[c, k, s]
+    one = _band_of(outline.image[c, k, ends[0]][1], height)
+    other = _band_of(outline.image[c, k, ends[1]][1], height)
+    return wp.vec2i(wp.min(one, other), wp.max(one, other))
+
+
+@wp.func
+def _sort_lines(
+    outline: Outline, c: int, k: int, count: int, height: int, words: wp.array[wp.uint32], lane: int, lanes: int
+) -> None:
+    """Write a view's lines, band by band; the order within a band does not matter to the number of turns.
+
+    Where there is too little room, because edges are long, all lines are written once, and bands are said to end
+    before they begin.
+    """
+    for band in range(lane, _BANDS, lanes):
+        words[_COUNTERS + band] = wp.uint32(0)
+    sync()
+    for s in range(lane, count, lanes):
+        bands = _bands_of(outline, c, k, s, height)
+        for band in range(bands[0], bands[1] + 1):
+            wp.atomic_add(words, _COUNTERS + band, wp.uint32(1))
+    sync()
+    total = int(0)
+    for band in range(_BANDS):
+        total += int(words[_COUNTERS + band])
+    fits = total <= outline.room
+    sync()
+    if lane == 0:
+        begin = int(0)
+        for band in range(_BANDS):
+            lines = int(words[_COUNTERS + band])
+            words[_COUNTERS + band] = wp.uint32(begin)
+            outline.band[c, k, band] = wp.where(fits, begin, _BANDS - band)
+            begin += lines
+        outline.band[c, k, _BANDS] = wp.where(fits, begin, 0)
+    sync()
+    for s in range(lane, count, lanes):
+        if fits:
+            bands = _bands_of(outline, c, k, s, height)
+            for band in range(bands[0], bands[1] + 1):
+                _write_line(outline, c, k, s, int(wp.atomic_add(words, _COUNTERS + band, wp.uint32(1))))
+        else:
+            _write_line(outline, c, k, s, s)
 
 
 @wp.kernel
@@ -197,12 +277,14 @@ def _find_contours(
     if usable:
         for i in range(found):
             _keep(edges, outline, c, k, outline.found[c, k, first + i], before + i)
+        sync()
+        _sort_lines(outline, c, k, all, views.size[k][1], words, lane, lanes)
 
 
 def find_contours(edges: Edges, posed: wp.array[wp.vec3], views: Views, batch: Batch, outline: Outline) -> None:
     """Project a batch's ``posed`` (candidate, vertex) [m] and find its contour edges in every view: a block each.
 
-    A view has none where a vertex is not before the camera, or where there are more than ``outline`` has room for.
+    A view has none where a vertex is not before the camera, or where there are more than ``outline.size``.
     """
     lanes = lanes_of(posed.device)
     wp.launch(

@@ -130,7 +130,7 @@ def _find_residuals(
         )
         if box[2] > 0 and inside and length > 1.0e-6:
             normal = wp.vec2(-along[1], along[0]) / length
-            if is_outline(outline, c, k, middle, normal):
+            if is_outline(outline, c, k, size[1], middle, normal):
                 px = 2.0 * views.lens[k][0] / (a[2] + b[2])  # of a metre at the edge
                 reach = matching.reach * px
                 corner = matching.huber * px

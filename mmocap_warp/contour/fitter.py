@@ -27,7 +27,7 @@ from mmocap_warp.kernels.contour import jacobian, normal_equations, outline, res
 from mmocap_warp.kernels.contour.descent import MOST_SEARCHED, Descent, descend
 from mmocap_warp.kernels.contour.jacobian import Posed, RestChange, Rows, Tree, differentiate, move_origins, turn_axes
 from mmocap_warp.kernels.contour.normal_equations import Sums, sum_normal_equations
-from mmocap_warp.kernels.contour.outline import Edges, Outline, find_contours
+from mmocap_warp.kernels.contour.outline import BANDS, Edges, Outline, find_contours
 from mmocap_warp.kernels.contour.residuals import Matching, Residuals, find_residuals
 from mmocap_warp.kernels.structs import filled
 from mmocap_warp.kernels.views.projection import Views
@@ -188,6 +188,7 @@ class ContourFitter:
                 self._run(count, steps)
                 self._has_run = True
                 return
+            self._each_batch(count)  # which a capture must not allocate
             with wp.ScopedCapture(self._device) as capture:
                 self._run(count, steps)
             graph = capture.graph
@@ -249,6 +250,7 @@ class ContourFitter:
 
 
 _MOST_CONTOUR = 2048  # contour edges of a view for which there is room even in a small mesh
+_BANDS_OF_AN_EDGE = 2  # for which there is room, on average
 _FIRST_DAMPING = 1.0e-3
 
 
@@ -328,7 +330,9 @@ def _outline(view: tuple[int, int], size: int, mesh: SkinMesh, edges: int, devic
         found=wp.zeros((*view, edges), dtype=wp.int32, device=device),
         count=wp.zeros(view, dtype=wp.int32, device=device),
         ends=wp.zeros((*view, size), dtype=wp.vec2i, device=device),
-        line=wp.zeros(view[0] * view[1] * 4 * size, dtype=wp.float32, device=device),
+        room=_BANDS_OF_AN_EDGE * size,
+        line=wp.zeros(view[0] * view[1] * 4 * _BANDS_OF_AN_EDGE * size, dtype=wp.float32, device=device),
+        band=wp.zeros((*view, BANDS + 1), dtype=wp.int32, device=device),
     )
 
 

@@ -157,6 +157,27 @@ def test_the_bits_depend_on_neither_threads_nor_neighbours(device, name):
             np.testing.assert_array_equal(one, other)
 
 
+def test_descents_are_the_same_again_and_again(device):
+    """Of any kind in any order, with larger masks in between, whose fields move: on a GPU graphs are replayed."""
+    body, near = BODIES["person"], ring_rig(3, size=(320, 240), distance=2.5)
+    poses, seen = poses_of(body, 3, seed=8), poses_of(body, 1, seed=9)[0]
+    small, large = observed(body, seen + 4.0 * np.eye(len(seen))[2], near), observed(body, seen, near)
+    fitter = fitter_of(body, device, 3, rig=near)
+
+    def again(frame: Observation, count: int, steps: int, fitter: ContourFitter) -> list[np.ndarray]:
+        fitter.observe(0, frame)
+        start(fitter, poses[:count])
+        fitter.descend(count, steps)
+        descent = fitter.descent
+        return [array.numpy()[:count].copy() for array in (descent.best, descent.cost, descent.tally)]
+
+    for frame, count, steps in ((0, 3, 2), (0, 3, 2), (0, 2, 2), (1, 3, 2), (0, 3, 2), (1, 3, 3), (1, 3, 3), (1, 2, 2)):
+        observation = (small, large)[frame]
+        expected = again(observation, count, steps, fitter_of(body, device, 3, rig=near))
+        for one, other in zip(again(observation, count, steps, fitter), expected, strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
 def test_a_frame_without_foreground_changes_nothing(device):
     body = BODIES["person"]
     fitter = fitter_of(body, device, 1)

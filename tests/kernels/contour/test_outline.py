@@ -16,10 +16,16 @@ BODIES = {"person": synthetic_body(), "dog": quadruped(), "arm": arm_robot()}
 
 
 @wp.kernel
-def _ask(outline: Outline, middle: wp.array3d[wp.vec2], normal: wp.array3d[wp.vec2], answer: wp.array3d[wp.int32]):
+def _ask(
+    outline: Outline,
+    height: int,
+    middle: wp.array3d[wp.vec2],
+    normal: wp.array3d[wp.vec2],
+    answer: wp.array3d[wp.int32],
+):
     c, k, s = wp.tid()
     if s < outline.count[c, k]:
-        answer[c, k, s] = wp.where(is_outline(outline, c, k, middle[c, k, s], normal[c, k, s]), 1, 0)
+        answer[c, k, s] = wp.where(is_outline(outline, c, k, height, middle[c, k, s], normal[c, k, s]), 1, 0)
 
 
 def of_body(name: str, device: str, candidates: int = 3, **more) -> Contours:
@@ -76,9 +82,17 @@ def test_contours_of_a_box_seen_straight_from_the_front_are_closed(device):
         assert (np.bincount(start, minlength=200) == np.bincount(end, minlength=200)).all()
 
 
+@pytest.mark.parametrize("bands", [1.0, 9.0], ids=["not sorted", "sorted into bands"])
 @pytest.mark.parametrize("name", BODIES)
-def test_outline_is_what_no_triangle_covers(device, name):
-    case = of_body(name, device)
+def test_outline_is_what_no_triangle_covers(device, name, bands):
+    """Also where the lines find no room in the bands."""
+    case = of_body(name, device, bands=bands)
+    if bands == 1.0:
+        case = of_body(name, device, bands=bands, size=int(case.outline.count.numpy().max()))
+    band = case.outline.band.numpy()
+    ends_first = (np.diff(band, axis=2) < 0).all(axis=2)
+    assert (np.diff(band, axis=2) >= 0).all(axis=2)[~ends_first].all()
+    assert ends_first.any() == (bands == 1.0)
     shape = (*case.outline.count.shape, case.size)
     middle, outward = np.zeros((*shape, 2)), np.zeros((*shape, 2))
     image = case.outline.image.numpy()[..., :2].astype(float)
@@ -89,7 +103,7 @@ def test_outline_is_what_no_triangle_covers(device, name):
             outward[c, k, s] = np.array([a[1] - b[1], b[0] - a[0]]) / max(np.hypot(*(b - a)), 1e-9)
     answer = wp.full(shape, -1, dtype=wp.int32, device=device)
     inputs = [wp.array(values, dtype=wp.vec2, device=device) for values in (middle, outward)]
-    wp.launch(_ask, dim=shape, inputs=[case.outline, *inputs], outputs=[answer], device=device)
+    wp.launch(_ask, dim=shape, inputs=[case.outline, 120, *inputs], outputs=[answer], device=device)
     for c, k in np.ndindex(*shape[:2]):
         count = case.outline.count.numpy()[c, k]
         probe = (middle + PROBE * outward)[c, k, :count]

@@ -10,6 +10,7 @@ from synthetic import ring_rig, synthetic_body, synthetic_poses, synthetic_subje
 
 from mmocap_warp.contour.fields import DistanceFields
 from mmocap_warp.kernels.batch import batch_of
+from mmocap_warp.kernels.contour.outline import BANDS
 from mmocap_warp.kernels.contour.residuals import Matching, find_residuals
 from mmocap_warp.kernels.structs import filled
 from mmocap_warp.kernels.views.projection import Views
@@ -65,7 +66,8 @@ class Planted:
     def __init__(self, polygons: list[np.ndarray], masks: list[np.ndarray], device: str, frames=None, **matching):
         n, size = len(polygons), max(map(len, polygons))
         rig = flat_rig()
-        self.outline = poisoned_outline(n, 1, size, (size, 1, 1), device)
+        self.outline = poisoned_outline(n, 1, size, (size, 1, 1), device, bands=1.0)
+        self.outline.band.assign(np.tile(np.arange(BANDS + 1)[::-1], (n, 1, 1)).astype(np.int32))  # not sorted
         image, ends, line = (
             np.full((n, 1, size, 3), np.nan),
             np.zeros((n, 1, size, 2), int),

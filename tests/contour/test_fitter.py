@@ -163,6 +163,7 @@ def test_descents_are_the_same_again_and_again(device):
     poses, seen = poses_of(body, 3, seed=8), poses_of(body, 1, seed=9)[0]
     small, large = observed(body, seen + 4.0 * np.eye(len(seen))[2], near), observed(body, seen, near)
     fitter = fitter_of(body, device, 3, rig=near)
+    arrays = set()
 
     def again(frame: Observation, count: int, steps: int, fitter: ContourFitter) -> list[np.ndarray]:
         fitter.observe(0, frame)
@@ -176,6 +177,8 @@ def test_descents_are_the_same_again_and_again(device):
         expected = again(observation, count, steps, fitter_of(body, device, 3, rig=near))
         for one, other in zip(again(observation, count, steps, fitter), expected, strict=True):
             np.testing.assert_array_equal(one, other)
+        arrays.add(fitter.fields.value.ptr)
+    assert len(arrays) > 1
 
 
 def test_a_frame_without_foreground_changes_nothing(device):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -13,7 +13,7 @@ from mmocap_warp.body.mesh_pieces import mesh_edges
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import BodyArrays
 from mmocap_warp.contour.fields import DistanceFields
-from mmocap_warp.contour.fitter import ContourFitter
+from mmocap_warp.contour.fitter import ContourFitter, MatchingConfig
 from mmocap_warp.kernels.batch import Batch, batch_of
 from mmocap_warp.kernels.body.skinning import pose_vertices
 from mmocap_warp.kernels.contour.jacobian import Posed, RestChange, Rows, Tree, differentiate, move_origins, turn_axes
@@ -26,7 +26,7 @@ from mmocap_warp.synthesis.posing import ExactPoser
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
 
-MATCHING = {"reach": 0.09, "huber": 0.012, "sigma": 0.012, "apart": 4.0, "deep": 0.04}
+MATCHING = asdict(MatchingConfig())
 
 
 def poisoned_outline(

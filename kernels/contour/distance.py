@@ -13,12 +13,9 @@ import numpy as np
 import warp as wp
 
 from mmocap_warp.kernels.block import CPU_FLAGS, LANES, lanes_of, shared_numbers, sync
-from mmocap_warp.kernels.contour.residuals import Fields
+from mmocap_warp.kernels.contour.residuals import FARTHEST, Fields
 
 wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": CPU_FLAGS})
-
-FARTHEST = 8
-"""Beyond so many pixels from a contour the distance is cut off, half a pixel less."""
 
 _RIM = wp.constant(FARTHEST + 2)  # px around a box, of which the distances need the most, and the blur the rest
 _VIEW_LANES = 32 * LANES  # of a GPU for a view

@@ -97,7 +97,8 @@ def test_the_cost_of_the_best_is_its_own(device):
     descent = fitter.descent
     best, cost, tally = (array.numpy().copy() for array in (descent.best, descent.cost, descent.tally))
     away = (best - beside.astype(np.float32))[:, fitter.index].astype(float)
-    np.testing.assert_allclose(cost, tally[..., 0].sum(axis=1) + (descent.pull.numpy() * away**2).sum(axis=1), rtol=1e-5)
+    pulled = (descent.pull.numpy() * away**2).sum(axis=1)
+    np.testing.assert_allclose(cost, tally[..., 0].sum(axis=1) + pulled, rtol=1e-5)
     again = fitter.linearise(np.zeros(2, int), RootedPoses(np.tile(HOME, (2, 1, 1)), best.astype(float)))
     np.testing.assert_allclose(again.cost, 0.5 * tally[..., 0].sum(axis=1), rtol=1e-5)
 

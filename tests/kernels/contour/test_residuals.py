@@ -186,6 +186,25 @@ def test_outline_deep_outside_of_the_mask_is_exposed(device):
         np.testing.assert_allclose(planted.tally()[:, 3], exposed * length / SCALE, rtol=1e-5)
 
 
+@pytest.mark.parametrize("deep", [3.0, 7.0, 9.0, 12.0, 16.0, 25.0])
+def test_exposed_is_what_is_farther_than_a_length_that_fields_do_not_reach(device, deep):
+    """Within a pixel or two of it, wherever around the outline the mask is."""
+    for angle in np.linspace(0, 2 * np.pi, 7):
+        beside = CENTRE + 100.0 * np.array([np.cos(angle), np.sin(angle)])
+        near, far = (
+            Planted([circle(6.0, n=12)], [disc(94.0 - gap, tuple(beside))], device, reach=0.01, deep=deep / SCALE)
+            for gap in (deep - 1.5, deep + 1.5)
+        )
+        length = np.hypot(*(np.roll(circle(6.0, n=12), -1, axis=0) - circle(6.0, n=12)).T)
+        middle = circle(6.0, n=12) + (np.roll(circle(6.0, n=12), -1, axis=0) - circle(6.0, n=12)) / 2
+        for planted, gap in ((near, deep - 1.5), (far, deep + 1.5)):
+            away = np.linalg.norm(middle - beside, axis=1) - (94.0 - gap)
+            exposed = planted.tally()[:, 3] > 0
+            np.testing.assert_allclose(planted.tally()[exposed, 3], length[exposed] / SCALE, rtol=1e-5)
+            sure = np.abs(away - deep) > 1.2
+            assert (exposed == (away > deep))[sure].all()
+
+
 def test_the_nearer_one_of_two_contours_counts(device):
     """A ring: its inner contour is no end of the mask on the way out, and its outer one is."""
     ring = disc(60.0) & ~disc(48.0)

@@ -20,7 +20,7 @@ import warp as wp
 
 from mmocap_warp.kernels.batch import Batch
 from mmocap_warp.kernels.block import CPU_FLAGS, LANES, lanes_of, shared_numbers, shared_words, sync
-from mmocap_warp.kernels.views.projection import NEAR, Pinhole, Views, into_camera, pinhole
+from mmocap_warp.kernels.views.projection import NEAR, Pinhole, Views, pinhole
 
 wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": CPU_FLAGS})
 
@@ -60,12 +60,33 @@ class Outline:
     ]  # (candidate, camera, band) where its lines begin, and behind the last one where they end
 
 
-@wp.func
-def _into_image(point: wp.vec3, camera: Pinhole) -> wp.vec3:
-    """Image coordinates and depth; only the depth is meant where it is not before the camera."""
-    p = into_camera(point, camera)
-    depth = wp.max(p[2], NEAR)
-    return wp.vec3(camera.lens[0] * p[0] / depth + camera.lens[2], camera.lens[1] * p[1] / depth + camera.lens[3], p[2])
+@wp.func_native(f"""
+    int behind = 0;
+    for (int v = lane; v < count; v += lanes) {{
+        const wp::vec3 world = posed.data[c * count + v];
+        const wp::vec3 p = wp::mul(camera.rotation, world) + camera.translation;
+        const float share = 1.0f / (p[2] < {NEAR}f ? {NEAR}f : p[2]);
+        image.data[vertices + v] = wp::vec3(
+            camera.lens[0] * p[0] * share + camera.lens[2], camera.lens[1] * p[1] * share + camera.lens[3], p[2]);
+        behind += p[2] < {NEAR}f;
+    }}
+    return behind;
+""")
+def _project(
+    posed: wp.array2d[wp.vec3],
+    c: int,
+    count: int,
+    camera: Pinhole,
+    image: wp.array3d[wp.vec3],
+    vertices: int,
+    lane: int,
+    lanes: int,
+) -> int:
+    """Image coordinates and depths of a lane's vertices, and how many are not before the camera.
+
+    Plain C, as below, because addresses in arrays of many axes would take most of the time.
+    """
+    ...
 
 
 @wp.func
@@ -129,10 +150,7 @@ def _face_camera(
     lane: int,
     lanes: int,
 ) -> None:
-    """Which triangles of a view face the camera: their area in the image is negative, because y goes down.
-
-    Plain C, as below, because addresses in arrays of many axes would take most of the time.
-    """
+    """Which triangles of a view face the camera: their area in the image is negative, because y goes down."""
     ...
 
 
@@ -248,16 +266,15 @@ def _find_contours(
         numbers[0] = 0
     sync()
     camera = pinhole(views, k)
-    for v in range(lane, posed.shape[1], lanes):
-        seen = _into_image(posed[c, v], camera)
-        outline.image[c, k, v] = seen
-        if seen[2] < NEAR:
-            wp.atomic_add(numbers, 0, 1)
+    view = c * outline.count.shape[1] + k
+    vertices = view * posed.shape[1]
+    behind = _project(posed, c, posed.shape[1], camera, outline.image, vertices, lane, lanes)
+    if behind > 0:
+        wp.atomic_add(numbers, 0, behind)
     sync()
     # Once a triangle and not at each of its edges: roundings must not open a contour at a triangle seen from its side.
-    view = c * outline.count.shape[1] + k
     faces = view * edges.face.shape[0]
-    _face_camera(edges.face, outline.image, view * posed.shape[1], outline.facing, faces, lane, lanes)
+    _face_camera(edges.face, outline.image, vertices, outline.facing, faces, lane, lanes)
     sync()
     total = edges.edge.shape[0]
     first = lane * total // lanes

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -13,12 +13,12 @@ from mmocap_warp.body.mesh_pieces import mesh_edges
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import BodyArrays
 from mmocap_warp.contour.fields import DistanceFields
-from mmocap_warp.contour.fitter import ContourFitter
+from mmocap_warp.contour.fitter import ContourFitter, MatchingConfig
 from mmocap_warp.kernels.batch import Batch, batch_of
 from mmocap_warp.kernels.body.skinning import pose_vertices
 from mmocap_warp.kernels.contour.jacobian import Posed, RestChange, Rows, Tree, differentiate, move_origins, turn_axes
 from mmocap_warp.kernels.contour.normal_equations import Sums, sum_normal_equations
-from mmocap_warp.kernels.contour.outline import Edges, Outline, find_contours
+from mmocap_warp.kernels.contour.outline import BANDS, Edges, Outline, find_contours
 from mmocap_warp.kernels.contour.residuals import Matching, Residuals, find_residuals
 from mmocap_warp.kernels.structs import filled
 from mmocap_warp.objective.silhouettes import ViewArrays
@@ -26,11 +26,13 @@ from mmocap_warp.synthesis.posing import ExactPoser
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
 
-MATCHING = {"reach": 0.09, "huber": 0.012, "sigma": 0.012, "apart": 4.0, "deep": 0.04}
+MATCHING = asdict(MatchingConfig())
 
 
-def poisoned_outline(candidates: int, cameras: int, size: int, mesh: tuple[int, int, int], device: str) -> Outline:
-    """Room for contour edges of a mesh of so many vertices, triangles and edges."""
+def poisoned_outline(
+    candidates: int, cameras: int, size: int, mesh: tuple[int, int, int], device: str, bands: float = 3.0
+) -> Outline:
+    """Room for contour edges of a mesh of so many vertices, triangles and edges, in so many bands each, on average."""
     vertices, faces, edges = mesh
     view = (candidates, cameras)
     return filled(
@@ -41,7 +43,9 @@ def poisoned_outline(candidates: int, cameras: int, size: int, mesh: tuple[int, 
         found=poisoned((*view, edges), wp.int32, device),
         count=poisoned(view, wp.int32, device),
         ends=poisoned((*view, size), wp.vec2i, device),
-        line=poisoned(candidates * cameras * 4 * size, wp.float32, device),
+        room=int(bands * size),
+        line=poisoned(candidates * cameras * 4 * int(bands * size), wp.float32, device),
+        band=poisoned((*view, BANDS + 1), wp.int32, device),
     )
 
 
@@ -63,6 +67,7 @@ class Contours:
     Attributes:
         pose: (candidate, coordinate) [m, rad].
         base: (candidate, 3, 3) of the root.
+        bands: of a contour edge for which there is room, on average.
         size: contour edges of a view for which there is room; all edges where omitted.
         change: of the rest body by its parameters: (parameter, vertex, 3), (parameter, joint, 3).
     """
@@ -73,6 +78,7 @@ class Contours:
     base: np.ndarray
     device: str
     size: int | None = None
+    bands: float = 3.0
     change: tuple[np.ndarray, np.ndarray] | None = None
     matching: dict[str, float] = field(default_factory=lambda: dict(MATCHING))
 
@@ -96,7 +102,8 @@ class Contours:
             face=wp.array(mesh.face, dtype=wp.vec3i, device=device),
             edge=wp.array(self.edge, dtype=wp.vec4i, device=device),
         )
-        self.outline = poisoned_outline(n, len(self.rig), self.size, (vertices, len(mesh.face), len(self.edge)), device)
+        sizes = vertices, len(mesh.face), len(self.edge)
+        self.outline = poisoned_outline(n, len(self.rig), self.size, sizes, device, self.bands)
         self.residuals = poisoned_residuals(n, len(self.rig), self.size, device)
         vertex, joint = self.change or (np.zeros((0, vertices, 3)), np.zeros((0, joints, 3)))
         self.rest_change = filled(

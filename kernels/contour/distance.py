@@ -13,12 +13,9 @@ import numpy as np
 import warp as wp
 
 from mmocap_warp.kernels.block import CPU_FLAGS, LANES, lanes_of, shared_numbers, sync
-from mmocap_warp.kernels.contour.residuals import Fields
+from mmocap_warp.kernels.contour.residuals import FARTHEST, Fields
 
 wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": CPU_FLAGS})
-
-FARTHEST = 8
-"""Beyond so many pixels from a contour the distance is cut off, half a pixel less."""
 
 _RIM = wp.constant(FARTHEST + 2)  # px around a box, of which the distances need the most, and the blur the rest
 _VIEW_LANES = 32 * LANES  # of a GPU for a view
@@ -54,24 +51,28 @@ class _View:
 
 
 @wp.func_native("""
-    int bits = (int)word;
+    const int columns = word.shape[3], words = word.shape[2] * columns;
+    const unsigned int* all = &wp::index(word, f, k, 0, 0);
+    int left = 1 << 30, top = 1 << 30, right = -1, bottom = -1;
+    for (int i = lane; i < words; i += lanes) {
+        const unsigned int bits = all[i];
+        if (bits == 0) continue;
+        const int row = i / columns, x = 32 * (i - row * columns);
 #if defined(__CUDA_ARCH__)
-    return __ffs(bits) - 1;
+        const int lowest = __ffs((int)bits) - 1, highest = 31 - __clz((int)bits);
 #else
-    return __builtin_ctz(bits);
+        const int lowest = __builtin_ctz(bits), highest = 31 - __builtin_clz(bits);
 #endif
+        left = x + lowest < left ? x + lowest : left;
+        right = x + highest > right ? x + highest : right;
+        top = row < top ? row : top;
+        bottom = row;
+    }
+    return wp::vec4i(left, top, right, bottom);
 """)
-def _lowest_bit(word: wp.uint32) -> int: ...
-
-
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    return 31 - __clz((int)word);
-#else
-    return 31 - __builtin_clz(word);
-#endif
-""")
-def _highest_bit(word: wp.uint32) -> int: ...
+def _bounds(word: wp.array4d[wp.uint32], f: int, k: int, lane: int, lanes: int) -> wp.vec4i:
+    """The first column and row with foreground and the last ones, of a lane's share of a mask."""
+    ...
 
 
 @wp.kernel
@@ -91,24 +92,11 @@ def _find_boxes(
         numbers[2] = -1
         numbers[3] = -1
     sync()
-    left = size[0]
-    top = size[1]
-    right = int(-1)
-    bottom = int(-1)
-    words = (size[0] + 31) // 32
-    for i in range(lane, size[1] * words, lanes):
-        row = i // words
-        column = i - row * words
-        word = masks.word[f, k, row, column]
-        if word != wp.uint32(0):
-            left = wp.min(left, 32 * column + _lowest_bit(word))
-            right = wp.max(right, 32 * column + _highest_bit(word))
-            top = wp.min(top, row)
-            bottom = row
-    wp.atomic_min(numbers, 0, left)
-    wp.atomic_min(numbers, 1, top)
-    wp.atomic_max(numbers, 2, right)
-    wp.atomic_max(numbers, 3, bottom)
+    bounds = _bounds(masks.word, f, k, lane, lanes)
+    wp.atomic_min(numbers, 0, bounds[0])
+    wp.atomic_min(numbers, 1, bounds[1])
+    wp.atomic_max(numbers, 2, bounds[2])
+    wp.atomic_max(numbers, 3, bounds[3])
     sync()
     if lane == 0:
         x = wp.max(numbers[0] - FARTHEST, 0)
@@ -199,7 +187,7 @@ def _search_rows(inside: wp.array[wp.uint8], first: int, count: int, across: wp.
         #pragma unroll
         for (int d = {1 - FARTHEST}; d < {FARTHEST}; ++d) {{
             const int at = i + d * width;
-            const unsigned char along = in[at] == in[i] ? row[at] : (unsigned char)0;
+            const unsigned char along = row[at] & (unsigned char)((in[at] ^ in[i]) - 1);  // 0 on the other side
             const unsigned char square = (unsigned char)(along + d * d);
             nearest = square < nearest ? square : nearest;
         }}
@@ -301,7 +289,7 @@ def _smooth(
 def measure_distances(masks: Masks, workings: Workings, fields: Fields) -> None:
     """Fill the fields of the masks' places, of which box and start are known."""
     device = fields.value.device
-    lanes = 1 if device.is_cpu else _VIEW_LANES
+    lanes = _VIEW_LANES if lanes_of(device) > 1 else 1
     dim = (*masks.word.shape[:2], lanes)
     wp.launch(_draw, dim=dim, inputs=[masks, fields, lanes], outputs=[workings], device=device)
     for rows in (True, False):

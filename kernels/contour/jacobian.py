@@ -172,22 +172,28 @@ def _write_pose(tree: Tree, posed: Posed, c: int, by: _Influences, gradient: wp.
     for i in range(3):
         if tree.column[i] >= 0:
             rows.value[row + tree.column[i]] = gradient[i]
+    lowest = tree.rank.shape[0]
+    highest = int(-1)
+    for i in range(by.count):
+        lowest = wp.min(lowest, tree.rank[by.joint[i]])
+        highest = wp.max(highest, tree.rank[by.joint[i]])
     for k in range(tree.rank.shape[0]):
         arm = wp.vec3()
         share = float(0.0)
-        for i in range(by.count):
-            rank = tree.rank[by.joint[i]]
-            if rank >= tree.rank[k] and rank <= tree.last[k]:
-                arm += wp.vec3(by.part[i, 0], by.part[i, 1], by.part[i, 2])
-                share += by.part[i, 3]
-        moment = wp.vec3()
+        if highest >= tree.rank[k] and lowest <= tree.last[k]:  # most joints carry nothing of it
+            for i in range(by.count):
+                rank = tree.rank[by.joint[i]]
+                if rank >= tree.rank[k] and rank <= tree.last[k]:
+                    arm += wp.vec3(by.part[i, 0], by.part[i, 1], by.part[i, 2])
+                    share += by.part[i, 3]
+        turned = wp.vec3()
         if share > 0.0:
             moment = wp.cross(arm - share * translation_of(posed.joints.transform[c, k]), gradient)
-        axes = posed.axes[c, k]
+            turned = wp.transpose(posed.axes[c, k]) * moment
         for i in range(3):
             column = tree.column[3 + 3 * k + i]
             if column >= 0:
-                rows.value[row + column] = wp.dot(moment, wp.vec3(axes[0, i], axes[1, i], axes[2, i]))
+                rows.value[row + column] = turned[i]
 
 
 @wp.func

@@ -12,17 +12,23 @@ outside an edge tells whether the edge is on the outline of the whole body::
       \\____/
 
 The number of turns is counted on a ray to the left: contours that cross it upward less those that cross it downward.
-Nothing is drawn, and the answer does not depend on pixels.
+Nothing is drawn, and the answer does not depend on pixels. An image is cut into bands of rows, and a ray only meets
+the contours of its band.
 """
 
 import warp as wp
 
 from mmocap_warp.kernels.batch import Batch
-from mmocap_warp.kernels.block import CPU_FLAGS, lanes_of, shared_numbers, shared_words, sync
-from mmocap_warp.kernels.views.projection import NEAR, Pinhole, Views, into_camera, pinhole
+from mmocap_warp.kernels.block import CPU_FLAGS, LANES, lanes_of, shared_numbers, shared_words, sync
+from mmocap_warp.kernels.views.projection import NEAR, Pinhole, Views, pinhole
 
 wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": CPU_FLAGS})
 
+BANDS = 64
+"""Of an image, in which its contours are sorted."""
+
+_BANDS = wp.constant(BANDS)
+_COUNTERS = wp.constant(LANES)  # where a block's counters for the bands begin, behind its lanes' own words
 _PROBE = wp.constant(0.75)  # px outside an edge: more than rounding moves a contour, less than anything to be seen
 
 
@@ -47,63 +53,127 @@ class Outline:
     found: wp.array3d[wp.int32]  # (candidate, camera, edge) by the lane that found them, on their way to ``ends``
     count: wp.array2d[wp.int32]  # (candidate, camera) contour edges
     ends: wp.array3d[wp.vec2i]  # (candidate, camera, contour edge) vertices; the body is on the left as one sees it
-    line: wp.array[wp.float32]  # (candidate, camera, 4, contour edge) flat: x and y of the start, y of the end, dx / dy
+    room: int  # for lines: contour edges, as often as there are bands that they lie in
+    line: wp.array[wp.float32]  # (candidate, camera, 4, line) flat: x and y of the start, y of the end, dx / dy
+    band: wp.array3d[
+        wp.int32
+    ]  # (candidate, camera, band) where its lines begin, and behind the last one where they end
 
 
-@wp.func
-def _into_image(point: wp.vec3, camera: Pinhole) -> wp.vec3:
-    """Image coordinates and depth; only the depth is meant where it is not before the camera."""
-    p = into_camera(point, camera)
-    depth = wp.max(p[2], NEAR)
-    return wp.vec3(camera.lens[0] * p[0] / depth + camera.lens[2], camera.lens[1] * p[1] / depth + camera.lens[3], p[2])
+@wp.func_native(f"""
+    int behind = 0;
+    for (int v = lane; v < count; v += lanes) {{
+        const wp::vec3 world = posed.data[c * count + v];
+        const wp::vec3 p = wp::mul(camera.rotation, world) + camera.translation;
+        const float share = 1.0f / (p[2] < {NEAR}f ? {NEAR}f : p[2]);
+        image.data[vertices + v] = wp::vec3(
+            camera.lens[0] * p[0] * share + camera.lens[2], camera.lens[1] * p[1] * share + camera.lens[3], p[2]);
+        behind += p[2] < {NEAR}f;
+    }}
+    return behind;
+""")
+def _project(
+    posed: wp.array2d[wp.vec3],
+    c: int,
+    count: int,
+    camera: Pinhole,
+    image: wp.array3d[wp.vec3],
+    vertices: int,
+    lane: int,
+    lanes: int,
+) -> int:
+    """Image coordinates and depths of a lane's vertices, and how many are not before the camera.
 
-
-@wp.func
-def _faces(a: wp.vec3, b: wp.vec3, c: wp.vec3) -> bool:
-    """Whether a triangle faces the camera: its area in the image is negative, because y goes down."""
-    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) < 0.0
+    Plain C, as below, because addresses in arrays of many axes would take most of the time.
+    """
+    ...
 
 
 @wp.func
 def line_start(outline: Outline, c: int, k: int) -> int:
     """Where the lines of a candidate's view begin."""
-    return (c * outline.count.shape[1] + k) * 4 * outline.size
+    return (c * outline.count.shape[1] + k) * 4 * outline.room
+
+
+@wp.func
+def _band_of(y: float, height: int) -> int:
+    """The band in which a place of an image of so many rows is; the first or the last one for places beyond it."""
+    return int(wp.clamp(y * float(_BANDS) / float(height), 0.0, float(_BANDS - 1)))
 
 
 @wp.func_native("""
     const float* start_x = line.data + first;
-    const float* start_y = start_x + size;
-    const float* end_y = start_y + size;
-    const float* slope = end_y + size;
+    const float* start_y = start_x + room;
+    const float* end_y = start_y + room;
+    const float* slope = end_y + room;
     int turns = 0;
-    for (int i = 0; i < count; ++i)
+    for (int i = begin; i < end; ++i)
         turns += ((start_y[i] <= y) - (end_y[i] <= y)) * (start_x[i] + (y - start_y[i]) * slope[i] < x);
     return turns;
 """)
-def _turns_around(line: wp.array[wp.float32], first: int, size: int, count: int, x: float, y: float) -> int:
+def _turns_around(line: wp.array[wp.float32], first: int, room: int, begin: int, end: int, x: float, y: float) -> int:
     """How often contours wind around a point: in plain C, because compilers turn this loop into vectors."""
     ...
 
 
 @wp.func
-def is_outline(outline: Outline, c: int, k: int, middle: wp.vec2, outward: wp.vec2) -> bool:
-    """Whether a contour edge, by its middle and its outward normal, has nothing of the body outside of it."""
+def is_outline(outline: Outline, c: int, k: int, height: int, middle: wp.vec2, outward: wp.vec2) -> bool:
+    """Whether a contour edge, by its middle and its outward normal, has nothing of the body outside of it.
+
+    The image has ``height`` rows, and the middle is in it.
+    """
     probe = middle + _PROBE * outward
     first = line_start(outline, c, k)
-    return _turns_around(outline.line, first, outline.size, outline.count[c, k], probe[0], probe[1]) == 0
+    band = _band_of(probe[1], height)
+    begin = outline.band[c, k, band]
+    end = outline.band[c, k, band + 1]
+    if begin > end:  # not sorted
+        begin = 0
+        end = outline.count[c, k]
+    return _turns_around(outline.line, first, outline.room, begin, end, probe[0], probe[1]) == 0
 
 
-@wp.func
-def _find_share(edges: Edges, outline: Outline, c: int, k: int, first: int, end: int) -> int:
+@wp.func_native("""
+    for (int f = lane; f < face.shape[0]; f += lanes) {
+        const wp::vec3 a = image.data[vertices + face.data[f][0]];
+        const wp::vec3 b = image.data[vertices + face.data[f][1]];
+        const wp::vec3 c = image.data[vertices + face.data[f][2]];
+        facing.data[faces + f] = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) < 0.0f;
+    }
+""")
+def _face_camera(
+    face: wp.array[wp.vec3i],
+    image: wp.array3d[wp.vec3],
+    vertices: int,
+    facing: wp.array3d[wp.uint8],
+    faces: int,
+    lane: int,
+    lanes: int,
+) -> None:
+    """Which triangles of a view face the camera: their area in the image is negative, because y goes down."""
+    ...
+
+
+@wp.func_native("""
+    int count = 0;
+    for (int i = first; i < end; ++i) {
+        const int left = facing.data[faces + edge.data[i][2]];
+        found.data[edges + first + count] = left ? i : -1 - i;
+        count += left != facing.data[faces + edge.data[i][3]];
+    }
+    return count;
+""")
+def _find_share(
+    edge: wp.array[wp.vec4i],
+    facing: wp.array3d[wp.uint8],
+    faces: int,
+    found: wp.array3d[wp.int32],
+    edges: int,
+    first: int,
+    end: int,
+) -> int:
     """Find the contour edges among a lane's share of all; those whose left triangle is hidden as ``-1 - edge``."""
-    found = int(0)
-    for i in range(first, end):
-        edge = edges.edge[i]
-        left = outline.facing[c, k, edge[2]]
-        if left != outline.facing[c, k, edge[3]]:
-            outline.found[c, k, first + found] = wp.where(left > wp.uint8(0), i, -1 - i)
-            found += 1
-    return found
+    ...
 
 
 @wp.func
@@ -113,14 +183,69 @@ def _keep(edges: Edges, outline: Outline, c: int, k: int, found: int, s: int) ->
     start = wp.where(found < 0, edge[1], edge[0])
     end = wp.where(found < 0, edge[0], edge[1])
     outline.ends[c, k, s] = wp.vec2i(start, end)
-    a = outline.image[c, k, start]
-    b = outline.image[c, k, end]
-    line = line_start(outline, c, k) + s
+
+
+@wp.func
+def _write_line(outline: Outline, c: int, k: int, s: int, at: int) -> None:
+    """Write a contour edge as a line."""
+    ends = outline.ends[c, k, s]
+    a = outline.image[c, k, ends[0]]
+    b = outline.image[c, k, ends[1]]
+    line = line_start(outline, c, k) + at
     rise = b[1] - a[1]
     outline.line[line] = a[0]
-    outline.line[line + outline.size] = a[1]
-    outline.line[line + 2 * outline.size] = b[1]
-    outline.line[line + 3 * outline.size] = wp.where(rise == 0.0, 0.0, (b[0] - a[0]) / rise)
+    outline.line[line + outline.room] = a[1]
+    outline.line[line + 2 * outline.room] = b[1]
+    outline.line[line + 3 * outline.room] = wp.where(rise == 0.0, 0.0, (b[0] - a[0]) / rise)
+
+
+@wp.func
+def _bands_of(outline: Outline, c: int, k: int, s: int, height: int) -> wp.vec2i:
+    """The first and the last band that a contour edge lies in."""
+    ends = outline.ends[c, k, s]
+    one = _band_of(outline.image[c, k, ends[0]][1], height)
+    other = _band_of(outline.image[c, k, ends[1]][1], height)
+    return wp.vec2i(wp.min(one, other), wp.max(one, other))
+
+
+@wp.func
+def _sort_lines(
+    outline: Outline, c: int, k: int, count: int, height: int, words: wp.array[wp.uint32], lane: int, lanes: int
+) -> None:
+    """Write a view's lines, band by band; the order within a band does not matter to the number of turns.
+
+    Where there is too little room, because edges are long, all lines are written once, and bands are said to end
+    before they begin.
+    """
+    for band in range(lane, _BANDS, lanes):
+        words[_COUNTERS + band] = wp.uint32(0)
+    sync()
+    for s in range(lane, count, lanes):
+        bands = _bands_of(outline, c, k, s, height)
+        for band in range(bands[0], bands[1] + 1):
+            wp.atomic_add(words, _COUNTERS + band, wp.uint32(1))
+    sync()
+    total = int(0)
+    for band in range(_BANDS):
+        total += int(words[_COUNTERS + band])
+    fits = total <= outline.room
+    sync()
+    if lane == 0:
+        begin = int(0)
+        for band in range(_BANDS):
+            lines = int(words[_COUNTERS + band])
+            words[_COUNTERS + band] = wp.uint32(begin)
+            outline.band[c, k, band] = wp.where(fits, begin, _BANDS - band)
+            begin += lines
+        outline.band[c, k, _BANDS] = wp.where(fits, begin, 0)
+    sync()
+    for s in range(lane, count, lanes):
+        if fits:
+            bands = _bands_of(outline, c, k, s, height)
+            for band in range(bands[0], bands[1] + 1):
+                _write_line(outline, c, k, s, int(wp.atomic_add(words, _COUNTERS + band, wp.uint32(1))))
+        else:
+            _write_line(outline, c, k, s, s)
 
 
 @wp.kernel
@@ -141,21 +266,20 @@ def _find_contours(
         numbers[0] = 0
     sync()
     camera = pinhole(views, k)
-    for v in range(lane, posed.shape[1], lanes):
-        seen = _into_image(posed[c, v], camera)
-        outline.image[c, k, v] = seen
-        if seen[2] < NEAR:
-            wp.atomic_add(numbers, 0, 1)
+    view = c * outline.count.shape[1] + k
+    vertices = view * posed.shape[1]
+    behind = _project(posed, c, posed.shape[1], camera, outline.image, vertices, lane, lanes)
+    if behind > 0:
+        wp.atomic_add(numbers, 0, behind)
     sync()
     # Once a triangle and not at each of its edges: roundings must not open a contour at a triangle seen from its side.
-    for f in range(lane, edges.face.shape[0], lanes):
-        face = edges.face[f]
-        faces = _faces(outline.image[c, k, face[0]], outline.image[c, k, face[1]], outline.image[c, k, face[2]])
-        outline.facing[c, k, f] = wp.uint8(wp.where(faces, 1, 0))
+    faces = view * edges.face.shape[0]
+    _face_camera(edges.face, outline.image, vertices, outline.facing, faces, lane, lanes)
     sync()
     total = edges.edge.shape[0]
     first = lane * total // lanes
-    found = _find_share(edges, outline, c, k, first, (lane + 1) * total // lanes)
+    end = (lane + 1) * total // lanes
+    found = _find_share(edges.edge, outline.facing, faces, outline.found, view * total, first, end)
     words[lane] = wp.uint32(found)
     sync()
     before = int(0)
@@ -170,12 +294,14 @@ def _find_contours(
     if usable:
         for i in range(found):
             _keep(edges, outline, c, k, outline.found[c, k, first + i], before + i)
+        sync()
+        _sort_lines(outline, c, k, all, views.size[k][1], words, lane, lanes)
 
 
 def find_contours(edges: Edges, posed: wp.array[wp.vec3], views: Views, batch: Batch, outline: Outline) -> None:
     """Project a batch's ``posed`` (candidate, vertex) [m] and find its contour edges in every view: a block each.
 
-    A view has none where a vertex is not before the camera, or where there are more than ``outline`` has room for.
+    A view has none where a vertex is not before the camera, or where there are more than ``outline.size``.
     """
     lanes = lanes_of(posed.device)
     wp.launch(

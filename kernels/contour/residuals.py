@@ -15,6 +15,10 @@ from mmocap_warp.kernels.views.projection import Views
 
 wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": CPU_FLAGS})
 
+FARTHEST = 8
+"""Signed distances are cut off so many pixels from a contour, half a pixel less."""
+
+_SURE = wp.constant(FARTHEST - 1.0)  # px: what is farther from a mask has a distance above this
 _BORDER = wp.constant(1.0)  # px of an image's rim in which an outline means nothing
 
 
@@ -90,6 +94,27 @@ def _end_of_mask(fields: Fields, start: int, box: wp.vec4i, middle: wp.vec2, nor
 
 
 @wp.func
+def _is_far(fields: Fields, start: int, box: wp.vec4i, point: wp.vec2, far: float) -> bool:
+    """Whether a point is outside of a mask and farther from it than so many pixels.
+
+    Distances are cut off: rings of points around it, whose discs leave no gap between them, see what is farther away.
+    """
+    if _distance(fields, start, box, point) <= wp.min(far, _SURE):
+        return False
+    seen = float(_SURE)
+    while far - seen > 0.1:
+        radius = wp.min(seen + 0.95 * _SURE, wp.max(far - 0.95 * _SURE, 1.0))
+        points = int(wp.ceil(2.0 * wp.pi * radius / (0.6 * _SURE)))
+        for i in range(points):
+            angle = 2.0 * wp.pi * float(i) / float(points)
+            beside = point + radius * wp.vec2(wp.cos(angle), wp.sin(angle))
+            if _distance(fields, start, box, beside) <= _SURE:
+                return False
+        seen = radius + 0.95 * _SURE
+    return True
+
+
+@wp.func
 def _huber(residual: float, corner: float) -> float:
     """A residual's square, or what goes on linearly above the corner."""
     size = wp.abs(residual)
@@ -130,7 +155,7 @@ def _find_residuals(
         )
         if box[2] > 0 and inside and length > 1.0e-6:
             normal = wp.vec2(-along[1], along[0]) / length
-            if is_outline(outline, c, k, middle, normal):
+            if is_outline(outline, c, k, size[1], middle, normal):
                 px = 2.0 * views.lens[k][0] / (a[2] + b[2])  # of a metre at the edge
                 reach = matching.reach * px
                 corner = matching.huber * px
@@ -138,7 +163,7 @@ def _find_residuals(
                 matched = wp.abs(found) <= reach
                 share = length / (matching.sigma * matching.sigma * px * px * matching.apart)
                 residual = wp.where(matched, found, reach)
-                exposed = wp.where(_distance(fields, start, box, middle) > matching.deep * px, length / px, 0.0)
+                exposed = wp.where(_is_far(fields, start, box, middle, matching.deep * px), length / px, 0.0)
                 cost = share * _huber(residual, corner)
                 residuals.normal[c, k, s] = normal
                 if matched:

@@ -14,6 +14,7 @@ from typing import Any
 import warp as wp
 
 from mmocap_warp.bench.against import DRAWING, OPTIMIZING, PEERS
+from mmocap_warp.bench.contours import contour_frames
 from mmocap_warp.bench.evaluations import evaluations, moving_parts
 from mmocap_warp.bench.growth import growth
 from mmocap_warp.bench.optimizer_peers import optimizer_peers
@@ -115,6 +116,7 @@ def _steps(plan: Plan, load: Workload) -> Iterator[list[Measurement]]:
     yield from measure_generations(load, device, threads[0], plan.seconds)
     yield from measured(frames(load, device, threads[-1]))
     yield from measured(same_frames(load, (1, plan.runs), plan.budget, device, threads[-1]))
+    yield from measured(contour_frames(load, (1, plan.runs), device))
     yield from measured(peers(load, [name for name in plan.against if name in DRAWING]), "cpu")
     optimizers = [name for name in plan.against if name in OPTIMIZING]
     yield from measured(optimizer_peers(optimizers, (1, plan.runs)), "cpu")

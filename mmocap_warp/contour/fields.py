@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -58,14 +59,14 @@ class DistanceFields:
 
     def _observe(self, observations: Sequence[Observation], first: int) -> None:
         frames = len(observations)
-        if frames != self._masks.word.shape[0]:
+        if frames != self._word.shape[0]:
             self._take(frames)
         places = slice(first, first + frames)
-        self._masks.place.assign(np.arange(first, first + frames, dtype=np.int32))
+        self._place.assign(np.arange(first, first + frames, dtype=np.int32))
         for words, observation in zip(self._host.numpy(), observations, strict=True):
             words[...] = observation.words
-        if self._host is not self._masks.word:
-            wp.copy(self._masks.word, self._host)
+        if self._host is not self._word:
+            wp.copy(self._word, self._host)
         find_boxes(self._masks, self._scratch, self._found)
         shown = np.array([observation.foreground for observation in observations]) >= _FEWEST
         self._box[places] = self._found.numpy() * shown[..., None]
@@ -84,10 +85,12 @@ class DistanceFields:
         shape = (frames, len(self._rig), height, words_per_row(width))
         word = wp.zeros(shape, dtype=wp.uint32, device=self._device)
         # What is copied from pinned memory is copied beside other work.
-        self._host = word if word.device.is_cpu else wp.zeros(shape, dtype=wp.uint32, device="cpu", pinned=True)
-        self._masks: Masks = filled(
-            Masks, word=word, size=self._size, place=wp.zeros(frames, dtype=wp.int32, device=self._device)
+        self._host = (
+            word if wp.get_device(self._device).is_cpu else wp.zeros(shape, dtype=wp.uint32, device="cpu", pinned=True)
         )
+        self._word = word
+        self._place = wp.zeros(frames, dtype=wp.int32, device=self._device)
+        self._masks: Masks = filled(Masks, word=word, size=self._size, place=self._place)
         self._found = wp.zeros(shape[:2], dtype=wp.vec4i, device=self._device)
 
     def _reserve(self, room: int, frames: int) -> None:
@@ -107,6 +110,6 @@ class DistanceFields:
                 setattr(self._workings, name, array)
 
 
-def _workings(pixels: int, device: str) -> dict[str, wp.array]:
+def _workings(pixels: int, device: str) -> dict[str, wp.array[Any]]:
     types = {"inside": wp.uint8, "across": wp.uint8, "rough": wp.float32}
     return {name: wp.empty(pixels, dtype=dtype, device=device) for name, dtype in types.items()}

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -25,7 +27,7 @@ from mmocap_warp.kernels.contour import jacobian, normal_equations, outline, res
 from mmocap_warp.kernels.contour.descent import MOST_SEARCHED, Descent, descend
 from mmocap_warp.kernels.contour.jacobian import Posed, RestChange, Rows, Tree, differentiate, move_origins, turn_axes
 from mmocap_warp.kernels.contour.normal_equations import Sums, sum_normal_equations
-from mmocap_warp.kernels.contour.outline import Edges, Outline, find_contours
+from mmocap_warp.kernels.contour.outline import BANDS, Edges, Outline, find_contours
 from mmocap_warp.kernels.contour.residuals import Matching, Residuals, find_residuals
 from mmocap_warp.kernels.structs import filled
 from mmocap_warp.kernels.views.projection import Views
@@ -93,7 +95,8 @@ class ContourFitter:
         self._joints = JointArrays(candidates, len(skeleton.joints), device)
         vertices, joints, cameras = len(mesh.rest), len(skeleton.joints), len(rig)
         self._vertex = wp.array(np.arange(vertices), dtype=wp.int32, device=device)
-        self._posed = filled(
+        # To mypy the fields of a struct are what kernels see of them, hence Any where they are used here too.
+        self._posed: Any = filled(
             Posed,
             body=self.body.struct,
             joints=self._joints.struct,
@@ -107,7 +110,7 @@ class ContourFitter:
             edge=wp.array(edge, dtype=wp.vec4i, device=device),
         )
         self._tree = _tree(skeleton, self.index, device)
-        self._change = _change(parameters, vertices, joints, candidates, device)
+        self._change: Any = _change(parameters, vertices, joints, candidates, device)
         config = matching or MatchingConfig()
         self._matching = filled(Matching, **asdict(config))
         size = min(len(edge), max(_MOST_CONTOUR, len(edge) // 2))
@@ -122,19 +125,26 @@ class ContourFitter:
             width=width,
         )
         triangle = _triangle(width)
-        self._sums = filled(
+        self._sums: Any = filled(
             Sums,
             triangle=wp.zeros(candidates * cameras * triangle, dtype=wp.float32, device=device),
             tally=wp.zeros(view, dtype=wp.vec4, device=device),
         )
-        self.descent = _descent(self.index, limits, view, width, device)
+        self.descent: Any = _descent(self.index, limits, view, width, device)
         for module in (skinning, outline, residuals, jacobian, normal_equations, descent_kernels):
             wp.load_module(module, device=device)  # before threads launch from them at the same time
         self._batches: dict[int, list[Batch]] = {}
+        # By the number of candidates and of steps, with the fields' values that a graph knows: more room is elsewhere.
+        self._graphs: dict[tuple[int, int], tuple[wp.Graph, wp.array[Any]]] = {}
+        self._has_run = False
 
     def observe(self, place: int, observation: Observation) -> None:
         """Put a frame's masks into one of the places for frames."""
         self.fields.observe(place, observation)
+
+    def observe_all(self, observations: Sequence[Observation], first: int = 0) -> None:
+        """Put frames' masks into as many places, from ``first`` on."""
+        self.fields.observe_all(observations, first)
 
     def reshape(self, rest: np.ndarray, joint_rest: np.ndarray) -> None:
         """Take another rest body: (vertex, 3) of the tracking mesh and (joint, 3) [m]."""
@@ -166,8 +176,26 @@ class ContourFitter:
         """Take damped steps with the first ``count`` candidates, from ``descent.pose`` towards lower cost.
 
         Before: ``descent.pose``, ``body.root_base`` and ``fields.frame`` are set. After: ``descent.best`` has the
-        poses, with their ``cost`` and ``tally``.
+        poses, with their ``cost`` and ``tally``. On a GPU nothing waits for them, and the second descent of a kind is
+        captured as a graph that later ones replay: arrays that are looked at must stay, their values may change.
         """
+        if wp.get_device(self._device).is_cpu:
+            self._run(count, steps)
+            return
+        graph, value = self._graphs.get((count, steps), (None, None))
+        if graph is None or value is not self.fields.value:
+            if not self._has_run:  # not captured, because it may load what a capture must not
+                self._run(count, steps)
+                self._has_run = True
+                return
+            self._each_batch(count)  # which a capture must not allocate
+            with wp.ScopedCapture(self._device) as capture:
+                self._run(count, steps)
+            graph = capture.graph
+            self._graphs[count, steps] = graph, self.fields.value
+        wp.capture_launch(graph)
+
+    def _run(self, count: int, steps: int) -> None:
         descent = self.descent
         wp.copy(descent.start, descent.pose)
         descent.cost.fill_(wp.inf)
@@ -222,10 +250,11 @@ class ContourFitter:
 
 
 _MOST_CONTOUR = 2048  # contour edges of a view for which there is room even in a small mesh
+_BANDS_OF_AN_EDGE = 2  # for which there is room, on average
 _FIRST_DAMPING = 1.0e-3
 
 
-def _assign(array: wp.array, values: np.ndarray) -> None:
+def _assign(array: wp.array[Any], values: np.ndarray) -> None:
     """Write the first rows of an array."""
     host = wp.array(np.ascontiguousarray(values), dtype=array.dtype, device=array.device)
     wp.copy(array, host, count=host.size)
@@ -301,7 +330,9 @@ def _outline(view: tuple[int, int], size: int, mesh: SkinMesh, edges: int, devic
         found=wp.zeros((*view, edges), dtype=wp.int32, device=device),
         count=wp.zeros(view, dtype=wp.int32, device=device),
         ends=wp.zeros((*view, size), dtype=wp.vec2i, device=device),
-        line=wp.zeros(view[0] * view[1] * 4 * size, dtype=wp.float32, device=device),
+        room=_BANDS_OF_AN_EDGE * size,
+        line=wp.zeros(view[0] * view[1] * 4 * _BANDS_OF_AN_EDGE * size, dtype=wp.float32, device=device),
+        band=wp.zeros((*view, BANDS + 1), dtype=wp.int32, device=device),
     )
 
 
@@ -317,7 +348,7 @@ def _residuals(shape: tuple[int, int, int], device: str) -> Residuals:
 def _descent(index: np.ndarray, limits: np.ndarray, view: tuple[int, int], width: int, device: str) -> Descent:
     candidates, coordinates = view[0], len(limits)
 
-    def poses() -> wp.array:
+    def poses() -> wp.array[Any]:
         return wp.zeros((candidates, coordinates), dtype=wp.float32, device=device)
 
     return filled(

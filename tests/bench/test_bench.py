@@ -92,6 +92,7 @@ def test_everything_is_measured_once(report):
     for optimizer in ("cmaes", "de", "pso", "apf"):
         assert ("ask and tell", optimizer) in names
     assert {("a generation", "h-cmaes: mean of the parts"), ("a generation", "cmaes: whole body")} <= names
+    assert {("contour", "fields"), ("contour", "4 steps"), ("contour", "frame")} <= names
     assert {("a frame", "h-cmaes"), ("peers", "opencv")} <= names
 
 
@@ -102,7 +103,7 @@ def bench_one_case(monkeypatch, small):
     def bench(check):
         case = Case("kernels", "raster", {}, lambda: None, lambda: check)
         monkeypatch.setattr(suite_module, "stages", lambda *_: iter([[case]]))
-        for name in ("moving_parts", "ask_and_tell", "frames", "same_frames", "measure_generations"):
+        for name in ("moving_parts", "ask_and_tell", "frames", "same_frames", "contour_frames", "measure_generations"):
             monkeypatch.setattr(suite_module, name, lambda *_: iter([]))
         return run_suite(Plan("cpu", 1, (), False, (), (2,), seconds=0.0), lambda _: None, small)
 

@@ -97,7 +97,8 @@ def test_the_cost_of_the_best_is_its_own(device):
     descent = fitter.descent
     best, cost, tally = (array.numpy().copy() for array in (descent.best, descent.cost, descent.tally))
     away = (best - beside.astype(np.float32))[:, fitter.index].astype(float)
-    np.testing.assert_allclose(cost, tally[..., 0].sum(axis=1) + (descent.pull.numpy() * away**2).sum(axis=1), rtol=1e-5)
+    pulled = (descent.pull.numpy() * away**2).sum(axis=1)
+    np.testing.assert_allclose(cost, tally[..., 0].sum(axis=1) + pulled, rtol=1e-5)
     again = fitter.linearise(np.zeros(2, int), RootedPoses(np.tile(HOME, (2, 1, 1)), best.astype(float)))
     np.testing.assert_allclose(again.cost, 0.5 * tally[..., 0].sum(axis=1), rtol=1e-5)
 
@@ -155,6 +156,30 @@ def test_the_bits_depend_on_neither_threads_nor_neighbours(device, name):
     for candidates, threads in others:
         for one, other in zip(together, answers(candidates, threads), strict=True):
             np.testing.assert_array_equal(one, other)
+
+
+def test_descents_are_the_same_again_and_again(device):
+    """Of any kind in any order, with larger masks in between, whose fields move: on a GPU graphs are replayed."""
+    body, near = BODIES["person"], ring_rig(3, size=(320, 240), distance=2.5)
+    poses, seen = poses_of(body, 3, seed=8), poses_of(body, 1, seed=9)[0]
+    small, large = observed(body, seen + 4.0 * np.eye(len(seen))[2], near), observed(body, seen, near)
+    fitter = fitter_of(body, device, 3, rig=near)
+    arrays = set()
+
+    def again(frame: Observation, count: int, steps: int, fitter: ContourFitter) -> list[np.ndarray]:
+        fitter.observe(0, frame)
+        start(fitter, poses[:count])
+        fitter.descend(count, steps)
+        descent = fitter.descent
+        return [array.numpy()[:count].copy() for array in (descent.best, descent.cost, descent.tally)]
+
+    for frame, count, steps in ((0, 3, 2), (0, 3, 2), (0, 2, 2), (1, 3, 2), (0, 3, 2), (1, 3, 3), (1, 3, 3), (1, 2, 2)):
+        observation = (small, large)[frame]
+        expected = again(observation, count, steps, fitter_of(body, device, 3, rig=near))
+        for one, other in zip(again(observation, count, steps, fitter), expected, strict=True):
+            np.testing.assert_array_equal(one, other)
+        arrays.add(fitter.fields.value.ptr)
+    assert len(arrays) > 1
 
 
 def test_a_frame_without_foreground_changes_nothing(device):

@@ -11,14 +11,13 @@ from synthetic import ring_rig, synthetic_poses, synthetic_subject
 
 from mmocap_warp.kernels.block import scratch
 from mmocap_warp.kernels.contour.distance import (
-    FARTHEST,
     Masks,
     Workings,
     find_boxes,
     measure_distances,
     pixels_of,
 )
-from mmocap_warp.kernels.contour.residuals import Fields
+from mmocap_warp.kernels.contour.residuals import FARTHEST, Fields
 from mmocap_warp.kernels.structs import filled
 from mmocap_warp.synthesis.posing import ExactPoser
 from mmocap_warp.views.observation import pack_masks

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from contours import Contours, image_of
+from contours import MATCHING, Contours, image_of
 from other_bodies import arm_robot, quadruped
 from synthetic import ring_rig, synthetic_body
 
@@ -35,7 +35,7 @@ def case_of(body: BodyModel, device: str, change=None) -> Contours:
     rig = ring_rig(2)
     seen = pose[0] + rng.normal(0, 0.02, pose.shape[1])
     masks = silhouettes(rig, posed(body, base[0], seen), body.tracking_face)
-    matching = {"reach": 0.5, "huber": 0.012, "sigma": 0.012, "apart": 4.0, "deep": 0.04}
+    matching = MATCHING | {"reach": 0.5}
     return Contours(body, rig, pose[:2], base, device, change=change, matching=matching).summed(masks)
 
 

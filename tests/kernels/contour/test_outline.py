@@ -3,23 +3,34 @@
 import numpy as np
 import pytest
 import warp as wp
-from contours import Contours, contour_edges, depth_in_body, image_of
+from contours import Contours, contour_edges, depth_in_body, image_of, poisoned_outline
+from drawn import flat_rig
 from other_bodies import arm_robot, quadruped
 from random_scenes import any_rig, random_poses
 from synthetic import ring_rig, synthetic_body, synthetic_subject
 
+from mmocap_warp.body.mesh_pieces import mesh_edges
 from mmocap_warp.body.rotations import turn
-from mmocap_warp.kernels.contour.outline import Outline, is_outline
+from mmocap_warp.kernels.batch import batch_of
+from mmocap_warp.kernels.contour.outline import Edges, Outline, find_contours, is_outline
+from mmocap_warp.kernels.structs import filled
+from mmocap_warp.objective.silhouettes import ViewArrays
 
 PROBE = 0.75  # px outside an edge
 BODIES = {"person": synthetic_body(), "dog": quadruped(), "arm": arm_robot()}
 
 
 @wp.kernel
-def _ask(outline: Outline, middle: wp.array3d[wp.vec2], normal: wp.array3d[wp.vec2], answer: wp.array3d[wp.int32]):
+def _ask(
+    outline: Outline,
+    height: int,
+    middle: wp.array3d[wp.vec2],
+    normal: wp.array3d[wp.vec2],
+    answer: wp.array3d[wp.int32],
+):
     c, k, s = wp.tid()
     if s < outline.count[c, k]:
-        answer[c, k, s] = wp.where(is_outline(outline, c, k, middle[c, k, s], normal[c, k, s]), 1, 0)
+        answer[c, k, s] = wp.where(is_outline(outline, c, k, height, middle[c, k, s], normal[c, k, s]), 1, 0)
 
 
 def of_body(name: str, device: str, candidates: int = 3, **more) -> Contours:
@@ -63,22 +74,42 @@ def test_contours_are_closed(device, name):
             assert (np.bincount(start, minlength=vertices) == np.bincount(end, minlength=vertices)).all()
 
 
-def test_contours_of_a_box_seen_straight_from_the_front_are_closed(device):
-    """Its sides have no area but for roundings, which differ from one of a triangle's edges to the next."""
-    body = arm_robot()
-    rig = ring_rig(1, size=(160, 120))
+def test_contours_at_a_triangle_seen_from_its_side_are_closed(device):
+    """Its area is a rounding off zero, and which way differs from one of its edges to the next."""
     rng = np.random.default_rng(0)
-    poses = np.zeros((40, body.skeleton.coordinates))
-    poses[:, :3] = (0.0, 0.5, 0.0) + rng.uniform(-1.0, 1.0, (40, 1)) * rig.R[0, 2]  # along the camera's axis
-    case = Contours(body, rig, poses, np.tile(rig.R[0].T @ np.diag([1.0, -1.0, -1.0]), (40, 1, 1)), device).found()
-    for c in range(40):
-        start, end = np.array(directed(case, c, 0)).T
-        assert (np.bincount(start, minlength=200) == np.bincount(end, minlength=200)).all()
+    candidates = 4000
+    share = rng.uniform(0.1, 0.9, (candidates, 1))
+    ends = rng.uniform(-0.5, 0.5, (2, candidates, 2))
+    image = np.stack(
+        [ends[0], ends[1], share * ends[0] + (1 - share) * ends[1], rng.uniform(-0.5, 0.5, (candidates, 2))], 1
+    )
+    depth = rng.uniform(2.0, 4.0, (candidates, 4, 1))
+    posed = wp.array(np.concatenate([image * depth, depth], axis=2), dtype=wp.vec3, device=device)
+    face = np.array([(0, 1, 2), (0, 2, 3), (0, 3, 1), (1, 3, 2)], np.int32)
+    edge = mesh_edges(face)
+    edges = filled(
+        Edges, face=wp.array(face, dtype=wp.vec3i, device=device), edge=wp.array(edge, dtype=wp.vec4i, device=device)
+    )
+    rig = flat_rig([(640, 480)])
+    rig.K[0] = ((640.3, 0.0, 320.7), (0.0, 641.9, 240.1), (0.0, 0.0, 1.0))
+    outline = poisoned_outline(candidates, 1, 6, (4, 4, 6), device)
+    find_contours(edges, posed, ViewArrays(rig, device).struct, batch_of(0, candidates, candidates, device), outline)
+    for count, ends in zip(outline.count.numpy()[:, 0], outline.ends.numpy()[:, 0], strict=True):
+        start, end = ends[:count].T
+        assert (np.bincount(start, minlength=4) == np.bincount(end, minlength=4)).all()
 
 
+@pytest.mark.parametrize("bands", [1.0, 9.0], ids=["not sorted", "sorted into bands"])
 @pytest.mark.parametrize("name", BODIES)
-def test_outline_is_what_no_triangle_covers(device, name):
-    case = of_body(name, device)
+def test_outline_is_what_no_triangle_covers(device, name, bands):
+    """Also where the lines find no room in the bands."""
+    case = of_body(name, device, bands=bands)
+    if bands == 1.0:
+        case = of_body(name, device, bands=bands, size=int(case.outline.count.numpy().max()))
+    band = case.outline.band.numpy()
+    ends_first = (np.diff(band, axis=2) < 0).all(axis=2)
+    assert (np.diff(band, axis=2) >= 0).all(axis=2)[~ends_first].all()
+    assert ends_first.any() == (bands == 1.0)
     shape = (*case.outline.count.shape, case.size)
     middle, outward = np.zeros((*shape, 2)), np.zeros((*shape, 2))
     image = case.outline.image.numpy()[..., :2].astype(float)
@@ -89,7 +120,7 @@ def test_outline_is_what_no_triangle_covers(device, name):
             outward[c, k, s] = np.array([a[1] - b[1], b[0] - a[0]]) / max(np.hypot(*(b - a)), 1e-9)
     answer = wp.full(shape, -1, dtype=wp.int32, device=device)
     inputs = [wp.array(values, dtype=wp.vec2, device=device) for values in (middle, outward)]
-    wp.launch(_ask, dim=shape, inputs=[case.outline, *inputs], outputs=[answer], device=device)
+    wp.launch(_ask, dim=shape, inputs=[case.outline, 120, *inputs], outputs=[answer], device=device)
     for c, k in np.ndindex(*shape[:2]):
         count = case.outline.count.numpy()[c, k]
         probe = (middle + PROBE * outward)[c, k, :count]

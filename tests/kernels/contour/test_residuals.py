@@ -10,6 +10,7 @@ from synthetic import ring_rig, synthetic_body, synthetic_poses, synthetic_subje
 
 from mmocap_warp.contour.fields import DistanceFields
 from mmocap_warp.kernels.batch import batch_of
+from mmocap_warp.kernels.contour.outline import BANDS
 from mmocap_warp.kernels.contour.residuals import Matching, find_residuals
 from mmocap_warp.kernels.structs import filled
 from mmocap_warp.kernels.views.projection import Views
@@ -65,7 +66,8 @@ class Planted:
     def __init__(self, polygons: list[np.ndarray], masks: list[np.ndarray], device: str, frames=None, **matching):
         n, size = len(polygons), max(map(len, polygons))
         rig = flat_rig()
-        self.outline = poisoned_outline(n, 1, size, (size, 1, 1), device)
+        self.outline = poisoned_outline(n, 1, size, (size, 1, 1), device, bands=1.0)
+        self.outline.band.assign(np.tile(np.arange(BANDS + 1)[::-1], (n, 1, 1)).astype(np.int32))  # not sorted
         image, ends, line = (
             np.full((n, 1, size, 3), np.nan),
             np.zeros((n, 1, size, 2), int),
@@ -182,6 +184,25 @@ def test_outline_deep_outside_of_the_mask_is_exposed(device):
     for radius, exposed in ((40.0, 0.0), (36.0, 0.0), (30.0, 1.0), (10.0, 1.0), (60.0, 0.0)):
         planted = Planted([circle(40.0)], [disc(radius)], device, reach=0.01, deep=7.0 / SCALE)
         np.testing.assert_allclose(planted.tally()[:, 3], exposed * length / SCALE, rtol=1e-5)
+
+
+@pytest.mark.parametrize("deep", [3.0, 7.0, 9.0, 12.0, 16.0, 25.0])
+def test_exposed_is_what_is_farther_than_a_length_that_fields_do_not_reach(device, deep):
+    """Within a pixel or two of it, wherever around the outline the mask is."""
+    for angle in np.linspace(0, 2 * np.pi, 7):
+        beside = CENTRE + 100.0 * np.array([np.cos(angle), np.sin(angle)])
+        near, far = (
+            Planted([circle(6.0, n=12)], [disc(94.0 - gap, tuple(beside))], device, reach=0.01, deep=deep / SCALE)
+            for gap in (deep - 1.5, deep + 1.5)
+        )
+        length = np.hypot(*(np.roll(circle(6.0, n=12), -1, axis=0) - circle(6.0, n=12)).T)
+        middle = circle(6.0, n=12) + (np.roll(circle(6.0, n=12), -1, axis=0) - circle(6.0, n=12)) / 2
+        for planted, gap in ((near, deep - 1.5), (far, deep + 1.5)):
+            away = np.linalg.norm(middle - beside, axis=1) - (94.0 - gap)
+            exposed = planted.tally()[:, 3] > 0
+            np.testing.assert_allclose(planted.tally()[exposed, 3], length[exposed] / SCALE, rtol=1e-5)
+            sure = np.abs(away - deep) > 1.2
+            assert (exposed == (away > deep))[sure].all()
 
 
 def test_the_nearer_one_of_two_contours_counts(device):

@@ -159,6 +159,7 @@ class _Descent:
             moved, largest = self._stepped(rooted, equations, damping)
             there = self._clip.linearise(self._frames, moved)
             taken = self._around(moved, there).cost <= equations.cost * (1.0 + _NOISE)
+            taken |= ~contour.observed
             rooted, contour = moved.where(taken, rooted), there.where(taken, contour)
             damping = np.where(taken, np.maximum(damping / RAISE, 1.0), damping * RAISE)
             if largest < STOP:

@@ -20,9 +20,9 @@ ACCELERATION = 10.8
 COARSE_ACCELERATION = 72.0
 """The same for a first pass, in which the frames still find the contours that they belong to."""
 
-WINDOW = 4.0
+WINDOW = 2.0
 """What is solved together [s]."""
-OVERLAP = 0.7
+OVERLAP = 0.4
 """The end of a window that is solved again with what follows it [s]."""
 HELD = 2
 """Frames back to which an acceleration couples."""

@@ -158,8 +158,19 @@ def track_scene(scene: Scene, config: TrackConfig, output: Path, start: Start, c
         evaluations += answer.evaluations * config.runs
         progress(frame + 1, total, evaluations)
 
+        if config.acceleration and frame + 1 == total:
+            progress.next("smooth")
+
     with Progress("track", quiet=console.quiet) as progress:
-        tracked = track_frames(scene, subject, config, checkpoint=checkpoint, resume=start.resume, progress=report)
+        tracked = track_frames(
+            scene,
+            subject,
+            config,
+            checkpoint=checkpoint,
+            resume=start.resume,
+            progress=report,
+            smooth_progress=lambda frames: progress(frames, total),
+        )
     tracked = replace(tracked, config=tracked.config | {"scene": scene_reference(scene.path, output)})
     write_result(output, tracked)
     checkpoint.unlink(missing_ok=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,9 +20,9 @@ ACCELERATION = 10.8
 COARSE_ACCELERATION = 72.0
 """The same for a first pass, in which the frames still find the contours that they belong to."""
 
-WINDOW = 4.0
+WINDOW = 2.0
 """What is solved together [s]."""
-OVERLAP = 0.7
+OVERLAP = 0.4
 """The end of a window that is solved again with what follows it [s]."""
 HELD = 2
 """Frames back to which an acceleration couples."""
@@ -62,9 +63,6 @@ class ClipSolution:
     observed: np.ndarray
     cost: np.ndarray
 
-    def __getitem__(self, frames: slice) -> ClipSolution:
-        return ClipSolution(self.rooted[frames], self.observed[frames], self.cost[frames])
-
     def followed_by(self, *more: ClipSolution) -> ClipSolution:
         """These frames, then the others."""
         return ClipSolution(
@@ -72,6 +70,27 @@ class ClipSolution:
             np.concatenate([self.observed, *(each.observed for each in more)]),
             np.concatenate([self.cost, *(each.cost for each in more)]),
         )
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedWindow:
+    """Consecutive frames that were solved together.
+
+    Attributes:
+        rooted: their poses.
+        contour: what the contours say around these.
+        final: how many of them are final, from the first.
+    """
+
+    rooted: RootedPoses
+    contour: NormalEquations
+    final: int
+
+    @property
+    def solution(self) -> ClipSolution:
+        """The final frames."""
+        contour = self.contour[: self.final]
+        return ClipSolution(self.rooted[: self.final], contour.observed, contour.cost)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,37 +110,52 @@ class ClipProblem:
     rate: float
 
     def solved(self, rooted: RootedPoses, passes: tuple[Pass, ...] = coarse_then_fine()) -> ClipSolution:
-        """The clip's poses, from a pose for every frame; those of frames that show nothing don't matter.
+        """The clip's poses, from a pose for every frame; those of frames that show nothing don't matter."""
+        done = [window.solution for window in self.windows(rooted, passes)]
+        return done[0].followed_by(*done[1:])
 
-        Windows of frames are solved in turn, so that memory does not grow with the clip. All but a window's end is
-        final: the next window starts from there, with its last poses held.
+    def windows(
+        self,
+        rooted: RootedPoses,
+        passes: tuple[Pass, ...] = coarse_then_fine(),
+        shows: np.ndarray | None = None,
+    ) -> Iterator[SolvedWindow]:
+        """The clip's poses in windows of frames that are solved in turn, so that memory does not grow with the clip.
+
+        All but a window's end is final: the next window starts from there, with its last poses held.
+
+        Args:
+            rooted: a pose for every frame.
+            passes: how each window is solved.
+            shows: (frame,) bool, frames that a window may end after; None for those that show anything.
         """
         window, overlap = round(WINDOW * self.rate), round(OVERLAP * self.rate)
-        done: list[ClipSolution] = []
         first, held = 0, self.rooting.none
-        while first < len(rooted) or not done:
+        while first < len(rooted):
             last = min(first + window, len(rooted))
-            solution = self.solved_together(np.arange(first, last), rooted[first:last], held, passes)
+            solved, contour = self.solved_together(np.arange(first, last), rooted[first:last], held, passes)
+            final = last - first
             if last < len(rooted):
-                final = _final(solution.observed, overlap)
-                rooted = rooted[: first + final].followed_by(solution.rooted[final:], rooted[last:])
-                solution = solution[:final]
-            done.append(solution)
-            first += len(solution.cost)
-            held = held.followed_by(solution.rooted)[-HELD:]
-        return done[0].followed_by(*done[1:])
+                final = _final(contour.observed if shows is None else shows[first:last], overlap)
+                rooted = rooted[: first + final].followed_by(solved[final:], rooted[last:])
+            yield SolvedWindow(solved, contour, final)
+            first += final
+            held = held.followed_by(solved[:final])[-HELD:]
 
     def solved_together(
         self, frames: np.ndarray, rooted: RootedPoses, held: RootedPoses, passes: tuple[Pass, ...]
-    ) -> ClipSolution:
-        """Consecutive frames by their numbers, solved at once; ``held`` are the final poses before them."""
+    ) -> tuple[RootedPoses, NormalEquations]:
+        """Consecutive frames by their numbers, solved at once, and what the contours say around their poses.
+
+        ``held`` are the final poses before them.
+        """
         contour = self.linearise(frames, rooted)
         known = np.concatenate([np.ones(len(held), bool), contour.observed])
         rooted = filled(held.followed_by(rooted), known)[len(held) :]
         for each in passes:
             descent = _Descent(self, frames, held, MotionPenalty(each.acceleration, self.rate))
             rooted, contour = descent.down(rooted, contour, each.steps)
-        return ClipSolution(rooted, contour.observed, contour.cost)
+        return rooted, contour
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mmocap_warp.contour.clip import ACCELERATION, HELD, ClipProblem, ClipSolution, Pass
+from mmocap_warp.contour.clip import ACCELERATION, HELD, ClipProblem, ClipSolution, Pass, SolvedWindow
 from mmocap_warp.contour.rooted import RootedPoses
 
 LAG = 10
@@ -40,8 +40,8 @@ class FixedLag:
     def _solved(self, commit: int) -> ClipSolution:
         """The first ``commit`` of the waiting frames."""
         frames = np.arange(self._final, self._final + len(self._waiting))
-        solution = self._problem.solved_together(frames, self._waiting, self._held, self._passes)
+        rooted, contour = self._problem.solved_together(frames, self._waiting, self._held, self._passes)
         self._final += commit
-        self._waiting = solution.rooted[commit:]
-        self._held = self._held.followed_by(solution.rooted[:commit])[-HELD:]
-        return solution[:commit]
+        self._waiting = rooted[commit:]
+        self._held = self._held.followed_by(rooted[:commit])[-HELD:]
+        return SolvedWindow(rooted, contour, commit).solution

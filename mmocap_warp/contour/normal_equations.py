@@ -55,6 +55,14 @@ class NormalEquations:
     def __getitem__(self, frames: slice) -> NormalEquations:
         return NormalEquations(self.matrix[frames], self.gradient[frames], self.cost[frames])
 
+    def followed_by(self, other: NormalEquations) -> NormalEquations:
+        """These frames, then the others."""
+        return NormalEquations(
+            np.concatenate([self.matrix, other.matrix]),
+            np.concatenate([self.gradient, other.gradient]),
+            np.concatenate([self.cost, other.cost]),
+        )
+
 
 LineariseFrames = Callable[[np.ndarray, RootedPoses], NormalEquations]
 """The equations of frames, by their numbers (frame,) and their poses; n is the number of searched coordinates."""

@@ -58,16 +58,19 @@ class Rooting:
         skeleton: the joints.
         root_base: (3, 3), world from body axes at zero root rotation, the same for all frames.
         searched: (dof,) coordinates that steps are taken in.
+        limits: (coordinate, 2) lowest and highest value of every coordinate; None for the joints' own.
     """
 
-    def __init__(self, skeleton: Skeleton, root_base: np.ndarray, searched: np.ndarray) -> None:
+    def __init__(
+        self, skeleton: Skeleton, root_base: np.ndarray, searched: np.ndarray, limits: np.ndarray | None = None
+    ) -> None:
         self.searched = np.asarray(searched)
         self.root_base = np.asarray(root_base, float)
         self.folds = bool(np.isin(np.arange(_ROOT.start, _ROOT.stop), self.searched).all())
         self.none = RootedPoses(np.zeros((0, 3, 3)), np.zeros((0, skeleton.coordinates)))
         self._frame = skeleton.frame[0].astype(float)
         self._into_frame = np.linalg.inv(self._frame)  # of rounded numbers: its transpose would turn the root a little
-        limits = skeleton.coordinate_limits.copy()
+        limits = (skeleton.coordinate_limits if limits is None else limits).copy()
         if self.folds:
             limits[_ROOT] = -np.inf, np.inf
         self._limits = limits[self.searched]

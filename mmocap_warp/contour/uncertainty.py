@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmocap_warp.contour.clip import OVERLAP, WINDOW, ClipProblem
+from mmocap_warp.contour.clip import OVERLAP, ClipProblem, SolvedWindow
 from mmocap_warp.contour.motion_penalty import MotionPenalty
 from mmocap_warp.contour.motion_points import POINTS_A_JOINT
+from mmocap_warp.contour.normal_equations import NormalEquations
 from mmocap_warp.contour.rooted import RootedPoses
 
 
@@ -25,8 +26,34 @@ class Uncertainty:
     joint: np.ndarray
 
 
+class Deviations:
+    """Standard deviations of a clip's frames, window by window as they are solved.
+
+    Args:
+        problem: the clip's.
+        acceleration: of the penalty that it is solved under [m/s^2].
+    """
+
+    def __init__(self, problem: ClipProblem, acceleration: float) -> None:
+        self._problem, self._acceleration = problem, acceleration
+        self._before: tuple[RootedPoses, NormalEquations] | None = None  # the frames before, which say something too
+
+    def of(self, window: SolvedWindow) -> Uncertainty:
+        """Those of the next window's final frames."""
+        rooted, contour = window.rooted, window.contour
+        first = 0
+        if self._before:
+            first = len(self._before[0])
+            rooted, contour = self._before[0].followed_by(rooted), self._before[1].followed_by(contour)
+        covariance = marginal_covariance(self._problem, contour, rooted, self._acceleration)
+        own = slice(first, first + window.final)
+        kept = slice(max(own.stop - round(OVERLAP * self._problem.rate), 0), own.stop)
+        self._before = rooted[kept], contour[kept]
+        return _deviations(self._problem, rooted[own], covariance[own])
+
+
 def marginal_covariance(
-    problem: ClipProblem, frames: np.ndarray, rooted: RootedPoses, acceleration: float
+    problem: ClipProblem, contour: NormalEquations, rooted: RootedPoses, acceleration: float
 ) -> np.ndarray:
     """Covariance of the searched coordinates of each frame, (frame, dof, dof), all others unknown too.
 
@@ -35,28 +62,13 @@ def marginal_covariance(
 
     Args:
         problem: the clip's.
-        frames: consecutive, by their numbers.
+        contour: what the contours of consecutive frames say.
         rooted: their poses, solved.
         acceleration: of the penalty that they were solved under [m/s^2].
     """
-    contour = problem.linearise(frames, rooted)
     points = problem.points.linearised(rooted)
     motion = MotionPenalty(acceleration, problem.rate).around(*points, contour.observed)
     return (motion.band + contour.with_prior(problem.rooting.anywhere**-2.0)).inverse_diagonal()
-
-
-def uncertainty(problem: ClipProblem, rooted: RootedPoses, acceleration: float) -> Uncertainty:
-    """Standard deviations of a clip's solved poses, in windows that overlap on both sides; arguments as above."""
-    window, overlap = round(WINDOW * problem.rate), round(OVERLAP * problem.rate)
-    pieces = []
-    for first in range(0, len(rooted), window):
-        before, after = max(first - overlap, 0), min(first + window + overlap, len(rooted))
-        covariance = marginal_covariance(problem, np.arange(before, after), rooted[before:after], acceleration)
-        own = slice(first - before, first - before + window)
-        pieces.append(_deviations(problem, rooted[first : first + window], covariance[own]))
-    return Uncertainty(
-        np.concatenate([piece.pose for piece in pieces]), np.concatenate([piece.joint for piece in pieces])
-    )
 
 
 def _deviations(problem: ClipProblem, rooted: RootedPoses, covariance: np.ndarray) -> Uncertainty:

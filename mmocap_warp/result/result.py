@@ -57,7 +57,7 @@ class Result:
         seconds: wall-clock time of the search, images left out [s].
         config: the full configuration as JSON-compatible values; ``config["seed"]`` is the first run's seed.
         versions: package versions and device.
-        raw_pose: like ``pose``, the track before it was smoothed, NaN where a frame had none; None if it was not.
+        raw_pose: like ``pose``, the track before it was smoothed; None if it was not.
         angle_sigma: like ``pose``, standard deviation of each coordinate [m, rad], NaN where it is unknown; None if
             the tracker does not tell.
         joint_sigma: (run, frame, joint, 3) float64, standard deviation of each joint's place along the world's axes

@@ -19,6 +19,7 @@ from mmocap_warp.study.metrics import measure
 from mmocap_warp.study.source import Clip, OpenClip, clip_facts, open_clip
 from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.memory_need import fitting_tracker
+from mmocap_warp.tracking.smoothing import smoothed
 from mmocap_warp.tracking.track import collect
 from mmocap_warp.views.observation import Observation
 
@@ -114,6 +115,8 @@ class Worker:
             if pace.due():
                 yield Advance("search", len(answers), total, evaluations)
         tracked = collect(clip.subject, clip.rig, clip.fps, config, answers)
+        if config.acceleration:
+            tracked = smoothed(tracked, config, self._observations)
         per_frame, per_run = measure(tracked, clip.truth)
         yield CellResult(
             cell=job.cell,

@@ -50,7 +50,8 @@ def tracked_masks(
     """
     scale = float(result.config.get("scale", 1.0))
     first, frames = int(result.frame_numbers[position]), len(result.frame_numbers) - position
-    last_poses = iter([result.subject.pose[None], *np.moveaxis(result.pose, 1, 0)][position:])
+    tracked = result.pose if result.raw_pose is None else result.raw_pose
+    last_poses = iter([result.subject.pose[None], *np.moveaxis(tracked, 1, 0)][position:])
     follows = scene.foreground.keep == "nearest"
     body = body_masks(result.subject, scene.rig(scale), lambda: next(last_poses)) if follows else None
     return scene.masks(scale, first, count or frames, body)

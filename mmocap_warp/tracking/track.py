@@ -13,11 +13,12 @@ from mmocap_warp.body.model import Subject
 from mmocap_warp.device import resolve_device
 from mmocap_warp.formats.toml_table import config_from_table
 from mmocap_warp.result.result import FrameAnswer, Result
-from mmocap_warp.tracking.body_masks import body_masks
+from mmocap_warp.tracking.body_masks import body_masks, tracked_masks
 from mmocap_warp.tracking.checkpoint import Checkpoint, FinishedFrame, Memory, check_same_run
 from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.memory_need import fitting_tracker
 from mmocap_warp.tracking.run_identity import run_identity
+from mmocap_warp.tracking.smoothing import SmoothReport, smoothed
 from mmocap_warp.versions import versions
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
@@ -66,6 +67,7 @@ def track(
     checkpoint: Path | None = None,
     resume: bool = False,
     progress: FrameReport | None = None,
+    smooth_progress: SmoothReport | None = None,
     **settings: Any,
 ) -> Result:
     """Track a scene from its first frame to its last.
@@ -77,6 +79,8 @@ def track(
         checkpoint: file that progress is saved to, every few seconds and when the run is interrupted.
         resume: continue from ``checkpoint`` where it exists; the result has the same bits as an uninterrupted run's.
         progress: called after every frame, also once for each frame that was already done.
+        smooth_progress: called with the number of frames whose poses are final, while the track is smoothed. That
+            reads the masks again; a run that is resumed smooths its whole track anew.
         settings: fields of :class:`TrackConfig` to replace those of ``config``, such as ``evaluations=200``.
 
     Raises:
@@ -85,6 +89,23 @@ def track(
             device's memory.
     """
     config = replace(config or config_from_table(TrackConfig, scene.settings("track")), **settings)
+    answers = _tracked(scene, subject, config, checkpoint, resume, progress)
+    result = collect(subject, scene.rig(config.scale), scene.fps, config, answers)
+    if not config.acceleration:
+        return result
+    observations = (Observation.from_masks(masks) for masks in tracked_masks(scene, result))
+    return smoothed(result, config, observations, smooth_progress)
+
+
+def _tracked(
+    scene: Scene,
+    subject: Subject,
+    config: TrackConfig,
+    checkpoint: Path | None,
+    resume: bool,
+    progress: FrameReport | None,
+) -> list[FrameAnswer]:
+    """Every frame's answer; see :func:`track`."""
     rig = scene.rig(config.scale)
     identity = run_identity(scene, subject, config) if checkpoint else {}
     if checkpoint and resume:
@@ -117,12 +138,14 @@ def track(
                 progress(len(done) - 1, answer)
             if store and store.due:
                 store.save(done, memory)
+        if store:
+            store.save(done, memory)
     except BaseException:
         if store:
             frames, memory = whole
             store.save(done[:frames], memory)
         raise
-    return collect(subject, rig, scene.fps, config, [answer for answer, _ in done])
+    return [answer for answer, _ in done]
 
 
 def track_observations(
@@ -133,15 +156,18 @@ def track_observations(
     config: TrackConfig,
     progress: FrameReport | None = None,
 ) -> Result:
-    """Track consecutive observations in memory or from any stream.
+    """Track consecutive observations in memory or from any stream; they are kept until the track is smoothed.
 
     Raises:
         InputError: more than fits into the device's memory.
     """
     tracker = fitting_tracker(subject, rig, config, fps)
-    answers = []
+    answers, kept = [], []
     for number, observation in enumerate(observations):
         answers.append(tracker.step(observation))
+        if config.acceleration:
+            kept.append(observation)
         if progress:
             progress(number, answers[-1])
-    return collect(subject, rig, fps, config, answers)
+    result = collect(subject, rig, fps, config, answers)
+    return smoothed(result, config, kept) if config.acceleration else result

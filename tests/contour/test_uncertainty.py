@@ -7,12 +7,12 @@ from planted import Planted, dense, swung
 from synthetic import synthetic_body
 
 from mmocap_warp.body.rotations import turn
-from mmocap_warp.contour import uncertainty as module
+from mmocap_warp.contour import clip, uncertainty
 from mmocap_warp.contour.clip import ACCELERATION, ClipProblem
 from mmocap_warp.contour.motion_penalty import MotionPenalty
 from mmocap_warp.contour.normal_equations import NormalEquations
 from mmocap_warp.contour.rooted import RootedPoses, Rooting
-from mmocap_warp.contour.uncertainty import marginal_covariance, uncertainty
+from mmocap_warp.contour.uncertainty import Deviations, Uncertainty, marginal_covariance
 
 BODY = synthetic_body()
 SKELETON = BODY.skeleton
@@ -27,19 +27,26 @@ def clip_of(frames: int, sigma: np.ndarray | float) -> tuple[ClipProblem, Rooted
     return ClipProblem(planted, rooting, planted.points, 60.0), rooted
 
 
+def stated_by(problem: ClipProblem, rooted: RootedPoses) -> Uncertainty:
+    deviations = Deviations(problem, ACCELERATION)
+    pieces = [deviations.of(window) for window in problem.windows(rooted)]
+    pose, joint = zip(*((piece.pose, piece.joint) for piece in pieces), strict=True)
+    return Uncertainty(np.concatenate(pose), np.concatenate(joint))
+
+
 def test_covariances_are_those_of_the_dense_inverse():
     problem, rooted = clip_of(7, 0.004)
     contour = problem.linearise(np.arange(7), rooted)
     motion = MotionPenalty(ACCELERATION, 60.0).around(*problem.points.linearised(rooted), contour.observed)
     whole = np.linalg.inv(dense(motion.band + contour.with_prior(problem.rooting.anywhere**-2.0)))
     expected = [whole[f * DOF : (f + 1) * DOF, f * DOF : (f + 1) * DOF] for f in range(7)]
-    got = marginal_covariance(problem, np.arange(7), rooted, ACCELERATION)
+    got = marginal_covariance(problem, contour, rooted, ACCELERATION)
     np.testing.assert_allclose(got, expected, rtol=1e-6, atol=1e-9 * np.abs(expected).max())
 
 
 def test_joints_are_as_unsure_as_the_noise_makes_them():
     problem, rooted = clip_of(12, 0.004)
-    stated = uncertainty(problem, rooted, ACCELERATION)
+    stated = stated_by(problem, rooted)
     true = problem.points.at(rooted)
     rng = np.random.default_rng(3)
     errors, angles = [], []
@@ -58,7 +65,7 @@ def test_unseen_frames_are_unsure_and_what_is_held_is_not():
     seen = np.full(30, 0.004)
     seen[10:20] = np.inf
     problem, rooted = clip_of(30, seen)
-    stated = uncertainty(problem, rooted, ACCELERATION)
+    stated = stated_by(problem, rooted)
     assert (stated.joint[15] > stated.joint[11]).all()
     assert (stated.joint[15] > 3 * stated.joint[5]).all()
     held = np.setdiff1d(np.arange(SKELETON.coordinates), SKELETON.searched())
@@ -68,17 +75,18 @@ def test_unseen_frames_are_unsure_and_what_is_held_is_not():
 
 def test_what_nothing_shows_is_as_wide_as_its_limits():
     problem, rooted = clip_of(4, np.inf)
-    stated = uncertainty(problem, rooted, ACCELERATION)
+    stated = stated_by(problem, rooted)
     assert (stated.pose[:, SKELETON.searched()] <= problem.rooting.anywhere).all()
     assert (stated.pose[:, SKELETON.searched()] > 0.3 * problem.rooting.anywhere).all()
 
 
 def test_windows_say_what_the_whole_clip_says(monkeypatch):
     problem, rooted = clip_of(50, 0.004)
-    whole = uncertainty(problem, rooted, ACCELERATION)
-    monkeypatch.setattr(module, "WINDOW", 0.25)
-    monkeypatch.setattr(module, "OVERLAP", 0.25)
-    windows = uncertainty(problem, rooted, ACCELERATION)
+    whole = stated_by(problem, rooted)
+    monkeypatch.setattr(clip, "WINDOW", 0.5)
+    for module in clip, uncertainty:
+        monkeypatch.setattr(module, "OVERLAP", 0.25)
+    windows = stated_by(problem, rooted)
     np.testing.assert_allclose(windows.joint, whole.joint, rtol=0.01)
     np.testing.assert_allclose(windows.pose, whole.pose, rtol=0.01)
 

@@ -1,0 +1,205 @@
+"""A track and its masks to the clip's poses: all frames as one problem, from masks that are read once."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from mmocap_warp.body.model import Subject
+from mmocap_warp.body.skeleton import TRANSLATION
+from mmocap_warp.contour.clip import WINDOW, ClipProblem, SolvedWindow, coarse_then_fine
+from mmocap_warp.contour.fitter import ContourFitter
+from mmocap_warp.contour.motion_points import MotionPoints
+from mmocap_warp.contour.normal_equations import NormalEquations
+from mmocap_warp.contour.rooted import RootedPoses, Rooting
+from mmocap_warp.contour.uncertainty import Deviations, Uncertainty
+from mmocap_warp.device import available_threads, resolve_device
+from mmocap_warp.objective.objective import Objective
+from mmocap_warp.result.result import STATUS, Result
+from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.tracking.pose_search import search_limits
+from mmocap_warp.tracking.tracker import overlap
+from mmocap_warp.views.observation import Observation
+
+SmoothReport = Callable[[int], None]
+"""Called with the number of frames that are final."""
+
+_LOST, _INTERPOLATED = STATUS.index("lost"), STATUS.index("interpolated")
+_CANDIDATES = 32  # poses that are linearised at a time
+_ROOT_ANGLES = slice(TRANSLATION, TRANSLATION + 3)
+
+
+def smoothed(
+    raw: Result, config: TrackConfig, observations: Iterable[Observation], progress: SmoothReport | None = None
+) -> Result:
+    """The clip's poses as one problem, with their standard deviations.
+
+    Frames that are lost have no contours: they are filled in by those around them and are then ``interpolated``, but
+    stay ``lost`` before a run's first and after its last frame with a pose.
+
+    Args:
+        raw: the track.
+        config: its settings, with an ``acceleration``.
+        observations: the masks that it was tracked from; a window of them is held at a time.
+        progress: called after each window.
+    """
+    started = time.perf_counter()
+    masks = _Masks(raw, config, observations)
+    judge = _Judge(raw, config)
+    # A window ends after a frame that has masks, so that all runs have the same windows, and want the same masks.
+    masked = np.isfinite(raw.iou).any(axis=(0, 2))
+    runs = [_Run(raw, config, masks, run, masked) for run in range(len(raw.pose))]
+    done = 0
+    cost, iou = raw.cost.copy(), raw.iou.copy()
+    for windows in zip(*(run.windows for run in runs), strict=True):
+        for run, window in zip(runs, windows, strict=True):
+            run.finish(window)
+        for frame in range(done, done + windows[0].final):
+            poses = np.stack([run.pose[frame] for run in runs])
+            cost[:, frame], iou[:, frame] = judge(masks.observation(frame), poses)
+        done += windows[0].final
+        if progress:
+            progress(done)
+    seconds = time.perf_counter() - started - masks.reading
+    return replace(
+        raw,
+        pose=np.stack([run.pose for run in runs]),
+        cost=cost,
+        iou=iou,
+        status=_with_interpolated(raw.status),
+        seconds=raw.seconds + seconds,
+        raw_pose=raw.pose,
+        angle_sigma=np.stack([run.sigma.pose for run in runs]),
+        joint_sigma=np.stack([run.sigma.joint for run in runs]),
+    )
+
+
+class _Masks:
+    """The masks of a window of frames, as distance fields, and what they say about poses.
+
+    Args:
+        raw: whose body and cameras.
+        config: settings.
+        observations: of all frames, read as they are asked for.
+
+    Attributes:
+        reading: how long that took so far [s].
+    """
+
+    def __init__(self, raw: Result, config: TrackConfig, observations: Iterable[Observation]) -> None:
+        subject = raw.subject
+        self.searched = subject.body.skeleton.searched(config.dof)
+        self.limits = search_limits(subject, config)
+        self._places = max(1, min(round(WINDOW * raw.fps), len(raw.frame_numbers)))
+        self._fitter = ContourFitter(
+            subject.body,
+            raw.cameras,
+            self.searched,
+            self.limits,
+            candidates=min(_CANDIDATES, self._places),
+            frames=self._places,
+            device=resolve_device(config.device),
+            threads=config.threads or available_threads(),
+        )
+        self._unread: Iterator[Observation] = iter(observations)
+        self._held: list[Observation] = []
+        self._read = 0
+        self.reading = 0.0
+
+    def observation(self, frame: int) -> Observation:
+        """One of the last frames that were read."""
+        return self._held[frame % self._places]
+
+    def linearise(self, frames: np.ndarray, rooted: RootedPoses, seen: np.ndarray) -> NormalEquations:
+        """What the contours say about frames of the window, or further on; nothing about those not ``seen``."""
+        while self._read <= frames[-1]:
+            self._observe_next()
+        contour = self._fitter.linearise(frames % self._places, rooted)
+        return NormalEquations(
+            contour.matrix * seen[:, None, None], contour.gradient * seen[:, None], contour.cost * seen
+        )
+
+    def _observe_next(self) -> None:
+        started = time.perf_counter()
+        observation = next(self._unread)
+        self.reading += time.perf_counter() - started
+        place = self._read % self._places
+        self._held[place : place + 1] = [observation]
+        self._fitter.observe(place, observation)
+        self._read += 1
+
+
+class _Run:
+    """A run's clip.
+
+    Attributes:
+        windows: solved when they are asked for.
+        pose: (frame, coordinate) float64, as far as windows were finished.
+        sigma: likewise.
+    """
+
+    def __init__(self, raw: Result, config: TrackConfig, masks: _Masks, run: int, masked: np.ndarray) -> None:
+        subject, track = raw.subject, raw.pose[run]
+        skeleton = subject.body.skeleton
+        seen = raw.status[run] != _LOST
+        self._rooting = Rooting(skeleton, subject.root_base, masks.searched, masks.limits)
+        problem = ClipProblem(
+            lambda frames, rooted: masks.linearise(frames, rooted, seen[frames]),
+            self._rooting,
+            MotionPoints(skeleton, subject.body.joint_rest, masks.searched),
+            raw.fps,
+        )
+        self.windows = problem.windows(self._rooting.enter(track), coarse_then_fine(config.acceleration), masked)
+        self._deviations = Deviations(problem, config.acceleration)
+        self._last = track[0, _ROOT_ANGLES]
+        self._finished = 0
+        self.pose = track.copy()
+        self.sigma = Uncertainty(np.zeros_like(track), np.zeros((len(track), len(skeleton.joints), 3)))
+
+    def finish(self, window: SolvedWindow) -> None:
+        """Take over the next window's final frames."""
+        frames = slice(self._finished, self._finished + window.final)
+        self.pose[frames] = self._rooting.leave(window.rooted[: window.final], self._last)
+        sigma = self._deviations.of(window)
+        self.sigma.pose[frames], self.sigma.joint[frames] = sigma.pose, sigma.joint
+        self._last = self.pose[frames.stop - 1, _ROOT_ANGLES]
+        self._finished = frames.stop
+
+
+class _Judge:
+    """What poses cost, and how they overlap the masks."""
+
+    def __init__(self, raw: Result, config: TrackConfig) -> None:
+        subject: Subject = raw.subject
+        self._runs = len(raw.pose)
+        self._objective = Objective(
+            subject.body,
+            subject.root_base,
+            raw.cameras,
+            self._runs,
+            cost=config.cost,
+            renderer=config.renderer,
+            device=resolve_device(config.device),
+            threads=config.threads or available_threads(),
+        )
+
+    def __call__(self, observation: Observation, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Costs (run,) and overlaps (run, camera) of poses (run, coordinate); NaN where nothing is seen."""
+        if not observation.foreground.any():
+            return np.full(self._runs, np.nan), np.full((self._runs, len(observation.foreground)), np.nan)
+        objective = self._objective
+        objective.observe(observation)
+        objective.pose.assign(pose.astype(np.float32))
+        cost = objective.evaluate(self._runs).numpy()[: self._runs]
+        return cost, overlap(objective.count.numpy()[: self._runs], observation)
+
+
+def _with_interpolated(status: np.ndarray) -> np.ndarray:
+    """Status (run, frame) of frames that were filled in from both sides."""
+    found = status != _LOST
+    since, until = np.logical_or.accumulate(found, axis=1), np.logical_or.accumulate(found[:, ::-1], axis=1)[:, ::-1]
+    between: np.ndarray = ~found & since & until
+    return np.where(between, _INTERPOLATED, status).astype(status.dtype)

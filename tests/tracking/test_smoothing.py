@@ -1,0 +1,206 @@
+"""A track smoothed: nearer to the truth, honest about what it filled in, and the same bits however it was run."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from random_scenes import perfect_masks
+from synthetic import SKELETON, ring_rig, synthetic_subject
+
+from mmocap_warp.body.model import Subject
+from mmocap_warp.contour import clip
+from mmocap_warp.result.positions import joint_positions
+from mmocap_warp.result.result import STATUS, FrameAnswer, Result
+from mmocap_warp.scene.scene_toml import load_scene
+from mmocap_warp.scenes import ROOT
+from mmocap_warp.synthesis.walk import walking
+from mmocap_warp.tracking import smoothing
+from mmocap_warp.tracking.algorithms import ALGORITHMS
+from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.tracking.pose_search import PoseSearch
+from mmocap_warp.tracking.smoothing import smoothed
+from mmocap_warp.tracking.track import collect, track, track_observations
+from mmocap_warp.views.observation import Observation
+
+RIG = ring_rig(cameras=4, size=(240, 180))
+SUBJECT = synthetic_subject()
+FPS = 60.0
+FRAMES = 24
+NOISE = 0.03  # of the track's angles [rad]
+CONFIG = TrackConfig(device="cpu", threads=1, smooth=10.8)
+
+
+@cache
+def swinging() -> tuple[np.ndarray, list[Observation]]:
+    """Poses (frame, coordinate) of joints that swing back and forth, and what is seen of them."""
+    time = np.arange(FRAMES)[:, None] / FPS
+    index = SKELETON.searched()
+    rng = np.random.default_rng(2)
+    truth = np.tile(SUBJECT.pose, (FRAMES, 1))
+    swing = np.where(index < 3, 0.03, 0.15) * np.sin(2 * np.pi * time + rng.uniform(0, 2 * np.pi, len(index)))
+    limits = SKELETON.coordinate_limits[index]
+    truth[:, index] = np.clip(truth[:, index] + swing, *limits.T)
+    return truth, [Observation.from_masks(list(perfect_masks(SUBJECT, RIG, pose))) for pose in truth]
+
+
+def rough_track(runs: int = 1, lost: tuple[int, ...] = (), config: TrackConfig = CONFIG) -> Result:
+    """A track that errs by noise, with the last pose carried over in the frames that are ``lost``."""
+    truth, _ = swinging()
+    index = SKELETON.searched()
+    pose = np.repeat(truth[:, None], runs, axis=1)
+    pose[..., index] += np.random.default_rng(1).normal(0, NOISE, (FRAMES, runs, len(index)))
+    answers = []
+    for frame in range(FRAMES):
+        if frame in lost and frame:
+            pose[frame] = pose[frame - 1]
+        iou = np.full((runs, len(RIG)), np.nan if frame in lost else 0.5)
+        status = STATUS.index("lost" if frame in lost else "tracked")
+        answers.append(FrameAnswer(pose[frame], np.zeros(runs), iou, 1, status, 0.0))
+    return collect(SUBJECT, RIG, FPS, replace(config, runs=runs), answers)
+
+
+def joint_errors(pose: np.ndarray) -> np.ndarray:
+    """(frame, joint) [m]"""
+    truth, _ = swinging()
+    return np.linalg.norm(joint_positions(SUBJECT, pose) - joint_positions(SUBJECT, truth), axis=-1)
+
+
+def hidden(seen: list[Observation], lost: tuple[int, ...]) -> list[Observation]:
+    """The observations, with nothing in some frames."""
+    empty = [np.zeros((height, width), bool) for width, height in RIG.size]
+    return [Observation.from_masks(empty) if frame in lost else each for frame, each in enumerate(seen)]
+
+
+def test_the_clip_is_nearer_the_truth_than_its_frames():
+    raw = rough_track()
+    result = smoothed(raw, CONFIG, swinging()[1])
+    assert joint_errors(result.pose[0]).mean() < 0.4 * joint_errors(raw.pose[0]).mean()
+    np.testing.assert_array_equal(result.raw_pose, raw.pose)
+    assert (result.status == raw.status).all()
+    searched = SKELETON.searched()
+    assert (result.angle_sigma[..., searched] > 0).all()
+    assert not np.delete(result.angle_sigma, searched, axis=2).any()
+    assert (result.joint_sigma > 0).all()
+
+
+def test_cost_and_overlap_are_those_of_the_answer():
+    result = smoothed(rough_track(), CONFIG, swinging()[1])
+    search = PoseSearch(SUBJECT, RIG, CONFIG, algorithm=ALGORITHMS["cmaes"], evaluations=1, radii=(0.1, 0.1), runs=1)
+    for frame in (0, 11, FRAMES - 1):
+        observation = swinging()[1][frame]
+        search.observe(observation)
+        search.best_pose.assign(result.pose[:, frame].astype(np.float32))
+        count = search.judge()[0].astype(float)
+        union = count[:, 0] + observation.foreground - count[:, 1]
+        np.testing.assert_allclose(result.iou[0, frame], count[:, 1] / union)
+        assert result.cost[0, frame] == search.best_cost.numpy()[0]
+    assert result.iou.mean() > 0.9
+
+
+def test_lost_frames_are_filled_from_both_sides_and_say_so():
+    lost = (0, 9, 10, 11, FRAMES - 1)
+    result = smoothed(rough_track(lost=lost), CONFIG, hidden(swinging()[1], lost))
+    status = [STATUS[i] for i in result.status[0]]
+    assert [status[frame] for frame in lost] == ["lost", "interpolated", "interpolated", "interpolated", "lost"]
+    assert set(status) == {"lost", "interpolated", "tracked"}
+    assert np.isnan(result.cost[0, list(lost)]).all()
+    assert np.isfinite(np.delete(result.cost[0], lost)).all()
+    errors, sigma = joint_errors(result.pose[0]), result.joint_sigma[0]
+    assert errors[9:12].mean() < 2.5 * errors[4:8].mean()
+    assert np.median(sigma[10] / sigma[6]) > 1.2
+
+
+def test_a_lost_frame_is_not_believed_though_it_has_masks():
+    lost = (9, 10, 11)
+    seen = swinging()[1]
+    wrong = [seen[-1] if frame in lost else each for frame, each in enumerate(seen)]
+    believed = smoothed(rough_track(lost=lost), CONFIG, wrong)
+    hid = smoothed(rough_track(lost=lost), CONFIG, hidden(seen, lost))
+    np.testing.assert_array_equal(believed.pose, hid.pose)
+
+
+def test_a_run_is_the_same_alone_and_beside_others():
+    seen = swinging()[1]
+    batch = rough_track(runs=2)
+    together = smoothed(batch, replace(CONFIG, runs=2, threads=2), seen)
+    alone = smoothed(replace(batch, **{name: getattr(batch, name)[1:] for name in PER_RUN}), CONFIG, seen)
+    for name in (*PER_RUN, "angle_sigma", "joint_sigma"):
+        np.testing.assert_array_equal(getattr(together, name)[1:], getattr(alone, name), err_msg=name)
+
+
+PER_RUN = ("pose", "cost", "iou", "evaluations", "status")
+
+
+@pytest.mark.parametrize("runs", [1, 2])
+def test_masks_are_read_once_and_as_they_are_wanted(monkeypatch, runs):
+    seen = swinging()[1]
+    whole = smoothed(rough_track(runs), replace(CONFIG, runs=runs), seen)
+    for module in clip, smoothing:
+        monkeypatch.setattr(module, "WINDOW", 12 / FPS)
+    monkeypatch.setattr(clip, "OVERLAP", 5 / FPS)
+    read, told = [], []
+
+    def stream():
+        for frame, observation in enumerate(seen):
+            read.append(frame)
+            yield observation
+
+    def report(final: int) -> None:
+        told.append((final, len(read)))
+
+    windows = smoothed(rough_track(runs), replace(CONFIG, runs=runs), stream(), report)
+    assert read == list(range(FRAMES))
+    assert told == [(7, 12), (14, 19), (FRAMES, FRAMES)]
+    apart = np.linalg.norm(windows.joints() - whole.joints(), axis=-1)
+    assert np.median(apart) < 5e-4
+
+
+def test_tracking_smooths_where_it_is_told_to():
+    seen = swinging()[1][:6]
+    config = TrackConfig("cmaes", evaluations=40, device="cpu", threads=1)
+    rough = track_observations(SUBJECT, RIG, iter(seen), FPS, config)
+    assert rough.raw_pose is None
+    assert rough.joint_sigma is None
+    result = track_observations(SUBJECT, RIG, iter(seen), FPS, replace(config, smooth=10.8))
+    np.testing.assert_array_equal(result.raw_pose, rough.pose)
+    assert joint_errors_of(result.pose[0]) < joint_errors_of(rough.pose[0])
+
+
+def joint_errors_of(pose: np.ndarray) -> float:
+    truth = swinging()[0][: len(pose)]
+    return float(np.linalg.norm(joint_positions(SUBJECT, pose) - joint_positions(SUBJECT, truth), axis=-1).mean())
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory):
+    """The beginning of the built-in walk, whose masks follow the tracked body; with its true body and first pose."""
+    folder = tmp_path_factory.mktemp("smoothing") / "walk"
+    shutil.copytree(ROOT / "walk", folder)
+    text = (folder / "scene.toml").read_text().replace("[scene]\n", "[scene]\nframes = 8\n")
+    (folder / "scene.toml").write_text(text)
+    made = walking()
+    scene = load_scene(folder / "scene.toml")
+    follows = replace(scene.foreground, keep="nearest")
+    return replace(scene, foreground=follows), Subject(made.body, made.root_base, made.poses[0], {})
+
+
+def test_interrupted_while_it_is_smoothed_a_run_ends_with_the_same_bits(walk, tmp_path, monkeypatch):
+    scene, subject = walk
+    config = TrackConfig("cmaes", evaluations=20, device="cpu", scale=0.25, smooth=10.8)
+    whole = track(scene, subject, config)
+
+    def interrupt(_):
+        raise KeyboardInterrupt
+
+    path = tmp_path / "checkpoint"
+    with pytest.raises(KeyboardInterrupt):
+        track(scene, subject, config, checkpoint=path, smooth_progress=interrupt)
+    with monkeypatch.context() as patched:
+        patched.setattr("mmocap_warp.tracking.tracker.Tracker.step", None)  # no frame is searched again
+        again = track(scene, subject, config, checkpoint=path, resume=True)
+    for name in ("pose", "raw_pose", "cost", "iou", "status", "angle_sigma", "joint_sigma"):
+        np.testing.assert_array_equal(getattr(whole, name), getattr(again, name), err_msg=name)

@@ -192,11 +192,11 @@ def _frame(load: Workload, algorithm: str, renderer: str, device: str, threads: 
 def _frame_case(group: str, load: Workload, tracker: Tracker, check: Callable[[], Check]) -> Case:
     config = tracker.config
     dof = len(load.body.skeleton.searched(config.dof))
-    sizes = {"renderer": config.renderer, "dof": dof, "budget": config.evaluations, "runs": config.runs}
+    sizes = {"renderer": config.renderer, "dof": dof, "budget": config.budget, "runs": config.runs}
     if tracker.device == "cpu":
         sizes["threads"] = config.threads
     work = partial(tracker.step, load.observation)
-    evaluations = config.evaluations * config.runs
+    evaluations = config.budget * config.runs
     return Case(group, config.algorithm, sizes | load.sizes, work, check, evaluations, captured=False)
 
 

@@ -25,11 +25,17 @@ class TrackFlags:
     """Settings of a ``TrackConfig``; what is not given comes from the scene's [track] table."""
 
     algorithm: str | None = None
-    """cmaes, de, pso or apf; or h-cmaes, h-de, h-pso or psapf, which search part by part. [default: h-cmaes]"""
+    """search-contour, or contour, which does without a search; or the paper's: cmaes, de, pso, apf, and h-cmaes, h-de,
+    h-pso, psapf, which search part by part. [default: search-contour]"""
     dof: int | None = None
     """Degrees of freedom that are searched, one of the body's models: of a person 39, 28 or 51. [default: 39]"""
     evaluations: int | None = None
-    """Budget per frame and run, never exceeded. [default: 500]"""
+    """Budget of a frame's search, for each run. [default: 500; 120 with search-contour, where a search is needed]"""
+    polish: bool | None = None
+    """Finish each frame of one of the paper's algorithms by its contours. [default: no]"""
+    smooth: float | None = None
+    """What a joint's acceleration may be, as a standard deviation in m/s^2, when the clip's frames are solved together;
+    0 leaves each frame as it was tracked. [default: 10.8 with contours, 0 with the paper's algorithms]"""
     seed: int | None = None
     """Of the first run; run r uses seed + r. [default: 0]"""
     runs: int | None = None

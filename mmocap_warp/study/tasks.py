@@ -35,7 +35,7 @@ class Task:
     @property
     def evaluations(self) -> int:
         """At most, all frames and runs together."""
-        return self.frames * self.job.config.evaluations * self.job.config.runs
+        return self.frames * self.job.config.budget * self.job.config.runs
 
 
 def plan_tasks(study: Study, folder: Path, device_kind: str) -> list[Task]:

@@ -48,5 +48,6 @@ ALGORITHMS: dict[str, Algorithm] = {
 CONTOUR_TRACKERS: dict[str, str | None] = {"search-contour": "h-cmaes", "contour": None}
 """Trackers that fit contours, and the algorithm that searches for them."""
 
-BUDGETS: dict[str, int] = dict.fromkeys(ALGORITHMS, 500) | {"search-contour": 120, "contour": 0}
-"""Evaluations of a frame's search unless something else is asked for."""
+BUDGETS: dict[str, int] = {"search-contour": 120, "contour": 0}
+"""Evaluations of a frame's search unless something else is asked for, where that is not ``BUDGET``."""
+BUDGET = 500

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from mmocap_warp.contour.clip import ACCELERATION
 from mmocap_warp.objective.objective import COSTS
 from mmocap_warp.objective.renderers import RENDERERS
-from mmocap_warp.tracking.algorithms import ALGORITHMS, BUDGETS, CONTOUR_TRACKERS
+from mmocap_warp.tracking.algorithms import ALGORITHMS, BUDGET, BUDGETS, CONTOUR_TRACKERS
 from mmocap_warp.tracking.presets import PRESETS
 
 
@@ -39,7 +39,7 @@ class TrackConfig:
         threads: CPU threads; None for all that this process may use.
     """
 
-    algorithm: str = "h-cmaes"
+    algorithm: str = "search-contour"
     dof: int | None = None
     evaluations: int | None = None
     polish: bool = False
@@ -83,7 +83,7 @@ class TrackConfig:
     @property
     def budget(self) -> int:
         """Evaluations of a frame's search."""
-        return BUDGETS[self.algorithm] if self.evaluations is None else self.evaluations
+        return BUDGETS.get(self.algorithm, BUDGET) if self.evaluations is None else self.evaluations
 
     @property
     def fits_contours(self) -> bool:

@@ -1,8 +1,13 @@
 """Tracking by contours: the search finds the basin, the contour fit its bottom.
 
 A frame is fitted from the last pose and from where its motion would lead. Where that overlaps the masks as well as the
-frames before did, it is the answer. Where not, a short search starts from the last pose and is fitted too; if even that
-falls short, a wider search is; and after several frames in a row, the body is looked for anew. The better one is kept.
+frames before did, and no limb is where nobody is seen, it is the answer. Where not, each of these is tried until one
+is good, and the best is kept:
+
+1. a short search from the last pose, then contours;
+2. contours from many poses around the best so far, each with one part of the body thrown about: what finds an arm that
+   a search of five times the budget does not;
+3. after some frames in a row that stayed bad: contours from poses standing where the masks meet, heading anywhere.
 """
 
 from __future__ import annotations
@@ -15,6 +20,8 @@ import numpy as np
 import warp as wp
 
 from mmocap_warp.body.model import Subject
+from mmocap_warp.body.rotations import transposed, zyx_angles, zyx_rotation
+from mmocap_warp.body.shape_space import heading_rotation, upright_base
 from mmocap_warp.contour.fitter import ContourFitter
 from mmocap_warp.device import available_threads
 from mmocap_warp.objective.objective import Objective
@@ -25,25 +32,67 @@ from mmocap_warp.tracking.pose_search import PoseSearch, RootFrame, search_limit
 from mmocap_warp.tracking.tracker import lost_frame, overlap
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
+from mmocap_warp.views.visual_hull import visual_hull
 
-STEPS = 5
+_STEPS = 5
+_LONG = 10  # steps of a start that is further away
 _STARTS = 2  # the last pose, and where its motion leads
 _DAMPED = 0.8  # of the last motion is taken to go on
-_LONG = 10  # steps of a start that is further away
-_SCATTER = 40
-_THROW = 0.35
+_SCATTER = 40  # poses
+_THROW = 0.35  # [rad] by which they are thrown about
+_HEADINGS = 16
 _MEMORY = 20  # frames that the running level is taken over
-_FALL = 0.012  # of overlap below that level calls for a search
+_FEWEST = 4  # of these a level needs
+_FALL = 0.012  # of overlap below the level calls for more
+_EXPOSED = 0.12  # [m] of outline where nobody is, likewise
+_LOST_FALL, _LOST_EXPOSED = 0.06, 0.5  # beyond these there is no answer
+_PATIENCE = 3  # lost frames before the body is looked for anew
 _BETTER = 0.001  # of overlap by which a later answer must win
 
 
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """Poses and how well they explain the masks.
+
+    Attributes:
+        pose: (n, coordinate) float32.
+        iou: (n, camera), NaN for a lost view.
+        exposed: (n,) outline deep outside of the masks, in the view where it is second longest [m]: one view may be
+            spoilt.
+        cost: (n,) float32.
+    """
+
+    pose: np.ndarray
+    iou: np.ndarray
+    exposed: np.ndarray
+    cost: np.ndarray
+
+    @property
+    def overlap(self) -> np.ndarray:
+        """(n,) mean over the views that see anything: what the better one is chosen by."""
+        mean: np.ndarray = np.nanmean(self.iou, axis=1)
+        return mean
+
+    def __getitem__(self, index: np.ndarray) -> _Found:
+        return _Found(self.pose[index], self.iou[index], self.exposed[index], self.cost[index])
+
+    def or_better(self, other: _Found, better: np.ndarray) -> _Found:
+        """Others where they are ``better`` (n,) bool."""
+        return _Found(
+            np.where(better[:, None], other.pose, self.pose),
+            np.where(better[:, None], other.iou, self.iou),
+            np.where(better, other.exposed, self.exposed),
+            np.where(better, other.cost, self.cost),
+        )
+
+
 class ContourTracker:
-    """Tracks a subject frame by frame by contours, with or without a search; keeps what the next frame depends on.
+    """Tracks a subject frame by frame by contours; keeps what the next frame depends on.
 
     Args:
         subject: where to start.
         rig: undistorted cameras at the masks' size.
-        config: settings; the algorithm is one of ``CONTOUR_TRACKERS``.
+        config: settings; its algorithm is one of ``CONTOUR_TRACKERS``, or one of the paper's to be polished.
         fps: frame rate of the recording, for the preset's radii.
         runs: instead of the configuration's. With 0 it can track nothing, but its arrays have the shapes of a run's.
 
@@ -59,55 +108,50 @@ class ContourTracker:
         self, subject: Subject, rig: CameraRig, config: TrackConfig, fps: float, runs: int | None = None
     ) -> None:
         self.config = config
+        self._subject, self._rig = subject, rig
         self._runs = runs = config.runs if runs is None else runs
-        searches = CONTOUR_TRACKERS[config.algorithm]
-        algorithm = ALGORITHMS[searches or "h-cmaes"]
-        rotation, translation = config.radii(fps)
-
-        def search(wide: float) -> PoseSearch:
-            return PoseSearch(
-                subject,
-                rig,
-                config,
-                algorithm=algorithm,
-                evaluations=max(1, round(wide * config.budget)),
-                radii=(wide * rotation, wide * translation),
-                runs=runs,
-            )
-
-        self._search = search(1.0)
-        self.device, self.particles = self._search.device, self._search.particles
-        self._searches = searches is not None
-        self._parts = [
-            index[index >= 6] for index in subject.body.skeleton.searched_by_part(config.dof).values() if (index >= 6).any()
-        ]
-        most = runs * (_SCATTER if searches else _STARTS)
+        self._searches = config.algorithm != "contour"
+        self._search = PoseSearch(
+            subject,
+            rig,
+            config,
+            algorithm=ALGORITHMS[CONTOUR_TRACKERS.get(config.algorithm, config.algorithm) or "h-cmaes"],
+            evaluations=max(config.budget, 1),
+            radii=config.radii(fps),
+            runs=runs,
+        )
+        self.device = self._search.device
+        self._limits = search_limits(subject, config)
+        skeleton = subject.body.skeleton
+        by_part = skeleton.searched_by_part(config.dof).values()
+        self._parts = [index[index >= _BODY] for index in by_part if (index >= _BODY).any()]
+        starts = _SCATTER if config.algorithm == "search-contour" else _STARTS
+        self.particles = max(starts, self._search.particles)
+        threads = config.threads or available_threads()
+        self._fitter = ContourFitter(
+            subject.body,
+            rig,
+            skeleton.searched(config.dof),
+            self._limits,
+            candidates=starts * runs,
+            device=self.device,
+            threads=threads,
+        )
         self._judge = Objective(
             subject.body,
             subject.root_base,
             rig,
-            max(most, 1),
+            starts * runs,
             cost=config.cost,
-            renderer="raster",
+            renderer=config.renderer,
             device=self.device,
-            threads=config.threads or available_threads(),
+            threads=threads,
         )
-        self._limits = search_limits(subject, config)
-        self._searched = subject.body.skeleton.searched(config.dof)
-        self._fitter = ContourFitter(
-            subject.body,
-            rig,
-            self._searched,
-            self._limits,
-            candidates=most,
-            device=self.device,
-            threads=config.threads or available_threads(),
-        )
-        self._root_frame = RootFrame(subject, self._limits, most, self.device)
-        self._home = subject.root_base
+        self._root_frame = RootFrame(subject, self._limits, starts * runs, self.device)
         self._pose = np.repeat(subject.pose[None].astype(np.float32), runs, axis=0)
         self._before = self._pose.copy()
         self._level = np.zeros((runs, _MEMORY), np.float32)
+        self._lost = np.zeros((runs, 1), np.float32)
 
     @property
     def candidate_arrays(self) -> list[wp.array[Any]]:
@@ -118,18 +162,22 @@ class ContourTracker:
     def state(self) -> tuple[np.ndarray, ...]:
         """All that the next frame depends on.
 
-        Last poses (run, coordinate) float32 and random counters (run,) int32; the poses before, and the overlaps that
-        the running level is taken over (run, frame), zero before there were any, float32.
+        Last poses (run, coordinate) float32 and random counters (run,) int32; the poses before, the overlaps that the
+        running level is taken over (run, frame), zero before there were any, and how many frames in a row are lost
+        (run, 1), float32; then what the search remembers.
         """
-        counter = self._search.counter.numpy().copy()
-        return self._pose.copy(), counter, self._before.copy(), self._level.copy()
+        carried = self._pose, self._search.counter.numpy(), self._before, self._level, self._lost
+        return tuple(array.copy() for array in (*carried, *(each.numpy() for each in self._search.memory)))
 
     @state.setter
     def state(self, value: tuple[np.ndarray, ...]) -> None:
         pose, counter, *memory = value
         self._pose = pose.copy()
         self._search.counter.assign(counter)
-        self._before, self._level = (each.copy() for each in memory or (pose, np.zeros_like(self._level)))
+        kept = memory or (pose, np.zeros_like(self._level), np.zeros_like(self._lost))
+        self._before, self._level, self._lost = (each.copy() for each in kept[:3])
+        for array, values in zip(self._search.memory, kept[3:], strict=False):
+            array.assign(values)
 
     def step(self, observation: Observation) -> FrameAnswer:
         """Find the pose of the next frame. Without any foreground the frame is lost and the pose is carried over."""
@@ -137,35 +185,79 @@ class ContourTracker:
             return lost_frame(self._pose.copy(), observation)
         started = time.perf_counter()
         self._fitter.observe(0, observation)
-        predicted = self._pose + _DAMPED * (self._pose - self._before)
-        predicted = np.clip(predicted, self._limits[:, 0], self._limits[:, 1]).astype(np.float32)
-        found = self._best_fit(np.stack([self._pose, predicted], axis=1), observation, STEPS)
-        evaluations, rescued = 0, np.zeros(self._runs, bool)
-        if self._searches:
-            wanted = self._falls_short(found)
-            if wanted.any():
-                evaluations += self._search.evaluations
-                found, _ = self._better(wanted, found, self._search_starts(wanted, observation), observation)
-            wanted = self._falls_short(found)
-            if wanted.any():
-                found, rescued = self._better(wanted, found, self._scattered(found.pose), observation)
-        self._before, self._pose = self._pose, found.pose
-        self._level = np.concatenate([self._level[:, 1:], _mean(found.iou)[:, None]], axis=1).astype(np.float32)
-        self.last=found; self.last_evals=evaluations
-        seconds = time.perf_counter() - started
+        self._judge.observe(observation)
+        if self.config.polish:
+            found = self._best_fit(self._search_starts(np.ones(self._runs, bool), observation), observation, _LONG)
+            evaluations, rescued = self._search.evaluations, np.zeros(self._runs, bool)
+        else:
+            found, evaluations, rescued = self._follow(observation)
+        lost = self._falls_short(found, _LOST_FALL, _LOST_EXPOSED, self._level_known)
         ordinary = STATUS.index("tracked" if observation.foreground.all() else "partial")
         status = np.where(rescued, STATUS.index("rescued"), ordinary)
-        return FrameAnswer(found.pose.copy(), self._cost(found.iou), found.iou, evaluations, status, seconds)
+        status = np.where(lost, STATUS.index("lost"), status)
+        self._carry(found, lost)
+        seconds = time.perf_counter() - started
+        return FrameAnswer(found.pose, found.cost, found.iou, evaluations, status, seconds)
 
-    def _cost(self, iou: np.ndarray) -> np.ndarray:
-        return (1.0 - _mean(iou)).astype(np.float32)
+    def _follow(self, observation: Observation) -> tuple[_Found, int, np.ndarray]:
+        """What is found from the last poses, the evaluations spent, and which runs (run,) needed more than a search."""
+        predicted = self._pose + np.float32(_DAMPED) * (self._pose - self._before)
+        found = self._best_fit(np.stack([self._pose, self._within(predicted)], axis=1), observation, _STEPS)
+        evaluations, rescued = 0, np.zeros(self._runs, bool)
+        if self.config.algorithm != "search-contour":
+            return found, evaluations, rescued
+        wanted = self._falls_short(found)
+        if wanted.any():
+            evaluations = self._search.evaluations
+            found, _ = self._improved(found, wanted, self._search_starts(wanted, observation), observation)
+        wanted = self._falls_short(found)
+        if wanted.any():
+            before = found.overlap
+            found, better = self._improved(found, wanted, self._scattered(found.pose), observation)
+            rescued = better & self._level_known & (found.overlap > before + _FALL)
+        wanted = self._falls_short(found) & (self._lost[:, 0] >= _PATIENCE)
+        if wanted.any():
+            found, anew = self._improved(found, wanted, self._standing(observation), observation)
+            found, more = self._improved(found, anew, self._scattered(found.pose), observation)
+            rescued = rescued | anew | more
+        return found, evaluations, rescued
 
-    def _falls_short(self, found: _Found) -> np.ndarray:
-        """(run,) bool: overlap below the running level, or where there is none yet, or limbs where nobody is."""
-        known = (self._level > 0).sum(axis=1)
-        level = np.array([np.median(row[row > 0]) if n else 1.0 for row, n in zip(self._level, known, strict=True)])
-        short: np.ndarray = (known < _FEWEST) | (_mean(found.iou) < level - _FALL) | (found.exposed > _EXPOSED)
-        return short
+    def _carry(self, found: _Found, lost: np.ndarray) -> None:
+        """Keep what the next frame starts from. A lost frame's pose is a guess; the motion before it goes nowhere."""
+        self._before, self._pose = np.where(lost[:, None], found.pose, self._pose), found.pose.copy()
+        level = np.concatenate([self._level[:, 1:], found.overlap[:, None]], axis=1).astype(np.float32)
+        forever = self._lost[:, 0] >= 2 * _MEMORY  # what is seen has changed for good
+        self._level = np.where((lost & ~forever)[:, None], self._level, level)
+        self._lost = np.where(lost[:, None], self._lost + 1, 0).astype(np.float32)
+
+    @property
+    def _level_known(self) -> np.ndarray:
+        """(run,) bool: whether there were frames enough for a level."""
+        known: np.ndarray = (self._level > 0).sum(axis=1) >= _FEWEST
+        return known
+
+    def _falls_short(
+        self, found: _Found, fall: float = _FALL, exposed: float = _EXPOSED, known: np.ndarray | None = None
+    ) -> np.ndarray:
+        """(run,) bool: overlap below the running level, or limbs where nobody is; without a level all fall short.
+
+        Args:
+            found: a pose for each run.
+            fall: how far below.
+            exposed: outline of such limbs that is too long [m].
+            known: (run,) bool, runs that can fall short; None for all.
+        """
+        level = np.array([np.median(row[row > 0]) if (row > 0).sum() >= _FEWEST else np.inf for row in self._level])
+        short: np.ndarray = (found.overlap < level - fall) | (found.exposed > exposed)
+        return short if known is None else short & known
+
+    def _improved(
+        self, found: _Found, wanted: np.ndarray, starts: np.ndarray, observation: Observation
+    ) -> tuple[_Found, np.ndarray]:
+        """Fit starts (run, start, coordinate), and take the best in runs (run,) that want it if it is better: which."""
+        other = self._best_fit(starts, observation, _LONG)
+        better = wanted & (other.overlap > found.overlap + _BETTER)
+        return found.or_better(other, better), better
 
     def _search_starts(self, wanted: np.ndarray, observation: Observation) -> np.ndarray:
         """What searches from the last poses find, (run, 1, coordinate).
@@ -178,7 +270,7 @@ class ContourTracker:
         search.best_pose.assign(self._pose)
         search.run()
         search.counter.assign(np.where(wanted, search.counter.numpy(), counter).astype(np.int32))
-        starts: np.ndarray = search.best_pose.numpy()[:, None]
+        starts: np.ndarray = search.best_pose.numpy()[:, None].copy()
         return starts
 
     def _scattered(self, pose: np.ndarray) -> np.ndarray:
@@ -190,67 +282,47 @@ class ContourTracker:
             for number, start in enumerate(of_run):
                 index = self._parts[number % len(self._parts)]
                 start[index] += rng.normal(0.0, _THROW, len(index))
-        return np.clip(starts, self._limits[:, 0], self._limits[:, 1]).astype(np.float32)
+        return self._within(starts)
 
-    def _better(
-        self, wanted: np.ndarray, found: _Found, starts: np.ndarray, observation: Observation
-    ) -> tuple[_Found, np.ndarray]:
-        """Fit other starts, and keep them in the runs (run,) where they are wanted and better; and which these are."""
-        other = self._best_fit(starts, observation, _LONG)
-        better = wanted & (other.score > found.score + _BETTER)
-        return _Found(
-            np.where(better[:, None], other.pose, found.pose),
-            np.where(better[:, None], other.iou, found.iou),
-            np.where(better, other.exposed, found.exposed),
-        ), better
+    def _standing(self, observation: Observation) -> np.ndarray:
+        """Last poses and the first one (run, start, coordinate), standing where the masks meet, heading anywhere."""
+        hull = visual_hull(self._rig, observation, spacing=0.04, tolerate=1)
+        up = upright_base(self._rig.up)
+        frame, home = self._subject.body.skeleton.frame[0].astype(float), self._subject.root_base
+        first = np.repeat(self._subject.pose[None], self._runs, axis=0)
+        starts = []
+        for pose in (self._pose.astype(float), first):
+            for heading in 2 * np.pi * np.arange(_HEADINGS) / _HEADINGS:
+                turned = up @ heading_rotation(heading) @ transposed(up) @ home @ frame @ zyx_rotation(pose[:, _ROOT])
+                start = pose.copy()
+                start[:, _ROOT] = zyx_angles(frame.T @ home.T @ turned)
+                if len(hull):
+                    start[:, :3] = np.median(hull, axis=0)
+                starts.append(start)
+        return self._within(np.stack(starts, axis=1))
+
+    def _within(self, pose: np.ndarray) -> np.ndarray:
+        """Poses as float32, within their limits."""
+        within: np.ndarray = np.clip(pose, self._limits[:, 0], self._limits[:, 1]).astype(np.float32)
+        return within
 
     def _best_fit(self, starts: np.ndarray, observation: Observation, steps: int) -> _Found:
         """Fit starts (run, start, coordinate) by their contours: each run's best."""
         runs, count, coordinates = starts.shape
-        fitter, total = self._fitter, runs * count
-        flat = starts.reshape(total, coordinates)
-        fitter.start_at(flat, np.repeat(self._home[None], total, axis=0), np.zeros(total, int))
+        fitter, judge, total = self._fitter, self._judge, runs * count
+        home = np.repeat(self._subject.root_base[None], total, axis=0)
+        fitter.start_at(starts.reshape(total, coordinates), home, np.zeros(total, int))
         self._root_frame.enter(fitter.descent.pose, fitter.body.root_base)
         fitter.descend(total, steps)
         self._root_frame.leave(fitter.descent.best, fitter.body.root_base)
-        fitted = fitter.descent.best.numpy()[:total].copy()
-        objective = self._judge
-        objective.observe(observation)
-        wp.copy(objective.pose, fitter.descent.best, count=total * coordinates)
-        objective.evaluate(total)
-        iou = overlap(objective.count.numpy()[:total], observation)
-        by_view = np.sort(fitter.descent.tally.numpy()[:total, :, 3], axis=1)
-        exposed = by_view[:, -2] if by_view.shape[1] > 1 else by_view[:, -1]
-        each = _Found(fitted, iou, exposed)
-        best = np.argmax(each.score.reshape(runs, count), axis=1) + count * np.arange(runs)
-        return _Found(fitted[best], iou[best], exposed[best])
+        wp.copy(judge.pose, fitter.descent.best, count=total * coordinates)
+        cost = judge.evaluate(total).numpy()[:total].copy()
+        exposed = np.sort(fitter.descent.tally.numpy()[:total, :, 3], axis=1)[:, -2:].min(axis=1)
+        iou = overlap(judge.count.numpy()[:total], observation)
+        found = _Found(fitter.descent.best.numpy()[:total].copy(), iou, exposed, cost)
+        best = np.argmax(found.overlap.reshape(runs, count), axis=1)
+        return found[best + count * np.arange(runs)]
 
 
-@dataclass(frozen=True, eq=False)
-class _Found:
-    """Poses and how well they explain the masks.
-
-    Attributes:
-        pose: (n, coordinate) float32.
-        iou: (n, camera).
-        exposed: (n,) length of outline where nobody is, in the view where it is second longest [m].
-    """
-
-    pose: np.ndarray
-    iou: np.ndarray
-    exposed: np.ndarray
-
-    @property
-    def score(self) -> np.ndarray:
-        """(n,) the higher the better."""
-        return _mean(self.iou)
-
-
-_EXPOSED = 0.12  # m
-_FEWEST = 4  # frames that a level needs
-
-
-def _mean(iou: np.ndarray) -> np.ndarray:
-    """(run,) over the views that see anything."""
-    mean: np.ndarray = np.nanmean(iou, axis=1)
-    return mean
+_BODY = 6  # coordinates before are the root's
+_ROOT = slice(3, 6)

@@ -18,6 +18,7 @@ from mmocap_warp.body.model import Subject
 from mmocap_warp.device import free_memory, resolve_device
 from mmocap_warp.errors import InputError
 from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.tracker import Tracker
 from mmocap_warp.views.rig import CameraRig
 
@@ -43,8 +44,8 @@ class MemoryNeed:
 
 
 def memory_need(subject: Subject, rig: CameraRig, config: TrackConfig, fps: float) -> MemoryNeed:
-    """What a :class:`Tracker` would take; the arguments are its own."""
-    empty = Tracker(subject, rig, config, fps, runs=0)
+    """What a tracker would take; the arguments are its own."""
+    empty = tracker_of(config)(subject, rig, config, fps, runs=0)
     of_candidates = {id(array) for array in empty.candidate_arrays}
     fixed = per_run = 0
     for array in arrays_of(empty):
@@ -80,8 +81,15 @@ def _is_ours(thing: object) -> bool:
     return is_struct or any(base.__module__.startswith("mmocap_warp") for base in type(thing).mro())
 
 
-def fitting_tracker(subject: Subject, rig: CameraRig, config: TrackConfig, fps: float) -> Tracker:
-    """A :class:`Tracker`, or an error where the device has not the memory for it.
+def tracker_of(config: TrackConfig) -> type[Tracker] | type[ContourTracker]:
+    """The class that tracks by some settings."""
+    return ContourTracker if config.fits_contours else Tracker
+
+
+def fitting_tracker(
+    subject: Subject, rig: CameraRig, config: TrackConfig, fps: float
+) -> Tracker | ContourTracker:
+    """A tracker, or an error where the device has not the memory for it.
 
     Raises:
         InputError: too many runs, or too large a budget; says how many runs, or what budget, would fit.
@@ -90,7 +98,7 @@ def fitting_tracker(subject: Subject, rig: CameraRig, config: TrackConfig, fps: 
     free = free_memory(device)
     need = memory_need(subject, rig, config, fps)
     if free is None or need.of(config.runs) <= _SHARE * free:
-        return Tracker(subject, rig, config, fps)
+        return tracker_of(config)(subject, rig, config, fps)
 
     def too_much(evaluations: int) -> bool:
         smaller = memory_need(subject, rig, replace(config, evaluations=evaluations), fps)

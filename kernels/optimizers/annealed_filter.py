@@ -37,9 +37,10 @@ class Schedule:
     first: wp.array[wp.int32]  # (layer,) of the partition's dofs, which lie side by side
     end: wp.array[wp.int32]  # (layer,) one past the last of them
     opens: wp.array[wp.int32]  # (layer,) 1 in a partition's first layer
+    own_exponents: bool  # every layer is weighed by the exponent of its own costs
 
 
-def make_schedule(partitions: list[int], layers: list[int], device: wp.DeviceLike) -> Schedule:
+def make_schedule(partitions: list[int], layers: list[int], own_exponents: bool, device: wp.DeviceLike) -> Schedule:
     """So many layers for each partition of so many dofs; a partition may have none."""
     first, end, opens = [], [], []
     for p, count in enumerate(layers):
@@ -47,6 +48,7 @@ def make_schedule(partitions: list[int], layers: list[int], device: wp.DeviceLik
         end += [sum(partitions[: p + 1])] * count
         opens += [int(layer == 0) for layer in range(count)]
     schedule = Schedule()
+    schedule.own_exponents = own_exponents
     for name, values in (("first", first), ("end", end), ("opens", opens)):
         setattr(schedule, name, wp.array(values, dtype=wp.int32, device=device))
     return schedule
@@ -283,7 +285,7 @@ def _anneal(
     particles = state.distance.shape[1]
     following = _exponent(state.distance, run, survival)
     beta = float(state.exponent[run])
-    if _opens(schedule, state.layer[run]):  # nothing is known of its costs before
+    if schedule.own_exponents or _opens(schedule, state.layer[run]):  # nothing is known of its costs before
         beta = following
     state.exponent[run] = following
     state.layer[run] = state.layer[run] + 1
@@ -310,7 +312,7 @@ def _average(
 def weigh(cost: wp.array[wp.float32], schedule: Schedule, survival: float, state: AnnealedFilterState) -> None:
     """Weigh particles by ``w = (1 - f)^beta``, normalised; ``mean = sum_k w_k x_k``; then choose the next layer's beta.
 
-    That is Eq. 8 for this layer's costs, which a partition's first layer uses itself.
+    That is Eq. 8 for this layer's costs, which a partition's first layer uses itself; all do with own exponents.
 
     Costs are taken as they are where a run's finite ones lie in [0, 1], and are mapped onto [0, 1] by their range where
     one lies outside. Infinite costs weigh nothing; where all costs are equal, or none is finite, weights are equal too.

@@ -26,11 +26,14 @@ class AnnealedFilterConfig:
         survival: delta, the share of particles that the weights let pass to the next layer, in (0, 1].
         diffusion: of the selected particles' covariance, the share that propagation adds (Eq. 6); in no coordinate
             more than the search's radius.
+        carries: as printed, a search begins with the last one's particles, and a layer is weighed by the exponent that
+            the layer before chose. Otherwise all particles begin at the last answer, and a layer chooses its own.
     """
 
     layers: int = 10
     survival: float = 0.5
     diffusion: float = 0.5
+    carries: bool = True
 
     def __post_init__(self) -> None:
         if self.layers < 1:
@@ -83,18 +86,24 @@ class AnnealedFilter:
         self.particles = max(2, evaluations // self._layers)
         self.population = make_population(space, self.particles)
         self.state = kernels.make_state(self.population)
-        self.memory: tuple[Any, ...] = (self.state.selected, self.state.mean)
+        self._set: tuple[Any, ...] = (self.state.selected, self.state.mean)
+        self.memory = self._set if self.config.carries else ()
         self.plan(evaluations)
 
     def plan(self, evaluations: int) -> list[int]:
         """Whole layers only, shared evenly over the partitions; what does not divide is not spent."""
         layers = min(self._layers, evaluations // self.particles)
         shares = share_budget(layers, len(self._partitions))
-        self._schedule = kernels.make_schedule(self._partitions, shares, self.space.seed.device)
+        self._schedule = kernels.make_schedule(
+            self._partitions, shares, not self.config.carries, self.space.seed.device
+        )
         return [self.particles] * layers
 
     def start(self, pose: wp.array[wp.float32]) -> None:
-        """Begin a search at ``pose`` (run, coordinate) with the particles of the last one."""
+        """Begin a search at ``pose`` (run, coordinate) with the particles of the last one, if they are carried."""
+        if not self.config.carries:
+            for array in self._set:
+                array.zero_()
         kernels.start(self.space, pose, self.state)
 
     def ask(self, particles: int) -> wp.array[wp.float32]:

@@ -10,9 +10,9 @@ import warp as wp
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.result.result import STATUS, FrameAnswer
-from mmocap_warp.tracking.algorithms import ALGORITHMS
 from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.pose_search import PoseSearch
+from mmocap_warp.tracking.presets import PRESETS
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
 
@@ -44,7 +44,7 @@ class Tracker:
             subject,
             rig,
             config,
-            algorithm=ALGORITHMS[config.algorithm],
+            algorithm=PRESETS[config.preset].algorithm(config.algorithm),
             evaluations=config.budget,
             radii=config.radii(fps),
             runs=self._runs,

@@ -156,7 +156,7 @@ def test_twenty_frames_are_the_twins(device, monkeypatch, algorithm, partitions)
     With 7 and 43 particles, as half of an even number may share the best cost: then many exponents solve Eq. 8.
     """
     tracker, _calls = tracker_of(algorithm, device, evaluations=430, runs=2)
-    search = tracker._search
+    search = tracker._search._search
     search._replays = False
     (optimizer,) = search._optimizers
     index, scale = optimizer.space.index.numpy(), optimizer.space.radius.numpy().astype(float)
@@ -396,6 +396,18 @@ def test_a_search_from_the_last_answer_leaves_the_particles_where_they_were(devi
     np.testing.assert_array_equal(search.optimizer.memory[0].numpy(), chosen)
 
 
+def test_a_search_that_carries_no_particles_begins_with_all_of_them_at_its_start(device):
+    """Also after a search; and it has no memory that another one would need."""
+    search = Search(AnnealedFilter, 3, range(300), device, 200, start=1.0, config=AnnealedFilterConfig(carries=False))
+    assert search.optimizer.memory == ()
+    search.run(bounded)
+    search.restart()
+    np.testing.assert_array_equal(search.state()["selected"], np.ones((300, 20, 3)))
+    z = (search.ask() - 1.0) / 0.5
+    for i in range(3):
+        assert stats.kstest(z[..., i].ravel(), "norm").pvalue > CHANCE
+
+
 def test_partitions_are_annealed_in_turn_and_whole_particles_selected(device):
     """A layer moves its own coordinates, the others stay as each particle has them; none is the same for all."""
     search = Search(partial(AnnealedFilter, partitions=[2, 3]), 5, [3, 4], device, 2 * 10 * 12, start=0.7)
@@ -440,6 +452,17 @@ def test_an_exponent_serves_the_layer_after_the_one_that_it_was_made_of(device, 
         used = after if layer % 10 == 0 else before
         np.testing.assert_allclose(weight, weights(cost[0].astype(float), used), rtol=1e-3, atol=1e-7)
         assert abs(survival_rate(weights(cost[0].astype(float), after)) - 0.5) < SURVIVAL
+
+
+def test_without_carrying_a_layer_is_weighed_by_its_own_exponent(device):
+    search = Search(AnnealedFilter, 4, [3, 4], device, 500, config=AnnealedFilterConfig(carries=False))
+    for _ in range(3):
+        _x, cost = search.generation(bounded)
+        weight = search.state()["weight"].astype(float)
+        np.testing.assert_allclose(survival_rate(weight), 0.5, atol=SURVIVAL)
+        for run in (0, 1):
+            expected = weights(cost[run].astype(float), search.state()["exponent"][run])
+            assert np.abs(weight[run] - expected).max() < WEIGHT * expected.max()
 
 
 def test_asking_again_without_telling_samples_again(device):
@@ -514,7 +537,7 @@ def test_the_answer_is_the_estimate_within_the_limits_and_its_own_cost(device):
     _truth, seen = motion(device)
     tracker.step(seen[0])
     answer = tracker.step(seen[1])
-    search = tracker._search
+    search = tracker._search._search
     optimizer = search._optimizers[0]
     estimate = optimizer.state.mean.numpy()[0]
     lower, upper = search._limits.lower.numpy(), search._limits.upper.numpy()

@@ -53,13 +53,13 @@ def tracker_of(device="cpu", subject=None, **settings):
 
 def count_evaluations(tracker):
     """The list of how many candidates each later call of the objective judges."""
-    calls, evaluate = [], tracker._objective.evaluate
+    calls, evaluate = [], tracker._search.objective.evaluate
 
     def counted(candidates):
         calls.append(candidates)
         return evaluate(candidates)
 
-    tracker._objective.evaluate = counted
+    tracker._search.objective.evaluate = counted
     return calls
 
 

@@ -15,6 +15,7 @@ import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
+from itertools import chain, islice
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -30,6 +31,7 @@ from mmocap_warp.kernels.optimizers.populations import make_space
 from mmocap_warp.objective.objective import Objective
 from mmocap_warp.optimizers.cma_es import CmaEs, CmaEsConfig
 from mmocap_warp.optimizers.search import Search
+from mmocap_warp.tracking.clip_body import follow, frames_to_follow, solve_body
 from mmocap_warp.tracking.strategy import hierarchical
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
@@ -39,6 +41,7 @@ if TYPE_CHECKING:
     from mmocap_warp.scene.recording import Scene
 
 _LONGEST = 480  # pixels
+_BODY_FRAMES = 16
 _SPREAD_TRANSLATION = 0.10  # [m]
 _SPREAD_SLIDER = 0.3
 _SPREAD_SCALE = 0.05  # of the logarithm
@@ -111,7 +114,7 @@ def fit(
     progress: FitProgress | None = None,
     **settings: Any,
 ) -> Subject:
-    """Fit a body to a scene's first frame.
+    """Fit a body to a scene: its first frame finds the pose, its first seconds the shape.
 
     Args:
         scene: the recording.
@@ -127,12 +130,18 @@ def fit(
     config = replace(config or config_from_table(FitConfig, scene.settings("fit")), **settings)
     scale = config.scale or min(1.0, _LONGEST / float(scene.rig().size.max()))
     rig = scene.rig(scale)
-    observation = next(iter(scene.observations(scale, count=1)))
+    numbers = frames_to_follow(scene.fps, scene.frame_count)
+    observations = iter(scene.observations(scale, count=numbers[-1] + 1))
+    first = next(observations)
     try:
-        return fit_observation(body, rig, observation, config, progress)
+        subject = fit_observation(body, rig, first, config, progress)
     except NoSubjectError as error:
         remedy = "look at the masks (mmocap mask) and the calibration (mmocap cameras)"
         raise InputError(scene.path, f"frame 0: {error}", remedy) from None
+    device, threads = resolve_device(config.device), config.threads or available_threads()
+    clip = islice(chain([first], observations), 0, None, numbers.step)
+    followed = follow(subject, rig, clip, device, threads).spread(_BODY_FRAMES)
+    return solve_body(subject, body, rig, followed, device, threads)
 
 
 class NoSubjectError(ValueError):

@@ -18,6 +18,7 @@ from mmocap_warp.contour.body_problem import BodyProblem, BodySolution
 from mmocap_warp.contour.fitter import ContourFitter
 from mmocap_warp.contour.normal_equations import NormalEquations
 from mmocap_warp.contour.rooted import RootedPoses, Rooting
+from mmocap_warp.tracking.frame_fit import PRIOR
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
 
@@ -26,7 +27,6 @@ _RATE = 30.0  # frames a second that are enough to follow a person
 _STEPS = 6  # of a frame that is followed
 _CARRIED = 0.8  # share of the last motion that is expected again
 _LOST = 3.0  # times the contours' usual cost
-_PRIOR = 0.3  # how much nearer to the generic body than RestSpace's standard deviations say
 _BODY_STEPS = 15
 
 
@@ -106,13 +106,13 @@ def _descended(fitter: ContourFitter, rooting: Rooting, starts: RootedPoses) -> 
     fitter.descend(count, _STEPS)
     cost = fitter.descent.cost.numpy()[:count].astype(float)
     best = int(np.argmin(cost))
-    pose = fitter.descent.best.numpy()[best : best + 1].astype(float)
+    pose = fitter.descent.best.numpy()[best : best + 1].astype(float)  # type: ignore[attr-defined]
     return rooting.refold(RootedPoses(starts.base[best : best + 1], pose)), float(cost[best])
 
 
 def solve_body(
     subject: Subject, generic: BodyModel, rig: CameraRig, followed: Followed, device: str, threads: int
-) -> Subject:
+) -> tuple[Subject, float]:
     """The subject's body and the poses of frames as one problem.
 
     Args:
@@ -124,7 +124,7 @@ def solve_body(
         threads: CPU threads.
 
     Returns:
-        The solved body in the first frame's pose.
+        The solved body in the first frame's pose, and what contours cost in a frame.
     """
     space, skeleton = RestSpace(generic), generic.skeleton
     count, parameters, vertex = len(followed.rooted), len(space.names), generic.tracking_vertex
@@ -141,13 +141,14 @@ def solve_body(
         return fitter.linearise(frames, rooted)
 
     rooting = Rooting(skeleton, subject.root_base, skeleton.searched())
-    problem = BodyProblem(linearise, rooting, np.zeros(parameters), _PRIOR * space.sigma)
+    problem = BodyProblem(linearise, rooting, np.zeros(parameters), PRIOR * space.sigma)
     solution = problem.solved(np.arange(count), followed.rooted, space.nearest(subject.body), _BODY_STEPS)
     pose = rooting.leave(solution.rooted[:1], subject.pose[3:6])[0]
     kept = {name: value for name, value in subject.provenance.items() if name.startswith("fit.")}
     shape = {f"shape.{name}": float(value) for name, value in zip(space.names, solution.beta, strict=True)}
     provenance = kept | {"fit.frames": count} | measurements(space, solution) | shape
-    return replace(subject, body=space.model(solution.beta), pose=pose, provenance=provenance)
+    solved = replace(subject, body=space.model(solution.beta), pose=pose, provenance=provenance)
+    return solved, float(solution.cost.mean())
 
 
 def measurements(space: RestSpace, solution: BodySolution) -> dict[str, float]:

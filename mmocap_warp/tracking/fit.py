@@ -34,10 +34,10 @@ if TYPE_CHECKING:
 
 _LONGEST = 480  # pixels
 _WINNERS = 2  # finalists whose limbs are searched until nothing is gained
-_ROUNDS = 4  # over the limbs, at most
-_CLEAR = 0.03  # of the cost: a margin by which one frame tells which way a body faces
-_UNDECIDABLE = 0.005  # of the cost: a margin that tells nothing
-_UNDECIDABLE_CLIP = 1.15  # ratio of the contours' costs
+_ROUNDS = 6  # over the limbs, at most
+_CLEAR = 0.03  # of the cost: a margin by which one frame decides
+_UNDECIDED = 0.005  # of the cost: a margin that decides nothing
+_UNDECIDED_CLIP = 0.1  # the same for contours over a clip, as a share of their cost
 _HEADINGS_SHARE, _LIMBS_SHARE = 0.4, 0.6  # of the work, for the progress
 
 
@@ -105,28 +105,27 @@ def fit(
     observations = iter(scene.observations(scale, count=numbers[-1] + 1))
     first = next(observations)
     try:
-        best, turned = _first_frame(task, first)
+        best, others = _first_frame(task, first)
     except NoSubjectError as error:
         remedy = "look at the masks (mmocap mask) and the calibration (mmocap cameras)"
         raise InputError(scene.path, f"frame 0: {error}", remedy) from None
     clip = list(islice(chain([first], observations), 0, None, numbers.step))
-    return _fit_clip(task, clip, best, turned)
+    return _fit_clip(task, clip, best, others)
 
 
-def _fit_clip(task: _Task, clip: list[Observation], best: Guess, turned: Guess | None) -> Subject:
-    """The body from frames of a clip, and which way it faces by how well either way explains them."""
-    margin = turned.cost - best.cost if turned else float("nan")
-    found: dict[str, str | float | int] = {"fit.cost": best.cost, "fit.margin": margin}
-    subject, cost = _with_clip_body(task, clip, task.subject(best, found))
-    facing = "seen"
-    if turned and margin < _CLEAR:
-        other, other_cost = _with_clip_body(task, clip, task.subject(turned, found))
-        if other_cost < cost:
-            subject, other_cost, cost = other, cost, other_cost
-        found["fit.turned_cost"] = other_cost / cost
-        facing = "undecidable" if other_cost < _UNDECIDABLE_CLIP * cost else "seen"
+def _fit_clip(task: _Task, clip: list[Observation], best: Guess, others: dict[str, Guess]) -> Subject:
+    """The body from frames of a clip. Motion decides between ways to see the first frame that are nearly as good."""
+    found = _found(best, others)
+    close = [other for other in others.values() if other.cost < best.cost + _CLEAR]
+    ways = [_with_clip_body(task, clip, task.subject(guess, found)) for guess in (best, *close)]
+    (subject, cost), *behind = sorted(ways, key=lambda way: way[1])
+    decided = "yes"
+    if behind:
+        margin = behind[0][1] / cost - 1
+        found["fit.clip_margin"] = margin
+        decided = "no" if margin < _UNDECIDED_CLIP else "yes"
     task.progress("body", 1.0, best.cost)
-    return replace(subject, provenance=subject.provenance | found | {"fit.facing": facing})
+    return replace(subject, provenance=subject.provenance | found | {"fit.decided": decided})
 
 
 def _with_clip_body(task: _Task, clip: list[Observation], subject: Subject) -> tuple[Subject, float]:
@@ -159,10 +158,10 @@ def fit_observation(
         NoSubjectError: fewer than two views see the subject, or they see different things.
     """
     task = _Task(body, rig, config or FitConfig(), progress or (lambda stage, done, cost: None))
-    best, turned = _first_frame(task, observation)
-    margin = turned.cost - best.cost if turned else float("nan")
-    facing = "undecidable" if margin < _UNDECIDABLE else "seen"
-    return task.subject(best, {"fit.cost": best.cost, "fit.margin": margin, "fit.facing": facing})
+    best, others = _first_frame(task, observation)
+    found = _found(best, others)
+    decided = "no" if any(other.cost < best.cost + _UNDECIDED for other in others.values()) else "yes"
+    return task.subject(best, found | {"fit.decided": decided})
 
 
 @dataclass(frozen=True)
@@ -193,20 +192,36 @@ class _Task:
         return Subject(self.space.model(guess.beta), guess.root_base, guess.pose, settings | found)
 
 
-def _first_frame(task: _Task, observation: Observation) -> tuple[Guess, Guess | None]:
-    """The best guess at the first frame, and the best that faces another way, if there is one."""
-    config, space = task.config, task.space
-    frame = FrameFit(space, task.rig, observation, config.seed, task.device, task.threads)
-    guesses = [frame.polished(guess) for guess in _headings(task, observation)]
-    guesses.sort(key=_cost)
+def _first_frame(task: _Task, observation: Observation) -> tuple[Guess, dict[str, Guess]]:
+    """The best guess at the first frame, and others by how they differ: turned round, or with sides swapped."""
+    config, skeleton = task.config, task.body.skeleton
+    frame = FrameFit(task.space, task.rig, observation, config.seed, task.device, task.threads)
+    guesses = sorted((frame.polished(guess) for guess in _headings(task, observation)), key=_cost)
     task.progress("headings", _HEADINGS_SHARE, guesses[0].cost)
     finalists = sorted((frame.with_limbs_found(guess, 1) for guess in guesses[: config.finalists]), key=_cost)
-    task.progress("limbs", _LIMBS_SHARE, finalists[0].cost)
-    best = min((frame.with_limbs_found(guess, _ROUNDS) for guess in finalists[:_WINNERS]), key=_cost)
-    ahead = best.facing(task.body.skeleton)
-    turned = [guess for guess in finalists + guesses if guess.facing(task.body.skeleton) @ ahead < 0]
-    other = frame.with_limbs_found(min(turned, key=_cost), _ROUNDS) if turned else None
-    return (other, best) if other and other.cost < best.cost else (best, other)
+    finalists = sorted((frame.with_limbs_found(guess, _ROUNDS) for guess in finalists[:_WINNERS]), key=_cost)
+    best = finalists[0]
+    task.progress("limbs", _LIMBS_SHARE, best.cost)
+    ahead = best.facing(skeleton)
+    turned = [guess for guess in finalists + guesses if guess.facing(skeleton) @ ahead < 0]
+    others: dict[str, Guess] = {}
+    if turned:
+        others["turned"] = frame.with_limbs_found(min(turned, key=_cost), _ROUNDS)
+    swapped = frame.with_sides_swapped(best)
+    if swapped:
+        others["swapped"] = swapped
+    for name, other in others.items():
+        if other.cost < best.cost:
+            best, others[name] = other, best
+    return best, others
+
+
+def _found(best: Guess, others: dict[str, Guess]) -> dict[str, str | float | int]:
+    """What the first frame says: the best cost, the next best way to see it, and how far that is behind."""
+    if not others:
+        return {"fit.cost": best.cost, "fit.margin": float("nan")}
+    name = min(others, key=lambda name: others[name].cost)
+    return {"fit.cost": best.cost, "fit.margin": others[name].cost - best.cost, "fit.alternative": name}
 
 
 def _headings(task: _Task, observation: Observation) -> list[Guess]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -14,6 +16,7 @@ from mmocap_warp.contour.fitter import ContourFitter, MatchingConfig
 from mmocap_warp.contour.normal_equations import NormalEquations
 from mmocap_warp.contour.rooted import RootedPoses, Rooting
 from mmocap_warp.objective.objective import Objective
+from mmocap_warp.tracking.limbs import Limb, limbs, mirrored
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
 
@@ -25,7 +28,10 @@ _WIDE = MatchingConfig(reach=0.2, huber=0.03, sigma=0.03)  # for what is still f
 _DRAWS = 320  # of a limb's angles
 _TRIED = 24  # of the draws are taken to the bottom
 _LIMB_STEPS = 5
-_WORTH = 1e-3  # of the cost: what a round over the limbs must bring for another one
+_WORTH = 1e-3  # of the cost: what a round over the limbs must bring
+_PATIENCE = 2  # rounds that bring nothing before limbs are left where they are
+_WIDER = 2.5  # than angles are spread when a recording starts
+_ELSEWHERE = 0.5  # [rad]: limbs that differ by less are in the same place
 _BODY_STEPS = 10
 
 
@@ -113,31 +119,67 @@ class FrameFit:
 
     def with_limbs_found(self, guess: Guess, rounds: int) -> Guess:
         """The guess with every limb where it explains the masks best, after at most so many rounds over the limbs."""
+        fruitless = 0
         for _ in range(rounds):
             before = guess.cost
             self._take_body(guess.beta, guess.root_base)
             for limb in self._limbs:
-                guess = self._with_limb(guess, limb)
+                guess = self._better(guess, self._drawn(guess, limb))
             guess = self._solved(guess, self._fine)
-            if guess.cost > before - _WORTH:
+            fruitless = fruitless + 1 if guess.cost > before - _WORTH else 0
+            if fruitless == _PATIENCE:
                 break
         return guess
 
-    def _with_limb(self, guess: Guess, limb: np.ndarray) -> Guess:
-        low, high = np.clip(self._skeleton.coordinate_limits[limb], -np.pi, np.pi).T
+    def with_sides_swapped(self, guess: Guess) -> Guess | None:
+        """The best that has a pair of limbs the other way round; None without pairs, or if all end where they were."""
+        pairs = [(limb, other) for limb, other in combinations(self._limbs, 2) if limb.other == other.name]
+        exchanged = mirrored(self._skeleton, guess.pose)
+        found = []
+        for pair in pairs:
+            pose = guess.pose.copy()
+            for limb in pair:
+                pose[limb.coordinates] = exchanged[limb.coordinates]
+            self._take_body(guess.beta, guess.root_base)
+            swapped = self.polished(self._descended(guess, pose[None]))
+            away = np.abs(swapped.pose - guess.pose)[np.concatenate([limb.reach for limb in pair])]
+            if away.max() > _ELSEWHERE:
+                found.append(swapped)
+        return min(found, key=lambda each: each.cost, default=None)
+
+    def _drawn(self, guess: Guess, limb: Limb) -> np.ndarray:
+        """Poses (candidate, coordinate) of which the limb's angles are drawn: those that cost least.
+
+        Half of the draws are anywhere within the limits, half nearer to the rest pose. One is what the other side's
+        limb does.
+        """
+        reach, skeleton = limb.reach, self._skeleton
+        low, high = np.clip(skeleton.coordinate_limits[reach], -np.pi, np.pi).T
+        spread = _WIDER * skeleton.spread[(reach - TRANSLATION) // 3]
         drawn = np.tile(guess.pose, (_DRAWS, 1))
-        drawn[:, limb] = self._random.uniform(low, high, (_DRAWS, len(limb)))
-        base = wp.array(guess.pose[None], dtype=wp.float32, device=self._objective.device)
-        self._objective.hold(base, limb)
-        best = np.argsort(self._judged(drawn), kind="stable")[:_TRIED]
+        drawn[:, reach] = self._random.uniform(low, high, (_DRAWS, len(reach)))
+        near = self._random.normal(0.0, spread, (_DRAWS // 2, len(reach)))
+        drawn[: len(near), reach] = np.clip(near, low, high)
+        self._objective.hold(self._device_array(guess.pose[None]), reach)
+        best = drawn[np.argsort(self._judged(drawn), kind="stable")[:_TRIED]]
         self._objective.release()
-        bases = np.tile(guess.root_base, (_TRIED, 1, 1))
-        self._pose_only.start_at(drawn[best], bases, np.zeros(_TRIED, np.int32))
-        self._pose_only.descend(_TRIED, _LIMB_STEPS)
-        found = self._pose_only.descent.best.numpy().astype(float)  # type: ignore[attr-defined]
+        best[-1, limb.coordinates] = mirrored(skeleton, guess.pose)[limb.coordinates]
+        return best
+
+    def _better(self, guess: Guess, starts: np.ndarray) -> Guess:
+        """The guess, or what is found from starts (candidate, coordinate) if that costs less."""
+        found = self._descended(guess, starts)
+        return found if found.cost < guess.cost else guess
+
+    def _descended(self, guess: Guess, starts: np.ndarray) -> Guess:
+        """The best pose that contours lead to from starts (candidate, coordinate), with the guess's body."""
+        count = len(starts)
+        self._pose_only.start_at(starts, np.tile(guess.root_base, (count, 1, 1)), np.zeros(count, np.int32))
+        self._pose_only.descend(count, _LIMB_STEPS)
+        found = self._pose_only.descent.best.numpy()[:count].astype(float)  # type: ignore[attr-defined]
         cost = self._judged(found)
         least = int(np.argmin(cost))
-        return replace(guess, pose=found[least], cost=float(cost[least])) if cost[least] < guess.cost else guess
+        return replace(guess, pose=found[least], cost=float(cost[least]))
 
     def _take_body(self, beta: np.ndarray, root_base: np.ndarray) -> None:
         rest, joint_rest = self.space.at(beta, self._vertex)
@@ -150,20 +192,10 @@ class FrameFit:
     def _judged(self, pose: np.ndarray) -> np.ndarray:
         """(pose,) costs."""
         count = len(pose)
-        wp.copy(self._objective.pose, wp.array(pose, dtype=wp.float32, device=self._objective.device))
+        poses = self._device_array(pose)
+        wp.copy(self._objective.pose, poses, count=poses.size)
         cost: np.ndarray = self._objective.evaluate(count).numpy()[:count].copy()
         return cost
 
-
-def limbs(skeleton: Skeleton) -> list[np.ndarray]:
-    """Searched coordinates of each part on which no other hangs, but for the joints at its end, such as wrists."""
-    found = []
-    for number, (name, index) in enumerate(skeleton.searched_by_part().items()):
-        part = skeleton.parts.index(name)
-        hanging = [child for child, above in enumerate(skeleton.parent) if above >= 0 and skeleton.part[above] == part]
-        if number == 0 or any(skeleton.part[child] != part for child in hanging):
-            continue
-        inner = [joint for joint in range(len(skeleton.joints)) if skeleton.part[joint] == part]
-        inner = [joint for joint in inner if joint in skeleton.parent] or inner
-        found.append(index[np.isin((index - TRANSLATION) // 3, inner)])
-    return found
+    def _device_array(self, pose: np.ndarray) -> wp.array[Any]:
+        return wp.array(pose, dtype=wp.float32, device=self._objective.device)

@@ -28,6 +28,7 @@ _STEPS = 6  # of a frame that is followed
 _CARRIED = 0.8  # share of the last motion that is expected again
 _LOST = 3.0  # times the contours' usual cost
 _BODY_STEPS = 15
+_OUTLINE = 0.012  # [m], standard deviation of all outlines together: of shadows, hair and shoes
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +153,11 @@ def solve_body(
 
 
 def measurements(space: RestSpace, solution: BodySolution) -> dict[str, float]:
-    """Height and bone lengths of a solved body with their standard deviations [m]."""
+    """Height and bone lengths of a solved body with their standard deviations [m].
+
+    What the masks and the family of bodies are off by is the same in all frames: more frames do not average it out.
+    """
+    covariance = len(solution.cost) * solution.covariance
     rest, joint = space.at(solution.beta)
     d_rest, d_joint = space.basis(solution.beta)
     top, bottom = int(rest[:, 1].argmax()), int(rest[:, 1].argmin())
@@ -167,5 +172,6 @@ def measurements(space: RestSpace, solution: BodySolution) -> dict[str, float]:
     values: dict[str, float] = {}
     for name, (value, by_parameter) in found.items():
         values[f"body.{name}"] = float(value)
-        values[f"body.{name}.sigma"] = float(np.sqrt(by_parameter @ solution.covariance @ by_parameter))
+        of_outline = _OUTLINE if name == "height" else 0.0
+        values[f"body.{name}.sigma"] = float(np.sqrt(by_parameter @ covariance @ by_parameter + of_outline**2))
     return values

@@ -36,6 +36,7 @@ _LONGEST = 480  # pixels
 _WINNERS = 2  # finalists whose limbs are searched until nothing is gained
 _ROUNDS = 6  # over the limbs, at most
 _CLEAR = 0.03  # of the cost: a margin by which one frame decides
+_TURNED = -0.2  # cosine between the ways that two bodies face
 _UNDECIDED = 0.005  # of the cost: a margin that decides nothing
 _UNDECIDED_CLIP = 0.1  # the same for contours over a clip, as a share of their cost
 _HEADINGS_SHARE, _LIMBS_SHARE = 0.4, 0.6  # of the work, for the progress
@@ -203,7 +204,7 @@ def _first_frame(task: _Task, observation: Observation) -> tuple[Guess, dict[str
     best = finalists[0]
     task.progress("limbs", _LIMBS_SHARE, best.cost)
     ahead = best.facing(skeleton)
-    turned = [guess for guess in finalists + guesses if guess.facing(skeleton) @ ahead < 0]
+    turned = [guess for guess in finalists + guesses if guess.facing(skeleton) @ ahead < _TURNED]
     others: dict[str, Guess] = {}
     if turned:
         others["turned"] = frame.with_limbs_found(min(turned, key=_cost), _ROUNDS)

@@ -59,7 +59,8 @@ def holds_result(path: str | Path) -> bool:
     Raises:
         InputError: no such file, or not USD.
     """
-    return bool(_tracking(read_stage(path)))
+    stage = read_stage(path)  # a prim lives only as long as its stage
+    return _tracking(stage) is not None
 
 
 def _tracking(stage: Usd.Stage) -> Usd.Prim | None:

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel, Subject
+from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.shape_space import ShapeSpace
 from mmocap_warp.device import available_threads, resolve_device
@@ -37,8 +38,9 @@ _WINNERS = 2  # finalists whose limbs are searched until nothing is gained
 _ROUNDS = 6  # over the limbs, at most
 _CLEAR = 0.03  # of the cost: a margin by which one frame decides
 _TURNED = -0.2  # cosine between the ways that two bodies face
+_ELSEWHERE = 0.1  # [m]: joints that are nearer to each other are in the same place
 _UNDECIDED = 0.005  # of the cost: a margin that decides nothing
-_UNDECIDED_CLIP = 0.1  # the same for contours over a clip, as a share of their cost
+_UNDECIDED_CLIP = 0.02  # the same for contours over a clip, as a share of their cost
 _HEADINGS_SHARE, _LIMBS_SHARE = 0.4, 0.6  # of the work, for the progress
 
 
@@ -120,6 +122,7 @@ def _fit_clip(task: _Task, clip: list[Observation], best: Guess, others: dict[st
     close = [other for other in others.values() if other.cost < best.cost + _CLEAR]
     ways = [_with_clip_body(task, clip, task.subject(guess, found)) for guess in (best, *close)]
     (subject, cost), *behind = sorted(ways, key=lambda way: way[1])
+    behind = [way for way in behind if _differ(subject, way[0])]  # some come to the same in the end
     decided = "yes"
     if behind:
         margin = behind[0][1] / cost - 1
@@ -208,13 +211,20 @@ def _first_frame(task: _Task, observation: Observation) -> tuple[Guess, dict[str
     others: dict[str, Guess] = {}
     if turned:
         others["turned"] = frame.with_limbs_found(min(turned, key=_cost), _ROUNDS)
-    swapped = frame.with_sides_swapped(best)
+    there = task.subject(best, {})
+    swapped = [guess for guess in frame.with_sides_swapped(best) if _differ(there, task.subject(guess, {}))]
     if swapped:
-        others["swapped"] = swapped
+        others["swapped"] = min(swapped, key=_cost)
     for name, other in others.items():
         if other.cost < best.cost:
             best, others[name] = other, best
     return best, others
+
+
+def _differ(one: Subject, other: Subject) -> bool:
+    """Whether a joint of two subjects is in another place."""
+    places = [Poser(each.body, each.root_base).joint_transforms(each.pose)[0, :, :3, 3] for each in (one, other)]
+    return bool(np.linalg.norm(places[0] - places[1], axis=1).max() > _ELSEWHERE)
 
 
 def _found(best: Guess, others: dict[str, Guess]) -> dict[str, str | float | int]:

@@ -27,11 +27,11 @@ _POSE_PRIOR = 1e-4  # pull to the rest pose, per squared standard deviation of a
 _WIDE = MatchingConfig(reach=0.2, huber=0.03, sigma=0.03)  # for what is still far from the masks
 _DRAWS = 320  # of a limb's angles
 _TRIED = 24  # of the draws are taken to the bottom
+_FOLLOWED = 6  # of these are taken further
 _LIMB_STEPS = 5
 _WORTH = 1e-3  # of the cost: what a round over the limbs must bring
 _PATIENCE = 2  # rounds that bring nothing before limbs are left where they are
 _WIDER = 2.5  # than angles are spread when a recording starts
-_ELSEWHERE = 0.5  # [rad]: limbs that differ by less are in the same place
 _BODY_STEPS = 10
 
 
@@ -91,7 +91,7 @@ class FrameFit:
             return made
 
         self._rough, self._fine = (fitter(1, len(space.names), matching) for matching in (_WIDE, MatchingConfig()))
-        self._pose_only = fitter(_TRIED, 0, _WIDE)
+        self._rough_pose, self._fine_pose = fitter(_TRIED, 0, _WIDE), fitter(_FOLLOWED, 0, MatchingConfig())
         self._objective = Objective(body, np.eye(3), rig, _DRAWS, renderer="raster", device=device, threads=threads)
         self._objective.observe(observation)
         prior = np.zeros(skeleton.coordinates)
@@ -125,14 +125,15 @@ class FrameFit:
             self._take_body(guess.beta, guess.root_base)
             for limb in self._limbs:
                 guess = self._better(guess, self._drawn(guess, limb))
-            guess = self._solved(guess, self._fine)
+            solved = self._solved(guess, self._fine)
+            guess = solved if solved.cost < guess.cost else guess  # contours may pull a limb the wrong way
             fruitless = fruitless + 1 if guess.cost > before - _WORTH else 0
             if fruitless == _PATIENCE:
                 break
         return guess
 
-    def with_sides_swapped(self, guess: Guess) -> Guess | None:
-        """The best that has a pair of limbs the other way round; None without pairs, or if all end where they were."""
+    def with_sides_swapped(self, guess: Guess) -> list[Guess]:
+        """For each pair of limbs, what is found from where they have each other's place."""
         pairs = [(limb, other) for limb, other in combinations(self._limbs, 2) if limb.other == other.name]
         exchanged = mirrored(self._skeleton, guess.pose)
         found = []
@@ -141,11 +142,8 @@ class FrameFit:
             for limb in pair:
                 pose[limb.coordinates] = exchanged[limb.coordinates]
             self._take_body(guess.beta, guess.root_base)
-            swapped = self.polished(self._descended(guess, pose[None]))
-            away = np.abs(swapped.pose - guess.pose)[np.concatenate([limb.reach for limb in pair])]
-            if away.max() > _ELSEWHERE:
-                found.append(swapped)
-        return min(found, key=lambda each: each.cost, default=None)
+            found.append(self.polished(replace(guess, pose=self._descended(self._rough_pose, guess, pose[None])[0])))
+        return found
 
     def _drawn(self, guess: Guess, limb: Limb) -> np.ndarray:
         """Poses (candidate, coordinate) of which the limb's angles are drawn: those that cost least.
@@ -168,22 +166,24 @@ class FrameFit:
 
     def _better(self, guess: Guess, starts: np.ndarray) -> Guess:
         """The guess, or what is found from starts (candidate, coordinate) if that costs less."""
-        found = self._descended(guess, starts)
-        return found if found.cost < guess.cost else guess
+        near = self._descended(self._rough_pose, guess, starts)[:_FOLLOWED]
+        found = self._descended(self._fine_pose, guess, near)
+        pose, cost = found[0], float(self._judged(found[:1])[0])
+        return replace(guess, pose=pose, cost=cost) if cost < guess.cost else guess
 
-    def _descended(self, guess: Guess, starts: np.ndarray) -> Guess:
-        """The best pose that contours lead to from starts (candidate, coordinate), with the guess's body."""
+    def _descended(self, fitter: ContourFitter, guess: Guess, starts: np.ndarray) -> np.ndarray:
+        """Poses that contours lead to from starts (candidate, coordinate), with the guess's body, the best first."""
         count = len(starts)
-        self._pose_only.start_at(starts, np.tile(guess.root_base, (count, 1, 1)), np.zeros(count, np.int32))
-        self._pose_only.descend(count, _LIMB_STEPS)
-        found = self._pose_only.descent.best.numpy()[:count].astype(float)  # type: ignore[attr-defined]
-        cost = self._judged(found)
-        least = int(np.argmin(cost))
-        return replace(guess, pose=found[least], cost=float(cost[least]))
+        fitter.start_at(starts, np.tile(guess.root_base, (count, 1, 1)), np.zeros(count, np.int32))
+        fitter.descend(count, _LIMB_STEPS)
+        best: wp.array[Any] = fitter.descent.best
+        found = best.numpy()[:count].astype(float)
+        return found[np.argsort(self._judged(found), kind="stable")]
 
     def _take_body(self, beta: np.ndarray, root_base: np.ndarray) -> None:
         rest, joint_rest = self.space.at(beta, self._vertex)
-        self._pose_only.reshape(rest, joint_rest)
+        self._rough_pose.reshape(rest, joint_rest)
+        self._fine_pose.reshape(rest, joint_rest)
         arrays = self._objective.body
         arrays.rest.assign(rest[None].astype(np.float32))
         arrays.joint_rest.assign(joint_rest[None].astype(np.float32))

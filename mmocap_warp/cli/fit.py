@@ -38,7 +38,7 @@ def fit(
     force: Switch = False,
     console: Console | None = None,
 ) -> None:
-    """Find the body's shape, place, heading and first pose in a scene's first frame.
+    """Find the body's place, heading and first pose in a scene's first frame, and its shape in the first seconds.
 
     Parameters
     ----------
@@ -47,18 +47,16 @@ def fit(
     output
         The subject's file: .usdc, .usda or .usd. Name it as 'subject' in the scene to track with it.
     body
-        Where the shape starts: a shipped body's name or a USD file. The scene's, or else adult_man.
+        The generic body that the subject's is near to: a shipped one's name or a USD file. The scene's, or else
+        adult_man.
     force
         Replace a file that exists.
     """
-    import numpy as np
-
     from mmocap_warp.bodies.shipped import DEFAULT_BODY, load_body
     from mmocap_warp.cli.devices import start_warp
     from mmocap_warp.cli.outputs import new_file
     from mmocap_warp.cli.settings import describe, effective
     from mmocap_warp.cli.subjects import fit_subject
-    from mmocap_warp.formats.usd.body import write_subject
     from mmocap_warp.formats.usd.file import USD_SUFFIXES
     from mmocap_warp.scene.scene_toml import load_scene
     from mmocap_warp.tracking.fit import FitConfig
@@ -70,8 +68,15 @@ def fit(
     start = load_body(body or loaded.body or DEFAULT_BODY, "--body" if body else loaded.path)
     start_warp(config.device)
     console.note(f"fit: {describe(config, loaded.fit, flags)}")
-    subject = fit_subject(loaded, start, config, console)
-    write_subject(output, subject)
-    height = float(np.ptp(subject.body.skin.rest[:, 1]))
-    values = {"file": output, "body": start.name, "height_m": height, **subject.provenance}
-    console.result(values, f"{output}: {start.name}, {height:.2f} m tall, cost {subject.provenance['fit.cost']:.3f}")
+    subject = fit_subject(loaded, start, config, output, console)
+    values = {"file": output, "body": start.name, "height_m": subject.provenance["body.height"], **subject.provenance}
+    console.result(values, f"{output}: {start.name}, {_measures(subject.provenance)}")
+
+
+def _measures(provenance: dict[str, str | float | int]) -> str:
+    """Height and bones with their standard deviations, for people."""
+    sigma = {name: 1000 * float(value) for name, value in provenance.items() if name.endswith(".sigma")}
+    of_height = sigma.pop("body.height.sigma")
+    bones = f", bones to {min(sigma.values()):.0f} to {max(sigma.values()):.0f} mm" if sigma else ""
+    height, frames = float(provenance["body.height"]), provenance["fit.frames"]
+    return f"{height:.2f} m tall, known to {of_height:.0f} mm{bones} from {frames} frames"

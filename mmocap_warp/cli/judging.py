@@ -10,6 +10,7 @@ from mmocap_warp.cli.console import Console, table
 from mmocap_warp.errors import InputError
 
 if TYPE_CHECKING:
+    from mmocap_warp.body.model import Subject
     from mmocap_warp.result.result import Result
     from mmocap_warp.result.truth import Truth
     from mmocap_warp.scene.recording import Scene
@@ -29,15 +30,24 @@ def scene_of(result: Result, path: Path, named: Path | None) -> Scene | None:
     Raises:
         InputError: the scene is wrong, or is no longer where the result says.
     """
+    return recorded_scene(result.config.get("scene"), path, named)
+
+
+def recorded_scene(reference: str | None, path: Path, named: Path | None) -> Scene | None:
+    """The scene that a file at ``path`` was made from by its ``reference``, or the one named now; None if neither is.
+
+    Raises:
+        InputError: the scene is wrong, or is no longer where the reference says.
+    """
     from mmocap_warp.scene.scene_toml import load_scene
 
     if named is not None:
         return load_scene(named)
-    if "scene" not in result.config:
+    if reference is None:
         return None
-    recorded = path.parent / result.config["scene"]
+    recorded = path.parent / reference
     if not recorded.exists():
-        raise InputError(path, f"was tracked from {recorded}, which is not there", "name the scene with --scene")
+        raise InputError(path, f"was made from {recorded}, which is not there", "name the scene with --scene")
     return load_scene(recorded)
 
 
@@ -116,3 +126,15 @@ def draw_result(result: Result, scene: Scene | None, video: Path, sheet: Path, c
         images, masks = scene.images(drawn, first, frames), tracked_masks(scene, result)
     with Progress("show", quiet=console.quiet) as progress:
         show(result, images, masks, video=video, sheet=sheet, progress=lambda done: progress(done, frames))
+
+
+def draw_subject(subject: Subject, scene: Scene | None, sheet: Path) -> None:
+    """Draw a subject over its scene's first frame, or alone where there is no scene."""
+    from mmocap_warp.drawing.show import show_subject
+
+    if scene is None:
+        show_subject(subject, sheet)
+        return
+    drawn = min(1.0, _DRAWN_LENGTH / int(scene.calibrated.size.max()))
+    images, masks = next(scene.images(drawn, 0, 1)), next(scene.masks(drawn, 0, 1))
+    show_subject(subject, sheet, scene.rig(drawn), images, masks)

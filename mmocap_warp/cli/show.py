@@ -1,4 +1,4 @@
-"""``mmocap show``: a result over what the cameras saw."""
+"""``mmocap show``: a result, or a fitted subject, over what the cameras saw."""
 
 from __future__ import annotations
 
@@ -21,23 +21,35 @@ def show(
 ) -> None:
     """Write an overlay video of all cameras, and a contact sheet beside it: mask against model, skin and skeleton.
 
+    Of a subject it is a picture: the fit over the first frame, or the body alone where the scene is not known.
+
     Parameters
     ----------
     result
-        What 'mmocap track' wrote.
+        What 'mmocap track' or 'mmocap fit' wrote.
     output
-        The video's file, .webm; beside the result and named after it by default. The sheet has the ending .png.
+        The video's file, .webm; beside the result and named after it by default. The sheet, and a subject's picture,
+        have the ending .png.
     scene
         The scene, if it is no longer where the result says.
     force
         Replace files that exist.
     """
     from mmocap_warp.cli.devices import start_warp
-    from mmocap_warp.cli.judging import draw_result, scene_of
+    from mmocap_warp.cli.judging import draw_result, draw_subject, recorded_scene, scene_of
     from mmocap_warp.cli.outputs import new_file
-    from mmocap_warp.formats.usd.result import read_result
+    from mmocap_warp.formats.usd.body import read_subject
+    from mmocap_warp.formats.usd.result import holds_result, read_result
 
     console = console or Console()
+    if not holds_result(result):
+        picture = new_file(output or result.with_suffix(".png"), ".png", force=force)
+        subject = read_subject(result)
+        start_warp()
+        reference = str(subject.provenance["fit.scene"]) if "fit.scene" in subject.provenance else None
+        draw_subject(subject, recorded_scene(reference, result, scene), picture)
+        console.result({"sheet": picture}, str(picture))
+        return
     video = new_file(output or result.with_suffix(".webm"), ".webm", force=force)
     sheet = new_file(video.with_suffix(".png"), ".png", force=force)
     tracked = read_result(result)

@@ -1,7 +1,9 @@
-"""Fitting a subject to a scene's first frame, with a line of progress."""
+"""Fitting a subject to a scene, with a line of progress, and what is to be said of it."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mmocap_warp.cli.console import Console
@@ -13,13 +15,26 @@ if TYPE_CHECKING:
     from mmocap_warp.tracking.fit import FitConfig
 
 
-def fit_subject(scene: Scene, body: BodyModel, config: FitConfig, console: Console) -> Subject:
-    """Fit a body to the scene's first frame, showing progress.
+def fit_subject(scene: Scene, body: BodyModel, config: FitConfig, output: Path, console: Console) -> Subject:
+    """Fit a body to a scene and write it to ``output``, showing progress, with a line where masks do not decide.
 
     Raises:
         InputError: the first frame's masks do not show one subject.
     """
+    from mmocap_warp.cli.judging import scene_reference
+    from mmocap_warp.formats.usd.body import write_subject
     from mmocap_warp.tracking.fit import fit
 
     with Progress("fit", None, quiet=console.quiet) as progress:
-        return fit(scene, body, config, lambda stage, done, cost: progress(round(100 * done), 100))
+        subject = fit(scene, body, config, lambda stage, done, cost: progress(round(100 * done), 100))
+    if subject.provenance["fit.decided"] == "no":
+        console.note(_UNDECIDED[str(subject.provenance["fit.alternative"])])
+    subject = replace(subject, provenance={**subject.provenance, "fit.scene": scene_reference(scene.path, output)})
+    write_subject(output, subject)
+    return subject
+
+
+_UNDECIDED = {
+    "turned": "fit: the masks do not tell which way the subject faces; it may be back to front",
+    "swapped": "fit: the masks do not tell left limbs from right ones; they may be swapped",
+}

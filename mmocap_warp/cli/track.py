@@ -209,12 +209,12 @@ def _named_subject(scene: Scene, output: Path, start: Start) -> Subject | None:
 
 
 def _fitted_subject(scene: Scene, config: TrackConfig, output: Path, start: Start, console: Console) -> Subject:
-    """A subject fitted to the first frame and kept beside the result."""
+    """A subject fitted to the scene and kept beside the result."""
     from mmocap_warp.bodies.shipped import DEFAULT_BODY, load_body
     from mmocap_warp.cli.fit import FitFlags
     from mmocap_warp.cli.settings import describe, effective
     from mmocap_warp.cli.subjects import fit_subject
-    from mmocap_warp.formats.usd.body import read_subject, write_subject
+    from mmocap_warp.formats.usd.body import read_subject
     from mmocap_warp.tracking.fit import FitConfig
 
     flags = FitFlags(device=config.device, threads=config.threads)
@@ -223,5 +223,5 @@ def _fitted_subject(scene: Scene, config: TrackConfig, output: Path, start: Star
     _check_model(body, scene, config, start.flags)
     given = FitFlags(device=start.flags.device, threads=start.flags.threads)
     console.note(f"fit: {describe(fit, scene.fit, given)}")
-    write_subject(_kept_subject(output), fit_subject(scene, body, fit, console))
+    fit_subject(scene, body, fit, _kept_subject(output), console)
     return read_subject(_kept_subject(output))  # as --resume will find it, to the last bit

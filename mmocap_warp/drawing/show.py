@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.drawing.overlay import (
     LEFT_COLOUR,
@@ -34,6 +35,9 @@ _HEADER = 30  # [px]
 _GAP = 4  # [px], between tiles
 _SHEET_FRAMES = 8
 _SHEET_ROW = 260  # [px], height of a view in a contact sheet
+_STILL_COLUMNS = 4
+_STILL_SIZE = (600, 600)  # [px], of views from four sides
+_STILL_DISTANCE = 3.0  # of these from the body, in its sizes
 _CROP_MARGIN = 0.12  # around the body in a contact sheet, of its size
 
 Images = Iterable[Sequence[np.ndarray | None]]
@@ -63,7 +67,8 @@ def show(
     Raises:
         InputError: another ending, a folder that cannot be written, or fewer images or masks than frames.
     """
-    body = _ProjectedBody(result)
+    run = result.best_run
+    body = _ProjectedBody(result.subject, result.cameras, result.pose[run])
     columns, windows = _video_layout(result.cameras)
     on_sheet = np.unique(np.linspace(0, len(result.frame_numbers) - 1, _SHEET_FRAMES).round().astype(int)).tolist()
     crops = [_crop(body, k, on_sheet) for k in range(len(result.cameras))]
@@ -73,13 +78,13 @@ def show(
         for frame, (seen, masked) in enumerate(_in_step(result, images, masks)):
             if writer:
                 views = body.views(frame, seen, masked, windows)
-                writer.write(_video_frame(result, body.run, frame, views, columns))
+                writer.write(_video_frame(result, run, frame, views, columns))
             if sheet and frame in on_sheet:
                 cells.append(body.views(frame, seen, masked, crops))
             if progress is not None:
                 progress(frame + 1)
     if sheet:
-        write_png(sheet, _contact_sheet(result, body.run, on_sheet, cells))
+        write_png(sheet, _contact_sheet(result, run, on_sheet, cells))
 
 
 def overlay(
@@ -123,8 +128,61 @@ def overlay(
         Window((0, 0), (width, height), (width, height) if image is None else (image.shape[1], image.shape[0]))
         for (width, height), image in zip(result.cameras.size.tolist(), images, strict=True)
     ]
-    view = _ProjectedBody(result, run).views(frame, images, masks, windows)[k]
+    body = _ProjectedBody(result.subject, result.cameras, result.pose[result.best_run if run is None else run])
+    view = body.views(frame, images, masks, windows)[k]
     return view[:, :, ::-1].copy()  # OpenCV draws blue first
+
+
+def show_subject(
+    subject: Subject,
+    sheet: str | Path,
+    rig: CameraRig | None = None,
+    images: Sequence[np.ndarray | None] | None = None,
+    masks: Sequence[np.ndarray | None] | None = None,
+) -> None:
+    """Draw a subject in its first pose, each view cut to the body.
+
+    Args:
+        subject: the body and its pose.
+        sheet: a ``.png``.
+        rig: the recording's cameras, undistorted; None looks from four sides.
+        images: an image for each camera, as :func:`show` takes them; None for none.
+        masks: likewise.
+
+    Raises:
+        InputError: another ending, or a folder that cannot be written.
+    """
+    rig = rig or _rig_around(subject)
+    nothing: list[np.ndarray | None] = [None] * len(rig)
+    body = _ProjectedBody(subject, rig, subject.pose[None])
+    crops = [_crop(body, k, [0]) for k in range(len(rig))]
+    views = body.views(0, images or nothing, masks or nothing, crops)
+    for name, view in zip(rig.names, views, strict=True):
+        write_text(view, name, (6, 6), size=0.4)
+    canvas, _ = _tiled([views[first : first + _STILL_COLUMNS] for first in range(0, len(views), _STILL_COLUMNS)])
+    write_text(canvas, subject.body.name, (6, 9))
+    write_png(sheet, canvas)
+
+
+def _rig_around(subject: Subject) -> CameraRig:
+    """Four cameras around a subject, the first before it."""
+    from mmocap_warp.formats.usd.body import up_axis
+
+    (vertices,) = Poser(subject.body, subject.root_base).vertices(subject.pose)
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    extent = float(np.linalg.norm(high - low))
+    ahead, up = subject.root_base[:, 2], subject.root_base[:, 1]
+    aside = np.cross(up, ahead)
+    towards = -np.stack([ahead, aside, -ahead, -aside])
+    R = np.stack([np.stack([np.cross(-up, forward), -up, forward]) for forward in towards])
+    eye = (low + high) / 2 - _STILL_DISTANCE * extent * towards
+    width, height = _STILL_SIZE
+    focal = _STILL_DISTANCE * height
+    K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
+    t = -np.einsum("kab,kb->ka", R, eye)
+    names = ("front", "left", "back", "right")
+    sizes, straight = np.tile(_STILL_SIZE, (4, 1)), np.zeros((4, 5))
+    return CameraRig(names, np.tile(K, (4, 1, 1)), R, t, sizes, straight, up_axis(subject.root_base))
 
 
 def check_same_recording(result: Result, scene: Scene) -> None:
@@ -144,14 +202,13 @@ def check_same_recording(result: Result, scene: Scene) -> None:
 
 
 class _ProjectedBody:
-    """A run in the cameras' pixels, posed a frame at a time: the skin of all frames would fill the memory."""
+    """A subject in the cameras' pixels in poses (frame, coordinate), one at a time: all skin would fill the memory."""
 
-    def __init__(self, result: Result, run: int | None = None) -> None:
-        self.run, self.rig = result.best_run if run is None else run, result.cameras
-        self._pose = result.pose[self.run]
-        self._faces = result.subject.body.tracking_face
-        self._skeleton = result.subject.body.skeleton
-        self._poser = Poser(result.subject.body, result.subject.root_base)
+    def __init__(self, subject: Subject, rig: CameraRig, pose: np.ndarray) -> None:
+        self.rig, self._pose = rig, pose
+        self._faces = subject.body.tracking_face
+        self._skeleton = subject.body.skeleton
+        self._poser = Poser(subject.body, subject.root_base)
 
     def vertices(self, frame: int) -> np.ndarray:
         """(camera, vertex, 2), the tracking mesh [px]."""

@@ -1,67 +1,60 @@
-"""The first frame without hand work: where the subject stands and heads, its shape, and its pose, from the masks.
+"""A subject without hand work: where it stands and heads, its pose in the first frame, and its body, from the masks.
 
 1. The visual hull gives the place and the size.
-2. Several headings, evenly spread, are each fitted with CMA-ES over pose, shape and scale together. A prior on the
-   pose decides between them: without it a person seen from behind fits as one seen from the front, elbows and knees
-   bent the wrong way.
-3. The best few are refined in cycles, root and shape first and then the body's parts one after the other: where the
-   whole-body search stands still, the parts go on. The prior fades, because by then the pose is nearly right.
-4. The best of them goes on alone.
+2. Several headings, evenly spread, are each fitted by a short search over pose, shape and scale together.
+3. Contours take each to the bottom of its basin, body included. Of the best few, limbs are drawn anew until nothing
+   is gained.
+4. The first seconds of the clip are followed by contours, and some of their frames solved for the body together.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
+from itertools import chain, islice
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import warp as wp
 
 from mmocap_warp.body.model import BodyModel, Subject
-from mmocap_warp.body.shape_space import ShapeSpace, upright_base
-from mmocap_warp.body.skeleton import TRANSLATION
+from mmocap_warp.body.posing import Poser
+from mmocap_warp.body.rest_space import RestSpace
+from mmocap_warp.body.shape_space import ShapeSpace
 from mmocap_warp.device import available_threads, resolve_device
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import config_from_table
-from mmocap_warp.kernels.optimizers.populations import make_space
-from mmocap_warp.objective.objective import Objective
-from mmocap_warp.optimizers.cma_es import CmaEs, CmaEsConfig
-from mmocap_warp.optimizers.search import Search
-from mmocap_warp.tracking.strategy import hierarchical
+from mmocap_warp.tracking.clip_body import follow, frames_to_follow, solve_body
+from mmocap_warp.tracking.frame_fit import FrameFit, Guess
+from mmocap_warp.tracking.standing_search import NoSubjectError, search_headings, standing_start
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
-from mmocap_warp.views.visual_hull import visual_hull
 
 if TYPE_CHECKING:
     from mmocap_warp.scene.recording import Scene
 
 _LONGEST = 480  # pixels
-_SPREAD_TRANSLATION = 0.10  # [m]
-_SPREAD_SLIDER = 0.3
-_SPREAD_SCALE = 0.05  # of the logarithm
-_WIDEST, _NARROWEST = 0.6, 0.1  # shares of the spread at which the first and the last cycle start
-_HEADINGS_SHARE = 0.3  # of the work, for the progress
+_WINNERS = 2  # finalists whose limbs are searched until nothing is gained
+_ROUNDS = 6  # over the limbs, at most
+_CLEAR = 0.03  # of the cost: a margin by which one frame decides
+_TURNED = -0.2  # cosine between the ways that two bodies face
+_ELSEWHERE = 0.1  # [m]: joints that are nearer to each other are in the same place
+_UNDECIDED = 0.005  # of the cost: a margin that decides nothing
+_UNDECIDED_CLIP = 0.02  # the same for contours over a clip, as a share of their cost
+_HEADINGS_SHARE, _LIMBS_SHARE = 0.4, 0.6  # of the work, for the progress
 
 
 @dataclass(frozen=True)
 class FitConfig:
-    """Settings of the first-frame fit.
+    """Settings of a fit.
 
     Attributes:
         seed: of the random numbers.
         scale: of masks and cameras; None makes the largest image 480 pixels long, which is plenty for a shape.
         headings: evenly spread starting directions.
-        start_evaluations: spent on each heading.
-        finalists: headings that are refined.
-        final_cycles: refinement cycles of all finalists.
-        winner_cycles: further cycles of the best one.
-        winner_runs: independent runs of these; the best is the answer.
-        cycle_evaluations: spent in a cycle on each.
-        pose_prior: pull to the rest pose at the start, per squared prior standard deviation.
-        shape_prior: pull to the starting body, per squared slider.
+        evaluations: spent on each.
+        finalists: headings whose limbs are searched.
+        frames: of the clip's first seconds that the body is solved from; 1 takes it from the first frame alone.
         device: ``auto``, ``cpu`` or a CUDA device.
         threads: CPU threads; None for all that this process may use.
     """
@@ -69,35 +62,18 @@ class FitConfig:
     seed: int = 0
     scale: float | None = None
     headings: int = 8
-    start_evaluations: int = 3000
-    finalists: int = 3
-    final_cycles: int = 3
-    winner_cycles: int = 16
-    winner_runs: int = 3
-    cycle_evaluations: int = 4500
-    pose_prior: float = 0.001
-    shape_prior: float = 0.003
+    evaluations: int = 1000
+    finalists: int = 4
+    frames: int = 16
     device: str = "auto"
     threads: int | None = None
 
     def __post_init__(self) -> None:
         if self.scale is not None and not 0.0 < self.scale <= 1.0:
             raise ValueError(f"scale must be in (0, 1], got {self.scale}")
-        names = (
-            "headings", "start_evaluations", "finalists", "final_cycles", "winner_cycles", "winner_runs",
-            "cycle_evaluations",
-        )  # fmt: skip
-        for name in names:
+        for name in ("headings", "evaluations", "finalists", "frames"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
-        for name in ("pose_prior", "shape_prior"):
-            if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
-                raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
-
-    @property
-    def cycles(self) -> int:
-        """All refinement cycles of the winner."""
-        return self.final_cycles + self.winner_cycles
 
 
 FitProgress = Callable[[str, float, float], None]
@@ -111,11 +87,11 @@ def fit(
     progress: FitProgress | None = None,
     **settings: Any,
 ) -> Subject:
-    """Fit a body to a scene's first frame.
+    """Fit a body to a scene: its first frame finds the pose, its first seconds the shape.
 
     Args:
         scene: the recording.
-        body: where the shape starts; it needs shape targets.
+        body: the generic body that the subject's is expected to be near to.
         config: settings; None for those of the scene's [fit] table.
         progress: told after every stage.
         settings: fields of :class:`FitConfig` to replace those of ``config``, such as ``headings=4``.
@@ -127,16 +103,43 @@ def fit(
     config = replace(config or config_from_table(FitConfig, scene.settings("fit")), **settings)
     scale = config.scale or min(1.0, _LONGEST / float(scene.rig().size.max()))
     rig = scene.rig(scale)
-    observation = next(iter(scene.observations(scale, count=1)))
+    task = _Task(body, rig, config, progress or (lambda stage, done, cost: None))
+    numbers = frames_to_follow(scene.fps, scene.frame_count if config.frames > 1 else 1)
+    observations = iter(scene.observations(scale, count=numbers[-1] + 1))
+    first = next(observations)
     try:
-        return fit_observation(body, rig, observation, config, progress)
+        best, others = _first_frame(task, first)
     except NoSubjectError as error:
         remedy = "look at the masks (mmocap mask) and the calibration (mmocap cameras)"
         raise InputError(scene.path, f"frame 0: {error}", remedy) from None
+    clip = list(islice(chain([first], observations), 0, None, numbers.step))
+    return _fit_clip(task, clip, best, others)
 
 
-class NoSubjectError(ValueError):
-    """The masks do not show one subject."""
+def _fit_clip(task: _Task, clip: list[Observation], best: Guess, others: dict[str, Guess]) -> Subject:
+    """The body from frames of a clip. Motion decides between ways to see the first frame that are nearly as good."""
+    found = _found(best, others)
+    close = [other for other in others.values() if other.cost < best.cost + _CLEAR]
+    ways = [_with_clip_body(task, clip, task.subject(guess, found)) for guess in (best, *close)]
+    (subject, cost), *behind = sorted(ways, key=lambda way: way[1])
+    behind = [way for way in behind if _differ(subject, way[0])]  # some come to the same in the end
+    decided = "yes"
+    if behind:
+        margin = behind[0][1] / cost - 1
+        found["fit.clip_margin"] = margin
+        decided = "no" if margin < _UNDECIDED_CLIP else "yes"
+    task.progress("body", 1.0, best.cost)
+    return replace(subject, provenance=subject.provenance | found | {"fit.decided": decided})
+
+
+def _with_clip_body(task: _Task, clip: list[Observation], subject: Subject) -> tuple[Subject, float]:
+    """The subject with the body of the frames that it can be followed through, and their contours' mean cost."""
+    followed = follow(subject, task.rig, clip, task.device, task.threads)
+    share = len(followed.rooted) / len(clip)
+    solved, cost = solve_body(
+        subject, task.body, task.rig, followed.spread(task.config.frames), task.device, task.threads
+    )
+    return solved, cost / share
 
 
 def fit_observation(
@@ -149,7 +152,7 @@ def fit_observation(
     """Fit a body to one frame's masks.
 
     Args:
-        body: where the shape starts; it needs shape targets.
+        body: the generic body that the subject's is expected to be near to.
         rig: undistorted cameras at the masks' size.
         observation: the masks; at least two views must see the subject.
         config: settings.
@@ -158,135 +161,91 @@ def fit_observation(
     Raises:
         NoSubjectError: fewer than two views see the subject, or they see different things.
     """
-    config = config or FitConfig()
-    task = _Task(ShapeSpace(body, rig.up), rig, observation, config, progress or (lambda stage, done, cost: None))
-    coordinates, costs = _fit_headings(task, _standing_start(task))
-    finalists = np.argsort(costs, kind="stable")[: config.finalists]
-    coordinates, costs = _refine(task, coordinates[finalists], range(config.final_cycles))
-    ranked = np.argsort(costs, kind="stable")
-    margin = float(costs[ranked[1]] - costs[ranked[0]]) if len(costs) > 1 else float("nan")
-    winner = np.repeat(coordinates[ranked[:1]], config.winner_runs, axis=0)
-    coordinates, costs = _refine(task, winner, range(config.final_cycles, config.cycles))
-    best = int(np.argmin(costs))
-    provenance = {f"fit.{name}": value for name, value in asdict(config).items() if value is not None}
-    found = {"fit.cost": float(costs[best]), "fit.margin": margin}
-    return task.space.subject(coordinates[best].astype(np.float64), provenance | found)
+    task = _Task(body, rig, config or FitConfig(), progress or (lambda stage, done, cost: None))
+    best, others = _first_frame(task, observation)
+    found = _found(best, others)
+    decided = "no" if any(other.cost < best.cost + _UNDECIDED for other in others.values()) else "yes"
+    return task.subject(best, found | {"fit.decided": decided})
 
 
 @dataclass(frozen=True)
 class _Task:
     """What all stages of a fit share."""
 
-    space: ShapeSpace
+    body: BodyModel
     rig: CameraRig
-    observation: Observation
     config: FitConfig
     progress: FitProgress
 
     @cached_property
-    def spread(self) -> np.ndarray:
-        """(coordinate,) how far each may be from the start: the scale of the search and of the prior."""
-        space = self.space
-        spread = np.full(len(space), np.inf)  # the heading's is not used
-        spread[:TRANSLATION] = _SPREAD_TRANSLATION
-        spread[TRANSLATION : space.body.skeleton.coordinates] = np.repeat(space.body.skeleton.spread, 3)
-        spread[space.slider_index] = _SPREAD_SLIDER
-        spread[space.scale_index] = _SPREAD_SCALE
-        return spread
+    def space(self) -> RestSpace:
+        """Bodies around the generic one."""
+        return RestSpace(self.body)
 
-    def prior(self, strength: float) -> np.ndarray:
-        """(coordinate,) quadratic pull: to the rest pose in units of the spread, and to the starting shape."""
-        prior = np.zeros(len(self.space))
-        angles = slice(TRANSLATION, self.space.body.skeleton.coordinates)
-        prior[angles] = strength * self.config.pose_prior / self.spread[angles] ** 2
-        prior[self.space.slider_index] = self.config.shape_prior
-        return prior
+    @cached_property
+    def device(self) -> str:
+        return resolve_device(self.config.device)
 
+    @cached_property
+    def threads(self) -> int:
+        return self.config.threads or available_threads()
 
-def _standing_start(task: _Task) -> np.ndarray:
-    """Coordinates of the rest pose where the visual hull stands, scaled to its height."""
-    space, rig, observation = task.space, task.rig, task.observation
-    hull = visual_hull(rig, observation, spacing=0.03)
-    if len(hull) < 100:
-        hull = visual_hull(rig, observation, spacing=0.03, tolerate=1)
-    if len(hull) < 100:
-        raise NoSubjectError("the silhouettes of at least two views do not meet anywhere in space")
-    up = upright_base(rig.up)[:, 1]
-    low, high = np.percentile(hull @ up, [0.5, 99.5])
-    body = space.body
-    scale = np.clip((high - low) / np.ptp(body.skin.rest[:, 1]), 0.6, 1.4)
-    centre = np.median(hull, axis=0)
-    coordinates = np.zeros(len(space))
-    root_height = low + scale * (body.joint_rest[0, 1] - body.skin.rest[:, 1].min())
-    coordinates[:3] = centre + (root_height - centre @ up) * up
-    coordinates[space.scale_index] = np.log(scale)
-    return coordinates
+    def subject(self, guess: Guess, found: dict[str, str | float | int]) -> Subject:
+        """A guess with its provenance."""
+        settings = {f"fit.{name}": value for name, value in asdict(self.config).items() if value is not None}
+        return Subject(self.space.model(guess.beta), guess.root_base, guess.pose, settings | found)
 
 
-def _fit_headings(task: _Task, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Fit every heading on its own, whole body, shape and scale at once: coordinates and costs."""
-    config, space = task.config, task.space
-    starts = np.repeat(start[None], config.headings, axis=0)
-    starts[:, space.heading_index] = 2 * np.pi * np.arange(config.headings) / config.headings
-    everything = np.concatenate([space.body.skeleton.searched(), space.slider_index, [space.scale_index]])
-    search = _ShapeSearch(task, starts, [everything], config.start_evaluations, population=24)
-    search.run(prior=task.prior(1.0), narrowing=1.0)
-    coordinates, costs = search.best()
-    task.progress("headings", _HEADINGS_SHARE, float(costs.min()))
-    return coordinates, costs
+def _first_frame(task: _Task, observation: Observation) -> tuple[Guess, dict[str, Guess]]:
+    """The best guess at the first frame, and others by how they differ: turned round, or with sides swapped."""
+    config, skeleton = task.config, task.body.skeleton
+    frame = FrameFit(task.space, task.rig, observation, config.seed, task.device, task.threads)
+    guesses = sorted((frame.polished(guess) for guess in _headings(task, observation)), key=_cost)
+    task.progress("headings", _HEADINGS_SHARE, guesses[0].cost)
+    finalists = sorted((frame.with_limbs_found(guess, 1) for guess in guesses[: config.finalists]), key=_cost)
+    finalists = sorted((frame.with_limbs_found(guess, _ROUNDS) for guess in finalists[:_WINNERS]), key=_cost)
+    best = finalists[0]
+    task.progress("limbs", _LIMBS_SHARE, best.cost)
+    ahead = best.facing(skeleton)
+    turned = [guess for guess in finalists + guesses if guess.facing(skeleton) @ ahead < _TURNED]
+    others: dict[str, Guess] = {}
+    if turned:
+        others["turned"] = frame.with_limbs_found(min(turned, key=_cost), _ROUNDS)
+    there = task.subject(best, {})
+    swapped = [guess for guess in frame.with_sides_swapped(best) if _differ(there, task.subject(guess, {}))]
+    if swapped:
+        others["swapped"] = min(swapped, key=_cost)
+    for name, other in others.items():
+        if other.cost < best.cost:
+            best, others[name] = other, best
+    return best, others
 
 
-def _refine(task: _Task, starts: np.ndarray, cycles: range) -> tuple[np.ndarray, np.ndarray]:
-    """Cycles over root and shape, then the parts, ever narrower and less held: coordinates and costs."""
-    config, space = task.config, task.space
-    root_and_shape = np.concatenate([np.arange(6), space.slider_index, [space.scale_index]])
-    parts = [root_and_shape, *(part.index for part in hierarchical(space.body.skeleton))]
-    search = _ShapeSearch(task, starts, parts, config.cycle_evaluations, population=12)
-    for cycle in cycles:
-        left = 1.0 - cycle / config.cycles
-        search.run(prior=task.prior(max(left, 0.1)), narrowing=max(_WIDEST * left, _NARROWEST))
-        done = _HEADINGS_SHARE + (1.0 - _HEADINGS_SHARE) * (cycle + 1) / config.cycles
-        task.progress("refinement", done, float(search.best()[1].min()))
-    return search.best()
+def _differ(one: Subject, other: Subject) -> bool:
+    """Whether a joint of two subjects is in another place."""
+    places = [Poser(each.body, each.root_base).joint_transforms(each.pose)[0, :, :3, 3] for each in (one, other)]
+    return bool(np.linalg.norm(places[0] - places[1], axis=1).max() > _ELSEWHERE)
 
 
-class _ShapeSearch:
-    """A search whose coordinates include shape, scale and heading; one run per start."""
+def _found(best: Guess, others: dict[str, Guess]) -> dict[str, str | float | int]:
+    """What the first frame says: the best cost, the next best way to see it, and how far that is behind."""
+    if not others:
+        return {"fit.cost": best.cost, "fit.margin": float("nan")}
+    name = min(others, key=lambda name: others[name].cost)
+    return {"fit.cost": best.cost, "fit.margin": others[name].cost - best.cost, "fit.alternative": name}
 
-    def __init__(
-        self, task: _Task, starts: np.ndarray, parts: list[np.ndarray], evaluations: int, population: int
-    ) -> None:
-        config, space, runs = task.config, task.space, len(starts)
-        device = resolve_device(config.device)
-        seed = wp.array(config.seed + np.arange(runs), dtype=wp.int32, device=device)
-        counter = wp.zeros(runs, dtype=wp.int32, device=device)
-        self._spreads = [task.spread[part] for part in parts]
-        self._optimizers = [
-            CmaEs(make_space(part, radius, seed, counter), evaluations, CmaEsConfig(population))
-            for part, radius in zip(parts, self._spreads, strict=True)
-        ]
-        self._objective = Objective(
-            space.body,
-            upright_base(space.up),
-            task.rig,
-            runs * max(optimizer.particles for optimizer in self._optimizers),
-            renderer="raster",
-            shapes=space,
-            device=device,
-            threads=config.threads or available_threads(),
-        )
-        self._objective.observe(task.observation)
-        limits = space.limits(space.body.skeleton.coordinate_limits)
-        self._search = Search(self._objective, self._optimizers, evaluations, limits)
-        self._search.best_pose.assign(starts.astype(np.float32))
 
-    def run(self, prior: np.ndarray, narrowing: float) -> None:
-        """Search once more from the best so far, starting at a share of the spread."""
-        self._objective.prior.assign(prior)
-        for optimizer, spread in zip(self._optimizers, self._spreads, strict=True):
-            optimizer.space.radius.assign((narrowing * spread).astype(np.float32))
-        self._search.run()
+def _headings(task: _Task, observation: Observation) -> list[Guess]:
+    """A guess for each heading."""
+    config, shapes = task.config, ShapeSpace(task.body, task.rig.up)
+    found = search_headings(
+        shapes, task.rig, observation, standing_start(shapes, task.rig, observation),
+        headings=config.headings, evaluations=config.evaluations, seed=config.seed,
+        device=task.device, threads=task.threads,
+    )  # fmt: skip
+    subjects = [shapes.subject(coordinates.astype(np.float64), {}) for coordinates in found]
+    return [Guess(task.space.nearest(subject.body), subject.root_base, subject.pose) for subject in subjects]
 
-    def best(self) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates (run, coordinate) and costs (run,), prior included."""
-        return self._search.best_pose.numpy().copy(), self._search.best_cost.numpy().copy()
+
+def _cost(guess: Guess) -> float:
+    return guess.cost

@@ -224,17 +224,23 @@ def test_cameras_below_the_floor_fail_the_check(scene, capsys):
 
 def test_fit_writes_a_subject_that_can_be_tracked(scene, tmp_path, capsys):
     quick = scene.with_name("quick.toml")
-    fit = "[fit]\nstart_evaluations = 48\nfinalists = 1\nfinal_cycles = 1\nwinner_cycles = 1\ncycle_evaluations = 84\n"
+    fit = "[fit]\nevaluations = 48\nfinalists = 1\nframes = 3\n"
     quick.write_text(SCENE + fit)
     fitted = answer(capsys, "fit", quick, "-o", tmp_path / "s.usdc", "--headings", 2, "--device", "cpu")
     assert fitted["fit.headings"] == 2
+    assert fitted["fit.frames"] == 3
+    assert fitted["fit.decided"] in ("yes", "no")
+    assert 0 < fitted["body.height.sigma"] < 0.1
+    picture = answer(capsys, "show", tmp_path / "s.usdc")["sheet"]
+    assert Path(picture).name == "s.png"
+    assert cv2.imread(picture).max() > 0
     report = answer(capsys, "track", quick, "-o", tmp_path / "r.usdc", "--subject", tmp_path / "s.usdc")
     assert report["frames"] == FRAMES
 
 
 def test_track_fits_first_where_no_subject_is_named(scene, tmp_path, capsys):
     quick = scene.with_name("unfitted.toml")
-    fit = "[fit]\nstart_evaluations = 48\nfinalists = 1\nfinal_cycles = 1\nwinner_cycles = 1\ncycle_evaluations = 84\n"
+    fit = "[fit]\nevaluations = 48\nfinalists = 1\nframes = 3\n"
     quick.write_text(SCENE.replace('subject = "subject.usdc"', 'body = "adult_woman"') + fit)
     answer(capsys, "track", quick, "-o", tmp_path / "r.usdc", "--evaluations", 12)
     assert sorted(os.listdir(tmp_path)) == ["r.subject.usdc", "r.usdc"]

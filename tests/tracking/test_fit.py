@@ -9,16 +9,19 @@ import pytest
 
 from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.posing import Poser
+from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.shape_space import ShapeSpace, heading_rotation, upright_base
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.truth import load_truth
 from mmocap_warp.formats.usd.body import read_body, read_subject, write_subject
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
-from mmocap_warp.tracking.fit import FitConfig, NoSubjectError, fit, fit_observation
+from mmocap_warp.tracking.fit import FitConfig, _first_frame, _fit_clip, _found, _Task, fit, fit_observation
+from mmocap_warp.tracking.frame_fit import Guess
+from mmocap_warp.tracking.standing_search import NoSubjectError, _prior, _spread, search_headings, standing_start
 from mmocap_warp.views.observation import Observation
 
-QUICK = FitConfig(scale=0.25, start_evaluations=2500, final_cycles=2, winner_cycles=3, cycle_evaluations=1500)
+QUICK = FitConfig(scale=0.25, evaluations=600, finalists=2)
 LIMBS = ("LShoulder", "RShoulder", "LElbow", "RElbow", "LHip", "RHip", "LKnee", "RKnee", "LAnkle", "RAnkle")
 
 
@@ -45,10 +48,17 @@ def test_a_stranger_is_found_with_the_right_heading(walk, subject):
     assert np.mean(error) < 0.08
     height = float(np.ptp(subject.body.skin.rest[:, 1]))
     assert height == pytest.approx(1.69, abs=0.06)  # the body that was recorded; the fit starts from 1.78 m
+    assert abs(height - 1.69) < 3 * subject.provenance["body.height.sigma"]
+    assert subject.provenance["fit.decided"] == "yes"
+
+
+def test_one_frame_is_enough(walk, man):
+    short = replace(QUICK, headings=2, evaluations=100, finalists=1)
+    assert fit(replace(walk, frame_count=1), man, short).provenance["fit.frames"] == 1
 
 
 def test_a_fit_repeats_bit_by_bit_at_any_number_of_threads(walk, man):
-    short = replace(QUICK, start_evaluations=100, cycle_evaluations=60, winner_cycles=1)
+    short = replace(QUICK, headings=3, evaluations=100, finalists=1, frames=3)
     first, second = (fit(walk, man, replace(short, threads=threads)) for threads in (1, 2))
     np.testing.assert_array_equal(first.pose, second.pose)
     np.testing.assert_array_equal(first.body.skin.rest, second.body.skin.rest)
@@ -81,91 +91,112 @@ def test_an_empty_first_frame_is_wrong_input(walk, man, monkeypatch):
         fit(walk, man, QUICK)
 
 
-class PlannedSearch:
-    """In place of a search: keeps how it is run, and finds the costs that are planned for it, one for each start."""
+class PlannedFrame:
+    """In place of a frame's fit: guesses cost what is planned, by the height that says which they are."""
 
-    made: list[PlannedSearch]
-    planned: list[list[float]]
+    polished_cost, limbs_cost, swapped_cost = {}, {}, None
 
-    def __init__(self, task, starts, parts, evaluations, population):
-        self.starts, self.cycles = starts, []
-        self.costs = np.array(self.planned[len(self.made)])
-        self.found = starts.copy()
-        self.found[:, 1] = 10 * len(self.made) + np.arange(len(starts))  # a height that says which it is
-        self.made.append(self)
+    def __init__(self, *_):
+        self.searched = []
 
-    def run(self, prior, narrowing):
-        self.cycles.append((prior, narrowing))
+    def polished(self, guess):
+        return replace(guess, cost=self.polished_cost[int(guess.pose[1])])
 
-    def best(self):
-        return self.found, self.costs
+    def with_limbs_found(self, guess, rounds):
+        return replace(guess, cost=self.limbs_cost.get(int(guess.pose[1]), guess.cost))
 
-
-HEADINGS = [0.5, 0.3, 0.9, 0.2, 0.8, 0.4, 0.7, 0.6]
+    def with_sides_swapped(self, guess):
+        """One pair ends where it was, the other elsewhere."""
+        if self.swapped_cost is None:
+            return [replace(guess, cost=0.0)]
+        return [replace(guess, cost=0.0), replace(guess, pose=guess.pose + 100, cost=self.swapped_cost)]
 
 
 @pytest.fixture
-def planned(walk, man, monkeypatch):
-    """Fits with the costs of each search given; returns the subject and the searches."""
-    rig = walk.rig(0.25)
-    observation = next(iter(walk.observations(0.25, count=1)))
+def planned(man, monkeypatch):
+    """The first frame's best guess and its rivals, where four headings and what follows cost what is planned."""
 
-    def run(*costs, **settings):
-        monkeypatch.setattr("mmocap_warp.tracking.fit._ShapeSearch", PlannedSearch)
-        PlannedSearch.made, PlannedSearch.planned = [], list(costs)
-        subject = fit_observation(man, rig, observation, replace(QUICK, **settings))
-        return subject, PlannedSearch.made
+    def run(polished, limbs, swapped=None, **settings):
+        base = [upright_base("+z") @ heading_rotation(turn * np.pi / 2) for turn in range(4)]
+        poses = np.zeros((4, man.skeleton.coordinates))
+        poses[:, 1] = range(4)
+        guesses = [Guess(np.zeros(len(RestSpace(man).names)), *both) for both in zip(base, poses, strict=True)]
+        monkeypatch.setattr("mmocap_warp.tracking.fit._headings", lambda *_: guesses)
+        monkeypatch.setattr("mmocap_warp.tracking.fit.FrameFit", PlannedFrame)
+        for name, cost in (("polished_cost", polished), ("limbs_cost", limbs), ("swapped_cost", swapped)):
+            monkeypatch.setattr(PlannedFrame, name, cost)
+        task = _Task(man, None, replace(QUICK, device="cpu", **settings), lambda *_: None)
+        return _first_frame(task, None)
 
     return run
 
 
-def test_the_best_headings_go_on_and_of_the_winners_runs_the_best_is_the_answer(planned):
-    subject, (headings, finals, winner) = planned(HEADINGS, [0.15, 0.11, 0.18], [0.10, 0.07, 0.09])
-    np.testing.assert_array_equal(finals.starts, headings.found[[3, 1, 5]])
-    np.testing.assert_array_equal(winner.starts, finals.found[[1, 1, 1]])
-    assert subject.pose[1] == winner.found[1, 1]
-    assert subject.provenance["fit.cost"] == pytest.approx(0.07)
+def test_the_best_finalist_is_the_answer(planned):
+    best, _ = planned({0: 0.3, 1: 0.2, 2: 0.4, 3: 0.5}, {0: 0.11, 1: 0.15, 3: 0.05}, finalists=2)
+    assert best.pose[1] == 0
+    assert best.cost == 0.11  # the last heading was no finalist
 
 
-def test_the_margin_is_how_far_the_second_best_finalist_is_behind(planned):
-    subject, _ = planned(HEADINGS, [0.15, 0.11, 0.18], [0.10, 0.07, 0.09])
-    assert subject.provenance["fit.margin"] == pytest.approx(0.04)
-    alone, _ = planned(HEADINGS, [0.15], [0.10], finalists=1, winner_runs=1)
-    assert np.isnan(alone.provenance["fit.margin"])
+def test_the_margin_is_how_far_the_next_explanation_is_behind(planned):
+    best, rivals = planned({0: 0.3, 1: 0.2, 2: 0.4, 3: 0.5}, {0: 0.11, 1: 0.12, 2: 0.15})
+    found = _found(best, rivals)
+    assert found["fit.alternative"] == "turned"  # the second heading differs too little to be a rival
+    assert found["fit.margin"] == pytest.approx(0.04)
+    best, rivals = planned({0: 0.3, 1: 0.2, 2: 0.4, 3: 0.5}, {0: 0.11, 1: 0.12, 2: 0.15}, swapped=0.13)
+    assert _found(best, rivals)["fit.alternative"] == "swapped"
+    assert np.isnan(_found(best, {})["fit.margin"])
 
 
-def test_headings_are_spread_evenly(planned, man):
-    """All of them start at one place, upright, in the rest pose."""
-    _, (headings, *_) = planned(HEADINGS, [0.1, 0.2, 0.3], [0.1, 0.2, 0.3])
-    heading = ShapeSpace(man, "+z").heading_index
-    np.testing.assert_allclose(headings.starts[:, heading], np.arange(8) * np.pi / 4)
-    assert np.ptp(np.delete(headings.starts, heading, axis=1), axis=0).max() == 0
-    assert not headings.starts[:, 3 : heading - 1].any()
+def test_sides_that_fit_better_swapped_are_swapped(planned):
+    best, rivals = planned({0: 0.3, 1: 0.2, 2: 0.4, 3: 0.5}, {0: 0.11, 1: 0.12, 2: 0.15}, swapped=0.10)
+    assert best.cost == 0.10
+    assert rivals["swapped"].cost == 0.11
 
 
-def test_the_prior_pulls_to_the_rest_pose_and_fades(planned, man):
-    """It is what tells a person seen from behind from one seen from the front: angles weigh by how far joints turn."""
-    _, (headings, finals, winner) = planned(HEADINGS, [0.1, 0.2, 0.3], [0.1, 0.2, 0.3], winner_cycles=18)
+@pytest.mark.parametrize(
+    ("margin", "costs", "answer", "decided"),
+    [
+        (0.05, [3.0], 0, "yes"),  # the frame decides
+        (0.01, [3.0, 4.0], 0, "yes"),
+        (0.01, [4.0, 3.0], 1, "yes"),  # motion decides otherwise
+        (0.01, [3.0, 3.03], 0, "no"),
+    ],
+)
+def test_motion_decides_where_the_first_frame_does_not(man, margin, costs, answer, decided, monkeypatch):
+    guesses = [Guess(np.zeros(len(RestSpace(man).names)), np.eye(3), np.full(51, i), 0.1 + i * margin) for i in (0, 1)]
+    asked = iter(costs)
+    monkeypatch.setattr("mmocap_warp.tracking.fit._with_clip_body", lambda task, clip, subject: (subject, next(asked)))
+    task = _Task(man, None, QUICK, lambda *_: None)
+    subject = _fit_clip(task, [], guesses[0], {"turned": guesses[1]})
+    assert subject.pose[0] == answer
+    assert subject.provenance["fit.decided"] == decided
+    assert next(asked, None) is None
+
+
+def test_headings_are_spread_evenly(walk, man):
+    """All of them start at one place, upright, in the rest pose: a single evaluation is of the start."""
+    space, rig = ShapeSpace(man, "+z"), walk.rig(0.25)
+    observation = next(iter(walk.observations(0.25, count=1)))
+    start = standing_start(space, rig, observation)
+    options = {"headings": 8, "evaluations": 1, "seed": 0, "device": "cpu", "threads": 1}
+    found = search_headings(space, rig, observation, start, **options)
+    np.testing.assert_allclose(found[:, space.heading_index], np.arange(8) * np.pi / 4, atol=1e-6)
+    assert np.ptp(np.delete(found, space.heading_index, axis=1), axis=0).max() == 0
+    assert not found[:, 3 : space.heading_index - 1].any()
+
+
+def test_the_prior_pulls_to_the_rest_pose(man):
+    """It tells a person seen from behind from one seen from the front: angles weigh by how far joints turn."""
     space = ShapeSpace(man, "+z")
     expected = np.zeros(len(space))
     expected[3 : man.skeleton.coordinates] = 0.001 / np.repeat(man.skeleton.spread, 3) ** 2
-    assert (expected[3 : man.skeleton.coordinates] > 0).all()
     expected[space.slider_index] = 0.003
-    ((prior, narrowing),) = headings.cycles
-    np.testing.assert_allclose(prior, expected)
-    assert narrowing == 1.0
-    cycles = finals.cycles + winner.cycles
-    assert [len(finals.cycles), len(winner.cycles)] == [QUICK.final_cycles, 18]
-    for cycle, (prior, narrowing) in enumerate(cycles):
-        left = 1 - cycle / len(cycles)
-        np.testing.assert_allclose(prior[3], max(left, 0.1) * expected[3])
-        np.testing.assert_array_equal(prior[space.slider_index], expected[space.slider_index])
-        assert narrowing == pytest.approx(max(0.6 * left, 0.1))
+    np.testing.assert_allclose(_prior(space, _spread(space)), expected)
 
 
 @pytest.mark.parametrize(
     "settings",
-    [{"headings": 0}, {"scale": 0.0}, {"scale": 1.5}, {"winner_cycles": 0}, {"shape_prior": -1.0}],
+    [{"headings": 0}, {"scale": 0.0}, {"scale": 1.5}, {"evaluations": 0}, {"finalists": 0}, {"frames": 0}],
 )
 def test_settings_are_checked(settings):
     with pytest.raises(ValueError, match=next(iter(settings))):

@@ -105,10 +105,7 @@ def test_its_result_is_written_exported_and_judged(name: str, tmp_path: Path) ->
 def test_a_quadruped_is_fitted_from_the_masks_alone() -> None:
     """Its place, size and heading are found; it has no shape targets."""
     subject, (poses, seen) = subject_of("quadruped"), motion("quadruped")
-    config = FitConfig(
-        start_evaluations=600, finalists=2, final_cycles=1, winner_cycles=2, winner_runs=1, cycle_evaluations=900,
-        device="cpu", threads=2,
-    )  # fmt: skip
+    config = FitConfig(evaluations=600, finalists=2, device="cpu", threads=2)
     fitted = fit_observation(subject.body, RIG, seen[0], config)
     there = Poser(subject.body, subject.root_base).vertices(poses[:1])[0]
     found = Poser(fitted.body, fitted.root_base).vertices(fitted.pose)[0]

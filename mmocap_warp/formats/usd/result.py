@@ -53,6 +53,21 @@ def write_result(path: str | Path, result: Result) -> None:
     write_stage(path, stage)
 
 
+def holds_result(path: str | Path) -> bool:
+    """Whether a file is a result, and not, say, a subject.
+
+    Raises:
+        InputError: no such file, or not USD.
+    """
+    stage = read_stage(path)  # a prim lives only as long as its stage
+    return _tracking(stage) is not None
+
+
+def _tracking(stage: Usd.Stage) -> Usd.Prim | None:
+    prim = stage.GetPrimAtPath("/World/Tracking")
+    return prim if prim and prim.HasAttribute("mmocap:resultVersion") else None
+
+
 def read_result(path: str | Path) -> Result:
     """Read a result that :func:`write_result` wrote.
 
@@ -60,8 +75,8 @@ def read_result(path: str | Path) -> Result:
         InputError: no such file, not USD, not a result, one of another version, or an inconsistent one.
     """
     stage = read_stage(path)
-    prim = stage.GetPrimAtPath("/World/Tracking")
-    if not (prim and prim.HasAttribute("mmocap:resultVersion")):
+    prim = _tracking(stage)
+    if prim is None:
         raise InputError(path, "holds no tracking result (no /World/Tracking)", _REMEDY)
     read = PrimReader(prim, path, _REMEDY)
     version = read.value("mmocap:resultVersion")

@@ -1,0 +1,177 @@
+"""The body from many frames: a clip's beginning is followed by contours, and some of its frames are solved together.
+
+One frame says little of a body: a short thigh looks like a long one that points at the camera. Over frames in
+different poses that is settled. The body is pulled to the generic one that a fit starts from, not to what the first
+frame alone made of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mmocap_warp.body.model import BodyModel, Subject
+from mmocap_warp.body.rest_space import RestSpace
+from mmocap_warp.contour.body_problem import BodyProblem, BodySolution
+from mmocap_warp.contour.fitter import ContourFitter
+from mmocap_warp.contour.normal_equations import NormalEquations
+from mmocap_warp.contour.rooted import RootedPoses, Rooting
+from mmocap_warp.tracking.frame_fit import PRIOR
+from mmocap_warp.views.observation import Observation
+from mmocap_warp.views.rig import CameraRig
+
+_LONGEST = 4.0  # [s] that are followed
+_RATE = 30.0  # frames a second that are enough to follow a person
+_STEPS = 6  # of a frame that is followed
+_CARRIED = 0.8  # share of the last motion that is expected again
+_LOST = 3.0  # times the contours' usual cost
+_BODY_STEPS = 15
+_OUTLINE = 0.012  # [m], standard deviation of all outlines together: of shadows, hair and shoes
+
+
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """Frames and their poses.
+
+    Attributes:
+        observation: of each frame.
+        rooted: the poses.
+        cost: (frame,) float64, of the contours.
+    """
+
+    observation: list[Observation]
+    rooted: RootedPoses
+    cost: np.ndarray
+
+    def spread(self, count: int) -> Followed:
+        """At most ``count`` of the frames, evenly spread, with the first."""
+        chosen = np.unique(np.linspace(0, len(self.rooted) - 1, count).round().astype(int))
+        return Followed([self.observation[frame] for frame in chosen], self.rooted[chosen], self.cost[chosen])
+
+
+def frames_to_follow(fps: float, available: int) -> range:
+    """The frames of a recording that are worth following from its first one."""
+    stride = max(1, int(fps / _RATE))
+    return range(0, min(available, max(1, round(_LONGEST * fps))), stride)
+
+
+def follow(
+    subject: Subject, rig: CameraRig, observations: Iterable[Observation], device: str, threads: int
+) -> Followed:
+    """Follow a subject through frames by contours alone, as far as that holds.
+
+    Args:
+        subject: with the pose of the first frame.
+        rig: undistorted cameras at the masks' size.
+        observations: consecutive frames; one without foreground ends it.
+        device: a Warp device.
+        threads: CPU threads.
+    """
+    skeleton = subject.body.skeleton
+    fitter = ContourFitter(
+        subject.body, rig, skeleton.searched(), skeleton.coordinate_limits, candidates=2, device=device, threads=threads
+    )
+    rooting = Rooting(skeleton, subject.root_base, skeleton.searched())
+    pose = before = rooting.enter(subject.pose[None])
+    followed: list[tuple[Observation, RootedPoses, float]] = []
+    for observation in observations:
+        if not (observation.foreground > 0).any():
+            break
+        fitter.observe(0, observation)
+        starts = pose.followed_by(_carried_on(rooting, before, pose))
+        found, cost = _descended(fitter, rooting, starts)
+        if len(followed) > 2 and cost > _LOST * np.median([each for _, _, each in followed]):
+            break
+        before, pose = pose, found
+        followed.append((observation, found, cost))
+    rooted = followed[0][1]
+    for _, found, _ in followed[1:]:
+        rooted = rooted.followed_by(found)
+    return Followed([each for each, _, _ in followed], rooted, np.array([cost for _, _, cost in followed]))
+
+
+def _carried_on(rooting: Rooting, before: RootedPoses, pose: RootedPoses) -> RootedPoses:
+    """The pose after as much motion again, damped."""
+    turned = pose.base @ np.swapaxes(before.base, 1, 2)
+    ahead = pose.pose + _CARRIED * (pose.pose - before.pose)
+    base = turned @ pose.base if rooting.folds else pose.base
+    return rooting.stepped(RootedPoses(base, ahead), np.zeros((len(pose), len(rooting.searched))))
+
+
+def _descended(fitter: ContourFitter, rooting: Rooting, starts: RootedPoses) -> tuple[RootedPoses, float]:
+    """The best of what is found from some starts in the frame that the fitter observes."""
+    count = len(starts)
+    fitter.start_at(starts.pose, starts.base, np.zeros(count, np.int32))
+    fitter.descend(count, _STEPS)
+    cost = fitter.descent.cost.numpy()[:count].astype(float)
+    best = int(np.argmin(cost))
+    pose = fitter.descent.best.numpy()[best : best + 1].astype(float)  # type: ignore[attr-defined]
+    return rooting.refold(RootedPoses(starts.base[best : best + 1], pose)), float(cost[best])
+
+
+def solve_body(
+    subject: Subject, generic: BodyModel, rig: CameraRig, followed: Followed, device: str, threads: int
+) -> tuple[Subject, float]:
+    """The subject's body and the poses of frames as one problem.
+
+    Args:
+        subject: where the body starts, with the first frame's root base.
+        generic: the body that is expected before anything is seen.
+        rig: undistorted cameras at the masks' size.
+        followed: frames and poses to start with; the first is the subject's.
+        device: a Warp device.
+        threads: CPU threads.
+
+    Returns:
+        The solved body in the first frame's pose, and what contours cost in a frame.
+    """
+    space, skeleton = RestSpace(generic), generic.skeleton
+    count, parameters, vertex = len(followed.rooted), len(space.names), generic.tracking_vertex
+    fitter = ContourFitter(
+        generic, rig, skeleton.searched(), skeleton.coordinate_limits,
+        candidates=count, frames=count, parameters=parameters, device=device, threads=threads,
+    )  # fmt: skip
+    for place, observation in enumerate(followed.observation):
+        fitter.observe(place, observation)
+
+    def linearise(frames: np.ndarray, rooted: RootedPoses, beta: np.ndarray) -> NormalEquations:
+        fitter.reshape(*space.at(beta, vertex))
+        fitter.set_change(*space.basis(beta, vertex))
+        return fitter.linearise(frames, rooted)
+
+    rooting = Rooting(skeleton, subject.root_base, skeleton.searched())
+    problem = BodyProblem(linearise, rooting, np.zeros(parameters), PRIOR * space.sigma)
+    solution = problem.solved(np.arange(count), followed.rooted, space.nearest(subject.body), _BODY_STEPS)
+    pose = rooting.leave(solution.rooted[:1], subject.pose[3:6])[0]
+    kept = {name: value for name, value in subject.provenance.items() if name.startswith("fit.")}
+    shape = {f"shape.{name}": float(value) for name, value in zip(space.names, solution.beta, strict=True)}
+    provenance = kept | {"fit.frames": count} | measurements(space, solution) | shape
+    solved = replace(subject, body=space.model(solution.beta), pose=pose, provenance=provenance)
+    return solved, float(solution.cost.mean())
+
+
+def measurements(space: RestSpace, solution: BodySolution) -> dict[str, float]:
+    """Height and bone lengths of a solved body with their standard deviations [m].
+
+    What the masks and the family of bodies are off by is the same in all frames: more frames do not average it out.
+    """
+    covariance = len(solution.cost) * solution.covariance
+    rest, joint = space.at(solution.beta)
+    d_rest, d_joint = space.basis(solution.beta)
+    top, bottom = int(rest[:, 1].argmax()), int(rest[:, 1].argmin())
+    found = {"height": (rest[top, 1] - rest[bottom, 1], d_rest[:, top, 1] - d_rest[:, bottom, 1])}
+    for name in space.names:
+        if name.startswith("bone."):
+            skeleton = space.body.skeleton
+            end = skeleton.index(name.removeprefix("bone.").split("+")[0])
+            bone, change = (each[..., end, :] - each[..., skeleton.parent[end], :] for each in (joint, d_joint))
+            length = float(np.linalg.norm(bone))
+            found[name] = length, change @ bone / length
+    values: dict[str, float] = {}
+    for name, (value, by_parameter) in found.items():
+        values[f"body.{name}"] = float(value)
+        of_outline = _OUTLINE if name == "height" else 0.0
+        values[f"body.{name}.sigma"] = float(np.sqrt(by_parameter @ covariance @ by_parameter + of_outline**2))
+    return values

@@ -1,0 +1,201 @@
+"""One frame's body and pose from a guess: by contours to the bottom, and limb by limb out of wrong basins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from mmocap_warp.body.rest_space import RestSpace
+from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
+from mmocap_warp.contour.body_problem import BodyProblem
+from mmocap_warp.contour.fitter import ContourFitter, MatchingConfig
+from mmocap_warp.contour.normal_equations import NormalEquations
+from mmocap_warp.contour.rooted import RootedPoses, Rooting
+from mmocap_warp.objective.objective import Objective
+from mmocap_warp.tracking.limbs import Limb, limbs, mirrored
+from mmocap_warp.views.observation import Observation
+from mmocap_warp.views.rig import CameraRig
+
+PRIOR = 0.3
+"""How much nearer to the generic body a subject is expected than RestSpace's standard deviations say."""
+
+_POSE_PRIOR = 1e-4  # pull to the rest pose, per squared standard deviation of an angle
+_WIDE = MatchingConfig(reach=0.2, huber=0.03, sigma=0.03)  # for what is still far from the masks
+_DRAWS = 320  # of a limb's angles
+_TRIED = 24  # of the draws are taken to the bottom
+_FOLLOWED = 6  # of these are taken further
+_LIMB_STEPS = 5
+_WORTH = 1e-3  # of the cost: what a round over the limbs must bring
+_PATIENCE = 2  # rounds that bring nothing before limbs are left where they are
+_WIDER = 2.5  # than angles are spread when a recording starts
+_BODY_STEPS = 10
+
+
+@dataclass(frozen=True, eq=False)
+class Guess:
+    """A body in a pose.
+
+    Attributes:
+        beta: (parameter,) float64, the body in a :class:`RestSpace`.
+        root_base: (3, 3) float64, see :class:`~mmocap_warp.body.model.Subject`.
+        pose: (coordinate,) float64.
+        cost: share of the masks and of the body that the other does not cover (Eq. 5), with a weak prior on the pose.
+    """
+
+    beta: np.ndarray
+    root_base: np.ndarray
+    pose: np.ndarray
+    cost: float = np.inf
+
+    def facing(self, skeleton: Skeleton) -> np.ndarray:
+        """(3,) which way the root faces in the world."""
+        rooting = Rooting(skeleton, self.root_base, skeleton.searched())
+        facing: np.ndarray = rooting.enter(self.pose[None]).base[0, :, 2]
+        return facing
+
+
+class FrameFit:
+    """Improves guesses at a frame.
+
+    Contours alone do not tell that a limb hides in the trunk: it has no outline there, and so no error. What mask
+    is left unexplained tells it. So limbs are drawn anew, anywhere within their limits, and judged by areas.
+
+    Args:
+        space: bodies around the generic one.
+        rig: undistorted cameras at the masks' size.
+        observation: the masks.
+        seed: of the draws.
+        device: a Warp device.
+        threads: CPU threads.
+    """
+
+    def __init__(
+        self, space: RestSpace, rig: CameraRig, observation: Observation, seed: int, device: str, threads: int
+    ) -> None:
+        body, skeleton = space.body, space.body.skeleton
+        self.space = space
+        self._skeleton, self._vertex = skeleton, body.tracking_vertex
+        self._limbs = limbs(skeleton)
+        self._random = np.random.default_rng(seed)
+
+        def fitter(candidates: int, parameters: int, matching: MatchingConfig) -> ContourFitter:
+            made = ContourFitter(
+                body, rig, skeleton.searched(), skeleton.coordinate_limits,
+                candidates=candidates, parameters=parameters, matching=matching, device=device, threads=threads,
+            )  # fmt: skip
+            made.observe(0, observation)
+            return made
+
+        self._rough, self._fine = (fitter(1, len(space.names), matching) for matching in (_WIDE, MatchingConfig()))
+        self._rough_pose, self._fine_pose = fitter(_TRIED, 0, _WIDE), fitter(_FOLLOWED, 0, MatchingConfig())
+        self._objective = Objective(body, np.eye(3), rig, _DRAWS, renderer="raster", device=device, threads=threads)
+        self._objective.observe(observation)
+        prior = np.zeros(skeleton.coordinates)
+        prior[TRANSLATION + 3 :] = _POSE_PRIOR / np.repeat(skeleton.spread[1:], 3) ** 2
+        self._objective.prior.assign(prior)
+
+    def polished(self, guess: Guess) -> Guess:
+        """Body and pose at the bottom of the contours' cost, with what areas then cost."""
+        return self._solved(self._solved(guess, self._rough), self._fine)
+
+    def _solved(self, guess: Guess, fitter: ContourFitter) -> Guess:
+        space = self.space
+
+        def linearise(frames: np.ndarray, rooted: RootedPoses, beta: np.ndarray) -> NormalEquations:
+            fitter.reshape(*space.at(beta, self._vertex))
+            fitter.set_change(*space.basis(beta, self._vertex))
+            return fitter.linearise(frames, rooted)
+
+        rooting = Rooting(self._skeleton, guess.root_base, self._skeleton.searched())
+        problem = BodyProblem(linearise, rooting, np.zeros(len(space.names)), PRIOR * space.sigma)
+        found = problem.solved(np.zeros(1, int), rooting.enter(guess.pose[None]), guess.beta, _BODY_STEPS)
+        pose = rooting.leave(found.rooted, guess.pose[TRANSLATION : TRANSLATION + 3])
+        self._take_body(found.beta, guess.root_base)
+        return Guess(found.beta, guess.root_base, pose[0], float(self._judged(pose)[0]))
+
+    def with_limbs_found(self, guess: Guess, rounds: int) -> Guess:
+        """The guess with every limb where it explains the masks best, after at most so many rounds over the limbs."""
+        fruitless = 0
+        for _ in range(rounds):
+            before = guess.cost
+            self._take_body(guess.beta, guess.root_base)
+            for limb in self._limbs:
+                guess = self._better(guess, self._drawn(guess, limb))
+            solved = self._solved(guess, self._fine)
+            guess = solved if solved.cost < guess.cost else guess  # contours may pull a limb the wrong way
+            fruitless = fruitless + 1 if guess.cost > before - _WORTH else 0
+            if fruitless == _PATIENCE:
+                break
+        return guess
+
+    def with_sides_swapped(self, guess: Guess) -> list[Guess]:
+        """For each pair of limbs, what is found from where they have each other's place."""
+        pairs = [(limb, other) for limb, other in combinations(self._limbs, 2) if limb.other == other.name]
+        exchanged = mirrored(self._skeleton, guess.pose)
+        found = []
+        for pair in pairs:
+            pose = guess.pose.copy()
+            for limb in pair:
+                pose[limb.coordinates] = exchanged[limb.coordinates]
+            self._take_body(guess.beta, guess.root_base)
+            found.append(self.polished(replace(guess, pose=self._descended(self._rough_pose, guess, pose[None])[0])))
+        return found
+
+    def _drawn(self, guess: Guess, limb: Limb) -> np.ndarray:
+        """Poses (candidate, coordinate) of which the limb's angles are drawn: those that cost least.
+
+        Half of the draws are anywhere within the limits, half nearer to the rest pose. One is what the other side's
+        limb does.
+        """
+        reach, skeleton = limb.reach, self._skeleton
+        low, high = np.clip(skeleton.coordinate_limits[reach], -np.pi, np.pi).T
+        spread = _WIDER * skeleton.spread[(reach - TRANSLATION) // 3]
+        drawn = np.tile(guess.pose, (_DRAWS, 1))
+        drawn[:, reach] = self._random.uniform(low, high, (_DRAWS, len(reach)))
+        near = self._random.normal(0.0, spread, (_DRAWS // 2, len(reach)))
+        drawn[: len(near), reach] = np.clip(near, low, high)
+        self._objective.hold(self._device_array(guess.pose[None]), reach)
+        best = drawn[np.argsort(self._judged(drawn), kind="stable")[:_TRIED]]
+        self._objective.release()
+        best[-1, limb.coordinates] = mirrored(skeleton, guess.pose)[limb.coordinates]
+        return best
+
+    def _better(self, guess: Guess, starts: np.ndarray) -> Guess:
+        """The guess, or what is found from starts (candidate, coordinate) if that costs less."""
+        near = self._descended(self._rough_pose, guess, starts)[:_FOLLOWED]
+        found = self._descended(self._fine_pose, guess, near)
+        pose, cost = found[0], float(self._judged(found[:1])[0])
+        return replace(guess, pose=pose, cost=cost) if cost < guess.cost else guess
+
+    def _descended(self, fitter: ContourFitter, guess: Guess, starts: np.ndarray) -> np.ndarray:
+        """Poses that contours lead to from starts (candidate, coordinate), with the guess's body, the best first."""
+        count = len(starts)
+        fitter.start_at(starts, np.tile(guess.root_base, (count, 1, 1)), np.zeros(count, np.int32))
+        fitter.descend(count, _LIMB_STEPS)
+        best: wp.array[Any] = fitter.descent.best
+        found = best.numpy()[:count].astype(float)
+        return found[np.argsort(self._judged(found), kind="stable")]
+
+    def _take_body(self, beta: np.ndarray, root_base: np.ndarray) -> None:
+        rest, joint_rest = self.space.at(beta, self._vertex)
+        self._rough_pose.reshape(rest, joint_rest)
+        self._fine_pose.reshape(rest, joint_rest)
+        arrays = self._objective.body
+        arrays.rest.assign(rest[None].astype(np.float32))
+        arrays.joint_rest.assign(joint_rest[None].astype(np.float32))
+        arrays.root_base.assign(root_base[None].astype(np.float32))
+
+    def _judged(self, pose: np.ndarray) -> np.ndarray:
+        """(pose,) costs."""
+        count = len(pose)
+        poses = self._device_array(pose)
+        wp.copy(self._objective.pose, poses, count=poses.size)
+        cost: np.ndarray = self._objective.evaluate(count).numpy()[:count].copy()
+        return cost
+
+    def _device_array(self, pose: np.ndarray) -> wp.array[Any]:
+        return wp.array(pose, dtype=wp.float32, device=self._objective.device)

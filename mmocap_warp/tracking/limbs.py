@@ -1,0 +1,67 @@
+"""A skeleton's limbs: the parts on which no other hangs; and poses with left and right exchanged."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mmocap_warp.body.rotations import zyx_angles, zyx_rotation
+from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
+
+_MIRROR = np.diag([-1.0, 1.0, 1.0])  # a body's left is +X
+
+
+@dataclass(frozen=True, eq=False)
+class Limb:
+    """A part that moves nothing but itself.
+
+    Attributes:
+        name: the part's.
+        coordinates: (coordinate,) all angles of its joints.
+        reach: (coordinate,) searched angles of those joints that decide where it goes: all but its last.
+        other: the name of the limb that mirrors it, if one does.
+    """
+
+    name: str
+    coordinates: np.ndarray
+    reach: np.ndarray
+    other: str | None
+
+
+def limbs(skeleton: Skeleton) -> list[Limb]:
+    """The limbs in the order of the skeleton's parts; the root's part is none."""
+    found = []
+    for name, index in skeleton.searched_by_part().items():
+        number = skeleton.parts.index(name)
+        joints = [joint for joint, part in enumerate(skeleton.part) if part == number]
+        hanging = [child for child, above in enumerate(skeleton.parent) if above in joints]
+        if 0 in joints or any(child not in joints for child in hanging):
+            continue
+        inner = [joint for joint in joints if joint in skeleton.parent] or joints
+        reach = index[np.isin((index - TRANSLATION) // 3, inner)]
+        coordinates = np.concatenate([np.arange(3) + TRANSLATION + 3 * joint for joint in joints])
+        found.append(Limb(name, coordinates, reach, _mirrored_part(skeleton, joints)))
+    return found
+
+
+def _mirrored_part(skeleton: Skeleton, joints: list[int]) -> str | None:
+    names = {skeleton.joints[joint] for joint in joints}
+    for _, left, right in skeleton.pairs:
+        for one, other in ((left, right), (right, left)):
+            if one in names and other not in names:
+                return skeleton.parts[skeleton.part[skeleton.index(other)]]
+    return None
+
+
+def mirrored(skeleton: Skeleton, pose: np.ndarray) -> np.ndarray:
+    """A pose (coordinate,) whose paired joints have each other's angles, mirrored; the others keep theirs."""
+    exchanged = pose.copy()
+    for _, left, right in skeleton.pairs:
+        for one, other in ((left, right), (right, left)):
+            across = skeleton.frame[skeleton.index(one)].T @ _MIRROR @ skeleton.frame[skeleton.index(other)]
+            turned = across @ zyx_rotation(pose[skeleton.angles(other)]) @ across.T
+            exchanged[skeleton.angles(one)] = zyx_angles(turned)
+    low, high = skeleton.coordinate_limits.T
+    within: np.ndarray = np.clip(exchanged, low, high)
+    return within

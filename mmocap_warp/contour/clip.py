@@ -179,9 +179,7 @@ class _Descent:
         self._clip, self._frames, self._held, self._penalty = clip, frames, held, penalty
         self._trust = Trust(clip.rooting.searched)
 
-    def down(
-        self, rooted: RootedPoses, contour: NormalEquations, steps: int
-    ) -> tuple[RootedPoses, NormalEquations]:
+    def down(self, rooted: RootedPoses, contour: NormalEquations, steps: int) -> tuple[RootedPoses, NormalEquations]:
         """Poses after some steps, fewer where one becomes tiny, and the contours' equations around them.
 
         A frame whose own cost rose by more than matching is noisy stays where it was, and is damped ten times as much
@@ -205,9 +203,7 @@ class _Descent:
         seen = np.concatenate([np.ones(len(self._held), bool), contour.observed])
         return _Equations(contour, self._penalty.around(*points, seen).without_first(len(self._held)))
 
-    def _stepped(
-        self, rooted: RootedPoses, equations: _Equations, damping: np.ndarray
-    ) -> tuple[RootedPoses, float]:
+    def _stepped(self, rooted: RootedPoses, equations: _Equations, damping: np.ndarray) -> tuple[RootedPoses, float]:
         contour, motion = equations.contour, equations.motion
         band = motion.band + (contour.matrix + self._trust.matrix(contour, damping))
         step = np.clip(band.solved(contour.gradient + motion.gradient), -LARGEST_STEP, LARGEST_STEP)

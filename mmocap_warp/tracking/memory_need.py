@@ -86,9 +86,7 @@ def tracker_of(config: TrackConfig) -> type[Tracker] | type[ContourTracker]:
     return ContourTracker if config.fits_contours else Tracker
 
 
-def fitting_tracker(
-    subject: Subject, rig: CameraRig, config: TrackConfig, fps: float
-) -> Tracker | ContourTracker:
+def fitting_tracker(subject: Subject, rig: CameraRig, config: TrackConfig, fps: float) -> Tracker | ContourTracker:
     """A tracker, or an error where the device has not the memory for it.
 
     Raises:

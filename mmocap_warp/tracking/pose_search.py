@@ -1,4 +1,4 @@
-"""A search for poses from where a frame before left them: objective, optimizers, and random numbers of a batch of runs."""
+"""A search for poses from where a frame left them: objective, optimizers and random numbers of a batch of runs."""
 
 from __future__ import annotations
 

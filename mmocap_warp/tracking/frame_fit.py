@@ -176,9 +176,9 @@ class FrameFit:
         count = len(starts)
         fitter.start_at(starts, np.tile(guess.root_base, (count, 1, 1)), np.zeros(count, np.int32))
         fitter.descend(count, _LIMB_STEPS)
-        best: wp.array[Any] = fitter.descent.best
-        found = best.numpy()[:count].astype(float)
-        return found[np.argsort(self._judged(found), kind="stable")]
+        found = fitter.descent.best.numpy()[:count].astype(float)  # type: ignore[attr-defined]
+        best_first: np.ndarray = found[np.argsort(self._judged(found), kind="stable")]
+        return best_first
 
     def _take_body(self, beta: np.ndarray, root_base: np.ndarray) -> None:
         rest, joint_rest = self.space.at(beta, self._vertex)

@@ -425,18 +425,16 @@ def _update(
     space: SearchSpace,
     parameters: CmaEsParameters,
     cost: wp.array[wp.float32],  # (candidate,)
-    used: int,  # lanes; those beyond leave, so that few wait for few
+    lanes: int,
     is_shared: bool,  # whether the workspace lies in shared memory
     # in and out
     state: CmaEsState,
 ) -> None:
     run, lane = wp.tid()
-    if lane >= used:
-        return
     if is_shared:
-        _learn(space.radius, parameters, run, lane, used, cost, shared_words(state.scratch[run]), state)
+        _learn(space.radius, parameters, run, lane, lanes, cost, shared_words(state.scratch[run]), state)
     else:
-        _learn(space.radius, parameters, run, lane, used, cost, state.scratch[run], state)
+        _learn(space.radius, parameters, run, lane, lanes, cost, state.scratch[run], state)
 
 
 def _has_room(dofs: int, device: wp.Device) -> bool:
@@ -448,11 +446,11 @@ def update(space: SearchSpace, parameters: CmaEsParameters, cost: wp.array[wp.fl
     """One generation: rank, then Eq. 10-14 for mean, paths, sigma and C, then ``C = B D^2 B^T`` for the next sample."""
     runs, dofs = state.mean.shape
     device = cost.device
-    lanes = lanes_of(device)
+    lanes = 1 if device.is_cpu else lanes_worth(dofs)
     wp.launch(
         _update,
         dim=(runs, lanes),
-        inputs=[space, parameters, cost, min(lanes, lanes_worth(dofs)), _has_room(dofs, device)],
+        inputs=[space, parameters, cost, lanes, _has_room(dofs, device)],
         outputs=[state],
         block_dim=lanes,
         device=device,

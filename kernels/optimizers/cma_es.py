@@ -20,6 +20,7 @@ import warp as wp
 
 from mmocap_warp.kernels.block import WORDS, lane_layout, lanes_of, matrix_at, shared_words, sync
 from mmocap_warp.kernels.optimizers.eigen import (
+    MOST_LANES,
     Spectrum,
     Tournament,
     diagonalize,
@@ -420,7 +421,7 @@ def _learn(
         state.generation[run] = state.generation[run] + 1
 
 
-@wp.kernel
+@wp.kernel(launch_bounds=MOST_LANES)
 def _update(
     space: SearchSpace,
     parameters: CmaEsParameters,

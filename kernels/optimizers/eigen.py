@@ -33,7 +33,9 @@ from mmocap_warp.kernels.block import matrix_at
 wp.set_module_options({"enable_backward": False})
 
 _SWEEPS = wp.constant(16)
-_MOST_LANES = 512
+
+MOST_LANES = 512
+"""Lanes that are ever worth it."""
 
 
 @wp.struct
@@ -289,9 +291,9 @@ def _diagonalize_alone(tournament: Tournament, spectrum: Spectrum) -> int:
     const int p_row = 4 * blocks, q_row = p_row + pairs, pq_row = q_row + pairs, next_pq_row = pq_row + pairs;
 
     struct Block {{ int place[4], k, m; }};  // the four elements between two pairs
-    auto block_at = [&](int b) {{
+    auto block_at = [&](int b, int swapped) {{
         Block block;
-        for (int i = 0; i < 4; ++i) block.place[i] = moved[i * blocks + b];
+        for (int i = 0; i < 4; ++i) block.place[i] = moved[(i ^ swapped) * blocks + b];
         block.k = b % pairs;
         block.m = block.k + b / pairs + 1;
         if (block.m >= pairs) block.m -= pairs;
@@ -303,102 +305,97 @@ def _diagonalize_alone(tournament: Tournament, spectrum: Spectrum) -> int:
         next.pp = moved[p_row + k];
         next.qq = moved[q_row + k];
         if (blocks == 0) return next;
-        // Rotating a block's second row is rotating its first by the opposite angle, the rows swapped.
+        // A second row or column rotates like a first, by the opposite angle, after swapping the two.
         const int from = moved[pq_row + k], which = from / blocks;
-        const Block block = block_at(from - which * blocks);
-        next.between = block;
-        for (int i = 0; i < 4; ++i) next.between.place[i] = block.place[i ^ which];
+        next.between = block_at(from - which * blocks, which);
         next.left_sign = which & 2 ? -1.0f : 1.0f;
         next.right_sign = which & 1 ? -1.0f : 1.0f;
         return next;
     }};
-    // Choose a pair's rotation, and hand it and the rotated elements on to the round after that in `now`.
+    float* element = spectrum.elements.data + spectrum.elements.shape[1];  // after the round, and before it
+    float* old = spectrum.elements.data;
+    float *sine = spectrum.rotation.data + width, *then_sine = spectrum.rotation.data;  // of the round, and of the next
+    // Choose a pair's rotation, and leave it and the rotated elements where the round after this one looks for them.
     int large = 0;
-    auto choose = [&](int k, float pp, float qq, float pq, int round, int then) {{
+    auto choose = [&](int k, float pp, float qq, float pq, int round, float* after, float* sine_after) {{
         {_CHOOSE}
-        float* element = spectrum.elements.data + then * spectrum.elements.shape[1];
-        spectrum.rotation.data[then * width + k] = rotates ? s : 0.0f;
-        spectrum.rotation.data[(2 + then) * width + k] = rotates ? tau : 0.0f;
-        element[p_row + k] = rotates ? pp - change : pp;
-        element[q_row + k] = rotates ? qq + change : qq;
-        element[next_pq_row + k] = rotates ? 0.0f : pq;
+        sine_after[k] = rotates ? s : 0.0f;
+        sine_after[2 * width + k] = rotates ? tau : 0.0f;
+        after[p_row + k] = rotates ? pp - change : pp;
+        after[q_row + k] = rotates ? qq + change : qq;
+        after[next_pq_row + k] = rotates ? 0.0f : pq;
+    }};
+    auto choose_next = [&](int k, const Next& next, int round) {{
+        const float left = element[next_pq_row + k];
+        float pq = left;
+        if (blocks > 0) {{
+            const Block& b = next.between;
+            const float s = next.left_sign * sine[b.k], tau = next.left_sign * sine[2 * width + b.k];
+            const float s_m = next.right_sign * sine[b.m], tau_m = next.right_sign * sine[2 * width + b.m];
+            const float x = old[b.place[0]], right = old[b.place[1]], below = old[b.place[2]], across = old[b.place[3]];
+            const float left_p = x - s * (below + tau * x), right_p = right - s * (across + tau * right);
+            pq = left_p - s_m * (right_p + tau_m * left_p);
+        }}
+        choose(k, element[next.pp], element[next.qq], pq, round, old, then_sine);
+        element[pq_row + k] = left;
+    }};
+    auto rotate_block = [&](int b, const Block& block) {{
+        const float s = sine[block.k], tau = sine[2 * width + block.k];
+        const float s_m = sine[block.m], tau_m = sine[2 * width + block.m];
+        const float pp = old[block.place[0]], pq = old[block.place[1]];
+        const float qp = old[block.place[2]], qq = old[block.place[3]];
+        const float left_p = pp - s * (qp + tau * pp), left_q = qp + s * (pp - tau * qp);
+        const float right_p = pq - s * (qq + tau * pq), right_q = qq + s * (pq - tau * qq);
+        element[b] = left_p - s_m * (right_p + tau_m * left_p);
+        element[blocks + b] = right_p + s_m * (left_p - tau_m * right_p);
+        element[2 * blocks + b] = left_q - s_m * (right_q + tau_m * left_q);
+        element[3 * blocks + b] = right_q + s_m * (left_q - tau_m * right_q);
+    }};
+    auto rotate_axes = [&](int k, int column, int round) {{
+        const float s = sine[k], tau = sine[2 * width + k];
+        if (s == 0.0f) return;
+        {_SEATS}
+        float old_p[4], old_q[4];  // all read before any is written: a lane waits for memory once
+        for (int c = 0; c < 4; ++c) old_p[c] = p[column + c * quarter], old_q[c] = q[column + c * quarter];
+        for (int c = 0; c < 4; ++c) {{
+            p[column + c * quarter] = old_p[c] - s * (old_q[c] + tau * old_p[c]);
+            q[column + c * quarter] = old_q[c] + s * (old_p[c] - tau * old_q[c]);
+        }}
     }};
 
-    const bool chooses = lane < 32, rotates_rows = lanes == 32 || !chooses;
-    const int worker = lanes == 32 ? lane : lane - 32, workers = lanes == 32 ? 32 : lanes - 32;
-    const int first_block = rotates_rows ? worker : blocks;
-    const int first_part = rotates_rows ? workers - 1 - worker : quarter * pairs;  // from the lanes without a block on
-    Block first;
-    Next mine;
-    if (first_block < blocks) first = block_at(first_block);
-    if (chooses && lane < pairs) mine = next_of(lane);
-    if (chooses) {{
-        for (int k = lane; k < pairs; k += 32) {{
-            const float* old = spectrum.elements.data;
-            choose(k, old[moved[p_row + k]], old[moved[q_row + k]], old[moved[pq_row + k]], 0, 1);
-        }}
+    const int choosers = 32 * ((pairs + 31) / 32);
+    const bool has_workers = lanes > choosers;
+    const int worker = has_workers ? lane - choosers : lane, workers = has_workers ? lanes - choosers : lanes;
+    const int parts = quarter * pairs;
+    const int b = worker < 0 ? blocks : worker;
+    const int part = worker < 0 ? parts : workers - 1 - worker;  // first for the lanes without a block
+    const int k = part / quarter, column = part - k * quarter;
+    Block block;
+    Next next;
+    if (b < blocks) block = block_at(b, 0);
+    if (lane < pairs) {{
+        next = next_of(lane);
+        choose(lane, old[next.pp], old[next.qq], old[moved[pq_row + lane]], 0, element, sine);
     }}
     if (lane == 0) spectrum.last_sweep.data[0] = 0.0f;
     __syncthreads();
     int now = 0;
     for (int sweep = 1; sweep <= sweeps; ++sweep) {{
         for (int round = 0; round < others; ++round) {{
-            now ^= 1;
-            const float* __restrict__ old = spectrum.elements.data + (now ^ 1) * spectrum.elements.shape[1];
-            float* element = spectrum.elements.data + now * spectrum.elements.shape[1];
-            const float* sine = spectrum.rotation.data + now * width;
-            const float* tangent = sine + 2 * width;
-            if (chooses) {{
+            if (lane < pairs) {{
                 const bool is_last = round == others - 1;
-                if (is_last && large) spectrum.last_sweep.data[0] = sweep;
+                if (is_last & large) spectrum.last_sweep.data[0] = sweep;
                 if (is_last) large = 0;
-                for (int k = lane; k < pairs; k += 32) {{
-                    const Next next = k == lane ? mine : next_of(k);
-                    const float left = element[next_pq_row + k];
-                    float pq = left;
-                    if (blocks > 0) {{
-                        const int* place = next.between.place;
-                        const float s = next.left_sign * sine[next.between.k];
-                        const float tau = next.left_sign * tangent[next.between.k];
-                        const float s_m = next.right_sign * sine[next.between.m];
-                        const float tau_m = next.right_sign * tangent[next.between.m];
-                        const float pp = old[place[0]], qp = old[place[2]], right = old[place[1]], qq = old[place[3]];
-                        const float left_p = pp - s * (qp + tau * pp), right_p = right - s * (qq + tau * right);
-                        pq = left_p - s_m * (right_p + tau_m * left_p);
-                    }}
-                    choose(k, element[next.pp], element[next.qq], pq, is_last ? 0 : round + 1, now ^ 1);
-                    element[pq_row + k] = left;
-                }}
+                choose_next(lane, next, is_last ? 0 : round + 1);
             }}
-            for (int b = first_block; b < blocks; b += workers) {{
-                const Block block = b == first_block ? first : block_at(b);
-                const float s = sine[block.k], tau = tangent[block.k];
-                const float s_m = sine[block.m], tau_m = tangent[block.m];
-                const float pp = old[block.place[0]], pq = old[block.place[1]];
-                const float qp = old[block.place[2]], qq = old[block.place[3]];
-                const float left_p = pp - s * (qp + tau * pp), left_q = qp + s * (pp - tau * qp);
-                const float right_p = pq - s * (qq + tau * pq), right_q = qq + s * (pq - tau * qq);
-                element[b] = left_p - s_m * (right_p + tau_m * left_p);
-                element[blocks + b] = right_p + s_m * (left_p - tau_m * right_p);
-                element[2 * blocks + b] = left_q - s_m * (right_q + tau_m * left_q);
-                element[3 * blocks + b] = right_q + s_m * (left_q - tau_m * right_q);
-            }}
-            for (int part = first_part; part < quarter * pairs; part += workers) {{
-                const int k = part / quarter;
-                const float s = sine[k], tau = tangent[k];
-                if (s == 0.0f) continue;
-                {_SEATS}
-                float old_p[4], old_q[4];  // all read before any is written: a lane waits for memory once
-                for (int c = 0; c < 4; ++c) {{
-                    old_p[c] = p[part - k * quarter + c * quarter];
-                    old_q[c] = q[part - k * quarter + c * quarter];
-                }}
-                for (int c = 0; c < 4; ++c) {{
-                    p[part - k * quarter + c * quarter] = old_p[c] - s * (old_q[c] + tau * old_p[c]);
-                    q[part - k * quarter + c * quarter] = old_q[c] + s * (old_p[c] - tau * old_q[c]);
-                }}
-            }}
+            if (b < blocks) rotate_block(b, block);
+            for (int i = b + workers; i < blocks; i += workers) rotate_block(i, block_at(i, 0));
+            if (part < parts) rotate_axes(k, column, round);
+            for (int i = part + workers; i < parts; i += workers) rotate_axes(i / quarter, i % quarter, round);
             __syncthreads();
+            float* swapped = element; element = old; old = swapped;
+            swapped = sine; sine = then_sine; then_sine = swapped;
+            now ^= 1;
         }}
         // Nobody can write a number below the next sweep's before all lanes have read this.
         if (spectrum.last_sweep.data[0] < sweep) break;
@@ -413,8 +410,9 @@ def _diagonalize_together(tournament: Tournament, spectrum: Spectrum, sweeps: in
 
 @wp.func
 def diagonalize(tournament: Tournament, spectrum: Spectrum, lane: int, lanes: int) -> int:
-    """Rotate A until it is diagonal, and the rows of ``axes`` with it; all ``lanes`` of a block must call, whole warps.
+    """Rotate A until it is diagonal, and the rows of ``axes`` with it.
 
+    All ``lanes`` of a block must call: whole warps, and at least a lane for each pair.
     A lies in row 0 of ``elements``, and the result in the row that is returned.
     """
     if lanes > 1:
@@ -423,7 +421,7 @@ def diagonalize(tournament: Tournament, spectrum: Spectrum, lane: int, lanes: in
 
 
 def lanes_worth(dofs: int) -> int:
-    """Lanes that a matrix keeps busy, in whole warps: one that chooses, others for blocks, and as many rows of V."""
+    """Lanes that a matrix keeps busy, in whole warps: some choose, some rotate blocks, some rows of V."""
     pairs = (dofs + 1) // 2
     blocks, parts = pairs * (pairs - 1) // 2, pairs * 2 * -(-dofs // 8)
-    return min(_MOST_LANES, 32 * (1 - -blocks // 32 - -parts // 32))
+    return min(MOST_LANES, 32 * sum(-(-items // 32) for items in (pairs, blocks, parts)))

@@ -128,6 +128,7 @@ def start(space: SearchSpace, pose: wp.array[wp.float32], sigma_start: float, st
 #if defined(__CUDA_ARCH__)
     for (int i = column; i < dofs; i += columns) {
         float y = 0.0f;
+        #pragma unroll 8  // a lane waits once for many numbers
         for (int j = 0; j < dofs; ++j) y += row[j * dofs + i] * length[j] * normal[j];
         sum[i] = mean.data[i] + sigma * radius.data[i] * y;
     }

@@ -526,7 +526,7 @@ def update(space: SearchSpace, parameters: CmaEsParameters, cost: wp.array[wp.fl
     """One generation: rank, then Eq. 10-14 for mean, paths, sigma and C, then ``C = B D^2 B^T`` for the next sample."""
     runs, dofs = state.mean.shape
     device = cost.device
-    lanes = 1 if device.is_cpu else lanes_worth(dofs)
+    lanes = 1 if lanes_of(device) == 1 else lanes_worth(dofs)
     wp.launch(
         _update,
         dim=(runs, lanes),

@@ -20,10 +20,10 @@ import warp as wp
 
 from mmocap_warp.kernels.block import WORDS, lane_layout, lanes_of, matrix_at, shared_words, sync
 from mmocap_warp.kernels.optimizers.eigen import (
+    MOST_LANES,
     Spectrum,
     Tournament,
     diagonalize,
-    even,
     lanes_worth,
     make_tournament,
     spectrum_at,
@@ -128,6 +128,7 @@ def start(space: SearchSpace, pose: wp.array[wp.float32], sigma_start: float, st
 #if defined(__CUDA_ARCH__)
     for (int i = column; i < dofs; i += columns) {
         float y = 0.0f;
+        #pragma unroll 8  // a lane waits once for many numbers
         for (int j = 0; j < dofs; ++j) y += row[j * dofs + i] * length[j] * normal[j];
         sum[i] = mean.data[i] + sigma * radius.data[i] * y;
     }
@@ -249,19 +250,56 @@ def _rank(run: int, lane: int, lanes: int, cost: wp.array[wp.float32], state: Cm
         state.order[run, rank] = k
 
 
-@wp.func
-def _lay_out(run: int, lane: int, lanes: int, state: CmaEsState, spectrum: Spectrum) -> None:
+@wp.func_native("""
+    const int words = copy.shape[1], rows = copy.shape[0], dofs = axes.shape[0];
+    #pragma unroll 4
+    for (int k = lane; k < rows * words; k += lanes) {
+        const int j = k / words, i = k - j * words;
+        copy.data[k] = i < dofs && j < dofs ? axes.data[j * dofs + i] : 0.0f;
+    }
+""")
+def _lay_out(axes: wp.array2d[wp.float32], lane: int, lanes: int, copy: wp.array2d[wp.float32]) -> None:
     """Copy the eigenvectors, filled up by zeros."""
-    dofs = state.mean.shape[1]
-    n = even(dofs)
-    columns = spectrum.axes.shape[1]
-    layout = lane_layout(lane, lanes, columns)
-    for j in range(layout.row, n, layout.row_step):
-        for i in range(layout.column, columns, layout.column_step):
-            value = float(0.0)
-            if i < dofs and j < dofs:
-                value = state.axes[run, j, i]
-            spectrum.axes[j, i] = value
+    ...
+
+
+@wp.func_native("""
+#if !defined(__CUDA_ARCH__)
+    #pragma clang fp contract(off)
+#endif
+    const int dofs = lengths.shape[0], words = axes.shape[1];
+    const float* __restrict__ component = axes.data + i;
+    const float* __restrict__ mean = mean_z.data;
+    const float* __restrict__ length = lengths.data;
+    float step = 0.0f, whitened = 0.0f;
+    for (int j = 0; j < dofs; ++j) {
+        const float along = component[j * words] * mean[j];
+        step += along * length[j];
+        whitened += along;
+    }
+    return wp::vec2(step, whitened);
+""")
+def _turned(
+    axes: wp.array2d[wp.float32], mean_z: wp.array2d[wp.float32], lengths: wp.array[wp.float32], i: int
+) -> wp.vec2:
+    """Coordinate i of ``B D <z>`` and of ``B <z>``."""
+    ...
+
+
+@wp.func_native("""
+#if !defined(__CUDA_ARCH__)
+    #pragma clang fp contract(off)
+#endif
+    const float* __restrict__ a = matrix.data + row * matrix.shape[1];
+    const float* __restrict__ b = vector.data;
+    const int count = vector.shape[1];
+    float total = 0.0f;
+    for (int i = 0; i < count; ++i) total += a[i] * b[i];
+    return total;
+""")
+def _dot(matrix: wp.array2d[wp.float32], row: int, vector: wp.array2d[wp.float32]) -> float:
+    """A row of the matrix times the vector (1, column)."""
+    ...
 
 
 @wp.func
@@ -284,27 +322,19 @@ def _move_mean(
     sync()
     to_sigma = wp.sqrt(parameters.c_sigma * (2.0 - parameters.c_sigma) * parameters.mu_eff)
     for i in range(lane, dofs, lanes):
-        step = float(0.0)
-        whitened = float(0.0)
-        for j in range(dofs):
-            along = work.spectrum.axes[j, i] * work.mean_z[0, j]
-            step += along * state.lengths[run, j]
-            whitened += along
-        path = (1.0 - parameters.c_sigma) * state.p_sigma[run, i] + to_sigma * whitened  # Eq. 11
+        turned = _turned(work.spectrum.axes, work.mean_z, state.lengths[run], i)
+        path = (1.0 - parameters.c_sigma) * state.p_sigma[run, i] + to_sigma * turned[1]  # Eq. 11
         state.p_sigma[run, i] = path
-        state.mean[run, i] = state.mean[run, i] + state.sigma[run] * radius[i] * step  # Eq. 10
+        state.mean[run, i] = state.mean[run, i] + state.sigma[run] * radius[i] * turned[0]  # Eq. 10
         work.path[0, i] = path
-        work.step[0, i] = step
+        work.step[0, i] = turned[0]
     sync()
 
 
 @wp.func
 def _path_length(parameters: CmaEsParameters, work: Workspace) -> float:
     """The step-size path's length, 1 for a random walk; every lane adds it up for itself."""
-    total = float(0.0)
-    for i in range(work.path.shape[1]):
-        total += work.path[0, i] * work.path[0, i]
-    return wp.sqrt(total) / parameters.chi_n
+    return wp.sqrt(_dot(work.path, 0, work.path)) / parameters.chi_n
 
 
 @wp.func
@@ -320,11 +350,66 @@ def _move_path(
         work.path[0, i] = path
     sync()
     for j in range(lane, dofs, lanes):
-        total = float(0.0)
-        for i in range(dofs):
-            total += work.spectrum.axes[j, i] * work.path[0, i]
-        work.path_along[0, j] = total
+        work.path_along[0, j] = _dot(work.spectrum.axes, j, work.path)
     sync()
+
+
+@wp.func_native("""
+#if !defined(__CUDA_ARCH__)
+    #pragma clang fp contract(off)
+#endif
+    const int dofs = lengths.shape[0], n = start.shape[0];
+    const float* __restrict__ normal = z.data;
+    const float* __restrict__ weights = weight.data;
+    const float* __restrict__ length = lengths.data;
+    const float* __restrict__ along = path_along.data;
+    const int* __restrict__ place = start.data;
+    const int* best = order.data;
+    auto write = [&](int i, int j) {
+        float value = 0.0f;
+        if (j < dofs) {
+            float rank_mu = 0.0f;
+            #pragma unroll 4
+            for (int r = 0; r < mu; ++r) {
+                const float* parent = normal + best[r] * dofs;
+                rank_mu += weights[r] * parent[i] * parent[j];
+            }
+            const float spread = length[i] * length[j];
+            value = c_cov * (share * (along[i] * along[j]) + (1.0f - share) * spread * rank_mu);
+            if (i == j) value += kept * spread;
+        }
+        elements.data[place[i * n + j]] = value;
+    };
+#if defined(__CUDA_ARCH__)
+    // The rows i and n - 1 - i of the upper triangle have n + 1 elements together: lanes share a rectangle.
+    for (int k = lane; k < n / 2 * (n + 1); k += lanes) {
+        const int row = k / (n + 1), left = k - row * (n + 1), ahead = left - (n - row);
+        if (ahead < 0) write(row, row + left);
+        else write(n - 1 - row, n - 1 - row + ahead);
+    }
+#else
+    for (int i = 0; i < n; ++i) {
+        for (int j = i; j < n; ++j) write(i, j);
+    }
+#endif
+""")
+def _write_covariance(
+    mu: int,
+    c_cov: float,
+    share: float,
+    kept: float,
+    weight: wp.array[wp.float32],
+    order: wp.array[wp.int32],
+    z: wp.array2d[wp.float32],
+    lengths: wp.array[wp.float32],
+    path_along: wp.array2d[wp.float32],
+    start: wp.array2d[wp.int32],
+    lane: int,
+    lanes: int,
+    elements: wp.array2d[wp.float32],
+) -> None:
+    """Eq. 14 in the eigenvectors' coordinates, where C is ``D^2`` and an offspring's step ``D z``."""
+    ...
 
 
 @wp.func
@@ -337,28 +422,23 @@ def _update_covariance(
     state: CmaEsState,
     work: Workspace,
 ) -> None:
-    """Eq. 14 in the eigenvectors' coordinates, where C is ``D^2`` and an offspring's step ``D z``."""
-    dofs = state.mean.shape[1]
-    n = even(dofs)
     share = 1.0 / parameters.mu_cov
     c_c = parameters.c_c
-    kept = 1.0 - parameters.c_cov + parameters.c_cov * share * (1.0 - h_sigma) * c_c * (2.0 - c_c)
-    layout = lane_layout(lane, lanes, n)
-    for i in range(layout.row, n, layout.row_step):
-        for j in range(layout.column, n, layout.column_step):
-            value = float(0.0)
-            if i <= j and j < dofs:
-                rank_mu = float(0.0)
-                for r in range(parameters.mu):
-                    k = state.order[run, r]
-                    rank_mu += parameters.weight[r] * state.z[run, k, i] * state.z[run, k, j]
-                spread = state.lengths[run, i] * state.lengths[run, j]
-                rank_one = work.path_along[0, i] * work.path_along[0, j]
-                value = parameters.c_cov * (share * rank_one + (1.0 - share) * spread * rank_mu)
-                if i == j:
-                    value += kept * spread
-            if i <= j:
-                work.spectrum.elements[0, state.tournament.start[i, j]] = value
+    _write_covariance(
+        parameters.mu,
+        parameters.c_cov,
+        share,
+        1.0 - parameters.c_cov + parameters.c_cov * share * (1.0 - h_sigma) * c_c * (2.0 - c_c),
+        parameters.weight,
+        state.order[run],
+        state.z[run],
+        state.lengths[run],
+        work.path_along,
+        state.tournament.start,
+        lane,
+        lanes,
+        work.spectrum.elements,
+    )
     sync()
 
 
@@ -403,7 +483,7 @@ def _learn(
     dofs = state.mean.shape[1]
     work = _workspace_at(words, dofs)
     _rank(run, lane, lanes, cost, state)
-    _lay_out(run, lane, lanes, state, work.spectrum)
+    _lay_out(state.axes[run], lane, lanes, work.spectrum.axes)
     sync()
     _move_mean(radius, parameters, run, lane, lanes, state, work)
     length = _path_length(parameters, work)
@@ -420,23 +500,21 @@ def _learn(
         state.generation[run] = state.generation[run] + 1
 
 
-@wp.kernel
+@wp.kernel(launch_bounds=MOST_LANES)
 def _update(
     space: SearchSpace,
     parameters: CmaEsParameters,
     cost: wp.array[wp.float32],  # (candidate,)
-    used: int,  # lanes; those beyond leave, so that few wait for few
+    lanes: int,
     is_shared: bool,  # whether the workspace lies in shared memory
     # in and out
     state: CmaEsState,
 ) -> None:
     run, lane = wp.tid()
-    if lane >= used:
-        return
     if is_shared:
-        _learn(space.radius, parameters, run, lane, used, cost, shared_words(state.scratch[run]), state)
+        _learn(space.radius, parameters, run, lane, lanes, cost, shared_words(state.scratch[run]), state)
     else:
-        _learn(space.radius, parameters, run, lane, used, cost, state.scratch[run], state)
+        _learn(space.radius, parameters, run, lane, lanes, cost, state.scratch[run], state)
 
 
 def _has_room(dofs: int, device: wp.Device) -> bool:
@@ -448,11 +526,11 @@ def update(space: SearchSpace, parameters: CmaEsParameters, cost: wp.array[wp.fl
     """One generation: rank, then Eq. 10-14 for mean, paths, sigma and C, then ``C = B D^2 B^T`` for the next sample."""
     runs, dofs = state.mean.shape
     device = cost.device
-    lanes = lanes_of(device)
+    lanes = 1 if lanes_of(device) == 1 else lanes_worth(dofs)
     wp.launch(
         _update,
         dim=(runs, lanes),
-        inputs=[space, parameters, cost, min(lanes, lanes_worth(dofs)), _has_room(dofs, device)],
+        inputs=[space, parameters, cost, lanes, _has_room(dofs, device)],
         outputs=[state],
         block_dim=lanes,
         device=device,

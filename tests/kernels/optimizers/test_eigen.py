@@ -5,8 +5,9 @@ import pytest
 import warp as wp
 from poisoned import poisoned
 
-from mmocap_warp.kernels.block import WORDS, lanes_of, shared_words, sync
+from mmocap_warp.kernels.block import WORDS, shared_words, sync
 from mmocap_warp.kernels.optimizers.eigen import (
+    MOST_LANES,
     Spectrum,
     Tournament,
     diagonalize,
@@ -49,11 +50,11 @@ def _decompose_in(
             axes[i, j] = spectrum.axes[i, j]
 
 
-@wp.kernel
+@wp.kernel(launch_bounds=MOST_LANES)
 def _decompose(
     tournament: Tournament,
     matrix: wp.array3d[wp.float32],  # (run, dof, dof)
-    used: int,
+    lanes: int,
     is_shared: bool,
     scratch: wp.array2d[wp.uint32],  # (run, word)
     # out
@@ -61,31 +62,29 @@ def _decompose(
     eigenvalue: wp.array2d[wp.float32],  # (run, dof)
 ):
     run, lane = wp.tid()
-    if lane >= used:
-        return
     dofs = eigenvalue.shape[1]
     if is_shared:
         spectrum = spectrum_at(shared_words(scratch[run]), dofs)
-        _decompose_in(tournament, spectrum, matrix[run], lane, used, axes[run], eigenvalue[run])
+        _decompose_in(tournament, spectrum, matrix[run], lane, lanes, axes[run], eigenvalue[run])
     else:
         spectrum = spectrum_at(scratch[run], dofs)
-        _decompose_in(tournament, spectrum, matrix[run], lane, used, axes[run], eigenvalue[run])
+        _decompose_in(tournament, spectrum, matrix[run], lane, lanes, axes[run], eigenvalue[run])
 
 
-def decompose(matrix, device, is_shared, used):
+def decompose(matrix, device, is_shared, lanes):
     """Eigenvectors (run, dof, dof) in rows, and eigenvalues (run, dof)."""
     runs, dofs, _ = matrix.shape
     axes = poisoned(matrix.shape, wp.float32, device)
     eigenvalue = poisoned((runs, dofs), wp.float32, device)
     scratch = wp.array(np.full((runs, max(WORDS, spectrum_words(dofs))), 0x7FC00000), dtype=wp.uint32, device=device)
-    lanes = lanes_of(wp.get_device(device))
+    lanes = 1 if wp.get_device(device).is_cpu else lanes
     wp.launch(
         _decompose,
         dim=(runs, lanes),
         inputs=[
             make_tournament(dofs, device),
             wp.array(matrix, dtype=wp.float32, device=device),
-            min(used, lanes),
+            lanes,
             is_shared,
             scratch,
         ],

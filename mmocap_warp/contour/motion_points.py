@@ -54,6 +54,21 @@ class MotionPoints:
         by_point = derivative.reshape(frames, len(self._searched), joints * POINTS_A_JOINT, 3)
         return points.reshape(frames, -1, 3), np.moveaxis(by_point, 1, -1)
 
+    def centres_by_rest(self, rooted: RootedPoses, change: np.ndarray) -> np.ndarray:
+        """Derivatives of the joints' centres, (frame, joint, 3, parameter).
+
+        Args:
+            rooted: poses.
+            change: (parameter, joint, 3) of the centres in the bind pose by parameters of the body.
+        """
+        world, centre, _ = self._joints(rooted)
+        derivative = np.zeros((*centre.shape, len(change)))
+        for joint, parent in enumerate(self._parent):
+            if parent >= 0:
+                bone = (change[:, joint] - change[:, parent]) @ self._frame[parent]
+                derivative[:, joint] = derivative[:, parent] + world[:, parent] @ bone.T
+        return derivative
+
     def _joints(self, rooted: RootedPoses) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """World rotations (frame, joint, 3, 3), centres (frame, joint, 3), axes turned about (frame, joint, axis, 3).
 

@@ -37,7 +37,7 @@ class NormalEquations:
         return observed
 
     def with_prior(self, information: np.ndarray) -> np.ndarray:
-        """(frame, dof, dof) matrices of the poses alone that can be inverted, with a prior's information (dof,)."""
+        """(frame, m, m) matrices that can be inverted, with a prior's information (m,) about the first coordinates."""
         dof = len(information)
         matrix = self.matrix[:, :dof, :dof]
         rounding = _ROUNDING * np.einsum("fdd->fd", matrix)
@@ -55,12 +55,12 @@ class NormalEquations:
     def __getitem__(self, frames: slice) -> NormalEquations:
         return NormalEquations(self.matrix[frames], self.gradient[frames], self.cost[frames])
 
-    def followed_by(self, other: NormalEquations) -> NormalEquations:
+    def followed_by(self, *more: NormalEquations) -> NormalEquations:
         """These frames, then the others."""
         return NormalEquations(
-            np.concatenate([self.matrix, other.matrix]),
-            np.concatenate([self.gradient, other.gradient]),
-            np.concatenate([self.cost, other.cost]),
+            np.concatenate([self.matrix, *(each.matrix for each in more)]),
+            np.concatenate([self.gradient, *(each.gradient for each in more)]),
+            np.concatenate([self.cost, *(each.cost for each in more)]),
         )
 
 

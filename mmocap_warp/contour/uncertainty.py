@@ -1,4 +1,8 @@
-"""How sure the poses of a clip are: standard deviations from the inverse of its normal matrix."""
+"""How sure the poses of a clip are: standard deviations from the inverse of its normal matrix.
+
+They have two parts. Noise differs from frame to frame, and is what the clip's normal matrix tells of. What is wrong
+with the body is the same in all frames, and no number of frames averages it out.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +10,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mmocap_warp.body.skeleton import TRANSLATION
 from mmocap_warp.contour.clip import OVERLAP, ClipProblem, SolvedWindow
 from mmocap_warp.contour.motion_penalty import MotionPenalty
 from mmocap_warp.contour.motion_points import POINTS_A_JOINT
-from mmocap_warp.contour.normal_equations import NormalEquations
+from mmocap_warp.contour.normal_equations import LineariseFrames, NormalEquations
 from mmocap_warp.contour.rooted import RootedPoses
+
+NOISE = 1.3
+"""What deviations from frame to frame measure, in units of those that the normal matrix tells."""
+USUAL_MISFIT = 0.011
+"""Root mean square of contours' distances at which deviations are what they are said to be [m]."""
+
+BODY_INTERVAL = 0.2
+"""How often it is looked at what a pose owes to the body [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +82,96 @@ def marginal_covariance(
     points = problem.points.linearised(rooted)
     motion = MotionPenalty(acceleration, problem.rate).around(*points, contour.observed)
     return (motion.band + contour.with_prior(problem.rooting.anywhere**-2.0)).inverse_diagonal()
+
+
+class BodyDeviations:
+    """What a body that is not quite the right one does to a clip's poses, window by window.
+
+    A body's parameters are taken to be as sure as one frame and the prior make them: frames err alike about it. A pose
+    follows the body as it would if that frame were fitted alone, which is looked at every ``BODY_INTERVAL``.
+
+    Args:
+        problem: the clip's.
+        linearise: the contours' equations of seen frames, with the body's parameters.
+        change: (parameter, joint, 3) of the centres in the bind pose by those [m].
+        sigma: (parameter,) prior standard deviations.
+    """
+
+    def __init__(self, problem: ClipProblem, linearise: LineariseFrames, change: np.ndarray, sigma: np.ndarray) -> None:
+        self._problem, self._linearise, self._change = problem, linearise, change
+        self._information = np.concatenate([problem.rooting.anywhere, sigma]) ** -2.0
+        self._first = 0
+        self._last: Uncertainty | None = None
+
+    def of(self, window: SolvedWindow) -> Uncertainty:
+        """Those of the next window's final frames; of none of which anything is seen those of the last that was."""
+        step = max(1, round(BODY_INTERVAL * self._problem.rate))
+        at = np.flatnonzero(window.contour.observed[: window.final])[::step]
+        if len(at):
+            found = self._of(self._first + at, window.rooted[at])
+        else:
+            found, at = self._last or self._nothing(), np.zeros(1, int)
+        self._first += window.final
+        self._last = Uncertainty(found.pose[-1:], found.joint[-1:])
+        frames = np.arange(window.final)
+        return Uncertainty(_between(frames, at, found.pose), _between(frames, at, found.joint))
+
+    def _of(self, frames: np.ndarray, rooted: RootedPoses) -> Uncertainty:
+        rooting, points = self._problem.rooting, self._problem.points
+        dof = len(rooting.searched)
+        matrix = self._linearise(frames, rooted).with_prior(self._information)
+        body = np.linalg.inv(matrix)[:, dof:, dof:]
+        pose = -np.linalg.solve(matrix[:, :dof, :dof], matrix[:, :dof, dof:])  # (frame, dof, parameter)
+        joint = self._problem.points.centres_by_rest(rooted, self._change)
+        by_pose = points.linearised(rooted)[1][:, ::POINTS_A_JOINT].reshape(len(rooted), -1, dof)
+        by_body = by_pose @ pose + joint.reshape(len(rooted), by_pose.shape[1], -1)
+        coordinate = np.zeros_like(rooted.pose)
+        coordinate[:, rooting.searched] = _sigma(rooting.leaving(rooted) @ pose, body)
+        return Uncertainty(coordinate, _sigma(by_body, body).reshape(joint.shape[:3]))
+
+    def _nothing(self) -> Uncertainty:
+        joints, coordinates = self._change.shape[1], self._problem.rooting.none.pose.shape[1]
+        return Uncertainty(np.zeros((1, coordinates)), np.zeros((1, joints, 3)))
+
+
+def misfit(contour: NormalEquations, searched: np.ndarray) -> float:
+    """Root mean square of contours' distances, those that found no contour as far as they looked [m].
+
+    It is what the cost is for each unit of information about the translation, in metres; the usual one where no
+    translation is searched, or nothing is seen.
+    """
+    shifts = np.flatnonzero(searched < TRANSLATION)
+    seen = contour.observed
+    if not len(shifts) or not seen.any():
+        return USUAL_MISFIT
+    information = 3 * np.einsum("fdd->fd", contour.matrix[seen])[:, shifts].mean(axis=1)
+    return float(np.sqrt(np.mean(2 * contour.cost[seen] / information)))
+
+
+def together(noise: Uncertainty, body: Uncertainty, misfit: float, widest: np.ndarray) -> Uncertainty:
+    """Standard deviations of all that is wrong with poses.
+
+    Both parts grow with the misfit, for where outlines do not fit the body is of another kind than any that is looked
+    for: as its square, which is what clips with known truth show.
+
+    Args:
+        noise: from frame to frame.
+        body: in all frames alike.
+        misfit: of the frames [m].
+        widest: (coordinate,) what no coordinate exceeds.
+    """
+    scale = (misfit / USUAL_MISFIT) ** 2
+    pose, joint = (
+        scale * np.hypot(NOISE * own, shared) for own, shared in ((noise.pose, body.pose), (noise.joint, body.joint))
+    )
+    return Uncertainty(np.minimum(pose, widest), joint)
+
+
+def _between(frames: np.ndarray, at: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values (n, ...) of the frames ``at``, and between them by their distances, in other frames."""
+    columns = [np.interp(frames, at, column) for column in values.reshape(len(at), -1).T]
+    between: np.ndarray = np.stack(columns, axis=1).reshape(len(frames), *values.shape[1:])
+    return between
 
 
 def _deviations(problem: ClipProblem, rooted: RootedPoses, covariance: np.ndarray) -> Uncertainty:

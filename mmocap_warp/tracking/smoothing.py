@@ -9,13 +9,14 @@ from dataclasses import replace
 import numpy as np
 
 from mmocap_warp.body.model import Subject
+from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.skeleton import TRANSLATION
 from mmocap_warp.contour.clip import WINDOW, ClipProblem, SolvedWindow, coarse_then_fine
 from mmocap_warp.contour.fitter import ContourFitter
 from mmocap_warp.contour.motion_points import MotionPoints
 from mmocap_warp.contour.normal_equations import NormalEquations
 from mmocap_warp.contour.rooted import RootedPoses, Rooting
-from mmocap_warp.contour.uncertainty import Deviations, Uncertainty
+from mmocap_warp.contour.uncertainty import BodyDeviations, Deviations, Uncertainty, misfit, together
 from mmocap_warp.device import available_threads, resolve_device
 from mmocap_warp.objective.objective import Objective
 from mmocap_warp.result.result import STATUS, Result
@@ -104,6 +105,19 @@ class _Masks:
             device=resolve_device(config.device),
             threads=config.threads or available_threads(),
         )
+        space = RestSpace(subject.body)
+        vertex, self.joint_change = space.basis(np.zeros(len(space.names)), subject.body.tracking_vertex)
+        self.body_sigma = space.sigma
+        self._body_fitter = ContourFitter(
+            subject.body,
+            raw.cameras,
+            self.searched,
+            self.limits,
+            candidates=1,
+            parameters=len(space.names),
+            device=resolve_device(config.device),
+        )
+        self._body_fitter.set_change(vertex, self.joint_change)
         self._unread: Iterator[Observation] = iter(observations)
         self._held: list[Observation] = []
         self._read = 0
@@ -121,6 +135,15 @@ class _Masks:
         return NormalEquations(
             contour.matrix * seen[:, None, None], contour.gradient * seen[:, None], contour.cost * seen
         )
+
+    def linearise_body(self, frames: np.ndarray, rooted: RootedPoses) -> NormalEquations:
+        """The same of single frames, with the body's parameters too."""
+        only = np.zeros(1, int)
+        each = []
+        for i, frame in enumerate(frames):
+            self._body_fitter.observe(0, self.observation(frame))
+            each.append(self._body_fitter.linearise(only, rooted[i : i + 1]))
+        return each[0].followed_by(*each[1:])
 
     def _observe_next(self) -> None:
         started = time.perf_counter()
@@ -153,7 +176,10 @@ class _Run:
             raw.fps,
         )
         self.windows = problem.windows(self._rooting.enter(track), coarse_then_fine(config.acceleration), masked)
-        self._deviations = Deviations(problem, config.acceleration)
+        self._noise = Deviations(problem, config.acceleration)
+        self._body = BodyDeviations(problem, masks.linearise_body, masks.joint_change, masks.body_sigma)
+        self._widest = np.full(track.shape[1], np.inf)
+        self._widest[masks.searched] = self._rooting.anywhere
         self._last = track[0, _ROOT_ANGLES]
         self._finished = 0
         self.pose = track.copy()
@@ -163,7 +189,8 @@ class _Run:
         """Take over the next window's final frames."""
         frames = slice(self._finished, self._finished + window.final)
         self.pose[frames] = self._rooting.leave(window.rooted[: window.final], self._last)
-        sigma = self._deviations.of(window)
+        error = misfit(window.contour, self._rooting.searched)
+        sigma = together(self._noise.of(window), self._body.of(window), error, self._widest)
         self.sigma.pose[frames], self.sigma.joint[frames] = sigma.pose, sigma.joint
         self._last = self.pose[frames.stop - 1, _ROOT_ANGLES]
         self._finished = frames.stop

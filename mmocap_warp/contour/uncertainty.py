@@ -17,7 +17,7 @@ from mmocap_warp.contour.motion_points import POINTS_A_JOINT
 from mmocap_warp.contour.normal_equations import LineariseFrames, NormalEquations
 from mmocap_warp.contour.rooted import RootedPoses
 
-NOISE = 1.3
+NOISE = 1.5
 """What deviations from frame to frame measure, in units of those that the normal matrix tells."""
 USUAL_MISFIT = 0.011
 """Root mean square of contours' distances at which deviations are what they are said to be [m]."""
@@ -151,8 +151,7 @@ def misfit(contour: NormalEquations, searched: np.ndarray) -> float:
 def together(noise: Uncertainty, body: Uncertainty, misfit: float, widest: np.ndarray) -> Uncertainty:
     """Standard deviations of all that is wrong with poses.
 
-    Both parts grow with the misfit, for where outlines do not fit the body is of another kind than any that is looked
-    for: as its square, which is what clips with known truth show.
+    Both parts are in proportion to the misfit: residuals are as large as they are, not as large as was assumed.
 
     Args:
         noise: from frame to frame.
@@ -160,7 +159,7 @@ def together(noise: Uncertainty, body: Uncertainty, misfit: float, widest: np.nd
         misfit: of the frames [m].
         widest: (coordinate,) what no coordinate exceeds.
     """
-    scale = (misfit / USUAL_MISFIT) ** 2
+    scale = misfit / USUAL_MISFIT
     pose, joint = (
         scale * np.hypot(NOISE * own, shared) for own, shared in ((noise.pose, body.pose), (noise.joint, body.joint))
     )

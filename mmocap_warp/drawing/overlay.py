@@ -46,6 +46,12 @@ class Window:
         scale = np.divide(self.size, self.extent)
         return (pixels - self.corner + 0.5) * scale - 0.5
 
+    def covariances(self, pixels: np.ndarray) -> np.ndarray:
+        """Covariances (n, 2, 2) of image points, in the drawing."""
+        scale = np.divide(self.size, self.extent)
+        scaled: np.ndarray = pixels * np.outer(scale, scale)
+        return scaled
+
     def picture(self, image: np.ndarray, image_size: tuple[int, int], interpolation: int) -> np.ndarray:
         """The part of an image, resized; the image may have another resolution than the camera's ``image_size``."""
         ratio = np.divide((image.shape[1], image.shape[0]), image_size)
@@ -63,6 +69,7 @@ def draw_view(
     faces: np.ndarray,
     joints: np.ndarray,
     skeleton: Skeleton,
+    spread: np.ndarray | None = None,
 ) -> np.ndarray:
     """Draw the body over one camera's image, or over its mask where there is no image.
 
@@ -75,6 +82,7 @@ def draw_view(
         faces: (face, 3), its triangles.
         joints: (joint, 2), projected joint centres [px].
         skeleton: how they hang together.
+        spread: (joint, 2, 2), covariances of the joints' places [px^2], drawn as ellipses of two standard deviations.
 
     Returns:
         ``window.size`` BGR image.
@@ -88,6 +96,8 @@ def draw_view(
         _draw_contour(canvas, seen.astype(np.uint8), MASK_COLOUR)
     _draw_contour(canvas, model, MODEL_COLOUR)
     _draw_skeleton(canvas, window.points(joints), skeleton)
+    if spread is not None:
+        _draw_ellipses(canvas, window.points(joints), window.covariances(spread), skeleton)
     return canvas
 
 
@@ -128,3 +138,17 @@ def _draw_skeleton(canvas: np.ndarray, joints: np.ndarray, skeleton: Skeleton) -
     for colour, centre, seen in zip(colours, fixed, drawable, strict=True):
         if seen:
             cv2.circle(canvas, centre, 2 << _SUBPIXEL_BITS, colour, -1, cv2.LINE_AA, _SUBPIXEL_BITS)
+
+
+def _draw_ellipses(canvas: np.ndarray, joints: np.ndarray, covariances: np.ndarray, skeleton: Skeleton) -> None:
+    """Two standard deviations around each joint, up to half of the image."""
+    for name, centre, covariance in zip(skeleton.joints, joints, covariances, strict=True):
+        drawable = np.isfinite(covariance).all() and (np.abs(centre) < 8.0 * max(canvas.shape)).all()  # no NaN is
+        if not drawable:
+            continue
+        variance, axes = np.linalg.eigh(covariance)
+        radii = np.minimum(2.0 * np.sqrt(np.maximum(variance, 0.0)), max(canvas.shape) / 2)
+        middle, half = (np.rint(values * (1 << _SUBPIXEL_BITS)).astype(int).tolist() for values in (centre, radii))
+        angle = float(np.degrees(np.arctan2(axes[1, 0], axes[0, 0])))
+        colour = _COLOUR_OF_SIDE[skeleton.side(name)]
+        cv2.ellipse(canvas, middle, half, angle, 0.0, 360.0, colour, 1, cv2.LINE_AA, _SUBPIXEL_BITS)

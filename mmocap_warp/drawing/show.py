@@ -13,6 +13,7 @@ import numpy as np
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.drawing.overlay import (
+    INK,
     LEFT_COLOUR,
     MASK_COLOUR,
     MODEL_COLOUR,
@@ -68,7 +69,7 @@ def show(
         InputError: another ending, a folder that cannot be written, or fewer images or masks than frames.
     """
     run = result.best_run
-    body = _ProjectedBody(result.subject, result.cameras, result.pose[run])
+    body = _projected(result, run)
     columns, windows = _video_layout(result.cameras)
     on_sheet = np.unique(np.linspace(0, len(result.frame_numbers) - 1, _SHEET_FRAMES).round().astype(int)).tolist()
     crops = [_crop(body, k, on_sheet) for k in range(len(result.cameras))]
@@ -128,7 +129,7 @@ def overlay(
         Window((0, 0), (width, height), (width, height) if image is None else (image.shape[1], image.shape[0]))
         for (width, height), image in zip(result.cameras.size.tolist(), images, strict=True)
     ]
-    body = _ProjectedBody(result.subject, result.cameras, result.pose[result.best_run if run is None else run])
+    body = _projected(result, result.best_run if run is None else run)
     view = body.views(frame, images, masks, windows)[k]
     return view[:, :, ::-1].copy()  # OpenCV draws blue first
 
@@ -204,8 +205,10 @@ def check_same_recording(result: Result, scene: Scene) -> None:
 class _ProjectedBody:
     """A subject in the cameras' pixels in poses (frame, coordinate), one at a time: all skin would fill the memory."""
 
-    def __init__(self, subject: Subject, rig: CameraRig, pose: np.ndarray) -> None:
-        self.rig, self._pose = rig, pose
+    def __init__(
+        self, subject: Subject, rig: CameraRig, pose: np.ndarray, joint_sigma: np.ndarray | None = None
+    ) -> None:
+        self.rig, self._pose, self._joint_sigma = rig, pose, joint_sigma
         self._faces = subject.body.tracking_face
         self._skeleton = subject.body.skeleton
         self._poser = Poser(subject.body, subject.root_base)
@@ -225,10 +228,40 @@ class _ProjectedBody:
     ) -> list[np.ndarray]:
         """Each camera's drawing."""
         vertices, joints = self.vertices(frame), self.joints(frame)
+        spread = self._spread(frame, joints)
         return [
-            draw_view(windows[k], tuple(size), images[k], masks[k], vertices[k], self._faces, joints[k], self._skeleton)
+            draw_view(
+                windows[k],
+                tuple(size),
+                images[k],
+                masks[k],
+                vertices[k],
+                self._faces,
+                joints[k],
+                self._skeleton,
+                None if spread is None else spread[k],
+            )
             for k, size in enumerate(self.rig.size.tolist())
         ]
+
+    def _spread(self, frame: int, joints: np.ndarray) -> np.ndarray | None:
+        """(camera, joint, 2, 2), covariances of the joints' places [px^2]; None where the result has none."""
+        if self._joint_sigma is None:
+            return None
+        (transforms,) = self._poser.joint_transforms(self._pose[frame])
+        spread = np.zeros((*joints.shape, 2))
+        for axis in range(3):
+            off = np.zeros((len(transforms), 3))
+            off[:, axis] = self._joint_sigma[frame, :, axis]
+            moved = project(self.rig, transforms[:, :3, 3] + off) - joints
+            spread += moved[..., :, None] * moved[..., None, :]
+        return spread
+
+
+def _projected(result: Result, run: int) -> _ProjectedBody:
+    """One of a result's runs."""
+    sigma = None if result.joint_sigma is None else result.joint_sigma[run]
+    return _ProjectedBody(result.subject, result.cameras, result.pose[run], sigma)
 
 
 def _in_step(result: Result, images: Images | None, masks: Images | None) -> Iterator[tuple]:
@@ -283,6 +316,8 @@ def _video_frame(result: Result, run: int, frame: int, views: list[np.ndarray], 
         (12, 9),
     )
     legend = {"mask": MASK_COLOUR, "model": MODEL_COLOUR, "left": LEFT_COLOUR, "right": RIGHT_COLOUR}
+    if result.joint_sigma is not None:
+        legend["ellipse: 2 sigma"] = INK
     for name, colour in legend.items():
         end = write_text(canvas, name, (end + 18, 9), colour)
     height, width = canvas.shape[:2]

@@ -54,3 +54,13 @@ def test_derivatives_are_finite_differences(body):
         ahead = of_body.at(RootedPoses(rooted.base, rooted.pose + moved))
         behind = of_body.at(RootedPoses(rooted.base, rooted.pose - moved))
         np.testing.assert_allclose(derivative[..., number], (ahead - behind) / (2 * step), atol=1e-8)
+
+
+def test_centres_move_with_the_rest_body(body):
+    rooted = anywhere(body)
+    change = np.random.default_rng(2).normal(0, 0.1, (3, len(body.skeleton.joints), 3))
+    derivative = points_of(body).centres_by_rest(rooted, change)
+    before = points_of(body).at(rooted)[:, ::4]
+    for number, each in enumerate(change):
+        moved = MotionPoints(body.skeleton, body.joint_rest + each, body.skeleton.searched()).at(rooted)[:, ::4]
+        np.testing.assert_allclose(derivative[..., number], moved - before, atol=1e-7)

@@ -3,16 +3,26 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from planted import Planted, dense, swung
 from synthetic import synthetic_body
 
 from mmocap_warp.body.rotations import turn
 from mmocap_warp.contour import clip, uncertainty
-from mmocap_warp.contour.clip import ACCELERATION, ClipProblem
+from mmocap_warp.contour.clip import ACCELERATION, ClipProblem, SolvedWindow
 from mmocap_warp.contour.motion_penalty import MotionPenalty
 from mmocap_warp.contour.normal_equations import NormalEquations
 from mmocap_warp.contour.rooted import RootedPoses, Rooting
-from mmocap_warp.contour.uncertainty import Deviations, Uncertainty, marginal_covariance
+from mmocap_warp.contour.uncertainty import (
+    NOISE,
+    USUAL_MISFIT,
+    BodyDeviations,
+    Deviations,
+    Uncertainty,
+    marginal_covariance,
+    misfit,
+    together,
+)
 
 BODY = synthetic_body()
 SKELETON = BODY.skeleton
@@ -98,3 +108,95 @@ def test_a_prior_makes_what_single_precision_rounded_invertible():
     proper = rounded.with_prior(np.full(DOF, 1e-9))
     assert (np.linalg.eigvalsh(proper) > 0).all()
     np.testing.assert_allclose(proper, contour.matrix, atol=2e-6 * contour.matrix.max())
+
+
+CHANGE = np.random.default_rng(5).normal(0, 0.02, (2, len(SKELETON.joints), 3))
+"""Of the joints' centres in the bind pose by two parameters of a body [m]."""
+PRIOR = np.array([0.5, 2.0])
+
+
+class WithBody:
+    """What frames say that see the points on the joints, as they are or as the body moves them, to ``sigma`` [m]."""
+
+    def __init__(self, problem: ClipProblem, moves: float, sigma: float = 0.004) -> None:
+        self.points, self.moves, self.sigma = problem.points, moves, sigma
+        self.frames: list[int] = []
+
+    def __call__(self, frames: np.ndarray, rooted: RootedPoses) -> NormalEquations:
+        self.frames.extend(frames)
+        pose = self.points.linearised(rooted)[1].reshape(len(frames), -1, DOF)
+        centres = self.moves * self.points.centres_by_rest(rooted, CHANGE)
+        body = np.repeat(centres[:, :, None], 4, axis=2).reshape(len(frames), -1, len(CHANGE))
+        rows = np.concatenate([pose, body], axis=2) / self.sigma
+        return NormalEquations(
+            np.swapaxes(rows, 1, 2) @ rows, np.zeros((len(frames), rows.shape[2])), np.ones(len(frames))
+        )
+
+
+def body_deviations(problem: ClipProblem, rooted: RootedPoses, linearise: WithBody) -> Uncertainty:
+    deviations = BodyDeviations(problem, linearise, CHANGE, PRIOR)
+    pieces = [deviations.of(window) for window in problem.windows(rooted)]
+    return Uncertainty(*(np.concatenate([getattr(piece, name) for piece in pieces]) for name in ("pose", "joint")))
+
+
+def test_a_body_that_contours_do_not_show_is_as_unsure_as_its_prior():
+    problem, rooted = clip_of(5, 0.004)
+    window = SolvedWindow(rooted, problem.linearise(np.arange(5), rooted), 5)
+    stated = BodyDeviations(problem, WithBody(problem, moves=0.0), CHANGE, PRIOR).of(window)
+    np.testing.assert_allclose(stated.pose, 0.0, atol=1e-12)
+    moved = problem.points.centres_by_rest(rooted[:1], CHANGE) * PRIOR
+    np.testing.assert_allclose(stated.joint[0], np.linalg.norm(moved[0], axis=-1), rtol=1e-4, atol=1e-9)
+
+
+def test_poses_make_up_for_a_body_that_contours_show():
+    problem, rooted = clip_of(5, 0.004)
+    linearise = WithBody(problem, moves=1.0)
+    window = SolvedWindow(rooted, problem.linearise(np.arange(5), rooted), 5)
+    stated = BodyDeviations(problem, linearise, CHANGE, PRIOR).of(window)
+    matrix = linearise(np.arange(1), rooted[:1]).matrix[0]
+    matrix += np.diag(np.concatenate([problem.rooting.anywhere, PRIOR]) ** -2.0)
+    both = np.linalg.inv(matrix)
+    alone = np.linalg.inv(matrix[:DOF, :DOF])
+    expected = np.sqrt(np.diag(both[:DOF, :DOF] - alone))
+    got = stated.pose[0, problem.rooting.searched]
+    away = np.setdiff1d(np.arange(DOF), np.flatnonzero(np.isin(problem.rooting.searched, (3, 4, 5))))  # as they leave
+    np.testing.assert_allclose(got[away], expected[away], rtol=0.01)
+    assert (stated.joint < 0.01).all()
+
+
+def test_the_body_is_looked_at_now_and_then_in_frames_that_show_it(monkeypatch):
+    seen = np.full(40, 0.004)
+    seen[:3] = seen[24:] = np.inf
+    problem, rooted = clip_of(40, seen)
+    monkeypatch.setattr(clip, "WINDOW", 0.25)
+    monkeypatch.setattr(clip, "OVERLAP", 0.05)
+    linearise = WithBody(problem, moves=1.0)
+    stated = body_deviations(problem, rooted, linearise)
+    assert len(stated.pose) == 40
+    assert 2 <= len(linearise.frames) < 10
+    assert set(linearise.frames) <= set(range(3, 24))
+    assert (stated.joint[:, 1:] > 0).all()
+    np.testing.assert_array_equal(stated.joint[-1], stated.joint[24])
+
+
+def test_a_misfit_is_the_distance_of_the_contours():
+    rng = np.random.default_rng(0)
+    normal = rng.normal(size=(2, 400, 3))
+    rows = normal / np.linalg.norm(normal, axis=2, keepdims=True) / 0.004
+    off = np.array([0.006, 0.008])
+    contour = NormalEquations(np.swapaxes(rows, 1, 2) @ rows, np.zeros((2, 3)), 0.5 * 400 * (off / 0.004) ** 2)
+    assert misfit(contour, np.arange(3)) == pytest.approx(np.sqrt(np.mean(off**2)))
+    some = NormalEquations(contour.matrix[:, 1:, 1:], contour.gradient[:, 1:], contour.cost)
+    assert misfit(some, np.array([1, 2])) == pytest.approx(np.sqrt(np.mean(off**2)), rel=0.1)
+    nothing = NormalEquations(0 * contour.matrix, contour.gradient, 0 * contour.cost)
+    assert misfit(nothing, np.arange(3)) == misfit(contour, np.arange(6, 9)) == USUAL_MISFIT
+
+
+def test_both_parts_count_and_grow_with_the_misfit():
+    noise, body = (Uncertainty(np.full((1, 2), value), np.full((1, 1, 3), value)) for value in (0.01, 0.02))
+    widest = np.array([np.inf, 0.03])
+    usual = together(noise, body, USUAL_MISFIT, widest)
+    expected = np.hypot(NOISE * 0.01, 0.02)
+    np.testing.assert_allclose(usual.joint, expected)
+    np.testing.assert_allclose(together(noise, body, 2 * USUAL_MISFIT, widest).joint, 2 * expected)
+    np.testing.assert_allclose(together(noise, body, 2 * USUAL_MISFIT, widest).pose, [[2 * expected, 0.03]])

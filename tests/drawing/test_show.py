@@ -136,6 +136,24 @@ def test_a_view_shows_skin_contours_and_skeleton():
     ).all()
 
 
+def test_a_joint_that_is_unsure_has_a_wide_ellipse():
+    result = small_result(frames=1, cameras=1)
+    sigma = np.zeros((1, 1, len(result.subject.body.skeleton.joints), 3))
+    sure = overlay(replace(result, joint_sigma=sigma))
+    joint = result.subject.body.skeleton.joints.index("LWrist")
+    sigma[0, 0, joint, 1] = 0.1  # up and down
+    sigma[0, 0, 0] = np.nan
+    unsure = overlay(replace(result, joint_sigma=sigma))
+    rows, columns = np.nonzero((sure != unsure).any(axis=2))
+    (place,) = project(result.cameras, result.joints()[0, 0, joint][None])[0]
+    low, high = (
+        project(result.cameras, (result.joints()[0, 0, joint] + off)[None])[0, 0] for off in ([0, -0.2, 0], [0, 0.2, 0])
+    )
+    assert rows.max() - rows.min() == pytest.approx(abs(high[1] - low[1]), abs=3)
+    assert columns.max() - columns.min() < 6
+    assert (rows.max() + rows.min()) / 2 == pytest.approx(place[1], abs=2)
+
+
 def test_text_may_touch_the_border():
     canvas = np.zeros((20, 60, 3), np.uint8)
     assert write_text(canvas, "far too long a line", (0, 0)) > 60

@@ -80,6 +80,8 @@ def test_the_clip_is_nearer_the_truth_than_its_frames():
     result = smoothed(raw, CONFIG, swinging()[1])
     assert joint_errors(result.pose[0]).mean() < 0.4 * joint_errors(raw.pose[0]).mean()
     np.testing.assert_array_equal(result.raw_pose, raw.pose)
+    off = result.joints()[0] - joint_positions(SUBJECT, swinging()[0])
+    assert (np.abs(off) <= 2 * result.joint_sigma[0]).mean() > 0.9
     assert (result.status == raw.status).all()
     searched = SKELETON.searched()
     assert (result.angle_sigma[..., searched] > 0).all()

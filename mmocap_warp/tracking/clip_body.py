@@ -107,7 +107,7 @@ def _descended(fitter: ContourFitter, rooting: Rooting, starts: RootedPoses) -> 
     fitter.descend(count, _STEPS)
     cost = fitter.descent.cost.numpy()[:count].astype(float)
     best = int(np.argmin(cost))
-    pose = fitter.descent.best.numpy()[best : best + 1].astype(float)  # type: ignore[attr-defined]
+    pose = fitter.descent.best.numpy()[best : best + 1].astype(float)
     return rooting.refold(RootedPoses(starts.base[best : best + 1], pose)), float(cost[best])
 
 

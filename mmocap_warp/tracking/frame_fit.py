@@ -176,7 +176,7 @@ class FrameFit:
         count = len(starts)
         fitter.start_at(starts, np.tile(guess.root_base, (count, 1, 1)), np.zeros(count, np.int32))
         fitter.descend(count, _LIMB_STEPS)
-        found = fitter.descent.best.numpy()[:count].astype(float)  # type: ignore[attr-defined]
+        found = fitter.descent.best.numpy()[:count].astype(float)
         best_first: np.ndarray = found[np.argsort(self._judged(found), kind="stable")]
         return best_first
 

@@ -87,7 +87,7 @@ class AnnealedFilter:
         self.population = make_population(space, self.particles)
         self.state = kernels.make_state(self.population)
         self._set: tuple[Any, ...] = (self.state.selected, self.state.mean)
-        self.memory = self._set if self.config.carries else ()
+        self.memory: tuple[Any, ...] = self._set if self.config.carries else ()
         self.plan(evaluations)
 
     def plan(self, evaluations: int) -> list[int]:

@@ -18,15 +18,15 @@ from mmocap_warp.contour.body_problem import BodyProblem, BodySolution
 from mmocap_warp.contour.fitter import ContourFitter
 from mmocap_warp.contour.normal_equations import NormalEquations
 from mmocap_warp.contour.rooted import RootedPoses, Rooting
+from mmocap_warp.result.result import STATUS
+from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.frame_fit import PRIOR
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
 
-_LONGEST = 4.0  # [s] that are followed
+_LONGEST = 2.0  # [s] that are followed
 _RATE = 30.0  # frames a second that are enough to follow a person
-_STEPS = 6  # of a frame that is followed
-_CARRIED = 0.8  # share of the last motion that is expected again
-_LOST = 3.0  # times the contours' usual cost
 _BODY_STEPS = 15
 _OUTLINE = 0.012  # [m], standard deviation of all outlines together: of shadows, hair and shoes
 
@@ -38,7 +38,7 @@ class Followed:
     Attributes:
         observation: of each frame.
         rooted: the poses.
-        cost: (frame,) float64, of the contours.
+        cost: (frame,) float64, of the tracker's answers.
     """
 
     observation: list[Observation]
@@ -58,57 +58,28 @@ def frames_to_follow(fps: float, available: int) -> range:
 
 
 def follow(
-    subject: Subject, rig: CameraRig, observations: Iterable[Observation], device: str, threads: int
+    subject: Subject, rig: CameraRig, observations: Iterable[Observation], fps: float, config: TrackConfig
 ) -> Followed:
-    """Follow a subject through frames by contours alone, as far as that holds.
+    """Follow a subject through frames, as far as that holds.
 
     Args:
         subject: with the pose of the first frame.
         rig: undistorted cameras at the masks' size.
-        observations: consecutive frames; one without foreground ends it.
-        device: a Warp device.
-        threads: CPU threads.
+        observations: consecutive frames; the first one that is lost ends it.
+        fps: of these frames.
+        config: of the tracker.
     """
     skeleton = subject.body.skeleton
-    fitter = ContourFitter(
-        subject.body, rig, skeleton.searched(), skeleton.coordinate_limits, candidates=2, device=device, threads=threads
-    )
+    tracker = ContourTracker(subject, rig, config, fps)
     rooting = Rooting(skeleton, subject.root_base, skeleton.searched())
-    pose = before = rooting.enter(subject.pose[None])
     followed: list[tuple[Observation, RootedPoses, float]] = []
     for observation in observations:
-        if not (observation.foreground > 0).any():
+        answer = tracker.step(observation)
+        if followed and np.ravel(answer.status)[0] == STATUS.index("lost"):
             break
-        fitter.observe(0, observation)
-        starts = pose.followed_by(_carried_on(rooting, before, pose))
-        found, cost = _descended(fitter, rooting, starts)
-        if len(followed) > 2 and cost > _LOST * np.median([each for _, _, each in followed]):
-            break
-        before, pose = pose, found
-        followed.append((observation, found, cost))
-    rooted = followed[0][1]
-    for _, found, _ in followed[1:]:
-        rooted = rooted.followed_by(found)
+        followed.append((observation, rooting.enter(answer.pose.astype(float)), float(answer.cost[0])))
+    rooted = followed[0][1].followed_by(*(found for _, found, _ in followed[1:]))
     return Followed([each for each, _, _ in followed], rooted, np.array([cost for _, _, cost in followed]))
-
-
-def _carried_on(rooting: Rooting, before: RootedPoses, pose: RootedPoses) -> RootedPoses:
-    """The pose after as much motion again, damped."""
-    turned = pose.base @ np.swapaxes(before.base, 1, 2)
-    ahead = pose.pose + _CARRIED * (pose.pose - before.pose)
-    base = turned @ pose.base if rooting.folds else pose.base
-    return rooting.stepped(RootedPoses(base, ahead), np.zeros((len(pose), len(rooting.searched))))
-
-
-def _descended(fitter: ContourFitter, rooting: Rooting, starts: RootedPoses) -> tuple[RootedPoses, float]:
-    """The best of what is found from some starts in the frame that the fitter observes."""
-    count = len(starts)
-    fitter.start_at(starts.pose, starts.base, np.zeros(count, np.int32))
-    fitter.descend(count, _STEPS)
-    cost = fitter.descent.cost.numpy()[:count].astype(float)
-    best = int(np.argmin(cost))
-    pose = fitter.descent.best.numpy()[best : best + 1].astype(float)
-    return rooting.refold(RootedPoses(starts.base[best : best + 1], pose)), float(cost[best])
 
 
 def solve_body(

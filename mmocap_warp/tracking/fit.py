@@ -25,6 +25,7 @@ from mmocap_warp.device import available_threads, resolve_device
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import config_from_table
 from mmocap_warp.tracking.clip_body import follow, frames_to_follow, solve_body
+from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.frame_fit import FrameFit, Guess
 from mmocap_warp.tracking.standing_search import NoSubjectError, search_headings, standing_start
 from mmocap_warp.views.observation import Observation
@@ -113,14 +114,14 @@ def fit(
         remedy = "look at the masks (mmocap mask) and the calibration (mmocap cameras)"
         raise InputError(scene.path, f"frame 0: {error}", remedy) from None
     clip = list(islice(chain([first], observations), 0, None, numbers.step))
-    return _fit_clip(task, clip, best, others)
+    return _fit_clip(task, clip, scene.fps / numbers.step, best, others)
 
 
-def _fit_clip(task: _Task, clip: list[Observation], best: Guess, others: dict[str, Guess]) -> Subject:
+def _fit_clip(task: _Task, clip: list[Observation], fps: float, best: Guess, others: dict[str, Guess]) -> Subject:
     """The body from frames of a clip. Motion decides between ways to see the first frame that are nearly as good."""
     found = _found(best, others)
     close = [other for other in others.values() if other.cost < best.cost + _CLEAR]
-    ways = [_with_clip_body(task, clip, task.subject(guess, found)) for guess in (best, *close)]
+    ways = [_with_clip_body(task, clip, fps, task.subject(guess, found)) for guess in (best, *close)]
     (subject, cost), *behind = sorted(ways, key=lambda way: way[1])
     behind = [way for way in behind if _differ(subject, way[0])]  # some come to the same in the end
     decided = "yes"
@@ -132,9 +133,10 @@ def _fit_clip(task: _Task, clip: list[Observation], best: Guess, others: dict[st
     return replace(subject, provenance=subject.provenance | found | {"fit.decided": decided})
 
 
-def _with_clip_body(task: _Task, clip: list[Observation], subject: Subject) -> tuple[Subject, float]:
+def _with_clip_body(task: _Task, clip: list[Observation], fps: float, subject: Subject) -> tuple[Subject, float]:
     """The subject with the body of the frames that it can be followed through, and their contours' mean cost."""
-    followed = follow(subject, task.rig, clip, task.device, task.threads)
+    settings = TrackConfig(seed=task.config.seed, device=task.device, threads=task.threads)
+    followed = follow(subject, task.rig, clip, fps, settings)
     share = len(followed.rooted) / len(clip)
     solved, cost = solve_body(
         subject, task.body, task.rig, followed.spread(task.config.frames), task.device, task.threads

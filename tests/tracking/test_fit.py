@@ -165,9 +165,11 @@ def test_sides_that_fit_better_swapped_are_swapped(planned):
 def test_motion_decides_where_the_first_frame_does_not(man, margin, costs, answer, decided, monkeypatch):
     guesses = [Guess(np.zeros(len(RestSpace(man).names)), np.eye(3), np.full(51, i), 0.1 + i * margin) for i in (0, 1)]
     asked = iter(costs)
-    monkeypatch.setattr("mmocap_warp.tracking.fit._with_clip_body", lambda task, clip, subject: (subject, next(asked)))
+    monkeypatch.setattr(
+        "mmocap_warp.tracking.fit._with_clip_body", lambda task, clip, fps, subject: (subject, next(asked))
+    )
     task = _Task(man, None, QUICK, lambda *_: None)
-    subject = _fit_clip(task, [], guesses[0], {"turned": guesses[1]})
+    subject = _fit_clip(task, [], 30.0, guesses[0], {"turned": guesses[1]})
     assert subject.pose[0] == answer
     assert subject.provenance["fit.decided"] == decided
     assert next(asked, None) is None

@@ -16,6 +16,7 @@ from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.shape_space import upright_base
 from mmocap_warp.tracking.clip_body import follow, frames_to_follow, solve_body
+from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.frame_fit import FrameFit, Guess
 from mmocap_warp.tracking.limbs import limbs, mirrored
 from mmocap_warp.views.observation import Observation
@@ -125,7 +126,7 @@ def clip(man):
 def test_the_body_of_many_frames_is_the_one_that_was_seen(man, clip):
     body, poses, observations = clip
     start = Subject(man, BASE, poses[0], {"fit.seed": 0, "scale": 1.0})
-    followed = follow(start, RIG, observations, "cpu", 1)
+    followed = follow(start, RIG, observations, 30.0, TrackConfig(device="cpu", threads=1))
     assert len(followed.rooted) == len(poses)
     solved, cost = solve_body(start, man, RIG, followed.spread(8), "cpu", 1)
     assert cost < followed.cost.mean()
@@ -143,11 +144,17 @@ def test_the_body_of_many_frames_is_the_one_that_was_seen(man, clip):
 def test_following_ends_where_nobody_is_seen(man, clip):
     _, poses, observations = clip
     nobody = replace(observations[0], words=0 * observations[0].words, foreground=0 * observations[0].foreground)
-    followed = follow(Subject(man, BASE, poses[0], {}), RIG, [*observations[:3], nobody, *observations], "cpu", 1)
+    followed = follow(
+        Subject(man, BASE, poses[0], {}),
+        RIG,
+        [*observations[:3], nobody, *observations],
+        30.0,
+        TrackConfig(device="cpu", threads=1),
+    )
     assert len(followed.rooted) == len(followed.observation) == len(followed.cost) == 3
 
 
 def test_frames_are_followed_at_thirty_a_second_for_four_seconds():
-    assert frames_to_follow(60.0, 1000) == range(0, 240, 2)
-    assert frames_to_follow(25.0, 1000) == range(0, 100, 1)
+    assert frames_to_follow(60.0, 1000) == range(0, 120, 2)
+    assert frames_to_follow(25.0, 1000) == range(0, 50, 1)
     assert frames_to_follow(60.0, 1) == range(0, 1, 2)

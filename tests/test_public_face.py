@@ -59,7 +59,7 @@ def test_the_settings_are_the_callers_then_the_scenes(walk):
     subject = mm.Subject(made.body, made.root_base, made.poses[0], {})
     result = mm.track(walk, subject, evaluations=30, device="cpu")
     assert [result.config[name] for name in ("evaluations", "scale", "seed", "runs")] == [30, 0.25, 5, 1]
-    whole = mm.track(walk, subject, mm.TrackConfig(scale=0.5, device="cpu"), evaluations=30)
+    whole = mm.track(walk, subject, mm.TrackConfig("h-cmaes", scale=0.5, device="cpu"), evaluations=30)
     assert [whole.config[name] for name in ("evaluations", "scale", "seed", "runs")] == [30, 0.5, 0, 1]
     with pytest.raises(ValueError, match="evaluations must be"):
         mm.track(walk, subject, evaluations=0)

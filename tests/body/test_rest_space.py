@@ -249,7 +249,9 @@ def test_the_model_is_tracked_and_exported(tmp_path: Path, name: str) -> None:
     pose[:3] = body.joint_rest[0]
     subject, rig = Subject(body, np.eye(3), pose, {}), ring_rig(cameras=3, size=(80, 60), distance=4.0)
     seen = [Observation.from_masks(perfect_masks(subject, rig, pose))] * 2
-    result = track_observations(subject, rig, seen, 60.0, TrackConfig(evaluations=120, device="cpu", threads=1))
+    result = track_observations(
+        subject, rig, seen, 60.0, TrackConfig("h-cmaes", evaluations=120, device="cpu", threads=1)
+    )
     standing = Poser(body, np.eye(3)).joint_transforms(pose[None].astype(np.float32))[0, :, :3, 3]
     np.testing.assert_allclose(standing, body.joint_rest, atol=1e-5)
     export_animation(result, tmp_path / "animation.usda")

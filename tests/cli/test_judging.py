@@ -33,7 +33,15 @@ def test_the_masks_that_are_drawn_are_those_that_were_tracked(keep, tmp_path, mo
             mask[:, free] = True
             cv2.imwrite(str(tmp_path / name / f"{frame:03d}.png"), mask * np.uint8(255))
         scene += [f"[cameras.{name}]", f'masks = "{name}"']
-    scene += ["[foreground]", f'keep = "{keep}"', "[track]", "evaluations = 60", "runs = 2", 'device = "cpu"']
+    scene += [
+        "[foreground]",
+        f'keep = "{keep}"',
+        "[track]",
+        'algorithm = "h-cmaes"',
+        "evaluations = 60",
+        "runs = 2",
+        'device = "cpu"',
+    ]
     (tmp_path / "scene.toml").write_text("\n".join(scene))
     write_toml_rig(tmp_path / "rig.toml", rig)
     write_subject(tmp_path / "subject.usdc", subject)

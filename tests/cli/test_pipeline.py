@@ -102,7 +102,7 @@ def test_track_says_how_good_the_result_is(scene, tmp_path, capsys):
     report = answer(capsys, "track", scene, "-o", tmp_path / "r.usdc")
     assert all(report[key] is not None for key in (*PROMISED, *PROMISED_WITH_TRUTH))
     assert report["frames"] == FRAMES
-    assert report["evaluations"] == FRAMES * 60
+    assert 0 < report["evaluations"] <= FRAMES * 60  # where a frame needed a search
     assert report["config"]["evaluations"] == 60  # from scene.toml
     assert [file.name for file in tmp_path.iterdir()] == ["r.usdc"]
     assert faults(tmp_path / "r.usdc") == []
@@ -111,7 +111,7 @@ def test_track_says_how_good_the_result_is(scene, tmp_path, capsys):
 def test_a_flag_wins_over_the_scene(scene, tmp_path, capsys):
     report = answer(capsys, "track", scene, "-o", tmp_path / "r.usdc", "--evaluations", 30, "--runs", 2)
     assert report["config"]["evaluations"] == 30
-    assert report["evaluations"] == 2 * FRAMES * 30
+    assert 0 < report["evaluations"] <= 2 * FRAMES * 30
 
 
 def test_settings_are_shown_with_where_they_come_from(scene, tmp_path, capsys):

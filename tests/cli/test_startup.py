@@ -24,7 +24,8 @@ from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.track import track_observations
 
 seen = Observation.from_masks([np.eye(120, 160, dtype=bool)] * len(RIG))
-track_observations(synthetic_subject(), RIG, [seen] * 2, FPS, TrackConfig(evaluations=20, device="cpu", threads=2))
+settings = TrackConfig("h-cmaes", evaluations=20, device="cpu", threads=2)
+track_observations(synthetic_subject(), RIG, [seen] * 2, FPS, settings)
 """
 """Tracks two frames in a process of its own."""
 

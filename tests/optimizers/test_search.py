@@ -23,7 +23,12 @@ HIERARCHICAL = [name for name, algorithm in ALGORITHMS.items() if algorithm.hier
 
 def tracked(device: str, change=None, frames: int = 2, **settings) -> list[np.ndarray]:
     """Poses and costs of each frame; ``change`` may alter the tracker before."""
-    tracker = Tracker(synthetic_subject(), RIG, TrackConfig(device=device, **({"threads": 1} | settings)), FPS)
+    tracker = Tracker(
+        synthetic_subject(),
+        RIG,
+        TrackConfig(**({"algorithm": "h-cmaes", "device": device, "threads": 1} | settings)),
+        FPS,
+    )
     if change:
         change(tracker)
     answers = [tracker.step(observation) for observation in motion(device)[1][1 : 1 + frames]]

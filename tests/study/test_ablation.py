@@ -112,9 +112,9 @@ def test_cells_that_are_there_are_read_and_what_is_new_is_tracked(tmp_path):
     after = ran(tmp_path, cells(seeds=3), second)
     assert (len(first.calls), len(second.calls)) == (2, 1)
     assert after[:2] == before
-    ran(tmp_path, [replace(cells()[0], settings=TrackConfig(evaluations=7, device="cpu"))], second)
+    ran(tmp_path, [replace(cells()[0], settings=TrackConfig("h-cmaes", evaluations=7, device="cpu"))], second)
     ran(tmp_path, [replace(cells()[0], clip=Clip(NAME, frames=5))], second)
-    ran(tmp_path, [replace(cells()[0], settings=TrackConfig(threads=1, seed=5, device="cpu"))], second)
+    ran(tmp_path, [replace(cells()[0], settings=TrackConfig("h-cmaes", threads=1, seed=5, device="cpu"))], second)
     assert len(second.calls) == 3  # threads and the settings' own seed are no other cell
 
 

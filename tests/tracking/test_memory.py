@@ -120,7 +120,7 @@ def test_tracking_keeps_a_frame_s_answer_and_not_its_masks(traced):
         if number in (99, 299):
             sizes[number] = held()
 
-    config = TrackConfig(evaluations=1, device="cpu")
+    config = TrackConfig("h-cmaes", evaluations=1, device="cpu")
     track_observations(synthetic_subject(), RIG, stream(300), FPS, config, progress)
     assert (sizes[299] - sizes[99]) / 200 < 1.5 * KB
 

@@ -74,7 +74,7 @@ def test_finding_the_need_takes_next_to_nothing():
 def test_a_gpu_counts_the_same():
     """But for what it rounds up."""
     before = wp.get_mempool_used_mem_current("cuda:0")
-    tracker = build(TrackConfig(device="cuda:0", runs=50))
+    tracker = build(TrackConfig("h-cmaes", device="cuda:0", runs=50))
     taken = wp.get_mempool_used_mem_current("cuda:0") - before
     assert array_bytes(tracker) == pytest.approx(taken, rel=0.05)
 
@@ -89,9 +89,9 @@ def test_the_arrays_of_structs_are_counted(optimizer):
 
 
 def test_an_array_is_counted_once_however_often_it_is_held():
-    tracker = build(TrackConfig(device="cpu", runs=2))
-    tracker.again = [tracker._counter, {"counter": tracker._counter}]
-    assert array_bytes(tracker) == array_bytes(build(TrackConfig(device="cpu", runs=2)))
+    tracker = build(TrackConfig("h-cmaes", device="cpu", runs=2))
+    tracker.again = [tracker._search.counter, {"counter": tracker._search.counter}]
+    assert array_bytes(tracker) == array_bytes(build(TrackConfig("h-cmaes", device="cpu", runs=2)))
 
 
 @pytest.mark.parametrize(
@@ -106,7 +106,7 @@ def test_an_array_is_counted_once_however_often_it_is_held():
 )
 def test_what_does_not_fit_is_refused_and_what_fits_is_told(settings, told, monkeypatch, nothing_is_built):
     monkeypatch.setattr(FREE_MEMORY, lambda device: 200 * MB)
-    config = TrackConfig(device="cpu", **settings)
+    config = TrackConfig(**({"algorithm": "h-cmaes", "device": "cpu"} | settings))
     with pytest.raises(InputError, match=r"^cpu: .* GB of memory, 0\.2 GB are free; the most that fits is") as caught:
         check_fits(config)
     most = int(re.search(rf"{told} = (\d+)", caught.value.remedy)[1])
@@ -125,12 +125,12 @@ def test_both_ways_out_are_told():
 def test_where_nothing_fits_the_scale_is_too_large(monkeypatch):
     monkeypatch.setattr(FREE_MEMORY, lambda device: 1000)
     with pytest.raises(InputError, match="choose fewer runs, a smaller budget and a smaller scale"):
-        check_fits(TrackConfig(device="cpu"))
+        check_fits(TrackConfig("h-cmaes", device="cpu"))
 
 
 def test_where_nothing_tells_the_memory_nothing_is_refused(monkeypatch, nothing_is_built):
     monkeypatch.setattr(FREE_MEMORY, lambda device: None)
-    check_fits(TrackConfig(device="cpu", runs=10**6))
+    check_fits(TrackConfig("h-cmaes", device="cpu", runs=10**6))
 
 
 def test_the_free_memory_of_a_device_is_told(device):
@@ -140,4 +140,4 @@ def test_the_free_memory_of_a_device_is_told(device):
 def test_tracking_refuses_what_does_not_fit():
     _, seen = motion("cpu")
     with pytest.raises(InputError, match=r"the most that fits is runs = \d+$"):
-        track_observations(synthetic_subject(), RIG, seen, FPS, TrackConfig(device="cpu", runs=10**8))
+        track_observations(synthetic_subject(), RIG, seen, FPS, TrackConfig("h-cmaes", device="cpu", runs=10**8))

@@ -33,8 +33,8 @@ from mmocap_warp.tracking.tracker import Tracker
 FRAMES = 16
 IDENTITY = {"seed": 1, "images": "a hash"}
 STOPS = 10
-FLAGS = ("--scale", "0.25", "--evaluations", "60", "--device", "cpu", "--quiet")
-CONFIG = TrackConfig(scale=0.25, evaluations=20, device="cpu")
+FLAGS = ("--algorithm", "h-cmaes", "--scale", "0.25", "--evaluations", "60", "--device", "cpu", "--quiet")
+CONFIG = TrackConfig("h-cmaes", scale=0.25, evaluations=20, device="cpu")
 DRIVER = """
 import sys
 from mmocap_warp import cli
@@ -215,7 +215,7 @@ def test_frames_that_a_crash_spoilt_are_tracked_again(damage, kept, loaded, subj
 
 
 def test_the_number_of_threads_may_change(loaded, subject, interrupted):
-    one = TrackConfig(scale=0.25, evaluations=20, device="cpu", threads=1)
+    one = TrackConfig("h-cmaes", scale=0.25, evaluations=20, device="cpu", threads=1)
     resumed = track(loaded, subject, one, checkpoint=interrupted, resume=True)
     whole = track(loaded, subject, CONFIG)
     np.testing.assert_array_equal(resumed.pose, whole.pose)

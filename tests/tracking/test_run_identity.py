@@ -30,7 +30,7 @@ from mmocap_warp.tracking.tracker import Tracker
 from mmocap_warp.views.rig import CameraRig
 
 FRAMES = 3
-CONFIG = TrackConfig(scale=0.25, evaluations=20, device="cpu")
+CONFIG = TrackConfig("h-cmaes", scale=0.25, evaluations=20, device="cpu")
 OTHERS = {
     "algorithm": "cmaes",
     "dof": 28,
@@ -168,7 +168,7 @@ CHANGES: list[tuple[str, Callable[[Run], Run]]] = [
 
 @pytest.mark.parametrize(("told", "change"), CHANGES, ids=[f"{i}-{told}" for i, (told, _) in enumerate(CHANGES)])
 def test_another_run_is_refused_and_it_is_told_what_differs(told, change, run, left, monkeypatch):
-    for module in ("run_identity", "memory_need", "tracker", "track"):
+    for module in ("run_identity", "memory_need", "pose_search", "track"):
         monkeypatch.setattr(f"mmocap_warp.tracking.{module}.resolve_device", lambda device: device)
     refusal = rf"is of a run that differs in its .*\b{re.escape(told)}\b.*; repeat that"
     with pytest.raises(InputError, match=refusal) as caught:

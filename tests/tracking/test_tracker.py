@@ -48,7 +48,12 @@ def walk():
 
 
 def tracker_of(device="cpu", subject=None, **settings):
-    return Tracker(subject or synthetic_subject(), RIG, TrackConfig(device=device, threads=1, **settings), FPS)
+    return Tracker(
+        subject or synthetic_subject(),
+        RIG,
+        TrackConfig(**({"algorithm": "h-cmaes", "device": device, "threads": 1} | settings)),
+        FPS,
+    )
 
 
 def count_evaluations(tracker):
@@ -214,7 +219,7 @@ def marker_error(poses, truth):
 def test_a_motion_is_tracked(device, dof):
     """15 frames in which every searched angle moves, seen in four images of 160 x 120: a pixel is 25 mm wide."""
     truth = poses_of(dof, 15)
-    config = TrackConfig(dof=dof, runs=2, device=device)
+    config = TrackConfig("h-cmaes", dof=dof, runs=2, device=device)
     result = track_observations(synthetic_subject(), RIG, observed(truth, device), FPS, config)
     for run in range(2):
         errors = marker_error(result.pose[run], truth)
@@ -228,7 +233,7 @@ def test_a_status_may_be_of_all_runs_or_of_each(walk):
     tracker = tracker_of(evaluations=1, runs=2)
     first, second = tracker.step(walk[0]), tracker.step(walk[1])
     rescued = replace(second, status=np.array([STATUS.index("tracked"), STATUS.index("rescued")]))
-    result = collect(synthetic_subject(), RIG, FPS, TrackConfig(runs=2), [first, rescued])
+    result = collect(synthetic_subject(), RIG, FPS, TrackConfig("h-cmaes", runs=2), [first, rescued])
     assert [[STATUS[status] for status in run] for run in result.status] == [
         ["tracked", "tracked"],
         ["tracked", "rescued"],
@@ -237,7 +242,7 @@ def test_a_status_may_be_of_all_runs_or_of_each(walk):
 
 def test_a_result_says_how_it_was_made(walk):
     told = []
-    config = TrackConfig(evaluations=20, runs=2, seed=7, threads=1)
+    config = TrackConfig("h-cmaes", evaluations=20, runs=2, seed=7, threads=1)
     result = track_observations(
         synthetic_subject(),
         RIG,
@@ -272,7 +277,7 @@ def test_a_result_says_how_it_was_made(walk):
     ],
 )
 def test_radii_come_from_the_preset_unless_given(settings, fps, radii):
-    assert TrackConfig(**settings).radii(fps) == pytest.approx(radii)
+    assert TrackConfig(**({"algorithm": "h-cmaes"} | settings)).radii(fps) == pytest.approx(radii)
 
 
 @pytest.mark.parametrize(
@@ -297,7 +302,7 @@ def test_radii_come_from_the_preset_unless_given(settings, fps, radii):
 def test_wrong_settings_are_refused_by_name_and_value(settings):
     ((name, value),) = settings.items()
     with pytest.raises(ValueError, match=rf"^{name} must .*{value}".replace("2147483647", "")):
-        TrackConfig(**settings)
+        TrackConfig(**({"algorithm": "h-cmaes"} | settings))
 
 
 def test_a_model_that_the_body_lacks_is_refused():
@@ -326,7 +331,7 @@ def test_the_component_nearest_the_tracked_body_is_kept(walk):
                 asked.append(body())
                 yield observation
 
-    result = track(Recording(), synthetic_subject(), TrackConfig(evaluations=60, device="cpu"))
+    result = track(Recording(), synthetic_subject(), TrackConfig("h-cmaes", evaluations=60, device="cpu"))
     starts = [synthetic_subject().pose, *result.pose[0, :2]]
     for masks, pose in zip(asked, starts, strict=True):
         for mask, expected in zip(masks, perfect_masks(synthetic_subject(), RIG, pose, "cpu"), strict=True):

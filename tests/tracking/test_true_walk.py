@@ -42,7 +42,7 @@ def seen(recording, subject, rig) -> list[Observation]:
 
 
 def test_the_true_pose_costs_nothing_and_is_never_left(device, recording, subject, rig, seen):
-    config = TrackConfig(evaluations=200, runs=2, device=device)
+    config = TrackConfig("h-cmaes", evaluations=200, runs=2, device=device)
     tracker = Tracker(subject, rig, config, recording.fps)
     answers = []
     for pose, observation in zip(recording.poses, seen, strict=False):
@@ -60,7 +60,7 @@ def test_the_true_pose_costs_nothing_and_is_never_left(device, recording, subjec
 
 
 def test_the_true_body_is_tracked_from_its_true_pose(device, recording, subject, rig, seen):
-    config = TrackConfig(evaluations=500, runs=2, device=device)
+    config = TrackConfig("h-cmaes", evaluations=500, runs=2, device=device)
     result = track_observations(subject, rig, seen, recording.fps, config)
     assert (result.cost[:, 0] == 0).all()
     report = evaluate(result, recording.truth())

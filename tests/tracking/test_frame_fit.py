@@ -128,8 +128,9 @@ def test_the_body_of_many_frames_is_the_one_that_was_seen(man, clip):
     start = Subject(man, BASE, poses[0], {"fit.seed": 0, "scale": 1.0})
     followed = follow(start, RIG, observations, 30.0, TrackConfig(device="cpu", threads=1))
     assert len(followed.rooted) == len(poses)
-    solved, cost = solve_body(start, man, RIG, followed.spread(8), "cpu", 1)
-    assert cost < followed.cost.mean()
+    solved, _ = solve_body(start, man, RIG, followed.spread(8), "cpu", 1)
+    again = follow(solved, RIG, observations, 30.0, TrackConfig(device="cpu", threads=1))
+    assert again.cost.mean() < followed.cost.mean()
     found, truth = joints(solved.body, solved.pose), joints(body, poses[0])
     assert np.mean([np.linalg.norm(found[name] - truth[name]) for name in truth]) < 0.015
     values = solved.provenance
@@ -154,7 +155,7 @@ def test_following_ends_where_nobody_is_seen(man, clip):
     assert len(followed.rooted) == len(followed.observation) == len(followed.cost) == 3
 
 
-def test_frames_are_followed_at_thirty_a_second_for_four_seconds():
+def test_frames_are_followed_at_thirty_a_second_for_two_seconds():
     assert frames_to_follow(60.0, 1000) == range(0, 120, 2)
     assert frames_to_follow(25.0, 1000) == range(0, 50, 1)
     assert frames_to_follow(60.0, 1) == range(0, 1, 2)

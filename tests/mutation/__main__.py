@@ -4,7 +4,8 @@ Run from the repository's root, in an environment with the extra ``test`` and co
 
     python tests/mutation --sample 300 --seed 1 --jobs 16 --out mutants.json
 
-What is in the file already is not done again, so that a run that was stopped continues.
+What is in the file already is not done again, so that a run that was stopped continues. Of those that ``--again``
+runs once more, the file keeps as ``before`` that they survived.
 """
 
 from __future__ import annotations
@@ -81,6 +82,8 @@ def _run(work: list[dict], kept: dict, asked: argparse.Namespace) -> None:
             limit = 15.0 + 3.0 * kept["clean"][mutant.file]
             status, seconds, said = copy.outcome(mutant, TARGETS[mutant.file], limit)
             with lock:
+                if "status" in row:
+                    row["before"] = row["status"]
                 row |= {"status": status, "seconds": round(seconds, 1), "said": said}
                 _write(asked.out, kept)
                 print(f"{status:15}{seconds:6.1f} s  {mutant.file}:{mutant.line}  {_change(row)}", flush=True)
@@ -97,7 +100,8 @@ def _in_parallel(copies: list[Copy], do, things: list) -> None:
 
     def worker(number: int, copy: Copy) -> None:
         cores = sorted(os.sched_getaffinity(0))
-        os.sched_setaffinity(0, {cores[number % len(cores)]})  # of this thread and the processes that it starts
+        mine = cores[number * len(cores) // len(copies) % len(cores)]
+        os.sched_setaffinity(0, {mine})  # of this thread and the processes that it starts
         while not errors:
             try:
                 do(copy, left.get_nowait())
@@ -143,7 +147,8 @@ def _report(rows: list[dict]) -> None:
             print("".join(f"{count[name]:16}" for name in columns) + f"  {file}")
     killed = counts["all"][KILLED] + counts["all"][TIMEOUT]
     judged = killed + counts["all"][SURVIVED]
-    print(f"\n{killed} of {judged} killed: {killed / max(judged, 1):.1%}\n")
+    earlier = killed - sum(_verdict(row) in (KILLED, TIMEOUT) and "before" in row for row in rows)
+    print(f"\n{killed} of {judged} killed: {killed / max(judged, 1):.1%}; before: {earlier}\n")
     for row in rows:
         if _verdict(row) == SURVIVED:
             print(f"{row['file']}:{row['line']}  {_change(row)}")

@@ -6,8 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from random_scenes import perfect_masks
+from synthetic import ring_rig
 
 from mmocap_warp.bodies.human import JOINTS
+from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.shape_space import ShapeSpace, heading_rotation, upright_base
 from mmocap_warp.errors import InputError
@@ -15,6 +18,7 @@ from mmocap_warp.formats.truth import load_truth
 from mmocap_warp.formats.usd.body import read_body, read_subject, write_subject
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
+from mmocap_warp.synthesis.walk import walking
 from mmocap_warp.tracking.fit import FitConfig, NoSubjectError, fit, fit_observation
 from mmocap_warp.views.observation import Observation
 
@@ -161,6 +165,38 @@ def test_the_prior_pulls_to_the_rest_pose_and_fades(planned, man):
         np.testing.assert_allclose(prior[3], max(left, 0.1) * expected[3])
         np.testing.assert_array_equal(prior[space.slider_index], expected[space.slider_index])
         assert narrowing == pytest.approx(max(0.6 * left, 0.1))
+
+
+@pytest.fixture(scope="module")
+def from_behind(man):
+    """A walking man whom two cameras see from behind: his masks, the cameras, and himself."""
+    ring = ring_rig(cameras=8, size=(160, 120))
+    arrays = {name: getattr(ring, name)[:2] for name in ("K", "R", "t", "size", "distortion")}
+    rig = replace(ring, names=ring.names[:2], **arrays)
+    pose = walking().poses[25].copy()
+    pose[:6] = 0.0, 0.95, 0.0, 0.0, 0.0, 0.0
+    true = Subject(man, upright_base(rig.up) @ heading_rotation(np.pi + 0.5), pose, {})
+    return Observation.from_masks(list(perfect_masks(true, rig, pose))), rig, true
+
+
+def left(subject):
+    """Where the left hip is, seen from the right one: a unit vector (3,)."""
+    joints = Poser(subject.body, subject.root_base).joint_transforms(subject.pose)[0, :, :3, 3]
+    across = joints[JOINTS.index("LHip")] - joints[JOINTS.index("RHip")]
+    return across / np.linalg.norm(across)
+
+
+def test_a_person_seen_from_behind_is_not_taken_for_one_seen_from_the_front(from_behind, man):
+    """It is the prior that decides: without it, one of two fits at least has its left on the right."""
+    observation, rig, true = from_behind
+    assert (rig.R[:, 2] @ true.root_base[:, 2] > 0.7).all()  # his face is turned away from both cameras
+    brief = replace(QUICK, headings=4, start_evaluations=3000, finalists=2, winner_cycles=2, winner_runs=1)
+    found = {}
+    for prior in (FitConfig.pose_prior, 0.0):
+        settings = [replace(brief, seed=seed, pose_prior=prior, device="cpu") for seed in (0, 2)]
+        found[prior] = [left(fit_observation(man, rig, observation, each)) @ left(true) for each in settings]
+    assert min(found[FitConfig.pose_prior]) > 0.8
+    assert min(found[0.0]) < -0.5
 
 
 @pytest.mark.parametrize(

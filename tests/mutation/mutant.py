@@ -37,5 +37,9 @@ class Mutant:
 
     def matches(self, file: str, old: str, new: str) -> bool:
         """Whether this is the change of a file in which, white space aside, ``old`` becomes ``new``."""
-        told = (file, *(" ".join(text.split()) for text in (old, new)))
-        return told == (self.file, *(" ".join("".join(lines).split()) for lines in (self.old, self.new)))
+        mine = ("".join(self.old), "".join(self.new))
+        return (file, _bare(old), _bare(new)) == (self.file, *map(_bare, mine))
+
+
+def _bare(text: str) -> str:
+    return "".join(text.split())

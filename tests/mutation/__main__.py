@@ -41,12 +41,12 @@ def main() -> int:
         from sample import draw  # needs cosmic-ray; a sample that is drawn already does not
 
         mutants, places = draw(ROOT, list(TARGETS), asked.sample, asked.seed)
-        kept = {"seed": asked.seed, "places": places, "clean": {}, "mutants": [asdict(mutant) for mutant in mutants]}
+        kept = {"seed": asked.seed, "places": places, "mutants": [asdict(mutant) for mutant in mutants]}
         _write(asked.out, kept)
     work = [
         row
         for row in kept["mutants"]
-        if fnmatch(row["file"], asked.only) and ("status" not in row or (asked.again and row["status"] == SURVIVED))
+        if fnmatch(row["file"], asked.only) and ("status" not in row or (asked.again and _verdict(row) == SURVIVED))
     ]
     _run(work, kept, asked)
     _report([row for row in kept["mutants"] if "status" in row])
@@ -69,17 +69,17 @@ def _run(work: list[dict], kept: dict, asked: argparse.Namespace) -> None:
     with tempfile.TemporaryDirectory(prefix="mutation-") as scratch:
         cache = Path(scratch) / "kernels"
         copies = [Copy(ROOT, Path(scratch) / str(k), cache) for k in range(min(asked.jobs, len(work)))]
-        lock = threading.Lock()
+        lock, clean_seconds = threading.Lock(), {}
 
         def clean(copy: Copy, file: str) -> None:
             status, seconds, said = copy.run(TARGETS[file], 600.0)
             if status != SURVIVED:
                 raise RuntimeError(f"the tests of {file} do not pass without a mutant: {said}")
-            kept["clean"][file] = seconds
+            clean_seconds[file] = seconds
 
         def mutated(copy: Copy, row: dict) -> None:
             mutant = Mutant(**{name: row[name] for name in Mutant.__dataclass_fields__})
-            limit = 15.0 + 3.0 * kept["clean"][mutant.file]
+            limit = 15.0 + 3.0 * clean_seconds[mutant.file]
             status, seconds, said = copy.outcome(mutant, TARGETS[mutant.file], limit)
             with lock:
                 if "status" in row:
@@ -88,8 +88,8 @@ def _run(work: list[dict], kept: dict, asked: argparse.Namespace) -> None:
                 _write(asked.out, kept)
                 print(f"{status:15}{seconds:6.1f} s  {mutant.file}:{mutant.line}  {_change(row)}", flush=True)
 
-        _in_parallel(copies, clean, sorted({row["file"] for row in work} - kept["clean"].keys()))
-        _in_parallel(copies, mutated, sorted(work, key=lambda row: -kept["clean"][row["file"]]))  # the longest first
+        _in_parallel(copies, clean, sorted({row["file"] for row in work}))
+        _in_parallel(copies, mutated, sorted(work, key=lambda row: -clean_seconds[row["file"]]))  # the longest first
 
 
 def _in_parallel(copies: list[Copy], do, things: list) -> None:

@@ -18,12 +18,19 @@ PRINTED = {  # lambda, mu, mueff, cs, ds, cc, ccov of the paper's Table 2, worke
     6: (9, 4, 2.841, 0.4088, 1.4088, 0.4000, 0.0582),
     4: (8, 4, 2.841, 0.4919, 1.4919, 0.5000, 0.1021),
 }
+LARGE = {  # likewise for populations that are given: so many parents are damped more
+    4: (60, 30, 16.833, 0.7902, 3.3491, 0.5000, 0.5856),
+    6: (41, 20, 11.567, 0.6597, 2.1170, 0.4000, 0.2707),
+}
 
 
-@pytest.mark.parametrize("dofs", PRINTED)
-def test_parameters_are_those_of_table_2(dofs):
-    parameters = CmaEsParameters.for_search(dofs)
-    population, mu, *printed = PRINTED[dofs]
+@pytest.mark.parametrize(
+    ("dofs", "given", "row"),
+    [*((dofs, None, row) for dofs, row in PRINTED.items()), *((dofs, row[0], row) for dofs, row in LARGE.items())],
+)
+def test_parameters_are_those_of_table_2(dofs, given, row):
+    parameters = CmaEsParameters.for_search(dofs, given)
+    population, mu, *printed = row
     assert (parameters.dofs, parameters.population) == (dofs, population)
     assert parameters.mu == len(parameters.weights) == mu
     found = (parameters.mu_eff, parameters.c_sigma, parameters.d_sigma, parameters.c_c, parameters.c_cov)

@@ -139,6 +139,8 @@ def test_the_seed_decides(device):
     )
     assert first == again
     assert first != other
+    unless_told = minimize(of(_sphere), np.zeros(3), 0.5, 50, device=device).x.tolist()
+    assert unless_told == minimize(of(_sphere), np.zeros(3), 0.5, 50, seed=0, device=device).x.tolist()
 
 
 @pytest.mark.parametrize(

@@ -190,10 +190,11 @@ def test_true_angles_are_read_in_the_true_bodys_own_axes():
         lambda truth: replace(truth, pose=None),
         lambda truth: replace(truth, root_base=None),
         lambda truth: replace(truth, pose=truth.pose[:, :-3]),
+        lambda truth: replace(truth, pose=np.pad(truth.pose, ((0, 0), (0, 3)))),
         lambda truth: replace(truth, joint_names=truth.joint_names[::-1], joints=truth.joints[:, ::-1]),
         lambda truth: replace(truth, joint_names=(), joints=truth.joints[:, :0]),
     ],
-    ids=["no poses", "no axes", "fewer angles", "other joints", "no joints"],
+    ids=["no poses", "no axes", "fewer angles", "more angles", "other joints", "no joints"],
 )
 def test_without_the_true_angles_there_is_no_floor(unknown):
     true = shifts(0)

@@ -118,6 +118,10 @@ def before_the_hierarchy(cell):
     return error(Cell(cell.sequence, f"h-{cell.algorithm}", cell.dof, cell.evaluations)) - 1.0
 
 
+def level_with_the_hierarchy(cell):
+    return error(Cell(cell.sequence, f"h-{cell.algorithm}", cell.dof, cell.evaluations))
+
+
 def easy(cell):
     return error(cell) - 50.0
 
@@ -138,6 +142,12 @@ VERDICTS = [
         FAILS,
         {"error": with_(before_the_hierarchy, at("de", 39, 500))},
         "H-CMAES 6 of 6, H-PSO 6 of 6, H-DE 5 of 6",
+    ),
+    (
+        "In all tests searching",
+        FAILS,
+        {"error": with_(level_with_the_hierarchy, at("pso", 28, 1500))},
+        "H-CMAES 6 of 6, H-PSO 5 of 6, H-DE 6 of 6",
     ),
     ("In all tests searching", UNTESTED, {"algorithms": ("cmaes", "h-pso")}, "no case"),
     ("39 degrees", MOSTLY, {"error": with_(other_model, one_of("h-de"))}, "DE 3 of 3 (+10.0 mm)"),

@@ -141,6 +141,13 @@ def test_against_scipy():
     assert test.f_p == pytest.approx(stats.f.sf(test.f, *test.f_dof), rel=1e-12)
 
 
+def test_against_demsars_example():
+    """J. Demšar, J. Machine Learning Research 7, 2006, 3.2.2: four algorithms, 14 data sets, to the printed digits."""
+    test = friedman(np.array([3.143, 2.000, 2.893, 1.964]), 14)
+    assert (round(test.statistic, 2), round(test.f, 2), test.dof, test.f_dof) == (9.28, 3.69, 3, (3, 39))
+    assert test.kendall_w == pytest.approx(9.28 / (14 * 3), abs=1e-4)
+
+
 def test_ties_against_scipy():
     scores = np.random.default_rng(4).integers(0, 4, (9, 6)).astype(float)
     rank = ranks(scores)

@@ -18,7 +18,7 @@ from mmocap_warp.optimizers.pso import PsoConfig
         (CmaEsConfig, (None, 1.0)),
         (DeConfig, (10, 5, 5, 5, 0.9, 0.5, True)),
         (PsoConfig, (10, 2.0, 2.0, 2.0, 0.1, 0.5)),
-        (AnnealedFilterConfig, (10, 0.5, 0.5)),
+        (AnnealedFilterConfig, (10, 0.5, 0.5, True)),
     ],
 )
 def test_defaults_are_those_of_tables_2_and_3(settings, values):

@@ -166,7 +166,7 @@ def _sliders(body: BodyModel) -> Iterator[_Column]:
 
 def _bones(body: BodyModel, groups: dict[str, tuple[int, ...]], weight: np.ndarray) -> Iterator[_Column]:
     rest, place = body.skin.rest.astype(np.float64), body.joint_rest.astype(np.float64)
-    below = _subtrees(body.skeleton.parent)
+    below = body.skeleton.below
     for name, group in groups.items():
         parents = [body.skeleton.parent[joint] for joint in group]
         bones = [place[joint] - place[parent] for joint, parent in zip(group, parents, strict=True)]
@@ -180,14 +180,6 @@ def _bones(body: BodyModel, groups: dict[str, tuple[int, ...]], weight: np.ndarr
             skin += (weight[:, below[joint]].sum(axis=1) + weight[:, parent] * along)[:, None] * direction
             centre[below[joint]] += direction
         yield _Column(f"bone.{name}", _BONE_SIGMA, skin, centre)
-
-
-def _subtrees(parent: tuple[int, ...]) -> np.ndarray:
-    """(joint, joint) bool, whether the second is the first or hangs on it."""
-    below = np.eye(len(parent), dtype=bool)
-    for joint in range(1, len(parent)):
-        below[:, joint] |= below[:, parent[joint]]
-    return below
 
 
 def _girths(body: BodyModel, groups: dict[str, tuple[int, ...]], weight: np.ndarray) -> Iterator[_Column]:

@@ -10,6 +10,9 @@ import numpy as np
 TRANSLATION = 3
 """A pose begins with the root's place; three angles a joint follow."""
 
+ROOT_ANGLES = slice(TRANSLATION, TRANSLATION + 3)
+"""Where the root's angles stand in a pose."""
+
 Pair = tuple[str, str, str]
 """What both are called together, such as ``wrists``; the left joint; the right joint."""
 
@@ -109,6 +112,14 @@ class Skeleton:
         for parent in self.parent:
             depth.append(0 if parent < 0 else depth[parent] + 1)
         return np.array(depth)
+
+    @cached_property
+    def below(self) -> np.ndarray:
+        """(joint, joint) bool, whether the second is the first or hangs on it."""
+        below = np.eye(len(self.parent), dtype=bool)
+        for joint, parent in enumerate(self.parent[1:], 1):
+            below[:, joint] |= below[:, parent]
+        return below
 
     @cached_property
     def judged(self) -> dict[str, tuple[str, ...]]:

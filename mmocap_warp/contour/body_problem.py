@@ -6,7 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.contour.descent import descend
+from mmocap_warp.contour.fitter import ContourFitter
 from mmocap_warp.contour.normal_equations import LineariseBody, NormalEquations
 from mmocap_warp.contour.rooted import RootedPoses, Rooting
 from mmocap_warp.contour.trust import LARGEST_STEP, Trust
@@ -56,6 +58,26 @@ class BodyProblem:
         information = equations.without_poses(equations.contour.with_prior(self.rooting.anywhere**-2.0))
         covariance = np.linalg.inv(information.matrix)
         return BodySolution(state.beta, covariance, state.rooted, equations.contour.cost)
+
+
+def body_problem(fitter: ContourFitter, space: RestSpace, root_base: np.ndarray, share: float) -> BodyProblem:
+    """The problem of a body in a rest space, seen in the frames that a fitter observes.
+
+    Args:
+        fitter: of the space's body, with as many parameters as the space.
+        space: bodies around the one that is expected.
+        root_base: (3, 3), see :class:`~mmocap_warp.body.model.Subject`.
+        share: of the space's standard deviations, how far from the expected body a subject may be.
+    """
+    body = space.body
+
+    def linearise(frames: np.ndarray, rooted: RootedPoses, beta: np.ndarray) -> NormalEquations:
+        fitter.reshape(*space.at(beta, body.tracking_vertex))
+        fitter.set_change(*space.basis(beta, body.tracking_vertex))
+        return fitter.linearise(frames, rooted)
+
+    rooting = Rooting(body.skeleton, root_base, body.skeleton.searched())
+    return BodyProblem(linearise, rooting, np.zeros(len(space.names)), share * space.sigma)
 
 
 @dataclass(frozen=True, eq=False)

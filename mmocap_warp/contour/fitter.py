@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
-from functools import cached_property
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -19,7 +16,7 @@ from mmocap_warp.body.skeleton import Skeleton
 from mmocap_warp.contour.fields import DistanceFields
 from mmocap_warp.contour.normal_equations import NormalEquations
 from mmocap_warp.contour.rooted import RootedPoses
-from mmocap_warp.kernels.batch import Batch, batch_of
+from mmocap_warp.kernels.batch import Batch
 from mmocap_warp.kernels.body import skinning
 from mmocap_warp.kernels.body.skinning import pose_vertices
 from mmocap_warp.kernels.contour import descent as descent_kernels
@@ -30,7 +27,8 @@ from mmocap_warp.kernels.contour.normal_equations import Sums, sum_normal_equati
 from mmocap_warp.kernels.contour.outline import BANDS, Edges, Outline, find_contours
 from mmocap_warp.kernels.contour.residuals import Matching, Residuals, find_residuals
 from mmocap_warp.kernels.structs import filled
-from mmocap_warp.kernels.views.projection import Views
+from mmocap_warp.objective.shared_work import SharedWork
+from mmocap_warp.objective.silhouettes import ViewArrays
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
 
@@ -88,10 +86,10 @@ class ContourFitter:
             raise ValueError(f"index must have at most {MOST_SEARCHED} coordinates, got {len(index)}")
         mesh, skeleton = body.tracking, body.skeleton
         self.index, self.candidates = np.asarray(index), candidates
-        self._device, self._threads = device, threads if wp.get_device(device).is_cpu else 1
+        self._device, self._work = device, SharedWork(device, threads)
         self.body = BodyArrays(body, np.eye(3), mesh, device, bases=candidates)
         self.fields = DistanceFields(rig, frames, candidates, device)
-        self._views = _views(rig, device)
+        self._views = ViewArrays(rig, device).struct
         self._joints = JointArrays(candidates, len(skeleton.joints), device)
         vertices, joints, cameras = len(mesh.rest), len(skeleton.joints), len(rig)
         self._vertex = wp.array(np.arange(vertices), dtype=wp.int32, device=device)
@@ -133,7 +131,6 @@ class ContourFitter:
         self.descent: Any = _descent(self.index, limits, view, width, device)
         for module in (skinning, outline, residuals, jacobian, normal_equations, descent_kernels):
             wp.load_module(module, device=device)  # before threads launch from them at the same time
-        self._batches: dict[int, list[Batch]] = {}
         # By the number of candidates and of steps, with the fields' values that a graph knows: more room is elsewhere.
         self._graphs: dict[tuple[int, int], tuple[wp.Graph, wp.array[Any]]] = {}
         self._has_run = False
@@ -162,7 +159,7 @@ class ContourFitter:
         for first in range(0, max(len(rooted), 1), self.candidates):
             part = slice(first, min(first + self.candidates, len(rooted)))
             self.start_at(rooted.pose[part], rooted.base[part], place[part])
-            self._together(part.stop - part.start, self._sum)
+            self._work.run(self._sum, part.stop - part.start)
             parts.append(self._read_sums(part.stop - part.start))
         return NormalEquations(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
@@ -188,7 +185,7 @@ class ContourFitter:
                 self._run(count, steps)
                 self._has_run = True
                 return
-            self._each_batch(count)  # which a capture must not allocate
+            self._work.batches(count)  # which a capture must not allocate
             with wp.ScopedCapture(self._device) as capture:
                 self._run(count, steps)
             graph = capture.graph
@@ -200,7 +197,7 @@ class ContourFitter:
         wp.copy(descent.start, descent.pose)
         descent.cost.fill_(wp.inf)
         descent.damping.fill_(_FIRST_DAMPING)
-        self._together(count, lambda batch: self._descend(batch, steps))
+        self._work.run(lambda batch: self._descend(batch, steps), count)
 
     def _descend(self, batch: Batch, steps: int) -> None:
         for step in range(steps + 1):
@@ -231,23 +228,6 @@ class ContourFitter:
         cost = self._sums.tally.numpy()[:count, :, 0].astype(np.float64).sum(axis=1)
         return full[:, :n, :n], full[:, n, :n], 0.5 * cost
 
-    def _together(self, count: int, work) -> None:  # type: ignore[no-untyped-def]
-        batches = self._each_batch(count)
-        if len(batches) == 1:
-            work(batches[0])
-        else:
-            list(self._pool.map(work, batches))
-
-    @cached_property
-    def _pool(self) -> ThreadPoolExecutor:
-        return ThreadPoolExecutor(self._threads)
-
-    def _each_batch(self, count: int) -> list[Batch]:
-        if count not in self._batches:
-            bounds = np.linspace(0, count, min(self._threads, count) + 1).round().astype(int).tolist()
-            self._batches[count] = [batch_of(first, end, count, self._device) for first, end in pairwise(bounds)]
-        return self._batches[count]
-
 
 _MOST_CONTOUR = 2048  # contour edges of a view for which there is room even in a small mesh
 _BANDS_OF_AN_EDGE = 2  # for which there is room, on average
@@ -262,19 +242,6 @@ def _assign(array: wp.array[Any], values: np.ndarray) -> None:
 
 def _triangle(width: int) -> int:
     return width * (width + 1) // 2
-
-
-def _views(rig: CameraRig, device: str) -> Views:
-    lens = np.stack([rig.K[:, 0, 0], rig.K[:, 1, 1], rig.K[:, 0, 2], rig.K[:, 1, 2]], axis=1)
-    return filled(
-        Views,
-        rotation=wp.array(rig.R, dtype=wp.mat33, device=device),
-        translation=wp.array(rig.t, dtype=wp.vec3, device=device),
-        lens=wp.array(lens, dtype=wp.vec4, device=device),
-        size=wp.array(rig.size.astype(np.int32), dtype=wp.vec2i, device=device),
-        observed=wp.zeros((len(rig), 0, 0), dtype=wp.uint32, device=device),
-        foreground=wp.zeros(len(rig), dtype=wp.int32, device=device),
-    )
 
 
 def _edges(face: np.ndarray) -> np.ndarray:

@@ -27,10 +27,7 @@ class MotionPoints:
         self._frame = skeleton.frame.astype(float)
         self._rest = np.asarray(joint_rest, float)
         self._searched = [int(coordinate) for coordinate in searched]
-        joints = len(skeleton.joints)
-        self._below = np.eye(joints, dtype=bool)  # (joint, joint): the second hangs on the first, or is it
-        for joint in reversed(range(1, joints)):
-            self._below[self._parent[joint]] |= self._below[joint]
+        self._below = skeleton.below
 
     def at(self, rooted: RootedPoses) -> np.ndarray:
         """The points of each frame, (frame, point, 3) [m]; joint ``j`` has numbers ``4 j`` to ``4 j + 3``."""

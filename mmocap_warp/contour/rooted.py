@@ -12,10 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mmocap_warp.body.rotations import transposed, turn, zyx_rotation
-from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
+from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION, Skeleton
 
 _ROOM = 10.0  # [m]
-_ROOT = slice(TRANSLATION, TRANSLATION + 3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,13 +65,13 @@ class Rooting:
     ) -> None:
         self.searched = np.asarray(searched)
         self.root_base = np.asarray(root_base, float)
-        self.folds = bool(np.isin(np.arange(_ROOT.start, _ROOT.stop), self.searched).all())
+        self.folds = bool(np.isin(np.arange(ROOT_ANGLES.start, ROOT_ANGLES.stop), self.searched).all())
         self.none = RootedPoses(np.zeros((0, 3, 3)), np.zeros((0, skeleton.coordinates)))
         self._frame = skeleton.frame[0].astype(float)
         self._into_frame = np.linalg.inv(self._frame)  # of rounded numbers: its transpose would turn the root a little
         limits = (skeleton.coordinate_limits if limits is None else limits).copy()
         if self.folds:
-            limits[_ROOT] = -np.inf, np.inf
+            limits[ROOT_ANGLES] = -np.inf, np.inf
         self._limits = limits[self.searched]
 
     @property
@@ -95,8 +94,8 @@ class Rooting:
         if not self.folds:
             return rooted
         pose = rooted.pose.copy()
-        pose[:, _ROOT] = 0.0
-        turned = self._frame @ zyx_rotation(rooted.pose[:, _ROOT]) @ self._into_frame
+        pose[:, ROOT_ANGLES] = 0.0
+        turned = self._frame @ zyx_rotation(rooted.pose[:, ROOT_ANGLES]) @ self._into_frame
         return RootedPoses(rooted.base @ turned, pose)
 
     def stepped(self, rooted: RootedPoses, step: np.ndarray) -> RootedPoses:
@@ -120,7 +119,7 @@ class Rooting:
         last = np.asarray(near, float)
         for frame, triples in enumerate(np.stack([angles, other], axis=1)):
             nearest = triples - 2 * np.pi * np.round((triples - last) / (2 * np.pi))
-            last = pose[frame, _ROOT] = nearest[np.argmin(((nearest - last) ** 2).sum(axis=1))]
+            last = pose[frame, ROOT_ANGLES] = nearest[np.argmin(((nearest - last) ** 2).sum(axis=1))]
         return pose
 
     def leaving(self, rooted: RootedPoses) -> np.ndarray:
@@ -142,14 +141,14 @@ class Rooting:
             np.stack([zero, cos_x, -sin_x], axis=1),
             by_z,
         )
-        root = np.searchsorted(self.searched, _ROOT.start)
+        root = np.searchsorted(self.searched, ROOT_ANGLES.start)
         derivative[:, root : root + 3, root : root + 3] = np.stack(rows, axis=1)
         return derivative
 
     def _left_angles(self, rooted: RootedPoses) -> np.ndarray:
         """(frame, 3) the root's angles from the one base, between minus and plus half a turn."""
         turned = self._into_frame @ transposed(self.root_base) @ rooted.base @ self._frame
-        return _zyx_angles(turned @ zyx_rotation(rooted.pose[:, _ROOT]))
+        return _zyx_angles(turned @ zyx_rotation(rooted.pose[:, ROOT_ANGLES]))
 
 
 def _zyx_angles(rotation: np.ndarray) -> np.ndarray:

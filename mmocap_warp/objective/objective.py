@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -14,7 +11,7 @@ import warp as wp
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import BodyArrays, JointArrays
 from mmocap_warp.body.shape_space import ShapeSpace, upright_base
-from mmocap_warp.kernels.batch import Batch, batch_of
+from mmocap_warp.kernels.batch import Batch
 from mmocap_warp.kernels.body import shaping, skinning
 from mmocap_warp.kernels.body.shaping import Sliders, shape, turn
 from mmocap_warp.kernels.body.skinning import pose_vertices
@@ -22,6 +19,7 @@ from mmocap_warp.kernels.silhouettes import cost as cost_kernels
 from mmocap_warp.kernels.silhouettes.cost import cost_of_counts
 from mmocap_warp.kernels.silhouettes.raster import Outline
 from mmocap_warp.kernels.structs import filled
+from mmocap_warp.objective.shared_work import SharedWork
 from mmocap_warp.objective.silhouettes import FrozenArrays, Silhouettes
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
@@ -122,11 +120,10 @@ class Objective:
         self.count = self._silhouettes.canvas.count
         self._joints = JointArrays(candidates, joints, device)
         self._posed = wp.zeros((candidates, vertices), dtype=wp.vec3, device=device)
-        self._threads = threads if device == "cpu" else 1
+        self._work = SharedWork(device, threads, _SMALLEST_BATCH)
         modules = [skinning, *self._silhouettes.modules, cost_kernels, *([shaping] if shapes else [])]
         for module in modules:  # before threads launch from them at the same time
             wp.load_module(module, device=device)
-        self._batches: dict[tuple[int, int], list[Batch]] = {}
         self._splits: dict[tuple[int, bytes], _Split | None] = {}
         self._split: _Split | None = None  # while coordinates are held
 
@@ -166,8 +163,9 @@ class Objective:
         split = self._splits[runs, np.asarray(index).tobytes()]
         if split is None:
             return
+        self._check_room(runs)
         wp.copy(self.pose, base, count=base.size)
-        for batch in self._batches_of(runs, threads=1):
+        for batch in self._work.batches(runs, threads=1):
             self._pose(split.resting.vertex, batch)
             self._silhouettes.freeze(self._posed, split.resting, batch, split.frozen)
         self._split = split
@@ -178,31 +176,17 @@ class Objective:
 
     def evaluate(self, candidates: int) -> wp.array[wp.float32]:
         """Fill ``count`` and ``cost`` for the first ``candidates`` poses, which divide evenly over bases and runs."""
-        batches = self._batches_of(candidates, self._threads)
-        if len(batches) == 1:
-            self._evaluate(batches[0])
-        else:
-            list(self._pool.map(self._evaluate, batches))
+        self._check_room(candidates)
+        self._work.run(self._evaluate, candidates)
         return self.cost
 
-    @cached_property
-    def _pool(self) -> ThreadPoolExecutor:
-        return ThreadPoolExecutor(self._threads)
+    def _check_room(self, candidates: int) -> None:
+        if not 0 < candidates <= self.candidates:
+            raise ValueError(f"candidates must be in 1..{self.candidates}, got {candidates}")
 
     def _split_at(self, runs: int, index: np.ndarray) -> _Split | None:
         pieces = None if self._shapes else self._silhouettes.split(self._skeleton, index)
         return None if pieces is None else _Split(*pieces, FrozenArrays(runs, self._silhouettes.views, self.device))
-
-    def _batches_of(self, candidates: int, threads: int) -> list[Batch]:
-        """Candidates in one batch per thread: Warp runs a CPU launch on the calling thread and frees the others."""
-        if not 0 < candidates <= self.candidates:
-            raise ValueError(f"candidates must be in 1..{self.candidates}, got {candidates}")
-        count = min(threads, max(1, candidates // _SMALLEST_BATCH))
-        if (candidates, count) not in self._batches:
-            bounds = np.linspace(0, candidates, count + 1).round().astype(int).tolist()
-            batches = [batch_of(first, end, candidates, self.device) for first, end in pairwise(bounds)]
-            self._batches[candidates, count] = batches
-        return self._batches[candidates, count]
 
     def _pose(self, vertex: wp.array[wp.int32], batch: Batch) -> None:
         """Pose the joints of a batch's candidates, and these vertices."""

@@ -14,9 +14,9 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.rest_space import RestSpace
-from mmocap_warp.contour.body_problem import BodyProblem, BodySolution
+from mmocap_warp.body.skeleton import ROOT_ANGLES
+from mmocap_warp.contour.body_problem import BodySolution, body_problem
 from mmocap_warp.contour.fitter import ContourFitter
-from mmocap_warp.contour.normal_equations import NormalEquations
 from mmocap_warp.contour.rooted import RootedPoses, Rooting
 from mmocap_warp.result.result import STATUS
 from mmocap_warp.tracking.config import TrackConfig
@@ -99,7 +99,7 @@ def solve_body(
         The solved body in the first frame's pose, and what contours cost in a frame.
     """
     space, skeleton = RestSpace(generic), generic.skeleton
-    count, parameters, vertex = len(followed.rooted), len(space.names), generic.tracking_vertex
+    count, parameters = len(followed.rooted), len(space.names)
     fitter = ContourFitter(
         generic, rig, skeleton.searched(), skeleton.coordinate_limits,
         candidates=count, frames=count, parameters=parameters, device=device, threads=threads,
@@ -107,15 +107,9 @@ def solve_body(
     for place, observation in enumerate(followed.observation):
         fitter.observe(place, observation)
 
-    def linearise(frames: np.ndarray, rooted: RootedPoses, beta: np.ndarray) -> NormalEquations:
-        fitter.reshape(*space.at(beta, vertex))
-        fitter.set_change(*space.basis(beta, vertex))
-        return fitter.linearise(frames, rooted)
-
-    rooting = Rooting(skeleton, subject.root_base, skeleton.searched())
-    problem = BodyProblem(linearise, rooting, np.zeros(parameters), PRIOR * space.sigma)
+    problem = body_problem(fitter, space, subject.root_base, PRIOR)
     solution = problem.solved(np.arange(count), followed.rooted, space.nearest(subject.body), _BODY_STEPS)
-    pose = rooting.leave(solution.rooted[:1], subject.pose[3:6])[0]
+    pose = problem.rooting.leave(solution.rooted[:1], subject.pose[ROOT_ANGLES])[0]
     kept = {name: value for name, value in subject.provenance.items() if name.startswith("fit.")}
     shape = {f"shape.{name}": float(value) for name, value in zip(space.names, solution.beta, strict=True)}
     provenance = kept | {"fit.frames": count} | measurements(space, solution) | shape

@@ -22,13 +22,12 @@ import warp as wp
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.rotations import transposed, zyx_angles, zyx_rotation
 from mmocap_warp.body.shape_space import heading_rotation, upright_base
-from mmocap_warp.contour.fitter import ContourFitter
-from mmocap_warp.device import available_threads
-from mmocap_warp.objective.objective import Objective
+from mmocap_warp.body.skeleton import ROOT_ANGLES
 from mmocap_warp.result.result import STATUS, FrameAnswer
 from mmocap_warp.tracking.algorithms import ALGORITHMS, CONTOUR_TRACKERS
 from mmocap_warp.tracking.config import TrackConfig
-from mmocap_warp.tracking.pose_search import PoseSearch, RootFrame, search_limits
+from mmocap_warp.tracking.from_settings import make_fitter, make_objective, search_limits
+from mmocap_warp.tracking.pose_search import PoseSearch, RootFrame
 from mmocap_warp.tracking.tracker import lost_frame, overlap
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
@@ -110,7 +109,6 @@ class ContourTracker:
         self.config = config
         self._subject, self._rig = subject, rig
         self._runs = runs = config.runs if runs is None else runs
-        self._searches = config.algorithm != "contour"
         self._search = PoseSearch(
             subject,
             rig,
@@ -124,29 +122,11 @@ class ContourTracker:
         self._limits = search_limits(subject, config)
         skeleton = subject.body.skeleton
         by_part = skeleton.searched_by_part(config.dof).values()
-        self._parts = [index[index >= _BODY] for index in by_part if (index >= _BODY).any()]
+        self._parts = [index[index >= ROOT_ANGLES.stop] for index in by_part if (index >= ROOT_ANGLES.stop).any()]
         starts = _SCATTER if config.algorithm == "search-contour" else _STARTS
         self.particles = max(starts, self._search.particles)
-        threads = config.threads or available_threads()
-        self._fitter = ContourFitter(
-            subject.body,
-            rig,
-            skeleton.searched(config.dof),
-            self._limits,
-            candidates=starts * runs,
-            device=self.device,
-            threads=threads,
-        )
-        self._judge = Objective(
-            subject.body,
-            subject.root_base,
-            rig,
-            starts * runs,
-            cost=config.cost,
-            renderer=config.renderer,
-            device=self.device,
-            threads=threads,
-        )
+        self._fitter = make_fitter(subject, rig, config, starts * runs)
+        self._judge = make_objective(subject, rig, config, starts * runs)
         self._root_frame = RootFrame(subject, self._limits, starts * runs, self.device)
         self._pose = np.repeat(subject.pose[None].astype(np.float32), runs, axis=0)
         self._before = self._pose.copy()
@@ -191,7 +171,7 @@ class ContourTracker:
             evaluations, rescued = self._search.evaluations, np.zeros(self._runs, bool)
         else:
             found, evaluations, rescued = self._follow(observation)
-        lost = self._falls_short(found, _LOST_FALL, _LOST_EXPOSED, self._level_known)
+        lost = self._level_known & self._falls_short(found, _LOST_FALL, _LOST_EXPOSED)
         ordinary = STATUS.index("tracked" if observation.foreground.all() else "partial")
         status = np.where(rescued, STATUS.index("rescued"), ordinary)
         status = np.where(lost, STATUS.index("lost"), status)
@@ -236,20 +216,18 @@ class ContourTracker:
         known: np.ndarray = (self._level > 0).sum(axis=1) >= _FEWEST
         return known
 
-    def _falls_short(
-        self, found: _Found, fall: float = _FALL, exposed: float = _EXPOSED, known: np.ndarray | None = None
-    ) -> np.ndarray:
+    def _falls_short(self, found: _Found, fall: float = _FALL, exposed: float = _EXPOSED) -> np.ndarray:
         """(run,) bool: overlap below the running level, or limbs where nobody is; without a level all fall short.
 
         Args:
             found: a pose for each run.
             fall: how far below.
             exposed: outline of such limbs that is too long [m].
-            known: (run,) bool, runs that can fall short; None for all.
         """
-        level = np.array([np.median(row[row > 0]) if (row > 0).sum() >= _FEWEST else np.inf for row in self._level])
+        known = zip(self._level, self._level_known, strict=True)
+        level = np.array([np.median(row[row > 0]) if enough else np.inf for row, enough in known])
         short: np.ndarray = (found.overlap < level - fall) | (found.exposed > exposed)
-        return short if known is None else short & known
+        return short
 
     def _improved(
         self, found: _Found, wanted: np.ndarray, starts: np.ndarray, observation: Observation
@@ -293,9 +271,11 @@ class ContourTracker:
         starts = []
         for pose in (self._pose.astype(float), first):
             for heading in 2 * np.pi * np.arange(_HEADINGS) / _HEADINGS:
-                turned = up @ heading_rotation(heading) @ transposed(up) @ home @ frame @ zyx_rotation(pose[:, _ROOT])
+                turned = (
+                    up @ heading_rotation(heading) @ transposed(up) @ home @ frame @ zyx_rotation(pose[:, ROOT_ANGLES])
+                )
                 start = pose.copy()
-                start[:, _ROOT] = zyx_angles(frame.T @ home.T @ turned)
+                start[:, ROOT_ANGLES] = zyx_angles(frame.T @ home.T @ turned)
                 if len(hull):
                     start[:, :3] = np.median(hull, axis=0)
                 starts.append(start)
@@ -322,7 +302,3 @@ class ContourTracker:
         found = _Found(fitter.descent.best.numpy()[:total].copy(), iou, exposed, cost)
         best = np.argmax(found.overlap.reshape(runs, count), axis=1)
         return found[best + count * np.arange(runs)]
-
-
-_BODY = 6  # coordinates before are the root's
-_ROOT = slice(3, 6)

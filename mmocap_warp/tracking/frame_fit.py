@@ -10,11 +10,10 @@ import numpy as np
 import warp as wp
 
 from mmocap_warp.body.rest_space import RestSpace
-from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
-from mmocap_warp.contour.body_problem import BodyProblem
+from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION, Skeleton
+from mmocap_warp.contour.body_problem import body_problem
 from mmocap_warp.contour.fitter import ContourFitter, MatchingConfig
-from mmocap_warp.contour.normal_equations import NormalEquations
-from mmocap_warp.contour.rooted import RootedPoses, Rooting
+from mmocap_warp.contour.rooted import Rooting
 from mmocap_warp.objective.objective import Objective
 from mmocap_warp.tracking.limbs import Limb, limbs, mirrored
 from mmocap_warp.views.observation import Observation
@@ -95,7 +94,7 @@ class FrameFit:
         self._objective = Objective(body, np.eye(3), rig, _DRAWS, renderer="raster", device=device, threads=threads)
         self._objective.observe(observation)
         prior = np.zeros(skeleton.coordinates)
-        prior[TRANSLATION + 3 :] = _POSE_PRIOR / np.repeat(skeleton.spread[1:], 3) ** 2
+        prior[ROOT_ANGLES.stop :] = _POSE_PRIOR / np.repeat(skeleton.spread[1:], 3) ** 2
         self._objective.prior.assign(prior)
 
     def polished(self, guess: Guess) -> Guess:
@@ -103,17 +102,9 @@ class FrameFit:
         return self._solved(self._solved(guess, self._rough), self._fine)
 
     def _solved(self, guess: Guess, fitter: ContourFitter) -> Guess:
-        space = self.space
-
-        def linearise(frames: np.ndarray, rooted: RootedPoses, beta: np.ndarray) -> NormalEquations:
-            fitter.reshape(*space.at(beta, self._vertex))
-            fitter.set_change(*space.basis(beta, self._vertex))
-            return fitter.linearise(frames, rooted)
-
-        rooting = Rooting(self._skeleton, guess.root_base, self._skeleton.searched())
-        problem = BodyProblem(linearise, rooting, np.zeros(len(space.names)), PRIOR * space.sigma)
-        found = problem.solved(np.zeros(1, int), rooting.enter(guess.pose[None]), guess.beta, _BODY_STEPS)
-        pose = rooting.leave(found.rooted, guess.pose[TRANSLATION : TRANSLATION + 3])
+        problem = body_problem(fitter, self.space, guess.root_base, PRIOR)
+        found = problem.solved(np.zeros(1, int), problem.rooting.enter(guess.pose[None]), guess.beta, _BODY_STEPS)
+        pose = problem.rooting.leave(found.rooted, guess.pose[ROOT_ANGLES])
         self._take_body(found.beta, guess.root_base)
         return Guess(found.beta, guess.root_base, pose[0], float(self._judged(pose)[0]))
 

@@ -9,19 +9,18 @@ import numpy as np
 import warp as wp
 
 from mmocap_warp.body.model import Subject
-from mmocap_warp.device import available_threads, resolve_device
+from mmocap_warp.body.skeleton import ROOT_ANGLES
+from mmocap_warp.device import resolve_device
 from mmocap_warp.kernels.body.root_frame import enter, leave
 from mmocap_warp.kernels.optimizers.populations import SearchSpace, make_space
-from mmocap_warp.objective.objective import Objective
 from mmocap_warp.optimizers.protocol import Optimizer
 from mmocap_warp.optimizers.search import Search
 from mmocap_warp.tracking.algorithms import Algorithm
 from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.tracking.from_settings import make_objective, search_limits
 from mmocap_warp.tracking.strategy import Part, hierarchical, holistic
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
-
-_ROOT_ANGLES = slice(3, 6)
 
 
 class RootFrame:
@@ -38,7 +37,7 @@ class RootFrame:
         self._home = wp.mat33(subject.root_base.astype(np.float32))
         self._root = wp.mat33(subject.body.skeleton.frame[0].astype(np.float32))
         self._angles = wp.zeros(poses, dtype=wp.vec3, device=device)
-        self._turns_freely = bool(np.all(np.abs(limits[_ROOT_ANGLES]) >= np.pi))
+        self._turns_freely = bool(np.all(np.abs(limits[ROOT_ANGLES]) >= np.pi))
 
     def enter(self, pose: wp.array[wp.float32], base: wp.array[wp.mat33]) -> None:
         """Put the root's angles of ``pose`` (n, coordinate) into ``base`` (n,)."""
@@ -98,17 +97,7 @@ class PoseSearch:
 
         optimizers = _optimizers(algorithm, parts, space, evaluations)
         self.particles = max(optimizer.particles for optimizer in optimizers)
-        self.objective = Objective(
-            subject.body,
-            subject.root_base,
-            rig,
-            runs * self.particles,
-            cost=config.cost,
-            renderer=config.renderer,
-            bases=runs,
-            device=self.device,
-            threads=config.threads or available_threads(),
-        )
+        self.objective = make_objective(subject, rig, config, runs * self.particles, bases=runs)
         limits = search_limits(subject, config)
         self._root_frame = RootFrame(subject, limits, runs, self.device)
         self._search = Search(self.objective, optimizers, evaluations, limits, replays=True)
@@ -154,12 +143,6 @@ class PoseSearch:
         wp.copy(self.best_cost, objective.evaluate(runs), count=runs)
         count: np.ndarray = objective.count.numpy()
         return count[:runs]
-
-
-def search_limits(subject: Subject, config: TrackConfig) -> np.ndarray:
-    """(coordinate, 2) lowest and highest values that a search keeps to."""
-    skeleton = subject.body.skeleton
-    return skeleton.coordinate_limits if config.limits else np.tile([-np.inf, np.inf], (skeleton.coordinates, 1))
 
 
 def _optimizers(

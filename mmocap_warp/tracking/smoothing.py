@@ -8,20 +8,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from mmocap_warp.body.model import Subject
 from mmocap_warp.body.rest_space import RestSpace
-from mmocap_warp.body.skeleton import TRANSLATION
+from mmocap_warp.body.skeleton import ROOT_ANGLES
 from mmocap_warp.contour.clip import WINDOW, ClipProblem, SolvedWindow, coarse_then_fine
-from mmocap_warp.contour.fitter import ContourFitter
 from mmocap_warp.contour.motion_points import MotionPoints
 from mmocap_warp.contour.normal_equations import NormalEquations
 from mmocap_warp.contour.rooted import RootedPoses, Rooting
 from mmocap_warp.contour.uncertainty import BodyDeviations, Deviations, Uncertainty, misfit, together
-from mmocap_warp.device import available_threads, resolve_device
-from mmocap_warp.objective.objective import Objective
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.tracking.config import TrackConfig
-from mmocap_warp.tracking.pose_search import search_limits
+from mmocap_warp.tracking.from_settings import make_fitter, make_objective, search_limits
 from mmocap_warp.tracking.tracker import overlap
 from mmocap_warp.views.observation import Observation
 
@@ -30,7 +26,6 @@ SmoothReport = Callable[[int], None]
 
 _LOST, _INTERPOLATED = STATUS.index("lost"), STATUS.index("interpolated")
 _CANDIDATES = 32  # poses that are linearised at a time
-_ROOT_ANGLES = slice(TRANSLATION, TRANSLATION + 3)
 
 
 def smoothed(
@@ -95,28 +90,12 @@ class _Masks:
         self.searched = subject.body.skeleton.searched(config.dof)
         self.limits = search_limits(subject, config)
         self._places = max(1, min(round(WINDOW * raw.fps), len(raw.frame_numbers)))
-        self._fitter = ContourFitter(
-            subject.body,
-            raw.cameras,
-            self.searched,
-            self.limits,
-            candidates=min(_CANDIDATES, self._places),
-            frames=self._places,
-            device=resolve_device(config.device),
-            threads=config.threads or available_threads(),
-        )
+        candidates = min(_CANDIDATES, self._places)
+        self._fitter = make_fitter(subject, raw.cameras, config, candidates, frames=self._places)
         space = RestSpace(subject.body)
         vertex, self.joint_change = space.basis(np.zeros(len(space.names)), subject.body.tracking_vertex)
         self.body_sigma = space.sigma
-        self._body_fitter = ContourFitter(
-            subject.body,
-            raw.cameras,
-            self.searched,
-            self.limits,
-            candidates=1,
-            parameters=len(space.names),
-            device=resolve_device(config.device),
-        )
+        self._body_fitter = make_fitter(subject, raw.cameras, config, 1, parameters=len(space.names))
         self._body_fitter.set_change(vertex, self.joint_change)
         self._unread: Iterator[Observation] = iter(observations)
         self._held: list[Observation] = []
@@ -180,7 +159,7 @@ class _Run:
         self._body = BodyDeviations(problem, masks.linearise_body, masks.joint_change, masks.body_sigma)
         self._widest = np.full(track.shape[1], np.inf)
         self._widest[masks.searched] = self._rooting.anywhere
-        self._last = track[0, _ROOT_ANGLES]
+        self._last = track[0, ROOT_ANGLES]
         self._finished = 0
         self.pose = track.copy()
         self.sigma = Uncertainty(np.zeros_like(track), np.zeros((len(track), len(skeleton.joints), 3)))
@@ -192,7 +171,7 @@ class _Run:
         error = misfit(window.contour, self._rooting.searched)
         sigma = together(self._noise.of(window), self._body.of(window), error, self._widest)
         self.sigma.pose[frames], self.sigma.joint[frames] = sigma.pose, sigma.joint
-        self._last = self.pose[frames.stop - 1, _ROOT_ANGLES]
+        self._last = self.pose[frames.stop - 1, ROOT_ANGLES]
         self._finished = frames.stop
 
 
@@ -200,18 +179,8 @@ class _Judge:
     """What poses cost, and how they overlap the masks."""
 
     def __init__(self, raw: Result, config: TrackConfig) -> None:
-        subject: Subject = raw.subject
         self._runs = len(raw.pose)
-        self._objective = Objective(
-            subject.body,
-            subject.root_base,
-            raw.cameras,
-            self._runs,
-            cost=config.cost,
-            renderer=config.renderer,
-            device=resolve_device(config.device),
-            threads=config.threads or available_threads(),
-        )
+        self._objective = make_objective(raw.subject, raw.cameras, config, self._runs)
 
     def __call__(self, observation: Observation, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Costs (run,) and overlaps (run, camera) of poses (run, coordinate); NaN where nothing is seen."""

@@ -1,0 +1,50 @@
+"""What a tracking run's settings make of a subject and cameras: limits, an objective, a fitter of contours."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mmocap_warp.body.model import Subject
+from mmocap_warp.contour.fitter import ContourFitter
+from mmocap_warp.device import available_threads, resolve_device
+from mmocap_warp.objective.objective import Objective
+from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.views.rig import CameraRig
+
+
+def search_limits(subject: Subject, config: TrackConfig) -> np.ndarray:
+    """(coordinate, 2) lowest and highest values that a search keeps to."""
+    skeleton = subject.body.skeleton
+    return skeleton.coordinate_limits if config.limits else np.tile([-np.inf, np.inf], (skeleton.coordinates, 1))
+
+
+def make_objective(subject: Subject, rig: CameraRig, config: TrackConfig, candidates: int, bases: int = 1) -> Objective:
+    """An objective of a run's settings for so many candidates, which share ``bases`` evenly."""
+    return Objective(
+        subject.body,
+        subject.root_base,
+        rig,
+        candidates,
+        cost=config.cost,
+        renderer=config.renderer,
+        bases=bases,
+        device=resolve_device(config.device),
+        threads=config.threads or available_threads(),
+    )
+
+
+def make_fitter(
+    subject: Subject, rig: CameraRig, config: TrackConfig, candidates: int, frames: int = 1, parameters: int = 0
+) -> ContourFitter:
+    """A fitter of contours of a run's settings; see :class:`~mmocap_warp.contour.fitter.ContourFitter`."""
+    return ContourFitter(
+        subject.body,
+        rig,
+        subject.body.skeleton.searched(config.dof),
+        search_limits(subject, config),
+        candidates=candidates,
+        frames=frames,
+        parameters=parameters,
+        device=resolve_device(config.device),
+        threads=config.threads or available_threads(),
+    )

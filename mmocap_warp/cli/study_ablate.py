@@ -46,7 +46,7 @@ _LEGEND = (
     "over 200 mm off; off: such frames whatever is said, and how many in a row; told: share said to be tracked or "
     "partial of the frames with none of these over 50 mm off."
 )
-_NAMED = ("clip", "purpose", "degradation", "tracker")  # what a line of the table is about
+_NAMED = ("clip", "purpose", "degradation", "start", "tracker")  # what a line of the table is about
 _OWN = ("seed", "runs", "scale", "device", "threads")  # settings that the command has flags for
 
 
@@ -56,6 +56,7 @@ def ablate(
     *,
     clip: Several = (),
     degrade: Several = (),
+    start: Several = (),
     tracker: Several = (),
     seeds: int = 3,
     frames: int | None = None,
@@ -77,6 +78,10 @@ def ablate(
     degrade
         none, passer-by, furniture, fps=15, views=3, cut=2 (or all), calibration=10 (pixels), or several joined by +;
         may be given several times. [default: none]
+    start
+        Body and first pose: given (the clip's own), solved (the body from the clip, with the given pose to begin
+        with), or both found in the masks: first-frame (the body from that frame alone) or fitted (as 'mmocap fit'
+        does); may be given several times. [default: given]
     tracker
         An algorithm and settings of 'mmocap track', such as h-cmaes,evaluations=300; may be given several times.
         [default: h-cmaes]
@@ -94,7 +99,7 @@ def ablate(
         CPU threads. All by default.
     """
     from mmocap_warp.cli.devices import start_warp
-    from mmocap_warp.study.ablation import AblationCell, run_ablation, track_with_seed
+    from mmocap_warp.study.ablation import STARTS, AblationCell, run_ablation, track_with_seed
     from mmocap_warp.study.degradations import NONE, parse
     from mmocap_warp.study.store import open_folder
     from mmocap_warp.whole_file import write_whole
@@ -110,14 +115,18 @@ def ablate(
             parse(way)
         except ValueError as error:
             raise UsageError(f"--degrade: {error}") from None
+    starts = tuple(dict.fromkeys(start or STARTS[:1]))
+    if unknown := set(starts) - set(STARTS):
+        raise UsageError(f"--start must be one of {', '.join(STARTS)}, got {min(unknown)}")
     settings = {text: _settings(text, scale, device, threads) for text in tracker or ("h-cmaes",)}
     clips = _clips(clip or ("tuning",), frames, scale, subject)
     start_warp(device)
     cells = [
-        AblationCell(of, way, text, chosen, seed)
+        AblationCell(of, way, text, chosen, seed, begin)
         for of in clips
         for way in ways
         for seed in range(seeds)
+        for begin in starts
         for text, chosen in settings.items()
     ]
 
@@ -192,7 +201,7 @@ def _table(rows: list[dict[str, Any]]) -> str:
     def which(row: dict[str, Any]) -> tuple[str, ...]:
         return tuple(row["cell"][name] for name in _NAMED)
 
-    lines = [("clip", "for", "degradation", "tracker", "seeds", *(title for title, *_ in _COLUMNS.values()))]
+    lines = [("clip", "for", "degradation", "start", "tracker", "seeds", *(title for title, *_ in _COLUMNS.values()))]
     place = {row: i for i, row in enumerate(dict.fromkeys(map(which, rows)))}
     for key, group in groupby(sorted(rows, key=lambda row: place[which(row)]), which):
         seeds = [row["measures"] for row in group]

@@ -17,6 +17,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+from mmocap_warp.bodies.shipped import DEFAULT_BODY, load_body
 from mmocap_warp.body.model import Subject
 from mmocap_warp.result.evaluation import evaluate
 from mmocap_warp.result.pose_errors import LOST_LIMB, common_frames, farthest
@@ -28,7 +29,9 @@ from mmocap_warp.study.further_clips import CLIP_PLANS
 from mmocap_warp.study.job import device_kind
 from mmocap_warp.study.sequences import PLANS
 from mmocap_warp.study.source import Clip, OpenClip, clip_facts, open_clip
+from mmocap_warp.tracking.clip_body import frames_to_follow, solve_body_in_clip
 from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.tracking.fit import FitConfig, fit_clip
 from mmocap_warp.tracking.track import track_observations
 from mmocap_warp.version import __version__
 from mmocap_warp.views.observation import Observation
@@ -41,7 +44,11 @@ TUNING: tuple[str, ...] = (*tuple(PLANS)[1::2], "S2/Spin")
 REPORTING: tuple[str, ...] = tuple(name for name in CLIP_PLANS if name not in TUNING)
 """Clips whose figures are told, and on which nothing is chosen."""
 
-_VERSION = 1  # of the measures: results of another are made again
+STARTS: tuple[str, ...] = ("given", "solved", "first-frame", "fitted")
+"""Body and first pose: the clip's own subject; its pose with the body solved from the clip; or both found in the masks,
+the body from the first frame alone or from the clip. What is found is found in the masks as they were made worse."""
+
+_VERSION = 2  # of the measures: results of another are made again
 _KEY_DIGITS = 20
 _FROM_EVALUATION = (
     "marker_error_mm", "mpjpe_mm", "shake_mm", "growth", "mean_iou", "worst_iou", "wrongly_tracked", "near_tracked",
@@ -73,7 +80,8 @@ class AblationCell:
         degradation: see :mod:`mmocap_warp.study.degradations`.
         label: what the tracker is called in tables.
         settings: of the tracker; its seed and runs do not count.
-        seed: of the tracker, and of the degradation where that is random.
+        seed: of the tracker, of the fit, and of the degradation where that is random.
+        start: one of ``STARTS``.
     """
 
     clip: Clip
@@ -81,9 +89,14 @@ class AblationCell:
     label: str
     settings: TrackConfig
     seed: int
+    start: str = "given"
+
+    def __post_init__(self) -> None:
+        if self.start not in STARTS:
+            raise ValueError(f"start must be one of {list(STARTS)}, got {self.start!r}")
 
     def __str__(self) -> str:
-        return f"{self.clip.name} {self.degradation} {self.label} seed {self.seed}"
+        return f"{self.clip.name} {self.degradation} {self.start} {self.label} seed {self.seed}"
 
 
 def purpose(clip: Clip) -> str:
@@ -107,7 +120,7 @@ def run_ablation(
 
     Raises:
         InputError: a clip that cannot be opened, a folder that cannot be written to.
-        ValueError: a degradation that means nothing to a clip.
+        ValueError: a degradation that means nothing to a clip; masks that show nobody to start from.
     """
     rows = []
     for clip, of_clip in groupby(cells, key=lambda cell: cell.clip):
@@ -141,12 +154,16 @@ def measures(result: Result, truth: Truth | None) -> dict[str, float | None]:
 
 
 class _Takes:
-    """A clip's masks, made or read once, as each cell's degradation leaves them; the last of these is kept, too."""
+    """A clip's masks, made or read once, as each cell's degradation leaves them, with the subject that it starts from.
+
+    The last of these is kept, too.
+    """
 
     def __init__(self, clip: Clip) -> None:
         self._clip = clip
         self._whole: tuple[OpenClip, list[Observation]] | None = None
         self._last: tuple[tuple[str, int], OpenClip, list[Observation]] | None = None
+        self._started: dict[tuple[str, int], Subject] = {}
 
     def of(self, cell: AblationCell) -> OpenClip:
         which = cell.degradation, cell.seed if is_random(cell.degradation) else 0
@@ -157,7 +174,28 @@ class _Takes:
             self._last = None
             worse = degraded(replace(self._whole[0], observations=iter(self._whole[1])), *which)
             self._last = which, worse, list(worse.observations)
-        return replace(self._last[1], observations=iter(self._last[2]))
+            self._started.clear()
+        _, take, masks = self._last
+        key = cell.start, cell.seed
+        if key not in self._started:
+            self._started[key] = _subject(cell, take, masks)
+        return replace(take, subject=self._started[key], observations=iter(masks))
+
+
+def _subject(cell: AblationCell, take: OpenClip, masks: list[Observation]) -> Subject:
+    """Body and first pose that a cell starts from."""
+    if cell.start == "given":
+        return take.subject
+    config = FitConfig(cell.seed, device=cell.settings.device, threads=cell.settings.threads)
+    generic = load_body(DEFAULT_BODY)
+    if cell.start == "first-frame":
+        return fit_clip(generic, take.rig, take.fps, masks[:1], config)
+    numbers = frames_to_follow(take.fps, take.frames)
+    clip, fps = [masks[number] for number in numbers], take.fps / numbers.step
+    if cell.start == "fitted":
+        return fit_clip(generic, take.rig, fps, clip, config)
+    following = TrackConfig(seed=cell.seed, device=config.device, threads=config.threads)
+    return solve_body_in_clip(take.subject, generic, take.rig, clip, fps, config.frames, following)[0]
 
 
 def _tracked(cell: AblationCell, take: OpenClip, track: Track) -> dict[str, Any]:
@@ -168,6 +206,7 @@ def _tracked(cell: AblationCell, take: OpenClip, track: Track) -> dict[str, Any]
             "clip": cell.clip.name,
             "purpose": purpose(cell.clip),
             "degradation": cell.degradation,
+            "start": cell.start,
             "tracker": cell.label,
             "seed": cell.seed,
             "frames": take.frames,
@@ -192,6 +231,7 @@ def _path(folder: Path, cell: AblationCell, identity: str) -> Path:
     depends = {
         "clip": identity,
         "degradation": cell.degradation,
+        "start": cell.start,
         "settings": settings,
         "device": kind,
         "code": code_hash(),
@@ -199,5 +239,5 @@ def _path(folder: Path, cell: AblationCell, identity: str) -> Path:
         "version": _VERSION,
     }
     key = hashlib.sha256(json.dumps(depends, sort_keys=True).encode()).hexdigest()[:_KEY_DIGITS]
-    name = f"{cell.clip.name}-{cell.degradation}-{cell.label}-{cell.seed}"
+    name = f"{cell.clip.name}-{cell.degradation}-{cell.start}-{cell.label}-{cell.seed}"
     return folder / f"{re.sub(r'[^A-Za-z0-9.=+-]+', '_', name)}.{key}.json"

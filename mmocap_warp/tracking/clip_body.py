@@ -18,6 +18,7 @@ from mmocap_warp.body.skeleton import ROOT_ANGLES
 from mmocap_warp.contour.body_problem import BodySolution, body_problem
 from mmocap_warp.contour.fitter import ContourFitter
 from mmocap_warp.contour.rooted import RootedPoses, Rooting
+from mmocap_warp.device import available_threads, resolve_device
 from mmocap_warp.result.result import STATUS
 from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.contour_tracker import ContourTracker
@@ -55,6 +56,37 @@ def frames_to_follow(fps: float, available: int) -> range:
     """The frames of a recording that are worth following from its first one."""
     stride = max(1, int(fps / _RATE))
     return range(0, min(available, max(1, round(_LONGEST * fps))), stride)
+
+
+def solve_body_in_clip(
+    subject: Subject,
+    generic: BodyModel,
+    rig: CameraRig,
+    clip: Iterable[Observation],
+    fps: float,
+    frames: int,
+    config: TrackConfig,
+) -> tuple[Subject, float]:
+    """Follow a subject through a clip and solve its body from some of the frames.
+
+    Args:
+        subject: with the pose of the first frame.
+        generic: the body that is expected before anything is seen.
+        rig: undistorted cameras at the masks' size.
+        clip: consecutive frames, such as those of :func:`frames_to_follow`.
+        fps: of these frames.
+        frames: that the body is solved from, at most.
+        config: of the tracker.
+
+    Returns:
+        The solved body in the first frame's pose, and what contours cost in a frame; more, the sooner a frame was lost.
+    """
+    clip = list(clip)
+    followed = follow(subject, rig, clip, fps, config)
+    device, threads = resolve_device(config.device), config.threads or available_threads()
+    solved, cost = solve_body(subject, generic, rig, followed.spread(frames), device, threads)
+    share = len(followed.rooted) / len(clip)
+    return solved, cost / share
 
 
 def follow(

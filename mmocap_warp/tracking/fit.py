@@ -9,10 +9,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from itertools import chain, islice
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,7 +24,7 @@ from mmocap_warp.body.shape_space import ShapeSpace
 from mmocap_warp.device import available_threads, resolve_device
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import config_from_table
-from mmocap_warp.tracking.clip_body import follow, frames_to_follow, solve_body
+from mmocap_warp.tracking.clip_body import frames_to_follow, solve_body_in_clip
 from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.frame_fit import FrameFit, Guess
 from mmocap_warp.tracking.standing_search import NoSubjectError, search_headings, standing_start
@@ -103,24 +103,45 @@ def fit(
     """
     config = replace(config or config_from_table(FitConfig, scene.settings("fit")), **settings)
     scale = config.scale or min(1.0, _LONGEST / float(scene.rig().size.max()))
-    rig = scene.rig(scale)
-    task = _Task(body, rig, config, progress or (lambda stage, done, cost: None))
     numbers = frames_to_follow(scene.fps, scene.frame_count if config.frames > 1 else 1)
-    observations = iter(scene.observations(scale, count=numbers[-1] + 1))
-    first = next(observations)
+    observations = islice(scene.observations(scale, count=numbers[-1] + 1), 0, None, numbers.step)
     try:
-        best, others = _first_frame(task, first)
+        return fit_clip(body, scene.rig(scale), scene.fps / numbers.step, observations, config, progress)
     except NoSubjectError as error:
         remedy = "look at the masks (mmocap mask) and the calibration (mmocap cameras)"
         raise InputError(scene.path, f"frame 0: {error}", remedy) from None
-    clip = list(islice(chain([first], observations), 0, None, numbers.step))
-    return _fit_clip(task, clip, scene.fps / numbers.step, best, others)
 
 
-def _fit_clip(task: _Task, clip: list[Observation], fps: float, best: Guess, others: dict[str, Guess]) -> Subject:
-    """The body from frames of a clip. Motion decides between ways to see the first frame that are nearly as good."""
+def fit_clip(
+    body: BodyModel,
+    rig: CameraRig,
+    fps: float,
+    observations: Iterable[Observation],
+    config: FitConfig | None = None,
+    progress: FitProgress | None = None,
+) -> Subject:
+    """Fit a body to consecutive frames: the first finds the pose, all of them the shape.
+
+    Args:
+        body: the generic body that the subject's is expected to be near to.
+        rig: undistorted cameras at the masks' size.
+        fps: of these frames.
+        observations: their masks, such as those of :func:`mmocap_warp.tracking.clip_body.frames_to_follow`; of more
+            than one frame all are in memory.
+        config: settings; its scale is not used.
+        progress: told after every stage.
+
+    Raises:
+        NoSubjectError: the first frame's masks do not show one subject in at least two views.
+    """
+    task = _Task(body, rig, config or FitConfig(), progress or (lambda stage, done, cost: None))
+    observations = iter(observations)
+    first = next(observations)
+    best, others = _first_frame(task, first)
     found = _found(best, others)
     close = [other for other in others.values() if other.cost < best.cost + _CLEAR]
+    clip = [first, *observations]
+    # Motion decides between ways to see the first frame that are nearly as good.
     ways = [_with_clip_body(task, clip, fps, task.subject(guess, found)) for guess in (best, *close)]
     (subject, cost), *behind = sorted(ways, key=lambda way: way[1])
     behind = [way for way in behind if _differ(subject, way[0])]  # some come to the same in the end
@@ -136,12 +157,7 @@ def _fit_clip(task: _Task, clip: list[Observation], fps: float, best: Guess, oth
 def _with_clip_body(task: _Task, clip: list[Observation], fps: float, subject: Subject) -> tuple[Subject, float]:
     """The subject with the body of the frames that it can be followed through, and their contours' mean cost."""
     settings = TrackConfig(seed=task.config.seed, device=task.device, threads=task.threads)
-    followed = follow(subject, task.rig, clip, fps, settings)
-    share = len(followed.rooted) / len(clip)
-    solved, cost = solve_body(
-        subject, task.body, task.rig, followed.spread(task.config.frames), task.device, task.threads
-    )
-    return solved, cost / share
+    return solve_body_in_clip(subject, task.body, task.rig, clip, fps, task.config.frames, settings)
 
 
 def fit_observation(

@@ -44,10 +44,11 @@ class Tracker:
     """Stands still, and remembers what it was given."""
 
     def __init__(self):
-        self.calls = []
+        self.calls, self.skins = [], []
 
     def __call__(self, subject, rig, observations, fps, settings, seed):
         seen = list(observations)
+        self.skins.append(subject.body.skin.rest)
         self.calls.append((settings.algorithm, len(rig), len(seen), fps, seed, rig.K[0, 0, 2]))
         return result(subject, rig, fps, np.tile(subject.pose, (len(seen), 1)))
 
@@ -91,8 +92,8 @@ def test_every_tracker_gets_every_clip_made_worse(tmp_path):
         for name in ("h-cmaes", "pso")
     ]
     assert rows[-1]["cell"] == {
-        "clip": NAME, "purpose": "tuning", "degradation": "views=3+fps=30", "tracker": "pso", "seed": 1, "frames": 5,
-        "scale": 1.0,
+        "clip": NAME, "purpose": "tuning", "degradation": "views=3+fps=30", "start": "given", "tracker": "pso",
+        "seed": 1, "frames": 5, "scale": 1.0,
     }  # fmt: skip
     assert rows[0]["measures"]["mpjpe_mm"] > 5
 
@@ -116,6 +117,23 @@ def test_cells_that_are_there_are_read_and_what_is_new_is_tracked(tmp_path):
     ran(tmp_path, [replace(cells()[0], clip=Clip(NAME, frames=5))], second)
     ran(tmp_path, [replace(cells()[0], settings=TrackConfig("h-cmaes", threads=1, seed=5, device="cpu"))], second)
     assert len(second.calls) == 3  # threads and the settings' own seed are no other cell
+
+
+def test_a_body_is_solved_once_for_all_trackers_from_the_masks_as_they_were_made_worse(tmp_path):
+    tracker = Tracker()
+    asked = [replace(cell, start="solved") for cell in cells(("none", "views=3"), ("h-cmaes", "pso"))]
+    rows = ran(tmp_path, asked + cells(), tracker)
+    assert [row["cell"]["start"] for row in rows] == ["solved"] * 4 + ["given"]
+    one, same, other, _, given = tracker.skins
+    assert one is same
+    lengths = [np.ptp(skin[:, 1]) for skin in (one, other, given)]
+    assert len({round(length, 6) for length in lengths}) == 3
+    assert np.ptp(lengths) < 0.05
+
+
+def test_a_start_that_is_none_is_refused():
+    with pytest.raises(ValueError, match="given"):
+        replace(cells()[0], start="there")
 
 
 # Measures
@@ -165,12 +183,12 @@ def test_the_command_tracks_tells_and_goes_on(tmp_path, capsys):
     out, err = capsys.readouterr()
     assert err.count("pso,evaluations=3,cost=iou seed") == 4
     lines = out.splitlines()
-    assert lines[0].split()[:5] == ["clip", "for", "degradation", "tracker", "seeds"]
-    assert [line.split()[:5] for line in lines[1:3]] == [
-        [NAME, "tuning", way, "pso,evaluations=3,cost=iou", "2"] for way in ("none", "views=2")
+    assert lines[0].split()[:6] == ["clip", "for", "degradation", "start", "tracker", "seeds"]
+    assert [line.split()[:6] for line in lines[1:3]] == [
+        [NAME, "tuning", way, "given", "pso,evaluations=3,cost=iou", "2"] for way in ("none", "views=2")
     ]
     table = (tmp_path / "made" / "ablation.csv").read_text().splitlines()
-    assert table[0].startswith("clip,purpose,degradation,tracker,seed,frames,scale,marker_error_mm,")
+    assert table[0].startswith("clip,purpose,degradation,start,tracker,seed,frames,scale,marker_error_mm,")
     assert len(table) == 5
     files = {path: path.stat().st_mtime_ns for path in (tmp_path / "made").glob("*.json")}
     assert main([*flags, "--json", "--quiet"]) == 0
@@ -184,6 +202,7 @@ def test_the_command_tracks_tells_and_goes_on(tmp_path, capsys):
     [
         (["--clip", "S4/Jog"], "tuning, reporting, S1/Walking"),
         (["--degrade", "fog"], "views=COUNT"),
+        (["--start", "there"], "given, solved, first-frame, fitted"),
         (["--tracker", "magic"], "h-cmaes"),
         (["--tracker", "pso,evaluation=3"], "evaluations"),
         (["--tracker", "pso,seed=3"], "whole ablation"),

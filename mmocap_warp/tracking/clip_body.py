@@ -19,7 +19,7 @@ from mmocap_warp.contour.body_problem import BodySolution, body_problem
 from mmocap_warp.contour.fitter import ContourFitter
 from mmocap_warp.contour.rooted import RootedPoses, Rooting
 from mmocap_warp.device import available_threads, resolve_device
-from mmocap_warp.result.result import STATUS
+from mmocap_warp.result.result import STATUS, FrameAnswer
 from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.frame_fit import PRIOR
@@ -28,6 +28,7 @@ from mmocap_warp.views.rig import CameraRig
 
 _LONGEST = 2.0  # [s] that are followed
 _RATE = 30.0  # frames a second that are enough to follow a person
+_CLEARLY = 0.03  # of a frame's cost, by which the way back must be better than the way there
 _BODY_STEPS = 15
 _OUTLINE = 0.012  # [m], standard deviation of all outlines together: of shadows, hair and shoes
 
@@ -92,7 +93,9 @@ def solve_body_in_clip(
 def follow(
     subject: Subject, rig: CameraRig, observations: Iterable[Observation], fps: float, config: TrackConfig
 ) -> Followed:
-    """Follow a subject through frames, as far as that holds.
+    """Follow a subject through frames, as far as that holds, and back again.
+
+    A limb that the first frame did not show is found when it moves; on the way back it is known where it comes from.
 
     Args:
         subject: with the pose of the first frame.
@@ -101,17 +104,24 @@ def follow(
         fps: of these frames.
         config: of the tracker.
     """
-    skeleton = subject.body.skeleton
     tracker = ContourTracker(subject, rig, config, fps)
-    rooting = Rooting(skeleton, subject.root_base, skeleton.searched())
-    followed: list[tuple[Observation, RootedPoses, float]] = []
+    observed: list[Observation] = []
+    found: list[FrameAnswer] = []
     for observation in observations:
         answer = tracker.step(observation)
-        if followed and np.ravel(answer.status)[0] == STATUS.index("lost"):
+        if found and np.ravel(answer.status)[0] == STATUS.index("lost"):
             break
-        followed.append((observation, rooting.enter(answer.pose.astype(float)), float(answer.cost[0])))
-    rooted = followed[0][1].followed_by(*(found for _, found, _ in followed[1:]))
-    return Followed([each for each, _, _ in followed], rooted, np.array([cost for _, _, cost in followed]))
+        observed.append(observation)
+        found.append(answer)
+    back = ContourTracker(replace(subject, pose=found[-1].pose[0]), rig, replace(config, algorithm="contour"), fps)
+    for frame in reversed(range(len(found) - 1)):
+        answer = back.step(observed[frame])
+        if answer.cost[0] < (1 - _CLEARLY) * found[frame].cost[0]:
+            found[frame] = answer
+    skeleton = subject.body.skeleton
+    rooting = Rooting(skeleton, subject.root_base, skeleton.searched())
+    rooted = [rooting.enter(answer.pose.astype(float)) for answer in found]
+    return Followed(observed, rooted[0].followed_by(*rooted[1:]), np.array([float(each.cost[0]) for each in found]))
 
 
 def solve_body(

@@ -43,7 +43,7 @@ _HEADINGS = 16
 _MEMORY = 20  # frames that the running level is taken over
 _FEWEST = 4  # of these a level needs
 _FALL = 0.012  # of overlap below the level calls for more
-_EXPOSED = 0.12  # [m] of outline where nobody is, likewise
+_EXPOSED = 0.12  # [m] of outline where nobody is, likewise: beyond what the last frames all have of it
 _LOST_FALL, _LOST_EXPOSED = 0.06, 0.5  # beyond these there is no answer
 _PATIENCE = 3  # lost frames before the body is looked for anew
 _BETTER = 0.001  # of overlap by which a later answer must win
@@ -131,6 +131,7 @@ class ContourTracker:
         self._pose = np.repeat(subject.pose[None].astype(np.float32), runs, axis=0)
         self._before = self._pose.copy()
         self._level = np.zeros((runs, _MEMORY), np.float32)
+        self._outside = np.zeros((runs, _MEMORY), np.float32)
         self._lost = np.zeros((runs, 1), np.float32)
 
     @property
@@ -144,9 +145,9 @@ class ContourTracker:
 
         Last poses (run, coordinate) float32 and random counters (run,) int32; the poses before, the overlaps that the
         running level is taken over (run, frame), zero before there were any, and how many frames in a row are lost
-        (run, 1), float32; then what the search remembers.
+        (run, 1), float32, and the exposed outlines of those frames (run, frame); then what the search remembers.
         """
-        carried = self._pose, self._search.counter.numpy(), self._before, self._level, self._lost
+        carried = self._pose, self._search.counter.numpy(), self._before, self._level, self._lost, self._outside
         return tuple(array.copy() for array in (*carried, *(each.numpy() for each in self._search.memory)))
 
     @state.setter
@@ -154,9 +155,9 @@ class ContourTracker:
         pose, counter, *memory = value
         self._pose = pose.copy()
         self._search.counter.assign(counter)
-        kept = memory or (pose, np.zeros_like(self._level), np.zeros_like(self._lost))
-        self._before, self._level, self._lost = (each.copy() for each in kept[:3])
-        for array, values in zip(self._search.memory, kept[3:], strict=False):
+        kept = memory or (pose, *(np.zeros_like(each) for each in (self._level, self._lost, self._outside)))
+        self._before, self._level, self._lost, self._outside = (each.copy() for each in kept[:4])
+        for array, values in zip(self._search.memory, kept[4:], strict=False):
             array.assign(values)
 
     def step(self, observation: Observation) -> FrameAnswer:
@@ -206,8 +207,11 @@ class ContourTracker:
         """Keep what the next frame starts from. A lost frame's pose is a guess; the motion before it goes nowhere."""
         self._before, self._pose = np.where(lost[:, None], found.pose, self._pose), found.pose.copy()
         level = np.concatenate([self._level[:, 1:], found.overlap[:, None]], axis=1).astype(np.float32)
+        outside = np.concatenate([self._outside[:, 1:], found.exposed[:, None]], axis=1).astype(np.float32)
         forever = self._lost[:, 0] >= 2 * _MEMORY  # what is seen has changed for good
-        self._level = np.where((lost & ~forever)[:, None], self._level, level)
+        passed_over = (lost & ~forever)[:, None]
+        self._level = np.where(passed_over, self._level, level)
+        self._outside = np.where(passed_over, self._outside, outside)
         self._lost = np.where(lost[:, None], self._lost + 1, 0).astype(np.float32)
 
     @property
@@ -222,11 +226,14 @@ class ContourTracker:
         Args:
             found: a pose for each run.
             fall: how far below.
-            exposed: outline of such limbs that is too long [m].
+            exposed: outline of such limbs that is too long [m]. What every frame remembered has of it comes on top: a
+                wrong calibration exposes the whole body, always.
         """
         known = zip(self._level, self._level_known, strict=True)
         level = np.array([np.median(row[row > 0]) if enough else np.inf for row, enough in known])
-        short: np.ndarray = (found.overlap < level - fall) | (found.exposed > exposed)
+        always = np.where(self._level > 0, self._outside, np.inf).min(axis=1)
+        always = np.where(self._level_known, always, 0.0)
+        short: np.ndarray = (found.overlap < level - fall) | (found.exposed > exposed + always)
         return short
 
     def _improved(

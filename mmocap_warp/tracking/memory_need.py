@@ -16,11 +16,13 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from mmocap_warp.body.mesh_pieces import is_closed
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.device import free_memory, resolve_device
 from mmocap_warp.errors import InputError
+from mmocap_warp.tracking.algorithms import CONTOUR_TRACKERS
 from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.from_settings import make_fitter, make_objective
@@ -146,6 +148,17 @@ def arrays_of(owner: object) -> Iterator[wp.array[Any]]:
             unseen += vars(thing).values()
 
 
+def _check_closed(subject: Subject, config: TrackConfig) -> None:
+    """Contours wind around a body only where its mesh is closed."""
+    if (config.fits_contours or config.acceleration) and not is_closed(subject.body.tracking_face):
+        user = config.algorithm if config.algorithm in CONTOUR_TRACKERS else "polish" if config.polish else "smooth"
+        raise InputError(
+            subject.body.name,
+            f"its tracking mesh is not closed, which {user} needs",
+            "close the mesh, or use one of the paper's algorithms without polish and with smooth = 0",
+        )
+
+
 def _is_ours(thing: object) -> bool:
     """Whether a thing may hold arrays: an object of this project, or a Warp struct."""
     is_struct = hasattr(thing, "__ctype__")
@@ -158,11 +171,13 @@ def tracker_of(config: TrackConfig) -> type[Tracker] | type[ContourTracker]:
 
 
 def fitting_tracker(subject: Subject, rig: CameraRig, config: TrackConfig, fps: float) -> Tracker | ContourTracker:
-    """A tracker, or an error where the device has not the memory for it.
+    """A tracker, or an error where it could not finish.
 
     Raises:
-        InputError: too many runs, or too large a budget; says how many runs, or what budget, would fit.
+        InputError: too many runs, or too large a budget, for the device's memory; says how many runs, or what budget,
+            would fit. Or contours, or a clip that is to be smoothed by them, of a tracking mesh that is not closed.
     """
+    _check_closed(subject, config)
     device = resolve_device(config.device)
     free = free_memory(device)
     needs = memory_need(subject, rig, config, fps)

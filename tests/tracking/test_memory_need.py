@@ -173,3 +173,23 @@ def test_tracking_refuses_what_does_not_fit():
     _, seen = motion("cpu")
     with pytest.raises(InputError, match=r"the most that fits is runs = \d+$"):
         track_observations(synthetic_subject(), RIG, seen, FPS, TrackConfig("h-cmaes", device="cpu", runs=10**8))
+
+
+@pytest.mark.parametrize(
+    ("settings", "user"),
+    [
+        ({"algorithm": "contour"}, "contour"),
+        ({"algorithm": "h-de", "polish": True}, "polish"),
+        ({"algorithm": "h-de", "smooth": 10.8}, "smooth"),
+    ],
+)
+def test_an_open_mesh_is_refused_before_any_frame_is_tracked(settings, user):
+    subject = synthetic_subject()
+    subject = replace(subject, body=replace(subject.body, tracking_face=subject.body.tracking_face[1:]))
+    _, seen = motion("cpu")
+    tracked: list[int] = []
+    config = TrackConfig(device="cpu", evaluations=50, **settings)
+    with pytest.raises(InputError, match=f"^{subject.body.name}: .* not closed, which {user} needs; close the mesh"):
+        track_observations(subject, RIG, seen[:2], FPS, config, progress=lambda frame, answer: tracked.append(frame))
+    assert not tracked
+    track_observations(subject, RIG, seen[:2], FPS, TrackConfig("h-de", device="cpu", evaluations=50))

@@ -27,12 +27,14 @@ if TYPE_CHECKING:
     from mmocap_warp.scene.scene_toml import load_scene
     from mmocap_warp.tracking.config import TrackConfig
     from mmocap_warp.tracking.fit import FitConfig, fit
+    from mmocap_warp.tracking.live import LiveFrame, track_live
     from mmocap_warp.tracking.track import track
 
 _HOME = {
     "BodyModel": ("body.model", "BodyModel"),
     "FitConfig": ("tracking.fit", "FitConfig"),
     "InputError": ("errors", "InputError"),
+    "LiveFrame": ("tracking.live", "LiveFrame"),
     "Result": ("result.result", "Result"),
     "Scene": ("scene.recording", "Scene"),
     "Subject": ("body.model", "Subject"),
@@ -46,6 +48,7 @@ _HOME = {
     "minimize": ("optimizers.minimize", "minimize"),
     "overlay": ("drawing.show", "overlay"),
     "track": ("tracking.track", "track"),
+    "track_live": ("tracking.live", "track_live"),
     "write_result": ("formats.usd.result", "write_result"),
 }
 
@@ -53,6 +56,7 @@ __all__ = [
     "BodyModel",
     "FitConfig",
     "InputError",
+    "LiveFrame",
     "Result",
     "Scene",
     "Subject",
@@ -67,6 +71,7 @@ __all__ = [
     "minimize",
     "overlay",
     "track",
+    "track_live",
     "write_result",
 ]
 

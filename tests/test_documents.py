@@ -33,10 +33,12 @@ def test_the_optimizers_example_finds_the_minimum(tmp_path):
 
 
 def test_the_public_face_goes_from_masks_to_a_picture(tmp_path):
-    (tmp_path / "example.py").write_text(example("python.md") + "print(joints.shape, skin.shape, picture.shape)\n")
+    shapes = "print(joints.shape, skin.shape, picture.shape)\n"
+    (tmp_path / "example.py").write_text(example("python.md") + shapes + example("python.md", 1))
     command = [sys.executable, "example.py"]
     answer = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
-    numbers, shapes = answer.stdout.splitlines()[-2:]
+    *_, numbers, shapes = answer.stdout.splitlines()[:-64]
+    assert all(re.match(rf" *{i} tracked  hands at", line) for i, line in enumerate(answer.stdout.splitlines()[-64:]))
     overlap, error = map(float, re.findall(r"\d[\d.]*", numbers))
     assert overlap > 0.75
     assert error < 20

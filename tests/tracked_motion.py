@@ -53,11 +53,11 @@ def marker_errors(poses: np.ndarray, truth: np.ndarray) -> np.ndarray:
 def tracker_of(algorithm: str, device: str, **settings: int) -> tuple[Tracker, list[int]]:
     """A tracker at the motion's start, and the list of how many candidates each call of its objective will judge."""
     tracker = Tracker(synthetic_subject(), RIG, TrackConfig(algorithm, device=device, threads=1, **settings), FPS)
-    calls, evaluate = [], tracker._search.objective.evaluate
+    calls, evaluate = [], tracker.search.objective.evaluate
 
     def counted(candidates):
         calls.append(candidates)
         return evaluate(candidates)
 
-    tracker._search.objective.evaluate = counted
+    tracker.search.objective.evaluate = counted
     return tracker, calls

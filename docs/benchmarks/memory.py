@@ -71,14 +71,19 @@ def step_track(frames: int, evaluations: int, result: Path) -> Callable[[], obje
     return partial(_track, frames, evaluations, result)
 
 
-def _track(frames: int, evaluations: int, path: Path) -> None:
+def step_contours(frames: int, evaluations: int, result: Path) -> Callable[[], object]:
+    """Track it with the default tracker, smooth it and write the result."""
+    return partial(_track, frames, evaluations, result.with_name("contours.usdc"), "search-contour")
+
+
+def _track(frames: int, evaluations: int, path: Path, algorithm: str = "h-cmaes") -> None:
     from mmocap_warp.formats.usd.result import write_result
     from mmocap_warp.tracking.config import TrackConfig
     from mmocap_warp.tracking.track import track_observations
     from mmocap_warp.views.observation import Observation
 
     subject, rig, masks, _ = recording(frames)
-    config = TrackConfig(evaluations=evaluations, device="cpu")
+    config = TrackConfig(algorithm, evaluations=evaluations, device="cpu")
     write_result(path, track_observations(subject, rig, map(Observation.from_masks, masks()), 60.0, config))
 
 
@@ -127,6 +132,7 @@ def step_show(frames: int, evaluations: int, result: Path) -> Callable[[], objec
 STEPS = {
     "start": step_start,
     "track": step_track,
+    "contours": step_contours,
     "read": step_read,
     "eval": step_eval,
     "export": step_export,

@@ -62,7 +62,7 @@ def truth_of(scene: Scene | None) -> Truth | None:
 
 def summary(report: dict[str, Any]) -> str:
     """The headline numbers of :func:`mmocap_warp.result.evaluation.evaluate` for people."""
-    rows = [
+    rows: list[tuple[str, ...]] = [
         ("frames", f"{report['frames']} ({_statuses(report)})"),
         ("runs", str(report["runs"])),
         ("evaluations", _number(report["evaluations"], ",d")),
@@ -87,6 +87,21 @@ def summary(report: dict[str, Any]) -> str:
     if report.get("wrongly_tracked"):
         rows.append(("wrongly tracked", f"{report['wrongly_tracked']} frames"))
     return table(rows)
+
+
+def beside(reports: dict[str, dict[str, Any]]) -> str:
+    """Trackers by name, a row each, with the numbers that tell them apart."""
+    head = ("", "Eq. 20", "MPJPE", "shake", "mean IoU", "worst IoU", "time")
+    rows = [
+        (
+            name,
+            *(f"{_number(report.get(key), '.1f')} mm" for key in ("marker_error_mm", "mpjpe_mm", "shake_mm")),
+            *(_number(report[key], ".3f") for key in ("mean_iou", "worst_iou")),
+            f"{report['seconds']:.1f} s",
+        )
+        for name, report in reports.items()
+    ]
+    return table([head, *rows])
 
 
 def _statuses(report: dict[str, Any]) -> str:

@@ -13,8 +13,8 @@ from mmocap_warp.contour.normal_equations import LineariseBody, NormalEquations
 from mmocap_warp.contour.rooted import RootedPoses, Rooting
 from mmocap_warp.contour.trust import LARGEST_STEP, Trust
 
-LARGEST_CHANGE = 0.3
-"""No parameter moves further in a step."""
+LARGEST_CHANGE = 3.0
+"""No parameter moves further in a step, in its prior standard deviations: their units are as different as they are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +145,8 @@ class _Descent:
         # Frames that were refused hold the body back too, by as much of its own scale.
         pull = (damping.max() - 1) * np.diag(np.diag(reduced.matrix))
         change = np.linalg.solve(reduced.matrix + pull, reduced.gradient)
-        change = np.clip(change, -LARGEST_CHANGE, LARGEST_CHANGE)
+        most = LARGEST_CHANGE * self._problem.sigma
+        change = np.clip(change, -most, most)
         step = np.clip(reduced.pose_step - reduced.pose_by_body @ change, -LARGEST_STEP, LARGEST_STEP)
         moved = _State(self._problem.rooting.stepped(state.rooted, step), state.beta + change)
         return moved, float(max(np.abs(step).max(), np.abs(change).max()))

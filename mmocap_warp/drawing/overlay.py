@@ -18,6 +18,7 @@ MODEL_COLOUR: Colour = (255, 200, 40)
 LEFT_COLOUR: Colour = (80, 220, 60)
 RIGHT_COLOUR: Colour = (60, 60, 240)
 MIDDLE_COLOUR: Colour = (245, 245, 245)
+SIGMA_COLOUR: Colour = (255, 80, 255)  # of no limb: an ellipse is often smaller than the joint's dot that it lies on
 _COLOUR_OF_SIDE = {"left": LEFT_COLOUR, "right": RIGHT_COLOUR, "middle": MIDDLE_COLOUR}
 INK: Colour = (235, 235, 235)
 PAPER: Colour = (28, 28, 28)
@@ -97,7 +98,7 @@ def draw_view(
     _draw_contour(canvas, model, MODEL_COLOUR)
     _draw_skeleton(canvas, window.points(joints), skeleton)
     if spread is not None:
-        _draw_ellipses(canvas, window.points(joints), window.covariances(spread), skeleton)
+        _draw_ellipses(canvas, window.points(joints), window.covariances(spread))
     return canvas
 
 
@@ -140,9 +141,9 @@ def _draw_skeleton(canvas: np.ndarray, joints: np.ndarray, skeleton: Skeleton) -
             cv2.circle(canvas, centre, 2 << _SUBPIXEL_BITS, colour, -1, cv2.LINE_AA, _SUBPIXEL_BITS)
 
 
-def _draw_ellipses(canvas: np.ndarray, joints: np.ndarray, covariances: np.ndarray, skeleton: Skeleton) -> None:
+def _draw_ellipses(canvas: np.ndarray, joints: np.ndarray, covariances: np.ndarray) -> None:
     """Two standard deviations around each joint, up to half of the image."""
-    for name, centre, covariance in zip(skeleton.joints, joints, covariances, strict=True):
+    for centre, covariance in zip(joints, covariances, strict=True):
         drawable = np.isfinite(covariance).all() and (np.abs(centre) < 8.0 * max(canvas.shape)).all()  # no NaN is
         if not drawable:
             continue
@@ -150,5 +151,4 @@ def _draw_ellipses(canvas: np.ndarray, joints: np.ndarray, covariances: np.ndarr
         radii = np.minimum(2.0 * np.sqrt(np.maximum(variance, 0.0)), max(canvas.shape) / 2)
         middle, half = (np.rint(values * (1 << _SUBPIXEL_BITS)).astype(int).tolist() for values in (centre, radii))
         angle = float(np.degrees(np.arctan2(axes[1, 0], axes[0, 0])))
-        colour = _COLOUR_OF_SIDE[skeleton.side(name)]
-        cv2.ellipse(canvas, middle, half, angle, 0.0, 360.0, colour, 1, cv2.LINE_AA, _SUBPIXEL_BITS)
+        cv2.ellipse(canvas, middle, half, angle, 0.0, 360.0, SIGMA_COLOUR, 1, cv2.LINE_AA, _SUBPIXEL_BITS)

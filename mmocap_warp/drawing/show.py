@@ -13,12 +13,12 @@ import numpy as np
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.drawing.overlay import (
-    INK,
     LEFT_COLOUR,
     MASK_COLOUR,
     MODEL_COLOUR,
     PAPER,
     RIGHT_COLOUR,
+    SIGMA_COLOUR,
     Window,
     draw_view,
     write_text,
@@ -160,9 +160,18 @@ def show_subject(
     views = body.views(0, images or nothing, masks or nothing, crops)
     for name, view in zip(rig.names, views, strict=True):
         write_text(view, name, (6, 6), size=0.4)
-    canvas, _ = _tiled([views[first : first + _STILL_COLUMNS] for first in range(0, len(views), _STILL_COLUMNS)])
-    write_text(canvas, subject.body.name, (6, 9))
+    columns = math.ceil(len(views) / math.ceil(len(views) / _STILL_COLUMNS))  # rows as long as each other, or nearly
+    canvas, _ = _tiled([views[first : first + columns] for first in range(0, len(views), columns)])
+    write_text(canvas, _title(subject), (6, 9))
     write_png(sheet, canvas)
+
+
+def _title(subject: Subject) -> str:
+    """What is drawn, and how tall a fit made it."""
+    height, sigma = (subject.provenance.get(key) for key in ("body.height", "body.height.sigma"))
+    if height is None or sigma is None:
+        return subject.body.name
+    return f"{subject.body.name}   {float(height):.2f} +- {float(sigma):.2f} m tall"
 
 
 def _rig_around(subject: Subject) -> CameraRig:
@@ -317,7 +326,7 @@ def _video_frame(result: Result, run: int, frame: int, views: list[np.ndarray], 
     )
     legend = {"mask": MASK_COLOUR, "model": MODEL_COLOUR, "left": LEFT_COLOUR, "right": RIGHT_COLOUR}
     if result.joint_sigma is not None:
-        legend["ellipse: 2 sigma"] = INK
+        legend["ellipse: 2 sigma"] = SIGMA_COLOUR
     for name, colour in legend.items():
         end = write_text(canvas, name, (end + 18, 9), colour)
     height, width = canvas.shape[:2]

@@ -114,6 +114,7 @@ class Worker:
             evaluations += answers[-1].evaluations * config.runs
             if pace.due():
                 yield Advance("search", len(answers), total, evaluations)
+        del tracker  # smoothing counts on its memory
         tracked = collect(clip.subject, clip.rig, clip.fps, config, answers)
         if config.acceleration:
             tracked = smoothed(tracked, config, self._observations)

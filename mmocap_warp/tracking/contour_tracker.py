@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import warp as wp
@@ -23,6 +22,7 @@ from mmocap_warp.body.model import Subject
 from mmocap_warp.body.rotations import transposed, zyx_angles, zyx_rotation
 from mmocap_warp.body.shape_space import heading_rotation, upright_base
 from mmocap_warp.body.skeleton import ROOT_ANGLES
+from mmocap_warp.device import resolve_device
 from mmocap_warp.result.result import STATUS, FrameAnswer
 from mmocap_warp.tracking.algorithms import ALGORITHMS, CONTOUR_TRACKERS
 from mmocap_warp.tracking.config import TrackConfig
@@ -97,7 +97,8 @@ class ContourTracker:
 
     Attributes:
         device: the Warp device.
-        particles: the most candidates of a run at a time.
+        search: what finds starts for the contours; None where there is no search.
+        starts: poses of a run that are fitted at a time.
 
     Raises:
         ValueError: the body has no model with so many degrees of freedom, or its tracking mesh is not closed.
@@ -109,22 +110,26 @@ class ContourTracker:
         self.config = config
         self._subject, self._rig = subject, rig
         self._runs = runs = config.runs if runs is None else runs
-        self._search = PoseSearch(
-            subject,
-            rig,
-            config,
-            algorithm=ALGORITHMS[CONTOUR_TRACKERS.get(config.algorithm, config.algorithm) or "h-cmaes"],
-            evaluations=max(config.budget, 1),
-            radii=config.radii(fps),
-            runs=runs,
+        self.device = resolve_device(config.device)
+        searched_by = config.algorithm if config.polish else CONTOUR_TRACKERS[config.algorithm]
+        self.search = (
+            None
+            if searched_by is None
+            else PoseSearch(
+                subject,
+                rig,
+                config,
+                algorithm=ALGORITHMS[searched_by],
+                evaluations=config.budget,
+                radii=config.radii(fps),
+                runs=runs,
+            )
         )
-        self.device = self._search.device
         self._limits = search_limits(subject, config)
         skeleton = subject.body.skeleton
         by_part = skeleton.searched_by_part(config.dof).values()
         self._parts = [index[index >= ROOT_ANGLES.stop] for index in by_part if (index >= ROOT_ANGLES.stop).any()]
-        starts = _SCATTER if config.algorithm == "search-contour" else _STARTS
-        self.particles = max(starts, self._search.particles)
+        self.starts = starts = _SCATTER if config.algorithm == "search-contour" else _STARTS
         self._fitter = make_fitter(subject, rig, config, starts * runs)
         self._judge = make_objective(subject, rig, config, starts * runs)
         self._root_frame = RootFrame(subject, self._limits, starts * runs, self.device)
@@ -135,11 +140,6 @@ class ContourTracker:
         self._lost = np.zeros((runs, 1), np.float32)
 
     @property
-    def candidate_arrays(self) -> list[wp.array[Any]]:
-        """The arrays that have a row for every candidate; all others that depend on the runs have one for each run."""
-        return self._search.objective.candidate_arrays
-
-    @property
     def state(self) -> tuple[np.ndarray, ...]:
         """All that the next frame depends on.
 
@@ -147,18 +147,22 @@ class ContourTracker:
         running level is taken over (run, frame), zero before there were any, and how many frames in a row are lost
         (run, 1), float32, and the exposed outlines of those frames (run, frame); then what the search remembers.
         """
-        carried = self._pose, self._search.counter.numpy(), self._before, self._level, self._lost, self._outside
-        return tuple(array.copy() for array in (*carried, *(each.numpy() for each in self._search.memory)))
+        search = self.search
+        counter = search.counter.numpy() if search else np.zeros(self._runs, np.int32)
+        memory = [each.numpy() for each in search.memory] if search else []
+        carried = self._pose, counter, self._before, self._level, self._lost, self._outside
+        return tuple(array.copy() for array in (*carried, *memory))
 
     @state.setter
     def state(self, value: tuple[np.ndarray, ...]) -> None:
         pose, counter, *memory = value
         self._pose = pose.copy()
-        self._search.counter.assign(counter)
         kept = memory or (pose, *(np.zeros_like(each) for each in (self._level, self._lost, self._outside)))
         self._before, self._level, self._lost, self._outside = (each.copy() for each in kept[:4])
-        for array, values in zip(self._search.memory, kept[4:], strict=False):
-            array.assign(values)
+        if self.search:
+            self.search.counter.assign(counter)
+            for array, values in zip(self.search.memory, kept[4:], strict=False):
+                array.assign(values)
 
     def step(self, observation: Observation) -> FrameAnswer:
         """Find the pose of the next frame. Without any foreground the frame is lost and the pose is carried over."""
@@ -167,9 +171,10 @@ class ContourTracker:
         started = time.perf_counter()
         self._fitter.observe(0, observation)
         self._judge.observe(observation)
-        if self.config.polish:
-            found = self._best_fit(self._search_starts(np.ones(self._runs, bool), observation), observation, _LONG)
-            evaluations, rescued = self._search.evaluations, np.zeros(self._runs, bool)
+        if self.search and self.config.polish:
+            starts = self._search_starts(self.search, np.ones(self._runs, bool), observation)
+            found = self._best_fit(starts, observation, _LONG)
+            evaluations, rescued = self.search.evaluations, np.zeros(self._runs, bool)
         else:
             found, evaluations, rescued = self._follow(observation)
         lost = self._level_known & self._falls_short(found, _LOST_FALL, _LOST_EXPOSED)
@@ -185,21 +190,22 @@ class ContourTracker:
         predicted = self._pose + np.float32(_DAMPED) * (self._pose - self._before)
         found = self._best_fit(np.stack([self._pose, self._within(predicted)], axis=1), observation, _STEPS)
         evaluations, rescued = 0, np.zeros(self._runs, bool)
-        if self.config.algorithm != "search-contour":
+        search = self.search
+        if search is None:
             return found, evaluations, rescued
         wanted = self._falls_short(found)
         if wanted.any():
-            evaluations = self._search.evaluations
-            found, _ = self._improved(found, wanted, self._search_starts(wanted, observation), observation)
+            evaluations = search.evaluations
+            found, _ = self._improved(found, wanted, self._search_starts(search, wanted, observation), observation)
         wanted = self._falls_short(found)
         if wanted.any():
             before = found.overlap
-            found, better = self._improved(found, wanted, self._scattered(found.pose), observation)
+            found, better = self._improved(found, wanted, self._scattered(search, found.pose), observation)
             rescued = better & self._level_known & (found.overlap > before + _FALL)
         wanted = self._falls_short(found) & (self._lost[:, 0] >= _PATIENCE)
         if wanted.any():
             found, anew = self._improved(found, wanted, self._standing(observation), observation)
-            found, more = self._improved(found, anew, self._scattered(found.pose), observation)
+            found, more = self._improved(found, anew, self._scattered(search, found.pose), observation)
             rescued = rescued | anew | more
         return found, evaluations, rescued
 
@@ -244,12 +250,11 @@ class ContourTracker:
         better = wanted & (other.overlap > found.overlap + _BETTER)
         return found.or_better(other, better), better
 
-    def _search_starts(self, wanted: np.ndarray, observation: Observation) -> np.ndarray:
+    def _search_starts(self, search: PoseSearch, wanted: np.ndarray, observation: Observation) -> np.ndarray:
         """What searches from the last poses find, (run, 1, coordinate).
 
         Runs (run,) that want nothing keep their random numbers, so that each is as it would be alone.
         """
-        search = self._search
         search.observe(observation)
         counter = search.counter.numpy().copy()
         search.best_pose.assign(self._pose)
@@ -258,10 +263,10 @@ class ContourTracker:
         starts: np.ndarray = search.best_pose.numpy()[:, None].copy()
         return starts
 
-    def _scattered(self, pose: np.ndarray) -> np.ndarray:
+    def _scattered(self, search: PoseSearch, pose: np.ndarray) -> np.ndarray:
         """Poses (run, start, coordinate) around some (run, coordinate), each with one part of the body thrown about."""
         starts = np.repeat(pose[:, None], _SCATTER, axis=1)
-        counter = self._search.counter.numpy()
+        counter = search.counter.numpy()
         for run, of_run in enumerate(starts):
             rng = np.random.default_rng([self.config.seed + run, int(counter[run])])
             for number, start in enumerate(of_run):

@@ -25,7 +25,13 @@ SmoothReport = Callable[[int], None]
 """Called with the number of frames that are final."""
 
 _LOST, _INTERPOLATED = STATUS.index("lost"), STATUS.index("interpolated")
-_CANDIDATES = 32  # poses that are linearised at a time
+CANDIDATES = 32
+"""Poses that are linearised at a time."""
+
+
+def window_of(fps: float) -> int:
+    """Frames that are solved together, and whose masks are held."""
+    return max(1, round(WINDOW * fps))
 
 
 def smoothed(
@@ -89,8 +95,8 @@ class _Masks:
         subject = raw.subject
         self.searched = subject.body.skeleton.searched(config.dof)
         self.limits = search_limits(subject, config)
-        self._places = max(1, min(round(WINDOW * raw.fps), len(raw.frame_numbers)))
-        candidates = min(_CANDIDATES, self._places)
+        self._places = min(window_of(raw.fps), len(raw.frame_numbers))
+        candidates = min(CANDIDATES, self._places)
         self._fitter = make_fitter(subject, raw.cameras, config, candidates, frames=self._places)
         space = RestSpace(subject.body)
         vertex, self.joint_change = space.basis(np.zeros(len(space.names)), subject.body.tracking_vertex)

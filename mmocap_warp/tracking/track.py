@@ -169,5 +169,6 @@ def track_observations(
             kept.append(observation)
         if progress:
             progress(number, answers[-1])
+    del tracker  # smoothing counts on its memory
     result = collect(subject, rig, fps, config, answers)
     return smoothed(result, config, kept) if config.acceleration else result

@@ -29,7 +29,7 @@ class Tracker:
 
     Attributes:
         device: the Warp device.
-        particles: the most candidates of a run at a time.
+        search: what finds each frame's poses.
 
     Raises:
         ValueError: the body has no model with so many degrees of freedom.
@@ -40,7 +40,7 @@ class Tracker:
     ) -> None:
         self.config = config
         self._runs = config.runs if runs is None else runs
-        self._search = PoseSearch(
+        self.search = PoseSearch(
             subject,
             rig,
             config,
@@ -49,13 +49,8 @@ class Tracker:
             radii=config.radii(fps),
             runs=self._runs,
         )
-        self.device, self.particles = self._search.device, self._search.particles
-        self._search.best_pose.assign(np.repeat(subject.pose[None].astype(np.float32), self._runs, axis=0))
-
-    @property
-    def candidate_arrays(self) -> list[wp.array[Any]]:
-        """The arrays that have a row for every candidate; all others that depend on the runs have one for each run."""
-        return self._search.objective.candidate_arrays
+        self.device = self.search.device
+        self.search.best_pose.assign(np.repeat(subject.pose[None].astype(np.float32), self._runs, axis=0))
 
     @property
     def state(self) -> tuple[np.ndarray, ...]:
@@ -69,7 +64,7 @@ class Tracker:
     @state.setter
     def state(self, value: tuple[np.ndarray, ...]) -> None:
         pose, counter, *memory = value
-        for array in self._search.memory:
+        for array in self.search.memory:
             array.zero_()
         for array, values in zip(self._carried, (pose, counter, *memory), strict=False):
             array.assign(values)
@@ -77,13 +72,13 @@ class Tracker:
     @property
     def _carried(self) -> list[wp.array[Any]]:
         """The arrays of :attr:`state`."""
-        return [self._search.best_pose, self._search.counter, *self._search.memory]
+        return [self.search.best_pose, self.search.counter, *self.search.memory]
 
     def step(self, observation: Observation) -> FrameAnswer:
         """Find the pose of the next frame. Without any foreground the frame is lost and the pose is carried over."""
         if not observation.foreground.any():
-            return lost_frame(self._search.best_pose.numpy().copy(), observation)
-        search = self._search
+            return lost_frame(self.search.best_pose.numpy().copy(), observation)
+        search = self.search
         search.observe(observation)
         started = time.perf_counter()
         search.run()

@@ -259,3 +259,23 @@ def test_demo_checks_itself_and_writes_all_it_names(most, code, scene, tmp_path,
     assert all(report[key] is not None for key in (*PROMISED, *PROMISED_WITH_TRUTH))
     assert sorted(os.listdir(tmp_path / "out")) == ["walk-error.svg", "walk.png", "walk.usdc", "walk.webm"]
     assert all(Path(report[name]).is_file() for name in ("result", "overlay", "sheet", "plot"))
+
+
+def test_demo_puts_the_papers_tracker_beside_it(scene, tmp_path, monkeypatch, capsys):
+    shipped = tmp_path / "scenes"
+    shipped.mkdir()
+    (shipped / "walk").symlink_to(scene.parent)
+    monkeypatch.setattr("mmocap_warp.scenes.ROOT", shipped)
+    assert cli.main(["demo", "-o", str(tmp_path / "out"), "--paper", "--quiet"]) in (
+        exit_codes.OK,
+        exit_codes.CHECK_FAILED,
+    )
+    told = capsys.readouterr().out
+    rows = [line.split() for line in told.splitlines() if line.startswith(("search-contour", "h-cmaes"))]
+    assert [row[0] for row in rows] == ["search-contour", "h-cmaes"]
+    own, papers = (read_result(tmp_path / "out" / f"{name}.usdc") for name in ("walk", "walk-h-cmaes"))
+    assert (own.config["algorithm"], papers.config["algorithm"]) == ("search-contour", "h-cmaes")
+    np.testing.assert_array_equal(own.subject.pose, papers.subject.pose)
+    drawn = {"walk-h-cmaes-error.svg", "walk-h-cmaes.png", "walk-h-cmaes.usdc", "walk-h-cmaes.webm"}
+    assert drawn <= set(os.listdir(tmp_path / "out"))
+    assert all(str(tmp_path / "out" / name) in told for name in drawn)

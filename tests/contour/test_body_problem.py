@@ -105,3 +105,20 @@ def test_the_cost_does_not_rise_from_a_bad_start(true_poses):
     found = solution.cost.sum() + 0.5 * ((solution.beta / SIGMA) ** 2).sum()
     assert found == min(costs)
     assert len(costs) == 6
+
+
+def test_no_parameter_moves_further_in_a_step_than_three_of_its_own_deviations(true_poses):
+    seen = []
+
+    class Watched(PlantedBody):
+        def __call__(self, frames, rooted, beta):
+            seen.append(beta)
+            return super().__call__(frames, rooted, beta)
+
+    sigma = np.array([0.02, 1.0, 1.0, 0.5])
+    problem = BodyProblem(Watched(true_poses), ROOTING, np.zeros(PARAMETERS), sigma)
+    solution = problem.solved(FRAMES, true_poses, np.zeros(PARAMETERS))
+    moved = np.abs(np.diff(seen, axis=0)).max(axis=0)
+    assert moved[0] == pytest.approx(0.06)
+    assert moved[1] > 0.4
+    np.testing.assert_allclose(solution.beta[:3], TRUTH[:3], atol=0.03)  # which is 20 deviations from the generic one

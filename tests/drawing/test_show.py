@@ -12,11 +12,12 @@ from mmocap_warp.drawing.overlay import (
     MODEL_COLOUR,
     PAPER,
     RIGHT_COLOUR,
+    SIGMA_COLOUR,
     Window,
     draw_view,
     write_text,
 )
-from mmocap_warp.drawing.show import overlay, show
+from mmocap_warp.drawing.show import overlay, show, show_subject
 from mmocap_warp.errors import InputError
 from mmocap_warp.foreground.settings import ForegroundSettings
 from mmocap_warp.views.rig import project
@@ -139,10 +140,10 @@ def test_a_view_shows_skin_contours_and_skeleton():
 def test_a_joint_that_is_unsure_has_a_wide_ellipse():
     result = small_result(frames=1, cameras=1)
     sigma = np.zeros((1, 1, len(result.subject.body.skeleton.joints), 3))
+    sigma[0, 0, 0] = np.nan
     sure = overlay(replace(result, joint_sigma=sigma))
     joint = result.subject.body.skeleton.joints.index("LWrist")
     sigma[0, 0, joint, 1] = 0.1  # up and down
-    sigma[0, 0, 0] = np.nan
     unsure = overlay(replace(result, joint_sigma=sigma))
     rows, columns = np.nonzero((sure != unsure).any(axis=2))
     (place,) = project(result.cameras, result.joints()[0, 0, joint][None])[0]
@@ -152,6 +153,34 @@ def test_a_joint_that_is_unsure_has_a_wide_ellipse():
     assert rows.max() - rows.min() == pytest.approx(abs(high[1] - low[1]), abs=3)
     assert columns.max() - columns.min() < 6
     assert (rows.max() + rows.min()) / 2 == pytest.approx(place[1], abs=2)
+
+
+def test_an_ellipse_that_is_smaller_than_a_joints_dot_is_seen():
+    result = replace(small_result(frames=1, cameras=1), cameras=ring_rig(1, size=(640, 480)))
+    sigma = np.full((1, 1, len(result.subject.body.skeleton.joints), 3), 0.003)
+    with_ellipses, without = (
+        np.abs(overlay(each)[:, :, ::-1].astype(int) - SIGMA_COLOUR).sum(axis=2)
+        for each in (replace(result, joint_sigma=sigma), result)
+    )
+    for x, y in np.rint(project(result.cameras, result.joints()[0, 0])[0]).astype(int):
+        around = slice(y - 2, y + 3), slice(x - 2, x + 3)
+        assert with_ellipses[around].min() < without[around].min() - 50
+
+
+def test_a_subjects_picture_has_rows_of_a_length_and_says_how_tall_a_fit_is(tmp_path):
+    result = small_result(frames=1, cameras=5)
+    fitted = replace(result.subject, provenance={"body.height": 1.7, "body.height.sigma": 0.01})
+    drawn = []
+    for name, subject in (("given", result.subject), ("fitted", fitted)):
+        show_subject(subject, tmp_path / f"{name}.png", result.cameras)
+        drawn.append(cv2.imread(str(tmp_path / f"{name}.png")))
+    height, width = drawn[0].shape[:2]
+    second = drawn[0][height // 2 :]  # two of five, below three
+    assert (np.abs(second[:, width // 3 : 2 * width // 3].astype(int) - MODEL_COLOUR).max(axis=2) < 60).any()
+    assert (second[:, 2 * width // 3 + 10 :] == PAPER).all()
+    changed = np.nonzero((drawn[0] != drawn[1]).any(axis=2))[0]
+    assert len(changed)
+    assert changed.max() < 30
 
 
 def test_text_may_touch_the_border():

@@ -41,7 +41,7 @@ def assert_same_bits(some: list[np.ndarray], others: list[np.ndarray]) -> None:
 
 
 def never_hold(tracker: Tracker) -> None:
-    tracker._search.objective.hold = lambda base, index: None
+    tracker.search.objective.hold = lambda base, index: None
 
 
 @pytest.mark.parametrize("algorithm", HIERARCHICAL)
@@ -68,7 +68,7 @@ def test_threads_do_not_change_the_answer(renderer):
 
 def calls_of(tracker: Tracker) -> list[tuple]:
     """What the objective is told from now on: parts held with their bases, candidates judged, and parts released."""
-    calls, objective = [], tracker._search.objective
+    calls, objective = [], tracker.search.objective
     hold, evaluate, release = objective.hold, objective.evaluate, objective.release
 
     def held(base: wp.array, index: np.ndarray) -> None:
@@ -92,7 +92,7 @@ def test_parts_are_held_one_after_the_other_at_the_best_so_far(device, algorithm
     tracker = Tracker(synthetic_subject(), RIG, TrackConfig(algorithm, evaluations=100, device=device), FPS)
     tracker.step(motion(device)[1][0])
     start = tracker.state[0]
-    tracker._search._search._replays = False
+    tracker.search._search._replays = False
     calls = calls_of(tracker)
     answer = tracker.step(motion(device)[1][1])
     parts = [part.index for part in strategy(SKELETON, 39)]

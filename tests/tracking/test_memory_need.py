@@ -19,10 +19,13 @@ from mmocap_warp.optimizers.annealed_filter import AnnealedFilter
 from mmocap_warp.optimizers.cma_es import CmaEs
 from mmocap_warp.optimizers.de import De
 from mmocap_warp.optimizers.pso import Pso
+from mmocap_warp.tracking import smoothing
 from mmocap_warp.tracking.algorithms import ALGORITHMS
 from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.memory_need import arrays_of, fitting_tracker, memory_need
-from mmocap_warp.tracking.track import track_observations
+from mmocap_warp.tracking.pose_search import PoseSearch
+from mmocap_warp.tracking.track import collect, track_observations
 from mmocap_warp.tracking.tracker import Tracker
 
 MB = 10**6
@@ -38,7 +41,7 @@ def check_fits(config: TrackConfig) -> None:
 
 
 def need(config: TrackConfig) -> int:
-    return memory_need(synthetic_subject(), RIG, config, FPS).of(config.runs)
+    return max(step.of(config.runs) for step in memory_need(synthetic_subject(), RIG, config, FPS))
 
 
 def array_bytes(owner: object) -> int:
@@ -63,6 +66,34 @@ def nothing_is_built(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_need_is_what_a_search_holds(algorithm, runs, evaluations, renderer, device):
     config = TrackConfig(algorithm, device=device, runs=runs, evaluations=evaluations, renderer=renderer)
     assert need(config) == array_bytes(build(config))
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [{"algorithm": "search-contour"}, {"algorithm": "contour"}, {"algorithm": "h-de", "polish": True}],
+    ids=str,
+)
+@pytest.mark.parametrize("runs", [1, 3])
+def test_the_need_of_contours_is_what_tracking_and_smoothing_hold(settings, runs, device, monkeypatch):
+    """But for masks that are larger than those of the subject's first pose."""
+    held: list[object] = []
+    for part in (smoothing._Masks, smoothing._Judge):
+        init = part.__init__
+        monkeypatch.setattr(part, "__init__", lambda self, *of, init=init: (held.append(self), init(self, *of))[1])
+    _, seen = motion(device)
+    fps = len(seen) / smoothing.WINDOW  # so that they are a window
+    config = TrackConfig(device=device, runs=runs, **settings)
+    tracker = ContourTracker(synthetic_subject(), RIG, config, fps)
+    answers = [tracker.step(each) for each in seen]
+    smoothing.smoothed(collect(synthetic_subject(), RIG, fps, config, answers), config, seen)
+    told = [step.of(runs) for step in memory_need(synthetic_subject(), RIG, config, fps)]
+    assert told == pytest.approx([array_bytes(tracker), array_bytes(held)], rel=0.25)
+
+
+def test_contours_without_a_search_hold_none():
+    tracker = ContourTracker(synthetic_subject(), RIG, TrackConfig("contour", device="cpu"), FPS)
+    assert tracker.search is None
+    assert not [each for each in vars(tracker).values() if isinstance(each, PoseSearch)]
 
 
 def test_finding_the_need_takes_next_to_nothing():
@@ -90,7 +121,7 @@ def test_the_arrays_of_structs_are_counted(optimizer):
 
 def test_an_array_is_counted_once_however_often_it_is_held():
     tracker = build(TrackConfig("h-cmaes", device="cpu", runs=2))
-    tracker.again = [tracker._search.counter, {"counter": tracker._search.counter}]
+    tracker.again = [tracker.search.counter, {"counter": tracker.search.counter}]
     assert array_bytes(tracker) == array_bytes(build(TrackConfig("h-cmaes", device="cpu", runs=2)))
 
 
@@ -101,8 +132,9 @@ def test_an_array_is_counted_once_however_often_it_is_held():
         ({"runs": 10**6, "algorithm": "psapf"}, "runs"),
         ({"evaluations": 10**9, "algorithm": "apf"}, "evaluations"),
         ({"evaluations": 10**6, "runs": 20, "algorithm": "apf"}, "evaluations"),
+        ({"runs": 10**6, "algorithm": "search-contour"}, "runs"),
     ],
-    ids=["runs", "runs of a filter", "budget", "budget of runs"],
+    ids=["runs", "runs of a filter", "budget", "budget of runs", "runs of contours"],
 )
 def test_what_does_not_fit_is_refused_and_what_fits_is_told(settings, told, monkeypatch, nothing_is_built):
     monkeypatch.setattr(FREE_MEMORY, lambda device: 200 * MB)
@@ -141,3 +173,23 @@ def test_tracking_refuses_what_does_not_fit():
     _, seen = motion("cpu")
     with pytest.raises(InputError, match=r"the most that fits is runs = \d+$"):
         track_observations(synthetic_subject(), RIG, seen, FPS, TrackConfig("h-cmaes", device="cpu", runs=10**8))
+
+
+@pytest.mark.parametrize(
+    ("settings", "user"),
+    [
+        ({"algorithm": "contour"}, "contour"),
+        ({"algorithm": "h-de", "polish": True}, "polish"),
+        ({"algorithm": "h-de", "smooth": 10.8}, "smooth"),
+    ],
+)
+def test_an_open_mesh_is_refused_before_any_frame_is_tracked(settings, user):
+    subject = synthetic_subject()
+    subject = replace(subject, body=replace(subject.body, tracking_face=subject.body.tracking_face[1:]))
+    _, seen = motion("cpu")
+    tracked: list[int] = []
+    config = TrackConfig(device="cpu", evaluations=50, **settings)
+    with pytest.raises(InputError, match=f"^{subject.body.name}: .* not closed, which {user} needs; close the mesh"):
+        track_observations(subject, RIG, seen[:2], FPS, config, progress=lambda frame, answer: tracked.append(frame))
+    assert not tracked
+    track_observations(subject, RIG, seen[:2], FPS, TrackConfig("h-de", device="cpu", evaluations=50))

@@ -44,11 +44,11 @@ def test_a_frames_search_reads_nothing_back(device, no_readback, monkeypatch, al
     tracker, calls = tracker_of(algorithm, device, runs=2)
     _truth, seen = motion(device)
     tracker.step(seen[0])
-    tracker._search.objective.observe(seen[-1])
+    tracker.search.objective.observe(seen[-1])
     before = tracker.state[0]
     calls.clear()
     no_readback()
-    tracker._search._search._run()
+    tracker.search._search._run()
     monkeypatch.undo()
     assert 450 <= sum(calls) / 2 <= 500
     assert not np.array_equal(tracker.state[0], before)
@@ -60,10 +60,10 @@ def test_a_captured_frame_replays_to_the_same_bits(device, algorithm):
     if device == "cpu":
         pytest.skip("graphs are captured on CUDA devices only")
     replayed, launched = (tracker_of(algorithm, device, runs=2)[0] for _ in range(2))
-    launched._search._search._replays = False
+    launched.search._search._replays = False
     _truth, seen = motion(device)
     for frame, observation in enumerate(seen[:4]):
         again, once = replayed.step(observation), launched.step(observation)
         np.testing.assert_array_equal(again.pose, once.pose, err_msg=f"frame {frame}")
         np.testing.assert_array_equal(again.cost, once.cost, err_msg=f"frame {frame}")
-    assert replayed._search._search._graph is not None
+    assert replayed.search._search._graph is not None

@@ -58,13 +58,13 @@ def tracker_of(device="cpu", subject=None, **settings):
 
 def count_evaluations(tracker):
     """The list of how many candidates each later call of the objective judges."""
-    calls, evaluate = [], tracker._search.objective.evaluate
+    calls, evaluate = [], tracker.search.objective.evaluate
 
     def counted(candidates):
         calls.append(candidates)
         return evaluate(candidates)
 
-    tracker._search.objective.evaluate = counted
+    tracker.search.objective.evaluate = counted
     return calls
 
 

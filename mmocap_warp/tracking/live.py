@@ -1,0 +1,153 @@
+"""Tracking while frames still come: poses are final a few frames after they were seen, and nothing older is kept."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from mmocap_warp.body.model import Subject
+from mmocap_warp.body.posing import Poser
+from mmocap_warp.body.skeleton import ROOT_ANGLES
+from mmocap_warp.contour.clip import ClipProblem
+from mmocap_warp.contour.fixed_lag import LAG, FixedLag
+from mmocap_warp.contour.motion_points import MotionPoints
+from mmocap_warp.contour.normal_equations import NormalEquations
+from mmocap_warp.contour.rooted import RootedPoses, Rooting
+from mmocap_warp.result.result import STATUS, FrameAnswer
+from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.tracking.from_settings import make_fitter, search_limits
+from mmocap_warp.tracking.memory_need import fitting_tracker
+from mmocap_warp.views.observation import Observation
+from mmocap_warp.views.rig import CameraRig
+
+_LOST, _INTERPOLATED = STATUS.index("lost"), STATUS.index("interpolated")
+
+
+@dataclass(frozen=True, eq=False)
+class LiveFrame:
+    """A frame's final answer.
+
+    Attributes:
+        number: of the frame, from 0.
+        pose: (run, coordinate) float64, smoothed with the frames around it [m, rad].
+        raw_pose: likewise, as it was tracked.
+        joints: (run, joint, 3) float64, joint centres of ``pose`` in the world [m].
+        iou: (run, camera) float64, overlap of ``raw_pose`` with the masks; NaN for a lost view.
+        status: a name of ``STATUS`` for each run. A frame that was lost is ``interpolated`` if the body is seen both
+            before and within the lag, and stays ``lost`` otherwise: its pose is where the motion led.
+    """
+
+    number: int
+    pose: np.ndarray
+    raw_pose: np.ndarray
+    joints: np.ndarray
+    iou: np.ndarray
+    status: tuple[str, ...]
+
+
+def track_live(
+    subject: Subject,
+    cameras: CameraRig,
+    masks: Iterable[Sequence[np.ndarray]],
+    fps: float,
+    config: TrackConfig | None = None,
+    **settings: Any,
+) -> Iterator[LiveFrame]:
+    """Track frames as they come, and give each as soon as it is final: at most nine frames after it was taken in.
+
+    Ten frames are solved together whenever they are there, and the first four of them are final. No more than these
+    are held, however long it runs. When ``masks`` ends, the frames that are left follow.
+
+    Args:
+        subject: the body, and the pose to start from.
+        cameras: undistorted, at the masks' size: ``scene.rig(scale)``.
+        masks: of each frame, a (height, width) bool mask of each camera.
+        fps: frames a second.
+        config: settings; None for the defaults.
+        settings: fields of :class:`TrackConfig` to replace those of ``config``.
+
+    Raises:
+        ValueError, TypeError: a setting that cannot be, or is none; or ``smooth`` is 0.
+        InputError: more than fits into the device's memory, or the tracking mesh is not closed.
+    """
+    config = replace(config or TrackConfig(), **settings)
+    if not config.acceleration:
+        raise ValueError(f"smooth must be more than 0 to track live, {config.algorithm} has {config.acceleration}")
+    tracker = fitting_tracker(subject, cameras, config, fps)
+    window = _Window(subject, cameras, config, fps)
+    for each in masks:
+        observation = Observation.from_masks(list(each))
+        yield from window.add(observation, tracker.step(observation))
+    yield from window.rest()
+
+
+class _Window:
+    """The frames that are not final yet."""
+
+    def __init__(self, subject: Subject, cameras: CameraRig, config: TrackConfig, fps: float) -> None:
+        skeleton = subject.body.skeleton
+        searched, limits = skeleton.searched(config.dof), search_limits(subject, config)
+        rooting = Rooting(skeleton, subject.root_base, searched, limits)
+        points = MotionPoints(skeleton, subject.body.joint_rest, searched)
+        self._fitter = make_fitter(subject, cameras, config, LAG, frames=LAG)
+        self._poser = Poser(subject.body, subject.root_base)
+        self._answers: list[FrameAnswer] = []
+        self._first = 0  # number of the first of these
+        self._found_before = np.zeros(config.runs, bool)
+        self._rooting = rooting
+        self._last = np.tile(subject.pose[ROOT_ANGLES], (config.runs, 1))
+
+        def problem(run: int) -> ClipProblem:
+            return ClipProblem(lambda frames, rooted: self._linearise(run, frames, rooted), rooting, points, fps)
+
+        self._lags = [FixedLag(problem(run), config.acceleration) for run in range(config.runs)]
+
+    def add(self, observation: Observation, answer: FrameAnswer) -> Iterator[LiveFrame]:
+        """Take the next frame in; the frames that are final now."""
+        self._fitter.observe((self._first + len(self._answers)) % LAG, observation)
+        self._answers.append(answer)
+        solved = [lag.add(self._rooting.enter(pose[None])) for lag, pose in zip(self._lags, answer.pose, strict=True)]
+        yield from self._final([each.rooted for each in solved if each is not None])
+
+    def rest(self) -> Iterator[LiveFrame]:
+        """The last frames."""
+        yield from self._final([each.rooted for each in (lag.rest() for lag in self._lags) if each is not None])
+
+    def _linearise(self, run: int, frames: np.ndarray, rooted: RootedPoses) -> NormalEquations:
+        """What the contours say; nothing about frames that were lost."""
+        contour = self._fitter.linearise(frames % LAG, rooted)
+        seen = np.array([self._found(self._answers[frame - self._first])[run] for frame in frames])
+        return NormalEquations(
+            contour.matrix * seen[:, None, None], contour.gradient * seen[:, None], contour.cost * seen
+        )
+
+    def _found(self, answer: FrameAnswer) -> np.ndarray:
+        """(run,) bool"""
+        found: np.ndarray = np.broadcast_to(answer.status, len(self._lags)) != _LOST
+        return found
+
+    def _final(self, solved: list[RootedPoses]) -> Iterator[LiveFrame]:
+        """The first frames, of which each run's poses are solved."""
+        if not solved:
+            return
+        poses = np.stack([self._rooting.leave(*each) for each in zip(solved, self._last, strict=True)])
+        self._last = poses[:, -1, ROOT_ANGLES]
+        found = np.array([self._found(answer) for answer in self._answers])
+        final = self._answers[: poses.shape[1]]
+        self._answers = self._answers[poses.shape[1] :]
+        for i, answer in enumerate(final):
+            between = ~found[i] & self._found_before & found[i:].any(axis=0)
+            self._found_before |= found[i]
+            status = np.where(between, _INTERPOLATED, answer.status)
+            yield LiveFrame(
+                number=self._first,
+                pose=poses[:, i],
+                raw_pose=answer.pose.astype(float),
+                joints=self._poser.joint_transforms(poses[:, i])[:, :, :3, 3].astype(float),
+                iou=answer.iou,
+                status=tuple(STATUS[each] for each in status),
+            )
+            self._first += 1

@@ -19,12 +19,15 @@ WORDS = 10240
 NUMBERS = 8
 """Counters that a block shares beside them."""
 
+VIEW_LANES = 1024
+"""Threads of a GPU that share a view's contour edges, in blocks that share nothing."""
+
 _MOST_BLOCKS = 8  # of a view: each projects the whole body
 
 
-def lanes_of(device: wp.Device) -> int:
-    """Lanes of a block on a device."""
-    return 1 if device.is_cpu else LANES
+def lanes_of(device: wp.Device, lanes: int = LANES) -> int:
+    """Lanes of a block on a device, as many as said on a GPU."""
+    return 1 if device.is_cpu else lanes
 
 
 def blocks_of(device: wp.Device, views: int) -> int:

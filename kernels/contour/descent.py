@@ -13,7 +13,16 @@ import math
 import warp as wp
 
 from mmocap_warp.kernels.batch import Batch
-from mmocap_warp.kernels.block import WORDS, lanes_of, matrix_at, shared_words, sync
+from mmocap_warp.kernels.block import (
+    WORDS,
+    LaneLayout,
+    lane_layout,
+    lanes_of,
+    matrix_at,
+    shared_words,
+    sync,
+    sync_warp,
+)
 from mmocap_warp.kernels.contour.normal_equations import Sums
 
 wp.set_module_options({"enable_backward": False})
@@ -24,6 +33,8 @@ MOST_SEARCHED = math.isqrt(WORDS) - 1
 _EASED = wp.constant(0.3)  # damping after a step that helped, as a share
 _RAISED = wp.constant(6.0)  # after one that did not
 _LEAST = wp.constant(1.0e-5)
+_TILE = wp.constant(16)  # columns of the matrix that a GPU's lanes have side by side
+_WARP = wp.constant(32)
 _LONGEST = wp.constant(0.3)  # of a step in any coordinate [m, rad]: beyond it the outline is another
 
 
@@ -45,20 +56,27 @@ class Descent:
 
 
 @wp.func
-def _pull_cost(descent: Descent, c: int) -> float:
-    cost = float(0.0)
-    for d in range(descent.index.shape[0]):
+def _pull_cost(descent: Descent, c: int, words: wp.array[wp.uint32], lane: int, lanes: int) -> float:
+    """Each lane reads coordinates of its own: one after the other they would be waited for one after the other."""
+    n = descent.index.shape[0]
+    factors = matrix_at(words, 0, 2, n)
+    for d in range(lane, n, lanes):
         i = descent.index[d]
         away = descent.pose[c, i] - descent.start[c, i]
-        cost += descent.pull[d] * away * away
+        factors[0, d] = descent.pull[d] * away
+        factors[1, d] = away
+    sync()
+    cost = float(0.0)
+    for d in range(n):
+        cost += factors[0, d] * factors[1, d]
     return cost
 
 
 @wp.func
-def _take_or_leave(sums: Sums, descent: Descent, c: int, lane: int, lanes: int) -> None:
+def _take_or_leave(sums: Sums, descent: Descent, c: int, words: wp.array[wp.uint32], lane: int, lanes: int) -> None:
     """Keep the pose that was judged if it costs less than the best one."""
     cameras = sums.tally.shape[1]
-    cost = _pull_cost(descent, c)
+    cost = _pull_cost(descent, c, words, lane, lanes)
     for k in range(cameras):
         cost += sums.tally[c, k][0]
     better = cost < descent.cost[c]
@@ -82,12 +100,14 @@ def _take_or_leave(sums: Sums, descent: Descent, c: int, lane: int, lanes: int) 
 
 
 @wp.func
-def _set_up(descent: Descent, c: int, system: wp.array2d[wp.float32], lane: int, lanes: int) -> None:
+def _set_up(
+    descent: Descent, c: int, system: wp.array2d[wp.float32], layout: LaneLayout, lane: int, lanes: int
+) -> None:
     """The damped matrix and the gradient below it, with the pull; coordinates that a limit stops are left out."""
     n = descent.index.shape[0]
-    for i in range(lane, n + 1, lanes):
+    for i in range(layout.row, n + 1, layout.row_step):
         row = wp.where(i < n, i, descent.gradient)
-        for j in range(wp.min(i + 1, n)):
+        for j in range(layout.column, wp.min(i + 1, n), layout.column_step):
             system[i, j] = descent.triangle[c, row * (row + 1) // 2 + j]
     sync()
     for i in range(lane, n, lanes):
@@ -100,8 +120,8 @@ def _set_up(descent: Descent, c: int, system: wp.array2d[wp.float32], lane: int,
         )
         system[i, n] = wp.where(stopped, 1.0, 0.0)
     sync()
-    for i in range(lane, n + 1, lanes):
-        for j in range(wp.min(i + 1, n)):
+    for i in range(layout.row, n + 1, layout.row_step):
+        for j in range(layout.column, wp.min(i + 1, n), layout.column_step):
             left_out = system[j, n] > 0.0
             if i < n:
                 left_out = left_out or system[i, n] > 0.0
@@ -111,32 +131,69 @@ def _set_up(descent: Descent, c: int, system: wp.array2d[wp.float32], lane: int,
 
 
 @wp.func
-def _factor(n: int, system: wp.array2d[wp.float32], lane: int, lanes: int) -> None:
-    """Cholesky's L in place of the matrix; the row below becomes ``L^-1`` times what it was."""
+def _factor_serially(n: int, system: wp.array2d[wp.float32]) -> None:
+    """Cholesky's L in place of the matrix; the row below becomes ``L^-1`` times what it was.
+
+    A column after the other is taken off all that is right of it, because compilers turn rows into vectors. The
+    diagonal goes into the last column.
+    """
     for p in range(n):
         pivot = wp.sqrt(wp.max(system[p, p], 1.0e-12))
-        sync()
-        for i in range(p + lane, n + 1, lanes):
-            system[i, p] = wp.where(i == p, pivot, system[i, p] / pivot)
-        sync()
-        for i in range(p + 1 + lane, n + 1, lanes):
+        system[p, n] = pivot
+        for i in range(p + 1, n + 1):
+            system[i, p] = system[i, p] / pivot
+        for i in range(p + 1, n + 1):
             factor = system[i, p]
             if factor != 0.0:
                 for j in range(p + 1, wp.min(i + 1, n)):
                     system[i, j] -= factor * system[j, p]
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return __fmul_rn(a, b);
+#else
+    return a * b;
+#endif
+""")
+def _product(a: float, b: float) -> float:
+    """Rounded before it is taken off anything, on a GPU as on the CPU."""
+    ...
+
+
+@wp.func
+def _factor_together(n: int, system: wp.array2d[wp.float32], lane: int, lanes: int) -> None:
+    """The same sums in the same order: all that is left of it is taken off a column, by a lane for each row.
+
+    To write each element as often as a column is taken off it took a GPU four times as long.
+    """
+    for p in range(n):
+        for i in range(p + lane, n + 1, lanes):
+            rest = system[i, p]
+            for q in range(p):
+                rest -= _product(system[i, q], system[p, q])
+            system[i, p] = rest
+        sync()
+        pivot = wp.sqrt(wp.max(system[p, p], 1.0e-12))
+        for i in range(p + 1 + lane, n + 1, lanes):
+            system[i, p] = system[i, p] / pivot
+        if lane == 0:
+            system[p, n] = pivot
         sync()
 
 
 @wp.func
 def _way_back(n: int, system: wp.array2d[wp.float32], lane: int, lanes: int) -> None:
-    """The row below becomes the solution."""
-    for back in range(n):
-        p = n - 1 - back
-        solved = system[n, p] / system[p, p]
-        sync()
-        for j in range(lane, p + 1, lanes):
-            system[n, j] = wp.where(j == p, solved, system[n, j] - solved * system[p, j])
-        sync()
+    """The row below becomes the solution; one warp does it, whose lanes need not wait for the whole block."""
+    if lane < _WARP:
+        for back in range(n):
+            p = n - 1 - back
+            solved = system[n, p] / system[p, n]
+            sync_warp()
+            for j in range(lane, p + 1, wp.min(lanes, _WARP)):
+                system[n, j] = wp.where(j == p, solved, system[n, j] - solved * system[p, j])
+            sync_warp()
+    sync()
 
 
 @wp.kernel
@@ -150,13 +207,18 @@ def _descend(
 ) -> None:
     own, lane = wp.tid()
     c = batch.first + own
-    _take_or_leave(sums, descent, c, lane, lanes)
+    words = shared_words(batch.scratch)
+    _take_or_leave(sums, descent, c, words, lane, lanes)
     sync()
     if steps:
         n = descent.index.shape[0]
-        system = matrix_at(shared_words(batch.scratch), 0, n + 1, n + 1)
-        _set_up(descent, c, system, lane, lanes)
-        _factor(n, system, lane, lanes)
+        system = matrix_at(words, 0, n + 1, n + 1 + n % 2)  # an odd length of rows puts a column into all banks
+        layout = lane_layout(lane, lanes, _TILE)
+        _set_up(descent, c, system, layout, lane, lanes)
+        if lanes == 1:
+            _factor_serially(n, system)
+        else:
+            _factor_together(n, system, lane, lanes)
         _way_back(n, system, lane, lanes)
         longest = float(0.0)
         for i in range(n):

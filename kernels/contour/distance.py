@@ -126,12 +126,60 @@ def pixels_of(width: np.ndarray, height: np.ndarray) -> np.ndarray:
 
 
 @wp.func
+def _pixels_of(box: wp.vec4i) -> int:
+    """See :func:`pixels_of`."""
+    return wp.where(box[2] > 0, (box[2] + 2 * _RIM) * (box[3] + 2 * _RIM), 0)
+
+
+@wp.kernel
+def _place_boxes(
+    masks: Masks,
+    found: wp.array2d[wp.vec4i],  # (frame, camera)
+    foreground: wp.array2d[wp.int32],  # (frame, camera) pixels
+    fewest: int,
+    room: int,
+    # out
+    fields: Fields,
+) -> None:
+    f = wp.tid()
+    place = masks.place[f]
+    start = room * place
+    for k in range(found.shape[1]):
+        box = wp.where(foreground[f, k] < fewest, wp.vec4i(), found[f, k])
+        fields.box[place, k] = box
+        fields.start[place, k] = start
+        start += _pixels_of(box)
+
+
+def place_boxes(
+    masks: Masks,
+    found: wp.array[wp.vec4i],
+    foreground: wp.array[wp.int32],
+    fewest: int,
+    room: int,
+    fields: Fields,
+) -> None:
+    """Say where the fields of frames are: each place has room for so many values.
+
+    ``found`` (frame, camera) are boxes, of which those count that have so many pixels of ``foreground`` (frame, camera)
+    at least.
+    """
+    wp.launch(
+        _place_boxes,
+        dim=found.shape[0],
+        inputs=[masks, found, foreground, fewest, room],
+        outputs=[fields],
+        device=found.device,
+    )
+
+
+@wp.func
 def _view_of(masks: Masks, fields: Fields, room: int, f: int, k: int) -> _View:
     view = _View()
     place = masks.place[f]
     view.box = fields.box[place, k]
     view.width = view.box[2] + 2 * _RIM
-    view.pixels = wp.where(view.box[2] > 0, view.width * (view.box[3] + 2 * _RIM), 0)
+    view.pixels = _pixels_of(view.box)
     view.first = fields.start[place, k] - (place - f) * room
     return view
 

@@ -13,7 +13,7 @@ origins with the bones above them.
 import warp as wp
 
 from mmocap_warp.kernels.batch import Batch
-from mmocap_warp.kernels.block import CPU_FLAGS, lanes_of
+from mmocap_warp.kernels.block import CPU_FLAGS, VIEW_LANES, blocks_of, lanes_of
 from mmocap_warp.kernels.body.kinematics import Body, Joints, rotation_of, translation_of
 from mmocap_warp.kernels.contour.outline import Outline
 from mmocap_warp.kernels.contour.residuals import Residuals
@@ -21,6 +21,7 @@ from mmocap_warp.kernels.views.projection import Pinhole, Views, into_camera, pi
 
 wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": CPU_FLAGS})
 
+_BLOCK = 64  # threads: small, so that few views too spread over a whole GPU
 _INFLUENCES = wp.constant(8)  # four of each end of an edge
 _Parts = wp.types.matrix(shape=(8, 4), dtype=wp.float32)
 _Numbers = wp.types.vector(length=8, dtype=wp.int32)
@@ -69,6 +70,7 @@ class _Influences:
     count: int
     part: _Parts  # (influence, 4): sum of w x_j, w
     joint: _Numbers
+    rank: _Numbers  # of the joint
     vertex: _Numbers
 
 
@@ -141,7 +143,7 @@ def _gradient(point: wp.vec3, normal: wp.vec2, camera: Pinhole) -> wp.vec3:
 
 
 @wp.func
-def _influences(body: Body, joints: Joints, c: int, ends: wp.vec2i) -> _Influences:
+def _influences(body: Body, joints: Joints, tree: Tree, c: int, ends: wp.vec2i) -> _Influences:
     """What carries the middle of an edge."""
     found = _Influences()
     found.count = 0
@@ -161,34 +163,49 @@ def _influences(body: Body, joints: Joints, c: int, ends: wp.vec2i) -> _Influenc
                 found.part[k, 2] = carried[2]
                 found.part[k, 3] = share
                 found.joint[k] = j
+                found.rank[k] = tree.rank[j]
                 found.vertex[k] = v
                 found.count = k + 1
     return found
 
 
 @wp.func
-def _write_pose(tree: Tree, posed: Posed, c: int, by: _Influences, gradient: wp.vec3, rows: Rows, row: int) -> None:
-    """The columns of the pose."""
-    for i in range(3):
-        if tree.column[i] >= 0:
-            rows.value[row + tree.column[i]] = gradient[i]
+def _write_pose(
+    tree: Tree,
+    posed: Posed,
+    c: int,
+    by: _Influences,
+    gradient: wp.vec3,
+    rows: Rows,
+    row: int,
+    share: int,
+    shares: int,
+) -> None:
+    """A share of the columns of the pose."""
+    if share == 0:
+        for i in range(3):
+            if tree.column[i] >= 0:
+                rows.value[row + tree.column[i]] = gradient[i]
+    part = by.part  # out of the struct once: Warp copies all of it for each element that is read there
+    rank = by.rank
     lowest = tree.rank.shape[0]
     highest = int(-1)
     for i in range(by.count):
-        lowest = wp.min(lowest, tree.rank[by.joint[i]])
-        highest = wp.max(highest, tree.rank[by.joint[i]])
-    for k in range(tree.rank.shape[0]):
+        lowest = wp.min(lowest, rank[i])
+        highest = wp.max(highest, rank[i])
+    for k in range(share, tree.rank.shape[0], shares):
+        first = tree.rank[k]
+        last = tree.last[k]
         arm = wp.vec3()
-        share = float(0.0)
-        if highest >= tree.rank[k] and lowest <= tree.last[k]:  # most joints carry nothing of it
+        carried = float(0.0)
+        if highest >= first and lowest <= last:  # most joints carry nothing of it
             for i in range(by.count):
-                rank = tree.rank[by.joint[i]]
-                if rank >= tree.rank[k] and rank <= tree.last[k]:
-                    arm += wp.vec3(by.part[i, 0], by.part[i, 1], by.part[i, 2])
-                    share += by.part[i, 3]
+                if rank[i] >= first and rank[i] <= last:
+                    arm += wp.vec3(part[i, 0], part[i, 1], part[i, 2])
+                    carried += part[i, 3]
         turned = wp.vec3()
-        if share > 0.0:
-            moment = wp.cross(arm - share * translation_of(posed.joints.transform[c, k]), gradient)
+        if carried > 0.0:
+            moment = wp.cross(arm - carried * translation_of(posed.joints.transform[c, k]), gradient)
             turned = wp.transpose(posed.axes[c, k]) * moment
         for i in range(3):
             column = tree.column[3 + 3 * k + i]
@@ -198,16 +215,27 @@ def _write_pose(tree: Tree, posed: Posed, c: int, by: _Influences, gradient: wp.
 
 @wp.func
 def _write_rest(
-    change: RestChange, joints: Joints, c: int, by: _Influences, gradient: wp.vec3, rows: Rows, first: int
+    change: RestChange,
+    joints: Joints,
+    c: int,
+    by: _Influences,
+    gradient: wp.vec3,
+    rows: Rows,
+    first: int,
+    share: int,
+    shares: int,
 ) -> None:
-    """The columns of the rest body's parameters."""
-    for p in range(change.vertex.shape[0]):
+    """A share of the columns of the rest body's parameters."""
+    part = by.part
+    joint = by.joint
+    vertex = by.vertex
+    for p in range(share, change.vertex.shape[0], shares):
         value = float(0.0)
         for i in range(by.count):
-            j = by.joint[i]
+            j = joint[i]
             from_rest = rotation_of(joints.skin_matrix[c, j])
-            moved = from_rest * (change.vertex[p, by.vertex[i]] - change.joint[p, j]) + change.origin[c, p, j]
-            value += by.part[i, 3] * wp.dot(gradient, moved)
+            moved = from_rest * (change.vertex[p, vertex[i]] - change.joint[p, j]) + change.origin[c, p, j]
+            value += part[i, 3] * wp.dot(gradient, moved)
         rows.value[first + p] = value
 
 
@@ -221,6 +249,7 @@ def _differentiate(
     residuals: Residuals,
     batch: Batch,
     lanes: int,
+    shares: int,
     # out
     rows: Rows,
 ) -> None:
@@ -228,17 +257,20 @@ def _differentiate(
     c = batch.first + own
     camera = pinhole(views, k)
     searched = rows.width - 1 - change.vertex.shape[0]
-    for s in range(lane, outline.count[c, k], lanes):
+    for i in range(lane, outline.count[c, k] * shares, lanes):
+        s = i // shares
+        share = i - s * shares
         weighted = residuals.weighted[c, k, s]
         if weighted[1] > 0.0:
             ends = outline.ends[c, k, s]
             middle = 0.5 * (posed.vertex[c, ends[0]] + posed.vertex[c, ends[1]])
             gradient = _gradient(middle, residuals.normal[c, k, s], camera)
-            by = _influences(posed.body, posed.joints, c, ends)
+            by = _influences(posed.body, posed.joints, tree, c, ends)
             row = ((c * outline.count.shape[1] + k) * outline.size + s) * rows.width
-            _write_pose(tree, posed, c, by, gradient, rows, row)
-            _write_rest(change, posed.joints, c, by, gradient, rows, row + searched)
-            rows.value[row + rows.width - 1] = weighted[0]
+            _write_pose(tree, posed, c, by, gradient, rows, row, share, shares)
+            _write_rest(change, posed.joints, c, by, gradient, rows, row + searched, share, shares)
+            if share == 0:
+                rows.value[row + rows.width - 1] = weighted[0]
 
 
 def differentiate(
@@ -251,18 +283,21 @@ def differentiate(
     batch: Batch,
     rows: Rows,
 ) -> None:
-    """Fill the rows of a batch's residuals that count, with these behind: a block of lanes for each view.
+    """Fill the rows of a batch's residuals that count, with these behind.
 
     A row is the change of the outline's place along its normal [px] by every searched coordinate, then by every
-    parameter of the rest body. Rows of other contour edges keep what they hold.
+    parameter of the rest body. Rows of other contour edges keep what they hold. Where views are few, a GPU's threads
+    share each row.
     """
     device = outline.image.device
-    lanes = lanes_of(device)
+    cameras = outline.count.shape[1]
+    shares = blocks_of(device, batch.size * cameras)
+    lanes = lanes_of(device, shares * VIEW_LANES)
     wp.launch(
         _differentiate,
-        dim=(batch.size, outline.count.shape[1], lanes),
-        inputs=[posed, tree, change, views, outline, residuals, batch, lanes],
+        dim=(batch.size, cameras, lanes),
+        inputs=[posed, tree, change, views, outline, residuals, batch, lanes, shares],
         outputs=[rows],
-        block_dim=lanes,
+        block_dim=_BLOCK,
         device=device,
     )

@@ -5,17 +5,17 @@ the gradient ``J^T W r``, and in the corner ``r^T W r``. Views are summed apart,
 GPU; who reads the sums adds the views in their order.
 """
 
+import math
+
 import warp as wp
 
 from mmocap_warp.kernels.batch import Batch
-from mmocap_warp.kernels.block import CPU_FLAGS, WORDS, lane_layout, lanes_of, matrix_at, shared_words, sync
+from mmocap_warp.kernels.block import CPU_FLAGS, lanes_of, matrix_at, shared_words, sync
 from mmocap_warp.kernels.contour.jacobian import Rows
 from mmocap_warp.kernels.contour.outline import Outline
 from mmocap_warp.kernels.contour.residuals import Residuals
 
 wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": CPU_FLAGS})
-
-_WORDS = wp.constant(WORDS)
 
 
 @wp.struct
@@ -58,45 +58,74 @@ def _sum_serially(
     ...
 
 
-@wp.func
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    // 40 KB hold so many rows at a time, and their weights behind them.
+    const int most = words.shape[0] / (width + 1);
+    float* row = (float*)words.data;
+    float* weight = row + most * width;
+    const float* from = rows.data + (size_t)first * width;
+    int down = 0;
+    while ((down + 1) * (down + 2) / 2 <= tile) ++down;
+    const int i = 2 * down, j = 2 * (tile - down * (down + 1) / 2);
+    const bool mine = i < width;
+    const int below = i + 1 < width ? i + 1 : i, beside = j + 1 < width ? j + 1 : j;
+    float sum00 = 0.0f, sum01 = 0.0f, sum10 = 0.0f, sum11 = 0.0f;
+    for (int begin = 0; begin < count; begin += most) {
+        const int held = count - begin < most ? count - begin : most;
+        __syncthreads();
+        for (int r = lane; r < held; r += lanes) weight[r] = __ldg(&weighted.data[first + begin + r][1]);
+        __syncthreads();
+        #pragma unroll 8
+        for (int w = lane; w < held * width; w += lanes) {
+            const float value = __ldg(from + (size_t)begin * width + w);
+            row[w] = weight[w / width] > 0.0f ? value : 0.0f;
+        }
+        __syncthreads();
+        if (!mine) continue;
+        float total00 = 0.0f, total01 = 0.0f, total10 = 0.0f, total11 = 0.0f;
+        #pragma unroll 4
+        for (int r = 0; r < held; ++r) {
+            const float* z = row + r * width;
+            const float upper = weight[r] * z[i], lower = weight[r] * z[below], left = z[j], right = z[beside];
+            total00 += upper * left;
+            total01 += upper * right;
+            total10 += lower * left;
+            total11 += lower * right;
+        }
+        sum00 += total00;
+        sum01 += total01;
+        sum10 += total10;
+        sum11 += total11;
+    }
+    if (!mine) return;
+    float* to = triangle.data + at + i * (i + 1) / 2;
+    to[j] = sum00;
+    if (j < beside && beside <= i) to[beside] = sum01;
+    if (i == below) return;
+    to += i + 1;  // the next row
+    to[j] = sum10;
+    if (j < beside) to[beside] = sum11;
+#endif
+""")
 def _sum_together(
-    residuals: Residuals,
-    rows: Rows,
+    weighted: wp.array3d[wp.vec2],
+    rows: wp.array[wp.float32],
     words: wp.array[wp.uint32],
-    c: int,
-    k: int,
     first: int,
     count: int,
+    width: int,
     triangle: wp.array[wp.float32],
     at: int,
+    tile: int,
     lane: int,
     lanes: int,
 ) -> None:
-    """As many rows as the block can share at a time; a lane has elements of the triangle of its own."""
-    width = rows.width
-    layout = lane_layout(lane, lanes, width)
-    most = _WORDS // (width + 1)
-    shared = matrix_at(words, 0, most, width + 1)  # the row, and its weight behind
-    for begin in range(0, count, most):
-        held = wp.min(most, count - begin)
-        sync()
-        for i in range(lane, held * (width + 1), lanes):
-            r = i // (width + 1)
-            column = i - r * (width + 1)
-            weight = residuals.weighted[c, k, begin + r][1]
-            value = float(0.0)
-            if weight > 0.0:
-                value = weight
-                if column < width:
-                    value = rows.value[(first + begin + r) * width + column]
-            shared[r, column] = value
-        sync()
-        for i in range(layout.row, width, layout.row_step):
-            for j in range(layout.column, i + 1, layout.column_step):
-                total = float(0.0)
-                for r in range(held):
-                    total += shared[r, width] * shared[r, i] * shared[r, j]
-                triangle[at + i * (i + 1) // 2 + j] += total
+    """As many rows as the block can share at a time; a lane has a tile of the triangle, two by two elements.
+
+    Rows that do not count are zeros there, whatever they hold.
+    """
+    ...
 
 
 @wp.kernel
@@ -109,41 +138,48 @@ def _sum_normal_equations(
     # out
     sums: Sums,
 ) -> None:
-    own, k, lane = wp.tid()
+    own, k, thread = wp.tid()
     c = batch.first + own
+    block = thread // lanes
+    lane = thread - block * lanes
     view = c * outline.count.shape[1] + k
     count = outline.count[c, k]
     at = view * triangle_words(rows.width)
-    for i in range(lane, triangle_words(rows.width), lanes):
-        sums.triangle[at + i] = 0.0
-    sync()
     words = shared_words(batch.scratch)
+    first = view * outline.size
     if lanes == 1:
-        _sum_serially(residuals.weighted, rows.value, view * outline.size, count, rows.width, sums.triangle, at)
+        for i in range(triangle_words(rows.width)):
+            sums.triangle[at + i] = 0.0
+        _sum_serially(residuals.weighted, rows.value, first, count, rows.width, sums.triangle, at)
     else:
-        _sum_together(residuals, rows, words, c, k, view * outline.size, count, sums.triangle, at, lane, lanes)
+        _sum_together(
+            residuals.weighted, rows.value, words, first, count, rows.width, sums.triangle, at, thread, lane, lanes
+        )
     sync()
-    shares = matrix_at(words, 0, lanes, 4)
-    share = wp.vec4()
-    for s in range(lane, count, lanes):
-        share += residuals.tally[c, k, s]
-    for i in range(4):
-        shares[lane, i] = share[i]
-    sync()
-    for i in range(lane, 4, lanes):
-        total = float(0.0)
-        for other in range(lanes):
-            total += shares[other, i]
-        sums.tally[c, k][i] = total
+    if block == 0:
+        shares = matrix_at(words, 0, lanes, 4)
+        share = wp.vec4()
+        for s in range(lane, count, lanes):
+            share += residuals.tally[c, k, s]
+        for i in range(4):
+            shares[lane, i] = share[i]
+        sync()
+        for i in range(lane, 4, lanes):
+            total = float(0.0)
+            for other in range(lanes):
+                total += shares[other, i]
+            sums.tally[c, k][i] = total
 
 
 def sum_normal_equations(outline: Outline, residuals: Residuals, rows: Rows, batch: Batch, sums: Sums) -> None:
-    """Sum up a batch's rows and tallies, a block of lanes for each candidate's view."""
+    """Sum up a batch's rows and tallies, with lanes enough for a candidate's view that each has one tile at most."""
     device = outline.image.device
     lanes = lanes_of(device)
+    half = (rows.width + 1) // 2
+    blocks = 1 if lanes == 1 else math.ceil(triangle_words(half) / lanes)
     wp.launch(
         _sum_normal_equations,
-        dim=(batch.size, outline.count.shape[1], lanes),
+        dim=(batch.size, outline.count.shape[1], blocks * lanes),
         inputs=[outline, residuals, rows, batch, lanes],
         outputs=[sums],
         block_dim=lanes,

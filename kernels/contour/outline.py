@@ -19,7 +19,7 @@ the contours of its band.
 import warp as wp
 
 from mmocap_warp.kernels.batch import Batch
-from mmocap_warp.kernels.block import CPU_FLAGS, LANES, lanes_of, shared_numbers, shared_words, sync
+from mmocap_warp.kernels.block import CPU_FLAGS, lanes_of, shared_numbers, shared_words, sync
 from mmocap_warp.kernels.views.projection import NEAR, Pinhole, Views, pinhole
 
 wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": CPU_FLAGS})
@@ -28,7 +28,8 @@ BANDS = 64
 """Of an image, in which its contours are sorted."""
 
 _BANDS = wp.constant(BANDS)
-_COUNTERS = wp.constant(LANES)  # where a block's counters for the bands begin, behind its lanes' own words
+_LANES = 512  # of a block: a view is one block's, and its steps wait for each other
+_COUNTERS = wp.constant(_LANES)  # where a block's counters for the bands begin, behind its lanes' own words
 _PROBE = wp.constant(0.75)  # px outside an edge: more than rounding moves a contour, less than anything to be seen
 
 
@@ -303,7 +304,7 @@ def find_contours(edges: Edges, posed: wp.array[wp.vec3], views: Views, batch: B
 
     A view has none where a vertex is not before the camera, or where there are more than ``outline.size``.
     """
-    lanes = lanes_of(posed.device)
+    lanes = lanes_of(posed.device, _LANES)
     wp.launch(
         _find_contours,
         dim=(batch.size, outline.count.shape[1], lanes),

@@ -9,7 +9,7 @@ small and large images mean the same.
 import warp as wp
 
 from mmocap_warp.kernels.batch import Batch
-from mmocap_warp.kernels.block import CPU_FLAGS, lanes_of
+from mmocap_warp.kernels.block import CPU_FLAGS, VIEW_LANES, lanes_of
 from mmocap_warp.kernels.contour.outline import Outline, is_outline
 from mmocap_warp.kernels.views.projection import Views
 
@@ -18,6 +18,7 @@ wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": CPU_FLAGS
 FARTHEST = 8
 """Signed distances are cut off so many pixels from a contour, half a pixel less."""
 
+_BLOCK = 64  # threads: small, so that few views too spread over a whole GPU
 _SURE = wp.constant(FARTHEST - 1.0)  # px: what is farther from a mask has a distance above this
 _BORDER = wp.constant(1.0)  # px of an image's rim in which an outline means nothing
 
@@ -177,14 +178,14 @@ def _find_residuals(
 def find_residuals(
     outline: Outline, fields: Fields, views: Views, matching: Matching, batch: Batch, residuals: Residuals
 ) -> None:
-    """Match a batch's outlines with the masks' contours: a block of lanes for each candidate's view."""
+    """Match a batch's outlines with the masks' contours."""
     device = outline.image.device
-    lanes = lanes_of(device)
+    lanes = lanes_of(device, VIEW_LANES)
     wp.launch(
         _find_residuals,
         dim=(batch.size, outline.count.shape[1], lanes),
         inputs=[outline, fields, views, matching, batch, lanes],
         outputs=[residuals],
-        block_dim=lanes,
+        block_dim=_BLOCK,
         device=device,
     )

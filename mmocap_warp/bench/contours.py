@@ -1,28 +1,38 @@
-"""Frames fitted by their contours alone: from masks in memory to poses on the host."""
+"""Frames fitted by their contours alone, and tracked: from masks in memory to poses on the host."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
 from mmocap_warp.bench.workload import Workload
 from mmocap_warp.contour.fitter import ContourFitter
 from mmocap_warp.kernels.benchmarks.case import Case, Check
+from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.tracking.contour_tracker import ContourTracker
 
 CONTOUR = "contour"
 CAMERAS = 5
 """Of the measure's cameras; all where it has fewer."""
 
 _STEPS = 4
+_FOLLOWED = "search-contour"
+_MOVED = 0.3  # of the distance at that start is how far a body is from where the last frame left it
+_OVERLAP = 0.55  # with the masks, at least, where a body has a few hundred pixels
+_LEVEL = 0.5  # overlap of frames before: so low that no frame calls for a search
 _NEARER = 0.6  # of the distance at the start, at most, after that
 
 
 def contour_frames(load: Workload, runs: Sequence[int], device: str) -> Iterator[list[Case]]:
-    """Fields, steps and whole frames, an evaluation being a frame of a run; on the CPU with one thread."""
+    """Fields, steps and whole frames, an evaluation being a frame of a run; on the CPU with one thread.
+
+    Frames that the default tracker follows in the ordinary way come with them.
+    """
     few = Workload(load.body, load.rig.select(load.rig.names[:CAMERAS]))
     for number in runs:
-        yield _cases(few, number, device)
+        yield [*_cases(few, number, device), _followed(few, number, device)]
 
 
 def _cases(load: Workload, runs: int, device: str) -> list[Case]:
@@ -32,8 +42,7 @@ def _cases(load: Workload, runs: int, device: str) -> list[Case]:
         load.body, load.rig, index, skeleton.coordinate_limits, candidates=runs, frames=runs, device=device
     )
     observations = [load.observation] * runs
-    start = np.tile(load.seen, (runs, 1))
-    start[:, index] = load.poses(runs, seed=2)[:, index]
+    start = _start(load, runs)
     base, place = np.tile(np.eye(3), (runs, 1, 1)), np.arange(runs)
 
     def fields() -> None:
@@ -55,6 +64,43 @@ def _cases(load: Workload, runs: int, device: str) -> list[Case]:
         far, near = (np.linalg.norm(load.vertices(poses) - seen, axis=2).mean() * 1e3 for poses in (start, frames()))
         return Check(f"{far:.1f} to {near:.1f} mm from what is seen", bool(near <= _NEARER * far))
 
-    sizes = {"dof": len(index), "runs": runs} | load.sizes
+    sizes = _sizes(load, runs)
     works = {"fields": fields, f"{_STEPS} steps": steps, "frame": frames}
     return [Case(CONTOUR, name, sizes, work, check, runs, captured=False) for name, work in works.items()]
+
+
+def _followed(load: Workload, runs: int, device: str) -> Case:
+    """Frame after frame of a body that stands still."""
+    config = TrackConfig(_FOLLOWED, runs=runs, device=device, threads=1)
+    tracker = ContourTracker(load.subject, load.rig, config, load.fps)
+    start = load.seen + np.float32(_MOVED) * (_start(load, runs) - load.seen)
+
+    follow = partial(tracker.step, load.observation)
+
+    def begin() -> None:
+        _, counter, _before, level, lost, *memory = tracker.state
+        tracker.state = start, counter, start.copy(), np.full_like(level, _LEVEL), lost, *memory
+
+    def check() -> Check:
+        """It explains the masks, and nothing was searched."""
+        begin()
+        answer = follow()
+        worst = float(answer.iou.mean(axis=1).min())
+        return Check(
+            f"overlap {worst:.3f}, {answer.evaluations} evaluations", worst >= _OVERLAP and not answer.evaluations
+        )
+
+    begin()
+    return Case(CONTOUR, _FOLLOWED, _sizes(load, runs), follow, check, runs, captured=False)
+
+
+def _start(load: Workload, runs: int) -> np.ndarray:
+    """Poses (run, coordinate) float32 that differ from what is seen in all that is searched."""
+    index = load.body.skeleton.searched()
+    start = np.tile(load.seen, (runs, 1))
+    start[:, index] = load.poses(runs, seed=2)[:, index]
+    return start
+
+
+def _sizes(load: Workload, runs: int) -> dict[str, int]:
+    return {"dof": len(load.body.skeleton.searched()), "runs": runs} | load.sizes

@@ -9,14 +9,24 @@ import numpy as np
 import warp as wp
 
 from mmocap_warp.kernels import block
-from mmocap_warp.kernels.contour.distance import Masks, Workings, find_boxes, measure_distances, pixels_of
+from mmocap_warp.kernels.contour.distance import (
+    Masks,
+    Workings,
+    find_boxes,
+    measure_distances,
+    pixels_of,
+    place_boxes,
+)
 from mmocap_warp.kernels.contour.residuals import Fields
 from mmocap_warp.kernels.structs import filled
+from mmocap_warp.objective.replays import Replays
+from mmocap_warp.objective.transfers import Upload
 from mmocap_warp.views.observation import Observation, words_per_row
 from mmocap_warp.views.rig import CameraRig
 
 _FEWEST = 50  # foreground pixels of a view; fewer show nobody
 _TOGETHER = 64  # frames whose fields a GPU computes at a time
+_WHOLE = 2**30  # bytes that whole images may take on a GPU: with room for them it need not tell how much there is
 
 
 class DistanceFields:
@@ -32,20 +42,34 @@ class DistanceFields:
         device: a Warp device.
     """
 
+    _first: int | None  # place of the frames that were observed last
+    _found: Any
+    _place: Any
+    _replays: Replays
+
     def __init__(self, rig: CameraRig, frames: int, candidates: int, device: str) -> None:
         self._rig, self._device = rig, device
-        self._box = np.zeros((frames, len(rig), 4), np.int32)
-        self._start = np.zeros((frames, len(rig)), np.int32)
-        self.seen = np.zeros((frames, len(rig)), bool)
+        shape = (frames, len(rig))
         self.value = wp.zeros(1, dtype=wp.float32, device=device)
-        self.box = wp.zeros((frames, len(rig)), dtype=wp.vec4i, device=device)
-        self.start = wp.zeros((frames, len(rig)), dtype=wp.int32, device=device)
+        self.box = wp.zeros(shape, dtype=wp.vec4i, device=device)
+        self.start = wp.zeros(shape, dtype=wp.int32, device=device)
         self.frame = wp.zeros(candidates, dtype=wp.int32, device=device)
         self.struct = filled(Fields, value=self.value, box=self.box, start=self.start, frame=self.frame)
         self._scratch = block.scratch(device)
         self._size = wp.array(rig.size, dtype=wp.vec2i, device=device)
         self._workings: Workings = filled(Workings, room=0, **_workings(0, device))
         self._take(1)
+        whole, together = int(pixels_of(*rig.size.T).sum()), min(frames, _TOGETHER)
+        needed = whole * (_VALUE_BYTES * frames + _WORKING_BYTES * together)
+        self._has_room = wp.get_device(device).is_cuda and needed <= _WHOLE
+        if self._has_room:
+            self._reserve(whole, together)
+
+    @property
+    def seen(self) -> np.ndarray:
+        """(frame, camera) bool: the views that show anybody."""
+        seen: np.ndarray = self.box.numpy()[..., 2] > 0
+        return seen
 
     def observe(self, place: int, observation: Observation) -> None:
         """Compute the fields of a frame's masks into one of the places."""
@@ -59,50 +83,59 @@ class DistanceFields:
 
     def _observe(self, observations: Sequence[Observation], first: int) -> None:
         frames = len(observations)
-        if frames != self._word.shape[0]:
+        if frames != len(self._found):
             self._take(frames)
-        places = slice(first, first + frames)
-        self._place.assign(np.arange(first, first + frames, dtype=np.int32))
-        for words, observation in zip(self._host.numpy(), observations, strict=True):
-            words[...] = observation.words
-        if self._host is not self._word:
-            wp.copy(self._word, self._host)
+        if first != self._first:
+            self._first = first
+            self._place.assign(np.arange(first, first + frames, dtype=np.int32))
+        words, foreground = self._word.values, self._foreground.values
+        for number, observation in enumerate(observations):
+            words[number] = observation.words
+            foreground[number] = observation.foreground
+        self._word.send(frames)
+        self._foreground.send(frames)
+        if self._has_room:
+            self._replays.run(frames, self._find_and_measure)
+            return
+        self._find()
+        found = self._found.numpy()
+        room = int(pixels_of(found[..., 2], found[..., 3]).sum(axis=1).max())
+        self._reserve(room + room // 4 if room > self._workings.room else room, frames)
+        self._measure()
+
+    def _find_and_measure(self) -> None:
+        self._find()
+        self._measure()
+
+    def _find(self) -> None:
         find_boxes(self._masks, self._scratch, self._found)
-        shown = np.array([observation.foreground for observation in observations]) >= _FEWEST
-        self._box[places] = self._found.numpy() * shown[..., None]
-        self.seen[places] = self._box[places, :, 2] > 0
-        pixels = pixels_of(self._box[places, :, 2], self._box[places, :, 3])
-        self._reserve(int(pixels.sum(axis=1).max()), frames)
-        before = np.cumsum(pixels, axis=1) - pixels
-        self._start[places] = before + self._workings.room * np.arange(first, first + frames)[:, None]
-        self.box.assign(self._box)
-        self.start.assign(self._start)
+
+    def _measure(self) -> None:
+        place_boxes(self._masks, self._found, self._pixels, _FEWEST, self._workings.room, self.struct)
         measure_distances(self._masks, self._workings, self.struct)
 
     def _take(self, frames: int) -> None:
         """Be ready for so many frames at a time."""
         width, height = self._rig.size.max(axis=0).tolist()
-        shape = (frames, len(self._rig), height, words_per_row(width))
-        word = wp.zeros(shape, dtype=wp.uint32, device=self._device)
-        # What is copied from pinned memory is copied beside other work.
-        self._host = (
-            word if wp.get_device(self._device).is_cpu else wp.zeros(shape, dtype=wp.uint32, device="cpu", pinned=True)
-        )
-        self._word = word
+        view = (frames, len(self._rig))
+        word = wp.zeros((*view, height, words_per_row(width)), dtype=wp.uint32, device=self._device)
+        self._pixels = wp.zeros(view, dtype=wp.int32, device=self._device)
+        self._word, self._foreground = Upload(word), Upload(self._pixels)
+        self._first = None
         self._place = wp.zeros(frames, dtype=wp.int32, device=self._device)
         self._masks: Masks = filled(Masks, word=word, size=self._size, place=self._place)
-        self._found = wp.zeros(shape[:2], dtype=wp.vec4i, device=self._device)
+        self._found = wp.zeros(view, dtype=wp.vec4i, device=self._device)
+        self._replays = Replays(self._device)
 
     def _reserve(self, room: int, frames: int) -> None:
         """Make room for frames of so many values, and to work on some at a time; what there was is kept."""
         old = self._workings.room
         if room > old:
-            room += room // 4
-            places = len(self._box)
+            places = self.box.shape[0]
             value = wp.zeros(places * room, dtype=wp.float32, device=self._device)
             for place in range(places if old else 0):
                 wp.copy(value, self.value, place * room, place * old, old)
-            self._start += ((room - old) * np.arange(places, dtype=np.int32))[:, None]
+            self.start.assign(self.start.numpy() + ((room - old) * np.arange(places, dtype=np.int32))[:, None])
             self.value = self.struct.value = value
             self._workings.room = room
         if self._workings.rough.shape[0] < self._workings.room * frames:
@@ -110,6 +143,9 @@ class DistanceFields:
                 setattr(self._workings, name, array)
 
 
+_WORKINGS = {"inside": wp.uint8, "across": wp.uint8, "rough": wp.float32}
+_WORKING_BYTES, _VALUE_BYTES = 6, 4  # of a pixel
+
+
 def _workings(pixels: int, device: str) -> dict[str, wp.array[Any]]:
-    types = {"inside": wp.uint8, "across": wp.uint8, "rough": wp.float32}
-    return {name: wp.empty(pixels, dtype=dtype, device=device) for name, dtype in types.items()}
+    return {name: wp.empty(pixels, dtype=dtype, device=device) for name, dtype in _WORKINGS.items()}

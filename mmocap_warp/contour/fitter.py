@@ -27,8 +27,10 @@ from mmocap_warp.kernels.contour.normal_equations import Sums, sum_normal_equati
 from mmocap_warp.kernels.contour.outline import BANDS, Edges, Outline, find_contours
 from mmocap_warp.kernels.contour.residuals import Matching, Residuals, find_residuals
 from mmocap_warp.kernels.structs import filled
+from mmocap_warp.objective.replays import Replays
 from mmocap_warp.objective.shared_work import SharedWork
 from mmocap_warp.objective.silhouettes import ViewArrays
+from mmocap_warp.objective.transfers import Upload
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
 
@@ -131,9 +133,8 @@ class ContourFitter:
         self.descent: Any = _descent(self.index, limits, view, width, device)
         for module in (skinning, outline, residuals, jacobian, normal_equations, descent_kernels):
             wp.load_module(module, device=device)  # before threads launch from them at the same time
-        # By the number of candidates and of steps, with the fields' values that a graph knows: more room is elsewhere.
-        self._graphs: dict[tuple[int, int], tuple[wp.Graph, wp.array[Any]]] = {}
-        self._has_run = False
+        self._starts = [Upload(array) for array in (self.descent.pose, self.body.root_base, self.fields.frame)]
+        self._replays = Replays(device)
 
     def observe(self, place: int, observation: Observation) -> None:
         """Put a frame's masks into one of the places for frames."""
@@ -165,9 +166,9 @@ class ContourFitter:
 
     def start_at(self, pose: np.ndarray, base: np.ndarray, place: np.ndarray) -> None:
         """Set the first candidates' poses (n, coordinate), root bases (n, 3, 3), and the places of their frames."""
-        _assign(self.descent.pose, pose)
-        _assign(self.body.root_base, base)
-        _assign(self.fields.frame, place)
+        for upload, values in zip(self._starts, (pose, base, place), strict=True):
+            upload.values[: len(values)] = values
+            upload.send(len(values))
 
     def descend(self, count: int, steps: int) -> None:
         """Take damped steps with the first ``count`` candidates, from ``descent.pose`` towards lower cost.
@@ -176,21 +177,8 @@ class ContourFitter:
         poses, with their ``cost`` and ``tally``. On a GPU nothing waits for them, and the second descent of a kind is
         captured as a graph that later ones replay: arrays that are looked at must stay, their values may change.
         """
-        if wp.get_device(self._device).is_cpu:
-            self._run(count, steps)
-            return
-        graph, value = self._graphs.get((count, steps), (None, None))
-        if graph is None or value is not self.fields.value:
-            if not self._has_run:  # not captured, because it may load what a capture must not
-                self._run(count, steps)
-                self._has_run = True
-                return
-            self._work.batches(count)  # which a capture must not allocate
-            with wp.ScopedCapture(self._device) as capture:
-                self._run(count, steps)
-            graph = capture.graph
-            self._graphs[count, steps] = graph, self.fields.value
-        wp.capture_launch(graph)
+        value = self.fields.value  # a graph knows where it is, and more room is elsewhere
+        self._replays.run((count, steps, value.ptr), lambda: self._run(count, steps))
 
     def _run(self, count: int, steps: int) -> None:
         descent = self.descent
@@ -232,12 +220,6 @@ class ContourFitter:
 _MOST_CONTOUR = 2048  # contour edges of a view for which there is room even in a small mesh
 _BANDS_OF_AN_EDGE = 2  # for which there is room, on average
 _FIRST_DAMPING = 1.0e-3
-
-
-def _assign(array: wp.array[Any], values: np.ndarray) -> None:
-    """Write the first rows of an array."""
-    host = wp.array(np.ascontiguousarray(values), dtype=array.dtype, device=array.device)
-    wp.copy(array, host, count=host.size)
 
 
 def _triangle(width: int) -> int:

@@ -21,6 +21,7 @@ from mmocap_warp.kernels.silhouettes.raster import Outline
 from mmocap_warp.kernels.structs import filled
 from mmocap_warp.objective.shared_work import SharedWork
 from mmocap_warp.objective.silhouettes import FrozenArrays, Silhouettes
+from mmocap_warp.objective.transfers import Upload
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
 
@@ -111,6 +112,8 @@ class Objective:
         copies, bases = (candidates, candidates) if shapes else (1, bases)
         self.body = BodyArrays(body, root_base, mesh, device, copies, bases)
         self._silhouettes = Silhouettes(mesh, rig, candidates, renderer, device)
+        views = self._silhouettes.views
+        self._observed, self._foreground = Upload(views.observed), Upload(views.foreground)
         coordinates = len(shapes) if shapes else body.skeleton.coordinates
         self._shapes = ShapeArrays(shapes, device) if shapes else None
         self.prior = wp.zeros(coordinates, dtype=wp.float32, device=device)
@@ -143,8 +146,9 @@ class Objective:
         views = self._silhouettes.views
         if observation.words.shape != views.observed.shape:
             raise ValueError(f"masks are packed as {observation.words.shape}, the rig needs {views.observed.shape}")
-        views.observed.assign(observation.words)
-        views.foreground.assign(observation.foreground.astype(np.int32))
+        for upload, values in ((self._observed, observation.words), (self._foreground, observation.foreground)):
+            upload.values[...] = values
+            upload.send(len(values))
 
     def prepare(self, runs: int, index: np.ndarray) -> None:
         """Allocate what :meth:`hold` needs for so many runs and these coordinates."""

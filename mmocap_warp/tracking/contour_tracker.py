@@ -23,6 +23,8 @@ from mmocap_warp.body.rotations import transposed, zyx_angles, zyx_rotation
 from mmocap_warp.body.shape_space import heading_rotation, upright_base
 from mmocap_warp.body.skeleton import ROOT_ANGLES
 from mmocap_warp.device import resolve_device
+from mmocap_warp.objective.replays import Replays
+from mmocap_warp.objective.transfers import Download
 from mmocap_warp.result.result import STATUS, FrameAnswer
 from mmocap_warp.tracking.algorithms import ALGORITHMS, CONTOUR_TRACKERS
 from mmocap_warp.tracking.config import TrackConfig
@@ -133,6 +135,9 @@ class ContourTracker:
         self._fitter = make_fitter(subject, rig, config, starts * runs)
         self._judge = make_objective(subject, rig, config, starts * runs)
         self._root_frame = RootFrame(subject, self._limits, starts * runs, self.device)
+        descent, judge = self._fitter.descent, self._judge
+        self._answers = Download([descent.best, descent.tally, judge.cost, judge.count])
+        self._replays = Replays(self.device)
         self._pose = np.repeat(subject.pose[None].astype(np.float32), runs, axis=0)
         self._before = self._pose.copy()
         self._level = np.zeros((runs, _MEMORY), np.float32)
@@ -226,6 +231,16 @@ class ContourTracker:
         known: np.ndarray = (self._level > 0).sum(axis=1) >= _FEWEST
         return known
 
+    @property
+    def _median_level(self) -> np.ndarray:
+        """(run,) float32 median of the overlaps that there are; infinite where there are none."""
+        ordered = np.sort(np.where(self._level > 0, self._level, np.float32(np.inf)), axis=1)
+        count = (self._level > 0).sum(axis=1)
+        run = np.arange(self._runs)
+        lower, upper = ordered[run, np.maximum(count - 1, 0) // 2], ordered[run, np.minimum(count // 2, _MEMORY - 1)]
+        median: np.ndarray = (lower + upper) / np.float32(2)
+        return median
+
     def _falls_short(self, found: _Found, fall: float = _FALL, exposed: float = _EXPOSED) -> np.ndarray:
         """(run,) bool: overlap below the running level, or limbs where nobody is; without a level all fall short.
 
@@ -235,10 +250,9 @@ class ContourTracker:
             exposed: outline of such limbs that is too long [m]. What every frame remembered has of it comes on top: a
                 wrong calibration exposes the whole body, always.
         """
-        known = zip(self._level, self._level_known, strict=True)
-        level = np.array([np.median(row[row > 0]) if enough else np.inf for row, enough in known])
-        always = np.where(self._level > 0, self._outside, np.inf).min(axis=1)
-        always = np.where(self._level_known, always, 0.0)
+        level = np.where(self._level_known, self._median_level, np.float32(np.inf))
+        always = np.where(self._level > 0, self._outside, np.float32(np.inf)).min(axis=1)
+        always = np.where(self._level_known, always, np.float32(0.0))
         short: np.ndarray = (found.overlap < level - fall) | (found.exposed > exposed + always)
         return short
 
@@ -301,16 +315,23 @@ class ContourTracker:
     def _best_fit(self, starts: np.ndarray, observation: Observation, steps: int) -> _Found:
         """Fit starts (run, start, coordinate) by their contours: each run's best."""
         runs, count, coordinates = starts.shape
-        fitter, judge, total = self._fitter, self._judge, runs * count
+        fitter, total = self._fitter, runs * count
         home = np.repeat(self._subject.root_base[None], total, axis=0)
         fitter.start_at(starts.reshape(total, coordinates), home, np.zeros(total, int))
+        kind = (total, steps, fitter.fields.value.ptr)
+        self._replays.run(kind, lambda: self._launch_fit(total, steps))
+        pose, tally, cost, pixels = self._answers.read(total)
+        exposed = np.sort(tally[:, :, 3], axis=1)[:, -2:].min(axis=1)
+        found = _Found(pose, overlap(pixels, observation), exposed, cost)
+        best = np.argmax(found.overlap.reshape(runs, count), axis=1)
+        return found[best + count * np.arange(runs)]
+
+    def _launch_fit(self, total: int, steps: int) -> None:
+        """Fit the first poses, judge them, and have the answers on their way to the host."""
+        fitter, judge = self._fitter, self._judge
         self._root_frame.enter(fitter.descent.pose, fitter.body.root_base)
         fitter.descend(total, steps)
         self._root_frame.leave(fitter.descent.best, fitter.body.root_base)
-        wp.copy(judge.pose, fitter.descent.best, count=total * coordinates)
-        cost = judge.evaluate(total).numpy()[:total].copy()
-        exposed = np.sort(fitter.descent.tally.numpy()[:total, :, 3], axis=1)[:, -2:].min(axis=1)
-        iou = overlap(judge.count.numpy()[:total], observation)
-        found = _Found(fitter.descent.best.numpy()[:total].copy(), iou, exposed, cost)
-        best = np.argmax(found.overlap.reshape(runs, count), axis=1)
-        return found[best + count * np.arange(runs)]
+        wp.copy(judge.pose, fitter.descent.best, count=judge.pose.shape[1] * total)
+        judge.evaluate(total)
+        self._answers.fetch(total)

@@ -92,7 +92,7 @@ def test_everything_is_measured_once(report):
     for optimizer in ("cmaes", "de", "pso", "apf"):
         assert ("ask and tell", optimizer) in names
     assert {("a generation", "h-cmaes: mean of the parts"), ("a generation", "cmaes: whole body")} <= names
-    assert {("contour", "fields"), ("contour", "4 steps"), ("contour", "frame")} <= names
+    assert {("contour", "fields"), ("contour", "4 steps"), ("contour", "frame"), ("contour", "search-contour")} <= names
     assert {("a frame", "h-cmaes"), ("peers", "opencv")} <= names
 
 

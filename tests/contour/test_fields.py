@@ -32,7 +32,8 @@ def of_frames(frames: list[Observation], device: str) -> DistanceFields:
     return fields
 
 
-def test_growing_room_keeps_what_there_was(device):
+def test_growing_room_keeps_what_there_was(device, monkeypatch):
+    monkeypatch.setattr("mmocap_warp.contour.fields._WHOLE", 0)
     frames = [frame(radius, shift) for radius, shift in ((9, 0), (10, 20), (30, -7), (48, 3), (12, 30))]
     fields = DistanceFields(RIG, 5, 1, device)
     arrays = set()
@@ -47,6 +48,18 @@ def test_growing_room_keeps_what_there_was(device):
         for k in range(2):
             np.testing.assert_array_equal(fields.box.numpy()[place, k], alone.box.numpy()[0, k])
             np.testing.assert_array_equal(field(fields, place, k), field(alone, 0, k))
+
+
+def test_whole_images_have_room_on_a_gpu(device):
+    if device == "cpu":
+        pytest.skip("the CPU knows how much room is needed")
+    fields = DistanceFields(RIG, 3, 1, device)
+    value = fields.value.ptr
+    for place, radius in ((0, 9), (2, 50), (1, 30), (1, 12)):
+        fields.observe(place, frame(radius))
+        for k in range(2):
+            np.testing.assert_array_equal(field(fields, place, k), field(of_frames([frame(radius)], device), 0, k))
+    assert fields.value.ptr == value
 
 
 def test_frames_one_by_one_are_those_all_at_once(device):

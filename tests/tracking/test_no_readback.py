@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import warp as wp
-from tracked_motion import motion, tracker_of
+from synthetic import synthetic_subject
+from tracked_motion import FPS, RIG, motion, tracker_of
 
 from mmocap_warp.tracking.algorithms import ALGORITHMS
+from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.tracking.contour_tracker import ContourTracker
 
 TRANSFERS = ("numpy", "list", "to", "assign", "__array__", "__array_interface__", "__dlpack__", "__str__")
 WAITS = ("synchronize", "synchronize_device", "synchronize_event", "synchronize_stream")
@@ -67,3 +70,44 @@ def test_a_captured_frame_replays_to_the_same_bits(device, algorithm):
         np.testing.assert_array_equal(again.pose, once.pose, err_msg=f"frame {frame}")
         np.testing.assert_array_equal(again.cost, once.cost, err_msg=f"frame {frame}")
     assert replayed.search._search._graph is not None
+
+
+def test_an_ordinary_frame_of_contours_waits_once(device, monkeypatch):
+    if device == "cpu":
+        pytest.skip("the CPU waits for nothing")
+    subject, (_truth, seen) = synthetic_subject(), motion(device)
+    tracker = ContourTracker(subject, RIG, TrackConfig("contour", device=device, runs=2), FPS)
+    for observation in seen[:3]:
+        tracker.step(observation)
+    waits = []
+    wait, read = wp.synchronize_stream, wp.array.numpy
+
+    def counted_wait(*arguments):
+        waits.append("wait")
+        return wait(*arguments)
+
+    def counted_read(array):
+        if array.device.is_cuda:
+            waits.append("read")
+        return read(array)
+
+    monkeypatch.setattr(wp, "synchronize_stream", counted_wait)
+    monkeypatch.setattr(wp.array, "numpy", counted_read)
+    tracker.step(seen[3])
+    assert waits == ["wait"]
+
+
+def test_a_captured_fit_replays_to_the_same_bits(device):
+    """Each frame starts where the last one ended, so that a stale start, mask or answer would show."""
+    if device == "cpu":
+        pytest.skip("graphs are captured on CUDA devices only")
+    config = TrackConfig("contour", device=device, runs=2)
+    replayed, launched = (ContourTracker(synthetic_subject(), RIG, config, FPS) for _ in range(2))
+    for part in (launched, launched._fitter, launched._fitter.fields):
+        part._replays.run = lambda _kind, work: work()
+    _truth, seen = motion(device)
+    for frame, observation in enumerate(seen[:5]):
+        again, once = replayed.step(observation), launched.step(observation)
+        np.testing.assert_array_equal(again.pose, once.pose, err_msg=f"frame {frame}")
+        np.testing.assert_array_equal(again.cost, once.cost, err_msg=f"frame {frame}")
+        np.testing.assert_array_equal(again.iou, once.iou, err_msg=f"frame {frame}")

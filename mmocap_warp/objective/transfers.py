@@ -1,0 +1,70 @@
+"""What the host sends to a device and gets from it, without waiting in between: on a GPU through pinned memory."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+
+class Upload:
+    """The host's side of an array that it writes again and again; on the CPU the array itself.
+
+    Args:
+        array: contiguous.
+    """
+
+    def __init__(self, array: Any) -> None:
+        self._array = array
+        self._host = _host_side(array)
+        self._values: np.ndarray = self._host.numpy()
+        self._sent = None if array.device.is_cpu else wp.Event(array.device)
+
+    @property
+    def values(self) -> np.ndarray:
+        """To be written, and then sent. This waits until what was sent last has left."""
+        if self._sent:
+            wp.synchronize_event(self._sent)
+        return self._values
+
+    def send(self, rows: int) -> None:
+        """Let the first rows of the values take their place in the device's queue."""
+        if self._sent:
+            _copy_rows(self._array, self._host, rows)
+            wp.record_event(self._sent)
+
+
+class Download:
+    """The host's side of arrays that are read together, with one wait for all.
+
+    Args:
+        arrays: contiguous, on one device.
+    """
+
+    def __init__(self, arrays: Sequence[Any]) -> None:
+        self._arrays = arrays
+        self._host = [_host_side(array) for array in arrays]
+        self._device = arrays[0].device
+
+    def fetch(self, rows: int) -> None:
+        """Let the first rows take their place in the device's queue; a graph may hold this."""
+        if self._device.is_cuda:
+            for host, array in zip(self._host, self._arrays, strict=True):
+                _copy_rows(host, array, rows)
+
+    def read(self, rows: int) -> list[np.ndarray]:
+        """Wait, and give copies of the rows that were fetched."""
+        if self._device.is_cuda:
+            wp.synchronize_stream(self._device.stream)
+        return [host.numpy()[:rows].copy() for host in self._host]
+
+
+def _host_side(array: Any) -> Any:
+    return array if array.device.is_cpu else wp.zeros(array.shape, dtype=array.dtype, device="cpu", pinned=True)
+
+
+def _copy_rows(to: Any, array: Any, rows: int) -> None:
+    if rows and array.size:
+        wp.copy(to, array, count=rows * array.size // array.shape[0])

@@ -7,6 +7,7 @@ from synthetic import ring_rig, synthetic_result
 
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.drawing.overlay import (
+    ELLIPSE,
     LEFT_COLOUR,
     MASK_COLOUR,
     MODEL_COLOUR,
@@ -141,7 +142,7 @@ def test_a_joint_that_is_unsure_has_a_wide_ellipse():
     sigma = np.zeros((1, 1, len(result.subject.body.skeleton.joints), 3))
     sure = overlay(replace(result, joint_sigma=sigma))
     joint = result.subject.body.skeleton.joints.index("LWrist")
-    sigma[0, 0, joint, 1] = 0.1  # up and down
+    sigma[0, 0, joint, 1] = 0.2 / ELLIPSE  # up and down
     sigma[0, 0, 0] = np.nan
     unsure = overlay(replace(result, joint_sigma=sigma))
     rows, columns = np.nonzero((sure != unsure).any(axis=2))

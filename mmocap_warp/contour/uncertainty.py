@@ -21,7 +21,7 @@ from mmocap_warp.contour.motion_points import POINTS_A_JOINT
 from mmocap_warp.contour.normal_equations import LineariseFrames, NormalEquations
 from mmocap_warp.contour.rooted import RootedPoses
 
-NOISE = 1.25
+NOISE = 1.3
 """What deviations from frame to frame measure, in units of those that the normal matrix tells."""
 USUAL_MISFIT = 0.011
 """Root mean square of contours' distances at which deviations are what they are said to be [m]."""

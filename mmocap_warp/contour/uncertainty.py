@@ -1,7 +1,8 @@
 """How sure the poses of a clip are: standard deviations from the inverse of its normal matrix.
 
 They have two parts. Noise differs from frame to frame, and is what the clip's normal matrix tells of. What is wrong
-with the body is the same in all frames, and no number of frames averages it out.
+with the body is the same in all frames, and no number of frames averages it out: its shape, and how its parts
+are turned in the bind pose, which no outline shows.
 """
 
 from __future__ import annotations
@@ -10,6 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mmocap_warp.body.bind_pose import bind_pose_turns
+from mmocap_warp.body.model import BodyModel
+from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.skeleton import TRANSLATION
 from mmocap_warp.contour.clip import OVERLAP, ClipProblem, SolvedWindow
 from mmocap_warp.contour.motion_penalty import MotionPenalty
@@ -17,7 +21,7 @@ from mmocap_warp.contour.motion_points import POINTS_A_JOINT
 from mmocap_warp.contour.normal_equations import LineariseFrames, NormalEquations
 from mmocap_warp.contour.rooted import RootedPoses
 
-NOISE = 1.5
+NOISE = 1.3
 """What deviations from frame to frame measure, in units of those that the normal matrix tells."""
 USUAL_MISFIT = 0.011
 """Root mean square of contours' distances at which deviations are what they are said to be [m]."""
@@ -84,6 +88,32 @@ def marginal_covariance(
     return (motion.band + contour.with_prior(problem.rooting.anywhere**-2.0)).inverse_diagonal()
 
 
+@dataclass(frozen=True, eq=False)
+class BodyChanges:
+    """Ways in which a body may not be quite the right one.
+
+    Attributes:
+        vertex: (parameter, tracking vertex, 3) of the skin in the bind pose by each [m].
+        joint: (parameter, joint, 3) of the joints' centres likewise [m].
+        sigma: (parameter,) prior standard deviations.
+    """
+
+    vertex: np.ndarray
+    joint: np.ndarray
+    sigma: np.ndarray
+
+
+def body_changes(body: BodyModel) -> BodyChanges:
+    """What a body can be solved for, and how bind poses differ besides."""
+    space, turns = RestSpace(body), bind_pose_turns(body)
+    vertex, joint = space.basis(np.zeros(len(space.names)), body.tracking_vertex)
+    return BodyChanges(
+        np.concatenate([vertex, turns.vertex[:, body.tracking_vertex]]),
+        np.concatenate([joint, turns.joint]),
+        np.concatenate([space.sigma, turns.sigma]),
+    )
+
+
 class BodyDeviations:
     """What a body that is not quite the right one does to a clip's poses, window by window.
 
@@ -93,13 +123,12 @@ class BodyDeviations:
     Args:
         problem: the clip's.
         linearise: the contours' equations of seen frames, with the body's parameters.
-        change: (parameter, joint, 3) of the centres in the bind pose by those [m].
-        sigma: (parameter,) prior standard deviations.
+        changes: those parameters.
     """
 
-    def __init__(self, problem: ClipProblem, linearise: LineariseFrames, change: np.ndarray, sigma: np.ndarray) -> None:
-        self._problem, self._linearise, self._change = problem, linearise, change
-        self._information = np.concatenate([problem.rooting.anywhere, sigma]) ** -2.0
+    def __init__(self, problem: ClipProblem, linearise: LineariseFrames, changes: BodyChanges) -> None:
+        self._problem, self._linearise, self._change = problem, linearise, changes.joint
+        self._information = np.concatenate([problem.rooting.anywhere, changes.sigma]) ** -2.0
         self._first = 0
         self._last: Uncertainty | None = None
 

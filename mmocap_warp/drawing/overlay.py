@@ -24,6 +24,8 @@ INK: Colour = (235, 235, 235)
 PAPER: Colour = (28, 28, 28)
 _SEEN: Colour = (105, 105, 105)  # foreground where there is no image
 _TINT = 0.35  # how much of the skin's colour covers the image
+ELLIPSE = 10
+"""Standard deviations from a joint to the rim of its ellipse: one or two are less than a pixel in most recordings."""
 _PLATE = 0.6  # how much a plate behind text covers
 _SUBPIXEL_BITS = 4
 
@@ -83,7 +85,8 @@ def draw_view(
         faces: (face, 3), its triangles.
         joints: (joint, 2), projected joint centres [px].
         skeleton: how they hang together.
-        spread: (joint, 2, 2), covariances of the joints' places [px^2], drawn as ellipses of two standard deviations.
+        spread: (joint, 2, 2), covariances of the joints' places [px^2], drawn as ellipses of ``ELLIPSE`` standard
+            deviations.
 
     Returns:
         ``window.size`` BGR image.
@@ -142,13 +145,13 @@ def _draw_skeleton(canvas: np.ndarray, joints: np.ndarray, skeleton: Skeleton) -
 
 
 def _draw_ellipses(canvas: np.ndarray, joints: np.ndarray, covariances: np.ndarray) -> None:
-    """Two standard deviations around each joint, up to half of the image."""
+    """``ELLIPSE`` standard deviations around each joint, up to half of the image."""
     for centre, covariance in zip(joints, covariances, strict=True):
         drawable = np.isfinite(covariance).all() and (np.abs(centre) < 8.0 * max(canvas.shape)).all()  # no NaN is
         if not drawable:
             continue
         variance, axes = np.linalg.eigh(covariance)
-        radii = np.minimum(2.0 * np.sqrt(np.maximum(variance, 0.0)), max(canvas.shape) / 2)
+        radii = np.minimum(ELLIPSE * np.sqrt(np.maximum(variance, 0.0)), max(canvas.shape) / 2)
         middle, half = (np.rint(values * (1 << _SUBPIXEL_BITS)).astype(int).tolist() for values in (centre, radii))
         angle = float(np.degrees(np.arctan2(axes[1, 0], axes[0, 0])))
         cv2.ellipse(canvas, middle, half, angle, 0.0, 360.0, SIGMA_COLOUR, 1, cv2.LINE_AA, _SUBPIXEL_BITS)

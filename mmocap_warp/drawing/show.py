@@ -13,6 +13,7 @@ import numpy as np
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.drawing.overlay import (
+    ELLIPSE,
     LEFT_COLOUR,
     MASK_COLOUR,
     MODEL_COLOUR,
@@ -326,7 +327,7 @@ def _video_frame(result: Result, run: int, frame: int, views: list[np.ndarray], 
     )
     legend = {"mask": MASK_COLOUR, "model": MODEL_COLOUR, "left": LEFT_COLOUR, "right": RIGHT_COLOUR}
     if result.joint_sigma is not None:
-        legend["ellipse: 2 sigma"] = SIGMA_COLOUR
+        legend[f"ellipse: {ELLIPSE} sigma"] = SIGMA_COLOUR
     for name, colour in legend.items():
         end = write_text(canvas, name, (end + 18, 9), colour)
     height, width = canvas.shape[:2]

@@ -8,13 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.skeleton import ROOT_ANGLES
 from mmocap_warp.contour.clip import WINDOW, ClipProblem, SolvedWindow, coarse_then_fine
 from mmocap_warp.contour.motion_points import MotionPoints
 from mmocap_warp.contour.normal_equations import NormalEquations
 from mmocap_warp.contour.rooted import RootedPoses, Rooting
-from mmocap_warp.contour.uncertainty import BodyDeviations, Deviations, Uncertainty, misfit, together
+from mmocap_warp.contour.uncertainty import BodyDeviations, Deviations, Uncertainty, body_changes, misfit, together
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.from_settings import make_fitter, make_objective, search_limits
@@ -98,11 +97,9 @@ class _Masks:
         self._places = min(window_of(raw.fps), len(raw.frame_numbers))
         candidates = min(CANDIDATES, self._places)
         self._fitter = make_fitter(subject, raw.cameras, config, candidates, frames=self._places)
-        space = RestSpace(subject.body)
-        vertex, self.joint_change = space.basis(np.zeros(len(space.names)), subject.body.tracking_vertex)
-        self.body_sigma = space.sigma
-        self._body_fitter = make_fitter(subject, raw.cameras, config, 1, parameters=len(space.names))
-        self._body_fitter.set_change(vertex, self.joint_change)
+        self.body_changes = body_changes(subject.body)
+        self._body_fitter = make_fitter(subject, raw.cameras, config, 1, parameters=len(self.body_changes.sigma))
+        self._body_fitter.set_change(self.body_changes.vertex, self.body_changes.joint)
         self._unread: Iterator[Observation] = iter(observations)
         self._held: list[Observation] = []
         self._read = 0
@@ -162,7 +159,7 @@ class _Run:
         )
         self.windows = problem.windows(self._rooting.enter(track), coarse_then_fine(config.acceleration), masked)
         self._noise = Deviations(problem, config.acceleration)
-        self._body = BodyDeviations(problem, masks.linearise_body, masks.joint_change, masks.body_sigma)
+        self._body = BodyDeviations(problem, masks.linearise_body, masks.body_changes)
         self._widest = np.full(track.shape[1], np.inf)
         self._widest[masks.searched] = self._rooting.anywhere
         self._last = track[0, ROOT_ANGLES]

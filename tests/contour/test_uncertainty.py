@@ -16,6 +16,7 @@ from mmocap_warp.contour.rooted import RootedPoses, Rooting
 from mmocap_warp.contour.uncertainty import (
     NOISE,
     USUAL_MISFIT,
+    BodyChanges,
     BodyDeviations,
     Deviations,
     Uncertainty,
@@ -113,6 +114,7 @@ def test_a_prior_makes_what_single_precision_rounded_invertible():
 CHANGE = np.random.default_rng(5).normal(0, 0.02, (2, len(SKELETON.joints), 3))
 """Of the joints' centres in the bind pose by two parameters of a body [m]."""
 PRIOR = np.array([0.5, 2.0])
+CHANGES = BodyChanges(np.zeros((2, 0, 3)), CHANGE, PRIOR)
 
 
 class WithBody:
@@ -134,7 +136,7 @@ class WithBody:
 
 
 def body_deviations(problem: ClipProblem, rooted: RootedPoses, linearise: WithBody) -> Uncertainty:
-    deviations = BodyDeviations(problem, linearise, CHANGE, PRIOR)
+    deviations = BodyDeviations(problem, linearise, CHANGES)
     pieces = [deviations.of(window) for window in problem.windows(rooted)]
     return Uncertainty(*(np.concatenate([getattr(piece, name) for piece in pieces]) for name in ("pose", "joint")))
 
@@ -142,7 +144,7 @@ def body_deviations(problem: ClipProblem, rooted: RootedPoses, linearise: WithBo
 def test_a_body_that_contours_do_not_show_is_as_unsure_as_its_prior():
     problem, rooted = clip_of(5, 0.004)
     window = SolvedWindow(rooted, problem.linearise(np.arange(5), rooted), 5)
-    stated = BodyDeviations(problem, WithBody(problem, moves=0.0), CHANGE, PRIOR).of(window)
+    stated = BodyDeviations(problem, WithBody(problem, moves=0.0), CHANGES).of(window)
     np.testing.assert_allclose(stated.pose, 0.0, atol=1e-12)
     moved = problem.points.centres_by_rest(rooted[:1], CHANGE) * PRIOR
     np.testing.assert_allclose(stated.joint[0], np.linalg.norm(moved[0], axis=-1), rtol=1e-4, atol=1e-9)
@@ -152,7 +154,7 @@ def test_poses_make_up_for_a_body_that_contours_show():
     problem, rooted = clip_of(5, 0.004)
     linearise = WithBody(problem, moves=1.0)
     window = SolvedWindow(rooted, problem.linearise(np.arange(5), rooted), 5)
-    stated = BodyDeviations(problem, linearise, CHANGE, PRIOR).of(window)
+    stated = BodyDeviations(problem, linearise, CHANGES).of(window)
     matrix = linearise(np.arange(1), rooted[:1]).matrix[0]
     matrix += np.diag(np.concatenate([problem.rooting.anywhere, PRIOR]) ** -2.0)
     both = np.linalg.inv(matrix)

@@ -7,6 +7,7 @@ from synthetic import ring_rig, synthetic_result
 
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.drawing.overlay import (
+    ELLIPSE,
     LEFT_COLOUR,
     MASK_COLOUR,
     MODEL_COLOUR,
@@ -143,7 +144,7 @@ def test_a_joint_that_is_unsure_has_a_wide_ellipse():
     sigma[0, 0, 0] = np.nan
     sure = overlay(replace(result, joint_sigma=sigma))
     joint = result.subject.body.skeleton.joints.index("LWrist")
-    sigma[0, 0, joint, 1] = 0.1  # up and down
+    sigma[0, 0, joint, 1] = 0.2 / ELLIPSE  # up and down
     unsure = overlay(replace(result, joint_sigma=sigma))
     rows, columns = np.nonzero((sure != unsure).any(axis=2))
     (place,) = project(result.cameras, result.joints()[0, 0, joint][None])[0]
@@ -157,7 +158,7 @@ def test_a_joint_that_is_unsure_has_a_wide_ellipse():
 
 def test_an_ellipse_that_is_smaller_than_a_joints_dot_is_seen():
     result = replace(small_result(frames=1, cameras=1), cameras=ring_rig(1, size=(640, 480)))
-    sigma = np.full((1, 1, len(result.subject.body.skeleton.joints), 3), 0.003)
+    sigma = np.full((1, 1, len(result.subject.body.skeleton.joints), 3), 0.006 / ELLIPSE)
     with_ellipses, without = (
         np.abs(overlay(each)[:, :, ::-1].astype(int) - SIGMA_COLOUR).sum(axis=2)
         for each in (replace(result, joint_sigma=sigma), result)

@@ -1,0 +1,83 @@
+"""How bind poses differ from person to person: one's arms hang a little lower than another's.
+
+An angle counts from the bind pose. A part that is turned in it looks like the same part with another angle: no outline
+tells them apart, and nothing can be solved for. By about how much parts are turned is known.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mmocap_warp.body.mirroring import mirrored_joints, mirrored_weights
+from mmocap_warp.body.model import BodyModel
+
+_TURN = 0.022  # how far a part that is as thick as long is turned about each axis [rad]
+_ON_PLANE = 0.02  # how far from the plane of symmetry a joint in it may be, as a share of the skeleton's extent
+_REFLECTED = np.array([1.0, -1.0, -1.0])  # what a turn's axis becomes in the mirror
+
+
+class BindPoseTurns(NamedTuple):
+    """Independent turns of parts in the bind pose, those of joints that mirror each other together.
+
+    Attributes:
+        sigma: (turn,) float64, standard deviations [rad].
+        vertex: (turn, vertex, 3) float64, how far each moves the full mesh's skin at 1 rad [m].
+        joint: (turn, joint, 3) float64, likewise the joints' centres.
+    """
+
+    sigma: np.ndarray
+    vertex: np.ndarray
+    joint: np.ndarray
+
+
+def bind_pose_turns(body: BodyModel) -> BindPoseTurns:
+    """How parts may be turned about the body's axes at their joints, with all that hangs on them.
+
+    The centre of a joint in a thick limb may lie anywhere in it, and a bone is the line between two centres: so a part
+    turns in proportion to how thick it is for its length. Where no skin bends (:func:`thickness`) nothing is turned.
+    """
+    rest, place = body.skin.rest.astype(np.float64), body.joint_rest.astype(np.float64)
+    weight, below, thick = mirrored_weights(body), body.skeleton.below, thickness(body)
+    length = _mean_distance(body, weight)
+    groups = list(mirrored_joints(body).values())
+    symmetric = any(len(group) > 1 for group in groups)
+    near = _ON_PLANE * np.ptp(place, axis=0).max()
+    sigma, turned, moved = [], [], []
+    for group in groups:
+        first = group[0]
+        if not thick[first]:
+            continue
+        in_plane = symmetric and len(group) == 1 and abs(place[first, 0] - place[0, 0]) <= near
+        for axis in np.eye(3)[: 1 if in_plane else 3]:  # what is its own mirror image turns about the axis across alone
+            skin, centre = np.zeros_like(rest), np.zeros_like(place)
+            for joint, about in zip(group, (axis, axis * _REFLECTED), strict=False):
+                follows = weight[:, below[joint]].sum(axis=1)
+                skin += follows[:, None] * np.cross(about, rest - place[joint])
+                centre[below[joint]] += np.cross(about, place[below[joint]] - place[joint])
+            sigma.append(_TURN * thick[first] / length[first])
+            turned.append(skin)
+            moved.append(centre)
+    return BindPoseTurns(
+        np.array(sigma), np.array(turned).reshape(-1, *rest.shape), np.array(moved).reshape(-1, *place.shape)
+    )
+
+
+def thickness(body: BodyModel) -> np.ndarray:
+    """(joint,) mean distance from each joint's centre of the skin that bends with it [m]; zero where none does.
+
+    That is skin which follows both the joint and its parent, of the root both it and its children.
+    """
+    parent, weight = np.array(body.skeleton.parent), mirrored_weights(body)
+    beside = weight[:, parent]
+    beside[:, 0] = weight[:, parent == 0].sum(axis=1)
+    return _mean_distance(body, weight * beside)
+
+
+def _mean_distance(body: BodyModel, weight: np.ndarray) -> np.ndarray:
+    """(joint,) from each joint's centre, of skin that counts with a weight (vertex, joint); zero where none does."""
+    distance = np.linalg.norm(body.skin.rest[:, None].astype(float) - body.joint_rest.astype(float), axis=2)
+    total = weight.sum(axis=0)
+    mean: np.ndarray = (weight * distance).sum(axis=0) / np.where(total > 0, total, 1.0)
+    return mean

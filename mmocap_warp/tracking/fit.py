@@ -105,16 +105,19 @@ def fit(
     scale = config.scale or min(1.0, _LONGEST / float(scene.rig().size.max()))
     rig = scene.rig(scale)
     task = _Task(body, rig, config, progress or (lambda stage, done, cost: None))
-    numbers = frames_to_follow(scene.fps, scene.frame_count if config.frames > 1 else 1)
+    numbers = frames_to_follow(scene.rate, scene.frame_count if config.frames > 1 else 1)
     observations = iter(scene.observations(scale, count=numbers[-1] + 1))
     first = next(observations)
     try:
         best, others = _first_frame(task, first)
     except NoSubjectError as error:
         remedy = "look at the masks (mmocap mask) and the calibration (mmocap cameras)"
-        raise InputError(scene.path, f"frame 0: {error}", remedy) from None
+        raise InputError(scene.path, f"frame {scene.first_frame}: {error}", remedy) from None
     clip = list(islice(chain([first], observations), 0, None, numbers.step))
-    return _fit_clip(task, clip, scene.fps / numbers.step, best, others)
+    subject = _fit_clip(task, clip, scene.rate / numbers.step, best, others)
+    if scene.first_frame:
+        subject = replace(subject, provenance=subject.provenance | {"fit.first_frame": scene.first_frame})
+    return subject
 
 
 def _fit_clip(task: _Task, clip: list[Observation], fps: float, best: Guess, others: dict[str, Guess]) -> Subject:

@@ -89,7 +89,7 @@ class _Masks:
         subject = raw.subject
         self.searched = subject.body.skeleton.searched(config.dof)
         self.limits = search_limits(subject, config)
-        self._places = max(1, min(round(WINDOW * raw.fps), len(raw.frame_numbers)))
+        self._places = max(1, min(round(WINDOW * raw.rate), len(raw.frame_numbers)))
         candidates = min(_CANDIDATES, self._places)
         self._fitter = make_fitter(subject, raw.cameras, config, candidates, frames=self._places)
         space = RestSpace(subject.body)
@@ -152,7 +152,7 @@ class _Run:
             lambda frames, rooted: masks.linearise(frames, rooted, seen[frames]),
             self._rooting,
             MotionPoints(skeleton, subject.body.joint_rest, masks.searched),
-            raw.fps,
+            raw.rate,
         )
         self.windows = problem.windows(self._rooting.enter(track), coarse_then_fine(config.acceleration), masked)
         self._noise = Deviations(problem, config.acceleration)

@@ -46,6 +46,8 @@ def export(
     new_file(output, *EXPORT_SUFFIXES, force=force)
     tracked = read_result(result)
     start_warp()
-    write_export(tracked if up is None else stood_up(tracked, f"+{up}"), output)
-    frames = len(tracked.frame_numbers)
-    console.result({"file": output, "frames": frames, "fps": tracked.fps}, f"{output}: {frames} frames")
+    tracked = tracked if up is None else stood_up(tracked, f"+{up}")
+    write_export(tracked, output)
+    frames, vertical = len(tracked.frame_numbers), tracked.cameras.up
+    values = {"file": output, "frames": frames, "fps": tracked.fps, "up": vertical}
+    console.result(values, f"{output}: {frames} frames, {vertical} up")

@@ -132,6 +132,38 @@ def summary(report: dict[str, Any]) -> str:
     return table(rows)
 
 
+def other_world_line(report: dict[str, Any], truth: Path | None, axes: str, named_by: str) -> str:
+    """What is wrong where ``report`` says that the truth is in another world, and the remedy.
+
+    Args:
+        report: of :func:`mmocap_warp.result.evaluation.evaluate`.
+        truth: the truth's file.
+        axes: that were taken of it.
+        named_by: ``"truth"`` for the flag, ``"scene"`` for the scene file.
+    """
+    from mmocap_warp.result.other_world import axes_after
+
+    found = report["other_world"]
+    errors = f"joints are off by {found['mpjpe_mm']:,.0f} mm that way instead of {report['mpjpe_mm']:,.0f}"
+    if found["axes"] is None:
+        larger = float(f"{1 / found["'scale'"]:.2g}")
+        changes = {
+            f"turned by {found['turn_deg']:.0f} degrees": found["turn_deg"] > 5,
+            f"{found['shift_m']:.1f} m away": found["shift_m"] > 0.1,
+            f"about {larger:g} times as large": not 0.8 < found["scale"] < 1.25,
+        }
+        where = ", ".join(change for change, is_seen in changes.items() if is_seen)
+        return f"{truth} is in another world than the result: {where}; give it in metres in the calibration's world"
+    wanted = axes_after(found["axes"], axes)
+    if truth is not None and truth.suffix != ".trc":
+        remedy = f"write it in the calibration's world, whose x, y and z are its {wanted}"
+    elif named_by == "truth":
+        remedy = f"give --truth-axes={wanted}"
+    else:
+        remedy = f'set axes = "{wanted}" under [truth]'
+    return f"{truth} has other axes than the result: {remedy} ({errors})"
+
+
 def _statuses(report: dict[str, Any]) -> str:
     """How many frames were not tracked in the ordinary way."""
     parts = [f"{report['lost']} lost", f"{report['partial']} with a view lost"]

@@ -93,7 +93,7 @@ def track(
     force
         Replace a result that exists.
     """
-    from mmocap_warp.cli.judging import scene_for, summary, truth_of
+    from mmocap_warp.cli.judging import other_world_line, scene_for, summary, truth_of
     from mmocap_warp.cli.outputs import new_file
     from mmocap_warp.cli.settings import effective
     from mmocap_warp.formats.usd.file import USD_SUFFIXES
@@ -112,6 +112,8 @@ def track(
     report = evaluate(tracked, truth)
     del report["series"]
     console.result({"result": output, **report, "config": tracked.config}, f"{output}\n{summary(report)}")
+    if report.get("other_world") is not None:
+        console.warn(other_world_line(report, loaded.truth, loaded.truth_axes, "scene"))
 
 
 @dataclass(frozen=True)

@@ -146,7 +146,7 @@ def other_world_line(report: dict[str, Any], truth: Path | None, axes: str, name
     found = report["other_world"]
     errors = f"joints are off by {found['mpjpe_mm']:,.0f} mm that way instead of {report['mpjpe_mm']:,.0f}"
     if found["axes"] is None:
-        larger = float(f"{1 / found["'scale'"]:.2g}")
+        larger = float(f"{1 / found['scale']:.2g}")
         changes = {
             f"turned by {found['turn_deg']:.0f} degrees": found["turn_deg"] > 5,
             f"{found['shift_m']:.1f} m away": found["shift_m"] > 0.1,

@@ -94,6 +94,7 @@ def track(
         Replace a result that exists.
     """
     from mmocap_warp.cli.judging import other_world_line, scene_for, summary, truth_of
+    from mmocap_warp.cli.next_step import command
     from mmocap_warp.cli.outputs import new_file
     from mmocap_warp.cli.settings import effective
     from mmocap_warp.formats.usd.file import USD_SUFFIXES
@@ -111,7 +112,9 @@ def track(
     tracked = track_scene(loaded, config, output, start, console)
     report = evaluate(tracked, truth)
     del report["series"]
-    console.result({"result": output, **report, "config": tracked.config}, f"{output}\n{summary(report)}")
+    step = command("show", output)
+    values = {"result": output, **report, "config": tracked.config, "next": step}
+    console.result(values, f"{output}\n{summary(report)}\nnext: {step}")
     if report.get("other_world") is not None:
         console.warn(other_world_line(report, loaded.truth, loaded.truth_axes, "scene"))
 

@@ -1,0 +1,159 @@
+"""Which videos and folders of images a folder holds, and of which camera each is."""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+Kind = Literal["recording", "masks", "background", "clean_plate"]
+Take = dict[str, Path]
+"""One video or folder a camera, by the camera's name."""
+
+_VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".mts", ".wmv")
+_IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
+_DEEPEST = 6  # folders
+_MASKS = re.compile(r"(^|[-_ ])(masks?|segm?|segmentations?|silhouettes?|mattes?|alphas?)([-_ .]|$)", re.IGNORECASE)
+_BACKGROUND = re.compile(r"(^|[-_ ])(backgrounds?|bg|empty|clean[-_ ]?plates?|plates?)([-_ .]|$)", re.IGNORECASE)
+_PASSED_OVER = re.compile(
+    r"\..*|calib.*|intrinsics?|extrinsics?|targets?|axes|annots|sparse|openpose|pose|pose[-_].*|kinematics|output.*"
+    r"|markerdata|opensimdata|onnx.*|.*_study",
+    re.IGNORECASE,
+)
+"""Folders of calibration pictures, and of what programs write."""
+
+
+@dataclass(frozen=True)
+class Medium:
+    """A video, a folder of images or a picture.
+
+    Attributes:
+        path: where it lies.
+        parts: its place below the folder that was looked through, without its ending.
+        kind: what it shows, by its name.
+    """
+
+    path: Path
+    parts: tuple[str, ...]
+    kind: Kind
+
+
+def find_media(folder: Path) -> list[Medium]:
+    """All videos and folders of images below a folder, and pictures of a background, in the order of their names."""
+    media: list[Medium] = []
+    for place, folders, files in os.walk(folder):
+        here = Path(place)
+        below = here.relative_to(folder).parts
+        folders[:] = (
+            sorted(name for name in folders if not _PASSED_OVER.fullmatch(name)) if len(below) < _DEEPEST else []
+        )
+        images = sorted(name for name in files if name.lower().endswith(_IMAGES))
+        pictures = [name for name in images if _BACKGROUND.search("_".join([*below, name]))]
+        videos = sorted(name for name in files if name.lower().endswith(_VIDEOS))
+        media += [_medium(here / name, (*below, Path(name).stem)) for name in videos]
+        if len(images) > 1 and below and not _are_of_cameras(images, pictures):
+            media.append(_medium(here, below))
+        else:
+            media += [Medium(here / name, (*below, Path(name).stem), "clean_plate") for name in pictures]
+    return media
+
+
+def _are_of_cameras(images: list[str], pictures: list[str]) -> bool:
+    """Whether pictures of a background are one a camera and not the frames of one: these are numbered alone."""
+    return bool(pictures) and not all(Path(name).stem.isdecimal() for name in images)
+
+
+def _medium(path: Path, parts: tuple[str, ...]) -> Medium:
+    kind: Kind = "recording"
+    if any(_MASKS.search(part) for part in parts):
+        kind = "masks"
+    elif any(_BACKGROUND.search(part) for part in parts):
+        kind = "background"
+    return Medium(path, parts, kind)
+
+
+def takes(media: list[Medium], kind: Kind, cameras: tuple[str, ...]) -> dict[str, Take]:
+    """What of a kind was recorded at a time: media whose places differ in the camera alone, by that place.
+
+    A medium belongs to the camera whose name, or else whose number, is in its own name or its folder's. Takes of the
+    most cameras come first, and of these videos.
+    """
+    found: dict[str, Take] = {}
+    for medium in media:
+        if medium.kind == kind and (match := _camera_of(medium, cameras)) is not None:
+            camera, place = match
+            found.setdefault(place, {}).setdefault(camera, medium.path)
+    most = max(map(len, found.values()), default=0)
+    whole = {place: take for place, take in found.items() if len(take) == most}
+    return dict(sorted(whole.items(), key=lambda item: (_is_folder(item[1]), item[0])))
+
+
+def _is_folder(take: Take) -> bool:
+    return next(iter(take.values())).is_dir()
+
+
+def _camera_of(medium: Medium, cameras: tuple[str, ...]) -> tuple[str, str] | None:
+    """The camera of a medium, and its place with a star for the camera; None where no one camera is the likeliest."""
+    scores = [
+        (score, depth, camera)
+        for depth, part in enumerate(medium.parts)
+        for camera in cameras
+        if (score := _alike(camera, part))
+    ]
+    if not scores:
+        return None
+    best = max(scores)[:2]
+    likely = [camera for *which, camera in scores if tuple(which) == best]
+    if len(likely) != 1:
+        return None
+    camera = likely[0]
+    place = [_starred(part, camera) if _alike(camera, part) == best[0] else part for part in medium.parts]
+    return camera, "/".join(place)
+
+
+def _alike(camera: str, part: str) -> int:
+    """How much a part of a path says that it is of a camera: 3 for its name, 2 for its name among others, 1 for its
+    number, 0 for nothing."""
+    camera, part = camera.lower(), part.lower()
+    if camera == part:
+        return 3
+    if _words(camera, part) or _words(part, camera):
+        return 2
+    numbers, others = _numbers(camera), _numbers(part)
+    return int(len(numbers) == 1 and numbers == others)
+
+
+def _words(inner: str, outer: str) -> bool:
+    return re.search(rf"(?<![a-z0-9]){re.escape(inner)}(?![a-z0-9])", outer) is not None
+
+
+def _numbers(text: str) -> list[int]:
+    return [int(number) for number in re.findall(r"[0-9]+", text)]
+
+
+def _starred(part: str, camera: str) -> str:
+    """A part of a path with a star in place of the camera's name or number."""
+    low = part.lower()
+    if low == camera.lower() or _words(low, camera.lower()):
+        return "*"
+    if _words(camera.lower(), low):
+        return re.sub(re.escape(camera), "*", part, flags=re.IGNORECASE)
+    if _numbers(camera) and _numbers(part) == _numbers(camera):
+        return re.sub("[0-9]+", "*", part)
+    return part
+
+
+def names_without_calibration(media: list[Medium]) -> tuple[str, ...]:
+    """Names of cameras where no calibration tells them: of the videos or folders that lie side by side."""
+    recordings = [medium for medium in media if medium.kind == "recording"]
+    for depth in (1, 2):  # the names of the media, or of the folders that they are alone in
+        by_folder: dict[tuple[str, ...], list[str]] = {}
+        for medium in recordings:
+            if len(medium.parts) >= depth:
+                by_folder.setdefault(medium.parts[:-depth], []).append(medium.parts[-depth])
+        for names in by_folder.values():
+            if len(set(names)) > 1:
+                return tuple(dict.fromkeys(names))
+    return ()

@@ -162,7 +162,9 @@ def _about(draft: Draft, rig: CameraRig | None, media: _Media) -> list[str]:
     else:
         lines.append(f"fps = {media.fps:g}")
     up, share = ("+z", 0.0) if rig is None else _vertical(rig)
-    if share < _UPRIGHT:
+    if rig is None:
+        lines.append(f'up = "{up}"   # the vertical of the calibration\'s world')
+    elif share < _UPRIGHT:
         lines.append(f'up = "{up}"   # a guess: the cameras do not stand upright along an axis')
         draft.missing.append(f'a look at the vertical: up = "{up}" is a guess, and mmocap cameras draws the axes')
     else:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 Kind = Literal["recording", "masks", "background", "clean_plate"]
 Take = dict[str, Path]
@@ -77,45 +78,63 @@ def _medium(path: Path, parts: tuple[str, ...]) -> Medium:
 def takes(media: list[Medium], kind: Kind, cameras: tuple[str, ...]) -> dict[str, Take]:
     """What of a kind was recorded at a time: media whose places differ in the camera alone, by that place.
 
-    A medium belongs to the camera whose name, or else whose number, is in its own name or its folder's. Takes of the
-    most cameras come first, and of these videos.
+    A medium belongs to the camera whose name, or else whose number, is in its own name or in that of a folder above it:
+    of these the one that makes the take of most cameras. Such takes alone are given, those of videos first.
     """
     found: dict[str, Take] = {}
-    for medium in media:
-        if medium.kind == kind and (match := _camera_of(medium, cameras)) is not None:
-            camera, place = match
-            found.setdefault(place, {}).setdefault(camera, medium.path)
+    likeness: dict[str, int] = {}
+    for claim in (claim for medium in media if medium.kind == kind for claim in _claims(medium, cameras)):
+        found.setdefault(claim.place, {}).setdefault(claim.camera, claim.path)
+        likeness[claim.place] = min(claim.likeness, likeness.get(claim.place, claim.likeness))
     most = max(map(len, found.values()), default=0)
-    whole = {place: take for place, take in found.items() if len(take) == most}
-    return dict(sorted(whole.items(), key=lambda item: (_is_folder(item[1]), item[0])))
+    whole = sorted(place for place, take in found.items() if len(take) == most)
+    chosen: dict[str, Take] = {}
+    taken: set[Path] = set()
+    for place in sorted(whole, key=lambda place: (_is_folder(found[place]), -likeness[place])):
+        if taken.isdisjoint(
+            found[place].values()
+        ):  # else it is the same media, by a part of their names that says less
+            chosen[place] = found[place]
+            taken.update(found[place].values())
+    return chosen
 
 
 def _is_folder(take: Take) -> bool:
     return next(iter(take.values())).is_dir()
 
 
-def _camera_of(medium: Medium, cameras: tuple[str, ...]) -> tuple[str, str] | None:
-    """The camera of a medium, and its place with a star for the camera; None where no one camera is the likeliest."""
-    scores = [
-        (score, depth, camera)
-        for depth, part in enumerate(medium.parts)
-        for camera in cameras
-        if (score := _alike(camera, part))
-    ]
-    if not scores:
-        return None
-    best = max(scores)[:2]
-    likely = [camera for *which, camera in scores if tuple(which) == best]
-    if len(likely) != 1:
-        return None
-    camera = likely[0]
-    place = [_starred(part, camera) if _alike(camera, part) == best[0] else part for part in medium.parts]
-    return camera, "/".join(place)
+class _Claim(NamedTuple):
+    """That a medium may be of a camera, as a part of its place says."""
+
+    camera: str
+    place: str
+    likeness: int
+    path: Path
+
+
+def _claims(medium: Medium, cameras: tuple[str, ...]) -> Iterator[_Claim]:
+    for depth, part in enumerate(medium.parts):
+        likeness = {camera: _alike(camera, part) for camera in cameras}
+        most = max(likeness.values())
+        likely = [camera for camera in cameras if likeness[camera] == most]
+        if most and len(likely) == 1:
+            camera = likely[0]
+            token = camera if _words(camera.lower(), part.lower()) else part
+            starred = [_starred(each, token) for each in medium.parts]
+            starred[depth] = re.sub("[0-9]+", "*", part) if most == 1 else starred[depth]
+            yield _Claim(camera, "/".join(starred), most, medium.path)
+
+
+def _starred(part: str, token: str) -> str:
+    """A part of a path with a star in place of a word."""
+    return re.sub(rf"(?<![A-Za-z0-9]){re.escape(token)}(?![A-Za-z0-9])", "*", part, flags=re.IGNORECASE)
 
 
 def _alike(camera: str, part: str) -> int:
-    """How much a part of a path says that it is of a camera: 3 for its name, 2 for its name among others, 1 for its
-    number, 0 for nothing."""
+    """How much a part of a path says that it is of a camera.
+
+    3 for its name, 2 for its name among other words, 1 for its number, 0 for nothing.
+    """
     camera, part = camera.lower(), part.lower()
     if camera == part:
         return 3
@@ -131,18 +150,6 @@ def _words(inner: str, outer: str) -> bool:
 
 def _numbers(text: str) -> list[int]:
     return [int(number) for number in re.findall(r"[0-9]+", text)]
-
-
-def _starred(part: str, camera: str) -> str:
-    """A part of a path with a star in place of the camera's name or number."""
-    low = part.lower()
-    if low == camera.lower() or _words(low, camera.lower()):
-        return "*"
-    if _words(camera.lower(), low):
-        return re.sub(re.escape(camera), "*", part, flags=re.IGNORECASE)
-    if _numbers(camera) and _numbers(part) == _numbers(camera):
-        return re.sub("[0-9]+", "*", part)
-    return part
 
 
 def names_without_calibration(media: list[Medium]) -> tuple[str, ...]:

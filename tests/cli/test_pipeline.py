@@ -28,6 +28,7 @@ from mmocap_warp.formats.usd.result import read_result
 from mmocap_warp.formats.usd.truth import read_truth, write_truth
 from mmocap_warp.result.evaluation import evaluate
 from mmocap_warp.result.truth import Truth
+from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.views.rig import project
 from mmocap_warp.views.silhouette import silhouette
 
@@ -311,6 +312,14 @@ def test_masks_are_a_scene_that_tracks_alike(scene, result, tmp_path, capsys):
     again = answer(capsys, "track", written["scene"], "-o", tmp_path / "r.usdc", *flags)
     assert again["frames"] == FRAMES
     assert same_bits(result, tmp_path / "r.usdc")
+
+
+def test_masks_of_some_frames_are_a_scene_of_their_rate(scene, tmp_path, capsys):
+    written = answer(capsys, "mask", scene, "-o", tmp_path / "masks", "--frames", "1:8:3")
+    part, whole = load_scene(written["scene"]), load_scene(scene)
+    assert (part.frame_count, part.fps) == (3, 20)
+    for masks, same in zip(part.masks(), whole.of_frames(range(1, 8, 3)).masks(), strict=True):
+        np.testing.assert_array_equal(masks[1], same[1])
 
 
 def test_cameras_draws_into_every_view(scene, tmp_path, capsys):

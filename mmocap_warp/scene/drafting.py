@@ -91,7 +91,7 @@ def draft_scene(folder: Path) -> Draft:
             folder, "holds no video and no folder of images", "put a video or a folder of images of each camera there"
         )
     found = find_calibration(folder)
-    rig, units = read_found(found, _sizes(files)) if found else (None, "m")
+    rig, units = read_found(found, _sizes(files, found)) if found else (None, "m")
     names = rig.names if rig else names_without_calibration(files)
     video = _one_take(folder, files, names)
     media = _Media(video, *(_first_take(files, kind, names) for kind in ("masks", "background", "clean_plate")))
@@ -115,8 +115,10 @@ def draft_scene(folder: Path) -> Draft:
     return draft
 
 
-def _sizes(media: list[Medium]) -> dict[str, tuple[int, int]]:
-    """Of the recordings and masks, by their own names, for a calibration that does not tell sizes."""
+def _sizes(media: list[Medium], found: FoundCalibration) -> dict[str, tuple[int, int]]:
+    """Of the recordings and masks, by their own names, for EasyMocap's calibration, which may not tell sizes."""
+    if found.path.name != "intri.yml":
+        return {}
     sizes: dict[str, tuple[int, int]] = {}
     for medium in media:
         if medium.kind in ("recording", "masks") and medium.parts[-1] not in sizes:
@@ -135,7 +137,9 @@ def _one_take(folder: Path, files: list[Medium], names: tuple[str, ...]) -> Take
     found = videos or found
     if len(found) < 2:
         return next(iter(found.values()), {})
-    folders = sorted({os.path.commonpath([path.parent for path in take.values()]) for take in found.values()})
+    folders = list(
+        dict.fromkeys(os.path.commonpath([path.parent for path in take.values()]) for take in found.values())
+    )
     remedy = f"name one recording's folder: mmocap init {folders[0]}"
     if len(folders) < len(found):
         remedy = "move each recording into a folder of its own"

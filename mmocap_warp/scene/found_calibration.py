@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -41,12 +42,7 @@ def project_kind(folder: Path) -> str | None:
     marks = {
         "OpenCap": ("sessionMetadata.yaml", "Videos/Cam*/cameraIntrinsicsExtrinsics.pickle", "Videos/Cam*/InputMedia"),
         "EasyMocap": ("intri.yml", "extri.yml"),
-        "Caliscope": (
-            "camera_array*.toml",
-            "calibration/extrinsic",
-            "calibration/intrinsic/port_*",
-            "**/capture_volume",
-        ),
+        "Caliscope": ("camera_array*.toml", "calibration/extrinsic", "calibration/intrinsic/port_*"),
         "Pose2Sim": ("Config.toml",),
     }
     for name, patterns in marks.items():
@@ -67,8 +63,9 @@ def find_calibration(folder: Path) -> FoundCalibration | None:
         if readable:
             rank, best = readable[0]
             return FoundCalibration(best, CALIBRATIONS[rank].name, tuple(file for _, file in readable[1:]))
-        for file in files:
-            _refuse(file)
+        if place == folder or project_kind(place) is not None:
+            for file in files:
+                _refuse(file, place)
     return None
 
 
@@ -90,6 +87,8 @@ def _candidates(place: Path) -> Iterator[Path]:
     """Files that may be a calibration: in the folder, and in its folders of that name to any depth."""
     folders = [place, *sorted(each for each in place.glob("[Cc]alib*") if each.is_dir())]
     for folder in folders:
+        if not os.access(folder, os.R_OK):
+            continue
         for file in sorted(folder.iterdir() if folder == place else folder.rglob("*")):
             if file.is_file() and not file.name.startswith("."):
                 yield file
@@ -125,17 +124,17 @@ def _tables(file: Path) -> list[dict[str, Any]]:
     return [table for table in values.values() if isinstance(table, dict)]
 
 
-def _refuse(file: Path) -> None:
-    """Raise InputError for a calibration of a format that cannot be read."""
-    name = file.name.lower()
-    about_cameras = any(word in str(file).lower() for word in ("calib", "intri", "extri", "camera"))
+def _refuse(file: Path, place: Path) -> None:
+    """Raise InputError for a calibration, by its name or its folder below ``place``, of a format that cannot be read."""
+    name, below = file.name.lower(), str(file.relative_to(place)).lower()
+    is_calibration = any(word in below for word in ("calib", "intri", "extri"))
     if file.suffix == ".toml" and any(_is_caliscope(table) for table in _tables(file)):
         raise InputError(
             file,
             "is Caliscope's own camera array, which cannot be read yet",
             "give camera_array_aniposelib.toml, which Caliscope writes beside it or in the project's folder",
         )
-    if file.suffix in (".pickle", ".pkl") and about_cameras:
+    if file.suffix in (".pickle", ".pkl") and (is_calibration or "camera" in name):
         opencap = "intrinsicsextrinsics" in name
         raise InputError(file, _PICKLE, _CONVERT.format("opencap") if opencap else _ANY_OTHER)
     by_ending = {
@@ -148,7 +147,7 @@ def _refuse(file: Path) -> None:
         ".npy": ("NumPy", _ANY_OTHER),
         ".xml": ("XML", _ANY_OTHER),
     }
-    if file.suffix.lower() in by_ending and about_cameras:
+    if file.suffix.lower() in by_ending and is_calibration:
         program, remedy = by_ending[file.suffix.lower()]
         raise InputError(file, f"is a calibration of {program}, which cannot be read yet", remedy)
     if name == "intri.yml":

@@ -81,6 +81,8 @@ def takes(media: list[Medium], kind: Kind, cameras: tuple[str, ...]) -> dict[str
     A medium belongs to the camera whose name, or else whose number, is in its own name or in that of a folder above it:
     of these the one that makes the take of most cameras. Such takes alone are given, those of videos first.
     """
+    if not cameras:
+        return {}
     found: dict[str, Take] = {}
     likeness: dict[str, int] = {}
     for claim in (claim for medium in media if medium.kind == kind for claim in _claims(medium, cameras)):

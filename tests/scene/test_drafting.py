@@ -194,6 +194,7 @@ def test_an_opencap_session(videos: Path, project: Path) -> None:
         ("calibration/session.xcp", "is a calibration of Vicon, which cannot be read yet; convert it with Pose2Sim"),
         ("calibration/cameras.json", "is a calibration of JSON, which cannot be read yet; write it as a Pose2Sim"),
         ("calib.pkl", "is a Python pickle"),
+        ("camera_parameters.pickle", "is a Python pickle"),
         ("intri.yml", "has no extri.yml beside it"),
         ("Calib/deep/rig.npz", "is a calibration of NumPy"),
     ],
@@ -204,6 +205,22 @@ def test_calibrations_that_cannot_be_read_are_refused_by_name(videos: Path, name
     with pytest.raises(InputError) as caught:
         draft_scene(videos)
     assert str(caught.value).startswith(f"{videos / name}: {words}")
+
+
+def test_other_files_are_no_calibration(videos: Path) -> None:
+    """By their own names, whatever the folders above are called."""
+    folder = videos.rename(videos.with_name("camera calibrations"))
+    for name in ("notes.json", "camera_notes.json", "weights.npz", "settings.toml", "poses.pkl"):
+        (folder / name).touch()
+    (folder.parent / "calib.json").touch()  # nobody's project
+    assert draft_scene(folder).calibration is None
+
+
+def test_one_video_alone_is_no_recording(videos: Path) -> None:
+    for name in RIG.names[1:]:
+        (videos / f"{name}.mkv").unlink()
+    with pytest.raises(InputError, match="none are known"):
+        draft_scene(videos)
 
 
 def test_without_a_calibration(videos: Path) -> None:

@@ -125,7 +125,7 @@ def _tables(file: Path) -> list[dict[str, Any]]:
 
 
 def _refuse(file: Path, place: Path) -> None:
-    """Raise InputError for a calibration, by its name or its folder below ``place``, of a format that cannot be read."""
+    """Raise InputError for what its name, or its folder's below ``place``, calls a calibration: it cannot be read."""
     name, below = file.name.lower(), str(file.relative_to(place)).lower()
     is_calibration = any(word in below for word in ("calib", "intri", "extri"))
     if file.suffix == ".toml" and any(_is_caliscope(table) for table in _tables(file)):

@@ -151,7 +151,6 @@ CHANGES: list[tuple[str, Callable[[Run], Run]]] = [
     ("images", of_scene(swapped_images)),
     ("foreground.source", of_scene(subtracted)),
     ("frames", of_scene(lambda scene: other(scene, "frame_count"))),
-    ("frames", of_scene(lambda scene: other(scene, "first_frame"))),
     ("frames", of_scene(lambda scene: other(scene, "stride"))),
     ("fps", of_scene(lambda scene: other(scene, "fps"))),
     ("frame offsets", of_second_camera("frame_offset")),

@@ -73,7 +73,8 @@ def test_the_settings_are_the_callers_then_the_scenes(walk):
 
 def test_a_scene_is_drawn_below_its_result_alone(walk):
     result = synthetic_result(frames=2, cameras=5)
-    with pytest.raises(mm.InputError, match="the result goes to frame 11"):
-        mm.overlay(replace(result, cameras=walk.rig()), walk)
+    late = replace(result, cameras=walk.rig(), frame_numbers=result.frame_numbers + 60)
+    with pytest.raises(mm.InputError, match="has 64 frames, the result goes to frame 71"):
+        mm.overlay(late, walk)
     with pytest.raises(mm.InputError, match="has the cameras cam1"):
         mm.overlay(result, walk)

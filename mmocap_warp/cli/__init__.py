@@ -31,6 +31,11 @@ _DEMO = (
     "plot of error against frame, replacing those of an earlier demo. "
     "Exits with 4 if the mean marker error is over 30 mm."
 )
+_INIT = (
+    "Write a scene.toml for a folder of videos, and say what is missing.\n\n"
+    "It looks at videos, folders of images, masks, pictures of the background and the calibration; projects of "
+    "Pose2Sim, EasyMocap, Caliscope and OpenCap are known. Every command says what to run next."
+)
 _MASK = (
     "Write a scene's foreground masks and an overlay of them.\n\n"
     "They are made as its [foreground] table says. The folder is a scene itself, with the masks undistorted and a "
@@ -47,6 +52,7 @@ _BENCH = (
 )
 _COMMANDS = (  # a command's help is here and not in its docstring, so that the list of commands loads none of them
     ("demo", "demo:demo", _DEMO),
+    ("init", "init:init", _INIT),
     ("track", "track:track", "Track a scene: from videos or masks to an animated USD body."),
     ("fit", "fit:fit", "Find the body, its place and its first pose in a scene."),
     ("mask", "mask:mask", _MASK),

@@ -25,7 +25,7 @@ def cameras(
     force: Switch = False,
     console: Console | None = None,
 ) -> int:
-    """Print a scene's cameras and draw the world axes into their views.
+    """Print a scene's cameras and draw the world axes into their views; masks need not be there yet.
 
     Parameters
     ----------
@@ -38,17 +38,20 @@ def cameras(
     """
     import numpy as np
 
+    from mmocap_warp.cli.next_step import mask_command, track_command
     from mmocap_warp.cli.outputs import new_folder
     from mmocap_warp.scene.scene_toml import load_scene
     from mmocap_warp.views.rig import describe_rig
 
     console = console or Console()
-    loaded = load_scene(scene)
+    loaded = load_scene(scene, masks=False)
     rows = describe_rig(loaded.calibrated)
     mean_height = float(np.mean([row.height for row in rows]))
     if output is not None:
         _draw_axes(loaded, new_folder(output, force=force))
     good = mean_height > 0
+    have_masks = all(source.masks is not None for source in loaded.cameras)
+    step = track_command(loaded.path) if have_masks else mask_command(loaded.path)
     values = {
         "cameras": [
             {
@@ -64,6 +67,8 @@ def cameras(
         "up": loaded.calibrated.up,
         "mean_height_m": mean_height,
         "mean_height_ok": good,
+        "pictures": output,
+        "next": step if good else None,
     }
     header = f"{'camera':<12} {'size':>10} {'x':>8} {'y':>8} {'z':>8} {'height':>8} {'nearest':>8} {'view':>10}"
     lines = [header, f"{'':<12} {'px':>10} {'m':>8} {'m':>8} {'m':>8} {'m':>8} {'m':>8} {'deg':>10}"]
@@ -74,6 +79,10 @@ def cameras(
     lines.append(f"mean height {mean_height:.2f} m along {loaded.calibrated.up}")
     if not good:
         lines.append("check failed: cameras at or below the world's zero; is [scene] up this calibration's vertical?")
+    if output is not None:
+        lines.append(f"{output}: the world's axes in {len(rows)} pictures, x red, y green, z blue")
+    if good:
+        lines.append(f"next: {step}")
     console.result(values, "\n".join(lines))
     return OK if good else CHECK_FAILED
 
@@ -86,8 +95,9 @@ def _draw_axes(scene: Scene, folder: Path) -> None:
 
     rig = scene.rig()
     images = next(scene.images(count=1))
-    if any(image is None for image in images):  # where there is no video, a view shows its mask
-        masks = next(scene.masks(count=1))
+    masks = [np.zeros((height, width), bool) for width, height in rig.size]
+    if any(image is None for image in images) and all(source.masks is not None for source in scene.cameras):
+        masks = next(scene.masks(count=1))  # where there is no video, a view shows its mask
     for k, name in enumerate(rig.names):
         image = images[k]
         if image is None:

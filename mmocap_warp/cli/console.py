@@ -31,6 +31,10 @@ class Console:
         if not self.quiet:
             print(line, file=sys.stderr, flush=True)
 
+    def warn(self, line: str) -> None:
+        """Say what is wrong, on stderr."""
+        print(line, file=sys.stderr, flush=True)
+
     def result(self, values: dict[str, Any], text: str) -> None:
         """Print the command's answer on stdout: ``values`` as JSON where that is asked for, else ``text``."""
         if self.json:

@@ -34,6 +34,7 @@ def fit(
     *,
     output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("subject.usdc"),
     body: str | None = None,
+    frames: str | None = None,
     flags: FitFlags | None = None,
     force: Switch = False,
     console: Console | None = None,
@@ -49,21 +50,24 @@ def fit(
     body
         The generic body that the subject's is near to: a shipped one's name or a USD file. The scene's, or else
         adult_man.
+    frames
+        Which of the recording's frames: first:end or first:end:stride, such as 120:480:2, which leaves out the end; or
+        a count of those that the scene names. [default: those that the scene names]
     force
         Replace a file that exists.
     """
     from mmocap_warp.bodies.shipped import DEFAULT_BODY, load_body
     from mmocap_warp.cli.devices import start_warp
+    from mmocap_warp.cli.judging import scene_for
     from mmocap_warp.cli.outputs import new_file
     from mmocap_warp.cli.settings import describe, effective
     from mmocap_warp.cli.subjects import fit_subject
     from mmocap_warp.formats.usd.file import USD_SUFFIXES
-    from mmocap_warp.scene.scene_toml import load_scene
     from mmocap_warp.tracking.fit import FitConfig
 
     console, flags = console or Console(), flags or FitFlags()
     new_file(output, *USD_SUFFIXES, force=force)
-    loaded = load_scene(scene)
+    loaded = scene_for(scene, frames)
     config = effective(FitConfig, loaded.settings("fit"), flags)
     start = load_body(body or loaded.body or DEFAULT_BODY, "--body" if body else loaded.path)
     start_warp(config.device)

@@ -8,6 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from mmocap_warp.cli.console import Console, Switch
+from mmocap_warp.cli.exit_codes import UsageError
 
 
 def show(
@@ -16,6 +17,7 @@ def show(
     *,
     output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
     scene: Path | None = None,
+    frames: str | None = None,
     force: Switch = False,
     console: Console | None = None,
 ) -> None:
@@ -32,17 +34,22 @@ def show(
         have the ending .png.
     scene
         The scene, if it is no longer where the result says.
+    frames
+        Which of the result's frames: first:end or first:end:stride by the recording's numbers, or a count. All by
+        default.
     force
         Replace files that exist.
     """
     from mmocap_warp.cli.devices import start_warp
-    from mmocap_warp.cli.judging import draw_result, draw_subject, recorded_scene, scene_of
+    from mmocap_warp.cli.judging import draw_result, draw_subject, positions_of, recorded_scene, scene_of
     from mmocap_warp.cli.outputs import new_file
     from mmocap_warp.formats.usd.body import read_subject
     from mmocap_warp.formats.usd.result import holds_result, read_result
 
     console = console or Console()
     if not holds_result(result):
+        if frames is not None:
+            raise UsageError("--frames belongs to a result; a subject is drawn over the frame that it was fitted to")
         picture = new_file(output or result.with_suffix(".png"), ".png", force=force)
         subject = read_subject(result)
         start_warp()
@@ -53,6 +60,7 @@ def show(
     video = new_file(output or result.with_suffix(".webm"), ".webm", force=force)
     sheet = new_file(video.with_suffix(".png"), ".png", force=force)
     tracked = read_result(result)
+    positions = positions_of(tracked, frames)
     start_warp()
-    draw_result(tracked, scene_of(tracked, result, scene), video, sheet, console)
+    draw_result(tracked, scene_of(tracked, result, scene), video, sheet, console, positions)
     console.result({"video": video, "sheet": sheet}, f"{video}\n{sheet}")

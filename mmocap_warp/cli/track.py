@@ -67,6 +67,7 @@ def track(
     output: Annotated[Path, Parameter(name=["--output", "-o"])],
     subject: Path | None = None,
     body: str | None = None,
+    frames: str | None = None,
     flags: TrackFlags | None = None,
     resume: Switch = False,
     force: Switch = False,
@@ -84,31 +85,38 @@ def track(
         The fitted subject to track. The scene's, or else one is fitted first and kept beside the result.
     body
         Where that fit starts: a shipped body's name or a USD file. The scene's, or else adult_man.
+    frames
+        Which of the recording's frames: first:end or first:end:stride, such as 120:480:2, which leaves out the end; or
+        a count of those that the scene names. [default: those that the scene names]
     resume
         Continue an interrupted run; it ends with the same bits as one that was not interrupted.
     force
         Replace a result that exists.
     """
-    from mmocap_warp.cli.judging import summary, truth_of
+    from mmocap_warp.cli.judging import other_world_line, scene_for, summary, truth_of
+    from mmocap_warp.cli.next_step import command
     from mmocap_warp.cli.outputs import new_file
     from mmocap_warp.cli.settings import effective
     from mmocap_warp.formats.usd.file import USD_SUFFIXES
     from mmocap_warp.result.evaluation import evaluate
-    from mmocap_warp.scene.scene_toml import load_scene
     from mmocap_warp.tracking.config import TrackConfig
 
     console, flags = console or Console(), flags or TrackFlags()
     if resume and force:
         raise UsageError("--resume continues what --force would replace; give one of them")
     new_file(output, *USD_SUFFIXES, force=force or resume)
-    loaded = load_scene(scene)
+    loaded = scene_for(scene, frames)
     config = effective(TrackConfig, loaded.settings("track"), flags)
     truth = truth_of(loaded)
     start = Start(subject, body, flags, resume, force)
     tracked = track_scene(loaded, config, output, start, console)
     report = evaluate(tracked, truth)
     del report["series"]
-    console.result({"result": output, **report, "config": tracked.config}, f"{output}\n{summary(report)}")
+    step = command("show", output)
+    values = {"result": output, **report, "config": tracked.config, "next": step}
+    console.result(values, f"{output}\n{summary(report)}\nnext: {step}")
+    if report.get("other_world") is not None:
+        console.warn(other_world_line(report, loaded.truth, loaded.truth_axes, "scene"))
 
 
 @dataclass(frozen=True)

@@ -76,7 +76,7 @@ def show(
     crops = [_crop(body, k, on_sheet) for k in range(len(result.cameras))]
     cells: list[list[np.ndarray]] = []
     with contextlib.ExitStack() as stack:
-        writer = stack.enter_context(WebmFile(video, result.fps)) if video else None
+        writer = stack.enter_context(WebmFile(video, result.rate)) if video else None
         for frame, (seen, masked) in enumerate(_in_step(result, images, masks)):
             if writer:
                 views = body.views(frame, seen, masked, windows)
@@ -124,8 +124,8 @@ def overlay(
     masks: Sequence[np.ndarray | None] = images
     if scene is not None:
         check_same_recording(result, scene)
-        images = next(scene.images(1.0, number, 1))
-        masks = next(tracked_masks(scene, result, frame % len(result.frame_numbers), 1))
+        images = next(scene.of_frames(range(number, number + 1)).images())
+        masks = next(tracked_masks(scene, result, [frame % len(result.frame_numbers)]))
     windows = [
         Window((0, 0), (width, height), (width, height) if image is None else (image.shape[1], image.shape[0]))
         for (width, height), image in zip(result.cameras.size.tolist(), images, strict=True)
@@ -207,8 +207,8 @@ def check_same_recording(result: Result, scene: Scene) -> None:
         problem = f"has the cameras {', '.join(theirs)}, the result {', '.join(mine)}"
         raise InputError(scene.path, problem, "name the scene that was tracked")
     last = int(result.frame_numbers[-1])
-    if last >= scene.frame_count:
-        problem = f"has {scene.frame_count} frames, the result goes to frame {last}"
+    if last >= scene.recorded_frames:
+        problem = f"has {scene.recorded_frames} frames, the result goes to frame {last}"
         raise InputError(scene.path, problem, "name the scene that was tracked")
 
 

@@ -84,6 +84,19 @@ class Table:
             raise self.error(f"{key} is not finite", "give an ordinary number")
         return value
 
+    def has(self, key: str) -> bool:
+        """Whether ``key`` is there and has not been taken."""
+        return key in self._values
+
+    def take_any(self, key: str, kinds: tuple[type, ...], default: Any) -> Any:
+        """The value of ``key`` where several kinds are possible.
+
+        Raises:
+            InputError: of none of these types.
+        """
+        kind = next((kind for kind in kinds if type(self._values.get(key)) is kind), kinds[0])
+        return self.take(key, kind, default)
+
     def take_choice(self, key: str, choices: tuple[str, ...], default: Any = ...) -> str:
         """A string that must be one of ``choices``."""
         value = self.take(key, str, default)

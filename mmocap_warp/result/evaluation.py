@@ -9,6 +9,7 @@ import numpy as np
 from mmocap_warp.body.skeleton import TRANSLATION
 from mmocap_warp.result.marker_errors import marker_errors
 from mmocap_warp.result.offsets import offset_free_distance
+from mmocap_warp.result.other_world import other_world
 from mmocap_warp.result.over_time import growth, second_differences
 from mmocap_warp.result.pose_errors import (
     LOST_LIMB,
@@ -45,6 +46,9 @@ def evaluate(result: Result, truth: Truth | None = None) -> dict[str, Any]:
     ``wrongly_tracked``: frames in which this holds, or the root is that far off, for a run that calls them tracked.
     ``near_tracked``: of the frames in which all of these joints are within 50 mm, the share that is called tracked or
     partial.
+
+    ``other_world`` says how the truth must be changed where it is far off but in another world, see
+    :func:`mmocap_warp.result.other_world.other_world`; else it is ``None``.
 
     And Eq. 20, the mean over markers, then frames, in the two readings of :mod:`mmocap_warp.result.marker_errors`:
     ``eq20_as_printed_mm`` from the given first pose, where ``eq20_as_printed_left_out`` markers do not count, and
@@ -160,6 +164,7 @@ def _joint_errors(
         "median_mm_by_joint": {name: median_of(name) for name in names},
         "median_mm_by_group": {group: median_of(*joints) for group, joints in skeleton.judged.items()},
         "limb_lost_frames": result.frame_numbers[mine[lost]],
+        "other_world": other_world(tracked[result.best_run], known),
     }
 
 

@@ -54,7 +54,8 @@ def marker_errors(result: Result, truth: Truth, mine: np.ndarray, theirs: np.nda
     """Both readings and their floors over the frames ``mine`` of the result, which are ``theirs`` of the truth."""
     seen, pose = truth.markers[theirs], result.pose[:, mine]
     known = np.isfinite(seen).all(axis=2)
-    start = known[0] if mine[0] == 0 else np.zeros(known.shape[1], bool)  # known in the first frame that was tracked
+    from_the_start = mine[0] + result.left_out_before == 0
+    start = known[0] if from_the_start else np.zeros(known.shape[1], bool)  # known in the first frame that was tracked
     initial, allowed = result.subject, allowed_skin(result.subject.body, truth.marker_names)
     as_printed_floor = from_own_answer_floor = np.full(len(mine), np.nan)
     motion = _true_motion(result, truth, theirs)

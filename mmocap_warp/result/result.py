@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -62,6 +62,7 @@ class Result:
             the tracker does not tell.
         joint_sigma: (run, frame, joint, 3) float64, standard deviation of each joint's place along the world's axes
             [m]; likewise.
+        left_out_before: how many frames of the track were before the first, where this is a part of it.
 
     Raises:
         ValueError: no frame, frame numbers that do not ascend, or arrays whose shapes disagree.
@@ -82,6 +83,7 @@ class Result:
     raw_pose: np.ndarray | None = None
     angle_sigma: np.ndarray | None = None
     joint_sigma: np.ndarray | None = None
+    left_out_before: int = 0
 
     def __post_init__(self) -> None:
         runs, frames, cameras = len(self.pose), len(self.frame_numbers), len(self.cameras)
@@ -107,6 +109,20 @@ class Result:
     def best_run(self) -> int:
         """The run with the lowest mean cost: the one that is animated."""
         return int(np.argmin(np.nanmean(self.cost, axis=1))) if np.isfinite(self.cost).any() else 0
+
+    @property
+    def rate(self) -> float:
+        """How many of the result's frames there are in a second: fewer than ``fps`` where frames were passed over."""
+        step = np.diff(self.frame_numbers)
+        return self.fps / int(step.min()) if len(step) else self.fps
+
+    def at(self, positions: Sequence[int]) -> Result:
+        """Some of its frames alone, by their positions in ``frame_numbers``, ascending."""
+        chosen = np.asarray(positions, int)
+        of_frames = ("pose", "cost", "iou", "evaluations", "status", "raw_pose", "angle_sigma", "joint_sigma")
+        arrays = {name: array[:, chosen] for name in of_frames if (array := getattr(self, name)) is not None}
+        before = self.left_out_before + int(chosen[0])
+        return replace(self, frame_numbers=self.frame_numbers[chosen], left_out_before=before, **arrays)
 
     def joints(self) -> np.ndarray:
         """Joint centres in the world: (run, frame, joint, 3) float64 [m], the joints in the order of the body's."""

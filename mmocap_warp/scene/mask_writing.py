@@ -54,7 +54,7 @@ def write_masks(
             (folder / name).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(folder, f"cannot be written to ({error})", "choose another folder") from None
-    with WebmFile(folder / "overlay.webm", scene.fps) as video:
+    with WebmFile(folder / "overlay.webm", scene.rate) as video:
         frames = zip(scene.masks(scale, first, count), scene.images(scale, first, count), strict=True)
         for f, (masks, images) in enumerate(frames):
             for name, mask in zip(rig.names, masks, strict=True):
@@ -65,10 +65,10 @@ def write_masks(
     write_toml_rig(folder / "calibration.toml", rig)
     body = scene.body.resolve() if isinstance(scene.body, Path) else scene.body
     lines = [
-        f"# Masks of {scene.name} at scale {scale:g} from its frame {first} on, written by mmocap mask.",
+        f"# Masks of {scene.name} at scale {scale:g} from its frame {scene.frames[first]} on, written by mmocap mask.",
         "[scene]",
         f"name = {_quoted(scene.name)}",
-        f"fps = {scene.fps!r}",
+        f"fps = {scene.rate!r}",
         f'up = "{rig.up}"',
         *([f"subject = {_quoted(str(scene.subject.resolve()))}"] if scene.subject else []),
         *([f"body = {_quoted(str(body))}"] if body is not None else []),

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import ceil
 from pathlib import Path
 from typing import Any, Literal
 
@@ -37,6 +38,8 @@ class CameraSource:
         clean_plate: one image without the subject, or None.
         background: a recording without the subject, or None.
         frame_offset: scene frame ``f`` is this camera's frame ``f + frame_offset``; 1 for a camera that lags by one.
+        rate: this camera's frames to one of the recording's; where that is not 1, frame ``f`` is the one nearest in
+            time, ``round(f * rate) + frame_offset``.
         recorded_scale, recorded_offset: recorded pixel = scale * calibrated pixel + offset.
     """
 
@@ -48,6 +51,11 @@ class CameraSource:
     frame_offset: int
     recorded_scale: float
     recorded_offset: tuple[float, float]
+    rate: float = 1.0
+
+    def number(self, frame: int) -> int:
+        """Which of this camera's frames is the recording's frame."""
+        return (frame if self.rate == 1.0 else round(frame * self.rate)) + self.frame_offset
 
     def background_examples(self, source: str) -> Frames:
         """What a background is learnt from; see :class:`~mmocap_warp.foreground.settings.ForegroundSettings`.
@@ -64,13 +72,15 @@ class CameraSource:
 
 @dataclass(frozen=True)
 class Scene:
-    """A recording. Frames run from 0 to ``frame_count - 1``; a camera whose shifted frame does not exist is lost there.
+    """A recording, or the part of it that is to be tracked. A camera whose shifted frame does not exist is lost there.
+
+    Methods that take ``first`` and ``count`` count frames of that part; :attr:`frames` has the recording's numbers.
 
     Attributes:
         path: the scene file.
         name: for people.
-        fps: frames per second.
-        frame_count: number of frames, the same for all cameras.
+        fps: frames per second of the recording.
+        frame_count: number of frames that are to be tracked, the same for all cameras.
         calibrated: the rig as calibrated (refined centres applied), with distortion, at full size.
         cameras: in the rig's order.
         foreground: how masks are made.
@@ -80,6 +90,8 @@ class Scene:
         truth_axes: which axes of the truth file are the world's x, y, z, such as ``zxy``.
         track: settings of the tracker, as written.
         fit: settings of the first-frame fit, as written.
+        first_frame: the recording's number of the first of them.
+        stride: every how many-th of the recording's frames is one of them.
     """
 
     path: Path
@@ -95,11 +107,32 @@ class Scene:
     truth_axes: str = "xyz"
     track: dict[str, Any] = field(default_factory=dict)
     fit: dict[str, Any] = field(default_factory=dict)
+    first_frame: int = 0
+    stride: int = 1
 
     @cached_property
     def directory(self) -> Path:
         """The folder of the scene file."""
         return self.path.parent
+
+    @property
+    def frames(self) -> range:
+        """The recording's numbers of the frames that are to be tracked."""
+        return range(self.first_frame, self.first_frame + self.frame_count * self.stride, self.stride)
+
+    @property
+    def rate(self) -> float:
+        """How many of these there are in a second."""
+        return self.fps / self.stride
+
+    def of_frames(self, frames: range) -> Scene:
+        """The same recording, other frames of it."""
+        return replace(self, first_frame=frames.start, frame_count=len(frames), stride=frames.step)
+
+    @property
+    def recorded_frames(self) -> int:
+        """How many frames the recording has: as many as the shortest of the cameras'."""
+        return min(recorded_frames(source, self.foreground.source) for source in self.cameras)
 
     def settings(self, name: Literal["track", "fit"]) -> Table:
         """Its [track] or [fit] table, to be read as a configuration."""
@@ -140,64 +173,82 @@ class Scene:
         self, scale: float = 1.0, first: int = 0, count: int | None = None, body: BodyMasks | None = None
     ) -> Iterator[list[np.ndarray]]:
         """As :meth:`observations`, unpacked: per camera (height, width) bool."""
-        count = self._checked_count(first, count)
+        wanted = self._numbers(first, count)
         rig = self.rig(scale)
         # A frame has the same mask wherever reading starts, so what is remembered is gathered from the first frame on.
         follows_masks = self.foreground.keep == "nearest" and body is None
-        start = 0 if follows_masks or self.foreground.model_remembers else first
+        followed = self.frames[: first + len(wanted)] if follows_masks else wanted
+        read = range(wanted[-1] + 1) if wanted and self.foreground.model_remembers else followed
         empty = [np.zeros((height, width), bool) for width, height in rig.size]
-        streams = [self._raw_masks(k, scale, start, first + count - start) for k in range(len(self.cameras))]
+        streams = [self._raw_masks(k, scale, read) for k in range(len(self.cameras))]
         kept = empty
-        for frame, raw in enumerate(zip(*streams, strict=True), start):
-            if frame < first and not follows_masks:
+        for frame, raw in zip(read, zip(*streams, strict=True), strict=True):
+            if frame not in followed:
                 continue  # the background model alone remembers it
             where = kept if body is None else body()
             kept = [
                 empty[k] if mask is None else clean_mask(mask, self.foreground, scale, where[k])
                 for k, mask in enumerate(raw)
             ]
-            if frame >= first:
+            if frame in wanted:
                 yield repair_masks(rig, kept) if self.foreground.repair else kept
 
-    def _raw_masks(self, k: int, scale: float, first: int, count: int) -> Iterator[np.ndarray | None]:
+    def _raw_masks(self, k: int, scale: float, frames: range) -> Iterator[np.ndarray | None]:
         """Camera ``k``'s masks, undistorted but as read or subtracted; None where it has no frame."""
         source, resample = self.cameras[k], self._undistortion(k, scale)
-        first += source.frame_offset
+        numbers = map(source.number, frames)
         if self.foreground.source == "masks":
-            for image in _shifted(source.masks, first, count):
+            for image in _numbered(source.masks, numbers):
                 yield None if image is None else resample.mask(decode_mask(image))
             return
         examples = source.background_examples(self.foreground.source)
         images = (resample.image(as_colour(image)) for image in examples.read())
         background = learn_background(images, len(examples), self.foreground)
-        for image in _shifted(source.video, first, count):
+        for image in _numbered(source.video, numbers):
             yield None if image is None else background.foreground(resample.image(as_colour(image)))
 
     def images(self, scale: float = 1.0, first: int = 0, count: int | None = None) -> Iterator[list[np.ndarray | None]]:
         """Undistorted BGR images, pixel for pixel as the masks; None for a camera without video or frame."""
-        count = self._checked_count(first, count)
+        frames = self._numbers(first, count)
         maps = [self._undistortion(k, scale) for k in range(len(self.cameras))]
-        streams = [_shifted(source.video, first + source.frame_offset, count) for source in self.cameras]
+        streams = [_numbered(source.video, map(source.number, frames)) for source in self.cameras]
         for images in zip(*streams, strict=True):
             yield [None if image is None else maps[k].image(as_colour(image)) for k, image in enumerate(images)]
 
-    def _checked_count(self, first: int, count: int | None) -> int:
+    def _numbers(self, first: int, count: int | None) -> range:
+        """The recording's numbers of ``count`` frames from the ``first`` on."""
         count = self.frame_count - first if count is None else count
         if first < 0 or count < 0 or first + count > self.frame_count:
             raise ValueError(f"frames {first} to {first + count - 1} are not in 0 to {self.frame_count - 1}")
-        return count
+        return self.frames[first : first + count]
 
     def _undistortion(self, k: int, scale: float) -> Undistortion:
         source = self.cameras[k]
         return undistortion(self.calibrated, k, scale, source.recorded_scale, source.recorded_offset)
 
 
-def _shifted(frames: Frames | None, first: int, count: int) -> Iterator[np.ndarray | None]:
-    """Frames ``first`` to ``first + count - 1``; None where there is none, and one at a time in memory."""
+def recorded_frames(source: CameraSource, mask_source: str) -> int:
+    """How many of the recording's frames a camera has, in the images that masks are made of or read from.
+
+    Raises:
+        ValueError: it has none of these images.
+    """
+    images = source.masks if mask_source == "masks" else source.video
+    if images is None:
+        raise ValueError(f"camera '{source.name}' has no images for source '{mask_source}'")
+    return len(images) if source.rate == 1.0 else ceil((len(images) - 0.5) / source.rate)
+
+
+def _numbered(frames: Frames | None, numbers: Iterable[int]) -> Iterator[np.ndarray | None]:
+    """The frames of these numbers, none below the one before; None where there is none, and one at a time in memory."""
     reader: Iterator[np.ndarray] | None = None
-    for frame in range(first, first + count):
-        if frames is None or not 0 <= frame < len(frames):
+    last, image = -1, None
+    for number in numbers:
+        if frames is None or not 0 <= number < len(frames):
             yield None
             continue
-        reader = reader or frames.read(frame)
-        yield next(reader)
+        if reader is None:
+            reader, last = frames.read(number), number - 1
+        while last < number:
+            image, last = next(reader), last + 1
+        yield image

@@ -11,14 +11,24 @@ from typing import Any, TypeVar
 import numpy as np
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.foreground.frames import Frames, open_frames, open_image
+from mmocap_warp.foreground.frames import Frames, VideoFile, open_frames, open_image
 from mmocap_warp.foreground.mask_image import decode_mask
 from mmocap_warp.foreground.settings import KEEP, MODELS, SOURCES, SUBTRACTED, ForegroundSettings
 from mmocap_warp.formats.calibration.units import METRES
 from mmocap_warp.formats.table import read_calibration
 from mmocap_warp.formats.toml_table import Table, load_toml
-from mmocap_warp.scene.recording import CameraSource, Scene
+from mmocap_warp.scene.frame_choice import FrameChoice
+from mmocap_warp.scene.recording import CameraSource, Scene, recorded_frames
 from mmocap_warp.views.rig import UP_AXES, CameraRig, check_rig
+
+_SAME_RATE = 0.005
+"""Rates that differ by less than this share are one rate: video of 59.94 frames a second is called one of 60."""
+
+_WAYS_TO_MASKS = (
+    "add masks, got in one of three ways: mmocap mask makes them by background subtraction, once [foreground] source "
+    'is "recording", "clean_plate" or "background_video"; a segmenter such as SAM 2, rembg or MediaPipe writes them '
+    "from the video; or name masks that you have, a folder of images or a video"
+)
 
 _SAMPLES = 5  # mask images per camera that are looked at while loading
 _MOST_FOREGROUND = 0.8  # of an image; more is an inverted mask
@@ -26,10 +36,17 @@ _MOST_FOREGROUND = 0.8  # of an image; more is an inverted mask
 Opened = TypeVar("Opened")
 
 
-def load_scene(path: str | Path) -> Scene:
+def load_scene(path: str | Path, frames: str | None = None, *, masks: bool = True) -> Scene:
     """Read and check a scene file, or the ``scene.toml`` of a folder; paths in it are relative to its folder.
 
+    Args:
+        path: the file or its folder.
+        frames: which of the recording's frames, in place of what the file says: ``first:end``, ``first:end:stride``,
+            or a count of those that the file names.
+        masks: whether masks, or what they are made of, must be there; a look at the cameras does without.
+
     Raises:
+        ValueError: ``frames`` that the recording does not have.
         InputError: anything that is wrong with the scene file, the calibration, or the files it names.
     """
     path = Path(path)
@@ -45,19 +62,22 @@ def load_scene(path: str | Path) -> Scene:
     if not 0 < fps < 100_000:
         raise about.error(f"fps = {fps:g} is not a frame rate", "give the frames per second of the recording")
     up = about.take_choice("up", UP_AXES, "+z")
-    frames = about.take("frames", int, None)
+    named_frames = _take_frames(about)
     body = about.take("body", str, None)
     body_is_file = body is not None and Path(body).suffix in (".usd", ".usda", ".usdc")
     subject = _take_file(about, "subject", path)
     about.finish()
 
-    sources, rig = _read_cameras(cameras, path, up)
-    _check_sources(sources, rig, foreground, cameras)
+    sources, rig = _read_cameras(cameras, path, up, fps)
+    if not masks:
+        foreground = _of_what_is_there(foreground, sources)
+    _check_sources(sources, rig, foreground, cameras, masks)
+    chosen = _frames(sources, foreground, named_frames, frames, about)
     scene = Scene(
         path=path,
         name=name,
         fps=fps,
-        frame_count=_frame_count(sources, foreground, frames, about),
+        frame_count=len(chosen),
         calibrated=rig,
         cameras=sources,
         foreground=foreground,
@@ -67,6 +87,8 @@ def load_scene(path: str | Path) -> Scene:
         truth_axes=truth.take("axes", str, "xyz"),
         track=track,
         fit=fit,
+        first_frame=chosen.start,
+        stride=chosen.step,
     )
     truth.finish()
     return scene
@@ -83,15 +105,29 @@ def _take_file(table: Table, key: str, scene: Path) -> Path | None:
     return None if value is None else _existing(scene.parent / value, table)
 
 
-def _read_cameras(table: Table, scene: Path, up: str) -> tuple[tuple[CameraSource, ...], CameraRig]:
+def _take_frames(table: Table) -> FrameChoice:
+    """A whole number, or text as :meth:`FrameChoice.parse` reads it; all frames where the key is absent."""
+    value = table.take_any("frames", (int, str), ":")
+    try:
+        return FrameChoice(count=value) if isinstance(value, int) else FrameChoice.parse(value)
+    except ValueError as error:
+        raise table.error(str(error), 'give a count, "first:end" or "first:end:stride"') from None
+
+
+def _read_cameras(table: Table, scene: Path, up: str, fps: float) -> tuple[tuple[CameraSource, ...], CameraRig]:
     calibration = scene.parent / table.take("calibration", str)
     units = table.take_choice("units", tuple(METRES), "m")
     tables = table.take_tables()
     table.finish()
     if not tables:
         raise table.error("no camera is named", "add a table [cameras.<name>] for each, named as in the calibration")
+    stated = {name for name, camera in tables.items() if camera.has("fps")}
     shifts = np.array([camera.take_numbers("centre_shift", (2,), [0.0, 0.0]) for camera in tables.values()])
-    sources = tuple(_read_source(camera, name, scene) for name, camera in tables.items())
+    sources = tuple(_read_source(camera, name, scene, fps) for name, camera in tables.items())
+    by_file = [source for source in sources if source.name not in stated]
+    for source in by_file:
+        _check_rate(source, fps, tables[source.name])
+    _check_drift(by_file, fps, table)
     images = {source.name: source.video or source.masks for source in sources}
     rig = read_calibration(calibration, units, up, {name: frames.size for name, frames in images.items() if frames})
     for source in sources:
@@ -107,7 +143,7 @@ def _read_cameras(table: Table, scene: Path, up: str) -> tuple[tuple[CameraSourc
     return sources, check_rig(replace(rig, K=K), f"{scene}: centre_shift") if shifts.any() else rig
 
 
-def _read_source(table: Table, name: str, scene: Path) -> CameraSource:
+def _read_source(table: Table, name: str, scene: Path, fps: float) -> CameraSource:
     def opened(key: str, opener: Callable[[Path], Opened]) -> Opened | None:
         value = table.take(key, str, None)
         return None if value is None else opener(scene.parent / value)
@@ -123,12 +159,48 @@ def _read_source(table: Table, name: str, scene: Path) -> CameraSource:
         frame_offset=table.take("frame_offset", int, 0),
         recorded_scale=recorded.take("scale", float, 1.0),
         recorded_offset=(left, top),
+        rate=_take_rate(table, fps),
     )
     if not 0.01 < source.recorded_scale < 100:
         raise recorded.error(f"scale = {source.recorded_scale:g} is not a scale", "give recorded pixels per calibrated")
     recorded.finish()
     table.finish()
     return source
+
+
+def _take_rate(table: Table, fps: float) -> float:
+    own = table.take("fps", float, fps)
+    if not 0 < own < 100_000:
+        raise table.error(f"fps = {own:g} is not a frame rate", "give the frames per second of this camera")
+    return own / fps
+
+
+def _check_rate(source: CameraSource, fps: float, table: Table) -> None:
+    """See that a camera's videos have the recording's rate, where the scene does not say what rate they have."""
+    for frames in (source.video, source.masks):
+        if isinstance(frames, VideoFile) and frames.fps > 0 and abs(frames.fps / fps - 1) > _SAME_RATE:
+            raise table.error(
+                f"{frames.path} has {frames.fps:g} frames a second, [scene] says {fps:g}",
+                f"correct [scene] fps; or add fps = {frames.fps:g} here, and its frames are taken by time; "
+                f"or fps = {fps:g} here if the file is wrong about it",
+            )
+
+
+def _check_drift(sources: list[CameraSource], fps: float, table: Table) -> None:
+    """See that videos whose rates are nearly one do not drift apart by a frame before the shortest ends."""
+    videos = {source.name: source.video for source in sources if isinstance(source.video, VideoFile)}
+    rates = {name: video.fps for name, video in videos.items() if video.fps > 0}
+    if not rates:
+        return
+    slow, fast = min(rates, key=lambda name: rates[name]), max(rates, key=lambda name: rates[name])
+    count = min(map(len, videos.values()))
+    drift = (rates[fast] - rates[slow]) / fps * count
+    if drift > 1:
+        raise table.error(
+            f"{slow} has {rates[slow]:g} frames a second and {fast} {rates[fast]:g}: they end {drift:.1f} frames apart",
+            f"give each camera its own, such as fps = {rates[slow]:g} for {slow}, and frames are taken by time; or "
+            f"fps = {fps:g} to each if the files are wrong about it",
+        )
 
 
 def _read_foreground(table: Table) -> ForegroundSettings:
@@ -151,13 +223,19 @@ def _read_foreground(table: Table) -> ForegroundSettings:
         raise table.error(str(error), "give a value in that range") from None
 
 
+def _of_what_is_there(foreground: ForegroundSettings, sources: tuple[CameraSource, ...]) -> ForegroundSettings:
+    """Settings by which frames are counted where masks are not asked for: by what every camera has."""
+    have_masks = all(source.masks is not None for source in sources)
+    return replace(foreground, source="masks" if have_masks else "recording")
+
+
 def _check_sources(
-    sources: tuple[CameraSource, ...], rig: CameraRig, foreground: ForegroundSettings, table: Table
+    sources: tuple[CameraSource, ...], rig: CameraRig, foreground: ForegroundSettings, table: Table, masks: bool
 ) -> None:
     if foreground.repair and len(sources) < 3:
         raise table.error(f"repair needs at least 3 cameras, this scene has {len(sources)}", "set repair = false")
     wanted = {"masks": ("masks",), "recording": ("video",), "clean_plate": ("video", "clean_plate")}
-    needs = wanted.get(foreground.source, ("video", "background"))
+    needs = wanted.get(foreground.source, ("video", "background")) if masks else ()
     for k, source in enumerate(sources):
         where = f"{table.source}: [cameras.{source.name}]"
         for need in needs:
@@ -165,7 +243,7 @@ def _check_sources(
                 raise InputError(
                     where,
                     f"'{need}' is missing, which [foreground] source = \"{foreground.source}\" needs",
-                    f"add {need}",
+                    _WAYS_TO_MASKS if need == "masks" else f"add {need}",
                 )
         for frames in (source.video, source.masks, source.clean_plate, source.background):
             if frames is not None:
@@ -207,22 +285,41 @@ def _check_masks(masks: Frames) -> None:
         )
 
 
-def _frame_count(
-    sources: tuple[CameraSource, ...], foreground: ForegroundSettings, frames: int | None, table: Table
-) -> int:
-    """Frames of the images that masks come from; they must agree between cameras unless the scene says how many."""
-    key = "masks" if foreground.source == "masks" else "video"
-    counts = {source.name: len(getattr(source, key)) for source in sources}
-    shortest = min(counts.values())
+def _frames(
+    sources: tuple[CameraSource, ...],
+    foreground: ForegroundSettings,
+    named: FrameChoice,
+    asked: str | None,
+    table: Table,
+) -> range:
+    """The frames that the scene names, or those that are asked for; cameras must agree on where an open range ends."""
+    counts = _counts(sources, foreground)
+    shortest = min(counts.values(), default=1)
     found = ", ".join(f"{name} {count}" for name, count in counts.items())
-    if frames is None and len(set(counts.values())) > 1:
+    choice = FrameChoice.parse(asked) if asked is not None else named
+    open_end = named if choice.count is not None else choice
+    if open_end.count is None and open_end.end is None and len(set(counts.values())) > 1:
         raise table.error(f"cameras differ in their number of frames: {found}", f"set frames = {shortest}")
-    if frames is not None and not 1 <= frames <= shortest:
-        raise table.error(f"frames = {frames} is not in 1 to {shortest} ({found})", "give fewer frames")
+    try:
+        frames = named.of(range(shortest), shortest)
+    except ValueError as error:
+        raise table.error(f"{error} ({found})", "give fewer frames") from None
+    if asked is not None:
+        frames = choice.of(frames, shortest)
     for source in sources:
         if abs(source.frame_offset) >= shortest:
             raise table.error(
                 f"camera '{source.name}' has frame_offset = {source.frame_offset} in {shortest} frames",
                 "give a shift of a few frames",
             )
-    return shortest if frames is None else frames
+    return frames
+
+
+def _counts(sources: tuple[CameraSource, ...], foreground: ForegroundSettings) -> dict[str, int]:
+    """Frames of each camera, of those that have images; all have where masks are needed."""
+    key = "masks" if foreground.source == "masks" else "video"
+    return {
+        source.name: recorded_frames(source, foreground.source)
+        for source in sources
+        if getattr(source, key) is not None
+    }

@@ -16,7 +16,7 @@ import numpy as np
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.errors import InputError
-from mmocap_warp.result.truth import Truth
+from mmocap_warp.result.truth import Truth, at_rate
 from mmocap_warp.scenes import ROOT
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
@@ -108,6 +108,8 @@ def clip_facts(clip: Clip) -> ClipFacts:
         "subject": _content([clip.subject or _subject_file(scene)]),
         "truth": [_content([scene.truth]), scene.truth_axes] if scene.truth else None,
     }
+    if (scene.first_frame, scene.stride) != (0, 1):
+        described["trimmed"] = [scene.first_frame, scene.stride]
     return _facts(clip, scene.frame_count, described)
 
 
@@ -132,10 +134,10 @@ def open_clip(clip: Clip) -> OpenClip:
     frames = min(clip.frames or scene.frame_count, scene.frame_count)
     truth = load_truth(scene.truth, scene.truth_axes) if scene.truth else None
     return OpenClip(
-        fps=scene.fps,
+        fps=scene.rate,
         subject=read_subject(clip.subject or _subject_file(scene)),
         rig=scene.rig(clip.scale),
-        truth=truth and _first_frames(truth, frames),
+        truth=truth and _first_frames(_renumbered(truth, scene), frames),
         frames=frames,
         observations=islice(scene.observations(clip.scale), frames),
     )
@@ -198,14 +200,28 @@ def _images(scene: Scene, k: int) -> list:
         if frames is not None
         for file in getattr(frames, "files", None) or (frames.path,)
     ]
-    return [files, camera.frame_offset, camera.recorded_scale, camera.recorded_offset]
+    resampled = [camera.rate] if camera.rate != 1.0 else []
+    return [files, camera.frame_offset, camera.recorded_scale, camera.recorded_offset, *resampled]
+
+
+def _renumbered(truth: Truth, scene: Scene) -> Truth:
+    """The truth of a scene's frames, numbered from 0 as a clip's are."""
+    if (scene.first_frame, scene.stride) == (0, 1):
+        return truth
+    truth = at_rate(truth, scene.fps)
+    place = truth.frame_numbers - scene.first_frame
+    own = (place >= 0) & (place % scene.stride == 0)
+    return replace(_frames_of(truth, own), fps=scene.rate, frame_numbers=place[own] // scene.stride)
 
 
 def _first_frames(truth: Truth, count: int) -> Truth | None:
     """The truth of frames 0 to ``count - 1``; None where nothing is known of them."""
     keep = truth.frame_numbers < count
-    if not keep.any():
-        return None
+    return _frames_of(truth, keep) if keep.any() else None
+
+
+def _frames_of(truth: Truth, keep: np.ndarray) -> Truth:
+    """Those frames of a truth that ``keep`` (frame,) is true for."""
     return replace(
         truth,
         frame_numbers=truth.frame_numbers[keep],

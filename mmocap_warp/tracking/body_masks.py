@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.result.result import Result
+from mmocap_warp.scene.frame_choice import as_range
 from mmocap_warp.scene.recording import BodyMasks, Scene
 from mmocap_warp.views.rig import CameraRig
 from mmocap_warp.views.silhouette import silhouettes
@@ -31,9 +32,7 @@ def body_masks(subject: Subject, rig: CameraRig, last_poses: Callable[[], np.nda
     return masks
 
 
-def tracked_masks(
-    scene: Scene, result: Result, position: int = 0, count: int | None = None
-) -> Iterator[list[np.ndarray]]:
+def tracked_masks(scene: Scene, result: Result, positions: Sequence[int] | None = None) -> Iterator[list[np.ndarray]]:
     """The masks that a result was tracked from, made again: per frame of the result, per camera (height, width) bool.
 
     What ``keep = "nearest"`` kept depended on where the body was tracked, and so depends on the result here.
@@ -41,17 +40,17 @@ def tracked_masks(
     Args:
         scene: the recording.
         result: what was tracked.
-        position: in ``result.frame_numbers``, of the first frame.
-        count: of frames; all to the last where omitted.
+        positions: in ``result.frame_numbers``, ascending and evenly spaced; all where omitted.
 
     Raises:
-        ValueError: frames that the scene does not have.
+        ValueError: frames that are not evenly spaced.
         InputError: images that turn out unreadable.
     """
     scale = float(result.config.get("scale", 1.0))
-    first, frames = int(result.frame_numbers[position]), len(result.frame_numbers) - position
+    positions = range(len(result.frame_numbers)) if positions is None else positions
     tracked = result.pose if result.raw_pose is None else result.raw_pose
-    last_poses = iter([result.subject.pose[None], *np.moveaxis(tracked, 1, 0)][position:])
+    poses = [result.subject.pose[None], *np.moveaxis(tracked, 1, 0)]
+    last_poses = (poses[position] for position in positions)
     follows = scene.foreground.keep == "nearest"
     body = body_masks(result.subject, scene.rig(scale), lambda: next(last_poses)) if follows else None
-    return scene.masks(scale, first, count or frames, body)
+    return scene.of_frames(as_range(result.frame_numbers[list(positions)].tolist())).masks(scale, body=body)

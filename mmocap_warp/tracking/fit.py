@@ -103,13 +103,16 @@ def fit(
     """
     config = replace(config or config_from_table(FitConfig, scene.settings("fit")), **settings)
     scale = config.scale or min(1.0, _LONGEST / float(scene.rig().size.max()))
-    numbers = frames_to_follow(scene.fps, scene.frame_count if config.frames > 1 else 1)
+    numbers = frames_to_follow(scene.rate, scene.frame_count if config.frames > 1 else 1)
     observations = islice(scene.observations(scale, count=numbers[-1] + 1), 0, None, numbers.step)
     try:
-        return fit_clip(body, scene.rig(scale), scene.fps / numbers.step, observations, config, progress)
+        subject = fit_clip(body, scene.rig(scale), scene.rate / numbers.step, observations, config, progress)
     except NoSubjectError as error:
         remedy = "look at the masks (mmocap mask) and the calibration (mmocap cameras)"
-        raise InputError(scene.path, f"frame 0: {error}", remedy) from None
+        raise InputError(scene.path, f"frame {scene.first_frame}: {error}", remedy) from None
+    if scene.first_frame:
+        subject = replace(subject, provenance=subject.provenance | {"fit.first_frame": scene.first_frame})
+    return subject
 
 
 def fit_clip(

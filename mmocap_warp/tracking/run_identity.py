@@ -26,7 +26,7 @@ def run_identity(scene: Scene, subject: Subject, config: TrackConfig) -> Identit
     Raises:
         InputError: an image or a video that cannot be read.
     """
-    rotation, translation = config.radii(scene.fps)
+    rotation, translation = config.radii(scene.rate)
     settings = asdict(config) | {
         "dof": len(subject.body.skeleton.searched(config.dof)),
         "device": resolve_device(config.device),
@@ -38,8 +38,8 @@ def run_identity(scene: Scene, subject: Subject, config: TrackConfig) -> Identit
     return {
         "version": __version__,
         "images": _digest([_images(camera, scene.foreground.source) for camera in scene.cameras]),
-        "frames": scene.frame_count,
-        "frame offsets": [camera.frame_offset for camera in scene.cameras],
+        "frames": [scene.first_frame, scene.frame_count, scene.stride],
+        "frame offsets": [[camera.frame_offset, camera.rate] for camera in scene.cameras],
         "fps": scene.fps,
         "cameras": _digest([scene.calibrated, placed]),
         "body": _digest(subject.body),

@@ -94,7 +94,7 @@ class _Masks:
         subject = raw.subject
         self.searched = subject.body.skeleton.searched(config.dof)
         self.limits = search_limits(subject, config)
-        self._places = min(window_of(raw.fps), len(raw.frame_numbers))
+        self._places = min(window_of(raw.rate), len(raw.frame_numbers))
         candidates = min(CANDIDATES, self._places)
         self._fitter = make_fitter(subject, raw.cameras, config, candidates, frames=self._places)
         self.body_changes = body_changes(subject.body)
@@ -155,7 +155,7 @@ class _Run:
             lambda frames, rooted: masks.linearise(frames, rooted, seen[frames]),
             self._rooting,
             MotionPoints(skeleton, subject.body.joint_rest, masks.searched),
-            raw.fps,
+            raw.rate,
         )
         self.windows = problem.windows(self._rooting.enter(track), coarse_then_fine(config.acceleration), masked)
         self._noise = Deviations(problem, config.acceleration)

@@ -11,6 +11,7 @@ import numpy as np
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.device import resolve_device
+from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import config_from_table
 from mmocap_warp.result.result import FrameAnswer, Result
 from mmocap_warp.tracking.body_masks import body_masks, tracked_masks
@@ -36,10 +37,11 @@ def collect(
     fps: float,
     config: TrackConfig,
     answers: list[FrameAnswer],
-    first: int = 0,
+    frames: range | None = None,
 ) -> Result:
-    """Gather the answers of consecutive frames, starting with frame number ``first``."""
-    rotation, translation = config.radii(fps)
+    """Gather the answers of consecutive frames, or of those of the recording that ``frames`` names."""
+    frames = range(len(answers)) if frames is None else frames
+    rotation, translation = config.radii(fps / frames.step)
     device = resolve_device(config.device)
     dof = len(subject.body.skeleton.searched(config.dof))
     effective = {"dof": dof, "rotation_radius": rotation, "translation_radius": translation, "device": device}
@@ -47,7 +49,7 @@ def collect(
         subject=subject,
         cameras=rig,
         fps=fps,
-        frame_numbers=np.arange(first, first + len(answers)),
+        frame_numbers=np.array(frames),
         pose=np.stack([answer.pose for answer in answers], axis=1).astype(np.float64),
         cost=np.stack([answer.cost for answer in answers], axis=1).astype(np.float64),
         iou=np.stack([answer.iou for answer in answers], axis=1),
@@ -70,10 +72,10 @@ def track(
     smooth_progress: SmoothReport | None = None,
     **settings: Any,
 ) -> Result:
-    """Track a scene from its first frame to its last.
+    """Track a scene from its first frame to its last; the result has the recording's frame numbers.
 
     Args:
-        scene: the recording; its masks are streamed.
+        scene: the recording, or part of it; its masks are streamed.
         subject: where to start.
         config: settings; None for those of the scene's [track] table.
         checkpoint: file that progress is saved to, every few seconds and when the run is interrupted.
@@ -85,16 +87,28 @@ def track(
 
     Raises:
         ValueError, TypeError: a setting that cannot be, or is none.
-        InputError: unreadable images, a checkpoint that is damaged or another run's, or more than fits into the
-            device's memory.
+        InputError: unreadable images, a checkpoint that is damaged or another run's, more than fits into the device's
+            memory, or a subject that was fitted to another frame than the first.
     """
+    _check_start(scene, subject)
     config = replace(config or config_from_table(TrackConfig, scene.settings("track")), **settings)
     answers = _tracked(scene, subject, config, checkpoint, resume, progress)
-    result = collect(subject, scene.rig(config.scale), scene.fps, config, answers)
+    result = collect(subject, scene.rig(config.scale), scene.fps, config, answers, scene.frames)
     if not config.acceleration:
         return result
     observations = (Observation.from_masks(masks) for masks in tracked_masks(scene, result))
     return smoothed(result, config, observations, smooth_progress)
+
+
+def _check_start(scene: Scene, subject: Subject) -> None:
+    """See that a subject's pose is that of the first frame: where tracking starts elsewhere, it starts wrong."""
+    fitted = subject.provenance.get("fit.first_frame", 0)
+    if fitted != scene.frames.start:
+        raise InputError(
+            scene.path,
+            f"the subject stands as in frame {fitted}, these frames begin with {scene.frames.start}",
+            "fit one with mmocap fit and the same --frames, and name it with --subject",
+        )
 
 
 def _tracked(
@@ -110,7 +124,7 @@ def _tracked(
     identity = run_identity(scene, subject, config) if checkpoint else {}
     if checkpoint and resume:
         check_same_run(checkpoint, identity)
-    tracker = fitting_tracker(subject, rig, config, scene.fps)
+    tracker = fitting_tracker(subject, rig, config, scene.rate)
     done: list[FinishedFrame] = []  # in pairs, so that no interruption finds one without the other
     memory: Memory
     _, _, *memory = tracker.state

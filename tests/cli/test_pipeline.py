@@ -8,11 +8,13 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from pxr import Usd, UsdGeom
 from synthetic import ring_rig, synthetic_poses, synthetic_subject
 
 from mmocap_warp import cli
@@ -23,8 +25,10 @@ from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.usd.body import write_subject
 from mmocap_warp.formats.usd.check import faults
 from mmocap_warp.formats.usd.result import read_result
-from mmocap_warp.formats.usd.truth import write_truth
+from mmocap_warp.formats.usd.truth import read_truth, write_truth
+from mmocap_warp.result.evaluation import evaluate
 from mmocap_warp.result.truth import Truth
+from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.views.rig import project
 from mmocap_warp.views.silhouette import silhouette
 
@@ -182,6 +186,107 @@ def test_eval_repeats_what_track_said(scene, result, capsys):
     assert named == report
 
 
+def write_trc(path: Path, joints: np.ndarray, units: str = "m") -> Path:
+    """Joints (frame, joint, 3) as OpenSim's format has them."""
+    head = ["PathFileType\t4\t(X/Y/Z)\tt.trc", "DataRate\tNumMarkers\tUnits", f"60\t{len(JOINTS)}\t{units}"]
+    rows = ["\t".join([f"{f + 1}", f"{f / 60}", *map(str, row.ravel())]) for f, row in enumerate(joints)]
+    path.write_text("\n".join([*head, "Frame#\tTime\t" + "\t\t\t".join(JOINTS), "", *rows]))
+    return path
+
+
+@pytest.mark.parametrize(("order", "axes"), [([2, 0, 1], "yzx"), ([0, 2, 1], "xz-y")])
+def test_eval_names_the_axes_of_a_truth_in_other_axes(result, scene, tmp_path, capsys, order, axes):
+    joints = read_truth(scene.parent / "truth.usdc").joints[..., order] * ([1, -1, 1] if "-" in axes else 1)
+    truth = write_trc(tmp_path / "t.trc", joints)
+    assert cli.main(["eval", str(result), "--truth", str(truth), "--json"]) == exit_codes.CHECK_FAILED
+    told = capsys.readouterr()
+    report = json.loads(told.out)
+    assert report["mpjpe_mm"] > 1000
+    assert report["other_world"]["axes"] == axes
+    assert f"has other axes than the result: give --truth-axes={axes} (joints are off by" in told.err
+    right = answer(capsys, "eval", result, "--truth", truth, f"--truth-axes={axes}")
+    assert right["mpjpe_mm"] == pytest.approx(report["other_world"]["mpjpe_mm"])
+    assert right["other_world"] is None
+    assert cli.main(["eval", str(result), "--truth", str(truth), "--truth-axes", "zxy"]) == exit_codes.CHECK_FAILED
+    assert f"give --truth-axes={axes}" in capsys.readouterr().err  # of the file's own axes, whatever was given
+
+
+def test_eval_names_other_origins_and_units(result, scene, tmp_path, capsys):
+    joints = read_truth(scene.parent / "truth.usdc").joints
+    for truth, words in (
+        (
+            write_trc(tmp_path / "a.trc", joints + np.array([3, 0, 4])),
+            "than the result: 5.0 m away; give it in metres in",
+        ),
+        (
+            write_trc(tmp_path / "b.trc", 1000 * joints),
+            r"than the result: about 1000 times as large; give it in metres",
+        ),
+    ):
+        assert cli.main(["eval", str(result), "--truth", str(truth)]) == exit_codes.CHECK_FAILED
+        assert words in capsys.readouterr().err
+
+
+def test_a_track_that_is_lost_is_not_blamed_on_the_truth(result, scene):
+    truth, tracked = read_truth(scene.parent / "truth.usdc"), read_result(result)
+    pose = tracked.pose.copy()
+    pose[..., :3] += [3, 0, 0]
+    pose[..., 6:] += np.random.default_rng(0).normal(0, 1, pose[..., 6:].shape)
+    assert evaluate(replace(tracked, pose=pose), truth)["other_world"] is None
+    turned = tracked.pose.copy()
+    turned[..., 4] += np.pi  # back to front, where it stands
+    assert evaluate(replace(tracked, pose=turned), truth)["other_world"] is None
+
+
+def test_commands_take_some_frames(scene, result, tmp_path, capsys):
+    """Numbers and times stay the recording's, so that the truth is found."""
+    report = answer(capsys, "track", scene, "-o", tmp_path / "r.usdc", "--seed", 3, "--frames", "0:7:2")
+    assert (report["frames"], report["truth_frames"]) == (4, 4)
+    assert report["mpjpe_mm"] < 30
+    part = read_result(tmp_path / "r.usdc")
+    assert (part.frame_numbers.tolist(), part.fps, part.rate) == ([0, 2, 4, 6], 60, 30)
+    stage = Usd.Stage.Open(str(tmp_path / "r.usdc"))
+    assert (stage.GetTimeCodesPerSecond(), stage.GetEndTimeCode()) == (60, 6)
+    assert answer(capsys, "eval", tmp_path / "r.usdc")["series"]["frame"] == [0, 2, 4, 6]
+    some = answer(capsys, "eval", tmp_path / "r.usdc", "--frames", "3:")
+    assert some["series"]["frame"] == [4, 6]
+    assert some["eq20_as_printed_mm"] is None  # the first pose is that of frame 0
+    drawn = answer(capsys, "show", tmp_path / "r.usdc", "--frames", 3)
+    video = cv2.VideoCapture(drawn["video"])
+    assert (video.get(cv2.CAP_PROP_FRAME_COUNT), video.get(cv2.CAP_PROP_FPS)) == (3, 30)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (["track", "SCENE", "-o", "r.usdc", "--frames", "4:9"], exit_codes.USAGE, "--frames = 4:9 is not in 0:8"),
+        (["track", "SCENE", "-o", "r.usdc", "--frames", "first"], exit_codes.USAGE, "--frames = first is neither"),
+        (
+            ["track", "SCENE", "-o", "r.usdc", "--frames", "4:"],
+            exit_codes.BAD_INPUT,
+            "stands as in frame 0, these frames",
+        ),
+        (["fit", "SCENE", "-o", "r.usdc", "--frames", "9"], exit_codes.USAGE, "--frames = 9 is not in 1 to 8"),
+        (["eval", "RESULT", "--frames", "9:12"], exit_codes.USAGE, "holds none of the result's frames, 0 to 7"),
+        (["show", "RESULT", "--frames", "2:1"], exit_codes.USAGE, "--frames = 2:1 holds no frame"),
+        (["show", "SUBJECT", "--frames", "2"], exit_codes.USAGE, "--frames belongs to a result"),
+    ],
+)
+def test_frames_that_cannot_be(scene, result, tmp_path, capsys, monkeypatch, arguments, code, words):
+    monkeypatch.chdir(tmp_path)
+    files = {"SCENE": str(scene), "RESULT": str(result), "SUBJECT": str(scene.parent / "subject.usdc")}
+    assert cli.main([files.get(word, word) for word in arguments]) == code
+    assert words in capsys.readouterr().err
+    assert not any(tmp_path.iterdir())
+
+
+def test_an_export_is_turned_when_asked(result, tmp_path, capsys):
+    for flags, axis in (((), "Y"), (("--up", "z"), "Z"), (("--up", "y"), "Y")):
+        written = answer(capsys, "export", result, "-o", tmp_path / f"{len(flags)}{axis}.usda", *flags)
+        assert UsdGeom.GetStageUpAxis(Usd.Stage.Open(written["file"])) == axis
+        assert written["up"] == f"+{axis.lower()}"
+
+
 def test_show_and_export_write_what_they_say(result, tmp_path, capsys):
     drawn = answer(capsys, "show", result, "-o", tmp_path / "r.webm")
     assert cv2.VideoCapture(drawn["video"]).get(cv2.CAP_PROP_FRAME_COUNT) == FRAMES
@@ -207,6 +312,14 @@ def test_masks_are_a_scene_that_tracks_alike(scene, result, tmp_path, capsys):
     again = answer(capsys, "track", written["scene"], "-o", tmp_path / "r.usdc", *flags)
     assert again["frames"] == FRAMES
     assert same_bits(result, tmp_path / "r.usdc")
+
+
+def test_masks_of_some_frames_are_a_scene_of_their_rate(scene, tmp_path, capsys):
+    written = answer(capsys, "mask", scene, "-o", tmp_path / "masks", "--frames", "1:8:3")
+    part, whole = load_scene(written["scene"]), load_scene(scene)
+    assert (part.frame_count, part.fps) == (3, 20)
+    for masks, same in zip(part.masks(), whole.of_frames(range(1, 8, 3)).masks(), strict=True):
+        np.testing.assert_array_equal(masks[1], same[1])
 
 
 def test_cameras_draws_into_every_view(scene, tmp_path, capsys):

@@ -193,18 +193,22 @@ def test_text_may_touch_the_border():
 class Recording:
     """What an overlay asks of a scene: green images twice the cameras' size, and masks that are full."""
 
-    frame_count, path, foreground = 20, "scene.toml", ForegroundSettings()
+    recorded_frames, path, foreground = 20, "scene.toml", ForegroundSettings()
 
     def __init__(self, result):
         self.calibrated = result.cameras
         self.asked = []
 
-    def images(self, scale, first, count):
-        self.asked.append(("images", scale, first, count))
+    def of_frames(self, frames):
+        self.asked.append(frames)
+        return self
+
+    def images(self, scale=1.0):
+        self.asked.append(("images", scale))
         yield [np.full((240, 320, 3), (10, 200, 40), np.uint8)] * len(self.calibrated)
 
-    def masks(self, scale, first, count, body):
-        self.asked.append(("masks", scale, first, count))
+    def masks(self, scale, body):
+        self.asked.append(("masks", scale))
         yield [np.ones((120, 160), bool)] * len(self.calibrated)
 
 
@@ -222,7 +226,8 @@ def test_an_overlay_is_one_cameras_picture_in_red_green_blue():
     scene = Recording(result)
     drawn = overlay(result, scene, 2, 1)
     number = result.frame_numbers[2]
-    assert scene.asked == [("images", 1.0, number, 1), ("masks", 0.5, number, 1)]
+    this = range(number, number + 1)
+    assert scene.asked == [this, ("images", 1.0), this, ("masks", 0.5)]
     assert drawn.shape == (240, 320, 3)
     np.testing.assert_array_equal(drawn[20, 20], (40, 200, 10))
 

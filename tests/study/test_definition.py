@@ -6,6 +6,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from tiny_study import write_scene, write_study
 
@@ -147,6 +148,19 @@ def test_a_scene_is_cut_and_its_truth_with_it(scene):
     assert clip.frames == clip_facts(Clip("Walk", scene, frames=3)).frames == len(list(clip.observations)) == 3
     assert clip.truth.frame_numbers.tolist() == [0, 1, 2]
     assert clip.rig.size.tolist()[0] == [160, 120]
+
+
+def test_a_scenes_own_frames_are_a_clip_with_its_truth(scene, tmp_path):
+    own = write_scene(tmp_path / "own", frames=5)
+    whole = clip_facts(Clip("Walk", own))
+    own.write_text(own.read_text().replace("fps = 60", 'fps = 60\nframes = "1:5:2"'))
+    clip, all_frames = open_clip(Clip("Walk", own)), open_clip(Clip("Walk", scene))
+    assert (clip.fps, clip.frames, clip.truth.frame_numbers.tolist()) == (30, 2, [0, 1])
+    np.testing.assert_array_equal(clip.truth.joints, all_frames.truth.joints[[1, 3]])
+    masks = [observation.words for observation in all_frames.observations]
+    for mine, number in zip(clip.observations, (1, 3), strict=True):
+        np.testing.assert_array_equal(mine.words, masks[number])
+    assert clip_facts(Clip("Walk", own)).identity != whole.identity
 
 
 def test_a_shipped_sequence_is_cut():

@@ -12,6 +12,7 @@ from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.body import define_body, local_transforms, set_pose
+from mmocap_warp.formats.usd.camera import define_cameras
 from mmocap_warp.formats.usd.file import USD_SUFFIXES, write_stage
 from mmocap_warp.formats.usd.skeleton import joint_paths
 from mmocap_warp.formats.usd.world import set_world_up
@@ -55,7 +56,9 @@ def animate(
 
 
 def export_animation(result: Result, path: str | Path) -> None:
-    """Write the best run alone, Y up: body, skeleton and animation as any program reads them, without ``mmocap:`` data.
+    """Write the best run alone: body, skeleton, animation and cameras as any program reads them, in the result's world.
+
+    There is no ``mmocap:`` data in it.
 
     Args:
         result: the result.
@@ -79,8 +82,9 @@ def _animation_stage(result: Result) -> Usd.Stage:
     world = UsdGeom.Xform.Define(stage, "/World")
     stage.SetDefaultPrim(world.GetPrim())
     Usd.ModelAPI(world).SetKind(Kind.Tokens.assembly)
-    set_world_up(stage, world, result.cameras.up, stage_up="y")
+    set_world_up(stage, world, result.cameras.up)
     root = define_body(stage, f"/World/{result.subject.body.name}", result.subject.body)
+    define_cameras(stage, "/World/Cameras", result.cameras)
     _keep_what_is_seen(stage, root)
     animate(stage, root, result.subject, result.pose[result.best_run], result.frame_numbers, result.fps)
     return stage
@@ -92,7 +96,7 @@ def _keep_what_is_seen(stage: Usd.Stage, root: UsdSkel.Root) -> None:
     unseen = [root.GetPath().AppendChild("Tracking"), *(child.GetPath() for child in skin.GetChildren())]
     for path in unseen:
         stage.RemovePrim(path)
-    for prim in Usd.PrimRange(root.GetPrim()):
+    for prim in stage.Traverse():
         for name in prim.GetPropertyNames():
             if name.startswith("mmocap:") or name in ("skel:blendShapes", "skel:blendShapeTargets"):
                 prim.RemoveProperty(name)

@@ -8,16 +8,16 @@ from pxr import Usd, UsdGeom
 from mmocap_warp.formats.usd.attributes import gf_matrix
 
 
-def set_world_up(stage: Usd.Stage, world: UsdGeom.Xformable, up: str, stage_up: str | None = None) -> None:
+def set_world_up(stage: Usd.Stage, world: UsdGeom.Xformable, up: str) -> None:
     """Set the stage's metres and up axis, and turn ``world`` where that is needed to show its contents upright.
 
     Args:
         stage: the stage.
         world: the prim above everything that is given in the cameras' world.
-        up: the world's up axis: ``+x``, ``-x``, ``+y``, ``-y``, ``+z`` or ``-z``.
-        stage_up: ``"y"`` or ``"z"``; by default the world's own if it is one of them, else z.
+        up: the world's up axis: ``+x``, ``-x``, ``+y``, ``-y``, ``+z`` or ``-z``. The stage's is the same where it is
+            +y or +z, else +z.
     """
-    stage_up = stage_up or {"+y": "y"}.get(up, "z")
+    stage_up = {"+y": "y"}.get(up, "z")
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     UsdGeom.SetStageUpAxis(stage, stage_up.upper())
     if up != f"+{stage_up}":

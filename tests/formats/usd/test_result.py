@@ -14,6 +14,8 @@ from mmocap_warp.formats.usd.check import faults
 from mmocap_warp.formats.usd.file import read_stage
 from mmocap_warp.formats.usd.result import read_result, write_result
 from mmocap_warp.result.result import STATUS
+from mmocap_warp.result.turning import stood_up
+from mmocap_warp.views.rig import project
 
 SKINNING_M = 1e-5
 
@@ -119,7 +121,7 @@ def test_an_export_is_sound_and_holds_the_animation_alone(tmp_path, suffix):
     assert [file.name for file in tmp_path.iterdir()] == [path.name]
     stage = Usd.Stage.Open(str(path))
     kinds = {prim.GetTypeName() for prim in stage.Traverse()}
-    assert kinds == {"Xform", "SkelRoot", "Skeleton", "SkelAnimation", "Mesh"}
+    assert kinds == {"Xform", "SkelRoot", "Skeleton", "SkelAnimation", "Mesh", "Scope", "Camera"}
     names = [name for prim in stage.Traverse() for name in prim.GetPropertyNames()]
     assert not [name for name in names if name.startswith("mmocap:")]
     assert stage.GetTimeCodesPerSecond() == result.fps
@@ -127,15 +129,55 @@ def test_an_export_is_sound_and_holds_the_animation_alone(tmp_path, suffix):
 
 
 @pytest.mark.parametrize("up", ["+x", "-x", "+y", "-y", "+z", "-z"])
-def test_an_export_stands_upright(tmp_path, up):
+@pytest.mark.parametrize("asked", [None, "+y", "+z"])
+def test_an_export_stands_upright(tmp_path, up, asked):
     result, path = synthetic_result(up=up), tmp_path / "anim.usdc"
-    export_animation(result, path)
-    assert UsdGeom.GetStageUpAxis(read_stage(path)) == "Y"
+    export_animation(stood_up(result, asked) if asked else result, path)
+    axis = asked or (up if up in ("+y", "+z") else "+z")
+    assert UsdGeom.GetStageUpAxis(read_stage(path)) == axis[1].upper()
     world = expected_vertices(result)[0] @ result.cameras.up_vector
     exported = usd_skinned(path, "Skin", 10)
-    np.testing.assert_allclose(exported[:, 1], world, rtol=0, atol=SKINNING_M)
+    np.testing.assert_allclose(exported[:, "xyz".index(axis[1])], world, rtol=0, atol=SKINNING_M)
     edge = np.linalg.norm(np.diff(expected_vertices(result)[0], axis=0), axis=1)
     np.testing.assert_allclose(np.linalg.norm(np.diff(exported, axis=0), axis=1), edge, rtol=0, atol=SKINNING_M)
+
+
+@pytest.mark.parametrize("up", ["+y", "+z"])
+def test_an_export_keeps_the_world_and_its_cameras(tmp_path, up):
+    result, path = synthetic_result(up=up), tmp_path / "anim.usdc"
+    export_animation(result, path)
+    assert np.abs(usd_skinned(path, "Skin", 10) - expected_vertices(result)[0]).max() < SKINNING_M
+    stage = read_stage(path)
+    for k, name in enumerate(result.cameras.names):
+        camera = UsdGeom.Camera(stage.GetPrimAtPath(f"/World/Cameras/{name}"))
+        centre = camera.ComputeLocalToWorldTransform(Usd.TimeCode(10)).ExtractTranslation()
+        np.testing.assert_allclose(centre, result.cameras.centres[k], rtol=0, atol=1e-9)
+
+
+def test_an_export_that_is_turned_keeps_the_axis_that_it_is_turned_about(tmp_path):
+    result, path = synthetic_result(up="+z"), tmp_path / "anim.usdc"
+    export_animation(stood_up(result, "+y"), path)
+    x, y, z = expected_vertices(result)[0].T
+    assert np.abs(usd_skinned(path, "Skin", 10) - np.stack([x, z, -y], axis=1)).max() < SKINNING_M
+
+
+@pytest.mark.parametrize("up", ["+x", "-x", "+y", "-y", "+z", "-z"])
+@pytest.mark.parametrize("new", ["+x", "-x", "+y", "-y", "+z", "-z"])
+def test_a_result_that_is_stood_up_is_seen_alike(up, new):
+    """The cameras see the same, and turning back gives the same."""
+    result = synthetic_result(up=up)
+    turned = stood_up(result, new)
+    joints = result.joints()[0]
+    np.testing.assert_allclose(
+        turned.joints()[0] @ turned.cameras.up_vector, joints @ result.cameras.up_vector, atol=1e-5
+    )
+    np.testing.assert_allclose(
+        project(turned.cameras, turned.joints()[0, 0]), project(result.cameras, joints[0]), rtol=0, atol=1e-2
+    )
+    assert np.linalg.det(turned.subject.root_base) == pytest.approx(1)
+    np.testing.assert_allclose(stood_up(turned, up).pose, result.pose, rtol=0, atol=1e-12)
+    with pytest.raises(ValueError, match="up must be one of"):
+        stood_up(result, "y")
 
 
 def test_extents_hold_the_skin_at_every_frame(tmp_path):

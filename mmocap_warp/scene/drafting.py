@@ -1,0 +1,304 @@
+"""A first ``scene.toml`` for a folder of videos: what is there is named, what is missing is said."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections import Counter
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from mmocap_warp.errors import InputError
+from mmocap_warp.foreground.frames import Frames, VideoFile, as_colour, open_frames
+from mmocap_warp.scene.found_calibration import FoundCalibration, find_calibration, project_kind, read_found
+from mmocap_warp.scene.found_media import Kind, Medium, Take, find_media, names_without_calibration, takes
+from mmocap_warp.views.rig import UP_AXES, CameraRig
+
+_UPRIGHT = 0.8  # share of the images' vertical that is along the world's, where cameras stand upright
+_SAME_RATE = 0.005
+_DARK, _STEP = 30.0, 20.0  # gray levels: a black bar's brightest row, and how much brighter the picture beside it is
+
+
+@dataclass
+class Draft:
+    """A drafted scene.
+
+    Attributes:
+        text: of ``scene.toml``.
+        project: whose project the folder is, None where that is not known.
+        calibration: its file, or None.
+        cameras: their names.
+        found: what was found and taken, in sentences.
+        missing: what has to be done before the scene can be tracked, likewise.
+    """
+
+    text: str = ""
+    project: str | None = None
+    calibration: Path | None = None
+    cameras: tuple[str, ...] = ()
+    found: list[str] = field(default_factory=list)
+    missing: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class _Media:
+    """What there is of each camera, and the frames that its size, length and rate are taken from."""
+
+    video: Take
+    masks: Take
+    background: Take
+    clean_plate: Take
+
+    @cached_property
+    def frames(self) -> dict[str, Frames]:
+        return {name: open_frames(path) for name, path in (self.masks | self.video).items()}
+
+    @cached_property
+    def fps(self) -> float | None:
+        """The rate that most videos have."""
+        rates = Counter(round(rate, 3) for rate in self.rates.values())
+        return max(rates, key=lambda rate: (rates[rate], rate)) if rates else None
+
+    @cached_property
+    def rates(self) -> dict[str, float]:
+        """Of each video that tells it."""
+        videos = {name: frames for name, frames in self.frames.items() if isinstance(frames, VideoFile)}
+        return {name: video.fps for name, video in videos.items() if video.fps > 0}
+
+    def others_rate(self, name: str) -> float | None:
+        """A video's own rate, where most have another."""
+        rate = self.rates.get(name)
+        return rate if rate is not None and self.fps and abs(rate / self.fps - 1) > _SAME_RATE else None
+
+    def all_have(self, take: Take, cameras: tuple[str, ...]) -> bool:
+        return all(name in take for name in cameras)
+
+
+def draft_scene(folder: Path) -> Draft:
+    """Look at what a folder holds and draft its scene file. Nothing is written.
+
+    Raises:
+        InputError: a folder without videos and images, a calibration that cannot be read, or several recordings that
+            could be meant.
+    """
+    draft = Draft(project=project_kind(folder))
+    files = find_media(folder)
+    if not any(medium.kind in ("recording", "masks") for medium in files):
+        raise InputError(
+            folder, "holds no video and no folder of images", "put a video or a folder of images of each camera there"
+        )
+    found = find_calibration(folder)
+    rig, units = read_found(found, _sizes(files, found)) if found else (None, "m")
+    names = rig.names if rig else names_without_calibration(files)
+    video = _one_take(folder, files, names)
+    media = _Media(video, *(_first_take(files, kind, names) for kind in ("masks", "background", "clean_plate")))
+    draft.cameras = tuple(name for name in names if name in media.frames)
+    if not draft.cameras:
+        raise InputError(
+            folder,
+            f"no video's or folder's name has one of the cameras' names in it ({', '.join(names) or 'none are known'})",
+            "name each video after its camera, or write scene.toml by hand as docs/scene.md says",
+        )
+    if left_out := [name for name in names if name not in draft.cameras]:
+        draft.missing.append(f"videos of {', '.join(left_out)}, which the calibration has: the scene leaves them out")
+    blocks = [
+        _head(draft, folder),
+        _about(draft, rig, media),
+        _calibration(draft, found, units, folder),
+        *(_camera(draft, name, folder, rig, media) for name in draft.cameras),
+        _foreground(draft, media),
+    ]
+    draft.text = "\n\n".join("\n".join(lines) for lines in blocks) + "\n"
+    return draft
+
+
+def _sizes(media: list[Medium], found: FoundCalibration) -> dict[str, tuple[int, int]]:
+    """Of the recordings and masks, by their own names, for EasyMocap's calibration, which may not tell sizes."""
+    if found.path.name != "intri.yml":
+        return {}
+    sizes: dict[str, tuple[int, int]] = {}
+    for medium in media:
+        if medium.kind in ("recording", "masks") and medium.parts[-1] not in sizes:
+            sizes[medium.parts[-1]] = open_frames(medium.path).size
+    return sizes
+
+
+def _one_take(folder: Path, files: list[Medium], names: tuple[str, ...]) -> Take:
+    """The one recording; of videos and the images that were taken out of them, the videos.
+
+    Raises:
+        InputError: there are several.
+    """
+    found = takes(files, "recording", names)
+    videos = {place: take for place, take in found.items() if not next(iter(take.values())).is_dir()}
+    found = videos or found
+    if len(found) < 2:
+        return next(iter(found.values()), {})
+    folders = list(
+        dict.fromkeys(os.path.commonpath([path.parent for path in take.values()]) for take in found.values())
+    )
+    remedy = f"name one recording's folder: mmocap init {folders[0]}"
+    if len(folders) < len(found):
+        remedy = "move each recording into a folder of its own"
+    raise InputError(folder, f"holds several recordings: {', '.join(found)}", remedy)
+
+
+def _first_take(files: list[Medium], kind: Kind, names: tuple[str, ...]) -> Take:
+    return next(iter(takes(files, kind, names).values()), {})
+
+
+def _head(draft: Draft, folder: Path) -> list[str]:
+    of = f", a project of {draft.project}" if draft.project else ""
+    return [
+        f"# {_one_line(folder.resolve().name)}{of}. Drafted by mmocap init: read it, and correct what is wrong.",
+        "# Paths count from this file's folder. docs/scene.md explains every key.",
+    ]
+
+
+def _about(draft: Draft, rig: CameraRig | None, media: _Media) -> list[str]:
+    lines = ["[scene]"]
+    if media.fps is None:
+        lines.append("# fps = 60   # MISSING: frames per second of the recording; images do not tell it")
+        draft.missing.append("the recording's rate: give fps under [scene]; images do not tell it")
+    else:
+        lines.append(f"fps = {media.fps:g}")
+    up, share = ("+z", 0.0) if rig is None else _vertical(rig)
+    if rig is None:
+        lines.append(f'up = "{up}"   # the vertical of the calibration\'s world')
+    elif share < _UPRIGHT:
+        lines.append(f'up = "{up}"   # a guess: the cameras do not stand upright along an axis')
+        draft.missing.append(f'a look at the vertical: up = "{up}" is a guess, and mmocap cameras draws the axes')
+    else:
+        lines.append(f'up = "{up}"   # along which the cameras stand upright')
+    counts = {name: len(frames) for name, frames in media.frames.items()}
+    if len(set(counts.values())) > 1 and not any(map(media.others_rate, counts)):
+        found = ", ".join(f"{name} {count}" for name, count in counts.items())
+        lines.append(f"frames = {min(counts.values())}   # of the shortest: {found}")
+        draft.found.append(
+            f"cameras of different lengths ({found}): their first {min(counts.values())} frames are taken"
+        )
+    lines.append('# frames = "120:480:2"   # some of them: the first, the one after the last, every how many-th')
+    return lines
+
+
+def _vertical(rig: CameraRig) -> tuple[str, float]:
+    """The signed axis that is nearest to up in the cameras' images, and how much of up is along it on average."""
+    mean = -rig.R[:, 1].mean(axis=0)
+    axis = int(np.abs(mean).argmax())
+    return UP_AXES[2 * axis + (mean[axis] < 0)], float(abs(mean[axis]))
+
+
+def _calibration(draft: Draft, found: FoundCalibration | None, units: str, folder: Path) -> list[str]:
+    if found is None:
+        draft.missing.append(
+            "a calibration: put a Pose2Sim .toml, a Qualisys .qca.txt, or EasyMocap's intri.yml and extri.yml there, "
+            "and name it as 'calibration'; its cameras must be named as in the file"
+        )
+        return ["[cameras]", '# calibration = "calibration.toml"   # MISSING']
+    draft.calibration = found.path
+    draft.found.append(f"calibration {found.path} ({found.format})")
+    lines = ["[cameras]", f"calibration = {_path(found.path, folder)}   # {found.format}"]
+    if units != "m":
+        lines.append(f'units = "{units}"   # in metres, its cameras would be too far apart')
+    if found.others:
+        lines.append(f"# also there: {', '.join(_path(path, folder) for path in found.others)}")
+        draft.found.append(f"other calibrations, which are not taken: {', '.join(map(str, found.others))}")
+    return lines
+
+
+def _camera(draft: Draft, name: str, folder: Path, rig: CameraRig | None, media: _Media) -> list[str]:
+    frames = media.frames[name]
+    lines = [f"[cameras.{name if re.fullmatch('[A-Za-z0-9_-]+', name) else _quoted(name)}]   # {_told(frames)}"]
+    for key in ("video", "masks", "background", "clean_plate"):
+        if name in (take := getattr(media, key)):
+            lines.append(f"{key} = {_path(take[name], folder)}")
+    if rate := media.others_rate(name):
+        lines.append(f"# fps = {rate:g}   # its own rate: without the first #, its frames are taken by time")
+        draft.missing.append(
+            f"the rate of {name}: its video has {rate:g} frames a second, others {media.fps:g}; give fps = "
+            f"{rate:g} under [cameras.{name}] to take its frames by time"
+        )
+    if rig is not None:
+        lines += _placing(draft, name, frames, rig.size[rig.names.index(name)])
+    return lines
+
+
+def _placing(draft: Draft, name: str, frames: Frames, calibrated: np.ndarray) -> list[str]:
+    """How the calibrated image lies in a recorded one of another size, as far as the recorded one tells."""
+    recorded = np.array(frames.size)
+    if (recorded == calibrated).all():
+        return []
+    sizes = "{}x{}, the calibration {}x{}".format(*recorded, *calibrated)
+    scale = float((recorded / calibrated).min())
+    bars = (recorded - scale * calibrated) / 2
+    left, top = (0.5 * scale - 0.5 + bars).round(3).tolist()  # pixel centres are whole numbers
+    placed = f"video_from_calibrated = {{ scale = {scale:.6g}, offset = [{left:g}, {top:g}] }}"
+    if bars.max() < 0.5:
+        draft.found.append(f"{frames.path} is {sizes}, of one shape: taken to be the whole image, scaled")
+        return [f"# {sizes}: taken to be scaled.", placed]
+    if _has_bars(frames, bars):
+        draft.found.append(f"{frames.path} is {sizes}: the whole image, scaled, between black bars")
+        return [f"# {sizes}: scaled, between black bars.", placed]
+    draft.missing.append(
+        f"where the calibrated image lies in {frames.path}, which is {sizes}: give video_from_calibrated under "
+        f"[cameras.{name}], or calibrate this size"
+    )
+    return [f"# MISSING: {sizes}. If it was scaled and then cut or padded alike on both sides:", f"# {placed}"]
+
+
+def _has_bars(frames: Frames, bars: np.ndarray) -> bool:
+    """Whether the first frame has dark bars where a scaled image would leave them, and nowhere further in."""
+    gray = as_colour(next(frames.read())).mean(axis=2)
+    rows = gray if bars[1] > bars[0] else gray.T
+    width = int(bars.max())
+    if width < 2:
+        return False
+    level = rows.mean(axis=1)
+    outside = np.concatenate([level[: width - 1], level[len(level) - width + 1 :]])
+    inside = np.minimum(level[width + 1], level[len(level) - width - 2])
+    return bool(outside.max() < _DARK and inside > outside.max() + _STEP)
+
+
+def _foreground(draft: Draft, media: _Media) -> list[str]:
+    if media.all_have(media.masks, draft.cameras):
+        draft.found.append("masks of every camera, which are tracked as they are")
+        return ["[foreground]", 'source = "masks"   # as they are; median, close, min_area and keep would clean them']
+    source, of = "recording", "of the recording itself, in which the person must not stay in one place"
+    if media.all_have(media.clean_plate, draft.cameras):
+        source, of = "clean_plate", "of the pictures without the person"
+    elif media.all_have(media.background, draft.cameras):
+        source, of = "background_video", "of the recordings without the person"
+    draft.found.append(f"no masks of every camera: mmocap mask subtracts a background, which it learns {of}")
+    return [
+        "# Masks, the white silhouettes that are tracked, are got in one of three ways:",
+        "# 1. mmocap mask makes them by subtracting a background, which is learnt of the whole recording (source =",
+        '#    "recording"; the person has to walk about), of a picture without the person (clean_plate = "..." for',
+        '#    each camera, source = "clean_plate"), or of a video without (background, "background_video").',
+        "# 2. A segmenter such as SAM 2, rembg or MediaPipe writes them from the videos.",
+        '# 3. You have them. Then, as with 2, name each camera\'s masks = "..." and set source = "masks".',
+        "[foreground]",
+        f'source = "{source}"',
+    ]
+
+
+def _told(frames: Frames) -> str:
+    """What a video or folder holds, in a few words."""
+    rate = f" at {frames.fps:g} a second" if isinstance(frames, VideoFile) and frames.fps > 0 else ""
+    return "{} frames of {}x{}".format(len(frames), *frames.size) + rate
+
+
+def _path(path: Path, folder: Path) -> str:
+    return _quoted(Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix())
+
+
+def _quoted(text: str) -> str:
+    """A TOML basic string."""
+    escaped = {"\\": "\\\\", '"': '\\"'}
+    return '"' + "".join(escaped.get(c, c) if c.isprintable() else f"\\U{ord(c):08x}" for c in text) + '"'
+
+
+def _one_line(text: str) -> str:
+    return "".join(c if c.isprintable() else "?" for c in text)

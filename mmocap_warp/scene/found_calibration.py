@@ -1,0 +1,159 @@
+"""Which calibration a folder holds: that of a project of Pose2Sim, EasyMocap, Caliscope or OpenCap, or any other."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.table import CALIBRATIONS, read_calibration
+from mmocap_warp.views.rig import CameraRig
+
+_ABOVE = 2  # folders above the one that is looked at, where projects of many trials keep their calibration
+_PICKLE = "is a Python pickle, which can run any program when it is opened, so it is not read"
+_PROJECT_FILES = ("scene.toml", "config.toml", "pyproject.toml")
+_CONVERT = (
+    "convert it with Pose2Sim (calibration_type = 'convert', convert_from = '{}') and give the .toml that it writes"
+)
+_ANY_OTHER = "write it as a Pose2Sim .toml (docs/formats.md says what is in one)"
+
+
+@dataclass(frozen=True)
+class FoundCalibration:
+    """A calibration that can be read.
+
+    Attributes:
+        path: the file.
+        format: what people call its format.
+        others: calibrations beside it that can be read too.
+    """
+
+    path: Path
+    format: str
+    others: tuple[Path, ...]
+
+
+def project_kind(folder: Path) -> str | None:
+    """Whose project a folder is, by the files that its program puts there; None for none that is known."""
+    marks = {
+        "OpenCap": ("sessionMetadata.yaml", "Videos/Cam*/cameraIntrinsicsExtrinsics.pickle", "Videos/Cam*/InputMedia"),
+        "EasyMocap": ("intri.yml", "extri.yml"),
+        "Caliscope": ("camera_array*.toml", "calibration/extrinsic", "calibration/intrinsic/port_*"),
+        "Pose2Sim": ("Config.toml",),
+    }
+    for name, patterns in marks.items():
+        if any(next(folder.glob(pattern), None) is not None for pattern in patterns):
+            return name
+    return None
+
+
+def find_calibration(folder: Path) -> FoundCalibration | None:
+    """The calibration in a folder, or else in one above it; None where there is none.
+
+    Raises:
+        InputError: there is only one that cannot be read, by its name.
+    """
+    for place in [folder, *folder.resolve().parents[:_ABOVE]]:
+        files = list(_candidates(place))
+        readable = sorted((rank, file) for file in files if (rank := _rank(file)) is not None)
+        if readable:
+            rank, best = readable[0]
+            return FoundCalibration(best, CALIBRATIONS[rank].name, tuple(file for _, file in readable[1:]))
+        if place == folder or project_kind(place) is not None:
+            for file in files:
+                _refuse(file, place)
+    return None
+
+
+def read_found(found: FoundCalibration, sizes: dict[str, tuple[int, int]]) -> tuple[CameraRig, str]:
+    """The cameras, and the unit of their lengths: metres, or millimetres where metres cannot be.
+
+    Raises:
+        InputError: a file that is no sound calibration in either.
+    """
+    try:
+        return read_calibration(found.path, "m", "+z", sizes), "m"
+    except InputError as error:
+        if "millimetres" not in error.remedy:
+            raise
+        return read_calibration(found.path, "mm", "+z", sizes), "mm"
+
+
+def _candidates(place: Path) -> Iterator[Path]:
+    """Files that may be a calibration: in the folder, and in its folders of that name to any depth."""
+    folders = [place, *sorted(each for each in place.glob("[Cc]alib*") if each.is_dir())]
+    for folder in folders:
+        if not os.access(folder, os.R_OK):
+            continue
+        for file in sorted(folder.iterdir() if folder == place else folder.rglob("*")):
+            if file.is_file() and not file.name.startswith("."):
+                yield file
+    yield from sorted(place.glob("Videos/Cam*/*.pickle"))  # OpenCap's
+
+
+def _rank(file: Path) -> int | None:
+    """The place of a readable file's format among those that are known; None where it is no calibration."""
+    if file.name == "extri.yml" or (file.suffix in (".yml", ".yaml") and file.name != "intri.yml"):
+        return None
+    if file.name == "intri.yml" and not file.with_name("extri.yml").is_file():
+        return None
+    if file.suffix == ".toml" and not _holds_cameras(file):
+        return None
+    return next((rank for rank, format in enumerate(CALIBRATIONS) if format.matches(file)), None)
+
+
+def _holds_cameras(file: Path) -> bool:
+    tables = _tables(file)
+    return any({"matrix", "rotation", "translation", "size"} <= set(table) for table in tables) and not any(
+        "rotation_count" in table for table in tables
+    )
+
+
+def _tables(file: Path) -> list[dict[str, Any]]:
+    """The tables of a TOML file; none where it is another program's settings, or no TOML."""
+    if file.name.lower() in _PROJECT_FILES:
+        return []
+    try:
+        values = tomllib.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return []
+    return [table for table in values.values() if isinstance(table, dict)]
+
+
+def _refuse(file: Path, place: Path) -> None:
+    """Raise InputError for what its name, or its folder's below ``place``, calls a calibration: it cannot be read."""
+    name, below = file.name.lower(), str(file.relative_to(place)).lower()
+    is_calibration = any(word in below for word in ("calib", "intri", "extri"))
+    if file.suffix == ".toml" and any(_is_caliscope(table) for table in _tables(file)):
+        raise InputError(
+            file,
+            "is Caliscope's own camera array, which cannot be read yet",
+            "give camera_array_aniposelib.toml, which Caliscope writes beside it or in the project's folder",
+        )
+    if file.suffix in (".pickle", ".pkl") and (is_calibration or "camera" in name):
+        opencap = "intrinsicsextrinsics" in name
+        raise InputError(file, _PICKLE, _CONVERT.format("opencap") if opencap else _ANY_OTHER)
+    by_ending = {
+        ".xcp": ("Vicon", _CONVERT.format("vicon")),
+        ".mcal": ("OptiTrack", _CONVERT.format("optitrack")),
+        ".cal": ("OptiTrack", _CONVERT.format("optitrack")),
+        ".calib": ("BioCV", _CONVERT.format("biocv")),
+        ".json": ("JSON", _ANY_OTHER),
+        ".npz": ("NumPy", _ANY_OTHER),
+        ".npy": ("NumPy", _ANY_OTHER),
+        ".xml": ("XML", _ANY_OTHER),
+    }
+    if file.suffix.lower() in by_ending and is_calibration:
+        program, remedy = by_ending[file.suffix.lower()]
+        raise InputError(file, f"is a calibration of {program}, which cannot be read yet", remedy)
+    if name == "intri.yml":
+        raise InputError(file, "has no extri.yml beside it", "calibrate where the cameras stand, too, with EasyMocap")
+
+
+def _is_caliscope(table: dict[str, Any]) -> bool:
+    cameras = [table, *(inner for inner in table.values() if isinstance(inner, dict))]
+    return any("matrix" in camera and ("rotation_count" in camera or "grid_count" in camera) for camera in cameras)

@@ -1,0 +1,78 @@
+"""Which frames of a recording are meant, as people write it: ``100``, ``20:80`` or ``20:80:2``."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class FrameChoice:
+    """Some frames of a recording: so many from the start, or a range.
+
+    Attributes:
+        count: how many, from the first of those there are; None for a range.
+        first: number of the first.
+        end: number after the last, or None for all to the last.
+        stride: every how many-th.
+    """
+
+    count: int | None = None
+    first: int = 0
+    end: int | None = None
+    stride: int = 1
+
+    @classmethod
+    def parse(cls, text: str) -> FrameChoice:
+        """Read a count, ``first:end`` or ``first:end:stride``; as in Python, ``first`` and ``end`` may be left out.
+
+        Raises:
+            ValueError: none of these, no frame, or a stride of 0.
+        """
+        if not re.fullmatch(r"\d{1,9}|\d{0,9}:\d{0,9}(:\d{0,9})?", text, re.ASCII):
+            raise ValueError(f"frames = {text} is neither a count nor first:end or first:end:stride")
+        if ":" not in text:
+            return cls(count=int(text))
+        first, end, stride = (int(part) if part else None for part in [*text.split(":"), ""][:3])
+        choice = cls(None, first or 0, end, 1 if stride is None else stride)
+        if choice.stride == 0 or (end is not None and end <= choice.first):
+            raise ValueError(f"frames = {text} holds no frame")
+        return choice
+
+    def of(self, own: range, numbers: int) -> range:
+        """The frames that are meant.
+
+        Args:
+            own: those that a count counts from the start of.
+            numbers: how many frames there are to choose from, numbered from 0.
+
+        Raises:
+            ValueError: more frames than there are, or none.
+        """
+        if self.count is not None:
+            if not 1 <= self.count <= len(own):
+                raise ValueError(f"frames = {self} is not in 1 to {len(own)}")
+            return own[: self.count]
+        chosen = range(self.first, numbers if self.end is None else self.end, self.stride)
+        if not chosen or chosen.stop > numbers:
+            raise ValueError(f"frames = {self} is not in 0:{numbers}")
+        return chosen
+
+    def __str__(self) -> str:
+        if self.count is not None:
+            return str(self.count)
+        stride = f":{self.stride}" if self.stride != 1 else ""
+        return f"{self.first}:{'' if self.end is None else self.end}{stride}"
+
+
+def as_range(numbers: list[int]) -> range:
+    """Ascending frame numbers as a range.
+
+    Raises:
+        ValueError: none, or they are not evenly spaced.
+    """
+    step = numbers[1] - numbers[0] if len(numbers) > 1 else 1
+    frames = range(numbers[0], numbers[0] + step * len(numbers), step)
+    if list(frames) != numbers:
+        raise ValueError("frame numbers must be evenly spaced")
+    return frames

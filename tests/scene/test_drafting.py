@@ -1,0 +1,375 @@
+"""``mmocap init``: what it makes of the folders that people and other programs make."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from ball_scene import FRAMES, HEIGHT, RIG, WIDTH, ball_mask, ball_scene, write_video
+
+from mmocap_warp import cli
+from mmocap_warp.cli import exit_codes
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
+from mmocap_warp.scene.drafting import draft_scene
+from mmocap_warp.scene.scene_toml import load_scene
+
+__all__ = ["ball_scene"]
+CALISCOPE = """
+[cameras.{0}]
+cam_id = {0}
+size = [160, 120]
+rotation_count = 0
+error = 0.4
+matrix = [[150.0, 0.0, 80.0], [0.0, 150.0, 60.0], [0.0, 0.0, 1.0]]
+distortions = [0.0, 0.0, 0.0, 0.0, 0.0]
+translation = [0.0, 0.0, 3.0]
+rotation = [0.1, 0.2, 0.3]
+grid_count = 20
+"""
+
+
+@pytest.fixture
+def videos(tmp_path: Path) -> Path:
+    """Three cameras' videos of one moment, by the cameras' names."""
+    folder = tmp_path / "source"
+    folder.mkdir()
+    for k, name in enumerate(RIG.names):
+        frames = [np.where(ball_mask(k, f)[..., None], np.uint8([30, 60, 220]), np.uint8(100)) for f in range(FRAMES)]
+        write_video(folder / f"{name}.mkv", frames)
+    return folder
+
+
+@pytest.fixture
+def project(tmp_path: Path) -> Path:
+    folder = tmp_path / "project"
+    folder.mkdir()
+    return folder
+
+
+def lay_out(videos: Path, project: Path, place: str, **names: str) -> None:
+    """Copy each camera's video to ``place``, in which {} stands for the camera or for another name of it."""
+    for name in RIG.names:
+        target = project / place.format(names.get(name, name))
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(videos / f"{name}.mkv", target)
+
+
+def easymocap(folder: Path) -> None:
+    """The rig as EasyMocap writes it."""
+    for file in ("intri.yml", "extri.yml"):
+        storage = cv2.FileStorage(str(folder / file), cv2.FILE_STORAGE_WRITE)
+        storage.startWriteStruct("names", cv2.FileNode_SEQ)
+        for name in RIG.names:
+            storage.write("", name)
+        storage.endWriteStruct()
+        for k, name in enumerate(RIG.names):
+            if file == "intri.yml":
+                storage.write(f"K_{name}", RIG.K[k])
+                storage.write(f"dist_{name}", RIG.distortion[k][None])
+            else:
+                storage.write(f"R_{name}", cv2.Rodrigues(RIG.R[k])[0])
+                storage.write(f"T_{name}", RIG.t[k][:, None])
+        storage.release()
+
+
+def sources(folder: Path) -> dict[str, str]:
+    """Where the drafted scene of a folder finds each camera's video."""
+    draft = draft_scene(folder)
+    (folder / "scene.toml").write_text(draft.text)
+    scene = load_scene(folder, masks=False)
+    assert scene.calibrated.up == "+y"
+    assert scene.fps == 30
+    return {source.name: source.video.path.relative_to(folder).as_posix() for source in scene.cameras if source.video}
+
+
+def test_a_plain_folder(videos: Path) -> None:
+    write_toml_rig(videos / "my cameras.toml", RIG)
+    assert sources(videos) == {name: f"{name}.mkv" for name in RIG.names}
+    assert draft_scene(videos).missing == []
+
+
+def test_a_pose2sim_project(videos: Path, project: Path) -> None:
+    (project / "Config.toml").write_text("[project]\nframe_rate = 'auto'\n")
+    lay_out(videos, project, "videos/{}.mkv")
+    lay_out(videos, project, "pose/{}_pose.mkv")
+    (project / "calibration/intrinsics/int_cam01_img").mkdir(parents=True)
+    cv2.imwrite(str(project / "calibration/intrinsics/int_cam01_img/0.png"), np.zeros((9, 9), np.uint8))
+    write_toml_rig(project / "calibration" / "Calib_scene.toml", RIG)
+    assert sources(project) == {name: f"videos/{name}.mkv" for name in RIG.names}
+    assert draft_scene(project).project == "Pose2Sim"
+
+
+def test_a_trial_of_a_pose2sim_session(videos: Path, project: Path) -> None:
+    """Its calibration lies in the session's folder, above it."""
+    write_toml_rig(write_config(project) / "Calib.toml", RIG)
+    for trial in ("Trial_1", "Trial_2"):
+        lay_out(videos, project, f"{trial}/videos/{{}}.mkv")
+    assert set(sources(project / "Trial_2")) == set(RIG.names)
+    assert draft_scene(project / "Trial_2").calibration == (project / "calibration/Calib.toml").resolve()
+    with pytest.raises(InputError, match=r"several recordings: Trial_1/videos/\*, Trial_2/.*: mmocap init .*Trial_1"):
+        draft_scene(project)
+
+
+def write_config(project: Path) -> Path:
+    (project / "Config.toml").touch()
+    (project / "calibration").mkdir()
+    return project / "calibration"
+
+
+@pytest.mark.parametrize("images", [True, False])
+def test_an_easymocap_project(videos: Path, project: Path, images: bool) -> None:
+    """Sizes come from the videos; the images that were taken out of them are no second recording."""
+    easymocap(project)
+    lay_out(videos, project, "videos/{}.mkv")
+    for k, name in enumerate(RIG.names):
+        for folder in ("images", "mask-schp") if images else ("mask-schp",):
+            (project / folder / name).mkdir(parents=True)
+            for frame in range(FRAMES):
+                image = ball_mask(k, frame).astype(np.uint8) * 255
+                cv2.imwrite(str(project / folder / name / f"{frame:06d}.jpg"), image)
+    assert sources(project) == {name: f"videos/{name}.mkv" for name in RIG.names}
+    draft = draft_scene(project)
+    assert draft.project == "EasyMocap"
+    assert 'masks = "mask-schp/cam01"' in draft.text
+
+
+def test_images_do_not_tell_the_rate(project: Path) -> None:
+    easymocap(project)
+    for name in RIG.names:
+        (project / "images" / name).mkdir(parents=True)
+        for frame in range(2):
+            cv2.imwrite(str(project / "images" / name / f"{frame:06d}.jpg"), np.zeros((HEIGHT, WIDTH), np.uint8))
+    draft = draft_scene(project)
+    assert any("rate: give fps" in line for line in draft.missing)
+    (project / "scene.toml").write_text(draft.text)
+    with pytest.raises(InputError, match="'fps' is missing"):
+        load_scene(project)
+
+
+@pytest.mark.parametrize("export", ["camera_array_aniposelib.toml", "calibration/extrinsic/capture_volume/a.toml"])
+def test_a_caliscope_project(videos: Path, project: Path, export: str) -> None:
+    """Cameras are matched by number; calibration videos are no recording, and what it can export is read."""
+    own = dict(zip(RIG.names, ("cam_1", "cam_2", "cam_3"), strict=True))
+    lay_out(videos, project, "calibration/extrinsic/{}.mkv", **own)
+    lay_out(videos, project, "calibration/intrinsic/{}.mkv", **own)
+    lay_out(videos, project, "recordings/walk_1/{}.mkv", **own)
+    volume = project / "calibration/extrinsic/capture_volume"
+    volume.mkdir()
+    (volume / "camera_array.toml").write_text("".join(CALISCOPE.format(k) for k in (1, 2, 3)))
+    with pytest.raises(InputError, match=r"camera_array\.toml: is Caliscope's own .* give camera_array_aniposelib"):
+        draft_scene(project)
+    write_toml_rig(project / export, RIG)
+    for folder in (project, project / "recordings/walk_1"):
+        found = sources(folder)
+        assert [Path(path).name for path in found.values()] == ["cam_1.mkv", "cam_2.mkv", "cam_3.mkv"]
+    assert draft_scene(project).project == "Caliscope"
+
+
+def test_an_opencap_session(videos: Path, project: Path) -> None:
+    """Its pickles are refused by name, and once they are converted its trials are found."""
+    own = dict(zip(RIG.names, ("Cam1", "Cam2", "Cam3"), strict=True))
+    (project / "sessionMetadata.yaml").touch()
+    lay_out(videos, project, "Videos/{}/InputMedia/walk1/walk1.mkv", **own)
+    for name in own.values():
+        (project / "Videos" / name / "cameraIntrinsicsExtrinsics.pickle").write_bytes(b"cos\nsystem\n(S'true'\ntR.")
+    with pytest.raises(InputError, match=r"IntrinsicsExtrinsics\.pickle: is a Python pickle.*convert_from = 'opencap'"):
+        draft_scene(project)
+    write_toml_rig(project / "Calib.toml", RIG)
+    assert list(sources(project).values())[2] == "Videos/Cam3/InputMedia/walk1/walk1.mkv"
+    assert draft_scene(project).project == "OpenCap"
+    lay_out(videos, project, "Videos/{}/InputMedia/jump/jump.mkv", **own)
+    with pytest.raises(InputError, match=r"several recordings: .*jump.*walk1"):
+        draft_scene(project)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("calibration/session.xcp", "is a calibration of Vicon, which cannot be read yet; convert it with Pose2Sim"),
+        ("calibration/cameras.json", "is a calibration of JSON, which cannot be read yet; write it as a Pose2Sim"),
+        ("calib.pkl", "is a Python pickle"),
+        ("camera_parameters.pickle", "is a Python pickle"),
+        ("intri.yml", "has no extri.yml beside it"),
+        ("Calib/deep/rig.npz", "is a calibration of NumPy"),
+    ],
+)
+def test_calibrations_that_cannot_be_read_are_refused_by_name(videos: Path, name: str, words: str) -> None:
+    (videos / name).parent.mkdir(parents=True, exist_ok=True)
+    (videos / name).touch()
+    with pytest.raises(InputError) as caught:
+        draft_scene(videos)
+    assert str(caught.value).startswith(f"{videos / name}: {words}")
+
+
+def test_other_files_are_no_calibration(videos: Path) -> None:
+    """By their own names, whatever the folders above are called."""
+    folder = videos.rename(videos.with_name("camera calibrations"))
+    for name in ("notes.json", "camera_notes.json", "weights.npz", "settings.toml", "poses.pkl"):
+        (folder / name).touch()
+    (folder.parent / "calib.json").touch()  # nobody's project
+    assert draft_scene(folder).calibration is None
+
+
+def test_one_video_alone_is_no_recording(videos: Path) -> None:
+    for name in RIG.names[1:]:
+        (videos / f"{name}.mkv").unlink()
+    with pytest.raises(InputError, match="none are known"):
+        draft_scene(videos)
+
+
+def test_without_a_calibration(videos: Path) -> None:
+    draft = draft_scene(videos)
+    assert draft.cameras == RIG.names
+    assert draft.missing[0].startswith("a calibration: put a Pose2Sim .toml")
+    (videos / "scene.toml").write_text(draft.text)
+    with pytest.raises(InputError, match="'calibration' is missing"):
+        load_scene(videos, masks=False)
+
+
+def test_millimetres_are_told_from_metres(videos: Path) -> None:
+    from dataclasses import replace
+
+    write_toml_rig(videos / "calibration.toml", replace(RIG, t=1000 * RIG.t))
+    assert 'units = "mm"' in draft_scene(videos).text
+    assert len(sources(videos)) == 3
+
+
+def test_a_background_is_named(videos: Path) -> None:
+    write_toml_rig(videos / "calibration.toml", RIG)
+    assert 'source = "recording"' in draft_scene(videos).text
+    lay_out(videos, videos, "empty/{}.mkv")
+    assert 'source = "background_video"' in draft_scene(videos).text
+    (videos / "plates").mkdir()
+    for name in RIG.names:
+        cv2.imwrite(str(videos / "plates" / f"{name}.png"), np.zeros((HEIGHT, WIDTH, 3), np.uint8))
+    draft = draft_scene(videos)
+    assert 'source = "clean_plate"' in draft.text
+    assert 'clean_plate = "plates/cam02.png"\n' in draft.text
+    assert draft.missing == []
+    (videos / "scene.toml").write_text(draft.text)
+    assert load_scene(videos).foreground.source == "clean_plate"
+
+
+def test_cameras_of_other_lengths_and_rates(videos: Path) -> None:
+    write_toml_rig(videos / "calibration.toml", RIG)
+    black = [np.zeros((HEIGHT, WIDTH, 3), np.uint8)] * 4
+    write_video(videos / "cam02.mkv", black)
+    assert "frames = 4   # of the shortest: cam01 5, cam02 4, cam03 5" in draft_scene(videos).text
+    writer = cv2.VideoWriter(str(videos / "cam02.mkv"), cv2.VideoWriter.fourcc(*"FFV1"), 60, (WIDTH, HEIGHT))
+    for _ in range(9):
+        writer.write(black[0])
+    writer.release()
+    draft = draft_scene(videos)
+    assert any("cam02: its video has 60 frames a second, others 30" in line for line in draft.missing)
+    (videos / "scene.toml").write_text(draft.text)
+    with pytest.raises(InputError, match="has 60 frames a second"):
+        load_scene(videos, masks=False)
+    (videos / "scene.toml").write_text(draft.text.replace("# fps = 60", "fps = 60"))
+    assert load_scene(videos, masks=False).frame_count == FRAMES
+
+
+@pytest.mark.parametrize(
+    ("size", "bars", "words"),
+    [
+        ((80, 60), 0, "video_from_calibrated = { scale = 0.5, offset = [-0.25, -0.25] }"),
+        ((160, 140), 10, "video_from_calibrated = { scale = 1, offset = [0, 10] }"),
+        ((180, 120), 10, "video_from_calibrated = { scale = 1, offset = [10, 0] }"),
+        ((160, 140), 0, "# MISSING: 160x140, the calibration 160x120"),
+    ],
+)
+def test_a_video_of_another_size(videos: Path, size: tuple[int, int], bars: int, words: str) -> None:
+    """Scaled, or scaled between black bars, or unknown."""
+    write_toml_rig(videos / "calibration.toml", RIG)
+    frame = np.full((size[1], size[0], 3), 120, np.uint8)
+    if bars and size[1] > HEIGHT:
+        frame[:bars] = frame[-bars:] = 5
+    elif bars:
+        frame[:, :bars] = frame[:, -bars:] = 5
+    write_video(videos / "cam02.mkv", [frame] * FRAMES)
+    draft = draft_scene(videos)
+    assert f"\n{words}" in draft.text
+    assert bool(draft.missing) == words.startswith("#")
+    if not draft.missing:
+        assert len(sources(videos)) == 3
+
+
+def test_a_camera_without_a_video_is_told(videos: Path) -> None:
+    write_toml_rig(videos / "calibration.toml", RIG)
+    (videos / "cam03.mkv").unlink()
+    draft = draft_scene(videos)
+    assert draft.cameras == ("cam01", "cam02")
+    assert draft.missing == ["videos of cam03, which the calibration has: the scene leaves them out"]
+
+
+@pytest.mark.parametrize(
+    ("prepare", "message"),
+    [
+        (lambda folder: [file.unlink() for file in folder.iterdir()], "holds no video and no folder of images"),
+        (
+            lambda folder: [
+                file.rename(folder / f"{i}x.mkv") for i, file in enumerate(sorted(folder.glob("*.mkv")), 7)
+            ],
+            "has one of the cameras' names in it \\(cam01, cam02, cam03\\)",
+        ),
+    ],
+)
+def test_folders_of_which_no_scene_can_be_made(videos: Path, prepare, message: str) -> None:
+    prepare(videos)
+    write_toml_rig(videos / "calibration.toml", RIG)
+    with pytest.raises(InputError, match=message):
+        draft_scene(videos)
+
+
+def test_init_says_what_to_run_next_to_the_end_of_the_masks(videos: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Each command's last line is the next command, as a shell takes it."""
+    folder = videos.rename(videos.with_name("a recording"))
+    write_toml_rig(folder / "calibration.toml", RIG)
+    for name in RIG.names:
+        cv2.imwrite(str(folder / f"plate_{name}.png"), np.full((HEIGHT, WIDTH, 3), 100, np.uint8))
+    step = shlex.join(["mmocap", "init", str(folder)])
+    ran = []
+    for _ in range(2):
+        ran.append(shlex.split(step)[1])
+        assert cli.main(shlex.split(step)[1:]) == exit_codes.OK
+        step = capsys.readouterr().out.splitlines()[-1].removeprefix("next: ")
+    assert ran == ["init", "cameras"]
+    assert shlex.split(step) == ["mmocap", "mask", str(folder / "scene.toml"), "-o", str(folder / "masks")]
+    assert len(list((folder / "axes").glob("*.png"))) == 3
+
+
+def test_init_overwrites_only_when_told(videos: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_toml_rig(videos / "calibration.toml", RIG)
+    (videos / "scene.toml").write_text("mine")
+    assert cli.main(["init", str(videos)]) == exit_codes.BAD_INPUT
+    assert "scene.toml: exists already; give --force" in capsys.readouterr().err
+    assert (videos / "scene.toml").read_text() == "mine"
+    assert cli.main(["init", str(videos), "--force", "--json"]) == exit_codes.OK
+    told = json.loads(capsys.readouterr().out)
+    assert told["cameras"] == list(RIG.names)
+    assert told["missing"] == []
+    assert told["next"].startswith("mmocap cameras ")
+    assert load_scene(videos, masks=False).frame_count == FRAMES
+    assert cli.main(["init", str(videos / "none")]) == exit_codes.BAD_INPUT
+
+
+def test_cameras_needs_no_masks(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Nor videos; what needs masks says the three ways to get them."""
+    text = (folder / "scene.toml").read_text()
+    shutil.rmtree(folder / "masks")
+    no_masks = "\n".join(line for line in text.splitlines() if not line.startswith("masks"))
+    (folder / "scene.toml").write_text(no_masks)
+    assert cli.main(["cameras", str(folder), "-o", str(tmp_path / "axes")]) == exit_codes.OK
+    assert capsys.readouterr().out.splitlines()[-1].startswith("next: mmocap mask ")
+    assert cli.main(["track", str(folder), "-o", str(tmp_path / "r.usdc")]) == exit_codes.BAD_INPUT
+    told = capsys.readouterr().err
+    assert all(word in told for word in ("'masks' is missing", "three ways", "mmocap mask", "SAM 2", "that you have"))
+    bare = "\n".join(line for line in no_masks.splitlines() if not line.startswith(("video", "clean_plate")))
+    (folder / "scene.toml").write_text(bare)
+    assert cli.main(["cameras", str(folder), "-o", str(tmp_path / "gray")]) == exit_codes.OK
+    assert len(list((tmp_path / "gray").iterdir())) == 3

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mmocap_warp.contour.backward_pass import AHEAD, BackwardPass
 from mmocap_warp.contour.descent import RAISE, STOP
 from mmocap_warp.contour.filled import filled
 from mmocap_warp.contour.motion_penalty import MotionCost, MotionPenalty
@@ -102,12 +103,14 @@ class ClipProblem:
         rooting: moves poses.
         points: what is kept from accelerating.
         rate: frames a second.
+        backward: a second opinion on a window's poses; where it differs the window is solved anew. None to do without.
     """
 
     linearise: LineariseFrames
     rooting: Rooting
     points: MotionPoints
     rate: float
+    backward: BackwardPass | None = None
 
     def solved(self, rooted: RootedPoses, passes: tuple[Pass, ...] = coarse_then_fine()) -> ClipSolution:
         """The clip's poses, from a pose for every frame; those of frames that show nothing don't matter."""
@@ -129,11 +132,19 @@ class ClipProblem:
             passes: how each window is solved.
             shows: (frame,) bool, frames that a window may end after; None for those that show anything.
         """
-        window, overlap = round(WINDOW * self.rate), round(OVERLAP * self.rate)
+        window, overlap, ahead = (round(time * self.rate) for time in (WINDOW, OVERLAP, AHEAD))
         first, held = 0, self.rooting.none
         while first < len(rooted):
             last = min(first + window, len(rooted))
-            solved, contour = self.solved_together(np.arange(first, last), rooted[first:last], held, passes)
+            frames = np.arange(first, last)
+            solved, contour = self.solved_together(frames, rooted[first:last], held, passes)
+            if self.backward:
+                beyond = min(last + ahead, len(rooted))
+                known = solved.followed_by(rooted[last:beyond])
+                revised = self.backward.revised(np.arange(first, beyond), known, held)
+                if revised is not known:
+                    rooted = rooted[:first].followed_by(revised, rooted[beyond:])
+                    solved, contour = self.solved_together(frames, rooted[first:last], held, passes)
             final = last - first
             if last < len(rooted):
                 final = _final(contour.observed if shows is None else shows[first:last], overlap)

@@ -41,6 +41,12 @@ class RootedPoses:
             np.where(taken[:, None, None], self.base, other.base), np.where(taken[:, None], self.pose, other.pose)
         )
 
+    def with_frames(self, frames: np.ndarray, other: RootedPoses) -> RootedPoses:
+        """These, with others in some frames by their numbers."""
+        base, pose = self.base.copy(), self.pose.copy()
+        base[frames], pose[frames] = other.base, other.pose
+        return RootedPoses(base, pose)
+
     def followed_by(self, *more: RootedPoses) -> RootedPoses:
         """These frames, then the others."""
         each = self, *more

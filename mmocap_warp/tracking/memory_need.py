@@ -27,7 +27,7 @@ from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.from_settings import make_fitter, make_objective
 from mmocap_warp.tracking.pose_search import PoseSearch
-from mmocap_warp.tracking.smoothing import CANDIDATES, window_of
+from mmocap_warp.tracking.smoothing import CANDIDATES, frames_held
 from mmocap_warp.tracking.tracker import Tracker
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig, project
@@ -109,7 +109,7 @@ class _FitterNeed:
 
     def of_smoothing(self, fps: float) -> int:
         """Bytes of the two that a window of a clip is smoothed with."""
-        frames = window_of(fps)
+        frames = frames_held(fps)
         return self.of(min(CANDIDATES, frames), frames) + self._measured(1, 1, self._parameters)
 
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from mmocap_warp.body.skeleton import ROOT_ANGLES
+from mmocap_warp.contour.backward_pass import AHEAD, STARTS, BackwardPass
 from mmocap_warp.contour.clip import WINDOW, ClipProblem, SolvedWindow, coarse_then_fine
 from mmocap_warp.contour.motion_points import MotionPoints
 from mmocap_warp.contour.normal_equations import NormalEquations
@@ -26,11 +27,12 @@ SmoothReport = Callable[[int], None]
 _LOST, _INTERPOLATED = STATUS.index("lost"), STATUS.index("interpolated")
 CANDIDATES = 32
 """Poses that are linearised at a time."""
+_STEPS = 5  # of a frame's pose on the way back
 
 
-def window_of(fps: float) -> int:
-    """Frames that are solved together, and whose masks are held."""
-    return max(1, round(WINDOW * fps))
+def frames_held(rate: float) -> int:
+    """Frames whose masks are held: those that are solved together, and those from which they are followed back."""
+    return max(1, round(WINDOW * rate) + round(AHEAD * rate))
 
 
 def smoothed(
@@ -94,8 +96,8 @@ class _Masks:
         subject = raw.subject
         self.searched = subject.body.skeleton.searched(config.dof)
         self.limits = search_limits(subject, config)
-        self._places = min(window_of(raw.rate), len(raw.frame_numbers))
-        candidates = min(CANDIDATES, self._places)
+        self._places = min(frames_held(raw.rate), len(raw.frame_numbers))
+        candidates = max(STARTS, min(CANDIDATES, self._places))
         self._fitter = make_fitter(subject, raw.cameras, config, candidates, frames=self._places)
         self.body_changes = body_changes(subject.body)
         self._body_fitter = make_fitter(subject, raw.cameras, config, 1, parameters=len(self.body_changes.sigma))
@@ -117,6 +119,18 @@ class _Masks:
         return NormalEquations(
             contour.matrix * seen[:, None, None], contour.gradient * seen[:, None], contour.cost * seen
         )
+
+    def descend(self, frames: np.ndarray, starts: RootedPoses) -> tuple[RootedPoses, np.ndarray]:
+        """Poses that the contours of frames of the window lead to from some, and what they cost (pose,)."""
+        fitter, pose, cost = self._fitter, starts.pose.copy(), np.zeros(len(starts))
+        for first in range(0, len(starts), fitter.candidates):
+            part = slice(first, min(first + fitter.candidates, len(starts)))
+            count = part.stop - part.start
+            fitter.start_at(starts.pose[part], starts.base[part], frames[part] % self._places)
+            fitter.descend(count, _STEPS)
+            pose[part] = fitter.descent.best.numpy()[:count]
+            cost[part] = 0.5 * fitter.descent.tally.numpy()[:count, :, 0].astype(np.float64).sum(axis=1)
+        return RootedPoses(starts.base, pose), cost
 
     def linearise_body(self, frames: np.ndarray, rooted: RootedPoses) -> NormalEquations:
         """The same of single frames, with the body's parameters too."""
@@ -151,12 +165,13 @@ class _Run:
         skeleton = subject.body.skeleton
         seen = raw.status[run] != _LOST
         self._rooting = Rooting(skeleton, subject.root_base, masks.searched, masks.limits)
-        problem = ClipProblem(
-            lambda frames, rooted: masks.linearise(frames, rooted, seen[frames]),
-            self._rooting,
-            MotionPoints(skeleton, subject.body.joint_rest, masks.searched),
-            raw.rate,
-        )
+        points = MotionPoints(skeleton, subject.body.joint_rest, masks.searched)
+
+        def linearise(frames: np.ndarray, rooted: RootedPoses) -> NormalEquations:
+            return masks.linearise(frames, rooted, seen[frames])
+
+        backward = BackwardPass(masks.descend, linearise, self._rooting, points, raw.rate)
+        problem = ClipProblem(linearise, self._rooting, points, raw.rate, backward)
         self.windows = problem.windows(self._rooting.enter(track), coarse_then_fine(config.acceleration), masked)
         self._noise = Deviations(problem, config.acceleration)
         self._body = BodyDeviations(problem, masks.linearise_body, masks.body_changes)

@@ -89,6 +89,20 @@ def test_the_clip_is_nearer_the_truth_than_its_frames():
     assert (result.joint_sigma > 0).all()
 
 
+def test_an_arm_that_later_frames_know_better_is_found(monkeypatch):
+    raw = rough_track()
+    folded, elbow = slice(9, 16), SKELETON.angles("LElbow")
+    raw.pose[0] = swinging()[0]
+    raw.pose[0, folded, elbow] += np.linspace(0.4, 1.4, 7)[:, None] * (0.0, 0.0, 1.0)
+    wrist = SKELETON.index("LWrist")
+    assert joint_errors(raw.pose[0])[folded, wrist].max() > 0.2
+    found = smoothed(raw, CONFIG, swinging()[1])
+    assert joint_errors(found.pose[0])[:, wrist].max() < 0.12
+    assert (found.status == raw.status).all()
+    monkeypatch.setattr(smoothing, "BackwardPass", lambda *_: None)
+    assert joint_errors(smoothed(raw, CONFIG, swinging()[1]).pose[0])[:, wrist].max() > 0.15
+
+
 def test_cost_and_overlap_are_those_of_the_answer():
     result = smoothed(rough_track(), CONFIG, swinging()[1])
     search = PoseSearch(SUBJECT, RIG, CONFIG, algorithm=ALGORITHMS["cmaes"], evaluations=1, radii=(0.1, 0.1), runs=1)
@@ -143,6 +157,7 @@ def test_masks_are_read_once_and_as_they_are_wanted(monkeypatch, runs):
     whole = smoothed(rough_track(runs), replace(CONFIG, runs=runs), seen)
     for module in clip, smoothing:
         monkeypatch.setattr(module, "WINDOW", 12 / FPS)
+        monkeypatch.setattr(module, "AHEAD", 3 / FPS)
     monkeypatch.setattr(clip, "OVERLAP", 5 / FPS)
     read, told = [], []
 
@@ -156,7 +171,7 @@ def test_masks_are_read_once_and_as_they_are_wanted(monkeypatch, runs):
 
     windows = smoothed(rough_track(runs), replace(CONFIG, runs=runs), stream(), report)
     assert read == list(range(FRAMES))
-    assert told == [(7, 12), (14, 19), (FRAMES, FRAMES)]
+    assert told == [(7, 15), (14, 22), (FRAMES, FRAMES)]
     apart = np.linalg.norm(windows.joints() - whole.joints(), axis=-1)
     assert np.median(apart) < 5e-4
 

@@ -1,0 +1,149 @@
+"""A second opinion on a stretch of a clip: it is followed backwards too, and each frame's better pose is kept.
+
+A limb that a tracker lost it finds again some frames later. From there the way back leads along the limb, where the way
+ahead lost it: a fist folds before the chest in one direction of time, and comes out of it in the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from mmocap_warp.body.skeleton import ROOT_ANGLES
+from mmocap_warp.contour.filled import filled
+from mmocap_warp.contour.motion_points import POINTS_A_JOINT, MotionPoints
+from mmocap_warp.contour.normal_equations import LineariseFrames
+from mmocap_warp.contour.rooted import RootedPoses, Rooting
+
+DescendFrames = Callable[[np.ndarray, RootedPoses], tuple[RootedPoses, np.ndarray]]
+"""Poses that contours lead to from some, each in its frame (pose,), and what they cost (pose,)."""
+
+AHEAD = 0.6
+"""How far beyond a window frames are followed back from [s]: its own end may be where a limb is lost."""
+STARTS = 2
+"""Poses that a frame on the way back is descended from: the last, and where its motion leads."""
+_DAMPED = 0.8  # of the last motion is taken to go on
+_WORSE = 1.35  # a cost so many times as high is that of another answer
+_ANOTHER = 0.04  # [m] by which a joint is elsewhere in another answer
+_ACCELERATION = 36.0  # standard deviation of a joint's between answers [m/s^2]: frames alone shake by 10 mm at 60 Hz
+
+
+class BackwardPass:
+    """Follows frames from the last to the first, and chooses between what is found and what was known.
+
+    Args:
+        descend: how a frame is fitted.
+        linearise: the contours' equations.
+        rooting: moves poses.
+        points: what is kept from accelerating.
+        rate: frames a second.
+    """
+
+    def __init__(
+        self,
+        descend: DescendFrames,
+        linearise: LineariseFrames,
+        rooting: Rooting,
+        points: MotionPoints,
+        rate: float,
+    ) -> None:
+        self._descend, self._linearise = descend, linearise
+        self._rooting, self._points, self._rate = rooting, points, rate
+
+    def revised(self, frames: np.ndarray, known: RootedPoses, held: RootedPoses) -> RootedPoses:
+        """For each frame the pose known or the one found on the way back: those that together cost least.
+
+        Only another answer counts, in which a joint is elsewhere, and only where a stretch of frames so gains more by
+        its contours than a frame costs. Where there is none, ``known`` itself is returned.
+
+        Args:
+            frames: consecutive frames by their numbers.
+            known: their poses.
+            held: final poses of the frames before.
+        """
+        contour = self._linearise(frames, known)
+        seen = contour.observed
+        if not seen.any():
+            return known
+        back = self._followed_back(frames, known, contour.cost, seen)
+        ahead, cost = known, contour.cost.copy()
+        at = np.flatnonzero(self._apart(back, known))
+        if len(at):  # compared where both lie at the bottom of what they cost
+            descended, cost[at] = self._descend(frames[at], known[at])
+            ahead = known.with_frames(at, self._rooting.refold(descended))
+        another = self._apart(back, ahead)
+        if not another.any():
+            return known
+        back = back.where(another, ahead)
+        costs = np.zeros((2, len(held) + len(frames)))
+        costs[:, len(held) :] = cost, self._linearise(frames, back).cost
+        scale = self._rate**2 / (_ACCELERATION * np.sqrt(POINTS_A_JOINT))
+        both = (held.followed_by(filled(poses, seen)) for poses in (ahead, back))
+        place = np.stack([scale * self._points.at(poses).reshape(len(poses), -1) for poses in both])
+        chosen = (least_costly(costs, place)[len(held) :] == 1) & another
+        least = np.median(contour.cost[seen])
+        for stretch in np.split(np.arange(len(frames)), np.flatnonzero(np.diff(chosen)) + 1):
+            was, became = costs[:, len(held) + stretch].sum(axis=1)
+            chosen[stretch] &= was - became > least
+        return back.where(chosen, known) if chosen.any() else known
+
+    def _apart(self, one: RootedPoses, other: RootedPoses) -> np.ndarray:
+        """(frame,) bool: whether a joint is elsewhere."""
+        away = self._points.at(one) - self._points.at(other)
+        apart: np.ndarray = np.linalg.norm(away[:, ::POINTS_A_JOINT], axis=2).max(axis=1) > _ANOTHER
+        return apart
+
+    def _followed_back(self, frames: np.ndarray, known: RootedPoses, cost: np.ndarray, seen: np.ndarray) -> RootedPoses:
+        """Poses from the last frame that is seen to the first, each found from those after it.
+
+        Where what is found costs clearly more than what is known (frame,), the way goes on from what is known.
+        """
+        rooting, end = self._rooting, int(np.flatnonzero(seen)[-1])
+        pose = known.pose.copy()
+        base = known.base.copy()
+        last = before = rooting.leave(known[end : end + 1], np.zeros(3))[0]
+        for f in reversed(range(end)):
+            if not seen[f]:
+                continue
+            starts = rooting.enter(np.stack([last, last + _DAMPED * (last - before)]))
+            starts = rooting.stepped(starts, np.zeros(len(rooting.searched)))  # within the limits
+            found, its_cost = self._descend(np.full(STARTS, frames[f]), starts)
+            best = int(np.argmin(its_cost))
+            if its_cost[best] < _WORSE * cost[f]:
+                base[f], pose[f] = found.base[best], found.pose[best]
+            there = RootedPoses(base[f : f + 1], pose[f : f + 1])
+            before, last = last, rooting.leave(there, last[ROOT_ANGLES])[0]
+        return rooting.refold(RootedPoses(base, pose))
+
+
+def least_costly(cost: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Which of several answers each frame takes, so that all frames together cost least (Viterbi's algorithm).
+
+    Second differences of places count by half their square: what jumps from one answer to another pays for it. They
+    couple three frames; the best way to a frame is therefore known for each pair of answers to it and the one before.
+
+    Args:
+        cost: (answer, frame) of each by itself.
+        place: (answer, frame, value) whose second differences have unit variance.
+
+    Returns:
+        (frame,) the answers' numbers; of equally good ones the first.
+    """
+    answers, frames = cost.shape
+    if frames < 3:
+        cheapest: np.ndarray = np.argmin(cost, axis=0)
+        return cheapest
+    first, second, third = place[:, None, None, :-2], place[None, :, None, 1:-1], place[None, None, :, 2:]
+    jump = 0.5 * ((first - 2.0 * second + third) ** 2).sum(axis=-1)  # (answer two before, before, answer, frame)
+    total = cost[:, 0, None] + cost[None, :, 1]  # (answer before, answer)
+    came_from = np.zeros((frames, answers, answers), int)
+    for f in range(2, frames):
+        ways = total[:, :, None] + jump[..., f - 2]
+        came_from[f] = ways.argmin(axis=0)
+        total = ways.min(axis=0) + cost[:, f]
+    chosen = np.zeros(frames, int)
+    chosen[-2:] = np.unravel_index(np.argmin(total), total.shape)
+    for f in reversed(range(2, frames)):
+        chosen[f - 2] = came_from[f, chosen[f - 1], chosen[f]]
+    return chosen

@@ -1,0 +1,148 @@
+"""A clip followed backwards: what was lost ahead is found, what was right stays, and the choice is the cheapest."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+from planted import Planted, swung
+from synthetic import synthetic_body
+
+from mmocap_warp.contour.backward_pass import STARTS, BackwardPass, least_costly
+from mmocap_warp.contour.clip import ClipProblem
+from mmocap_warp.contour.rooted import RootedPoses, Rooting
+
+RATE, FRAMES = 60.0, 40
+BODY = synthetic_body()
+ELBOW = BODY.skeleton.angles("LElbow")
+ASTRAY = range(14, 26)
+"""Frames in which a fold of the elbow is mistaken for another one."""
+
+
+class TwoBasins:
+    """Frames that lead poses to the truth, or to another fold of the elbow, whichever is nearer.
+
+    Args:
+        folds: (frame,) how much further the other fold bends the elbow [rad].
+        costs: (frame,) by how much the other fold costs more.
+    """
+
+    def __init__(self, folds: np.ndarray, costs: np.ndarray | float = 40.0) -> None:
+        self.rooting = Rooting(BODY.skeleton, np.eye(3), BODY.skeleton.searched())
+        self.truth = self.rooting.enter(swung(BODY, FRAMES, RATE))
+        self.other = RootedPoses(self.truth.base, self.truth.pose.copy())
+        self.other.pose[:, ELBOW] += folds[:, None]
+        planted = Planted(BODY, self.rooting, np.zeros((FRAMES, 1)), 0.004)
+        self.points = planted.points
+        self.basins = [self.points.at(poses) for poses in (self.truth, self.other)]
+        self.planted = planted
+        self.extra = np.stack([np.zeros(FRAMES), np.broadcast_to(costs, FRAMES)])
+        self.asked: list[int] = []
+
+    def nearest(self, frames: np.ndarray, rooted: RootedPoses) -> np.ndarray:
+        """(pose,) which basin each pose is in."""
+        points = self.points.at(rooted)
+        away = [np.linalg.norm(points - basin[frames], axis=2).max(axis=1) for basin in self.basins]
+        basin: np.ndarray = np.argmin(away, axis=0)
+        return basin
+
+    def linearise(self, frames, rooted):
+        basin = self.nearest(frames, rooted)
+        self.planted.target = np.zeros((FRAMES, *self.basins[0].shape[1:]))
+        self.planted.target[frames] = np.where((basin == 0)[:, None, None], *(each[frames] for each in self.basins))
+        contour = self.planted(frames, rooted)
+        return replace(contour, cost=contour.cost + 100.0 + self.extra[basin, frames])
+
+    def descend(self, frames, starts):
+        self.asked.append(int(frames[0]))
+        basin = self.nearest(frames, starts)
+        return self.truth[frames].where(basin == 0, self.other[frames]), 100.0 + self.extra[basin, frames]
+
+    @property
+    def backward(self) -> BackwardPass:
+        return BackwardPass(self.descend, self.linearise, self.rooting, self.points, RATE)
+
+    def error(self, rooted: RootedPoses) -> np.ndarray:
+        """(frame,) [m]"""
+        error: np.ndarray = np.linalg.norm(self.points.at(rooted) - self.basins[0], axis=2).max(axis=1)
+        return error
+
+
+def leaving_slowly() -> np.ndarray:
+    """A fold that leaves the truth little by little, and is far from it when it ends."""
+    folds = np.full(FRAMES, 1.2)
+    folds[: ASTRAY.stop] = np.interp(np.arange(ASTRAY.stop), [ASTRAY.start, ASTRAY.stop - 1], [0.02, 1.2])
+    return folds
+
+
+@pytest.fixture
+def lost():
+    """A clip whose elbow is lost in some frames, and the poses that are known of it."""
+    clip = TwoBasins(leaving_slowly())
+    astray = np.isin(np.arange(FRAMES), ASTRAY)
+    return clip, clip.other.where(astray, clip.truth)
+
+
+def test_a_fold_that_later_frames_know_better_is_found(lost):
+    clip, known = lost
+    assert clip.error(known).max() > 0.15
+    revised = clip.backward.revised(np.arange(FRAMES), known, clip.rooting.none)
+    assert clip.error(revised).max() < 0.02
+    assert clip.asked[: FRAMES - 1] == list(range(FRAMES - 2, -1, -1))
+
+
+def test_the_clip_is_solved_from_what_was_found(lost):
+    clip, known = lost
+    without = ClipProblem(clip.linearise, clip.rooting, clip.points, RATE)
+    assert clip.error(without.solved(known).rooted).max() > 0.1
+    solved = replace(without, backward=clip.backward).solved(known)
+    assert clip.error(solved.rooted).max() < 0.02
+
+
+def test_a_way_back_that_goes_astray_is_left_though_it_costs_less_for_a_while():
+    for_a_while = np.isin(np.arange(FRAMES), ASTRAY)
+    clip = TwoBasins(np.full(FRAMES, 1.2), np.where(for_a_while, -4.0, 20.0))
+
+    def astray(frames: np.ndarray, starts: RootedPoses) -> tuple[RootedPoses, np.ndarray]:
+        on_the_way = len(starts) == STARTS
+        return (clip.other if on_the_way else clip.truth)[frames], 100.0 + clip.extra[int(on_the_way), frames]
+
+    backward = BackwardPass(astray, clip.linearise, clip.rooting, clip.points, RATE)
+    revised = backward.revised(np.arange(FRAMES), clip.truth, clip.rooting.none)
+    assert clip.error(revised).max() < 1e-6
+
+
+def test_what_costs_much_more_on_the_way_back_is_not_followed_further(lost):
+    clip, known = lost
+    clip.extra[1] = 40.0
+    from_the_wrong_end = known.where(np.arange(FRAMES) < FRAMES - 1, clip.other)
+    revised = clip.backward.revised(np.arange(FRAMES), from_the_wrong_end, clip.rooting.none)
+    assert clip.error(revised)[:-1].max() < 0.02
+
+
+def test_frames_that_show_nothing_are_not_asked(lost):
+    clip, known = lost
+    hidden = [18, 19]
+    clip.planted.sigma = clip.planted.sigma.copy()
+    clip.planted.sigma[hidden] = np.inf
+    revised = clip.backward.revised(np.arange(FRAMES), known, clip.rooting.none)
+    assert not set(hidden) & set(clip.asked)
+    assert np.delete(clip.error(revised), hidden).max() < 0.02
+    clip.planted.sigma[:] = np.inf
+    assert clip.backward.revised(np.arange(FRAMES), known, clip.rooting.none) is known
+
+
+@pytest.mark.parametrize("frames", [1, 2, 3, 6])
+@pytest.mark.parametrize("answers", [2, 3])
+def test_the_cheapest_of_all_choices_is_taken(answers, frames):
+    rng = np.random.default_rng([answers, frames])
+    cost, place = rng.uniform(0, 2, (answers, frames)), rng.normal(0, 1, (answers, frames, 4))
+
+    def total(choice) -> float:
+        way = place[list(choice), np.arange(frames)]
+        return float(cost[list(choice), np.arange(frames)].sum() + 0.5 * (np.diff(way, 2, axis=0) ** 2).sum())
+
+    cheapest = min(product(range(answers), repeat=frames), key=total)
+    assert least_costly(cost, place).tolist() == list(cheapest)

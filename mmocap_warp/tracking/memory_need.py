@@ -19,7 +19,7 @@ import warp as wp
 from mmocap_warp.body.mesh_pieces import is_closed
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
-from mmocap_warp.body.rest_space import RestSpace
+from mmocap_warp.contour.uncertainty import body_changes
 from mmocap_warp.device import free_memory, resolve_device
 from mmocap_warp.errors import InputError
 from mmocap_warp.tracking.algorithms import CONTOUR_TRACKERS
@@ -98,7 +98,7 @@ class _FitterNeed:
             fitter.observe(0, seen)
             return _bytes(fitter)
 
-        self._measured, self._parameters = measured, len(RestSpace(subject.body).names)
+        self._measured, self._parameters = measured, len(body_changes(subject.body).sigma)
         self._one = measured(1, 1)
         self.candidate = measured(2, 1) - self._one
 

@@ -16,7 +16,7 @@ from mmocap_warp.formats.truth import load_truth
 from mmocap_warp.formats.usd.body import read_body, read_subject, write_subject
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
-from mmocap_warp.tracking.fit import FitConfig, _first_frame, _fit_clip, _found, _Task, fit, fit_observation
+from mmocap_warp.tracking.fit import FitConfig, _first_frame, _found, _Task, fit, fit_clip, fit_observation
 from mmocap_warp.tracking.frame_fit import Guess
 from mmocap_warp.tracking.standing_search import NoSubjectError, _prior, _spread, search_headings, standing_start
 from mmocap_warp.views.observation import Observation
@@ -168,8 +168,10 @@ def test_motion_decides_where_the_first_frame_does_not(man, margin, costs, answe
     monkeypatch.setattr(
         "mmocap_warp.tracking.fit._with_clip_body", lambda task, clip, fps, subject: (subject, next(asked))
     )
-    task = _Task(man, None, QUICK, lambda *_: None)
-    subject = _fit_clip(task, [], 30.0, guesses[0], {"turned": guesses[1]})
+    monkeypatch.setattr(
+        "mmocap_warp.tracking.fit._first_frame", lambda task, observation: (guesses[0], {"turned": guesses[1]})
+    )
+    subject = fit_clip(man, None, 30.0, [None], QUICK)
     assert subject.pose[0] == answer
     assert subject.provenance["fit.decided"] == decided
     assert next(asked, None) is None

@@ -153,19 +153,35 @@ sys.exit(cli.main(sys.argv[1:]))
 """Runs the command line with a checkpoint after every frame."""
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
-def test_a_stopped_run_resumes_to_the_same_bits(how, scene, tmp_path, capfd):
-    whole, stopped = tmp_path / "whole.usdc", tmp_path / "stopped.usdc"
-    flags = ["--quiet", "--evaluations", "6000"]  # so that it is not over before it is stopped
-    assert cli.main(["track", str(scene), "-o", str(whole), *flags]) == exit_codes.OK
-    command = ["track", str(scene), "-o", str(stopped), *flags]
+LONG = ("--quiet", "--evaluations", "6000")  # so that it is not over before it is stopped
+STOPS = {
+    signal.SIGKILL: (-signal.SIGKILL, ""),
+    signal.SIGINT: (exit_codes.INTERRUPTED, "mmocap: interrupted\n"),
+    signal.SIGTERM: (exit_codes.TERMINATED, "mmocap: terminated\n"),
+}
+"""Each with the exit code and the words that it ends with."""
+
+
+@pytest.fixture(scope="module")
+def whole(scene) -> Path:
+    """The result of a long run that nothing stopped."""
+    path = scene.parent / "whole.usdc"
+    assert cli.main(["track", str(scene), "-o", str(path), *LONG]) == exit_codes.OK
+    return path
+
+
+@pytest.mark.parametrize("how", STOPS)
+def test_a_stopped_run_resumes_to_the_same_bits(how, scene, whole, tmp_path, capfd):
+    stopped = tmp_path / "stopped.usdc"
+    command = ["track", str(scene), "-o", str(stopped), *LONG]
     checkpoint = stopped.with_name("stopped.usdc.checkpoint")
     run = subprocess.Popen([sys.executable, "-c", EAGER, *command])
     while run.poll() is None and not checkpoint.exists():
         time.sleep(0.005)
+    assert cli.main([*command, "--resume"]) == exit_codes.BAD_INPUT
+    assert "stopped.usdc: another mmocap is writing it" in capfd.readouterr().err
     run.send_signal(how)
-    assert run.wait() == (exit_codes.INTERRUPTED if how == signal.SIGINT else -how)
-    assert capfd.readouterr().err == ("mmocap: interrupted\n" if how == signal.SIGINT else "")
+    assert (run.wait(), capfd.readouterr().err) == STOPS[how]
     assert checkpoint.exists()
     assert not stopped.exists()
     assert cli.main(command) == exit_codes.BAD_INPUT
@@ -212,6 +228,9 @@ def test_masks_are_a_scene_that_tracks_alike(scene, result, tmp_path, capsys):
 def test_cameras_draws_into_every_view(scene, tmp_path, capsys):
     report = answer(capsys, "cameras", scene, "-o", tmp_path / "axes")
     assert sorted(os.listdir(tmp_path / "axes")) == ["cam01.png", "cam02.png", "cam03.png"]
+    assert report["pictures"] == [str(tmp_path / "axes" / f"cam0{k}.png") for k in (1, 2, 3)]
+    assert cli.main(["cameras", str(scene), "-o", str(tmp_path / "axes"), "--force"]) == exit_codes.OK
+    assert str(tmp_path / "axes" / "cam03.png") in capsys.readouterr().out
     assert report["mean_height_m"] == pytest.approx(1.4)
 
 

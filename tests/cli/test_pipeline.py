@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -50,6 +51,18 @@ device = "cpu"
 """
 PROMISED = ("frames", "lost", "evaluations", "evaluations_per_second", "mean_iou", "worst_iou")
 PROMISED_WITH_TRUTH = ("marker_error_mm", "mpjpe_mm")
+
+
+@pytest.fixture(autouse=True)
+def no_network(monkeypatch) -> None:
+    """Whoever asks the network fails the test, whatever command it is."""
+
+    def asked(*arguments: object) -> None:
+        pytest.fail(f"the network was asked: {arguments}")
+
+    for name in ("connect", "connect_ex", "sendto"):
+        monkeypatch.setattr(socket.socket, name, asked)
+    monkeypatch.setattr(socket, "getaddrinfo", asked)
 
 
 @pytest.fixture(scope="module")

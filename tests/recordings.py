@@ -1,7 +1,9 @@
-"""A recording of a few small frames, and a study of it."""
+"""Recordings of small frames on disk, few or many, and a study of one."""
 
 from __future__ import annotations
 
+import os
+from itertools import cycle, islice
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +19,7 @@ from mmocap_warp.result.truth import Truth
 from mmocap_warp.views.silhouette import silhouettes
 
 FRAMES = 8
+_STRIDE = 40  # frames in one direction
 _SIZE = (160, 120)
 _SCENE = """
 [scene]
@@ -49,20 +52,28 @@ evaluations = [300]
 """
 
 
-def write_recording(folder: Path, frames: int = FRAMES) -> None:
-    """Three cameras see the test body move."""
-    subject, rig = synthetic_subject(), ring_rig(3, _SIZE)
-    poses = synthetic_poses(5 * frames)[:frames]
+def write_recording(folder: Path, frames: int = FRAMES, speed: float = 1.0) -> None:
+    """Three cameras see the test body move, to and fro; a frame that comes again is a link to the same file."""
+    subject, rig = synthetic_subject(), ring_rig(3, _SIZE, distance=3.0)
+    once = synthetic_poses(round(200 / speed))[:_STRIDE]
+    there_and_back = list(islice(cycle([*range(_STRIDE), *range(_STRIDE - 2, 0, -1)]), frames))
     poser = Poser(subject.body, subject.root_base)
-    for frame, pose in enumerate(poses):
-        vertices = poser.tracking_vertices(pose)[0]
-        for name, mask in zip(rig.names, silhouettes(rig, vertices, subject.body.tracking_face), strict=True):
-            (folder / "masks" / name).mkdir(parents=True, exist_ok=True)
-            write_png(folder / "masks" / name / f"{frame:05d}.png", mask)
+    for name in rig.names:
+        (folder / "masks" / name).mkdir(parents=True)
+    for frame, number in enumerate(there_and_back):
+        first = there_and_back.index(number)
+        files = [folder / "masks" / name / f"{frame:06d}.png" for name in rig.names]
+        if first < frame:
+            for file in files:
+                os.link(file.with_name(f"{first:06d}.png"), file)
+            continue
+        masks = silhouettes(rig, poser.tracking_vertices(once[number])[0], subject.body.tracking_face)
+        for file, mask in zip(files, masks, strict=True):
+            write_png(file, mask)
     write_toml_rig(folder / "calibration.toml", rig)
     write_subject(folder / "subject.usdc", subject)
-    markers = poser.vertices(poses)[:, subject.body.marker_vertex].astype(float)
-    joints = poser.joint_transforms(poses)[:, :, :3, 3].astype(float)
+    markers = poser.vertices(once)[:, subject.body.marker_vertex].astype(float)[there_and_back]
+    joints = poser.joint_transforms(once)[:, :, :3, 3].astype(float)[there_and_back]
     truth = Truth(60.0, np.arange(frames), subject.body.marker_names, markers, JOINTS, joints)
     write_truth(folder / "truth.usdc", truth, up="+y")
     cameras = "\n".join(f'[cameras.{name}]\nmasks = "masks/{name}"' for name in rig.names)

@@ -272,7 +272,7 @@ def test_fit_writes_a_subject_that_can_be_tracked(scene, tmp_path, capsys):
 
 def test_track_fits_first_where_no_subject_is_named(scene, tmp_path, capsys):
     quick = scene.with_name("unfitted.toml")
-    fit = "[fit]\nevaluations = 48\nfinalists = 1\nframes = 3\n"
+    fit = "[fit]\nheadings = 2\nevaluations = 48\nfinalists = 1\nframes = 3\n"
     quick.write_text(SCENE.replace('subject = "subject.usdc"', 'body = "adult_woman"') + fit)
     answer(capsys, "track", quick, "-o", tmp_path / "r.usdc", "--evaluations", 12)
     assert sorted(os.listdir(tmp_path)) == ["r.subject.usdc", "r.usdc"]

@@ -62,14 +62,18 @@ def _about_ranks(study: StudySummary, measure: Measure) -> Iterator[Finding]:
         if (ranking := by_algorithm(study, measure, dof, budget)) is not None
     }
     of_every = {name: ranking for name in study.algorithms if (ranking := by_model(study, measure, name)) is not None}
-    large_enough = _decisive(every), _decisive(of_every)
-    for (claim, where, judged), (_, _, anyhow) in zip(
-        _of_ranks(*large_enough), _of_ranks(every, of_every), strict=True
-    ):
+    enough = _of_ranks(_large(every), _large(of_every), _decisive(every), _decisive(of_every))
+    anyhow = _of_ranks(every, of_every, every, of_every)
+    for (claim, where, judged), (_, _, judged_anyhow) in zip(enough, anyhow, strict=True):
         verdict, evidence = judged()
-        if verdict == UNTESTED and anyhow()[0] != UNTESTED:
+        if verdict == UNTESTED and judged_anyhow()[0] != UNTESTED:
             verdict, evidence = TOO_FEW, _why_too_few(study)
         yield Finding(claim, where, named(measure), verdict, evidence)
+
+
+def _large(rankings: dict[_Key, Ranking]) -> dict[_Key, Ranking]:
+    """Those over sequences enough to say something about sequences in general."""
+    return {key: ranking for key, ranking in rankings.items() if len(ranking.sequences) >= FEWEST_SEQUENCES}
 
 
 def _decisive(rankings: dict[_Key, Ranking]) -> dict[_Key, Ranking]:
@@ -78,13 +82,19 @@ def _decisive(rankings: dict[_Key, Ranking]) -> dict[_Key, Ranking]:
 
 
 def _why_too_few(study: StudySummary) -> str:
-    return f"Over {spelled(len(study.sequences), 'sequence')} no difference would be significant."
+    return f"Too few for that: {spelled(len(study.sequences), 'sequence')}."
 
 
 def _of_ranks(
-    rankings: dict[tuple[int, int], Ranking], models: dict[str, Ranking]
+    rankings: dict[tuple[int, int], Ranking],
+    models: dict[str, Ranking],
+    decisive: dict[tuple[int, int], Ranking],
+    decisive_models: dict[str, Ranking],
 ) -> tuple[tuple[str, str, Callable[[], tuple[str, str]]], ...]:
-    """What the paper says of rankings by algorithm and by model, where, and how it is checked."""
+    """What the paper says of rankings by algorithm and by model, where, and how it is checked.
+
+    What it says of significance is checked on those rankings alone that could tell.
+    """
     return (
         (
             "H-CMAES has the best average rank for either model and every budget.",
@@ -99,7 +109,7 @@ def _of_ranks(
         (
             "In all cases the particle filters differ significantly from the best.",
             "section 5.4",
-            lambda: _filters_significant(rankings),
+            lambda: _filters_significant(decisive),
         ),
         (
             "In all tests searching part by part ranks before searching all at once: H-CMAES, H-PSO and H-DE before "
@@ -121,12 +131,12 @@ def _of_ranks(
             "CMAES and H-CMAES need no more than 500 evaluations with 39 degrees of freedom: nothing else is "
             "significantly better.",
             "section 5.4",
-            lambda: _frugal(models, {"h-cmaes": 500, "cmaes": 500}),
+            lambda: _frugal(decisive_models, {"h-cmaes": 500, "cmaes": 500}),
         ),
         (
             "H-DE, H-PSO, DE and PSO need no more than 1500.",
             "section 5.4",
-            lambda: _frugal(models, {"h-de": 1500, "h-pso": 1500, "de": 1500, "pso": 1500}),
+            lambda: _frugal(decisive_models, {"h-de": 1500, "h-pso": 1500, "de": 1500, "pso": 1500}),
         ),
     )
 

@@ -14,17 +14,19 @@ from mmocap_warp.errors import InputError
 def whole_file(path: Path) -> Iterator[Path]:
     """Give a temporary name beside ``path``, of the same ending, and rename what is written there when all went well.
 
-    A file of that name is replaced. Whatever goes wrong, nothing is left under either name that was not there before.
+    A file of that name is replaced; of a link, the file that it points to. Whatever goes wrong, nothing is left under
+    either name that was not there before.
 
     Raises:
         InputError: its folder does not exist or cannot be written to, or the disk is full (any ``OSError`` within).
     """
     if not path.parent.is_dir():
         raise InputError(path, "its folder does not exist", "create the folder first")
-    unfinished = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    place = Path(os.path.realpath(path)) if path.is_symlink() else path
+    unfinished = place.with_name(f".{place.stem}.{os.getpid()}{path.suffix}")
     try:
         yield unfinished
-        os.replace(unfinished, path)
+        os.replace(unfinished, place)
     except OSError as error:
         raise InputError(
             path, f"cannot be written ({error})", "check its folder, permissions and free space"

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
+
+from packaging.requirements import Requirement
 
 import mmocap_warp
 
@@ -71,3 +75,20 @@ def test_links_between_documents_lead_somewhere():
             if "://" not in target and not (page.parent / target).exists():
                 broken.append(f"{page.relative_to(ROOT)}: {target}")
     assert not broken
+
+
+def test_the_lock_has_every_requirement_of_development_with_hashes():
+    lock = (ROOT / "requirements-dev.txt").read_text(encoding="utf-8")
+    packages = re.findall(r"^([a-z0-9-]+)==(\S+)(.*?)(?=^\S|\Z)", lock, re.M | re.S)
+    assert [name for name, _, rest in packages if "--hash=sha256:" not in rest] == []
+    locked = {name: version for name, version, _ in packages}
+    extras = PROJECT["project"]["optional-dependencies"]
+    for text in [*PROJECT["project"]["dependencies"], *extras["test"], *extras["dev"]]:
+        required = Requirement(text)
+        assert required.specifier.contains(locked[required.name]), f"{text} against {locked[required.name]}"
+
+
+def test_every_dependency_of_a_user_states_its_licence():
+    told = subprocess.run([sys.executable, ROOT / ".ci" / "licences"], capture_output=True, text=True)
+    assert told.returncode == 0, told.stdout
+    assert re.search(r"^warp-lang +\S+ +Apache-2\.0$", told.stdout, re.M)

@@ -8,18 +8,23 @@ May import: every other room.
 from __future__ import annotations
 
 import os
+import signal
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 from cyclopts import App, CycloptsError
 
-from mmocap_warp.cli.exit_codes import BAD_INPUT, FAILURE, INTERRUPTED, OK, USAGE, UsageError
+from mmocap_warp.cli import claims
+from mmocap_warp.cli.exit_codes import BAD_INPUT, FAILURE, INTERRUPTED, OK, TERMINATED, USAGE, Terminated, UsageError
 from mmocap_warp.errors import InputError
 
 app = App(
     name="mmocap",
     help="Markerless motion capture from silhouettes: calibrated cameras and masks in, an animated USD body out.",
-    help_epilogue="Exit codes: 0 done, 1 failed, 2 wrong usage, 3 wrong input, 4 a check failed, 130 interrupted.",
+    help_epilogue="Exit codes: 0 done, 1 failed, 2 wrong usage, 3 wrong input, 4 a check failed, 130 interrupted, "
+    "143 terminated.",
     help_format="plaintext",
     version=lambda: _version(),
     suppress_keyboard_interrupt=False,
@@ -78,7 +83,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     tokens = sys.argv[1:] if argv is None else list(argv)
     debug = "--debug" in tokens or os.environ.get("MMOCAP_DEBUG", "0") not in ("", "0")
     try:
-        code = app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
+        with _termination_raised():
+            code = app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
     except CycloptsError as error:
         return _fail(f"{error} (mmocap --help lists what is possible)", USAGE)
     except UsageError as error:
@@ -87,6 +93,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         if debug:
             raise
         return _fail(str(error), BAD_INPUT)
+    except Terminated:
+        return _fail("terminated", TERMINATED)
     except KeyboardInterrupt:
         return _fail("interrupted", INTERRUPTED)
     except MemoryError:
@@ -97,7 +105,26 @@ def main(argv: Sequence[str] | None = None) -> int:
         if debug:
             raise
         return _fail(f"unexpected {type(error).__name__}: {error} (repeat with --debug to see where)", FAILURE)
+    finally:
+        claims.release()
     return code if isinstance(code, int) else OK
+
+
+@contextmanager
+def _termination_raised() -> Iterator[None]:
+    """Let SIGTERM raise :class:`Terminated`, as Ctrl-C raises KeyboardInterrupt; signals are the main thread's."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def terminate(*_: object) -> None:
+        raise Terminated
+
+    before = signal.signal(signal.SIGTERM, terminate)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _fail(message: str, code: int) -> int:

@@ -47,8 +47,7 @@ def cameras(
     loaded = load_scene(scene, masks=False)
     rows = describe_rig(loaded.calibrated)
     mean_height = float(np.mean([row.height for row in rows]))
-    if output is not None:
-        _draw_axes(loaded, new_folder(output, force=force))
+    drawn = [] if output is None else _draw_axes(loaded, new_folder(output, force=force))
     good = mean_height > 0
     have_masks = all(source.masks is not None for source in loaded.cameras)
     step = track_command(loaded.path) if have_masks else mask_command(loaded.path)
@@ -67,7 +66,7 @@ def cameras(
         "up": loaded.calibrated.up,
         "mean_height_m": mean_height,
         "mean_height_ok": good,
-        "pictures": output,
+        "pictures": drawn,
         "next": step if good else None,
     }
     header = f"{'camera':<12} {'size':>10} {'x':>8} {'y':>8} {'z':>8} {'height':>8} {'nearest':>8} {'view':>10}"
@@ -76,6 +75,7 @@ def cameras(
         place = " ".join(f"{value:8.2f}" for value in (*row.centre, row.height, row.nearest))
         view = "{:.0f}x{:.0f}".format(*row.field_of_view)
         lines.append(f"{row.name:<12} {f'{width}x{height}':>10} {place} {view:>10}")
+    lines += [str(picture) for picture in drawn]
     lines.append(f"mean height {mean_height:.2f} m along {loaded.calibrated.up}")
     if not good:
         lines.append("check failed: cameras at or below the world's zero; is [scene] up this calibration's vertical?")
@@ -87,7 +87,8 @@ def cameras(
     return OK if good else CHECK_FAILED
 
 
-def _draw_axes(scene: Scene, folder: Path) -> None:
+def _draw_axes(scene: Scene, folder: Path) -> list[Path]:
+    """Write a picture for each camera; returns their files."""
     import numpy as np
 
     from mmocap_warp.formats.png import write_png
@@ -103,3 +104,4 @@ def _draw_axes(scene: Scene, folder: Path) -> None:
         if image is None:
             image = np.where(masks[k][..., None], _SEEN, _UNSEEN).astype(np.uint8).repeat(3, axis=2)
         write_png(folder / f"{name}.png", draw_world_axes(image, rig, k))
+    return [folder / f"{name}.png" for name in rig.names]

@@ -11,6 +11,12 @@ CHECK_FAILED = 4
 """The command ran, and what it checked does not hold."""
 INTERRUPTED = 130
 """Stopped by Ctrl-C."""
+TERMINATED = 143
+"""Stopped by SIGTERM, as by a scheduler or a machine that shuts down."""
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM: whatever saves its work on Ctrl-C saves it on this too."""
 
 
 class UsageError(Exception):

@@ -1,10 +1,11 @@
-"""Where a command may write: checked before any work starts."""
+"""Where a command may write: checked, and claimed for it alone, before any work starts."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
 
+from mmocap_warp.cli.claims import FOLDER_CLAIM, claim
 from mmocap_warp.errors import InputError
 
 
@@ -17,7 +18,7 @@ def new_file(path: Path, *suffixes: str, force: bool = False) -> Path:
         force: replace a file that exists.
 
     Raises:
-        InputError: another ending, no such folder, not writable, or a file that exists.
+        InputError: another ending, no such folder, not writable, a file that exists, or another process writes it.
     """
     if path.suffix not in suffixes:
         ending = f"ends in '{path.suffix}'" if path.suffix else "has no ending"
@@ -27,6 +28,7 @@ def new_file(path: Path, *suffixes: str, force: bool = False) -> Path:
         raise InputError(path, "is a folder", "name a file")
     if path.exists() and not force:
         raise InputError(path, "exists already", "give --force to replace it, or write elsewhere")
+    claim(path)
     return path
 
 
@@ -34,14 +36,15 @@ def new_folder(path: Path, *, force: bool = False) -> Path:
     """``path`` as a folder, made if it does not exist (its parent must).
 
     Raises:
-        InputError: no such parent, not writable, a file, or a folder that holds something.
+        InputError: no such parent, not writable, a file, a folder that holds something, or another process writes it.
     """
     _check_folder(path.parent)
     if path.exists() and not path.is_dir():
         raise InputError(path, "is a file", "name a folder")
-    if path.is_dir() and any(path.iterdir()) and not force:
+    if path.is_dir() and any(file.name != FOLDER_CLAIM for file in path.iterdir()) and not force:
         raise InputError(path, "holds files already", "give --force to write among them, or name another folder")
     path.mkdir(exist_ok=True)
+    claim(path)
     return path
 
 

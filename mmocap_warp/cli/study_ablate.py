@@ -98,6 +98,7 @@ def ablate(
     threads
         CPU threads. All by default.
     """
+    from mmocap_warp.cli.claims import claim
     from mmocap_warp.cli.devices import start_warp
     from mmocap_warp.study.ablation import STARTS, AblationCell, run_ablation, track_with_seed
     from mmocap_warp.study.degradations import NONE, parse
@@ -135,8 +136,9 @@ def ablate(
         console.note(f"{len(done)} of {len(cells)}: {cell}: " + ", ".join(_shown(measures)))
 
     done: list[AblationCell] = []
+    claim(open_folder(folder))
     try:
-        rows = run_ablation(open_folder(folder), cells, told, track_with_seed)
+        rows = run_ablation(folder, cells, told, track_with_seed)
     except ValueError as error:  # such as more views than a clip has, or no such model of its body
         raise UsageError(str(error)) from None
     write_whole(folder / "ablation.csv", _csv(rows).encode())

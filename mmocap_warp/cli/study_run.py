@@ -66,6 +66,7 @@ def run(
     gpus
         ray: of each worker; 0.5 puts two workers on a GPU, 0 none.
     """
+    from mmocap_warp.cli.claims import claim
     from mmocap_warp.cli.devices import start_warp
     from mmocap_warp.cli.study_progress import StudyProgress
     from mmocap_warp.study.definition import load_study
@@ -83,6 +84,7 @@ def run(
     else:
         kind, start = _ray(address, workers, gpus)
     folder = open_folder(output or Path(loaded.name))
+    claim(folder)
     tasks = plan_tasks(loaded, folder, kind)
     with _ray_messages(console), StudyProgress(loaded.name, quiet=console.quiet) as progress:
         status = run_study(tasks, start, progress.show, progress.note)

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
 from mmocap_warp.study.summary import MEASURES, CellSummary, Measure, StudySummary
-from mmocap_warp.study.tables import Ranking, Row, by_algorithm, by_model
-from mmocap_warp.study.wording import algorithm_label, named, shown
+from mmocap_warp.study.tables import FEWEST_SEQUENCES, Ranking, Row, by_algorithm, by_model
+from mmocap_warp.study.wording import algorithm_label, counted, named, shown, spelled
 
-AGREES, MOSTLY, FAILS, DIFFERS, UNTESTED = "agrees", "mostly agrees", "fails", "differs", "not tested"
+AGREES, MOSTLY, FAILS, DIFFERS, TIED = "agrees", "mostly agrees", "fails", "differs", "tied"
+UNTESTED, TOO_FEW = "not tested", "cannot be judged"
 
 EVOLUTIONARY: tuple[str, ...] = ("h-cmaes", "cmaes", "h-pso", "pso", "h-de", "de")
 FILTERS: tuple[str, ...] = ("apf", "psapf")
+
+_Key = TypeVar("_Key")
 
 
 @dataclass(frozen=True)
@@ -26,8 +30,8 @@ class Finding:
         where: it is made.
         by: the measure that it was checked on.
         verdict: ``agrees`` if it holds in every case. If it does not: ``fails`` where the paper claims it of all cases,
-            else ``mostly agrees`` if it holds in more than half, and ``differs`` otherwise. ``not tested`` where the
-            study has no case.
+            else ``mostly agrees`` if it holds in more than half, ``tied`` if every case is a tie, and ``differs``
+            otherwise. ``not tested`` where the study has no case, ``cannot be judged`` where it has too few sequences.
         evidence: the numbers.
     """
 
@@ -51,14 +55,47 @@ def check_claims(study: StudySummary, measure: Measure) -> list[Finding]:
 
 def _about_ranks(study: StudySummary, measure: Measure) -> Iterator[Finding]:
     """Section 5.4, the abstract and section 6."""
-    rankings = {
+    every = {
         (dof, budget): ranking
         for dof in study.models
         for budget in study.budgets
         if (ranking := by_algorithm(study, measure, dof, budget)) is not None
     }
-    models = {name: ranking for name in study.algorithms if (ranking := by_model(study, measure, name)) is not None}
-    checks: tuple[tuple[str, str, Callable[[], tuple[str, str]]], ...] = (
+    of_every = {name: ranking for name in study.algorithms if (ranking := by_model(study, measure, name)) is not None}
+    enough = _of_ranks(_large(every), _large(of_every), _decisive(every), _decisive(of_every))
+    anyhow = _of_ranks(every, of_every, every, of_every)
+    for (claim, where, judged), (_, _, judged_anyhow) in zip(enough, anyhow, strict=True):
+        verdict, evidence = judged()
+        if verdict == UNTESTED and judged_anyhow()[0] != UNTESTED:
+            verdict, evidence = TOO_FEW, _why_too_few(study)
+        yield Finding(claim, where, named(measure), verdict, evidence)
+
+
+def _large(rankings: dict[_Key, Ranking]) -> dict[_Key, Ranking]:
+    """Those over sequences enough to say something about sequences in general."""
+    return {key: ranking for key, ranking in rankings.items() if len(ranking.sequences) >= FEWEST_SEQUENCES}
+
+
+def _decisive(rankings: dict[_Key, Ranking]) -> dict[_Key, Ranking]:
+    """Those over sequences enough for a difference to be significant."""
+    return {key: ranking for key, ranking in rankings.items() if ranking.decisive}
+
+
+def _why_too_few(study: StudySummary) -> str:
+    return f"Too few for that: {spelled(len(study.sequences), 'sequence')}."
+
+
+def _of_ranks(
+    rankings: dict[tuple[int, int], Ranking],
+    models: dict[str, Ranking],
+    decisive: dict[tuple[int, int], Ranking],
+    decisive_models: dict[str, Ranking],
+) -> tuple[tuple[str, str, Callable[[], tuple[str, str]]], ...]:
+    """What the paper says of rankings by algorithm and by model, where, and how it is checked.
+
+    What it says of significance is checked on those rankings alone that could tell.
+    """
+    return (
         (
             "H-CMAES has the best average rank for either model and every budget.",
             "Tables 4-5",
@@ -72,7 +109,7 @@ def _about_ranks(study: StudySummary, measure: Measure) -> Iterator[Finding]:
         (
             "In all cases the particle filters differ significantly from the best.",
             "section 5.4",
-            lambda: _filters_significant(rankings),
+            lambda: _filters_significant(decisive),
         ),
         (
             "In all tests searching part by part ranks before searching all at once: H-CMAES, H-PSO and H-DE before "
@@ -94,16 +131,14 @@ def _about_ranks(study: StudySummary, measure: Measure) -> Iterator[Finding]:
             "CMAES and H-CMAES need no more than 500 evaluations with 39 degrees of freedom: nothing else is "
             "significantly better.",
             "section 5.4",
-            lambda: _frugal(models, {"h-cmaes": 500, "cmaes": 500}),
+            lambda: _frugal(decisive_models, {"h-cmaes": 500, "cmaes": 500}),
         ),
         (
             "H-DE, H-PSO, DE and PSO need no more than 1500.",
             "section 5.4",
-            lambda: _frugal(models, {"h-de": 1500, "h-pso": 1500, "de": 1500, "pso": 1500}),
+            lambda: _frugal(decisive_models, {"h-de": 1500, "h-pso": 1500, "de": 1500, "pso": 1500}),
         ),
     )
-    for claim, where, check in checks:
-        yield Finding(claim, where, named(measure), *check())
 
 
 def _about_errors(study: StudySummary, measure: Measure) -> Iterator[Finding]:
@@ -120,34 +155,53 @@ def _about_errors(study: StudySummary, measure: Measure) -> Iterator[Finding]:
             _steadier(study, jerk),
         ),
     )
-    for claim, by, check in checks:
-        yield Finding(claim, "section 5.3", named(by), *check)
+    for claim, by, (verdict, evidence) in checks:
+        if verdict != UNTESTED and len(study.sequences) < FEWEST_SEQUENCES:
+            verdict, evidence = TOO_FEW, _why_too_few(study)
+        yield Finding(claim, "section 5.3", named(by), verdict, evidence)
 
 
-def _verdict(cases: Iterable[bool], evidence: str, *, of_all: bool = False) -> tuple[str, str]:
-    """The verdict and the evidence; ``of_all``: the paper claims it of all cases, so that one exception refutes it."""
-    held = list(cases)
-    if not held:
+def _verdict(leads: Iterable[float], evidence: str, *, of_all: bool = False) -> tuple[str, str]:
+    """The verdict and the evidence.
+
+    Args:
+        leads: of every case, above zero where it holds, below where it does not; zero is a tie.
+        evidence: may name how many ``{held}`` of how many ``{cases}``; ties are added.
+        of_all: the paper claims it of all cases, so that one exception refutes it, be it a tie.
+    """
+    signs = [int(np.sign(lead)) for lead in leads]
+    held, tied = signs.count(1), signs.count(0)
+    if not signs:
         return UNTESTED, "The study has no case of it."
-    if all(held):
+    if held == len(signs):
         verdict = AGREES
+    elif tied == len(signs):
+        verdict = TIED
     elif of_all:
         verdict = FAILS
     else:
-        verdict = MOSTLY if sum(held) > len(held) / 2 else DIFFERS
-    return verdict, evidence.format(held=sum(held), cases=len(held))
+        verdict = MOSTLY if held > len(signs) / 2 else DIFFERS
+    ties = f" {counted(tied, 'tie')}." if tied else ""
+    return verdict, evidence.format(held=held, cases=len(signs)) + ties
+
+
+def _lead(condition: bool | np.bool_) -> float:
+    """A case that has no ties."""
+    return 1.0 if condition else -1.0
 
 
 def _control_is(rankings: dict[tuple[int, int], Ranking], algorithm: str) -> tuple[str, str]:
     with_it = [ranking for (dof, budget), ranking in rankings.items() if ranking.row(algorithm, dof, budget)]
-    others = sorted({str(ranking.rows[0].contender) for ranking in with_it if not _led_by(ranking, algorithm)})
+    others = sorted({str(ranking.rows[0].contender) for ranking in with_it if _lead_of(ranking, algorithm) < 0})
     instead = f"; elsewhere {', '.join(others)}" if others else ""
-    cases = [_led_by(ranking, algorithm) for ranking in with_it]
-    return _verdict(cases, "First in {held} of {cases}" + instead + ".", of_all=True)
+    leads = [_lead_of(ranking, algorithm) for ranking in with_it]
+    return _verdict(leads, "First in {held} of {cases}" + instead + ".", of_all=True)
 
 
-def _led_by(ranking: Ranking, algorithm: str) -> bool:
-    return ranking.rows[0].contender.algorithm == algorithm
+def _lead_of(ranking: Ranking, algorithm: str) -> float:
+    """How far an algorithm's average rank is before the best of the others."""
+    of = _average_ranks(ranking)
+    return min(rank for name, rank in of.items() if name != algorithm) - of[algorithm]
 
 
 def _average_ranks(ranking: Ranking) -> dict[str, float]:
@@ -158,14 +212,14 @@ def _filters_last(rankings: dict[tuple[int, int], Ranking]) -> tuple[str, str]:
     cases = []
     for ranking in rankings.values():
         of = _average_ranks(ranking)
-        cases += [of[own] < of[other] for own in EVOLUTIONARY for other in FILTERS if own in of and other in of]
+        cases += [of[other] - of[own] for own in EVOLUTIONARY for other in FILTERS if own in of and other in of]
     text = "True of {held} of {cases} pairs of an evolutionary algorithm and a particle filter."
     return _verdict(cases, text, of_all=True)
 
 
 def _filters_significant(rankings: dict[tuple[int, int], Ranking]) -> tuple[str, str]:
     cases = [
-        row.comparison.rejected
+        _lead(row.comparison.rejected)
         for ranking in rankings.values()
         if ranking.test is not None
         for row in ranking.rows
@@ -175,14 +229,17 @@ def _filters_significant(rankings: dict[tuple[int, int], Ranking]) -> tuple[str,
 
 
 def _hierarchy_first(rankings: dict[tuple[int, int], Ranking]) -> tuple[str, str]:
-    won: dict[str, list[bool]] = {}
+    won: dict[str, list[float]] = {}
     for ranking in rankings.values():
         of = _average_ranks(ranking)
         for name in ("cmaes", "pso", "de"):
             if name in of and f"h-{name}" in of:
-                won.setdefault(name, []).append(of[f"h-{name}"] < of[name])
-    each = ", ".join(f"{algorithm_label(f'h-{name}')} {sum(cases)} of {len(cases)}" for name, cases in won.items())
-    return _verdict((case for cases in won.values() for case in cases), f"Better ranked: {each}.", of_all=True)
+                won.setdefault(name, []).append(of[name] - of[f"h-{name}"])
+    each = ", ".join(
+        f"{algorithm_label(f'h-{name}')} {sum(lead > 0 for lead in leads)} of {len(leads)}"
+        for name, leads in won.items()
+    )
+    return _verdict((lead for leads in won.values() for lead in leads), f"Better ranked: {each}.", of_all=True)
 
 
 def _larger_model(
@@ -195,7 +252,7 @@ def _larger_model(
         pairs = [(row, of[28, budget]) for (dof, budget), row in of.items() if dof == 39 and (28, budget) in of]
         if pairs:
             leads = [small.comparison.rank - large.comparison.rank for large, small in pairs]
-            cases += [lead > 0 if larger_is_better else lead < 0 for lead in leads]
+            cases += leads if larger_is_better else [-lead for lead in leads]
             measure = models[name].measure
             gain = float(np.mean([small.mean - large.mean for large, small in pairs]))
             shown_gain = _with_unit(-gain if measure.higher_is_better else gain, measure, sign=True)
@@ -210,7 +267,7 @@ def _frugal(models: dict[str, Ranking], budgets: dict[str, int]) -> tuple[str, s
         row = ranking.row(name, 39, budget) if ranking is not None else None
         more = ranking is not None and any(other.contender.evaluations > budget for other in ranking.rows)
         if row is not None and ranking is not None and ranking.test is not None and more:
-            cases.append(not row.comparison.rejected)
+            cases.append(_lead(not row.comparison.rejected))
             best = ranking.rows[0].contender
             notes.append(f"{algorithm_label(name)}: best ranked is ({best.dof},{best.evaluations}), " + _p_of(row))
     return _verdict(cases, "; ".join(notes) + ".")
@@ -242,7 +299,7 @@ def _in_order(of: dict[str, float], pairs: list[tuple[str, str]], measure: Measu
     if not {name for pair in pairs for name in pair} <= of.keys():
         return _verdict([], "")
     sign = -1 if measure.higher_is_better else 1
-    cases = [sign * of[better] < sign * of[worse] for better, worse in pairs]
+    cases = [sign * (of[worse] - of[better]) for better, worse in pairs]
     return _verdict(cases, ", ".join(f"{name} {_with_unit(of[name], measure)}" for name in sorted(of)) + ".")
 
 
@@ -255,7 +312,7 @@ def _narrower(study: StudySummary, measure: Measure) -> tuple[str, str]:
             for sequence in study.sequences:
                 few, many = (study.find(sequence, name, dof, budget) for budget in (least, most))
                 if few and many and least < most and measure.key in few.spread and measure.key in many.spread:
-                    cases.append(_quartile_range(many, measure) < _quartile_range(few, measure))
+                    cases.append(_quartile_range(few, measure) - _quartile_range(many, measure))
     text = f"From {least} to {most} evaluations the interquartile range shrinks in {{held}} of {{cases}} cells."
     return _verdict(cases, text)
 
@@ -272,7 +329,7 @@ def _quartile_range(cell: CellSummary, measure: Measure) -> float:
 def _steadier(study: StudySummary, measure: Measure) -> tuple[str, str]:
     of = {name: _level(study, measure, name) for name in ("cmaes", "de", "pso", "h-cmaes", "h-de", "h-pso")}
     pairs = [("cmaes", "de"), ("cmaes", "pso"), ("h-cmaes", "h-de"), ("h-cmaes", "h-pso")]
-    cases = [of[mine] < of[other] for mine, other in pairs if np.isfinite(of[mine]) and np.isfinite(of[other])]
+    cases = [of[other] - of[mine] for mine, other in pairs if np.isfinite(of[mine]) and np.isfinite(of[other])]
     known = [
         f"{algorithm_label(name)} {_with_unit(value, measure)}" for name, value in of.items() if np.isfinite(value)
     ]

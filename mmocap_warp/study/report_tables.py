@@ -96,7 +96,7 @@ def sequence_table(study: StudySummary, measure: Measure, budget: int) -> str:
     caption = (
         f"{measure.label}{in_unit(measure)}, mean ± standard deviation over runs, {budget:,} evaluations per frame"
     )
-    return _table(caption, head, "".join(rows))
+    return _table(caption, head, "".join(rows), kind="sequences")
 
 
 def difference_table(differences: Sequence[ModelDifference], measure: Measure, models: Sequence[int]) -> str:
@@ -114,7 +114,7 @@ def difference_table(differences: Sequence[ModelDifference], measure: Measure, m
         f"{measure.label}{in_unit(measure)} with {models[0]} DOF less that with {models[-1]}, mean over sequences; "
         f"A is the chance that a run with {models[0]} is better"
     )
-    return _table(caption, head, "".join(rows))
+    return _table(caption, head, "".join(rows), kind="differences")
 
 
 def grid_table(caption: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -128,6 +128,12 @@ def against_control(average_rank: np.ndarray, blocks: int) -> list[Comparison]:
     return rows
 
 
+def could_reject(algorithms: int, blocks: int) -> bool:
+    """Whether Holm's procedure could tell any from the control: the worst in every block from the best in every one."""
+    furthest = against_control(np.linspace(1.0, algorithms, algorithms), blocks)[-1]
+    return furthest.rejected
+
+
 def superiority(runs: np.ndarray, others: np.ndarray) -> float:
     """Vargha and Delaney's A, the chance that a run scores lower than one of the others: mean over blocks.
 

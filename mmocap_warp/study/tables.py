@@ -13,6 +13,7 @@ from mmocap_warp.study.statistics import (
     Omnibus,
     against_control,
     central,
+    could_reject,
     friedman,
     ranks,
     resampled_means,
@@ -21,6 +22,9 @@ from mmocap_warp.study.statistics import (
 )
 from mmocap_warp.study.summary import CellSummary, Measure, StudySummary
 from mmocap_warp.study.wording import algorithm_label
+
+FEWEST_SEQUENCES = 3
+"""Of fewer, nothing is said about sequences in general."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +81,12 @@ class Ranking:
     sequences: tuple[str, ...]
     left_out: tuple[str, ...]
     seeds: int
+
+    @property
+    def decisive(self) -> bool:
+        """Whether there are sequences enough for a difference to be significant, however the ranks fall."""
+        blocks = len(self.sequences)
+        return blocks >= FEWEST_SEQUENCES and could_reject(len(self.rows), blocks)
 
     def row(self, algorithm: str, dof: int, evaluations: int) -> Row | None:
         """A contender's line."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -54,6 +55,18 @@ device = "cpu"
 """
 PROMISED = ("frames", "lost", "evaluations", "evaluations_per_second", "mean_iou", "worst_iou")
 PROMISED_WITH_TRUTH = ("marker_error_mm", "mpjpe_mm")
+
+
+@pytest.fixture(autouse=True)
+def no_network(monkeypatch) -> None:
+    """Whoever asks the network fails the test, whatever command it is."""
+
+    def asked(*arguments: object) -> None:
+        pytest.fail(f"the network was asked: {arguments}")
+
+    for name in ("connect", "connect_ex", "sendto"):
+        monkeypatch.setattr(socket.socket, name, asked)
+    monkeypatch.setattr(socket, "getaddrinfo", asked)
 
 
 @pytest.fixture(scope="module")
@@ -157,19 +170,35 @@ sys.exit(cli.main(sys.argv[1:]))
 """Runs the command line with a checkpoint after every frame."""
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
-def test_a_stopped_run_resumes_to_the_same_bits(how, scene, tmp_path, capfd):
-    whole, stopped = tmp_path / "whole.usdc", tmp_path / "stopped.usdc"
-    flags = ["--quiet", "--evaluations", "6000"]  # so that it is not over before it is stopped
-    assert cli.main(["track", str(scene), "-o", str(whole), *flags]) == exit_codes.OK
-    command = ["track", str(scene), "-o", str(stopped), *flags]
+LONG = ("--quiet", "--evaluations", "6000")  # so that it is not over before it is stopped
+STOPS = {
+    signal.SIGKILL: (-signal.SIGKILL, ""),
+    signal.SIGINT: (exit_codes.INTERRUPTED, "mmocap: interrupted\n"),
+    signal.SIGTERM: (exit_codes.TERMINATED, "mmocap: terminated\n"),
+}
+"""Each with the exit code and the words that it ends with."""
+
+
+@pytest.fixture(scope="module")
+def whole(scene) -> Path:
+    """The result of a long run that nothing stopped."""
+    path = scene.parent / "whole.usdc"
+    assert cli.main(["track", str(scene), "-o", str(path), *LONG]) == exit_codes.OK
+    return path
+
+
+@pytest.mark.parametrize("how", STOPS)
+def test_a_stopped_run_resumes_to_the_same_bits(how, scene, whole, tmp_path, capfd):
+    stopped = tmp_path / "stopped.usdc"
+    command = ["track", str(scene), "-o", str(stopped), *LONG]
     checkpoint = stopped.with_name("stopped.usdc.checkpoint")
     run = subprocess.Popen([sys.executable, "-c", EAGER, *command])
     while run.poll() is None and not checkpoint.exists():
         time.sleep(0.005)
+    assert cli.main([*command, "--resume"]) == exit_codes.BAD_INPUT
+    assert "stopped.usdc: another mmocap is writing it" in capfd.readouterr().err
     run.send_signal(how)
-    assert run.wait() == (exit_codes.INTERRUPTED if how == signal.SIGINT else -how)
-    assert capfd.readouterr().err == ("mmocap: interrupted\n" if how == signal.SIGINT else "")
+    assert (run.wait(), capfd.readouterr().err) == STOPS[how]
     assert checkpoint.exists()
     assert not stopped.exists()
     assert cli.main(command) == exit_codes.BAD_INPUT
@@ -325,6 +354,9 @@ def test_masks_of_some_frames_are_a_scene_of_their_rate(scene, tmp_path, capsys)
 def test_cameras_draws_into_every_view(scene, tmp_path, capsys):
     report = answer(capsys, "cameras", scene, "-o", tmp_path / "axes")
     assert sorted(os.listdir(tmp_path / "axes")) == ["cam01.png", "cam02.png", "cam03.png"]
+    assert report["pictures"] == [str(tmp_path / "axes" / f"cam0{k}.png") for k in (1, 2, 3)]
+    assert cli.main(["cameras", str(scene), "-o", str(tmp_path / "axes"), "--force"]) == exit_codes.OK
+    assert str(tmp_path / "axes" / "cam03.png") in capsys.readouterr().out
     assert report["mean_height_m"] == pytest.approx(1.4)
 
 
@@ -353,7 +385,7 @@ def test_fit_writes_a_subject_that_can_be_tracked(scene, tmp_path, capsys):
 
 def test_track_fits_first_where_no_subject_is_named(scene, tmp_path, capsys):
     quick = scene.with_name("unfitted.toml")
-    fit = "[fit]\nevaluations = 48\nfinalists = 1\nframes = 3\n"
+    fit = "[fit]\nheadings = 2\nevaluations = 48\nfinalists = 1\nframes = 3\n"
     quick.write_text(SCENE.replace('subject = "subject.usdc"', 'body = "adult_woman"') + fit)
     answer(capsys, "track", quick, "-o", tmp_path / "r.usdc", "--evaluations", 12)
     assert sorted(os.listdir(tmp_path)) == ["r.subject.usdc", "r.usdc"]

@@ -9,7 +9,7 @@ import pytest
 from study_results import SEQUENCES
 
 from mmocap_warp.study.cell import Cell
-from mmocap_warp.study.claims import AGREES, DIFFERS, EVOLUTIONARY, FAILS, MOSTLY, UNTESTED, check_claims
+from mmocap_warp.study.claims import AGREES, DIFFERS, EVOLUTIONARY, FAILS, MOSTLY, TIED, TOO_FEW, UNTESTED, check_claims
 from mmocap_warp.study.paper import ALGORITHM_ORDER, EVALUATIONS
 from mmocap_warp.study.summary import MEASURES, CellSummary, StudySummary
 
@@ -234,3 +234,38 @@ def test_rankings_are_judged_by_fitness_beside_error():
     assert len([finding for finding in findings if finding.by == "fitness (Eq. 5)"]) == 8
     alone = check_claims(study, MEASURE["cost"])
     assert [finding.by for finding in alone].count("fitness (Eq. 5)") == 12
+
+
+@pytest.mark.parametrize("sequences", [("S1/Walking",), ("S1/Walking", "S2/Box")])
+def test_a_sequence_or_two_do_not_judge(sequences):
+    findings = check_claims(planted(sequences=sequences), MEASURE["marker_error"])
+    assert {found.verdict for found in findings} == {TOO_FEW, UNTESTED}
+    ranked = [found for found in findings if found.claim.startswith("H-CMAES has the best")]
+    assert ranked[0].verdict == TOO_FEW
+    words = {1: "one sequence", 2: "two sequences"}[len(sequences)]
+    assert ranked[0].evidence == f"Too few for that: {words}."
+
+
+def test_significance_of_two_algorithms_needs_more_sequences_than_of_eight():
+    """Over three sequences the worst of eight may differ significantly from the best, but one of two never."""
+    both = planted(sequences=SEQUENCES[:3], algorithms=("h-cmaes", "apf"))
+    assert finding_of(both, "In all cases the part").verdict == TOO_FEW
+    assert finding_of(both, "H-CMAES has the best").verdict == AGREES
+    assert finding_of(planted(sequences=SEQUENCES[:3]), "In all cases the part").verdict == AGREES
+
+
+def test_a_tie_for_the_first_place_is_one_whoever_is_listed_first():
+    def level(cell):
+        return error(Cell(cell.sequence, "h-cmaes", cell.dof, cell.evaluations))
+
+    shared = planted(error=with_(level, at("h-pso", 39, 500)))
+    found = finding_of(shared, "H-CMAES has the best")
+    assert (found.verdict, found.evidence) == (FAILS, "First in 5 of 6. 1 tie.")
+    everywhere = finding_of(planted(error=with_(level, one_of("h-pso"))), "H-CMAES has the best")
+    assert (everywhere.verdict, everywhere.evidence) == (TIED, "First in 0 of 6. 6 ties.")
+
+
+def test_models_that_are_level_are_tied():
+    found = finding_of(planted(error=lambda cell: error(Cell(cell.sequence, cell.algorithm, 39, 500))), "39 degrees")
+    assert found.verdict == TIED
+    assert found.evidence.endswith("18 ties.")

@@ -1,11 +1,15 @@
 """The report in a browser, where there is one: its structure is tested everywhere, see test_study_report.py."""
 
+from importlib.resources import files
+
 import pytest
 from browser import Browser, find_browser
-from study_results import made_up_study
+from study_results import SEQUENCES, made_up_study
 
 from mmocap_warp.study.report import render
+from mmocap_warp.study.report_tables import difference_table, ranking_table, sequence_table
 from mmocap_warp.study.summary import StudySummary
+from mmocap_warp.study.tables import by_algorithm, by_model, model_differences
 
 PROGRAM = find_browser()
 
@@ -89,6 +93,30 @@ def test_nothing_is_wider_than_the_screen(browser, width):
     """Wide tables and figures scroll on their own; the page does not."""
     browser.ask("Emulation.setDeviceMetricsOverride", width=width, height=800, deviceScaleFactor=1, mobile=width < 600)
     assert browser.run("document.documentElement.scrollWidth") <= width
+
+
+def test_every_table_of_the_paper_s_grid_fits_a_small_screen(browser, tmp_path):
+    """Nine sequences, eight algorithms, two models, three budgets, every measure: nothing to scroll for at 1,280 px."""
+    study = StudySummary.of(made_up_study(SEQUENCES, budgets=(500, 1500, 3000), seeds=2, frames=6))
+    tables = []
+    for measure in study.measures:
+        tables += [sequence_table(study, measure, budget) for budget in study.budgets]
+        tables.append(difference_table(model_differences(study, measure), measure, study.models))
+        tables += [
+            ranking_table([by_model(study, measure, name) for name in names], "a caption")
+            for names in (study.hierarchical, study.holistic)
+        ]
+        for dof in study.models:
+            tables.append(ranking_table([by_algorithm(study, measure, dof, each) for each in study.budgets], "another"))
+    css = files("mmocap_warp.study").joinpath("report.css").read_text(encoding="utf-8")
+    page = tmp_path / "tables.html"
+    page.write_text(f"<!doctype html><meta charset=utf-8><style>{css}</style><main>{''.join(tables)}</main>")
+    browser.ask("Emulation.setDeviceMetricsOverride", width=1280, height=800, deviceScaleFactor=1, mobile=False)
+    browser.events.clear()
+    browser.open(page)
+    shown = "[...document.querySelectorAll('.wide')]"
+    assert browser.run(f"{shown}.length") == len(tables)
+    assert browser.run(f"{shown}.filter((it) => it.scrollWidth > it.clientWidth).map((it) => it.innerText)") == []
 
 
 def test_it_reads_without_its_script(browser, page):

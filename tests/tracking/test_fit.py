@@ -58,8 +58,8 @@ def test_one_frame_is_enough(walk, man):
 
 
 def test_a_fit_repeats_bit_by_bit_at_any_number_of_threads(walk, man):
-    short = replace(QUICK, headings=3, evaluations=100, finalists=1, frames=3)
-    first, second = (fit(walk, man, replace(short, threads=threads)) for threads in (1, 2))
+    short, begun = replace(QUICK, headings=2, evaluations=100, finalists=1, frames=3), replace(walk, frame_count=12)
+    first, second = (fit(begun, man, replace(short, threads=threads)) for threads in (1, 2))
     np.testing.assert_array_equal(first.pose, second.pose)
     np.testing.assert_array_equal(first.body.skin.rest, second.body.skin.rest)
     np.testing.assert_array_equal(first.root_base, second.root_base)

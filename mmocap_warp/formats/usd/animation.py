@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import tempfile
 from pathlib import Path
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
-from pxr import Kind, Usd, UsdGeom, UsdSkel, UsdUtils, Vt
+from pxr import Kind, Tf, Usd, UsdGeom, UsdSkel, UsdUtils, Vt
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.body import define_body, local_transforms, set_pose
 from mmocap_warp.formats.usd.camera import define_cameras
-from mmocap_warp.formats.usd.file import USD_SUFFIXES, write_stage
+from mmocap_warp.formats.usd.file import USD_SUFFIXES, export_root, write_stage
 from mmocap_warp.formats.usd.skeleton import joint_paths
 from mmocap_warp.formats.usd.world import set_world_up
 from mmocap_warp.result.result import Result
@@ -106,9 +107,14 @@ def _write_package(path: Path, stage: Usd.Stage) -> None:
     """A ``.usdz``: an uncompressed archive of one ``.usdc``."""
     with whole_file(path) as package, tempfile.TemporaryDirectory(prefix=f".{path.stem}.", dir=path.parent) as folder:
         layer = Path(folder) / f"{path.stem}.usdc"
-        write_stage(layer, stage)
-        if not UsdUtils.CreateNewUsdzPackage(str(layer), str(package)):
-            raise OSError("USD packed nothing")
+        export_root(stage, layer)
+        try:
+            packed = UsdUtils.CreateNewUsdzPackage(str(layer), str(package))
+            whole = packed and ZipFile(package).testzip() is None  # USD says nothing of a disk that was full at the end
+        except (Tf.ErrorException, BadZipFile):
+            whole = False
+        if not whole:
+            raise OSError("the package is not whole; no space left")
 
 
 def _bounds(low: np.ndarray, high: np.ndarray) -> Vt.Vec3fArray:

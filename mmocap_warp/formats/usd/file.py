@@ -45,10 +45,19 @@ def write_stage(path: str | Path, stage: Usd.Stage) -> None:
     if path.suffix not in USD_SUFFIXES:
         raise InputError(path, "is not a USD file name", f"end it in {', '.join(USD_SUFFIXES)}")
     with whole_file(path) as unfinished:
-        try:
-            stage.GetRootLayer().Export(str(unfinished))
-        except Tf.ErrorException as error:
-            raise OSError(str(error)) from error
+        export_root(stage, unfinished)
+
+
+def export_root(stage: Usd.Stage, file: Path) -> None:
+    """Write the stage's root layer to a file.
+
+    Raises:
+        OSError: with the first of what USD complains of; after a full disk that is thousands of lines.
+    """
+    try:
+        stage.GetRootLayer().Export(str(file))
+    except Tf.ErrorException as error:
+        raise OSError(error.args[0].commentary) from error
 
 
 def author(schema: Usd.SchemaBase, name: str, kind: Sdf.ValueTypeName, value: object) -> None:

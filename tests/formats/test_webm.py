@@ -1,0 +1,85 @@
+"""Videos: every frame at its time, at a rate that a network carries, and as others read them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from mmocap_warp.formats.matroska import read_frames
+from mmocap_warp.formats.webm import WebmFile
+
+MOST = 1e6  # bytes a second
+KEY = 12  # frames from one that can be jumped to, to the next
+_BITS = 6  # of a frame's number
+
+
+def busy(frames: int, size: tuple[int, int]) -> list[np.ndarray]:
+    """Pictures of a room, with a camera's noise and the frame's number in black and white squares."""
+    width, height = size
+    random = np.random.default_rng(0)
+    coarse = random.integers(0, 200, (height // 8, width // 8, 3), np.uint8)
+    room = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC).astype(int)
+    pictures = []
+    for frame in range(frames):
+        picture = np.clip(room + random.integers(-8, 9, room.shape), 0, 255).astype(np.uint8)
+        for bit in range(_BITS):
+            picture[10:30, 20 * bit : 20 * bit + 20] = 255 * (frame >> bit & 1)
+        pictures.append(picture)
+    return pictures
+
+
+def number(picture: np.ndarray) -> int:
+    """The frame that a picture says it is."""
+    return sum(int(picture[15:25, 20 * bit + 5 : 20 * bit + 15].mean() > 128) << bit for bit in range(_BITS))
+
+
+def read(path: Path) -> list[np.ndarray]:
+    video, pictures = cv2.VideoCapture(str(path)), []
+    while (found := video.read())[0]:
+        pictures.append(found[1])
+    return pictures
+
+
+@pytest.mark.parametrize(("fps", "size"), [(60.0, (640, 480)), (59.94, (640, 480)), (25.0, (161, 121))])
+def test_a_video_has_its_frames_in_order_at_their_rate(tmp_path, fps, size):
+    shown = busy(40, size)
+    with WebmFile(tmp_path / "v.webm", fps) as video:
+        for picture in shown:
+            video.write(picture)
+    opened = cv2.VideoCapture(str(tmp_path / "v.webm"))
+    assert opened.get(cv2.CAP_PROP_FPS) == pytest.approx(fps, rel=1e-4)
+    assert opened.get(cv2.CAP_PROP_FRAME_COUNT) == len(shown)
+    found = read(tmp_path / "v.webm")
+    assert len(found) == len(shown) == len(list(read_frames(tmp_path / "v.webm")))
+    assert {picture.shape for picture in found} == {(size[1] // 2 * 2, size[0] // 2 * 2, 3)}
+    assert [number(picture) for picture in found] == list(range(len(shown)))
+
+
+def test_a_video_of_a_noisy_camera_takes_less_than_a_megabyte_a_second(tmp_path):
+    with WebmFile(tmp_path / "v.webm", 60) as video:
+        for picture in busy(60, (960, 640)):
+            video.write(picture)
+    assert (tmp_path / "v.webm").stat().st_size < MOST
+
+
+def test_a_player_can_jump_to_a_frame(tmp_path):
+    with WebmFile(tmp_path / "v.webm", 30) as video:
+        for picture in busy(4 * KEY, (320, 240)):
+            video.write(picture)
+    opened = cv2.VideoCapture(str(tmp_path / "v.webm"))
+    assert opened.set(cv2.CAP_PROP_POS_MSEC, 1000.0)
+    assert number(opened.read()[1]) == 30
+
+
+def test_a_slow_video_keeps_its_times(tmp_path):
+    """Frames that are further apart than a cluster may be long."""
+    with WebmFile(tmp_path / "v.webm", 0.05) as video:
+        for picture in busy(5, (160, 120)):
+            video.write(picture)
+    opened, times = cv2.VideoCapture(str(tmp_path / "v.webm")), []
+    while opened.read()[0]:
+        times.append(opened.get(cv2.CAP_PROP_POS_MSEC))
+    assert times == [0, 20_000, 40_000, 60_000, 80_000]

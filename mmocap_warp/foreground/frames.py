@@ -164,7 +164,10 @@ def read_image(path: Path) -> np.ndarray:
     """
     if not path.is_file():
         raise InputError(path, "no such file", "check the path; it is relative to the scene file")
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    try:
+        image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    except cv2.error:  # its header states a size beyond all bounds
+        image = None
     if image is None:
         raise InputError(path, "cannot be decoded as an image", "convert it to PNG")
     if image.dtype not in (np.uint8, np.uint16):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-
 _MOST = 400  # characters of a problem or a remedy that are shown
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -117,7 +118,7 @@ def open_frames(path: Path) -> Frames:
     Raises:
         InputError: missing, empty, not decodable, or a numbered folder with a gap.
     """
-    if path.is_dir():
+    if os.path.isdir(path):
         return _open_folder(path)
     return open_video(path)
 
@@ -138,7 +139,7 @@ def open_video(path: Path) -> VideoFile:
     Raises:
         InputError: missing or not decodable.
     """
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise InputError(path, "no such file or folder", "check the path; it is relative to the scene file")
     capture = cv2.VideoCapture(str(path))
     try:
@@ -162,7 +163,7 @@ def read_image(path: Path) -> np.ndarray:
     Raises:
         InputError: missing, not an image, or one of other numbers than 8 or 16 bits.
     """
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise InputError(path, "no such file", "check the path; it is relative to the scene file")
     try:
         image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)

@@ -55,7 +55,9 @@ def load_toml(path: str | Path) -> Table:
 
 
 def _too_deep(path: str | Path) -> InputError:
-    return InputError(path, f"has tables or lists within each other, over {_MOST_LEVELS} deep", "correct what nests them")
+    return InputError(
+        path, f"has tables or lists within each other, over {_MOST_LEVELS} deep", "correct what nests them"
+    )
 
 
 def _deeper_than(values: Any, levels: int) -> bool:

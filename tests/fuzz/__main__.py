@@ -1,7 +1,7 @@
 """Fuzz every reader: does a damaged file ever end in anything but an answer or one clear line? See docs/testing.md.
 
-    python tests/fuzz --cases 10000 --seed 1
-    python tests/fuzz --reader scene.toml --reader body.usda --cases 2000 --keep escapes
+python tests/fuzz --cases 10000 --seed 1
+python tests/fuzz --reader scene.toml --reader body.usda --cases 2000 --keep escapes
 """
 
 from __future__ import annotations
@@ -50,7 +50,9 @@ def _arguments() -> argparse.Namespace:
 
 def _row(trial: Trial, seconds: float) -> str:
     counts = (trial.became["read"], trial.became["refused"], trial.became["escaped"])
-    figures = f"{counts[0]:8}{counts[1]:9}{counts[2]:9}{trial.slowest:8.2f} s{trial.peak / GIB:6.2f} GiB{seconds:7.0f} s"
+    figures = (
+        f"{counts[0]:8}{counts[1]:9}{counts[2]:9}{trial.slowest:8.2f} s{trial.peak / GIB:6.2f} GiB{seconds:7.0f} s"
+    )
     return f"{trial.reader:24}{figures}"
 
 

@@ -44,7 +44,9 @@ def any_bytes(random: Random, content: bytes) -> bytes:
 
 
 def _flip(random: Random, content: bytes) -> bytes:
-    return _put(content, k := _place(random, content), bytes([content[k] ^ 1 << random.randrange(8)]) if content else b"")
+    return _put(
+        content, k := _place(random, content), bytes([content[k] ^ 1 << random.randrange(8)]) if content else b""
+    )
 
 
 def _extreme(random: Random, content: bytes) -> bytes:
@@ -147,7 +149,9 @@ def _other_value(random: Random, lines: str) -> str:
 
 def _nested(random: Random, lines: str) -> str:
     found, depth = _drawn(random, lines, _ASSIGNED), random.choice(_DEPTHS)
-    left, right = random.choice(("[]", "{}", "()", ["{a=", "}"], ['{"a":', "}"], ["a.", "=1"], ["- ", ""], ["<a>", "</a>"]))
+    left, right = random.choice(
+        ("[]", "{}", "()", ["{a=", "}"], ['{"a":', "}"], ["a.", "=1"], ["- ", ""], ["<a>", "</a>"])
+    )
     if found is None:
         return lines + left * depth + right * depth
     return lines[: found.start(2)] + left * depth + found[2] + right * random.choice((depth, 0)) + lines[found.end(2) :]

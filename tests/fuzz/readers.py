@@ -170,7 +170,9 @@ def _write_qualisys(folder: Path) -> None:
         f'<transform x="{x}" y="0" z="1000" {turn}/>\n<intrinsic {lens} {bent} tangentalDistortion2="0"/></camera>\n'
         for name, x in (("a", 0), ("b", 2000))
     )
-    (folder / "some.qca.txt").write_text(f'<?xml version="1.0"?>\n<calibration>\n<cameras>{cameras}</cameras></calibration>')
+    (folder / "some.qca.txt").write_text(
+        f'<?xml version="1.0"?>\n<calibration>\n<cameras>{cameras}</cameras></calibration>'
+    )
 
 
 def _write_opencv(folder: Path) -> None:
@@ -321,11 +323,32 @@ def _read_measures(folder: Path) -> None:
 
 
 def _write_body(folder: Path, name: str) -> None:
-    from synthetic import synthetic_body
-
     from mmocap_warp.formats.usd.body import write_body
 
-    write_body(folder / name, synthetic_body())
+    write_body(folder / name, _small_body())
+
+
+def _small_body():
+    """Six boxes with a shape target, so that a file is read quickly."""
+    from dataclasses import replace
+
+    import numpy as np
+    from other_bodies import arm_robot
+
+    body = arm_robot()
+    shape, joints = np.zeros((1, len(body.skin.rest), 3)), np.zeros((1, len(body.joint_rest), 3))
+    shape[0, 3:9, 1], joints[0, 1, 2] = 0.1, 0.2
+    shapes = {"shape_vertex": shape.astype(np.float32), "shape_joint": joints.astype(np.float32)}
+    return replace(body, shape_names=("height_incr",), **shapes)
+
+
+def _small_subject():
+    import numpy as np
+
+    from mmocap_warp.body.model import Subject
+
+    body = _small_body()
+    return Subject(body, np.eye(3), np.zeros(body.skeleton.coordinates), {"source": "tests", "seed": 3})
 
 
 def _write_packed_body(folder: Path) -> None:
@@ -342,11 +365,9 @@ def _read_body(folder: Path, name: str) -> None:
 
 
 def _write_subject(folder: Path, name: str) -> None:
-    from synthetic import synthetic_subject
-
     from mmocap_warp.formats.usd.body import write_subject
 
-    write_subject(folder / name, synthetic_subject())
+    write_subject(folder / name, _small_subject())
 
 
 def _read_subject(folder: Path, name: str) -> None:
@@ -356,11 +377,18 @@ def _read_subject(folder: Path, name: str) -> None:
 
 
 def _write_result(folder: Path, name: str) -> None:
-    from synthetic import synthetic_result
+    import numpy as np
+    from synthetic import ring_rig
 
     from mmocap_warp.formats.usd.result import write_result
+    from mmocap_warp.result.result import Result
 
-    write_result(folder / name, synthetic_result(3, 1, cameras=2))
+    random, subject = np.random.default_rng(0), _small_subject()
+    runs = {"cost": random.random((2, 3)), "evaluations": np.full((2, 3), 9), "status": np.zeros((2, 3), np.int8)}
+    pose, sigma = (random.random((2, 3, subject.body.skeleton.coordinates)) for _ in range(2))
+    more = {"iou": random.random((2, 3, 2)), "seconds": 1.5, "config": {"seed": 7}, "versions": {"device": "cpu"}}
+    result = Result(subject, ring_rig(2), 60.0, np.arange(3), pose, **runs, **more, angle_sigma=sigma)
+    write_result(folder / name, result)
 
 
 def _read_result(folder: Path, name: str) -> None:
@@ -444,7 +472,9 @@ def _write_makehuman(folder: Path) -> None:
 
     (folder / "3dobjs").mkdir()
     corners = ["v 0 0 0", "v 1 0 0", "v 1 1 0", "v 0 1 0", "v 0 0 1"]
-    (folder / "3dobjs/base.obj").write_text("\n".join([*corners, "g body", "f 1/1 2/1 3/1 4/1", "g joint-a", "f 1 2 3 5"]))
+    (folder / "3dobjs/base.obj").write_text(
+        "\n".join([*corners, "g body", "f 1/1 2/1 3/1 4/1", "g joint-a", "f 1 2 3 5"])
+    )
     write_target(folder, "some", "# made up\n0 0.1 0.2 0.3\n3 -1 0 0\n")
     rigs = folder / "rigs/standard"
     rigs.mkdir(parents=True)
@@ -469,7 +499,13 @@ def _read_makehuman(folder: Path) -> None:
 def _usd(kind: str, write: Callable, read: Callable) -> tuple[Reader, ...]:
     """As text and as binary."""
     return tuple(
-        Reader(f"{kind}.{ending}", f"x.{ending}", partial(write, name=f"x.{ending}"), partial(read, name=f"x.{ending}"), damage)
+        Reader(
+            f"{kind}.{ending}",
+            f"x.{ending}",
+            partial(write, name=f"x.{ending}"),
+            partial(read, name=f"x.{ending}"),
+            damage,
+        )
         for ending, damage in (("usda", mutations.text_or_bytes), ("usdc", mutations.any_bytes))
     )
 

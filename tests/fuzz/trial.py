@@ -90,7 +90,10 @@ def _run_worker(
         raise RuntimeError(f"the worker of {trial.reader} ended with {worker.returncode} at case {begun + 1}")
     ended = signal.Signals(-worker.returncode).name if worker.returncode < 0 else f"exit {worker.returncode}"
     took_too_long = worker.returncode == -signal.SIGPROF
-    if trial.add(begun, "escaped", f"over {limits[0]:g} s" if took_too_long else f"the process ended: {ended}") and keep:
+    if (
+        trial.add(begun, "escaped", f"over {limits[0]:g} s" if took_too_long else f"the process ended: {ended}")
+        and keep
+    ):
         keep.mkdir(parents=True, exist_ok=True)
         (keep / f"{trial.reader}-{begun}").write_bytes((folder / file).read_bytes())
         print(f"  {trial.reader} {begun}: {ended}", flush=True)

@@ -6,6 +6,7 @@ matrix at its word, allocates that much, and does not always come back.
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +35,7 @@ def read_opencv_yaml(
     Raises:
         InputError: unreadable, entries missing, or not a calibration (see ``check_rig``).
     """
-    folder = Path(path) if Path(path).is_dir() else Path(path).parent
+    folder = Path(path) if os.path.isdir(path) else Path(path).parent
     intrinsics, extrinsics = _File(folder / "intri.yml"), _File(folder / "extri.yml")
     cameras = [_read_camera(intrinsics, extrinsics, name, sizes or {}) for name in intrinsics.names()]
     cameras = [camera._replace(t=camera.t * METRES[units]) for camera in cameras]

@@ -87,7 +87,12 @@ def read_bvh(path: str | Path) -> MotionClip:
         values = np.array(words.rest(), float)
     except ValueError as error:
         raise InputError(path, f"holds a frame that is not numbers ({error})", _REMEDY) from None
-    if frames < 1 or not _SHORTEST <= interval <= _LONGEST or len(values) != frames * columns or not np.isfinite(values).all():
+    if (
+        frames < 1
+        or not _SHORTEST <= interval <= _LONGEST
+        or len(values) != frames * columns
+        or not np.isfinite(values).all()
+    ):
         problem = f"says {frames} frames of {columns} values every {interval:g} s, and holds {len(values)} values"
         raise InputError(path, problem, _REMEDY)
     return _pose(joints, values.reshape(frames, columns), 1.0 / interval)

@@ -24,7 +24,7 @@ from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdSkel, Vt
 from mmocap_warp.body.mesh_pieces import is_closed
 from mmocap_warp.body.model import BodyModel, SkinMesh, Subject
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.usd.file import PrimReader, author, read_stage, write_stage
+from mmocap_warp.formats.usd.file import PrimReader, author, read_stage, reads_usd, write_stage
 from mmocap_warp.formats.usd.skeleton import define_freedom, is_rotation, joint_paths, read_skeleton
 from mmocap_warp.formats.usd.world import set_world_up
 
@@ -41,6 +41,7 @@ def write_body(path: str | Path, body: BodyModel) -> None:
     write_stage(path, stage)
 
 
+@reads_usd
 def read_body(path: str | Path) -> BodyModel:
     """Read a body that :func:`write_body` or anything that contains such a body wrote.
 
@@ -61,6 +62,7 @@ def write_subject(path: str | Path, subject: Subject) -> None:
     write_stage(path, stage)
 
 
+@reads_usd
 def read_subject(path: str | Path) -> Subject:
     """Read a subject that :func:`write_subject` wrote.
 

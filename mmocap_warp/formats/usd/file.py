@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from pxr import Sdf, Tf, Usd
 
 from mmocap_warp.errors import InputError
+from mmocap_warp.formats.tried_first import tried_first, trust
+from mmocap_warp.formats.usd.references import check_references
 from mmocap_warp.whole_file import whole_file
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 USD_SUFFIXES: tuple[str, ...] = (".usd", ".usda", ".usdc")
 
@@ -19,20 +27,43 @@ def read_stage(path: str | Path) -> Usd.Stage:
     """Open a USD file; a file rewritten since it was last read in this process is read anew.
 
     Raises:
-        InputError: no such file, or not USD.
+        InputError: no such file, not USD, or one that refers to files outside its folder.
     """
     path = Path(path)
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise InputError(path, "no such file", "check the path")
-    try:
+    with _errors_told(path):
         # USD keeps layers by file name and would hand out the old one; an anonymous layer has no name.
         layer = Sdf.Layer.OpenAsAnonymous(str(path))
+        if layer:
+            check_references(layer, path)
         stage = Usd.Stage.Open(layer) if layer else None
-    except Tf.ErrorException as error:
-        raise InputError(path, "is not a USD file that can be read", "write it again") from error
     if stage is None:
         raise InputError(path, "is not a USD file", f"give a file that ends in {', '.join(USD_SUFFIXES)}")
     return stage
+
+
+def reads_usd(reader: Callable[P, T]) -> Callable[P, T]:
+    """What reads a USD file, whose path is its first argument, from :func:`read_stage` to the last value.
+
+    USD reads values when they are asked for, and only then finds damage. A file that this process did not write is read
+    in another process first, see :func:`~mmocap_warp.formats.tried_first.tried_first`.
+    """
+
+    @wraps(reader)
+    def told(*args: P.args, **kwargs: P.kwargs) -> T:
+        with _errors_told(args[0]):
+            return reader(*args, **kwargs)
+
+    return tried_first(told)
+
+
+@contextmanager
+def _errors_told(path: object) -> Iterator[None]:
+    try:
+        yield
+    except (Tf.ErrorException, UnicodeDecodeError, MemoryError) as error:
+        raise InputError(path, "is not a USD file that can be read", "write it again") from error
 
 
 def write_stage(path: str | Path, stage: Usd.Stage) -> None:
@@ -49,6 +80,7 @@ def write_stage(path: str | Path, stage: Usd.Stage) -> None:
             stage.GetRootLayer().Export(str(unfinished))
         except Tf.ErrorException as error:
             raise OSError(str(error)) from error
+    trust(path)
 
 
 def author(schema: Usd.SchemaBase, name: str, kind: Sdf.ValueTypeName, value: object) -> None:

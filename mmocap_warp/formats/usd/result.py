@@ -25,7 +25,7 @@ from mmocap_warp.formats.usd.animation import animate
 from mmocap_warp.formats.usd.attributes import author_value
 from mmocap_warp.formats.usd.body import body_prim, define_subject, subject_from_prim
 from mmocap_warp.formats.usd.camera import cameras_from_prim, define_cameras
-from mmocap_warp.formats.usd.file import PrimReader, read_stage, write_stage
+from mmocap_warp.formats.usd.file import PrimReader, read_stage, reads_usd, write_stage
 from mmocap_warp.formats.usd.world import set_world_up
 from mmocap_warp.result.result import STATUS, Result
 
@@ -53,6 +53,7 @@ def write_result(path: str | Path, result: Result) -> None:
     write_stage(path, stage)
 
 
+@reads_usd
 def holds_result(path: str | Path) -> bool:
     """Whether a file is a result, and not, say, a subject.
 
@@ -68,6 +69,7 @@ def _tracking(stage: Usd.Stage) -> Usd.Prim | None:
     return prim if prim and prim.HasAttribute("mmocap:resultVersion") else None
 
 
+@reads_usd
 def read_result(path: str | Path) -> Result:
     """Read a result that :func:`write_result` wrote.
 

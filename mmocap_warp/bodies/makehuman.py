@@ -205,7 +205,7 @@ def _reading(path: Path, what: str) -> Iterator[None]:
         raise InputError(path, f"not {what} ({error})", "download the data again") from error
 
 
-def _vertices(index: Sequence[int], count: int) -> np.ndarray:
+def _vertices(index: Sequence[int] | np.ndarray, count: int) -> np.ndarray:
     """The indices of vertices, each below ``count``."""
     vertex = np.array(index, np.int64)
     if not len(vertex) or (vertex < 0).any() or (vertex >= count).any():

@@ -89,10 +89,7 @@ class VideoFile:
         capture = cv2.VideoCapture(str(self.path))
         try:
             for frame in range(self.count):
-                good = capture.grab()
-                image = None
-                if good and frame >= first:
-                    good, image = capture.retrieve()
+                good, image = _next_frame(capture, frame >= first)
                 if not good:
                     raise InputError(
                         self.path,
@@ -143,18 +140,28 @@ def open_video(path: Path) -> VideoFile:
         raise InputError(path, "no such file or folder", "check the path; it is relative to the scene file")
     capture = cv2.VideoCapture(str(path))
     try:
-        if not capture.isOpened() or not capture.grab():
+        if not capture.isOpened() or not _next_frame(capture, False)[0]:
             raise InputError(path, "cannot be decoded as a video", "convert it to .mp4 (H.264) or .mkv (FFV1)")
         size = (int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)))
         fps = float(capture.get(cv2.CAP_PROP_FPS))
         count = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
         if count <= 0:  # a container without an index: count by decoding
             count = 1
-            while capture.grab():
+            while _next_frame(capture, False)[0]:
                 count += 1
     finally:
         capture.release()
     return VideoFile(path, count, size, fps)
+
+
+def _next_frame(capture: cv2.VideoCapture, decoded: bool) -> tuple[bool, np.ndarray | None]:
+    """Whether there is another frame, and its image if that is wanted."""
+    try:
+        if not capture.grab():
+            return False, None
+        return capture.retrieve() if decoded else (True, None)
+    except cv2.error:  # a frame that states a size beyond all bounds
+        return False, None
 
 
 def read_image(path: Path) -> np.ndarray:

@@ -1,8 +1,8 @@
 """Reading a file in a process of its own first, where native code reads it that may not survive a damaged one.
 
-OpenUSD and ezc3d trust what a file says: of a few hundred damaged files one ends the process, and some are read for ever.
-No exception tells. So a file that this process did not write is read twice, first by another process, which may be ended;
-once that runs, it answers within milliseconds, and it ends by itself when nobody has asked for a while.
+OpenUSD and ezc3d trust what a file says: of a few hundred damaged files one ends the process, and some are read for
+ever. No exception tells. So a file that this process did not write is read twice, first by another process, which may
+be ended; once that runs it answers within milliseconds, and it ends by itself when nobody has asked for a while.
 """
 
 from __future__ import annotations

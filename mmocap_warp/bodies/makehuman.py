@@ -105,13 +105,15 @@ class MakeHuman:
     def _bones(self) -> dict[str, dict]:
         with _reading(self._rig_file, "MakeHuman's rig"):
             bones = _read_json(self._rig_file)
-            for name in bones:
-                passed: set[str] = set()
-                while name:
-                    if name in passed:
-                        raise ValueError(f"bone {name} hangs on itself")
-                    passed.add(name)
-                    name = bones[name]["parent"]
+            for bone in bones:
+                above, passed = bones[bone]["parent"], {bone}
+                while above:
+                    if above in passed:
+                        raise ValueError(f"bone {bone} hangs on itself")
+                    passed.add(above)
+                    above = bones[above]["parent"]
+            if not isinstance(bones, dict):
+                raise ValueError("it is no table of bones")
         return bones
 
     @property

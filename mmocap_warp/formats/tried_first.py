@@ -24,7 +24,7 @@ from mmocap_warp.errors import InputError
 
 _SECONDS, _SECONDS_PER_BYTE = 10.0, 2e-7
 """Of processor time that a file may take."""
-_BYTES, _BYTES_PER_BYTE = 3 * 2**29, 16
+_BYTES, _BYTES_PER_BYTE = 2**30, 16
 """Of memory that it may take."""
 _PATIENCE = 12.0  # times the processor's seconds: the machine may be busy
 _IDLE = 20.0  # after which the other process ends [s]

@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import argparse
 import sys
-import time
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from readers import READERS
-from trial import Trial, run
+from trial import Rules, Trial, run
 
 GIB = 2**30
 
@@ -22,16 +21,9 @@ GIB = 2**30
 def main() -> int:
     """Run the readers one after the other; 1 where a file escaped."""
     asked = _arguments()
-    trials = []
-    print(f"{'reader':24}{'read':>8}{'refused':>9}{'escaped':>9}{'slowest':>10}{'memory':>10}{'all':>9}")
-    for name in asked.reader or READERS:
-        began = time.monotonic()
-        limits = asked.seconds, int(asked.memory * GIB)
-        trials.append(run(name, READERS[name].file, asked.seed, asked.cases, limits, asked.keep))
-        print(_row(trials[-1], time.monotonic() - began), flush=True)
-    for trial in trials:
-        for said, (case, count) in trial.escapes.items():
-            print(f"{trial.reader} case {case} and {count - 1} more: {said}")
+    rules = Rules(asked.seed, asked.cases, asked.seconds, int(asked.memory * GIB), asked.keep)
+    print(f"{'reader':24}{'read':>8}{'refused':>9}{'escaped':>9}{'all':>10}{'slowest':>10}{'memory':>10}")
+    trials = run(asked.reader or list(READERS), rules, lambda trial: print(_row(trial), flush=True))
     escaped = sum(trial.became["escaped"] for trial in trials)
     print(f"{sum(trial.became.total() for trial in trials)} files of {len(trials)} readers, {escaped} escaped")
     return 1 if escaped else 0
@@ -44,16 +36,18 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--reader", action="append", choices=list(READERS), help="only this one; may be repeated")
     parser.add_argument("--seconds", type=float, default=20.0, help="of processor time for a file (default: 20)")
     parser.add_argument("--memory", type=float, default=2.0, help="GiB for all beside the libraries (default: 2)")
-    parser.add_argument("--keep", type=Path, help="folder for the first file of each escape")
+    parser.add_argument("--keep", type=Path, help="folder for files that ended the process")
     return parser.parse_args()
 
 
-def _row(trial: Trial, seconds: float) -> str:
-    counts = (trial.became["read"], trial.became["refused"], trial.became["escaped"])
-    figures = (
-        f"{counts[0]:8}{counts[1]:9}{counts[2]:9}{trial.slowest:8.2f} s{trial.peak / GIB:6.2f} GiB{seconds:7.0f} s"
+def _row(trial: Trial) -> str:
+    read, refused, escaped = (trial.became[name] for name in ("read", "refused", "escaped"))
+    row = f"{trial.reader:24}{read:8}{refused:9}{escaped:9}{trial.seconds:8.0f} s{trial.slowest:8.2f} s{trial.peak / GIB:6.2f} GiB"
+    escapes = (
+        f"\n  {kind}: {example} (case {case} and {count - 1} more)"
+        for kind, (case, example, count) in trial.escapes.items()
     )
-    return f"{trial.reader:24}{figures}"
+    return row + "".join(escapes)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """Reads damaged files, one after the other, in a process of its own; what becomes of each is a line on stdout.
 
 A process, because native code may end it: by a crash, or because the kernel does where a file takes too much time. Run
-by ``trial``, with the reader's name, the seed, the first case and how many, a folder, and the limits.
+by ``trial``, with readers' names, the seed, the first case of the first reader, how many cases a reader has, a folder,
+and the limits.
 """
 
 from __future__ import annotations
@@ -26,28 +27,33 @@ _LONGEST_LINE = 1000  # characters that a person may be asked to read
 
 
 def main() -> None:
-    """Read the sound file, then its damaged ones."""
-    name, seed, first, count, folder, seconds, memory = sys.argv[1:]
-    reader, out = READERS[name], os.fdopen(os.dup(1), "w")
+    """Read each reader's sound file, then its damaged ones."""
+    names, seed, first, count, folder, seconds, memory = sys.argv[1:]
+    out = os.fdopen(os.dup(1), "w")
     nowhere = os.open(os.devnull, os.O_WRONLY)
     for stream in (1, 2):  # libraries complain about broken files as they like
         os.dup2(nowhere, stream)
-    place = Path(folder)
-    reader.write(place)
-    target = place / reader.file
-    sound = target.read_bytes()
-    reader.read(place)
-    _limit_memory(int(memory))
-    for case in range(int(first), int(first) + int(count)):
-        target.write_bytes(damaged(reader, sound, int(seed), case))
-        print(json.dumps({"case": case}), file=out, flush=True)
-        signal.setitimer(signal.ITIMER_PROF, float(seconds))  # of processor time; the kernel ends the process
-        began = time.process_time()
-        said = outcome(reader, place)
-        took = time.process_time() - began
-        signal.setitimer(signal.ITIMER_PROF, 0)
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-        print(json.dumps({"case": case, **said, "seconds": took, "peak": peak}), file=out, flush=True)
+    begin = int(first)
+    for name in names.split(","):
+        place = Path(folder) / name
+        place.mkdir()
+        reader = READERS[name]
+        reader.write(place)
+        sound = (place / reader.file).read_bytes()
+        reader.read(place)
+        _limit_memory(int(memory))
+        for case in range(begin, int(count)):
+            (place / reader.file).write_bytes(damaged(reader, sound, int(seed), case))
+            print(json.dumps({"reader": name, "case": case}), file=out, flush=True)
+            signal.setitimer(signal.ITIMER_PROF, float(seconds))  # of processor time; the kernel ends the process
+            began = time.process_time()
+            said = outcome(reader, place)
+            took = time.process_time() - began
+            signal.setitimer(signal.ITIMER_PROF, 0)
+            peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+            line = {"reader": name, "case": case, **said, "seconds": took, "peak": peak}
+            print(json.dumps(line), file=out, flush=True)
+        begin = 0
 
 
 def damaged(reader: Reader, sound: bytes, seed: int, case: int) -> bytes:
@@ -75,7 +81,8 @@ def outcome(reader: Reader, folder: Path) -> dict[str, str]:
 def _limit_memory(more: int) -> None:
     """Let the process have so many bytes more than it has now."""
     pages = int(Path("/proc/self/statm").read_text().split()[0])
-    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + more,) * 2)
+    _, hard = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + more, hard))
 
 
 if __name__ == "__main__":

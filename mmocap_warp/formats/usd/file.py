@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -10,7 +11,7 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
-from pxr import Sdf, Tf, Usd
+from pxr import Sdf, Tf, Usd, Vt
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.tried_first import tried_first, trust
@@ -19,6 +20,7 @@ from mmocap_warp.whole_file import whole_file
 
 P = ParamSpec("P")
 T = TypeVar("T")
+K = TypeVar("K")
 
 USD_SUFFIXES: tuple[str, ...] = (".usd", ".usda", ".usdc")
 
@@ -117,6 +119,29 @@ class PrimReader:
         """An attribute's value, which must exist."""
         value = self.prim.GetAttribute(name).Get() if self.prim.HasAttribute(name) else None
         self.require(value is not None, f"attribute {name} is missing or empty")
+        return value
+
+    def typed(self, name: str, kind: type[K]) -> K:
+        """An attribute's value, which must exist and be of a Python type; any file may call it something else."""
+        value = self.value(name)
+        self.require(type(value) is kind, f"attribute {name} is of type {type(value).__name__}, not {kind.__name__}")
+        return value
+
+    def texts(self, name: str) -> list[str]:
+        """An attribute that is a list of texts, which must exist."""
+        value = self.value(name)
+        self.require(isinstance(value, Vt.StringArray | Vt.TokenArray), f"attribute {name} is no list of texts")
+        return [str(text) for text in value]
+
+    def json_object(self, name: str) -> dict[str, Any]:
+        """An attribute that holds a JSON object as text, which must exist."""
+        try:
+            value = json.loads(self.typed(name, str))
+        except InputError:
+            raise
+        except (ValueError, RecursionError):
+            value = None
+        self.require(isinstance(value, dict), f"{name} is not a JSON object")
         return value
 
     def samples(self, name: str, times: Sequence[float]) -> list[Any]:

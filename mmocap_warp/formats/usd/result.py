@@ -85,7 +85,7 @@ def read_result(path: str | Path) -> Result:
     read.require(version == VERSION, f"this result has version {version}, this program reads {VERSION}")
     cameras = cameras_from_prim(stage.GetPrimAtPath("/World/Cameras"), path)
     frames = read.array("mmocap:frames", (None,), np.int64)
-    times, runs = frames.astype(float).tolist(), read.value("mmocap:runs")
+    times, runs = frames.astype(float).tolist(), read.typed("mmocap:runs", int)
     subject = subject_from_prim(body_prim(stage, path), path)
     skeleton = subject.body.skeleton
 
@@ -108,9 +108,9 @@ def read_result(path: str | Path) -> Result:
             iou=of_runs("iou", len(cameras)),
             evaluations=of_runs("evaluations"),
             status=_status(read, times, runs),
-            seconds=read.value("mmocap:seconds"),
-            config=_json_object(read, "mmocap:config"),
-            versions=_json_object(read, "mmocap:versions"),
+            seconds=read.typed("mmocap:seconds", float),
+            config=read.json_object("mmocap:config"),
+            versions=read.json_object("mmocap:versions"),
             raw_pose=where_known("rawPose", skeleton.coordinates),
             angle_sigma=where_known("angleSigma", skeleton.coordinates),
             joint_sigma=where_known("jointSigma", len(skeleton.joints), 3),
@@ -156,12 +156,3 @@ def _status(read: PrimReader, times: list[float], runs: int) -> np.ndarray:
     wrong = [len(frame) for frame in names if len(frame) != runs]
     read.require(not wrong, f"mmocap:status names {wrong[:1]} runs in a frame, not {runs}")
     return np.array([[STATUS.index(name) for name in frame] for frame in names], np.int8).T
-
-
-def _json_object(read: PrimReader, name: str) -> dict:
-    try:
-        value = json.loads(read.value(name))
-    except ValueError:
-        value = None
-    read.require(isinstance(value, dict), f"{name} is not a JSON object")
-    return value

@@ -101,7 +101,7 @@ def _define_points(
 
 
 def _points_from_prim(points: PrimReader, times: list[float]) -> tuple[tuple[str, ...], np.ndarray]:
-    names = tuple(points.value("mmocap:names"))
+    names = tuple(points.texts("mmocap:names"))
     positions = np.full((len(times), len(names), 3), np.nan)
     samples = zip(points.samples("points", times), points.samples("ids", times), strict=True)
     for row, (seen, ids) in enumerate(samples):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-_MOST = 400  # characters of a problem or a remedy that are shown
+_MOST = 400  # characters of a source, a problem or a remedy that are shown
 
 
 class InputError(ValueError):
@@ -18,7 +18,7 @@ class InputError(ValueError):
         self.source = str(source)
         self.problem = problem
         self.remedy = remedy
-        super().__init__(f"{self.source}: {_readable(problem)}; {_readable(remedy)}")
+        super().__init__(f"{_readable(self.source)}: {_readable(problem)}; {_readable(remedy)}")
 
 
 def _readable(text: str) -> str:

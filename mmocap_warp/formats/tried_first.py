@@ -155,14 +155,13 @@ def _serve() -> None:
         read = getattr(import_module(module), name).__wrapped__
         _limit_memory(int(request["memory"]))
         signal.setitimer(signal.ITIMER_PROF, request["seconds"])
+        answer = _DONE
         try:
             read(request["path"])
         except MemoryError:
             answer = f"takes more than {request['memory'] / 2**30:.1f} GiB of memory to be read"
-        except Exception:  # which the one who asks will meet as well, and tell
-            answer = _DONE
-        else:
-            answer = _DONE
+        except InputError:
+            pass  # the one who asks will meet it as well, and tell
         signal.setitimer(signal.ITIMER_PROF, 0)
         print(answer, file=answers, flush=True)
 

@@ -32,7 +32,7 @@ _EPOCH = (1980, 1, 1, 0, 0, 0)  # the members' date, so that equal results are e
 _MOST_BYTES = 2**30  # of a result's members; a study's have about 2**20
 _DAMAGE = (
     OSError, ValueError, KeyError, TypeError, EOFError, NotImplementedError, RuntimeError, AttributeError,
-    MemoryError, zipfile.BadZipFile, zlib.error, struct.error, tokenize.TokenError,
+    MemoryError, OverflowError, zipfile.BadZipFile, zlib.error, struct.error, tokenize.TokenError,
 )  # fmt: skip
 
 

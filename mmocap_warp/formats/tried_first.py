@@ -29,6 +29,7 @@ _BYTES, _BYTES_PER_BYTE = 2**30, 16
 _PATIENCE = 12.0  # times the processor's seconds: the machine may be busy
 _IDLE = 20.0  # after which the other process ends [s]
 _DONE = "done"
+_REMEDY = "it is damaged: write or copy it again"
 _START = "import sys; sys.path[:] = sys.argv[1:]; from mmocap_warp.formats.tried_first import _serve; _serve()"
 
 P = ParamSpec("P")
@@ -52,7 +53,7 @@ def tried_first(reader: Callable[P, T]) -> Callable[P, T]:
         path = os.path.abspath(str(args[0]))
         stamp = _stamp(path)
         if stamp is not None and stamp not in (_sound.get((path, name)), _sound.get((path, ""))):
-            _other_process.read(name, path, stamp[1])
+            _other_process.read(name, str(args[0]), stamp[1])
             _sound[path, name] = stamp
         return reader(*args, **kwargs)
 
@@ -76,6 +77,11 @@ def _stamp(path: str) -> Stamp | None:
     return found.st_ino, found.st_size, found.st_mtime_ns
 
 
+def _settings() -> dict[str, str]:
+    """The project's own variables of the environment."""
+    return {name: value for name, value in os.environ.items() if name.startswith("MMOCAP_")}
+
+
 class _OtherProcess:
     """The process that reads first; started when it is needed. Systems that are not POSIX do without."""
 
@@ -88,18 +94,20 @@ class _OtherProcess:
         """Let it read a file of so many bytes.
 
         Raises:
-            InputError: the file ended it, or took too much.
+            InputError: what its reader raised; the file ended it, or took too much.
         """
         if os.name != "posix":
             return
         seconds, memory = _SECONDS + size * _SECONDS_PER_BYTE, _BYTES + size * _BYTES_PER_BYTE
         with self._lock:
-            answer = self._ask({"reader": reader, "path": path, "seconds": seconds, "memory": memory}, seconds)
-        if answer != _DONE:
-            raise InputError(path, answer, "it is damaged: write or copy it again")
+            limits = {"seconds": seconds, "memory": memory}
+            place = {"folder": os.getcwd(), "settings": _settings()}
+            answer = self._ask({"reader": reader, "path": path} | place | limits, seconds)
+        if answer:
+            raise InputError(*json.loads(answer)) if answer.startswith("[") else InputError(path, answer, _REMEDY)
 
     def _ask(self, request: dict[str, object], seconds: float) -> str:
-        """What became of a request; asked again where the process had just ended for want of work."""
+        """What is wrong, nothing if all is well; asked again where the process had just ended for want of work."""
         for _ in range(2):
             process = self._process()
             if process.stdin is None or process.stdout is None:
@@ -112,13 +120,13 @@ class _OtherProcess:
             except BrokenPipeError:
                 ready, answer = [process.stdout], ""
             if answer:
-                return answer
+                return answer.removeprefix(_DONE)
             ended = self._end(process)
             if not ready or ended == -signal.SIGPROF:
                 return f"takes more than {seconds:.0f} s to be read"
             if ended < 0:
                 return "breaks the library that reads it"
-        return _DONE  # no such process can be had here: the file is read as it is
+        return ""  # no such process can be had here: the file is read as it is
 
     def _process(self) -> subprocess.Popen[str]:
         if self._running is None or self._running.poll() is not None or self._owner != os.getpid():
@@ -157,11 +165,15 @@ def _serve() -> None:
         signal.setitimer(signal.ITIMER_PROF, request["seconds"])
         answer = _DONE
         try:
+            os.chdir(request["folder"])
+            for setting in _settings():
+                del os.environ[setting]
+            os.environ |= request["settings"]
             read(request["path"])
         except MemoryError:
             answer = f"takes more than {request['memory'] / 2**30:.1f} GiB of memory to be read"
-        except InputError:
-            pass  # the one who asks will meet it as well, and tell
+        except InputError as error:
+            answer = json.dumps([error.source, error.problem, error.remedy])
         signal.setitimer(signal.ITIMER_PROF, 0)
         print(answer, file=answers, flush=True)
 

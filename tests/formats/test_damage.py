@@ -81,7 +81,7 @@ def test_a_direction_of_two_numbers(tmp_path):
     bone = "begin\nname a\ndirection 0 1\nlength 1\naxis 0 0 0 XYZ\nend\n"
     (tmp_path / "a.asf").write_text(f":root\norder tx ty tz rx ry rz\n:bonedata\n{bone}:hierarchy\nroot a\n")
     (tmp_path / "a_1.amc").write_text("1\nroot 0 0 0 0 0 0\n")
-    with pytest.raises(InputError, match="bone a is not complete .direction 0 1 is not three numbers"):
+    with pytest.raises(InputError, match=r"bone a is not complete .direction 0 1 is not three numbers"):
         read_amc(tmp_path / "a_1.amc")
 
 

@@ -42,7 +42,8 @@ def _arguments() -> argparse.Namespace:
 
 def _row(trial: Trial) -> str:
     read, refused, escaped = (trial.became[name] for name in ("read", "refused", "escaped"))
-    row = f"{trial.reader:24}{read:8}{refused:9}{escaped:9}{trial.seconds:8.0f} s{trial.slowest:8.2f} s{trial.peak / GIB:6.2f} GiB"
+    row = f"{trial.reader:24}{read:8}{refused:9}{escaped:9}"
+    row += f"{trial.seconds:8.0f} s{trial.slowest:8.2f} s{trial.peak / GIB:6.2f} GiB"
     escapes = (
         f"\n  {kind}: {example} (case {case} and {count - 1} more)"
         for kind, (case, example, count) in trial.escapes.items()

@@ -111,8 +111,14 @@ def _place(random: Random, content: bytes) -> int:
     if not content:
         return 0
     near = min(len(content), 256)
-    return random.choice((random.randrange(near), len(content) - 1 - random.randrange(near), random.randrange(len(content)),
-                          random.randrange(len(content))))  # fmt: skip
+    return random.choice(
+        (
+            random.randrange(near),
+            len(content) - 1 - random.randrange(near),
+            random.randrange(len(content)),
+            random.randrange(len(content)),
+        )
+    )
 
 
 def _put(content: bytes, k: int, piece: bytes) -> bytes:

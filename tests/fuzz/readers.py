@@ -1,7 +1,7 @@
 """Everything that reads a file: how a small sound file comes to be, how it is damaged, and how it is read.
 
-A new reader of files is a line in ``READERS``. What it needs is imported by its functions, so that a trial of one reader
-does not wait for the others.
+A new reader of files is a line in ``READERS``. What it needs is imported by its functions, so that a trial of one
+reader does not wait for the others.
 """
 
 from __future__ import annotations
@@ -523,16 +523,28 @@ READERS: dict[str, Reader] = {
         replace(_MASK, name="mask-alpha.png", write=_write_painted_mask(_with_alpha)),
         replace(_MASK, name="mask-16-bit.png", write=_write_painted_mask(_deep)),
         *(
-            Reader(f"image.{end}", f"x.{end}", partial(_write_image, name=f"x.{end}"), partial(_read_image, name=f"x.{end}"),
-                   mutations.any_bytes)
+            Reader(
+                f"image.{end}",
+                f"x.{end}",
+                partial(_write_image, name=f"x.{end}"),
+                partial(_read_image, name=f"x.{end}"),
+                mutations.any_bytes,
+            )
             for end in ("jpg", "bmp", "tif", "webp")
         ),
         *(
-            Reader(f"video.{end}", f"x.{end}", partial(_write_video, name=f"x.{end}", codec=codec),
-                   partial(_read_video, name=f"x.{end}"), mutations.any_bytes)
+            Reader(
+                f"video.{end}",
+                f"x.{end}",
+                partial(_write_video, name=f"x.{end}", codec=codec),
+                partial(_read_video, name=f"x.{end}"),
+                mutations.any_bytes,
+            )
             for end, codec in (("mkv", "FFV1"), ("avi", "MJPG"), ("mp4", "mp4v"))
         ),
-        Reader("calibration.toml", "calibration.toml", _write_toml_rig, partial(_read_rig, name="calibration.toml"), _LINES),
+        Reader(
+            "calibration.toml", "calibration.toml", _write_toml_rig, partial(_read_rig, name="calibration.toml"), _LINES
+        ),
         Reader("qualisys.qca.txt", "some.qca.txt", _write_qualisys, partial(_read_rig, name="some.qca.txt"), _LINES),
         Reader("opencv-intri.yml", "intri.yml", _write_opencv, partial(_read_rig, name="intri.yml"), _LINES),
         Reader("opencv-extri.yml", "extri.yml", _write_opencv, partial(_read_rig, name="extri.yml"), _LINES),
@@ -544,21 +556,42 @@ READERS: dict[str, Reader] = {
         Reader("truth.trc", "x.trc", partial(_write_text, x__trc=_TRC), partial(_read_truth, name="x.trc"), _LINES),
         Reader("clip.bvh", "x.bvh", partial(_write_text, x__bvh=_BVH), partial(_read_clip, name="x.bvh"), _LINES),
         *(
-            Reader(f"clip.{end}", f"x.{end}", partial(_write_text, x__asf=_ASF, x__amc=_AMC),
-                   partial(_read_clip, name="x.amc"), _LINES)
+            Reader(
+                f"clip.{end}",
+                f"x.{end}",
+                partial(_write_text, x__asf=_ASF, x__amc=_AMC),
+                partial(_read_clip, name="x.amc"),
+                _LINES,
+            )
             for end in ("asf", "amc")
         ),
         Reader("clip.c3d", "some.c3d", _write_c3d, _read_c3d, mutations.any_bytes),
         Reader("humaneva.cal", "C1.cal", partial(_write_text, C1__cal=_CAL), _read_cal, _LINES),
         Reader("humaneva.ofs", "C1.ofs", partial(_write_text, C1__ofs="12.0\n32.4\n2.001\n"), _read_ofs, _LINES),
-        Reader("humaneva.mp", "S1.mp", partial(_write_text, S1__mp="$LKneeWidth = 105.0\n$A = -1e2\n"), _read_measures, _LINES),
+        Reader(
+            "humaneva.mp",
+            "S1.mp",
+            partial(_write_text, S1__mp="$LKneeWidth = 105.0\n$A = -1e2\n"),
+            _read_measures,
+            _LINES,
+        ),
         Reader("study.toml", "study.toml", _write_study, _read_study, _LINES),
         Reader("study-cell.npz", "cell.npz", _write_cell, _read_cell, mutations.zipped),
-        Reader("checkpoint", "r.checkpoint", _write_checkpoint, _read_checkpoint, mutations.headed(b"mmocap checkpoint 4\n")),
+        Reader(
+            "checkpoint",
+            "r.checkpoint",
+            _write_checkpoint,
+            _read_checkpoint,
+            mutations.headed(b"mmocap checkpoint 4\n"),
+        ),
         Reader("bench.json", "bench.json", _write_report, _read_report, mutations.json_text),
         _HUMAN,
-        replace(_HUMAN, name="makehuman.target", file="targets/some.target.gz", damage=mutations.gzipped(mutations.text)),
+        replace(
+            _HUMAN, name="makehuman.target", file="targets/some.target.gz", damage=mutations.gzipped(mutations.text)
+        ),
         replace(_HUMAN, name="makehuman-rig.json", file="rigs/standard/rig.cmu_mb.json", damage=mutations.json_text),
-        replace(_HUMAN, name="makehuman-weights.json", file="rigs/standard/weights.cmu_mb.json", damage=mutations.json_text),
+        replace(
+            _HUMAN, name="makehuman-weights.json", file="rigs/standard/weights.cmu_mb.json", damage=mutations.json_text
+        ),
     )
-}  # fmt: skip
+}

@@ -1,4 +1,4 @@
-"""Damaged files of every kind: each is read, or refused in one line. Files that once were not are kept in ``escapes``."""
+"""Damaged files of every kind: each is read, or refused in one line; and those that once were not."""
 
 from __future__ import annotations
 

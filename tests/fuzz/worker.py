@@ -40,6 +40,7 @@ def main() -> None:
         place = Path(folder) / name
         place.mkdir()
         reader = READERS[name]
+        _limit_memory(None)
         reader.write(place)
         sound = (place / reader.file).read_bytes()
         reader.read(place)
@@ -98,11 +99,12 @@ def outcome(reader: Reader, folder: Path) -> dict[str, str]:
     return {"became": "read"}
 
 
-def _limit_memory(more: int) -> None:
-    """Let the process have so many bytes more than it has now."""
+def _limit_memory(more: int | None) -> None:
+    """Let the process have so many bytes more than it has now; None for as many as it wants."""
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     _, hard = resource.getrlimit(resource.RLIMIT_AS)
-    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + more, hard))
+    most = hard if more is None else pages * resource.getpagesize() + more
+    resource.setrlimit(resource.RLIMIT_AS, (most, hard))
 
 
 if __name__ == "__main__":

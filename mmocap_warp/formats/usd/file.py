@@ -64,7 +64,7 @@ def reads_usd(reader: Callable[P, T]) -> Callable[P, T]:
 def _errors_told(path: object) -> Iterator[None]:
     try:
         yield
-    except (Tf.ErrorException, UnicodeDecodeError, MemoryError) as error:
+    except (Tf.ErrorException, UnicodeDecodeError) as error:
         raise InputError(path, "is not a USD file that can be read", "write it again") from error
 
 

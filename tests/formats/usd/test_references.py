@@ -1,4 +1,4 @@
-"""USD files that name others: in their own folder they are followed, elsewhere refused by name before they are opened."""
+"""USD files that name others: followed in their own folder, refused by name elsewhere before they are opened."""
 
 from __future__ import annotations
 

@@ -100,7 +100,12 @@ class _OtherProcess:
             return
         seconds, memory = _SECONDS + size * _SECONDS_PER_BYTE, _BYTES + size * _BYTES_PER_BYTE
         with self._lock:
-            request: dict[str, object] = {"reader": reader, "path": path, "folder": os.getcwd(), "settings": _settings()}
+            request: dict[str, object] = {
+                "reader": reader,
+                "path": path,
+                "folder": os.getcwd(),
+                "settings": _settings(),
+            }
             answer = self._ask(request | {"seconds": seconds, "memory": memory}, seconds)
         if answer:
             raise InputError(*json.loads(answer)) if answer.startswith("[") else InputError(path, answer, _REMEDY)

@@ -34,9 +34,10 @@ def resolve_device(name: str) -> str:
     if name == "auto":
         return "cuda:0" if wp.is_cuda_available() else "cpu"
     known = [device.alias for device in wp.get_devices()]
-    if name not in known and name != "cuda":
+    wanted = "cuda:0" if name == "cuda" else name
+    if wanted not in known:
         raise ValueError(f"device must be auto or one of {known}, got {name!r}")
-    return "cuda:0" if name == "cuda" else name
+    return wanted
 
 
 def available_threads() -> int:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+_MOST = 400  # characters of a source, a problem or a remedy that are shown
+
 
 class InputError(ValueError):
     """Wrong input: says what, where, and what to do. The command line prints it in one line and exits with 3.
@@ -16,4 +18,9 @@ class InputError(ValueError):
         self.source = str(source)
         self.problem = problem
         self.remedy = remedy
-        super().__init__(f"{self.source}: {problem}; {remedy}")
+        super().__init__(f"{_readable(self.source)}: {_readable(problem)}; {_readable(remedy)}")
+
+
+def _readable(text: str) -> str:
+    """``text`` as it is, or its beginning and end: it may quote a value of any length."""
+    return text if len(text) <= _MOST else f"{text[: _MOST - 50]} ... {text[-40:]}"

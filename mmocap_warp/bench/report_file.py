@@ -28,7 +28,7 @@ def read_report(path: Path) -> dict[str, Any]:
     """
     try:
         report = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(path, f"cannot be read ({error})", "name a file that 'mmocap bench -o' wrote") from error
     if not isinstance(report, dict) or report.get("format") != FORMAT:
         raise InputError(path, "is no report of this version", "write one with 'mmocap bench -o'")

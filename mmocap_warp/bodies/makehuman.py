@@ -5,6 +5,9 @@ from __future__ import annotations
 import gzip
 import itertools
 import json
+import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -84,14 +87,11 @@ class MakeHuman:
         """
         path = self._file(f"targets/{name}.target.gz")
         displacement = np.zeros_like(self.rest)
-        try:
-            with gzip.open(path, "rt") as lines:
-                for line in lines:
-                    if line.strip() and not line.startswith("#"):
-                        vertex, *offset = line.split()
-                        displacement[int(vertex)] = [float(x) for x in offset]
-        except (OSError, EOFError, ValueError, IndexError) as error:
-            raise InputError(path, f"not a MakeHuman target ({error})", "download the data again") from error
+        with _reading(path, "a MakeHuman target"), gzip.open(path, "rt", encoding="utf-8") as lines:
+            for line in lines:
+                if line.strip() and not line.startswith("#"):
+                    vertex, *offset = line.split()
+                    displacement[int(vertex)] = [float(x) for x in offset]
         return displacement * METRES_PER_UNIT
 
     def shaped(self, sliders: MacroSliders) -> np.ndarray:
@@ -103,7 +103,22 @@ class MakeHuman:
 
     @cached_property
     def _bones(self) -> dict[str, dict]:
-        return _read_json(self._file(f"rigs/standard/rig.{_RIG}.json"))
+        with _reading(self._rig_file, "MakeHuman's rig"):
+            bones = _read_json(self._rig_file)
+            for bone in bones:
+                above, passed = bones[bone]["parent"], {bone}
+                while above:
+                    if above in passed:
+                        raise ValueError(f"bone {bone} hangs on itself")
+                    passed.add(above)
+                    above = bones[above]["parent"]
+            if not isinstance(bones, dict):
+                raise ValueError("it is no table of bones")
+        return bones
+
+    @property
+    def _rig_file(self) -> Path:
+        return self._file(f"rigs/standard/rig.{_RIG}.json")
 
     @cached_property
     def parent_bone(self) -> dict[str, str]:
@@ -112,24 +127,28 @@ class MakeHuman:
 
     def bone_head(self, bone: str) -> np.ndarray:
         """The vertices whose mean is where the bone starts; (n,) int."""
-        head = self._bones[bone]["head"]
-        match head["strategy"]:
-            case "CUBE":
-                return np.unique(self.group_face[head["cube_name"]])
-            case "MEAN":
-                return np.array(head["vertex_indices"])
-            case _:
-                return np.array([head["vertex_index"]])
+        with _reading(self._rig_file, "MakeHuman's rig"):
+            head = self._bones[bone]["head"]
+            match head["strategy"]:
+                case "CUBE":
+                    return np.unique(self.group_face[head["cube_name"]])
+                case "MEAN":
+                    vertex = head["vertex_indices"]
+                case _:
+                    vertex = [head["vertex_index"]]
+            return _vertices(vertex, len(self.rest))
 
     @cached_property
     def bone_weight(self) -> dict[str, np.ndarray]:
         """Skinning weight of every vertex of the base mesh for each bone that has any; (vertex,) float64."""
-        table = _read_json(self._file(f"rigs/standard/weights.{_RIG}.json"))["weights"]
+        path = self._file(f"rigs/standard/weights.{_RIG}.json")
         weights = {}
-        for bone, pairs in table.items():
-            weights[bone] = np.zeros(len(self.rest))
-            for vertex, weight in pairs:
-                weights[bone][vertex] = weight
+        with _reading(path, "MakeHuman's weights"):
+            for bone, pairs in _read_json(path)["weights"].items():
+                weights[bone] = np.zeros(len(self.rest))
+                if pairs:
+                    vertex, weight = zip(*pairs, strict=True)
+                    weights[bone][_vertices(vertex, len(self.rest))] = weight
         return weights
 
 
@@ -177,30 +196,51 @@ def _between(value: float, *anchors: tuple[float, str]) -> dict[str, float]:
     return {name: w for i, (_, name) in enumerate(anchors) if (w := float(np.interp(value, at, units[i])))}
 
 
+@contextmanager
+def _reading(path: Path, what: str) -> Iterator[None]:
+    """Say that a file is not ``what`` it should be where its content leads nowhere."""
+    try:
+        yield
+    except InputError:
+        raise
+    except (OSError, EOFError, AttributeError, LookupError, OverflowError, TypeError, ValueError, zlib.error) as error:
+        raise InputError(path, f"not {what} ({error})", "download the data again") from error
+
+
+def _vertices(index: Sequence[int] | np.ndarray, count: int) -> np.ndarray:
+    """The indices of vertices, each below ``count``."""
+    vertex = np.array(index, np.int64)
+    if not len(vertex) or (vertex < 0).any() or (vertex >= count).any():
+        raise ValueError("a vertex that the base mesh lacks")
+    return vertex
+
+
 def _read_base_mesh(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     vertex: list[list[float]] = []
     face: dict[str, list[list[int]]] = {}
     group = ""
-    try:
-        with path.open() as lines:
-            for line in lines:
-                kind, *fields = line.split() or [""]
-                if kind == "v":
-                    vertex.append([float(x) for x in fields])
-                elif kind == "g":
-                    group = fields[0]
-                elif kind == "f":
-                    face.setdefault(group, []).append([int(corner.split("/")[0]) - 1 for corner in fields])
+    with _reading(path, "MakeHuman's base mesh"), path.open(encoding="utf-8") as lines:
+        for line in lines:
+            kind, *fields = line.split() or [""]
+            if kind == "v":
+                vertex.append([float(x) for x in fields])
+            elif kind == "g":
+                group = fields[0]
+            elif kind == "f":
+                face.setdefault(group, []).append([int(corner.split("/")[0]) - 1 for corner in fields])
+        rest = np.array(vertex).reshape(-1, 3)
+        if not np.isfinite(rest).all():
+            raise ValueError("a vertex that is not finite")
         faces = {name: np.array(rows, np.int32) for name, rows in face.items()}
-    except (OSError, ValueError, IndexError) as error:
-        raise InputError(path, f"not MakeHuman's base mesh ({error})", "download the data again") from error
+        for corners in faces.values():
+            _vertices(corners.ravel(), len(rest))
     if "body" not in faces:
         raise InputError(path, "no faces in a group called 'body'", "download the data again")
-    return np.array(vertex) * METRES_PER_UNIT, faces
+    return rest * METRES_PER_UNIT, faces
 
 
 def _read_json(path: Path) -> dict:
     try:
         return json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(path, f"not JSON ({error})", "download the data again") from error

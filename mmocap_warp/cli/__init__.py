@@ -7,18 +7,34 @@ May import: every other room.
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import sys
 import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 from cyclopts import App, CycloptsError
 
 from mmocap_warp.cli import claims
-from mmocap_warp.cli.exit_codes import BAD_INPUT, FAILURE, INTERRUPTED, OK, TERMINATED, USAGE, Terminated, UsageError
+from mmocap_warp.cli.exit_codes import (
+    BAD_INPUT,
+    BROKEN_PIPE,
+    FAILURE,
+    INTERRUPTED,
+    OK,
+    TERMINATED,
+    USAGE,
+    Terminated,
+    UsageError,
+)
+from mmocap_warp.cli.kernel_cache import kernel_cache_at_fault
 from mmocap_warp.errors import InputError
+
+_REFERENCES = "MMOCAP_ALLOW_REFERENCES"
+_NO_ROOM = (errno.EPIPE, errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""Errors of what is written to, be it stdout or a file."""
 
 app = App(
     name="mmocap",
@@ -81,6 +97,22 @@ def main(argv: Sequence[str] | None = None) -> int:
         argv: the arguments after the program's name; those of the process where omitted.
     """
     tokens = sys.argv[1:] if argv is None else list(argv)
+    try:
+        with _references_as_asked(tokens):
+            code = _run(tokens)
+        sys.stdout.flush()
+        return code
+    except BrokenPipeError:
+        _drop_output()
+        return BROKEN_PIPE
+    except OSError as error:
+        _drop_output()
+        if error.errno not in _NO_ROOM:
+            raise
+        return _fail(f"cannot write ({error.strerror}); make room, or send the output elsewhere", FAILURE)
+
+
+def _run(tokens: list[str]) -> int:
     debug = "--debug" in tokens or os.environ.get("MMOCAP_DEBUG", "0") not in ("", "0")
     try:
         with _termination_raised():
@@ -102,8 +134,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         return _fail("not enough memory; try fewer runs, evaluations or headings, or a smaller --scale", FAILURE)
     except Exception as error:
-        if debug:
+        if debug or (isinstance(error, OSError) and error.errno in _NO_ROOM):
             raise
+        if cache := kernel_cache_at_fault(error):
+            return _fail(cache, BAD_INPUT)
         return _fail(f"unexpected {type(error).__name__}: {error} (repeat with --debug to see where)", FAILURE)
     finally:
         claims.release()
@@ -125,6 +159,27 @@ def _termination_raised() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+@contextmanager
+def _references_as_asked(tokens: Sequence[str]) -> Iterator[None]:
+    """Set what ``formats.usd.references`` asks for, while a command runs."""
+    before = os.environ.get(_REFERENCES)
+    if "--allow-references" in tokens:
+        os.environ[_REFERENCES] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            os.environ.pop(_REFERENCES, None)
+        else:
+            os.environ[_REFERENCES] = before
+
+
+def _drop_output() -> None:
+    """Let nothing more be written to where nothing can be: Python would try once more as it ends, and complain."""
+    with suppress(OSError, ValueError), open(os.devnull, "w") as nowhere:
+        os.dup2(nowhere.fileno(), sys.stdout.fileno())
 
 
 def _fail(message: str, code: int) -> int:

@@ -25,6 +25,8 @@ class Console:
     """Say nothing on stderr but warnings and errors."""
     debug: Switch = False
     """Show the traceback of an error; MMOCAP_DEBUG=1 does so too."""
+    allow_references: Switch = False
+    """Let USD files name others outside their folder; MMOCAP_ALLOW_REFERENCES=1 does so too."""
 
     def note(self, line: str) -> None:
         """Say what happens, on stderr."""

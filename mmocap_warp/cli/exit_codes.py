@@ -9,6 +9,8 @@ BAD_INPUT = 3
 """A file or value that the user can mend: :class:`mmocap_warp.errors.InputError`."""
 CHECK_FAILED = 4
 """The command ran, and what it checked does not hold."""
+BROKEN_PIPE = 141
+"""Whoever was to read the output has closed it, as ``head`` does; nothing is said."""
 INTERRUPTED = 130
 """Stopped by Ctrl-C."""
 TERMINATED = 143

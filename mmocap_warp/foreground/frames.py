@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -88,10 +89,7 @@ class VideoFile:
         capture = cv2.VideoCapture(str(self.path))
         try:
             for frame in range(self.count):
-                good = capture.grab()
-                image = None
-                if good and frame >= first:
-                    good, image = capture.retrieve()
+                good, image = _next_frame(capture, frame >= first)
                 if not good:
                     raise InputError(
                         self.path,
@@ -117,7 +115,7 @@ def open_frames(path: Path) -> Frames:
     Raises:
         InputError: missing, empty, not decodable, or a numbered folder with a gap.
     """
-    if path.is_dir():
+    if os.path.isdir(path):
         return _open_folder(path)
     return open_video(path)
 
@@ -138,22 +136,32 @@ def open_video(path: Path) -> VideoFile:
     Raises:
         InputError: missing or not decodable.
     """
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise InputError(path, "no such file or folder", "check the path; it is relative to the scene file")
     capture = cv2.VideoCapture(str(path))
     try:
-        if not capture.isOpened() or not capture.grab():
+        if not capture.isOpened() or not _next_frame(capture, False)[0]:
             raise InputError(path, "cannot be decoded as a video", "convert it to .mp4 (H.264) or .mkv (FFV1)")
         size = (int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)))
         fps = float(capture.get(cv2.CAP_PROP_FPS))
         count = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
         if count <= 0:  # a container without an index: count by decoding
             count = 1
-            while capture.grab():
+            while _next_frame(capture, False)[0]:
                 count += 1
     finally:
         capture.release()
     return VideoFile(path, count, size, fps)
+
+
+def _next_frame(capture: cv2.VideoCapture, decoded: bool) -> tuple[bool, np.ndarray | None]:
+    """Whether there is another frame, and its image if that is wanted."""
+    try:
+        if not capture.grab():
+            return False, None
+        return capture.retrieve() if decoded else (True, None)
+    except cv2.error:  # a frame that states a size beyond all bounds
+        return False, None
 
 
 def read_image(path: Path) -> np.ndarray:
@@ -162,9 +170,12 @@ def read_image(path: Path) -> np.ndarray:
     Raises:
         InputError: missing, not an image, or one of other numbers than 8 or 16 bits.
     """
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise InputError(path, "no such file", "check the path; it is relative to the scene file")
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    try:
+        image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    except cv2.error:  # its header states a size beyond all bounds
+        image = None
     if image is None:
         raise InputError(path, "cannot be decoded as an image", "convert it to PNG")
     if image.dtype not in (np.uint8, np.uint16):

@@ -6,6 +6,7 @@ it is read or written, so that the table itself costs nothing to import.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
@@ -37,7 +38,7 @@ class Format:
 
     def matches(self, path: Path) -> bool:
         """Whether a file of this name, or this folder, has the format."""
-        return self.folder if path.is_dir() else path.name.lower().endswith(self.suffixes)
+        return self.folder if os.path.isdir(path) else path.name.lower().endswith(self.suffixes)
 
     def __str__(self) -> str:
         return f"{self.name} ({', '.join([*self.suffixes, *(['their folder'] if self.folder else [])])})"
@@ -92,5 +93,5 @@ def _format_of(formats: tuple[Format, ...], path: Path) -> Format:
     for candidate in formats:
         if candidate.matches(path):
             return candidate
-    ending = "is a folder" if path.is_dir() else f"ends in '{path.suffix}'" if path.suffix else "has no ending"
+    ending = "is a folder" if os.path.isdir(path) else f"ends in '{path.suffix}'" if path.suffix else "has no ending"
     raise InputError(path, f"{ending}, which is none of the known formats", f"give {' or '.join(map(str, formats))}")

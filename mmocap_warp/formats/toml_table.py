@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
     Config = TypeVar("Config", bound=DataclassInstance)
 
+_MOST_LEVELS = 32  # of tables and lists; the project's own files have four
+
 _KINDS = {
     str: "a string",
     bool: "true or false",
@@ -40,9 +42,42 @@ def load_toml(path: str | Path) -> Table:
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(path, f"cannot be read ({error})", "give a TOML text file") from None
     try:
-        return Table(tomllib.loads(text), str(path), "")
+        values = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(path, f"is not valid TOML: {error}", "correct that line") from None
+    except ValueError:  # Python's own limit
+        raise InputError(path, "holds a number of more digits than can be read", "correct that number") from None
+    except RecursionError:
+        raise _too_deep(path) from None
+    if _deeper_than(values, _MOST_LEVELS):
+        raise _too_deep(path)
+    return Table(values, str(path), "")
+
+
+def _too_deep(path: str | Path) -> InputError:
+    return InputError(
+        path, f"has tables or lists within each other, over {_MOST_LEVELS} deep", "correct what nests them"
+    )
+
+
+def _deeper_than(values: Any, levels: int) -> bool:
+    """Whether tables and lists are more than so many levels deep; a dotted key nests without the parser's recursion."""
+    level = [values]
+    for _ in range(levels):
+        level = [
+            inner
+            for outer in level
+            for inner in (outer.values() if isinstance(outer, dict) else outer)
+            if isinstance(inner, (dict, list))
+        ]
+        if not level:
+            return False
+    return True
+
+
+def is_number(value: object) -> bool:
+    """Whether a value of a TOML file is a number, whole ones within the 64 bits that TOML asks for."""
+    return type(value) is float or (type(value) is int and -(2**63) <= value < 2**63)
 
 
 class Table:
@@ -76,6 +111,8 @@ class Table:
                 raise self.error(f"'{key}' is missing", f"add {key} = ... ({_KINDS[kind]})")
             return default
         value = self._values.pop(key)
+        if type(value) is int and not is_number(value):
+            raise self.error(f"{key} is a number of over 64 bits", "give an ordinary number")
         if kind is float and type(value) is int:
             value = float(value)
         if type(value) is not kind:
@@ -114,7 +151,7 @@ class Table:
         value = self._values.pop(key)
         length = " or ".join(map(str, count))
         good = isinstance(value, list) and len(value) in count
-        if not good or any(type(v) not in (int, float) for v in value):
+        if not good or not all(map(is_number, value)):
             raise self.error(f"{key} = {value!r} is not {length} numbers", f"give a list of {length} numbers")
         if not all(math.isfinite(v) for v in value):
             raise self.error(f"{key} holds a value that is not finite", "give ordinary numbers")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import os
 from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
@@ -50,7 +51,7 @@ def load_scene(path: str | Path, frames: str | None = None, *, masks: bool = Tru
         InputError: anything that is wrong with the scene file, the calibration, or the files it names.
     """
     path = Path(path)
-    path = path / "scene.toml" if path.is_dir() else path
+    path = path / "scene.toml" if os.path.isdir(path) else path
     file = load_toml(path)
     about, truth, cameras = (file.take_table(key) for key in ("scene", "truth", "cameras"))
     foreground = _read_foreground(file.take_table("foreground"))
@@ -95,7 +96,7 @@ def load_scene(path: str | Path, frames: str | None = None, *, masks: bool = Tru
 
 
 def _existing(path: Path, table: Table) -> Path:
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise table.error(f"{path} does not exist", "check the path; it is relative to the scene file")
     return path
 

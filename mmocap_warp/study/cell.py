@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import struct
+import tokenize
 import zipfile
 import zlib
 from dataclasses import asdict, dataclass
@@ -28,9 +29,10 @@ PROVENANCE: tuple[str, ...] = ("study", "host", "started", "wall_seconds", "vers
 _VERSION = 1
 _ANSWER, _PROVENANCE = "cell.json", "provenance.json"
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the members' date, so that equal results are equal bytes
+_MOST_BYTES = 2**30  # of a result's members; a study's have about 2**20
 _DAMAGE = (
     OSError, ValueError, KeyError, TypeError, EOFError, NotImplementedError, RuntimeError, AttributeError,
-    zipfile.BadZipFile, zlib.error, struct.error,
+    MemoryError, OverflowError, zipfile.BadZipFile, zlib.error, struct.error, tokenize.TokenError,
 )  # fmt: skip
 
 
@@ -130,6 +132,8 @@ def read_cell(path: Path) -> CellResult:
     """
     try:
         with zipfile.ZipFile(path) as file:
+            if sum(member.file_size for member in file.infolist()) > _MOST_BYTES:
+                raise ValueError("its members are too large")
             members = {name: file.read(name) for name in file.namelist()}
         return _assemble(members)
     except FileNotFoundError:

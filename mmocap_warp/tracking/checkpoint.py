@@ -184,7 +184,7 @@ def _refuse(path: Path, identity: Identity, content: bytes) -> NoReturn:
     magic, line = content[: len(_MAGIC)], content[len(_MAGIC) :].partition(b"\n")[0]
     try:
         theirs = json.loads(line) if magic == _MAGIC else None
-    except ValueError:
+    except (ValueError, RecursionError):
         theirs = None
     if not isinstance(theirs, dict):
         raise InputError(path, "is damaged, or no checkpoint", "start anew with --force")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from xml.etree.ElementTree import Element, ParseError
 
@@ -50,9 +51,12 @@ def _read_camera(camera: Element, path: str | Path) -> Camera:
         if text is None:
             raise InputError(where, f"<{element} {attribute}=...> is missing", "export the calibration again")
         try:
-            return float(text)
+            value = float(text)
         except ValueError:
-            raise InputError(where, f"{attribute} = {text!r} is not a number", "export the calibration again") from None
+            value = math.nan
+        if not math.isfinite(value):
+            raise InputError(where, f"{attribute} = {text!r} is not a number", "export the calibration again")
+        return value
 
     R = _FROM_QUALISYS @ [[number("transform", f"r{i}{j}") for j in (1, 2, 3)] for i in (1, 2, 3)]
     position = np.array([number("transform", axis) for axis in "xyz"]) / 1000

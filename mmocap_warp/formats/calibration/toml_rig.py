@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from mmocap_warp.formats.calibration.units import METRES
-from mmocap_warp.formats.toml_table import Table, load_toml
+from mmocap_warp.formats.toml_table import Table, is_number, load_toml
 from mmocap_warp.views.rig import Camera, CameraRig, rig_of
 from mmocap_warp.whole_file import write_whole
 
@@ -38,7 +38,7 @@ def _read_camera(table: Table, metres: float) -> Camera:
     width, height = table.take_numbers("size", (2,))
     rows = table.take("matrix", list)
     good = len(rows) == 3 and all(isinstance(row, list) and len(row) == 3 for row in rows)
-    if not good or any(type(v) not in (int, float) for row in rows for v in row):
+    if not good or not all(is_number(v) for row in rows for v in row):
         raise table.error("matrix is not 3 rows of 3 numbers", "give [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
     distortion = np.zeros(5)
     coefficients = table.take_numbers("distortions", (4, 5))

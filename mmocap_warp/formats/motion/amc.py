@@ -133,8 +133,8 @@ def _bones(path: Path, sections: dict[str, list[list[str]]]) -> list[_Bone]:
 
 def _bone(path: Path, entry: dict[str, list[str]]) -> _Bone:
     try:
-        direction = np.array(entry["direction"][:3], float)
-        x, y, z = np.radians(np.array(entry["axis"][:3], float))
+        direction, axis = (_three(entry, key) for key in ("direction", "axis"))
+        x, y, z = np.radians(axis)
         channels = tuple(word.lower() for word in entry.get("dof", []))
         if any(channel not in ("rx", "ry", "rz") for channel in channels):
             raise ValueError(f"dof {' '.join(channels)}")
@@ -143,6 +143,13 @@ def _bone(path: Path, entry: dict[str, list[str]]) -> _Bone:
     except (KeyError, ValueError, IndexError) as error:
         name = " ".join(entry.get("name", ["without a name"]))
         raise InputError(path, f"bone {name} is not complete ({error})", _REMEDY) from None
+
+
+def _three(entry: dict[str, list[str]], key: str) -> np.ndarray:
+    values = np.array(entry[key][:3], float)
+    if len(values) != 3 or not np.isfinite(values).all():
+        raise ValueError(f"{key} {' '.join(entry[key])} is not three numbers")
+    return values
 
 
 def _sections(path: Path) -> dict[str, list[list[str]]]:

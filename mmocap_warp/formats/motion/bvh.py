@@ -12,6 +12,7 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.formats.motion.clip import MotionClip
 
 _REMEDY = "export it again as BVH"
+_SHORTEST, _LONGEST = 1e-4, 10.0  # that a frame may last [s]
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,14 @@ class _Words:
             line = self._words[self._next - 1][1]
             raise InputError(f"{self.path}: line {line}", f"'{word}' is not a number", _REMEDY) from None
 
+    def whole_number(self, what: str, most: int) -> int:
+        """The next word as a whole number from 0 to ``most``; ``what`` it counts is named in errors."""
+        number = self.number()
+        if not (0 <= number <= most and number == int(number)):
+            line = self._words[self._next - 1][1]
+            raise InputError(f"{self.path}: line {line}", f"{number:g} is no number of {what}", _REMEDY)
+        return int(number)
+
     def rest(self) -> list[str]:
         """All words that are left."""
         return [word for word, _ in self._words[self._next :]]
@@ -69,7 +78,7 @@ def read_bvh(path: str | Path) -> MotionClip:
     joints = _read_hierarchy(words)
     words.take("MOTION")
     words.take("Frames:")
-    frames = int(words.number())
+    frames = words.whole_number("frames", 10**9)
     words.take("Frame")
     words.take("Time:")
     interval = words.number()
@@ -78,7 +87,12 @@ def read_bvh(path: str | Path) -> MotionClip:
         values = np.array(words.rest(), float)
     except ValueError as error:
         raise InputError(path, f"holds a frame that is not numbers ({error})", _REMEDY) from None
-    if frames < 1 or not interval > 0 or len(values) != frames * columns or not np.isfinite(values).all():
+    if (
+        frames < 1
+        or not _SHORTEST <= interval <= _LONGEST
+        or len(values) != frames * columns
+        or not np.isfinite(values).all()
+    ):
         problem = f"says {frames} frames of {columns} values every {interval:g} s, and holds {len(values)} values"
         raise InputError(path, problem, _REMEDY)
     return _pose(joints, values.reshape(frames, columns), 1.0 / interval)
@@ -112,7 +126,7 @@ def _read_joint(words: _Words, parent: int, joints: list[_Joint]) -> int:
     words.take("OFFSET")
     offset = (words.number(), words.number(), words.number())
     words.take("CHANNELS")
-    count = int(words.number())
+    count = words.whole_number("channels", 6)
     allowed = [f"{axis}{kind}" for kind in ("position", "rotation") for axis in "XYZ"]
     channels = tuple(words.take(*allowed).lower() for _ in range(count))
     column = joints[-1].first_column + len(joints[-1].channels) if joints else 0

@@ -8,10 +8,12 @@ import numpy as np
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.motion.trc import PointTracks
+from mmocap_warp.formats.tried_first import tried_first
 
 _METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 
+@tried_first
 def read_c3d(path: str | Path) -> PointTracks:
     """Read all points; of a label such as ``Subject:LFHD`` the name is what follows the colon.
 

@@ -24,7 +24,7 @@ from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdSkel, Vt
 from mmocap_warp.body.mesh_pieces import is_closed
 from mmocap_warp.body.model import BodyModel, SkinMesh, Subject
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.usd.file import PrimReader, author, read_stage, write_stage
+from mmocap_warp.formats.usd.file import PrimReader, author, read_stage, reads_usd, write_stage
 from mmocap_warp.formats.usd.skeleton import define_freedom, is_rotation, joint_paths, read_skeleton
 from mmocap_warp.formats.usd.world import set_world_up
 
@@ -41,6 +41,7 @@ def write_body(path: str | Path, body: BodyModel) -> None:
     write_stage(path, stage)
 
 
+@reads_usd
 def read_body(path: str | Path) -> BodyModel:
     """Read a body that :func:`write_body` or anything that contains such a body wrote.
 
@@ -61,6 +62,7 @@ def write_subject(path: str | Path, subject: Subject) -> None:
     write_stage(path, stage)
 
 
+@reads_usd
 def read_subject(path: str | Path) -> Subject:
     """Read a subject that :func:`write_subject` wrote.
 
@@ -94,12 +96,7 @@ def subject_from_prim(prim: Usd.Prim, source: object) -> Subject:
     pose = read.array("mmocap:pose", (body.skeleton.coordinates,), np.float64)
     read.require(is_rotation(root_base), "mmocap:rootBase is not a rotation")
     read.require(np.isfinite(pose).all(), "mmocap:pose is not finite")
-    try:
-        provenance = json.loads(read.value("mmocap:provenance"))
-    except ValueError:
-        provenance = None
-    read.require(isinstance(provenance, dict), "mmocap:provenance is not a JSON object")
-    return Subject(body, root_base, pose, provenance)
+    return Subject(body, root_base, pose, read.json_object("mmocap:provenance"))
 
 
 def body_prim(stage: Usd.Stage, source: object) -> Usd.Prim:
@@ -228,7 +225,7 @@ def body_from_prim(prim: Usd.Prim, source: object) -> BodyModel:
     joints, joint_rest = read_skeleton(skeleton)
 
     mesh = _read_mesh(skin, len(joint_rest))
-    marker_names = tuple(skin.value("mmocap:markerNames"))
+    marker_names = tuple(skin.texts("mmocap:markerNames"))
     marker_vertex = skin.array("mmocap:markerVertices", (len(marker_names),), np.int32)
     skin.require(_within(marker_vertex, len(mesh.rest)), "a marker's vertex does not exist")
     shape_names, shape_vertex, shape_joint = _read_shapes(skin, len(mesh.rest), len(joint_rest))
@@ -249,7 +246,7 @@ def body_from_prim(prim: Usd.Prim, source: object) -> BodyModel:
         shape_joint=shape_joint,
         marker_names=marker_names,
         marker_vertex=marker_vertex,
-        attribution=read.value("mmocap:attribution"),
+        attribution=read.typed("mmocap:attribution", str),
     )
 
 
@@ -313,7 +310,7 @@ def _read_mesh(mesh: PrimReader, joints: int) -> SkinMesh:
 
 
 def _read_shapes(skin: PrimReader, vertices: int, joints: int) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
-    names = tuple(skin.value("skel:blendShapes"))
+    names = tuple(skin.texts("skel:blendShapes"))
     vertex = np.zeros((len(names), vertices, 3), np.float32)
     joint = np.zeros((len(names), joints, 3), np.float32)
     for s, name in enumerate(names):

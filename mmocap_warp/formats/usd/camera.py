@@ -13,7 +13,7 @@ from pxr import Gf, Tf, Usd, UsdGeom
 
 from mmocap_warp.formats.usd.attributes import author_value, gf_matrix
 from mmocap_warp.formats.usd.file import PrimReader
-from mmocap_warp.views.rig import CameraRig
+from mmocap_warp.views.rig import UP_AXES, CameraRig
 
 _FILM_WIDTH = 0.036  # [m], of a full-frame camera; only its ratio to the focal length matters
 _LENS_UNIT = 10.0  # USD gives apertures and focal lengths in tenths of a scene unit
@@ -47,19 +47,21 @@ def cameras_from_prim(prim: Usd.Prim, source: object) -> CameraRig:
         InputError: a camera or one of its values is missing.
     """
     scope = PrimReader(prim, source, _REMEDY)
-    cameras = [scope.child(name) for name in scope.value("mmocap:cameras")]
+    cameras = [scope.child(name) for name in scope.texts("mmocap:cameras")]
 
     def stacked(name: str, *shape: int) -> np.ndarray:
         return np.stack([camera.array(name, (math.prod(shape),), np.float64).reshape(shape) for camera in cameras])
 
+    up = scope.typed("mmocap:up", str)
+    scope.require(up in UP_AXES, f"mmocap:up = '{up}' is none of {', '.join(UP_AXES)}")
     return CameraRig(
-        names=tuple(camera.value("mmocap:name") for camera in cameras),
+        names=tuple(camera.typed("mmocap:name", str) for camera in cameras),
         K=stacked("mmocap:intrinsics", 3, 3),
         R=stacked("mmocap:rotation", 3, 3),
         t=stacked("mmocap:translation", 3),
         size=stacked("mmocap:size", 2).astype(int),
         distortion=stacked("mmocap:distortion", 5),
-        up=scope.value("mmocap:up"),
+        up=up,
     )
 
 

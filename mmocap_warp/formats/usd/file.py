@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
-from pxr import Sdf, Tf, Usd
+from pxr import Sdf, Tf, Usd, Vt
 
 from mmocap_warp.errors import InputError
+from mmocap_warp.formats.tried_first import tried_first, trust
+from mmocap_warp.formats.usd.references import check_references
 from mmocap_warp.whole_file import whole_file
+
+P = ParamSpec("P")
+T = TypeVar("T")
+K = TypeVar("K")
 
 USD_SUFFIXES: tuple[str, ...] = (".usd", ".usda", ".usdc")
 
@@ -19,20 +29,43 @@ def read_stage(path: str | Path) -> Usd.Stage:
     """Open a USD file; a file rewritten since it was last read in this process is read anew.
 
     Raises:
-        InputError: no such file, or not USD.
+        InputError: no such file, not USD, or one that refers to files outside its folder.
     """
     path = Path(path)
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise InputError(path, "no such file", "check the path")
-    try:
+    with _errors_told(path):
         # USD keeps layers by file name and would hand out the old one; an anonymous layer has no name.
         layer = Sdf.Layer.OpenAsAnonymous(str(path))
+        if layer:
+            check_references(layer, path)
         stage = Usd.Stage.Open(layer) if layer else None
-    except Tf.ErrorException as error:
-        raise InputError(path, "is not a USD file that can be read", "write it again") from error
     if stage is None:
         raise InputError(path, "is not a USD file", f"give a file that ends in {', '.join(USD_SUFFIXES)}")
     return stage
+
+
+def reads_usd(reader: Callable[P, T]) -> Callable[P, T]:
+    """What reads a USD file, whose path is its first argument, from :func:`read_stage` to the last value.
+
+    USD reads values when they are asked for, and only then finds damage. A file that this process did not write is read
+    in another process first, see :func:`~mmocap_warp.formats.tried_first.tried_first`.
+    """
+
+    @wraps(reader)
+    def told(*args: P.args, **kwargs: P.kwargs) -> T:
+        with _errors_told(args[0]):
+            return reader(*args, **kwargs)
+
+    return tried_first(told)
+
+
+@contextmanager
+def _errors_told(path: object) -> Iterator[None]:
+    try:
+        yield
+    except (Tf.ErrorException, UnicodeDecodeError) as error:
+        raise InputError(path, "is not a USD file that can be read", "write it again") from error
 
 
 def write_stage(path: str | Path, stage: Usd.Stage) -> None:
@@ -46,6 +79,7 @@ def write_stage(path: str | Path, stage: Usd.Stage) -> None:
         raise InputError(path, "is not a USD file name", f"end it in {', '.join(USD_SUFFIXES)}")
     with whole_file(path) as unfinished:
         export_root(stage, unfinished)
+    trust(path)
 
 
 def export_root(stage: Usd.Stage, file: Path) -> None:
@@ -94,6 +128,29 @@ class PrimReader:
         """An attribute's value, which must exist."""
         value = self.prim.GetAttribute(name).Get() if self.prim.HasAttribute(name) else None
         self.require(value is not None, f"attribute {name} is missing or empty")
+        return value
+
+    def typed(self, name: str, kind: type[K]) -> K:
+        """An attribute's value, which must exist and be of a Python type; any file may call it something else."""
+        value = self.value(name)
+        self.require(type(value) is kind, f"attribute {name} is of type {type(value).__name__}, not {kind.__name__}")
+        return value
+
+    def texts(self, name: str) -> list[str]:
+        """An attribute that is a list of texts, which must exist."""
+        value = self.value(name)
+        self.require(isinstance(value, Vt.StringArray | Vt.TokenArray), f"attribute {name} is no list of texts")
+        return [str(text) for text in value]
+
+    def json_object(self, name: str) -> dict[str, Any]:
+        """An attribute that holds a JSON object as text, which must exist."""
+        try:
+            value = json.loads(self.typed(name, str))
+        except InputError:
+            raise
+        except (ValueError, RecursionError):
+            value = None
+        self.require(isinstance(value, dict), f"{name} is not a JSON object")
         return value
 
     def samples(self, name: str, times: Sequence[float]) -> list[Any]:

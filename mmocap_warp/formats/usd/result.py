@@ -25,7 +25,7 @@ from mmocap_warp.formats.usd.animation import animate
 from mmocap_warp.formats.usd.attributes import author_value
 from mmocap_warp.formats.usd.body import body_prim, define_subject, subject_from_prim
 from mmocap_warp.formats.usd.camera import cameras_from_prim, define_cameras
-from mmocap_warp.formats.usd.file import PrimReader, read_stage, write_stage
+from mmocap_warp.formats.usd.file import PrimReader, read_stage, reads_usd, write_stage
 from mmocap_warp.formats.usd.world import set_world_up
 from mmocap_warp.result.result import STATUS, Result
 
@@ -53,6 +53,7 @@ def write_result(path: str | Path, result: Result) -> None:
     write_stage(path, stage)
 
 
+@reads_usd
 def holds_result(path: str | Path) -> bool:
     """Whether a file is a result, and not, say, a subject.
 
@@ -68,6 +69,7 @@ def _tracking(stage: Usd.Stage) -> Usd.Prim | None:
     return prim if prim and prim.HasAttribute("mmocap:resultVersion") else None
 
 
+@reads_usd
 def read_result(path: str | Path) -> Result:
     """Read a result that :func:`write_result` wrote.
 
@@ -83,7 +85,7 @@ def read_result(path: str | Path) -> Result:
     read.require(version == VERSION, f"this result has version {version}, this program reads {VERSION}")
     cameras = cameras_from_prim(stage.GetPrimAtPath("/World/Cameras"), path)
     frames = read.array("mmocap:frames", (None,), np.int64)
-    times, runs = frames.astype(float).tolist(), read.value("mmocap:runs")
+    times, runs = frames.astype(float).tolist(), read.typed("mmocap:runs", int)
     subject = subject_from_prim(body_prim(stage, path), path)
     skeleton = subject.body.skeleton
 
@@ -106,9 +108,9 @@ def read_result(path: str | Path) -> Result:
             iou=of_runs("iou", len(cameras)),
             evaluations=of_runs("evaluations"),
             status=_status(read, times, runs),
-            seconds=read.value("mmocap:seconds"),
-            config=_json_object(read, "mmocap:config"),
-            versions=_json_object(read, "mmocap:versions"),
+            seconds=read.typed("mmocap:seconds", float),
+            config=read.json_object("mmocap:config"),
+            versions=read.json_object("mmocap:versions"),
             raw_pose=where_known("rawPose", skeleton.coordinates),
             angle_sigma=where_known("angleSigma", skeleton.coordinates),
             joint_sigma=where_known("jointSigma", len(skeleton.joints), 3),
@@ -154,12 +156,3 @@ def _status(read: PrimReader, times: list[float], runs: int) -> np.ndarray:
     wrong = [len(frame) for frame in names if len(frame) != runs]
     read.require(not wrong, f"mmocap:status names {wrong[:1]} runs in a frame, not {runs}")
     return np.array([[STATUS.index(name) for name in frame] for frame in names], np.int8).T
-
-
-def _json_object(read: PrimReader, name: str) -> dict:
-    try:
-        value = json.loads(read.value(name))
-    except ValueError:
-        value = None
-    read.require(isinstance(value, dict), f"{name} is not a JSON object")
-    return value

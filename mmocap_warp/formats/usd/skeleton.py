@@ -49,7 +49,7 @@ def read_skeleton(read: PrimReader) -> tuple[Skeleton, np.ndarray]:
     Raises:
         InputError: something is missing or does not fit together.
     """
-    paths = [str(path) for path in read.value("joints")]
+    paths = read.texts("joints")
     joints = tuple(path.rsplit("/", 1)[-1] for path in paths)
     read.require(len(set(joints)) == len(joints), "two joints share a name")
     numbers = {path: j for j, path in enumerate(paths)}
@@ -60,11 +60,11 @@ def read_skeleton(read: PrimReader) -> tuple[Skeleton, np.ndarray]:
     read.require(all(map(is_rotation, bind[:, :3, :3])), "a bind transform is not a rotation and a translation")
     lower, upper = (read.array(f"mmocap:limits{end}", (len(joints), 3)) for end in ("Lower", "Upper"))
     read.require((lower <= upper).all(), "a lower joint limit lies above the upper one")
-    sides = [str(joint) for joint in read.value("mmocap:pairJoints")]
-    names = [str(name) for name in read.value("mmocap:pairs")]
+    sides = read.texts("mmocap:pairJoints")
+    names = read.texts("mmocap:pairs")
     read.require(len(sides) == 2 * len(names), f"mmocap:pairJoints names {len(sides)} joints for {len(names)} pairs")
     spread, models = read.array("mmocap:spread", (len(joints),), np.float64), _read_models(read, joints)
-    parts, part = read.value("mmocap:parts"), read.array("mmocap:part", (len(joints),), np.int64)
+    parts, part = read.texts("mmocap:parts"), read.array("mmocap:part", (len(joints),), np.int64)
     try:
         skeleton = Skeleton(
             joints=joints,
@@ -73,7 +73,7 @@ def read_skeleton(read: PrimReader) -> tuple[Skeleton, np.ndarray]:
             limits=np.stack([lower, upper], -1),
             spread=spread,
             models=models,
-            parts=tuple(str(name) for name in parts),
+            parts=tuple(parts),
             part=tuple(part.tolist()),
             pairs=tuple(zip(names, sides[::2], sides[1::2], strict=True)),
         )
@@ -87,7 +87,7 @@ def _read_models(read: PrimReader, joints: tuple[str, ...]) -> dict[int, np.ndar
     known = {name: i for i, name in enumerate(coordinate_names(joints))}
     models = {}
     for number in read.array("mmocap:models", (None,), np.int64).tolist():
-        wanted = [str(name) for name in read.value(f"mmocap:dof{number}")]
+        wanted = read.texts(f"mmocap:dof{number}")
         unknown = next((name for name in wanted if name not in known), None)
         read.require(unknown is None, f"mmocap:dof{number} names '{unknown}', which is no coordinate of its joints")
         models[number] = np.array([known[name] for name in wanted], np.int32)

@@ -19,7 +19,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.attributes import author_value
-from mmocap_warp.formats.usd.file import PrimReader, author, read_stage, write_stage
+from mmocap_warp.formats.usd.file import PrimReader, author, read_stage, reads_usd, write_stage
 from mmocap_warp.formats.usd.skeleton import is_rotation
 from mmocap_warp.formats.usd.world import set_world_up
 from mmocap_warp.result.truth import Truth
@@ -53,6 +53,7 @@ def write_truth(path: str | Path, truth: Truth, up: str = "+z") -> None:
     write_stage(path, stage)
 
 
+@reads_usd
 def read_truth(path: str | Path) -> Truth:
     """Read what :func:`write_truth` wrote.
 
@@ -100,7 +101,7 @@ def _define_points(
 
 
 def _points_from_prim(points: PrimReader, times: list[float]) -> tuple[tuple[str, ...], np.ndarray]:
-    names = tuple(points.value("mmocap:names"))
+    names = tuple(points.texts("mmocap:names"))
     positions = np.full((len(times), len(names), 3), np.nan)
     samples = zip(points.samples("points", times), points.samples("ids", times), strict=True)
     for row, (seen, ids) in enumerate(samples):

@@ -1,0 +1,102 @@
+"""Where a command writes and what it runs on is not as it should be: nothing, or one line."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from mmocap_warp.cli.exit_codes import BAD_INPUT, BROKEN_PIPE, FAILURE, USAGE
+from mmocap_warp.scenes import ROOT
+
+WALK = str(ROOT / "walk")
+COMMANDS = (["--version"], ["--help"], ["cameras", WALK], ["cameras", WALK, "--json"])
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="about POSIX's pipes and devices")
+
+
+def run(*arguments: str, stdout: int | None = None, **environment: str) -> subprocess.CompletedProcess:
+    # Buffered, as it is on everybody's machine: what is not written yet is written as Python ends.
+    settings = {key: value for key, value in os.environ.items() if key not in ("PYTHONUNBUFFERED", "MMOCAP_DEBUG")}
+    command = [sys.executable, "-m", "mmocap_warp", *arguments]
+    return subprocess.run(command, stdout=stdout, stderr=subprocess.PIPE, text=True, env=settings | environment)
+
+
+@pytest.mark.parametrize("arguments", COMMANDS, ids=" ".join)
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_a_closed_pipe_is_nothing_to_talk_about(arguments, unbuffered):
+    reader, writer = os.pipe()
+    os.close(reader)
+    answer = run(*arguments, stdout=writer, PYTHONUNBUFFERED=unbuffered)
+    os.close(writer)
+    assert answer.stderr == ""
+    assert answer.returncode in (BROKEN_PIPE, 1)  # 1 where the help's own writer has noticed
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
+@pytest.mark.parametrize("arguments", COMMANDS, ids=" ".join)
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_a_full_disk_behind_stdout_is_one_line(arguments, unbuffered):
+    with open("/dev/full", "w") as full:
+        answer = run(*arguments, stdout=full.fileno(), PYTHONUNBUFFERED=unbuffered)
+    assert answer.returncode == FAILURE
+    assert answer.stderr.count("\n") == 1
+    assert "cannot write (No space left on device)" in answer.stderr
+    assert "unexpected" not in answer.stderr
+
+
+def test_a_gpu_that_is_not_there_is_wrong_usage(tmp_path):
+    for arguments in (["track", WALK, "-o", str(tmp_path / "r.usdc")], ["bench"]):
+        answer = run(*arguments, "--device", "cuda", CUDA_VISIBLE_DEVICES="")
+        assert answer.returncode == USAGE
+        assert answer.stderr.splitlines()[-1].startswith("mmocap: --device must be auto or one of ['cpu'], got 'cuda'")
+        assert answer.stderr.count("\n") == 1
+
+
+LOADING = """
+import sys
+from mmocap_warp import cli
+from mmocap_warp.device import start_quietly
+
+
+def command(*_, **__):
+    start_quietly()
+    import warp as wp
+    from mmocap_warp.kernels.body import root_frame
+
+    wp.load_module(root_frame, device="cpu")
+
+
+cli.app = command
+sys.exit(cli.main(["cameras"]))
+"""
+
+
+def loaded(cache: str) -> subprocess.CompletedProcess:
+    """A command that does nothing but load kernels."""
+    settings = os.environ | {"WARP_CACHE_PATH": cache, "MMOCAP_DEBUG": "0"}
+    return subprocess.run([sys.executable, "-c", LOADING], capture_output=True, text=True, env=settings)
+
+
+def assert_names_the_cache(answer: subprocess.CompletedProcess, cache: str) -> None:
+    assert answer.returncode == BAD_INPUT, answer.stderr
+    *native, line = answer.stderr.splitlines()  # LLVM says in a line of its own that it does not know the file
+    assert line.startswith(f"mmocap: {cache}")
+    assert "WARP_CACHE_PATH" in line
+    assert not any("Traceback" in said for said in native)
+
+
+def test_a_kernel_cache_that_cannot_be_written_is_named():
+    assert_names_the_cache(loaded("/dev/null/cache"), "/dev/null/cache")
+
+
+@pytest.mark.parametrize(("ending", "content"), [(".o", b""), (".o", b"\x7fELF and no more"), (".meta", b"{")])
+def test_a_damaged_kernel_cache_is_named(tmp_path, ending, content):
+    assert loaded(str(tmp_path)).returncode == 0
+    kept = list(tmp_path.rglob(f"*{ending}"))
+    assert kept
+    for file in kept:
+        file.write_bytes(content)
+    assert_names_the_cache(loaded(str(tmp_path)), str(tmp_path))

@@ -1,0 +1,100 @@
+"""Damage that readers once did not survive, one kind at a time; ``tests/fuzz`` looks for more."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from synthetic import ring_rig
+
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.calibration.opencv_yaml import read_opencv_yaml
+from mmocap_warp.formats.motion.amc import read_amc
+from mmocap_warp.formats.toml_table import load_toml
+from mmocap_warp.formats.usd.truth import read_truth, write_truth
+from mmocap_warp.result.truth import Truth
+
+BOMB = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
+    f"{name}: &{name} [{', '.join(9 * [f'*{before}'])}]\n" for before, name in zip("abcdefg", "bcdefgh", strict=True)
+)
+MATRIX = "K_a: !!opencv-matrix\n  rows: {rows}\n  cols: 3\n  dt: d\n  data: [ 600, 0, 320, 0, 600, 240, 0, 0, 1 ]\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("a = " + 3000 * "[" + 3000 * "]", "deep"),
+        (".".join(3000 * "a") + " = 1", "deep"),
+        ("a = " + 5000 * "9", "more digits"),
+    ],
+)
+def test_toml_beyond_all_bounds(tmp_path, text, problem):
+    (tmp_path / "a.toml").write_text(text)
+    with pytest.raises(InputError, match=problem):
+        load_toml(tmp_path / "a.toml")
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        (BOMB, "refers to another"),
+        ("a: " + 3000 * "[" + 3000 * "]", "deep"),
+        ('names: ["a"]\n' + MATRIX.format(rows=2**31), "K_a is not a matrix of 9 numbers"),
+        ("names: a\n", "names is not a list"),
+        (2**20 * "# a comment\n", "over 1 MB"),
+    ],
+)
+def test_opencv_yaml_beyond_all_bounds(tmp_path, text, problem):
+    for name in ("intri.yml", "extri.yml"):
+        (tmp_path / name).write_text("%YAML:1.0\n---\n" + text)
+    with pytest.raises(InputError, match=problem):
+        read_opencv_yaml(tmp_path)
+
+
+def test_opencvs_own_files_give_the_same_bits(tmp_path):
+    """As OpenCV writes them: long matrices in several lines, single precision, numbers without decimals."""
+    import cv2
+
+    rig, random = ring_rig(3, (640, 480)), np.random.default_rng(0)
+    distortion = random.normal(0, 1e-6, (3, 5)).astype(np.float32)
+    intrinsics, extrinsics = (cv2.FileStorage(str(tmp_path / name), 1) for name in ("intri.yml", "extri.yml"))
+    for storage in (intrinsics, extrinsics):
+        storage.startWriteStruct("names", cv2.FileNode_SEQ)
+        for name in rig.names:
+            storage.write("", name)
+        storage.endWriteStruct()
+    for k, name in enumerate(rig.names):
+        intrinsics.write(f"K_{name}", rig.K[k])
+        intrinsics.write(f"dist_{name}", distortion[k : k + 1])
+        intrinsics.write(f"W_{name}", 640)
+        intrinsics.write(f"H_{name}", 480.0)
+        extrinsics.write(f"Rot_{name}", rig.R[k])
+        extrinsics.write(f"T_{name}", rig.t[k][:, None])
+    intrinsics.release()
+    extrinsics.release()
+    read = read_opencv_yaml(tmp_path)
+    for name in ("K", "R", "t", "size"):
+        np.testing.assert_array_equal(getattr(read, name), getattr(rig, name))
+    np.testing.assert_array_equal(read.distortion, distortion.astype(np.float64))
+
+
+def test_a_direction_of_two_numbers(tmp_path):
+    bone = "begin\nname a\ndirection 0 1\nlength 1\naxis 0 0 0 XYZ\nend\n"
+    (tmp_path / "a.asf").write_text(f":root\norder tx ty tz rx ry rz\n:bonedata\n{bone}:hierarchy\nroot a\n")
+    (tmp_path / "a_1.amc").write_text("1\nroot 0 0 0 0 0 0\n")
+    with pytest.raises(InputError, match=r"bone a is not complete .direction 0 1 is not three numbers"):
+        read_amc(tmp_path / "a_1.amc")
+
+
+def test_a_truth_with_bytes_that_are_no_text(tmp_path):
+    path = tmp_path / "a.usda"
+    write_truth(path, Truth(60.0, np.arange(1), ("NAME",), np.zeros((1, 1, 3)), (), np.zeros((1, 0, 3))))
+    path.write_bytes(path.read_bytes().replace(b"NAME", b"\xff\xfe"))
+    with pytest.raises(InputError, match=r"a\.usda"):
+        read_truth(path)
+
+
+def test_a_line_quotes_no_more_than_can_be_read():
+    shown = str(InputError("a.toml", f"a = {10**6 * 'x'} is not a number", "give a number"))
+    assert shown.startswith("a.toml: a = xxx")
+    assert shown.endswith(" is not a number; give a number")
+    assert len(shown) < 500

@@ -1,0 +1,48 @@
+"""Files that end or hold up the process that reads them do so to another one only."""
+
+from __future__ import annotations
+
+import os
+
+import native_readers
+import pytest
+
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats import tried_first
+
+
+def readings(path) -> list[bool]:
+    """Of each time that a file was read to its end, whether it was in this process."""
+    return [int(line) == os.getpid() for line in path.with_suffix(".log").read_text().split()]
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [("crash", "breaks the library"), ("loop", "takes more than 1 s"), ("swell", r"takes more than 1\.0 GiB")],
+)
+def test_a_file_that_ends_its_reader_is_refused(tmp_path, monkeypatch, text, problem):
+    monkeypatch.setattr(tried_first, "_SECONDS", 1.0)
+    for name in ("a", "b"):  # the process that it ended is started anew
+        (tmp_path / name).write_text(text)
+        with pytest.raises(InputError, match=f"{name}: {problem}"):
+            native_readers.read(tmp_path / name)
+    (tmp_path / "good").write_text("good")
+    assert native_readers.read(tmp_path / "good") == "good"
+
+
+def test_a_strange_file_is_tried_once_and_again_when_it_has_changed(tmp_path):
+    path = tmp_path / "a"
+    path.write_text("one")
+    assert [native_readers.read(path) for _ in range(2)] == ["one", "one"]
+    assert readings(path) == [False, True, True]
+    path.write_text("another")
+    assert native_readers.read(path) == "another"
+    assert readings(path) == [False, True, True, False, True]
+
+
+def test_a_file_of_ones_own_is_not_tried(tmp_path):
+    path = tmp_path / "a"
+    path.write_text("one")
+    tried_first.trust(path)
+    native_readers.read(path)
+    assert readings(path) == [True]

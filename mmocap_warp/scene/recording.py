@@ -18,6 +18,7 @@ from mmocap_warp.foreground.repair import repair_masks
 from mmocap_warp.foreground.settings import ForegroundSettings
 from mmocap_warp.foreground.subtraction import learn_background
 from mmocap_warp.formats.toml_table import Table
+from mmocap_warp.scene.mask_mark import MaskMark
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
 from mmocap_warp.views.undistort import Undistortion, undistortion
@@ -38,6 +39,8 @@ class CameraSource:
         background: a recording without the subject, or None.
         frame_offset: scene frame ``f`` is this camera's frame ``f + frame_offset``; 1 for a camera that lags by one.
         recorded_scale, recorded_offset: recorded pixel = scale * calibrated pixel + offset.
+        centre_shift: what the scene added to the calibrated principal point [px].
+        mask_mark: of masks that are undistorted already; None for masks in the recorded pixels.
     """
 
     name: str
@@ -48,6 +51,8 @@ class CameraSource:
     frame_offset: int
     recorded_scale: float
     recorded_offset: tuple[float, float]
+    centre_shift: tuple[float, float] = (0.0, 0.0)
+    mask_mark: MaskMark | None = None
 
     def background_examples(self, source: str) -> Frames:
         """What a background is learnt from; see :class:`~mmocap_warp.foreground.settings.ForegroundSettings`.
@@ -80,6 +85,8 @@ class Scene:
         truth_axes: which axes of the truth file are the world's x, y, z, such as ``zxy``.
         track: settings of the tracker, as written.
         fit: settings of the first-frame fit, as written.
+        calibration: the calibration's file or folder.
+        units: of its lengths.
     """
 
     path: Path
@@ -95,6 +102,8 @@ class Scene:
     truth_axes: str = "xyz"
     track: dict[str, Any] = field(default_factory=dict)
     fit: dict[str, Any] = field(default_factory=dict)
+    calibration: Path | None = None
+    units: str = "m"
 
     @cached_property
     def directory(self) -> Path:
@@ -161,12 +170,15 @@ class Scene:
 
     def _raw_masks(self, k: int, scale: float, first: int, count: int) -> Iterator[np.ndarray | None]:
         """Camera ``k``'s masks, undistorted but as read or subtracted; None where it has no frame."""
-        source, resample = self.cameras[k], self._undistortion(k, scale)
+        source = self.cameras[k]
         first += source.frame_offset
         if self.foreground.source == "masks":
-            for image in _shifted(source.masks, first, count):
+            mark = source.mask_mark
+            resample = self._undistortion(k, scale) if mark is None else self._resampling(k, scale, mark)
+            for image in _shifted(source.masks, first - (mark.first_frame if mark else 0), count):
                 yield None if image is None else resample.mask(decode_mask(image))
             return
+        resample = self._undistortion(k, scale)
         examples = source.background_examples(self.foreground.source)
         images = (resample.image(as_colour(image)) for image in examples.read())
         background = learn_background(images, len(examples), self.foreground)
@@ -190,6 +202,11 @@ class Scene:
     def _undistortion(self, k: int, scale: float) -> Undistortion:
         source = self.cameras[k]
         return undistortion(self.calibrated, k, scale, source.recorded_scale, source.recorded_offset)
+
+    def _resampling(self, k: int, scale: float, mark: MaskMark) -> Undistortion:
+        """From masks that are undistorted already; those of the same scale stay as they are, to the pixel."""
+        shift = 0.5 * mark.scale - 0.5  # a pixel's centre keeps its place in the image
+        return undistortion(self.calibrated.undistorted(), k, scale, mark.scale, (shift, shift))
 
 
 def _shifted(frames: Frames | None, first: int, count: int) -> Iterator[np.ndarray | None]:

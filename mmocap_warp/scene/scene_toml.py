@@ -17,6 +17,7 @@ from mmocap_warp.foreground.settings import KEEP, MODELS, SOURCES, SUBTRACTED, F
 from mmocap_warp.formats.calibration.units import METRES
 from mmocap_warp.formats.table import read_calibration
 from mmocap_warp.formats.toml_table import Table, load_toml
+from mmocap_warp.scene.mask_mark import MARK_NAME, MaskMark, calibration_hash, check_mark, read_mark
 from mmocap_warp.scene.recording import CameraSource, Scene
 from mmocap_warp.views.rig import UP_AXES, CameraRig, check_rig
 
@@ -40,7 +41,7 @@ def load_scene(path: str | Path) -> Scene:
     track, fit = file.take_table("track").take_rest(), file.take_table("fit").take_rest()
     file.finish()
 
-    name = about.take("name", str, path.parent.name)
+    name = about.take("name", str, "") or path.resolve().parent.name or "scene"
     fps = about.take("fps", float)
     if not 0 < fps < 100_000:
         raise about.error(f"fps = {fps:g} is not a frame rate", "give the frames per second of the recording")
@@ -51,7 +52,9 @@ def load_scene(path: str | Path) -> Scene:
     subject = _take_file(about, "subject", path)
     about.finish()
 
-    sources, rig = _read_cameras(cameras, path, up)
+    calibration = path.parent / cameras.take("calibration", str)
+    units = cameras.take_choice("units", tuple(METRES), "m")
+    sources, rig = _read_cameras(cameras, path, calibration, units, up)
     _check_sources(sources, rig, foreground, cameras)
     scene = Scene(
         path=path,
@@ -67,6 +70,8 @@ def load_scene(path: str | Path) -> Scene:
         truth_axes=truth.take("axes", str, "xyz"),
         track=track,
         fit=fit,
+        calibration=calibration,
+        units=units,
     )
     truth.finish()
     return scene
@@ -83,17 +88,17 @@ def _take_file(table: Table, key: str, scene: Path) -> Path | None:
     return None if value is None else _existing(scene.parent / value, table)
 
 
-def _read_cameras(table: Table, scene: Path, up: str) -> tuple[tuple[CameraSource, ...], CameraRig]:
-    calibration = scene.parent / table.take("calibration", str)
-    units = table.take_choice("units", tuple(METRES), "m")
+def _read_cameras(
+    table: Table, scene: Path, calibration: Path, units: str, up: str
+) -> tuple[tuple[CameraSource, ...], CameraRig]:
     tables = table.take_tables()
     table.finish()
     if not tables:
         raise table.error("no camera is named", "add a table [cameras.<name>] for each, named as in the calibration")
-    shifts = np.array([camera.take_numbers("centre_shift", (2,), [0.0, 0.0]) for camera in tables.values()])
     sources = tuple(_read_source(camera, name, scene) for name, camera in tables.items())
-    images = {source.name: source.video or source.masks for source in sources}
-    rig = read_calibration(calibration, units, up, {name: frames.size for name, frames in images.items() if frames})
+    shifts = np.array([source.centre_shift for source in sources])
+    sizes = {source.name: size for source in sources if (size := _recorded_size(source)) is not None}
+    rig = read_calibration(calibration, units, up, sizes)
     for source in sources:
         if source.name not in rig.names:
             near = difflib.get_close_matches(source.name, rig.names, 1, 0.0)[0]
@@ -114,21 +119,34 @@ def _read_source(table: Table, name: str, scene: Path) -> CameraSource:
 
     recorded = table.take_table("video_from_calibrated")
     left, top = recorded.take_numbers("offset", (2,), [0.0, 0.0])
+    right, down = table.take_numbers("centre_shift", (2,), [0.0, 0.0])
+    masks = opened("masks", open_frames)
     source = CameraSource(
         name=name,
         video=opened("video", open_frames),
-        masks=opened("masks", open_frames),
+        masks=masks,
         clean_plate=opened("clean_plate", open_image),
         background=opened("background", open_frames),
         frame_offset=table.take("frame_offset", int, 0),
         recorded_scale=recorded.take("scale", float, 1.0),
         recorded_offset=(left, top),
+        centre_shift=(right, down),
+        mask_mark=read_mark(masks.path) if masks else None,
     )
     if not 0.01 < source.recorded_scale < 100:
         raise recorded.error(f"scale = {source.recorded_scale:g} is not a scale", "give recorded pixels per calibrated")
     recorded.finish()
     table.finish()
     return source
+
+
+def _recorded_size(source: CameraSource) -> tuple[int, int] | None:
+    """Width and height of a camera's recorded images; None where they are not known."""
+    if source.video is not None:
+        return source.video.size
+    if source.mask_mark is not None:
+        return source.mask_mark.calibrated_size
+    return source.masks.size if source.masks is not None else None
 
 
 def _read_foreground(table: Table) -> ForegroundSettings:
@@ -167,9 +185,12 @@ def _check_sources(
                     f"'{need}' is missing, which [foreground] source = \"{foreground.source}\" needs",
                     f"add {need}",
                 )
-        for frames in (source.video, source.masks, source.clean_plate, source.background):
+        recorded_masks = source.masks if source.mask_mark is None else None
+        for frames in (source.video, recorded_masks, source.clean_plate, source.background):
             if frames is not None:
                 _check_size(frames, source, rig.size[k], where)
+        if source.masks is not None and source.mask_mark is not None:
+            _check_undistorted(source.masks, source.mask_mark, source, rig, k)
         if foreground.source == "masks" and source.masks is not None:
             _check_masks(source.masks)
 
@@ -193,6 +214,18 @@ def _check_size(frames: Frames, source: CameraSource, size: np.ndarray, where: s
             where,
             f"{found}, but video_from_calibrated puts the calibrated image at {low.round(1)} to {high.round(1)}",
             "recorded pixel = scale * calibrated pixel + offset",
+        )
+
+
+def _check_undistorted(masks: Frames, mark: MaskMark, source: CameraSource, rig: CameraRig, k: int) -> None:
+    if mark.camera != source.name:
+        raise InputError(masks.path, f"these masks are of '{mark.camera}', not of '{source.name}'", "swap the folders")
+    check_mark(mark, masks.path, calibration_hash(rig, k, source.recorded_scale, source.recorded_offset, mark.repaired))
+    width, height = rig.undistorted(mark.scale).size[k]
+    if masks.size != (width, height):
+        found = "{}x{}".format(*masks.size)
+        raise InputError(
+            masks.path, f"the masks are {found}, their {MARK_NAME} says {width}x{height}", "make them again"
         )
 
 
@@ -220,7 +253,8 @@ def _frame_count(
     if frames is not None and not 1 <= frames <= shortest:
         raise table.error(f"frames = {frames} is not in 1 to {shortest} ({found})", "give fewer frames")
     for source in sources:
-        if abs(source.frame_offset) >= shortest:
+        begin = source.mask_mark.first_frame if source.mask_mark and key == "masks" else 0
+        if abs(source.frame_offset - begin) >= shortest:
             raise table.error(
                 f"camera '{source.name}' has frame_offset = {source.frame_offset} in {shortest} frames",
                 "give a shift of a few frames",

@@ -34,7 +34,7 @@ def run_identity(scene: Scene, subject: Subject, config: TrackConfig) -> Identit
         "translation_radius": translation,
     }
     del settings["threads"], settings["renderer"]  # any of them give the same bits
-    placed = [(camera.recorded_scale, camera.recorded_offset) for camera in scene.cameras]
+    placed = [(camera.recorded_scale, camera.recorded_offset, camera.mask_mark) for camera in scene.cameras]
     return {
         "version": __version__,
         "images": _digest([_images(camera, scene.foreground.source) for camera in scene.cameras]),

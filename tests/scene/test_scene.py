@@ -12,7 +12,7 @@ import pytest
 from synthetic import ring_rig
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
+from mmocap_warp.formats.calibration.toml_rig import read_toml_rig, write_toml_rig
 from mmocap_warp.scene.mask_writing import write_masks
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
@@ -207,14 +207,16 @@ def test_written_masks_are_a_scene_that_reads_back(folder: Path) -> None:
     done: list[int] = []
     again = load_scene(write_masks(scene, folder / "new", scale=0.5, first=1, count=3, progress=done.append))
     assert done == [1, 2, 3]
-    for masks, expected in zip(again.masks(), scene.masks(0.5, 1, 3), strict=True):
+    for masks, expected in zip(again.masks(0.5), scene.masks(0.5, 1, 3), strict=True):
         for mask, same in zip(masks, expected, strict=True):
             np.testing.assert_array_equal(mask, same)
-    np.testing.assert_allclose(again.rig().K, scene.rig(0.5).K, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(again.rig(0.5).K, scene.rig(0.5).K, rtol=0, atol=1e-12)
+    pinholes = read_toml_rig(folder / "new" / "pinholes.toml")
+    np.testing.assert_allclose(pinholes.K, scene.rig(0.5).K, rtol=0, atol=1e-12)
     assert sorted(path.name for path in (folder / "new").iterdir()) == [
-        "calibration.toml",
         *RIG.names,
         "overlay.webm",
+        "pinholes.toml",
         "scene.toml",
     ]
     assert cv2.imread(str(folder / "new" / "cam01" / "000000.png"), cv2.IMREAD_UNCHANGED).ndim == 2

@@ -6,6 +6,8 @@ from dataclasses import dataclass, fields
 
 SOURCES: tuple[str, ...] = ("masks", "clean_plate", "background_video", "recording")
 MODELS: tuple[str, ...] = ("gaussian", "mog2", "knn")
+SUBTRACTION: tuple[str, ...] = ("source", "model", "threshold", "noise", "shadow_brightness", "shadow_chroma")
+"""Settings that decide what is subtracted; the others decide what is made of that."""
 KEEP: tuple[str, ...] = ("all", "largest", "nearest")
 
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
+from urllib.parse import quote
 
+import cv2
 import numpy as np
 
 from mmocap_warp.errors import InputError
@@ -15,10 +18,13 @@ from mmocap_warp.foreground.cleanup import clean_mask
 from mmocap_warp.foreground.frames import Frames, ImageFolder, as_colour
 from mmocap_warp.foreground.mask_image import decode_mask
 from mmocap_warp.foreground.repair import repair_masks
-from mmocap_warp.foreground.settings import ForegroundSettings
+from mmocap_warp.foreground.settings import SUBTRACTION, ForegroundSettings
 from mmocap_warp.foreground.subtraction import learn_background
 from mmocap_warp.formats.toml_table import Table
-from mmocap_warp.scene.mask_mark import MaskMark
+from mmocap_warp.scene.content import content_hash
+from mmocap_warp.scene.mask_cache import keeping, kept_masks
+from mmocap_warp.scene.mask_mark import MaskMark, calibration_hash
+from mmocap_warp.version import __version__
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
 from mmocap_warp.views.undistort import Undistortion, undistortion
@@ -178,11 +184,40 @@ class Scene:
             for image in _shifted(source.masks, first - (mark.first_frame if mark else 0), count):
                 yield None if image is None else resample.mask(decode_mask(image))
             return
-        resample = self._undistortion(k, scale)
+        yield from self._subtracted_once(k, scale, first - source.frame_offset, count)
+
+    def _subtracted_once(self, k: int, scale: float, first: int, count: int) -> Iterator[np.ndarray | None]:
+        """Camera ``k``'s subtracted masks, kept beside the scene once they have been made for all of its frames."""
+        file = self.directory / ".mmocap" / self.path.stem / f"{quote(self.cameras[k].name, safe='')}@{scale:g}.tar"
+        key = self._subtraction_key(k, scale)
+        kept = kept_masks(file, key, first, count)
+        if kept is not None:
+            return kept
+        made = self._subtracted(k, scale, first, count)
+        return keeping(file, key, count, made) if (first, count) == (0, self.frame_count) else made
+
+    def _subtraction_key(self, k: int, scale: float) -> str:
+        """All that camera ``k``'s subtracted masks are made from."""
+        source, settings = self.cameras[k], self.foreground
+        files = [*_files(source.video), *_files(source.background_examples(settings.source))]
+        placed = source.recorded_scale, source.recorded_offset
+        used = {name: getattr(settings, name) for name in SUBTRACTION}
+        made_from = {
+            "versions": [__version__, cv2.__version__],
+            "files": [content_hash(file).hex() for file in files],
+            "frames": [source.frame_offset, self.frame_count],
+            "calibration": calibration_hash(self.calibrated, k, *placed, whole_rig=False),
+            "scale": scale,
+            **used,
+        }
+        return json.dumps(made_from)
+
+    def _subtracted(self, k: int, scale: float, first: int, count: int) -> Iterator[np.ndarray | None]:
+        source, resample = self.cameras[k], self._undistortion(k, scale)
         examples = source.background_examples(self.foreground.source)
         images = (resample.image(as_colour(image)) for image in examples.read())
         background = learn_background(images, len(examples), self.foreground)
-        for image in _shifted(source.video, first, count):
+        for image in _shifted(source.video, first + source.frame_offset, count):
             yield None if image is None else background.foreground(resample.image(as_colour(image)))
 
     def images(self, scale: float = 1.0, first: int = 0, count: int | None = None) -> Iterator[list[np.ndarray | None]]:
@@ -207,6 +242,10 @@ class Scene:
         """From masks that are undistorted already; those of the same scale stay as they are, to the pixel."""
         shift = 0.5 * mark.scale - 0.5  # a pixel's centre keeps its place in the image
         return undistortion(self.calibrated.undistorted(), k, scale, mark.scale, (shift, shift))
+
+
+def _files(frames: Frames | None) -> tuple[Path, ...]:
+    return () if frames is None else frames.files
 
 
 def _shifted(frames: Frames | None, first: int, count: int) -> Iterator[np.ndarray | None]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
@@ -19,32 +21,32 @@ from mmocap_warp.views.silhouette import silhouettes
 FRAMES = 4
 
 
-@pytest.mark.parametrize("keep", ["all", "largest", "nearest"])
-def test_the_masks_that_are_drawn_are_those_that_were_tracked(keep, tmp_path, monkeypatch):
-    """Also where something larger than the body stands beside it, and two runs track apart."""
+def write_scene(folder: Path, *settings: str) -> Path:
+    """Somebody tracked by three cameras, with something larger than the body beside it in every mask."""
     subject, rig = synthetic_subject(), ring_rig(3, (160, 120))
     posed = Poser(subject.body, subject.root_base).tracking_vertices(synthetic_poses(40)[:FRAMES])
     scene = ["[scene]", "fps = 60", 'up = "+y"', 'subject = "subject.usdc"', "[cameras]", 'calibration = "rig.toml"']
     for k, name in enumerate(rig.names):
-        (tmp_path / name).mkdir()
+        (folder / name).mkdir()
         for frame, vertices in enumerate(posed):
             mask = silhouettes(rig, vertices, subject.body.tracking_face)[k]
             free = slice(0, 30) if np.nonzero(mask)[1].mean() > 80 else slice(130, 160)
             mask[:, free] = True
-            cv2.imwrite(str(tmp_path / name / f"{frame:03d}.png"), mask * np.uint8(255))
-        scene += [f"[cameras.{name}]", f'masks = "{name}"']
-    scene += [
-        "[foreground]",
-        f'keep = "{keep}"',
-        "[track]",
-        'algorithm = "h-cmaes"',
-        "evaluations = 60",
-        "runs = 2",
-        'device = "cpu"',
-    ]
-    (tmp_path / "scene.toml").write_text("\n".join(scene))
-    write_toml_rig(tmp_path / "rig.toml", rig)
-    write_subject(tmp_path / "subject.usdc", subject)
+            cv2.imwrite(str(folder / name / f"{frame:03d}.png"), mask * np.uint8(255))
+        scene += [f"[cameras.{name}]", f'masks = "{name}"', f'video = "{name}"', 'clean_plate = "dark.png"']
+    cv2.imwrite(str(folder / "dark.png"), np.zeros((120, 160), np.uint8))
+    scene += ["[foreground]", *settings]
+    scene += ["[track]", 'algorithm = "h-cmaes"', "evaluations = 60", "runs = 2", 'device = "cpu"']
+    (folder / "scene.toml").write_text("\n".join(scene))
+    write_toml_rig(folder / "rig.toml", rig)
+    write_subject(folder / "subject.usdc", subject)
+    return folder / "scene.toml"
+
+
+@pytest.mark.parametrize("keep", ["all", "largest", "nearest"])
+def test_the_masks_that_are_drawn_are_those_that_were_tracked(keep, tmp_path, monkeypatch):
+    """Also where something larger than the body stands beside it, and two runs track apart."""
+    scene = write_scene(tmp_path, f'keep = "{keep}"')
     tracked, drawn, step = [], [], Tracker.step
 
     def show(result, images, masks, **files):
@@ -52,8 +54,16 @@ def test_the_masks_that_are_drawn_are_those_that_were_tracked(keep, tmp_path, mo
 
     monkeypatch.setattr(Tracker, "step", lambda self, seen: tracked.append(seen) or step(self, seen))
     monkeypatch.setattr("mmocap_warp.drawing.show.show", show)
-    assert cli.main(["track", str(tmp_path / "scene.toml"), "-o", str(tmp_path / "r.usdc"), "--quiet"]) == exit_codes.OK
+    assert cli.main(["track", str(scene), "-o", str(tmp_path / "r.usdc"), "--quiet"]) == exit_codes.OK
     assert cli.main(["show", str(tmp_path / "r.usdc"), "--quiet"]) == exit_codes.OK
     assert len(drawn) == FRAMES
     for mine, theirs in zip(drawn, tracked, strict=True):
         np.testing.assert_array_equal(mine.words, theirs.words)
+
+
+def test_show_subtracts_nothing_that_was_tracked(tmp_path, monkeypatch):
+    scene = write_scene(tmp_path, 'source = "clean_plate"')
+    assert cli.main(["track", str(scene), "-o", str(tmp_path / "r.usdc"), "--quiet"]) == exit_codes.OK
+    monkeypatch.delattr("mmocap_warp.foreground.subtraction.GaussianBackground.foreground")
+    assert cli.main(["show", str(tmp_path / "r.usdc"), "--quiet"]) == exit_codes.OK
+    assert (tmp_path / "r.webm").is_file()

@@ -11,6 +11,7 @@ import pytest
 from synthetic import ring_rig
 
 from mmocap_warp.errors import InputError
+from mmocap_warp.foreground.subtraction import GaussianBackground
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.scene.mask_mark import MARK_NAME
 from mmocap_warp.scene.mask_writing import write_masks
@@ -180,3 +181,124 @@ def test_a_scene_has_a_name(named: str, tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.chdir(tmp_path)
     assert load_scene("scene.toml").name == tmp_path.name
     assert load_scene(write_masks(load_scene("scene.toml"), "made")).name == tmp_path.name
+
+
+@pytest.fixture
+def subtractions(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Counts the images that a background is subtracted from."""
+    counted, judge = [], GaussianBackground.foreground
+    monkeypatch.setattr(GaussianBackground, "foreground", lambda self, image: counted.append(0) or judge(self, image))
+    return counted
+
+
+def all_masks(folder: Path, scale: float = 1.0) -> list[np.ndarray]:
+    return [mask for masks in load_scene(folder).masks(scale) for mask in masks]
+
+
+def kept_files(folder: Path) -> list[str]:
+    return sorted(path.name for path in (folder / ".mmocap").rglob("*") if path.is_file())
+
+
+def test_a_background_is_subtracted_once(subtractions: list[int], tmp_path: Path) -> None:
+    scene = load_scene(write_scene(tmp_path, "clean_plate", late=1))
+    first = all_masks(tmp_path)
+    assert len(subtractions) == 3 * FRAMES - 1
+    assert kept_files(tmp_path) == [f"cam0{k}@1.tar" for k in (1, 2, 3)]
+    np.testing.assert_array_equal(all_masks(tmp_path), first)
+    for masks, same in zip(scene.masks(first=2), [first[6:9], first[9:]], strict=True):
+        np.testing.assert_array_equal(masks, same)
+    assert len(subtractions) == 3 * FRAMES - 1
+    all_masks(tmp_path, 0.5)
+    assert len(subtractions) == 2 * (3 * FRAMES - 1)
+    all_masks(tmp_path)
+    assert len(subtractions) == 2 * (3 * FRAMES - 1)  # each scale is kept
+
+
+@pytest.mark.parametrize("model", ["gaussian", "mog2", "knn"])
+def test_kept_masks_are_those_that_were_made(model: str, tmp_path: Path) -> None:
+    edit(
+        write_scene(tmp_path, "clean_plate") / "scene.toml", "[track]", f'model = "{model}"\nkeep = "nearest"\n[track]'
+    )
+    first = all_masks(tmp_path)
+    assert len(kept_files(tmp_path)) == 3
+    np.testing.assert_array_equal(all_masks(tmp_path), first)
+
+
+def other_plate(folder: Path) -> None:
+    plate = cv2.imread(str(folder / "plate.png"))
+    plate[0, 0] += 1
+    cv2.imwrite(str(folder / "plate.png"), plate)
+
+
+def other_lens(folder: Path) -> None:
+    rig = bent_rig()
+    write_toml_rig(folder / "calibration.toml", replace(rig, distortion=0.9 * rig.distortion))
+
+
+def other_image(folder: Path) -> None:
+    for k in (1, 2, 3):
+        path = str(folder / "video" / f"cam0{k}" / "001.png")
+        cv2.imwrite(path, cv2.imread(path) ^ 1)
+
+
+def damaged(folder: Path) -> None:
+    for file in (folder / ".mmocap").rglob("*.tar"):
+        file.write_bytes(file.read_bytes()[:100])
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        other_plate,
+        other_lens,
+        other_image,
+        damaged,
+        lambda folder: edit(folder / "scene.toml", "[track]", "threshold = 8.0\n[track]"),
+        lambda folder: edit(folder / "scene.toml", "fps = 30", "fps = 30\nframes = 3"),
+    ],
+)
+def test_masks_of_something_else_are_made_again(change, subtractions: list[int], tmp_path: Path) -> None:
+    write_scene(tmp_path, "clean_plate")
+    all_masks(tmp_path)
+    change(tmp_path)
+    subtractions.clear()
+    again = all_masks(tmp_path)
+    assert len(subtractions) == len(again)
+    np.testing.assert_array_equal(all_masks(tmp_path), again)
+    assert len(subtractions) == len(again)
+    assert len(kept_files(tmp_path)) == 3  # in the place of the others
+
+
+def test_how_masks_are_cleaned_needs_no_subtraction(subtractions: list[int], tmp_path: Path) -> None:
+    write_scene(tmp_path, "clean_plate")
+    all_masks(tmp_path)
+    subtractions.clear()
+    edit(tmp_path / "scene.toml", "[track]", "close = 3.0\n[track]")
+    all_masks(tmp_path)
+    assert not subtractions
+
+
+def test_masks_are_kept_whole_or_not_at_all(tmp_path: Path) -> None:
+    stream = load_scene(write_scene(tmp_path, "clean_plate")).masks()
+    next(stream)
+    stream.close()
+    assert kept_files(tmp_path) == []
+
+
+def test_where_nothing_can_be_kept_masks_are_made_each_time(subtractions: list[int], tmp_path: Path) -> None:
+    write_scene(tmp_path, "clean_plate")
+    (tmp_path / ".mmocap").write_text("in the way")
+    np.testing.assert_array_equal(all_masks(tmp_path), all_masks(tmp_path))
+    assert len(subtractions) == 2 * 3 * FRAMES
+
+
+def test_a_full_disk_does_not_stop_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(self, *_):
+        raise OSError(28, "No space left on device")
+
+    expected = all_masks(write_scene(tmp_path, "clean_plate"))
+    for file in (tmp_path / ".mmocap").rglob("*.tar"):
+        file.unlink()
+    monkeypatch.setattr("tarfile.TarFile.addfile", full)
+    np.testing.assert_array_equal(all_masks(tmp_path), expected)
+    assert kept_files(tmp_path) == []

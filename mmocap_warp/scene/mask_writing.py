@@ -28,6 +28,7 @@ def write_masks(
     first: int = 0,
     count: int | None = None,
     progress: Callable[[int], None] | None = None,
+    look: Callable[[list[np.ndarray]], None] | None = None,
 ) -> Path:
     """Write finished masks (undistorted, resampled, cleaned, repaired) and an overlay to look at.
 
@@ -43,6 +44,7 @@ def write_masks(
         first: first frame; it becomes frame 0 of the new scene.
         count: number of frames; to the end without it.
         progress: called after each frame with the number of frames done.
+        look: called with each frame's masks, per camera (height, width) bool.
 
     Returns:
         Path of the new ``scene.toml``.
@@ -67,6 +69,8 @@ def write_masks(
             for name, mask in zip(rig.names, masks, strict=True):
                 write_png(folder / name / f"{f:06d}.png", mask)
             video.write(draw_masks(masks, images))
+            if look is not None:
+                look(masks)
             done = f + 1
             if progress is not None:
                 progress(done)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import cv2
@@ -67,3 +68,34 @@ def test_show_subtracts_nothing_that_was_tracked(tmp_path, monkeypatch):
     monkeypatch.delattr("mmocap_warp.foreground.subtraction.GaussianBackground.foreground")
     assert cli.main(["show", str(tmp_path / "r.usdc"), "--quiet"]) == exit_codes.OK
     assert (tmp_path / "r.webm").is_file()
+
+
+def test_a_recording_of_which_only_a_leg_was_segmented_fails_the_check(tmp_path, capsys):
+    """The subject stands and swings a leg: a background learnt from the recording itself swallows the rest."""
+    scene = write_scene(tmp_path, 'source = "recording"', "min_area = 10", "median = 0", "close = 0")
+    standing = cv2.imread(str(tmp_path / "cam01" / "000.png"))
+    leg = np.s_[80:110, 70:90]
+    for name in ("cam01", "cam02", "cam03"):
+        for frame in range(FRAMES):
+            image = standing.copy()
+            image[leg] = 40 * (frame + 1)
+            cv2.imwrite(str(tmp_path / name / f"{frame:03d}.png"), image)
+    code = cli.main(["mask", str(scene), "-o", str(tmp_path / "made"), "--quiet"])
+    told = capsys.readouterr().out
+    assert code == exit_codes.CHECK_FAILED
+    assert "check failed: what all views agree on holds" in told
+    assert "only a part of it was segmented, such as a moving leg" in told
+    assert "name an image without it (clean_plate)" in told
+
+
+def test_masks_of_a_whole_subject_pass_the_check(tmp_path, capsys):
+    scene = write_scene(tmp_path, 'keep = "nearest"')
+    for file in tmp_path.glob("cam0*/*.png"):  # without what stands beside it
+        image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+        image[:, :30] = image[:, 130:] = 0
+        cv2.imwrite(str(file), image)
+    assert cli.main(["mask", str(scene), "-o", str(tmp_path / "made"), "--quiet", "--json"]) == exit_codes.OK
+    report = json.loads(capsys.readouterr().out)
+    assert report["masks_ok"]
+    assert report["faults"] == []
+    assert len(report["views"]["cam02"]["area_px"]) == FRAMES

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Protocol, TypeVar
 from urllib.parse import quote
 
 import cv2
@@ -16,6 +16,7 @@ import numpy as np
 from mmocap_warp.errors import InputError
 from mmocap_warp.foreground.cleanup import clean_mask
 from mmocap_warp.foreground.frames import Frames, ImageFolder, as_colour
+from mmocap_warp.foreground.mask_files import Masks
 from mmocap_warp.foreground.mask_image import decode_mask
 from mmocap_warp.foreground.repair import repair_masks
 from mmocap_warp.foreground.settings import SUBTRACTION, ForegroundSettings
@@ -31,6 +32,18 @@ from mmocap_warp.views.undistort import Undistortion, undistortion
 
 BodyMasks = Callable[[], list[np.ndarray]]
 """Says where the body was last: per camera (height, width) bool."""
+
+
+Image = TypeVar("Image", covariant=True)
+
+
+class ReadInOrder(Protocol[Image]):
+    """What a camera's frames have in common, whatever they are read from."""
+
+    def __len__(self) -> int: ...
+
+    def read(self, first: int = 0) -> Iterator[Image]:
+        """Frames from ``first`` on."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +64,7 @@ class CameraSource:
 
     name: str
     video: Frames | None
-    masks: Frames | None
+    masks: Masks | None
     clean_plate: ImageFolder | None
     background: Frames | None
     frame_offset: int
@@ -181,8 +194,9 @@ class Scene:
         if self.foreground.source == "masks":
             mark = source.mask_mark
             resample = self._undistortion(k, scale) if mark is None else self._resampling(k, scale, mark)
+            identity, soft = self.foreground.identity, source.masks is not None and source.masks.soft
             for image in _shifted(source.masks, first - (mark.first_frame if mark else 0), count):
-                yield None if image is None else resample.mask(decode_mask(image))
+                yield None if image is None else resample.mask(decode_mask(image, identity, soft))
             return
         yield from self._subtracted_once(k, scale, first - source.frame_offset, count)
 
@@ -248,9 +262,9 @@ def _files(frames: Frames | None) -> tuple[Path, ...]:
     return () if frames is None else frames.files
 
 
-def _shifted(frames: Frames | None, first: int, count: int) -> Iterator[np.ndarray | None]:
+def _shifted(frames: ReadInOrder[Image] | None, first: int, count: int) -> Iterator[Image | None]:
     """Frames ``first`` to ``first + count - 1``; None where there is none, and one at a time in memory."""
-    reader: Iterator[np.ndarray] | None = None
+    reader: Iterator[Image] | None = None
     for frame in range(first, first + count):
         if frames is None or not 0 <= frame < len(frames):
             yield None

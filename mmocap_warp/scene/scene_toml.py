@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -12,6 +12,8 @@ import numpy as np
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.foreground.frames import Frames, open_frames, open_image
+from mmocap_warp.foreground.labels import Labels, identities_of
+from mmocap_warp.foreground.mask_files import Masks, open_masks
 from mmocap_warp.foreground.mask_image import decode_mask
 from mmocap_warp.foreground.settings import KEEP, MODELS, SOURCES, SUBTRACTED, ForegroundSettings
 from mmocap_warp.formats.calibration.units import METRES
@@ -22,6 +24,7 @@ from mmocap_warp.scene.recording import CameraSource, Scene
 from mmocap_warp.views.rig import UP_AXES, CameraRig, check_rig
 
 _SAMPLES = 5  # mask images per camera that are looked at while loading
+_HIGHEST_LABEL = 32  # gray levels below are rather labels than a picture
 _MOST_FOREGROUND = 0.8  # of an image; more is an inverted mask
 
 Opened = TypeVar("Opened")
@@ -120,7 +123,7 @@ def _read_source(table: Table, name: str, scene: Path) -> CameraSource:
     recorded = table.take_table("video_from_calibrated")
     left, top = recorded.take_numbers("offset", (2,), [0.0, 0.0])
     right, down = table.take_numbers("centre_shift", (2,), [0.0, 0.0])
-    masks = opened("masks", open_frames)
+    masks = opened("masks", open_masks)
     source = CameraSource(
         name=name,
         video=opened("video", open_frames),
@@ -192,10 +195,10 @@ def _check_sources(
         if source.masks is not None and source.mask_mark is not None:
             _check_undistorted(source.masks, source.mask_mark, source, rig, k)
         if foreground.source == "masks" and source.masks is not None:
-            _check_masks(source.masks)
+            _check_masks(source.masks, foreground.identity)
 
 
-def _check_size(frames: Frames, source: CameraSource, size: np.ndarray, where: str) -> None:
+def _check_size(frames: Frames | Masks, source: CameraSource, size: np.ndarray, where: str) -> None:
     recorded = np.array(frames.size)
     found = "{} is {}x{}".format(frames.path, *frames.size)
     if source.recorded_scale == 1 and source.recorded_offset == (0.0, 0.0):
@@ -217,7 +220,7 @@ def _check_size(frames: Frames, source: CameraSource, size: np.ndarray, where: s
         )
 
 
-def _check_undistorted(masks: Frames, mark: MaskMark, source: CameraSource, rig: CameraRig, k: int) -> None:
+def _check_undistorted(masks: Masks, mark: MaskMark, source: CameraSource, rig: CameraRig, k: int) -> None:
     if mark.camera != source.name:
         raise InputError(masks.path, f"these masks are of '{mark.camera}', not of '{source.name}'", "swap the folders")
     check_mark(mark, masks.path, calibration_hash(rig, k, source.recorded_scale, source.recorded_offset, mark.repaired))
@@ -229,15 +232,35 @@ def _check_undistorted(masks: Frames, mark: MaskMark, source: CameraSource, rig:
         )
 
 
-def _check_masks(masks: Frames) -> None:
+def _check_masks(masks: Masks, identity: int) -> None:
     """Look at a few images; only if they show nothing at all, at every one."""
-    fractions = [decode_mask(image).mean() for image in masks.sample(_SAMPLES)]
-    if not any(fractions) and not any(decode_mask(image).any() for image in masks.read()):
-        raise InputError(masks.path, "all masks are empty", "check how they were exported")
+
+    def decoded(images: Iterator[np.ndarray | Labels]) -> Iterator[np.ndarray]:
+        return (decode_mask(image, identity, masks.soft) for image in images)
+
+    if identity and masks.soft:
+        raise InputError(masks.path, "a video of masks tells no identities", "give it as images, or set identity = 0")
+    fractions = [mask.mean() for mask in decoded(masks.sample(_SAMPLES))]
+    if not any(fractions) and not any(mask.any() for mask in decoded(masks.read())):
+        raise InputError(masks.path, *_why_empty(masks, identity))
     if np.median(fractions) > _MOST_FOREGROUND:
         raise InputError(
             masks.path, f"masks are {100 * np.median(fractions):.0f} % foreground", "invert them: the subject is white"
         )
+
+
+def _why_empty(masks: Masks, identity: int) -> tuple[str, str]:
+    """What is wrong with masks that show nothing, and what to do."""
+    levels = identities_of(masks.sample(_SAMPLES))
+    listed = ", ".join(map(str, sorted(levels)[:8]))
+    if identity:
+        return (
+            f"no mask shows identity {identity}",
+            f"set one that is there: {listed}" if levels else "set identity = 0",
+        )
+    if levels and max(levels) < _HIGHEST_LABEL:
+        return "all masks are empty", f"if their gray levels are labels ({listed}), choose one with identity"
+    return "all masks are empty", "check how they were exported"
 
 
 def _frame_count(

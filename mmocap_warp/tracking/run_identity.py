@@ -10,6 +10,8 @@ import numpy as np
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.device import resolve_device
+from mmocap_warp.foreground.frames import Frames
+from mmocap_warp.foreground.mask_files import Masks
 from mmocap_warp.scene.content import content_hash
 from mmocap_warp.scene.recording import CameraSource, Scene
 from mmocap_warp.tracking.config import TrackConfig
@@ -50,6 +52,7 @@ def run_identity(scene: Scene, subject: Subject, config: TrackConfig) -> Identit
 
 def _images(camera: CameraSource, source: str) -> list[list[bytes]]:
     """The content of the files that a camera's masks are made of, in order; of those that are subtracted, too."""
+    used: list[Frames | Masks | None]
     if source == "masks":
         used = [camera.masks]
     elif source == "recording":

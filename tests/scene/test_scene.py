@@ -195,7 +195,7 @@ def test_only_one_frame_is_in_memory(folder: Path, monkeypatch: pytest.MonkeyPat
 
     decoded = []
     original = module.decode_mask
-    monkeypatch.setattr(module, "decode_mask", lambda image: decoded.append(0) or original(image))
+    monkeypatch.setattr(module, "decode_mask", lambda *image: decoded.append(0) or original(*image))
     stream = load_scene(folder).masks()
     for frame in range(3):
         next(stream)

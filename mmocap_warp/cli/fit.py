@@ -9,6 +9,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from mmocap_warp.cli.console import Console, Switch
+from mmocap_warp.cli.people import Identity, note_others
 
 
 @Parameter(name="*")
@@ -34,6 +35,7 @@ def fit(
     *,
     output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("subject.usdc"),
     body: str | None = None,
+    identity: Identity = None,
     flags: FitFlags | None = None,
     force: Switch = False,
     console: Console | None = None,
@@ -49,6 +51,8 @@ def fit(
     body
         The generic body that the subject's is near to: a shipped one's name or a USD file. The scene's, or else
         adult_man.
+    identity
+        Of the person that is meant, where the masks show several: the index in their palette, or their gray level.
     force
         Replace a file that exists.
     """
@@ -63,7 +67,8 @@ def fit(
 
     console, flags = console or Console(), flags or FitFlags()
     new_file(output, *USD_SUFFIXES, force=force)
-    loaded = load_scene(scene)
+    loaded = load_scene(scene, identity)
+    note_others(loaded, console)
     config = effective(FitConfig, loaded.settings("fit"), flags)
     start = load_body(body or loaded.body or DEFAULT_BODY, "--body" if body else loaded.path)
     start_warp(config.device)

@@ -30,11 +30,12 @@ def scene_of(result: Result, path: Path, named: Path | None) -> Scene | None:
     Raises:
         InputError: the scene is wrong, or is no longer where the result says.
     """
-    return recorded_scene(result.config.get("scene"), path, named)
+    return recorded_scene(result.config.get("scene"), path, named, result.config.get("identity"))
 
 
-def recorded_scene(reference: str | None, path: Path, named: Path | None) -> Scene | None:
+def recorded_scene(reference: str | None, path: Path, named: Path | None, identity: int | None = None) -> Scene | None:
     """The scene that a file at ``path`` was made from by its ``reference``, or the one named now; None if neither is.
+    Of it, the person of that ``identity``, where one was chosen.
 
     Raises:
         InputError: the scene is wrong, or is no longer where the reference says.
@@ -42,13 +43,13 @@ def recorded_scene(reference: str | None, path: Path, named: Path | None) -> Sce
     from mmocap_warp.scene.scene_toml import load_scene
 
     if named is not None:
-        return load_scene(named)
+        return load_scene(named, identity)
     if reference is None:
         return None
     recorded = path.parent / reference
     if not recorded.exists():
         raise InputError(path, f"was made from {recorded}, which is not there", "name the scene with --scene")
-    return load_scene(recorded)
+    return load_scene(recorded, identity)
 
 
 def truth_of(scene: Scene | None) -> Truth | None:

@@ -9,6 +9,7 @@ from cyclopts import Parameter
 
 from mmocap_warp.cli.console import Console, Switch
 from mmocap_warp.cli.exit_codes import CHECK_FAILED, OK, UsageError
+from mmocap_warp.cli.people import Identity, note_others
 
 if TYPE_CHECKING:
     from mmocap_warp.foreground.judging import MaskReport
@@ -21,6 +22,7 @@ def mask(
     *,
     output: Annotated[Path, Parameter(name=["--output", "-o"])],
     scale: float = 1.0,
+    identity: Identity = None,
     force: Switch = False,
     console: Console | None = None,
 ) -> int:
@@ -34,6 +36,8 @@ def mask(
         The folder to write.
     scale
         Of the masks relative to the recording, up to 1.
+    identity
+        Of the person that is meant, where the masks show several: the index in their palette, or their gray level.
     force
         Write into a folder that holds files.
     """
@@ -46,7 +50,8 @@ def mask(
     console = console or Console()
     if not 0 < scale <= 1:
         raise UsageError(f"--scale must be in (0, 1], got {scale:g}")
-    loaded = load_scene(scene)
+    loaded = load_scene(scene, identity)
+    note_others(loaded, console)
     folder = new_folder(output, force=force)
     judge = MaskJudge(loaded.rig(scale), loaded.frame_count, _body_volume(loaded))
     with Progress("mask", quiet=console.quiet) as progress:

@@ -10,6 +10,7 @@ from cyclopts import Parameter
 
 from mmocap_warp.cli.console import Console, Switch
 from mmocap_warp.cli.exit_codes import UsageError
+from mmocap_warp.cli.people import Identity, note_others
 from mmocap_warp.errors import InputError
 
 if TYPE_CHECKING:
@@ -67,6 +68,7 @@ def track(
     output: Annotated[Path, Parameter(name=["--output", "-o"])],
     subject: Path | None = None,
     body: str | None = None,
+    identity: Identity = None,
     flags: TrackFlags | None = None,
     resume: Switch = False,
     force: Switch = False,
@@ -84,6 +86,8 @@ def track(
         The fitted subject to track. The scene's, or else one is fitted first and kept beside the result.
     body
         Where that fit starts: a shipped body's name or a USD file. The scene's, or else adult_man.
+    identity
+        Of the person that is meant, where the masks show several: the index in their palette, or their gray level.
     resume
         Continue an interrupted run; it ends with the same bits as one that was not interrupted.
     force
@@ -101,7 +105,8 @@ def track(
     if resume and force:
         raise UsageError("--resume continues what --force would replace; give one of them")
     new_file(output, *USD_SUFFIXES, force=force or resume)
-    loaded = load_scene(scene)
+    loaded = load_scene(scene, identity)
+    note_others(loaded, console)
     config = effective(TrackConfig, loaded.settings("track"), flags)
     truth = truth_of(loaded)
     start = Start(subject, body, flags, resume, force)
@@ -177,7 +182,8 @@ def track_scene(scene: Scene, config: TrackConfig, output: Path, start: Start, c
             progress=report,
             smooth_progress=lambda frames: progress(frames, total),
         )
-    tracked = replace(tracked, config=tracked.config | {"scene": scene_reference(scene.path, output)})
+    chosen = {"identity": scene.foreground.identity} if scene.foreground.identity else {}
+    tracked = replace(tracked, config=tracked.config | {"scene": scene_reference(scene.path, output)} | chosen)
     write_result(output, tracked)
     checkpoint.unlink(missing_ok=True)
     return tracked

@@ -76,6 +76,9 @@ class ForegroundSettings:
 
 
 SUBTRACTED = ForegroundSettings(
-    source="clean_plate", median=12.0, close=20.0, fill_holes=1000.0, min_area=2000.0, keep="largest"
+    source="clean_plate", median=12.0, close=20.0, fill_holes=1000.0, min_area=2000.0, keep="nearest"
 )
 """What a scene starts from when masks are subtracted rather than given."""
+
+GIVEN = ForegroundSettings(keep="nearest")
+"""What a scene starts from when masks are given."""

@@ -85,6 +85,13 @@ class CameraSource:
             raise ValueError(f"camera '{self.name}' has no images for source '{source}'")
         return examples
 
+    def files_for(self, source: str) -> list[tuple[Path, ...]]:
+        """The files that masks are made of, in order: the masks, or the video and what is subtracted from it."""
+        if source == "masks":
+            return [] if self.masks is None else [self.masks.files]
+        video = [] if self.video is None else [self.video.files]
+        return video if source == "recording" else [*video, self.background_examples(source).files]
+
 
 @dataclass(frozen=True)
 class Scene:
@@ -213,7 +220,7 @@ class Scene:
     def _subtraction_key(self, k: int, scale: float) -> str:
         """All that camera ``k``'s subtracted masks are made from."""
         source, settings = self.cameras[k], self.foreground
-        files = [*_files(source.video), *_files(source.background_examples(settings.source))]
+        files = [file for files in source.files_for(settings.source) for file in files]
         placed = source.recorded_scale, source.recorded_offset
         used = {name: getattr(settings, name) for name in SUBTRACTION}
         made_from = {
@@ -256,10 +263,6 @@ class Scene:
         """From masks that are undistorted already; those of the same scale stay as they are, to the pixel."""
         shift = 0.5 * mark.scale - 0.5  # a pixel's centre keeps its place in the image
         return undistortion(self.calibrated.undistorted(), k, scale, mark.scale, (shift, shift))
-
-
-def _files(frames: Frames | None) -> tuple[Path, ...]:
-    return () if frames is None else frames.files
 
 
 def _shifted(frames: ReadInOrder[Image] | None, first: int, count: int) -> Iterator[Image | None]:

@@ -15,7 +15,7 @@ from mmocap_warp.foreground.frames import Frames, open_frames, open_image
 from mmocap_warp.foreground.labels import Labels, identities_of
 from mmocap_warp.foreground.mask_files import Masks, open_masks
 from mmocap_warp.foreground.mask_image import decode_mask
-from mmocap_warp.foreground.settings import KEEP, MODELS, SOURCES, SUBTRACTED, ForegroundSettings
+from mmocap_warp.foreground.settings import GIVEN, KEEP, MODELS, SOURCES, SUBTRACTED, ForegroundSettings
 from mmocap_warp.formats.calibration.units import METRES
 from mmocap_warp.formats.table import read_calibration
 from mmocap_warp.formats.toml_table import Table, load_toml
@@ -30,8 +30,12 @@ _MOST_FOREGROUND = 0.8  # of an image; more is an inverted mask
 Opened = TypeVar("Opened")
 
 
-def load_scene(path: str | Path) -> Scene:
+def load_scene(path: str | Path, identity: int | None = None) -> Scene:
     """Read and check a scene file, or the ``scene.toml`` of a folder; paths in it are relative to its folder.
+
+    Args:
+        path: the file or its folder.
+        identity: of the person to be tracked, instead of the scene's own [foreground] identity.
 
     Raises:
         InputError: anything that is wrong with the scene file, the calibration, or the files it names.
@@ -40,7 +44,7 @@ def load_scene(path: str | Path) -> Scene:
     path = path / "scene.toml" if path.is_dir() else path
     file = load_toml(path)
     about, truth, cameras = (file.take_table(key) for key in ("scene", "truth", "cameras"))
-    foreground = _read_foreground(file.take_table("foreground"))
+    foreground = _read_foreground(file.take_table("foreground"), identity)
     track, fit = file.take_table("track").take_rest(), file.take_table("fit").take_rest()
     file.finish()
 
@@ -152,9 +156,9 @@ def _recorded_size(source: CameraSource) -> tuple[int, int] | None:
     return source.masks.size if source.masks is not None else None
 
 
-def _read_foreground(table: Table) -> ForegroundSettings:
+def _read_foreground(table: Table, identity: int | None) -> ForegroundSettings:
     source = table.take_choice("source", SOURCES, "masks")
-    default = ForegroundSettings() if source == "masks" else replace(SUBTRACTED, source=source)
+    default = GIVEN if source == "masks" else replace(SUBTRACTED, source=source)
     choices = {"model": MODELS, "keep": KEEP}
     values: dict[str, Any] = {}
     for setting in fields(ForegroundSettings):
@@ -166,6 +170,10 @@ def _read_foreground(table: Table) -> ForegroundSettings:
         else:
             values[setting.name] = table.take(setting.name, type(fallback), fallback)
     table.finish()
+    if identity is not None:
+        values["identity"] = identity
+    if values["identity"] and source != "masks":
+        raise table.error("identity chooses among given masks; these are subtracted", "leave it out")
     try:
         return replace(default, **values)
     except ValueError as error:

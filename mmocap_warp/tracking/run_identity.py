@@ -10,8 +10,6 @@ import numpy as np
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.device import resolve_device
-from mmocap_warp.foreground.frames import Frames
-from mmocap_warp.foreground.mask_files import Masks
 from mmocap_warp.scene.content import content_hash
 from mmocap_warp.scene.recording import CameraSource, Scene
 from mmocap_warp.tracking.config import TrackConfig
@@ -52,14 +50,7 @@ def run_identity(scene: Scene, subject: Subject, config: TrackConfig) -> Identit
 
 def _images(camera: CameraSource, source: str) -> list[list[bytes]]:
     """The content of the files that a camera's masks are made of, in order; of those that are subtracted, too."""
-    used: list[Frames | Masks | None]
-    if source == "masks":
-        used = [camera.masks]
-    elif source == "recording":
-        used = [camera.video]
-    else:
-        used = [camera.video, camera.background_examples(source)]
-    return [[content_hash(file) for file in frames.files] for frames in used if frames is not None]
+    return [[content_hash(file) for file in files] for files in camera.files_for(source)]
 
 
 def _digest(thing: object) -> str:

@@ -99,3 +99,61 @@ def test_masks_of_a_whole_subject_pass_the_check(tmp_path, capsys):
     assert report["masks_ok"]
     assert report["faults"] == []
     assert len(report["views"]["cam02"]["area_px"]) == FRAMES
+
+
+def two_people(folder):
+    """A scene of two bodies, the second one alike: identities 1 and 5, in every view at once."""
+    scene = write_scene(folder)
+    for file in sorted(folder.glob("cam0*/*.png")):
+        body = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+        body[:, :30] = body[:, 130:] = 0
+        labels = np.where(body > 0, 1, 0).astype(np.uint8)
+        labels[np.roll(body, 55, axis=1) > 0] = 5
+        cv2.imwrite(str(file), labels)
+    return scene
+
+
+def test_the_person_of_an_identity_is_tracked_and_drawn(tmp_path, monkeypatch, capsys):
+    scene = two_people(tmp_path)
+    one = tmp_path / "one"
+    one.mkdir()
+    alone = write_scene(one)
+    for file in sorted(one.glob("cam0*/*.png")):
+        image = cv2.imread(str(tmp_path / file.relative_to(one)), cv2.IMREAD_GRAYSCALE)
+        cv2.imwrite(str(file), (image == 1).astype(np.uint8) * 255)
+    flags = ("--quiet", "--json")
+    reports = []
+    for path, identity in ((scene, ("--identity", "1")), (alone, ())):
+        assert cli.main(["track", str(path), "-o", str(path.with_name("r.usdc")), *identity, *flags]) == exit_codes.OK
+        reports.append(json.loads(capsys.readouterr().out))
+    assert reports[0]["mean_iou"] == reports[1]["mean_iou"]
+    drawn = []
+    monkeypatch.setattr("mmocap_warp.drawing.show.show", lambda result, images, masks, **_: drawn.extend(masks))
+    assert cli.main(["show", str(tmp_path / "r.usdc"), "--quiet"]) == exit_codes.OK
+    first = cv2.imread(str(tmp_path / "cam01" / "000.png"), cv2.IMREAD_GRAYSCALE)
+    np.testing.assert_array_equal(drawn[0][0], first == 1)
+
+
+def test_an_identity_that_is_not_there_is_one_line(tmp_path, capsys):
+    scene = two_people(tmp_path)
+    assert cli.main(["fit", str(scene), "--identity", "2", "--quiet"]) == exit_codes.BAD_INPUT
+    assert "cam01: no mask shows identity 2; set one that is there: 1, 5" in capsys.readouterr().err
+
+
+def test_two_blobs_of_equal_size_are_noticed(tmp_path, capsys):
+    scene = two_people(tmp_path)
+    for file in sorted(tmp_path.glob("cam0*/*.png")):
+        labels = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+        cv2.imwrite(str(file), (labels > 0).astype(np.uint8) * 255)
+    text = scene.read_text()
+    scene.write_text(text.replace("[foreground]", "[foreground]\njoin = 3"))
+    cli.main(["mask", str(scene), "-o", str(tmp_path / "made")])
+    told = capsys.readouterr().err
+    assert "shows two blobs of about equal size" in told
+    assert "one person is tracked at a time" in told
+
+
+def test_one_person_is_no_news(tmp_path, capsys):
+    scene = write_scene(tmp_path)
+    cli.main(["mask", str(scene), "-o", str(tmp_path / "made")])
+    assert "at a time" not in capsys.readouterr().err

@@ -74,6 +74,12 @@ class BodyModel:
         keep = self.tracking_vertex
         return SkinMesh(self.skin.rest[keep], self.tracking_face, self.skin.joint[keep], self.skin.weight[keep])
 
+    @property
+    def volume(self) -> float:
+        """What the closed tracking mesh holds at rest [m^3]."""
+        a, b, c = self.skin.rest[self.tracking_vertex][self.tracking_face].swapaxes(0, 1).astype(np.float64)
+        return float(abs(np.einsum("fi,fi->", a, np.cross(b, c))) / 6)
+
     def shaped(self, weights: dict[str, float], scale: float = 1.0) -> BodyModel:
         """The body with shape targets applied at the given weights, then scaled uniformly.
 

@@ -9,6 +9,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from mmocap_warp.cli.console import Console, Switch
+from mmocap_warp.cli.people import Identity, note_others
 
 
 @Parameter(name="*")
@@ -35,6 +36,7 @@ def fit(
     output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("subject.usdc"),
     body: str | None = None,
     frames: str | None = None,
+    identity: Identity = None,
     flags: FitFlags | None = None,
     force: Switch = False,
     console: Console | None = None,
@@ -53,6 +55,8 @@ def fit(
     frames
         Which of the recording's frames: first:end or first:end:stride, such as 120:480:2, which leaves out the end; or
         a count of those that the scene names. [default: those that the scene names]
+    identity
+        Of the person that is meant, where the masks show several: the index in their palette, or their gray level.
     force
         Replace a file that exists.
     """
@@ -67,7 +71,8 @@ def fit(
 
     console, flags = console or Console(), flags or FitFlags()
     new_file(output, *USD_SUFFIXES, force=force)
-    loaded = scene_for(scene, frames)
+    loaded = scene_for(scene, frames, identity)
+    note_others(loaded, console)
     config = effective(FitConfig, loaded.settings("fit"), flags)
     start = load_body(body or loaded.body or DEFAULT_BODY, "--body" if body else loaded.path)
     start_warp(config.device)

@@ -26,8 +26,8 @@ def scene_reference(scene: Path, result: Path) -> str:
     return Path(os.path.relpath(scene.resolve(), result.resolve().parent)).as_posix()
 
 
-def scene_for(path: Path, frames: str | None) -> Scene:
-    """A scene, with the frames that ``--frames`` asks for.
+def scene_for(path: Path, frames: str | None, identity: int | None = None) -> Scene:
+    """A scene, with the frames and the person that ``--frames`` and ``--identity`` ask for.
 
     Raises:
         InputError: the scene is wrong.
@@ -36,7 +36,7 @@ def scene_for(path: Path, frames: str | None) -> Scene:
     from mmocap_warp.scene.scene_toml import load_scene
 
     try:
-        return load_scene(path, frames)
+        return load_scene(path, frames, identity)
     except InputError:
         raise
     except ValueError as error:
@@ -73,11 +73,12 @@ def scene_of(result: Result, path: Path, named: Path | None) -> Scene | None:
     Raises:
         InputError: the scene is wrong, or is no longer where the result says.
     """
-    return recorded_scene(result.config.get("scene"), path, named)
+    return recorded_scene(result.config.get("scene"), path, named, result.config.get("identity"))
 
 
-def recorded_scene(reference: str | None, path: Path, named: Path | None) -> Scene | None:
+def recorded_scene(reference: str | None, path: Path, named: Path | None, identity: int | None = None) -> Scene | None:
     """The scene that a file at ``path`` was made from by its ``reference``, or the one named now; None if neither is.
+    Of it, the person of that ``identity``, where one was chosen.
 
     Raises:
         InputError: the scene is wrong, or is no longer where the reference says.
@@ -85,13 +86,13 @@ def recorded_scene(reference: str | None, path: Path, named: Path | None) -> Sce
     from mmocap_warp.scene.scene_toml import load_scene
 
     if named is not None:
-        return load_scene(named)
+        return load_scene(named, identity=identity)
     if reference is None:
         return None
     recorded = path.parent / reference
     if not recorded.exists():
         raise InputError(path, f"was made from {recorded}, which is not there", "name the scene with --scene")
-    return load_scene(recorded)
+    return load_scene(recorded, identity=identity)
 
 
 def truth_of(scene: Scene | None) -> Truth | None:

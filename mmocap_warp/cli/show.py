@@ -54,7 +54,9 @@ def show(
         subject = read_subject(result)
         start_warp()
         reference = str(subject.provenance["fit.scene"]) if "fit.scene" in subject.provenance else None
-        draw_subject(subject, recorded_scene(reference, result, scene), picture)
+        chosen = subject.provenance.get("fit.identity")
+        identity = None if chosen is None else int(chosen)
+        draw_subject(subject, recorded_scene(reference, result, scene, identity), picture)
         console.result({"sheet": picture}, str(picture))
         return
     video = new_file(output or result.with_suffix(".webm"), ".webm", force=force)

@@ -29,7 +29,9 @@ def fit_subject(scene: Scene, body: BodyModel, config: FitConfig, output: Path, 
         subject = fit(scene, body, config, lambda stage, done, cost: progress(round(100 * done), 100))
     if subject.provenance["fit.decided"] == "no":
         console.note(_UNDECIDED[str(subject.provenance["fit.alternative"])])
-    subject = replace(subject, provenance={**subject.provenance, "fit.scene": scene_reference(scene.path, output)})
+    chosen = {"fit.identity": scene.foreground.identity} if scene.foreground.identity else {}
+    reference = {"fit.scene": scene_reference(scene.path, output)}
+    subject = replace(subject, provenance={**subject.provenance, **reference, **chosen})
     write_subject(output, subject)
     return subject
 

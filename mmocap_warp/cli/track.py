@@ -10,6 +10,7 @@ from cyclopts import Parameter
 
 from mmocap_warp.cli.console import Console, Switch
 from mmocap_warp.cli.exit_codes import UsageError
+from mmocap_warp.cli.people import Identity, note_others
 from mmocap_warp.errors import InputError
 
 if TYPE_CHECKING:
@@ -68,6 +69,7 @@ def track(
     subject: Path | None = None,
     body: str | None = None,
     frames: str | None = None,
+    identity: Identity = None,
     flags: TrackFlags | None = None,
     resume: Switch = False,
     force: Switch = False,
@@ -88,6 +90,8 @@ def track(
     frames
         Which of the recording's frames: first:end or first:end:stride, such as 120:480:2, which leaves out the end; or
         a count of those that the scene names. [default: those that the scene names]
+    identity
+        Of the person that is meant, where the masks show several: the index in their palette, or their gray level.
     resume
         Continue an interrupted run; it ends with the same bits as one that was not interrupted.
     force
@@ -105,7 +109,8 @@ def track(
     if resume and force:
         raise UsageError("--resume continues what --force would replace; give one of them")
     new_file(output, *USD_SUFFIXES, force=force or resume)
-    loaded = scene_for(scene, frames)
+    loaded = scene_for(scene, frames, identity)
+    note_others(loaded, console)
     config = effective(TrackConfig, loaded.settings("track"), flags)
     truth = truth_of(loaded)
     start = Start(subject, body, flags, resume, force)
@@ -185,7 +190,8 @@ def track_scene(scene: Scene, config: TrackConfig, output: Path, start: Start, c
             progress=report,
             smooth_progress=lambda frames: progress(frames, total),
         )
-    tracked = replace(tracked, config=tracked.config | {"scene": scene_reference(scene.path, output)})
+    chosen = {"identity": scene.foreground.identity} if scene.foreground.identity else {}
+    tracked = replace(tracked, config=tracked.config | {"scene": scene_reference(scene.path, output)} | chosen)
     write_result(output, tracked)
     checkpoint.unlink(missing_ok=True)
     return tracked

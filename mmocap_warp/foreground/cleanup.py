@@ -9,6 +9,8 @@ import numpy as np
 
 from mmocap_warp.foreground.settings import ForegroundSettings
 
+_ALIKE = 0.6  # of each other's area: two people at different distances are still alike
+
 
 def clean_mask(
     mask: np.ndarray, settings: ForegroundSettings, scale: float = 1.0, body: np.ndarray | None = None
@@ -58,6 +60,8 @@ def keep_subject(mask: np.ndarray, join: float, body: np.ndarray | None) -> np.n
         join: pieces up to this far apart count as one component [px].
         body: (height, width) bool or None; an empty one counts as None.
     """
+    if cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)[0] <= 2:
+        return mask
     joined = cv2.dilate(mask.astype(np.uint8), _disc(join)) if join >= 1 else mask.astype(np.uint8)
     count, label = cv2.connectedComponents(joined, connectivity=8)
     label = np.where(mask, label, 0)
@@ -73,6 +77,21 @@ def keep_subject(mask: np.ndarray, join: float, body: np.ndarray | None) -> np.n
         return (overlap > 0)[label]
     distance = cv2.distanceTransform((~body).astype(np.uint8), cv2.DIST_L2, 5)
     return label == min(range(1, count), key=lambda i: float(distance[label == i].min()))
+
+
+def rivals(mask: np.ndarray, join: float) -> tuple[int, int] | None:
+    """Areas of a mask's two largest components, where they are about equal: two people; else None.
+
+    Args:
+        mask: (height, width) bool.
+        join: as in :func:`keep_subject`.
+    """
+    if cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)[0] <= 2:
+        return None
+    joined = cv2.dilate(mask.astype(np.uint8), _disc(join)) if join >= 1 else mask.astype(np.uint8)
+    _, label = cv2.connectedComponents(joined, connectivity=8)
+    smaller, larger = np.sort(np.append(np.bincount(label[mask]), 0))[-2:].tolist()
+    return (larger, smaller) if smaller > _ALIKE * larger else None
 
 
 def _odd(length: float) -> int:

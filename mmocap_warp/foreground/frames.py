@@ -14,7 +14,7 @@ import numpy as np
 
 from mmocap_warp.errors import InputError
 
-_IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
+_IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pbm", ".pgm")
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,7 @@ class ImageFolder:
     path: Path
     files: tuple[Path, ...]
     size: tuple[int, int]
+    soft = False
 
     def __len__(self) -> int:
         return len(self.files)
@@ -58,7 +59,7 @@ class ImageFolder:
 
 @dataclass(frozen=True)
 class VideoFile:
-    """A video, decoded from its start because seeking is inexact.
+    """A video, decoded from its start because seeking is inexact. Its grays are ``soft``: compression blurs them.
 
     Attributes:
         path: the file.
@@ -71,6 +72,7 @@ class VideoFile:
     count: int
     size: tuple[int, int]
     fps: float
+    soft = True
 
     def __len__(self) -> int:
         return self.count
@@ -176,10 +178,27 @@ def read_image(path: Path) -> np.ndarray:
         image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     except cv2.error:  # its header states a size beyond all bounds
         image = None
+    return _checked(image, path)
+
+
+def decode_image(data: bytes, source: object) -> np.ndarray:
+    """An image file's content, unchanged; ``source`` names it in messages.
+
+    Raises:
+        InputError: not an image, or one of other numbers than 8 or 16 bits.
+    """
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
+    except cv2.error:
+        image = None
+    return _checked(image, source)
+
+
+def _checked(image: np.ndarray | None, source: object) -> np.ndarray:
     if image is None:
-        raise InputError(path, "cannot be decoded as an image", "convert it to PNG")
+        raise InputError(source, "cannot be decoded as an image", "convert it to PNG")
     if image.dtype not in (np.uint8, np.uint16):
-        raise InputError(path, f"has pixels of {image.dtype}", "convert it to 8 bits")
+        raise InputError(source, f"has pixels of {image.dtype}", "convert it to 8 bits")
     return image
 
 
@@ -193,17 +212,29 @@ def as_colour(image: np.ndarray) -> np.ndarray:
 
 
 def _open_folder(path: Path) -> ImageFolder:
-    files = sorted((f for f in path.iterdir() if f.suffix.lower() in _IMAGE_SUFFIXES), key=_natural)
-    if not files:
-        raise InputError(path, "holds no images", f"put one image per frame there ({', '.join(_IMAGE_SUFFIXES)})")
-    numbers = [int(file.stem) for file in files if file.stem.isdecimal()]
-    if len(numbers) == len(files):
-        for previous, number in pairwise(numbers):
-            if number != previous + 1:
-                raise InputError(path, f"image {previous + 1} is missing", "images must be numbered without a gap")
+    by_name = {file.name: file for file in path.iterdir()}
+    files = [by_name[name] for name in images_in_order(list(by_name), path)]
     height, width = read_image(files[0]).shape[:2]
     return ImageFolder(path, tuple(files), (width, height))
 
 
-def _natural(file: Path) -> list[tuple[int, str]]:
-    return [(int(part), "") if part.isdecimal() else (0, part) for part in re.split(r"(\d+)", file.name)]
+def images_in_order(names: list[str], source: Path) -> list[str]:
+    """The images among some files' names, in the natural order of these.
+
+    Raises:
+        InputError: no image is among them, or numbered ones leave one out.
+    """
+    images = sorted((name for name in names if Path(name).suffix.lower() in _IMAGE_SUFFIXES), key=natural_order)
+    if not images:
+        raise InputError(source, "holds no images", f"put one image per frame there ({', '.join(_IMAGE_SUFFIXES)})")
+    stems = [Path(name).stem for name in images]
+    if all(stem.isdecimal() for stem in stems):
+        for previous, number in pairwise(map(int, stems)):
+            if number != previous + 1:
+                raise InputError(source, f"image {previous + 1} is missing", "images must be numbered without a gap")
+    return images
+
+
+def natural_order(name: str) -> list[tuple[int, str]]:
+    """A key that sorts names by the numbers in them."""
+    return [(int(part), "") if part.isdecimal() else (0, part) for part in re.split(r"(\d+)", name)]

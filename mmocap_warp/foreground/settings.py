@@ -6,6 +6,8 @@ from dataclasses import dataclass, fields
 
 SOURCES: tuple[str, ...] = ("masks", "clean_plate", "background_video", "recording")
 MODELS: tuple[str, ...] = ("gaussian", "mog2", "knn")
+SUBTRACTION: tuple[str, ...] = ("source", "model", "threshold", "noise", "shadow_brightness", "shadow_chroma")
+"""Settings that decide what is subtracted; the others decide what is made of that."""
 KEEP: tuple[str, ...] = ("all", "largest", "nearest")
 
 
@@ -30,6 +32,7 @@ class ForegroundSettings:
         keep: ``all`` components, the ``largest``, or the ``nearest`` to where the body was last.
         join: pieces up to this far apart count as one component [px]; a mask may be cut at the waist.
         repair: fill holes where the other views' visual hull is thick.
+        identity: of given masks that show several objects, the label of the one to be tracked; 0 for all of them.
 
     Raises:
         ValueError: a value that makes no sense, by name.
@@ -49,6 +52,7 @@ class ForegroundSettings:
     keep: str = "all"
     join: float = 40.0
     repair: bool = False
+    identity: int = 0
 
     def __post_init__(self) -> None:
         for name, choices in (("source", SOURCES), ("model", MODELS), ("keep", KEEP)):
@@ -58,6 +62,8 @@ class ForegroundSettings:
             value = getattr(self, field.name)
             if isinstance(value, float) and not 0 <= value < 1e9:
                 raise ValueError(f"{field.name} must not be negative, got {value:g}")
+        if not 0 <= self.identity < 1 << 16:
+            raise ValueError(f"identity must be 1 to 65535, or 0 for all, got {self.identity}")
         if self.threshold == 0 or self.noise == 0:
             raise ValueError(f"threshold and noise must be positive, got {self.threshold:g} and {self.noise:g}")
         if self.shadow_brightness > 1:
@@ -70,6 +76,9 @@ class ForegroundSettings:
 
 
 SUBTRACTED = ForegroundSettings(
-    source="clean_plate", median=12.0, close=20.0, fill_holes=1000.0, min_area=2000.0, keep="largest"
+    source="clean_plate", median=12.0, close=20.0, fill_holes=1000.0, min_area=2000.0, keep="nearest"
 )
 """What a scene starts from when masks are subtracted rather than given."""
+
+GIVEN = ForegroundSettings(keep="nearest")
+"""What a scene starts from when masks are given."""

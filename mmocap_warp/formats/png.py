@@ -23,10 +23,19 @@ def write_png(path: str | Path, image: np.ndarray) -> None:
     path = Path(path)
     if path.suffix != ".png":
         raise InputError(path, "is not a PNG file name", "end it in .png")
+    write_whole(path, encode_png(image))
+
+
+def encode_png(image: np.ndarray) -> bytes:
+    """What :func:`write_png` writes.
+
+    Raises:
+        ValueError: an image that PNG cannot hold.
+    """
     if image.dtype == bool:
         good, data = cv2.imencode(".png", image.astype(np.uint8) * 255, _MASK_SETTINGS)
     else:
         good, data = cv2.imencode(".png", image)
     if not good:
         raise ValueError(f"image of shape {image.shape} and type {image.dtype} cannot be encoded")
-    write_whole(path, data.tobytes())
+    return data.tobytes()

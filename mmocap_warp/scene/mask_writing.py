@@ -12,6 +12,8 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.png import write_png
 from mmocap_warp.formats.webm import WebmFile
+from mmocap_warp.scene.mask_mark import MaskMark, calibration_hash
+from mmocap_warp.scene.masked_scene import masked_scene
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.whole_file import write_whole
 
@@ -26,12 +28,14 @@ def write_masks(
     first: int = 0,
     count: int | None = None,
     progress: Callable[[int], None] | None = None,
+    look: Callable[[list[np.ndarray]], None] | None = None,
 ) -> Path:
     """Write finished masks (undistorted, resampled, cleaned, repaired) and an overlay to look at.
 
-    The folder gets ``<camera>/<frame>.png`` (1 bit), ``overlay.webm``, ``calibration.toml`` (the pinholes that belong
-    to the masks) and last ``scene.toml``, which reads them back exactly at scale 1. It names the same
-    subject and body; truth, tracker and fit settings stay with the original. Files of the same names are replaced.
+    The folder gets ``<camera>/<frame>.png`` (1 bit), each camera's :class:`~mmocap_warp.scene.mask_mark.MaskMark`,
+    ``overlay.webm``, ``pinholes.toml`` (the cameras that the masks belong to, for other programs) and last
+    ``scene.toml``: the same scene, whose masks are made, read back exactly at ``scale``. Files of the same names are
+    replaced.
 
     Args:
         scene: the recording.
@@ -40,6 +44,7 @@ def write_masks(
         first: first frame; it becomes frame 0 of the new scene.
         count: number of frames; to the end without it.
         progress: called after each frame with the number of frames done.
+        look: called with each frame's masks, per camera (height, width) bool.
 
     Returns:
         Path of the new ``scene.toml``.
@@ -54,32 +59,40 @@ def write_masks(
             (folder / name).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(folder, f"cannot be written to ({error})", "choose another folder") from None
+    write_toml_rig(folder / "pinholes.toml", rig)
+    for k, name in enumerate(rig.names):  # before any mask, so that none is ever without
+        _mark(scene, k, scale, first).write(folder / name)
+    done = 0
     with WebmFile(folder / "overlay.webm", scene.rate) as video:
         frames = zip(scene.masks(scale, first, count), scene.images(scale, first, count), strict=True)
         for f, (masks, images) in enumerate(frames):
             for name, mask in zip(rig.names, masks, strict=True):
                 write_png(folder / name / f"{f:06d}.png", mask)
             video.write(draw_masks(masks, images))
+            if look is not None:
+                look(masks)
+            done = f + 1
             if progress is not None:
-                progress(f + 1)
-    write_toml_rig(folder / "calibration.toml", rig)
-    body = scene.body.resolve() if isinstance(scene.body, Path) else scene.body
-    lines = [
-        f"# Masks of {scene.name} at scale {scale:g} from its frame {scene.frames[first]} on, written by mmocap mask.",
-        "[scene]",
-        f"name = {_quoted(scene.name)}",
-        f"fps = {scene.rate!r}",
-        f'up = "{rig.up}"',
-        *([f"subject = {_quoted(str(scene.subject.resolve()))}"] if scene.subject else []),
-        *([f"body = {_quoted(str(body))}"] if body is not None else []),
-        "",
-        "[cameras]",
-        'calibration = "calibration.toml"',
-    ]
-    for name in rig.names:
-        lines += ["", f"[cameras.{_quoted(name)}]", f"masks = {_quoted(name)}"]
-    write_whole(folder / "scene.toml", "\n".join([*lines, ""]).encode())
+                progress(done)
+    write_whole(folder / "scene.toml", masked_scene(scene, folder, scale, first, done).encode())
     return folder / "scene.toml"
+
+
+def _mark(scene: Scene, k: int, scale: float, first: int) -> MaskMark:
+    source, rig, repaired = scene.cameras[k], scene.calibrated, scene.foreground.repair
+    sizes = [tuple(int(length) for length in each.size[k]) for each in (rig.undistorted(scale), rig)]
+    placed = source.recorded_scale, source.recorded_offset
+    return MaskMark(
+        camera=source.name,
+        size=(sizes[0][0], sizes[0][1]),
+        scale=scale,
+        calibrated_size=(sizes[1][0], sizes[1][1]),
+        first_frame=scene.frames[first],
+        shift=source.shift,
+        stride=scene.stride,
+        repaired=repaired,
+        calibration=calibration_hash(rig, k, *placed, repaired),
+    )
 
 
 def draw_masks(masks: list[np.ndarray], images: list[np.ndarray | None]) -> np.ndarray:
@@ -94,9 +107,3 @@ def draw_masks(masks: list[np.ndarray], images: list[np.ndarray | None]) -> np.n
         size = (max(1, round(view.shape[1] * height / view.shape[0])), height)
         views.append(cv2.resize(view, size, interpolation=cv2.INTER_AREA))
     return np.concatenate(views, axis=1)
-
-
-def _quoted(text: str) -> str:
-    """A TOML basic string."""
-    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
-    return f'"{escaped}"'

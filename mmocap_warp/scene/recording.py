@@ -2,29 +2,49 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import ceil
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Protocol, TypeVar
+from urllib.parse import quote
 
+import cv2
 import numpy as np
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.foreground.cleanup import clean_mask
 from mmocap_warp.foreground.frames import Frames, ImageFolder, as_colour
+from mmocap_warp.foreground.mask_files import Masks
 from mmocap_warp.foreground.mask_image import decode_mask
 from mmocap_warp.foreground.repair import repair_masks
-from mmocap_warp.foreground.settings import ForegroundSettings
+from mmocap_warp.foreground.settings import SUBTRACTION, ForegroundSettings
 from mmocap_warp.foreground.subtraction import learn_background
 from mmocap_warp.formats.toml_table import Table
+from mmocap_warp.scene.content import content_hash
+from mmocap_warp.scene.mask_cache import keeping, kept_masks
+from mmocap_warp.scene.mask_mark import MaskMark, calibration_hash
+from mmocap_warp.version import __version__
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
 from mmocap_warp.views.undistort import Undistortion, undistortion
 
 BodyMasks = Callable[[], list[np.ndarray]]
 """Says where the body was last: per camera (height, width) bool."""
+
+
+Image = TypeVar("Image", covariant=True)
+
+
+class ReadInOrder(Protocol[Image]):
+    """What a camera's frames have in common, whatever they are read from."""
+
+    def __len__(self) -> int: ...
+
+    def read(self, first: int = 0) -> Iterator[Image]:
+        """Frames from ``first`` on."""
 
 
 @dataclass(frozen=True)
@@ -41,17 +61,34 @@ class CameraSource:
         rate: this camera's frames to one of the recording's; where that is not 1, frame ``f`` is the one nearest in
             time, ``round(f * rate) + frame_offset``.
         recorded_scale, recorded_offset: recorded pixel = scale * calibrated pixel + offset.
+        centre_shift: what the scene added to the calibrated principal point [px].
+        mask_mark: of masks that are undistorted already; None for masks in the recorded pixels.
     """
 
     name: str
     video: Frames | None
-    masks: Frames | None
+    masks: Masks | None
     clean_plate: ImageFolder | None
     background: Frames | None
     frame_offset: int
     recorded_scale: float
     recorded_offset: tuple[float, float]
+    centre_shift: tuple[float, float] = (0.0, 0.0)
+    mask_mark: MaskMark | None = None
     rate: float = 1.0
+
+    def mask_number(self, frame: int) -> int:
+        """Which of its masks is the recording's frame; -1 for none."""
+        mark = self.mask_mark
+        if mark is None:
+            return self.number(frame)
+        place, between = divmod(frame + self.shift - mark.shift - mark.first_frame, mark.stride)
+        return -1 if between else place
+
+    @property
+    def shift(self) -> int:
+        """Its offset in the recording's frames."""
+        return round(self.frame_offset / self.rate)
 
     def number(self, frame: int) -> int:
         """Which of this camera's frames is the recording's frame."""
@@ -68,6 +105,13 @@ class CameraSource:
         if examples is None:
             raise ValueError(f"camera '{self.name}' has no images for source '{source}'")
         return examples
+
+    def files_for(self, source: str) -> list[tuple[Path, ...]]:
+        """The files that masks are made of, in order: the masks, or the video and what is subtracted from it."""
+        if source == "masks":
+            return [] if self.masks is None else [self.masks.files]
+        video = [] if self.video is None else [self.video.files]
+        return video if source == "recording" else [*video, self.background_examples(source).files]
 
 
 @dataclass(frozen=True)
@@ -92,6 +136,9 @@ class Scene:
         fit: settings of the first-frame fit, as written.
         first_frame: the recording's number of the first of them.
         stride: every how many-th of the recording's frames is one of them.
+        calibration: the calibration's file or folder.
+        units: of its lengths.
+        named_frames: the frames that the scene file names, whose subtracted masks are kept; None for ``frames``.
     """
 
     path: Path
@@ -109,6 +156,9 @@ class Scene:
     fit: dict[str, Any] = field(default_factory=dict)
     first_frame: int = 0
     stride: int = 1
+    calibration: Path | None = None
+    units: str = "m"
+    named_frames: range | None = None
 
     @cached_property
     def directory(self) -> Path:
@@ -127,7 +177,8 @@ class Scene:
 
     def of_frames(self, frames: range) -> Scene:
         """The same recording, other frames of it."""
-        return replace(self, first_frame=frames.start, frame_count=len(frames), stride=frames.step)
+        named = self.frames if self.named_frames is None else self.named_frames
+        return replace(self, first_frame=frames.start, frame_count=len(frames), stride=frames.step, named_frames=named)
 
     @property
     def recorded_frames(self) -> int:
@@ -195,16 +246,58 @@ class Scene:
 
     def _raw_masks(self, k: int, scale: float, frames: range) -> Iterator[np.ndarray | None]:
         """Camera ``k``'s masks, undistorted but as read or subtracted; None where it has no frame."""
-        source, resample = self.cameras[k], self._undistortion(k, scale)
-        numbers = map(source.number, frames)
+        source = self.cameras[k]
         if self.foreground.source == "masks":
-            for image in _numbered(source.masks, numbers):
-                yield None if image is None else resample.mask(decode_mask(image))
+            mark = source.mask_mark
+            resample = self._undistortion(k, scale) if mark is None else self._resampling(k, scale, mark)
+            identity, soft = self.foreground.identity, source.masks is not None and source.masks.soft
+            for image in _numbered(source.masks, map(source.mask_number, frames)):
+                yield None if image is None else resample.mask(decode_mask(image, identity, soft))
             return
+        yield from self._subtracted_once(k, scale, frames)
+
+    def _subtracted_once(self, k: int, scale: float, frames: range) -> Iterator[np.ndarray | None]:
+        """Camera ``k``'s subtracted masks, kept beside the scene once they have been made for all of its frames."""
+        file = self.directory / ".mmocap" / self.path.stem / f"{quote(self.cameras[k].name, safe='')}@{scale:g}.tar"
+        key = self._subtraction_key(k, scale)
+        all_frames = self.frames if self.named_frames is None else self.named_frames
+        if (
+            frames
+            and all(frame in all_frames for frame in (frames[0], frames[-1]))
+            and (len(frames) == 1 or frames.step == all_frames.step)
+        ):
+            kept = kept_masks(file, key, all_frames.index(frames[0]), len(frames))
+            if kept is not None:
+                return kept
+        made = self._subtracted(k, scale, frames)
+        return keeping(file, key, len(frames), made) if frames == all_frames else made
+
+    def _subtraction_key(self, k: int, scale: float) -> str:
+        """All that camera ``k``'s subtracted masks are made from."""
+        source, settings = self.cameras[k], self.foreground
+        files = [file for files in source.files_for(settings.source) for file in files]
+        placed = source.recorded_scale, source.recorded_offset
+        used = {name: getattr(settings, name) for name in SUBTRACTION}
+        made_from = {
+            "versions": [__version__, cv2.__version__],
+            "files": [content_hash(file).hex() for file in files],
+            "frames": [
+                source.frame_offset,
+                source.rate,
+                str(self.frames if self.named_frames is None else self.named_frames),
+            ],
+            "calibration": calibration_hash(self.calibrated, k, *placed, whole_rig=False),
+            "scale": scale,
+            **used,
+        }
+        return json.dumps(made_from)
+
+    def _subtracted(self, k: int, scale: float, frames: range) -> Iterator[np.ndarray | None]:
+        source, resample = self.cameras[k], self._undistortion(k, scale)
         examples = source.background_examples(self.foreground.source)
         images = (resample.image(as_colour(image)) for image in examples.read())
         background = learn_background(images, len(examples), self.foreground)
-        for image in _numbered(source.video, numbers):
+        for image in _numbered(source.video, map(source.number, frames)):
             yield None if image is None else background.foreground(resample.image(as_colour(image)))
 
     def images(self, scale: float = 1.0, first: int = 0, count: int | None = None) -> Iterator[list[np.ndarray | None]]:
@@ -226,6 +319,11 @@ class Scene:
         source = self.cameras[k]
         return undistortion(self.calibrated, k, scale, source.recorded_scale, source.recorded_offset)
 
+    def _resampling(self, k: int, scale: float, mark: MaskMark) -> Undistortion:
+        """From masks that are undistorted already; those of the same scale stay as they are, to the pixel."""
+        shift = 0.5 * mark.scale - 0.5  # a pixel's centre keeps its place in the image
+        return undistortion(self.calibrated.undistorted(), k, scale, mark.scale, (shift, shift))
+
 
 def recorded_frames(source: CameraSource, mask_source: str) -> int:
     """How many of the recording's frames a camera has, in the images that masks are made of or read from.
@@ -236,12 +334,14 @@ def recorded_frames(source: CameraSource, mask_source: str) -> int:
     images = source.masks if mask_source == "masks" else source.video
     if images is None:
         raise ValueError(f"camera '{source.name}' has no images for source '{mask_source}'")
+    if mask_source == "masks" and source.mask_mark is not None:
+        return source.mask_mark.first_frame + (len(images) - 1) * source.mask_mark.stride + 1
     return len(images) if source.rate == 1.0 else ceil((len(images) - 0.5) / source.rate)
 
 
-def _numbered(frames: Frames | None, numbers: Iterable[int]) -> Iterator[np.ndarray | None]:
+def _numbered(frames: ReadInOrder[Image] | None, numbers: Iterable[int]) -> Iterator[Image | None]:
     """The frames of these numbers, none below the one before; None where there is none, and one at a time in memory."""
-    reader: Iterator[np.ndarray] | None = None
+    reader: Iterator[Image] | None = None
     last, image = -1, None
     for number in numbers:
         if frames is None or not 0 <= number < len(frames):

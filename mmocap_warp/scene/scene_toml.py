@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -13,12 +13,15 @@ import numpy as np
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.foreground.frames import Frames, VideoFile, open_frames, open_image
+from mmocap_warp.foreground.labels import Labels, identities_of
+from mmocap_warp.foreground.mask_files import Masks, open_masks
 from mmocap_warp.foreground.mask_image import decode_mask
-from mmocap_warp.foreground.settings import KEEP, MODELS, SOURCES, SUBTRACTED, ForegroundSettings
+from mmocap_warp.foreground.settings import GIVEN, KEEP, MODELS, SOURCES, SUBTRACTED, ForegroundSettings
 from mmocap_warp.formats.calibration.units import METRES
 from mmocap_warp.formats.table import read_calibration
 from mmocap_warp.formats.toml_table import Table, load_toml
 from mmocap_warp.scene.frame_choice import FrameChoice
+from mmocap_warp.scene.mask_mark import MARK_NAME, MaskMark, calibration_hash, check_mark, read_mark
 from mmocap_warp.scene.recording import CameraSource, Scene, recorded_frames
 from mmocap_warp.views.rig import UP_AXES, CameraRig, check_rig
 
@@ -32,18 +35,22 @@ _WAYS_TO_MASKS = (
 )
 
 _SAMPLES = 5  # mask images per camera that are looked at while loading
+_HIGHEST_LABEL = 32  # gray levels below are rather labels than a picture
 _MOST_FOREGROUND = 0.8  # of an image; more is an inverted mask
 
 Opened = TypeVar("Opened")
 
 
-def load_scene(path: str | Path, frames: str | None = None, *, masks: bool = True) -> Scene:
+def load_scene(
+    path: str | Path, frames: str | None = None, identity: int | None = None, *, masks: bool = True
+) -> Scene:
     """Read and check a scene file, or the ``scene.toml`` of a folder; paths in it are relative to its folder.
 
     Args:
         path: the file or its folder.
         frames: which of the recording's frames, in place of what the file says: ``first:end``, ``first:end:stride``,
             or a count of those that the file names.
+        identity: of the person to be tracked, instead of the scene's own [foreground] identity.
         masks: whether masks, or what they are made of, must be there; a look at the cameras does without.
 
     Raises:
@@ -54,11 +61,11 @@ def load_scene(path: str | Path, frames: str | None = None, *, masks: bool = Tru
     path = path / "scene.toml" if os.path.isdir(path) else path
     file = load_toml(path)
     about, truth, cameras = (file.take_table(key) for key in ("scene", "truth", "cameras"))
-    foreground = _read_foreground(file.take_table("foreground"))
+    foreground = _read_foreground(file.take_table("foreground"), identity)
     track, fit = file.take_table("track").take_rest(), file.take_table("fit").take_rest()
     file.finish()
 
-    name = about.take("name", str, path.parent.name)
+    name = about.take("name", str, "") or path.resolve().parent.name or "scene"
     fps = about.take("fps", float)
     if not 0 < fps < 100_000:
         raise about.error(f"fps = {fps:g} is not a frame rate", "give the frames per second of the recording")
@@ -69,11 +76,13 @@ def load_scene(path: str | Path, frames: str | None = None, *, masks: bool = Tru
     subject = _take_file(about, "subject", path)
     about.finish()
 
-    sources, rig = _read_cameras(cameras, path, up, fps)
+    calibration = path.parent / cameras.take("calibration", str)
+    units = cameras.take_choice("units", tuple(METRES), "m")
+    sources, rig = _read_cameras(cameras, path, calibration, units, up, fps)
     if not masks:
         foreground = _of_what_is_there(foreground, sources)
     _check_sources(sources, rig, foreground, cameras, masks)
-    chosen = _frames(sources, foreground, named_frames, frames, about)
+    named, chosen = _frames(sources, foreground, named_frames, frames, about)
     scene = Scene(
         path=path,
         name=name,
@@ -90,6 +99,9 @@ def load_scene(path: str | Path, frames: str | None = None, *, masks: bool = Tru
         fit=fit,
         first_frame=chosen.start,
         stride=chosen.step,
+        calibration=calibration,
+        units=units,
+        named_frames=named,
     )
     truth.finish()
     return scene
@@ -115,22 +127,22 @@ def _take_frames(table: Table) -> FrameChoice:
         raise table.error(str(error), 'give a count, "first:end" or "first:end:stride"') from None
 
 
-def _read_cameras(table: Table, scene: Path, up: str, fps: float) -> tuple[tuple[CameraSource, ...], CameraRig]:
-    calibration = scene.parent / table.take("calibration", str)
-    units = table.take_choice("units", tuple(METRES), "m")
+def _read_cameras(
+    table: Table, scene: Path, calibration: Path, units: str, up: str, fps: float
+) -> tuple[tuple[CameraSource, ...], CameraRig]:
     tables = table.take_tables()
     table.finish()
     if not tables:
         raise table.error("no camera is named", "add a table [cameras.<name>] for each, named as in the calibration")
     stated = {name for name, camera in tables.items() if camera.has("fps")}
-    shifts = np.array([camera.take_numbers("centre_shift", (2,), [0.0, 0.0]) for camera in tables.values()])
     sources = tuple(_read_source(camera, name, scene, fps) for name, camera in tables.items())
     by_file = [source for source in sources if source.name not in stated]
     for source in by_file:
         _check_rate(source, fps, tables[source.name])
     _check_drift(by_file, fps, table)
-    images = {source.name: source.video or source.masks for source in sources}
-    rig = read_calibration(calibration, units, up, {name: frames.size for name, frames in images.items() if frames})
+    shifts = np.array([source.centre_shift for source in sources])
+    sizes = {source.name: size for source in sources if (size := _recorded_size(source)) is not None}
+    rig = read_calibration(calibration, units, up, sizes)
     for source in sources:
         if source.name not in rig.names:
             near = difflib.get_close_matches(source.name, rig.names, 1, 0.0)[0]
@@ -151,16 +163,20 @@ def _read_source(table: Table, name: str, scene: Path, fps: float) -> CameraSour
 
     recorded = table.take_table("video_from_calibrated")
     left, top = recorded.take_numbers("offset", (2,), [0.0, 0.0])
+    right, down = table.take_numbers("centre_shift", (2,), [0.0, 0.0])
+    masks = opened("masks", open_masks)
     source = CameraSource(
         name=name,
         video=opened("video", open_frames),
-        masks=opened("masks", open_frames),
+        masks=masks,
         clean_plate=opened("clean_plate", open_image),
         background=opened("background", open_frames),
         frame_offset=table.take("frame_offset", int, 0),
         recorded_scale=recorded.take("scale", float, 1.0),
         recorded_offset=(left, top),
         rate=_take_rate(table, fps),
+        centre_shift=(right, down),
+        mask_mark=read_mark(masks.path) if masks else None,
     )
     if not 0.01 < source.recorded_scale < 100:
         raise recorded.error(f"scale = {source.recorded_scale:g} is not a scale", "give recorded pixels per calibrated")
@@ -204,9 +220,18 @@ def _check_drift(sources: list[CameraSource], fps: float, table: Table) -> None:
         )
 
 
-def _read_foreground(table: Table) -> ForegroundSettings:
+def _recorded_size(source: CameraSource) -> tuple[int, int] | None:
+    """Width and height of a camera's recorded images; None where they are not known."""
+    if source.video is not None:
+        return source.video.size
+    if source.mask_mark is not None:
+        return source.mask_mark.calibrated_size
+    return source.masks.size if source.masks is not None else None
+
+
+def _read_foreground(table: Table, identity: int | None) -> ForegroundSettings:
     source = table.take_choice("source", SOURCES, "masks")
-    default = ForegroundSettings() if source == "masks" else replace(SUBTRACTED, source=source)
+    default = GIVEN if source == "masks" else replace(SUBTRACTED, source=source)
     choices = {"model": MODELS, "keep": KEEP}
     values: dict[str, Any] = {}
     for setting in fields(ForegroundSettings):
@@ -218,6 +243,10 @@ def _read_foreground(table: Table) -> ForegroundSettings:
         else:
             values[setting.name] = table.take(setting.name, type(fallback), fallback)
     table.finish()
+    if identity is not None:
+        values["identity"] = identity
+    if values["identity"] and source != "masks":
+        raise table.error("identity chooses among given masks; these are subtracted", "leave it out")
     try:
         return replace(default, **values)
     except ValueError as error:
@@ -246,14 +275,17 @@ def _check_sources(
                     f"'{need}' is missing, which [foreground] source = \"{foreground.source}\" needs",
                     _WAYS_TO_MASKS if need == "masks" else f"add {need}",
                 )
-        for frames in (source.video, source.masks, source.clean_plate, source.background):
+        recorded_masks = source.masks if source.mask_mark is None else None
+        for frames in (source.video, recorded_masks, source.clean_plate, source.background):
             if frames is not None:
                 _check_size(frames, source, rig.size[k], where)
+        if source.masks is not None and source.mask_mark is not None:
+            _check_undistorted(source.masks, source.mask_mark, source, rig, k)
         if foreground.source == "masks" and source.masks is not None:
-            _check_masks(source.masks)
+            _check_masks(source.masks, foreground.identity)
 
 
-def _check_size(frames: Frames, source: CameraSource, size: np.ndarray, where: str) -> None:
+def _check_size(frames: Frames | Masks, source: CameraSource, size: np.ndarray, where: str) -> None:
     recorded = np.array(frames.size)
     found = "{} is {}x{}".format(frames.path, *frames.size)
     if source.recorded_scale == 1 and source.recorded_offset == (0.0, 0.0):
@@ -275,15 +307,47 @@ def _check_size(frames: Frames, source: CameraSource, size: np.ndarray, where: s
         )
 
 
-def _check_masks(masks: Frames) -> None:
+def _check_undistorted(masks: Masks, mark: MaskMark, source: CameraSource, rig: CameraRig, k: int) -> None:
+    if mark.camera != source.name:
+        raise InputError(masks.path, f"these masks are of '{mark.camera}', not of '{source.name}'", "swap the folders")
+    check_mark(mark, masks.path, calibration_hash(rig, k, source.recorded_scale, source.recorded_offset, mark.repaired))
+    width, height = rig.undistorted(mark.scale).size[k]
+    if masks.size != (width, height):
+        found = "{}x{}".format(*masks.size)
+        raise InputError(
+            masks.path, f"the masks are {found}, their {MARK_NAME} says {width}x{height}", "make them again"
+        )
+
+
+def _check_masks(masks: Masks, identity: int) -> None:
     """Look at a few images; only if they show nothing at all, at every one."""
-    fractions = [decode_mask(image).mean() for image in masks.sample(_SAMPLES)]
-    if not any(fractions) and not any(decode_mask(image).any() for image in masks.read()):
-        raise InputError(masks.path, "all masks are empty", "check how they were exported")
+
+    def decoded(images: Iterator[np.ndarray | Labels]) -> Iterator[np.ndarray]:
+        return (decode_mask(image, identity, masks.soft) for image in images)
+
+    if identity and masks.soft:
+        raise InputError(masks.path, "a video of masks tells no identities", "give it as images, or set identity = 0")
+    fractions = [mask.mean() for mask in decoded(masks.sample(_SAMPLES))]
+    if not any(fractions) and not any(mask.any() for mask in decoded(masks.read())):
+        raise InputError(masks.path, *_why_empty(masks, identity))
     if np.median(fractions) > _MOST_FOREGROUND:
         raise InputError(
             masks.path, f"masks are {100 * np.median(fractions):.0f} % foreground", "invert them: the subject is white"
         )
+
+
+def _why_empty(masks: Masks, identity: int) -> tuple[str, str]:
+    """What is wrong with masks that show nothing, and what to do."""
+    levels = identities_of(masks.sample(_SAMPLES))
+    listed = ", ".join(map(str, sorted(levels)[:8]))
+    if identity:
+        return (
+            f"no mask shows identity {identity}",
+            f"set one that is there: {listed}" if levels else "set identity = 0",
+        )
+    if levels and max(levels) < _HIGHEST_LABEL:
+        return "all masks are empty", f"if their gray levels are labels ({listed}), choose one with identity"
+    return "all masks are empty", "check how they were exported"
 
 
 def _frames(
@@ -292,8 +356,8 @@ def _frames(
     named: FrameChoice,
     asked: str | None,
     table: Table,
-) -> range:
-    """The frames that the scene names, or those that are asked for; cameras must agree on where an open range ends."""
+) -> tuple[range, range]:
+    """The frames that the scene names, and those that are asked for; cameras must agree on where an open range ends."""
     counts = _counts(sources, foreground)
     shortest = min(counts.values(), default=1)
     found = ", ".join(f"{name} {count}" for name, count in counts.items())
@@ -302,18 +366,17 @@ def _frames(
     if open_end.count is None and open_end.end is None and len(set(counts.values())) > 1:
         raise table.error(f"cameras differ in their number of frames: {found}", f"set frames = {shortest}")
     try:
-        frames = named.of(range(shortest), shortest)
+        own = named.of(range(shortest), shortest)
     except ValueError as error:
         raise table.error(f"{error} ({found})", "give fewer frames") from None
-    if asked is not None:
-        frames = choice.of(frames, shortest)
+    frames = own if asked is None else choice.of(own, shortest)
     for source in sources:
-        if abs(source.frame_offset) >= shortest:
+        if source.mask_mark is None and abs(source.frame_offset) >= shortest:
             raise table.error(
                 f"camera '{source.name}' has frame_offset = {source.frame_offset} in {shortest} frames",
                 "give a shift of a few frames",
             )
-    return frames
+    return own, frames
 
 
 def _counts(sources: tuple[CameraSource, ...], foreground: ForegroundSettings) -> dict[str, int]:

@@ -16,6 +16,7 @@ _FOREGROUND = """\
 # The study tracks these masks as they are, with all their faults.
 [foreground]
 source = "masks"
+keep = "all"
 """
 
 

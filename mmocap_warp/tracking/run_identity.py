@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import asdict, fields, is_dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.device import resolve_device
-from mmocap_warp.errors import InputError
+from mmocap_warp.scene.content import content_hash
 from mmocap_warp.scene.recording import CameraSource, Scene
 from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.version import __version__
@@ -34,7 +33,7 @@ def run_identity(scene: Scene, subject: Subject, config: TrackConfig) -> Identit
         "translation_radius": translation,
     }
     del settings["threads"], settings["renderer"]  # any of them give the same bits
-    placed = [(camera.recorded_scale, camera.recorded_offset) for camera in scene.cameras]
+    placed = [(camera.recorded_scale, camera.recorded_offset, camera.mask_mark) for camera in scene.cameras]
     return {
         "version": __version__,
         "images": _digest([_images(camera, scene.foreground.source) for camera in scene.cameras]),
@@ -51,21 +50,7 @@ def run_identity(scene: Scene, subject: Subject, config: TrackConfig) -> Identit
 
 def _images(camera: CameraSource, source: str) -> list[list[bytes]]:
     """The content of the files that a camera's masks are made of, in order; of those that are subtracted, too."""
-    if source == "masks":
-        used = [camera.masks]
-    elif source == "recording":
-        used = [camera.video]
-    else:
-        used = [camera.video, camera.background_examples(source)]
-    return [[_content(file) for file in frames.files] for frames in used if frames is not None]
-
-
-def _content(file: Path) -> bytes:
-    try:
-        with file.open("rb") as stream:
-            return hashlib.file_digest(stream, "sha256").digest()
-    except OSError as error:
-        raise InputError(file, f"cannot be read ({error})", "check its permissions") from error
+    return [[content_hash(file) for file in files] for files in camera.files_for(source)]
 
 
 def _digest(thing: object) -> str:

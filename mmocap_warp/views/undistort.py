@@ -57,7 +57,7 @@ def undistortion(
         recorded_scale, recorded_offset: recorded pixel = ``recorded_scale`` * calibrated pixel + ``recorded_offset``;
             for videos that were scaled, letterboxed or cropped after calibration.
     """
-    n = max(1, math.ceil(1 / scale - 1e-9))
+    n = max(1, math.ceil(recorded_scale / scale - 1e-9))
     width, height = rig.undistorted(scale).size[k]
     focal, centre = rig.K[k, [0, 1], [0, 1]], rig.K[k, :2, 2]
 

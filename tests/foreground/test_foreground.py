@@ -18,7 +18,7 @@ from mmocap_warp.foreground.cleanup import clean_mask
 from mmocap_warp.foreground.frames import open_frames, read_image
 from mmocap_warp.foreground.mask_image import decode_mask
 from mmocap_warp.foreground.repair import repair_masks
-from mmocap_warp.foreground.settings import SUBTRACTED, ForegroundSettings
+from mmocap_warp.foreground.settings import GIVEN, SUBTRACTED, ForegroundSettings
 from mmocap_warp.foreground.subtraction import learn_background
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
@@ -306,3 +306,19 @@ def test_repair_needs_three_views() -> None:
     masks[1][:] = False
     for mask, same in zip(repair_masks(rig, masks), masks, strict=True):
         np.testing.assert_array_equal(mask, same)
+
+
+def test_people_who_cross_are_told_apart_by_where_the_body_is() -> None:
+    """They pass through each other as one blob, and part again: what is kept goes with the body."""
+    row, column = np.indices((60, 200))
+
+    def person(at: float) -> np.ndarray:
+        return np.hypot((column - at) / 8, (row - 30) / 20) < 1
+
+    settings = replace(GIVEN, join=4.0)
+    for frame in range(31):
+        mine, theirs = person(20 + 5 * frame), person(180 - 5 * frame)
+        kept = clean_mask(mine | theirs, settings, body=person(15 + 5 * frame))
+
+        assert (kept & mine).sum() == mine.sum()
+    assert not (kept & theirs).any()

@@ -12,6 +12,7 @@ import pytest
 from ball_scene import FRAMES, HEIGHT, RIG, SCENE, WIDTH, ball_mask, ball_scene, edit, write_video
 
 from mmocap_warp.errors import InputError
+from mmocap_warp.formats.calibration.toml_rig import read_toml_rig
 from mmocap_warp.scene.mask_writing import write_masks
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
@@ -121,7 +122,7 @@ def test_only_one_frame_is_in_memory(folder: Path, monkeypatch: pytest.MonkeyPat
 
     decoded = []
     original = module.decode_mask
-    monkeypatch.setattr(module, "decode_mask", lambda image: decoded.append(0) or original(image))
+    monkeypatch.setattr(module, "decode_mask", lambda *image: decoded.append(0) or original(*image))
     stream = load_scene(folder).masks()
     for frame in range(3):
         next(stream)
@@ -133,14 +134,16 @@ def test_written_masks_are_a_scene_that_reads_back(folder: Path) -> None:
     done: list[int] = []
     again = load_scene(write_masks(scene, folder / "new", scale=0.5, first=1, count=3, progress=done.append))
     assert done == [1, 2, 3]
-    for masks, expected in zip(again.masks(), scene.masks(0.5, 1, 3), strict=True):
+    for masks, expected in zip(again.masks(0.5), scene.masks(0.5, 1, 3), strict=True):
         for mask, same in zip(masks, expected, strict=True):
             np.testing.assert_array_equal(mask, same)
-    np.testing.assert_allclose(again.rig().K, scene.rig(0.5).K, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(again.rig(0.5).K, scene.rig(0.5).K, rtol=0, atol=1e-12)
+    pinholes = read_toml_rig(folder / "new" / "pinholes.toml")
+    np.testing.assert_allclose(pinholes.K, scene.rig(0.5).K, rtol=0, atol=1e-12)
     assert sorted(path.name for path in (folder / "new").iterdir()) == [
-        "calibration.toml",
         *RIG.names,
         "overlay.webm",
+        "pinholes.toml",
         "scene.toml",
     ]
     assert cv2.imread(str(folder / "new" / "cam01" / "000000.png"), cv2.IMREAD_UNCHANGED).ndim == 2

@@ -1,0 +1,122 @@
+"""Subtracted masks, kept beside the scene so that they are made once.
+
+Subtracting decodes the videos and is the slowest part of reading a recording; tracking, smoothing and drawing want the
+same masks again. What is kept is what a camera's subtraction found at one scale, undistorted but not yet cleaned:
+cleaning may depend on where the body was tracked. A file is ``.mmocap/<scene>/<camera>@<scale>.tar`` in the scene's
+folder, with a PNG of one bit a frame. It is used only if all that its masks were made from is the same, and replaced
+otherwise. Where it cannot be written, masks are made each time.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import tarfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from mmocap_warp.errors import InputError
+from mmocap_warp.foreground.image_tar import list_tar, read_member
+from mmocap_warp.formats.png import encode_png
+
+_KEY = "made_from"  # the first member's name; it holds the key
+
+
+def kept_masks(path: Path, key: str, first: int, count: int) -> Iterator[np.ndarray | None] | None:
+    """The masks of frames ``first`` to ``first + count - 1``; None where they are not kept.
+
+    Args:
+        path: of the camera's file.
+        key: all that the masks were made from.
+        first: frame to start with.
+        count: number of frames.
+
+    Returns:
+        Per frame (height, width) bool, None where the camera has no image.
+    """
+    try:
+        head, *members = list_tar(path)
+        if head.name != _KEY or read_member(path, head).decode() != key:
+            return None
+    except (InputError, ValueError):  # not there, or not whole
+        return None
+    by_frame = {int(Path(member.name).stem): member for member in members}
+
+    def masks() -> Iterator[np.ndarray | None]:
+        for frame in range(first, first + count):
+            if frame not in by_frame:
+                yield None
+                continue
+            image = cv2.imdecode(np.frombuffer(read_member(path, by_frame[frame]), np.uint8), cv2.IMREAD_UNCHANGED)
+            if image is None:
+                raise InputError(path, f"its mask of frame {frame} is damaged", "remove the file; it is made again")
+            yield image > 0
+
+    return masks()
+
+
+def keeping(path: Path, key: str, count: int, masks: Iterator[np.ndarray | None]) -> Iterator[np.ndarray | None]:
+    """Pass ``masks`` on, all ``count`` frames of a camera, and keep them at ``path`` once the last one is there."""
+    writer = _Writer(path, key)
+    try:
+        for frame, mask in enumerate(masks):
+            writer.add(frame, mask)
+            if frame + 1 == count:
+                writer.finish()
+            yield mask
+    finally:
+        writer.drop()
+
+
+class _Writer:
+    """A file in the making. A folder or disk that takes no more ends it silently: tracking can do without it."""
+
+    def __init__(self, path: Path, key: str) -> None:
+        self._path = path
+        self._unfinished = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+        self._archive: tarfile.TarFile | None = None
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._archive = tarfile.open(self._unfinished, "w")  # noqa: SIM115
+        except OSError:
+            return
+        self._put(_KEY, key.encode())
+
+    def add(self, frame: int, mask: np.ndarray | None) -> None:
+        """Write a frame's mask."""
+        if self._archive is not None and mask is not None:
+            self._put(f"{frame:06d}.png", encode_png(mask))
+
+    def finish(self) -> None:
+        """Give the file its name."""
+        archive, self._archive = self._archive, None
+        if archive is None:
+            return
+        try:
+            archive.close()
+            os.replace(self._unfinished, self._path)
+        except OSError:
+            self._unfinished.unlink(missing_ok=True)
+
+    def drop(self) -> None:
+        """Remove what is not finished."""
+        archive, self._archive = self._archive, None
+        if archive is None:
+            return
+        with contextlib.suppress(OSError):  # a full disk has no room for the archive's end either
+            archive.close()
+        self._unfinished.unlink(missing_ok=True)
+
+    def _put(self, name: str, data: bytes) -> None:
+        if self._archive is None:
+            return
+        member = tarfile.TarInfo(name)
+        member.size = len(data)
+        try:
+            self._archive.addfile(member, io.BytesIO(data))
+        except OSError:
+            self.drop()

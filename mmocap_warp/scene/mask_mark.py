@@ -1,0 +1,148 @@
+"""What masks that were undistorted once are of, written beside them, so that nobody undistorts them twice."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.toml_table import Table, load_toml
+from mmocap_warp.views.rig import CameraRig
+from mmocap_warp.whole_file import write_whole
+
+MARK_NAME = "masks.toml"
+"""Of the file, in the folder of a camera's masks."""
+
+
+@dataclass(frozen=True)
+class MaskMark:
+    """What a camera's masks are of.
+
+    Attributes:
+        camera: its name.
+        size: width and height of the masks [px].
+        scale: of the masks relative to the calibrated images.
+        calibrated_size: width and height of these [px].
+        first_frame: the recording's frame that the first mask is of.
+        shift: the camera's offset at that time, in the recording's frames; where it has changed, the masks move along.
+        stride: every how many-th frame has a mask.
+        repaired: whether the other views had a say in them.
+        calibration: hash of what they were undistorted with, see :func:`calibration_hash`.
+    """
+
+    camera: str
+    size: tuple[int, int]
+    scale: float
+    calibrated_size: tuple[int, int]
+    first_frame: int
+    shift: int
+    stride: int
+    repaired: bool
+    calibration: str
+
+    def write(self, folder: Path) -> None:
+        """Put it beside the masks of ``folder``.
+
+        Raises:
+            InputError: the folder cannot be written.
+        """
+        lines = [
+            "# Written by mmocap mask: these masks are undistorted. They are read as they are, pixel for pixel the",
+            "# pinhole camera of the same name in ../pinholes.toml, and never undistorted again.",
+            f"camera = {quoted(self.camera)}",
+            f"size = {list(self.size)}",
+            f"scale = {self.scale!r}",
+            f"calibrated_size = {list(self.calibrated_size)}",
+            f"first_frame = {self.first_frame}",
+            f"shift = {self.shift}",
+            f"stride = {self.stride}",
+            f"repaired = {str(self.repaired).lower()}",
+            f'calibration = "{self.calibration}"',
+            "",
+        ]
+        write_whole(folder / MARK_NAME, "\n".join(lines).encode())
+
+
+def read_mark(masks: Path) -> MaskMark | None:
+    """The mark beside a camera's masks, None where there is none: these are in the recorded video's pixels.
+
+    Raises:
+        InputError: a mark that cannot be read.
+    """
+    path = masks / MARK_NAME
+    if not path.is_file():
+        return None
+    table = load_toml(path)
+    mark = MaskMark(
+        camera=table.take("camera", str),
+        size=_take_size(table, "size"),
+        scale=table.take("scale", float),
+        calibrated_size=_take_size(table, "calibrated_size"),
+        first_frame=table.take("first_frame", int),
+        shift=table.take("shift", int),
+        stride=table.take("stride", int),
+        repaired=table.take("repaired", bool),
+        calibration=table.take("calibration", str),
+    )
+    table.finish()
+    if mark.stride < 1 or mark.first_frame < 0:
+        raise table.error("its frames are none", "make the masks again with mmocap mask")
+    if not 0 < mark.scale <= 1:
+        raise table.error(f"scale = {mark.scale:g} is not in (0, 1]", "make the masks again with mmocap mask")
+    return mark
+
+
+def check_mark(mark: MaskMark, source: Path, calibration: str) -> None:
+    """See that masks were made with the calibration that they are to be used with.
+
+    Args:
+        mark: what lies beside them.
+        source: their folder.
+        calibration: hash of the calibration now.
+
+    Raises:
+        InputError: it is another one.
+    """
+    if mark.calibration != calibration:
+        raise InputError(
+            source,
+            f"these masks of '{mark.camera}' were undistorted with another calibration than the scene's",
+            f"make them again with mmocap mask, or remove {MARK_NAME} if they are in the recorded video's pixels",
+        )
+
+
+def calibration_hash(
+    rig: CameraRig, k: int, recorded_scale: float, recorded_offset: tuple[float, float], whole_rig: bool
+) -> str:
+    """A hash of what camera ``k``'s undistorted masks depend on.
+
+    Args:
+        rig: as calibrated.
+        k: the camera.
+        recorded_scale, recorded_offset: where the calibrated image lies in the recorded one.
+        whole_rig: whether the masks depend on the other cameras and on where all of them stand, as repaired ones do.
+    """
+    digest = hashlib.sha256()
+    lens = [rig.K[k], rig.distortion[k], rig.size[k], [recorded_scale, *recorded_offset]]
+    for values in lens + ([rig.K, rig.distortion, rig.size, rig.R, rig.t] if whole_rig else []):
+        digest.update(np.ascontiguousarray(values, np.float64).tobytes())
+    return digest.hexdigest()
+
+
+def _take_size(table: Table, key: str) -> tuple[int, int]:
+    width, height = table.take_numbers(key, (2,))
+    if width < 1 or height < 1:
+        raise table.error(f"{key} is not a size", "make the masks again with mmocap mask")
+    return int(width), int(height)
+
+
+def quoted(text: str) -> str:
+    """A TOML basic string."""
+    escaped = "".join(_ESCAPED.get(c, c) if c >= " " and c != "\x7f" else f"\\u{ord(c):04x}" for c in text)
+    return f'"{escaped}"'
+
+
+_ESCAPED = {"\\": "\\\\", '"': '\\"'}

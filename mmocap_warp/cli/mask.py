@@ -22,6 +22,7 @@ def mask(
     *,
     output: Annotated[Path, Parameter(name=["--output", "-o"])],
     scale: float = 1.0,
+    from_body: Path | None = None,
     identity: Identity = None,
     force: Switch = False,
     console: Console | None = None,
@@ -36,11 +37,14 @@ def mask(
         The folder to write.
     scale
         Of the masks relative to the recording, up to 1.
+    from_body
+        A result of this scene: draw the masks anew around its body, by the images' colours (GrabCut).
     identity
         Of the person that is meant, where the masks show several: the index in their palette, or their gray level.
     force
         Write into a folder that holds files.
     """
+    from mmocap_warp.cli.around_body import masks_around_body
     from mmocap_warp.cli.outputs import new_folder
     from mmocap_warp.cli.progress import Progress
     from mmocap_warp.foreground.judging import MaskJudge
@@ -52,11 +56,14 @@ def mask(
         raise UsageError(f"--scale must be in (0, 1], got {scale:g}")
     loaded = load_scene(scene, identity)
     note_others(loaded, console)
+    refine = None if from_body is None else masks_around_body(loaded, from_body, scale)
     folder = new_folder(output, force=force)
     judge = MaskJudge(loaded.rig(scale), loaded.frame_count, _body_volume(loaded))
     with Progress("mask", quiet=console.quiet) as progress:
         total = loaded.frame_count
-        written = write_masks(loaded, folder, scale, progress=lambda done: progress(done, total), look=judge.add)
+        written = write_masks(
+            loaded, folder, scale, progress=lambda done: progress(done, total), look=judge.add, refine=refine
+        )
     report = judge.report()
     failed = bool(report.faults)
     values = {
@@ -119,7 +126,8 @@ def _remedy(scene: Scene, folder: Path) -> str:
         return (
             look + 'source = "recording" takes for background what does not move for most of the recording. Where the'
             " subject never leaves its place, name an image without it (clean_plate), a recording without it"
-            " (background), or masks made with a segmentation program (docs/masks.md)"
+            " (background), or masks made with a segmentation program (docs/masks.md). Masks that can just be tracked"
+            " are refined with --from-body RESULT"
         )
     if scene.foreground.source == "masks":
         return (

@@ -9,7 +9,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-_INNER, _OUTER = 0.05, 0.15  # [m]: deeper in the body is surely subject, further from it surely not
+_INNER, _OUTER = 0.03, 0.03  # [m]: deeper in the body is surely subject, further from it surely not
 _ROUNDS = 3
 _MARGIN = 2.0  # of the outer distance: colours of the background are learnt this far around the body
 

@@ -26,7 +26,7 @@ def iou(a: np.ndarray, b: np.ndarray) -> float:
     return (a & b).sum() / (a | b).sum()
 
 
-@pytest.mark.parametrize("off", [0, 2, 3])
+@pytest.mark.parametrize("off", [0, 1])
 def test_the_contour_is_the_image_s(off: int) -> None:
     subject, body = ellipse(100, 80), ellipse(100 + off, 80 - off)
     found = mask_around_body(picture(subject), body, PIXELS_PER_METRE)

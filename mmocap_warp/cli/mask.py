@@ -23,6 +23,7 @@ def mask(
     output: Annotated[Path, Parameter(name=["--output", "-o"])],
     scale: float = 1.0,
     frames: str | None = None,
+    from_body: Path | None = None,
     identity: Identity = None,
     force: Switch = False,
     console: Console | None = None,
@@ -40,11 +41,14 @@ def mask(
     frames
         Which of the recording's frames: first:end or first:end:stride, such as 120:480:2, which leaves out the end; or
         a count of those that the scene names. [default: those that the scene names]
+    from_body
+        A result of this scene: draw the masks anew around its body, by the images' colours (GrabCut).
     identity
         Of the person that is meant, where the masks show several: the index in their palette, or their gray level.
     force
         Write into a folder that holds files.
     """
+    from mmocap_warp.cli.around_body import masks_around_body
     from mmocap_warp.cli.judging import scene_for
     from mmocap_warp.cli.next_step import command
     from mmocap_warp.cli.outputs import new_folder
@@ -57,11 +61,14 @@ def mask(
         raise UsageError(f"--scale must be in (0, 1], got {scale:g}")
     loaded = scene_for(scene, frames, identity)
     note_others(loaded, console)
+    refine = None if from_body is None else masks_around_body(loaded, from_body, scale)
     folder = new_folder(output, force=force)
     judge = MaskJudge(loaded.rig(scale), loaded.frame_count, _body_volume(loaded))
     with Progress("mask", quiet=console.quiet) as progress:
         total = loaded.frame_count
-        written = write_masks(loaded, folder, scale, progress=lambda done: progress(done, total), look=judge.add)
+        written = write_masks(
+            loaded, folder, scale, progress=lambda done: progress(done, total), look=judge.add, refine=refine
+        )
     report = judge.report()
     failed = bool(report.faults)
     step = command("track", written, "-o", loaded.directory / "result.usdc")
@@ -128,7 +135,8 @@ def _remedy(scene: Scene, folder: Path) -> str:
         return (
             look + 'source = "recording" takes for background what does not move for most of the recording. Where the'
             " subject never leaves its place, name an image without it (clean_plate), a recording without it"
-            " (background), or masks made with a segmentation program (docs/masks.md)"
+            " (background), or masks made with a segmentation program (docs/masks.md). Masks that can just be tracked"
+            " are refined with --from-body RESULT"
         )
     if scene.foreground.source == "masks":
         return (

@@ -21,6 +21,10 @@ _TINT = np.array([0, 150, 255], np.uint8)  # BGR
 _VIEW_HEIGHT = 480  # of the overlay's views, at most [px]
 
 
+Refine = Callable[[list[np.ndarray], list[np.ndarray | None]], list[np.ndarray]]
+"""From a frame's masks, per camera (height, width) bool, and its images to better masks."""
+
+
 def write_masks(
     scene: Scene,
     folder: str | Path,
@@ -29,6 +33,7 @@ def write_masks(
     count: int | None = None,
     progress: Callable[[int], None] | None = None,
     look: Callable[[list[np.ndarray]], None] | None = None,
+    refine: Refine | None = None,
 ) -> Path:
     """Write finished masks (undistorted, resampled, cleaned, repaired) and an overlay to look at.
 
@@ -45,6 +50,7 @@ def write_masks(
         count: number of frames; to the end without it.
         progress: called after each frame with the number of frames done.
         look: called with each frame's masks, per camera (height, width) bool.
+        refine: makes a frame's masks of these and its images.
 
     Returns:
         Path of the new ``scene.toml``.
@@ -66,6 +72,8 @@ def write_masks(
     with WebmFile(folder / "overlay.webm", scene.rate) as video:
         frames = zip(scene.masks(scale, first, count), scene.images(scale, first, count), strict=True)
         for f, (masks, images) in enumerate(frames):
+            if refine is not None:
+                masks = refine(masks, images)
             for name, mask in zip(rig.names, masks, strict=True):
                 write_png(folder / name / f"{f:06d}.png", mask)
             video.write(draw_masks(masks, images))

@@ -157,3 +157,32 @@ def test_one_person_is_no_news(tmp_path, capsys):
     scene = write_scene(tmp_path)
     cli.main(["mask", str(scene), "-o", str(tmp_path / "made")])
     assert "at a time" not in capsys.readouterr().err
+
+
+def test_masks_are_drawn_anew_around_a_tracked_body(tmp_path, capsys):
+    scene = write_scene(tmp_path, 'keep = "nearest"')
+    bodies = {}
+    for file in sorted(tmp_path.glob("cam0*/*.png")):
+        image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+        image[:, :30] = image[:, 130:] = 0
+        bodies[file.relative_to(tmp_path)] = image > 0
+        cv2.imwrite(str(file), image)
+        coarse = tmp_path / "coarse" / file.relative_to(tmp_path)
+        coarse.parent.mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(coarse), cv2.dilate(image, np.ones((7, 7), np.uint8)))
+    scene.write_text(scene.read_text().replace('masks = "cam', 'masks = "coarse/cam'))
+    result = tmp_path / "r.usdc"
+    assert cli.main(["track", str(scene), "-o", str(result), "--quiet"]) == exit_codes.OK
+    made = ["mask", str(scene), "-o", str(tmp_path / "made"), "--quiet", "--from-body"]
+    cli.main([*made, str(result)])
+    overlap = {"coarse": [], "made": []}
+    for file, body in bodies.items():
+        for folder, name in (("coarse", file.name), ("made", f"{int(file.stem):06d}.png")):
+            mask = cv2.imread(str(tmp_path / folder / file.parent / name), cv2.IMREAD_GRAYSCALE) > 0
+            overlap[folder].append((mask & body).sum() / (mask | body).sum())
+    assert np.mean(overlap["coarse"]) < 0.6
+    assert np.mean(overlap["made"]) > 0.8
+    capsys.readouterr()
+    made[3] = str(tmp_path / "again")
+    assert cli.main([*made, str(tmp_path / "subject.usdc")]) == exit_codes.BAD_INPUT
+    assert "is no result; name what mmocap track wrote" in capsys.readouterr().err

@@ -87,9 +87,7 @@ def columns_motion(columns: dict[str, np.ndarray], result: Result) -> Motion:
 
 
 def csv_motion(path: Path, result: Result) -> Motion:
-    table = np.atleast_1d(
-        np.genfromtxt(path, delimiter=",", names=True, deletechars="", dtype=None, encoding="utf-8")
-    )
+    table = np.atleast_1d(np.genfromtxt(path, delimiter=",", names=True, deletechars="", dtype=None, encoding="utf-8"))
     return columns_motion({name: table[name] for name in table.dtype.names}, result)
 
 

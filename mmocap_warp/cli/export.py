@@ -28,6 +28,7 @@ def export(
     frames: str | None = None,
     fps: float | None = None,
     up: Annotated[Literal["y", "z"] | None, Parameter(show_choices=False)] = None,
+    rig: Literal["mixamo"] | None = None,
     bake: Switch = False,
     force: Switch = False,
     console: Console | None = None,
@@ -53,6 +54,8 @@ def export(
     up
         Turn the world so that y or z is up: (x, y, z) becomes (x, z, -y) from z up to y up, and (x, -z, y) back.
         [default: the result's own]
+    rig
+        Name and bind the body as this rig, in its rest pose.
     bake
         USD only: the skin's points at every frame instead of a skeleton that moves it.
     force
@@ -72,7 +75,7 @@ def export(
         new_file(file, *EXPORT_SUFFIXES, force=force)
     start_warp()
     for file, number in files.items():
-        chosen = _chosen(of_run(tracked, number), raw, frames, fps, up)
+        chosen = _chosen(of_run(tracked, number), raw, frames, fps, rig, up)
         (export_point_cache if bake else write_export)(chosen, file)
     vertical = export_format(output).up or chosen.cameras.up
     count, rate = len(chosen.frame_numbers), chosen.rate
@@ -109,14 +112,17 @@ def _files(output: Path, run: str | None, runs: int, best: int) -> dict[Path, in
     return {output: int(run)}
 
 
-def _chosen(result: Result, raw: bool, frames: str | None, fps: float | None, up: str | None) -> Result:
+def _chosen(
+    result: Result, raw: bool, frames: str | None, fps: float | None, rig: str | None, up: str | None
+) -> Result:
     """The part of a result that the flags ask for.
 
     Raises:
-        UsageError: it has no such track, frames or rate.
+        UsageError: it has no such track, frames or rate, or is not for the rig.
     """
     from mmocap_warp.cli.judging import positions_of
     from mmocap_warp.cli.settings import as_flag
+    from mmocap_warp.formats.exports.rigs import rigged
     from mmocap_warp.result.excerpt import at_rate, before_smoothing
     from mmocap_warp.result.turning import stood_up
 
@@ -126,6 +132,7 @@ def _chosen(result: Result, raw: bool, frames: str | None, fps: float | None, up
     result = result.at(positions_of(result, frames))
     try:
         result = result if fps is None else at_rate(result, fps)
+        result = result if rig is None else rigged(result, rig)
     except ValueError as error:
         raise UsageError(as_flag(error)) from None
     return result if up is None else stood_up(result, f"+{up}")

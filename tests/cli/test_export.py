@@ -98,6 +98,14 @@ def test_a_c3d_keeps_the_world(file, smoothed, capsys):
     assert len(read_bvh(file.with_name("a.bvh")).place) == 12
 
 
+def test_a_rig_has_its_own_names_and_the_same_motion(file, smoothed, capsys):
+    export(capsys, file, "a.trc", "--rig", "mixamo")
+    tracks = read_trc(file.with_name("a.trc"))
+    assert tracks.names[0] == "mixamorigHips"
+    count = len(smoothed.subject.body.skeleton.joints)
+    np.testing.assert_allclose(tracks.positions[:, :count], joints(smoothed)[1], rtol=0, atol=SAME)
+
+
 @pytest.mark.parametrize(
     ("flags", "words"),
     [

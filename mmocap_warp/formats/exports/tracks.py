@@ -62,15 +62,7 @@ def tracks_of(result: Result) -> Tracks:
     """The best run of a result; frames that are not evenly spaced are resampled at the result's rate."""
     result = evenly(result)
     subject, pose = result.subject, result.pose[result.best_run]
-    skeleton = subject.body.skeleton
-    local = np.tile(rest_transforms(subject.body), (len(pose), 1, 1, 1))
-    local[:, 0, :3, :3] = subject.root_base @ local[:, 0, :3, :3]
-    local[:, 0, :3, 3] = pose[:, :TRANSLATION]
-    local[..., :3, :3] = local[..., :3, :3] @ zyx_rotation(pose[:, TRANSLATION:].reshape(len(pose), -1, 3))
-    world = local.copy()
-    for joint, parent in enumerate(skeleton.parent):
-        if parent >= 0:
-            world[:, joint] = world[:, parent] @ local[:, joint]
+    local, world = posed(subject, pose)
     return Tracks(
         subject=subject,
         rate=result.rate,
@@ -82,3 +74,16 @@ def tracks_of(result: Result) -> Tracks:
         local=local,
         world=world,
     )
+
+
+def posed(subject: Subject, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Transforms of the joints in poses (frame, coordinate), local and world as :class:`Tracks` has them."""
+    local = np.tile(rest_transforms(subject.body), (len(pose), 1, 1, 1))
+    local[:, 0, :3, :3] = subject.root_base @ local[:, 0, :3, :3]
+    local[:, 0, :3, 3] = pose[:, :TRANSLATION]
+    local[..., :3, :3] = local[..., :3, :3] @ zyx_rotation(pose[:, TRANSLATION:].reshape(len(pose), -1, 3))
+    world = local.copy()
+    for joint, parent in enumerate(subject.body.skeleton.parent):
+        if parent >= 0:
+            world[:, joint] = world[:, parent] @ local[:, joint]
+    return local, world

@@ -173,7 +173,7 @@ def _animation_faults(animation: UsdSkel.Animation) -> Iterator[str]:
         if not attribute.HasAuthoredValue():
             yield f"has no {name}, so it shows the rest pose"
             continue
-        if attribute.GetTimeSamples() != times:
+        if attribute.GetTimeSamples() not in ([], times):
             yield f"{name} has not the times of rotations"
         before = None
         for time, sample in _samples(attribute):

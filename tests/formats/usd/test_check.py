@@ -160,6 +160,15 @@ def test_what_is_no_usd_is_refused(tmp_path):
         faults(tmp_path / "a.usda")
 
 
+def test_scales_that_never_change_need_no_times(sound):
+    stage = Usd.Stage.Open(Usd.Stage.Open(str(sound)).Flatten())
+    scales = stage.GetPrimAtPath(ANIMATION).GetAttribute("scales")
+    value = scales.Get(10.0)
+    scales.Clear()
+    scales.Set(value)
+    assert body_faults(stage) == []
+
+
 def test_files_that_lie_elsewhere_are_named(sound, tmp_path):
     stage = Usd.Stage.CreateNew(str(tmp_path / "a.usda"))
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)

@@ -53,7 +53,7 @@ def export(
         Frames per second, resampled by time. [default: the result's own]
     up
         Turn the world so that y or z is up: (x, y, z) becomes (x, z, -y) from z up to y up, and (x, -z, y) back.
-        [default: the result's own]
+        [default: the result's own, or the format's]
     rig
         Name and bind the body as this rig, in its rest pose.
     bake
@@ -79,7 +79,13 @@ def export(
         (export_point_cache if bake else write_export)(chosen, file)
     vertical = export_format(output).up or chosen.cameras.up
     count, rate = len(chosen.frame_numbers), chosen.rate
-    values = {"file": output, "files": list(files), "frames": count, "fps": rate, "up": vertical}
+    values = {
+        "file": output if output in files else None,
+        "files": list(files),
+        "frames": count,
+        "fps": rate,
+        "up": vertical,
+    }
     written = "\n".join(f"{file}: {count} frames, {rate:g} a second, {vertical} up" for file in files)
     console.result(values, written)
 

@@ -57,7 +57,9 @@ def test_the_best_run_by_default_another_or_all(file, smoothed, capsys):
         written = export(capsys, file, "a.trc", *flags, "--force")
         assert (written["frames"], written["up"]) == (12, "+y")
         np.testing.assert_allclose(places(Path(written["file"]), smoothed), joints(smoothed)[run], rtol=0, atol=SAME)
-    both = export(capsys, file, "a.trc", "--run", "all")["files"]
+    written = export(capsys, file, "a.trc", "--run", "all")
+    both = written["files"]
+    assert written["file"] is None
     assert [Path(name).name for name in both] == ["a-run0.trc", "a-run1.trc"]
     for run, name in enumerate(both):
         np.testing.assert_allclose(places(Path(name), smoothed), joints(smoothed)[run], rtol=0, atol=SAME)

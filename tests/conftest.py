@@ -11,6 +11,8 @@ from __future__ import annotations
 
 import importlib.metadata
 import os
+import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -19,6 +21,16 @@ from browser import find_browser
 
 # A browser is no package that the tests could ask for: without one, its tests are not collected. The header says so.
 collect_ignore = [] if find_browser() else ["study/test_report_browser.py"]
+
+
+def _has_gltf_validator() -> bool:
+    """Whether node finds the package, in ``NODE_PATH`` or in a folder ``node_modules`` of the checkout."""
+    find = ["node", "-e", "require.resolve('gltf-validator')"]
+    return bool(shutil.which("node")) and subprocess.run(find, capture_output=True).returncode == 0
+
+
+if not _has_gltf_validator():  # likewise
+    collect_ignore.append("formats/exports/test_gltf_validator.py")
 
 LONGEST = (
     "bench/test_bench.py",
@@ -55,8 +67,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_report_header() -> str:
-    """Which browser shows the study's page."""
-    return f"browser: {find_browser() or 'none found, so the page of a study is not shown in one'}"
+    """Which browser shows the study's page, and whether glTF is validated."""
+    browser = find_browser() or "none found, so the page of a study is not shown in one"
+    validator = "not found" if "formats/exports/test_gltf_validator.py" in collect_ignore else "found"
+    return f"browser: {browser}; glTF-Validator: {validator}"
 
 
 def devices() -> list[str]:

@@ -64,3 +64,29 @@ def continuous_zyx_angles(rotation: np.ndarray, limits: np.ndarray) -> np.ndarra
         distance = np.abs(candidates - last).sum(axis=1)
         last = chosen[frame] = candidates[np.argmin(np.where(allowed | ~allowed.any(), distance, np.inf))]
     return chosen
+
+
+def near_zyx_angles(rotation: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """(..., 3) angles Rx, Ry, Rz [rad] of rotations (..., 3, 3): of those that turn alike the nearest to ``near``.
+
+    They are right everywhere: where Ry is 90 degrees, and only the sum or difference of the others is known, Rx is
+    what rounding makes of it, and Rz follows from it.
+    """
+    x, y, _ = np.moveaxis(zyx_angles(rotation), -1, 0)
+    triples = []
+    for x_way, y_way in ((x, y), (x + np.pi, np.pi - y)):
+        about_z = rotation @ transposed(turn("y", y_way) @ turn("x", x_way))
+        triple = np.stack([x_way, y_way, np.arctan2(about_z[..., 1, 0], about_z[..., 0, 0])], axis=-1)
+        triples.append(triple + 2 * np.pi * np.round((near - triple) / (2 * np.pi)))
+    one, other = triples
+    nearer = np.abs(one - near).sum(axis=-1, keepdims=True) <= np.abs(other - near).sum(axis=-1, keepdims=True)
+    return np.where(nearer, one, other)
+
+
+def between(first: np.ndarray, second: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) rotations on the shortest way from ``first`` to ``second``, at ``share`` (...) of it."""
+    from scipy.spatial.transform import Rotation
+
+    way = Rotation.from_matrix((transposed(first) @ second).reshape(-1, 3, 3)).as_rotvec()
+    part = Rotation.from_rotvec(way * np.broadcast_to(share, first.shape[:-2]).reshape(-1, 1)).as_matrix()
+    return first @ part.reshape(first.shape)

@@ -71,6 +71,11 @@ _BENCH = (
     "From the pose of a body to its cost, in seven cameras of 640x480: each kernel, the whole evaluation, the "
     "optimizers, and frames. Exits with 4 if an answer is wrong."
 )
+_CHECK = (
+    "Say what is wrong with a USD file.\n\n"
+    "By OpenUSD's validators, and what they miss in bodies that move: weights, lengths, joints, scales, numbers that "
+    "are none, files that are needed and lie elsewhere. Exits with 4 where anything is."
+)
 _COMMANDS = (  # a command's help is here and not in its docstring, so that the list of commands loads none of them
     ("demo", "demo:demo", _DEMO),
     ("init", "init:init", _INIT),
@@ -81,6 +86,7 @@ _COMMANDS = (  # a command's help is here and not in its docstring, so that the 
     ("eval", "evaluate:evaluate", "Print a result's IoU, and its errors where the truth is known."),
     ("show", "show:show", "Write a result's overlay video and contact sheet."),
     ("export", "export:export", "Write a result's animation alone, for other programs."),
+    ("check", "check:check", _CHECK),
     ("body", "body:app", "Make a body from MakeHuman's data."),
     ("study", "study:app", "Compare trackers: run a grid of them, and report on it."),
     ("bench", "bench:app", _BENCH),

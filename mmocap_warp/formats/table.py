@@ -29,12 +29,15 @@ class Format:
         suffixes: endings of its files' names, in lower case; the case of a file's own does not matter.
         function: ``module:function`` within this package that reads or writes a file of it.
         folder: whether a folder may stand for its files.
+        up: of an export: the vertical that the format prescribes, or that its readers take for granted; None where it
+            says which one it has.
     """
 
     name: str
     suffixes: tuple[str, ...]
     function: str
     folder: bool = False
+    up: str | None = None
 
     def matches(self, path: Path) -> bool:
         """Whether a file of this name, or this folder, has the format."""
@@ -56,8 +59,23 @@ CALIBRATIONS: tuple[Format, ...] = (
 )
 """Their functions are called as :func:`read_calibration` is, and give what it gives."""
 
-EXPORTS: tuple[Format, ...] = (Format("USD", (".usda", ".usdc", ".usdz"), "usd.animation:export_animation"),)
+EXPORTS: tuple[Format, ...] = (
+    Format("USD", (".usda", ".usdc", ".usdz"), "usd.animation:export_animation"),
+    Format("glTF", (".glb",), "exports.glb:write_glb", up="+y"),
+    Format("BVH", (".bvh",), "exports.bvh:write_bvh", up="+y"),
+    Format("OpenSim markers", (".trc",), "exports.trc:write_trc", up="+y"),
+    Format("OpenSim motion", (".mot",), "exports.mot:write_mot", up="+y"),
+    Format("C3D", (".c3d",), "exports.c3d:write_c3d"),
+    Format("CSV", (".csv",), "exports.columns:write_csv"),
+    Format("Parquet", (".parquet",), "exports.columns:write_parquet"),
+    Format("NumPy", (".npz",), "exports.npz:write_npz"),
+)
 """Their functions are called as :func:`export` is."""
+
+POINT_CACHES: tuple[Format, ...] = (
+    Format("USD point cache", (".usda", ".usdc", ".usdz"), "usd.point_cache:export_point_cache"),
+)
+"""Exports of the skin's points at every frame instead of a skeleton that moves it; called as :func:`export` is."""
 
 EXPORT_SUFFIXES: tuple[str, ...] = tuple(suffix for format in EXPORTS for suffix in format.suffixes)
 """Endings that an exported animation may have."""
@@ -83,10 +101,36 @@ def read_calibration(
 def export(result: Result, path: Path) -> None:
     """Write the animation of a result's best run in the format of ``EXPORTS`` that the file's ending names.
 
+    A format with a vertical of its own has the world turned to it, as :func:`mmocap_warp.result.turning.stood_up` does.
+
     Raises:
         InputError: an unknown ending, or a file that cannot be written.
     """
-    _format_of(EXPORTS, path).load()(result, path)
+    _write(export_format(path), result, path)
+
+
+def export_point_cache(result: Result, path: Path) -> None:
+    """The same in the format of ``POINT_CACHES`` that the file's ending names.
+
+    Raises:
+        InputError: an unknown ending, or a file that cannot be written.
+    """
+    _write(_format_of(POINT_CACHES, path), result, path)
+
+
+def export_format(path: Path) -> Format:
+    """The format of ``EXPORTS`` that a file's ending names.
+
+    Raises:
+        InputError: an unknown ending.
+    """
+    return _format_of(EXPORTS, path)
+
+
+def _write(format: Format, result: Result, path: Path) -> None:
+    from mmocap_warp.result.turning import stood_up
+
+    format.load()(result if format.up is None else stood_up(result, format.up), path)
 
 
 def _format_of(formats: tuple[Format, ...], path: Path) -> Format:

@@ -285,7 +285,7 @@ CASES = (
     Case("scene of a result gone", lost_scene, "name the scene with --scene", ("show", "{folder}/result.usda")),
     Case("scene of another recording", other_result, "has the cameras cam01, cam02, cam03, the result", SHOW_OTHER),
     Case("scene shorter than the result", result_file, "has 3 frames, the result goes to frame 12", SHOW_OTHER),
-    Case("animation of unknown kind", result_file, "a.bvh", ("export", "{folder}/result.usda", "-o", "{folder}/a.bvh")),
+    Case("animation of unknown kind", result_file, "a.fbx", ("export", "{folder}/result.usda", "-o", "{folder}/a.fbx")),
     Case("MakeHuman's data missing", nothing, "3dobjs/base.obj is missing", MAKE),
 )
 

@@ -68,10 +68,10 @@ def test_an_export_format(tmp_path: Path) -> None:
     recipe = Recipe("An export format", tmp_path)
     recipe.run_commands()
     result = read_result(tmp_path / "result.usdc")
-    table = np.genfromtxt(tmp_path / "markers.csv", delimiter=",", names=True, deletechars="")
+    table = np.genfromtxt(tmp_path / "markers.tsv", delimiter="\t", names=True, deletechars="")
     subject = result.subject
     markers = Poser(subject.body, subject.root_base).vertices(result.pose[0])[:, subject.body.marker_vertex]
     for name, expected in zip(subject.body.marker_names, markers.swapaxes(0, 1), strict=True):
         found = np.stack([table[f"{name}.{axis}"] for axis in "xyz"], axis=1)
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)
-    assert ".csv" in recipe.run("mmocap", "export", "--help")
+    assert ".tsv" in recipe.run("mmocap", "export", "--help")

@@ -35,10 +35,7 @@ def animate(
         fps: time codes per second.
     """
     times = np.asarray(frame_numbers, float).tolist()
-    stage.SetTimeCodesPerSecond(fps)
-    stage.SetFramesPerSecond(fps)
-    stage.SetStartTimeCode(times[0])
-    stage.SetEndTimeCode(times[-1])
+    set_time_range(stage, frame_numbers, fps)
     animation = UsdSkel.Animation.Define(stage, root.GetPath().AppendChild("Animation"))
     animation.CreateJointsAttr(joint_paths(subject.body.skeleton))
     skeleton = stage.GetPrimAtPath(root.GetPath().AppendChild("Skeleton"))
@@ -56,6 +53,14 @@ def animate(
     extent.Set(_bounds(lowest, highest))  # for viewers that ask for no particular time
 
 
+def set_time_range(stage: Usd.Stage, frame_numbers: np.ndarray, fps: float) -> None:
+    """Set a stage's rate [time codes/s], and its first and last frame of frame numbers (frame,)."""
+    stage.SetTimeCodesPerSecond(fps)
+    stage.SetFramesPerSecond(fps)
+    stage.SetStartTimeCode(float(frame_numbers[0]))
+    stage.SetEndTimeCode(float(frame_numbers[-1]))
+
+
 def export_animation(result: Result, path: str | Path) -> None:
     """Write the best run alone: body, skeleton, animation and cameras as any program reads them, in the result's world.
 
@@ -68,22 +73,36 @@ def export_animation(result: Result, path: str | Path) -> None:
     Raises:
         InputError: another ending, or a folder that cannot be written.
     """
+    write_animation(_animation_stage(result), path)
+
+
+def write_animation(stage: Usd.Stage, path: str | Path) -> None:
+    """Write a stage as the ending says, ``.usdz`` too; whole or not at all.
+
+    Raises:
+        InputError: another ending, or a folder that cannot be written.
+    """
     path = Path(path)
     if path.suffix != ".usdz" and path.suffix not in USD_SUFFIXES:
         raise InputError(path, "is not a USD file name", "end it in .usda, .usdc or .usdz")
-    stage = _animation_stage(result)
     if path.suffix == ".usdz":
         _write_package(path, stage)
     else:
         write_stage(path, stage)
 
 
-def _animation_stage(result: Result) -> Usd.Stage:
+def new_world(up: str) -> Usd.Stage:
+    """A stage whose contents go below ``/World``, which is turned upright where ``up`` is neither +y nor +z."""
     stage = Usd.Stage.CreateInMemory()
     world = UsdGeom.Xform.Define(stage, "/World")
     stage.SetDefaultPrim(world.GetPrim())
     Usd.ModelAPI(world).SetKind(Kind.Tokens.assembly)
-    set_world_up(stage, world, result.cameras.up)
+    set_world_up(stage, world, up)
+    return stage
+
+
+def _animation_stage(result: Result) -> Usd.Stage:
+    stage = new_world(result.cameras.up)
     root = define_body(stage, f"/World/{result.subject.body.name}", result.subject.body)
     define_cameras(stage, "/World/Cameras", result.cameras)
     _keep_what_is_seen(stage, root)

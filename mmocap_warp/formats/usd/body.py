@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdSkel, Vt
 
+from mmocap_warp.body.bind_transforms import bind_transforms, rest_transforms
 from mmocap_warp.body.mesh_pieces import is_closed
 from mmocap_warp.body.model import BodyModel, SkinMesh, Subject
 from mmocap_warp.errors import InputError
@@ -137,22 +138,6 @@ def define_body(stage: Usd.Stage, path: str, body: BodyModel) -> UsdSkel.Root:
 
     root.CreateExtentAttr(skin.GetExtentAttr().Get())
     return root
-
-
-def bind_transforms(body: BodyModel) -> np.ndarray:
-    """(joint, 4, 4) float64: body space from joint in the bind pose, for column vectors."""
-    bind = np.tile(np.eye(4), (len(body.joint_rest), 1, 1))
-    bind[:, :3, :3] = body.skeleton.frame
-    bind[:, :3, 3] = body.joint_rest
-    return bind
-
-
-def rest_transforms(body: BodyModel) -> np.ndarray:
-    """(joint, 4, 4) float64: parent from joint in the bind pose; the root's is body space from root."""
-    bind = bind_transforms(body)
-    return np.stack(
-        [m if p < 0 else np.linalg.inv(bind[p]) @ m for m, p in zip(bind, body.skeleton.parent, strict=True)]
-    )
 
 
 def local_transforms(body: BodyModel, root_base: np.ndarray, pose: np.ndarray) -> np.ndarray:

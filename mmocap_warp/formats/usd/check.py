@@ -1,7 +1,8 @@
 """What is wrong with a USD file: OpenUSD's own validators, and what they let pass in skinned, animated bodies.
 
-UsdValidation does not look at lengths, weights, orphan joints, indices or missing scales; a file with such a fault
-opens without a word and shows the rest pose, nothing, or crashes the viewer.
+UsdValidation does not look at lengths, weights, orphan joints, indices, scales, numbers that are none, or files that
+are needed and lie elsewhere; a file with such a fault opens without a word and shows the rest pose, nothing, or crashes
+the viewer.
 """
 
 from __future__ import annotations
@@ -10,12 +11,17 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from pxr import Tf, Usd, UsdGeom, UsdSkel, UsdValidation, Vt
+from pxr import Tf, Usd, UsdGeom, UsdSkel, UsdUtils, UsdValidation, Vt
 
 from mmocap_warp.errors import InputError
+from mmocap_warp.formats.usd.body import read_body, read_subject
+from mmocap_warp.formats.usd.result import holds_result, read_result
 
 _WEIGHT_SUM_TOLERANCE = 1e-4
+_SINGULAR = 1e-9  # a determinant
 _UNIT_QUATERNION_TOLERANCE = 1e-3
+_STRETCH_TOLERANCE = 1e-3
+"""Of a bone's length, by how much it may differ from the rest pose's."""
 
 
 def faults(path: str | Path) -> list[str]:
@@ -32,13 +38,38 @@ def faults(path: str | Path) -> list[str]:
         raise InputError(path, "is not a USD file that can be read", "write it again") from error
     validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
     errors = UsdValidation.ValidationContext(validators).Validate(stage)
-    return [f"{error.GetName()}: {error.GetMessage()}" for error in errors] + body_faults(stage)
+    told = [f"{error.GetName()}: {error.GetMessage()}" for error in errors]
+    told += [f"needs {file}, which is not in it" for file in _outside(Path(path))]
+    return told + body_faults(stage) + _own_faults(stage, Path(path))
+
+
+def _own_faults(stage: Usd.Stage, path: Path) -> list[str]:
+    """What keeps this program from reading a result, a subject or a body of its own."""
+    roots = [prim for prim in stage.Traverse() if prim.HasAttribute("mmocap:attribution")]
+    if not roots:
+        return []
+    is_subject = roots[0].HasAttribute("mmocap:rootBase")
+    read = read_result if holds_result(path) else read_subject if is_subject else read_body
+    try:
+        read(path)
+    except InputError as error:
+        return [error.problem]
+    return []
+
+
+def _outside(path: Path) -> list[str]:
+    """Files that a file refers to, found or not; what a ``.usdz`` packs is in it."""
+    layers, assets, unresolved = UsdUtils.ComputeAllDependencies(str(path))
+    own = str(path.resolve())
+    named = [*(layer.realPath for layer in layers), *map(str, assets)]
+    return [name for name in named if name.partition("[")[0] != own] + list(map(str, unresolved))
 
 
 def body_faults(stage: Usd.Stage) -> list[str]:
     """The faults that UsdValidation misses, one line each, naming the prim."""
     found: list[str] = []
     for prim in stage.Traverse():
+        found += (f"{prim.GetPath()}: {fault}" for fault in _value_faults(prim))
         if prim.IsA(UsdSkel.Skeleton):
             found += (f"{prim.GetPath()}: {fault}" for fault in _skeleton_faults(UsdSkel.Skeleton(prim)))
         elif prim.IsA(UsdSkel.Animation):
@@ -46,6 +77,40 @@ def body_faults(stage: Usd.Stage) -> list[str]:
         elif prim.IsA(UsdGeom.Mesh):
             found += (f"{prim.GetPath()}: {fault}" for fault in _mesh_faults(UsdGeom.Mesh(prim)))
     return found
+
+
+def _value_faults(prim: Usd.Prim) -> Iterator[str]:
+    """Numbers that are none, and samples that no viewer plays; in the project's own attributes NaN has a meaning."""
+    stage = prim.GetStage()
+    first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
+    for attribute in prim.GetAuthoredAttributes():
+        name, times = attribute.GetName(), attribute.GetTimeSamples()
+        if name.startswith("mmocap:"):
+            continue
+        for time, value in _samples(attribute):
+            if not _finite(value):
+                yield f"{name}{'' if time is None else f' at {time:g}'} is not finite"
+                break
+        if times and not first <= times[0] <= times[-1] <= last:
+            yield f"{name} has samples at {times[0]:g} to {times[-1]:g}, the stage plays {first:g} to {last:g}"
+
+
+def _samples(attribute: Usd.Attribute) -> Iterator[tuple[float | None, object]]:
+    """An attribute's time samples, or its one value, whose time is None."""
+    for time in attribute.GetTimeSamples():
+        yield time, attribute.Get(time)
+    if not attribute.GetTimeSamples():
+        yield None, attribute.Get()
+
+
+def _finite(value: object) -> bool:
+    if isinstance(value, str) or value is None:
+        return True
+    try:
+        values = np.array(value, float)
+    except (TypeError, ValueError):  # texts, paths, quaternions (which have a length)
+        return True
+    return bool(np.isfinite(values).all())
 
 
 def _skeleton_faults(skeleton: UsdSkel.Skeleton) -> Iterator[str]:
@@ -65,13 +130,36 @@ def _skeleton_faults(skeleton: UsdSkel.Skeleton) -> Iterator[str]:
         matrices = np.array(attribute.Get() or ())
         if len(matrices) != len(joints):
             yield f"{name} has {len(matrices)} entries for {len(joints)} joints"
-        elif not np.isfinite(matrices).all():
-            yield f"{name} is not finite"
+        elif np.isfinite(matrices).all() and (np.abs(np.linalg.det(matrices)) < _SINGULAR).any():
+            yield f"{name} has a matrix that flattens"
+    names = skeleton.GetJointNamesAttr().Get()
+    if names and len(names) != len(joints):
+        yield f"jointNames has {len(names)} entries for {len(joints)} joints"
     source = UsdSkel.BindingAPI(skeleton).GetInheritedAnimationSource()
     if source and source.IsA(UsdSkel.Animation):
         strangers = set(UsdSkel.Animation(source).GetJointsAttr().Get() or ()) - set(joints)
         if strangers:
             yield f"its animation moves joints that it lacks: {sorted(strangers)}"
+        yield from _stretch_faults(UsdSkel.Animation(source), joints, skeleton.GetRestTransformsAttr().Get())
+
+
+def _stretch_faults(animation: UsdSkel.Animation, joints: list[str], rest: Vt.Matrix4dArray | None) -> Iterator[str]:
+    """Bones that are longer or shorter than in the rest pose; the root, which moves freely, is none."""
+    moved = list(animation.GetJointsAttr().Get() or ())
+    if rest is None or len(rest) != len(joints):
+        return
+    length = {joint: matrix.ExtractTranslation().GetLength() for joint, matrix in zip(joints, rest, strict=True)}
+    bones = [i for i, joint in enumerate(moved) if "/" in joint and joint in length]
+    expected = np.array([length[moved[i]] for i in bones])
+    for time, sample in _samples(animation.GetTranslationsAttr()):
+        if sample is None or len(sample) != len(moved):  # type: ignore[arg-type]
+            continue
+        found = np.linalg.norm(np.array(sample).reshape(-1, 3)[bones], axis=1)
+        wrong = np.flatnonzero(np.abs(found - expected) > _STRETCH_TOLERANCE * np.maximum(expected, 1e-3))
+        if len(wrong):
+            joint, place = moved[bones[wrong[0]]], "" if time is None else f" at {time:g}"
+            yield f"{joint} is {found[wrong[0]]:.4g} from its parent{place}, and {length[joint]:.4g} in the rest pose"
+            return
 
 
 def _animation_faults(animation: UsdSkel.Animation) -> Iterator[str]:
@@ -85,35 +173,50 @@ def _animation_faults(animation: UsdSkel.Animation) -> Iterator[str]:
         if not attribute.HasAuthoredValue():
             yield f"has no {name}, so it shows the rest pose"
             continue
-        if attribute.GetTimeSamples() != times:
+        if attribute.GetTimeSamples() not in ([], times):
             yield f"{name} has not the times of rotations"
-        for time in attribute.GetTimeSamples() or [Usd.TimeCode.Default()]:
-            fault = _sample_fault(name, attribute.Get(time), joints)
+        before = None
+        for time, sample in _samples(attribute):
+            fault = _sample_fault(name, sample, joints)
+            if name == "rotations" and fault is None:
+                quaternions = _quaternions(sample)
+                if before is not None and ((quaternions * before).sum(axis=1) < 0).any():
+                    fault = "a quaternion is on the other side than before, so it is interpolated the long way"
+                before = quaternions
             if fault:
-                yield f"{name} at {time}: {fault}"
+                yield f"{name}{'' if time is None else f' at {time:g}'}: {fault}"
 
 
 def _sample_fault(name: str, sample: object, joints: int) -> str | None:
     if sample is None or len(sample) != joints:  # type: ignore[arg-type]
         return f"{0 if sample is None else len(sample)} entries for {joints} joints"  # type: ignore[arg-type]
     if name == "rotations":
-        values = np.array([[q.GetReal(), *q.GetImaginary()] for q in sample])  # type: ignore[attr-defined]
-        if np.abs(np.linalg.norm(values, axis=1) - 1.0).max(initial=0.0) > _UNIT_QUATERNION_TOLERANCE:
+        off = np.abs(np.linalg.norm(_quaternions(sample), axis=1) - 1.0)
+        if not (off <= _UNIT_QUATERNION_TOLERANCE).all():
             return "a quaternion is not of unit length"
-    return None if np.isfinite(np.array(sample, float if name != "rotations" else None)).all() else "is not finite"
+    if name == "scales" and not (np.array(sample, float) > 0).all():
+        return "a scale is not positive, which flattens or mirrors the skin"
+    return None
+
+
+def _quaternions(sample: object) -> np.ndarray:
+    """(joint, 4) of a sample of rotations."""
+    rows = [[q.GetReal(), *q.GetImaginary()] for q in sample]  # type: ignore[attr-defined]
+    return np.array(rows, np.float64).reshape(-1, 4)
 
 
 def _mesh_faults(mesh: UsdGeom.Mesh) -> Iterator[str]:
-    points = np.array(mesh.GetPointsAttr().Get() or ())
+    lengths = {len(sample or ()) for _, sample in _samples(mesh.GetPointsAttr())}  # type: ignore[arg-type]
+    if len(lengths) > 1:
+        yield f"points has {min(lengths)} to {max(lengths)} entries over time"
+    points = min(lengths)
     counts = mesh.GetFaceVertexCountsAttr().Get() or Vt.IntArray()
     indices = mesh.GetFaceVertexIndicesAttr().Get() or Vt.IntArray()
-    sound, reason = UsdGeom.Mesh.ValidateTopology(indices, counts, len(points))
+    sound, reason = UsdGeom.Mesh.ValidateTopology(indices, counts, points)
     if not sound:
         yield reason
-    if not np.isfinite(points).all():
-        yield "points are not finite"
     if mesh.GetPrim().HasAPI(UsdSkel.BindingAPI):
-        yield from _skin_faults(UsdSkel.BindingAPI(mesh), len(points))
+        yield from _skin_faults(UsdSkel.BindingAPI(mesh), points)
 
 
 def _skin_faults(binding: UsdSkel.BindingAPI, points: int) -> Iterator[str]:
@@ -128,7 +231,11 @@ def _skin_faults(binding: UsdSkel.BindingAPI, points: int) -> Iterator[str]:
     if index.GetElementSize() != influences or not len(joint) == len(share) == points * influences:
         yield f"{len(joint)} joint indices and {len(share)} weights for {points} points of {influences} influences"
         return
-    joints = len(skeleton.GetJointsAttr().Get() or ())
+    own = binding.GetJointsAttr().Get()
+    names = set(skeleton.GetJointsAttr().Get() or ())
+    if own and set(own) - names:
+        yield f"it follows joints that its skeleton lacks: {sorted(set(own) - names)}"
+    joints = len(own or names)
     if ((joint < 0) | (joint >= joints)).any():
         yield f"a joint index is not below {joints}"
     off = np.abs(share.reshape(points, influences).sum(1) - 1.0)

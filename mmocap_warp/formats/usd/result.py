@@ -18,15 +18,14 @@ import json
 from pathlib import Path
 
 import numpy as np
-from pxr import Kind, Usd, UsdGeom
+from pxr import Usd, UsdGeom
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.usd.animation import animate
+from mmocap_warp.formats.usd.animation import animate, new_world
 from mmocap_warp.formats.usd.attributes import author_value
 from mmocap_warp.formats.usd.body import body_prim, define_subject, subject_from_prim
 from mmocap_warp.formats.usd.camera import cameras_from_prim, define_cameras
 from mmocap_warp.formats.usd.file import PrimReader, read_stage, reads_usd, write_stage
-from mmocap_warp.formats.usd.world import set_world_up
 from mmocap_warp.result.result import STATUS, Result
 
 VERSION = 2
@@ -41,11 +40,7 @@ def write_result(path: str | Path, result: Result) -> None:
     Raises:
         InputError: the file name is not USD's, or its folder cannot be written.
     """
-    stage = Usd.Stage.CreateInMemory()
-    world = UsdGeom.Xform.Define(stage, "/World")
-    stage.SetDefaultPrim(world.GetPrim())
-    Usd.ModelAPI(world).SetKind(Kind.Tokens.assembly)
-    set_world_up(stage, world, result.cameras.up)
+    stage = new_world(result.cameras.up)
     body = define_subject(stage, f"/World/{result.subject.body.name}", result.subject)
     animate(stage, body, result.subject, result.pose[result.best_run], result.frame_numbers, result.fps)
     define_cameras(stage, "/World/Cameras", result.cameras)

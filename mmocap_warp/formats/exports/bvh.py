@@ -1,0 +1,80 @@
+"""Biovision's ``.bvh``: a skeleton in centimetres, Y up, and its joints' angles; no skin.
+
+The format knows neither units nor axes. Centimetres and Y up are what MotionBuilder, Maya, iClone and Unreal's
+importers take for granted; Blender is told ``scale 0.01``. A joint's axes are the world's in the rest pose, which is
+the body's bind pose: joints keep their places, and their own frames are not in the file.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from mmocap_warp.body.rotations import near_zyx_angles, transposed
+from mmocap_warp.formats.exports.tracks import Tracks, tracks_of
+from mmocap_warp.result.result import Result
+from mmocap_warp.whole_file import write_whole
+
+_CENTIMETRES = 100.0
+_ROTATIONS = "Zrotation Yrotation Xrotation"
+
+
+def write_bvh(result: Result, path: Path) -> None:
+    """Write a result, which is Y up; angles to 1e-6 degrees, lengths to 1e-6 cm.
+
+    Raises:
+        InputError: a folder that cannot be written to.
+    """
+    tracks = tracks_of(result)
+    motion = np.concatenate([tracks.world[:, 0, :3, 3] * _CENTIMETRES, _degrees(tracks)], axis=1)
+    lines = [
+        "HIERARCHY",
+        *_hierarchy(tracks, 0, ""),
+        "MOTION",
+        f"Frames: {len(motion)}",
+        f"Frame Time: {1 / tracks.rate:.9f}",
+        *(" ".join(f"{value:.6f}" for value in row) for row in motion),
+    ]
+    write_whole(path, "\n".join([*lines, ""]).encode())
+
+
+def _hierarchy(tracks: Tracks, joint: int, indent: str) -> list[str]:
+    """The lines of a joint and of all that hangs on it."""
+    skeleton = tracks.subject.body.skeleton
+    parent = skeleton.parent[joint]
+    start = tracks.bind[joint, :3, 3]
+    offset = start - (0 if parent < 0 else tracks.bind[parent, :3, 3])
+    below = [child for child, above in enumerate(skeleton.parent) if above == joint]
+    channels = f"3 {_ROTATIONS}" if parent >= 0 else f"6 Xposition Yposition Zposition {_ROTATIONS}"
+    lines = [f"{'JOINT' if parent >= 0 else 'ROOT'} {skeleton.joints[joint]}", "{", *_offset(offset)]
+    lines.append(f"  CHANNELS {channels}")
+    for child in below:
+        lines += _hierarchy(tracks, child, "  ")
+    if not below:
+        lines += ["  End Site", "  {", *("  " + line for line in _offset(_tip(tracks, joint) - start)), "  }"]
+    lines.append("}")
+    return [indent + line for line in lines]
+
+
+def _offset(offset: np.ndarray) -> list[str]:
+    return ["  OFFSET " + " ".join(f"{value:.6f}" for value in offset * _CENTIMETRES)]
+
+
+def _tip(tracks: Tracks, joint: int) -> np.ndarray:
+    """Where a last bone ends: at the middle of the skin that follows it most, or at its own start without any."""
+    skin = tracks.subject.body.skin
+    own = skin.rest[skin.heaviest_joint == joint]
+    return own.mean(axis=0) if len(own) else tracks.bind[joint, :3, 3]
+
+
+def _degrees(tracks: Tracks) -> np.ndarray:
+    """(frame, 3 x joint) turns about Z, Y and X of every joint from the rest pose, in its parent's axes."""
+    turned = tracks.world[..., :3, :3] @ transposed(tracks.bind[:, :3, :3])
+    parent = np.array(tracks.subject.body.skeleton.parent)
+    own = turned.copy()
+    own[:, parent >= 0] = transposed(turned[:, parent[parent >= 0]]) @ turned[:, parent >= 0]
+    angles, last = np.empty((*own.shape[:2], 3)), np.zeros((own.shape[1], 3))
+    for frame, rotation in enumerate(own):  # near to the frame before, so that no program interpolates a whole turn
+        last = angles[frame] = near_zyx_angles(rotation, last)
+    return np.degrees(angles[..., ::-1]).reshape(len(own), -1)

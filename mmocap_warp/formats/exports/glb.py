@@ -1,0 +1,174 @@
+"""``.glb``: glTF 2.0 in one file, with the skin and its animation, for browsers, Blender, Unreal, Unity and Godot.
+
+Written directly, because a skin is a list of numbers and a table of where they stand: the writer is shorter than the
+use of a library would be. trimesh writes neither skins nor animations, and pygltflib, which knows the names of glTF's
+objects, leaves buffers, accessors and their bounds to its caller.
+
+glTF is in metres and Y up. Time starts at 0; ``asset.extras.first_frame`` is the recording's. Cameras are left out, as
+glTF's cannot have the principal point aside from the middle of the image.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mmocap_warp.body.model import SkinMesh
+from mmocap_warp.formats.exports.tracks import Tracks, tracks_of
+from mmocap_warp.result.result import Result
+from mmocap_warp.version import __version__
+from mmocap_warp.whole_file import write_whole
+
+_MAGIC, _VERSION, _JSON_CHUNK, _BINARY_CHUNK = 0x46546C67, 2, 0x4E4F534A, 0x004E4942
+_FLOAT, _UINT16, _UINT32 = 5126, 5123, 5125
+_VERTICES, _INDICES = 34962, 34963
+_SKIN_LOOK = {"baseColorFactor": [0.8, 0.7, 0.62, 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.8}
+
+
+def write_glb(result: Result, path: Path) -> None:
+    """Write a result, which is Y up; single precision, about 1e-6 m.
+
+    Raises:
+        InputError: a folder that cannot be written to.
+    """
+    tracks = tracks_of(result)
+    buffer = _Buffer()
+    document = _document(tracks, buffer)
+    document |= {
+        "bufferViews": buffer.views,
+        "accessors": buffer.accessors,
+        "buffers": [{"byteLength": len(buffer.data)}],
+    }
+    text = json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
+    chunks = _chunk(_JSON_CHUNK, text, b" ") + _chunk(_BINARY_CHUNK, bytes(buffer.data), b"\0")
+    write_whole(path, struct.pack("<III", _MAGIC, _VERSION, 12 + len(chunks)) + chunks)
+
+
+def _chunk(kind: int, data: bytes, padding: bytes) -> bytes:
+    data += padding * (-len(data) % 4)
+    return struct.pack("<II", len(data), kind) + data
+
+
+class _Buffer:
+    """The binary chunk, and what glTF says of its parts: a view and an accessor for each array."""
+
+    def __init__(self) -> None:
+        self.data = bytearray()
+        self.views: list[dict[str, int]] = []
+        self.accessors: list[dict[str, Any]] = []
+
+    def add(self, values: np.ndarray, kind: str, component: int, target: int | None = None) -> int:
+        """Append an array (n,) or (n, ...) of ``kind`` such as ``VEC3``, with its bounds; the accessor's number.
+
+        All components have four bytes, or make up a multiple of them, so that every array is aligned.
+        """
+        view = {"buffer": 0, "byteOffset": len(self.data), "byteLength": values.nbytes}
+        self.views.append(view if target is None else view | {"target": target})
+        self.data += values.tobytes()
+        flat = values.reshape(len(values), -1)
+        bounds = {"min": flat.min(axis=0).tolist(), "max": flat.max(axis=0).tolist()}
+        about = {"bufferView": len(self.views) - 1, "componentType": component, "count": len(values), "type": kind}
+        self.accessors.append(about | bounds)
+        return len(self.accessors) - 1
+
+    def add_floats(self, values: np.ndarray, kind: str, target: int | None = None) -> int:
+        """Append an array in single precision."""
+        return self.add(np.ascontiguousarray(values, np.float32), kind, _FLOAT, target)
+
+
+def _document(tracks: Tracks, buffer: _Buffer) -> dict[str, Any]:
+    """All of the file but where its numbers stand. Nodes are the joints in their order, then the skin."""
+    body = tracks.subject.body
+    joints = len(body.skeleton.joints)
+    rotation = _quaternions(tracks.local[..., :3, :3])
+    inverse_bind = np.linalg.inv(tracks.bind)
+    inverse_bind[:, 3] = 0, 0, 0, 1  # exactly, as glTF asks
+    return {
+        "asset": {
+            "version": "2.0",
+            "generator": f"mmocap-warp {__version__}",
+            "copyright": body.attribution,
+            "extras": {"first_frame": int(tracks.number[0]), "frames_per_second": tracks.rate},
+        },
+        "scene": 0,
+        "scenes": [{"nodes": [0, joints]}],
+        "nodes": [*_joint_nodes(tracks, rotation[0]), {"name": body.name, "mesh": 0, "skin": 0}],
+        "meshes": [{"name": body.name, "primitives": [_skin(body.skin, buffer)]}],
+        "materials": [{"name": "Skin", "pbrMetallicRoughness": _SKIN_LOOK}],
+        "skins": [
+            {
+                "joints": list(range(joints)),
+                "skeleton": 0,
+                "inverseBindMatrices": buffer.add_floats(inverse_bind.transpose(0, 2, 1), "MAT4"),  # by columns
+            }
+        ],
+        "animations": [_animation(tracks, rotation, buffer)],
+    }
+
+
+def _joint_nodes(tracks: Tracks, rotation: np.ndarray) -> list[dict[str, Any]]:
+    """The joints as they stand in the first frame, for programs that play nothing."""
+    skeleton = tracks.subject.body.skeleton
+    nodes = []
+    for joint, name in enumerate(skeleton.joints):
+        children = [child for child, parent in enumerate(skeleton.parent) if parent == joint]
+        place = tracks.local[0, joint, :3, 3]
+        node = {"name": name, "translation": place.tolist(), "rotation": rotation[joint].tolist()}
+        nodes.append(node | ({"children": children} if children else {}))
+    return nodes
+
+
+def _skin(skin: SkinMesh, buffer: _Buffer) -> dict[str, Any]:
+    face = skin.face if skin.face.shape[1] == 3 else np.concatenate([skin.face[:, [0, 1, 2]], skin.face[:, [0, 2, 3]]])
+    weight = skin.weight / skin.weight.sum(axis=1, keepdims=True, dtype=float)
+    joint = np.where(weight > 0, skin.joint, 0)
+    return {
+        "attributes": {
+            "POSITION": buffer.add_floats(skin.rest, "VEC3", _VERTICES),
+            "NORMAL": buffer.add_floats(_normals(skin.rest.astype(float), face), "VEC3", _VERTICES),
+            "JOINTS_0": buffer.add(joint.astype(np.uint16), "VEC4", _UINT16, _VERTICES),
+            "WEIGHTS_0": buffer.add_floats(weight, "VEC4", _VERTICES),
+        },
+        "indices": buffer.add(face.astype(np.uint32).ravel(), "SCALAR", _UINT32, _INDICES),
+        "material": 0,
+    }
+
+
+def _animation(tracks: Tracks, rotation: np.ndarray, buffer: _Buffer) -> dict[str, Any]:
+    """The root's place, and every joint's turn."""
+    time = buffer.add_floats(tracks.time - tracks.time[0], "SCALAR")
+    outputs = [(0, "translation", buffer.add_floats(tracks.local[:, 0, :3, 3], "VEC3"))]
+    for joint in range(rotation.shape[1]):
+        outputs.append((joint, "rotation", buffer.add_floats(rotation[:, joint], "VEC4")))
+    return {
+        "name": "Motion",
+        "samplers": [{"input": time, "output": output} for *_, output in outputs],
+        "channels": [
+            {"sampler": sampler, "target": {"node": node, "path": path}}
+            for sampler, (node, path, _) in enumerate(outputs)
+        ],
+    }
+
+
+def _quaternions(rotation: np.ndarray) -> np.ndarray:
+    """(frame, joint, 4) x, y, z, w of rotations (frame, joint, 3, 3), each on the side of the one before it."""
+    from scipy.spatial.transform import Rotation
+
+    quaternion = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_quat().reshape(*rotation.shape[:2], 4)
+    flips = np.where((quaternion[1:] * quaternion[:-1]).sum(axis=-1) < 0, -1.0, 1.0)
+    quaternion[1:] *= np.cumprod(flips, axis=0)[..., None]
+    return quaternion
+
+
+def _normals(vertex: np.ndarray, face: np.ndarray) -> np.ndarray:
+    """(vertex, 3) unit vectors, the mean of the triangles around each by their areas; up where there are none."""
+    corner = vertex[face]
+    across = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    normal = np.zeros_like(vertex)
+    np.add.at(normal, face.ravel(), across.repeat(3, axis=0))
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    return np.where(length > 0, normal / np.where(length > 0, length, 1.0), [0.0, 1.0, 0.0])

@@ -1,0 +1,173 @@
+"""Other programs' rigs: a person under their joints' names, bound in their rest pose, with the same motion.
+
+``mixamo``: the names are those of three-vrm's table (pixiv, MIT licence), which leaves out Mixamo's colon as USD and
+three.js must. The rest pose is a T: arms along x, legs along -y, trunk and feet as the body has them. A joint's axes at
+rest are the body's own: how Mixamo rolls its bones is documented under no licence, and programs that retarget go by
+the rest pose. Joints that the body lacks (Spine1, Head, shoulder blades, fingers, toes) are missing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mmocap_warp.body.model import BodyModel
+from mmocap_warp.body.rotations import near_zyx_angles, transposed
+from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
+from mmocap_warp.formats.exports.tracks import posed
+from mmocap_warp.result.result import Result
+
+_SIDES = {"L": ("Left", 1.0), "R": ("Right", -1.0)}
+
+
+@dataclass(frozen=True)
+class Rig:
+    """How another program knows a person.
+
+    Attributes:
+        names: its name of each of the body's joints.
+        bones: the joint at which a bone begins, the joint at which it ends, and where it points in the rest pose, in
+            body axes; from the root outwards. What hangs on a bone turns with it, but for ``upright``.
+        upright: joints that stay as they are in the body's bind pose.
+    """
+
+    names: dict[str, str]
+    bones: tuple[tuple[str, str, tuple[float, float, float]], ...]
+    upright: tuple[str, ...]
+
+
+RIGS = {
+    "mixamo": Rig(
+        names={"Root": "mixamorigHips", "BottomSpine": "mixamorigSpine", "UpperSpine": "mixamorigSpine2"}
+        | {"Neck": "mixamorigNeck"}
+        | {
+            f"{letter}{joint}": f"mixamorig{side}{name}"
+            for letter, (side, _) in _SIDES.items()
+            for joint, name in (
+                ("Shoulder", "Arm"),
+                ("Elbow", "ForeArm"),
+                ("Wrist", "Hand"),
+                ("Hip", "UpLeg"),
+                ("Knee", "Leg"),
+                ("Ankle", "Foot"),
+            )
+        },
+        bones=tuple(
+            bone
+            for letter, (_, left) in _SIDES.items()
+            for bone in (
+                (f"{letter}Shoulder", f"{letter}Elbow", (left, 0.0, 0.0)),
+                (f"{letter}Elbow", f"{letter}Wrist", (left, 0.0, 0.0)),
+                (f"{letter}Hip", f"{letter}Knee", (0.0, -1.0, 0.0)),
+                (f"{letter}Knee", f"{letter}Ankle", (0.0, -1.0, 0.0)),
+            )
+        ),
+        upright=("LAnkle", "RAnkle"),
+    )
+}
+
+
+def rigged(result: Result, rig: str) -> Result:
+    """A result whose body is bound and named as a rig of ``RIGS``; its joints are where they were.
+
+    The skin is bound anew as it is in the rest pose. Where a joint moves a part of it by weights, it then moves a
+    little differently; elsewhere it is where it was. Shape targets, limits and standard deviations are dropped.
+
+    Raises:
+        ValueError: no such rig, or a body without a joint of it.
+    """
+    if rig not in RIGS:
+        raise ValueError(f"rig must be one of {list(RIGS)}, got {rig!r}")
+    subject, known = result.subject, RIGS[rig]
+    body = subject.body
+    missing = sorted(set(known.names) ^ set(body.skeleton.joints))
+    if missing:
+        raise ValueError(f"rig = {rig} is a person's, whose joints differ from this body's by {missing}")
+    turn = _turns(body, known)
+    rest = _rest(body, turn)
+    skeleton = _renamed(body.skeleton, known.names)
+    rig_body = replace(
+        body,
+        skeleton=skeleton,
+        joint_rest=rest.astype(np.float32),
+        skin=replace(body.skin, rest=_skin_rest(body, turn, rest)),
+        shape_names=(),
+        shape_vertex=body.shape_vertex[:0],
+        shape_joint=body.shape_joint[:0],
+    )
+
+    def converted(pose: np.ndarray) -> np.ndarray:
+        """Poses (frame, coordinate) of the body as poses of the rig."""
+        world = posed(subject, pose)[1][..., :3, :3] @ transposed(body.skeleton.frame.astype(float)) @ transposed(turn)
+        own = world.copy()
+        own[:, 0] = subject.root_base.T @ world[:, 0]
+        for joint, parent in enumerate(skeleton.parent[1:], 1):
+            own[:, joint] = transposed(world[:, parent]) @ world[:, joint]
+        angles = np.zeros(own.shape[:3])
+        for frame, rotation in enumerate(own):
+            angles[frame] = near_zyx_angles(rotation, angles[max(frame - 1, 0)])
+        return np.concatenate([pose[:, :TRANSLATION], angles.reshape(len(pose), -1)], axis=1)
+
+    return replace(
+        result,
+        subject=replace(subject, body=rig_body, pose=converted(subject.pose[None])[0]),
+        pose=np.stack([converted(run) for run in result.pose]),
+        raw_pose=None,
+        angle_sigma=None,
+        joint_sigma=None,
+    )
+
+
+def _turns(body: BodyModel, rig: Rig) -> np.ndarray:
+    """(joint, 3, 3) how each joint is turned from the bind pose to the rig's rest pose, in body axes."""
+    skeleton = body.skeleton
+    bones = {start: (end, np.array(direction)) for start, end, direction in rig.bones}
+    turn = np.tile(np.eye(3), (len(skeleton.joints), 1, 1))
+    for joint, (name, parent) in enumerate(zip(skeleton.joints, skeleton.parent, strict=True)):
+        if parent < 0 or name in rig.upright:
+            continue
+        turn[joint] = turn[parent]
+        if name in bones:
+            end, direction = bones[name]
+            bone = body.joint_rest[skeleton.index(end)].astype(float) - body.joint_rest[joint]
+            turn[joint] = _onto(turn[joint] @ bone, direction) @ turn[joint]
+    return turn
+
+
+def _onto(vector: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """(3, 3) the smallest rotation that takes a vector to a direction, which is not the opposite one."""
+    unit = vector / np.linalg.norm(vector)
+    axis, cosine = np.cross(unit, direction), float(unit @ direction)
+    across = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    return np.eye(3) + across + across @ across / (1 + cosine)
+
+
+def _rest(body: BodyModel, turn: np.ndarray) -> np.ndarray:
+    """(joint, 3) joint centres in the rig's rest pose."""
+    rest = body.joint_rest.astype(float)
+    for joint, parent in enumerate(body.skeleton.parent):
+        if parent >= 0:
+            bone = body.joint_rest[joint].astype(float) - body.joint_rest[parent]
+            rest[joint] = rest[parent] + turn[parent] @ bone
+    return rest
+
+
+def _skin_rest(body: BodyModel, turn: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """(vertex, 3) float32, the skin in the rig's rest pose."""
+    shift = rest - np.einsum("jab,jb->ja", turn, body.joint_rest)
+    skin = body.skin
+    moved = np.einsum("vkab,vb->vka", turn[skin.joint], skin.rest) + shift[skin.joint]
+    return np.einsum("vk,vka->va", skin.weight, moved).astype(np.float32)
+
+
+def _renamed(skeleton: Skeleton, names: dict[str, str]) -> Skeleton:
+    """A skeleton under other names, whose joints' axes are the body's and free."""
+    joints = len(skeleton.joints)
+    return replace(
+        skeleton,
+        joints=tuple(names[joint] for joint in skeleton.joints),
+        frame=np.tile(np.eye(3, dtype=np.float32), (joints, 1, 1)),
+        limits=np.tile(np.array([-np.inf, np.inf], np.float32), (joints, 3, 1)),
+        pairs=tuple((name, names[left], names[right]) for name, left, right in skeleton.pairs),
+    )

@@ -1,0 +1,90 @@
+"""A part of a result, or the same at another rate: what to export is chosen here."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mmocap_warp.body.rotations import between, near_zyx_angles, zyx_rotation
+from mmocap_warp.body.skeleton import TRANSLATION
+from mmocap_warp.result.result import Result
+
+_OF_RUNS = ("pose", "cost", "iou", "evaluations", "status", "raw_pose", "angle_sigma", "joint_sigma")
+_SAME_TIME = 1e-6
+"""[frames], by how much a time may lie outside the result and still be its first or last one."""
+
+
+def of_run(result: Result, run: int) -> Result:
+    """One run alone.
+
+    Raises:
+        ValueError: no such run.
+    """
+    if not 0 <= run < len(result.pose):
+        raise ValueError(f"run must be in 0 to {len(result.pose) - 1}, got {run}")
+    arrays = {name: array[run : run + 1] for name in _OF_RUNS if (array := getattr(result, name)) is not None}
+    return replace(result, **arrays)
+
+
+def before_smoothing(result: Result) -> Result:
+    """The track as it was before it was smoothed; without the standard deviations, which are the smoothed one's.
+
+    Raises:
+        ValueError: it was not smoothed.
+    """
+    if result.raw_pose is None:
+        raise ValueError("the track was not smoothed, so it has no other")
+    return replace(result, pose=result.raw_pose, raw_pose=None, angle_sigma=None, joint_sigma=None)
+
+
+def at_rate(result: Result, fps: float) -> Result:
+    """The result at ``fps`` frames per second: frame ``n`` is what was at ``n / fps`` seconds of the recording.
+
+    Between two frames the root goes straight and every joint turns the shortest way; costs, overlaps and statuses are
+    the nearest frame's. Standard deviations are dropped. The frames lie within the result's own.
+
+    Raises:
+        ValueError: a rate that is not positive, or so low that the result has no frame of it.
+    """
+    if not 0 < fps < np.inf:
+        raise ValueError(f"fps must be positive, got {fps:g}")
+    known = result.frame_numbers / result.fps
+    slack = _SAME_TIME / result.fps
+    numbers = np.arange(np.ceil((known[0] - slack) * fps), np.floor((known[-1] + slack) * fps) + 1).astype(int)
+    if not len(numbers):
+        raise ValueError(f"fps = {fps:g} has no frame in the {known[-1] - known[0]:.3g} s of the result")
+    place = np.interp(numbers / fps, known, np.arange(len(known)))
+    nearest = np.round(place).astype(int)
+
+    def resampled(pose: np.ndarray) -> np.ndarray:
+        return np.stack([_poses_at(run, place) for run in pose])
+
+    return replace(
+        result,
+        fps=float(fps),
+        frame_numbers=numbers,
+        pose=resampled(result.pose),
+        raw_pose=None if result.raw_pose is None else resampled(result.raw_pose),
+        angle_sigma=None,
+        joint_sigma=None,
+        **{name: getattr(result, name)[:, nearest] for name in ("cost", "iou", "evaluations", "status")},
+    )
+
+
+def evenly(result: Result) -> Result:
+    """The result with as much time between any two of its frames; itself where it is so already."""
+    even = len(set(np.diff(result.frame_numbers).tolist())) <= 1
+    return result if even else at_rate(result, result.rate)
+
+
+def _poses_at(pose: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Poses (n, coordinate) at fractional positions (n,) among poses (frame, coordinate)."""
+    before = np.minimum(place.astype(int), max(len(pose) - 2, 0))
+    after = np.minimum(before + 1, len(pose) - 1)
+    share = (place - before)[:, None]
+    straight = (1 - share) * pose[before] + share * pose[after]
+    near = straight[:, TRANSLATION:].reshape(len(place), -1, 3)
+    first, second = (zyx_rotation(pose[frame, TRANSLATION:].reshape(near.shape)) for frame in (before, after))
+    angles = near_zyx_angles(between(first, second, share), near)
+    return np.concatenate([straight[:, :TRANSLATION], angles.reshape(len(place), -1)], axis=1)

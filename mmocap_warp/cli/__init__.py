@@ -76,6 +76,7 @@ _CHECK = (
     "By OpenUSD's validators, and what they miss in bodies that move: weights, lengths, joints, scales, numbers that "
     "are none, files that are needed and lie elsewhere. Exits with 4 where anything is."
 )
+_MEASURE = "Print a result's joint angles, heel strikes, steps, centre of mass and bone lengths."
 _COMMANDS = (  # a command's help is here and not in its docstring, so that the list of commands loads none of them
     ("demo", "demo:demo", _DEMO),
     ("init", "init:init", _INIT),
@@ -87,6 +88,7 @@ _COMMANDS = (  # a command's help is here and not in its docstring, so that the 
     ("show", "show:show", "Write a result's overlay video and contact sheet."),
     ("export", "export:export", "Write a result's animation alone, for other programs."),
     ("check", "check:check", _CHECK),
+    ("measure", "measure:measure", _MEASURE),
     ("body", "body:app", "Make a body from MakeHuman's data."),
     ("study", "study:app", "Compare trackers: run a grid of them, and report on it."),
     ("bench", "bench:app", _BENCH),

@@ -1,4 +1,4 @@
 """Pictures of results: overlays, sheets, plots.
 
-May import: body, views, result, formats, scene, tracking.
+May import: body, views, result, measures, formats, scene, tracking.
 """

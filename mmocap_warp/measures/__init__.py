@@ -1,0 +1,4 @@
+"""What biomechanics asks of a result: joint angles, contacts and steps, centre of mass, lengths. docs/measures.md.
+
+May import: body, result.
+"""

@@ -1,0 +1,134 @@
+"""Joint angles by the recommendations of the International Society of Biomechanics; docs/measures.md has the formulas.
+
+Wu et al., *ISB recommendation on definitions of joint coordinate system of various joints for the reporting of human
+joint motion*: part I, ankle, hip and spine (J. Biomechanics 35, 2002); part II, shoulder, elbow, wrist and hand (38,
+2005). The knee, which they leave out: Grood and Suntay, *A joint coordinate system for the clinical description of
+three-dimensional motions* (J. Biomechanical Engineering 105, 1983).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from mmocap_warp.body.model import BodyModel
+from mmocap_warp.body.rotations import transposed
+from mmocap_warp.measures.segments import SEGMENTS, has_joints, segment_axes
+
+_LEAST_ELEVATION = 5.0
+"""Of an arm that hangs (or points up) as straight as this, the plane of elevation is not told [degrees]."""
+
+_MIRROR = np.array([[1.0, 1.0, -1.0], [1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
+"""A rotation times this, element by element, is the one that its mirror image across the xy plane makes."""
+
+
+@dataclass(frozen=True)
+class JointAngles:
+    """How the angles of a joint are told.
+
+    Attributes:
+        upper, lower: the segments that it joins, without their side.
+        names: of the three angles.
+        signs: of the three angles, from the right-handed rotations about z, x and y of a right limb.
+    """
+
+    upper: str
+    lower: str
+    names: tuple[str, str, str]
+    signs: tuple[int, int, int] = (1, 1, 1)
+
+    @property
+    def of_shoulder(self) -> bool:
+        """Whether rotations are about y, x and y again instead of z, x and y."""
+        return self.names[1] == "elevation"
+
+
+_BENDING = ("flexion", "bending_to_the_right", "rotation_to_the_left")
+_PAIRED: dict[str, JointAngles] = {
+    "Hip": JointAngles("pelvis", "thigh", ("flexion", "adduction", "internal_rotation")),
+    "Knee": JointAngles("thigh", "shank", ("flexion", "adduction", "internal_rotation"), (-1, 1, 1)),
+    "Ankle": JointAngles("shank", "foot", ("dorsiflexion", "inversion", "internal_rotation")),
+    "Shoulder": JointAngles("thorax", "upper arm", ("plane_of_elevation", "elevation", "internal_rotation")),
+    "Elbow": JointAngles("upper arm", "forearm", ("flexion", "carrying_angle", "pronation")),
+    "Wrist": JointAngles("forearm", "hand", ("flexion", "ulnar_deviation", "pronation")),
+}
+_MIDDLE: dict[str, JointAngles] = {
+    "Trunk": JointAngles("pelvis", "thorax", _BENDING, (-1, 1, 1)),
+    "Neck": JointAngles("thorax", "head", _BENDING, (-1, 1, 1)),
+}
+
+
+def joint_angles(body: BodyModel, transforms: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
+    """Of each joint that the body has the segments for, its angles by name: each (frame,) float64 [degrees].
+
+    Angles go on over half a turn from one frame to the next; one that is not defined is NaN. A joint of a side is
+    named after it, such as ``LKnee``.
+
+    Args:
+        body: whose they are.
+        transforms: (frame, joint, 4, 4), of its joints in the world.
+    """
+    angles = {}
+    for joint, (upper, lower) in _measured(body):
+        definition = _PAIRED.get(joint[1:]) or _MIDDLE[joint]
+        between = transposed(segment_axes(body, transforms, upper)) @ segment_axes(body, transforms, lower)
+        if lower.startswith("L "):
+            between = between * _MIRROR
+        told = _yxy(between) if definition.of_shoulder else _zxy(between)
+        angles[joint] = {
+            name: sign * _continuous(angle)
+            for name, sign, angle in zip(definition.names, definition.signs, told, strict=True)
+        }
+    return angles
+
+
+def joints_left_out(body: BodyModel) -> list[str]:
+    """The joints of a person whose angles a body does not have."""
+    has = {joint for joint, _ in _measured(body)}
+    return [joint for joint, _ in _defined() if joint not in has]
+
+
+def _defined() -> Iterator[tuple[str, tuple[str, str]]]:
+    """All joints, with the names of their two segments."""
+    for joint, each in _MIDDLE.items():
+        yield joint, (each.upper, each.lower)
+    for joint, each in _PAIRED.items():
+        for side in "LR":
+            upper = each.upper if each.upper in SEGMENTS else f"{side} {each.upper}"
+            yield side + joint, (upper, f"{side} {each.lower}")
+
+
+def _measured(body: BodyModel) -> Iterator[tuple[str, tuple[str, str]]]:
+    for joint, names in _defined():
+        if has_joints(body.skeleton, [needed for name in names for needed in SEGMENTS[name].joints]):
+            yield joint, names
+
+
+def _zxy(rotation: np.ndarray) -> np.ndarray:
+    """(3, frame) angles a, b, c [rad] of rotations ``Rz(a) @ Rx(b) @ Ry(c)``, (frame, 3, 3)."""
+    r = np.moveaxis(rotation, 0, 2)
+    return np.stack(
+        [np.arctan2(-r[0, 1], r[1, 1]), np.arcsin(np.clip(r[2, 1], -1.0, 1.0)), np.arctan2(-r[2, 0], r[2, 2])]
+    )
+
+
+def _yxy(rotation: np.ndarray) -> np.ndarray:
+    """(3, frame) angles a, b, c [rad], b not negative, of rotations ``Ry(a) @ Rx(-b) @ Ry(c)``, (frame, 3, 3).
+
+    a and c are NaN where b is near to 0 or 180 degrees.
+    """
+    r = np.moveaxis(rotation, 0, 2)
+    sine = np.hypot(r[0, 1], r[2, 1])
+    plane, turn = np.arctan2(-r[0, 1], -r[2, 1]), np.arctan2(-r[1, 0], r[1, 2])
+    known = np.where(sine < np.sin(np.radians(_LEAST_ELEVATION)), np.nan, 1.0)
+    return np.stack([plane * known, np.arctan2(sine, r[1, 1]), turn * known])
+
+
+def _continuous(angle: np.ndarray) -> np.ndarray:
+    """Angles (frame,) in degrees, each as near to the last known one as whole turns bring it."""
+    degrees = np.degrees(angle)
+    known = np.isfinite(degrees)
+    degrees[known] = np.unwrap(degrees[known], period=360.0)
+    return degrees

@@ -1,0 +1,128 @@
+"""Anatomical axes of a person's segments, from joint centres and hinges in the bind pose, carried by the joints.
+
+Axes are the International Society of Biomechanics': x forward, y up, z to the right, in the anatomical position, for
+segments of both sides. docs/measures.md says which of them are anatomical and which are the bind pose's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from mmocap_warp.body.model import BodyModel
+from mmocap_warp.body.skeleton import Skeleton
+
+_UPRIGHT = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
+"""x, y and z in columns, of a segment that stands as the body does: facing body z, its left side at body x."""
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A rigid part of a person.
+
+    Attributes:
+        joint: that carries it.
+        upper, lower: joints whose centres lie on its long axis, which points up to the first; empty where its axes are
+            those of the bind pose.
+        across: the joint whose frame tells where z points, and the signed column of that frame, such as ``-x``.
+    """
+
+    joint: str
+    upper: str = ""
+    lower: str = ""
+    across: tuple[str, str] = ("", "")
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """All joints that it needs."""
+        return tuple(name for name in (self.joint, self.upper, self.lower, self.across[0]) if name)
+
+    def axes(self, body: BodyModel) -> np.ndarray:
+        """(3, 3) float64, its axes in columns, in the frame of its joint."""
+        skeleton = body.skeleton
+        own = skeleton.frame[skeleton.index(self.joint)].astype(float)
+        return own.T @ (self._long_axes(body) if self.upper else _UPRIGHT)
+
+    def _long_axes(self, body: BodyModel) -> np.ndarray:
+        skeleton = body.skeleton
+        centre = body.joint_rest.astype(float)
+        joint, column = self.across
+        hinge = skeleton.frame[skeleton.index(joint)][:, "xyz".index(column[1])].astype(float)
+        z = hinge if column[0] == "+" else -hinge
+        y = centre[skeleton.index(self.upper)] - centre[skeleton.index(self.lower)]
+        y /= np.linalg.norm(y)
+        z -= (y @ z) * y
+        z /= np.linalg.norm(z)
+        return np.stack([np.cross(y, z), y, z], axis=1)
+
+
+def _of_side(side: str) -> dict[str, Segment]:
+    """A left knee bends about its frame's x, as a right one does; a left elbow about -y, a right one about y.
+
+    The thumb points to where the elbow bends, along z of the elbow's frame, which on the right is the outer side of a
+    forearm whose palm is turned forward.
+    """
+    hip, knee, ankle, shoulder, elbow, wrist = (
+        side + name for name in ("Hip", "Knee", "Ankle", "Shoulder", "Elbow", "Wrist")
+    )
+    knee_hinge, elbow_hinge, outer = (
+        (knee, "-x"),
+        (elbow, "-y" if side == "L" else "+y"),
+        (elbow, "-z" if side == "L" else "+z"),
+    )
+    return {
+        f"{side} thigh": Segment(hip, hip, knee, knee_hinge),
+        f"{side} shank": Segment(knee, knee, ankle, knee_hinge),
+        f"{side} foot": Segment(ankle),
+        f"{side} upper arm": Segment(shoulder, shoulder, elbow, elbow_hinge),
+        f"{side} forearm": Segment(elbow, elbow, wrist, outer),
+        f"{side} hand": Segment(wrist, elbow, wrist, outer),
+    }
+
+
+SEGMENTS: dict[str, Segment] = {
+    "pelvis": Segment("Root"),
+    "thorax": Segment("UpperSpine"),
+    "head": Segment("Neck"),
+    **_of_side("L"),
+    **_of_side("R"),
+}
+"""By name; those of a side begin with ``L`` or ``R``."""
+
+
+def has_joints(skeleton: Skeleton, names: Iterable[str]) -> bool:
+    """Whether a skeleton has all these joints."""
+    return set(names) <= set(skeleton.joints)
+
+
+def segment_axes(body: BodyModel, transforms: np.ndarray, name: str) -> np.ndarray:
+    """A segment's axes in the world, in columns: (frame, 3, 3) float64.
+
+    Args:
+        body: a body that has the segment's joints.
+        transforms: (frame, joint, 4, 4), of its joints in the world.
+        name: of the segment.
+    """
+    segment = SEGMENTS[name]
+    return transforms[:, body.skeleton.index(segment.joint), :3, :3].astype(float) @ segment.axes(body)
+
+
+def skin_place(
+    body: BodyModel, transforms: np.ndarray, joint: str, far: Callable[[np.ndarray], np.ndarray]
+) -> np.ndarray:
+    """(frame, 3), the joint's skin that is furthest out in the bind pose, carried by the joint.
+
+    The joint's centre where no skin follows it.
+
+    Args:
+        body: whose skin.
+        transforms: (frame, joint, 4, 4), of its joints in the world.
+        joint: that has most weight on the skin.
+        far: how far out vertices (vertex, 3) are, from their places relative to the joint in body axes.
+    """
+    number = body.skeleton.index(joint)
+    away = (body.skin.rest[body.skin.heaviest_joint == number] - body.joint_rest[number]).astype(float)
+    local = away[far(away).argmax()] @ body.skeleton.frame[number] if len(away) else np.zeros(3)
+    return transforms[:, number, :3, :3].astype(float) @ local + transforms[:, number, :3, 3]

@@ -7,15 +7,13 @@ from functools import cached_property
 
 import numpy as np
 
-from mmocap_warp.body.model import Subject
-from mmocap_warp.body.posing import Poser
 from mmocap_warp.measures.bone_lengths import Length, bone_lengths
 from mmocap_warp.measures.centre_of_mass import Sex, centre_of_mass
 from mmocap_warp.measures.contacts import FEET, Foot, feet_on_floor
 from mmocap_warp.measures.joint_angles import joint_angles, joints_left_out
 from mmocap_warp.measures.segments import skin_place
 from mmocap_warp.measures.steps import Walking, walking
-from mmocap_warp.result.positions import POSES_AT_ONCE, blocks
+from mmocap_warp.result.positions import joint_transforms
 from mmocap_warp.result.result import Result
 
 
@@ -115,7 +113,7 @@ def vertical(up: str) -> np.ndarray:
 
 def _of_run(result: Result, pose: np.ndarray, run: int, raw: bool, sex: Sex | None) -> RunMeasures:
     subject, body = result.subject, result.subject.body
-    transforms = _transforms(subject, pose)
+    transforms = joint_transforms(subject, pose)
     joints = transforms[:, :, :3, 3].astype(float)
     seconds, up = result.frame_numbers / result.fps, vertical(result.cameras.up)
     feet = feet_on_floor(subject, pose, seconds, up)
@@ -130,12 +128,3 @@ def _of_run(result: Result, pose: np.ndarray, run: int, raw: bool, sex: Sex | No
         walking=walking(feet, heel, joints[:, 0], seconds, up),
         centre_of_mass=centre_of_mass(body, transforms, sex),
     )
-
-
-def _transforms(subject: Subject, pose: np.ndarray) -> np.ndarray:
-    """(frame, joint, 4, 4) float32, of the joints in the world."""
-    poser = Poser(subject.body, subject.root_base)
-    transforms = np.empty((len(pose), len(subject.body.joint_rest), 4, 4), np.float32)
-    for block in blocks(len(pose), POSES_AT_ONCE):
-        transforms[block] = poser.joint_transforms(pose[block])
-    return transforms

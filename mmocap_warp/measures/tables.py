@@ -57,7 +57,8 @@ Columns = dict[str, np.ndarray]
 def _of_frames(
     measures: Measures, columns_of: Callable[[Measures, RunMeasures], Columns]
 ) -> tuple[list[str], list[Row]]:
-    head, rows = [], []
+    head: list[str] = []
+    rows: list[Row] = []
     moments = list(zip(measures.result.frame_numbers.tolist(), measures.seconds.tolist(), strict=True))
     for run in measures.runs:
         columns = columns_of(measures, run)

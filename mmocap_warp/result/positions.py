@@ -23,6 +23,15 @@ def joint_positions(subject: Subject, pose: np.ndarray) -> np.ndarray:
     return centres
 
 
+def joint_transforms(subject: Subject, pose: np.ndarray) -> np.ndarray:
+    """World transforms of the joints for full poses (n, coordinate): (n, joint, 4, 4) float32, for column vectors."""
+    poser = Poser(subject.body, subject.root_base)
+    transforms = np.empty((len(pose), len(subject.body.joint_rest), 4, 4), np.float32)
+    for block in blocks(len(pose), POSES_AT_ONCE):
+        transforms[block] = poser.joint_transforms(pose[block])
+    return transforms
+
+
 def skin_positions(subject: Subject, pose: np.ndarray, vertex: np.ndarray) -> np.ndarray:
     """Some of the skin's vertices (m,) int in the world for full poses (n, coordinate): (n, m, 3) float32 [m]."""
     skin = subject.body.skin

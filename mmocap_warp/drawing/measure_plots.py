@@ -14,6 +14,7 @@ from mmocap_warp.whole_file import write_whole
 
 _WIDTH, _LEFT, _RIGHT = 960.0, 46.0, 14.0
 _ROW, _TOP, _BOTTOM = 170.0, 30.0, 46.0  # height of a row of panels, and of what is around a panel's axes
+_LEGEND = 20.0  # height of the line above the rows
 _LEAST_RANGE = 10.0  # of an axis of angles, so that what hardly moves looks so [degrees]
 _LEAST_HEIGHT = 100.0  # of the axis of the feet's heights [mm]
 _COLOUR = {"left": "first", "right": "second", "middle": "first"}
@@ -35,12 +36,13 @@ def plot_angles(path: Path, measures: Measures) -> None:
         raise ValueError("measures must have joint angles")
     parts = []
     for number, (joint, panels) in enumerate(rows.items()):
+        top = _LEGEND + number * _ROW
         width = (_WIDTH - _LEFT - _RIGHT) / len(panels)
         for column, (name, curves) in enumerate(panels.items()):
             left = _LEFT + column * width
-            parts.append(_panel(f"{joint}: {name} [°]", measures.seconds, curves, left, left + width - 40, number))
+            parts.append(_panel(f"{joint}: {name} [°]", measures.seconds, curves, left, left + width - 40, top))
     words = "joint angles against time, left and right"
-    write_whole(path, picture((_WIDTH, len(rows) * _ROW), words, [_legend(), *parts]).encode())
+    write_whole(path, picture((_WIDTH, _LEGEND + len(rows) * _ROW), words, [_legend(), *parts]).encode())
 
 
 def plot_feet(path: Path, measures: Measures) -> None:
@@ -52,12 +54,12 @@ def plot_feet(path: Path, measures: Measures) -> None:
     feet, seconds = measures.shown.feet, measures.seconds
     x = _time(seconds, _LEFT, _WIDTH - _RIGHT)
     most = max([1000 * float(foot.height.max()) for foot in feet.values()], default=0.0)
-    y = axis(-30.0, max(1.05 * most, _LEAST_HEIGHT), 2 * _ROW - _BOTTOM, _TOP)
+    y = axis(-30.0, max(1.05 * most, _LEAST_HEIGHT), _LEGEND + 2 * _ROW - _BOTTOM, _LEGEND + _TOP)
     parts = [_legend(), axes(x, y, "time [s]", "lowest skin over the floor [mm]; bars: on the floor")]
     for number, (side, foot) in enumerate(feet.items()):
         track = curve(x, y, zip(seconds, 1000 * foot.height, strict=True))
         parts.append(f'<g class="{_COLOUR[side]}">{track}{_bars(foot, seconds, x, y.at(-12.0 - 9.0 * number))}</g>')
-    write_whole(path, picture((_WIDTH, 2 * _ROW), "feet over the floor against time", parts).encode())
+    write_whole(path, picture((_WIDTH, _LEGEND + 2 * _ROW), "feet over the floor against time", parts).encode())
 
 
 def _by_joint(measures: Measures) -> dict[str, dict[str, Curves]]:
@@ -71,11 +73,11 @@ def _by_joint(measures: Measures) -> dict[str, dict[str, Curves]]:
     return rows
 
 
-def _panel(label: str, seconds: np.ndarray, curves: Curves, left: float, right: float, row: int) -> str:
+def _panel(label: str, seconds: np.ndarray, curves: Curves, left: float, right: float, top: float) -> str:
     known = np.concatenate([angle[np.isfinite(angle)] for angle in curves.values()])
     low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
     room = max(_LEAST_RANGE - (high - low), 0.1 * (high - low)) / 2
-    y = axis(low - room, high + room, (row + 1) * _ROW - _BOTTOM, row * _ROW + _TOP, 4)
+    y = axis(low - room, high + room, top + _ROW - _BOTTOM, top + _TOP, 4)
     x = _time(seconds, left, right)
     drawn = [
         f'<g class="{_COLOUR[side]}">{curve(x, y, zip(seconds, angle, strict=True))}</g>'
@@ -99,9 +101,9 @@ def _bars(foot: Foot, seconds: np.ndarray, x: Axis, height: float) -> str:
 
 
 def _legend() -> str:
-    """Which colour is which side, over the first row's right end."""
+    """Which colour is which side, above the right end."""
     names = (("first", "left, or middle", 66.0), ("second", "right", 0.0))
     return "".join(
-        f'<g class="{colour}">{text((_WIDTH - _RIGHT - back, 14.0), word, "series", "end")}</g>'
+        f'<g class="{colour}">{text((_WIDTH - _RIGHT - back, _LEGEND - 5), word, "series", "end")}</g>'
         for colour, word, back in names
     )

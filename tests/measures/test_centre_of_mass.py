@@ -27,7 +27,7 @@ def bent_alike(body, seed=1):
 
 @pytest.mark.parametrize("name", BODIES)
 def test_of_a_symmetric_pose_it_lies_in_the_mirror_plane(name):
-    assert abs(centre(BODIES[name], bent_alike(BODIES[name]))[0, 0]) < 2e-4
+    assert abs(centre(BODIES[name], bent_alike(BODIES[name]))[0, 0]) < 1e-6
 
 
 @pytest.mark.parametrize("name", BODIES)

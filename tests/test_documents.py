@@ -9,9 +9,11 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
+from synthetic import synthetic_result
 from tracked_motion import FRAMES, TRACKED, standing_still, track_motion
 
 import mmocap_warp
+from mmocap_warp.formats.usd.result import write_result
 from mmocap_warp.optimizers.minimize import minimize
 from mmocap_warp.tracking.algorithms import ALGORITHMS
 
@@ -44,6 +46,16 @@ def test_the_public_face_goes_from_masks_to_a_picture(tmp_path):
     assert error < 20
     assert shapes == "(1, 64, 16, 3) (2, 13380, 3) (240, 320, 3)"
     assert (tmp_path / "walk.usdc").is_file()
+
+
+def test_a_result_stands_in_its_bind_pose_for_opensim(tmp_path):
+    result = synthetic_result(frames=3)
+    write_result(tmp_path / "walk.usdc", result)
+    (tmp_path / "still.py").write_text(example("measures.md"))
+    subprocess.run([sys.executable, "still.py"], cwd=tmp_path, capture_output=True, check=True)
+    still = mmocap_warp.load_result(tmp_path / "still.usdc")
+    assert still.pose.shape == (2, 1, result.pose.shape[2])
+    assert not still.pose.any()
 
 
 def test_the_page_on_python_names_the_whole_face():

@@ -1,6 +1,7 @@
 """From an exported ``.trc`` to joint angles by OpenSim: scaling, markers, inverse kinematics, comparison with ours.
 
-docs/measures.md has the commands; what it printed of the built-in walk is in opensim_angles.txt. It runs in an environment of its own, which has opensim and nothing of mmocap.
+docs/measures.md has the commands; what it printed of the built-in walk is in opensim_angles.txt. It runs in an
+environment of its own, which has opensim and nothing of mmocap.
 """
 
 from __future__ import annotations

@@ -16,6 +16,7 @@ _WIDTH, _LEFT, _RIGHT = 960.0, 46.0, 14.0
 _ROW, _TOP, _BOTTOM = 170.0, 30.0, 46.0  # height of a row of panels, and of what is around a panel's axes
 _LEGEND = 20.0  # height of the line above the rows
 _LEAST_RANGE = 10.0  # of an axis of angles, so that what hardly moves looks so [degrees]
+_MOST_POINTS = 1000  # of a curve, more than its panel has pixels; of a longer clip every second frame, third ...
 _LEAST_HEIGHT = 100.0  # of the axis of the feet's heights [mm]
 _COLOUR = {"left": "first", "right": "second", "middle": "first"}
 _SIDE_OF_PREFIX = {"L": "left", "R": "right"}
@@ -57,7 +58,7 @@ def plot_feet(path: Path, measures: Measures) -> None:
     y = axis(-30.0, max(1.05 * most, _LEAST_HEIGHT), _LEGEND + 2 * _ROW - _BOTTOM, _LEGEND + _TOP)
     parts = [_legend(), axes(x, y, "time [s]", "lowest skin over the floor [mm]; bars: on the floor")]
     for number, (side, foot) in enumerate(feet.items()):
-        track = curve(x, y, zip(seconds, 1000 * foot.height, strict=True))
+        track = _track(x, y, seconds, 1000 * foot.height)
         parts.append(f'<g class="{_COLOUR[side]}">{track}{_bars(foot, seconds, x, y.at(-12.0 - 9.0 * number))}</g>')
     write_whole(path, picture((_WIDTH, _LEGEND + 2 * _ROW), "feet over the floor against time", parts).encode())
 
@@ -79,15 +80,17 @@ def _panel(label: str, seconds: np.ndarray, curves: Curves, left: float, right: 
     room = max(_LEAST_RANGE - (high - low), 0.1 * (high - low)) / 2
     y = axis(low - room, high + room, top + _ROW - _BOTTOM, top + _TOP, 4)
     x = _time(seconds, left, right)
-    drawn = [
-        f'<g class="{_COLOUR[side]}">{curve(x, y, zip(seconds, angle, strict=True))}</g>'
-        for side, angle in curves.items()
-    ]
+    drawn = [f'<g class="{_COLOUR[side]}">{_track(x, y, seconds, angle)}</g>' for side, angle in curves.items()]
     return "".join([axes(x, y, "time [s]", label), *drawn])
 
 
 def _time(seconds: np.ndarray, start: float, stop: float) -> Axis:
     return axis(float(seconds[0]), float(seconds[-1]), start, stop)
+
+
+def _track(x: Axis, y: Axis, seconds: np.ndarray, values: np.ndarray) -> str:
+    step = -(-len(seconds) // _MOST_POINTS)
+    return curve(x, y, zip(seconds[::step], values[::step], strict=True))
 
 
 def _bars(foot: Foot, seconds: np.ndarray, x: Axis, height: float) -> str:

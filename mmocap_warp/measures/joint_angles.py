@@ -31,32 +31,31 @@ class JointAngles:
     Attributes:
         upper, lower: the segments that it joins, without their side.
         names: of the three angles.
-        signs: of the three angles, from the right-handed rotations about z, x and y of a right limb.
+        sign: of the first angle, from the right-handed rotation about the first axis; the others are as they are.
+        order: of the rotations that angles are told of, ``zxy`` or ``yxy``.
     """
 
     upper: str
     lower: str
     names: tuple[str, str, str]
-    signs: tuple[int, int, int] = (1, 1, 1)
-
-    @property
-    def of_shoulder(self) -> bool:
-        """Whether rotations are about y, x and y again instead of z, x and y."""
-        return self.names[1] == "elevation"
+    sign: int = 1
+    order: str = "zxy"
 
 
 _BENDING = ("flexion", "bending_to_the_right", "rotation_to_the_left")
 _PAIRED: dict[str, JointAngles] = {
     "Hip": JointAngles("pelvis", "thigh", ("flexion", "adduction", "internal_rotation")),
-    "Knee": JointAngles("thigh", "shank", ("flexion", "adduction", "internal_rotation"), (-1, 1, 1)),
+    "Knee": JointAngles("thigh", "shank", ("flexion", "adduction", "internal_rotation"), sign=-1),
     "Ankle": JointAngles("shank", "foot", ("dorsiflexion", "inversion", "internal_rotation")),
-    "Shoulder": JointAngles("thorax", "upper arm", ("plane_of_elevation", "elevation", "internal_rotation")),
+    "Shoulder": JointAngles(
+        "thorax", "upper arm", ("plane_of_elevation", "elevation", "internal_rotation"), order="yxy"
+    ),
     "Elbow": JointAngles("upper arm", "forearm", ("flexion", "carrying_angle", "pronation")),
     "Wrist": JointAngles("forearm", "hand", ("flexion", "ulnar_deviation", "pronation")),
 }
 _MIDDLE: dict[str, JointAngles] = {
-    "Trunk": JointAngles("pelvis", "thorax", _BENDING, (-1, 1, 1)),
-    "Neck": JointAngles("thorax", "head", _BENDING, (-1, 1, 1)),
+    "Trunk": JointAngles("pelvis", "thorax", _BENDING, sign=-1),
+    "Neck": JointAngles("thorax", "head", _BENDING, sign=-1),
 }
 
 
@@ -76,11 +75,8 @@ def joint_angles(body: BodyModel, transforms: np.ndarray) -> dict[str, dict[str,
         between = transposed(segment_axes(body, transforms, upper)) @ segment_axes(body, transforms, lower)
         if lower.startswith("L "):
             between = between * _MIRROR
-        told = _yxy(between) if definition.of_shoulder else _zxy(between)
-        angles[joint] = {
-            name: sign * _continuous(angle)
-            for name, sign, angle in zip(definition.names, definition.signs, told, strict=True)
-        }
+        first, second, third = map(_continuous, _DECOMPOSED[definition.order](between))
+        angles[joint] = dict(zip(definition.names, (definition.sign * first, second, third), strict=True))
     return angles
 
 
@@ -132,3 +128,6 @@ def _continuous(angle: np.ndarray) -> np.ndarray:
     known = np.isfinite(degrees)
     degrees[known] = np.unwrap(degrees[known], period=360.0)
     return degrees
+
+
+_DECOMPOSED = {"zxy": _zxy, "yxy": _yxy}

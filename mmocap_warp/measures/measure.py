@@ -63,11 +63,6 @@ class Measures:
         """(frame,), from the recording's frame 0 on."""
         return self.result.frame_numbers / self.result.fps
 
-    @property
-    def up(self) -> np.ndarray:
-        """(3,), the world's vertical."""
-        return vertical(self.result.cameras.up)
-
     @cached_property
     def shown(self) -> RunMeasures:
         """The best of the runs that were measured."""
@@ -106,16 +101,11 @@ def measure(result: Result, run: int | None = None, raw: bool = False, sex: Sex 
     return Measures(result, raw, sex, measured, tuple(left_out))
 
 
-def vertical(up: str) -> np.ndarray:
-    """(3,) float64 of an axis such as ``+z``."""
-    return (1.0 if up[0] == "+" else -1.0) * np.eye(3)["xyz".index(up[1])]
-
-
 def _of_run(result: Result, pose: np.ndarray, run: int, raw: bool, sex: Sex | None) -> RunMeasures:
     subject, body = result.subject, result.subject.body
     transforms = joint_transforms(subject, pose)
     joints = transforms[:, :, :3, 3].astype(float)
-    seconds, up = result.frame_numbers / result.fps, vertical(result.cameras.up)
+    seconds, up = result.frame_numbers / result.fps, result.cameras.up_vector
     feet = feet_on_floor(subject, pose, seconds, up)
     heel = {side: skin_place(body, transforms, FEET[side], lambda away: -away[:, 2]) for side in feet}
     sigma = None if raw or result.joint_sigma is None else result.joint_sigma[run]

@@ -28,6 +28,7 @@ def report(measures: Measures) -> dict[str, Any]:
 
 def _of_run(measures: Measures, run: RunMeasures) -> dict[str, Any]:
     numbers, gait = measures.result.frame_numbers, run.walking
+    up, centre = measures.result.cameras.up_vector, run.centre_of_mass
 
     def mean_by_side(values: list[tuple[str, float]]) -> dict[str, float]:
         return {side: _spread([value for foot, value in values if foot == side])["mean"] for side in run.feet}
@@ -44,7 +45,7 @@ def _of_run(measures: Measures, run: RunMeasures) -> dict[str, Any]:
         "step_length_m": mean_by_side([(step.side, step.length) for step in gait.steps]),
         "stride_length_m": mean_by_side([(stride.side, stride.length) for stride in gait.strides]),
         "stance_share": mean_by_side([(stride.side, stride.stance_share) for stride in gait.strides]),
-        "centre_of_mass_height_m": None if run.centre_of_mass is None else _spread(run.centre_of_mass @ measures.up),
+        "centre_of_mass_height_m": None if centre is None else _spread(centre @ up),
     }
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from mmocap_warp.measures.measure import Measures, RunMeasures
+from mmocap_warp.result.result import STATUS
 from mmocap_warp.whole_file import write_whole
 
 Row = Sequence[str | int | float]
@@ -59,12 +60,13 @@ def _of_frames(
 ) -> tuple[list[str], list[Row]]:
     head: list[str] = []
     rows: list[Row] = []
-    moments = list(zip(measures.result.frame_numbers.tolist(), measures.seconds.tolist(), strict=True))
+    numbers, seconds = measures.result.frame_numbers.tolist(), measures.seconds.tolist()
     for run in measures.runs:
         columns = columns_of(measures, run)
-        head = ["run", "frame", "seconds", *columns]
+        head = ["run", "frame", "seconds", "status", *columns]
+        status = [STATUS[number] for number in measures.result.status[run.run]]
         for i, values in enumerate(zip(*(column.tolist() for column in columns.values()), strict=True)):
-            rows.append((run.run, *moments[i], *values))
+            rows.append((run.run, numbers[i], seconds[i], status[i], *values))
     return head, rows
 
 

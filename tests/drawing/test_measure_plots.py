@@ -65,6 +65,14 @@ def test_short_clips_and_unknown_angles_are_drawn(tmp_path, frames):
     assert "nan" not in (tmp_path / "angles.svg").read_text() + (tmp_path / "feet.svg").read_text()
 
 
+def test_of_a_long_clip_some_frames_are_drawn(tmp_path):
+    measures = measure(answer(MAN, np.zeros((2500, MAN.skeleton.coordinates))))
+    plot_feet(tmp_path / "feet.svg", measures)
+    track, bar = curves(tmp_path / "feet.svg")["first"]
+    assert track.count("l") == 834  # every third
+    assert bar.endswith("L946 " + bar.rsplit(" ", 1)[1])
+
+
 def test_a_dog_has_no_angles_to_plot(tmp_path):
     measures = measure(answer(quadruped(), np.zeros((2, quadruped().skeleton.coordinates))))
     with pytest.raises(ValueError, match="joint angles"):

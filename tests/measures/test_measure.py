@@ -11,7 +11,7 @@ from other_bodies import quadruped
 from synthetic import synthetic_result
 
 from mmocap_warp.bodies.shipped import load_body
-from mmocap_warp.measures.measure import measure, vertical
+from mmocap_warp.measures.measure import measure
 from mmocap_warp.measures.report import report
 from mmocap_warp.measures.tables import tables, write_tables
 
@@ -88,7 +88,7 @@ def test_tables_hold_every_frame_of_every_run(walk, tmp_path):
     frames = len(walk.frame_numbers)
     for name in ("angles", "joints", "centre_of_mass", "contacts"):
         head, rows = written[name]
-        assert head[:3] == ["run", "frame", "seconds"]
+        assert head[:4] == ["run", "frame", "seconds", "status"]
         assert len(rows) == 2 * frames
         assert all(len(row) == len(head) for row in rows)
     head, rows = written["joints"]
@@ -99,6 +99,11 @@ def test_tables_hold_every_frame_of_every_run(walk, tmp_path):
     flexion = [float(row[head.index("RKnee.flexion_deg")]) for row in rows[:frames]]
     np.testing.assert_allclose(flexion, measures.runs[0].angles["RKnee"]["flexion"], rtol=1e-8)
     assert (rows[1][1], float(rows[1][2])) == ("101", pytest.approx(101 / 60))
+
+
+def test_tables_say_how_a_frames_pose_was_found():
+    head, rows = tables(measure(synthetic_result(frames=4), run=1))["joints"]
+    assert [row[head.index("status")] for row in rows] == ["tracked", "partial", "tracked", "lost"]
 
 
 def test_events_come_in_their_order_with_their_step_and_stride(walk):
@@ -118,8 +123,3 @@ def test_what_is_not_known_is_empty_and_a_table_without_rows_is_not_written(tmp_
     files = write_tables(tmp_path, measure(answer(dog, np.zeros((3, dog.skeleton.coordinates)))))
     assert [path.name for path in files] == ["lengths.csv", "joints.csv"]
     assert read(files[0])[1][0][2] == ""
-
-
-@pytest.mark.parametrize(("up", "axis"), [("+z", (0, 0, 1)), ("-x", (-1, 0, 0))])
-def test_the_vertical(up, axis):
-    assert vertical(up).tolist() == list(axis)

@@ -23,20 +23,20 @@ def find_browser() -> str | None:
 
 
 class Browser:
-    """One page of a browser of its own, with a profile that is thrown away.
+    """One page of a browser of its own, with a profile that is thrown away; ``further`` flags may be given.
 
     Attributes:
         events: (method, parameters) of all that it has told.
     """
 
-    def __init__(self, program: str, profile: Path) -> None:
+    def __init__(self, program: str, profile: Path, *further: str) -> None:
         to_it, from_it = os.pipe(), os.pipe()
         theirs = [fcntl.fcntl(end, fcntl.F_DUPFD, 10) for end in (to_it[0], from_it[1])]
         # The browser reads commands from descriptor 3 and answers on 4.
         script = f'exec "$@" 3<&{theirs[0]} 4>&{theirs[1]}'
         flags = ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run")
         self._process = subprocess.Popen(
-            ["bash", "-c", script, "bash", program, *flags, f"--user-data-dir={profile}", "--remote-debugging-pipe"],
+            ["bash", "-c", script, "bash", program, *flags, *further, f"--user-data-dir={profile}", "--remote-debugging-pipe"],
             pass_fds=theirs,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,

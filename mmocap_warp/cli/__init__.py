@@ -86,6 +86,7 @@ _COMMANDS = (  # a command's help is here and not in its docstring, so that the 
     ("cameras", "cameras:cameras", _CAMERAS),
     ("eval", "evaluate:evaluate", "Print a result's IoU, and its errors where the truth is known."),
     ("show", "show:show", "Write a result's overlay video and contact sheet."),
+    ("view", "view:view", "Write a result as one page for a browser: body, cameras, masks and curves."),
     ("export", "export:export", "Write a result's animation alone, for other programs."),
     ("check", "check:check", _CHECK),
     ("measure", "measure:measure", _MEASURE),

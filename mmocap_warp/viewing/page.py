@@ -1,0 +1,132 @@
+"""The page: one HTML file that holds a result and all that shows it."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from html import escape
+from importlib.resources import files
+from itertools import islice
+from pathlib import Path
+from string import Template
+from typing import Any
+
+from mmocap_warp.drawing.show import check_same_recording
+from mmocap_warp.result.result import Result
+from mmocap_warp.result.truth import Truth
+from mmocap_warp.scene.recording import Scene
+from mmocap_warp.tracking.body_masks import tracked_masks
+from mmocap_warp.version import __version__
+from mmocap_warp.viewing.content import content
+from mmocap_warp.viewing.pictures import Views, small_images, small_masks
+from mmocap_warp.viewing.thinning import Thinning
+from mmocap_warp.whole_file import write_whole
+
+_SCRIPTS = ("data.js", "pinhole.js", "stage.js", "curves.js", "page.js")
+_IMAGE_SIDE = 320  # [px], the longer side that images are read at, where they are larger
+
+
+@dataclass(frozen=True)
+class Page:
+    """A page that shows a result; a notebook shows it below the cell that ends with it.
+
+    Attributes:
+        html: the whole file.
+    """
+
+    html: str
+
+    def write(self, path: str | Path) -> None:
+        """Write it as a file, whole or not at all.
+
+        Raises:
+            InputError: the folder cannot be written.
+        """
+        write_whole(Path(path), self.html.encode())
+
+    def _repr_html_(self) -> str:
+        return f'<iframe srcdoc="{escape(self.html)}" width="100%" height="720" style="border: 0"></iframe>'
+
+
+def view(
+    result: Result,
+    scene: Scene | None = None,
+    *,
+    truth: Truth | None = None,
+    images: bool = False,
+    name: str = "Tracked motion",
+    progress: Callable[[int], None] | None = None,
+) -> Page:
+    """A page to look at a result with: body, cameras, what they saw, and curves, at any time and from any side.
+
+    Args:
+        result: what was tracked, all runs of it.
+        scene: its recording, for masks and images; None shows the motion among the cameras alone.
+        truth: what errors are measured from; None draws no error.
+        images: show the scene's images beside its masks.
+        name: the page's title.
+        progress: called after each frame whose mask was read with the number of frames done.
+
+    Raises:
+        InputError: the scene or the truth is of another recording, or an image cannot be read.
+    """
+    thinning = Thinning.of(result)
+    masks = pictures = None
+    if scene is not None:
+        check_same_recording(result, scene)
+        cameras, frames = len(result.cameras), len(result.frame_numbers)
+        masks = small_masks(_told(tracked_masks(scene, result), progress), thinning.poses * thinning.masks, cameras)
+        if images:
+            scale = min(1.0, _IMAGE_SIDE / int(scene.calibrated.size.max()))
+            seen = islice(scene.images(scale, int(result.frame_numbers[0]), frames), frames)
+            pictures = small_images(seen, thinning.poses * thinning.images, cameras)
+    return Page(_html(name, result, thinning, content(result, thinning, truth, masks, pictures)))
+
+
+def _told(views: Views, progress: Callable[[int], None] | None) -> Iterator[Any]:
+    """The same, telling how far it is."""
+    for done, view in enumerate(views, 1):
+        yield view
+        if progress is not None:
+            progress(done)
+
+
+def _html(name: str, result: Result, thinning: Thinning, data: dict[str, Any]) -> str:
+    script = "\n".join(_resource(part) for part in _SCRIPTS)
+    style = _resource("page.css")
+    seen = [any(camera[kind] for camera in data["cameras"]) for kind in ("masks", "images")]
+    return Template(_resource("page.html")).substitute(
+        title=escape(name),
+        summary=escape(_summary(result)),
+        contents=escape(thinning.sentence(result.fps, *seen)),
+        version=escape(__version__),
+        content=_embedded(data),
+        script=script,
+        script_hash=_hash(script),
+        style=style,
+        style_hash=_hash(style),
+    )
+
+
+def _summary(result: Result) -> str:
+    frames, cameras, runs = len(result.frame_numbers), len(result.cameras), len(result.pose)
+    parts = [f"{frames} frames, {frames / result.fps:.1f} s at {result.fps:g} a second", f"{cameras} cameras"]
+    parts += [f"{runs} runs"] if runs > 1 else []
+    return ", ".join([*parts, f"tracked by {result.config.get('algorithm', 'an unknown tracker')}"])
+
+
+def _embedded(data: dict[str, Any]) -> str:
+    """JSON that no browser takes for markup, whatever names it holds."""
+    return json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def _resource(name: str) -> str:
+    return files("mmocap_warp.viewing").joinpath(name).read_text(encoding="utf-8").strip()
+
+
+def _hash(text: str) -> str:
+    """As a content security policy names what it allows."""
+    return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()

@@ -1,0 +1,54 @@
+"""Small pictures of what the cameras saw."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Callable, Iterable, Sequence
+
+import cv2
+import numpy as np
+
+from mmocap_warp.formats.png import png_bytes
+
+_LONGER_SIDE = 240  # [px]
+_JPEG_QUALITY = 60
+
+Views = Iterable[Sequence[np.ndarray | None]]
+"""Per frame, a picture for each camera."""
+
+
+def small_masks(masks: Views, every: int, cameras: int) -> list[list[str | None]]:
+    """Per camera, every so manieth frame's mask as a base64 PNG of one bit a pixel; None where there is none."""
+    return _per_camera(masks, every, cameras, _mask)
+
+
+def small_images(images: Views, every: int, cameras: int) -> list[list[str | None]]:
+    """Per camera, every so manieth frame's image as a base64 JPEG; None where there is none."""
+    return _per_camera(images, every, cameras, _image)
+
+
+def _per_camera(
+    views: Views, every: int, cameras: int, encoded: Callable[[np.ndarray], bytes]
+) -> list[list[str | None]]:
+    columns: list[list[str | None]] = [[] for _ in range(cameras)]
+    for frame, seen in enumerate(views):
+        if frame % every == 0:
+            for column, picture in zip(columns, seen, strict=True):
+                column.append(None if picture is None else base64.b64encode(encoded(picture)).decode())
+    return columns
+
+
+def _mask(mask: np.ndarray) -> bytes:
+    return png_bytes(_small(mask.astype(np.uint8) * 255) > 127)
+
+
+def _image(image: np.ndarray) -> bytes:
+    _, data = cv2.imencode(".jpg", _small(image), (cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY))
+    return data.tobytes()
+
+
+def _small(picture: np.ndarray) -> np.ndarray:
+    height, width = picture.shape[:2]
+    scale = min(1.0, _LONGER_SIDE / max(height, width))
+    size = max(1, round(width * scale)), max(1, round(height * scale))
+    return cv2.resize(picture, size, interpolation=cv2.INTER_AREA)

@@ -34,9 +34,16 @@ class Browser:
         theirs = [fcntl.fcntl(end, fcntl.F_DUPFD, 10) for end in (to_it[0], from_it[1])]
         # The browser reads commands from descriptor 3 and answers on 4.
         script = f'exec "$@" 3<&{theirs[0]} 4>&{theirs[1]}'
-        flags = ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run")
+        flags = (
+            "--headless=new",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--disable-dev-shm-usage",
+            "--no-first-run",
+            *further,
+        )
         self._process = subprocess.Popen(
-            ["bash", "-c", script, "bash", program, *flags, *further, f"--user-data-dir={profile}", "--remote-debugging-pipe"],
+            ["bash", "-c", script, "bash", program, *flags, f"--user-data-dir={profile}", "--remote-debugging-pipe"],
             pass_fds=theirs,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,

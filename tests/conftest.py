@@ -20,7 +20,7 @@ import warp as wp
 from browser import find_browser
 
 # A browser is no package that the tests could ask for: without one, its tests are not collected. The header says so.
-collect_ignore = [] if find_browser() else ["study/test_report_browser.py"]
+collect_ignore = [] if find_browser() else ["study/test_report_browser.py", "viewing/test_page_browser.py"]
 
 
 def _has_gltf_validator() -> bool:
@@ -67,8 +67,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_report_header() -> str:
-    """Which browser shows the study's page, and whether glTF is validated."""
-    browser = find_browser() or "none found, so the page of a study is not shown in one"
+    """Which browser shows the pages, and whether glTF is validated."""
+    browser = find_browser() or "none found, so no page is shown in one"
     validator = "not found" if "formats/exports/test_gltf_validator.py" in collect_ignore else "found"
     return f"browser: {browser}; glTF-Validator: {validator}"
 

@@ -49,7 +49,8 @@ class Thinning:
             parts.append(f"masks of {_frames(self.poses * self.masks)}")
         if images:
             parts.append(f"images of {_frames(self.poses * self.images)}")
-        return f"This page holds {', '.join(parts)}. Between poses it turns joints evenly."
+        between = "" if self.poses == 1 else " Between them, the body moves evenly."
+        return f"This page holds {', '.join(parts)}.{between}"
 
 
 def _every(amount: int, limit: int) -> int:

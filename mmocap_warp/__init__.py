@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from mmocap_warp.tracking.fit import FitConfig, fit
     from mmocap_warp.tracking.live import LiveFrame, track_live
     from mmocap_warp.tracking.track import track
+    from mmocap_warp.viewing.page import view
 
 _HOME = {
     "BodyModel": ("body.model", "BodyModel"),
@@ -49,6 +50,7 @@ _HOME = {
     "overlay": ("drawing.show", "overlay"),
     "track": ("tracking.track", "track"),
     "track_live": ("tracking.live", "track_live"),
+    "view": ("viewing.page", "view"),
     "write_result": ("formats.usd.result", "write_result"),
 }
 
@@ -72,6 +74,7 @@ __all__ = [
     "overlay",
     "track",
     "track_live",
+    "view",
     "write_result",
 ]
 

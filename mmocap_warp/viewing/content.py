@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -15,10 +14,7 @@ from mmocap_warp.result.positions import POSES_AT_ONCE, blocks
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.viewing.packing import packed, packed_numbers, packed_places, packed_rotations, packed_values
-from mmocap_warp.viewing.thinning import Thinning
-
-Pictures = Sequence[Sequence[str | None]]
-"""Per camera, base64 of every so manieth frame."""
+from mmocap_warp.viewing.thinning import Pictures
 
 _ERRORS = (("mpjpe_mm", "Joint error, mean"), ("marker_error_mm", "Marker error, mean"))
 """Series of an evaluation, best first, and what the page calls them."""
@@ -26,7 +22,7 @@ _ERRORS = (("mpjpe_mm", "Joint error, mean"), ("marker_error_mm", "Marker error,
 
 def content(
     result: Result,
-    thinning: Thinning,
+    step: int,
     truth: Truth | None = None,
     masks: Pictures | None = None,
     images: Pictures | None = None,
@@ -35,22 +31,22 @@ def content(
 
     Args:
         result: what is shown.
-        thinning: which frames are kept.
+        step: every so manieth frame is kept, with the first.
         truth: what errors are measured from; None for no error.
-        masks: per camera, pictures of the frames that ``thinning`` says; None for none.
+        masks: of the frames that are kept; None for none.
         images: likewise.
 
     Raises:
         InputError: the truth is of another recording.
     """
-    kept = thinning.kept(len(result.frame_numbers))
+    kept = np.arange(0, len(result.frame_numbers), step)
     return {
         "body": _body(result.subject.body),
         "cameras": _cameras(result, masks, images),
         "up": result.cameras.up_vector.tolist(),
         "fps": result.fps,
         "frames": result.frame_numbers[kept].tolist(),
-        "every": {"masks": thinning.masks, "images": thinning.images},
+        "every": {"masks": masks.every if masks else 1, "images": images.every if images else 1},
         "statuses": list(STATUS),
         "best": result.best_run,
         "runs": _runs(result, kept, truth),
@@ -85,8 +81,8 @@ def _cameras(result: Result, masks: Pictures | None, images: Pictures | None) ->
             "R": rig.R[k].tolist(),
             "t": rig.t[k].tolist(),
             "size": rig.size[k].tolist(),
-            "masks": list(masks[k]) if masks is not None else [],
-            "images": list(images[k]) if images is not None else [],
+            "masks": masks.of[k] if masks else [],
+            "images": images.of[k] if images else [],
         }
         for k, name in enumerate(rig.names)
     ]

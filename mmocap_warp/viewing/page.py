@@ -22,7 +22,7 @@ from mmocap_warp.tracking.body_masks import tracked_masks
 from mmocap_warp.version import __version__
 from mmocap_warp.viewing.content import content
 from mmocap_warp.viewing.pictures import Views, small_images, small_masks
-from mmocap_warp.viewing.thinning import Thinning
+from mmocap_warp.viewing.thinning import pose_step, sentence
 from mmocap_warp.whole_file import write_whole
 
 _SCRIPTS = ("data.js", "pinhole.js", "stage.js", "curves.js", "page.js")
@@ -73,17 +73,18 @@ def view(
     Raises:
         InputError: the scene or the truth is of another recording, or an image cannot be read.
     """
-    thinning = Thinning.of(result)
+    step = pose_step(result)
     masks = pictures = None
     if scene is not None:
         check_same_recording(result, scene)
         cameras, frames = len(result.cameras), len(result.frame_numbers)
-        masks = small_masks(_told(tracked_masks(scene, result), progress), thinning.poses * thinning.masks, cameras)
+        masks = small_masks(_told(tracked_masks(scene, result), progress), step, cameras)
         if images:
             scale = min(1.0, _IMAGE_SIDE / int(scene.calibrated.size.max()))
             seen = islice(scene.images(scale, int(result.frame_numbers[0]), frames), frames)
-            pictures = small_images(seen, thinning.poses * thinning.images, cameras)
-    return Page(_html(name, result, thinning, content(result, thinning, truth, masks, pictures)))
+            pictures = small_images(seen, step, cameras)
+    holds = sentence(result.fps, step, masks, pictures)
+    return Page(_html(name, _summary(result), holds, content(result, step, truth, masks, pictures)))
 
 
 def _told(views: Views, progress: Callable[[int], None] | None) -> Iterator[Any]:
@@ -94,14 +95,13 @@ def _told(views: Views, progress: Callable[[int], None] | None) -> Iterator[Any]
             progress(done)
 
 
-def _html(name: str, result: Result, thinning: Thinning, data: dict[str, Any]) -> str:
+def _html(name: str, summary: str, holds: str, data: dict[str, Any]) -> str:
     script = "\n".join(_resource(part) for part in _SCRIPTS)
     style = _resource("page.css")
-    seen = [any(camera[kind] for camera in data["cameras"]) for kind in ("masks", "images")]
     return Template(_resource("page.html")).substitute(
         title=escape(name),
-        summary=escape(_summary(result)),
-        contents=escape(thinning.sentence(result.fps, *seen)),
+        summary=escape(summary),
+        holds=escape(holds),
         version=escape(__version__),
         content=_embedded(data),
         script=script,

@@ -4,37 +4,40 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Callable, Iterable, Sequence
+from itertools import islice
 
 import cv2
 import numpy as np
 
 from mmocap_warp.formats.png import png_bytes
+from mmocap_warp.viewing.thinning import Pictures
 
 _LONGER_SIDE = 240  # [px]
 _JPEG_QUALITY = 60
+_MASK_CHARACTERS = 1_600_000  # of all masks, at about half a kilobyte each
+_IMAGE_CHARACTERS = 2_000_000  # of all images, at about six kilobytes each
 
 Views = Iterable[Sequence[np.ndarray | None]]
 """Per frame, a picture for each camera."""
 
 
-def small_masks(masks: Views, every: int, cameras: int) -> list[list[str | None]]:
-    """Per camera, every so manieth frame's mask as a base64 PNG of one bit a pixel; None where there is none."""
-    return _per_camera(masks, every, cameras, _mask)
+def small_masks(masks: Views, step: int, cameras: int) -> Pictures:
+    """Masks of every so manieth frame, or of fewer, as PNGs of one bit a pixel."""
+    return Pictures.within(_MASK_CHARACTERS, _per_camera(masks, step, cameras, _mask))
 
 
-def small_images(images: Views, every: int, cameras: int) -> list[list[str | None]]:
-    """Per camera, every so manieth frame's image as a base64 JPEG; None where there is none."""
-    return _per_camera(images, every, cameras, _image)
+def small_images(images: Views, step: int, cameras: int) -> Pictures:
+    """Images of every so manieth frame, or of fewer, as JPEGs."""
+    return Pictures.within(_IMAGE_CHARACTERS, _per_camera(images, step, cameras, _image))
 
 
 def _per_camera(
-    views: Views, every: int, cameras: int, encoded: Callable[[np.ndarray], bytes]
+    views: Views, step: int, cameras: int, encoded: Callable[[np.ndarray], bytes]
 ) -> list[list[str | None]]:
     columns: list[list[str | None]] = [[] for _ in range(cameras)]
-    for frame, seen in enumerate(views):
-        if frame % every == 0:
-            for column, picture in zip(columns, seen, strict=True):
-                column.append(None if picture is None else base64.b64encode(encoded(picture)).decode())
+    for seen in islice(views, None, None, step):
+        for column, picture in zip(columns, seen, strict=True):
+            column.append(None if picture is None else base64.b64encode(encoded(picture)).decode())
     return columns
 
 

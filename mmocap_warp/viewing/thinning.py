@@ -1,61 +1,51 @@
-"""Which frames a page holds, so that it stays small: poses of some, masks and images of fewer."""
+"""Which frames a page holds, so that it stays small: poses of some, masks and images perhaps of fewer."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from mmocap_warp.result.result import Result
 
-_MOTION_BYTES = 2_400_000  # of all poses; a joint takes 14 bytes
+_POSE_BYTES = 2_400_000  # of all poses, base64 left out; a joint takes 14
 _JOINT_BYTES = 14
-_MASKS = 1200  # of all cameras, at about half a kilobyte
-_IMAGES = 240  # of all cameras, at about six kilobytes
 
 
 @dataclass(frozen=True)
-class Thinning:
-    """Every so manieth frame, always with the first.
+class Pictures:
+    """What the cameras saw in some of a page's frames.
 
     Attributes:
-        poses: every this many frames of the result have poses, and values in the curves.
-        masks: every this many frames of those have masks.
-        images: likewise images.
+        of: per camera, base64 of the pictures; None where there is none.
+        every: in how many of the page's frames there is one, the first always among them.
     """
 
-    poses: int
-    masks: int
-    images: int
+    of: list[list[str | None]]
+    every: int
 
     @classmethod
-    def of(cls, result: Result) -> Thinning:
-        """What keeps a page of a result below 5 MB or near it."""
-        runs, frames, _ = result.pose.shape
-        tracks = runs * (1 if result.raw_pose is None else 2)
-        a_frame = tracks * len(result.subject.body.skeleton.joints) * _JOINT_BYTES
-        poses = _every(frames * a_frame, _MOTION_BYTES)
-        pictures = -(-frames // poses) * len(result.cameras)
-        return cls(poses, _every(pictures, _MASKS), _every(pictures, _IMAGES))
-
-    def kept(self, frames: int) -> np.ndarray:
-        """Positions of the frames that have poses, of ``frames``."""
-        return np.arange(0, frames, self.poses)
-
-    def sentence(self, fps: float, masks: bool, images: bool) -> str:
-        """What the page says that it shows of a recording of ``fps`` frames a second."""
-        parts = [f"poses of {_frames(self.poses)} ({fps / self.poses:.3g} a second)"]
-        if masks:
-            parts.append(f"masks of {_frames(self.poses * self.masks)}")
-        if images:
-            parts.append(f"images of {_frames(self.poses * self.images)}")
-        between = "" if self.poses == 1 else " Between them, the body moves evenly."
-        return f"This page holds {', '.join(parts)}.{between}"
+    def within(cls, characters: int, of: list[list[str | None]]) -> Pictures:
+        """As many of a picture for each frame as have room."""
+        total = sum(len(picture or "") for pictures in of for picture in pictures)
+        every = max(1, -(-total // characters))
+        return cls([pictures[::every] for pictures in of], every)
 
 
-def _every(amount: int, limit: int) -> int:
-    """The smallest step that leaves ``limit`` of an amount."""
-    return max(1, -(-amount // limit))
+def pose_step(result: Result) -> int:
+    """A page has room for the poses of every so manieth frame."""
+    runs, frames, _ = result.pose.shape
+    tracks = runs * (1 if result.raw_pose is None else 2)
+    return max(1, -(-frames * tracks * len(result.subject.body.skeleton.joints) * _JOINT_BYTES // _POSE_BYTES))
+
+
+def sentence(fps: float, step: int, masks: Pictures | None, images: Pictures | None) -> str:
+    """What a page says that it holds of a recording of ``fps`` frames a second."""
+    parts = [f"poses of {_frames(step)} ({fps / step:.3g} a second)"]
+    if masks is not None:
+        parts.append(f"masks of {_frames(step * masks.every)}")
+    if images is not None:
+        parts.append(f"images of {_frames(step * images.every)}")
+    between = "" if step == 1 else " Between them, the body moves evenly."
+    return f"This page holds {', '.join(parts)}.{between}"
 
 
 def _frames(step: int) -> str:

@@ -14,7 +14,7 @@ from synthetic import ring_rig
 from mmocap_warp.errors import InputError
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.viewing.page import view
-from mmocap_warp.viewing.thinning import Thinning
+from mmocap_warp.viewing.thinning import Pictures, pose_step
 
 
 def content_of(page):
@@ -130,10 +130,16 @@ def test_a_page_asks_for_nothing_from_elsewhere():
 
 def test_300_frames_of_four_cameras_are_below_5_megabytes():
     result = made_result(300, cameras=4)
-    assert Thinning.of(result) == Thinning(1, 1, 5)
     page = view(replace(result, cameras=ring_rig(4, size=(320, 240))), Recording(result), images=True)
     assert len(page.html.encode()) < 5e6
-    assert "poses of every frame (59.9 a second), masks of every frame, images of one frame in 5" in page.html
+    assert "poses of every frame (59.9 a second), masks of every frame, images of every frame." in page.html
+
+
+def test_pictures_that_have_no_room_are_left_out_evenly():
+    each = ["a" * 100, None, "b" * 100, "c" * 100, "d" * 100]
+    assert Pictures.within(800, [each, each]) == Pictures([each, each], 1)
+    assert Pictures.within(799, [each, each]) == Pictures([each[::2]] * 2, 2)
+    assert Pictures.within(200, [each, each]).of == [["a" * 100, "d" * 100]] * 2
 
 
 def test_ten_minutes_are_thinned_and_say_so():
@@ -147,16 +153,14 @@ def test_ten_minutes_are_thinned_and_say_so():
     ten_minutes = replace(
         result, frame_numbers=np.arange(frames), fps=60.0, **{name: long(getattr(result, name)) for name in arrays}
     )
-    thinning = Thinning.of(ten_minutes)
-    assert 60 / thinning.poses >= 5
-    kept = thinning.kept(frames)
+    step = pose_step(ten_minutes)
+    assert 60 / step >= 5
     page = view(ten_minutes)
     assert len(page.html.encode()) < 5e6
     content = content_of(page)
-    assert content["frames"] == kept.tolist()
-    assert f"poses of one frame in {thinning.poses}" in page.html
-    assert len(content["runs"][0]["status"]) == len(kept)
-    assert Thinning.of(ten_minutes).masks * 1200 >= 4 * len(kept)
+    assert content["frames"] == list(range(0, frames, step))
+    assert f"poses of one frame in {step}" in page.html
+    assert len(content["runs"][0]["status"]) == len(content["frames"])
 
 
 def test_a_notebook_shows_the_page_in_a_frame():

@@ -81,6 +81,8 @@ class Tile {
       seen.append(picture);
     }
     this.overlap = element("span");
+    this.age = element("span", { className: "age" });
+    seen.append(this.age);
     const name = element("span", { textContent: `${k + 1} ${camera.name}`, title: camera.name });
     this.button = element("button", { type: "button" }, [
       ...(Object.keys(this.pictures).length ? [seen] : []), element("span", { className: "words" }, [name, this.overlap]),
@@ -99,6 +101,8 @@ class Tile {
       if (data) picture.src = `data:image/${kind === "masks" ? "png" : "jpeg"};base64,${data}`;
       else delete this.textures[kind];
     }
+    const old = Object.entries(this.shown).filter(([kind, number]) => number * content.every[kind] !== i);
+    this.age.textContent = old.map(([kind, number]) => `${kind.slice(0, -1)} of frame ${frames[number * content.every[kind]]}`).join(", ");
     this.overlap.textContent = Number.isFinite(overlap) ? `IoU ${overlap.toFixed(3)}` : "no mask";
   }
 }
@@ -222,6 +226,7 @@ function show() {
   part.where.textContent = `Frame ${frames[i]}, ${seconds[i].toFixed(2)} s, ${content.statuses[run.status[i]]}`;
   part.slider.setAttribute("aria-valuetext", part.where.textContent);
   tiles.forEach((tile, k) => tile.show(i, seen[k]));
+  part.age.textContent = state.through === null ? "" : tiles[state.through].age.textContent;
   for (const curve of curves) curve.show(i, trackName());
   if (stage) draw();
 }

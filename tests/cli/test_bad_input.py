@@ -286,6 +286,7 @@ CASES = (
     Case("scene of another recording", other_result, "has the cameras cam01, cam02, cam03, the result", SHOW_OTHER),
     Case("scene shorter than the result", result_file, "has 3 frames, the result goes to frame 12", SHOW_OTHER),
     Case("animation of unknown kind", result_file, "a.fbx", ("export", "{folder}/result.usda", "-o", "{folder}/a.fbx")),
+    Case("page of unknown kind", result_file, "a.htm", ("view", "{folder}/result.usda", "-o", "{folder}/a.htm")),
     Case("MakeHuman's data missing", nothing, "3dobjs/base.obj is missing", MAKE),
 )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -323,6 +324,15 @@ def test_show_and_export_write_what_they_say(result, tmp_path, capsys):
     for suffix in ("usda", "usdc", "usdz"):
         written = answer(capsys, "export", result, "-o", tmp_path / f"a.{suffix}")
         assert faults(written["file"]) == []
+
+
+def test_view_writes_a_page_with_masks_and_the_errors_of_the_scenes_truth(result, tmp_path, capsys):
+    written = answer(capsys, "view", result, "-o", tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert (written["frames"], written["bytes"]) == (FRAMES, len(page.encode()))
+    assert "Joint error, mean" in page
+    (cameras,) = re.findall(r'"cameras":(\[.*?\]),"up"', page)
+    assert all(len(camera["masks"]) == FRAMES and not camera["images"] for camera in json.loads(cameras))
 
 
 def test_a_result_of_small_masks_is_drawn_over_larger_images(scene, tmp_path, capsys, monkeypatch):

@@ -193,6 +193,16 @@ def test_a_camera_is_chosen_by_its_picture(browser):
     assert browser.run("state.through") is None
 
 
+def test_a_picture_of_another_frame_says_so(browser):
+    """Where images have no room they are of fewer frames than the body."""
+    browser.run("content.every.images = 3; seek(4); lookThrough(0)")
+    browser.run(DRAWN)
+    assert browser.run("[part.age.textContent, tiles[0].age.textContent]") == ["image of frame 39"] * 2
+    browser.run("seek(6)")
+    browser.run(DRAWN)
+    assert browser.run("part.age.textContent") == ""
+
+
 def test_a_drag_turns_and_a_wheel_comes_nearer(browser):
     before = browser.run("[orbit.heading, orbit.distance]")
     for kind, x, buttons in (("mousePressed", 300, 1), ("mouseMoved", 360, 1), ("mouseReleased", 360, 0)):

@@ -16,6 +16,7 @@ def view(
     *,
     output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
     images: Switch = False,
+    rerun: Path | None = None,
     scene: Path | None = None,
     force: Switch = False,
     console: Console | None = None,
@@ -30,6 +31,8 @@ def view(
         The page's file, .html; beside the result and named after it by default.
     images
         Show the recording's images too, not its masks alone.
+    rerun
+        Also write the best run as a recording of Rerun's, .rrd; needs the package rerun-sdk.
     scene
         The scene, if it is no longer where the result says.
     force
@@ -41,13 +44,18 @@ def view(
     from mmocap_warp.cli.progress import Progress
     from mmocap_warp.formats.usd.result import read_result
     from mmocap_warp.viewing.page import view
+    from mmocap_warp.viewing.rerun_file import write_rerun
 
     console = console or Console()
     page = new_file(output or result.with_suffix(".html"), ".html", force=force)
+    if rerun is not None:
+        new_file(rerun, ".rrd", force=force)
     tracked = read_result(result)
     recorded = scene_of(tracked, result, scene)
     truth = truth_of(recorded)
     start_warp()
+    if rerun is not None:
+        write_rerun(rerun, tracked, recorded, truth)
     frames = len(tracked.frame_numbers)
     with Progress("view", quiet=console.quiet) as progress:
         name = recorded.name if recorded is not None else result.stem
@@ -56,4 +64,5 @@ def view(
         )
     shown.write(page)
     size = page.stat().st_size
-    console.result({"file": page, "frames": frames, "bytes": size}, f"{page}: {frames} frames, {size / 1e6:.1f} MB")
+    text = f"{page}: {frames} frames, {size / 1e6:.1f} MB" + (f"\n{rerun}" if rerun is not None else "")
+    console.result({"file": page, "rerun": rerun, "frames": frames, "bytes": size}, text)

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import Poser
-from mmocap_warp.result.evaluation import evaluate
 from mmocap_warp.result.positions import POSES_AT_ONCE, blocks
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.result.truth import Truth
+from mmocap_warp.viewing.curves import Curve, curves, tracks
 from mmocap_warp.viewing.packing import packed, packed_numbers, packed_places, packed_rotations, packed_values
 from mmocap_warp.viewing.thinning import Pictures
-
-_ERRORS = (("mpjpe_mm", "Joint error, mean"), ("marker_error_mm", "Marker error, mean"))
-"""Series of an evaluation, best first, and what the page calls them."""
 
 
 def content(
@@ -90,19 +86,25 @@ def _cameras(result: Result, masks: Pictures | None, images: Pictures | None) ->
 
 def _runs(result: Result, kept: np.ndarray, truth: Truth | None) -> list[dict[str, Any]]:
     """Each run's motion, curves and statuses."""
-    tracks = {"final": result.pose} | ({} if result.raw_pose is None else {"raw": result.raw_pose})
-    errors = {name: _errors(result, pose, truth) for name, pose in tracks.items()} if truth is not None else {}
     seed = result.config.get("seed")
+    poses, known = tracks(result), curves(result, truth)
     return [
         {
             "name": f"run {run}" if seed is None else f"run {run}, seed {seed + run}",
-            "tracks": {name: _motion(result, pose[run, kept]) for name, pose in tracks.items()},
+            "tracks": {name: _motion(result, pose[run, kept]) for name, pose in poses.items()},
             "status": result.status[run, kept].tolist(),
             "iou": packed_values(result.iou[run, kept]),  # (frame, camera)
-            "curves": _curves(result, run, kept, errors),
+            "curves": [
+                _curve(curve, run, kept) for curve in known if np.isfinite(curve.values["final"][run, kept]).any()
+            ],
         }
         for run in range(len(result.pose))
     ]
+
+
+def _curve(curve: Curve, run: int, kept: np.ndarray) -> dict[str, Any]:
+    values = {track: packed_values(each[run, kept]) for track, each in curve.values.items()}
+    return {"name": curve.name, "unit": curve.unit, "values": values}
 
 
 def _motion(result: Result, pose: np.ndarray) -> dict[str, Any]:
@@ -112,40 +114,3 @@ def _motion(result: Result, pose: np.ndarray) -> dict[str, Any]:
     transforms = np.concatenate([poser.joint_transforms(pose[block]) for block in blocks(len(pose), POSES_AT_ONCE)])
     turns = transforms[..., :3, :3].astype(float) @ np.swapaxes(subject.body.skeleton.frame, 1, 2)
     return {"turn": packed_rotations(turns), "place": packed_places(transforms[..., :3, 3].astype(float))}
-
-
-def _curves(
-    result: Result, run: int, kept: np.ndarray, errors: dict[str, tuple[str, np.ndarray]]
-) -> list[dict[str, Any]]:
-    """What is drawn against frame: name, unit, and values of each track that has its own."""
-    curves = []
-    if errors:
-        curves.append(_curve(errors["final"][0], "mm", {name: of[run, kept] for name, (_, of) in errors.items()}))
-    iou = result.iou[run, kept]
-    seen = np.isfinite(iou)
-    mean = np.divide(np.where(seen, iou, 0.0).sum(axis=1), seen.sum(axis=1), where=seen.any(axis=1), out=_nan(len(iou)))
-    curves.append(_curve("IoU, mean over views", "", {"final": mean}))
-    if result.joint_sigma is not None:
-        sigma = np.linalg.norm(result.joint_sigma[run, kept], axis=-1)
-        curves.append(_curve("Uncertainty of a joint, mean", "mm", {"final": 1000.0 * sigma.mean(axis=1)}))
-    return [curve for curve in curves if curve is not None]
-
-
-def _curve(name: str, unit: str, values: dict[str, np.ndarray]) -> dict[str, Any] | None:
-    if not any(np.isfinite(each).any() for each in values.values()):
-        return None
-    return {"name": name, "unit": unit, "values": {track: packed_values(each) for track, each in values.items()}}
-
-
-def _errors(result: Result, pose: np.ndarray, truth: Truth) -> tuple[str, np.ndarray]:
-    """What the error is called, and its values (run, frame) [mm] for one of the result's tracks."""
-    series = evaluate(replace(result, pose=pose), truth)["series"]
-    for key, name in _ERRORS:
-        values = np.array(series.get(key, np.nan), float)  # None becomes NaN
-        if np.isfinite(values).any():
-            return name, values
-    return _ERRORS[0][1], np.full(result.cost.shape, np.nan)
-
-
-def _nan(count: int) -> np.ndarray:
-    return np.full(count, np.nan)

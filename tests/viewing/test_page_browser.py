@@ -120,6 +120,23 @@ def test_a_camera_sees_the_skin_where_it_projects(browser, result, track):
     assert (drawn & expected).sum() / (drawn | expected).sum() > 0.97
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_between_two_frames_a_joint_is_halfway(browser, sign):
+    """A quaternion and its negative are one rotation; here one of a quarter turn about z."""
+    quarter = round(32767 * np.sqrt(0.5))
+    half = browser.run(
+        f"""[...Object.assign(Object.create(Track.prototype), {{
+            joints: 1,
+            turn: new Int16Array([0, 0, 0, 32767, 0, 0, {sign * quarter}, {sign * quarter}]),
+            place: new Uint16Array([0, 0, 0, 100, 0, 0]),
+            low: [1, 2, 3],
+            step: 0.01,
+        }}).at(0.5, new Float32Array(8))]"""
+    )
+    np.testing.assert_allclose(half[:4], [0, 0, np.sin(np.pi / 8), np.cos(np.pi / 8)], atol=1e-4)
+    np.testing.assert_allclose(half[4:7], [1.5, 2, 3], rtol=1e-6)
+
+
 def test_keys_play_step_and_choose(browser):
     assert frame(browser) == "Frame 30, 0.00 s, tracked"
     press(browser, "ArrowRight")

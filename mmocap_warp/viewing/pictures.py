@@ -9,7 +9,7 @@ from itertools import islice
 import cv2
 import numpy as np
 
-from mmocap_warp.formats.png import png_bytes
+from mmocap_warp.formats.png import encode_png
 from mmocap_warp.viewing.thinning import Pictures
 
 _LONGER_SIDE = 240  # [px]
@@ -42,7 +42,7 @@ def _per_camera(
 
 
 def _mask(mask: np.ndarray) -> bytes:
-    return png_bytes(_small(mask.astype(np.uint8) * 255) > 127)
+    return encode_png(_small(mask.astype(np.uint8) * 255) > 127)
 
 
 def _image(image: np.ndarray) -> bytes:

@@ -13,7 +13,7 @@ from mmocap_warp.body.skeleton import Skeleton
 from mmocap_warp.drawing.overlay import LEFT_COLOUR, MIDDLE_COLOUR, MODEL_COLOUR, RIGHT_COLOUR
 from mmocap_warp.drawing.show import check_same_recording
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.png import png_bytes
+from mmocap_warp.formats.png import encode_png
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.scene.recording import Scene
@@ -85,7 +85,7 @@ def _log_frames(rr: Any, recording: Any, result: Result, scene: Scene | None) ->
             (transforms,) = poser.joint_transforms(pose[run, frame])
             recording.log(["world", "skeleton", track], _bones(rr, body.skeleton, transforms[:, :3, 3]))
         for name, mask in zip(result.cameras.names, seen, strict=False):
-            picture = rr.EncodedImage(contents=png_bytes(mask), media_type="image/png")
+            picture = rr.EncodedImage(contents=encode_png(mask), media_type="image/png")
             recording.log(["world", name, "mask"], picture)
 
 

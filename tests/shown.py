@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -25,14 +26,19 @@ class Recording:
 
     def __init__(self, result):
         self.calibrated = result.cameras
-        self.frame_count = int(result.frame_numbers[-1]) + 1
+        self.recorded_frames = int(result.frame_numbers[-1]) + 1
 
-    def images(self, scale, first, count):
-        for _ in range(count):
+    def of_frames(self, frames):
+        some = copy(self)
+        some.frames = frames
+        return some
+
+    def images(self, scale):
+        for _ in self.frames:
             yield [np.full((240, 320, 3), (10, 200, 40), np.uint8), *[None] * (len(self.calibrated) - 1)]
 
-    def masks(self, scale, first, count, body):
+    def masks(self, scale, body):
         mask = np.zeros((240, 320), bool)
         mask[:, :160] = True
-        for _ in range(count):
+        for _ in self.frames:
             yield [mask] * len(self.calibrated)

@@ -59,9 +59,7 @@ def view(
     frames = len(tracked.frame_numbers)
     with Progress("view", quiet=console.quiet) as progress:
         name = recorded.name if recorded is not None else result.stem
-        shown = view(
-            tracked, recorded, truth=truth, images=images, name=name, progress=lambda done: progress(done, frames)
-        )
+        shown = view(tracked, recorded, truth=truth, images=images, name=name, progress=progress)
     shown.write(page)
     size = page.stat().st_size
     text = f"{page}: {frames} frames, {size / 1e6:.1f} MB" + (f"\n{rerun}" if rerun is not None else "")

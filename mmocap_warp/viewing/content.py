@@ -18,7 +18,6 @@ from mmocap_warp.viewing.thinning import Pictures
 
 def content(
     result: Result,
-    step: int,
     truth: Truth | None = None,
     masks: Pictures | None = None,
     images: Pictures | None = None,
@@ -26,26 +25,24 @@ def content(
     """The page's data.
 
     Args:
-        result: what is shown.
-        step: every so manieth frame is kept, with the first.
+        result: what is shown, all frames of it.
         truth: what errors are measured from; None for no error.
-        masks: of the frames that are kept; None for none.
+        masks: of its frames; None for none.
         images: likewise.
 
     Raises:
         InputError: the truth is of another recording.
     """
-    kept = np.arange(0, len(result.frame_numbers), step)
     return {
         "body": _body(result.subject.body),
         "cameras": _cameras(result, masks, images),
         "up": result.cameras.up_vector.tolist(),
         "fps": result.fps,
-        "frames": result.frame_numbers[kept].tolist(),
+        "frames": result.frame_numbers.tolist(),
         "every": {"masks": masks.every if masks else 1, "images": images.every if images else 1},
         "statuses": list(STATUS),
         "best": result.best_run,
-        "runs": _runs(result, kept, truth),
+        "runs": _runs(result, truth),
     }
 
 
@@ -84,26 +81,24 @@ def _cameras(result: Result, masks: Pictures | None, images: Pictures | None) ->
     ]
 
 
-def _runs(result: Result, kept: np.ndarray, truth: Truth | None) -> list[dict[str, Any]]:
+def _runs(result: Result, truth: Truth | None) -> list[dict[str, Any]]:
     """Each run's motion, curves and statuses."""
     seed = result.config.get("seed")
     poses, known = tracks(result), curves(result, truth)
     return [
         {
             "name": f"run {run}" if seed is None else f"run {run}, seed {seed + run}",
-            "tracks": {name: _motion(result, pose[run, kept]) for name, pose in poses.items()},
-            "status": result.status[run, kept].tolist(),
-            "iou": packed_values(result.iou[run, kept]),  # (frame, camera)
-            "curves": [
-                _curve(curve, run, kept) for curve in known if np.isfinite(curve.values["final"][run, kept]).any()
-            ],
+            "tracks": {name: _motion(result, pose[run]) for name, pose in poses.items()},
+            "status": result.status[run].tolist(),
+            "iou": packed_values(result.iou[run]),  # (frame, camera)
+            "curves": [_curve(curve, run) for curve in known if np.isfinite(curve.values["final"][run]).any()],
         }
         for run in range(len(result.pose))
     ]
 
 
-def _curve(curve: Curve, run: int, kept: np.ndarray) -> dict[str, Any]:
-    values = {track: packed_values(each[run, kept]) for track, each in curve.values.items()}
+def _curve(curve: Curve, run: int) -> dict[str, Any]:
+    values = {track: packed_values(each[run]) for track, each in curve.values.items()}
     return {"name": curve.name, "unit": curve.unit, "values": values}
 
 

@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
-from itertools import islice
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -17,6 +16,7 @@ from typing import Any
 from mmocap_warp.drawing.show import check_same_recording
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
+from mmocap_warp.scene.frame_choice import as_range
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking.body_masks import tracked_masks
 from mmocap_warp.version import __version__
@@ -58,7 +58,7 @@ def view(
     truth: Truth | None = None,
     images: bool = False,
     name: str = "Tracked motion",
-    progress: Callable[[int], None] | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Page:
     """A page to look at a result with: body, cameras, what they saw, and curves, at any time and from any side.
 
@@ -68,31 +68,33 @@ def view(
         truth: what errors are measured from; None draws no error.
         images: show the scene's images beside its masks.
         name: the page's title.
-        progress: called after each frame whose mask was read with the number of frames done.
+        progress: called after each frame whose masks were read with how many are done, of how many.
 
     Raises:
         InputError: the scene or the truth is of another recording, or an image cannot be read.
     """
     step = pose_step(result)
+    positions = range(0, len(result.frame_numbers), step)
+    shown = result.at(positions)
     masks = pictures = None
     if scene is not None:
         check_same_recording(result, scene)
-        cameras, frames = len(result.cameras), len(result.frame_numbers)
-        masks = small_masks(_told(tracked_masks(scene, result), progress), step, cameras)
+        cameras = len(result.cameras)
+        masks = small_masks(_told(tracked_masks(scene, result, positions), len(positions), progress), cameras)
         if images:
             scale = min(1.0, _IMAGE_SIDE / int(scene.calibrated.size.max()))
-            seen = islice(scene.images(scale, int(result.frame_numbers[0]), frames), frames)
-            pictures = small_images(seen, step, cameras)
-    holds = sentence(result.fps, step, masks, pictures)
-    return Page(_html(name, _summary(result), holds, content(result, step, truth, masks, pictures)))
+            seen = scene.of_frames(as_range(shown.frame_numbers.tolist()))
+            pictures = small_images(seen.images(scale), cameras)
+    holds = sentence(shown.rate, step, masks, pictures)
+    return Page(_html(name, _summary(result), holds, content(shown, truth, masks, pictures)))
 
 
-def _told(views: Views, progress: Callable[[int], None] | None) -> Iterator[Any]:
-    """The same, telling how far it is."""
+def _told(views: Views, count: int, progress: Callable[[int, int], None] | None) -> Iterator[Any]:
+    """The same ``count`` views, telling how far it is."""
     for done, view in enumerate(views, 1):
         yield view
         if progress is not None:
-            progress(done)
+            progress(done, count)
 
 
 def _html(name: str, summary: str, holds: str, data: dict[str, Any]) -> str:
@@ -113,7 +115,7 @@ def _html(name: str, summary: str, holds: str, data: dict[str, Any]) -> str:
 
 def _summary(result: Result) -> str:
     frames, cameras, runs = len(result.frame_numbers), len(result.cameras), len(result.pose)
-    parts = [f"{frames} frames, {frames / result.fps:.1f} s at {result.fps:g} a second", f"{cameras} cameras"]
+    parts = [f"{frames} frames, {frames / result.rate:.1f} s at {result.rate:g} a second", f"{cameras} cameras"]
     parts += [f"{runs} runs"] if runs > 1 else []
     return ", ".join([*parts, f"tracked by {result.config.get('algorithm', 'an unknown tracker')}"])
 

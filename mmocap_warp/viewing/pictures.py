@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Callable, Iterable, Sequence
-from itertools import islice
 
 import cv2
 import numpy as np
@@ -21,21 +20,19 @@ Views = Iterable[Sequence[np.ndarray | None]]
 """Per frame, a picture for each camera."""
 
 
-def small_masks(masks: Views, step: int, cameras: int) -> Pictures:
-    """Masks of every so manieth frame, or of fewer, as PNGs of one bit a pixel."""
-    return Pictures.within(_MASK_CHARACTERS, _per_camera(masks, step, cameras, _mask))
+def small_masks(masks: Views, cameras: int) -> Pictures:
+    """Masks of all frames, or of as many as have room, as PNGs of one bit a pixel."""
+    return Pictures.within(_MASK_CHARACTERS, _per_camera(masks, cameras, _mask))
 
 
-def small_images(images: Views, step: int, cameras: int) -> Pictures:
-    """Images of every so manieth frame, or of fewer, as JPEGs."""
-    return Pictures.within(_IMAGE_CHARACTERS, _per_camera(images, step, cameras, _image))
+def small_images(images: Views, cameras: int) -> Pictures:
+    """Images of all frames, or of as many as have room, as JPEGs."""
+    return Pictures.within(_IMAGE_CHARACTERS, _per_camera(images, cameras, _image))
 
 
-def _per_camera(
-    views: Views, step: int, cameras: int, encoded: Callable[[np.ndarray], bytes]
-) -> list[list[str | None]]:
+def _per_camera(views: Views, cameras: int, encoded: Callable[[np.ndarray], bytes]) -> list[list[str | None]]:
     columns: list[list[str | None]] = [[] for _ in range(cameras)]
-    for seen in islice(views, None, None, step):
+    for seen in views:
         for column, picture in zip(columns, seen, strict=True):
             column.append(None if picture is None else base64.b64encode(encoded(picture)).decode())
     return columns

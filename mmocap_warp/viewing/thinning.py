@@ -37,9 +37,9 @@ def pose_step(result: Result) -> int:
     return max(1, -(-frames * tracks * len(result.subject.body.skeleton.joints) * _JOINT_BYTES // _POSE_BYTES))
 
 
-def sentence(fps: float, step: int, masks: Pictures | None, images: Pictures | None) -> str:
-    """What a page says that it holds of a recording of ``fps`` frames a second."""
-    parts = [f"poses of {_frames(step)} ({fps / step:.3g} a second)"]
+def sentence(rate: float, step: int, masks: Pictures | None, images: Pictures | None) -> str:
+    """What a page says that it holds: every so manieth frame, ``rate`` a second."""
+    parts = [f"poses of {_frames(step)} ({rate:.3g} a second)"]
     if masks is not None:
         parts.append(f"masks of {_frames(step * masks.every)}")
     if images is not None:

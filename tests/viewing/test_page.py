@@ -13,6 +13,7 @@ from synthetic import ring_rig
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.result.truth import Truth
+from mmocap_warp.viewing import thinning
 from mmocap_warp.viewing.page import view
 from mmocap_warp.viewing.thinning import Pictures, pose_step
 
@@ -96,8 +97,8 @@ def test_errors_are_those_of_each_track():
 def test_masks_and_images_are_small_pictures():
     result = made_result(frames=4)
     done = []
-    content = content_of(view(result, Recording(result), images=True, progress=done.append))
-    assert done == [1, 2, 3, 4]
+    content = content_of(view(result, Recording(result), images=True, progress=lambda *of: done.append(of)))
+    assert done == [(1, 4), (2, 4), (3, 4), (4, 4)]
     first, second, _ = content["cameras"]
     masks = [cv2.imdecode(np.frombuffer(base64.b64decode(png), np.uint8), -1) for png in first["masks"]]
     assert [mask.shape for mask in masks] == [(180, 240)] * 4
@@ -161,6 +162,21 @@ def test_ten_minutes_are_thinned_and_say_so():
     assert content["frames"] == list(range(0, frames, step))
     assert f"poses of one frame in {step}" in page.html
     assert len(content["runs"][0]["status"]) == len(content["frames"])
+
+
+def test_what_is_thinned_is_read_at_the_frames_that_are_left(monkeypatch):
+    result = made_result(8)
+    monkeypatch.setattr(thinning, "_POSE_BYTES", 8 * 4 * 16 * 14 // 3)  # two tracks of two runs, 16 joints
+    scene = Recording(result)
+    asked = []
+    monkeypatch.setattr(Recording, "of_frames", lambda self, frames: asked.append(frames) or self)
+    scene.frames = range(3)
+    content = content_of(view(result, scene, images=True))
+    assert asked == [range(10, 18, 3)] * 2
+    assert content["frames"] == [10, 13, 16]
+    assert [len(camera["masks"]) for camera in content["cameras"]] == [3, 3, 3]
+    joints, _ = moved(content, 0, "final")
+    np.testing.assert_allclose(joints, result.joints()[0, ::3], rtol=0, atol=5e-5)
 
 
 def test_a_notebook_shows_the_page_in_a_frame():

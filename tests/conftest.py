@@ -10,6 +10,7 @@ kernel cache of their own.
 from __future__ import annotations
 
 import importlib.metadata
+import importlib.util
 import os
 import shutil
 import subprocess
@@ -31,6 +32,9 @@ def _has_gltf_validator() -> bool:
 
 if not _has_gltf_validator():  # likewise
     collect_ignore.append("formats/exports/test_gltf_validator.py")
+
+if not importlib.util.find_spec("rerun"):  # 170 MB for one file format
+    collect_ignore.append("viewing/test_rerun_file.py")
 
 LONGEST = (
     "bench/test_bench.py",
@@ -67,10 +71,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_report_header() -> str:
-    """Which browser shows the pages, and whether glTF is validated."""
+    """Which browser shows the pages, and whether glTF is validated and Rerun's files are read."""
     browser = find_browser() or "none found, so no page is shown in one"
     validator = "not found" if "formats/exports/test_gltf_validator.py" in collect_ignore else "found"
-    return f"browser: {browser}; glTF-Validator: {validator}"
+    rerun = "not found" if "viewing/test_rerun_file.py" in collect_ignore else "found"
+    return f"browser: {browser}; glTF-Validator: {validator}; Rerun: {rerun}"
 
 
 def devices() -> list[str]:

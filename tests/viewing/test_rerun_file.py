@@ -1,6 +1,5 @@
 """A Rerun recording, read back with Rerun's own reader."""
 
-import sys
 from dataclasses import replace
 
 import cv2
@@ -9,7 +8,6 @@ import pytest
 from shown import Recording, made_result
 
 from mmocap_warp.body.posing import Poser
-from mmocap_warp.errors import InputError
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.viewing.rerun_file import write_rerun
 from mmocap_warp.views.rig import UP_AXES
@@ -31,7 +29,6 @@ def read(path):
 
 
 def test_every_frame_of_the_best_run_is_read_back(tmp_path):
-    pytest.importorskip("rerun", reason="needs rerun-sdk")
     result = made_result()
     body, run = result.subject.body, result.best_run
     truth = Truth(
@@ -64,15 +61,7 @@ def test_every_frame_of_the_best_run_is_read_back(tmp_path):
 
 @pytest.mark.parametrize("up", UP_AXES)
 def test_every_vertical_has_a_name(tmp_path, up):
-    pytest.importorskip("rerun", reason="needs rerun-sdk")
     result = made_result(frames=2)
     write_rerun(tmp_path / "r.rrd", replace(result, cameras=replace(result.cameras, up=up)))
     ((_, (axes,)),) = read(tmp_path / "r.rrd")["/world"].values()
     assert len(np.ravel(axes)) == 3
-
-
-def test_without_rerun_it_says_what_to_install(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "rerun", None)
-    with pytest.raises(InputError, match=r"rerun-sdk.*mmocap-warp\[viewer\]"):
-        write_rerun(tmp_path / "r.rrd", made_result(frames=2))
-    assert not (tmp_path / "r.rrd").exists()

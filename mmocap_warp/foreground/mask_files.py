@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -73,7 +74,7 @@ def open_masks(path: Path) -> Masks:
     if path.suffix.lower() == ".json":
         return open_rle(path)
     members: tuple[Path | TarMember, ...]
-    if path.is_file() and path.suffix.lower() == ".tar":
+    if os.path.isfile(path) and path.suffix.lower() == ".tar":
         by_name = {member.name: member for member in list_tar(path)}
         members = tuple(by_name[name] for name in images_in_order(list(by_name), path))
     else:

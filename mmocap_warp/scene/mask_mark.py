@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -73,7 +74,7 @@ def read_mark(masks: Path) -> MaskMark | None:
         InputError: a mark that cannot be read.
     """
     path = masks / MARK_NAME
-    if not path.is_file():
+    if not os.path.isfile(path):
         return None
     table = load_toml(path)
     mark = MaskMark(

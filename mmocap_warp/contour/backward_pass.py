@@ -18,6 +18,8 @@ from mmocap_warp.contour.rooted import RootedPoses, Rooting
 
 DescendFrames = Callable[[np.ndarray, RootedPoses], tuple[RootedPoses, np.ndarray]]
 """Poses that contours lead to from some, each in its frame (pose,), and what they cost (pose,)."""
+AreaCost = Callable[[np.ndarray, RootedPoses], np.ndarray]
+"""What frames' masks and the body in a pose for each do not cover of each other (frame,)."""
 
 AHEAD = 0.6
 """How far beyond a window frames are followed back from [s]: its own end may be where a limb is lost."""
@@ -38,6 +40,7 @@ class BackwardPass:
         rooting: moves poses.
         points: what is kept from accelerating.
         rate: frames a second.
+        areas: what contours do not see: a limb that hides in the trunk has no outline there, and so no error.
     """
 
     def __init__(
@@ -47,9 +50,10 @@ class BackwardPass:
         rooting: Rooting,
         points: MotionPoints,
         rate: float,
+        areas: AreaCost,
     ) -> None:
         self._descend, self._linearise = descend, linearise
-        self._rooting, self._points, self._rate = rooting, points, rate
+        self._rooting, self._points, self._rate, self._areas = rooting, points, rate, areas
 
     def revised(self, frames: np.ndarray, known: RootedPoses, held: RootedPoses) -> RootedPoses:
         """For each frame the pose known or the one found on the way back: those that together cost least.
@@ -78,6 +82,7 @@ class BackwardPass:
         back = back.where(another, ahead)
         costs = np.zeros((2, len(held) + len(frames)))
         costs[:, len(held) :] = cost, self._linearise(frames, back).cost
+        costs[:, len(held) + np.flatnonzero(another)] += self._uncovered(frames, ahead, back, another, cost)
         scale = self._rate**2 / (_ACCELERATION * np.sqrt(POINTS_A_JOINT))
         both = (held.followed_by(filled(poses, seen)) for poses in (ahead, back))
         place = np.stack([scale * self._points.at(poses).reshape(len(poses), -1) for poses in both])
@@ -87,6 +92,14 @@ class BackwardPass:
             was, became = costs[:, len(held) + stretch].sum(axis=1)
             chosen[stretch] &= was - became > least
         return back.where(chosen, known) if chosen.any() else known
+
+    def _uncovered(
+        self, frames: np.ndarray, ahead: RootedPoses, back: RootedPoses, another: np.ndarray, cost: np.ndarray
+    ) -> np.ndarray:
+        """What both answers' areas cost (answer, frame), as much as the contours (frame,) of those known."""
+        both = np.stack([self._areas(frames[another], poses[another]) for poses in (ahead, back)])
+        scaled: np.ndarray = both * (cost[another].sum() / both[0].sum())
+        return scaled
 
     def _apart(self, one: RootedPoses, other: RootedPoses) -> np.ndarray:
         """(frame,) bool: whether a joint is elsewhere."""

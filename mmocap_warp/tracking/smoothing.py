@@ -51,10 +51,10 @@ def smoothed(
     """
     started = time.perf_counter()
     masks = _Masks(raw, config, observations)
-    judge = _Judge(raw, config)
+    judge = _Judge(raw, config, masks)
     # A window ends after a frame that has masks, so that all runs have the same windows, and want the same masks.
     masked = np.isfinite(raw.iou).any(axis=(0, 2))
-    runs = [_Run(raw, config, masks, run, masked) for run in range(len(raw.pose))]
+    runs = [_Run(raw, config, masks, judge, run, masked) for run in range(len(raw.pose))]
     done = 0
     cost, iou = raw.cost.copy(), raw.iou.copy()
     for windows in zip(*(run.windows for run in runs), strict=True):
@@ -62,7 +62,7 @@ def smoothed(
             run.finish(window)
         for frame in range(done, done + windows[0].final):
             poses = np.stack([run.pose[frame] for run in runs])
-            cost[:, frame], iou[:, frame] = judge(masks.observation(frame), poses)
+            cost[:, frame], iou[:, frame] = judge(frame, poses)
         done += windows[0].final
         if progress:
             progress(done)
@@ -160,7 +160,9 @@ class _Run:
         sigma: likewise.
     """
 
-    def __init__(self, raw: Result, config: TrackConfig, masks: _Masks, run: int, masked: np.ndarray) -> None:
+    def __init__(
+        self, raw: Result, config: TrackConfig, masks: _Masks, judge: _Judge, run: int, masked: np.ndarray
+    ) -> None:
         subject, track = raw.subject, raw.pose[run]
         skeleton = subject.body.skeleton
         seen = raw.status[run] != _LOST
@@ -170,7 +172,11 @@ class _Run:
         def linearise(frames: np.ndarray, rooted: RootedPoses) -> NormalEquations:
             return masks.linearise(frames, rooted, seen[frames])
 
-        backward = BackwardPass(masks.descend, linearise, self._rooting, points, raw.rate)
+        def areas(frames: np.ndarray, rooted: RootedPoses) -> np.ndarray:
+            poses = self._rooting.leave(rooted, np.zeros(3))
+            return np.array([judge(frame, pose[None])[0][0] for frame, pose in zip(frames, poses, strict=True)])
+
+        backward = BackwardPass(masks.descend, linearise, self._rooting, points, raw.rate, areas)
         problem = ClipProblem(linearise, self._rooting, points, raw.rate, backward)
         self.windows = problem.windows(self._rooting.enter(track), coarse_then_fine(config.acceleration), masked)
         self._noise = Deviations(problem, config.acceleration)
@@ -194,21 +200,22 @@ class _Run:
 
 
 class _Judge:
-    """What poses cost, and how they overlap the masks."""
+    """What poses cost by their areas, and how they overlap the masks."""
 
-    def __init__(self, raw: Result, config: TrackConfig) -> None:
-        self._runs = len(raw.pose)
-        self._objective = make_objective(raw.subject, raw.cameras, config, self._runs)
+    def __init__(self, raw: Result, config: TrackConfig, masks: _Masks) -> None:
+        self._masks = masks
+        self._objective = make_objective(raw.subject, raw.cameras, config, len(raw.pose))
 
-    def __call__(self, observation: Observation, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Costs (run,) and overlaps (run, camera) of poses (run, coordinate); NaN where nothing is seen."""
+    def __call__(self, frame: int, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Costs (pose,) and overlaps (pose, camera) of poses (pose, coordinate); NaN where nothing is seen."""
+        observation, count = self._masks.observation(frame), len(pose)
         if not observation.foreground.any():
-            return np.full(self._runs, np.nan), np.full((self._runs, len(observation.foreground)), np.nan)
+            return np.full(count, np.nan), np.full((count, len(observation.foreground)), np.nan)
         objective = self._objective
         objective.observe(observation)
-        objective.pose.assign(pose.astype(np.float32))
-        cost = objective.evaluate(self._runs).numpy()[: self._runs]
-        return cost, overlap(objective.count.numpy()[: self._runs], observation)
+        objective.pose[:count].assign(pose.astype(np.float32))
+        cost = objective.evaluate(count).numpy()[:count]
+        return cost, overlap(objective.count.numpy()[:count], observation)
 
 
 def _with_interpolated(status: np.ndarray) -> np.ndarray:

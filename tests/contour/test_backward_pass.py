@@ -39,6 +39,8 @@ class TwoBasins:
         self.basins = [self.points.at(poses) for poses in (self.truth, self.other)]
         self.planted = planted
         self.extra = np.stack([np.zeros(FRAMES), np.broadcast_to(costs, FRAMES)])
+        self.hidden = 0.0
+        """How much more of the masks the other fold leaves uncovered: a share of what the truth does."""
         self.asked: list[int] = []
 
     def nearest(self, frames: np.ndarray, rooted: RootedPoses) -> np.ndarray:
@@ -60,9 +62,12 @@ class TwoBasins:
         basin = self.nearest(frames, starts)
         return self.truth[frames].where(basin == 0, self.other[frames]), 100.0 + self.extra[basin, frames]
 
+    def areas(self, frames, rooted):
+        return np.where(self.nearest(frames, rooted) == 0, 0.05, 0.05 * (1.0 + self.hidden))
+
     @property
     def backward(self) -> BackwardPass:
-        return BackwardPass(self.descend, self.linearise, self.rooting, self.points, RATE)
+        return BackwardPass(self.descend, self.linearise, self.rooting, self.points, RATE, self.areas)
 
     def error(self, rooted: RootedPoses) -> np.ndarray:
         """(frame,) [m]"""
@@ -109,9 +114,20 @@ def test_a_way_back_that_goes_astray_is_left_though_it_costs_less_for_a_while():
         on_the_way = len(starts) == STARTS
         return (clip.other if on_the_way else clip.truth)[frames], 100.0 + clip.extra[int(on_the_way), frames]
 
-    backward = BackwardPass(astray, clip.linearise, clip.rooting, clip.points, RATE)
+    backward = BackwardPass(astray, clip.linearise, clip.rooting, clip.points, RATE, clip.areas)
     revised = backward.revised(np.arange(FRAMES), clip.truth, clip.rooting.none)
     assert clip.error(revised).max() < 1e-6
+
+
+def test_an_answer_whose_limb_has_no_outline_is_not_taken():
+    """Contours alone prefer a limb that hides in the trunk; the mask that it leaves uncovered tells."""
+    clip = TwoBasins(leaving_slowly(), -20.0)
+    known = clip.truth.where(np.arange(FRAMES) < ASTRAY.stop, clip.other)
+    backward = clip.backward
+    revised = backward.revised(np.arange(FRAMES), known, clip.rooting.none)
+    assert clip.error(revised)[: ASTRAY.stop].max() > 0.15
+    clip.hidden = 0.3
+    assert backward.revised(np.arange(FRAMES), known, clip.rooting.none) is known
 
 
 def test_what_costs_much_more_on_the_way_back_is_not_followed_further(lost):

@@ -6,7 +6,8 @@ ahead lost it: a fist folds before the chest in one direction of time, and comes
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from itertools import product
 
 import numpy as np
 
@@ -28,6 +29,11 @@ STARTS = 2
 _DAMPED = 0.8  # of the last motion is taken to go on
 _WORSE = 1.35  # a cost so many times as high is that of another answer
 _ANOTHER = 0.04  # [m] by which a joint is elsewhere in another answer
+_LOOKED_UP = 0.1  # [s] between frames on the way back in which limbs are recalled
+_RECALLED = 0.25  # [s] between the frames from which
+_TRIED = 6  # of the limbs recalled are descended with: those whose areas cost least
+_CLEARLY = 0.93  # of its cost must be left by a limb that is recalled
+_COVERED = 1e-6  # areas that are as good as none
 _ACCELERATION = 36.0  # standard deviation of a joint's between answers [m/s^2]: frames alone shake by 10 mm at 60 Hz
 
 
@@ -41,6 +47,7 @@ class BackwardPass:
         points: what is kept from accelerating.
         rate: frames a second.
         areas: what contours do not see: a limb that hides in the trunk has no outline there, and so no error.
+        limbs: the coordinates (coordinate,) of each.
     """
 
     def __init__(
@@ -51,9 +58,11 @@ class BackwardPass:
         points: MotionPoints,
         rate: float,
         areas: AreaCost,
+        limbs: Sequence[np.ndarray] = (),
     ) -> None:
         self._descend, self._linearise = descend, linearise
-        self._rooting, self._points, self._rate, self._areas = rooting, points, rate, areas
+        self._rooting, self._points, self._rate = rooting, points, rate
+        self._areas, self._limbs = areas, limbs
 
     def revised(self, frames: np.ndarray, known: RootedPoses, held: RootedPoses) -> RootedPoses:
         """For each frame the pose known or the one found on the way back: those that together cost least.
@@ -98,7 +107,7 @@ class BackwardPass:
     ) -> np.ndarray:
         """What both answers' areas cost (answer, frame), as much as the contours (frame,) of those known."""
         both = np.stack([self._areas(frames[another], poses[another]) for poses in (ahead, back)])
-        scaled: np.ndarray = both * (cost[another].sum() / both[0].sum())
+        scaled: np.ndarray = both * (cost[another].sum() / max(both[0].sum(), _COVERED))
         return scaled
 
     def _apart(self, one: RootedPoses, other: RootedPoses) -> np.ndarray:
@@ -113,21 +122,53 @@ class BackwardPass:
         Where what is found costs clearly more than what is known (frame,), the way goes on from what is known.
         """
         rooting, end = self._rooting, int(np.flatnonzero(seen)[-1])
-        pose = known.pose.copy()
-        base = known.base.copy()
+        pose, base = known.pose.copy(), known.base.copy()
         last = before = rooting.leave(known[end : end + 1], np.zeros(3))[0]
-        for f in reversed(range(end)):
+        for f in reversed(range(end + 1)):
             if not seen[f]:
                 continue
-            starts = rooting.enter(np.stack([last, last + _DAMPED * (last - before)]))
-            starts = rooting.stepped(starts, np.zeros(len(rooting.searched)))  # within the limits
-            found, its_cost = self._descend(np.full(STARTS, frames[f]), starts)
-            best = int(np.argmin(its_cost))
-            if its_cost[best] < _WORSE * cost[f]:
-                base[f], pose[f] = found.base[best], found.pose[best]
+            if f < end:
+                starts = rooting.enter(np.stack([last, last + _DAMPED * (last - before)]))
+                starts = rooting.stepped(starts, np.zeros(len(rooting.searched)))  # within the limits
+                found, its_cost = self._descend(np.full(STARTS, frames[f]), starts)
+                best = int(np.argmin(its_cost))
+                if its_cost[best] < _WORSE * cost[f]:
+                    base[f], pose[f] = found.base[best], found.pose[best]
             there = RootedPoses(base[f : f + 1], pose[f : f + 1])
-            before, last = last, rooting.leave(there, last[ROOT_ANGLES])[0]
+            recalled = (
+                self._with_limb_recalled(int(frames[f]), there, known[seen]) if self._looks_up(end - f) else there
+            )
+            base[f], pose[f] = recalled.base[0], recalled.pose[0]
+            before, last = last, rooting.leave(recalled, last[ROOT_ANGLES])[0]
+            if recalled is not there:
+                before = last  # it did not come from there
         return rooting.refold(RootedPoses(base, pose))
+
+    def _looks_up(self, frames: int) -> bool:
+        """Whether so many frames from the end is where limbs are recalled."""
+        return bool(self._limbs) and frames % max(1, round(_LOOKED_UP * self._rate)) == 0
+
+    def _with_limb_recalled(self, frame: int, there: RootedPoses, known: RootedPoses) -> RootedPoses:
+        """A pose (1,), or the same with a limb as it was in another frame, where that clearly costs less.
+
+        A limb that neither direction of time finds may have come back to where it was.
+        """
+        others = np.arange(len(known))[:: max(1, round(_RECALLED * self._rate))]
+        pose = np.repeat(there.pose, len(others) * len(self._limbs), axis=0)
+        for changed, (other, limb) in zip(pose, product(others, self._limbs), strict=True):
+            changed[limb] = known.pose[other, limb]
+        starts = RootedPoses(np.repeat(there.base, len(pose), axis=0), pose)
+        areas = self._areas(np.full(len(pose), frame), starts)
+        starts = there.followed_by(starts[np.argsort(areas, kind="stable")[:_TRIED]])
+        at = np.full(len(starts), frame)
+        found, contours = self._descend(at, starts)
+        found = self._rooting.refold(found)
+        areas = self._areas(at, found)
+        cost = contours * areas[0] + areas * contours[0]  # of the pose without both count alike
+        limit = _CLEARLY * cost[0]
+        cost[~self._apart(found, there)] = np.inf
+        best = int(np.argmin(cost))
+        return found[best : best + 1] if cost[best] < limit else there
 
 
 def least_costly(cost: np.ndarray, place: np.ndarray) -> np.ndarray:

@@ -18,6 +18,7 @@ from mmocap_warp.contour.uncertainty import BodyDeviations, Deviations, Uncertai
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.from_settings import make_fitter, make_objective, search_limits
+from mmocap_warp.tracking.limbs import limbs
 from mmocap_warp.tracking.tracker import overlap
 from mmocap_warp.views.observation import Observation
 
@@ -176,7 +177,8 @@ class _Run:
             poses = self._rooting.leave(rooted, np.zeros(3))
             return np.array([judge(frame, pose[None])[0][0] for frame, pose in zip(frames, poses, strict=True)])
 
-        backward = BackwardPass(masks.descend, linearise, self._rooting, points, raw.rate, areas)
+        arms_and_legs = [limb.coordinates for limb in limbs(skeleton)]
+        backward = BackwardPass(masks.descend, linearise, self._rooting, points, raw.rate, areas, arms_and_legs)
         problem = ClipProblem(linearise, self._rooting, points, raw.rate, backward)
         self.windows = problem.windows(self._rooting.enter(track), coarse_then_fine(config.acceleration), masked)
         self._noise = Deviations(problem, config.acceleration)

@@ -130,6 +130,17 @@ def test_an_answer_whose_limb_has_no_outline_is_not_taken():
     assert backward.revised(np.arange(FRAMES), known, clip.rooting.none) is known
 
 
+def test_a_limb_that_is_lost_to_the_end_is_recalled_from_before():
+    clip = TwoBasins(np.full(FRAMES, 1.2))
+    known = clip.truth.where(np.arange(FRAMES) < ASTRAY.start, clip.other)
+    frames = np.arange(FRAMES)
+    assert clip.backward.revised(frames, known, clip.rooting.none) is known
+    limb = np.arange(BODY.skeleton.coordinates)[ELBOW]
+    recalling = BackwardPass(clip.descend, clip.linearise, clip.rooting, clip.points, RATE, clip.areas, [limb])
+    assert clip.error(recalling.revised(frames, known, clip.rooting.none)).max() < 0.02
+    assert recalling.revised(frames, clip.truth, clip.rooting.none) is clip.truth
+
+
 def test_what_costs_much_more_on_the_way_back_is_not_followed_further(lost):
     clip, known = lost
     clip.extra[1] = 40.0

@@ -1,7 +1,8 @@
 """A second opinion on a stretch of a clip: it is followed backwards too, and each frame's better pose is kept.
 
 A limb that a tracker lost it finds again some frames later. From there the way back leads along the limb, where the way
-ahead lost it: a fist folds before the chest in one direction of time, and comes out of it in the other.
+ahead lost it: a fist folds before the chest in one direction of time, and comes out of it in the other. One that no
+later frame knows may be where it was in an earlier one.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ _ANOTHER = 0.04  # [m] by which a joint is elsewhere in another answer
 _LOOKED_UP = 0.1  # [s] between frames on the way back in which limbs are recalled
 _RECALLED = 0.25  # [s] between the frames from which
 _TRIED = 6  # of the limbs recalled are descended with: those whose areas cost least
-_CLEARLY = 0.93  # of its cost must be left by a limb that is recalled
+_CLEARLY = 0.95  # of a pose's cost at most has one that takes its place
 _COVERED = 1e-6  # areas that are as good as none
 _ACCELERATION = 36.0  # standard deviation of a joint's between answers [m/s^2]: frames alone shake by 10 mm at 60 Hz
 
@@ -58,7 +59,7 @@ class BackwardPass:
         points: MotionPoints,
         rate: float,
         areas: AreaCost,
-        limbs: Sequence[np.ndarray] = (),
+        limbs: Sequence[np.ndarray],
     ) -> None:
         self._descend, self._linearise = descend, linearise
         self._rooting, self._points, self._rate = rooting, points, rate
@@ -68,7 +69,7 @@ class BackwardPass:
         """For each frame the pose known or the one found on the way back: those that together cost least.
 
         Only another answer counts, in which a joint is elsewhere, and only where a stretch of frames so gains more by
-        its contours than a frame costs. Where there is none, ``known`` itself is returned.
+        contours and areas than a frame's contours cost. Where there is none, ``known`` itself is returned.
 
         Args:
             frames: consecutive frames by their numbers.
@@ -121,8 +122,7 @@ class BackwardPass:
 
         Where what is found costs clearly more than what is known (frame,), the way goes on from what is known.
         """
-        rooting, end = self._rooting, int(np.flatnonzero(seen)[-1])
-        pose, base = known.pose.copy(), known.base.copy()
+        rooting, way, end = self._rooting, known, int(np.flatnonzero(seen)[-1])
         last = before = rooting.leave(known[end : end + 1], np.zeros(3))[0]
         for f in reversed(range(end + 1)):
             if not seen[f]:
@@ -133,23 +133,23 @@ class BackwardPass:
                 found, its_cost = self._descend(np.full(STARTS, frames[f]), starts)
                 best = int(np.argmin(its_cost))
                 if its_cost[best] < _WORSE * cost[f]:
-                    base[f], pose[f] = found.base[best], found.pose[best]
-            there = RootedPoses(base[f : f + 1], pose[f : f + 1])
-            recalled = (
-                self._with_limb_recalled(int(frames[f]), there, known[seen]) if self._looks_up(end - f) else there
-            )
-            base[f], pose[f] = recalled.base[0], recalled.pose[0]
-            before, last = last, rooting.leave(recalled, last[ROOT_ANGLES])[0]
-            if recalled is not there:
+                    way = way.with_frames(np.array([f]), found[best : best + 1])
+            there, recalled = way[f : f + 1], None
+            if self._limbs and (end - f) % self._between == 0:
+                recalled = self._recalled(int(frames[f]), there, known[seen])
+            before, last = last, rooting.leave(recalled or there, last[ROOT_ANGLES])[0]
+            if recalled:
                 before = last  # it did not come from there
-        return rooting.refold(RootedPoses(base, pose))
+                way = self._retaken(frames, way.with_frames(np.array([f]), recalled), f, seen)
+        return rooting.refold(way)
 
-    def _looks_up(self, frames: int) -> bool:
-        """Whether so many frames from the end is where limbs are recalled."""
-        return bool(self._limbs) and frames % max(1, round(_LOOKED_UP * self._rate)) == 0
+    @property
+    def _between(self) -> int:
+        """Frames from one in which limbs are recalled to the next."""
+        return max(1, round(_LOOKED_UP * self._rate))
 
-    def _with_limb_recalled(self, frame: int, there: RootedPoses, known: RootedPoses) -> RootedPoses:
-        """A pose (1,), or the same with a limb as it was in another frame, where that clearly costs less.
+    def _recalled(self, frame: int, there: RootedPoses, known: RootedPoses) -> RootedPoses | None:
+        """A pose (1,) with a limb as it was in a frame that is known, if that clearly costs less.
 
         A limb that neither direction of time finds may have come back to where it was.
         """
@@ -159,16 +159,32 @@ class BackwardPass:
             changed[limb] = known.pose[other, limb]
         starts = RootedPoses(np.repeat(there.base, len(pose), axis=0), pose)
         areas = self._areas(np.full(len(pose), frame), starts)
-        starts = there.followed_by(starts[np.argsort(areas, kind="stable")[:_TRIED]])
+        return self._better(frame, there, starts[np.argsort(areas, kind="stable")[:_TRIED]])
+
+    def _retaken(self, frames: np.ndarray, way: RootedPoses, f: int, seen: np.ndarray) -> RootedPoses:
+        """The way with poses found ahead from frame ``f``, where a limb was recalled, as far as they clearly cost less.
+
+        Between two frames in which limbs are recalled one was lost.
+        """
+        for g in range(f + 1, min(f + self._between, len(frames))):
+            better = self._better(int(frames[g]), way[g : g + 1], way[g - 1 : g]) if seen[g] else None
+            if better is None:
+                break
+            way = way.with_frames(np.array([g]), better)
+        return way
+
+    def _better(self, frame: int, there: RootedPoses, starts: RootedPoses) -> RootedPoses | None:
+        """The best pose (1,) that contours lead to from some, if it is another answer and clearly costs less."""
+        starts = there.followed_by(starts)
         at = np.full(len(starts), frame)
         found, contours = self._descend(at, starts)
         found = self._rooting.refold(found)
         areas = self._areas(at, found)
-        cost = contours * areas[0] + areas * contours[0]  # of the pose without both count alike
+        cost = contours * areas[0] + areas * contours[0]  # of the pose that is there both count alike
         limit = _CLEARLY * cost[0]
         cost[~self._apart(found, there)] = np.inf
         best = int(np.argmin(cost))
-        return found[best : best + 1] if cost[best] < limit else there
+        return found[best : best + 1] if cost[best] < limit else None
 
 
 def least_costly(cost: np.ndarray, place: np.ndarray) -> np.ndarray:

@@ -67,7 +67,7 @@ class TwoBasins:
 
     @property
     def backward(self) -> BackwardPass:
-        return BackwardPass(self.descend, self.linearise, self.rooting, self.points, RATE, self.areas)
+        return BackwardPass(self.descend, self.linearise, self.rooting, self.points, RATE, self.areas, [])
 
     def error(self, rooted: RootedPoses) -> np.ndarray:
         """(frame,) [m]"""
@@ -114,7 +114,7 @@ def test_a_way_back_that_goes_astray_is_left_though_it_costs_less_for_a_while():
         on_the_way = len(starts) == STARTS
         return (clip.other if on_the_way else clip.truth)[frames], 100.0 + clip.extra[int(on_the_way), frames]
 
-    backward = BackwardPass(astray, clip.linearise, clip.rooting, clip.points, RATE, clip.areas)
+    backward = BackwardPass(astray, clip.linearise, clip.rooting, clip.points, RATE, clip.areas, [])
     revised = backward.revised(np.arange(FRAMES), clip.truth, clip.rooting.none)
     assert clip.error(revised).max() < 1e-6
 

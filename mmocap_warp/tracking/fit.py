@@ -226,6 +226,10 @@ def _first_frame(task: _Task, observation: Observation) -> tuple[Guess, dict[str
     finalists = sorted((frame.with_limbs_found(guess, 1) for guess in guesses[: config.finalists]), key=_cost)
     finalists = sorted((frame.with_limbs_found(guess, _ROUNDS) for guess in finalists[:_WINNERS]), key=_cost)
     best = finalists[0]
+    anew = frame.with_pairs_anew(best)
+    better = min(anew, key=_cost, default=best)
+    if better.cost < best.cost:
+        best = frame.with_limbs_found(better, _ROUNDS)
     task.progress("limbs", _LIMBS_SHARE, best.cost)
     ahead = best.facing(skeleton)
     turned = [guess for guess in finalists + guesses if guess.facing(skeleton) @ ahead < _TURNED]
@@ -233,7 +237,8 @@ def _first_frame(task: _Task, observation: Observation) -> tuple[Guess, dict[str
     if turned:
         others["turned"] = frame.with_limbs_found(min(turned, key=_cost), _ROUNDS)
     there = task.subject(best, {})
-    swapped = [guess for guess in frame.with_sides_swapped(best) if _differ(there, task.subject(guess, {}))]
+    swapped = [finalists[0], *anew, *frame.with_sides_swapped(best)]
+    swapped = [guess for guess in swapped if _differ(there, task.subject(guess, {}))]
     if swapped:
         others["swapped"] = min(swapped, key=_cost)
     for name, other in others.items():

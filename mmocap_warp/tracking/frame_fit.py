@@ -79,6 +79,7 @@ class FrameFit:
         self.space = space
         self._skeleton, self._vertex = skeleton, body.tracking_vertex
         self._limbs = limbs(skeleton)
+        self._pairs = [pair for pair in combinations(self._limbs, 2) if pair[0].other == pair[1].name]
         self._random = np.random.default_rng(seed)
 
         def fitter(candidates: int, parameters: int, matching: MatchingConfig) -> ContourFitter:
@@ -125,16 +126,23 @@ class FrameFit:
 
     def with_sides_swapped(self, guess: Guess) -> list[Guess]:
         """For each pair of limbs, what is found from where they have each other's place."""
-        pairs = [(limb, other) for limb, other in combinations(self._limbs, 2) if limb.other == other.name]
         exchanged = mirrored(self._skeleton, guess.pose)
         found = []
-        for pair in pairs:
-            pose = guess.pose.copy()
-            for limb in pair:
-                pose[limb.coordinates] = exchanged[limb.coordinates]
+        for pair in self._pairs:
+            pose = _with_limbs(guess.pose, pair, exchanged)
             self._take_body(guess.beta, guess.root_base)
             found.append(self.polished(replace(guess, pose=self._descended(self._rough_pose, guess, pose[None])[0])))
         return found
+
+    def with_pairs_anew(self, guess: Guess) -> list[Guess]:
+        """For each pair of limbs, what is found from where both are at rest.
+
+        Crossed arms, each of which explains the other's mask, are left neither by a limb alone nor by exchanging
+        angles: mirrored, crossed arms are crossed.
+        """
+        rest = np.zeros_like(guess.pose)
+        starts = [replace(guess, pose=_with_limbs(guess.pose, pair, rest)) for pair in self._pairs]
+        return [self.with_limbs_found(self.polished(start), 1) for start in starts]
 
     def _drawn(self, guess: Guess, limb: Limb) -> np.ndarray:
         """Poses (candidate, coordinate) of which the limb's angles are drawn: those that cost least.
@@ -190,3 +198,11 @@ class FrameFit:
 
     def _device_array(self, pose: np.ndarray) -> wp.array[Any]:
         return wp.array(pose, dtype=wp.float32, device=self._objective.device)
+
+
+def _with_limbs(pose: np.ndarray, moved: tuple[Limb, ...], other: np.ndarray) -> np.ndarray:
+    """A pose (coordinate,) with some limbs as another has them."""
+    changed = pose.copy()
+    for limb in moved:
+        changed[limb.coordinates] = other[limb.coordinates]
+    return changed

@@ -94,7 +94,7 @@ def test_an_empty_first_frame_is_wrong_input(walk, man, monkeypatch):
 class PlannedFrame:
     """In place of a frame's fit: guesses cost what is planned, by the height that says which they are."""
 
-    polished_cost, limbs_cost, swapped_cost = {}, {}, None
+    polished_cost, limbs_cost, swapped_cost, anew_cost = {}, {}, None, None
 
     def __init__(self, *_):
         self.searched = []
@@ -111,19 +111,23 @@ class PlannedFrame:
             return [replace(guess, cost=0.0)]
         return [replace(guess, cost=0.0), replace(guess, pose=guess.pose + 100, cost=self.swapped_cost)]
 
+    def with_pairs_anew(self, guess):
+        return [] if self.anew_cost is None else [replace(guess, pose=guess.pose + 200, cost=self.anew_cost)]
+
 
 @pytest.fixture
 def planned(man, monkeypatch):
     """The first frame's best guess and its rivals, where four headings and what follows cost what is planned."""
 
-    def run(polished, limbs, swapped=None, **settings):
+    def run(polished, limbs, swapped=None, anew=None, **settings):
         base = [upright_base("+z") @ heading_rotation(turn * np.pi / 2) for turn in range(4)]
         poses = np.zeros((4, man.skeleton.coordinates))
         poses[:, 1] = range(4)
         guesses = [Guess(np.zeros(len(RestSpace(man).names)), *both) for both in zip(base, poses, strict=True)]
         monkeypatch.setattr("mmocap_warp.tracking.fit._headings", lambda *_: guesses)
         monkeypatch.setattr("mmocap_warp.tracking.fit.FrameFit", PlannedFrame)
-        for name, cost in (("polished_cost", polished), ("limbs_cost", limbs), ("swapped_cost", swapped)):
+        costs = {"polished_cost": polished, "limbs_cost": limbs, "swapped_cost": swapped, "anew_cost": anew}
+        for name, cost in costs.items():
             monkeypatch.setattr(PlannedFrame, name, cost)
         task = _Task(man, None, replace(QUICK, device="cpu", **settings), lambda *_: None)
         return _first_frame(task, None)
@@ -151,6 +155,16 @@ def test_sides_that_fit_better_swapped_are_swapped(planned):
     best, rivals = planned({0: 0.3, 1: 0.2, 2: 0.4, 3: 0.5}, {0: 0.11, 1: 0.12, 2: 0.15}, swapped=0.10)
     assert best.cost == 0.10
     assert rivals["swapped"].cost == 0.11
+
+
+def test_limbs_drawn_anew_are_kept_where_they_fit_better(planned):
+    polished, limbs = {0: 0.3, 1: 0.2, 2: 0.4, 3: 0.5}, {0: 0.11, 1: 0.12, 2: 0.15}
+    best, rivals = planned(polished, limbs, anew=0.10)
+    assert (best.cost, best.pose[1]) == (0.10, 200)
+    assert rivals["swapped"].cost == 0.11  # what was best before: motion may still decide for it
+    best, rivals = planned(polished, limbs, anew=0.12)
+    assert (best.cost, best.pose[1]) == (0.11, 0)
+    assert rivals["swapped"].cost == 0.12
 
 
 @pytest.mark.parametrize(

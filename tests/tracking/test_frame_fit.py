@@ -15,11 +15,14 @@ from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.shape_space import upright_base
+from mmocap_warp.formats.truth import load_truth
+from mmocap_warp.scene.scene_toml import load_scene
+from mmocap_warp.scenes import ROOT
 from mmocap_warp.tracking.clip_body import follow, frames_to_follow, solve_body
 from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.frame_fit import FrameFit, Guess
 from mmocap_warp.tracking.limbs import limbs, mirrored
-from mmocap_warp.views.observation import Observation
+from mmocap_warp.views.observation import Observation, unpack_masks
 
 RIG = ring_rig(cameras=4, size=(320, 240), distance=3.5)
 BASE = upright_base("+y")
@@ -105,6 +108,37 @@ def test_legs_that_are_swapped_are_told_from_those_that_are_not(man, space):
     assert np.linalg.norm(away) > 0.2
     assert legs.cost > right.cost
     assert arms.cost == pytest.approx(right.cost, abs=0.005)  # they hang alike
+
+
+def test_crossed_arms_are_uncrossed(man, space):
+    """Each arm explains the other's mask: no limb alone gets out of that, nor do exchanged angles."""
+    walk = load_scene(ROOT / "walk")
+    whole, (seen_by_all,) = walk.rig(0.5), walk.observations(0.5, count=1)
+    rig = whole.select(whole.names[1:])
+    pose = standing(
+        man, Root=(-0.03, -1.1, 0), BottomSpine=(0.09, -0.02, -0.04), UpperSpine=(-0.09, -0.16, 0.11),
+        LShoulder=(-1.67, 0.36, -2.06), LElbow=(0, -0.23, 0), LWrist=(0, 0.23, -1.03),
+        RShoulder=(-0.93, -0.22, 2.02), RElbow=(0, 0.54, 0), RWrist=(0, -0.22, 0.04), Neck=(0.01, 0.06, -0.1),
+        LHip=(0.14, -0.11, -0.15), LKnee=(0.55, 0, 0), LAnkle=(-0.31, 0.06, 0),
+        RHip=(-0.33, -0.04, 0.13), RKnee=(0.18, 0, 0), RAnkle=(-0.17, -0.03, 0),
+    )  # fmt: skip
+    pose[:3] = -0.51, -0.26, 0.87
+    base = np.array([[-1.0, 0, 0], [0, 0, 1], [0, 1, 0]])
+    truth = load_truth(walk.truth)
+
+    def off(guess: Guess) -> float:
+        places = Poser(space.model(guess.beta), base).joint_transforms(guess.pose)[0, :, :3, 3]
+        wrists = [(man.skeleton.index(name), truth.joint_names.index(name)) for name in ("LWrist", "RWrist")]
+        return max(float(np.linalg.norm(places[found] - truth.joints[0, true])) for found, true in wrists)
+
+    seen_by_four = Observation.from_masks(unpack_masks(seen_by_all.words, whole.size)[1:])
+    frame = FrameFit(space, rig, seen_by_four, seed=0, device="cpu", threads=1)
+    crossed = frame.with_limbs_found(frame.polished(Guess(np.zeros(len(space.names)), base, pose)), rounds=2)
+    assert off(crossed) > 0.4
+    assert min(off(guess) for guess in frame.with_sides_swapped(crossed)) > 0.3
+    anew = min(frame.with_pairs_anew(crossed), key=lambda guess: guess.cost)
+    assert anew.cost < crossed.cost
+    assert off(anew) < 0.1
 
 
 @pytest.fixture(scope="module")

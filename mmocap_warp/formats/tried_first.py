@@ -32,6 +32,9 @@ _DONE = "done"
 _REMEDY = "it is damaged: write or copy it again"
 _START = "import sys; sys.path[:] = sys.argv[1:]; from mmocap_warp.formats.tried_first import _serve; _serve()"
 
+_ALONE = {"PXR_WORK_THREAD_LIMIT": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "2"}
+"""For the environment: on many cores the stacks and heaps of threads alone would take what a file may."""
+
 P = ParamSpec("P")
 T = TypeVar("T")
 Stamp = tuple[int, int, int]
@@ -141,6 +144,7 @@ class _OtherProcess:
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
                 text=True,
+                env=os.environ | _ALONE,
             )
         return self._running
 
@@ -183,12 +187,16 @@ def _serve() -> None:
 
 
 def _limit_memory(more: int) -> None:
-    """Let this process have so many bytes more than it has now, where the system tells how many that are."""
+    """Let this process have so many bytes more than it has now, where the system tells how many that are.
+
+    What it can write to is counted, and not what is merely reserved: a thread's heap reserves 64 MB, whatever it holds.
+    """
     import resource
 
     table = Path("/proc/self/statm")
     if table.exists():
-        held = int(table.read_text().split()[0]) * resource.getpagesize()
-        _, hard = resource.getrlimit(resource.RLIMIT_AS)
+        *_, data, _ = map(int, table.read_text().split())
+        held = data * resource.getpagesize()
+        _, hard = resource.getrlimit(resource.RLIMIT_DATA)
         most = held + more if hard == resource.RLIM_INFINITY else min(held + more, hard)
-        resource.setrlimit(resource.RLIMIT_AS, (most, hard))
+        resource.setrlimit(resource.RLIMIT_DATA, (most, hard))

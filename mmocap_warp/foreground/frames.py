@@ -86,7 +86,7 @@ class VideoFile:
         """Frames from ``first`` on, (height, width, 3) BGR uint8.
 
         Raises:
-            InputError: the video ends before its stated count.
+            InputError: the video ends before its stated count, or a frame is of another size.
         """
         capture = cv2.VideoCapture(str(self.path))
         try:
@@ -98,8 +98,12 @@ class VideoFile:
                         f"ends after {frame} of its {self.count} frames",
                         f"copy the file again, or set [scene] frames = {frame}",
                     )
-                if image is not None:
-                    yield image
+                if image is None:
+                    continue
+                if image.shape[1::-1] != self.size:
+                    found, stated = "{1}x{0}".format(*image.shape), "{}x{}".format(*self.size)
+                    raise InputError(self.path, f"frame {frame} is {found}, the file says {stated}", "copy it again")
+                yield image
         finally:
             capture.release()
 

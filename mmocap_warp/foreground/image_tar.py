@@ -9,6 +9,7 @@ from pathlib import Path, PurePosixPath
 from mmocap_warp.errors import InputError
 
 _LARGEST = 1 << 28  # bytes of an image: far above any mask, far below the memory
+_LONGEST = 4096  # characters of a path, as in file systems; names are sorted by the numbers in them
 
 
 @dataclass(frozen=True)
@@ -39,15 +40,19 @@ def list_tar(path: Path) -> list[TarMember]:
                 name = PurePosixPath(member.name)
                 if name.is_absolute() or ".." in name.parts:
                     raise InputError(path, f"holds a path that leads out of it ({member.name!r})", "make it anew")
-                if member.isdir() or name.name.startswith("."):
+                if len(member.name) > _LONGEST:
+                    raise InputError(path, f"holds a path of {len(member.name)} characters", "shorten its files' names")
+                if member.size >= 0 and (member.isdir() or name.name.startswith(".")):
                     continue
-                if not member.isreg() or member.issparse() or member.size > _LARGEST:
+                if not member.isreg() or member.issparse() or not 0 <= member.size <= _LARGEST:
                     raise InputError(path, f"'{member.name}' is no plain image file", "put image files there alone")
                 found.append(TarMember(member.name, member.offset_data, member.size))
     except (tarfile.TarError, OSError, ValueError, OverflowError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(path, f"cannot be read as a tar archive ({error})", "make it anew, uncompressed") from None
+    except MemoryError:
+        raise InputError(path, "has a header that is larger than the memory", "make it anew, uncompressed") from None
     return found
 
 

@@ -101,7 +101,10 @@ def _indices(chunks: list[tuple[bytes, bytes]]) -> np.ndarray | None:
     data = _SIGNATURE + b"".join(
         struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body)) for kind, body in kept
     )
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
+    except cv2.error:  # its header states a size beyond all bounds
+        image = None
     return None if image is None else np.asarray(image)
 
 

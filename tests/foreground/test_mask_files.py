@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import io
 import json
-import struct
 import tarfile
-import zlib
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
+from given_masks import packed, palette_png, plain_rle, rle, write_tar
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.foreground.labels import Labels
@@ -28,22 +26,6 @@ TWO[8:44, 34:50] = True
 DAVIS = np.array([[0, 0, 0], [128, 0, 0], [0, 128, 0], [128, 128, 0], [0, 0, 128], [64, 0, 0]], np.uint8)
 LABELS = (ONE + 5 * TWO).astype(np.uint8)
 """Identities 1 and 5; the second one is dark in the palette."""
-
-
-def palette_png(index: np.ndarray, palette: np.ndarray, depth: int = 8, extra: bytes = b"") -> bytes:
-    """An indexed PNG, as PIL writes it."""
-
-    def chunk(kind: bytes, body: bytes) -> bytes:
-        return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
-
-    height, width = index.shape
-    bits = np.unpackbits(index[..., None], axis=-1)[..., 8 - depth :].reshape(height, -1)
-    rows = np.packbits(bits, axis=1)
-    data = b"".join(b"\0" + row.tobytes() for row in rows)
-    header = struct.pack(">IIBBBBB", width, height, depth, 3, 0, 0, 0)
-    transparency = chunk(b"tRNS", extra) if extra else b""
-    body = chunk(b"IHDR", header) + chunk(b"PLTE", palette.tobytes()) + transparency
-    return b"\x89PNG\r\n\x1a\n" + body + chunk(b"IDAT", zlib.compress(data)) + chunk(b"IEND", b"")
 
 
 def write_folder(folder: Path, *images: bytes, suffix: str = ".png") -> Path:
@@ -128,15 +110,6 @@ def test_netpbm_is_read_as_it_looks(suffix: str, tmp_path: Path) -> None:
     np.testing.assert_array_equal(first_mask(folder), ONE)
 
 
-def write_tar(path: Path, *files: tuple[str, bytes], kind: bytes = tarfile.REGTYPE) -> Path:
-    with tarfile.open(path, "w") as archive:
-        for name, data in files:
-            member = tarfile.TarInfo(name)
-            member.size, member.type = len(data), kind
-            archive.addfile(member, io.BytesIO(data))
-    return path
-
-
 def test_a_tar_is_read_where_it_lies_in_the_order_of_its_names(tmp_path: Path) -> None:
     images = {f"cam/{i}.png": encoded((ONE if i % 2 else TWO).astype(np.uint8) * 255) for i in range(12)}
     shuffled = sorted(images.items(), key=lambda item: item[0][::-1])
@@ -173,30 +146,6 @@ def test_a_tar_that_is_none_or_ends_early_is_refused(tmp_path: Path) -> None:
         list(open_masks(path).read())
 
 
-def plain_rle(mask: np.ndarray) -> list[int]:
-    """Run lengths, one pixel at a time."""
-    lengths, value = [0], False
-    for pixel in mask.T.ravel().tolist():
-        if pixel != value:
-            lengths.append(0)
-            value = pixel
-        lengths[-1] += 1
-    return lengths
-
-
-def packed(lengths: list[int]) -> str:
-    """As pycocotools packs them (rleToString)."""
-    text = ""
-    for i, length in enumerate(lengths):
-        value, more = length - (lengths[i - 2] if i > 2 else 0), True
-        while more:
-            bits = value & 31
-            value >>= 5
-            more = value != (-1 if bits & 16 else 0)
-            text += chr((bits | (32 if more else 0)) + 48)
-    return text
-
-
 def test_run_lengths_come_back_for_any_mask() -> None:
     rng = np.random.default_rng(5)
     for _ in range(300):
@@ -223,11 +172,6 @@ def test_a_string_that_pycocotools_wrote() -> None:
 def test_wrong_run_lengths_are_refused(counts: Any) -> None:
     with pytest.raises(ValueError, match="run lengths"):
         decode_rle(counts, 3, 3)
-
-
-def rle(mask: np.ndarray, *, pack: bool = True) -> dict[str, Any]:
-    lengths = plain_rle(mask)
-    return {"size": list(mask.shape), "counts": packed(lengths) if pack else lengths}
 
 
 NOTHING = np.zeros_like(ONE)

@@ -33,6 +33,7 @@ _NUMBER = re.compile(r"(?<![\w.])[-+]?\d[\d.]*(?:[eE][-+]?\d+)?")
 _WORD = re.compile(r"[A-Za-z_:][\w:]*")
 _ASSIGNED = re.compile(r"^([^=:\n]*[=:])[ \t]*([^\n]+)$", re.M)
 _EXTREMES = (0, 1, 0x7F, 0x80, 0xFF, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF, 2**63 - 1, 2**63, 2**64 - 1)
+_TAR_FIELDS = ((0, 100), (124, 12), (136, 12), (156, 1), (156, 1), (157, 100), (257, 8), (345, 155))  # place, length
 _DEPTHS = (3, 100, 3000, 20000)
 
 
@@ -321,6 +322,23 @@ def zipped(random: Random, content: bytes) -> bytes:
         for name, data in members.items():
             archive.writestr(zipfile.ZipInfo(name), data)
     return changed.getvalue()
+
+
+def tarred(random: Random, content: bytes) -> bytes:
+    """Damage to a header of a tar archive, its checksum made right again, or anywhere."""
+    if random.random() < 0.4:
+        return any_bytes(random, content)
+    headers = [k for k in range(0, len(content) - 511, 512) if content[k + 257 : k + 262] == b"ustar"]
+    start = random.choice(headers)
+    header = bytearray(content[start : start + 512])
+    at, size = random.choice(_TAR_FIELDS)
+    octal, kind = b"%0*o" % (size - 1, random.randrange(8 ** min(size - 1, 11))), random.choice(b"0123456789ADKLSVgxX")
+    field = random.choice(
+        (octal, b"-1", bytes(size), b"\x80" + random.randbytes(size), b"\xff" * size, b"9" * size, bytes([kind]))
+    )
+    header[at : at + size] = field[:size].ljust(size, b"\0")
+    header[148:156] = b"%06o\0 " % (sum(header) - sum(header[148:156]) + 8 * ord(" "))
+    return content[:start] + bytes(header) + content[start + 512 :]
 
 
 def _member(random: Random, name: str, data: bytes) -> bytes:

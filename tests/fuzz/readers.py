@@ -135,6 +135,102 @@ def _read_video(folder: Path, name: str) -> None:
         pass
 
 
+def _read_chosen_masks(folder: Path, masks: str) -> None:
+    """As a scene reads them: opened, looked through for identities, and decoded for one of them and for all."""
+    from mmocap_warp.foreground.labels import identities_of
+    from mmocap_warp.foreground.mask_files import open_masks
+    from mmocap_warp.foreground.mask_image import decode_mask
+
+    opened = open_masks(folder / masks)
+    identities_of(opened.sample(2))
+    for image in opened.read():
+        decode_mask(image, 0, opened.soft)
+        decode_mask(image, 1, opened.soft)
+
+
+def _two_objects():
+    """(height, width) uint8: the pixels of two identities, and background."""
+    import numpy as np
+
+    index = np.zeros((24, 32), np.uint8)
+    index[5:20, 12:20], index[8:22, 2:9] = 1, 3
+    return index
+
+
+def _write_palette_masks(folder: Path, depth: int) -> None:
+    import numpy as np
+    from given_masks import palette_png
+
+    palette = np.array([[0, 0, 0], [128, 0, 0], [0, 128, 0], [128, 128, 0]], np.uint8)
+    (folder / "cam01").mkdir()
+    for frame in range(2):
+        (folder / f"cam01/{frame}.png").write_bytes(palette_png(_two_objects(), palette, depth))
+
+
+def _write_run_lengths(folder: Path, form: str) -> None:
+    import json
+
+    from given_masks import rle
+
+    index = _two_objects()
+    one, three = rle(index == 1), rle(index == 3, pack=False)
+    contents = {
+        "coco": {
+            "images": [{"id": 7, "file_name": "10.jpg"}, {"id": 9, "file_name": "9.jpg"}],
+            "annotations": [
+                {"id": 1, "image_id": 7, "category_id": 1, "segmentation": one},
+                {"id": 2, "image_id": 9, "category_id": 1, "track_id": 3, "segmentation": three},
+            ],
+        },
+        "video": {"annotations": [{"id": 1, "segmentations": [None, one]}, {"id": 3, "segmentations": [three, one]}]},
+        "listed": [[one, None, three], one, None],
+    }
+    (folder / "x.json").write_text(json.dumps(contents[form]))
+
+
+def _write_masks_tar(folder: Path) -> None:
+    import cv2
+    from given_masks import write_tar
+
+    image = cv2.imencode(".png", _two_objects() * 80)[1].tobytes()
+    long_name = f"cam01/{'x' * 120}_10.png"  # which has a header of its own
+    write_tar(folder / "x.tar", ("cam01/frame_9.png", image), (long_name, image), ("cam01/notes.txt", b"none"))
+
+
+def _write_made_masks(folder: Path) -> None:
+    from synthetic import ring_rig
+
+    from mmocap_warp.scene.mask_mark import MaskMark, calibration_hash
+
+    _write_scene(folder)
+    made_with = calibration_hash(ring_rig(3, (32, 24)), 0, 1.0, (0.0, 0.0), whole_rig=False)
+    MaskMark("cam01", (32, 24), 1.0, (32, 24), 0, 0, 1, False, made_with).write(folder / "cam01")
+
+
+def _write_project(folder: Path, calibration: Callable[[Path], object]) -> None:
+    """Videos and their calibration, as they are before there is a scene file."""
+    from mmocap_warp.formats.table import read_calibration
+
+    calibration(folder)
+    found = next(file for file in sorted(folder.iterdir()) if file.name != "extri.yml")
+    for name in read_calibration(found, "m", "+y").names:
+        _write_video(folder, f"{name}.avi", "MJPG")
+
+
+def _draft(folder: Path) -> None:
+    """As ``mmocap init`` does: draft a scene, write it, and load it where nothing is missing."""
+    import tomllib
+
+    from mmocap_warp.scene.drafting import draft_scene
+    from mmocap_warp.scene.scene_toml import load_scene
+
+    draft = draft_scene(folder)
+    tomllib.loads(draft.text)
+    if not draft.missing:
+        (folder / "scene.toml").write_bytes(draft.text.encode())
+        load_scene(folder / "scene.toml", masks=False)
+
+
 def _write_study(folder: Path) -> None:
     (folder / "study.toml").write_text(
         '[study]\nname = "tiny"\nseeds = 2\nfirst_seed = 0\nframes = 9\nscale = 0.1\n'
@@ -524,6 +620,28 @@ READERS: dict[str, Reader] = {
         replace(_MASK, name="mask-16-bit.png", write=_write_painted_mask(_deep)),
         *(
             Reader(
+                f"mask-palette-{depth}.png",
+                "cam01/1.png",
+                partial(_write_palette_masks, depth=depth),
+                partial(_read_chosen_masks, masks="cam01"),
+                mutations.png,
+            )
+            for depth in (8, 2)
+        ),
+        *(
+            Reader(
+                f"masks-{form}.json",
+                "x.json",
+                partial(_write_run_lengths, form=form),
+                partial(_read_chosen_masks, masks="x.json"),
+                mutations.json_text,
+            )
+            for form in ("coco", "video", "listed")
+        ),
+        Reader("masks.tar", "x.tar", _write_masks_tar, partial(_read_chosen_masks, masks="x.tar"), mutations.tarred),
+        Reader("masks.toml", "cam01/masks.toml", _write_made_masks, _read_masks, _LINES),
+        *(
+            Reader(
                 f"image.{end}",
                 f"x.{end}",
                 partial(_write_image, name=f"x.{end}"),
@@ -548,6 +666,21 @@ READERS: dict[str, Reader] = {
         Reader("qualisys.qca.txt", "some.qca.txt", _write_qualisys, partial(_read_rig, name="some.qca.txt"), _LINES),
         Reader("opencv-intri.yml", "intri.yml", _write_opencv, partial(_read_rig, name="intri.yml"), _LINES),
         Reader("opencv-extri.yml", "extri.yml", _write_opencv, partial(_read_rig, name="extri.yml"), _LINES),
+        *(
+            Reader(f"draft-{file}", file, partial(_write_project, calibration=write), _draft, _LINES)
+            for file, write in (
+                ("calibration.toml", _write_toml_rig),
+                ("some.qca.txt", _write_qualisys),
+                ("intri.yml", _write_opencv),
+            )
+        ),
+        Reader(
+            "draft-cam01.avi",
+            "cam01.avi",
+            partial(_write_project, calibration=_write_toml_rig),
+            _draft,
+            mutations.any_bytes,
+        ),
         *_usd("body", _write_body, _read_body),
         Reader("body.usdz", "b.usdz", _write_packed_body, partial(_read_body, name="b.usdz"), mutations.any_bytes),
         *_usd("subject", _write_subject, _read_subject),

@@ -11,10 +11,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from pxr import Tf, Usd, UsdGeom, UsdSkel, UsdUtils, UsdValidation, Vt
+from pxr import Usd, UsdGeom, UsdSkel, UsdUtils, UsdValidation, Vt
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.body import read_body, read_subject
+from mmocap_warp.formats.usd.file import usd_errors_told
 from mmocap_warp.formats.usd.result import holds_result, read_result
 
 _WEIGHT_SUM_TOLERANCE = 1e-4
@@ -32,15 +33,17 @@ def faults(path: str | Path) -> list[str]:
     """
     if not Path(path).is_file():
         raise InputError(path, "no such file", "check the path")
-    try:
-        stage = Usd.Stage.Open(str(path))
-    except Tf.ErrorException as error:
-        raise InputError(path, "is not a USD file that can be read", "write it again") from error
+    with usd_errors_told(path):
+        return _faults(Path(path))
+
+
+def _faults(path: Path) -> list[str]:
+    stage = Usd.Stage.Open(str(path))
     validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
     errors = UsdValidation.ValidationContext(validators).Validate(stage)
     told = [f"{error.GetName()}: {error.GetMessage()}" for error in errors]
-    told += [f"needs {file}, which is not in it" for file in _outside(Path(path))]
-    return told + body_faults(stage) + _own_faults(stage, Path(path))
+    told += [f"needs {file}, which is not in it" for file in _outside(path)]
+    return told + body_faults(stage) + _own_faults(stage, path)
 
 
 def _own_faults(stage: Usd.Stage, path: Path) -> list[str]:

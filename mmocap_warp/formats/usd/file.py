@@ -34,7 +34,7 @@ def read_stage(path: str | Path) -> Usd.Stage:
     path = Path(path)
     if not os.path.isfile(path):
         raise InputError(path, "no such file", "check the path")
-    with _errors_told(path):
+    with usd_errors_told(path):
         # USD keeps layers by file name and would hand out the old one; an anonymous layer has no name.
         layer = Sdf.Layer.OpenAsAnonymous(str(path))
         if layer:
@@ -54,14 +54,15 @@ def reads_usd(reader: Callable[P, T]) -> Callable[P, T]:
 
     @wraps(reader)
     def told(*args: P.args, **kwargs: P.kwargs) -> T:
-        with _errors_told(args[0]):
+        with usd_errors_told(args[0]):
             return reader(*args, **kwargs)
 
     return tried_first(told)
 
 
 @contextmanager
-def _errors_told(path: object) -> Iterator[None]:
+def usd_errors_told(path: object) -> Iterator[None]:
+    """Raise ``InputError`` for what USD complains of while a file is read, to the last value."""
     try:
         yield
     except (Tf.ErrorException, UnicodeDecodeError) as error:

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from pxr import Gf, Usd, UsdGeom, UsdSkel, Vt
+from pxr import Gf, Tf, Usd, UsdGeom, UsdSkel, Vt
 from synthetic import synthetic_body, synthetic_result, synthetic_subject
 
 from mmocap_warp.errors import InputError
@@ -194,3 +194,14 @@ def test_own_data_that_cannot_be_read_is_told(tmp_path):
     assert faults(tmp_path / "subject.usda") == []
     write_body(tmp_path / "body.usda", synthetic_body())
     assert faults(tmp_path / "body.usda") == []
+
+
+def test_damage_that_shows_when_values_are_read_is_told(tmp_path, monkeypatch):
+    write_body(tmp_path / "b.usdc", synthetic_body())
+
+    def damaged(stage):
+        Tf.RaiseRuntimeError("Corrupt path index in crate file")
+
+    monkeypatch.setattr("mmocap_warp.formats.usd.check.body_faults", damaged)
+    with pytest.raises(InputError, match="is not a USD file that can be read"):
+        faults(tmp_path / "b.usdc")

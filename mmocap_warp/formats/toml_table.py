@@ -75,6 +75,12 @@ def _deeper_than(values: Any, levels: int) -> bool:
     return True
 
 
+def quoted(text: str) -> str:
+    """A TOML basic string, all on one line and visible."""
+    escaped = {"\\": "\\\\", '"': '\\"'}
+    return '"' + "".join(escaped.get(c, c) if c.isprintable() else f"\\U{ord(c):08x}" for c in text) + '"'
+
+
 def is_number(value: object) -> bool:
     """Whether a value of a TOML file is a number, whole ones within the 64 bits that TOML asks for."""
     return type(value) is float or (type(value) is int and -(2**63) <= value < 2**63)

@@ -13,6 +13,7 @@ import numpy as np
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.foreground.frames import Frames, VideoFile, as_colour, open_frames
+from mmocap_warp.formats.toml_table import quoted
 from mmocap_warp.scene.found_calibration import FoundCalibration, find_calibration, project_kind, read_found
 from mmocap_warp.scene.found_media import Kind, Medium, Take, find_media, names_without_calibration, takes
 from mmocap_warp.views.rig import UP_AXES, CameraRig
@@ -211,7 +212,7 @@ def _calibration(draft: Draft, found: FoundCalibration | None, units: str, folde
 
 def _camera(draft: Draft, name: str, folder: Path, rig: CameraRig | None, media: _Media) -> list[str]:
     frames = media.frames[name]
-    lines = [f"[cameras.{name if re.fullmatch('[A-Za-z0-9_-]+', name) else _quoted(name)}]   # {_told(frames)}"]
+    lines = [f"[cameras.{name if re.fullmatch('[A-Za-z0-9_-]+', name) else quoted(name)}]   # {_told(frames)}"]
     for key in ("video", "masks", "background", "clean_plate"):
         if name in (take := getattr(media, key)):
             lines.append(f"{key} = {_path(take[name], folder)}")
@@ -291,13 +292,7 @@ def _told(frames: Frames) -> str:
 
 
 def _path(path: Path, folder: Path) -> str:
-    return _quoted(Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix())
-
-
-def _quoted(text: str) -> str:
-    """A TOML basic string."""
-    escaped = {"\\": "\\\\", '"': '\\"'}
-    return '"' + "".join(escaped.get(c, c) if c.isprintable() else f"\\U{ord(c):08x}" for c in text) + '"'
+    return quoted(Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix())
 
 
 def _one_line(text: str) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.toml_table import Table, load_toml
+from mmocap_warp.formats.toml_table import Table, load_toml, quoted
 from mmocap_warp.views.rig import CameraRig
 from mmocap_warp.whole_file import write_whole
 
@@ -138,12 +138,3 @@ def _take_size(table: Table, key: str) -> tuple[int, int]:
     if width < 1 or height < 1:
         raise table.error(f"{key} is not a size", "make the masks again with mmocap mask")
     return int(width), int(height)
-
-
-def quoted(text: str) -> str:
-    """A TOML basic string."""
-    escaped = "".join(_ESCAPED.get(c, c) if c >= " " and c != "\x7f" else f"\\u{ord(c):04x}" for c in text)
-    return f'"{escaped}"'
-
-
-_ESCAPED = {"\\": "\\\\", '"': '\\"'}

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from mmocap_warp.scene.mask_mark import quoted
+from mmocap_warp.formats.toml_table import quoted
 from mmocap_warp.scene.recording import CameraSource, Scene
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from mmocap_warp.body.model import Subject
 from mmocap_warp.errors import InputError
 from mmocap_warp.result.truth import Truth, at_rate
+from mmocap_warp.scene.content import content_hash
 from mmocap_warp.scenes import ROOT
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
@@ -174,7 +175,7 @@ def _content(files: Iterable[Path]) -> str:
     digest = hashlib.sha256()
     for file in sorted(files):
         digest.update(file.name.encode())
-        digest.update(hashlib.sha256(file.read_bytes()).digest())
+        digest.update(content_hash(file))
     return digest.hexdigest()
 
 

@@ -206,6 +206,7 @@ class _Judge:
 
     def __init__(self, raw: Result, config: TrackConfig, masks: _Masks) -> None:
         self._masks = masks
+        self._observed: int | None = None
         self._objective = make_objective(raw.subject, raw.cameras, config, len(raw.pose))
 
     def __call__(self, frame: int, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -214,7 +215,9 @@ class _Judge:
         if not observation.foreground.any():
             return np.full(count, np.nan), np.full((count, len(observation.foreground)), np.nan)
         objective = self._objective
-        objective.observe(observation)
+        if frame != self._observed:  # many poses of one frame are judged in a row
+            objective.observe(observation)
+            self._observed = frame
         objective.pose[:count].assign(pose.astype(np.float32))
         cost = objective.evaluate(count).numpy()[:count]
         return cost, overlap(objective.count.numpy()[:count], observation)

@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 
 import mutations
+from given_clips import BVH
 from mutations import Mutation
 
 
@@ -307,28 +308,6 @@ def _write_text(folder: Path, **files: str) -> None:
         (folder / name.replace("__", ".")).write_text(content)
 
 
-_BVH = """\
-HIERARCHY
-ROOT Hips
-{
-  OFFSET 0 10 0
-  CHANNELS 6 Xposition Yposition Zposition Zrotation Yrotation Xrotation
-  JOINT Spine
-  {
-    OFFSET 0 2 0
-    CHANNELS 3 Zrotation Yrotation Xrotation
-    End Site
-    {
-      OFFSET 0 3 0
-    }
-  }
-}
-MOTION
-Frames: 2
-Frame Time: 0.05
-0 10 0 0 0 0 0 0 0
-1 11 2 90 0 0 0 0 90
-"""
 _ASF = """\
 :version 1.10
 :root
@@ -687,7 +666,7 @@ READERS: dict[str, Reader] = {
         *_usd("result", _write_result, _read_result),
         *_usd("truth", _write_truth, _read_truth),
         Reader("truth.trc", "x.trc", partial(_write_text, x__trc=_TRC), partial(_read_truth, name="x.trc"), _LINES),
-        Reader("clip.bvh", "x.bvh", partial(_write_text, x__bvh=_BVH), partial(_read_clip, name="x.bvh"), _LINES),
+        Reader("clip.bvh", "x.bvh", partial(_write_text, x__bvh=BVH), partial(_read_clip, name="x.bvh"), _LINES),
         *(
             Reader(
                 f"clip.{end}",

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.humaneva.sequence import FPS, HumanEvaSequence
+from mmocap_warp.formats.toml_table import quoted
 from mmocap_warp.formats.usd.truth import write_truth
 from mmocap_warp.whole_file import write_whole
 
@@ -82,4 +82,4 @@ def _scene_text(sequence: HumanEvaSequence) -> str:
 
 def _quoted(path: Path) -> str:
     """A TOML string of the whole path, since scene and data set move apart."""
-    return json.dumps(path.resolve().as_posix(), ensure_ascii=False)
+    return quoted(path.resolve().as_posix())

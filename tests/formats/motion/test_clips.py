@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from given_clips import BVH
 
 from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.rotations import turn
@@ -23,29 +24,6 @@ DIRECTION = 0.03  # between a bone's direction and the clip's: the body's bones 
 STRAIGHT = 0.06  # the same of a straight leg, which is bent by 3 degrees
 MOST_MARKER_ERROR = 0.08  # [m], of another person's markers on the scaled motion
 MOST_SLIDE = 0.12  # [m/s], mean, of the standing foot of a retargeted walk
-
-BVH = """\
-HIERARCHY
-ROOT Hips
-{
-  OFFSET 0 10 0
-  CHANNELS 6 Xposition Yposition Zposition Zrotation Yrotation Xrotation
-  JOINT Spine
-  {
-    OFFSET 0 2 0
-    CHANNELS 3 Zrotation Yrotation Xrotation
-    End Site
-    {
-      OFFSET 0 3 0
-    }
-  }
-}
-MOTION
-Frames: 2
-Frame Time: 0.05
-0 10 0 0 0 0 0 0 0
-1 11 2 90 0 0 0 0 90
-"""
 
 ASF = """\
 # a root and two bones

@@ -196,9 +196,11 @@ def test_a_stopped_run_resumes_to_the_same_bits(how, scene, whole, tmp_path, cap
     run = subprocess.Popen([sys.executable, "-c", EAGER, *command])
     while run.poll() is None and not checkpoint.exists():
         time.sleep(0.005)
+    run.send_signal(signal.SIGSTOP)  # or it might end while another is refused
     assert cli.main([*command, "--resume"]) == exit_codes.BAD_INPUT
     assert "stopped.usdc: another mmocap is writing it" in capfd.readouterr().err
     run.send_signal(how)
+    run.send_signal(signal.SIGCONT)
     assert (run.wait(), capfd.readouterr().err) == STOPS[how]
     assert checkpoint.exists()
     assert not stopped.exists()

@@ -23,7 +23,7 @@ PER_FRAME: tuple[str, ...] = ("eq20_as_printed", "marker_error", "joint_error", 
 PER_RUN: tuple[str, ...] = ("shake", "growth", "jerk", "foot_slide", "frames_lost", "seconds", "evaluations")
 """What is measured once a run."""
 
-PROVENANCE: tuple[str, ...] = ("study", "host", "started", "wall_seconds", "versions", "code")
+PROVENANCE: tuple[str, ...] = ("study", "host", "started", "wall_seconds", "versions", "code", "code_covers")
 """The parts of ``meta`` that say where and when a result was made: with the seconds, all that a repetition changes."""
 
 _VERSION = 1
@@ -74,7 +74,7 @@ class CellResult:
             ``frames_lost``, ``seconds`` (the cell's search, the same in each run), ``evaluations`` (of all frames).
         pose: (run, frame, coordinate) float32, poses; or (1, frame, coordinate), those of the typical run alone, see
             :func:`mmocap_warp.study.summary.with_typical_pose`.
-        meta: JSON values: ``fps``, ``cameras``, ``size``, ``config``, ``versions``, ``code`` (see
+        meta: JSON values: ``fps``, ``cameras``, ``size``, ``config``, ``versions``, ``code`` and ``code_covers`` (see
             :func:`mmocap_warp.study.code_hash.code_hash`), ``device``, ``host``, ``started``, ``wall_seconds``,
             ``study``.
 

@@ -140,6 +140,7 @@ class Worker:
                 "device": device_kind(self.device),
                 "versions": tracked.versions,
                 "code": job.code,
+                "code_covers": _covered(job.config, job.clip, job.solved),
                 "host": socket.gethostname(),
                 "started": started,
                 "wall_seconds": time.perf_counter() - begun,
@@ -175,8 +176,13 @@ class Worker:
 
 def code_of(config: TrackConfig, clip: Clip, solved: bool) -> str:
     """Hash of the code that a cell's result depends on."""
+    return code_hash(**_covered(config, clip, solved))
+
+
+def _covered(config: TrackConfig, clip: Clip, solved: bool) -> dict[str, bool]:
+    """What a cell's code includes, see :func:`mmocap_warp.study.code_hash.code_hash`."""
     contours = config.fits_contours or config.acceleration > 0 or solved
-    return code_hash(contours=contours, recorded=clip.scene is not None)
+    return {"contours": contours, "recorded": clip.scene is not None}
 
 
 def device_kind(device: str) -> str:

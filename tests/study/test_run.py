@@ -236,7 +236,7 @@ def test_an_error_in_a_worker_names_itself(study, tmp_path, monkeypatch):
     """Wrong input is refused at once; anything else is tried again on a new process."""
     tasks, notes = tasks_of(study, tmp_path / "results")[:1], []
     status = run_quietly(tasks, lambda: Spoiling(["cpu"], 1, config=None), notes)
-    assert "TypeError: " in status.failures[tasks[0].cell]
+    assert "AttributeError: 'NoneType'" in status.failures[tasks[0].cell]
     assert len(notes) == 3
     status = run_quietly(tasks, lambda: Spoiling(["cpu"], 1, clip_identity="other"), notes)
     assert "Walk is not the same here as where the study was started" in status.failures[tasks[0].cell]

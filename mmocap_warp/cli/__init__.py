@@ -84,6 +84,7 @@ _COMMANDS = (  # a command's help is here and not in its docstring, so that the 
     ("fit", "fit:fit", "Find the body, its place and its first pose in a scene."),
     ("mask", "mask:mask", _MASK),
     ("cameras", "cameras:cameras", _CAMERAS),
+    ("calib", "calib:app", "Calibrations: convert, check and refine them."),
     ("eval", "evaluate:evaluate", "Print a result's IoU, and its errors where the truth is known."),
     ("show", "show:show", "Write a result's overlay video and contact sheet."),
     ("view", "view:view", "Write a result as one page for a browser: body, cameras, masks and curves."),

@@ -241,7 +241,8 @@ class ContourFitter:
         views, cost = self._sums_of_views(count)
         axes = self._posed.axes.numpy()[:count, 0].astype(np.float64)
         origin = self._joints.transform.numpy()[:count, 0, :3, 3].astype(np.float64)
-        return (*self._unpacked(views), 0.5 * cost, axes, origin)
+        of_root = (np.repeat(each[:, None], views.shape[1], axis=1) for each in (axes, origin))
+        return (*self._unpacked(views), 0.5 * cost, *of_root)
 
     def _sums_of_views(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Triangles (candidate, camera, element) and costs (candidate, camera), float64."""

@@ -73,8 +73,8 @@ class ViewEquations:
             the camera itself: the logarithm of its focal lengths, and its principal point [px].
         gradient: (frame, camera, n) float64.
         cost: (frame, camera) float64.
-        axes: (frame, 3, 3) float64, in the columns: what the root's angles turn about, in the world.
-        origin: (frame, 3) float64, the root joint in the world [m].
+        axes: (frame, camera, 3, 3) float64, in the columns: what the root's angles turn about, in the world.
+        origin: (frame, camera, 3) float64, the root joint in the world [m].
     """
 
     matrix: np.ndarray
@@ -82,6 +82,16 @@ class ViewEquations:
     cost: np.ndarray
     axes: np.ndarray
     origin: np.ndarray
+
+    def where(self, taken: np.ndarray, other: ViewEquations) -> ViewEquations:
+        """These in the views that are ``taken`` (camera,) bool, and others elsewhere."""
+        mine, others = vars(self), vars(other)
+        return ViewEquations(
+            **{
+                name: np.where(taken.reshape(-1, *[1] * (value.ndim - 2)), value, others[name])
+                for name, value in mine.items()
+            }
+        )
 
 
 LineariseFrames = Callable[[np.ndarray, RootedPoses], NormalEquations]

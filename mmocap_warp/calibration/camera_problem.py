@@ -42,7 +42,8 @@ class CameraProblem:
 
     Attributes:
         fitter: of the space's body, with its parameters and with lenses, observing the frames.
-        rig: the cameras to start from, at the masks' size.
+        rig: the cameras that are in doubt, at the masks' size.
+        lag: (camera,) how much later in its own frames each shows what happens, as far as is known [s].
         space: bodies around the one that is expected.
         rooting: moves poses; it searches the root's translation and all its angles.
         share: of the space's standard deviations, how far from the expected body the person may be.
@@ -52,6 +53,7 @@ class CameraProblem:
 
     fitter: ContourFitter
     rig: CameraRig
+    lag: np.ndarray
     space: RestSpace
     rooting: Rooting
     share: float
@@ -95,7 +97,7 @@ class CameraProblem:
         self.fitter.reshape(*self.space.at(beta, vertex))
         self.fitter.set_change(*self.space.basis(beta, vertex))
         self.fitter.set_cameras(changed(self.rig, change))
-        views = self._views(frames, rooted, velocity, change[:, OFFSET])
+        views = self._views(frames, rooted, velocity, self.lag + change[:, OFFSET])
         dof, shared = velocity.shape[1], views.matrix.shape[2] - 3
         searched = self.rooting.searched
         root = int(np.searchsorted(searched, 0)), int(np.searchsorted(searched, ROOT_ANGLES.start))
@@ -107,14 +109,12 @@ class CameraProblem:
             _hold(equations, length, dof, beta, change, self.free)
         return equations
 
-    def _views(
-        self, frames: np.ndarray, rooted: RootedPoses, velocity: np.ndarray, offset: np.ndarray
-    ) -> ViewEquations:
-        """Each view at its own time, which is so much later than the frame's as its ``offset`` (camera,) is lower [s]."""
-        first, *others = np.unique(offset)
+    def _views(self, frames: np.ndarray, rooted: RootedPoses, velocity: np.ndarray, lag: np.ndarray) -> ViewEquations:
+        """Each view against the body as it was so much earlier as the view lags, ``lag`` (camera,) [s]."""
+        first, *others = np.unique(lag)
         views = self._at_time(frames, rooted, -first * velocity)
-        for late in others:
-            views = self._at_time(frames, rooted, -late * velocity).where(offset == late, views)
+        for seconds in others:
+            views = self._at_time(frames, rooted, -seconds * velocity).where(lag == seconds, views)
         return views
 
     def _at_time(self, frames: np.ndarray, rooted: RootedPoses, step: np.ndarray) -> ViewEquations:
@@ -147,7 +147,9 @@ def _hold(
 ) -> None:
     """Add what is known of a length to the first frame's equations, in place: it belongs to all alike."""
     value, derivative = length.at(beta, change)
-    row = np.concatenate([np.zeros(dof), derivative[: len(beta)], derivative[len(beta) :][free.ravel()]]) / _LENGTH_SIGMA
+    row = (
+        np.concatenate([np.zeros(dof), derivative[: len(beta)], derivative[len(beta) :][free.ravel()]]) / _LENGTH_SIGMA
+    )
     error = (length.metres - value) / _LENGTH_SIGMA
     equations.matrix[0] += np.outer(row, row)
     equations.gradient[0] += row * error

@@ -21,7 +21,7 @@ KINDS: tuple[str, ...] = (
     "tilt", "pan", "roll", "right", "down", "ahead", "focal", "centre_x", "centre_y", "offset",
 )  # fmt: skip
 """Parameters of a camera: turned about its own x, y and z axis [rad], moved along them [m], the logarithm of its focal
-lengths, its principal point [px], and how much later than said its images were taken [s]."""
+lengths, its principal point [px], and how much later in its own frames than said it shows what happens [s]."""
 ROTATION, POSITION, LENS = slice(0, 3), slice(3, 6), slice(6, 9)
 FOCAL, CENTRE, OFFSET = 6, slice(7, 9), 9
 
@@ -86,7 +86,12 @@ def difference(rig: CameraRig, other: CameraRig, scale: float = 1.0) -> np.ndarr
 
 
 def by_body(
-    rig: CameraRig, change: np.ndarray, axes: np.ndarray, origin: np.ndarray, velocity: np.ndarray, root: tuple[int, int]
+    rig: CameraRig,
+    change: np.ndarray,
+    axes: np.ndarray,
+    origin: np.ndarray,
+    velocity: np.ndarray,
+    root: tuple[int, int],
 ) -> np.ndarray:
     """What each camera's parameters do to its view, as steps of the body and of the camera's lens.
 

@@ -5,8 +5,14 @@ from __future__ import annotations
 from cyclopts import App
 
 app = App(name="calib", help="Calibrations: convert, check and refine them.", version_flags=[])
+_CONVERT = (
+    "Write a calibration in another program's format.\n\n"
+    "Reads TOML of Pose2Sim, aniposelib and Caliscope, Qualisys, YAML of OpenCV and EasyMocap, COLMAP text, MultiCal, "
+    "HumanEva and USD; writes TOML, YAML, COLMAP text and USD. Lengths are written in metres."
+)
 _COMMANDS: tuple[tuple[str, str, str], ...] = (
     # (name, module:function, help): the help is here and not in a docstring, so that the list of commands loads none
+    ("convert", "calib_convert:convert", _CONVERT),
 )
 for _order, (_name, _target, _help) in enumerate(_COMMANDS):
     app.command(f"mmocap_warp.cli.{_target}", name=_name, help=_help, sort_key=_order)

@@ -12,8 +12,9 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.views.fisheye import distort_fisheye, folds, pinhole_of
 
 UP_AXES: tuple[str, ...] = ("+x", "-x", "+y", "-y", "+z", "-z")
+_LARGEST = 1e9  # number in a calibration; its square and cube can still be reckoned with
 _MOST_CAMERAS = 1000
-_MOST_GROWTH = 4  # of an image's width or height when it is undistorted; a lens of no distortion has 1.7
+_MOST_GROWTH = 4  # of a fisheye's image, or how much it may shrink, when it is undistorted; real ones grow up to 1.7
 
 
 @dataclass(frozen=True)
@@ -251,6 +252,8 @@ def _check_camera(rig: CameraRig, k: int, where: str) -> None:
     for what, value in (("K", rig.K[k]), ("R", rig.R[k]), ("t", rig.t[k]), ("distortion", rig.distortion[k])):
         if not np.isfinite(value).all():
             raise InputError(where, f"{what} holds a value that is not finite", "calibrate again or export again")
+        if np.abs(value).max() > _LARGEST:
+            raise InputError(where, f"{what} holds {np.abs(value).max():.3g}", "calibrate again or export again")
     width, height = rig.size[k]
     if width < 1 or height < 1:
         raise InputError(where, f"size is {width}x{height}", "give the width and height in pixels")
@@ -282,7 +285,7 @@ def _check_fisheye(rig: CameraRig, k: int, where: str) -> None:
     if folds(rig.K[k], rig.size[k], rig.distortion[k]):
         raise InputError(where, "the fisheye distortion folds the image over itself", remedy)
     _, size = rig.pinhole(k)
-    if (size > _MOST_GROWTH * rig.size[k]).any():
+    if (size > _MOST_GROWTH * rig.size[k]).any() or (size * _MOST_GROWTH < rig.size[k]).any():
         raise InputError(where, f"undistorted, this fisheye's image has {size[0]}x{size[1]} pixels", remedy)
 
 

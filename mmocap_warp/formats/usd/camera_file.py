@@ -73,7 +73,8 @@ def _camera(camera: UsdGeom.Camera, metres: float, path: str | Path) -> Camera:
             camera.GetVerticalApertureOffsetAttr(),
         )
     )
-    if camera.GetProjectionAttr().Get() != UsdGeom.Tokens.perspective or not min(focal, across, down) > 0:
+    known = all(isinstance(value, float) for value in (focal, across, down, right, upward))
+    if camera.GetProjectionAttr().Get() != UsdGeom.Tokens.perspective or not (known and min(focal, across, down) > 0):
         raise InputError(path, f"{prim.GetPath()} is no pinhole", "give it perspective, a film and a focal length")
     K = np.array([[focal / across, 0, 0.5 - right / across], [0, focal / down, 0.5 + upward / down], [0, 0, 1]])
     world = np.array(UsdGeom.Xformable(camera).ComputeLocalToWorldTransform(Usd.TimeCode.EarliestTime())).T

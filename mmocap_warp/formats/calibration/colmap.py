@@ -98,7 +98,8 @@ def _read_poses(path: Path) -> dict[str, tuple[str, np.ndarray, np.ndarray]]:
         if len(fields) != 10:
             raise InputError(where, f"the line has {len(fields)} values, not 10", _AGAIN)
         pose = np.array(_numbers(fields[1:8], where))
-        length = np.linalg.norm(pose[:4])
+        with np.errstate(over="ignore"):
+            length = np.linalg.norm(pose[:4])
         if not 0.999 < length < 1.001:
             raise InputError(where, f"the quaternion has length {length:.6g}, not 1", _AGAIN)
         image = fields[9].strip()

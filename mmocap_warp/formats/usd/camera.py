@@ -53,6 +53,8 @@ def cameras_from_prim(prim: Usd.Prim, source: object) -> CameraRig:
     scope = PrimReader(prim, source, _REMEDY)
     cameras = [scope.child(name) for name in scope.texts("mmocap:cameras")]
 
+    scope.require(bool(cameras), "mmocap:cameras names none")
+
     def stacked(name: str, *shape: int) -> np.ndarray:
         return np.stack([camera.array(name, (math.prod(shape),), np.float64).reshape(shape) for camera in cameras])
 

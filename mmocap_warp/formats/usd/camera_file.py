@@ -19,6 +19,7 @@ from mmocap_warp.views.rig import Camera, CameraRig, check_rig, rig_of
 
 _SAME_SHAPE = 0.01
 """Share by which the film's shape may differ from the image's; programs disagree on what is shown of such a one."""
+_LARGEST = 1e9  # of a camera's numbers
 _FROM_USD = np.diag([1.0, -1.0, -1.0])  # its cameras look along -z with y up
 _REMEDY = "export the cameras again, standing still"
 
@@ -73,8 +74,10 @@ def _camera(camera: UsdGeom.Camera, metres: float, path: str | Path) -> Camera:
             camera.GetVerticalApertureOffsetAttr(),
         )
     )
-    known = all(isinstance(value, float) for value in (focal, across, down, right, upward))
-    if camera.GetProjectionAttr().Get() != UsdGeom.Tokens.perspective or not (known and min(focal, across, down) > 0):
+    known = all(isinstance(value, float) and abs(value) < _LARGEST for value in (focal, across, down, right, upward))
+    if camera.GetProjectionAttr().Get() != UsdGeom.Tokens.perspective or not (
+        known and min(focal, across, down) > 1 / _LARGEST
+    ):
         raise InputError(path, f"{prim.GetPath()} is no pinhole", "give it perspective, a film and a focal length")
     K = np.array([[focal / across, 0, 0.5 - right / across], [0, focal / down, 0.5 + upward / down], [0, 0, 1]])
     world = np.array(UsdGeom.Xformable(camera).ComputeLocalToWorldTransform(Usd.TimeCode.EarliestTime())).T

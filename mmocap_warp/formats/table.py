@@ -1,4 +1,4 @@
-"""The calibrations that a scene may name and the animations that a result is exported to, known by their endings.
+"""The calibrations that are read and written and the animations that a result is exported to, known by their endings.
 
 A new format is a file in this room and a line here; see CONTRIBUTING.md. A format's module is imported when a file of
 it is read or written, so that the table itself costs nothing to import.
@@ -28,7 +28,10 @@ class Format:
         name: what people call it.
         suffixes: endings of its files' names, in lower case; the case of a file's own does not matter.
         function: ``module:function`` within this package that reads or writes a file of it.
-        folder: whether a folder may stand for its files.
+        folder: what a folder that may stand for its files holds, as a pattern; empty where none may.
+        open_units: of a calibration: whether neither its files nor its writers' custom say the unit of its lengths.
+        open_sizes: of a calibration: whether it may leave out how large the images are.
+        beside: names of further files that a calibration of it is written to.
         up: of an export: the vertical that the format prescribes, or that its readers take for granted; None where it
             says which one it has.
     """
@@ -36,12 +39,17 @@ class Format:
     name: str
     suffixes: tuple[str, ...]
     function: str
-    folder: bool = False
+    folder: str = ""
     up: str | None = None
+    open_units: bool = False
+    open_sizes: bool = False
+    beside: tuple[str, ...] = ()
 
     def matches(self, path: Path) -> bool:
         """Whether a file of this name, or this folder, has the format."""
-        return self.folder if os.path.isdir(path) else path.name.lower().endswith(self.suffixes)
+        if os.path.isdir(path):
+            return bool(self.folder) and any(path.glob(self.folder))
+        return path.name.lower().endswith(self.suffixes)
 
     def __str__(self) -> str:
         return f"{self.name} ({', '.join([*self.suffixes, *(['their folder'] if self.folder else [])])})"
@@ -53,11 +61,35 @@ class Format:
 
 
 CALIBRATIONS: tuple[Format, ...] = (
-    Format("Pose2Sim TOML", (".toml",), "calibration.toml_rig:read_toml_rig"),
+    Format("Pose2Sim/aniposelib/Caliscope TOML", (".toml",), "calibration.toml_rig:read_toml_rig"),
     Format("Qualisys", (".qca.txt",), "calibration.qualisys:read_qualisys"),
-    Format("OpenCV/EasyMocap YAML", (".yml", ".yaml"), "calibration.opencv_yaml:read_opencv_yaml", folder=True),
+    Format(
+        "OpenCV/EasyMocap YAML",
+        (".yml", ".yaml"),
+        "calibration.opencv_yaml:read_opencv_yaml",
+        folder="*tri.yml",
+        open_sizes=True,
+    ),
+    Format(
+        "COLMAP text",
+        ("cameras.txt", "images.txt"),
+        "calibration.colmap:read_colmap",
+        folder="cameras.txt",
+        open_units=True,
+    ),
+    Format("MultiCal", (".json",), "calibration.multical:read_multical", open_units=True),
+    Format("HumanEva", (".cal",), "humaneva.cal:read_cal_folder", folder="*.[cC][aA][lL]", open_sizes=True),
+    Format("USD", (".usda", ".usdc", ".usd"), "usd.camera_file:read_usd_cameras", open_sizes=True),
 )
 """Their functions are called as :func:`read_calibration` is, and give what it gives."""
+
+CALIBRATION_EXPORTS: tuple[Format, ...] = (
+    Format("Pose2Sim/aniposelib TOML", (".toml",), "calibration.toml_rig:write_toml_rig"),
+    Format("OpenCV/EasyMocap YAML", ("intri.yml",), "calibration.opencv_yaml:write_opencv_yaml", beside=("extri.yml",)),
+    Format("COLMAP text", ("cameras.txt",), "calibration.colmap:write_colmap", beside=("images.txt", "points3D.txt")),
+    Format("USD", (".usda", ".usdc", ".usd"), "usd.camera_file:write_usd_cameras"),
+)
+"""Their functions take the file and the rig, as :func:`write_calibration` does."""
 
 EXPORTS: tuple[Format, ...] = (
     Format("USD", (".usda", ".usdc", ".usdz"), "usd.animation:export_animation"),
@@ -82,20 +114,39 @@ EXPORT_SUFFIXES: tuple[str, ...] = tuple(suffix for format in EXPORTS for suffix
 
 
 def read_calibration(
-    path: Path, units: str = "m", up: str = "+z", sizes: dict[str, tuple[int, int]] | None = None
+    path: Path, units: str | None = None, up: str = "+z", sizes: dict[str, tuple[int, int]] | None = None
 ) -> CameraRig:
     """Read the cameras of a calibration of any format in ``CALIBRATIONS``.
 
     Args:
         path: the file, or a folder where the format has one.
-        units: unit of its lengths, "m" or "mm", where the format leaves it open.
-        up: the world's up axis.
-        sizes: width and height [px] of cameras' images, for a format that may leave them out.
+        units: unit of its lengths, "m" or "mm", where the format leaves it open; None where nobody says.
+        up: the world's up axis, where the format does not say it.
+        sizes: width and height [px] of cameras' images, for a format that may leave them out; under
+            :data:`~mmocap_warp.formats.calibration.image_size.EVERY_OTHER` those of all cameras that are not named.
 
     Raises:
         InputError: an unknown ending, or a file that the format's reader refuses.
     """
     return _format_of(CALIBRATIONS, path).load()(path, units, up, sizes)
+
+
+def write_calibration(path: Path, rig: CameraRig) -> None:
+    """Write cameras in the format of ``CALIBRATION_EXPORTS`` that the file's name tells, lengths in metres.
+
+    Raises:
+        InputError: an unknown name, a format that cannot hold these cameras, or files that cannot be written.
+    """
+    calibration_export(path).load()(path, rig)
+
+
+def calibration_export(path: Path) -> Format:
+    """The format of ``CALIBRATION_EXPORTS`` that a file's name tells.
+
+    Raises:
+        InputError: an unknown name.
+    """
+    return _format_of(CALIBRATION_EXPORTS, path)
 
 
 def export(result: Result, path: Path) -> None:

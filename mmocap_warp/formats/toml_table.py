@@ -131,6 +131,14 @@ class Table:
         """Whether ``key`` is there and has not been taken."""
         return key in self._values
 
+    def peek(self, key: str) -> Any:
+        """The value of ``key`` without taking it; None where it is not there."""
+        return self._values.get(key)
+
+    def replace(self, key: str, value: Any) -> None:
+        """Let ``key`` have another value, such as its own in another form."""
+        self._values[key] = value
+
     def take_any(self, key: str, kinds: tuple[type, ...], default: Any) -> Any:
         """The value of ``key`` where several kinds are possible.
 
@@ -140,10 +148,10 @@ class Table:
         kind = next((kind for kind in kinds if type(self._values.get(key)) is kind), kinds[0])
         return self.take(key, kind, default)
 
-    def take_choice(self, key: str, choices: tuple[str, ...], default: Any = ...) -> str:
-        """A string that must be one of ``choices``."""
+    def take_choice(self, key: str, choices: tuple[str, ...], default: Any = ...) -> Any:
+        """A string that must be one of ``choices``; an absent one is ``default``, whatever that is."""
         value = self.take(key, str, default)
-        if value not in choices:
+        if value is not default and value not in choices:
             raise self.error(f"{key} = {value!r} is not known", f"use one of {', '.join(map(repr, choices))}")
         return value
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.foreground.frames import Frames, VideoFile, as_colour, open_frames
+from mmocap_warp.formats.calibration.image_size import EVERY_OTHER
 from mmocap_warp.formats.toml_table import quoted
 from mmocap_warp.scene.found_calibration import FoundCalibration, find_calibration, project_kind, read_found
 from mmocap_warp.scene.found_media import Kind, Medium, Take, find_media, names_without_calibration, takes
@@ -117,14 +118,15 @@ def draft_scene(folder: Path) -> Draft:
 
 
 def _sizes(media: list[Medium], found: FoundCalibration) -> dict[str, tuple[int, int]]:
-    """Of the recordings and masks, by their own names, for EasyMocap's calibration, which may not tell sizes."""
-    if found.path.name != "intri.yml":
+    """Of the recordings and masks, by their own names, for a calibration that may not tell sizes; of all, where there
+    is one."""
+    if not found.open_sizes:
         return {}
     sizes: dict[str, tuple[int, int]] = {}
     for medium in media:
         if medium.kind in ("recording", "masks") and medium.parts[-1] not in sizes:
             sizes[medium.parts[-1]] = open_frames(medium.path).size
-    return sizes
+    return sizes | ({EVERY_OTHER: next(iter(sizes.values()))} if len(set(sizes.values())) == 1 else {})
 
 
 def _one_take(folder: Path, files: list[Medium], names: tuple[str, ...]) -> Take:
@@ -195,14 +197,17 @@ def _vertical(rig: CameraRig) -> tuple[str, float]:
 def _calibration(draft: Draft, found: FoundCalibration | None, units: str, folder: Path) -> list[str]:
     if found is None:
         draft.missing.append(
-            "a calibration: put a Pose2Sim .toml, a Qualisys .qca.txt, or EasyMocap's intri.yml and extri.yml there, "
-            "and name it as 'calibration'; its cameras must be named as in the file"
+            "a calibration: put a Pose2Sim .toml, a Qualisys .qca.txt, EasyMocap's intri.yml and extri.yml, or another "
+            "that docs/formats.md lists there, and name it as 'calibration'; its cameras must be named as in the file"
         )
         return ["[cameras]", '# calibration = "calibration.toml"   # MISSING']
     draft.calibration = found.path
     draft.found.append(f"calibration {found.path} ({found.format})")
     lines = ["[cameras]", f"calibration = {_path(found.path, folder)}   # {found.format}"]
-    if units != "m":
+    if found.open_units:
+        lines.append(f'units = "{units}"   # a guess: nothing tells the unit of its lengths')
+        draft.missing.append(f'the unit of the calibration\'s lengths: units = "{units}" under [cameras] is a guess')
+    elif units != "m":
         lines.append(f'units = "{units}"   # in metres, its cameras would be too far apart')
     if found.others:
         lines.append(f"# also there: {', '.join(_path(path, folder) for path in found.others)}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import tomllib
 from collections.abc import Iterator
@@ -10,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from mmocap_warp.errors import InputError
+from mmocap_warp.formats.calibration.text import read_text
+from mmocap_warp.formats.humaneva.cal import read_cal
 from mmocap_warp.formats.table import CALIBRATIONS, read_calibration
 from mmocap_warp.views.rig import CameraRig
 
@@ -30,11 +33,15 @@ class FoundCalibration:
         path: the file.
         format: what people call its format.
         others: calibrations beside it that can be read too.
+        open_units: whether nothing tells the unit of its lengths.
+        open_sizes: whether it may leave out how large the images are.
     """
 
     path: Path
     format: str
     others: tuple[Path, ...]
+    open_units: bool = False
+    open_sizes: bool = False
 
 
 def project_kind(folder: Path) -> str | None:
@@ -62,7 +69,8 @@ def find_calibration(folder: Path) -> FoundCalibration | None:
         readable = sorted((rank, file) for file in files if (rank := _rank(file)) is not None)
         if readable:
             rank, best = readable[0]
-            return FoundCalibration(best, CALIBRATIONS[rank].name, tuple(file for _, file in readable[1:]))
+            format, others = CALIBRATIONS[rank], tuple(file for _, file in readable[1:])
+            return FoundCalibration(best, format.name, others, format.open_units, format.open_sizes)
         if place == folder or project_kind(place) is not None:
             for file in files:
                 _refuse(file, place)
@@ -97,30 +105,66 @@ def _candidates(place: Path) -> Iterator[Path]:
 
 def _rank(file: Path) -> int | None:
     """The place of a readable file's format among those that are known; None where it is no calibration."""
-    if file.name == "extri.yml" or (file.suffix in (".yml", ".yaml") and file.name != "intri.yml"):
+    looks = {
+        ".toml": _holds_cameras,
+        ".yml": lambda file: file.name == "intri.yml" and file.with_name("extri.yml").is_file(),
+        ".yaml": lambda file: False,
+        ".json": _is_multical,
+        ".cal": _is_humaneva,
+        ".usd": _is_called_calibration,
+        ".usda": _is_called_calibration,
+        ".usdc": _is_called_calibration,
+    }
+    look = looks.get(file.suffix.lower())
+    if file.name == "images.txt" or (file.name == "cameras.txt" and not file.with_name("images.txt").is_file()):
         return None
-    if file.name == "intri.yml" and not file.with_name("extri.yml").is_file():
-        return None
-    if file.suffix == ".toml" and not _holds_cameras(file):
+    if look is not None and not look(file):
         return None
     return next((rank for rank, format in enumerate(CALIBRATIONS) if format.matches(file)), None)
 
 
 def _holds_cameras(file: Path) -> bool:
-    tables = _tables(file)
-    return any({"matrix", "rotation", "translation", "size"} <= set(table) for table in tables) and not any(
-        "rotation_count" in table for table in tables
-    )
+    """Whether a TOML file says where cameras are, each in a table of its own or all in Caliscope's ``cameras``."""
+    values = _values(file)
+    caliscope = values.get("cameras")
+    tables = _inner_tables(caliscope if isinstance(caliscope, dict) else values)
+    older = any("rotation_count" in table for table in tables) and not isinstance(caliscope, dict)
+    return any({"matrix", "rotation", "translation", "size"} <= set(table) for table in tables) and not older
 
 
-def _tables(file: Path) -> list[dict[str, Any]]:
-    """The tables of a TOML file; none where it is another program's settings, or no TOML."""
-    if file.name.lower() in _PROJECT_FILES:
-        return []
+def _is_multical(file: Path) -> bool:
     try:
-        values = tomllib.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
-        return []
+        values = json.loads(read_text(file, ""))
+    except (ValueError, RecursionError):
+        return False
+    return isinstance(values, dict) and {"cameras", "camera_poses"} <= set(values)
+
+
+def _is_humaneva(file: Path) -> bool:
+    """Whether it is the first of a folder of HumanEva's; OptiTrack has files of this ending, too."""
+    try:
+        read_cal(file, "", (1, 1))
+    except InputError:
+        return False
+    return not any(other.name < file.name for other in file.parent.glob("*.cal"))
+
+
+def _is_called_calibration(file: Path) -> bool:
+    """Whether a USD file's name, or its folder's, says that it is one: results and bodies lie about, too."""
+    return any(word in name.lower() for name in (file.name, file.parent.name) for word in ("calib", "camera"))
+
+
+def _values(file: Path) -> dict[str, Any]:
+    """What a TOML file holds; nothing where it is another program's settings, or no TOML."""
+    if file.name.lower() in _PROJECT_FILES:
+        return {}
+    try:
+        return tomllib.loads(read_text(file, ""))
+    except (ValueError, RecursionError):
+        return {}
+
+
+def _inner_tables(values: dict[str, Any]) -> list[dict[str, Any]]:
     return [table for table in values.values() if isinstance(table, dict)]
 
 
@@ -128,11 +172,11 @@ def _refuse(file: Path, place: Path) -> None:
     """Raise InputError for what its name, or its folder's below ``place``, calls a calibration: it cannot be read."""
     name, below = file.name.lower(), str(file.relative_to(place)).lower()
     is_calibration = any(word in below for word in ("calib", "intri", "extri"))
-    if file.suffix == ".toml" and any(_is_caliscope(table) for table in _tables(file)):
+    if file.suffix == ".toml" and any(map(_is_caliscope, _inner_tables(_values(file)))):
         raise InputError(
             file,
-            "is Caliscope's own camera array, which cannot be read yet",
-            "give camera_array_aniposelib.toml, which Caliscope writes beside it or in the project's folder",
+            "is a camera array of Caliscope that does not say where the cameras stand, or of an old version",
+            "calibrate that, too, or give camera_array_aniposelib.toml, which Caliscope writes in the project's folder",
         )
     if file.suffix in (".pickle", ".pkl") and (is_calibration or "camera" in name):
         opencap = "intrinsicsextrinsics" in name

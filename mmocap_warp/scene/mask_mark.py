@@ -130,6 +130,8 @@ def calibration_hash(
     lens = [rig.K[k], rig.distortion[k], rig.size[k], [recorded_scale, *recorded_offset]]
     for values in lens + ([rig.K, rig.distortion, rig.size, rig.R, rig.t] if whole_rig else []):
         digest.update(np.ascontiguousarray(values, np.float64).tobytes())
+    if bends := rig.fisheye if whole_rig else set(rig.fisheye) & {rig.names[k]}:
+        digest.update(" ".join(bends).encode())
     return digest.hexdigest()
 
 

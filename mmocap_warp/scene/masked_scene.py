@@ -41,7 +41,7 @@ def masked_scene(scene: Scene, folder: Path, scale: float, first: int, count: in
         "",
         "[cameras]",
         *calibration,
-        *([f'units = "{scene.units}"'] if scene.units != "m" else []),
+        *([f'units = "{scene.units}"'] if scene.units is not None else []),
     ]
     for source in scene.cameras:
         video = [] if source.video is None else [f"video = {path(source.video.path)}"]

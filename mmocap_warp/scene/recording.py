@@ -137,7 +137,7 @@ class Scene:
         first_frame: the recording's number of the first of them.
         stride: every how many-th of the recording's frames is one of them.
         calibration: the calibration's file or folder.
-        units: of its lengths.
+        units: of its lengths, as the scene says; None where it does not.
         named_frames: the frames that the scene file names, whose subtracted masks are kept; None for ``frames``.
     """
 
@@ -157,7 +157,7 @@ class Scene:
     first_frame: int = 0
     stride: int = 1
     calibration: Path | None = None
-    units: str = "m"
+    units: str | None = None
     named_frames: range | None = None
 
     @cached_property

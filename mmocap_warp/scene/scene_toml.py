@@ -77,7 +77,7 @@ def load_scene(
     about.finish()
 
     calibration = path.parent / cameras.take("calibration", str)
-    units = cameras.take_choice("units", tuple(METRES), "m")
+    units = cameras.take_choice("units", tuple(METRES), None)
     sources, rig = _read_cameras(cameras, path, calibration, units, up, fps)
     if not masks:
         foreground = _of_what_is_there(foreground, sources)
@@ -128,7 +128,7 @@ def _take_frames(table: Table) -> FrameChoice:
 
 
 def _read_cameras(
-    table: Table, scene: Path, calibration: Path, units: str, up: str, fps: float
+    table: Table, scene: Path, calibration: Path, units: str | None, up: str, fps: float
 ) -> tuple[tuple[CameraSource, ...], CameraRig]:
     tables = table.take_tables()
     table.finish()

@@ -111,6 +111,8 @@ def clip_facts(clip: Clip) -> ClipFacts:
     }
     if (scene.first_frame, scene.stride) != (0, 1):
         described["trimmed"] = [scene.first_frame, scene.stride]
+    if rig.fisheye:
+        described["fisheye"] = rig.fisheye
     return _facts(clip, scene.frame_count, described)
 
 

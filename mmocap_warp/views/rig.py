@@ -9,8 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from mmocap_warp.errors import InputError
+from mmocap_warp.views.fisheye import distort_fisheye, folds, pinhole_of
 
 UP_AXES: tuple[str, ...] = ("+x", "-x", "+y", "-y", "+z", "-z")
+_LARGEST = 1e9  # number in a calibration; its square and cube can still be reckoned with
+_MOST_CAMERAS = 1000
+_MOST_GROWTH = 4  # of a fisheye's image, or how much it may shrink, when it is undistorted; real ones grow up to 1.7
 
 
 @dataclass(frozen=True)
@@ -23,8 +27,10 @@ class CameraRig:
         R: (camera, 3, 3) float64, rotation, world to camera.
         t: (camera, 3) float64, translation, world to camera [m].
         size: (camera, 2) int, width and height [px].
-        distortion: (camera, 5) float64, OpenCV's k1 k2 p1 p2 k3; zero once images are undistorted.
+        distortion: (camera, 5) float64, OpenCV's k1 k2 p1 p2 k3, of a fisheye k1 k2 k3 k4 0; zero once images are
+            undistorted.
         up: the world's up axis: ``+x``, ``-x``, ``+y``, ``-y``, ``+z`` or ``-z``.
+        fisheye: names of the cameras whose lens is a fisheye (:mod:`mmocap_warp.views.fisheye`).
     """
 
     names: tuple[str, ...]
@@ -34,6 +40,7 @@ class CameraRig:
     size: np.ndarray
     distortion: np.ndarray
     up: str = "+z"
+    fisheye: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.names)
@@ -50,6 +57,15 @@ class CameraRig:
         vector["xyz".index(self.up[1])] = -1.0 if self.up[0] == "-" else 1.0
         return vector
 
+    def pinhole(self, k: int) -> tuple[np.ndarray, np.ndarray]:
+        """Intrinsics and (width, height) [px] of what camera ``k``'s images are undistorted to, at full size.
+
+        They are the camera's own, but for a fisheye: see :func:`mmocap_warp.views.fisheye.pinhole_of`.
+        """
+        if self.names[k] in self.fisheye:
+            return pinhole_of(self.K[k], self.size[k], self.distortion[k])
+        return self.K[k], self.size[k]
+
     def undistorted(self, scale: float = 1.0) -> CameraRig:
         """The pinholes of undistorted images resampled to ``scale`` times the size.
 
@@ -58,13 +74,13 @@ class CameraRig:
         Raises:
             ValueError: a scale that is not positive, or that leaves an image without pixels.
         """
-        size = np.rint(np.asarray(self.size) * scale).astype(int)
+        K, full = (np.stack(arrays) for arrays in zip(*map(self.pinhole, range(len(self))), strict=True))
+        size = np.rint(full * scale).astype(int)
         if not scale > 0 or size.min() < 1:
             raise ValueError(f"scale must be positive and leave at least a pixel, got {scale}")
-        K = self.K.copy()
         K[:, :2, :2] *= scale
         K[:, :2, 2] = (K[:, :2, 2] + 0.5) * scale - 0.5
-        return replace(self, K=K, size=size, distortion=np.zeros_like(self.distortion))
+        return replace(self, K=K, size=size, distortion=np.zeros_like(self.distortion), fisheye=())
 
     def select(self, names: tuple[str, ...]) -> CameraRig:
         """The named cameras, in the given order.
@@ -73,7 +89,8 @@ class CameraRig:
             ValueError: a name that the rig does not have.
         """
         k = [self.names.index(name) for name in names]
-        return CameraRig(names, self.K[k], self.R[k], self.t[k], self.size[k], self.distortion[k], self.up)
+        fisheye = tuple(name for name in names if name in self.fisheye)
+        return CameraRig(names, self.K[k], self.R[k], self.t[k], self.size[k], self.distortion[k], self.up, fisheye)
 
 
 def distort(points: np.ndarray, distortion: np.ndarray) -> np.ndarray:
@@ -96,6 +113,12 @@ def distort(points: np.ndarray, distortion: np.ndarray) -> np.ndarray:
     )
 
 
+def through_lens(rig: CameraRig, k: int, points: np.ndarray) -> np.ndarray:
+    """Where camera ``k``'s lens puts points (..., 2) of the ideal image plane, both at focal length 1."""
+    lens = distort_fisheye if rig.names[k] in rig.fisheye else distort
+    return lens(points, rig.distortion[k])
+
+
 def project(rig: CameraRig, points: np.ndarray) -> np.ndarray:
     """Pixels of world points in every camera, distortion included.
 
@@ -109,7 +132,7 @@ def project(rig: CameraRig, points: np.ndarray) -> np.ndarray:
     seen = np.einsum("kij,nj->kni", rig.R, np.asarray(points, np.float64)) + rig.t[:, None]
     depth = np.where(seen[..., 2:] > 0, seen[..., 2:], np.nan)
     plane = seen[..., :2] / depth
-    plane = np.stack([distort(plane[k], rig.distortion[k]) for k in range(len(rig))])
+    plane = np.stack([through_lens(rig, k, plane[k]) for k in range(len(rig))])
     focal, centre = rig.K[:, [0, 1], [0, 1]], rig.K[:, :2, 2]
     return plane * focal[:, None] + centre[:, None]
 
@@ -123,7 +146,7 @@ class CameraSummary:
         centre: (3,) optical centre [m].
         height: of the centre above the world's zero along the up axis [m].
         nearest: distance to the nearest other camera [m]; infinite for a lone camera.
-        field_of_view: horizontal and vertical [degrees].
+        field_of_view: horizontal and vertical [degrees]; of a fisheye that of its pinhole.
     """
 
     name: str
@@ -138,7 +161,8 @@ def describe_rig(rig: CameraRig) -> list[CameraSummary]:
     centres = rig.centres
     distance = np.linalg.norm(centres[:, None] - centres[None], axis=-1)
     np.fill_diagonal(distance, np.inf)
-    angle = np.degrees(2 * np.arctan(rig.size / (2 * rig.K[:, [0, 1], [0, 1]])))
+    K, size = (np.stack(arrays) for arrays in zip(*map(rig.pinhole, range(len(rig))), strict=True))
+    angle = np.degrees(2 * np.arctan(size / (2 * K[:, [0, 1], [0, 1]])))
     return [
         CameraSummary(
             name,
@@ -181,6 +205,7 @@ class Camera(NamedTuple):
     t: np.ndarray
     size: tuple[int, int]
     distortion: np.ndarray
+    fisheye: bool = False
 
 
 def rig_of(cameras: list[Camera], up: str, source: object) -> CameraRig:
@@ -191,8 +216,19 @@ def rig_of(cameras: list[Camera], up: str, source: object) -> CameraRig:
     """
     if not cameras:
         raise InputError(source, "no camera found", "check that this is a calibration file")
-    names, K, R, t, size, distortion = zip(*cameras, strict=True)
-    rig = CameraRig(names, np.array(K), np.array(R), np.array(t), np.array(size), np.array(distortion), up)
+    if len(cameras) > _MOST_CAMERAS:
+        raise InputError(source, f"holds {len(cameras)} cameras", f"give at most {_MOST_CAMERAS}")
+    names, K, R, t, size, distortion, bends = zip(*cameras, strict=True)
+    rig = CameraRig(
+        names=names,
+        K=np.array(K),
+        R=np.array(R),
+        t=np.array(t),
+        size=np.array(size),
+        distortion=np.array(distortion),
+        up=up,
+        fisheye=tuple(name for name, bend in zip(names, bends, strict=True) if bend),
+    )
     return check_rig(rig, source)
 
 
@@ -216,6 +252,8 @@ def _check_camera(rig: CameraRig, k: int, where: str) -> None:
     for what, value in (("K", rig.K[k]), ("R", rig.R[k]), ("t", rig.t[k]), ("distortion", rig.distortion[k])):
         if not np.isfinite(value).all():
             raise InputError(where, f"{what} holds a value that is not finite", "calibrate again or export again")
+        if np.abs(value).max() > _LARGEST:
+            raise InputError(where, f"{what} holds {np.abs(value).max():.3g}", "calibrate again or export again")
     width, height = rig.size[k]
     if width < 1 or height < 1:
         raise InputError(where, f"size is {width}x{height}", "give the width and height in pixels")
@@ -231,11 +269,24 @@ def _check_camera(rig: CameraRig, k: int, where: str) -> None:
         raise InputError(
             where, f"principal point ({cx:.6g}, {cy:.6g}) is far outside {width}x{height}", "give it in pixels"
         )
+    if (rig.K[k, [1, 2, 2, 2], [0, 0, 1, 2]] != [0, 0, 0, 1]).any():
+        raise InputError(where, "K is not [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]", "give the intrinsics in that order")
+    if rig.names[k] in rig.fisheye:
+        _check_fisheye(rig, k, where)
     error = np.abs(rig.R[k] @ rig.R[k].T - np.eye(3)).max()
     if error > 1e-4:
         raise InputError(where, f"R is not orthonormal (off by {error:.2g})", "give a 3x3 rotation, world to camera")
     if np.linalg.det(rig.R[k]) < 0:
         raise InputError(where, "R is mirrored (determinant -1)", "use a right-handed world and camera frame")
+
+
+def _check_fisheye(rig: CameraRig, k: int, where: str) -> None:
+    remedy = "see that these are k1 k2 k3 k4 of OpenCV's fisheye model"
+    if folds(rig.K[k], rig.size[k], rig.distortion[k]):
+        raise InputError(where, "the fisheye distortion folds the image over itself", remedy)
+    _, size = rig.pinhole(k)
+    if (size > _MOST_GROWTH * rig.size[k]).any() or (size * _MOST_GROWTH < rig.size[k]).any():
+        raise InputError(where, f"undistorted, this fisheye's image has {size[0]}x{size[1]} pixels", remedy)
 
 
 def _check_metres(rig: CameraRig, source: object) -> None:

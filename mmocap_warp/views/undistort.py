@@ -8,7 +8,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from mmocap_warp.views.rig import CameraRig, distort
+from mmocap_warp.views.fisheye import in_field
+from mmocap_warp.views.rig import CameraRig, through_lens
+
+_NOWHERE = -1e4  # a pixel far outside any image
 
 
 @dataclass(frozen=True)
@@ -60,13 +63,17 @@ def undistortion(
     n = max(1, math.ceil(recorded_scale / scale - 1e-9))
     width, height = rig.undistorted(scale).size[k]
     focal, centre = rig.K[k, [0, 1], [0, 1]], rig.K[k, :2, 2]
+    pinhole, _ = rig.pinhole(k)
 
     def to_plane(count: int, axis: int) -> np.ndarray:
         pixel = (np.arange(count * n) + 0.5) / (n * scale) - 0.5
-        return (pixel - centre[axis]) / focal[axis]
+        return (pixel - pinhole[axis, 2]) / focal[axis]
 
     plane = np.stack(np.meshgrid(to_plane(width, 0), to_plane(height, 1)), axis=-1)
-    pixel = distort(plane, rig.distortion[k]) * focal + centre
-    column, row = np.moveaxis((pixel * recorded_scale + recorded_offset).astype(np.float32), -1, 0)
+    pixel = through_lens(rig, k, plane) * focal + centre
+    recorded = (pixel * recorded_scale + recorded_offset).astype(np.float32)
+    if rig.names[k] in rig.fisheye:
+        recorded[~in_field(plane)] = _NOWHERE
+    column, row = np.moveaxis(recorded, -1, 0)
     position, fraction = cv2.convertMaps(column, row, cv2.CV_16SC2)
     return Undistortion(n, np.asarray(position), np.asarray(fraction))

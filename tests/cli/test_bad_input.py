@@ -13,6 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from calibration_files import write_easymocap
 from synthetic import ring_rig, synthetic_body, synthetic_result, synthetic_subject
 
 from mmocap_warp import cli
@@ -137,20 +138,9 @@ def real_masks(folder: Path) -> None:
 def mirrored_rotation(folder: Path) -> None:
     """Give the calibration as OpenCV YAML, the second camera's rotation with a row negated."""
     rig = ring_rig(3, SIZE)
-    intrinsics = cv2.FileStorage(str(folder / "intri.yml"), cv2.FILE_STORAGE_WRITE)
-    extrinsics = cv2.FileStorage(str(folder / "extri.yml"), cv2.FILE_STORAGE_WRITE)
-    for storage in (intrinsics, extrinsics):
-        storage.startWriteStruct("names", cv2.FileNode_SEQ)
-        for name in rig.names:
-            storage.write("", name)
-        storage.endWriteStruct()
-    for k, name in enumerate(rig.names):
-        intrinsics.write(f"K_{name}", rig.K[k])
-        intrinsics.write(f"dist_{name}", rig.distortion[k : k + 1])
-        extrinsics.write(f"Rot_{name}", np.diag([-1.0 if k == 1 else 1.0, 1.0, 1.0]) @ rig.R[k])
-        extrinsics.write(f"T_{name}", rig.t[k][:, None])
-    intrinsics.release()
-    extrinsics.release()
+    R = rig.R.copy()
+    R[1] = np.diag([-1.0, 1.0, 1.0]) @ R[1]
+    write_easymocap(folder, replace(rig, R=R), size=False)
     edit("scene.toml", "calibration.toml", "intri.yml")(folder)
 
 

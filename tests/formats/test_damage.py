@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from calibration_files import write_easymocap
 from synthetic import ring_rig
 
 from mmocap_warp.errors import InputError
@@ -52,25 +55,11 @@ def test_opencv_yaml_beyond_all_bounds(tmp_path, text, problem):
 
 def test_opencvs_own_files_give_the_same_bits(tmp_path):
     """As OpenCV writes them: long matrices in several lines, single precision, numbers without decimals."""
-    import cv2
-
-    rig, random = ring_rig(3, (640, 480)), np.random.default_rng(0)
-    distortion = random.normal(0, 1e-6, (3, 5)).astype(np.float32)
-    intrinsics, extrinsics = (cv2.FileStorage(str(tmp_path / name), 1) for name in ("intri.yml", "extri.yml"))
-    for storage in (intrinsics, extrinsics):
-        storage.startWriteStruct("names", cv2.FileNode_SEQ)
-        for name in rig.names:
-            storage.write("", name)
-        storage.endWriteStruct()
-    for k, name in enumerate(rig.names):
-        intrinsics.write(f"K_{name}", rig.K[k])
-        intrinsics.write(f"dist_{name}", distortion[k : k + 1])
-        intrinsics.write(f"W_{name}", 640)
-        intrinsics.write(f"H_{name}", 480.0)
-        extrinsics.write(f"Rot_{name}", rig.R[k])
-        extrinsics.write(f"T_{name}", rig.t[k][:, None])
-    intrinsics.release()
-    extrinsics.release()
+    distortion = np.random.default_rng(0).normal(0, 1e-6, (3, 5)).astype(np.float32)
+    rig = replace(ring_rig(3, (640, 480)), distortion=distortion)
+    write_easymocap(tmp_path, rig)
+    intrinsics = (tmp_path / "intri.yml").read_text()
+    (tmp_path / "intri.yml").write_text(intrinsics.replace("H_cam01: 480", "H_cam01: 480."))
     read = read_opencv_yaml(tmp_path)
     for name in ("K", "R", "t", "size"):
         np.testing.assert_array_equal(getattr(read, name), getattr(rig, name))

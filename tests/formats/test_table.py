@@ -43,9 +43,7 @@ def test_an_unknown_ending_names_the_known_ones(tmp_path: Path, name: str, probl
     with pytest.raises(InputError) as caught:
         read_calibration(tmp_path / name)
     told = str(caught.value)
-    assert told.startswith(
-        f"{tmp_path / name}: {problem}, which is none of the known formats; give Pose2Sim TOML (.toml)"
-    )
+    assert told.startswith(f"{tmp_path / name}: {problem}, which is none of the known formats; give Pose2Sim/")
     assert all(str(format) in told for format in CALIBRATIONS)
     assert "\n" not in told
 

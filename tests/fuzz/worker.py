@@ -21,7 +21,8 @@ from random import Random
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from readers import READERS, Reader
+from reader import Reader
+from readers import READERS
 
 from mmocap_warp.errors import InputError
 

@@ -47,9 +47,9 @@ def test_a_calibration_format(tmp_path: Path) -> None:
     cameras = {
         name: dict(zip(("K", "R", "t", "size"), (v.tolist() for v in row), strict=True)) for name, *row in values
     }
-    (tmp_path / "calibration.json").write_text(json.dumps(cameras))
+    (tmp_path / "cameras.rig.json").write_text(json.dumps(cameras))
     scene = tmp_path / "scene.toml"
-    scene.write_text(scene.read_text().replace("calibration.toml", "calibration.json"))
+    scene.write_text(scene.read_text().replace('"calibration.toml"', '"cameras.rig.json"\nunits = "m"'))
     (shown,) = recipe.run_commands()
     assert json.loads(shown) == expected
 

@@ -5,33 +5,24 @@ from __future__ import annotations
 import json
 import shlex
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 from ball_scene import FRAMES, HEIGHT, RIG, WIDTH, ball_mask, ball_scene, write_video
+from calibration_files import caliscope, humaneva, multical, write_colmap_model, write_easymocap
 
 from mmocap_warp import cli
 from mmocap_warp.cli import exit_codes
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
+from mmocap_warp.formats.usd.camera_file import write_usd_cameras
 from mmocap_warp.scene.drafting import draft_scene
 from mmocap_warp.scene.scene_toml import load_scene
 
 __all__ = ["ball_scene"]
-CALISCOPE = """
-[cameras.{0}]
-cam_id = {0}
-size = [160, 120]
-rotation_count = 0
-error = 0.4
-matrix = [[150.0, 0.0, 80.0], [0.0, 150.0, 60.0], [0.0, 0.0, 1.0]]
-distortions = [0.0, 0.0, 0.0, 0.0, 0.0]
-translation = [0.0, 0.0, 3.0]
-rotation = [0.1, 0.2, 0.3]
-grid_count = 20
-"""
 
 
 @pytest.fixture
@@ -58,24 +49,6 @@ def lay_out(videos: Path, project: Path, place: str, **names: str) -> None:
         target = project / place.format(names.get(name, name))
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(videos / f"{name}.mkv", target)
-
-
-def easymocap(folder: Path) -> None:
-    """The rig as EasyMocap writes it."""
-    for file in ("intri.yml", "extri.yml"):
-        storage = cv2.FileStorage(str(folder / file), cv2.FILE_STORAGE_WRITE)
-        storage.startWriteStruct("names", cv2.FileNode_SEQ)
-        for name in RIG.names:
-            storage.write("", name)
-        storage.endWriteStruct()
-        for k, name in enumerate(RIG.names):
-            if file == "intri.yml":
-                storage.write(f"K_{name}", RIG.K[k])
-                storage.write(f"dist_{name}", RIG.distortion[k][None])
-            else:
-                storage.write(f"R_{name}", cv2.Rodrigues(RIG.R[k])[0])
-                storage.write(f"T_{name}", RIG.t[k][:, None])
-        storage.release()
 
 
 def sources(folder: Path) -> dict[str, str]:
@@ -125,7 +98,7 @@ def write_config(project: Path) -> Path:
 @pytest.mark.parametrize("images", [True, False])
 def test_an_easymocap_project(videos: Path, project: Path, images: bool) -> None:
     """Sizes come from the videos; the images that were taken out of them are no second recording."""
-    easymocap(project)
+    write_easymocap(project, RIG, "R", size=False)
     lay_out(videos, project, "videos/{}.mkv")
     for k, name in enumerate(RIG.names):
         for folder in ("images", "mask-schp") if images else ("mask-schp",):
@@ -140,7 +113,7 @@ def test_an_easymocap_project(videos: Path, project: Path, images: bool) -> None
 
 
 def test_images_do_not_tell_the_rate(project: Path) -> None:
-    easymocap(project)
+    write_easymocap(project, RIG, "R", size=False)
     for name in RIG.names:
         (project / "images" / name).mkdir(parents=True)
         for frame in range(2):
@@ -159,16 +132,58 @@ def test_a_caliscope_project(videos: Path, project: Path, export: str) -> None:
     lay_out(videos, project, "calibration/extrinsic/{}.mkv", **own)
     lay_out(videos, project, "calibration/intrinsic/{}.mkv", **own)
     lay_out(videos, project, "recordings/walk_1/{}.mkv", **own)
+    unplaced = caliscope(RIG).split("[cameras.1]")[0].replace("rotation_count = 0", "rotation_count = 0\nmatrix = []")
+    (project / "camera_array.toml").write_text(unplaced)
+    with pytest.raises(InputError, match=r"camera_array\.toml: is a camera array of Caliscope that does not say where"):
+        draft_scene(project)
     volume = project / "calibration/extrinsic/capture_volume"
     volume.mkdir()
-    (volume / "camera_array.toml").write_text("".join(CALISCOPE.format(k) for k in (1, 2, 3)))
-    with pytest.raises(InputError, match=r"camera_array\.toml: is Caliscope's own .* give camera_array_aniposelib"):
-        draft_scene(project)
+    (volume / "camera_array.toml").write_text(caliscope(RIG))
+    assert list(sources(project)) == ["cam_1", "cam_2", "cam_3"]
+    shutil.rmtree(volume)
+    (project / export).parent.mkdir(exist_ok=True)
     write_toml_rig(project / export, RIG)
     for folder in (project, project / "recordings/walk_1"):
         found = sources(folder)
         assert [Path(path).name for path in found.values()] == ["cam_1.mkv", "cam_2.mkv", "cam_3.mkv"]
     assert draft_scene(project).project == "Caliscope"
+
+
+def test_a_colmap_model(videos: Path) -> None:
+    """It has no unit, and its file of images is no calibration of its own."""
+    write_colmap_model(videos, RIG)
+    assert sources(videos) == {name: f"{name}.mkv" for name in RIG.names}
+    draft = draft_scene(videos)
+    assert draft.missing == ['the unit of the calibration\'s lengths: units = "m" under [cameras] is a guess']
+    assert draft.calibration == videos / "cameras.txt"
+    assert not any("also there" in line for line in draft.text.splitlines())
+
+
+def test_a_multical_calibration(videos: Path) -> None:
+    world = replace(RIG, R=RIG.R @ RIG.R[0].T, t=RIG.t - RIG.R @ RIG.R[0].T @ RIG.t[0])
+    (videos / "calibration.json").write_text(multical(world))
+    draft = draft_scene(videos)
+    assert draft.cameras == RIG.names
+    assert 'up = "-y"' in draft.text  # the world is the first camera's
+    (videos / "scene.toml").write_text(draft.text)
+    load_scene(videos, masks=False)
+
+
+def test_cameras_of_a_usd_file(videos: Path) -> None:
+    """One whose name says so: results and bodies lie about, too."""
+    write_usd_cameras(videos / "calibration.usda", RIG)
+    write_usd_cameras(videos / "other.usda", RIG)
+    assert set(sources(videos)) == set(RIG.names)
+    assert draft_scene(videos).calibration == videos / "calibration.usda"
+
+
+def test_cameras_of_humaneva(videos: Path) -> None:
+    """The size is that of all videos."""
+    (videos / "Calibration_Data").mkdir()
+    for k, name in enumerate(RIG.names):
+        (videos / f"Calibration_Data/{name}.cal").write_text(humaneva(RIG, k))
+    assert set(sources(videos)) == set(RIG.names)
+    assert draft_scene(videos).calibration == videos / "Calibration_Data/cam01.cal"
 
 
 def test_an_opencap_session(videos: Path, project: Path) -> None:

@@ -28,6 +28,13 @@ def bent_rig() -> CameraRig:
     return replace(rig, distortion=np.tile([-0.3, 0.1, 0.001, -0.002, 0.0], (3, 1)))
 
 
+def fisheye_rig() -> CameraRig:
+    """Three fisheyes that see 61 degrees to the sides; the first one is another lens."""
+    rig = bent_rig()
+    lens = np.array([[-0.1, 0.05, 0.001, -0.002, 0.0], [0.04, -0.01, 0.004, -0.001, 0.0], [0.04, 0.0, 0.0, 0.0, 0.0]])
+    return replace(rig, K=rig.K * [[0.48, 1, 1], [1, 0.48, 1], [1, 1, 1]], distortion=lens, fisheye=rig.names[1:])
+
+
 def disc(rig: CameraRig, k: int, frame: int) -> np.ndarray:
     """A disc off the image's middle, in the recorded pixels."""
     row, column = np.indices(SIZE[::-1])
@@ -35,9 +42,9 @@ def disc(rig: CameraRig, k: int, frame: int) -> np.ndarray:
     return np.hypot(column - u, row - v) < 12
 
 
-def write_scene(folder: Path, source: str = "masks", late: int = 0) -> Path:
+def write_scene(folder: Path, source: str = "masks", late: int = 0, rig: CameraRig | None = None) -> Path:
     """A scene with masks and videos, the last camera late by some frames."""
-    rig = bent_rig()
+    rig = rig or bent_rig()
     write_toml_rig(folder / "calibration.toml", rig)
     plate = np.random.default_rng(0).integers(90, 110, (*SIZE[::-1], 3), np.uint8)
     cv2.imwrite(str(folder / "plate.png"), plate)
@@ -91,6 +98,24 @@ def test_made_masks_are_not_undistorted_again(scale: float, tmp_path: Path) -> N
     again = load_scene(tmp_path)
     for mine, theirs in zip(again.masks(scale), scene.masks(scale), strict=True):
         np.testing.assert_array_equal(mine, theirs)
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.5])
+def test_masks_of_fisheyes_lie_where_their_pinholes_see(scale: float, tmp_path: Path) -> None:
+    """Read, made and read again, images likewise: where the disc's middle is seen by the pinhole."""
+    rig = fisheye_rig()
+    scene = load_scene(write_scene(tmp_path, rig=rig))
+    made = load_scene(write_masks(scene, tmp_path / "made", scale))
+    pinholes = scene.rig(scale)
+    assert (pinholes.size[1:] > 1.2 * scale * rig.size[1:]).any(axis=1).all()
+    middle = project(pinholes, np.array([[0.9, 1.6, 0.3]]))[:, 0]
+    streams = (scene.masks(scale), made.masks(scale), scene.images(scale))
+    for k, (mask, again, image) in enumerate(zip(*map(next, streams), strict=True)):
+        assert mask.shape == tuple(pinholes.size[k, ::-1])
+        np.testing.assert_array_equal(again, mask)
+        for seen in (mask, image[..., 2] > 200):
+            row, column = np.nonzero(seen)
+            np.testing.assert_allclose([column.mean(), row.mean()], middle[k], atol=4 * scale)  # a disc on the fisheye
 
 
 def test_masks_made_small_are_read_at_any_scale(tmp_path: Path) -> None:

@@ -209,7 +209,7 @@ WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
     "unknown calibration format": case(
         "calibration.toml",
         "plate.png",
-        r"plate\.png: ends in '\.png', which is none of the known formats; give Pose2Sim TOML \(\.toml\) or Qualisys",
+        r"plate\.png: ends in '\.png', which is none of the known formats; give Pose2Sim.* TOML \(\.toml\) or Qualisys",
     ),
     "calibration not named": case("calibration =", "units =", r"\[cameras\]: 'calibration' is missing"),
     "units": case(

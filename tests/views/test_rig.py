@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from calibration_files import write_easymocap
 from synthetic import ring_rig
 
 from mmocap_warp.errors import InputError
@@ -98,30 +99,10 @@ def test_toml_reads_back(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [tmp_path / "rig.toml"]
 
 
-def write_easymocap(folder: Path, rig: CameraRig, rotation: str = "Rot", size: bool = True) -> None:
-    inside = cv2.FileStorage(str(folder / "intri.yml"), cv2.FILE_STORAGE_WRITE)
-    outside = cv2.FileStorage(str(folder / "extri.yml"), cv2.FILE_STORAGE_WRITE)
-    for storage in (inside, outside):
-        storage.startWriteStruct("names", cv2.FileNode_SEQ)
-        for name in rig.names:
-            storage.write("", name)
-        storage.endWriteStruct()
-    for k, name in enumerate(rig.names):
-        inside.write(f"K_{name}", rig.K[k])
-        inside.write(f"dist_{name}", rig.distortion[k][None])
-        if size:
-            inside.write(f"W_{name}", int(rig.size[k, 0]))
-            inside.write(f"H_{name}", int(rig.size[k, 1]))
-        outside.write(f"{rotation}_{name}", rig.R[k] if rotation == "Rot" else cv2.Rodrigues(rig.R[k])[0])
-        outside.write(f"T_{name}", rig.t[k][:, None] * 1000)
-    inside.release()
-    outside.release()
-
-
 @pytest.mark.parametrize("rotation", ["Rot", "R"])
 def test_easymocap_yaml(tmp_path: Path, rotation: str) -> None:
     rig = distorted_rig()
-    write_easymocap(tmp_path, rig, rotation)
+    write_easymocap(tmp_path, rig, rotation, per_metre=1000.0)
     for path in (tmp_path, tmp_path / "intri.yml"):
         again = read_opencv_yaml(path, units="mm", up="+y")
         for name in ("K", "R", "t", "size", "distortion"):
@@ -130,7 +111,7 @@ def test_easymocap_yaml(tmp_path: Path, rotation: str) -> None:
 
 def test_easymocap_yaml_without_sizes(tmp_path: Path) -> None:
     rig = distorted_rig()
-    write_easymocap(tmp_path, rig, size=False)
+    write_easymocap(tmp_path, rig, size=False, per_metre=1000.0)
     sizes = dict.fromkeys(rig.names, (640, 480))
     np.testing.assert_array_equal(read_opencv_yaml(tmp_path, "mm", sizes=sizes).size, rig.size)
     with pytest.raises(InputError, match="W_cam01 and H_cam01 are missing; add the image size"):
@@ -249,7 +230,16 @@ GOOD_XML = qualisys_xml(ring_rig(2))
 WRONG_FILES = {
     "no TOML": ("calib.toml", "[cam]\nsize = 1 2\n", r"is not valid TOML: .*line 2"),
     "no camera": ("calib.toml", "[metadata]\nerror = 0.1", r"no camera found"),
-    "fisheye": ("calib.toml", GOOD_CAMERA.replace("false", "true"), r"\[cam_0\]: fisheye lenses are not supported"),
+    "five of a fisheye": (
+        "calib.toml",
+        GOOD_CAMERA.replace("false", "true").replace("[0.1, 0.0,", "[0.1, 0.0, 0.0,"),
+        r"\[cam_0\]: distortions = .* is not 4 numbers",
+    ),
+    "folded fisheye": (
+        "calib.toml",
+        GOOD_CAMERA.replace("false", "true").replace("[0.1, 0.0,", "[-0.9, 0.0,"),
+        r"camera 'cam_0': the fisheye distortion folds the image over itself; see that these are k1 k2 k3 k4",
+    ),
     "missing key": ("calib.toml", GOOD_CAMERA.replace("translation", "T"), r"'translation' is missing; add"),
     "unknown key": ("calib.toml", GOOD_CAMERA.replace("fisheye", "fish_eye"), r"'fish_eye'; did you mean 'fisheye'"),
     "three coefficients": ("calib.toml", GOOD_CAMERA.replace("[0.1, 0.0,", "[0.1,"), r"distortions = .* is not 4 or 5"),

@@ -7,6 +7,7 @@ matrix at its word, allocates that much, and does not always come back.
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -15,30 +16,34 @@ import numpy as np
 import yaml
 
 from mmocap_warp.errors import InputError
+from mmocap_warp.formats.calibration.image_size import told_size
+from mmocap_warp.formats.calibration.text import read_text
 from mmocap_warp.formats.calibration.units import METRES
 from mmocap_warp.views.rig import Camera, CameraRig, rig_of
+from mmocap_warp.whole_file import write_whole
 
-_MOST_BYTES = 2**20  # a camera takes about a thousand
 _TYPES = {"d": np.float64, "f": np.float32, "i": np.int32, "s": np.int16, "w": np.uint16, "c": np.int8, "u": np.uint8}
+_HEADER = "%YAML:1.0\n---\n"
 _NOT_FINITE = {".nan": np.nan, ".inf": np.inf, "-.inf": -np.inf}
 
 
 def read_opencv_yaml(
-    path: str | Path, units: str = "m", up: str = "+z", sizes: dict[str, tuple[int, int]] | None = None
+    path: str | Path, units: str | None = None, up: str = "+z", sizes: dict[str, tuple[int, int]] | None = None
 ) -> CameraRig:
     """Read the pair from its folder, or from the path of either file.
 
     ``names`` lists the cameras; of each, ``K_<name>``, ``dist_<name>`` (4 or 5) and optionally ``H_<name>``,
     ``W_<name>`` come from ``intri.yml``; ``Rot_<name>`` (3x3) or else ``R_<name>`` (Rodrigues) and ``T_<name>`` from
-    ``extri.yml``. ``sizes`` holds (width, height) of cameras for which the file gives none.
+    ``extri.yml``. ``units`` are metres where nobody says. ``sizes`` holds (width, height) of cameras for which the file
+    gives none.
 
     Raises:
         InputError: unreadable, entries missing, or not a calibration (see ``check_rig``).
     """
     folder = Path(path) if os.path.isdir(path) else Path(path).parent
     intrinsics, extrinsics = _File(folder / "intri.yml"), _File(folder / "extri.yml")
-    cameras = [_read_camera(intrinsics, extrinsics, name, sizes or {}) for name in intrinsics.names()]
-    cameras = [camera._replace(t=camera.t * METRES[units]) for camera in cameras]
+    cameras = [_read_camera(intrinsics, extrinsics, name, sizes) for name in intrinsics.names()]
+    cameras = [camera._replace(t=camera.t * METRES[units or "m"]) for camera in cameras]
     return rig_of(cameras, up, folder / "intri.yml")
 
 
@@ -99,15 +104,9 @@ class _File:
 
 
 def _entries(path: Path) -> dict[str, Any]:
+    header, _, text = read_text(path, "intri.yml and extri.yml in one folder").partition("\n")
     try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise InputError(path, f"has over {_MOST_BYTES >> 20} MB", "give a calibration of cameras")
-        header, _, text = path.read_text(encoding="utf-8").partition("\n")
         entries = yaml.load(text, _Text) if header.startswith("%YAML") else None
-    except FileNotFoundError:
-        raise InputError(path, "no such file", "intri.yml and extri.yml belong in one folder") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(path, f"cannot be read ({error})", "give an OpenCV YAML file") from None
     except RecursionError:
         raise InputError(path, "has values within each other, too deep", "write the calibration again") from None
     except yaml.YAMLError as error:
@@ -127,7 +126,7 @@ def _number(text: Any) -> float:
         return np.nan
 
 
-def _read_camera(intrinsics: _File, extrinsics: _File, name: str, sizes: dict[str, tuple[int, int]]) -> Camera:
+def _read_camera(intrinsics: _File, extrinsics: _File, name: str, sizes: dict[str, tuple[int, int]] | None) -> Camera:
     K = intrinsics.matrix(f"K_{name}", (9,)).reshape(3, 3)
     coefficients = intrinsics.matrix(f"dist_{name}", (4, 5))
     distortion = np.zeros(5)
@@ -139,8 +138,35 @@ def _read_camera(intrinsics: _File, extrinsics: _File, name: str, sizes: dict[st
     t = extrinsics.matrix(f"T_{name}", (3,))
     if f"W_{name}" in intrinsics and f"H_{name}" in intrinsics:
         size = (intrinsics.number(f"W_{name}"), intrinsics.number(f"H_{name}"))
-    elif name in sizes:
-        size = sizes[name]
     else:
-        raise InputError(intrinsics.path, f"W_{name} and H_{name} are missing", "add the image size in pixels")
+        size = told_size(sizes, name, intrinsics.path, f"W_{name} and H_{name} are missing")
     return Camera(name, K, R, t, size, distortion)
+
+
+def write_opencv_yaml(path: str | Path, rig: CameraRig) -> None:
+    """Write ``intri.yml`` at ``path`` and ``extri.yml`` beside it, in metres, as EasyMocap and OpenCV read them.
+
+    Raises:
+        InputError: a fisheye, which the format cannot tell from another lens; a name that is no key of OpenCV's; files
+            that cannot be written.
+    """
+    if rig.fisheye:
+        remedy = "write .toml, cameras.txt or USD, which can"
+        raise InputError(path, f"these files cannot say that '{rig.fisheye[0]}' is a fisheye", remedy)
+    names = "names:\n" + "".join(f'  - "{name}"\n' for name in rig.names)
+    inside, outside = [_HEADER, names], [_HEADER, names]
+    for k, name in enumerate(rig.names):
+        if re.fullmatch(r"[\w-]+", name, re.ASCII) is None:
+            raise InputError(path, f"cannot have a camera '{name}'", "name it with letters, digits, _ and -")
+        inside += [_matrix(f"K_{name}", rig.K[k]), _matrix(f"dist_{name}", rig.distortion[k : k + 1])]
+        inside += [f"W_{name}: {rig.size[k, 0]}\n", f"H_{name}: {rig.size[k, 1]}\n"]
+        outside += [_matrix(f"R_{name}", cv2.Rodrigues(rig.R[k])[0]), _matrix(f"Rot_{name}", rig.R[k])]
+        outside += [_matrix(f"T_{name}", rig.t[k][:, None])]
+    write_whole(Path(path).with_name("extri.yml"), "".join(outside).encode())
+    write_whole(Path(path), "".join(inside).encode())
+
+
+def _matrix(key: str, values: np.ndarray) -> str:
+    rows, columns = values.shape
+    data = ", ".join(f"{value!r}" for value in values.ravel().tolist())
+    return f"{key}: !!opencv-matrix\n  rows: {rows}\n  cols: {columns}\n  dt: d\n  data: [ {data} ]\n"

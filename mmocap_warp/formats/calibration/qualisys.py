@@ -11,6 +11,7 @@ from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
 from mmocap_warp.errors import InputError
+from mmocap_warp.formats.calibration.text import refuse_huge
 from mmocap_warp.views.rig import Camera, CameraRig, rig_of
 
 _SUBPIXELS = 64.0  # focal lengths and centres are written in 1/64 px; distortion coefficients are not scaled
@@ -18,7 +19,7 @@ _FROM_QUALISYS = np.diag([1.0, -1.0, -1.0])  # its cameras look along -z with y 
 
 
 def read_qualisys(
-    path: str | Path, units: str = "m", up: str = "+z", sizes: dict[str, tuple[int, int]] | None = None
+    path: str | Path, units: str | None = None, up: str = "+z", sizes: dict[str, tuple[int, int]] | None = None
 ) -> CameraRig:
     """Read a ``.qca.txt``; its lengths are millimetres by definition, its world has z up.
 
@@ -30,6 +31,7 @@ def read_qualisys(
     Raises:
         InputError: unreadable, no XML, attributes missing, or not a calibration (see ``check_rig``).
     """
+    refuse_huge(path)
     try:
         root = fromstring(Path(path).read_bytes())
     except FileNotFoundError:

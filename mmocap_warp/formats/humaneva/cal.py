@@ -13,8 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from mmocap_warp.errors import InputError
+from mmocap_warp.formats.calibration.image_size import told_size
+from mmocap_warp.formats.calibration.text import refuse_huge
 from mmocap_warp.formats.humaneva.numbers import read_numbers
-from mmocap_warp.views.rig import Camera
+from mmocap_warp.views.rig import Camera, CameraRig, rig_of
 
 _COUNT = 22
 _MILLIMETRE = 0.001
@@ -32,9 +34,28 @@ def read_cal(path: str | Path, name: str, size: tuple[int, int]) -> Camera:
         InputError: missing, not text, or not at least 22 finite numbers. Whether they can be a camera, see
             :func:`~mmocap_warp.views.rig.check_rig`.
     """
+    refuse_huge(path)
     numbers = read_numbers(path)
     if len(numbers) < _COUNT:
         raise InputError(path, f"holds {len(numbers)} numbers of {_COUNT}", "copy it again from the data set")
     (fx, fy), (cx, cy), (skew,), distortion, R, t = np.split(numbers[:_COUNT], np.cumsum([2, 2, 1, 5, 9]))
     K = np.array([[fx, fx * skew, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
     return Camera(name, K, R.reshape(3, 3), t * _MILLIMETRE, size, distortion)
+
+
+def read_cal_folder(
+    path: str | Path, units: str | None = None, up: str = "+z", sizes: dict[str, tuple[int, int]] | None = None
+) -> CameraRig:
+    """Read all cameras of a folder, named as their files, from its path or that of one of them.
+
+    Lengths are millimetres by definition; ``units`` is not needed. ``sizes`` holds (width, height) of the cameras,
+    which the files do not say.
+
+    Raises:
+        InputError: see :func:`read_cal`; a size that nobody has said; or not a calibration (see ``check_rig``).
+    """
+    folder = Path(path) if Path(path).is_dir() else Path(path).parent
+    files = sorted(file for file in folder.glob("*") if file.name.lower().endswith(".cal"))
+    problem = "HumanEva's .cal does not say how large the camera's images are"
+    cameras = [read_cal(file, file.stem, told_size(sizes, file.stem, file, problem)) for file in files]
+    return rig_of(cameras, up, path)

@@ -13,10 +13,11 @@ from pxr import Gf, Tf, Usd, UsdGeom
 
 from mmocap_warp.formats.usd.attributes import author_value, gf_matrix
 from mmocap_warp.formats.usd.file import PrimReader
-from mmocap_warp.views.rig import UP_AXES, CameraRig
+from mmocap_warp.views.rig import UP_AXES, CameraRig, check_rig
 
 _FILM_WIDTH = 0.036  # [m], of a full-frame camera; only its ratio to the focal length matters
 _LENS_UNIT = 10.0  # USD gives apertures and focal lengths in tenths of a scene unit
+_FISHEYE = "fisheye"
 _CLIPPING = (0.05, 100.0)  # [m]
 _REMEDY = "write the result again with `mmocap track`"
 
@@ -29,7 +30,8 @@ def define_cameras(stage: Usd.Stage, path: str, rig: CameraRig) -> None:
     author_value(scope.GetPrim(), "mmocap:up", rig.up)
     for k, prim_name in enumerate(prim_names):
         camera = UsdGeom.Camera.Define(stage, f"{path}/{prim_name}")
-        _set_lens(camera, rig.K[k], *map(int, rig.size[k]))
+        pinhole, size = rig.pinhole(k)
+        _set_lens(camera, pinhole, *map(int, size))
         camera.AddTransformOp().Set(_world_from_camera(rig, k))
         prim = camera.GetPrim()
         author_value(prim, "mmocap:name", rig.names[k])
@@ -38,23 +40,27 @@ def define_cameras(stage: Usd.Stage, path: str, rig: CameraRig) -> None:
         author_value(prim, "mmocap:rotation", rig.R[k])
         author_value(prim, "mmocap:translation", rig.t[k])
         author_value(prim, "mmocap:distortion", rig.distortion[k])
+        if rig.names[k] in rig.fisheye:
+            author_value(prim, "mmocap:lens", _FISHEYE)
 
 
 def cameras_from_prim(prim: Usd.Prim, source: object) -> CameraRig:
     """The rig that :func:`define_cameras` authored at the scope ``prim``; ``source`` is named in errors.
 
     Raises:
-        InputError: a camera or one of its values is missing.
+        InputError: a camera or one of its values is missing, or a fisheye that is none.
     """
     scope = PrimReader(prim, source, _REMEDY)
     cameras = [scope.child(name) for name in scope.texts("mmocap:cameras")]
+
+    scope.require(bool(cameras), "mmocap:cameras names none")
 
     def stacked(name: str, *shape: int) -> np.ndarray:
         return np.stack([camera.array(name, (math.prod(shape),), np.float64).reshape(shape) for camera in cameras])
 
     up = scope.typed("mmocap:up", str)
     scope.require(up in UP_AXES, f"mmocap:up = '{up}' is none of {', '.join(UP_AXES)}")
-    return CameraRig(
+    rig = CameraRig(
         names=tuple(camera.typed("mmocap:name", str) for camera in cameras),
         K=stacked("mmocap:intrinsics", 3, 3),
         R=stacked("mmocap:rotation", 3, 3),
@@ -62,7 +68,13 @@ def cameras_from_prim(prim: Usd.Prim, source: object) -> CameraRig:
         size=stacked("mmocap:size", 2).astype(int),
         distortion=stacked("mmocap:distortion", 5),
         up=up,
+        fisheye=tuple(camera.typed("mmocap:name", str) for camera in cameras if _is_fisheye(camera)),
     )
+    return check_rig(rig, source) if rig.fisheye else rig
+
+
+def _is_fisheye(camera: PrimReader) -> bool:
+    return camera.prim.HasAttribute("mmocap:lens") and camera.typed("mmocap:lens", str) == _FISHEYE
 
 
 def _set_lens(camera: UsdGeom.Camera, K: np.ndarray, width: int, height: int) -> None:

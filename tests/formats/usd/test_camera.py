@@ -60,6 +60,12 @@ def test_a_missing_rig_or_value_is_named():
     stage = stage_with(ring_rig())
     with pytest.raises(InputError, match=r"a\.usdc: /World: attribute mmocap:cameras is missing"):
         cameras_from_prim(stage.GetPrimAtPath("/World"), "a.usdc")
+    scope = stage.GetPrimAtPath("/World/Cameras").GetAttribute("mmocap:cameras")
+    named = scope.Get()
+    scope.Set([])
+    with pytest.raises(InputError, match=r"/World/Cameras: mmocap:cameras names none"):
+        rig_of(stage)
+    scope.Set(named)
     stage.GetPrimAtPath("/World/Cameras/cam02").RemoveProperty("mmocap:rotation")
     with pytest.raises(InputError, match=r"a\.usdc: /World/Cameras/cam02: attribute mmocap:rotation is missing"):
         rig_of(stage)

@@ -1,0 +1,39 @@
+"""Caliscope's own camera array: a table ``[cameras.<number>]`` for each camera, lengths in metres.
+
+A camera is named ``cam_<number>``, as in the file for other programs that Caliscope writes.
+"""
+
+from __future__ import annotations
+
+from mmocap_warp.formats.calibration.toml_camera import take_camera
+from mmocap_warp.formats.toml_table import Table
+from mmocap_warp.views.rig import Camera
+
+_NOT_READ = ("cam_id", "port", "rotation_count", "error", "exposure", "grid_count", "name")
+"""What a camera's table may hold beside its calibration; ``rotation_count`` turns what Caliscope shows, no more."""
+_REMEDY = "calibrate where the cameras stand, too, with Caliscope (its extrinsic calibration)"
+
+
+def take_cameras(file: Table) -> list[Camera]:
+    """The cameras that Caliscope knows the place of and was not told to ignore.
+
+    Args:
+        file: the file's table, of which ``cameras`` is taken.
+
+    Raises:
+        InputError: a value that is missing or wrong, or no camera with a place.
+    """
+    cameras = []
+    tables = file.take_table("cameras")
+    for number, table in tables.take_tables().items():
+        ignored = table.take("ignore", bool, False)
+        if ignored or not (table.has("rotation") or table.has("translation")):
+            continue
+        for key in _NOT_READ:
+            table.take_any(key, (str, int, float, bool), None)
+        cameras.append(take_camera(table, f"cam_{number}", 1.0))
+        table.finish()
+    tables.finish()
+    if not cameras:
+        raise tables.error("no camera has a rotation and a translation", _REMEDY)
+    return cameras

@@ -1,0 +1,130 @@
+"""MultiCal's ``calibration.json``: ``cameras`` with their lenses, and ``camera_poses``.
+
+A pose is world to camera, and the world is that of a master camera; ``a_to_b`` leads from camera b's axes to a's. A
+fisheye is known by its four coefficients, one a row, as OpenCV gives them. Lengths are in the unit of the boards.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.calibration.text import read_text
+from mmocap_warp.formats.calibration.units import stated_metres
+from mmocap_warp.formats.toml_table import is_number
+from mmocap_warp.views.rig import Camera, CameraRig, rig_of
+
+_AGAIN = "give the calibration.json that multical calibrate writes"
+_TO = "_to_"
+_FISHEYE, _MOST_COEFFICIENTS = 4, 14
+
+
+def read_multical(
+    path: str | Path, units: str | None = None, up: str = "+z", sizes: dict[str, tuple[int, int]] | None = None
+) -> CameraRig:
+    """Read a calibration. ``sizes`` is not needed.
+
+    Raises:
+        InputError: unreadable, values missing, a lens model that is not known, a unit that nobody has said, a camera
+            without a pose, or not a calibration (see ``check_rig``).
+    """
+    file = _object(_load(path), "the file", path)
+    if not {"cameras", "camera_poses"} <= set(file):
+        raise InputError(path, "has no 'cameras' and 'camera_poses', by which MultiCal's calibration is known", _AGAIN)
+    lenses = _object(file["cameras"], "cameras", path)
+    poses = _world_poses(_object(file["camera_poses"], "camera_poses", path), lenses.keys(), path)
+    metres = stated_metres(units, path)
+    cameras = []
+    for name, lens in lenses.items():
+        if name not in poses:
+            raise InputError(path, f"camera '{name}' has no pose", "calibrate where it stands, too, or take it out")
+        pose = poses[name]
+        cameras.append(_read_lens(lens, name, path)._replace(R=pose[:3, :3], t=pose[:3, 3] * metres))
+    return rig_of(cameras, up, path)
+
+
+def _load(path: str | Path) -> Any:
+    try:
+        return json.loads(read_text(path, "a JSON file"))
+    except InputError:
+        raise
+    except (ValueError, RecursionError) as error:
+        raise InputError(path, f"is not valid JSON: {error}", _AGAIN) from None
+
+
+def _read_lens(lens: Any, name: str, path: str | Path) -> Camera:
+    where = f"{path}: camera '{name}'"
+    values = _object(lens, "it", where)
+    K = _numbers(values, "K", (9,), where).reshape(3, 3)
+    width, height = _numbers(values, "image_size", (2,), where)
+    coefficients = _numbers(values, "dist", tuple(range(4, _MOST_COEFFICIENTS + 1)), where)
+    fisheye = len(coefficients) == _FISHEYE
+    in_rows = all(isinstance(row, list) for row in values["dist"])
+    if (fisheye and not in_rows) or coefficients[5:].any():
+        raise InputError(
+            where,
+            "its lens is neither MultiCal's standard one (5 coefficients) nor its fisheye (4, one a row)",
+            "calibrate it with one of these models",
+        )
+    distortion = np.zeros(5)
+    distortion[: len(coefficients[:5])] = coefficients[:5]
+    return Camera(name, K, np.eye(3), np.zeros(3), (int(width), int(height)), distortion, fisheye)
+
+
+def _world_poses(poses: dict[str, Any], names: Collection[str], path: str | Path) -> dict[str, np.ndarray]:
+    """(4, 4) world to camera, by camera; those that are given from another camera are led back to it."""
+    known: dict[str, np.ndarray] = {}
+    led_from: dict[str, list[tuple[str, np.ndarray]]] = {name: [] for name in names}
+    for key, value in poses.items():
+        pose = np.eye(4)
+        where = f"{path}: camera_poses '{key}'"
+        fields = _object(value, "it", where)
+        pose[:3, :3] = _numbers(fields, "R", (9,), where).reshape(3, 3)
+        pose[:3, 3] = _numbers(fields, "T", (3,), where)
+        if key in names:
+            known[key] = pose
+            continue
+        camera, base = _pair(key, names, where)
+        led_from[base].append((camera, pose))
+    reached = list(known)
+    while reached:
+        base = reached.pop()
+        for camera, pose in led_from[base]:
+            if camera not in known:
+                known[camera] = pose @ known[base]
+                reached.append(camera)
+    return known
+
+
+def _pair(key: str, names: Collection[str], where: str) -> tuple[str, str]:
+    """The two cameras of ``a_to_b``; their names may hold the same word."""
+    parts = key.split(_TO)
+    for k in range(1, len(parts)):
+        camera, base = _TO.join(parts[:k]), _TO.join(parts[k:])
+        if camera in names and base in names:
+            return camera, base
+    raise InputError(where, "names no camera of the file", _AGAIN)
+
+
+def _object(value: Any, what: str, where: object) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise InputError(where, f"{what} is not a JSON object", _AGAIN)
+    return value
+
+
+def _numbers(values: dict[str, Any], key: str, count: tuple[int, ...], where: str) -> np.ndarray:
+    """A list of finite numbers, whether in rows or not."""
+    value = values.get(key)
+    rows = value if isinstance(value, list) else []
+    flat = [number for row in rows for number in (row if isinstance(row, list) else [row])]
+    if len(flat) not in count or not all(map(is_number, flat)):
+        length = " or ".join(map(str, count)) if len(count) < 3 else f"{count[0]} to {count[-1]}"
+        raise InputError(where, f"{key} is not {length} numbers", _AGAIN)
+    if not np.isfinite(flat).all():
+        raise InputError(where, f"{key} holds a value that is not finite", _AGAIN)
+    return np.array(flat, float)

@@ -1,0 +1,121 @@
+"""Readers of motion, truth and HumanEva's files."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import mutations
+from given_clips import BVH
+from reader import LINES, Reader, write_text
+
+_ASF = """\
+:version 1.10
+:root
+   order TX TY TZ RX RY RZ
+   axis XYZ
+   position 0 0 0
+:bonedata
+  begin
+    id 1
+    name lfemur
+    direction 0 -1 0
+    length 4
+    axis 0 0 90 XYZ
+    dof rx ry rz
+    limits (-160.0 20.0)
+  end
+  begin
+    name ltibia
+    direction 0 -2 0
+    length 3
+    axis 0 0 0 XYZ
+  end
+:hierarchy
+  begin
+    root lfemur
+    lfemur ltibia
+  end
+"""
+_AMC = ":FULLY-SPECIFIED\n:DEGREES\n1\nroot 0 7 0 0 0 0\nlfemur 0 0 0\n2\nroot 1 7 0 0 0 0\nlfemur 0 90 0\n"
+_TRC = (
+    "PathFileType\t4\t(X/Y/Z)\tsome.trc\n"
+    "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames\n"
+    "60\t60\t2\t2\tmm\t60\t0\t2\nFrame#\tTime\tRHip\t\t\tLHip\t\t\t\n\t\tX1\tY1\tZ1\tX2\tY2\tZ2\t\n"
+    "1\t0.016\t1000\t2000\t3000\t4000\t5000\t6000\n2\t0.033\t10\t20\t30\t\t\t\n"
+)
+_CAL = "600\n600\n320\n240\n0\n0\n0\n0\n0\n0\n" + "1\n0\n0\n0\n1\n0\n0\n0\n1\n" + "0\n0\n4000\n"
+
+
+def _read_clip(folder: Path, name: str) -> None:
+    from mmocap_warp.synthesis.motion.retarget import read_clip
+
+    read_clip(folder / name).at_rate(60.0)
+
+
+def _write_c3d(folder: Path) -> None:
+    import ezc3d
+    import numpy as np
+
+    file = ezc3d.c3d()
+    about = file["parameters"]["POINT"]
+    about["UNITS"]["value"], about["RATE"]["value"], about["LABELS"]["value"] = ["mm"], [100.0], ["Ann:AAA", "BBB"]
+    file["data"]["points"] = np.random.default_rng(0).uniform(1, 2, (4, 2, 3))
+    file.write(str(folder / "some.c3d"))
+
+
+def _read_c3d(folder: Path) -> None:
+    from mmocap_warp.formats.motion.c3d import read_c3d
+
+    read_c3d(folder / "some.c3d")
+
+
+def read_truth(folder: Path, name: str) -> None:
+    from mmocap_warp.formats.truth import load_truth
+
+    load_truth(folder / name)
+
+
+def _read_cal(folder: Path) -> None:
+    from mmocap_warp.formats.humaneva.cal import read_cal
+    from mmocap_warp.views.rig import rig_of
+
+    rig_of([read_cal(folder / "C1.cal", "C1", (640, 480))], "+z", folder / "C1.cal")
+
+
+def _read_ofs(folder: Path) -> None:
+    from mmocap_warp.formats.humaneva.sync import read_ofs
+
+    read_ofs(folder / "C1.ofs")
+
+
+def _read_measures(folder: Path) -> None:
+    from mmocap_warp.formats.humaneva.numbers import read_measures
+
+    read_measures(folder / "S1.mp")
+
+
+READERS: tuple[Reader, ...] = (
+    Reader("truth.trc", "x.trc", partial(write_text, x__trc=_TRC), partial(read_truth, name="x.trc"), LINES),
+    Reader("clip.bvh", "x.bvh", partial(write_text, x__bvh=BVH), partial(_read_clip, name="x.bvh"), LINES),
+    *(
+        Reader(
+            f"clip.{end}",
+            f"x.{end}",
+            partial(write_text, x__asf=_ASF, x__amc=_AMC),
+            partial(_read_clip, name="x.amc"),
+            LINES,
+        )
+        for end in ("asf", "amc")
+    ),
+    Reader("clip.c3d", "some.c3d", _write_c3d, _read_c3d, mutations.any_bytes),
+    Reader("humaneva.cal", "C1.cal", partial(write_text, C1__cal=_CAL), _read_cal, LINES),
+    Reader("humaneva.ofs", "C1.ofs", partial(write_text, C1__ofs="12.0\n32.4\n2.001\n"), _read_ofs, LINES),
+    Reader(
+        "humaneva.mp",
+        "S1.mp",
+        partial(write_text, S1__mp="$LKneeWidth = 105.0\n$A = -1e2\n"),
+        _read_measures,
+        LINES,
+    ),
+)

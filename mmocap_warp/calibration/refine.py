@@ -53,7 +53,6 @@ _FITTED = 2.0  # [s] that the first body is fitted to
 _FEWEST = 4  # frames that cameras are solved from, and that judge them
 _FOUND = [STATUS.index(name) for name in ("tracked", "partial", "rescued")]
 _A_TURN, _A_MOVE = np.radians(1.0), 0.04  # [rad, m]: less than these a camera has hardly moved
-_SHARED = 3.0  # times as unsure as noise alone would leave them: body and masks are wrong in all frames alike
 
 
 @dataclass(frozen=True)
@@ -315,7 +314,9 @@ class _Refining:
         sigma = self._with_fixed(fixed)
         change, _, _, solution = self._solved(change, person, sigma, _STEPS)
         free, shape = sigma > 0, len(self._space.names)
-        selection = selected(change[free], _SHARED**2 * solution.covariance[shape:, shape:], sigma[free])
+        # Body and masks are wrong in all frames alike: cameras are as sure as one frame leaves them.
+        covariance = len(solution.rooted) * solution.covariance[shape:, shape:]
+        selection = selected(change[free], covariance, sigma[free])
         moved, determined, deviation = np.zeros(free.shape, bool), ~free, np.zeros(free.shape)
         moved[free], determined[free], deviation[free] = selection.moved, selection.determined, selection.sigma
         beta = solution.beta[:shape]

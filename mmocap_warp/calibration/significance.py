@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-CLEAR = 3.0
+CLEAR = 4.0
 """Standard deviations by which a parameter must differ from where it was."""
 UNDETERMINED = 0.7
 """Of its prior standard deviation: what is known no better than that is not determined."""

@@ -2,57 +2,27 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 import pytest
-from planted import swung
-from synthetic import ring_rig, synthetic_body
+from moving_person import BODY, FPS, RIG, ROOTING, masks_at, motion
 
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.calibration.camera_problem import CameraProblem, known_distance, known_height
 from mmocap_warp.calibration.cameras import KINDS, OFFSET, Deviations, changed, difference
-from mmocap_warp.calibration.motion import Motion
 from mmocap_warp.contour.fitter import ContourFitter, MatchingConfig
 from mmocap_warp.contour.rooted import Rooting
-from mmocap_warp.synthesis.posing import ExactPoser
-from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
-from mmocap_warp.views.silhouette import silhouettes
 
-BODY = synthetic_body()
 SPACE = RestSpace(BODY)
-RIG = ring_rig(4)
-FPS = 30.0
-ROOTING = Rooting(BODY.skeleton, np.eye(3), BODY.skeleton.searched())
 FRAMES = np.arange(4, 60, 7)
 WRONG = 2  # the camera that is
 NONE = np.zeros(len(SPACE.names))
 
 
-@cache
-def motion() -> Motion:
-    poses = swung(BODY, 64, FPS)
-    poses[:, 0] += np.linspace(-0.8, 0.8, 64)  # across the floor
-    return Motion(ROOTING, ROOTING.enter(poses), FPS)
-
-
-def masks_at(rig: CameraRig, frames: np.ndarray, late: np.ndarray) -> list[Observation]:
-    """What cameras see, each so many frames after it happened."""
-    views = []
-    for k in range(len(rig)):
-        rooted = motion().at(frames - late[k])
-        camera = rig.select((rig.names[k],))
-        posed = [
-            ExactPoser(BODY, base).vertices(pose[None])[0][BODY.tracking_vertex]
-            for base, pose in zip(rooted.base, rooted.pose, strict=True)
-        ]
-        views.append([silhouettes(camera, vertices, BODY.tracking_face)[0] for vertices in posed])
-    return [Observation.from_masks(list(of_frame)) for of_frame in zip(*views, strict=True)]
-
-
-def solved(device: str, wrong: CameraRig, sigma: np.ndarray, late: np.ndarray | None = None, known=()) -> np.ndarray:
-    """(camera, parameter) changes that are found, from poses that are a little off."""
+def solved(
+    device: str, wrong: CameraRig, sigma: np.ndarray, late: np.ndarray | None = None, known=(), share: float = 0.02
+) -> np.ndarray:
+    """(camera, parameter) changes that are found, from poses that are a little off; the body is known by ``share``."""
     observations = masks_at(RIG, FRAMES, np.zeros(len(RIG)) if late is None else late)
     off = np.random.default_rng(0).normal(0, 0.02, (len(FRAMES), len(ROOTING.searched)))
     rooted, velocity = ROOTING.stepped(motion().rooted[FRAMES], off), motion().velocity(FRAMES)
@@ -63,7 +33,7 @@ def solved(device: str, wrong: CameraRig, sigma: np.ndarray, late: np.ndarray | 
             frames=len(FRAMES), parameters=len(NONE), lens=True, matching=matching, device=device,
         )  # fmt: skip
         fitter.observe_all(observations)
-        problem = CameraProblem(fitter, wrong, np.zeros(len(RIG)), SPACE, ROOTING, 0.02, sigma, known)
+        problem = CameraProblem(fitter, wrong, np.zeros(len(RIG)), SPACE, ROOTING, share, sigma, known)
         solution = problem.problem(velocity).solved(np.arange(len(FRAMES)), rooted, parameters, steps)
         rooted, parameters = solution.rooted, solution.beta
     return problem.change(parameters)
@@ -125,7 +95,7 @@ def test_a_known_length_gives_the_scale(device, known):
     sigma[1:, 3:6] = 0.3
     true = float(np.linalg.norm(RIG.centres[1] - RIG.centres[0]))
     length = known_height(SPACE, height()) if known == "height" else known_distance(wrong, 0, 1, true)
-    found = changed(wrong, solved(device, wrong, sigma, known=(length,)))
+    found = changed(wrong, solved(device, wrong, sigma, known=(length,), share=0.3))
     assert float(np.linalg.norm(found.centres[1] - found.centres[0])) == pytest.approx(true, abs=0.03)
 
 

@@ -70,6 +70,7 @@ class Contours:
         bands: of a contour edge for which there is room, on average.
         size: contour edges of a view for which there is room; all edges where omitted.
         change: of the rest body by its parameters: (parameter, vertex, 3), (parameter, joint, 3).
+        lens: columns of the cameras' lenses, ``LENS`` or none.
     """
 
     body: BodyModel
@@ -80,6 +81,7 @@ class Contours:
     size: int | None = None
     bands: float = 3.0
     change: tuple[np.ndarray, np.ndarray] | None = None
+    lens: int = 0
     matching: dict[str, float] = field(default_factory=lambda: dict(MATCHING))
 
     def __post_init__(self) -> None:
@@ -112,11 +114,12 @@ class Contours:
             joint=wp.array(joint, dtype=wp.vec3, device=device),
             origin=poisoned((n if len(vertex) else 0, len(vertex), joints), wp.vec3, device),
         )
-        self.width = len(self.index) + len(vertex) + 1
+        self.width = len(self.index) + len(vertex) + self.lens + 1
         self.rows = filled(
             Rows,
             value=poisoned(n * len(self.rig) * self.size * self.width, wp.float32, device),
             width=self.width,
+            lens=self.lens,
         )
         triangle = self.width * (self.width + 1) // 2
         self.sums = filled(

@@ -8,6 +8,9 @@ gradient is g (by the point's place in the world) changes by
 
 which holds for any tree of joints. A change of the rest body moves point and joints in the bind pose, and the joints'
 origins with the bones above them.
+
+A camera that turns or moves does to its view what the opposite motion of the whole body would, so it needs no columns
+beside the root's. Its lens does: a principal point moves all points alike, a focal length each away from there.
 """
 
 import warp as wp
@@ -20,6 +23,9 @@ from mmocap_warp.kernels.contour.residuals import Residuals
 from mmocap_warp.kernels.views.projection import Pinhole, Views, into_camera, pinhole
 
 wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": CPU_FLAGS})
+
+LENS = 3
+"""Columns of a lens: the logarithm of both focal lengths, and the principal point [px]."""
 
 _BLOCK = 64  # threads: small, so that few views too spread over a whole GPU
 _INFLUENCES = wp.constant(8)  # four of each end of an edge
@@ -57,10 +63,11 @@ class RestChange:
 
 @wp.struct
 class Rows:
-    """Of each contour edge: the Jacobian by what is searched, then by the parameters, and the residual."""
+    """Of each contour edge: the Jacobian by what is searched, the parameters and the lens, and the residual."""
 
     value: wp.array[wp.float32]  # (candidate, camera, contour edge, column) flat
     width: int  # columns
+    lens: int  # of these, by the lens of the row's camera: LENS or none
 
 
 @wp.struct
@@ -239,6 +246,17 @@ def _write_rest(
         rows.value[first + p] = value
 
 
+@wp.func
+def _write_lens(middle: wp.vec3, normal: wp.vec2, camera: Pinhole, rows: Rows, first: int) -> None:
+    """The columns of the lens."""
+    p = into_camera(middle, camera)
+    x = normal[0] * camera.lens[0] * p[0] / p[2]
+    y = normal[1] * camera.lens[1] * p[1] / p[2]
+    rows.value[first] = x + y
+    rows.value[first + 1] = normal[0]
+    rows.value[first + 2] = normal[1]
+
+
 @wp.kernel
 def _differentiate(
     posed: Posed,
@@ -256,7 +274,8 @@ def _differentiate(
     own, k, lane = wp.tid()
     c = batch.first + own
     camera = pinhole(views, k)
-    searched = rows.width - 1 - change.vertex.shape[0]
+    parameters = change.vertex.shape[0]
+    searched = rows.width - 1 - rows.lens - parameters
     for i in range(lane, outline.count[c, k] * shares, lanes):
         s = i // shares
         share = i - s * shares
@@ -270,6 +289,8 @@ def _differentiate(
             _write_pose(tree, posed, c, by, gradient, rows, row, share, shares)
             _write_rest(change, posed.joints, c, by, gradient, rows, row + searched, share, shares)
             if share == 0:
+                if rows.lens > 0:
+                    _write_lens(middle, residuals.normal[c, k, s], camera, rows, row + searched + parameters)
                 rows.value[row + rows.width - 1] = weighted[0]
 
 
@@ -286,8 +307,8 @@ def differentiate(
     """Fill the rows of a batch's residuals that count, with these behind.
 
     A row is the change of the outline's place along its normal [px] by every searched coordinate, then by every
-    parameter of the rest body. Rows of other contour edges keep what they hold. Where views are few, a GPU's threads
-    share each row.
+    parameter of the rest body, then by the lens where ``rows`` has columns for it. Rows of other contour edges keep
+    what they hold. Where views are few, a GPU's threads share each row.
     """
     device = outline.image.device
     cameras = outline.count.shape[1]

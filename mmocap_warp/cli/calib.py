@@ -10,9 +10,15 @@ _CONVERT = (
     "Reads TOML of Pose2Sim, aniposelib and Caliscope, Qualisys, YAML of OpenCV and EasyMocap, COLMAP text, MultiCal, "
     "HumanEva and USD; writes TOML, YAML, COLMAP text and USD. Lengths are written in metres."
 )
+_REFINE = (
+    "Refine a scene's cameras and their times by the person before them.\n\n"
+    "Frames that had no part in it judge the result. Exits with 4, and writes nothing, where they are explained no "
+    "better than before."
+)
 _COMMANDS: tuple[tuple[str, str, str], ...] = (
     # (name, module:function, help): the help is here and not in a docstring, so that the list of commands loads none
     ("convert", "calib_convert:convert", _CONVERT),
+    ("refine", "calib_refine:refine", _REFINE),
 )
 for _order, (_name, _target, _help) in enumerate(_COMMANDS):
     app.command(f"mmocap_warp.cli.{_target}", name=_name, help=_help, sort_key=_order)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -14,7 +14,7 @@ from mmocap_warp.body.model import BodyModel, SkinMesh
 from mmocap_warp.body.posing import BodyArrays, JointArrays
 from mmocap_warp.body.skeleton import Skeleton
 from mmocap_warp.contour.fields import DistanceFields
-from mmocap_warp.contour.normal_equations import NormalEquations
+from mmocap_warp.contour.normal_equations import NormalEquations, ViewEquations
 from mmocap_warp.contour.rooted import RootedPoses
 from mmocap_warp.kernels.batch import Batch
 from mmocap_warp.kernels.body import skinning
@@ -22,7 +22,16 @@ from mmocap_warp.kernels.body.skinning import pose_vertices
 from mmocap_warp.kernels.contour import descent as descent_kernels
 from mmocap_warp.kernels.contour import jacobian, normal_equations, outline, residuals
 from mmocap_warp.kernels.contour.descent import MOST_SEARCHED, Descent, descend
-from mmocap_warp.kernels.contour.jacobian import Posed, RestChange, Rows, Tree, differentiate, move_origins, turn_axes
+from mmocap_warp.kernels.contour.jacobian import (
+    LENS,
+    Posed,
+    RestChange,
+    Rows,
+    Tree,
+    differentiate,
+    move_origins,
+    turn_axes,
+)
 from mmocap_warp.kernels.contour.normal_equations import Sums, sum_normal_equations
 from mmocap_warp.kernels.contour.outline import BANDS, Edges, Outline, find_contours
 from mmocap_warp.kernels.contour.residuals import Matching, Residuals, find_residuals
@@ -65,6 +74,7 @@ class ContourFitter:
         candidates: poses at a time.
         frames: places for frames' masks.
         parameters: of the rest body, at most; see :meth:`reshape`.
+        lens: whether :meth:`linearise_views` is to tell what lenses change.
         matching: settings.
         device: a Warp device.
         threads: CPU threads; ignored on a GPU.
@@ -80,6 +90,7 @@ class ContourFitter:
         candidates: int,
         frames: int = 1,
         parameters: int = 0,
+        lens: bool = False,
         matching: MatchingConfig | None = None,
         device: str = "cpu",
         threads: int = 1,
@@ -91,7 +102,8 @@ class ContourFitter:
         self._device, self._work = device, SharedWork(device, threads)
         self.body = BodyArrays(body, np.eye(3), mesh, device, bases=candidates)
         self.fields = DistanceFields(rig, frames, candidates, device)
-        self._views = ViewArrays(rig, device).struct
+        self._cameras = ViewArrays(rig, device)
+        self._views = self._cameras.struct
         self._joints = JointArrays(candidates, len(skeleton.joints), device)
         vertices, joints, cameras = len(mesh.rest), len(skeleton.joints), len(rig)
         self._vertex = wp.array(np.arange(vertices), dtype=wp.int32, device=device)
@@ -117,12 +129,14 @@ class ContourFitter:
         view = (candidates, cameras)
         self._outline = _outline(view, size, mesh, len(edge), device)
         self._residuals = _residuals((*view, size), device)
-        width = len(self.index) + parameters + 1
+        columns = LENS if lens else 0
+        width = len(self.index) + parameters + columns + 1
         self._width = width
         self._rows = filled(
             Rows,
             value=wp.zeros(candidates * cameras * size * width, dtype=wp.float32, device=device),
             width=width,
+            lens=columns,
         )
         triangle = _triangle(width)
         self._sums: Any = filled(
@@ -154,15 +168,27 @@ class ContourFitter:
         self._change.vertex.assign(vertex.astype(np.float32))
         self._change.joint.assign(joint.astype(np.float32))
 
+    def set_cameras(self, rig: CameraRig) -> None:
+        """Take other cameras, of the same sizes."""
+        self._cameras.assign(rig)
+
     def linearise(self, place: np.ndarray, rooted: RootedPoses) -> NormalEquations:
         """The normal equations of poses against the frames in places (pose,); there may be more than ``candidates``."""
-        parts = []
+        parts = [self._read_sums(count) for count in self._summed(place, rooted)]
+        return NormalEquations(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+    def linearise_views(self, place: np.ndarray, rooted: RootedPoses) -> ViewEquations:
+        """As :meth:`linearise`, each view apart, and with the lens behind the body's parameters."""
+        parts = [self._read_views(count) for count in self._summed(place, rooted)]
+        return ViewEquations(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+    def _summed(self, place: np.ndarray, rooted: RootedPoses) -> Iterator[int]:
+        """Sum up poses, as many at a time as there is room for; gives how many."""
         for first in range(0, max(len(rooted), 1), self.candidates):
             part = slice(first, min(first + self.candidates, len(rooted)))
             self.start_at(rooted.pose[part], rooted.base[part], place[part])
             self._work.run(self._sum, part.stop - part.start)
-            parts.append(self._read_sums(part.stop - part.start))
-        return NormalEquations(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+            yield part.stop - part.start
 
     def start_at(self, pose: np.ndarray, base: np.ndarray, place: np.ndarray) -> None:
         """Set the first candidates' poses (n, coordinate), root bases (n, 3, 3), and the places of their frames."""
@@ -207,14 +233,29 @@ class ContourFitter:
 
     def _read_sums(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Matrix, gradient and cost, for half the squares."""
+        views, cost = self._sums_of_views(count)
+        return (*self._unpacked(views.sum(axis=1)), 0.5 * cost.sum(axis=1))
+
+    def _read_views(self, count: int) -> tuple[np.ndarray, ...]:
+        """Matrix, gradient and cost of each view, then the root's axes and origin."""
+        views, cost = self._sums_of_views(count)
+        axes = self._posed.axes.numpy()[:count, 0].astype(np.float64)
+        origin = self._joints.transform.numpy()[:count, 0, :3, 3].astype(np.float64)
+        of_root = (np.repeat(each[:, None], views.shape[1], axis=1) for each in (axes, origin))
+        return (*self._unpacked(views), 0.5 * cost, *of_root)
+
+    def _sums_of_views(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Triangles (candidate, camera, element) and costs (candidate, camera), float64."""
         triangle = self._sums.triangle.numpy().reshape(self.candidates, -1, _triangle(self._width))
-        views = triangle[:count].astype(np.float64).sum(axis=1)
+        return triangle[:count].astype(np.float64), self._sums.tally.numpy()[:count, :, 0].astype(np.float64)
+
+    def _unpacked(self, triangle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Matrices (..., n, n) and gradients (..., n) of triangles (..., element)."""
         row, column = np.tril_indices(self._width)
-        full = np.zeros((count, self._width, self._width))
-        full[:, row, column] = full[:, column, row] = views
+        full = np.zeros((*triangle.shape[:-1], self._width, self._width))
+        full[..., row, column] = full[..., column, row] = triangle
         n = self._width - 1
-        cost = self._sums.tally.numpy()[:count, :, 0].astype(np.float64).sum(axis=1)
-        return full[:, :n, :n], full[:, n, :n], 0.5 * cost
+        return full[..., :n, :n], full[..., n, :n]
 
 
 _MOST_CONTOUR = 2048  # contour edges of a view for which there is room even in a small mesh

@@ -64,6 +64,36 @@ class NormalEquations:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class ViewEquations:
+    """As :class:`NormalEquations`, of each view apart, with what a rigid motion of the whole body is for the root.
+
+    Attributes:
+        matrix: (frame, camera, n, n) float64; n are the searched coordinates, the body's parameters, then the lens of
+            the camera itself: the logarithm of its focal lengths, and its principal point [px].
+        gradient: (frame, camera, n) float64.
+        cost: (frame, camera) float64.
+        axes: (frame, camera, 3, 3) float64, in the columns: what the root's angles turn about, in the world.
+        origin: (frame, camera, 3) float64, the root joint in the world [m].
+    """
+
+    matrix: np.ndarray
+    gradient: np.ndarray
+    cost: np.ndarray
+    axes: np.ndarray
+    origin: np.ndarray
+
+    def where(self, taken: np.ndarray, other: ViewEquations) -> ViewEquations:
+        """These in the views that are ``taken`` (camera,) bool, and others elsewhere."""
+        mine, others = vars(self), vars(other)
+        return ViewEquations(
+            **{
+                name: np.where(taken.reshape(-1, *[1] * (value.ndim - 2)), value, others[name])
+                for name, value in mine.items()
+            }
+        )
+
+
 LineariseFrames = Callable[[np.ndarray, RootedPoses], NormalEquations]
 """The equations of frames, by their numbers (frame,) and their poses; n is the number of searched coordinates."""
 

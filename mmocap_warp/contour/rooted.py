@@ -111,6 +111,11 @@ class Rooting:
         pose[:, self.searched] = np.clip(moved, self._limits[:, 0], self._limits[:, 1])
         return self.refold(RootedPoses(rooted.base, pose))
 
+    def root_axes(self, rooted: RootedPoses) -> np.ndarray:
+        """(frame, 3, 3) in the columns: the axes in the world that the root's angles turn about where they are zero."""
+        axes: np.ndarray = rooted.base @ self._frame
+        return axes
+
     def leave(self, rooted: RootedPoses, near: np.ndarray) -> np.ndarray:
         """Poses (frame, coordinate) float64 that count from the one base again.
 

@@ -46,8 +46,15 @@ def _read_camera(table: Table, metres: float) -> Camera:
     return camera
 
 
-def write_toml_rig(path: str | Path, rig: CameraRig) -> None:
-    """Write ``rig`` in metres, to be read by :func:`read_toml_rig`, Pose2Sim and aniposelib."""
+def write_toml_rig(path: str | Path, rig: CameraRig, offsets: dict[str, float] | None = None) -> None:
+    """Write ``rig`` in metres, to be read by :func:`read_toml_rig`, Pose2Sim and aniposelib.
+
+    Args:
+        path: the file.
+        rig: the cameras.
+        offsets: how much later than others cameras show what happens [s], by name. They stand in ``[metadata]`` for
+            people to read: times are the scene file's.
+    """
     lines = []
     for k, name in enumerate(rig.names):
         fisheye = name in rig.fisheye
@@ -62,5 +69,8 @@ def write_toml_rig(path: str | Path, rig: CameraRig) -> None:
             f"fisheye = {str(fisheye).lower()}",
             "",
         ]
-    lines += ["[metadata]", "adjusted = false", "error = 0.0", ""]
+    lines += ["[metadata]", "adjusted = false", "error = 0.0"]
+    if offsets:
+        lines.append(f"offsets = {{ {', '.join(f'{quoted(name)} = {value}' for name, value in offsets.items())} }}")
+    lines.append("")
     write_whole(Path(path), "\n".join(lines).encode())

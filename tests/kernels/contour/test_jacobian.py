@@ -13,6 +13,7 @@ from synthetic import ring_rig, synthetic_body
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.rotations import turn
+from mmocap_warp.kernels.contour.jacobian import LENS
 from mmocap_warp.synthesis.posing import ExactPoser
 from mmocap_warp.views.silhouette import silhouettes
 
@@ -26,7 +27,7 @@ def posed(body: BodyModel, base: np.ndarray, pose: np.ndarray) -> np.ndarray:
     return ExactPoser(body, base).vertices(pose[None])[0][body.tracking_vertex]
 
 
-def case_of(body: BodyModel, device: str, change=None) -> Contours:
+def case_of(body: BodyModel, device: str, change=None, lens: int = 0) -> Contours:
     """Two candidates, and masks of a pose beside theirs."""
     rng = np.random.default_rng(2)
     pose = rng.uniform(-0.5, 0.5, (3, body.skeleton.coordinates))
@@ -36,7 +37,7 @@ def case_of(body: BodyModel, device: str, change=None) -> Contours:
     seen = pose[0] + rng.normal(0, 0.02, pose.shape[1])
     masks = silhouettes(rig, posed(body, base[0], seen), body.tracking_face)
     matching = MATCHING | {"reach": 0.5}
-    return Contours(body, rig, pose[:2], base, device, change=change, matching=matching).summed(masks)
+    return Contours(body, rig, pose[:2], base, device, change=change, lens=lens, matching=matching).summed(masks)
 
 
 def matched(case: Contours, c: int, k: int):
@@ -110,3 +111,32 @@ def test_rows_of_edges_that_do_not_count_are_left_alone(device):
         others = np.delete(case.rows_of(c, k), counts, axis=0)
         assert len(others)
         assert np.isnan(others).all()
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_the_lens_of_each_camera(device, name):
+    """The logarithm of both focal lengths, and the principal point; all other columns keep their bits."""
+    body = BODIES[name]
+    case, without = case_of(body, device, lens=LENS), case_of(body, device)
+    searched = len(case.index)
+    assert case.width == without.width + LENS
+    h = 1e-6
+    for c, k in np.ndindex(2, 2):
+        counts, ends, normal = matched(case, c, k)
+        rows = case.rows_of(c, k)[counts]
+        points = posed(body, case.base[c], case.pose[c])
+        middle = (points[ends[:, 0]] + points[ends[:, 1]]) / 2
+        for column in range(LENS):
+            sides = []
+            for step in (h, -h):
+                K = case.rig.K.copy()
+                if column == 0:
+                    K[k, [0, 1], [0, 1]] *= np.exp(step)
+                else:
+                    K[k, column - 1, 2] += step
+                sides.append((image_of(replace(case.rig, K=K), k, middle) * normal).sum(axis=1))
+            expected = (sides[0] - sides[1]) / (2 * h)
+            scale = max(np.abs(expected).max(), 1.0)
+            np.testing.assert_allclose(rows[:, searched + column], expected, atol=NEAR * scale)
+        others = np.delete(rows, slice(searched, searched + LENS), axis=1)
+        np.testing.assert_array_equal(others, without.rows_of(c, k)[counts])

@@ -1,0 +1,135 @@
+"""How well cameras explain frames that had no part in finding them, each view also by what the others say alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mmocap_warp.body.posing import Poser
+from mmocap_warp.body.rest_space import RestSpace
+from mmocap_warp.calibration.camera_problem import CameraProblem
+from mmocap_warp.calibration.cameras import KINDS
+from mmocap_warp.contour.fitter import ContourFitter, MatchingConfig
+from mmocap_warp.contour.rooted import RootedPoses, Rooting
+from mmocap_warp.views.observation import Observation, unpack_masks
+from mmocap_warp.views.rig import CameraRig
+from mmocap_warp.views.silhouette import silhouettes
+
+_WIDE = MatchingConfig(reach=0.2, huber=0.03, sigma=0.03)  # for what is still far from the masks
+_STEPS = (4, 8)  # with wide matching, then with the usual one
+
+
+@dataclass(frozen=True, eq=False)
+class Explained:
+    """Intersection over union of masks and the body.
+
+    Attributes:
+        together: (camera,) means over the frames, with body and poses from all views.
+        apart: (camera,) the same, of each view with body and poses from the other views alone.
+    """
+
+    together: np.ndarray
+    apart: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Frames that judge cameras.
+
+    Attributes:
+        space: bodies around the one that is expected.
+        rooting: moves poses.
+        share: of the space's standard deviations, how far from the expected body the person may be.
+        device: a Warp device.
+        threads: CPU threads.
+    """
+
+    space: RestSpace
+    rooting: Rooting
+    share: float
+    device: str
+    threads: int
+
+    def explained(
+        self,
+        rig: CameraRig,
+        lag: np.ndarray,
+        observations: Sequence[Observation],
+        start: RootedPoses,
+        beta: np.ndarray,
+        velocity: np.ndarray,
+    ) -> Explained:
+        """How well a rig explains frames, whose body and poses are solved with it.
+
+        Args:
+            rig: the cameras.
+            lag: (camera,) how much lagr in its own frames each shows what happens [s].
+            observations: the masks of the frames.
+            start: poses to start from.
+            beta: (parameter,) body to start from.
+            velocity: (frame, dof) of the searched coordinates.
+        """
+        apart = np.full(len(rig), np.nan)
+        for k in range(len(rig)):
+            others = [_without(observation, k) for observation in observations]
+            solved = self._solved(rig, lag, others, start, beta, velocity)
+            apart[k] = self._overlap(rig, k, lag[k], observations, *solved, velocity)
+        solved = self._solved(rig, lag, observations, start, beta, velocity)
+        together = [self._overlap(rig, k, lag[k], observations, *solved, velocity) for k in range(len(rig))]
+        return Explained(np.array(together), apart)
+
+    def _solved(
+        self,
+        rig: CameraRig,
+        lag: np.ndarray,
+        observations: Sequence[Observation],
+        rooted: RootedPoses,
+        beta: np.ndarray,
+        velocity: np.ndarray,
+    ) -> tuple[RootedPoses, np.ndarray]:
+        """Poses and the body's parameters."""
+        body, frames = self.space.body, np.arange(len(rooted))
+        for matching, steps in zip((_WIDE, MatchingConfig()), _STEPS, strict=True):
+            fitter = ContourFitter(
+                body, rig, self.rooting.searched, body.skeleton.coordinate_limits,
+                candidates=len(frames), frames=len(frames), parameters=len(self.space.names), lens=True,
+                matching=matching, device=self.device, threads=self.threads,
+            )  # fmt: skip
+            fitter.observe_all(observations)
+            held = np.zeros((len(rig), len(KINDS)))
+            problem = CameraProblem(fitter, rig, lag, self.space, self.rooting, self.share, held)
+            solution = problem.problem(velocity).solved(frames, rooted, beta, steps)
+            rooted, beta = solution.rooted, solution.beta
+        return rooted, beta
+
+    def _overlap(
+        self,
+        rig: CameraRig,
+        k: int,
+        lag: float,
+        observations: Sequence[Observation],
+        rooted: RootedPoses,
+        beta: np.ndarray,
+        velocity: np.ndarray,
+    ) -> float:
+        """Mean overlap of a view's masks with the body; NaN where it sees nobody."""
+        solved, camera = self.space.model(beta), rig.select((rig.names[k],))
+        there = self.rooting.stepped(rooted, -lag * velocity)
+        pose = self.rooting.leave(there, np.zeros(3))
+        vertices = Poser(solved, self.rooting.root_base).tracking_vertices(pose)
+        overlaps = []
+        for observation, posed in zip(observations, vertices, strict=True):
+            if observation.foreground[k]:
+                drawn = silhouettes(camera, posed, solved.tracking_face)[0]
+                mask = unpack_masks(observation.words[k : k + 1], camera.size)[0]
+                overlaps.append((drawn & mask).sum() / (drawn | mask).sum())
+        return float(np.mean(overlaps)) if overlaps else float("nan")
+
+
+def _without(observation: Observation, k: int) -> Observation:
+    """The frame with a view of which nothing was seen."""
+    words, foreground = observation.words.copy(), observation.foreground.copy()
+    words[k], foreground[k] = 0, 0
+    return replace(observation, words=words, foreground=foreground)

@@ -1,0 +1,231 @@
+"""``mmocap calib refine``: cameras and their times, made better by the person before them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from mmocap_warp.cli.console import Console, Switch, table
+from mmocap_warp.cli.exit_codes import CHECK_FAILED, OK, UsageError
+from mmocap_warp.cli.people import Identity, note_others
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from mmocap_warp.calibration.refine import RefineConfig, Refinement
+    from mmocap_warp.scene.recording import Scene
+
+_UNITS: dict[str, tuple[str, float]] = {
+    "tilt": ("deg", 57.29578), "pan": ("deg", 57.29578), "roll": ("deg", 57.29578),
+    "right": ("mm", 1000.0), "down": ("mm", 1000.0), "ahead": ("mm", 1000.0),
+    "focal": ("%", 100.0), "centre_x": ("px", 1.0), "centre_y": ("px", 1.0), "offset": ("ms", 1000.0),
+}  # fmt: skip
+"""What parameters are shown in, and how many of that there are to the parameter's own unit."""
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class DoubtFlags:
+    """How far each camera may be from its calibration, as standard deviations; 0 keeps it as it is."""
+
+    rotation: float | None = None
+    """About each of its axes [degrees]. [default: 5]"""
+    position: float | None = None
+    """Along each of its axes [m]. [default: 0.2]"""
+    focal: float | None = None
+    """Of the focal length, as a share of it. [default: 0.02]"""
+    centre: float | None = None
+    """Of the principal point, as a share of the larger side of the image. [default: 0.01]"""
+    offset: float | None = None
+    """Of the time [s]. [default: 0.05]"""
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class RefineFlags:
+    """Settings of :class:`mmocap_warp.calibration.refine.RefineConfig`."""
+
+    fixed: str | None = None
+    """The camera that stands still and tells the time. [default: the one beside which the others move least]"""
+    height: float | None = None
+    """Of the person [m]: gives the scale."""
+    scale: float | None = None
+    """Of masks and cameras, up to 1. [default: images 640 pixels long]"""
+    seed: int | None = None
+    """Of the random numbers. [default: 0]"""
+    device: str | None = None
+    """auto, cpu or a CUDA device such as cuda:0. [default: auto]"""
+    threads: int | None = None
+    """CPU threads. [default: all]"""
+
+
+def refine(
+    scene: Path,
+    /,
+    *,
+    output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("calibration.toml"),
+    distance: tuple[str, str, float] | None = None,
+    body: str | None = None,
+    frames: str | None = None,
+    identity: Identity = None,
+    doubt: DoubtFlags | None = None,
+    flags: RefineFlags | None = None,
+    force: Switch = False,
+    console: Console | None = None,
+) -> int:
+    """Refine a scene's cameras and their times together with the body and the poses of the person before them.
+
+    Parameters
+    ----------
+    scene
+        The scene file, or its folder.
+    output
+        The refined calibration: a .toml file.
+    distance
+        Two cameras and the metres between their centres, such as cam01 cam02 3.20: gives the scale.
+    body
+        The generic body that the person's is near to: a shipped one's name or a USD file. The scene's, or else
+        adult_man.
+    frames
+        Which of the recording's frames: first:end or first:end:stride; the first 20 s of them are used. [default:
+        those that the scene names]
+    force
+        Replace a file that exists.
+    """
+    from dataclasses import asdict
+
+    from mmocap_warp.bodies.shipped import DEFAULT_BODY, load_body
+    from mmocap_warp.calibration.cameras import Deviations
+    from mmocap_warp.calibration.refine import RefineConfig
+    from mmocap_warp.calibration.refine import refine as refined
+    from mmocap_warp.cli.devices import start_warp
+    from mmocap_warp.cli.judging import scene_for
+    from mmocap_warp.cli.outputs import new_file
+    from mmocap_warp.cli.progress import Progress
+    from mmocap_warp.cli.settings import as_flag
+    from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
+
+    console = console or Console()
+    new_file(output, ".toml", force=force)
+    loaded = scene_for(scene, frames, identity)
+    note_others(loaded, console)
+    given = {name: value for name, value in asdict(flags or RefineFlags()).items() if value is not None}
+    doubts = {name: value for name, value in asdict(doubt or DoubtFlags()).items() if value is not None}
+    try:
+        config = RefineConfig(deviations=Deviations(**doubts), distance=distance, **given)
+        _check_cameras(config, loaded)
+    except ValueError as error:
+        raise UsageError(as_flag(error)) from None
+    start = load_body(body or loaded.body or DEFAULT_BODY, "--body" if body else loaded.path)
+    start_warp(config.device)
+    with Progress("refine", None, quiet=console.quiet) as progress:
+        found = refined(loaded, start, config, lambda stage, done: progress(round(100 * done), 100))
+    values = _values(found, loaded) | {"file": output if found.better else None}
+    lines = [*_lines(found, loaded)]
+    if found.better:
+        write_toml_rig(output, found.rig, offsets=_offsets(found, loaded))
+        lines.append(f"{output}: {int(found.moved.any(axis=1).sum())} of {len(found.rig)} cameras changed")
+        lines += _scene_lines(found, loaded)
+    else:
+        lines.append("not written: frames that had no part are explained no better than before")
+    console.result(values, "\n".join(lines))
+    return OK if found.better else CHECK_FAILED
+
+
+def _check_cameras(config: RefineConfig, scene: Scene) -> None:
+    for flag, name in (("fixed", config.fixed), *(("distance", name) for name in (config.distance or ())[:2])):
+        if name is not None and name not in scene.calibrated.names:
+            raise ValueError(f"{flag} must name one of {', '.join(scene.calibrated.names)}, got {name}")
+
+
+def _offsets(found: Refinement, scene: Scene) -> dict[str, float]:
+    """By how much each camera's frames are late now [s], as the scene takes it."""
+    from mmocap_warp.calibration.cameras import OFFSET
+
+    return {
+        source.name: round(source.frame_offset / (scene.fps * source.rate) + float(change), 6)
+        for source, change in zip(scene.cameras, found.change[:, OFFSET], strict=True)
+    }
+
+
+def _values(found: Refinement, scene: Scene) -> dict[str, Any]:
+    from mmocap_warp.calibration.cameras import KINDS
+
+    names = found.rig.names
+    cameras = {
+        name: {
+            kind: {
+                "by": value * _UNITS[kind][1],
+                "sigma": sigma * _UNITS[kind][1],
+                "unit": _UNITS[kind][0],
+                "moved": moved,
+                "determined": not undetermined,
+            }
+            for kind, value, sigma, moved, undetermined in zip(
+                KINDS, found.change[k], found.sigma[k], found.moved[k], found.undetermined[k], strict=True
+            )
+        }
+        for k, name in enumerate(names)
+    }
+    judged = {
+        when: {
+            "iou": dict(zip(names, each.together, strict=True)),
+            "iou_by_the_others": dict(zip(names, each.apart, strict=True)),
+        }
+        for when, each in (("before", found.before), ("after", found.after))
+    }
+    return {
+        "better": found.better,
+        "fixed": names[found.fixed],
+        "cameras": cameras,
+        "offset_s": _offsets(found, scene),
+        **judged,
+    }
+
+
+def _lines(found: Refinement, scene: Scene) -> list[str]:
+    """What moved, what did not, and what that is worth, for people."""
+    import numpy as np
+
+    from mmocap_warp.calibration.cameras import KINDS
+
+    names = found.rig.names
+    rows = [("camera", "moved", "by", "+-", "")]
+    for k, kind in np.argwhere(found.moved):
+        unit, size = _UNITS[KINDS[kind]]
+        by, sigma = size * found.change[k, kind], size * found.sigma[k, kind]
+        rows.append((names[k], KINDS[kind].replace("_", " "), f"{by:+.2f}", f"{sigma:.2f}", unit))
+    lines = [table(rows)] if len(rows) > 1 else ["no camera has to change"]
+    lines.append(f"fixed: {names[found.fixed]}; what is not named stayed exactly as it was")
+    unknown = [f"{names[k]} {KINDS[kind].replace('_', ' ')}" for k, kind in np.argwhere(found.undetermined)]
+    if unknown:
+        lines.append(f"not determined by these masks: {', '.join(unknown)}")
+    rows = [("held-out frames", "IoU before", "after", "by the others before", "after")]
+    columns = (found.before.together, found.after.together, found.before.apart, found.after.apart)
+    for k, name in enumerate(names):
+        rows.append((name, *(f"{column[k]:.3f}" for column in columns)))
+    rows.append(("mean", *(f"{_mean(column):.3f}" for column in columns)))
+    return [*lines, table(rows)]
+
+
+def _mean(values: np.ndarray) -> float:
+    import numpy as np
+
+    return float(np.nanmean(values))
+
+
+def _scene_lines(found: Refinement, scene: Scene) -> list[str]:
+    """What is to be changed in the scene file."""
+    lines = []
+    if any(source.centre_shift != (0.0, 0.0) for source in scene.cameras):
+        lines.append("its principal points hold the scene's centre_shift: leave that out with this calibration")
+    late = _offsets(found, scene)
+    from mmocap_warp.calibration.cameras import OFFSET
+
+    for k, source in enumerate(scene.cameras):
+        if found.moved[k, OFFSET]:
+            lines.append(f"in the scene, [cameras.{source.name}] offset = {late[source.name]:g}")
+    return lines

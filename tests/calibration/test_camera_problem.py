@@ -1,0 +1,107 @@
+"""Cameras that were turned, moved, zoomed or late are found again with the body and the poses before them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from moving_person import BODY, FPS, RIG, ROOTING, masks_at, motion
+
+from mmocap_warp.body.rest_space import RestSpace
+from mmocap_warp.calibration.camera_problem import CameraProblem, known_distance, known_height
+from mmocap_warp.calibration.cameras import KINDS, OFFSET, Deviations, changed, difference
+from mmocap_warp.contour.fitter import ContourFitter, MatchingConfig
+from mmocap_warp.contour.rooted import Rooting
+from mmocap_warp.views.rig import CameraRig
+
+SPACE = RestSpace(BODY)
+FRAMES = np.arange(4, 60, 7)
+WRONG = 2  # the camera that is
+NONE = np.zeros(len(SPACE.names))
+
+
+def solved(
+    device: str, wrong: CameraRig, sigma: np.ndarray, late: np.ndarray | None = None, known=(), share: float = 0.02
+) -> np.ndarray:
+    """(camera, parameter) changes that are found, from poses that are a little off; the body is known by ``share``."""
+    observations = masks_at(RIG, FRAMES, np.zeros(len(RIG)) if late is None else late)
+    off = np.random.default_rng(0).normal(0, 0.02, (len(FRAMES), len(ROOTING.searched)))
+    rooted, velocity = ROOTING.stepped(motion().rooted[FRAMES], off), motion().velocity(FRAMES)
+    parameters = np.concatenate([NONE, np.zeros(int((sigma > 0).sum()))])
+    for matching, steps in ((MatchingConfig(0.3, 0.03, 0.03), 8), (MatchingConfig(), 8)):
+        fitter = ContourFitter(
+            BODY, wrong, ROOTING.searched, BODY.skeleton.coordinate_limits, candidates=len(FRAMES),
+            frames=len(FRAMES), parameters=len(NONE), lens=True, matching=matching, device=device,
+        )  # fmt: skip
+        fitter.observe_all(observations)
+        problem = CameraProblem(fitter, wrong, np.zeros(len(RIG)), SPACE, ROOTING, share, sigma, known)
+        solution = problem.problem(velocity).solved(np.arange(len(FRAMES)), rooted, parameters, steps)
+        rooted, parameters = solution.rooted, solution.beta
+    return problem.change(parameters)
+
+
+def one_of(*kinds: str) -> np.ndarray:
+    """Deviations of the wrong camera's parameters of some kinds; all else is held."""
+    sigma = np.zeros((len(RIG), len(KINDS)))
+    wanted = [KINDS.index(kind) for kind in kinds]
+    sigma[WRONG, wanted] = Deviations().of(RIG)[WRONG, wanted]
+    return sigma
+
+
+@pytest.mark.parametrize(
+    ("kinds", "by", "within"),
+    [
+        (("tilt", "pan", "roll"), np.radians([2.0, -2.0, 2.0]), np.radians(0.1)),
+        (("right", "down", "ahead"), np.array([0.08, 0.05, -0.1]), 0.005),
+        (("focal",), np.array([0.03]), 0.003),
+        (("centre_x", "centre_y"), np.array([8.0, -6.0]), 0.5),
+    ],
+)
+def test_a_camera_is_found_again(device, kinds, by, within):
+    planted = np.zeros((len(RIG), len(KINDS)))
+    planted[WRONG, [KINDS.index(kind) for kind in kinds]] = by
+    wrong = changed(RIG, planted)
+    found = solved(device, wrong, one_of(*kinds))
+    left = difference(RIG, changed(wrong, found))
+    assert np.abs(left[WRONG, [KINDS.index(kind) for kind in kinds]]).max() < within
+    np.testing.assert_array_equal(found[np.arange(len(RIG)) != WRONG], 0.0)
+
+
+def test_a_camera_that_is_late_is_found_to_a_fraction_of_a_frame(device):
+    late = np.zeros(len(RIG))
+    late[WRONG] = 0.6
+    found = solved(device, RIG, one_of("offset"), late=late)
+    assert found[WRONG, OFFSET] * FPS == pytest.approx(0.6, abs=0.1)
+
+
+def test_what_is_held_keeps_its_bits_and_a_scene_without_fault_stays(device):
+    found = solved(device, RIG, one_of("tilt", "pan", "focal"))
+    assert np.degrees(np.abs(found[WRONG, :2]).max()) < 0.05
+    assert abs(found[WRONG, KINDS.index("focal")]) < 0.002
+    assert not found[WRONG, 2:6].any()
+
+
+def height() -> float:
+    rest = BODY.skin.rest[:, 1]
+    return float(np.ptp(rest))
+
+
+@pytest.mark.parametrize("known", ["height", "distance"])
+def test_a_known_length_gives_the_scale(device, known):
+    """All cameras but one may move and the person may be of any size: without it the prior would hold both."""
+    grown = 1.04
+    t = -np.einsum("kij,kj->ki", RIG.R, grown * (RIG.centres - RIG.centres[0]) + RIG.centres[0])
+    wrong = CameraRig(RIG.names, RIG.K, RIG.R, t, RIG.size, RIG.distortion, RIG.up)
+    sigma = np.zeros((len(RIG), len(KINDS)))
+    sigma[1:, 3:6] = 0.3
+    true = float(np.linalg.norm(RIG.centres[1] - RIG.centres[0]))
+    length = known_height(SPACE, height()) if known == "height" else known_distance(wrong, 0, 1, true)
+    found = changed(wrong, solved(device, wrong, sigma, known=(length,), share=0.3))
+    assert float(np.linalg.norm(found.centres[1] - found.centres[0])) == pytest.approx(true, abs=0.03)
+
+
+def test_a_rooting_that_holds_the_root_is_refused():
+    skeleton = BODY.skeleton
+    held = Rooting(skeleton, np.eye(3), skeleton.searched()[1:])
+    fitter = ContourFitter(BODY, RIG, skeleton.searched(), skeleton.coordinate_limits, candidates=1, lens=True)
+    with pytest.raises(ValueError, match="rooting"):
+        CameraProblem(fitter, RIG, np.zeros(4), SPACE, held, 0.3, np.zeros((4, len(KINDS))))

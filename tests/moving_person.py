@@ -1,0 +1,43 @@
+"""A figure that swings its limbs and crosses the floor before four cameras, any of which may lag."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from planted import swung
+from synthetic import ring_rig, synthetic_body
+
+from mmocap_warp.calibration.motion import Motion
+from mmocap_warp.contour.rooted import Rooting
+from mmocap_warp.synthesis.posing import ExactPoser
+from mmocap_warp.views.observation import Observation
+from mmocap_warp.views.rig import CameraRig
+from mmocap_warp.views.silhouette import silhouettes
+
+BODY = synthetic_body()
+RIG = ring_rig(4)
+FPS = 30.0
+ROOTING = Rooting(BODY.skeleton, np.eye(3), BODY.skeleton.searched())
+
+
+@cache
+def motion() -> Motion:
+    poses = swung(BODY, 64, FPS)
+    way = np.linspace(0.0, 1.0, 64)
+    poses[:, :3] = np.stack([1.6 * way - 0.8, np.full(64, 0.95), 0.5 * np.sin(5.0 * way)], axis=1)
+    return Motion(ROOTING, ROOTING.enter(poses), FPS)
+
+
+def masks_at(rig: CameraRig, frames: np.ndarray, late: np.ndarray) -> list[Observation]:
+    """What cameras see, each so many frames after it happened."""
+    views = []
+    for k in range(len(rig)):
+        rooted = motion().at(frames - late[k])
+        camera = rig.select((rig.names[k],))
+        posed = [
+            ExactPoser(BODY, base).vertices(pose[None])[0][BODY.tracking_vertex]
+            for base, pose in zip(rooted.base, rooted.pose, strict=True)
+        ]
+        views.append([silhouettes(camera, vertices, BODY.tracking_face)[0] for vertices in posed])
+    return [Observation.from_masks(list(of_frame)) for of_frame in zip(*views, strict=True)]

@@ -17,6 +17,7 @@ from mmocap_warp.calibration.unsolvable import UnsolvableError
 _END = 0.07  # of the person's length in a view, within which a point belongs to the head or to a foot
 _AGREED = 3.0  # [px], of a tangent that both views agree on
 _STEEP = 0.2  # sine of the angle between two rays that say where they meet
+_SOLE = 0.010  # [m], height over the floor of a foot's point that such a plane touches: soles are round, and roll
 _OUTLIER = 0.02  # of the person's height: where heights begin to count for less
 _UPRIGHT = 0.02  # [rad], standard deviation of the vertical that single views agreed on
 _INDEPENDENT = 20  # points that all count as: those of one frame, and of one gait, err alike
@@ -46,8 +47,9 @@ def levelled(
             f"only {len(heads)} points of the head and {len(feet)} of the feet are seen by two cameras that agree, and "
             f"{_FEWEST} of each are needed for the floor; record more steps, or check that the cameras are synchronous"
         )
-    turn, floor, top = _two_planes(heads, feet)
-    scale = stature / (top - floor)
+    turn, feet_height, top = _two_planes(heads, feet)
+    scale = (stature - _SOLE) / (top - feet_height)
+    floor = feet_height - _SOLE / scale
     middle = np.append(np.median((heads @ turn.T)[:, :2], axis=0), floor)
     return replace(cameras, R=cameras.R @ turn.T, centre=scale * (cameras.centre @ turn.T - middle))
 

@@ -13,6 +13,7 @@ CORNERS = 96
 """Points that a convex hull is given by; one with fewer repeats its last."""
 
 _FEWEST_PIXELS = 200  # of a silhouette that shows how a person stands
+_SPECK = 0.02  # of a silhouette's pixels: smaller pieces are none of the person
 _MARGIN = 0.01  # of an image's longer side: a silhouette that comes so near the border may be cut off by it
 _HEAD = 0.06  # of the person's length: the part at the top whose middle is the head's
 _SLENDER = 1.6  # of the silhouette's standard deviations, along over across: less is no person seen from the side
@@ -61,7 +62,12 @@ def person_in_views(observations: Sequence[Observation], sizes: np.ndarray) -> l
 
 def _whole_silhouette(mask: np.ndarray) -> np.ndarray | None:
     """(n, 2), the pixels of a silhouette; None of one that is missing or may be cut off by the image's border."""
-    y, x = np.nonzero(mask)
+    import cv2
+
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.view(np.uint8), connectivity=8)
+    large = stats[:, cv2.CC_STAT_AREA] >= _SPECK * int(mask.sum())
+    large[0] = False  # the background
+    y, x = np.nonzero(large[labels])
     if len(x) < _FEWEST_PIXELS:
         return None
     height, width = mask.shape
@@ -105,6 +111,8 @@ def _hull(pixels: np.ndarray) -> np.ndarray:
     import cv2
 
     corners = cv2.convexHull(pixels.astype(np.int32))[:, 0].astype(float)
+    outward = corners - pixels.mean(axis=0)
+    corners += 0.5 * outward / np.linalg.norm(outward, axis=1, keepdims=True)  # as above
     if len(corners) > CORNERS:
         return corners[np.linspace(0, len(corners) - 1, CORNERS).round().astype(int)]
     return np.concatenate([corners, np.repeat(corners[-1:], CORNERS - len(corners), axis=0)])

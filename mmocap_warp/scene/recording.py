@@ -136,7 +136,7 @@ class Scene:
         fit: settings of the first-frame fit, as written.
         first_frame: the recording's number of the first of them.
         stride: every how many-th of the recording's frames is one of them.
-        calibration: the calibration's file or folder.
+        calibration: the calibration's file or folder; None where there is none, and ``calibrated`` says nothing.
         units: of its lengths, as the scene says; None where it does not.
         named_frames: the frames that the scene file names, whose subtracted masks are kept; None for ``frames``.
     """
@@ -179,6 +179,17 @@ class Scene:
         """The same recording, other frames of it."""
         named = self.frames if self.named_frames is None else self.named_frames
         return replace(self, first_frame=frames.start, frame_count=len(frames), stride=frames.step, named_frames=named)
+
+    def as_recorded(self) -> Scene:
+        """Every camera's own frames by their own numbers: without offsets, rates and what views know of each other.
+
+        A recording of which all frames are meant goes on to the end of the camera that has most.
+        """
+        cameras = tuple(replace(source, frame_offset=0, rate=1.0) for source in self.cameras)
+        end, longest = self.frames[-1] + 1, max(recorded_frames(each, self.foreground.source) for each in cameras)
+        frames = range(self.first_frame, longest if end == self.recorded_frames else end)
+        foreground = replace(self.foreground, repair=False)
+        return replace(self.of_frames(frames), cameras=cameras, foreground=foreground, named_frames=frames)
 
     @property
     def recorded_frames(self) -> int:

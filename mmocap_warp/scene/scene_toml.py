@@ -42,7 +42,12 @@ Opened = TypeVar("Opened")
 
 
 def load_scene(
-    path: str | Path, frames: str | None = None, identity: int | None = None, *, masks: bool = True
+    path: str | Path,
+    frames: str | None = None,
+    identity: int | None = None,
+    *,
+    masks: bool = True,
+    calibrated: bool = True,
 ) -> Scene:
     """Read and check a scene file, or the ``scene.toml`` of a folder; paths in it are relative to its folder.
 
@@ -52,6 +57,8 @@ def load_scene(
             or a count of those that the file names.
         identity: of the person to be tracked, instead of the scene's own [foreground] identity.
         masks: whether masks, or what they are made of, must be there; a look at the cameras does without.
+        calibrated: whether a calibration must be named and cameras must agree on where they end. Without one, they are
+            pinholes of the recorded images' sizes that stand nowhere in particular.
 
     Raises:
         ValueError: ``frames`` that the recording does not have.
@@ -76,13 +83,14 @@ def load_scene(
     subject = _take_file(about, "subject", path)
     about.finish()
 
-    calibration = path.parent / cameras.take("calibration", str)
+    named_calibration = cameras.take("calibration", str) if calibrated else cameras.take("calibration", str, None)
+    calibration = None if named_calibration is None else path.parent / named_calibration
     units = cameras.take_choice("units", tuple(METRES), None)
     sources, rig = _read_cameras(cameras, path, calibration, units, up, fps)
     if not masks:
         foreground = _of_what_is_there(foreground, sources)
-    _check_sources(sources, rig, foreground, cameras, masks)
-    named, chosen = _frames(sources, foreground, named_frames, frames, about)
+    _check_sources(sources, rig, foreground, cameras, masks, undistorted_with=calibration is not None)
+    named, chosen = _frames(sources, foreground, named_frames, frames, about, agreeing=calibrated)
     scene = Scene(
         path=path,
         name=name,
@@ -128,7 +136,7 @@ def _take_frames(table: Table) -> FrameChoice:
 
 
 def _read_cameras(
-    table: Table, scene: Path, calibration: Path, units: str | None, up: str, fps: float
+    table: Table, scene: Path, calibration: Path | None, units: str | None, up: str, fps: float
 ) -> tuple[tuple[CameraSource, ...], CameraRig]:
     tables = table.take_tables()
     table.finish()
@@ -140,6 +148,8 @@ def _read_cameras(
     for source in by_file:
         _check_rate(source, fps, tables[source.name])
     _check_drift(by_file, fps, table)
+    if calibration is None:
+        return _as_recorded(sources, up, table)
     shifts = np.array([source.centre_shift for source in sources])
     sizes = {source.name: size for source in sources if (size := _recorded_size(source)) is not None}
     rig = read_calibration(calibration, units, up, sizes)
@@ -154,6 +164,24 @@ def _read_cameras(
     K = rig.K.copy()
     K[:, :2, 2] += shifts
     return sources, check_rig(replace(rig, K=K), f"{scene}: centre_shift") if shifts.any() else rig
+
+
+def _as_recorded(
+    sources: tuple[CameraSource, ...], up: str, table: Table
+) -> tuple[tuple[CameraSource, ...], CameraRig]:
+    """Cameras of which nothing is known but their images, and pinholes for them."""
+    sizes = [_recorded_size(source) for source in sources]
+    for source, size in zip(sources, sizes, strict=True):
+        if size is None:
+            raise table.error(f"camera '{source.name}' has neither masks nor a video", "add one of them")
+    size = np.array(sizes)
+    K = np.zeros((len(sources), 3, 3))
+    K[:, [0, 1], [0, 1]] = size.max(axis=1, keepdims=True)
+    K[:, :2, 2], K[:, 2, 2] = 0.5 * (size - 1), 1.0
+    names = tuple(source.name for source in sources)
+    R, t = np.tile(np.eye(3), (len(sources), 1, 1)), np.zeros((len(sources), 3))
+    rig = CameraRig(names, K, R, t, size, np.zeros((len(sources), 5)), up)
+    return tuple(replace(s, recorded_scale=1.0, recorded_offset=(0.0, 0.0)) for s in sources), rig
 
 
 def _read_source(table: Table, name: str, scene: Path, fps: float) -> CameraSource:
@@ -260,7 +288,12 @@ def _of_what_is_there(foreground: ForegroundSettings, sources: tuple[CameraSourc
 
 
 def _check_sources(
-    sources: tuple[CameraSource, ...], rig: CameraRig, foreground: ForegroundSettings, table: Table, masks: bool
+    sources: tuple[CameraSource, ...],
+    rig: CameraRig,
+    foreground: ForegroundSettings,
+    table: Table,
+    masks: bool,
+    undistorted_with: bool,
 ) -> None:
     if foreground.repair and len(sources) < 3:
         raise table.error(f"repair needs at least 3 cameras, this scene has {len(sources)}", "set repair = false")
@@ -279,7 +312,7 @@ def _check_sources(
         for frames in (source.video, recorded_masks, source.clean_plate, source.background):
             if frames is not None:
                 _check_size(frames, source, rig.size[k], where)
-        if source.masks is not None and source.mask_mark is not None:
+        if source.masks is not None and source.mask_mark is not None and undistorted_with:
             _check_undistorted(source.masks, source.mask_mark, source, rig, k)
         if foreground.source == "masks" and source.masks is not None:
             _check_masks(source.masks, foreground.identity)
@@ -356,6 +389,7 @@ def _frames(
     named: FrameChoice,
     asked: str | None,
     table: Table,
+    agreeing: bool,
 ) -> tuple[range, range]:
     """The frames that the scene names, and those that are asked for; cameras must agree on where an open range ends."""
     counts = _counts(sources, foreground)
@@ -363,7 +397,7 @@ def _frames(
     found = ", ".join(f"{name} {count}" for name, count in counts.items())
     choice = FrameChoice.parse(asked) if asked is not None else named
     open_end = named if choice.count is not None else choice
-    if open_end.count is None and open_end.end is None and len(set(counts.values())) > 1:
+    if agreeing and open_end.count is None and open_end.end is None and len(set(counts.values())) > 1:
         raise table.error(f"cameras differ in their number of frames: {found}", f"set frames = {shortest}")
     try:
         own = named.of(range(shortest), shortest)

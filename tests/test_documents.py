@@ -72,6 +72,31 @@ def test_documents_that_the_code_names_exist():
     assert [name for name in sorted(named) if not (ROOT / name).is_file()] == []
 
 
+def test_the_page_on_the_api_has_the_whole_face():
+    page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+    told = set(re.findall(r"^\.\. auto(?:function|class):: mmocap_warp\.(\w+)$", page, re.M))
+    assert told == set(mmocap_warp.__all__) - {"__version__"}
+
+
+@pytest.mark.parametrize(
+    "asks",
+    [
+        '<script src="https://cdn.example/a.js"></script>',
+        '<link rel="stylesheet" href="//fonts.example/b.css">',
+        '<img srcset="https://example.org/c.png 2x">',
+        "<style>@font-face { src: url(https://fonts.example/d.woff2) }</style>",
+        '<script type="module">import { x } from "https://cdn.example/e.js"</script>',
+        '<iframe srcdoc="&lt;script src=&#34;http://cdn.example/f.js&#34;&gt;&lt;/script&gt;"></iframe>',
+        None,
+    ],
+)
+def test_a_page_that_asks_elsewhere_for_something_is_found(tmp_path, asks):
+    page = '<a href="https://example.org">a link is none</a><script src="here.js"></script>'
+    (tmp_path / "page.html").write_text(page + (asks or ""))
+    told = subprocess.run([sys.executable, ROOT / ".ci" / "offline", tmp_path], capture_output=True, text=True)
+    assert told.returncode == (asks is not None), told.stdout
+
+
 @pytest.fixture
 def ninth(tmp_path, monkeypatch):
     """The random search that the documents add, as a module that has been imported."""

@@ -8,6 +8,7 @@ import sys
 import tomllib
 from pathlib import Path
 
+import pytest
 from packaging.requirements import Requirement
 
 import mmocap_warp
@@ -77,13 +78,16 @@ def test_links_between_documents_lead_somewhere():
     assert not broken
 
 
-def test_the_lock_has_every_requirement_of_development_with_hashes():
-    lock = (ROOT / "requirements-dev.txt").read_text(encoding="utf-8")
+@pytest.mark.parametrize(
+    ("file", "extras"), [("requirements-dev.txt", ["test", "dev"]), ("requirements-docs.txt", ["docs"])]
+)
+def test_a_lock_has_every_requirement_with_hashes(file, extras):
+    lock = (ROOT / file).read_text(encoding="utf-8")
     packages = re.findall(r"^([a-z0-9-]+)==(\S+)(.*?)(?=^\S|\Z)", lock, re.M | re.S)
     assert [name for name, _, rest in packages if "--hash=sha256:" not in rest] == []
     locked = {name: version for name, version, _ in packages}
-    extras = PROJECT["project"]["optional-dependencies"]
-    for text in [*PROJECT["project"]["dependencies"], *extras["test"], *extras["dev"]]:
+    optional = PROJECT["project"]["optional-dependencies"]
+    for text in [*PROJECT["project"]["dependencies"], *(text for extra in extras for text in optional[extra])]:
         required = Requirement(text)
         assert required.specifier.contains(locked[required.name]), f"{text} against {locked[required.name]}"
 

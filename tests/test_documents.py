@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
@@ -76,6 +77,14 @@ def test_the_page_on_the_api_has_the_whole_face():
     page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
     told = set(re.findall(r"^\.\. auto(?:function|class):: mmocap_warp\.(\w+)$", page, re.M))
     assert told == set(mmocap_warp.__all__) - {"__version__"}
+
+
+def test_the_notebook_is_stored_without_what_it_prints():
+    """It is run when the site is built."""
+    cells = json.loads((ROOT / "docs" / "notebook.ipynb").read_text(encoding="utf-8"))["cells"]
+    ran = [cell for cell in cells if cell["cell_type"] == "code"]
+    assert ran
+    assert [cell["source"] for cell in ran if cell["outputs"] or cell["execution_count"] is not None] == []
 
 
 @pytest.mark.parametrize(

@@ -8,14 +8,23 @@ from dataclasses import replace
 
 import numpy as np
 
-from mmocap_warp.body.skeleton import ROOT_ANGLES
+from mmocap_warp.bodies.deviation_factors import deviation_factors
+from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION
 from mmocap_warp.contour.backward_pass import AHEAD, STARTS, BackwardPass
 from mmocap_warp.contour.clip import WINDOW, ClipProblem, SolvedWindow, coarse_then_fine
 from mmocap_warp.contour.fitter import WIDE
 from mmocap_warp.contour.motion_points import MotionPoints
 from mmocap_warp.contour.normal_equations import NormalEquations
 from mmocap_warp.contour.rooted import RootedPoses, Rooting
-from mmocap_warp.contour.uncertainty import BodyDeviations, Deviations, Uncertainty, body_changes, misfit, together
+from mmocap_warp.contour.uncertainty import (
+    BodyDeviations,
+    Deviations,
+    Uncertainty,
+    body_changes,
+    misfit,
+    stretched,
+    together,
+)
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.from_settings import make_fitter, make_objective, search_limits
@@ -198,8 +207,10 @@ class _Run:
         backward = BackwardPass(masks.descend, linearise, self._rooting, points, raw.rate, areas, arms_and_legs, anew)
         problem = ClipProblem(linearise, self._rooting, points, raw.rate, backward)
         self.windows = problem.windows(self._rooting.enter(track), coarse_then_fine(config.acceleration), masked)
-        self._noise = Deviations(problem, config.acceleration)
-        self._body = BodyDeviations(problem, masks.linearise_body, masks.body_changes)
+        self._factors = deviation_factors(subject.body)
+        axes = stretched(self._factors.joint) if self._factors else None
+        self._noise = Deviations(problem, config.acceleration, axes)
+        self._body = BodyDeviations(problem, masks.linearise_body, masks.body_changes, axes)
         self._widest = np.full(track.shape[1], np.inf)
         self._widest[masks.searched] = self._rooting.anywhere
         self._last = track[0, ROOT_ANGLES]
@@ -213,6 +224,9 @@ class _Run:
         self.pose[frames] = self._rooting.leave(window.rooted[: window.final], self._last)
         error = misfit(window.contour, self._rooting.searched)
         sigma = together(self._noise.of(window), self._body.of(window), error, self._widest)
+        if self._factors:
+            sigma.pose[:] = np.minimum(sigma.pose * self._factors.coordinate, self._widest)
+            sigma.pose[:, :TRANSLATION] = sigma.joint[:, 0]  # the root's place
         self.sigma.pose[frames], self.sigma.joint[frames] = sigma.pose, sigma.joint
         self._last = self.pose[frames.stop - 1, ROOT_ANGLES]
         self._finished = frames.stop

@@ -63,6 +63,10 @@ class MatchingConfig:
     deep: float = 0.04
 
 
+WIDE = MatchingConfig(reach=0.2, huber=0.03, sigma=0.03)
+"""For what is still far from the masks."""
+
+
 class ContourFitter:
     """Outlines of posed bodies against the contours of masks.
 

@@ -16,6 +16,7 @@ app.command(
     "mmocap_warp.cli.body_import:import_body", name="import", help="Write a body of a rigged character or a robot."
 )
 app.command("mmocap_warp.cli.body_export:export_body", name="export", help="Write a body as glTF, with its motions.")
+app.command("mmocap_warp.cli.body_show:show_body", name="show", help="Draw a body, its joints and how they turn.")
 
 
 @app.command

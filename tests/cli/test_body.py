@@ -1,4 +1,4 @@
-"""``mmocap body import`` and ``export``, and ``mmocap synth``: a character's way through the program."""
+"""``mmocap body import``, ``export`` and ``show``, and ``mmocap synth``: a character's way through the program."""
 
 from __future__ import annotations
 
@@ -72,3 +72,17 @@ def test_a_robots_meshes_and_wrong_flags(tmp_path: Path, capsys: pytest.CaptureF
     (tmp_path / "a.fbx").write_bytes(b"")
     assert cli.main(["body", "import", str(tmp_path / "a.fbx"), "-o", other]) == exit_codes.BAD_INPUT
     assert ".glb" in capsys.readouterr().err
+
+
+def test_show_draws_and_lists_how_joints_turn(tmp_path: Path, creature: Path, capsys) -> None:
+    import cv2
+
+    told = run(capsys, "body", "show", creature, "-o", tmp_path / "creature.png")
+    assert told["parent"]["foot_L"] == "shin_L"
+    assert list(told["limits_deg"]["shin_L"]) == ["x"]
+    assert told["limits_deg"]["head_end"] == {}
+    assert told["motions"] == {"Nod": 31}
+    picture = cv2.imread(str(tmp_path / "creature.png"))
+    assert picture.shape[0] > 400
+    for colour in ((90, 90, 255), (110, 220, 110), (255, 150, 70)):  # axes x, y and z are there
+        assert (np.abs(picture.astype(int) - colour).sum(axis=2) < 20).sum() > 50

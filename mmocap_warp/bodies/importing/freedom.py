@@ -12,7 +12,7 @@ from mmocap_warp.body.skeleton import Pair
 from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, Turning
 
 _FLAT = 0.2  # of how far a limb's bones leave a line, how far they may leave a plane
-_BENT = 0.05  # of a limb's length, how far its bones must leave a line to have a plane
+_BENT, _BENT_ALONE = 0.05, 0.1  # of a limb's length, how far its bones must leave a line to have a plane
 _STRAIGHT = np.radians(10.0)  # how far a hinge is thought to open beyond a straight limb
 _CLOSED = np.radians(150.0)  # how far it closes
 _EITHER_WAY = np.radians(10.0)  # a limb less bent than that may bend either way
@@ -53,6 +53,7 @@ def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
     place, skin, below = mesh.bind[:, :3, 3], skin_of(mesh), skin_below(mesh)
     ends = _ends(mesh, place, skin)
     extent = float(np.ptp(place, axis=0).max())
+    in_pairs = {joint for _, *sides in pairs for joint in sides}
     derived: list[Freedom] = [_ball(place[j], ends[j], _SPINE, _SPINE) for j in range(len(mesh.joints))]
     for chain in chains(mesh.parent):
         in_middle = bool(pairs) and bool((np.abs(place[chain, 0] - place[0, 0]) < 0.02 * extent).all())
@@ -60,7 +61,8 @@ def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
             continue
         derived[chain[0]] = _ball(place[chain[0]], ends[chain[0]], _SWING, _TWIST)
         points = np.concatenate([place[chain], ends[chain[-1]][None]])
-        normal = _plane_normal(points)
+        paired = mesh.joints[chain[0]] in in_pairs  # a bend that both sides have is no chance
+        normal = _plane_normal(points, _BENT if paired else _BENT_ALONE)
         for before, joint in pairwise(chain):
             if normal is None:
                 derived[joint] = _ball(place[joint], ends[joint], _SWING, _TWIST)
@@ -102,13 +104,16 @@ def _ends(mesh: RiggedMesh, place: np.ndarray, skin: np.ndarray) -> np.ndarray:
     return ends
 
 
-def _plane_normal(points: np.ndarray) -> np.ndarray | None:
-    """(3,) normal of the plane in which points (n, 3) lie; None where they lie on a line, or all about."""
+def _plane_normal(points: np.ndarray, bent: float) -> np.ndarray | None:
+    """(3,) normal of the plane in which points (n, 3) lie; None where they lie on a line, or all about.
+
+    Off a line they have to be by ``bent``, as a share of its length.
+    """
     if len(points) < 3:
         return None
     _, spread, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=True)
     spread = np.append(spread, 0.0)[:3]
-    if spread[1] < _BENT * spread[0] or spread[2] > _FLAT * spread[1]:
+    if spread[1] < bent * spread[0] or spread[2] > _FLAT * spread[1]:
         return None
     normal: np.ndarray = axes[2]
     return normal

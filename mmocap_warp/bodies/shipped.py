@@ -23,10 +23,19 @@ def load_body(name: str | Path, source: object = "body") -> BodyModel:
     Raises:
         InputError: no such body, or a file that holds none.
     """
+    return read_body(body_file(name, source))
+
+
+def body_file(name: str | Path, source: object = "body") -> Path:
+    """The file of a body, by name or path as :func:`load_body` takes it.
+
+    Raises:
+        InputError: no shipped body of that name.
+    """
     if Path(name).suffix:
-        return read_body(name)
+        return Path(name)
     shipped = ROOT / "bodies" / f"{name}.usdc"
     if not shipped.is_file():
         known = ", ".join(sorted(file.stem for file in shipped.parent.glob("*.usdc")))
         raise InputError(source, f"there is no body '{name}'", f"name a USD file, or one of {known}")
-    return read_body(shipped)
+    return shipped

@@ -79,6 +79,15 @@ def test_the_page_on_the_api_has_the_whole_face():
     assert told == set(mmocap_warp.__all__) - {"__version__"}
 
 
+def test_every_page_stands_in_the_sites_navigation():
+    """Else the strict build ends at it."""
+    index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    listed = {line for block in re.findall(r"```\{toctree\}\n(.*?)```", index, re.S) for line in block.splitlines()}
+    pages = [*(ROOT / "docs").glob("**/*.md"), *(ROOT / "docs").glob("*.ipynb")]
+    names = {page.relative_to(ROOT / "docs").with_suffix("").as_posix() for page in pages} - {"index"}
+    assert names - listed == set()
+
+
 def test_the_notebook_is_stored_without_what_it_prints():
     """It is run when the site is built."""
     cells = json.loads((ROOT / "docs" / "notebook.ipynb").read_text(encoding="utf-8"))["cells"]

@@ -19,8 +19,7 @@ _AGREED = 3.0  # [px], of a tangent that both views agree on
 _STEEP = 0.2  # sine of the angle between two rays that say where they meet
 _SOLE = 0.010  # [m], height over the floor of a foot's point that such a plane touches: soles are round, and roll
 _OUTLIER = 0.02  # of the person's height: where heights begin to count for less
-_UPRIGHT = 0.02  # [rad], standard deviation of the vertical that single views agreed on
-_INDEPENDENT = 20  # points that all count as: those of one frame, and of one gait, err alike
+_AXIS = 0.05  # of the person's height: the body's axis tells the vertical as points do that lie so far about the middle
 _REWEIGHTINGS = 30
 _FEWEST = 20  # points of heads, and of feet
 
@@ -40,14 +39,15 @@ def levelled(
     Raises:
         UnsolvableError: too few points of heads or of feet.
     """
-    heads, _ = head_points(cameras, tangents, missed, people)
-    feet, _ = _points(cameras, tangents, missed, np.all(_along(tangents, people) < _END, axis=0))
+    heads, head_frame = head_points(cameras, tangents, missed, people)
+    feet, foot_frame = _points(cameras, tangents, missed, np.all(_along(tangents, people) < _END, axis=0))
     if min(len(heads), len(feet)) < _FEWEST:
         raise UnsolvableError(
             f"only {len(heads)} points of the head and {len(feet)} of the feet are seen by two cameras that agree, and "
             f"{_FEWEST} of each are needed for the floor; record more steps, or check that the cameras are synchronous"
         )
-    turn, feet_height, top = _two_planes(heads, feet)
+    upright = _upright(heads, head_frame, feet, foot_frame)
+    turn, feet_height, top = _two_planes(heads, feet, upright)
     scale = (stature - _SOLE) / (top - feet_height)
     floor = feet_height - _SOLE / scale
     middle = np.append(np.median((heads @ turn.T)[:, :2], axis=0), floor)
@@ -92,8 +92,21 @@ def _along(tangents: Tangents, people: list[PersonInView]) -> np.ndarray:
     return np.stack(found)
 
 
-def _two_planes(heads: np.ndarray, feet: np.ndarray) -> tuple[np.ndarray, float, float]:
-    """The rotation (3, 3) that makes both planes level, and the heights of the feet's and of the heads'."""
+def _upright(heads: np.ndarray, head_frame: np.ndarray, feet: np.ndarray, foot_frame: np.ndarray) -> np.ndarray:
+    """(3,), from feet to head in the mean over frames that show both; upwards where none does."""
+    both = np.intersect1d(head_frame, foot_frame)
+    if not len(both):
+        return np.array([0.0, 0.0, 1.0])
+    axes = [heads[head_frame == frame].mean(axis=0) - feet[foot_frame == frame].mean(axis=0) for frame in both]
+    axis: np.ndarray = np.median(axes, axis=0)
+    return axis
+
+
+def _two_planes(heads: np.ndarray, feet: np.ndarray, upright: np.ndarray) -> tuple[np.ndarray, float, float]:
+    """The rotation (3, 3) that makes both planes level, and the heights of the feet's and of the heads'.
+
+    A walk along a line does not say how the planes lie across it: there the person's own axis counts.
+    """
     from scipy.spatial.transform import Rotation
 
     turn = np.eye(3)
@@ -107,8 +120,13 @@ def _two_planes(heads: np.ndarray, feet: np.ndarray) -> tuple[np.ndarray, float,
         missed = z - np.where(is_head, top, floor)
         weight = 1 / (1 + (missed / outlier) ** 2) / np.where(is_head, len(heads), len(feet)) * len(points)
         rows = np.stack([y - middle[1], middle[0] - x, is_head - 0.0, 1.0 - is_head], axis=1)  # tilts and heights
-        pull = np.diag([(outlier / _UPRIGHT) ** 2 * weight.sum() / _INDEPENDENT] * 2 + [0.0, 0.0])
-        change = np.linalg.solve(rows.T @ (weight[:, None] * rows) + pull, rows.T @ (weight * z))
+        trust = (_AXIS * (top - floor)) ** 2 * weight.sum()
+        lean_x, lean_y, length = turn @ upright
+        matrix = rows.T @ (weight[:, None] * rows)
+        matrix[:2, :2] += trust * np.eye(2)
+        target = rows.T @ (weight * z)
+        target[:2] += trust * np.array([-lean_y, lean_x]) / length
+        change = np.linalg.solve(matrix, target)
         turn = Rotation.from_rotvec([-change[0], -change[1], 0.0]).as_matrix() @ turn
         top, floor = change[2], change[3]
     return turn, float(floor - middle[2] + (turn @ middle)[2]), float(top - middle[2] + (turn @ middle)[2])

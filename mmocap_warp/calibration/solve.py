@@ -18,7 +18,7 @@ from mmocap_warp.calibration.floor_alignment import placed_on_floor, rigid_motio
 from mmocap_warp.calibration.level import head_points, levelled
 from mmocap_warp.calibration.person_axis import PersonInView, person_in_views
 from mmocap_warp.calibration.single_view import standing_view
-from mmocap_warp.calibration.tangents import OUTLIERS, Pinholes, adjusted, residuals, touching
+from mmocap_warp.calibration.tangents import FOCAL_SIGMA, OUTLIERS, Pinholes, adjusted, residuals, touching
 from mmocap_warp.calibration.unsolvable import UnsolvableError
 from mmocap_warp.views.rig import CameraRig
 
@@ -30,10 +30,10 @@ _LONGEST = 960  # pixels of an image
 _GUESS = 1.2  # focal length over the image's longer side, as COLMAP guesses it: 45 degrees across
 _WALKING = 0.986  # height of the head's top over the floor while walking, of that while standing: knees stay bent
 _AGREED = 3.0  # [px], of a tangent that two views agree on
-_ENOUGH = 0.5  # of the tangents, that must agree
+_ENOUGH = 0.6  # of a view's tangents, that must agree with others
 _BLOCKS = 5  # of consecutive frames, each left out once for the standard deviations
 _VAGUE_PLACE, _VAGUE_TILT = 1.0, np.radians(10.0)  # [m, rad], standard deviations of cameras that are not determined
-_VAGUE_FOCAL = 0.06  # of the focal length; what is known no better stays as guessed
+_VAGUE_FOCAL = 0.5  # of a guess's standard deviation; what is known no better stays as guessed
 
 FocalSource = Literal["given", "found", "guessed"]
 
@@ -52,7 +52,7 @@ class SolvedCameras:
         frames: the recording's numbers of the frames that were used.
         heads: (frame, 3) float64, the top of the head [m]; NaN where no two cameras agreed on it.
         missed: median over tangents of what two views disagree by [px], in images of ``scale``.
-        agreed: share of the tangents that two views agree on.
+        agreed: (camera,) float64, share of each view's tangents that the other views agree on.
         scale: of the images that were used.
     """
 
@@ -65,7 +65,7 @@ class SolvedCameras:
     frames: range
     heads: np.ndarray
     missed: float
-    agreed: float
+    agreed: np.ndarray
     scale: float
 
 
@@ -105,7 +105,7 @@ def solve_cameras(scene: Scene, height: float) -> SolvedCameras:
     free = np.full(len(names), guessed)
     cameras = _in_metres(adjusted(rough, _hulls(people), free), people, stature)
     sigma = _sigmas(cameras, people, stature, free)
-    vague = free & (sigma[2] > _VAGUE_FOCAL)
+    vague = free & (sigma[2] > _VAGUE_FOCAL * FOCAL_SIGMA)
     if vague.any():  # what is not determined stays where it was
         rough = replace(rough, focal=np.where(vague[:, None], rough.focal, cameras.focal))
         free &= ~vague
@@ -130,7 +130,7 @@ def solve_cameras(scene: Scene, height: float) -> SolvedCameras:
         frames=thinned.frames,
         heads=way,
         missed=float(np.median(missed)),
-        agreed=float(np.mean(missed < _AGREED)),
+        agreed=_agreed(cameras, people),
         scale=scale,
     )
 
@@ -190,22 +190,31 @@ def _check(
     Raises:
         UnsolvableError: they are not.
     """
-    tangents = touching(cameras, _hulls(people))
-    agrees = np.abs(residuals(cameras, tangents)) < _AGREED
-    if agrees.mean() < _ENOUGH:
-        share = [float(agrees[(tangents.first == k) | (tangents.second == k)].mean()) for k in range(len(names))]
-        worst = int(np.argmin(share))
+    agreed = _agreed(cameras, people)
+    worst = int(np.argmin(agreed))
+    if agreed[worst] < _ENOUGH:
         raise UnsolvableError(
-            f"only {100 * agrees.mean():.0f} % of the outlines' tangents agree within {_AGREED:g} px between two views "
-            f"(worst: camera '{names[worst]}', {100 * share[worst]:.0f} %); are the cameras synchronous (mmocap sync), "
-            "the lenses without much distortion, and do all masks show one and the same person?"
+            f"only {100 * agreed[worst]:.0f} % of the outlines' tangents of camera '{names[worst]}' agree with other "
+            f"views within {_AGREED:g} px; is it synchronous (mmocap sync), its lens without much distortion, and do "
+            "all masks show one and the same person?"
         )
     for k, name in enumerate(names):
         if sigma[0][k] > _VAGUE_PLACE or sigma[1][k] > _VAGUE_TILT:
             raise UnsolvableError(
                 f"the recording does not determine camera '{name}': its place is known to {sigma[0][k]:.2f} m and its "
-                f"tilt to {np.degrees(sigma[1][k]):.1f} degrees; record somebody who walks longer ways, best a circle"
+                f"tilt to {np.degrees(sigma[1][k]):.1f} degrees; record somebody who walks longer ways, with turns"
             )
+
+
+def _agreed(cameras: Pinholes, people: list[PersonInView]) -> np.ndarray:
+    """(camera,) share of each view's tangents that the other views agree on; zero where it has none."""
+    tangents = touching(cameras, _hulls(people))
+    agrees = np.abs(residuals(cameras, tangents)) < _AGREED
+    shares = []
+    for k in range(len(people)):
+        mine = (tangents.first == k) | (tangents.second == k)
+        shares.append(float(agrees[mine].mean()) if mine.any() else 0.0)
+    return np.array(shares)
 
 
 def _rig(scene: Scene, cameras: Pinholes, start: Pinholes, way: np.ndarray) -> tuple[CameraRig, np.ndarray]:

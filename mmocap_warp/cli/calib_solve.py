@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -28,7 +29,7 @@ def solve(
     force: Switch = False,
     console: Console | None = None,
 ) -> int:
-    """Find a scene's cameras from the silhouettes of one person who walks about, in metres, with the floor at zero.
+    """Find cameras from the silhouettes of one person who walks about, in metres, with the floor at zero.
 
     Parameters
     ----------
@@ -74,7 +75,7 @@ def solve(
     write_toml_rig(output, found.rig)
     if picture is not None:
         _write_picture(picture, loaded, found)
-    console.result(_values(loaded, found, output, picture), _text(loaded, found, output, picture))
+    console.result(_values(loaded, found, output, picture), _text(loaded, found, height, output, picture))
     return OK
 
 
@@ -103,23 +104,36 @@ def _values(scene: Scene, found: SolvedCameras, output: Path, picture: Path | No
                 "focal_sigma": found.focal_sigma[k],
                 "focal": found.focal[k],
                 "whole_frames": found.whole[k],
+                "agreed": found.agreed[k],
             }
             for k, row in enumerate(describe_rig(rig))
         ],
         "frames": [found.frames.start, found.frames.stop, found.frames.step],
         "disagreement_px": found.missed / found.scale,
-        "agreed": found.agreed,
     }
 
 
-def _text(scene: Scene, found: SolvedCameras, output: Path, picture: Path | None) -> str:
+def _text(scene: Scene, found: SolvedCameras, height: float, output: Path, picture: Path | None) -> str:
     import numpy as np
 
     from mmocap_warp.cli.next_step import command
     from mmocap_warp.views.rig import describe_rig
 
     rows: list[tuple[str, ...]] = [
-        ("camera", "frames", "x [m]", "y [m]", "z [m]", "+-", "over the floor", "looks down", "+-", "view", "focal")
+        (
+            "camera",
+            "frames",
+            "agree",
+            "x [m]",
+            "y [m]",
+            "z [m]",
+            "+-",
+            "over the floor",
+            "looks down",
+            "+-",
+            "view",
+            "focal",
+        )
     ]
     for k, row in enumerate(describe_rig(found.rig)):
         focal = f"{found.rig.K[k, 0, 0]:.0f} px, {found.focal[k]}"
@@ -128,7 +142,7 @@ def _text(scene: Scene, found: SolvedCameras, output: Path, picture: Path | None
         place = (*(f"{value:.2f}" for value in row.centre), f"{found.centre_sigma[k]:.2f}", f"{row.height:.2f}")
         tilt = f"{_tilt(found, k):.1f}", f"{np.degrees(found.tilt_sigma[k]):.1f}"
         view = "{:.0f}x{:.0f}".format(*row.field_of_view)
-        rows.append((row.name, str(found.whole[k]), *place, *tilt, view, focal))
+        rows.append((row.name, str(found.whole[k]), f"{100 * found.agreed[k]:.0f} %", *place, *tilt, view, focal))
     way = found.heads[np.isfinite(found.heads[:, 0])]
     extent = np.sort(np.ptp(way, axis=0))[:0:-1]
     if scene.calibration is None:
@@ -140,17 +154,20 @@ def _text(scene: Scene, found: SolvedCameras, output: Path, picture: Path | None
     lines = [
         table(rows),
         lenses,
-        f"{len(found.frames)} frames of a walk over {extent[0]:.1f} x {extent[1]:.1f} m; {100 * found.agreed:.0f} % of "
-        f"the outlines' tangents agree between views, to {found.missed / found.scale:.1f} px in the median",
+        f"{len(found.frames)} frames of a walk over {extent[0]:.1f} x {extent[1]:.1f} m; the outlines' "
+        f"tangents agree between views to {found.missed / found.scale:.1f} px in the median ('agree': share within "
+        "3 px of images at most 960 long)",
         "+- are standard deviations over parts of the recording; they do not see what all frames have in common, such "
-        "as shadows at the feet",
+        "as shadows at the feet, or a camera that lags: run mmocap sync first where cameras are not triggered together",
         f'{output}: metres, the floor at zero, up = "{found.rig.up}"',
     ]
+    relative = Path(os.path.relpath(output.resolve(), scene.path.resolve().parent)).as_posix()
+    refined = output.with_stem(f"{output.stem}-refined")
     if picture is not None:
         lines.append(f"{picture}: floor, way and body's axis in {len(found.rig)} views")
     lines.append(
-        f'next: set calibration = "{output}" (relative to the scene file) under [cameras], then '
-        f"{command('calib', 'refine', scene.path, '-o', output.with_stem(output.stem + '-refined'))}"
+        f'next: set calibration = "{relative}" under [cameras], then '
+        f"{command('calib', 'refine', scene.path, '--height', f'{height:g}', '-o', refined)}"
     )
     return "\n".join(lines)
 

@@ -90,7 +90,8 @@ class HullAgreement:
         self._about, self._reach, self._starts = np.asarray(offsets), reach, sampling.starts
         first = int(max(0, (reach - self._about).max()))
         end = int(min(len(view) - offset for view, offset in zip(views, self._about, strict=True))) - reach
-        frames = np.unique(np.linspace(first, end - 1, sampling.frames).round().astype(int)) if end > first else np.zeros(0, int)
+        frames = np.unique(np.linspace(first, max(first, end - 1), sampling.frames).round().astype(int))
+        frames = frames[frames < end]
         lags = np.arange(-reach, reach + 1)
         strewn = np.random.default_rng(0).uniform(-_SPREAD, _SPREAD, (sampling.points, 3))
         held, seen = [], []
@@ -156,9 +157,10 @@ class HullAgreement:
 def _held(masks: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     """(frame, point) bool: points that fall onto the foreground of a view's frames."""
     _, height, width = masks.shape
-    inside = ((pixels > -0.5) & (pixels < (width - 0.5, height - 0.5))).all(axis=1)
+    inside = np.all((pixels > -0.5) & (pixels < (width - 0.5, height - 0.5)), axis=1)
     column, row = np.rint(np.where(inside[:, None], pixels, 0.0)).astype(int).T
-    return masks.reshape(len(masks), -1)[:, row * width + column] & inside
+    held: np.ndarray = masks.reshape(len(masks), -1)[:, row * width + column] & inside
+    return held
 
 
 def _counted(bits: np.ndarray) -> np.ndarray:

@@ -89,9 +89,7 @@ def synchronise(scene: Scene, progress: Progress | None = None) -> Synchronisati
             kept.add(mask)
         if progress:
             progress(number + 1, recorded.frame_count)
-    signals = [
-        _in_scene_frames(_signals(motion, scene, k), scene.cameras[k].rate) for k, motion in enumerate(motions)
-    ]
+    signals = [_in_scene_frames(_signals(motion, scene, k), scene.cameras[k].rate) for k, motion in enumerate(motions)]
     scores, offsets = _offsets_by_motion(signals, scene.fps)
     by_hull = None
     if scene.calibration is not None:
@@ -102,11 +100,11 @@ def synchronise(scene: Scene, progress: Progress | None = None) -> Synchronisati
     hull = None if scene.calibration is None else by_hull is not None and by_hull[1] <= _HULL_SPREAD
     if by_hull and hull:
         offsets = by_hull[0]
-    views = {
+    found = {
         source.name: _judged(scores, k, offsets, offsets - _most_common(offsets), hull is True)
         for k, source in enumerate(scene.cameras)
     }
-    return Synchronisation(scene.fps, views, hull)
+    return Synchronisation(scene.fps, found, hull)
 
 
 class _Masks:
@@ -165,9 +163,7 @@ def _most_common(offsets: np.ndarray) -> int:
     return int(max(values, key=lambda value: (values.count(value), -values.index(value))))
 
 
-def _judged(
-    scores: PairScores, view: int, offsets: np.ndarray, found: np.ndarray, by_hull: bool
-) -> ViewOffset:
+def _judged(scores: PairScores, view: int, offsets: np.ndarray, found: np.ndarray, by_hull: bool) -> ViewOffset:
     curve, at = scores.of_view(view, offsets - offsets[view]), scores.reach
     elsewhere = np.abs(np.arange(len(curve)) - at) > scores.near
     other = int(np.argmax(np.where(elsewhere, curve, -np.inf)))

@@ -71,9 +71,7 @@ def unsynchronised(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_planted_lags_are_found_without_a_calibration(
-    unsynchronised: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_planted_lags_are_found_without_a_calibration(unsynchronised: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["sync", str(unsynchronised), "--json", "--quiet"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert {name: camera["offset_frames"] for name, camera in found["cameras"].items()} == LAGS

@@ -39,20 +39,20 @@ def test_whole_offsets_leave_nothing(folder: Path) -> None:
 
 
 def test_the_nearest_frame_of_another_rate_is_at_most_half_a_frame_off(folder: Path) -> None:
-    edit(folder, "fps = 30", "fps = 60")
+    edit(folder, "fps = 30", "fps = 30\nframes = 3")
     edit(folder, MASKS, f"{MASKS}\nfps = 25\noffset = 0.01")
-    camera = load_scene(folder, frames="3").cameras[2]
+    camera = load_scene(folder).cameras[2]
     frames = range(0, 9)
-    late = camera.late(frames) / 60
+    late = camera.late(frames) / 30
     taken = np.array([camera.number(frame) for frame in frames]) / 25 - 0.01
-    np.testing.assert_allclose(np.array(frames) / 60 + late, taken, atol=1e-12)
+    np.testing.assert_allclose(np.array(frames) / 30 + late, taken, atol=1e-12)
     assert np.abs(late).max() <= 0.5 / 25
 
 
 def test_without_a_rate_the_fastest_camera_is_the_clock(folder: Path) -> None:
-    edit(folder, "fps = 30\n", "")
+    edit(folder, "fps = 30\n", "frames = 4\n")
     edit(folder, MASKS, f"{MASKS}\nfps = 15")
-    scene = load_scene(folder, frames="4")
+    scene = load_scene(folder)
     assert scene.fps == 30
     assert scene.cameras[2].rate == 0.5
 

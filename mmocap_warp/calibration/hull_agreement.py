@@ -74,17 +74,16 @@ def offsets_by_hull(rig: CameraRig, views: Sequence[Silhouettes], about: np.ndar
         rig: undistorted pinholes, as the masks.
         views: the masks of each.
         about: (view,) offsets about which they are looked for.
-        reach: how far from these [frames].
+        reach: how far from these [frames]; 0 where they are nearly right.
 
     Returns:
         None where there is no frame in which all views see somebody.
     """
     length = min(len(view) for view in views)
-    far = HullAgreement(rig, views, about, min(reach, length // 4), _FAR)
-    if not far.judged:
-        return None
-    found, _ = far.offsets()
-    near = HullAgreement(rig, views, found, min(_NEAR_REACH, length // 4), _NEAR)
+    if reach:
+        far = HullAgreement(rig, views, about, min(reach, length // 4), _FAR)
+        about = far.offsets()[0] if far.judged else about
+    near = HullAgreement(rig, views, about, min(_NEAR_REACH, length // 4), _NEAR)
     if not near.judged:
         return None
     offsets, spread = near.offsets()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -21,6 +21,7 @@ _SHORT = 0.25  # [s], within which a lag is believed more than a longer one
 _CLEARLY = 3.0  # times as high must a score be to take a longer lag
 _HALF = 0.5  # of the other views must say the same
 _HULL_REACH = 0.4  # [s] by which the hull may correct what motion found
+_HULL_CORRECTS = 3  # [frames], what motion is sure of, at most
 _HULL_SPREAD = 1  # [frames] between the ends of several starts, of a hull that can be trusted
 _RIVAL = 0.75  # of the best score: another lag that scores more makes a view's offset unsure
 _ALIKE = 2  # [frames] within which a pair alone agrees with what all pairs say
@@ -47,7 +48,7 @@ class ViewOffset:
     other: int
     agreeing: float
     sure: bool
-    course: LagCourse = LagCourse()
+    course: LagCourse = field(default_factory=LagCourse)
 
 
 @dataclass(frozen=True)
@@ -94,13 +95,16 @@ def synchronise(scene: Scene, progress: Progress | None = None) -> Synchronisati
             progress(number + 1, recorded.frame_count)
     signals = [_in_scene_frames(_signals(motion, scene, k), scene.cameras[k].rate) for k, motion in enumerate(motions)]
     scores, offsets = _offsets_by_motion(signals, scene.fps)
-    by_hull = None
+    by_hull, told = None, False
     if scene.calibration is not None:
-        # Where motion tells little, most likely the cameras are nearly in step.
-        told = np.mean([_judged(scores, k, offsets, False).sure for k in range(len(masks))]) > _HALF
-        about = offsets if told else np.zeros_like(offsets)
-        by_hull = offsets_by_hull(scene.rig(scale), masks, about, round(_HULL_REACH * scene.fps))
+        sure = np.array([_judged(scores, k, offsets, False).sure for k in range(len(masks))])
+        told = sure.mean() > _HALF  # where motion tells little, most likely the cameras are nearly in step
+        about, reach = (offsets, 0) if told else (np.zeros_like(offsets), round(_HULL_REACH * scene.fps))
+        by_hull = offsets_by_hull(scene.rig(scale), masks, about, reach)
     hull = None if scene.calibration is None else by_hull is not None and by_hull.spread <= _HULL_SPREAD
+    if by_hull and hull and told:
+        apart = by_hull.offsets - offsets
+        hull = bool(np.abs(apart - np.median(apart))[sure].max() <= _HULL_CORRECTS)
     courses = [LagCourse() for _ in masks]
     if by_hull and hull:
         offsets, courses = by_hull.offsets, by_hull.courses

@@ -106,7 +106,7 @@ def _information(one: np.ndarray, other: np.ndarray) -> float:
         noisy = scaled.T @ scaled / len(scaled) + _NOISE * np.eye(scaled.shape[1])
         whitened.append(np.linalg.solve(np.linalg.cholesky(noisy), scaled.T))
     correlation = np.linalg.svd(whitened[0] @ whitened[1].T / len(one), compute_uv=False)
-    return float(-0.5 * np.log1p(-np.minimum(correlation, 1 - 1e-9) ** 2).sum())
+    return float(-0.5 * np.log1p(-(np.minimum(correlation, 1 - 1e-9) ** 2)).sum())
 
 
 def common_offsets(scores: PairScores) -> np.ndarray:

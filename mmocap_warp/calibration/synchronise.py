@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from mmocap_warp.calibration.hull_agreement import offsets_by_hull
+from mmocap_warp.calibration.lag_course import LagCourse
 from mmocap_warp.calibration.shared_motion import PairScores, common_offsets, pair_scores
 from mmocap_warp.calibration.silhouette_motion import SilhouetteMotion
 from mmocap_warp.errors import InputError
@@ -17,9 +18,10 @@ _LENGTH = 320  # [px] of the masks' longer side
 _LONGEST = 1.0  # [s] of a lag that is looked for
 _SHARE = 1 / 3  # of a clip, at most
 _SHORT = 0.25  # [s], within which a lag is believed more than a longer one
-_CLEARLY = 1.5  # times as high must a score be to take a longer lag
+_CLEARLY = 3.0  # times as high must a score be to take a longer lag
 _HALF = 0.5  # of the other views must say the same
 _HULL_REACH = 0.4  # [s] by which the hull may correct what motion found
+_HULL_CORRECTS = 3  # [frames], what motion is sure of, at most
 _HULL_SPREAD = 1  # [frames] between the ends of several starts, of a hull that can be trusted
 _RIVAL = 0.75  # of the best score: another lag that scores more makes a view's offset unsure
 _ALIKE = 2  # [frames] within which a pair alone agrees with what all pairs say
@@ -38,6 +40,7 @@ class ViewOffset:
         other: that other lag [frames].
         agreeing: share of the other views that, compared with this one alone, say the same within two frames.
         sure: whether the offset can be relied on.
+        course: how it changes, where the hull decided.
     """
 
     frames: int
@@ -45,6 +48,7 @@ class ViewOffset:
     other: int
     agreeing: float
     sure: bool
+    course: LagCourse = field(default_factory=LagCourse)
 
 
 @dataclass(frozen=True)
@@ -63,8 +67,8 @@ class Synchronisation:
 
     @property
     def sure(self) -> bool:
-        """Whether all offsets can be relied on."""
-        return all(view.sure for view in self.views.values())
+        """Whether all offsets can be relied on, all along."""
+        return all(view.sure and not view.course.jump for view in self.views.values())
 
 
 def synchronise(scene: Scene, progress: Progress | None = None) -> Synchronisation:
@@ -89,24 +93,26 @@ def synchronise(scene: Scene, progress: Progress | None = None) -> Synchronisati
             kept.add(mask)
         if progress:
             progress(number + 1, recorded.frame_count)
-    signals = [
-        _in_scene_frames(_signals(motion, scene, k), scene.cameras[k].rate) for k, motion in enumerate(motions)
-    ]
+    signals = [_in_scene_frames(_signals(motion, scene, k), scene.cameras[k].rate) for k, motion in enumerate(motions)]
     scores, offsets = _offsets_by_motion(signals, scene.fps)
-    by_hull = None
+    by_hull, told = None, False
     if scene.calibration is not None:
-        # Where motion tells little, most likely the cameras are nearly in step.
-        told = np.mean([_judged(scores, k, offsets, offsets, False).sure for k in range(len(masks))]) > _HALF
-        about = offsets if told else np.zeros_like(offsets)
-        by_hull = offsets_by_hull(scene.rig(scale), masks, about, round(_HULL_REACH * scene.fps))
-    hull = None if scene.calibration is None else by_hull is not None and by_hull[1] <= _HULL_SPREAD
+        sure = np.array([_judged(scores, k, offsets, False).sure for k in range(len(masks))])
+        told = sure.mean() > _HALF  # where motion tells little, most likely the cameras are nearly in step
+        about, reach = (offsets, 0) if told else (np.zeros_like(offsets), round(_HULL_REACH * scene.fps))
+        by_hull = offsets_by_hull(scene.rig(scale), masks, about, reach)
+    hull = None if scene.calibration is None else by_hull is not None and by_hull.spread <= _HULL_SPREAD
+    if by_hull and hull and told:
+        apart = by_hull.offsets - offsets
+        hull = bool(np.abs(apart - np.median(apart))[sure].max() <= _HULL_CORRECTS)
+    courses = [LagCourse() for _ in masks]
     if by_hull and hull:
-        offsets = by_hull[0]
-    views = {
-        source.name: _judged(scores, k, offsets, offsets - _most_common(offsets), hull is True)
+        offsets, courses = by_hull.offsets, by_hull.courses
+    found = {
+        source.name: replace(_judged(scores, k, offsets, hull is True), course=courses[k])
         for k, source in enumerate(scene.cameras)
     }
-    return Synchronisation(scene.fps, views, hull)
+    return Synchronisation(scene.fps, found, hull)
 
 
 class _Masks:
@@ -165,9 +171,8 @@ def _most_common(offsets: np.ndarray) -> int:
     return int(max(values, key=lambda value: (values.count(value), -values.index(value))))
 
 
-def _judged(
-    scores: PairScores, view: int, offsets: np.ndarray, found: np.ndarray, by_hull: bool
-) -> ViewOffset:
+def _judged(scores: PairScores, view: int, offsets: np.ndarray, by_hull: bool) -> ViewOffset:
+    found = offsets - _most_common(offsets)
     curve, at = scores.of_view(view, offsets - offsets[view]), scores.reach
     elsewhere = np.abs(np.arange(len(curve)) - at) > scores.near
     other = int(np.argmax(np.where(elsewhere, curve, -np.inf)))

@@ -42,8 +42,10 @@ def sync(
     loaded = scene_for(scene, frames, calibrated=False)
     with Progress("sync", quiet=console.quiet) as progress:
         found = synchronise(loaded, progress)
-    timing = {name: {"offset": _seconds(view, found)} for name, view in found.views.items()}
-    faults = [_doubt(name, view, found) for name, view in found.views.items() if not view.sure]
+    timing = {
+        source.name: _timing(found.views[source.name], found, found.fps * source.rate) for source in loaded.cameras
+    }
+    faults = [_doubt(name, view) for name, view in found.views.items() if not view.sure or view.course.jump]
     if write and found.sure:
         write_timing(loaded.path, timing)
     step = command("cameras", loaded.path) if loaded.calibration else None
@@ -55,6 +57,9 @@ def sync(
             name: {
                 "offset_frames": view.frames,
                 "offset_s": timing[name]["offset"],
+                "fps": timing[name].get("fps"),
+                "jump_frames": view.course.jump,
+                "jump_at": view.course.at if view.course.jump else None,
                 "sure": view.sure,
                 "rival_frames": view.other,
                 "rival_score": view.rival,
@@ -71,8 +76,10 @@ def sync(
     return OK if found.sure else CHECK_FAILED
 
 
-def _seconds(view: ViewOffset, found: Synchronisation) -> float:
-    return round(view.frames / found.fps, 6)
+def _timing(view: ViewOffset, found: Synchronisation, fps: float) -> dict[str, float]:
+    """What a camera's table has to say: its offset [s], and its rate where that is not what the scene says."""
+    offset = round((view.frames + view.course.start) / found.fps, 6)
+    return {"offset": offset} | ({"fps": round(fps * (1 + view.course.slope), 4)} if view.course.slope else {})
 
 
 def _lines(
@@ -95,7 +102,8 @@ def _lines(
     if write:
         lines.append(f"{path}: written")
     else:
-        moved = {name: keys for name, keys in timing.items() if any(keys.values())}
+        moved = {name: {key: value for key, value in keys.items() if value} for name, keys in timing.items()}
+        moved = {name: keys for name, keys in moved.items() if keys}
         for name, keys in moved.items():
             lines += [f"[cameras.{name}]", *(f"{key} = {value!r}" for key, value in keys.items())]
         lines += [] if moved else ["all cameras are in step: offsets need not be given"]
@@ -110,9 +118,14 @@ def _decided_by(found: Synchronisation) -> str:
     return "decided by when silhouettes move: the calibration or the motion is too poor for the visual hull to tell"
 
 
-def _doubt(name: str, view: ViewOffset, found: Synchronisation) -> str:
+def _doubt(name: str, view: ViewOffset) -> str:
     """Why an offset cannot be relied on."""
-    if not 0 <= view.rival < float("inf"):
+    if view.sure and view.course.jump:
+        what = f"dropped {-view.course.jump}" if view.course.jump < 0 else f"has {view.course.jump} too many"
+        return (
+            f"{name} {what} of its frames near frame {view.course.at}: its offset changes there; cut or mend the video"
+        )
+    if view.rival == float("inf"):
         return f"{name} shows no motion that the other views share: the person stands still, or it is another recording"
     if view.rival >= 0.75:
         period = abs(view.other - view.frames)

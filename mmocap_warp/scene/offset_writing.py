@@ -28,12 +28,12 @@ def write_timing(path: Path, timing: Mapping[str, Mapping[str, float]]) -> None:
         if header := _HEADER.match(line):
             camera = _camera_of(header["name"])
             lines.append(line)
-            if camera in timing:
+            if camera is not None and camera in timing:
                 end = "\r\n" if line.endswith("\r\n") else "\n"
                 lines[-1] = line if line.endswith(end) else line + end
                 lines += [f"{key} = {value!r}{end}" for key, value in timing[camera].items() if value]
             continue
-        if camera in timing and _sets(line, timing[camera]):
+        if camera is not None and camera in timing and _sets(line, timing[camera]):
             continue
         lines.append(line)
     changed = "".join(lines)

@@ -19,7 +19,7 @@ from mmocap_warp.foreground.mask_image import decode_mask
 from mmocap_warp.foreground.settings import GIVEN, KEEP, MODELS, SOURCES, SUBTRACTED, ForegroundSettings
 from mmocap_warp.formats.calibration.units import METRES
 from mmocap_warp.formats.table import read_calibration
-from mmocap_warp.formats.toml_table import Table, load_toml
+from mmocap_warp.formats.toml_table import Table, is_number, load_toml
 from mmocap_warp.scene.frame_choice import FrameChoice
 from mmocap_warp.scene.mask_mark import MARK_NAME, MaskMark, calibration_hash, check_mark, read_mark
 from mmocap_warp.scene.recording import CameraSource, Scene, recorded_frames
@@ -33,6 +33,9 @@ _WAYS_TO_MASKS = (
     'is "recording", "clean_plate" or "background_video"; a segmenter such as SAM 2, rembg or MediaPipe writes them '
     "from the video; or name masks that you have, a folder of images or a video"
 )
+
+_WHOLE = 0.01  # of a frame, by which an offset may differ from whole frames and still be whole
+_MOST_FRAMES = 1e8  # of an offset
 
 _SAMPLES = 5  # mask images per camera that are looked at while loading
 _HIGHEST_LABEL = 32  # gray levels below are rather labels than a picture
@@ -73,9 +76,9 @@ def load_scene(
     file.finish()
 
     name = about.take("name", str, "") or path.resolve().parent.name or "scene"
-    fps = about.take("fps", float)
-    if not 0 < fps < 100_000:
-        raise about.error(f"fps = {fps:g} is not a frame rate", "give the frames per second of the recording")
+    stated_fps = about.take("fps", float, None)
+    if stated_fps is not None and not 0 < stated_fps < 100_000:
+        raise about.error(f"fps = {stated_fps:g} is not a frame rate", "give the frames per second of the recording")
     up = about.take_choice("up", UP_AXES, "+z")
     named_frames = _take_frames(about)
     body = about.take("body", str, None)
@@ -86,7 +89,9 @@ def load_scene(
     named_calibration = cameras.take("calibration", str) if calibrated else cameras.take("calibration", str, None)
     calibration = None if named_calibration is None else path.parent / named_calibration
     units = cameras.take_choice("units", tuple(METRES), None)
-    sources, rig = _read_cameras(cameras, path, calibration, units, up, fps)
+    tables = cameras.take_tables()
+    fps = _fastest(tables, path, about) if stated_fps is None else stated_fps
+    sources, rig = _read_cameras(cameras, tables, path, calibration, units, up, fps)
     if not masks:
         foreground = _of_what_is_there(foreground, sources)
     _check_sources(sources, rig, foreground, cameras, masks, undistorted_with=calibration is not None)
@@ -126,6 +131,17 @@ def _take_file(table: Table, key: str, scene: Path) -> Path | None:
     return None if value is None else _existing(scene.parent / value, table)
 
 
+def _fastest(cameras: dict[str, Table], scene: Path, about: Table) -> float:
+    """The rate of the fastest camera, of those that tell theirs."""
+    rates = [rate for camera in cameras.values() if is_number(rate := camera.peek("fps"))]
+    videos = [video for camera in cameras.values() if isinstance(video := camera.peek("video"), str)]
+    opened = [open_frames(scene.parent / video) for video in videos]
+    rates += [video.fps for video in opened if isinstance(video, VideoFile)]
+    if not max(rates, default=0.0) > 0:
+        raise about.error("'fps' is missing", "add fps = ... (a number), of the recording or of each camera")
+    return float(max(rates))
+
+
 def _take_frames(table: Table) -> FrameChoice:
     """A whole number, or text as :meth:`FrameChoice.parse` reads it; all frames where the key is absent."""
     value = table.take_any("frames", (int, str), ":")
@@ -136,9 +152,14 @@ def _take_frames(table: Table) -> FrameChoice:
 
 
 def _read_cameras(
-    table: Table, scene: Path, calibration: Path | None, units: str | None, up: str, fps: float
+    table: Table,
+    tables: dict[str, Table],
+    scene: Path,
+    calibration: Path | None,
+    units: str | None,
+    up: str,
+    fps: float,
 ) -> tuple[tuple[CameraSource, ...], CameraRig]:
-    tables = table.take_tables()
     table.finish()
     if not tables:
         raise table.error("no camera is named", "add a table [cameras.<name>] for each, named as in the calibration")
@@ -174,13 +195,13 @@ def _as_recorded(
     for source, size in zip(sources, sizes, strict=True):
         if size is None:
             raise table.error(f"camera '{source.name}' has neither masks nor a video", "add one of them")
-    size = np.array(sizes)
+    images = np.array(sizes)
     K = np.zeros((len(sources), 3, 3))
-    K[:, [0, 1], [0, 1]] = size.max(axis=1, keepdims=True)
-    K[:, :2, 2], K[:, 2, 2] = 0.5 * (size - 1), 1.0
+    K[:, [0, 1], [0, 1]] = images.max(axis=1, keepdims=True)
+    K[:, :2, 2], K[:, 2, 2] = 0.5 * (images - 1), 1.0
     names = tuple(source.name for source in sources)
     R, t = np.tile(np.eye(3), (len(sources), 1, 1)), np.zeros((len(sources), 3))
-    rig = CameraRig(names, K, R, t, size, np.zeros((len(sources), 5)), up)
+    rig = CameraRig(names, K, R, t, images, np.zeros((len(sources), 5)), up)
     return tuple(replace(s, recorded_scale=1.0, recorded_offset=(0.0, 0.0)) for s in sources), rig
 
 
@@ -193,16 +214,19 @@ def _read_source(table: Table, name: str, scene: Path, fps: float) -> CameraSour
     left, top = recorded.take_numbers("offset", (2,), [0.0, 0.0])
     right, down = table.take_numbers("centre_shift", (2,), [0.0, 0.0])
     masks = opened("masks", open_masks)
+    rate = _take_rate(table, fps)
+    offset, fraction = _take_offset(table, fps * rate)
     source = CameraSource(
         name=name,
         video=opened("video", open_frames),
         masks=masks,
         clean_plate=opened("clean_plate", open_image),
         background=opened("background", open_frames),
-        frame_offset=table.take("frame_offset", int, 0),
+        frame_offset=offset,
+        fraction=fraction,
         recorded_scale=recorded.take("scale", float, 1.0),
         recorded_offset=(left, top),
-        rate=_take_rate(table, fps),
+        rate=rate,
         centre_shift=(right, down),
         mask_mark=read_mark(masks.path) if masks else None,
     )
@@ -218,6 +242,20 @@ def _take_rate(table: Table, fps: float) -> float:
     if not 0 < own < 100_000:
         raise table.error(f"fps = {own:g} is not a frame rate", "give the frames per second of this camera")
     return own / fps
+
+
+def _take_offset(table: Table, fps: float) -> tuple[int, float]:
+    """A camera's offset in whole frames of its own, and the rest; what is nearly whole is whole."""
+    if not table.has("offset"):
+        return table.take("frame_offset", int, 0), 0.0
+    if table.has("frame_offset"):
+        raise table.error("has both offset and frame_offset", "give offset alone, in seconds")
+    frames = table.take("offset", float) * fps
+    if abs(frames) > _MOST_FRAMES:
+        raise table.error(f"offset is {frames:.3g} frames", "give the seconds by which this camera lags")
+    whole = round(frames)
+    fraction = frames - whole
+    return whole, fraction if abs(fraction) > _WHOLE else 0.0
 
 
 def _check_rate(source: CameraSource, fps: float, table: Table) -> None:
@@ -410,7 +448,24 @@ def _frames(
                 f"camera '{source.name}' has frame_offset = {source.frame_offset} in {shortest} frames",
                 "give a shift of a few frames",
             )
+    _check_shared_time(sources, foreground, table)
     return own, frames
+
+
+def _check_shared_time(sources: tuple[CameraSource, ...], foreground: ForegroundSettings, table: Table) -> None:
+    """See that there is a moment at which all cameras that have images recorded."""
+    counts = _counts(sources, foreground)
+    timed = [source for source in sources if source.name in counts and source.mask_mark is None]
+    if len(timed) < 2:
+        return
+    begin = {source.name: -source.frame_offset / source.rate for source in timed}
+    end = {source.name: begin[source.name] + counts[source.name] - 1 for source in timed}
+    latest, earliest = max(begin, key=lambda name: begin[name]), min(end, key=lambda name: end[name])
+    if begin[latest] > end[earliest]:
+        raise table.error(
+            f"{earliest} has ended when {latest} begins: by their offsets they recorded at no common time",
+            "correct the offsets; mmocap sync finds them",
+        )
 
 
 def _counts(sources: tuple[CameraSource, ...], foreground: ForegroundSettings) -> dict[str, int]:

@@ -204,6 +204,7 @@ def _images(scene: Scene, k: int) -> list:
         for file in getattr(frames, "files", None) or (frames.path,)
     ]
     resampled = [camera.rate] if camera.rate != 1.0 else []
+    resampled += [camera.fraction] if camera.fraction else []
     return [files, camera.frame_offset, camera.recorded_scale, camera.recorded_offset, *resampled]
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from mmocap_warp.bodies.deviation_factors import deviation_factors
 from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION
+from mmocap_warp.contour.around import Around
 from mmocap_warp.contour.backward_pass import AHEAD, STARTS, BackwardPass
 from mmocap_warp.contour.clip import WINDOW, ClipProblem, SolvedWindow, coarse_then_fine
 from mmocap_warp.contour.fitter import WIDE
@@ -126,21 +127,23 @@ class _Masks:
         """One of the last frames that were read."""
         return self._held[frame % self._places]
 
-    def linearise(self, frames: np.ndarray, rooted: RootedPoses, seen: np.ndarray) -> NormalEquations:
+    def linearise(self, frames: np.ndarray, rooted: RootedPoses, seen: np.ndarray, around: Around) -> NormalEquations:
         """What the contours say about frames of the window, or further on; nothing about those not ``seen``."""
         while self._read <= frames[-1]:
             self._observe_next()
-        contour = self._fitter.linearise(frames % self._places, rooted)
+        contour = self._fitter.linearise(frames % self._places, rooted, around)
         return NormalEquations(
             contour.matrix * seen[:, None, None], contour.gradient * seen[:, None], contour.cost * seen
         )
 
-    def descend(self, frames: np.ndarray, starts: RootedPoses) -> tuple[RootedPoses, np.ndarray]:
+    def descend(self, frames: np.ndarray, starts: RootedPoses, around: Around) -> tuple[RootedPoses, np.ndarray]:
         """Poses that the contours of frames of the window lead to from some, and what they cost (pose,)."""
         fitter, pose, cost = self._fitter, starts.pose.copy(), np.zeros(len(starts))
         for first in range(0, len(starts), fitter.candidates):
             part = slice(first, min(first + fitter.candidates, len(starts)))
             count = part.stop - part.start
+            if fitter.late:
+                fitter.move(starts[part], around[part])
             fitter.start_at(starts.pose[part], starts.base[part], frames[part] % self._places)
             fitter.descend(count, _STEPS)
             pose[part] = fitter.descent.best.numpy()[:count]
@@ -195,8 +198,17 @@ class _Run:
         self._rooting = Rooting(skeleton, subject.root_base, masks.searched, masks.limits)
         points = MotionPoints(skeleton, subject.body.joint_rest, masks.searched)
 
+        course = self._rooting.refold(self._rooting.enter(track))  # poses as they were known last
+
+        def around(frames: np.ndarray) -> Around:
+            return Around.of(course, frames, raw.rate)
+
         def linearise(frames: np.ndarray, rooted: RootedPoses) -> NormalEquations:
-            return masks.linearise(frames, rooted, seen[frames])
+            course.base[frames], course.pose[frames] = rooted.base, rooted.pose
+            return masks.linearise(frames, rooted, seen[frames], around(frames))
+
+        def descend(frames: np.ndarray, starts: RootedPoses) -> tuple[RootedPoses, np.ndarray]:
+            return masks.descend(frames, starts, around(frames))
 
         def areas(frames: np.ndarray, rooted: RootedPoses) -> np.ndarray:
             poses = self._rooting.leave(rooted, np.zeros(3))
@@ -204,7 +216,7 @@ class _Run:
 
         arms_and_legs = [limb.coordinates for limb in limbs(skeleton)]
         anew = masks.pairs_anew if masks.pairs else None
-        backward = BackwardPass(masks.descend, linearise, self._rooting, points, raw.rate, areas, arms_and_legs, anew)
+        backward = BackwardPass(descend, linearise, self._rooting, points, raw.rate, areas, arms_and_legs, anew)
         problem = ClipProblem(linearise, self._rooting, points, raw.rate, backward)
         self.windows = problem.windows(self._rooting.enter(track), coarse_then_fine(config.acceleration), masked)
         self._factors = deviation_factors(subject.body)

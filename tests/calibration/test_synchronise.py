@@ -12,6 +12,7 @@ import pytest
 from ball_scene import edit
 
 from mmocap_warp.calibration.hull_agreement import HullAgreement, Sampling
+from mmocap_warp.calibration.lag_course import lag_course
 from mmocap_warp.calibration.shared_motion import common_offsets, pair_scores
 from mmocap_warp.calibration.silhouette_motion import SilhouetteMotion
 from mmocap_warp.calibration.synchronise import synchronise
@@ -71,9 +72,7 @@ def unsynchronised(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_planted_lags_are_found_without_a_calibration(
-    unsynchronised: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_planted_lags_are_found_without_a_calibration(unsynchronised: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["sync", str(unsynchronised), "--json", "--quiet"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert {name: camera["offset_frames"] for name, camera in found["cameras"].items()} == LAGS
@@ -197,3 +196,16 @@ def test_inline_tables_are_not_touched(tmp_path: Path) -> None:
     file.write_text('[cameras."my cam"]')
     write_timing(file, {"my cam": {"offset": 0.1}})
     assert file.read_text() == '[cameras."my cam"]\noffset = 0.1\n'
+
+
+def test_a_jump_a_slope_and_chance_are_told_apart() -> None:
+    frames = np.arange(25, 300, 50)
+    scatter = np.array([0.3, -0.2, 0.1, -0.3, 0.2, 0.0])
+    assert lag_course(frames, 2 + 2 * scatter) == lag_course(frames[:3], 9 * scatter[:3])
+    jumped = lag_course(frames, np.where(frames > 150, 1.0, 3.0) + scatter)
+    assert (jumped.jump, jumped.at, jumped.slope) == (-2, 150, 0.0)
+    drifting = lag_course(frames, 4 + 0.02 * frames + scatter)
+    assert drifting.jump == 0
+    assert drifting.slope == pytest.approx(0.02, abs=0.002)
+    assert drifting.start == pytest.approx(4, abs=0.4)
+    assert lag_course(frames, 4 * scatter * [1, -1, 1, -1, 1, 1]).jump == 0

@@ -38,7 +38,8 @@ _MEET = 0.045  # [m], root mean square by which points of a sound rig miss each 
 _CLEARLY = 0.6  # of the points' misses, to which one mistake put right must bring them
 _FAR = 0.3  # [m]: how far points miss each other beyond this says nothing
 _WORTH = 0.03  # of the contours' cost, which a change must explain
-_COST_OF_A_PARAMETER = 1.0  # of the contours' cost in a frame: more parameters explain more, by chance alone
+_COST_OF_A_PARAMETER = 0.5  # of the contours' cost in a frame: more parameters explain more, by chance alone
+_AS_GOOD = 0.85  # of what the best cause explains: others that do are named too
 _FRAMES = 8  # in which silhouettes are compared with the hull of the others
 
 
@@ -53,6 +54,7 @@ class Finding:
         by: (camera, parameter) the change that puts it right; None where no change of the parameters does.
         worth: how much of what is wrong that explains, in 0 to 1.
         size: of the images to those that were calibrated, where that is the cause.
+        others: causes that explain nearly as much of it.
     """
 
     camera: str
@@ -61,6 +63,7 @@ class Finding:
     by: np.ndarray | None = None
     worth: float = 1.0
     size: float | None = None
+    others: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,36 +227,51 @@ def by_degrees(rig: CameraRig, adjusted: Adjusted, sigma: np.ndarray) -> tuple[F
     toward = information @ value  # the way in which the cost falls from where cameras were
     number = np.full(adjusted.free.shape, -1)
     number[adjusted.free] = np.arange(len(value))
-    named: dict[int, tuple[str, np.ndarray, float]] = {}
 
-    def gained(parameters: list[int]) -> tuple[float, np.ndarray]:
+    def gained(parameters: list[int]) -> float:
         step = np.linalg.solve(information[np.ix_(parameters, parameters)], toward[parameters])
-        return 0.5 * float(toward[parameters] @ step), step
+        return 0.5 * float(toward[parameters] @ step)
 
-    before, held = 0.0, []
-    while len(named) < len(rig):
-        options = []
-        for k in set(range(len(rig))) - set(named):
-            for cause, columns in CAUSES.items():
-                own = [int(each) for each in number[k, columns] if each >= 0]
-                if own:
-                    gain, _ = gained(held + own)
-                    options.append((gain - before - _COST_OF_A_PARAMETER * len(own), k, cause, own))
-        if not options:
+    named: dict[int, _Option] = {}
+    held: list[int] = []
+    before = 0.0
+    while options := [
+        _Option(gained(held + own) - before, k, cause, own)
+        for k in range(len(rig))
+        for cause, columns in CAUSES.items()
+        if k not in named and (own := [int(each) for each in number[k, columns] if each >= 0])
+    ]:
+        best = max(options, key=lambda option: option.gain - _COST_OF_A_PARAMETER * len(option.parameters))
+        if best.gain < _WORTH * adjusted.cost:
             break
-        gain, k, cause, own = max(options)
-        if gain < _WORTH * adjusted.cost:
-            break
-        held += own
-        before, step = gained(held)
-        named[k] = cause, step, gain
-    _, step = gained(held) if held else (0.0, np.zeros(0))
+        as_good = [each for each in options if each.camera == best.camera and each.gain > _AS_GOOD * best.gain]
+        others = tuple(each.cause for each in as_good if each.cause != best.cause)
+        named[best.camera] = replace(best, others=others)
+        held += best.parameters
+        before = gained(held)
     change = np.zeros(len(value))
-    change[held] = step
+    change[held] = np.linalg.solve(information[np.ix_(held, held)], toward[held])
     whole = np.zeros(adjusted.free.shape)
     whole[adjusted.free] = change
     total = 0.5 * float(value @ toward)
     return tuple(
-        Finding(rig.names[k], cause, by=np.where(np.arange(len(rig))[:, None] == k, whole, 0.0), worth=gain / total)
-        for k, (cause, _, gain) in named.items()
+        Finding(
+            rig.names[k],
+            found.cause,
+            by=np.where(np.arange(len(rig))[:, None] == k, whole, 0.0),
+            worth=found.gain / total,
+            others=found.others,
+        )
+        for k, found in named.items()
     )
+
+
+@dataclass(frozen=True)
+class _Option:
+    """A change of one camera in one respect: what it gains beside others, and its parameters' numbers."""
+
+    gain: float
+    camera: int
+    cause: str
+    parameters: list[int]
+    others: tuple[str, ...] = ()

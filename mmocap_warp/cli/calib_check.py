@@ -117,7 +117,9 @@ def _line(finding: Finding, found: Check, k: int) -> str:
     if finding.size is not None:
         return f"{finding.camera}: its pictures are {finding.size:.3g} times as large as those it was calibrated for"
     changes = ", ".join(f"{what} {by:+.2f} {unit}" for what, by, unit in _changes(finding, found, k))
-    return f"{finding.camera}: probably its {finding.cause}, off by {changes}; explains {100 * finding.worth:.0f} %"
+    others = "".join(f", or else its {other}" for other in finding.others)
+    said = f"probably its {finding.cause}, to be changed by {changes}{others}"
+    return f"{finding.camera}: {said}; explains {100 * finding.worth:.0f} % of what is wrong"
 
 
 def _changes(finding: Finding, found: Check, k: int) -> list[tuple[str, float, str]]:
@@ -137,6 +139,7 @@ def _value(finding: Finding, found: Check, k: int) -> dict[str, Any]:
         "cause": finding.cause,
         "other": finding.other,
         "by": by,
+        "or": finding.others,
         "size": finding.size,
         "explains": finding.worth,
     }

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 from planted import swung
 from synthetic import ring_rig, synthetic_body
 
+from mmocap_warp.body.model import Subject
 from mmocap_warp.calibration.motion import Motion
 from mmocap_warp.contour.rooted import Rooting
+from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
+from mmocap_warp.formats.png import write_png
+from mmocap_warp.scene.recording import Scene
+from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.synthesis.posing import ExactPoser
-from mmocap_warp.views.observation import Observation
+from mmocap_warp.views.observation import Observation, unpack_masks
 from mmocap_warp.views.rig import CameraRig
 from mmocap_warp.views.silhouette import silhouettes
 
@@ -41,3 +47,24 @@ def masks_at(rig: CameraRig, frames: np.ndarray, late: np.ndarray) -> list[Obser
         ]
         views.append([silhouettes(camera, vertices, BODY.tracking_face)[0] for vertices in posed])
     return [Observation.from_masks(list(of_frame)) for of_frame in zip(*views, strict=True)]
+
+
+def write_scene(folder: Path, rig: CameraRig = RIG, frames: int = 40, late: tuple[int, ...] = (0, 0, 0, 0)) -> Scene:
+    """A scene of the figure's first frames, whose cameras are said to be ``rig``."""
+    seen = masks_at(RIG, np.arange(frames), np.array(late, float))
+    for frame, observation in enumerate(seen):
+        for name, mask in zip(RIG.names, unpack_masks(observation.words, RIG.size), strict=True):
+            (folder / "masks" / name).mkdir(parents=True, exist_ok=True)
+            write_png(folder / "masks" / name / f"{frame:04d}.png", mask.astype(np.uint8) * 255)
+    write_toml_rig(folder / "calibration.toml", rig)
+    cameras = "".join(f'[cameras.{name}]\nmasks = "masks/{name}"\n' for name in RIG.names)
+    about = f'[scene]\nfps = {FPS:g}\nup = "{RIG.up}"\n[cameras]\ncalibration = "calibration.toml"\n'
+    (folder / "scene.toml").write_text(about + cameras)
+    return load_scene(folder)
+
+
+def subject() -> Subject:
+    """The figure in the first frame."""
+    first = motion().rooted[:1]
+    pose = ROOTING.leave(first, np.zeros(3))[0]
+    return Subject(BODY, ROOTING.root_base, pose, {})

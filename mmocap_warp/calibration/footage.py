@@ -51,15 +51,21 @@ class Footage:
         return max(1, int(self.scene.rate / _RATE))
 
     def whole(self, offset: np.ndarray) -> np.ndarray:
-        """(camera,) whole frames of each camera in offsets (camera,) [s]."""
-        rate = np.array([source.rate for source in self.scene.cameras])
-        return np.rint(offset * self.scene.fps * rate).astype(int)
+        """(camera,) which of its frames each camera has for the recording's first, with offsets (camera,) [s] more."""
+        return np.rint(self._total(offset) * self._own_fps).astype(int)
 
     def rest(self, offset: np.ndarray) -> np.ndarray:
-        """(camera,) what is left of offsets (camera,) beside whole frames [s]."""
-        rate = np.array([source.rate for source in self.scene.cameras])
-        left: np.ndarray = offset - self.whole(offset) / (self.scene.fps * rate)
+        """(camera,) what is left of all offsets beside whole frames [s]."""
+        left: np.ndarray = self._total(offset) - self.whole(offset) / self._own_fps
         return left
+
+    def _total(self, offset: np.ndarray) -> np.ndarray:
+        return offset + np.array([source.frame_offset for source in self.scene.cameras]) / self._own_fps
+
+    @property
+    def _own_fps(self) -> np.ndarray:
+        """(camera,) frames a second."""
+        return self.scene.fps * np.array([source.rate for source in self.scene.cameras])
 
     def observations(self, offset: np.ndarray) -> list[Observation]:
         """The masks of the frames that are followed, each camera's from so many whole frames later as is nearest.
@@ -68,7 +74,7 @@ class Footage:
             offset: (camera,) by how much more cameras lag than the scene says [s].
         """
         shifted = tuple(
-            replace(source, frame_offset=source.frame_offset + int(frames))
+            replace(source, frame_offset=int(frames))
             for source, frames in zip(self.scene.cameras, self.whole(offset), strict=True)
         )
         scene = replace(self.scene, cameras=shifted)

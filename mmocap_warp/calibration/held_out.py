@@ -9,6 +9,7 @@ import numpy as np
 
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.rest_space import RestSpace
+from mmocap_warp.calibration.adjustment import WIDE
 from mmocap_warp.calibration.camera_problem import CameraProblem
 from mmocap_warp.calibration.cameras import KINDS
 from mmocap_warp.contour.fitter import ContourFitter, MatchingConfig
@@ -17,7 +18,6 @@ from mmocap_warp.views.observation import Observation, unpack_masks
 from mmocap_warp.views.rig import CameraRig
 from mmocap_warp.views.silhouette import silhouettes
 
-_WIDE = MatchingConfig(reach=0.2, huber=0.03, sigma=0.03)  # for what is still far from the masks
 _STEPS = (4, 8)  # with wide matching, then with the usual one
 
 
@@ -91,7 +91,7 @@ class HeldOut:
     ) -> tuple[RootedPoses, np.ndarray]:
         """Poses and the body's parameters."""
         body, frames = self.space.body, np.arange(len(rooted))
-        for matching, steps in zip((_WIDE, MatchingConfig()), _STEPS, strict=True):
+        for matching, steps in zip((WIDE, MatchingConfig()), _STEPS, strict=True):
             fitter = ContourFitter(
                 body, rig, self.rooting.searched, body.skeleton.coordinate_limits,
                 candidates=len(frames), frames=len(frames), parameters=len(self.space.names), lens=True,

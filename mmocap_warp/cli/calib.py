@@ -10,6 +10,10 @@ _CONVERT = (
     "Reads TOML of Pose2Sim, aniposelib and Caliscope, Qualisys, YAML of OpenCV and EasyMocap, COLMAP text, MultiCal, "
     "HumanEva and USD; writes TOML, YAML, COLMAP text and USD. Lengths are written in metres."
 )
+_CHECK = (
+    "Say which camera disagrees with the others, and why.\n\n"
+    "Told by the person before the cameras. Exits with 4 where one disagrees."
+)
 _REFINE = (
     "Refine a scene's cameras and their times by the person before them.\n\n"
     "Frames that had no part in it judge the result. Exits with 4, and writes nothing, where they are explained no "
@@ -23,6 +27,7 @@ _SOLVE = (
 _COMMANDS: tuple[tuple[str, str, str], ...] = (
     # (name, module:function, help): the help is here and not in a docstring, so that the list of commands loads none
     ("convert", "calib_convert:convert", _CONVERT),
+    ("check", "calib_check:check", _CHECK),
     ("refine", "calib_refine:refine", _REFINE),
     ("solve", "calib_solve:solve", _SOLVE),
 )

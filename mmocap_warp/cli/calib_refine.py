@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from mmocap_warp.cli.calib_units import in_units
 from mmocap_warp.cli.console import Console, Switch, table
 from mmocap_warp.cli.exit_codes import CHECK_FAILED, OK, UsageError
 from mmocap_warp.cli.people import Identity, note_others
@@ -15,15 +16,9 @@ from mmocap_warp.cli.people import Identity, note_others
 if TYPE_CHECKING:
     import numpy as np
 
-    from mmocap_warp.calibration.refine import RefineConfig, Refinement
+    from mmocap_warp.calibration.adjustment import AdjustConfig
+    from mmocap_warp.calibration.refine import Refinement
     from mmocap_warp.scene.recording import Scene
-
-_UNITS: dict[str, tuple[str, float]] = {
-    "tilt": ("deg", 57.29578), "pan": ("deg", 57.29578), "roll": ("deg", 57.29578),
-    "right": ("mm", 1000.0), "down": ("mm", 1000.0), "ahead": ("mm", 1000.0),
-    "focal": ("%", 100.0), "centre_x": ("px", 1.0), "centre_y": ("px", 1.0), "offset": ("ms", 1000.0),
-}  # fmt: skip
-"""What parameters are shown in, and how many of that there are to the parameter's own unit."""
 
 
 @Parameter(name="*")
@@ -46,7 +41,7 @@ class DoubtFlags:
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class RefineFlags:
-    """Settings of :class:`mmocap_warp.calibration.refine.RefineConfig`."""
+    """Settings of :class:`mmocap_warp.calibration.adjustment.AdjustConfig`."""
 
     fixed: str | None = None
     """The camera that stands still and tells the time. [default: the one beside which the others move least]"""
@@ -98,8 +93,8 @@ def refine(
     from dataclasses import asdict
 
     from mmocap_warp.bodies.shipped import DEFAULT_BODY, load_body
+    from mmocap_warp.calibration.adjustment import AdjustConfig
     from mmocap_warp.calibration.cameras import Deviations
-    from mmocap_warp.calibration.refine import RefineConfig
     from mmocap_warp.calibration.refine import refine as refined
     from mmocap_warp.cli.devices import start_warp
     from mmocap_warp.cli.judging import scene_for
@@ -115,7 +110,7 @@ def refine(
     given = {name: value for name, value in asdict(flags or RefineFlags()).items() if value is not None}
     doubts = {name: value for name, value in asdict(doubt or DoubtFlags()).items() if value is not None}
     try:
-        config = RefineConfig(deviations=Deviations(**doubts), distance=distance, **given)
+        config = AdjustConfig(deviations=Deviations(**doubts), distance=distance, **given)
         _check_cameras(config, loaded)
     except ValueError as error:
         raise UsageError(as_flag(error)) from None
@@ -135,7 +130,7 @@ def refine(
     return OK if found.better else CHECK_FAILED
 
 
-def _check_cameras(config: RefineConfig, scene: Scene) -> None:
+def _check_cameras(config: AdjustConfig, scene: Scene) -> None:
     for flag, name in (("fixed", config.fixed), *(("distance", name) for name in (config.distance or ())[:2])):
         if name is not None and name not in scene.calibrated.names:
             raise ValueError(f"{flag} must name one of {', '.join(scene.calibrated.names)}, got {name}")
@@ -158,9 +153,9 @@ def _values(found: Refinement, scene: Scene) -> dict[str, Any]:
     cameras = {
         name: {
             kind: {
-                "by": value * _UNITS[kind][1],
-                "sigma": sigma * _UNITS[kind][1],
-                "unit": _UNITS[kind][0],
+                "by": in_units(kind, value)[0],
+                "sigma": in_units(kind, sigma)[0],
+                "unit": in_units(kind, value)[1],
                 "moved": moved,
                 "determined": not undetermined,
             }
@@ -193,22 +188,22 @@ def _lines(found: Refinement, scene: Scene) -> list[str]:
     from mmocap_warp.calibration.cameras import KINDS
 
     names = found.rig.names
-    rows = [("camera", "moved", "by", "+-", "")]
+    rows: list[tuple[str, ...]] = [("camera", "moved", "by", "+-", "")]
     for k, kind in np.argwhere(found.moved):
-        unit, size = _UNITS[KINDS[kind]]
-        by, sigma = size * found.change[k, kind], size * found.sigma[k, kind]
+        by, unit = in_units(KINDS[kind], found.change[k, kind])
+        sigma, _ = in_units(KINDS[kind], found.sigma[k, kind])
         rows.append((names[k], KINDS[kind].replace("_", " "), f"{by:+.2f}", f"{sigma:.2f}", unit))
     lines = [table(rows)] if len(rows) > 1 else ["no camera has to change"]
     lines.append(f"fixed: {names[found.fixed]}; what is not named stayed exactly as it was")
     unknown = [f"{names[k]} {KINDS[kind].replace('_', ' ')}" for k, kind in np.argwhere(found.undetermined)]
     if unknown:
         lines.append(f"not determined by these masks: {', '.join(unknown)}")
-    rows = [("held-out frames", "IoU before", "after", "by the others before", "after")]
+    judged: list[tuple[str, ...]] = [("held-out frames", "IoU before", "after", "by the others before", "after")]
     columns = (found.before.together, found.after.together, found.before.apart, found.after.apart)
     for k, name in enumerate(names):
-        rows.append((name, *(f"{column[k]:.3f}" for column in columns)))
-    rows.append(("mean", *(f"{_mean(column):.3f}" for column in columns)))
-    return [*lines, table(rows)]
+        judged.append((name, *(f"{column[k]:.3f}" for column in columns)))
+    judged.append(("mean", *(f"{_mean(column):.3f}" for column in columns)))
+    return [*lines, table(judged)]
 
 
 def _mean(values: np.ndarray) -> float:

@@ -1,0 +1,113 @@
+"""A camera that was turned is found by the person before it, and only that one changes; what is sound stays."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from moving_person import BODY, FPS, RIG, subject, write_scene
+
+from mmocap_warp.body.model import Subject
+from mmocap_warp.calibration.adjustment import AdjustConfig, Adjustment
+from mmocap_warp.calibration.cameras import KINDS, OFFSET, ROTATION, Deviations, changed, difference
+from mmocap_warp.calibration.check import Check, at_large, check
+from mmocap_warp.calibration.landmarks import landmarks
+from mmocap_warp.calibration.refine import Refinement, refine
+
+CONFIG = AdjustConfig(frames=12, judges=5, scale=0.5, device="cpu")
+WRONG = 2
+
+
+@pytest.fixture(autouse=True)
+def known_subject(monkeypatch):
+    """The first pose is known: fitting it is tested elsewhere."""
+
+    def fitted(self: Adjustment, change: np.ndarray) -> Subject:
+        return subject()
+
+    monkeypatch.setattr(Adjustment, "fitted", fitted)
+
+
+def planted(**by: float) -> np.ndarray:
+    change = np.zeros((len(RIG), len(KINDS)))
+    for kind, value in by.items():
+        change[WRONG, KINDS.index(kind)] = value
+    return change
+
+
+def refined(tmp_path, change: np.ndarray, **settings) -> Refinement:
+    scene = write_scene(tmp_path, changed(RIG, change))
+    return refine(scene, BODY, replace(CONFIG, **settings))
+
+
+def test_a_turned_camera_is_turned_back_and_the_others_stay(tmp_path):
+    found = refined(tmp_path, planted(tilt=0.10, pan=-0.12))
+    left = difference(RIG, found.rig)
+    assert np.degrees(np.linalg.norm(left[WRONG, ROTATION])) < 0.2
+    others = np.arange(len(RIG)) != WRONG
+    assert not found.moved[others].any()
+    np.testing.assert_array_equal(found.rig.K[others], RIG.K[others])
+    assert found.better
+    assert found.after.together.mean() > found.before.together.mean() + 0.1
+    assert found.after.apart[WRONG] > found.before.apart[WRONG] + 0.1
+    assert found.fixed != WRONG
+
+
+def test_a_sound_rig_is_left_alone_and_not_called_better(tmp_path):
+    found = refined(tmp_path, planted())
+    assert not found.moved.any()
+    assert not found.better
+    np.testing.assert_allclose(found.rig.t, RIG.t, atol=1e-12)
+
+
+def test_a_late_camera_is_found_by_whole_frames_and_the_rest(tmp_path):
+    scene = write_scene(tmp_path, late=(0, 0, 3, 0))
+    held = Deviations(rotation=0.0, position=0.0, focal=0.0, centre=0.0)
+    found = refine(scene, BODY, replace(CONFIG, deviations=held))
+    assert found.change[WRONG, OFFSET] * FPS == pytest.approx(3.0, abs=0.25)
+    assert not found.change[:, :OFFSET].any()
+    assert found.better
+
+
+def checked(tmp_path, change: np.ndarray) -> Check:
+    return check(write_scene(tmp_path, changed(RIG, change)), BODY, CONFIG)
+
+
+@pytest.mark.parametrize(
+    ("cause", "by"),
+    [("rotation", {"roll": 0.12}), ("focal length", {"focal": 0.06}), ("position", {"ahead": 0.4, "down": 0.2})],
+)
+def test_the_camera_that_disagrees_is_named_with_its_cause(tmp_path, cause, by):
+    found = checked(tmp_path, planted(**by))
+    assert [(each.camera, each.cause) for each in found.findings[:1]] == [(RIG.names[WRONG], cause)]
+    assert found.views[0].camera == RIG.names[WRONG]
+    mask, before, after = (getattr(found.views[0], name) for name in ("mask", "before", "after"))
+    assert (mask & after).sum() / (mask | after).sum() > (mask & before).sum() / (mask | before).sum()
+
+
+def test_no_camera_of_a_sound_rig_disagrees(tmp_path):
+    found = checked(tmp_path, planted())
+    assert found.findings == ()
+    assert found.covered.min() > 0.95
+    assert found.overlap is not None
+    assert found.overlap.min() > 0.8
+
+
+def test_mirrored_swapped_and_wrongly_sized_pictures_are_told_by_points(tmp_path):
+    scene = write_scene(tmp_path)
+    seen = landmarks(RIG, list(scene.observations()))
+    assert at_large(RIG, seen, FPS) is None
+    flipped = seen.copy()
+    flipped[:, 1, :, 0] = RIG.size[1, 0] - 1 - flipped[:, 1, :, 0]
+    mirrored = at_large(RIG, flipped, FPS)
+    swapped = at_large(RIG, seen[:, [0, 3, 2, 1]], FPS)
+    K = RIG.K.copy()
+    K[0, :2] *= 2
+    sized = at_large(replace(RIG, K=K), seen, FPS)
+    assert mirrored is not None
+    assert (mirrored.camera, mirrored.cause) == (RIG.names[1], "mirrored")
+    assert swapped is not None
+    assert (swapped.camera, swapped.other, swapped.cause) == (RIG.names[1], RIG.names[3], "wrong file")
+    assert sized is not None
+    assert (sized.camera, sized.cause, sized.size) == (RIG.names[0], "image size", 0.5)

@@ -77,3 +77,17 @@ def test_meshes_are_found_by_their_last_parts_in_the_named_folder_alone(tmp_path
 def test_what_cannot_be_read_is_told_in_one_line(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(InputError, match=said):
         read_urdf(written(tmp_path, text))
+
+
+def test_an_obj_mesh_is_read_without_its_material(tmp_path: Path) -> None:
+    """Faces of four corners, texture indices, numbers from the end; the material file is not looked for."""
+    (tmp_path / "part.obj").write_text(
+        "mtllib ../../secret.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nvt 0 0\nusemtl red\n"
+        "f 1/1 2/1 3/1 4/1\nf -1//1 1//1 2//1\nf 5 2 3\nf 5 3 4\nf 5 4 1\n"
+    )
+    text = ROBOT.replace('<box size="0.4 0.4 0.2"/>', '<mesh filename="part.obj" scale="2 2 2"/>')
+    read = read_urdf(written(tmp_path, text))
+    base = read.influence[:, 0] == 0
+    assert base.sum() == 5
+    np.testing.assert_array_equal(read.face[:6], [(0, 1, 2), (0, 2, 3), (4, 0, 1), (4, 1, 2), (4, 2, 3), (4, 3, 0)])
+    np.testing.assert_allclose(read.vertex[base].max(axis=0), 2)

@@ -42,14 +42,14 @@ class Followed:
         observation: of each frame.
         rooted: the poses.
         cost: (frame,) float64, of the tracker's answers.
-        around: the poses before and after each. They move on a straight line: while a body is solved they stay, and
-            with a bend a frame that moves would be pulled back to them.
+        around: the poses before and after each, for late views. They move on a straight line: while a body is solved
+            they stay, and with a bend a frame that moves would be pulled back to them.
     """
 
     observation: list[Observation]
     rooted: RootedPoses
     cost: np.ndarray
-    around: Around
+    around: Around | None = None
 
     def spread(self, count: int) -> Followed:
         """At most ``count`` of the frames, evenly spread, with the first."""

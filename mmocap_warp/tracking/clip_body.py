@@ -54,9 +54,9 @@ class Followed:
     def spread(self, count: int) -> Followed:
         """At most ``count`` of the frames, evenly spread, with the first."""
         chosen = np.unique(np.linspace(0, len(self.rooted) - 1, count).round().astype(int))
-        return Followed(
-            [self.observation[frame] for frame in chosen], self.rooted[chosen], self.cost[chosen], self.around[chosen]
-        )
+        observed = [self.observation[frame] for frame in chosen]
+        around = self.around[chosen] if self.around else None
+        return Followed(observed, self.rooted[chosen], self.cost[chosen], around)
 
 
 def frames_to_follow(fps: float, available: int) -> range:

@@ -60,7 +60,7 @@ class Footage:
         return left
 
     def _total(self, offset: np.ndarray) -> np.ndarray:
-        return offset + np.array([source.frame_offset for source in self.scene.cameras]) / self._own_fps
+        return offset + np.array([each.frame_offset + each.fraction for each in self.scene.cameras]) / self._own_fps
 
     @property
     def _own_fps(self) -> np.ndarray:
@@ -74,7 +74,7 @@ class Footage:
             offset: (camera,) by how much more cameras lag than the scene says [s].
         """
         shifted = tuple(
-            replace(source, frame_offset=int(frames))
+            replace(source, frame_offset=int(frames), fraction=0.0)
             for source, frames in zip(self.scene.cameras, self.whole(offset), strict=True)
         )
         scene = replace(self.scene, cameras=shifted)

@@ -21,6 +21,20 @@ class InputError(ValueError):
         super().__init__(f"{_readable(self.source)}: {_readable(problem)}; {_readable(remedy)}")
 
 
+def missing_package(path: object, package: str, purpose: str, extra: str, otherwise: str) -> InputError:
+    """The error of a file that cannot be ``purpose`` ("read", "written") without a package that is not installed.
+
+    Args:
+        path: the file.
+        package: its name.
+        purpose: what is to become of the file.
+        extra: of this program's, which installs the package.
+        otherwise: what else the user can do.
+    """
+    remedy = f'pip install "mmocap-warp[{extra}]", or {otherwise}'
+    return InputError(path, f"needs the package {package} to be {purpose}", remedy)
+
+
 def _readable(text: str) -> str:
     """``text`` as it is, or its beginning and end: it may quote a value of any length."""
     return text if len(text) <= _MOST else f"{text[: _MOST - 50]} ... {text[-40:]}"

@@ -6,4 +6,4 @@ May import: no other room.
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent
-"""Directory of the shipped data: ``bodies/*.usdc`` and ``<scene>/scene.toml``."""
+"""Directory of the shipped data: ``bodies/*.usdc`` (people), ``characters/*.usdc`` and ``<scene>/scene.toml``."""

@@ -37,6 +37,7 @@ if not importlib.util.find_spec("rerun"):  # 170 MB for one file format
     collect_ignore.append("viewing/test_rerun_file.py")
 
 LONGEST = (
+    "test_tutorial.py",
     "bench/test_bench.py",
     "study/test_ray.py",
     "tracking/test_resume.py",

@@ -17,6 +17,7 @@ from mmocap_warp.contour.fitter import ContourFitter, MatchingConfig
 from mmocap_warp.kernels.batch import Batch, batch_of
 from mmocap_warp.kernels.body.skinning import pose_vertices
 from mmocap_warp.kernels.contour.jacobian import Posed, RestChange, Rows, Tree, differentiate, move_origins, turn_axes
+from mmocap_warp.kernels.contour.moving import Moving
 from mmocap_warp.kernels.contour.normal_equations import Sums, sum_normal_equations
 from mmocap_warp.kernels.contour.outline import BANDS, Edges, Outline, find_contours
 from mmocap_warp.kernels.contour.residuals import Matching, Residuals, find_residuals
@@ -71,6 +72,7 @@ class Contours:
         size: contour edges of a view for which there is room; all edges where omitted.
         change: of the rest body by its parameters: (parameter, vertex, 3), (parameter, joint, 3).
         lens: columns of the cameras' lenses, ``LENS`` or none.
+        late: (camera,) by how much views are late [s]; None where all are in time.
     """
 
     body: BodyModel
@@ -82,6 +84,7 @@ class Contours:
     bands: float = 3.0
     change: tuple[np.ndarray, np.ndarray] | None = None
     lens: int = 0
+    late: np.ndarray | None = None
     matching: dict[str, float] = field(default_factory=lambda: dict(MATCHING))
 
     def __post_init__(self) -> None:
@@ -128,6 +131,7 @@ class Contours:
             tally=poisoned((n, len(self.rig)), wp.vec4, device),
         )
         self.fields = DistanceFields(self.rig, 1, n, device)
+        self.moving = moving_skin(self.late, self.fields.frame, n, vertices, device)
         self.views = ViewArrays(self.rig, device).struct
 
     @property
@@ -149,7 +153,7 @@ class Contours:
         vertex = wp.array(np.arange(len(self.body.tracking.rest)), dtype=wp.int32, device=self.device)
         pose_vertices(self.posed.body, pose, vertex, self.batch, self.posed.joints, self.posed.vertex)
         turn_axes(pose, self.batch, self.posed)
-        find_contours(self.edges, self.posed.vertex, self.views, self.batch, self.outline)
+        find_contours(self.edges, self.posed.vertex, self.moving, self.views, self.batch, self.outline)
         return self
 
     def matched(self, masks: list[np.ndarray]) -> Contours:
@@ -166,6 +170,7 @@ class Contours:
         move_origins(self.posed, self.rest_change, self.batch)
         differentiate(
             self.posed,
+            self.moving,
             self.tree,
             self.rest_change,
             self.views,
@@ -193,6 +198,19 @@ class Contours:
     def twin(self, c: int) -> np.ndarray:
         """(vertex, 3) float64 [m] of a candidate."""
         return ExactPoser(self.body, self.base[c]).vertices(self.pose[c][None])[0][self.body.tracking_vertex]
+
+
+def moving_skin(late: np.ndarray | None, frame: object, n: int, vertices: int, device: str) -> Moving:
+    """A skin that is not known to move, for views that are late by so much."""
+    times = np.zeros((1, 16 if late is None else len(late))) if late is None else np.asarray(late)[None]
+    return filled(
+        Moving,
+        late=wp.array(times, dtype=wp.float32, device=device),
+        frame=frame,
+        own=0.0,
+        velocity=wp.zeros((n, vertices), dtype=wp.vec3, device=device),
+        bend=wp.zeros((n, vertices), dtype=wp.vec3, device=device),
+    )
 
 
 def image_of(rig: CameraRig, k: int, points: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
@@ -70,6 +71,48 @@ def test_documents_that_the_code_names_exist():
         named.update(re.findall(r"docs/\w+\.md", file.read_text(encoding="utf-8")))
     assert named
     assert [name for name in sorted(named) if not (ROOT / name).is_file()] == []
+
+
+def test_the_page_on_the_api_has_the_whole_face():
+    page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+    told = set(re.findall(r"^\.\. auto(?:function|class):: mmocap_warp\.(\w+)$", page, re.M))
+    assert told == set(mmocap_warp.__all__) - {"__version__"}
+
+
+def test_every_page_stands_in_the_sites_navigation():
+    """Else the strict build ends at it."""
+    index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    listed = {line for block in re.findall(r"```\{toctree\}\n(.*?)```", index, re.S) for line in block.splitlines()}
+    pages = [*(ROOT / "docs").glob("**/*.md"), *(ROOT / "docs").glob("*.ipynb")]
+    names = {page.relative_to(ROOT / "docs").with_suffix("").as_posix() for page in pages} - {"index"}
+    assert names - listed == set()
+
+
+def test_the_notebook_is_stored_without_what_it_prints():
+    """It is run when the site is built."""
+    cells = json.loads((ROOT / "docs" / "notebook.ipynb").read_text(encoding="utf-8"))["cells"]
+    ran = [cell for cell in cells if cell["cell_type"] == "code"]
+    assert ran
+    assert [cell["source"] for cell in ran if cell["outputs"] or cell["execution_count"] is not None] == []
+
+
+@pytest.mark.parametrize(
+    "asks",
+    [
+        '<script src="https://cdn.example/a.js"></script>',
+        '<link rel="stylesheet" href="//fonts.example/b.css">',
+        '<img srcset="https://example.org/c.png 2x">',
+        "<style>@font-face { src: url(https://fonts.example/d.woff2) }</style>",
+        '<script type="module">import { x } from "https://cdn.example/e.js"</script>',
+        '<iframe srcdoc="&lt;script src=&#34;http://cdn.example/f.js&#34;&gt;&lt;/script&gt;"></iframe>',
+        None,
+    ],
+)
+def test_a_page_that_asks_elsewhere_for_something_is_found(tmp_path, asks):
+    page = '<a href="https://example.org">a link is none</a><script src="here.js"></script>'
+    (tmp_path / "page.html").write_text(page + (asks or ""))
+    told = subprocess.run([sys.executable, ROOT / ".ci" / "offline", tmp_path], capture_output=True, text=True)
+    assert told.returncode == (asks is not None), told.stdout
 
 
 @pytest.fixture

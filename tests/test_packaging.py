@@ -8,6 +8,8 @@ import sys
 import tomllib
 from pathlib import Path
 
+import pytest
+import yaml
 from packaging.requirements import Requirement
 
 import mmocap_warp
@@ -77,15 +79,49 @@ def test_links_between_documents_lead_somewhere():
     assert not broken
 
 
-def test_the_lock_has_every_requirement_of_development_with_hashes():
-    lock = (ROOT / "requirements-dev.txt").read_text(encoding="utf-8")
+@pytest.mark.parametrize(
+    ("file", "extras"), [("requirements-dev.txt", ["test", "dev"]), ("requirements-docs.txt", ["docs"])]
+)
+def test_a_lock_has_every_requirement_with_hashes(file, extras):
+    lock = (ROOT / file).read_text(encoding="utf-8")
     packages = re.findall(r"^([a-z0-9-]+)==(\S+)(.*?)(?=^\S|\Z)", lock, re.M | re.S)
     assert [name for name, _, rest in packages if "--hash=sha256:" not in rest] == []
     locked = {name: version for name, version, _ in packages}
-    extras = PROJECT["project"]["optional-dependencies"]
-    for text in [*PROJECT["project"]["dependencies"], *extras["test"], *extras["dev"]]:
+    optional = PROJECT["project"]["optional-dependencies"]
+    for text in [*PROJECT["project"]["dependencies"], *(text for extra in extras for text in optional[extra])]:
         required = Requirement(text)
         assert required.specifier.contains(locked[required.name]), f"{text} against {locked[required.name]}"
+
+
+def test_the_conda_recipe_needs_what_the_package_needs():
+    recipe = yaml.safe_load((ROOT / "conda" / "recipe.yaml").read_text(encoding="utf-8"))
+    assert recipe["context"]["version"] == mmocap_warp.__version__
+    assert PROJECT["project"]["requires-python"] == f">={recipe['context']['python_min']}"
+    (command,) = PROJECT["project"]["scripts"].items()
+    assert recipe["build"]["python"]["entry_points"] == [" = ".join(command)]
+    on_conda = {"opencv-python-headless": "py-opencv", "usd-core": "openusd"}
+    wanted = [Requirement(text) for text in PROJECT["project"]["dependencies"]]
+    named = {f"{on_conda.get(required.name, required.name)} {required.specifier}" for required in wanted}
+    assert named == set(recipe["requirements"]["run"]) - {"python >=${{ python_min }}"}
+
+
+def test_the_paper_has_the_journals_sections_and_cites_what_its_bibliography_holds():
+    paper = (ROOT / "paper" / "paper.md").read_text(encoding="utf-8")
+    assert re.findall(r"^# (.+)$", paper, re.M) == [
+        "Summary",
+        "Statement of need",
+        "State of the field",
+        "Software design",
+        "Research impact statement",
+        "AI usage disclosure",
+        "Acknowledgements",
+        "References",
+    ]
+    assert 750 <= len(paper.split("# Summary")[1].split()) <= 1750
+    cited = set(re.findall(r"@(\w+)", paper))
+    held = re.findall(r"^@\w+\{(\w+),$", (ROOT / "paper" / "paper.bib").read_text(encoding="utf-8"), re.M)
+    assert cited == set(held)
+    assert len(held) == len(set(held))
 
 
 def test_every_dependency_of_a_user_states_its_licence():

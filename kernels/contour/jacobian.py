@@ -9,6 +9,9 @@ gradient is g (by the point's place in the world) changes by
 which holds for any tree of joints. A change of the rest body moves point and joints in the bind pose, and the joints'
 origins with the bones above them.
 
+In a view that is late a pose counts with what it says of the motion too: ``1 + late own`` times. Within a clip velocity
+and bend are taken as they are, though the neighbours' poses, which make them, move too.
+
 A camera that turns or moves does to its view what the opposite motion of the whole body would, so it needs no columns
 beside the root's. Its lens does: a principal point moves all points alike, a focal length each away from there.
 """
@@ -18,6 +21,7 @@ import warp as wp
 from mmocap_warp.kernels.batch import Batch
 from mmocap_warp.kernels.block import CPU_FLAGS, VIEW_LANES, blocks_of, lanes_of
 from mmocap_warp.kernels.body.kinematics import Body, Joints, rotation_of, translation_of
+from mmocap_warp.kernels.contour.moving import Moving, seen_at
 from mmocap_warp.kernels.contour.outline import Outline
 from mmocap_warp.kernels.contour.residuals import Residuals
 from mmocap_warp.kernels.views.projection import Pinhole, Views, into_camera, pinhole
@@ -260,6 +264,7 @@ def _write_lens(middle: wp.vec3, normal: wp.vec2, camera: Pinhole, rows: Rows, f
 @wp.kernel
 def _differentiate(
     posed: Posed,
+    moving: Moving,
     tree: Tree,
     change: RestChange,
     views: Views,
@@ -274,6 +279,7 @@ def _differentiate(
     own, k, lane = wp.tid()
     c = batch.first + own
     camera = pinhole(views, k)
+    late = moving.late[moving.frame[c], k]
     parameters = change.vertex.shape[0]
     searched = rows.width - 1 - rows.lens - parameters
     for i in range(lane, outline.count[c, k] * shares, lanes):
@@ -283,7 +289,12 @@ def _differentiate(
         if weighted[1] > 0.0:
             ends = outline.ends[c, k, s]
             middle = 0.5 * (posed.vertex[c, ends[0]] + posed.vertex[c, ends[1]])
+            if late != 0.0:
+                start = seen_at(posed.vertex, moving, late, c, ends[0])
+                middle = 0.5 * (start + seen_at(posed.vertex, moving, late, c, ends[1]))
             gradient = _gradient(middle, residuals.normal[c, k, s], camera)
+            if late != 0.0:
+                gradient = (1.0 + late * moving.own) * gradient
             by = _influences(posed.body, posed.joints, tree, c, ends)
             row = ((c * outline.count.shape[1] + k) * outline.size + s) * rows.width
             _write_pose(tree, posed, c, by, gradient, rows, row, share, shares)
@@ -296,6 +307,7 @@ def _differentiate(
 
 def differentiate(
     posed: Posed,
+    moving: Moving,
     tree: Tree,
     change: RestChange,
     views: Views,
@@ -317,7 +329,7 @@ def differentiate(
     wp.launch(
         _differentiate,
         dim=(batch.size, cameras, lanes),
-        inputs=[posed, tree, change, views, outline, residuals, batch, lanes, shares],
+        inputs=[posed, moving, tree, change, views, outline, residuals, batch, lanes, shares],
         outputs=[rows],
         block_dim=_BLOCK,
         device=device,

@@ -20,7 +20,8 @@ import warp as wp
 
 from mmocap_warp.kernels.batch import Batch
 from mmocap_warp.kernels.block import CPU_FLAGS, lanes_of, shared_numbers, shared_words, sync
-from mmocap_warp.kernels.views.projection import NEAR, Pinhole, Views, pinhole
+from mmocap_warp.kernels.contour.moving import Moving, seen_at
+from mmocap_warp.kernels.views.projection import NEAR, Pinhole, Views, into_camera, pinhole
 
 wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": CPU_FLAGS})
 
@@ -88,6 +89,29 @@ def _project(
     Plain C, as below, because addresses in arrays of many axes would take most of the time.
     """
     ...
+
+
+@wp.func
+def _project_moving(
+    posed: wp.array2d[wp.vec3],
+    moving: Moving,
+    late: float,
+    c: int,
+    k: int,
+    camera: Pinhole,
+    image: wp.array3d[wp.vec3],
+    lane: int,
+    lanes: int,
+) -> int:
+    """As :func:`_project`, for a view that is late."""
+    behind = int(0)
+    for v in range(lane, posed.shape[1], lanes):
+        p = into_camera(seen_at(posed, moving, late, c, v), camera)
+        share = 1.0 / wp.max(p[2], NEAR)
+        x = camera.lens[0] * p[0] * share + camera.lens[2]
+        image[c, k, v] = wp.vec3(x, camera.lens[1] * p[1] * share + camera.lens[3], p[2])
+        behind += wp.where(p[2] < NEAR, 1, 0)
+    return behind
 
 
 @wp.func
@@ -253,6 +277,7 @@ def _sort_lines(
 def _find_contours(
     edges: Edges,
     posed: wp.array2d[wp.vec3],  # (candidate, vertex)
+    moving: Moving,
     views: Views,
     batch: Batch,
     lanes: int,
@@ -269,7 +294,12 @@ def _find_contours(
     camera = pinhole(views, k)
     view = c * outline.count.shape[1] + k
     vertices = view * posed.shape[1]
-    behind = _project(posed, c, posed.shape[1], camera, outline.image, vertices, lane, lanes)
+    late = moving.late[moving.frame[c], k]
+    behind = int(0)
+    if late == 0.0:
+        behind = _project(posed, c, posed.shape[1], camera, outline.image, vertices, lane, lanes)
+    else:
+        behind = _project_moving(posed, moving, late, c, k, camera, outline.image, lane, lanes)
     if behind > 0:
         wp.atomic_add(numbers, 0, behind)
     sync()
@@ -299,7 +329,9 @@ def _find_contours(
         _sort_lines(outline, c, k, all, views.size[k][1], words, lane, lanes)
 
 
-def find_contours(edges: Edges, posed: wp.array[wp.vec3], views: Views, batch: Batch, outline: Outline) -> None:
+def find_contours(
+    edges: Edges, posed: wp.array[wp.vec3], moving: Moving, views: Views, batch: Batch, outline: Outline
+) -> None:
     """Project a batch's ``posed`` (candidate, vertex) [m] and find its contour edges in every view: a block each.
 
     A view has none where a vertex is not before the camera, or where there are more than ``outline.size``.
@@ -308,7 +340,7 @@ def find_contours(edges: Edges, posed: wp.array[wp.vec3], views: Views, batch: B
     wp.launch(
         _find_contours,
         dim=(batch.size, outline.count.shape[1], lanes),
-        inputs=[edges, posed, views, batch, lanes],
+        inputs=[edges, posed, moving, views, batch, lanes],
         outputs=[outline],
         block_dim=lanes,
         device=posed.device,

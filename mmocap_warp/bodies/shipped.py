@@ -9,6 +9,8 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.body import read_body
 from mmocap_warp.scenes import ROOT
 
+_FOLDERS = ("bodies", "characters")  # people, and others
+
 DEFAULT_BODY = "adult_man"
 """Where a fit starts if nobody says."""
 
@@ -23,10 +25,20 @@ def load_body(name: str | Path, source: object = "body") -> BodyModel:
     Raises:
         InputError: no such body, or a file that holds none.
     """
+    return read_body(body_file(name, source))
+
+
+def body_file(name: str | Path, source: object = "body") -> Path:
+    """The file of a body, by name or path as :func:`load_body` takes it.
+
+    Raises:
+        InputError: no shipped body of that name.
+    """
     if Path(name).suffix:
-        return read_body(name)
-    shipped = ROOT / "bodies" / f"{name}.usdc"
-    if not shipped.is_file():
-        known = ", ".join(sorted(file.stem for file in shipped.parent.glob("*.usdc")))
+        return Path(name)
+    shipped = [file for folder in _FOLDERS for file in sorted((ROOT / folder).glob("*.usdc"))]
+    found = next((file for file in shipped if file.stem == str(name)), None)
+    if found is None:
+        known = ", ".join(file.stem for file in shipped)
         raise InputError(source, f"there is no body '{name}'", f"name a USD file, or one of {known}")
-    return read_body(shipped)
+    return found

@@ -184,6 +184,10 @@ def _bones(body: BodyModel, groups: dict[str, tuple[int, ...]], weight: np.ndarr
 
 def _girths(body: BodyModel, groups: dict[str, tuple[int, ...]], weight: np.ndarray) -> Iterator[_Column]:
     normal = _vertex_normals(body.skin.rest.astype(np.float64), body.skin.face)
+    tracking = body.tracking_vertex[~normal[body.tracking_vertex].any(axis=1)]  # of a surface laid around open skin
+    if len(tracking):
+        closed = _vertex_normals(body.skin.rest.astype(np.float64), body.tracking_vertex[body.tracking_face])
+        normal[tracking] = closed[tracking]
     for name, group in groups.items():
         follows = weight[:, list(group)].sum(axis=1)
         if follows.any():

@@ -66,6 +66,11 @@ _CAMERAS = (
     "Print a scene's cameras and draw the world axes into their views.\n\n"
     "Exits with 4 where the cameras' mean height is not above the world's zero, which most often is a wrong 'up'."
 )
+_SYNC = (
+    "Find how far a scene's cameras lag one another, and say how sure that is.\n\n"
+    "From the motion of the silhouettes; a calibration is used where there is one. Prints the lines for scene.toml. "
+    "Exits with 4 where a camera's lag cannot be told."
+)
 _BENCH = (
     "Measure how fast the program is on this machine, checking every answer.\n\n"
     "From the pose of a body to its cost, in seven cameras of 640x480: each kernel, the whole evaluation, the "
@@ -85,13 +90,15 @@ _COMMANDS = (  # a command's help is here and not in its docstring, so that the 
     ("mask", "mask:mask", _MASK),
     ("cameras", "cameras:cameras", _CAMERAS),
     ("calib", "calib:app", "Calibrations: convert, check and refine them."),
+    ("sync", "sync:sync", _SYNC),
     ("eval", "evaluate:evaluate", "Print a result's IoU, and its errors where the truth is known."),
     ("show", "show:show", "Write a result's overlay video and contact sheet."),
     ("view", "view:view", "Write a result as one page for a browser: body, cameras, masks and curves."),
     ("export", "export:export", "Write a result's animation alone, for other programs."),
     ("check", "check:check", _CHECK),
     ("measure", "measure:measure", _MEASURE),
-    ("body", "body:app", "Make a body from MakeHuman's data."),
+    ("body", "body:app", "Make a body, import one of another program's, or draw one."),
+    ("synth", "synth:synth", "Write a made-up scene of a body in motion, with its truth."),
     ("study", "study:app", "Compare trackers: run a grid of them, and report on it."),
     ("bench", "bench:app", _BENCH),
     ("humaneva", "humaneva:humaneva", "Write a sequence of your own copy of HumanEva-I as a scene."),

@@ -64,7 +64,7 @@ def convert(
         for k, name in enumerate(rig.names)
     ]
     values = {"file": output, "files": files, "format": written.name, "cameras": rows}
-    console.result(values, f"{output}: {len(rig)} cameras ({', '.join(rig.names)}) as {written.name}")
+    console.result(values, f"{output}: {', '.join(rig.names)} as {written.name}")
 
 
 def _size(text: str) -> tuple[int, int]:

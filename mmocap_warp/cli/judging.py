@@ -26,8 +26,9 @@ def scene_reference(scene: Path, result: Path) -> str:
     return Path(os.path.relpath(scene.resolve(), result.resolve().parent)).as_posix()
 
 
-def scene_for(path: Path, frames: str | None, identity: int | None = None) -> Scene:
-    """A scene, with the frames and the person that ``--frames`` and ``--identity`` ask for.
+def scene_for(path: Path, frames: str | None, identity: int | None = None, *, calibrated: bool = True) -> Scene:
+    """A scene, with the frames and the person that ``--frames`` and ``--identity`` ask for; it may do without a
+    calibration.
 
     Raises:
         InputError: the scene is wrong.
@@ -36,7 +37,7 @@ def scene_for(path: Path, frames: str | None, identity: int | None = None) -> Sc
     from mmocap_warp.scene.scene_toml import load_scene
 
     try:
-        return load_scene(path, frames, identity)
+        return load_scene(path, frames, identity, calibrated=calibrated)
     except InputError:
         raise
     except ValueError as error:

@@ -76,10 +76,10 @@ def headline(status: Status) -> str:
     if status.unstored:
         parts.append(f"{status.unstored} waiting for room on the disk")
     if not status.seats and status.evaluations_left:
-        parts.append("no worker has started yet")
+        parts.append("no worker is left" if status.evaluations else "no worker has started yet")
     if status.rate > 0:
         parts.append(f"{status.rate:,.0f} evaluations/s")
-        if status.evaluations_left:
+        if status.evaluations_left and status.seats:
             parts.append(f"{clock(status.evaluations_left / status.rate)} left")
     return ", ".join(parts)
 

@@ -42,6 +42,8 @@ def run(
     address: str = "auto",
     workers: int | None = None,
     gpus: float = 1.0,
+    minutes: float | None = None,
+    poses: str = "all",
     console: Console | None = None,
 ) -> int:
     """Track every cell of a study whose result is missing.
@@ -65,6 +67,12 @@ def run(
         ray: how many. One per GPU by default, or one per machine without any.
     gpus
         ray: of each worker; 0.5 puts two workers on a GPU, 0 none.
+    minutes
+        Of the run, from when its workers are started. A cell that would not be finished in time is not begun; the same
+        command goes on.
+    poses
+        What is kept of them: all, or typical, those of the run in the middle, which a report draws. Numbers are kept of
+        all runs.
     """
     from mmocap_warp.cli.claims import claim
     from mmocap_warp.cli.devices import start_warp
@@ -72,12 +80,17 @@ def run(
     from mmocap_warp.study.definition import load_study
     from mmocap_warp.study.run import run_study
     from mmocap_warp.study.store import open_folder
+    from mmocap_warp.study.summary import with_typical_pose
     from mmocap_warp.study.tasks import plan_tasks
 
     console = console or Console()
     loaded = load_study(study)
     if engine not in ("local", "ray"):
         raise UsageError(f"--engine must be local or ray, got '{engine}'")
+    if poses not in ("all", "typical"):
+        raise UsageError(f"--poses must be all or typical, got '{poses}'")
+    if minutes is not None and not minutes > 0:
+        raise UsageError(f"--minutes must be positive, got {minutes:g}")
     start_warp()
     if engine == "local":
         kind, start = _local(device, threads)
@@ -87,7 +100,9 @@ def run(
     claim(folder)
     tasks = plan_tasks(loaded, folder, kind)
     with _ray_messages(console), StudyProgress(loaded.name, quiet=console.quiet) as progress:
-        status = run_study(tasks, start, progress.show, progress.note)
+        keep = {"keep": with_typical_pose} if poses == "typical" else {}
+        seconds = None if minutes is None else 60.0 * minutes
+        status = run_study(tasks, start, progress.show, progress.note, seconds, **keep)
     values = {"study": loaded.name, "folder": folder} | _values(status, tasks)
     console.result(values, _text(values))
     return FAILURE if status.failures else OK

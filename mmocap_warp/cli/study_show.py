@@ -25,7 +25,7 @@ def show(folder: Path, /, *, console: Console | None = None) -> int:
         if isinstance(result, InputError):
             damaged.append(str(result))
             continue
-        runs, frames = result.pose.shape[:2]
+        runs, frames = len(result.seeds), len(result.frames)
         names = ("study", "host", "device", "started", "wall_seconds", "versions", "code")
         made = {name: result.meta.get(name) for name in names}
         rows.append({"cell": str(result.cell), "runs": runs, "frames": frames} | made)

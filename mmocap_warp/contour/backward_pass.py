@@ -2,7 +2,8 @@
 
 A limb that a tracker lost it finds again some frames later. From there the way back leads along the limb, where the way
 ahead lost it: a fist folds before the chest in one direction of time, and comes out of it in the other. One that no
-later frame knows may be where it was in an earlier one.
+later frame knows may be where it was in an earlier one. Two that explain each other's masks, such as crossed arms, may
+be wrong in all frames alike: they are looked for anew.
 """
 
 from __future__ import annotations
@@ -20,6 +21,9 @@ from mmocap_warp.contour.rooted import RootedPoses, Rooting
 
 DescendFrames = Callable[[np.ndarray, RootedPoses], tuple[RootedPoses, np.ndarray]]
 """Poses that contours lead to from some, each in its frame (pose,), and what they cost (pose,)."""
+PairsAnew = Callable[[int, RootedPoses], RootedPoses]
+"""Poses of a frame, as one (1,) is but for a pair of limbs that were looked for from rest."""
+
 AreaCost = Callable[[np.ndarray, RootedPoses], np.ndarray]
 """What frames' masks and the body in a pose for each do not cover of each other (frame,)."""
 
@@ -31,6 +35,7 @@ _DAMPED = 0.8  # of the last motion is taken to go on
 _WORSE = 1.35  # a cost so many times as high is that of another answer
 _ANOTHER = 0.04  # [m] by which a joint is elsewhere in another answer
 _LOOKED_UP = 0.1  # [s] between frames on the way back in which limbs are recalled
+_RARELY = 5  # of these frames every so many-th is one in which pairs are looked for anew
 _RECALLED = 0.25  # [s] between the frames from which
 _TRIED = 6  # of the limbs recalled are descended with: those whose areas cost least
 _CLEARLY = 0.95  # of a pose's cost at most has one that takes its place
@@ -49,6 +54,7 @@ class BackwardPass:
         rate: frames a second.
         areas: what contours do not see: a limb that hides in the trunk has no outline there, and so no error.
         limbs: the coordinates (coordinate,) of each.
+        pairs_anew: for pairs of limbs; None where there are none.
     """
 
     def __init__(
@@ -60,10 +66,11 @@ class BackwardPass:
         rate: float,
         areas: AreaCost,
         limbs: Sequence[np.ndarray],
+        pairs_anew: PairsAnew | None = None,
     ) -> None:
         self._descend, self._linearise = descend, linearise
         self._rooting, self._points, self._rate = rooting, points, rate
-        self._areas, self._limbs = areas, limbs
+        self._areas, self._limbs, self._pairs_anew = areas, limbs, pairs_anew
 
     def revised(self, frames: np.ndarray, known: RootedPoses, held: RootedPoses) -> RootedPoses:
         """For each frame the pose known or the one found on the way back: those that together cost least.
@@ -137,6 +144,8 @@ class BackwardPass:
             there, recalled = way[f : f + 1], None
             if self._limbs and (end - f) % self._between == 0:
                 recalled = self._recalled(int(frames[f]), there, known[seen])
+            if self._pairs_anew and not recalled and (end - f) % (_RARELY * self._between) == 0:
+                recalled = self._better(int(frames[f]), there, self._pairs_anew(int(frames[f]), there))
             before, last = last, rooting.leave(recalled or there, last[ROOT_ANGLES])[0]
             if recalled:
                 before = last  # it did not come from there

@@ -65,7 +65,8 @@ class BlockBand:
             one, two = next_one[f] @ own[f], next_two[f] @ own[f]
             first = -(inverse[f + 1] @ one + below.T @ two)
             second = -(below @ one + inverse[f + 2] @ two)
-            inverse[f] = own[f].T @ own[f] - one.T @ first - two.T @ second
+            whole = own[f].T @ own[f] - one.T @ first - two.T @ second
+            inverse[f] = 0.5 * (whole + whole.T)  # what rounding makes unsymmetric would grow from frame to frame
             below = first
         return inverse[:-2]
 

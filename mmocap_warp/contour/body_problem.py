@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mmocap_warp.body.rest_space import RestSpace
+from mmocap_warp.contour.around import Around
 from mmocap_warp.contour.descent import descend
 from mmocap_warp.contour.fitter import ContourFitter
 from mmocap_warp.contour.normal_equations import LineariseBody, NormalEquations
@@ -60,7 +61,9 @@ class BodyProblem:
         return BodySolution(state.beta, covariance, state.rooted, equations.contour.cost)
 
 
-def body_problem(fitter: ContourFitter, space: RestSpace, root_base: np.ndarray, share: float) -> BodyProblem:
+def body_problem(
+    fitter: ContourFitter, space: RestSpace, root_base: np.ndarray, share: float, around: Around | None = None
+) -> BodyProblem:
     """The problem of a body in a rest space, seen in the frames that a fitter observes.
 
     Args:
@@ -68,13 +71,14 @@ def body_problem(fitter: ContourFitter, space: RestSpace, root_base: np.ndarray,
         space: bodies around the one that is expected.
         root_base: (3, 3), see :class:`~mmocap_warp.body.model.Subject`.
         share: of the space's standard deviations, how far from the expected body a subject may be.
+        around: the frames' neighbours, for late views; their poses stay as they are.
     """
     body = space.body
 
     def linearise(frames: np.ndarray, rooted: RootedPoses, beta: np.ndarray) -> NormalEquations:
         fitter.reshape(*space.at(beta, body.tracking_vertex))
         fitter.set_change(*space.basis(beta, body.tracking_vertex))
-        return fitter.linearise(frames, rooted)
+        return fitter.linearise(frames, rooted, around[frames] if around else None)
 
     rooting = Rooting(body.skeleton, root_base, body.skeleton.searched())
     return BodyProblem(linearise, rooting, np.zeros(len(space.names)), share * space.sigma)

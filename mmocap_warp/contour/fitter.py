@@ -13,6 +13,7 @@ from mmocap_warp.body.mesh_pieces import mesh_edges
 from mmocap_warp.body.model import BodyModel, SkinMesh
 from mmocap_warp.body.posing import BodyArrays, JointArrays
 from mmocap_warp.body.skeleton import Skeleton
+from mmocap_warp.contour.around import Around
 from mmocap_warp.contour.fields import DistanceFields
 from mmocap_warp.contour.normal_equations import NormalEquations, ViewEquations
 from mmocap_warp.contour.rooted import RootedPoses
@@ -20,7 +21,7 @@ from mmocap_warp.kernels.batch import Batch
 from mmocap_warp.kernels.body import skinning
 from mmocap_warp.kernels.body.skinning import pose_vertices
 from mmocap_warp.kernels.contour import descent as descent_kernels
-from mmocap_warp.kernels.contour import jacobian, normal_equations, outline, residuals
+from mmocap_warp.kernels.contour import jacobian, moving, normal_equations, outline, residuals
 from mmocap_warp.kernels.contour.descent import MOST_SEARCHED, Descent, descend
 from mmocap_warp.kernels.contour.jacobian import (
     LENS,
@@ -32,6 +33,7 @@ from mmocap_warp.kernels.contour.jacobian import (
     move_origins,
     turn_axes,
 )
+from mmocap_warp.kernels.contour.moving import Moving, bend_skin, follow_skin
 from mmocap_warp.kernels.contour.normal_equations import Sums, sum_normal_equations
 from mmocap_warp.kernels.contour.outline import BANDS, Edges, Outline, find_contours
 from mmocap_warp.kernels.contour.residuals import Matching, Residuals, find_residuals
@@ -61,6 +63,10 @@ class MatchingConfig:
     sigma: float = 0.012
     apart: float = 4.0
     deep: float = 0.04
+
+
+WIDE = MatchingConfig(reach=0.2, huber=0.03, sigma=0.03)
+"""For what is still far from the masks."""
 
 
 class ContourFitter:
@@ -115,6 +121,16 @@ class ContourFitter:
             axes=wp.zeros((candidates, joints), dtype=wp.mat33, device=device),
             vertex=wp.zeros((candidates, vertices), dtype=wp.vec3, device=device),
         )
+        self._late = np.zeros((frames, cameras), np.float32)
+        self._sides = wp.zeros(candidates, dtype=wp.int32, device=device)
+        self._moving: Any = filled(
+            Moving,
+            late=wp.zeros((frames, cameras), dtype=wp.float32, device=device),
+            frame=self.fields.frame,
+            own=0.0,
+            velocity=wp.zeros((candidates, vertices), dtype=wp.vec3, device=device),
+            bend=wp.zeros((candidates, vertices), dtype=wp.vec3, device=device),
+        )
         edge = _edges(mesh.face)
         self._edges = filled(
             Edges,
@@ -145,18 +161,71 @@ class ContourFitter:
             tally=wp.zeros(view, dtype=wp.vec4, device=device),
         )
         self.descent: Any = _descent(self.index, limits, view, width, device)
-        for module in (skinning, outline, residuals, jacobian, normal_equations, descent_kernels):
+        for module in (skinning, moving, outline, residuals, jacobian, normal_equations, descent_kernels):
             wp.load_module(module, device=device)  # before threads launch from them at the same time
         self._starts = [Upload(array) for array in (self.descent.pose, self.body.root_base, self.fields.frame)]
         self._replays = Replays(device)
 
     def observe(self, place: int, observation: Observation) -> None:
         """Put a frame's masks into one of the places for frames."""
-        self.fields.observe(place, observation)
+        self.observe_all([observation], place)
 
     def observe_all(self, observations: Sequence[Observation], first: int = 0) -> None:
         """Put frames' masks into as many places, from ``first`` on."""
         self.fields.observe_all(observations, first)
+        places = slice(first, first + len(observations))
+        on_time = np.zeros(self._late.shape[1])
+        late = np.array([on_time if each.late is None else each.late for each in observations], np.float32)
+        if late.any() or self._late[places].any():
+            self._late[places] = late
+            self._moving.late.assign(self._late)
+
+    @property
+    def late(self) -> bool:
+        """Whether a view of the frames observed was taken at another time than its frame."""
+        return bool(self._late.any())
+
+    @property
+    def follows(self) -> float:
+        """Frames a second at which a body is followed; 0 where its motion is that of a clip."""
+        return float(self._moving.own)
+
+    def follow(self, pose: np.ndarray, base: np.ndarray, rate: float) -> None:
+        """For late views, let the body move from poses (n, coordinate) to those that are tried a frame later.
+
+        Args:
+            pose: of the first candidates, in the frame before.
+            base: (n, 3, 3) of their roots.
+            rate: frames a second; negative where frames are followed backwards.
+        """
+        self._moving.own = rate
+        self.start_at(pose, base, np.zeros(len(pose), int))
+        self._work.run(lambda batch: self._follow(batch, rate), len(pose))
+
+    def _follow(self, batch: Batch, rate: float) -> None:
+        self._skin(batch)
+        follow_skin(self._posed.vertex, rate, batch, self._moving)
+
+    def move(self, rooted: RootedPoses, around: Around) -> None:
+        """For late views, let the body move through the first candidates' poses as those around them say."""
+        self._moving.own, count = 0.0, len(rooted)
+        vertices = self._posed.vertex.shape[1]
+        for poses, skin in ((around.before, self._moving.velocity), (around.after, self._moving.bend)):
+            self.start_at(poses.pose, poses.base, np.zeros(count, int))
+            self._work.run(self._skin, count)
+            wp.copy(skin, self._posed.vertex, count=count * vertices)
+        self._sides.assign(np.resize(around.sides, self.candidates).astype(np.int32))
+        self.start_at(rooted.pose, rooted.base, np.zeros(count, int))
+        self._work.run(lambda batch: self._bend(batch, around), count)
+
+    def _bend(self, batch: Batch, around: Around) -> None:
+        self._skin(batch)
+        bend_skin(self._posed.vertex, self._sides, around.rate, around.curved, batch, self._moving)
+
+    def _skin(self, batch: Batch) -> None:
+        """From the poses of a batch's candidates to their skin."""
+        pose = self.descent.pose
+        pose_vertices(self.body.struct, pose, self._vertex, batch, self._joints.struct, self._posed.vertex)
 
     def reshape(self, rest: np.ndarray, joint_rest: np.ndarray) -> None:
         """Take another rest body: (vertex, 3) of the tracking mesh and (joint, 3) [m]."""
@@ -172,9 +241,12 @@ class ContourFitter:
         """Take other cameras, of the same sizes."""
         self._cameras.assign(rig)
 
-    def linearise(self, place: np.ndarray, rooted: RootedPoses) -> NormalEquations:
-        """The normal equations of poses against the frames in places (pose,); there may be more than ``candidates``."""
-        parts = [self._read_sums(count) for count in self._summed(place, rooted)]
+    def linearise(self, place: np.ndarray, rooted: RootedPoses, around: Around | None = None) -> NormalEquations:
+        """The normal equations of poses against the frames in places (pose,); there may be more than ``candidates``.
+
+        Late views see where the poses ``around`` lead; without these, the body stands still for them.
+        """
+        parts = [self._read_sums(count) for count in self._summed(place, rooted, around)]
         return NormalEquations(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
     def linearise_views(self, place: np.ndarray, rooted: RootedPoses) -> ViewEquations:
@@ -182,10 +254,12 @@ class ContourFitter:
         parts = [self._read_views(count) for count in self._summed(place, rooted)]
         return ViewEquations(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
-    def _summed(self, place: np.ndarray, rooted: RootedPoses) -> Iterator[int]:
+    def _summed(self, place: np.ndarray, rooted: RootedPoses, around: Around | None = None) -> Iterator[int]:
         """Sum up poses, as many at a time as there is room for; gives how many."""
         for first in range(0, max(len(rooted), 1), self.candidates):
             part = slice(first, min(first + self.candidates, len(rooted)))
+            if around and self.late:
+                self.move(rooted[part], around[part])
             self.start_at(rooted.pose[part], rooted.base[part], place[part])
             self._work.run(self._sum, part.stop - part.start)
             yield part.stop - part.start
@@ -204,7 +278,7 @@ class ContourFitter:
         captured as a graph that later ones replay: arrays that are looked at must stay, their values may change.
         """
         value = self.fields.value  # a graph knows where it is, and more room is elsewhere
-        self._replays.run((count, steps, value.ptr), lambda: self._run(count, steps))
+        self._replays.run((count, steps, value.ptr, self.follows), lambda: self._run(count, steps))
 
     def _run(self, count: int, steps: int) -> None:
         descent = self.descent
@@ -220,15 +294,15 @@ class ContourFitter:
 
     def _sum(self, batch: Batch) -> None:
         """From the poses of a batch's candidates to their sums."""
-        pose = self.descent.pose
-        pose_vertices(self.body.struct, pose, self._vertex, batch, self._joints.struct, self._posed.vertex)
-        turn_axes(pose, batch, self._posed)
+        self._skin(batch)
+        turn_axes(self.descent.pose, batch, self._posed)
         move_origins(self._posed, self._change, batch)
-        find_contours(self._edges, self._posed.vertex, self._views, batch, self._outline)
+        find_contours(self._edges, self._posed.vertex, self._moving, self._views, batch, self._outline)
         find_residuals(self._outline, self.fields.struct, self._views, self._matching, batch, self._residuals)
         differentiate(
-            self._posed, self._tree, self._change, self._views, self._outline, self._residuals, batch, self._rows
-        )
+            self._posed, self._moving, self._tree, self._change, self._views, self._outline, self._residuals,
+            batch, self._rows,
+        )  # fmt: skip
         sum_normal_equations(self._outline, self._residuals, self._rows, batch, self._sums)
 
     def _read_sums(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -7,6 +7,7 @@ are turned in the bind pose, which no outline shows.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy as np
 from mmocap_warp.body.bind_pose import bind_pose_turns
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rest_space import RestSpace
+from mmocap_warp.body.rotations import transposed
 from mmocap_warp.body.skeleton import TRANSLATION
 from mmocap_warp.contour.clip import OVERLAP, ClipProblem, SolvedWindow
 from mmocap_warp.contour.motion_penalty import MotionPenalty
@@ -43,16 +45,39 @@ class Uncertainty:
     joint: np.ndarray
 
 
+JointAxes = Callable[[RootedPoses], np.ndarray]
+"""Matrices (frame, joint, 3, 3) by which what is off at joints' centres is multiplied, to be told along other axes or
+stretched along some."""
+
+
+def body_axes(rooted: RootedPoses) -> np.ndarray:
+    """(frame, 1, 3, 3): to the body's left, up and ahead."""
+    axes: np.ndarray = transposed(rooted.base)[:, None]
+    return axes
+
+
+def stretched(factor: np.ndarray) -> JointAxes:
+    """The world's axes, with what is off along the body's axes multiplied by factors (joint, 3)."""
+
+    def axes(rooted: RootedPoses) -> np.ndarray:
+        along = body_axes(rooted)
+        turned_back: np.ndarray = transposed(along) @ (factor[:, :, None] * along)
+        return turned_back
+
+    return axes
+
+
 class Deviations:
     """Standard deviations of a clip's frames, window by window as they are solved.
 
     Args:
         problem: the clip's.
         acceleration: of the penalty that it is solved under [m/s^2].
+        axes: of the joints; None for the world's.
     """
 
-    def __init__(self, problem: ClipProblem, acceleration: float) -> None:
-        self._problem, self._acceleration = problem, acceleration
+    def __init__(self, problem: ClipProblem, acceleration: float, axes: JointAxes | None = None) -> None:
+        self._problem, self._acceleration, self._axes = problem, acceleration, axes
         self._before: tuple[RootedPoses, NormalEquations] | None = None  # the frames before, which say something too
 
     def of(self, window: SolvedWindow) -> Uncertainty:
@@ -66,7 +91,17 @@ class Deviations:
         own = slice(first, first + window.final)
         kept = slice(max(own.stop - round(OVERLAP * self._problem.rate), 0), own.stop)
         self._before = rooted[kept], contour[kept]
-        return _deviations(self._problem, rooted[own], covariance[own])
+        return self._deviations(rooted[own], covariance[own])
+
+    def _deviations(self, rooted: RootedPoses, covariance: np.ndarray) -> Uncertainty:
+        """From the covariances (frame, dof, dof) of rooted coordinates."""
+        rooting = self._problem.rooting
+        pose = np.zeros_like(rooted.pose)
+        pose[:, rooting.searched] = np.minimum(_sigma(rooting.leaving(rooted), covariance), rooting.anywhere)
+        _, derivative = self._problem.points.linearised(rooted)
+        centres = _along(self._axes, rooted, derivative[:, ::POINTS_A_JOINT])
+        joint = _sigma(centres.reshape(len(rooted), -1, len(rooting.searched)), covariance)
+        return Uncertainty(pose, joint.reshape(centres.shape[:3]))
 
 
 def marginal_covariance(
@@ -124,10 +159,13 @@ class BodyDeviations:
         problem: the clip's.
         linearise: the contours' equations of seen frames, with the body's parameters.
         changes: those parameters.
+        axes: of the joints; None for the world's.
     """
 
-    def __init__(self, problem: ClipProblem, linearise: LineariseFrames, changes: BodyChanges) -> None:
-        self._problem, self._linearise, self._change = problem, linearise, changes.joint
+    def __init__(
+        self, problem: ClipProblem, linearise: LineariseFrames, changes: BodyChanges, axes: JointAxes | None = None
+    ) -> None:
+        self._problem, self._linearise, self._change, self._axes = problem, linearise, changes.joint, axes
         self._information = np.concatenate([problem.rooting.anywhere, changes.sigma]) ** -2.0
         self._first = 0
         self._last: Uncertainty | None = None
@@ -154,6 +192,7 @@ class BodyDeviations:
         joint = self._problem.points.centres_by_rest(rooted, self._change)
         by_pose = points.linearised(rooted)[1][:, ::POINTS_A_JOINT].reshape(len(rooted), -1, dof)
         by_body = by_pose @ pose + joint.reshape(len(rooted), by_pose.shape[1], -1)
+        by_body = _along(self._axes, rooted, by_body.reshape(joint.shape)).reshape(by_body.shape)
         coordinate = np.zeros_like(rooted.pose)
         coordinate[:, rooting.searched] = _sigma(rooting.leaving(rooted) @ pose, body)
         return Uncertainty(coordinate, _sigma(by_body, body).reshape(joint.shape[:3]))
@@ -202,15 +241,9 @@ def _between(frames: np.ndarray, at: np.ndarray, values: np.ndarray) -> np.ndarr
     return between
 
 
-def _deviations(problem: ClipProblem, rooted: RootedPoses, covariance: np.ndarray) -> Uncertainty:
-    """From the covariances (frame, dof, dof) of rooted coordinates."""
-    searched = problem.rooting.searched
-    pose = np.zeros_like(rooted.pose)
-    pose[:, searched] = np.minimum(_sigma(problem.rooting.leaving(rooted), covariance), problem.rooting.anywhere)
-    _, derivative = problem.points.linearised(rooted)
-    centres = derivative[:, ::POINTS_A_JOINT]
-    joint = _sigma(centres.reshape(len(rooted), -1, len(searched)), covariance)
-    return Uncertainty(pose, joint.reshape(centres.shape[:3]))
+def _along(axes: JointAxes | None, rooted: RootedPoses, derivative: np.ndarray) -> np.ndarray:
+    """Derivatives of joints' centres (frame, joint, 3, parameter), along other axes."""
+    return derivative if axes is None else axes(rooted) @ derivative
 
 
 def _sigma(derivative: np.ndarray, covariance: np.ndarray) -> np.ndarray:

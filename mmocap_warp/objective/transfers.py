@@ -33,7 +33,7 @@ class Upload:
         """Let the first rows of the values take their place in the device's queue."""
         if self._sent:
             _copy_rows(self._array, self._host, rows)
-            wp.record_event(self._sent)
+            self._array.device.stream.record_event(self._sent)  # the current device may be another one
 
 
 class Download:

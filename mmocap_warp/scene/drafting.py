@@ -184,6 +184,7 @@ def _about(draft: Draft, rig: CameraRig | None, media: _Media) -> list[str]:
             f"cameras of different lengths ({found}): their first {min(counts.values())} frames are taken"
         )
     lines.append('# frames = "120:480:2"   # some of them: the first, the one after the last, every how many-th')
+    lines.append("# offset = 0.05 under a camera says by how many seconds it lags; mmocap sync finds it")
     return lines
 
 

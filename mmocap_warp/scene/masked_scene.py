@@ -67,7 +67,9 @@ def _frames(frames: range) -> str:
 def _placed(source: CameraSource, fps: float) -> list[str]:
     """How a camera's images lie in time and on its calibrated image, where that is not as they come."""
     lines = []
-    if source.frame_offset:
+    if source.fraction:
+        lines.append(f"offset = {(source.frame_offset + source.fraction) / (fps * source.rate)!r}")
+    elif source.frame_offset:
         lines.append(f"frame_offset = {source.frame_offset}")
     if source.rate != 1.0:
         lines.append(f"fps = {fps * source.rate!r}")

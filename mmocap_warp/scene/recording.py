@@ -59,10 +59,11 @@ class CameraSource:
         background: a recording without the subject, or None.
         frame_offset: scene frame ``f`` is this camera's frame ``f + frame_offset``; 1 for a camera that lags by one.
         rate: this camera's frames to one of the recording's; where that is not 1, frame ``f`` is the one nearest in
-            time, ``round(f * rate) + frame_offset``.
+            time, ``round(f * rate + fraction) + frame_offset``.
         recorded_scale, recorded_offset: recorded pixel = scale * calibrated pixel + offset.
         centre_shift: what the scene added to the calibrated principal point [px].
         mask_mark: of masks that are undistorted already; None for masks in the recorded pixels.
+        fraction: what its offset is beyond ``frame_offset`` [its frames], at most half a frame to either side.
     """
 
     name: str
@@ -76,6 +77,7 @@ class CameraSource:
     centre_shift: tuple[float, float] = (0.0, 0.0)
     mask_mark: MaskMark | None = None
     rate: float = 1.0
+    fraction: float = 0.0
 
     def mask_number(self, frame: int) -> int:
         """Which of its masks is the recording's frame; -1 for none."""
@@ -92,7 +94,17 @@ class CameraSource:
 
     def number(self, frame: int) -> int:
         """Which of this camera's frames is the recording's frame."""
-        return (frame if self.rate == 1.0 else round(frame * self.rate)) + self.frame_offset
+        return (frame if self.rate == 1.0 else round(frame * self.rate + self.fraction)) + self.frame_offset
+
+    def late(self, frames: range) -> np.ndarray:
+        """(frame,) float64, how much later than the recording's frames its own were taken [the recording's frames].
+
+        Masks that mmocap made of a camera with another rate are taken to be those that it would make now.
+        """
+        exact = np.array(frames) * self.rate + self.fraction
+        nearest = [self.number(frame) - self.frame_offset for frame in frames]
+        late: np.ndarray = (np.array(nearest) - exact) / self.rate
+        return late if self.rate != 1.0 else np.full(len(frames), -self.fraction)
 
     def background_examples(self, source: str) -> Frames:
         """What a background is learnt from; see :class:`~mmocap_warp.foreground.settings.ForegroundSettings`.
@@ -136,7 +148,7 @@ class Scene:
         fit: settings of the first-frame fit, as written.
         first_frame: the recording's number of the first of them.
         stride: every how many-th of the recording's frames is one of them.
-        calibration: the calibration's file or folder.
+        calibration: the calibration's file or folder; None where there is none, and ``calibrated`` says nothing.
         units: of its lengths, as the scene says; None where it does not.
         named_frames: the frames that the scene file names, whose subtracted masks are kept; None for ``frames``.
     """
@@ -180,6 +192,17 @@ class Scene:
         named = self.frames if self.named_frames is None else self.named_frames
         return replace(self, first_frame=frames.start, frame_count=len(frames), stride=frames.step, named_frames=named)
 
+    def as_recorded(self) -> Scene:
+        """Every camera's own frames by their own numbers: without offsets, rates and what views know of each other.
+
+        A recording of which all frames are meant goes on to the end of the camera that has most.
+        """
+        cameras = tuple(replace(source, frame_offset=0, fraction=0.0, rate=1.0) for source in self.cameras)
+        end, longest = self.frames[-1] + 1, max(recorded_frames(each, self.foreground.source) for each in cameras)
+        frames = range(self.first_frame, longest if end == self.recorded_frames else end)
+        foreground = replace(self.foreground, repair=False)
+        return replace(self.of_frames(frames), cameras=cameras, foreground=foreground, named_frames=frames)
+
     @property
     def recorded_frames(self) -> int:
         """How many frames the recording has: as many as the shortest of the cameras'."""
@@ -217,8 +240,17 @@ class Scene:
             ValueError: frames that the scene does not have.
             InputError: images that turn out unreadable.
         """
-        for masks in self.masks(scale, first, count, body):
-            yield Observation.from_masks(masks)
+        yield from self.observed(self.masks(scale, first, count, body), first)
+
+    def observed(self, masks: Iterable[list[np.ndarray]], first: int = 0) -> Iterator[Observation]:
+        """Masks of consecutive frames from ``first`` on, with the times at which they were taken."""
+        for place, views in enumerate(masks, first):
+            yield Observation.from_masks(views, self._late(self.frames[place : place + 1]))
+
+    def _late(self, frame: range) -> np.ndarray | None:
+        """(camera,) by how much later than a frame its images were taken [s]; None where all are in time."""
+        late = np.array([source.late(frame)[0] for source in self.cameras]) / self.fps
+        return late if late.any() else None
 
     def masks(
         self, scale: float = 1.0, first: int = 0, count: int | None = None, body: BodyMasks | None = None
@@ -284,6 +316,7 @@ class Scene:
             "frames": [
                 source.frame_offset,
                 source.rate,
+                *([source.fraction] if source.rate != 1.0 and source.fraction else []),
                 str(self.frames if self.named_frames is None else self.named_frames),
             ],
             "calibration": calibration_hash(self.calibrated, k, *placed, whole_rig=False),

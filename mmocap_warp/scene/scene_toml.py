@@ -19,7 +19,7 @@ from mmocap_warp.foreground.mask_image import decode_mask
 from mmocap_warp.foreground.settings import GIVEN, KEEP, MODELS, SOURCES, SUBTRACTED, ForegroundSettings
 from mmocap_warp.formats.calibration.units import METRES
 from mmocap_warp.formats.table import read_calibration
-from mmocap_warp.formats.toml_table import Table, load_toml
+from mmocap_warp.formats.toml_table import Table, is_number, load_toml
 from mmocap_warp.scene.frame_choice import FrameChoice
 from mmocap_warp.scene.mask_mark import MARK_NAME, MaskMark, calibration_hash, check_mark, read_mark
 from mmocap_warp.scene.recording import CameraSource, Scene, recorded_frames
@@ -34,6 +34,9 @@ _WAYS_TO_MASKS = (
     "from the video; or name masks that you have, a folder of images or a video"
 )
 
+_WHOLE = 0.01  # of a frame, by which an offset may differ from whole frames and still be whole
+_MOST_FRAMES = 1e8  # of an offset
+
 _SAMPLES = 5  # mask images per camera that are looked at while loading
 _HIGHEST_LABEL = 32  # gray levels below are rather labels than a picture
 _MOST_FOREGROUND = 0.8  # of an image; more is an inverted mask
@@ -42,7 +45,12 @@ Opened = TypeVar("Opened")
 
 
 def load_scene(
-    path: str | Path, frames: str | None = None, identity: int | None = None, *, masks: bool = True
+    path: str | Path,
+    frames: str | None = None,
+    identity: int | None = None,
+    *,
+    masks: bool = True,
+    calibrated: bool = True,
 ) -> Scene:
     """Read and check a scene file, or the ``scene.toml`` of a folder; paths in it are relative to its folder.
 
@@ -52,6 +60,8 @@ def load_scene(
             or a count of those that the file names.
         identity: of the person to be tracked, instead of the scene's own [foreground] identity.
         masks: whether masks, or what they are made of, must be there; a look at the cameras does without.
+        calibrated: whether a calibration must be named and cameras must agree on where they end. Without one, they are
+            pinholes of the recorded images' sizes that stand nowhere in particular.
 
     Raises:
         ValueError: ``frames`` that the recording does not have.
@@ -66,9 +76,9 @@ def load_scene(
     file.finish()
 
     name = about.take("name", str, "") or path.resolve().parent.name or "scene"
-    fps = about.take("fps", float)
-    if not 0 < fps < 100_000:
-        raise about.error(f"fps = {fps:g} is not a frame rate", "give the frames per second of the recording")
+    stated_fps = about.take("fps", float, None)
+    if stated_fps is not None and not 0 < stated_fps < 100_000:
+        raise about.error(f"fps = {stated_fps:g} is not a frame rate", "give the frames per second of the recording")
     up = about.take_choice("up", UP_AXES, "+z")
     named_frames = _take_frames(about)
     body = about.take("body", str, None)
@@ -76,13 +86,16 @@ def load_scene(
     subject = _take_file(about, "subject", path)
     about.finish()
 
-    calibration = path.parent / cameras.take("calibration", str)
+    named_calibration = cameras.take("calibration", str) if calibrated else cameras.take("calibration", str, None)
+    calibration = None if named_calibration is None else path.parent / named_calibration
     units = cameras.take_choice("units", tuple(METRES), None)
-    sources, rig = _read_cameras(cameras, path, calibration, units, up, fps)
+    tables = cameras.take_tables()
+    fps = _fastest(tables, path, about) if stated_fps is None else stated_fps
+    sources, rig = _read_cameras(cameras, tables, path, calibration, units, up, fps)
     if not masks:
         foreground = _of_what_is_there(foreground, sources)
-    _check_sources(sources, rig, foreground, cameras, masks)
-    named, chosen = _frames(sources, foreground, named_frames, frames, about)
+    _check_sources(sources, rig, foreground, cameras, masks, undistorted_with=calibration is not None)
+    named, chosen = _frames(sources, foreground, named_frames, frames, about, agreeing=calibrated)
     scene = Scene(
         path=path,
         name=name,
@@ -118,6 +131,17 @@ def _take_file(table: Table, key: str, scene: Path) -> Path | None:
     return None if value is None else _existing(scene.parent / value, table)
 
 
+def _fastest(cameras: dict[str, Table], scene: Path, about: Table) -> float:
+    """The rate of the fastest camera, of those that tell theirs."""
+    rates = [rate for camera in cameras.values() if is_number(rate := camera.peek("fps"))]
+    videos = [video for camera in cameras.values() if isinstance(video := camera.peek("video"), str)]
+    opened = [open_frames(scene.parent / video) for video in videos]
+    rates += [video.fps for video in opened if isinstance(video, VideoFile)]
+    if not max(rates, default=0.0) > 0:
+        raise about.error("'fps' is missing", "add fps = ... (a number), of the recording or of each camera")
+    return float(max(rates))
+
+
 def _take_frames(table: Table) -> FrameChoice:
     """A whole number, or text as :meth:`FrameChoice.parse` reads it; all frames where the key is absent."""
     value = table.take_any("frames", (int, str), ":")
@@ -128,9 +152,14 @@ def _take_frames(table: Table) -> FrameChoice:
 
 
 def _read_cameras(
-    table: Table, scene: Path, calibration: Path, units: str | None, up: str, fps: float
+    table: Table,
+    tables: dict[str, Table],
+    scene: Path,
+    calibration: Path | None,
+    units: str | None,
+    up: str,
+    fps: float,
 ) -> tuple[tuple[CameraSource, ...], CameraRig]:
-    tables = table.take_tables()
     table.finish()
     if not tables:
         raise table.error("no camera is named", "add a table [cameras.<name>] for each, named as in the calibration")
@@ -140,6 +169,8 @@ def _read_cameras(
     for source in by_file:
         _check_rate(source, fps, tables[source.name])
     _check_drift(by_file, fps, table)
+    if calibration is None:
+        return _as_recorded(sources, up, table)
     shifts = np.array([source.centre_shift for source in sources])
     sizes = {source.name: size for source in sources if (size := _recorded_size(source)) is not None}
     rig = read_calibration(calibration, units, up, sizes)
@@ -156,6 +187,24 @@ def _read_cameras(
     return sources, check_rig(replace(rig, K=K), f"{scene}: centre_shift") if shifts.any() else rig
 
 
+def _as_recorded(
+    sources: tuple[CameraSource, ...], up: str, table: Table
+) -> tuple[tuple[CameraSource, ...], CameraRig]:
+    """Cameras of which nothing is known but their images, and pinholes for them."""
+    sizes = [_recorded_size(source) for source in sources]
+    for source, size in zip(sources, sizes, strict=True):
+        if size is None:
+            raise table.error(f"camera '{source.name}' has neither masks nor a video", "add one of them")
+    images = np.array(sizes)
+    K = np.zeros((len(sources), 3, 3))
+    K[:, [0, 1], [0, 1]] = images.max(axis=1, keepdims=True)
+    K[:, :2, 2], K[:, 2, 2] = 0.5 * (images - 1), 1.0
+    names = tuple(source.name for source in sources)
+    R, t = np.tile(np.eye(3), (len(sources), 1, 1)), np.zeros((len(sources), 3))
+    rig = CameraRig(names, K, R, t, images, np.zeros((len(sources), 5)), up)
+    return tuple(replace(s, recorded_scale=1.0, recorded_offset=(0.0, 0.0)) for s in sources), rig
+
+
 def _read_source(table: Table, name: str, scene: Path, fps: float) -> CameraSource:
     def opened(key: str, opener: Callable[[Path], Opened]) -> Opened | None:
         value = table.take(key, str, None)
@@ -165,16 +214,19 @@ def _read_source(table: Table, name: str, scene: Path, fps: float) -> CameraSour
     left, top = recorded.take_numbers("offset", (2,), [0.0, 0.0])
     right, down = table.take_numbers("centre_shift", (2,), [0.0, 0.0])
     masks = opened("masks", open_masks)
+    rate = _take_rate(table, fps)
+    offset, fraction = _take_offset(table, fps * rate)
     source = CameraSource(
         name=name,
         video=opened("video", open_frames),
         masks=masks,
         clean_plate=opened("clean_plate", open_image),
         background=opened("background", open_frames),
-        frame_offset=table.take("frame_offset", int, 0),
+        frame_offset=offset,
+        fraction=fraction,
         recorded_scale=recorded.take("scale", float, 1.0),
         recorded_offset=(left, top),
-        rate=_take_rate(table, fps),
+        rate=rate,
         centre_shift=(right, down),
         mask_mark=read_mark(masks.path) if masks else None,
     )
@@ -190,6 +242,20 @@ def _take_rate(table: Table, fps: float) -> float:
     if not 0 < own < 100_000:
         raise table.error(f"fps = {own:g} is not a frame rate", "give the frames per second of this camera")
     return own / fps
+
+
+def _take_offset(table: Table, fps: float) -> tuple[int, float]:
+    """A camera's offset in whole frames of its own, and the rest; what is nearly whole is whole."""
+    if not table.has("offset"):
+        return table.take("frame_offset", int, 0), 0.0
+    if table.has("frame_offset"):
+        raise table.error("has both offset and frame_offset", "give offset alone, in seconds")
+    frames = table.take("offset", float) * fps
+    if abs(frames) > _MOST_FRAMES:
+        raise table.error(f"offset is {frames:.3g} frames", "give the seconds by which this camera lags")
+    whole = round(frames)
+    fraction = frames - whole
+    return whole, fraction if abs(fraction) > _WHOLE else 0.0
 
 
 def _check_rate(source: CameraSource, fps: float, table: Table) -> None:
@@ -260,7 +326,12 @@ def _of_what_is_there(foreground: ForegroundSettings, sources: tuple[CameraSourc
 
 
 def _check_sources(
-    sources: tuple[CameraSource, ...], rig: CameraRig, foreground: ForegroundSettings, table: Table, masks: bool
+    sources: tuple[CameraSource, ...],
+    rig: CameraRig,
+    foreground: ForegroundSettings,
+    table: Table,
+    masks: bool,
+    undistorted_with: bool,
 ) -> None:
     if foreground.repair and len(sources) < 3:
         raise table.error(f"repair needs at least 3 cameras, this scene has {len(sources)}", "set repair = false")
@@ -279,7 +350,7 @@ def _check_sources(
         for frames in (source.video, recorded_masks, source.clean_plate, source.background):
             if frames is not None:
                 _check_size(frames, source, rig.size[k], where)
-        if source.masks is not None and source.mask_mark is not None:
+        if source.masks is not None and source.mask_mark is not None and undistorted_with:
             _check_undistorted(source.masks, source.mask_mark, source, rig, k)
         if foreground.source == "masks" and source.masks is not None:
             _check_masks(source.masks, foreground.identity)
@@ -356,6 +427,7 @@ def _frames(
     named: FrameChoice,
     asked: str | None,
     table: Table,
+    agreeing: bool,
 ) -> tuple[range, range]:
     """The frames that the scene names, and those that are asked for; cameras must agree on where an open range ends."""
     counts = _counts(sources, foreground)
@@ -363,7 +435,7 @@ def _frames(
     found = ", ".join(f"{name} {count}" for name, count in counts.items())
     choice = FrameChoice.parse(asked) if asked is not None else named
     open_end = named if choice.count is not None else choice
-    if open_end.count is None and open_end.end is None and len(set(counts.values())) > 1:
+    if agreeing and open_end.count is None and open_end.end is None and len(set(counts.values())) > 1:
         raise table.error(f"cameras differ in their number of frames: {found}", f"set frames = {shortest}")
     try:
         own = named.of(range(shortest), shortest)
@@ -376,7 +448,24 @@ def _frames(
                 f"camera '{source.name}' has frame_offset = {source.frame_offset} in {shortest} frames",
                 "give a shift of a few frames",
             )
+    _check_shared_time(sources, foreground, table)
     return own, frames
+
+
+def _check_shared_time(sources: tuple[CameraSource, ...], foreground: ForegroundSettings, table: Table) -> None:
+    """See that there is a moment at which all cameras that have images recorded."""
+    counts = _counts(sources, foreground)
+    timed = [source for source in sources if source.name in counts and source.mask_mark is None]
+    if len(timed) < 2:
+        return
+    begin = {source.name: -source.frame_offset / source.rate for source in timed}
+    end = {source.name: begin[source.name] + counts[source.name] - 1 for source in timed}
+    latest, earliest = max(begin, key=lambda name: begin[name]), min(end, key=lambda name: end[name])
+    if begin[latest] > end[earliest]:
+        raise table.error(
+            f"{earliest} has ended when {latest} begins: by their offsets they recorded at no common time",
+            "correct the offsets; mmocap sync finds them",
+        )
 
 
 def _counts(sources: tuple[CameraSource, ...], foreground: ForegroundSettings) -> dict[str, int]:

@@ -28,8 +28,9 @@ from mmocap_warp.study.degradations import degraded, is_random
 from mmocap_warp.study.further_clips import CLIP_PLANS
 from mmocap_warp.study.job import device_kind
 from mmocap_warp.study.sequences import PLANS
+from mmocap_warp.study.solved_body import solved_subject
 from mmocap_warp.study.source import Clip, OpenClip, clip_facts, open_clip
-from mmocap_warp.tracking.clip_body import frames_to_follow, solve_body_in_clip
+from mmocap_warp.tracking.clip_body import frames_to_follow
 from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.fit import FitConfig, fit_clip
 from mmocap_warp.tracking.track import track_observations
@@ -186,16 +187,14 @@ def _subject(cell: AblationCell, take: OpenClip, masks: list[Observation]) -> Su
     """Body and first pose that a cell starts from."""
     if cell.start == "given":
         return take.subject
+    if cell.start == "solved":
+        return solved_subject(take, masks, cell.seed, cell.settings.device, cell.settings.threads)
     config = FitConfig(cell.seed, device=cell.settings.device, threads=cell.settings.threads)
     generic = load_body(DEFAULT_BODY)
     if cell.start == "first-frame":
         return fit_clip(generic, take.rig, take.fps, masks[:1], config)
     numbers = frames_to_follow(take.fps, take.frames)
-    clip, fps = [masks[number] for number in numbers], take.fps / numbers.step
-    if cell.start == "fitted":
-        return fit_clip(generic, take.rig, fps, clip, config)
-    following = TrackConfig(seed=cell.seed, device=config.device, threads=config.threads)
-    return solve_body_in_clip(take.subject, generic, take.rig, clip, fps, config.frames, following)[0]
+    return fit_clip(generic, take.rig, take.fps / numbers.step, [masks[number] for number in numbers], config)
 
 
 def _tracked(cell: AblationCell, take: OpenClip, track: Track) -> dict[str, Any]:
@@ -218,7 +217,7 @@ def _tracked(cell: AblationCell, take: OpenClip, track: Track) -> dict[str, Any]
             "started": started,
             "host": socket.gethostname(),
             "versions": result.versions,
-            "code": code_hash(),
+            "code": code_hash("study.ablation"),
         },
     }
 
@@ -234,7 +233,7 @@ def _path(folder: Path, cell: AblationCell, identity: str) -> Path:
         "start": cell.start,
         "settings": settings,
         "device": kind,
-        "code": code_hash(),
+        "code": code_hash("study.ablation"),
         "package": __version__,
         "version": _VERSION,
     }

@@ -23,7 +23,7 @@ PER_FRAME: tuple[str, ...] = ("eq20_as_printed", "marker_error", "joint_error", 
 PER_RUN: tuple[str, ...] = ("shake", "growth", "jerk", "foot_slide", "frames_lost", "seconds", "evaluations")
 """What is measured once a run."""
 
-PROVENANCE: tuple[str, ...] = ("study", "host", "started", "wall_seconds", "versions", "code")
+PROVENANCE: tuple[str, ...] = ("study", "host", "started", "wall_seconds", "versions", "code", "code_covers")
 """The parts of ``meta`` that say where and when a result was made: with the seconds, all that a repetition changes."""
 
 _VERSION = 1
@@ -42,9 +42,10 @@ class Cell:
 
     Attributes:
         sequence: what is tracked, such as ``S1/Walking``.
-        algorithm: a key of ``mmocap_warp.tracking.algorithms.ALGORITHMS``.
+        algorithm: one of ``mmocap_warp.tracking.algorithms``, with ``+polish`` where its frames are finished by
+            contours, and ``+solved`` where the body is solved from the clip.
         dof: degrees of freedom of the tracked body.
-        evaluations: budget per frame.
+        evaluations: budget of a frame's search, 0 where nothing is searched.
         preset: where the search radii come from, a key of ``mmocap_warp.tracking.presets.PRESETS``.
     """
 
@@ -71,8 +72,9 @@ class CellResult:
             ``mpjpe`` [m], ``pa_mpjpe`` [m], ``iou`` (mean over views).
         per_run: (run,) float64 by name: ``shake`` [m], ``growth``, ``jerk`` [m/s^3], ``foot_slide`` [m/s],
             ``frames_lost``, ``seconds`` (the cell's search, the same in each run), ``evaluations`` (of all frames).
-        pose: (run, frame, coordinate) float32, poses.
-        meta: JSON values: ``fps``, ``cameras``, ``size``, ``config``, ``versions``, ``code`` (see
+        pose: (run, frame, coordinate) float32, poses; or (1, frame, coordinate), those of the typical run alone, see
+            :func:`mmocap_warp.study.summary.with_typical_pose`.
+        meta: JSON values: ``fps``, ``cameras``, ``size``, ``config``, ``versions``, ``code`` and ``code_covers`` (see
             :func:`mmocap_warp.study.code_hash.code_hash`), ``device``, ``host``, ``started``, ``wall_seconds``,
             ``study``.
 
@@ -90,7 +92,8 @@ class CellResult:
 
     def __post_init__(self) -> None:
         runs, frames = len(self.seeds), len(self.frames)
-        shapes: dict[str, tuple[np.ndarray, tuple[int, ...]]] = {"pose": (self.pose[..., 0], (runs, frames))}
+        posed = 1 if len(self.pose) == 1 else runs
+        shapes: dict[str, tuple[np.ndarray, tuple[int, ...]]] = {"pose": (self.pose[..., 0], (posed, frames))}
         shapes |= {name: (array, (runs, frames)) for name, array in self.per_frame.items()}
         shapes |= {name: (array, (runs,)) for name, array in self.per_run.items()}
         for name, (array, shape) in shapes.items():

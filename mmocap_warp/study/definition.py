@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -14,14 +14,26 @@ from mmocap_warp.study.cell import Cell
 from mmocap_warp.study.source import Clip
 from mmocap_warp.tracking.config import TrackConfig
 
+_EXTRAS = ("polish", "solved")  # of an algorithm, each after a plus
+
 
 @dataclass(frozen=True)
 class Plan:
-    """A cell with all that says how it is tracked, but for the device."""
+    """A cell with all that says how it is tracked, but for the device.
+
+    Attributes:
+        cell: which one.
+        clip: what is tracked.
+        config: settings.
+        solved: whether the body is solved from the clip, instead of taken as given.
+        grid: number of the grid that it stands in; those of an earlier one are tracked first.
+    """
 
     cell: Cell
     clip: Clip
     config: TrackConfig
+    solved: bool = False
+    grid: int = 0
 
 
 @dataclass(frozen=True)
@@ -69,8 +81,8 @@ def load_study(path: str | Path) -> Study:
     plans: dict[Cell, Plan] = {}
     for number, values in enumerate(grids, 1):
         grid = Table(values, str(path), f"grid {number}")
-        for plan in _grid(grid, common, scenes):
-            if plans.setdefault(plan.cell, plan) != plan:
+        for plan in _grid(grid, number, common, scenes):
+            if plans.setdefault(plan.cell, plan) != replace(plan, grid=plans[plan.cell].grid):
                 raise grid.error(f"{plan.cell} is in an earlier grid with other seeds or frames", "keep one of them")
     return Study(path, name, tuple(plans.values()))
 
@@ -90,12 +102,12 @@ def _scenes(table: Table, folder: Path) -> dict[str, Path]:
     return {name: folder / _text(table, name, value) for name, value in table.take_rest().items()}
 
 
-def _grid(grid: Table, common: _Common, scenes: dict[str, Path]) -> list[Plan]:
+def _grid(grid: Table, number: int, common: _Common, scenes: dict[str, Path]) -> list[Plan]:
     """The plans of one [[grid]]: every combination of what it lists."""
     axes = (
         _values(grid, "sequences", str),
         _values(grid, "presets", str, ["recording"]),
-        _values(grid, "evaluations", int),
+        _values(grid, "evaluations", int, [None]),
         _values(grid, "dof", int),
         _values(grid, "algorithms", str),
     )
@@ -105,9 +117,13 @@ def _grid(grid: Table, common: _Common, scenes: dict[str, Path]) -> list[Plan]:
     grid.finish()
     plans = []
     for sequence, preset, evaluations, dof, algorithm in product(*axes):
+        name, *extras = algorithm.split("+")
+        if not set(extras) <= set(_EXTRAS):
+            raise grid.error(f"algorithm '{algorithm}' has another + than {list(_EXTRAS)}", "correct that value")
         try:
             config = TrackConfig(
-                algorithm=algorithm,
+                algorithm=name,
+                polish="polish" in extras,
                 dof=dof,
                 evaluations=evaluations,
                 seed=first_seed,
@@ -120,12 +136,15 @@ def _grid(grid: Table, common: _Common, scenes: dict[str, Path]) -> list[Plan]:
         if sequence not in scenes and dof not in MODELS:  # who is in a scene of one's own is not known yet
             raise grid.error(f"dof must be one of {list(MODELS)}, got {dof}", "correct that value")
         clip = Clip(sequence, scenes.get(sequence), frames, common.scale)
-        plans.append(Plan(Cell(sequence, algorithm, dof, evaluations, preset), clip, config))
+        cell = Cell(sequence, algorithm, dof, config.budget, preset)
+        plans.append(Plan(cell, clip, config, "solved" in extras, number))
     return plans
 
 
 def _values(table: Table, key: str, kind: type, default: Any = ...) -> list[Any]:
     values = table.take(key, list, default)
+    if values is default:
+        return values
     if not values or any(type(value) is not kind for value in values):
         wanted = "strings" if kind is str else "whole numbers"
         raise table.error(f"{key} = {values!r} is not a list of {wanted}", f"list one or more {wanted}")

@@ -34,8 +34,8 @@ def fewer_views(clip: OpenClip, count: int) -> OpenClip:
     rig = clip.rig
     chosen = most_different_views(rig, count)
     observations = (
-        Observation.from_masks([masks[k] for k in chosen])
-        for masks in (unpack_masks(seen.words, rig.size) for seen in clip.observations)
+        Observation.from_masks([masks[k] for k in chosen], None if late is None else late[list(chosen)])
+        for masks, late in ((unpack_masks(seen.words, rig.size), seen.late) for seen in clip.observations)
     )
     return replace(clip, rig=rig.select(tuple(rig.names[k] for k in chosen)), observations=observations)
 
@@ -195,7 +195,7 @@ def _with_masks(clip: OpenClip, change: Callable[[int, Masks], Masks]) -> OpenCl
 
     def changed(observations: Iterator[Observation]) -> Iterator[Observation]:
         for frame, seen in enumerate(observations):
-            yield Observation.from_masks(change(frame, unpack_masks(seen.words, clip.rig.size)))
+            yield Observation.from_masks(change(frame, unpack_masks(seen.words, clip.rig.size)), seen.late)
 
     return replace(clip, observations=changed(clip.observations))
 

@@ -10,6 +10,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 
+from mmocap_warp.body.model import Subject
 from mmocap_warp.device import resolve_device
 from mmocap_warp.errors import InputError
 from mmocap_warp.result.result import FrameAnswer
@@ -41,6 +42,7 @@ class Job:
         config: settings; device and threads are the worker's.
         study: the study's name.
         code: hash of the code where the study was started; a worker that runs other code refuses.
+        solved: whether the body is solved from the clip, instead of taken as given.
     """
 
     cell: Cell
@@ -49,6 +51,7 @@ class Job:
     config: TrackConfig
     study: str
     code: str
+    solved: bool = False
 
 
 @dataclass(frozen=True)
@@ -86,6 +89,7 @@ class Worker:
         self.device, self.threads = resolve_device(device), threads
         self._opened: tuple[Clip, OpenClip] | None = None
         self._observations: list[Observation] = []
+        self._solved: tuple[tuple[Clip, int], Subject] | None = None
 
     def work(self, job: Job) -> Iterator[Advance | CellResult | Refusal]:
         """Do a job: tells now and then how far it is, and last the result, or why there is none."""
@@ -96,16 +100,18 @@ class Worker:
         except (MemoryError, RuntimeError) as error:
             if not _is_out_of_memory(error):
                 raise
-            self._opened, self._observations = None, []  # the masks may be what took it
+            self._opened, self._observations, self._solved = None, [], None  # the masks may be what took it
             told = " ".join(str(error).split()) or "MemoryError"
             yield Refusal(f"{self.device}: memory ran out ({told}); {LESS_MEMORY}")
 
     def _work(self, job: Job) -> Iterator[Advance | CellResult]:
-        if job.code != code_hash():
+        if job.code != code_of(job.config, job.clip, job.solved):
             raise InputError(socket.gethostname(), "runs other code than that which the study was started with", _SAME)
         started, begun = datetime.now(UTC).isoformat(timespec="seconds"), time.perf_counter()
         clip = yield from self._open(job)
         config = replace(job.config, device=self.device, threads=self.threads, renderer="raster")
+        if job.solved:
+            clip = replace(clip, subject=self._solve(job, clip))
         tracker = fitting_tracker(clip.subject, clip.rig, config, clip.fps)
         answers: list[FrameAnswer] = []
         total, evaluations, pace = len(self._observations), 0, _Pace()
@@ -134,12 +140,23 @@ class Worker:
                 "device": device_kind(self.device),
                 "versions": tracked.versions,
                 "code": job.code,
+                "code_covers": _covered(job.config, job.clip, job.solved),
                 "host": socket.gethostname(),
                 "started": started,
                 "wall_seconds": time.perf_counter() - begun,
                 "study": job.study,
             },
         )
+
+    def _solve(self, job: Job, clip: OpenClip) -> Subject:
+        """The clip's subject with its body solved, once for all runs and for all trackers of the same first seed."""
+        from mmocap_warp.study.solved_body import solved_subject
+
+        wanted = job.clip, job.config.seed
+        if self._solved is None or self._solved[0] != wanted:
+            subject = solved_subject(clip, self._observations, job.config.seed, self.device, self.threads)
+            self._solved = wanted, subject
+        return self._solved[1]
 
     def _open(self, job: Job) -> Generator[Advance, None, OpenClip]:
         """The job's clip with its masks in memory, where the last job's may be already."""
@@ -155,6 +172,17 @@ class Worker:
                     yield Advance("masks", len(self._observations), clip.frames, 0)
             self._opened = job.clip, clip
         return self._opened[1]
+
+
+def code_of(config: TrackConfig, clip: Clip, solved: bool) -> str:
+    """Hash of the code that a cell's result depends on."""
+    return code_hash(**_covered(config, clip, solved))
+
+
+def _covered(config: TrackConfig, clip: Clip, solved: bool) -> dict[str, bool]:
+    """What a cell's code includes, see :func:`mmocap_warp.study.code_hash.code_hash`."""
+    contours = config.fits_contours or config.acceleration > 0 or solved
+    return {"contours": contours, "recorded": clip.scene is not None}
 
 
 def device_kind(device: str) -> str:

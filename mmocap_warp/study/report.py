@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
 from collections.abc import Mapping, Sequence
 from html import escape
-from importlib.resources import files
 from pathlib import Path
-from string import Template
 
 from mmocap_warp.drawing.chart import MARKS
+from mmocap_warp.pages.page import filled, resource
 from mmocap_warp.study.report_sections import (
     Section,
     claims_section,
@@ -35,6 +32,8 @@ from mmocap_warp.study.summary import StudySummary
 from mmocap_warp.study.tables import by_algorithm
 from mmocap_warp.version import __version__
 from mmocap_warp.whole_file import write_whole
+
+_HERE = "mmocap_warp.study"
 
 
 def render(study: StudySummary, clips: Mapping[str, Clip], notes: Sequence[str] = ()) -> str:
@@ -65,22 +64,19 @@ def render(study: StudySummary, clips: Mapping[str, Clip], notes: Sequence[str] 
         citing_section(),
     )
     sections = [section for section in candidates if section is not None]
-    script, style = _resource("report.js"), MARKS + _resource("report.css")
     names = sorted({str(cell.meta["study"]) for cell in study.cells.values() if cell.meta.get("study")})
-    return Template(_resource("report.html")).substitute(
-        page_title=escape(title),
+    return filled(
+        resource(_HERE, "report.html"),
+        title=title,
+        script=resource(_HERE, "report.js"),
+        style=MARKS + resource(_HERE, "report.css"),
         eyebrow=escape(f"Study {', '.join(names)}" if names else "Study"),
-        title=escape(title),
         lead=escape(grid_sentence(study)),
         cards=cards,
         contents="".join(f'<li><a href="#{section.anchor}">{escape(section.title)}</a></li>' for section in sections),
         controls=_controls(study),
         sections="\n".join(section.html() for section in sections),
         footer=escape(f"Written by mmocap-warp {__version__}."),
-        script=script,
-        script_hash=_hash(script),
-        style=style,
-        style_hash=_hash(style),
     )
 
 
@@ -138,12 +134,3 @@ def _controls(study: StudySummary) -> str:
         + "</select></label>"
         for name, title, options in kinds
     )
-
-
-def _resource(name: str) -> str:
-    return files("mmocap_warp.study").joinpath(name).read_text(encoding="utf-8").strip()
-
-
-def _hash(content: str) -> str:
-    """As a content security policy names what it allows."""
-    return base64.b64encode(hashlib.sha256(content.encode()).digest()).decode()

@@ -81,8 +81,11 @@ def grid_sentence(study: StudySummary) -> str:
 
 
 def mixture(study: StudySummary) -> str:
-    """A warning, if the study's results come from different code; else nothing."""
-    if len({_code(cell) for cell in study.cells.values()}) == 1:
+    """A warning, if results of the same kind of work come from different code; else nothing."""
+    kinds: dict[str, set[str]] = {}
+    for cell in study.cells.values():
+        kinds.setdefault(str(cell.meta.get("code_covers")), set()).add(_code(cell))
+    if all(len(codes) == 1 for codes in kinds.values()):
         return ""
     return (
         f"Results of different code are mixed: {_spans(study, _code)}; "

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.study.cell import Cell, read_cell
-from mmocap_warp.study.engines.protocol import Death, Engine, EngineLost, Event, Ready
+from mmocap_warp.study.cell import Cell, CellResult, read_cell
+from mmocap_warp.study.engines.protocol import Death, Engine, EngineLost, Event, Notice, Ready
 from mmocap_warp.study.job import Advance, Refusal
 from mmocap_warp.study.outbox import Outbox
 from mmocap_warp.study.source import Clip
@@ -18,6 +19,7 @@ from mmocap_warp.study.tasks import Task
 _ATTEMPTS = 3  # at a cell whose workers die
 _WAIT = 0.5  # for something to happen, at most [s]
 _PATIENCE = 300.0  # with a full disk, when nothing else is left to do [s]
+_MARGIN = 1.1  # of the time that a cell is expected to take, where time is limited
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,8 @@ def run_study(
     engine: Callable[[], Engine],
     report: Callable[[Status], None],
     note: Callable[[str], None],
+    seconds: float | None = None,
+    keep: Callable[[CellResult], CellResult] = lambda result: result,
 ) -> Status:
     """Track every cell whose result is missing or damaged; returns where the study stands in the end.
 
@@ -83,9 +87,12 @@ def run_study(
         engine: starts the workers; called only if something is missing.
         report: called whenever something may have happened, at least twice a second.
         note: called with a line that a person should read.
+        seconds: that the run may take. No cell is begun that would take longer at the pace so far; what runs on all the
+            same is ended then.
+        keep: what of a result is stored.
     """
     missing = [task for task in tasks if not _is_stored(task, note)]
-    run = _Run(missing, len(tasks), note)
+    run = _Run(missing, len(tasks), note, seconds, keep)
     if missing:
         workers = engine()
         try:
@@ -112,9 +119,18 @@ def _is_stored(task: Task, note: Callable[[str], None]) -> bool:
 class _Run:
     """One run: what is left to do, who does what, and what came of it."""
 
-    def __init__(self, missing: list[Task], cells: int, note: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        missing: list[Task],
+        cells: int,
+        note: Callable[[str], None],
+        seconds: float | None,
+        keep: Callable[[CellResult], CellResult],
+    ) -> None:
         self._pending, self._cells, self._reused = list(missing), cells, cells - len(missing)
-        self._note = note
+        self._note, self._keep = note, keep
+        self._allowed = math.inf if seconds is None else seconds
+        self._pace: dict[str, float] = {}  # work a second of one worker, in an algorithm's last cell
         self._outbox = Outbox(note)
         self._failures: dict[Cell, str] = {}
         self._attempts: Counter[Cell] = Counter()
@@ -124,6 +140,7 @@ class _Run:
         self._name: dict[int, str] = {}
         self._held: dict[int, Clip] = {}
         self._task: dict[int, Task] = {}
+        self._begun: dict[int, float] = {}
         self._advance: dict[int, Advance] = {}
 
     def work(self, engine: Engine, report: Callable[[Status], None]) -> None:
@@ -135,6 +152,11 @@ class _Run:
                     break
                 continue
             self._hand_out(engine)
+            if self._time_is_up:
+                problem = f"the time of {self._allowed:.0f} s is up"
+                self._note(f"{problem}; {len(self._pending) + len(self._task)} cells are left for another run")
+                self._give_up(problem)
+                break
             try:
                 for worker, event in engine.events(_WAIT):
                     self._take(worker, event)
@@ -183,26 +205,48 @@ class _Run:
         task = self._task.get(worker)
         return Seat(self._name[worker], task.cell if task else None, self._advance.get(worker))
 
+    @property
+    def _seconds_left(self) -> float:
+        return self._allowed - (time.monotonic() - self._started)
+
+    @property
+    def _time_is_up(self) -> bool:
+        """Whether the time allowed has passed, or nothing runs and nothing that is left would be finished in it."""
+        if self._seconds_left <= 0:
+            return True
+        return bool(self._pending) and not self._task and not self._outbox.cells and not self._fitting()
+
+    def _fitting(self) -> list[Task]:
+        """What is left and would be finished in time, at the algorithm's pace so far, or else at the slowest."""
+        left = self._seconds_left / _MARGIN
+        if left == math.inf or not self._pace:
+            return self._pending
+        slowest = min(self._pace.values())
+        return [task for task in self._pending if task.work <= left * self._pace.get(task.cell.algorithm, slowest)]
+
     def _hand_out(self, engine: Engine) -> None:
         """Give every worker that waits a cell."""
         for worker in self._name:
-            if worker not in self._task and self._pending and not self._outbox.full:
-                task = self._choose(self._held.get(worker))
+            if worker not in self._task and not self._outbox.full and (fitting := self._fitting()):
+                task = self._choose(fitting, self._held.get(worker))
                 self._pending.remove(task)
                 self._attempts[task.cell] += 1
                 self._task[worker], self._held[worker] = task, task.job.clip
+                self._begun[worker] = time.monotonic()
                 engine.submit(worker, task.job)
 
-    def _choose(self, held: Clip | None) -> Task:
-        """The next cell of a worker: of the clip whose masks it holds, or else of one that needs workers most.
+    def _choose(self, pending: list[Task], held: Clip | None) -> Task:
+        """The next cell of a worker: of the study's earliest grid, and in it of the clip whose masks the worker holds.
 
-        The longest comes first, so that nobody waits for it in the end.
+        Else of the clip that needs workers most. The longest comes first, so that nobody waits for it in the end.
         """
-        left = Counter(task.job.clip for task in self._pending)
+        first = min(task.grid for task in pending)
+        pending = [task for task in pending if task.grid == first]
+        left = Counter(task.job.clip for task in pending)
         if held is None or held not in left:
             taken = Counter(task.job.clip for task in self._task.values())
             held = max(left, key=lambda clip: left[clip] / (1 + taken[clip]))
-        return max((task for task in self._pending if task.job.clip == held), key=lambda task: task.evaluations)
+        return max((task for task in pending if task.job.clip == held), key=lambda task: task.work)
 
     def _take(self, worker: int, event: Event) -> None:
         """What has happened to a worker."""
@@ -212,6 +256,8 @@ class _Run:
             self._advance[worker] = event
         elif isinstance(event, Death):
             self._mourn(worker, event)
+        elif isinstance(event, Notice):
+            self._note(event.text)
         else:
             task = self._task.pop(worker)
             self._advance.pop(worker, None)
@@ -219,7 +265,8 @@ class _Run:
                 self._fail(task, event.problem)
             else:
                 self._spent += int(event.per_run["evaluations"].sum())
-                self._finished += self._outbox.put(task.path, event)
+                self._pace[task.cell.algorithm] = task.work / max(time.monotonic() - self._begun[worker], 1e-3)
+                self._finished += self._outbox.put(task.path, self._keep(event))
 
     def _mourn(self, worker: int, death: Death) -> None:
         """A worker has died; its cell is tried again."""

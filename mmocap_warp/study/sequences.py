@@ -179,9 +179,15 @@ PLANS: dict[str, SequencePlan] = {
 """By name; lengths are a third of what the paper tracked."""
 
 
-def make_sequence(name: str, plan: SequencePlan) -> StudySequence:
-    """Write the motion and put the moving body before the study's cameras."""
-    person = _PEOPLE[plan.person]
+def make_sequence(name: str, plan: SequencePlan, person: Person | None = None) -> StudySequence:
+    """Write the motion and put the moving body before the study's cameras.
+
+    Args:
+        name: of the sequence.
+        plan: how it is made.
+        person: who moves; None for whom the plan names.
+    """
+    person = person or _PEOPLE[plan.person]
     body = person.true_body()
     base, poses = _facing_ahead(plan.motion(body, plan.frames, plan.seed), plan.heading)
     worse = _WORSE.get(plan.person, 1.0)

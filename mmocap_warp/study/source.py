@@ -97,7 +97,7 @@ def clip_facts(clip: Clip) -> ClipFacts:
 
         _check_shipped(clip, CLIP_PLANS)
         own = {"subject": _content([clip.subject])} if clip.subject else {}
-        return _facts(clip, CLIP_PLANS[clip.name].frames, {"bodies": _bodies()} | own)
+        return _facts(clip, CLIP_PLANS[clip.name].frames, {"bodies": shipped_bodies()} | own)
     scene = _load_scene(clip.scene)
     rig = scene.calibrated
     numbers = [np.round(array, _RIG_DECIMALS).tolist() for array in (rig.K, rig.R, rig.t, rig.size, rig.distortion)]
@@ -167,7 +167,7 @@ def _facts(clip: Clip, frames: int, described: dict) -> ClipFacts:
 
 
 @cache
-def _bodies() -> str:
+def shipped_bodies() -> str:
     """A hash of the bodies that shipped sequences are made from; read once a process."""
     return _content((ROOT / "bodies").glob("*.usdc"))
 
@@ -204,6 +204,7 @@ def _images(scene: Scene, k: int) -> list:
         for file in getattr(frames, "files", None) or (frames.path,)
     ]
     resampled = [camera.rate] if camera.rate != 1.0 else []
+    resampled += [camera.fraction] if camera.fraction else []
     return [files, camera.frame_offset, camera.recorded_scale, camera.recorded_offset, *resampled]
 
 

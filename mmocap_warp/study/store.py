@@ -12,9 +12,9 @@ from pathlib import Path
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.study.cell import Cell, CellResult, read_cell
-from mmocap_warp.study.code_hash import code_hash
 from mmocap_warp.study.definition import Plan
-from mmocap_warp.version import __version__
+from mmocap_warp.study.job import code_of
+from mmocap_warp.study.source import shipped_bodies
 
 _KEY_DIGITS = 20  # of 64; in a folder of a million results two keys are alike with a chance of 4e-13
 _ABANDONED = 60.0  # a file that has been half written for so long will not be finished [s]
@@ -23,8 +23,8 @@ _ABANDONED = 60.0  # a file that has been half written for so long will not be f
 def content_key(plan: Plan, clip_identity: str, device_kind: str) -> str:
     """A hash of all that a cell's result depends on, the same on any machine.
 
-    That is: what is tracked and what it is judged against (``clip_identity``), the cell and its settings, this
-    package's version and code, and ``cpu`` or ``cuda``, whose arithmetic differs in the last bits.
+    That is: what is tracked and what it is judged against (``clip_identity``), the cell and its settings, the code that
+    this kind of cell runs, and ``cpu`` or ``cuda``, whose arithmetic differs in the last bits.
     """
     settings = asdict(plan.config)
     del settings["device"], settings["threads"]
@@ -32,10 +32,11 @@ def content_key(plan: Plan, clip_identity: str, device_kind: str) -> str:
         "cell": asdict(plan.cell),
         "clip": clip_identity,
         "config": settings,
-        "version": __version__,
-        "code": code_hash(),
+        "code": code_of(plan.config, plan.clip, plan.solved),
         "device": device_kind,
     }
+    if plan.solved:
+        depends["bodies"] = shipped_bodies()  # among them the one that is expected before anything is seen
     return hashlib.sha256(json.dumps(depends, sort_keys=True).encode()).hexdigest()[:_KEY_DIGITS]
 
 

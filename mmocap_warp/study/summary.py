@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -99,12 +99,11 @@ def summarise(result: CellResult) -> CellSummary:
     """The short form of a cell's result; what it does not know is absent."""
     frames = len(result.frames)
     runs, spread, curve, floors = {}, {}, {}, {}
-    main: np.ndarray | None = None
+    main = _main(result)
     for measure in MEASURES:
         if measure.per_frame and measure.key in result.per_frame:
-            values = result.per_frame[measure.key].astype(np.float64) * measure.factor
-            if np.isfinite(values).any(axis=1).all():
-                main = values if main is None else main
+            values = _values(result, measure)
+            if _is_known(values):
                 runs[measure.key] = nanmean(values, axis=1)
                 spread[measure.key] = np.nanquantile(values, (0, 0.25, 0.5, 0.75, 1))
                 curve[measure.key] = _nanmedian(values)
@@ -113,7 +112,7 @@ def summarise(result: CellResult) -> CellSummary:
         elif measure.key in result.per_run and np.isfinite(result.per_run[measure.key]).all():
             share = frames if measure.key in _COUNTS else 1
             runs[measure.key] = result.per_run[measure.key] * measure.factor / share
-    typical = _typical(main) if main is not None else 0
+    typical = 0 if main is None else _typical(main)
     unknown = np.full(frames, np.nan)
     return CellSummary(
         cell=result.cell,
@@ -124,12 +123,19 @@ def summarise(result: CellResult) -> CellSummary:
         curve=curve,
         floors=floors,
         frames_lost=float(np.mean(result.per_run.get("frames_lost", 0.0))) / frames,
-        typical_pose=result.pose[typical].copy(),
+        typical_pose=result.pose[typical if len(result.pose) > 1 else 0].copy(),
         typical_curve=unknown if main is None else main[typical].copy(),
         seconds=float(np.mean(result.per_run.get("seconds", np.nan))),
         evaluations=int(np.sum(result.per_run.get("evaluations", 0))),
         meta=result.meta,
     )
+
+
+def with_typical_pose(result: CellResult) -> CellResult:
+    """The result with the poses of its typical run alone: all that a report draws, and a thirtieth of 30 seeds'."""
+    main = _main(result)
+    typical = 0 if main is None or len(result.pose) == 1 else _typical(main)
+    return replace(result, pose=result.pose[typical : typical + 1])
 
 
 @dataclass(frozen=True)
@@ -232,6 +238,22 @@ def in_order(algorithms: Iterable[str]) -> list[str]:
     """Each algorithm once: the paper's as in its Table 4, then others as they are registered, then the rest."""
     order = [*ALGORITHM_ORDER, *ALGORITHMS]
     return sorted(set(algorithms), key=lambda name: (order.index(name) if name in order else len(order), name))
+
+
+def _values(result: CellResult, measure: Measure) -> np.ndarray:
+    """(run, frame) what a result says of a measure, in the unit that it is shown in."""
+    return result.per_frame[measure.key].astype(np.float64) * measure.factor
+
+
+def _is_known(values: np.ndarray) -> bool:
+    """Whether something is known of every run."""
+    return bool(np.isfinite(values).any(axis=1).all())
+
+
+def _main(result: CellResult) -> np.ndarray | None:
+    """(run, frame) the measure that a result is judged by, the first that it knows."""
+    known = (_values(result, measure) for measure in MEASURES if measure.per_frame and measure.key in result.per_frame)
+    return next((values for values in known if _is_known(values)), None)
 
 
 def _typical(values: np.ndarray) -> int:

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mmocap_warp.study.cell import Cell
-from mmocap_warp.study.code_hash import code_hash
 from mmocap_warp.study.definition import Study
-from mmocap_warp.study.job import Job
+from mmocap_warp.study.job import Job, code_of
 from mmocap_warp.study.source import clip_facts
 from mmocap_warp.study.store import content_key, result_path
+
+_CONTOURS = 500  # evaluations that a frame's contours take as long as, the clip's smoothing included, about
 
 
 @dataclass(frozen=True)
@@ -21,11 +22,13 @@ class Task:
         job: what a worker is given.
         path: where the result goes.
         frames: of the clip.
+        grid: number of the study's grid; those of an earlier one come first.
     """
 
     job: Job
     path: Path
     frames: int
+    grid: int = 0
 
     @property
     def cell(self) -> Cell:
@@ -36,6 +39,12 @@ class Task:
     def evaluations(self) -> int:
         """At most, all frames and runs together."""
         return self.frames * self.job.config.budget * self.job.config.runs
+
+    @property
+    def work(self) -> int:
+        """What it takes, in evaluations; a frame that is fitted by contours counts as a small search."""
+        config = self.job.config
+        return self.frames * config.runs * (config.budget + _CONTOURS * config.fits_contours)
 
 
 def plan_tasks(study: Study, folder: Path, device_kind: str) -> list[Task]:
@@ -49,6 +58,7 @@ def plan_tasks(study: Study, folder: Path, device_kind: str) -> list[Task]:
     for plan in study.plans:
         identity, frames = facts[plan.clip].identity, facts[plan.clip].frames
         key = content_key(plan, identity, device_kind)
-        job = Job(plan.cell, plan.clip, identity, plan.config, study.name, code_hash())
-        tasks.append(Task(job, result_path(folder, plan.cell, key), frames))
+        code = code_of(plan.config, plan.clip, plan.solved)
+        job = Job(plan.cell, plan.clip, identity, plan.config, study.name, code, plan.solved)
+        tasks.append(Task(job, result_path(folder, plan.cell, key), frames, plan.grid))
     return tasks

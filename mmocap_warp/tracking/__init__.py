@@ -1,4 +1,4 @@
 """Trackers: configuration, algorithms, frames in turn, checkpoints, the first-frame fit.
 
-May import: kernels, body, views, result, formats, scene, objective, optimizers, contour.
+May import: kernels, body, views, result, formats, scene, bodies, objective, optimizers, contour.
 """

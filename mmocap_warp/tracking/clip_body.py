@@ -15,6 +15,7 @@ import numpy as np
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.skeleton import ROOT_ANGLES
+from mmocap_warp.contour.around import Around
 from mmocap_warp.contour.body_problem import BodySolution, body_problem
 from mmocap_warp.contour.fitter import ContourFitter
 from mmocap_warp.contour.rooted import RootedPoses, Rooting
@@ -41,16 +42,21 @@ class Followed:
         observation: of each frame.
         rooted: the poses.
         cost: (frame,) float64, of the tracker's answers.
+        around: the poses before and after each. They move on a straight line: while a body is solved they stay, and
+            with a bend a frame that moves would be pulled back to them.
     """
 
     observation: list[Observation]
     rooted: RootedPoses
     cost: np.ndarray
+    around: Around
 
     def spread(self, count: int) -> Followed:
         """At most ``count`` of the frames, evenly spread, with the first."""
         chosen = np.unique(np.linspace(0, len(self.rooted) - 1, count).round().astype(int))
-        return Followed([self.observation[frame] for frame in chosen], self.rooted[chosen], self.cost[chosen])
+        return Followed(
+            [self.observation[frame] for frame in chosen], self.rooted[chosen], self.cost[chosen], self.around[chosen]
+        )
 
 
 def frames_to_follow(fps: float, available: int) -> range:
@@ -113,7 +119,7 @@ def follow(
             break
         observed.append(observation)
         found.append(answer)
-    back = ContourTracker(replace(subject, pose=found[-1].pose[0]), rig, replace(config, algorithm="contour"), fps)
+    back = ContourTracker(replace(subject, pose=found[-1].pose[0]), rig, replace(config, algorithm="contour"), -fps)
     for frame in reversed(range(len(found) - 1)):
         answer = back.step(observed[frame])
         if answer.cost[0] < (1 - _CLEARLY) * found[frame].cost[0]:
@@ -121,7 +127,9 @@ def follow(
     skeleton = subject.body.skeleton
     rooting = Rooting(skeleton, subject.root_base, skeleton.searched())
     rooted = [rooting.enter(answer.pose.astype(float)) for answer in found]
-    return Followed(observed, rooted[0].followed_by(*rooted[1:]), np.array([float(each.cost[0]) for each in found]))
+    course = rooted[0].followed_by(*rooted[1:])
+    around = Around.of(course, np.arange(len(course)), fps, curved=False)
+    return Followed(observed, course, np.array([float(each.cost[0]) for each in found]), around)
 
 
 def solve_body(
@@ -149,7 +157,7 @@ def solve_body(
     for place, observation in enumerate(followed.observation):
         fitter.observe(place, observation)
 
-    problem = body_problem(fitter, space, subject.root_base, PRIOR)
+    problem = body_problem(fitter, space, subject.root_base, PRIOR, followed.around)
     solution = problem.solved(np.arange(count), followed.rooted, space.nearest(subject.body), _BODY_STEPS)
     pose = problem.rooting.leave(solution.rooted[:1], subject.pose[ROOT_ANGLES])[0]
     kept = {name: value for name, value in subject.provenance.items() if name.startswith("fit.")}

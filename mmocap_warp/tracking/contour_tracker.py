@@ -8,6 +8,9 @@ is good, and the best is kept:
 2. contours from many poses around the best so far, each with one part of the body thrown about: what finds an arm that
    a search of five times the budget does not;
 3. after some frames in a row that stayed bad: contours from poses standing where the masks meet, heading anywhere.
+
+A view that was taken a fraction of a frame off the others sees, for the contours, the body on its way from the last
+pose. The search and the overlaps that judge do without that.
 """
 
 from __future__ import annotations
@@ -94,7 +97,8 @@ class ContourTracker:
         subject: where to start.
         rig: undistorted cameras at the masks' size.
         config: settings; its algorithm is one of ``CONTOUR_TRACKERS``, or one of the paper's to be polished.
-        fps: frame rate of the recording, for the preset's radii.
+        fps: frame rate of the recording, for the preset's radii, and for views that are late; negative where frames are
+            tracked from the last to the first.
         runs: instead of the configuration's. With 0 it can track nothing, but its arrays have the shapes of a run's.
 
     Attributes:
@@ -111,6 +115,7 @@ class ContourTracker:
     ) -> None:
         self.config = config
         self._subject, self._rig = subject, rig
+        self._rate = fps
         self._runs = runs = config.runs if runs is None else runs
         self.device = resolve_device(config.device)
         searched_by = config.algorithm if config.polish else CONTOUR_TRACKERS[config.algorithm]
@@ -123,7 +128,7 @@ class ContourTracker:
                 config,
                 algorithm=ALGORITHMS[searched_by],
                 evaluations=config.budget,
-                radii=config.radii(fps),
+                radii=config.radii(abs(fps)),
                 runs=runs,
             )
         )
@@ -317,8 +322,10 @@ class ContourTracker:
         runs, count, coordinates = starts.shape
         fitter, total = self._fitter, runs * count
         home = np.repeat(self._subject.root_base[None], total, axis=0)
+        if fitter.late:
+            fitter.follow(np.repeat(self._pose, count, axis=0), home, self._rate)
         fitter.start_at(starts.reshape(total, coordinates), home, np.zeros(total, int))
-        kind = (total, steps, fitter.fields.value.ptr)
+        kind = (total, steps, fitter.fields.value.ptr, fitter.follows)
         self._replays.run(kind, lambda: self._launch_fit(total, steps))
         pose, tally, cost, pixels = self._answers.read(total)
         exposed = np.sort(tally[:, :, 3], axis=1)[:, -2:].min(axis=1)

@@ -226,8 +226,8 @@ def _first_frame(task: _Task, observation: Observation) -> tuple[Guess, dict[str
     finalists = sorted((frame.with_limbs_found(guess, 1) for guess in guesses[: config.finalists]), key=_cost)
     finalists = sorted((frame.with_limbs_found(guess, _ROUNDS) for guess in finalists[:_WINNERS]), key=_cost)
     best = finalists[0]
-    anew = frame.with_pairs_anew(best)
-    better = min(anew, key=_cost, default=best)
+    anew, exchanged = frame.with_pairs_anew(best), frame.with_places_exchanged(best)
+    better = min(anew + exchanged, key=_cost, default=best)
     if better.cost < best.cost:
         best = frame.with_limbs_found(better, _ROUNDS)
     task.progress("limbs", _LIMBS_SHARE, best.cost)
@@ -237,7 +237,8 @@ def _first_frame(task: _Task, observation: Observation) -> tuple[Guess, dict[str
     if turned:
         others["turned"] = frame.with_limbs_found(min(turned, key=_cost), _ROUNDS)
     there = task.subject(best, {})
-    swapped = [finalists[0], *anew, *frame.with_sides_swapped(best)]
+    exchanged = [guess for guess in exchanged if guess.cost < best.cost + _UNDECIDED]
+    swapped = [finalists[0], *anew, *exchanged, *frame.with_sides_swapped(best)]
     swapped = [guess for guess in swapped if _differ(there, task.subject(guess, {}))]
     if swapped:
         others["swapped"] = min(swapped, key=_cost)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -12,10 +11,12 @@ import warp as wp
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION, Skeleton
 from mmocap_warp.contour.body_problem import body_problem
-from mmocap_warp.contour.fitter import ContourFitter, MatchingConfig
+from mmocap_warp.contour.exchanged import places_exchanged
+from mmocap_warp.contour.fitter import WIDE, ContourFitter, MatchingConfig
+from mmocap_warp.contour.motion_points import MotionPoints
 from mmocap_warp.contour.rooted import Rooting
 from mmocap_warp.objective.objective import Objective
-from mmocap_warp.tracking.limbs import Limb, limbs, mirrored
+from mmocap_warp.tracking.limbs import Limb, limb_pairs, limbs, mirrored
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
 
@@ -23,14 +24,13 @@ PRIOR = 0.3
 """How much nearer to the generic body a subject is expected than RestSpace's standard deviations say."""
 
 _POSE_PRIOR = 1e-4  # pull to the rest pose, per squared standard deviation of an angle
-_WIDE = MatchingConfig(reach=0.2, huber=0.03, sigma=0.03)  # for what is still far from the masks
 _DRAWS = 320  # of a limb's angles
 _TRIED = 24  # of the draws are taken to the bottom
 _FOLLOWED = 6  # of these are taken further
 _LIMB_STEPS = 5
 _WORTH = 1e-3  # of the cost: what a round over the limbs must bring
 _PATIENCE = 2  # rounds that bring nothing before limbs are left where they are
-_WIDER = 2.5  # than angles are spread when a recording starts
+WIDER = 2.5  # than angles are spread when a recording starts
 _BODY_STEPS = 10
 
 
@@ -79,7 +79,7 @@ class FrameFit:
         self.space = space
         self._skeleton, self._vertex = skeleton, body.tracking_vertex
         self._limbs = limbs(skeleton)
-        self._pairs = [pair for pair in combinations(self._limbs, 2) if pair[0].other == pair[1].name]
+        self._pairs = limb_pairs(skeleton)
         self._random = np.random.default_rng(seed)
 
         def fitter(candidates: int, parameters: int, matching: MatchingConfig) -> ContourFitter:
@@ -90,8 +90,8 @@ class FrameFit:
             made.observe(0, observation)
             return made
 
-        self._rough, self._fine = (fitter(1, len(space.names), matching) for matching in (_WIDE, MatchingConfig()))
-        self._rough_pose, self._fine_pose = fitter(_TRIED, 0, _WIDE), fitter(_FOLLOWED, 0, MatchingConfig())
+        self._rough, self._fine = (fitter(1, len(space.names), matching) for matching in (WIDE, MatchingConfig()))
+        self._rough_pose, self._fine_pose = fitter(_TRIED, 0, WIDE), fitter(_FOLLOWED, 0, MatchingConfig())
         self._objective = Objective(body, np.eye(3), rig, _DRAWS, renderer="raster", device=device, threads=threads)
         self._objective.observe(observation)
         prior = np.zeros(skeleton.coordinates)
@@ -134,6 +134,20 @@ class FrameFit:
             found.append(self.polished(replace(guess, pose=self._descended(self._rough_pose, guess, pose[None])[0])))
         return found
 
+    def with_places_exchanged(self, guess: Guess) -> list[Guess]:
+        """For each pair of limbs, what is found from where each lies in the other's place: crossed arms uncross."""
+        body = self.space.model(guess.beta)
+        rooting = Rooting(self._skeleton, guess.root_base, self._skeleton.searched())
+        points = MotionPoints(self._skeleton, body.joint_rest, rooting.searched)
+        there = rooting.enter(guess.pose[None])
+        found = []
+        for one, other in self._pairs:
+            exchanged = places_exchanged(there, (one.coordinates, other.coordinates), points, rooting)
+            pose = rooting.leave(exchanged, guess.pose[ROOT_ANGLES])
+            self._take_body(guess.beta, guess.root_base)
+            found.append(self.polished(replace(guess, pose=self._descended(self._rough_pose, guess, pose)[0])))
+        return found
+
     def with_pairs_anew(self, guess: Guess) -> list[Guess]:
         """For each pair of limbs, what is found from where both are at rest.
 
@@ -152,7 +166,7 @@ class FrameFit:
         """
         reach, skeleton = limb.reach, self._skeleton
         low, high = np.clip(skeleton.coordinate_limits[reach], -np.pi, np.pi).T
-        spread = _WIDER * skeleton.spread[(reach - TRANSLATION) // 3]
+        spread = WIDER * skeleton.spread[(reach - TRANSLATION) // 3]
         drawn = np.tile(guess.pose, (_DRAWS, 1))
         drawn[:, reach] = self._random.uniform(low, high, (_DRAWS, len(reach)))
         near = self._random.normal(0.0, spread, (_DRAWS // 2, len(reach)))

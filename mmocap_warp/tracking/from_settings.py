@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mmocap_warp.body.model import Subject
-from mmocap_warp.contour.fitter import ContourFitter
+from mmocap_warp.contour.fitter import ContourFitter, MatchingConfig
 from mmocap_warp.device import available_threads, resolve_device
 from mmocap_warp.objective.objective import Objective
 from mmocap_warp.tracking.config import TrackConfig
@@ -34,7 +34,13 @@ def make_objective(subject: Subject, rig: CameraRig, config: TrackConfig, candid
 
 
 def make_fitter(
-    subject: Subject, rig: CameraRig, config: TrackConfig, candidates: int, frames: int = 1, parameters: int = 0
+    subject: Subject,
+    rig: CameraRig,
+    config: TrackConfig,
+    candidates: int,
+    frames: int = 1,
+    parameters: int = 0,
+    matching: MatchingConfig | None = None,
 ) -> ContourFitter:
     """A fitter of contours of a run's settings; see :class:`~mmocap_warp.contour.fitter.ContourFitter`."""
     return ContourFitter(
@@ -45,6 +51,7 @@ def make_fitter(
         candidates=candidates,
         frames=frames,
         parameters=parameters,
+        matching=matching,
         device=resolve_device(config.device),
         threads=config.threads or available_threads(),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -43,6 +44,11 @@ def limbs(skeleton: Skeleton) -> list[Limb]:
         coordinates = np.concatenate([np.arange(3) + TRANSLATION + 3 * joint for joint in joints])
         found.append(Limb(name, coordinates, reach, _mirrored_part(skeleton, joints)))
     return found
+
+
+def limb_pairs(skeleton: Skeleton) -> list[tuple[Limb, Limb]]:
+    """Limbs that mirror each other."""
+    return [pair for pair in combinations(limbs(skeleton), 2) if pair[0].other == pair[1].name]
 
 
 def _mirrored_part(skeleton: Skeleton, joints: list[int]) -> str | None:

@@ -26,6 +26,7 @@ from mmocap_warp.tracking.algorithms import CONTOUR_TRACKERS
 from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.from_settings import make_fitter, make_objective
+from mmocap_warp.tracking.limbs import limb_pairs
 from mmocap_warp.tracking.pose_search import PoseSearch
 from mmocap_warp.tracking.smoothing import CANDIDATES, frames_held
 from mmocap_warp.tracking.tracker import Tracker
@@ -99,6 +100,7 @@ class _FitterNeed:
             return _bytes(fitter)
 
         self._measured, self._parameters = measured, len(body_changes(subject.body).sigma)
+        self._pairs = len(limb_pairs(subject.body.skeleton))
         self._one = measured(1, 1)
         self.candidate = measured(2, 1) - self._one
 
@@ -108,9 +110,10 @@ class _FitterNeed:
         return self._one + (candidates - 1) * self.candidate + (frames - 1) * frame
 
     def of_smoothing(self, fps: float) -> int:
-        """Bytes of the two that a window of a clip is smoothed with."""
+        """Bytes of the three that a window of a clip is smoothed with."""
         frames = frames_held(fps)
-        return self.of(min(CANDIDATES, frames), frames) + self._measured(1, 1, self._parameters)
+        anew = self.of(max(1, self._pairs), 1)
+        return self.of(min(CANDIDATES, frames), frames) + self._measured(1, 1, self._parameters) + anew
 
 
 def _boxes(subject: Subject, rig: CameraRig) -> Observation:

@@ -59,8 +59,12 @@ PRESETS: dict[str, Preset] = {
     # carries over are spread already, and the first layer spreads them again: with the same radii that is less
     # accurate, see docs/accuracy.md.
     "recording-restart": replace(_RECORDING, filters={"apf": AnnealedFilterConfig(carries=False)}),
-    # Section 5.2: one radius for everything.
+    # One radius for all algorithms, where `recording` has each one's own.
+    "common": Preset(_RECORDING.radius, fps=60.0),
+    # Section 5.2: one radius for everything; and that of the angles or of the translation alone.
     "paper": Preset((0.5, 0.5)),
+    "paper-rotation": Preset((0.5, 0.02)),
+    "paper-translation": Preset((0.02, 0.5)),
     # The authors' own command line: the upper default of its radius, and its filters' first-layer noise, 2 degrees.
     "authors": Preset((0.05, 0.05), dict.fromkeys(("apf", "psapf"), (0.0349, 0.01))),
 }

@@ -38,7 +38,7 @@ def run_identity(scene: Scene, subject: Subject, config: TrackConfig) -> Identit
         "version": __version__,
         "images": _digest([_images(camera, scene.foreground.source) for camera in scene.cameras]),
         "frames": [scene.first_frame, scene.frame_count, scene.stride],
-        "frame offsets": [[camera.frame_offset, camera.rate] for camera in scene.cameras],
+        "frame offsets": [[camera.frame_offset, camera.rate, camera.fraction] for camera in scene.cameras],
         "fps": scene.fps,
         "cameras": _digest([scene.calibrated, placed]),
         "body": _digest(subject.body),

@@ -8,17 +8,28 @@ from dataclasses import replace
 
 import numpy as np
 
-from mmocap_warp.body.skeleton import ROOT_ANGLES
+from mmocap_warp.bodies.deviation_factors import deviation_factors
+from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION
+from mmocap_warp.contour.around import Around
 from mmocap_warp.contour.backward_pass import AHEAD, STARTS, BackwardPass
 from mmocap_warp.contour.clip import WINDOW, ClipProblem, SolvedWindow, coarse_then_fine
+from mmocap_warp.contour.fitter import WIDE
 from mmocap_warp.contour.motion_points import MotionPoints
 from mmocap_warp.contour.normal_equations import NormalEquations
 from mmocap_warp.contour.rooted import RootedPoses, Rooting
-from mmocap_warp.contour.uncertainty import BodyDeviations, Deviations, Uncertainty, body_changes, misfit, together
+from mmocap_warp.contour.uncertainty import (
+    BodyDeviations,
+    Deviations,
+    Uncertainty,
+    body_changes,
+    misfit,
+    stretched,
+    together,
+)
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.from_settings import make_fitter, make_objective, search_limits
-from mmocap_warp.tracking.limbs import limbs
+from mmocap_warp.tracking.limbs import limb_pairs, limbs
 from mmocap_warp.tracking.tracker import overlap
 from mmocap_warp.views.observation import Observation
 
@@ -90,12 +101,14 @@ class _Masks:
         observations: of all frames, read as they are asked for.
 
     Attributes:
+        pairs: coordinates (coordinate,) of each pair of limbs.
         reading: how long that took so far [s].
     """
 
     def __init__(self, raw: Result, config: TrackConfig, observations: Iterable[Observation]) -> None:
         subject = raw.subject
-        self.searched = subject.body.skeleton.searched(config.dof)
+        skeleton = subject.body.skeleton
+        self.searched = skeleton.searched(config.dof)
         self.limits = search_limits(subject, config)
         self._places = min(frames_held(raw.rate), len(raw.frame_numbers))
         candidates = max(STARTS, min(CANDIDATES, self._places))
@@ -103,6 +116,8 @@ class _Masks:
         self.body_changes = body_changes(subject.body)
         self._body_fitter = make_fitter(subject, raw.cameras, config, 1, parameters=len(self.body_changes.sigma))
         self._body_fitter.set_change(self.body_changes.vertex, self.body_changes.joint)
+        self.pairs = [np.concatenate([limb.coordinates for limb in pair]) for pair in limb_pairs(skeleton)]
+        self._wide_fitter = make_fitter(subject, raw.cameras, config, max(1, len(self.pairs)), matching=WIDE)
         self._unread: Iterator[Observation] = iter(observations)
         self._held: list[Observation] = []
         self._read = 0
@@ -112,26 +127,39 @@ class _Masks:
         """One of the last frames that were read."""
         return self._held[frame % self._places]
 
-    def linearise(self, frames: np.ndarray, rooted: RootedPoses, seen: np.ndarray) -> NormalEquations:
+    def linearise(self, frames: np.ndarray, rooted: RootedPoses, seen: np.ndarray, around: Around) -> NormalEquations:
         """What the contours say about frames of the window, or further on; nothing about those not ``seen``."""
         while self._read <= frames[-1]:
             self._observe_next()
-        contour = self._fitter.linearise(frames % self._places, rooted)
+        contour = self._fitter.linearise(frames % self._places, rooted, around)
         return NormalEquations(
             contour.matrix * seen[:, None, None], contour.gradient * seen[:, None], contour.cost * seen
         )
 
-    def descend(self, frames: np.ndarray, starts: RootedPoses) -> tuple[RootedPoses, np.ndarray]:
+    def descend(self, frames: np.ndarray, starts: RootedPoses, around: Around) -> tuple[RootedPoses, np.ndarray]:
         """Poses that the contours of frames of the window lead to from some, and what they cost (pose,)."""
         fitter, pose, cost = self._fitter, starts.pose.copy(), np.zeros(len(starts))
         for first in range(0, len(starts), fitter.candidates):
             part = slice(first, min(first + fitter.candidates, len(starts)))
             count = part.stop - part.start
+            if fitter.late:
+                fitter.move(starts[part], around[part])
             fitter.start_at(starts.pose[part], starts.base[part], frames[part] % self._places)
             fitter.descend(count, _STEPS)
             pose[part] = fitter.descent.best.numpy()[:count]
             cost[part] = 0.5 * fitter.descent.tally.numpy()[:count, :, 0].astype(np.float64).sum(axis=1)
         return RootedPoses(starts.base, pose), cost
+
+    def pairs_anew(self, frame: int, there: RootedPoses) -> RootedPoses:
+        """Poses (pair,) that contours lead to from far away, where one (1,) has a pair of limbs at rest."""
+        count, fitter = len(self.pairs), self._wide_fitter
+        base, pose = np.repeat(there.base, count, axis=0), np.repeat(there.pose, count, axis=0)
+        for changed, pair in zip(pose, self.pairs, strict=True):
+            changed[np.intersect1d(pair, self.searched)] = 0.0
+        fitter.observe(0, self.observation(frame))
+        fitter.start_at(pose, base, np.zeros(count, int))
+        fitter.descend(count, _STEPS)
+        return RootedPoses(base, fitter.descent.best.numpy()[:count].astype(float))
 
     def linearise_body(self, frames: np.ndarray, rooted: RootedPoses) -> NormalEquations:
         """The same of single frames, with the body's parameters too."""
@@ -170,19 +198,31 @@ class _Run:
         self._rooting = Rooting(skeleton, subject.root_base, masks.searched, masks.limits)
         points = MotionPoints(skeleton, subject.body.joint_rest, masks.searched)
 
+        course = self._rooting.refold(self._rooting.enter(track))  # poses as they were known last
+
+        def around(frames: np.ndarray) -> Around:
+            return Around.of(course, frames, raw.rate)
+
         def linearise(frames: np.ndarray, rooted: RootedPoses) -> NormalEquations:
-            return masks.linearise(frames, rooted, seen[frames])
+            course.base[frames], course.pose[frames] = rooted.base, rooted.pose
+            return masks.linearise(frames, rooted, seen[frames], around(frames))
+
+        def descend(frames: np.ndarray, starts: RootedPoses) -> tuple[RootedPoses, np.ndarray]:
+            return masks.descend(frames, starts, around(frames))
 
         def areas(frames: np.ndarray, rooted: RootedPoses) -> np.ndarray:
             poses = self._rooting.leave(rooted, np.zeros(3))
             return np.array([judge(frame, pose[None])[0][0] for frame, pose in zip(frames, poses, strict=True)])
 
         arms_and_legs = [limb.coordinates for limb in limbs(skeleton)]
-        backward = BackwardPass(masks.descend, linearise, self._rooting, points, raw.rate, areas, arms_and_legs)
+        anew = masks.pairs_anew if masks.pairs else None
+        backward = BackwardPass(descend, linearise, self._rooting, points, raw.rate, areas, arms_and_legs, anew)
         problem = ClipProblem(linearise, self._rooting, points, raw.rate, backward)
         self.windows = problem.windows(self._rooting.enter(track), coarse_then_fine(config.acceleration), masked)
-        self._noise = Deviations(problem, config.acceleration)
-        self._body = BodyDeviations(problem, masks.linearise_body, masks.body_changes)
+        self._factors = deviation_factors(subject.body)
+        axes = stretched(self._factors.joint) if self._factors else None
+        self._noise = Deviations(problem, config.acceleration, axes)
+        self._body = BodyDeviations(problem, masks.linearise_body, masks.body_changes, axes)
         self._widest = np.full(track.shape[1], np.inf)
         self._widest[masks.searched] = self._rooting.anywhere
         self._last = track[0, ROOT_ANGLES]
@@ -196,6 +236,9 @@ class _Run:
         self.pose[frames] = self._rooting.leave(window.rooted[: window.final], self._last)
         error = misfit(window.contour, self._rooting.searched)
         sigma = together(self._noise.of(window), self._body.of(window), error, self._widest)
+        if self._factors:
+            sigma.pose[:] = np.minimum(sigma.pose * self._factors.coordinate, self._widest)
+            sigma.pose[:, :TRANSLATION] = sigma.joint[:, 0]  # the root's place
         self.sigma.pose[frames], self.sigma.joint[frames] = sigma.pose, sigma.joint
         self._last = self.pose[frames.stop - 1, ROOT_ANGLES]
         self._finished = frames.stop

@@ -96,8 +96,7 @@ def track(
     result = collect(subject, scene.rig(config.scale), scene.fps, config, answers, scene.frames)
     if not config.acceleration:
         return result
-    observations = (Observation.from_masks(masks) for masks in tracked_masks(scene, result))
-    return smoothed(result, config, observations, smooth_progress)
+    return smoothed(result, config, scene.observed(tracked_masks(scene, result)), smooth_progress)
 
 
 def _check_start(scene: Scene, subject: Subject) -> None:

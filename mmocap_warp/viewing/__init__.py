@@ -1,4 +1,4 @@
 """Results to look at interactively: one page for a browser.
 
-May import: body, views, result, formats, scene, tracking, drawing.
+May import: pages, body, views, result, formats, scene, tracking, drawing.
 """

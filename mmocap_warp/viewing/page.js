@@ -91,8 +91,8 @@ class Tile {
     this.button.addEventListener("click", () => lookThrough(k));
   }
 
-  show(i, overlap) {
-    for (const [kind, picture] of Object.entries(this.pictures)) {
+  show(i, overlap, keep) {
+    for (const [kind, picture] of Object.entries(keep ? {} : this.pictures)) {
       const number = Math.floor(i / content.every[kind]);
       if (this.shown[kind] === number) continue;
       this.shown[kind] = number;
@@ -164,7 +164,7 @@ function drawPictures(tile, corners, depth) {
 
 let stage = null;
 function draw() {
-  const ratio = Math.min(devicePixelRatio, 2);
+  const ratio = Math.min(devicePixelRatio, 2) * (slow() ? 0.7 : 1);
   const size = [part.world.clientWidth, part.world.clientHeight].map((s) => Math.max(1, Math.round(s * ratio)));
   if (part.world.width !== size[0] || part.world.height !== size[1]) [part.world.width, part.world.height] = size;
   const view = state.through === null ? orbit.view(size) : pinholes[state.through].within(size);
@@ -180,7 +180,7 @@ function draw() {
     stage.drawLines(cameraLines(corners, pinholes[state.through].eye, true), false);
   }
   stage.drawSkin(joints, add(view.R[2], content.up, -0.6).map((v, i, a) => -v / Math.hypot(...a)),
-    [...colours.skin, state.through === null ? 1 : 0.6], state.playing && pace > SLOW ? stage.coarse : stage.fine);
+    [...colours.skin, state.through === null ? 1 : 0.6], slow() ? stage.coarse : stage.fine);
   stage.drawLines(skeletonLines(), false);
   if (state.through === null) {
     pinholes.forEach((pinhole, k) => {
@@ -201,9 +201,19 @@ function placeLabels(view, ratio) {
 }
 
 // The page is drawn when something has changed, once before the screen's next picture.
-// While it plays where that takes too long, as without a GPU, the tracking mesh is drawn for the skin.
+// While it plays where that takes too long, as without a GPU, the tracking mesh is drawn for the skin, in fewer pixels,
+// and the cameras' pictures are renewed now and then.
 const SLOW = 1000 / 40; // [ms] between two pictures
-let asked = false, before = null, pace = 0;
+const RENEWED = 100; // [ms]
+let asked = false, before = null, pace = 0, renewed = 0;
+const slow = () => state.playing && pace > SLOW;
+
+function renewPictures(i, overlap) {
+  const keep = slow() && performance.now() - renewed < RENEWED;
+  if (!keep) renewed = performance.now();
+  tiles.forEach((tile, k) => tile.show(i, overlap[k], keep));
+}
+
 function refresh() {
   if (asked) return;
   asked = true;
@@ -225,7 +235,7 @@ function show() {
   part.slider.value = i;
   part.where.textContent = `Frame ${frames[i]}, ${seconds[i].toFixed(2)} s, ${content.statuses[run.status[i]]}`;
   part.slider.setAttribute("aria-valuetext", part.where.textContent);
-  tiles.forEach((tile, k) => tile.show(i, seen[k]));
+  renewPictures(i, seen);
   part.age.textContent = state.through === null ? "" : tiles[state.through].age.textContent;
   for (const curve of curves) curve.show(i, trackName());
   if (stage) draw();

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
-import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from html import escape
-from importlib.resources import files
 from pathlib import Path
-from string import Template
 from typing import Any
 
 from mmocap_warp.drawing.show import check_same_recording
+from mmocap_warp.pages.page import embedded, filled, resource
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.scene.frame_choice import as_range
@@ -25,6 +21,7 @@ from mmocap_warp.viewing.pictures import Views, small_images, small_masks
 from mmocap_warp.viewing.thinning import pose_step, sentence
 from mmocap_warp.whole_file import write_whole
 
+_HERE = "mmocap_warp.viewing"
 _SCRIPTS = ("data.js", "pinhole.js", "stage.js", "curves.js", "page.js")
 _IMAGE_SIDE = 320  # [px], the longer side that images are read at, where they are larger
 
@@ -98,18 +95,15 @@ def _told(views: Views, count: int, progress: Callable[[int, int], None] | None)
 
 
 def _html(name: str, summary: str, holds: str, data: dict[str, Any]) -> str:
-    script = "\n".join(_resource(part) for part in _SCRIPTS)
-    style = _resource("page.css")
-    return Template(_resource("page.html")).substitute(
-        title=escape(name),
+    return filled(
+        resource(_HERE, "page.html"),
+        title=name,
+        script="\n".join(resource(_HERE, part) for part in _SCRIPTS),
+        style=resource(_HERE, "page.css"),
         summary=escape(summary),
         holds=escape(holds),
         version=escape(__version__),
-        content=_embedded(data),
-        script=script,
-        script_hash=_hash(script),
-        style=style,
-        style_hash=_hash(style),
+        content=embedded(data),
     )
 
 
@@ -118,17 +112,3 @@ def _summary(result: Result) -> str:
     parts = [f"{frames} frames, {frames / result.rate:.1f} s at {result.rate:g} a second", f"{cameras} cameras"]
     parts += [f"{runs} runs"] if runs > 1 else []
     return ", ".join([*parts, f"tracked by {result.config.get('algorithm', 'an unknown tracker')}"])
-
-
-def _embedded(data: dict[str, Any]) -> str:
-    """JSON that no browser takes for markup, whatever names it holds."""
-    return json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
-
-
-def _resource(name: str) -> str:
-    return files("mmocap_warp.viewing").joinpath(name).read_text(encoding="utf-8").strip()
-
-
-def _hash(text: str) -> str:
-    """As a content security policy names what it allows."""
-    return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()

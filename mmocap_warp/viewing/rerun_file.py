@@ -12,7 +12,7 @@ from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.skeleton import Skeleton
 from mmocap_warp.drawing.overlay import LEFT_COLOUR, MIDDLE_COLOUR, MODEL_COLOUR, RIGHT_COLOUR
 from mmocap_warp.drawing.show import check_same_recording
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import missing_package
 from mmocap_warp.formats.png import encode_png
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
@@ -44,8 +44,7 @@ def write_rerun(path: Path, result: Result, scene: Scene | None = None, truth: T
     try:
         import rerun as rr
     except ImportError:
-        remedy = 'pip install "mmocap-warp[viewer]", or pip install rerun-sdk'
-        raise InputError(path, "needs the package rerun-sdk to be written", remedy) from None
+        raise missing_package(path, "rerun-sdk", "written", "viewer", "pip install rerun-sdk") from None
     if scene is not None:
         check_same_recording(result, scene)
     recording = rr.RecordingStream("mmocap-warp")

@@ -42,12 +42,14 @@ class Observation:
     Attributes:
         words: (camera, row, word) uint32, see :func:`pack_masks`.
         foreground: (camera,) int, foreground pixels; 0 means that the view is lost.
+        late: (camera,) float64, by how much later than the frame each mask was taken [s]; None where all are in time.
     """
 
     words: np.ndarray
     foreground: np.ndarray
+    late: np.ndarray | None = None
 
     @classmethod
-    def from_masks(cls, masks: list[np.ndarray]) -> Observation:
+    def from_masks(cls, masks: list[np.ndarray], late: np.ndarray | None = None) -> Observation:
         """Pack one (height, width) boolean mask per camera."""
-        return cls(pack_masks(masks), np.array([int(mask.sum()) for mask in masks], np.int64))
+        return cls(pack_masks(masks), np.array([int(mask.sum()) for mask in masks], np.int64), late)

@@ -44,7 +44,7 @@ def test_lengths_and_sizes_can_be_told(tmp_path: Path, capsys: pytest.CaptureFix
     (tmp_path / "cal").mkdir()
     (tmp_path / "cal/C1.cal").write_text(humaneva(RIG, 0))
     assert convert(tmp_path / "cal", "-o", tmp_path / "h.toml", "--size", "640x480") == OK
-    assert capsys.readouterr().out.splitlines()[-1].endswith("h.toml: 1 cameras (C1) as Pose2Sim/aniposelib TOML")
+    assert capsys.readouterr().out.splitlines()[-1].endswith("h.toml: C1 as Pose2Sim/aniposelib TOML")
     assert convert(tmp_path / "cal", "-o", tmp_path / "h.toml", "--force") == BAD_INPUT
     assert "does not say how large the camera's images are; add the image size" in capsys.readouterr().err
 

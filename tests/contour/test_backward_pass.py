@@ -141,6 +141,21 @@ def test_a_limb_that_is_lost_to_the_end_is_recalled_from_before():
     assert recalling.revised(frames, clip.truth, clip.rooting.none) is clip.truth
 
 
+def test_limbs_that_no_frame_knows_are_looked_for_anew():
+    clip = TwoBasins(np.full(FRAMES, 1.2))
+    frames, asked = np.arange(FRAMES), []
+
+    def anew(frame: int, there: RootedPoses) -> RootedPoses:
+        asked.append(frame)
+        return clip.truth[frame : frame + 1]
+
+    assert clip.backward.revised(frames, clip.other, clip.rooting.none) is clip.other
+    looking = BackwardPass(clip.descend, clip.linearise, clip.rooting, clip.points, RATE, clip.areas, [], anew)
+    assert clip.error(looking.revised(frames, clip.other, clip.rooting.none)).max() < 0.02
+    assert asked == list(range(FRAMES - 1, -1, -30))
+    assert looking.revised(frames, clip.truth, clip.rooting.none) is clip.truth
+
+
 def test_what_costs_much_more_on_the_way_back_is_not_followed_further(lost):
     clip, known = lost
     clip.extra[1] = 40.0

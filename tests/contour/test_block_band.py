@@ -43,3 +43,23 @@ def test_blocks_are_added_and_first_frames_left_out():
 def test_a_matrix_that_is_not_positive_definite_is_refused():
     with pytest.raises(np.linalg.LinAlgError):
         (random_band(4, 3) + -1e3 * np.eye(3)).solved(np.ones((4, 3)))
+
+
+def test_what_rounding_adds_does_not_grow_from_frame_to_frame():
+    """Accelerations that are penalised far more than each frame is seen, over a long window."""
+    frames, size = 170, 6
+    rng = np.random.default_rng(3)
+    jacobian = 100.0 * rng.normal(size=(1, 8, size)) + rng.normal(
+        size=(frames, 8, size)
+    )  # of what is kept from turning
+    stencil = np.array([1.0, -2.0, 1.0])
+    blocks = [np.zeros((frames - apart, size, size)) for apart in range(3)]
+    blocks[0] += np.eye(size)
+    for first in range(frames - 2):
+        for i in range(3):
+            for j in range(i + 1):
+                blocks[i - j][first + j] += stencil[i] * stencil[j] * jacobian[first + i].T @ jacobian[first + j]
+    band = BlockBand(blocks)
+    inverse = np.linalg.inv(dense(band)).reshape(frames, size, frames, size)
+    own = np.array([inverse[frame, :, frame] for frame in range(frames)])
+    np.testing.assert_allclose(band.inverse_diagonal(), own, rtol=1e-4, atol=1e-6 * np.abs(own).max())

@@ -20,8 +20,10 @@ from mmocap_warp.contour.uncertainty import (
     BodyDeviations,
     Deviations,
     Uncertainty,
+    body_axes,
     marginal_covariance,
     misfit,
+    stretched,
     together,
 )
 
@@ -202,3 +204,39 @@ def test_both_parts_count_and_grow_with_the_misfit():
     np.testing.assert_allclose(usual.joint, expected)
     np.testing.assert_allclose(together(noise, body, 2 * USUAL_MISFIT, widest).joint, 2 * expected)
     np.testing.assert_allclose(together(noise, body, 2 * USUAL_MISFIT, widest).pose, [[2 * expected, 0.03]])
+
+
+def turned_about_up(problem: ClipProblem, rooted: RootedPoses) -> RootedPoses:
+    """Poses that face another way, so that no axis of the body is one of the world's."""
+    return problem.rooting.refold(RootedPoses(turn("z", 0.7) @ turn("x", 0.4) @ rooted.base, rooted.pose))
+
+
+def test_deviations_are_told_along_the_bodys_axes():
+    problem, rooted = clip_of(6, 0.004)
+    rooted = turned_about_up(problem, rooted)
+    window = SolvedWindow(rooted, problem.linearise(np.arange(6), rooted), 6)
+    covariance = marginal_covariance(problem, window.contour, rooted, ACCELERATION)
+    centres = problem.points.linearised(rooted)[1][:, ::4]
+    of_joints = centres @ covariance[:, None] @ np.swapaxes(centres, 2, 3)
+    base = rooted.base[:, None]
+    along = np.sqrt(np.einsum("fjii->fji", np.swapaxes(base, 2, 3) @ of_joints @ base))
+    np.testing.assert_allclose(Deviations(problem, ACCELERATION, body_axes).of(window).joint, along, rtol=1e-6)
+    factor = np.random.default_rng(1).uniform(0.5, 2.0, (len(SKELETON.joints), 3))
+    stretch = base @ (factor[:, :, None] * np.swapaxes(base, 2, 3))
+    expected = np.sqrt(np.einsum("fjii->fji", stretch @ of_joints @ np.swapaxes(stretch, 2, 3)))
+    told = Deviations(problem, ACCELERATION, stretched(factor)).of(window)
+    np.testing.assert_allclose(told.joint, expected, rtol=1e-6)
+    np.testing.assert_array_equal(told.pose, Deviations(problem, ACCELERATION).of(window).pose)
+
+
+@pytest.mark.parametrize("moves", [0.0, 1.0])
+def test_factors_that_are_one_along_all_axes_stretch_what_the_body_owes_alike(moves):
+    problem, rooted = clip_of(5, 0.004)
+    rooted = turned_about_up(problem, rooted)
+    window = SolvedWindow(rooted, problem.linearise(np.arange(5), rooted), 5)
+    linearise = WithBody(problem, moves=moves)
+    plain = BodyDeviations(problem, linearise, CHANGES).of(window)
+    twice = stretched(np.full((len(SKELETON.joints), 3), 2.0))
+    wider = BodyDeviations(problem, linearise, CHANGES, twice).of(window)
+    np.testing.assert_allclose(wider.joint, 2 * plain.joint, rtol=1e-6, atol=1e-12)
+    np.testing.assert_array_equal(wider.pose, plain.pose)

@@ -100,6 +100,12 @@ def _write_truth(folder: Path, name: str) -> None:
     write_truth(folder / name, truth)
 
 
+def _check(folder: Path, name: str) -> None:
+    from mmocap_warp.formats.usd.check import faults
+
+    faults(folder / name)
+
+
 def _usd(kind: str, write: Callable, read: Callable) -> tuple[Reader, ...]:
     """As text and as binary."""
     return tuple(
@@ -119,5 +125,6 @@ READERS: tuple[Reader, ...] = (
     Reader("body.usdz", "b.usdz", _write_packed_body, partial(_read_body, name="b.usdz"), mutations.any_bytes),
     *_usd("subject", _write_subject, _read_subject),
     *_usd("result", _write_result, _read_result),
+    *_usd("check", _write_result, _check),
     *_usd("truth", _write_truth, read_truth),
 )

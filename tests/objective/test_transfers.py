@@ -23,6 +23,18 @@ def test_what_is_sent_next_does_not_overtake(device):
         np.testing.assert_array_equal(copy.numpy()[:, ::4097], np.array([[number], [number], [0]]).repeat(256, axis=1))
 
 
+def test_the_current_device_may_be_another_one(device):
+    """A worker of a study on the second GPU does not make that one Warp's default."""
+    array = wp.zeros((2, 3), dtype=wp.float32, device=device)
+    upload, download = Upload(array), Download([array])
+    with wp.ScopedDevice("cpu"):
+        for number in (1, 2):
+            upload.values[:] = number
+            upload.send(2)
+        download.fetch(2)
+        np.testing.assert_array_equal(download.read(2)[0], np.full((2, 3), 2))
+
+
 def test_vectors_and_matrices_are_sent_by_rows(device):
     array = wp.zeros(4, dtype=wp.mat33, device=device)
     upload = Upload(array)

@@ -199,7 +199,6 @@ WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
     "unknown table": case("[track]", "[tracker]", r"unknown key 'tracker'; did you mean 'track'\?"),
     "unknown key": case("fps = 30", "fps = 30\nnmae = 1", r"\[scene\]: unknown key 'nmae'; did you mean 'name'\?"),
     "unknown camera key": case('video = "cam01', 'vidoe = "cam01', r"\[cameras\.cam01\]: unknown key 'vidoe'; did you"),
-    "no fps": case("fps = 30", "", r"\[scene\]: 'fps' is missing; add fps = \.\.\. \(a number\)"),
     "fps a word": case("fps = 30", 'fps = "30"', r"fps = '30' is not a number; give a number"),
     "fps zero": case("fps = 30", "fps = 0", r"fps = 0 is not a frame rate"),
     "fps negative": case("fps = 30", "fps = -30", r"fps = -30 is not a frame rate"),

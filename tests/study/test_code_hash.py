@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import subprocess
 import sys
@@ -12,7 +13,6 @@ from tiny_study import tasks_of
 
 from mmocap_warp.study import code_hash as module
 from mmocap_warp.study import store, tasks
-from mmocap_warp.study.code_hash import code_hash
 from mmocap_warp.study.definition import load_study
 from mmocap_warp.study.job import Refusal, Worker
 from mmocap_warp.study.store import content_key
@@ -35,57 +35,134 @@ def installed(tmp_path_factory) -> Path:
     return site
 
 
-def hash_of(site: Path) -> str:
-    script = f"import sys; sys.path.insert(0, {str(site)!r}); from mmocap_warp.study import code_hash as c; "
-    script += "assert c.__file__.startswith(sys.path[0]); print(c.code_hash())"
-    return subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout.strip()
+KINDS = ("search", "contours", "recorded", "both")
+"""The paper's trackers and those of contours on shipped sequences, then both on recordings."""
+
+
+HASHES = """
+from mmocap_warp.study import code_hash as module
+facets = {"search": (False, False), "contours": (True, False), "recorded": (False, True), "both": (True, True)}
+hashes = {kind: module.code_hash(contours=facet[0], recorded=facet[1]) for kind, facet in facets.items()}
+"""
+
+
+def hashes() -> dict[str, str]:
+    """The code's hash for each kind of cell."""
+    names = {}
+    exec(HASHES, names)
+    return names["hashes"]
+
+
+def hashes_of(site: Path) -> dict[str, str]:
+    script = f"import json, sys; sys.path.insert(0, {str(site)!r})\n{HASHES}\n"
+    script += "assert module.__file__.startswith(sys.path[0]); print(json.dumps(hashes))"
+    return json.loads(subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout)
 
 
 def test_it_is_the_same_from_a_wheel(installed):
-    assert hash_of(installed) == code_hash()
+    assert hashes_of(installed) == hashes()
 
 
 @pytest.mark.parametrize(
-    ("file", "counts"),
+    ("file", "kinds"),
     [
-        ("kernels/optimizers/pso.py", True),
-        ("kernels/body/skinning.py", True),
-        ("tracking/tracker.py", True),
-        ("study/metrics.py", True),
-        ("a_new_room/__init__.py", True),
-        ("kernels/benchmarks/timing.py", False),
-        ("cli/track.py", False),
-        ("study/statistics.py", False),
+        ("kernels/optimizers/pso.py", KINDS),
+        ("kernels/body/skinning.py", KINDS),
+        ("tracking/tracker.py", KINDS),
+        ("study/metrics.py", KINDS),
+        ("synthesis/motion/gait.py", KINDS),
+        ("contour/fitter.py", ("contours", "both")),
+        ("kernels/contour/descent.py", ("contours", "both")),
+        ("tracking/contour_tracker.py", ("contours", "both")),
+        ("tracking/clip_body.py", ("contours", "both")),
+        ("scene/recording.py", ("recorded", "both")),
+        ("foreground/subtraction.py", ("recorded", "both")),
+        ("formats/usd/truth.py", ("recorded", "both")),
+        ("formats/calibration/opencv.py", ()),
+        ("tracking/checkpoint.py", ()),
+        ("kernels/benchmarks/timing.py", ()),
+        ("cli/track.py", ()),
+        ("viewing/__init__.py", ()),
+        ("study/statistics.py", ()),
+        ("a_new_room/__init__.py", ()),
+        ("version.py", ()),
     ],
 )
-def test_it_follows_the_modules_that_results_depend_on(file, counts, installed):
+def test_it_follows_the_modules_that_results_depend_on(file, kinds, installed):
     path = installed / "mmocap_warp" / file
     before = path.read_bytes() if path.exists() else None
     path.parent.mkdir(exist_ok=True)
     path.write_bytes((before or b"") + b"# changed\n")
     try:
-        assert (hash_of(installed) != code_hash()) == counts
+        changed, unchanged = hashes_of(installed), hashes()
+        assert tuple(kind for kind in KINDS if changed[kind] != unchanged[kind]) == kinds
     finally:
         path.unlink() if before is None else path.write_bytes(before)
 
 
+def test_a_new_module_counts_as_soon_as_one_that_counts_imports_it(installed):
+    new, user = installed / "mmocap_warp/objective/new.py", installed / "mmocap_warp/objective/silhouettes.py"
+    before = user.read_text()
+    new.write_text("")
+    user.write_text(before + "from mmocap_warp.objective import new\n")
+    try:
+        importing = hashes_of(installed)
+        new.write_text("VALUE = 1\n")
+        assert all(
+            mine != theirs for mine, theirs in zip(hashes_of(installed).values(), importing.values(), strict=True)
+        )
+    finally:
+        new.unlink()
+        user.write_text(before)
+
+
 def test_what_it_names_exists():
     """A module that was renamed must not drop out, nor come in, unnoticed."""
-    names = {name for root in module._ROOTS for name, _ in module._modules(root)}
-    assert {f"mmocap_warp.study.{name}" for name in module._OF_STUDY} <= names
-    names.add("mmocap_warp.scenes.__init__")  # in the package where it is installed from a wheel
-    assert {f"mmocap_warp.{name}.__init__" for name in module._LEFT_OUT} <= names
+    names = set(module._sources())
+    assert {*module._LEFT_OUT, *module._OF_CONTOURS, *module._OF_RECORDINGS} - {"scenes"} <= names
+
+
+@pytest.mark.parametrize("cell", ["search", "solved"])
+def test_what_a_cell_runs_counts(cell, tmp_path):
+    """Every module whose functions a cell of a shipped sequence calls, but for those that say why they do not."""
+    script = f"""
+import json, sys
+from pathlib import Path
+from mmocap_warp.study.cell import Cell
+from mmocap_warp.study.job import Job, Worker, code_of
+from mmocap_warp.study.source import Clip, clip_facts
+from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.study import code_hash as module
+
+solved = {cell == "solved"}
+clip = Clip("S1/Box", frames=2)
+config = TrackConfig("contour" if solved else "h-de", 39, None if solved else 12, runs=2)
+code = code_of(config, clip, solved)
+cell = Cell("S1/Box", config.algorithm, 39, config.budget)
+job = Job(cell, clip, clip_facts(clip).identity, config, "", code, solved)
+run = set()
+sys.setprofile(lambda frame, event, _: run.add(frame.f_code.co_filename) if event == "call" else None)
+*_, result = Worker("cpu", 1).work(job)
+sys.setprofile(None)
+files = {{str(Path(str(file)).resolve()): name for name, file in module._sources().items()}}
+names = {{files[str(Path(file).resolve())] for file in run if str(Path(file).resolve()) in files}}
+print(json.dumps(sorted(names - module.counted("study.job", contours=solved, recorded=False))))
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=tmp_path)
+    called = json.loads(done.stdout.splitlines()[-1])
+    known = (*module._LEFT_OUT, "formats")  # of formats, what reads the shipped bodies
+    assert [name for name in called if not name.startswith(known)] == []
 
 
 def test_results_of_changed_code_have_files_of_their_own(study, monkeypatch):
     plan = load_study(study).plans[0]
     before = content_key(plan, "clip", "cpu")
-    monkeypatch.setattr(store, "code_hash", lambda: "of a tracker that was changed")
+    monkeypatch.setattr(store, "code_of", lambda *_: "of a tracker that was changed")
     assert content_key(plan, "clip", "cpu") != before
 
 
 def test_a_worker_with_other_code_refuses(study, tmp_path, monkeypatch):
-    monkeypatch.setattr(tasks, "code_hash", lambda: "of the machine that started the study")
+    monkeypatch.setattr(tasks, "code_of", lambda *_: "of the machine that started the study")
     job = tasks_of(study, tmp_path / "results")[0].job
     (told,) = Worker("cpu").work(job)
     assert isinstance(told, Refusal)

@@ -89,6 +89,8 @@ def test_the_same_cell_twice_is_one(tmp_path):
         ("[other]" + GRID, "unknown key 'other'"),
         ("[sequences]\nA = 3" + GRID, "A = 3 is not a string; name a scene.toml"),
         (GRID.replace('["pso"]', '["psoo"]'), r"\[grid 1\]: algorithm must be one of"),
+        (GRID.replace('["pso"]', '["pso+solve"]'), r"'pso\+solve' has another \+ than \['polish', 'solved'\]"),
+        (GRID.replace('["pso"]', '["contour+polish"]'), "polish is for"),
         (GRID.replace("[39]", "[40]"), r"\[grid 1\]: dof must be one of"),
         (GRID.replace("[500]", "[0]"), "evaluations must be at least 1"),
         (GRID.replace("[500]", "500"), "evaluations = 500 is not a list"),
@@ -192,7 +194,7 @@ def test_a_key_follows_what_a_result_depends_on(tmp_path, monkeypatch):
     plan = load_study(write_study(tmp_path)).plans[0]
     key = content_key(plan, "clip", "cpu")
     assert content_key(plan, "clip", "cpu") == key
-    same = replace(plan, config=replace(plan.config, threads=7, device="cuda:3"), clip=Clip("x"))
+    same = replace(plan, config=replace(plan.config, threads=7, device="cuda:3"), clip=Clip("x", Path("elsewhere")))
     assert content_key(same, "clip", "cpu") == key
     others = {
         content_key(plan, "clip", "cuda"),
@@ -203,10 +205,25 @@ def test_a_key_follows_what_a_result_depends_on(tmp_path, monkeypatch):
             for name, value in (("runs", 9), ("seed", 1), ("evaluations", 13), ("limits", False), ("cost", "iou"))
         ),
     }
-    monkeypatch.setattr("mmocap_warp.study.store.__version__", "99")
+    others.add(content_key(replace(plan, solved=True), "clip", "cpu"))
+    monkeypatch.setattr("mmocap_warp.study.store.code_of", lambda *_: "other code")
     others.add(content_key(plan, "clip", "cpu"))
     assert key not in others
-    assert len(others) == 9
+    assert len(others) == 10
+
+
+def test_trackers_by_contours_have_budgets_of_their_own(tmp_path):
+    names = ["search-contour", "contour+solved", "h-cmaes+polish", "h-cmaes+polish+solved"]
+    text = GRID.replace('["pso"]', str(names).replace("'", '"')).replace("evaluations = [500]\n", "")
+    plans = study_of(tmp_path, text).plans
+    assert [plan.cell.algorithm for plan in plans] == names
+    assert [(plan.config.algorithm, plan.config.polish, plan.solved, plan.cell.evaluations) for plan in plans] == [
+        ("search-contour", False, False, 120),
+        ("contour", False, True, 0),
+        ("h-cmaes", True, False, 500),
+        ("h-cmaes", True, True, 500),
+    ]
+    assert len({content_key(plan, "clip", "cpu") for plan in plans}) == 4
 
 
 DOCUMENT = (Path(__file__).resolve().parents[2] / "docs" / "study.md").read_text(encoding="utf-8")

@@ -35,10 +35,12 @@ def cluster() -> Iterator[Cluster]:
     made.shutdown()
 
 
-def started(cluster: Cluster, study: Path, results: Path) -> subprocess.Popen:
+def started(cluster: Cluster, study: Path, results: Path, patience: float = 60.0) -> subprocess.Popen:
     """A run on the cluster's two machines that has stored its first result."""
+    main = f"import sys; from mmocap_warp.study.engines import ray; ray._PATIENCE = {patience}; "
+    main += "from mmocap_warp.cli import main; sys.exit(main(sys.argv[1:]))"
     where = ["--engine", "ray", "--address", cluster.address, "--workers", "2", "--json"]
-    command = [sys.executable, "-m", "mmocap_warp", "study", "run", str(study), "-o", str(results), *where]
+    command = [sys.executable, "-c", main, "study", "run", str(study), "-o", str(results), *where]
     run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + PATIENCE
     while not list(results.glob("*.npz")) and run.poll() is None and time.monotonic() < deadline:
@@ -73,6 +75,22 @@ def test_a_cluster_that_vanishes_is_told_and_what_is_finished_stays(cluster, tmp
     assert 1 <= answer["finished_now"] == CELLS - len(answer["failed"])
     assert all("has vanished" in failure["problem"] for failure in answer["failed"])
     assert len(list((tmp_path / "ray").glob("*.npz"))) == answer["finished_now"]
+
+
+def test_a_cluster_without_a_machine_left_is_told_and_what_is_missing(cluster, tmp_path):
+    """Its head lives on; Ray would wait for another machine for ever."""
+    study = write_study(tmp_path, STUDY.replace("seeds = 2", "seeds = 10").replace("[12]", "[100]"))
+    run, address = started(cluster, study, tmp_path / "ray", patience=4.0), cluster.address
+    for node in cluster.list_all_nodes()[1:]:
+        cluster.remove_node(node, allow_graceful=False)
+    output, notes = run.communicate(timeout=PATIENCE)
+    assert run.returncode == exit_codes.FAILURE
+    answer = json.loads(output)
+    assert f"the Ray cluster at {address} has no machine left that a worker fits on; waiting 4 s for one" in notes
+    assert "no worker has started yet" not in notes.partition("waiting")[2]
+    assert 1 <= answer["finished_now"] == CELLS - len(answer["failed"])
+    problem = f"the Ray cluster at {address} has had no machine that a worker fits on for 4 s"
+    assert {failure["problem"] for failure in answer["failed"]} == {problem}
 
 
 @pytest.mark.parametrize("address", ["127.0.0.1:1", "nowhere"])

@@ -20,6 +20,7 @@ from mmocap_warp.study.cell import Cell, read_cell, write_cell
 from mmocap_warp.study.claims import AGREES, FAILS, UNTESTED, check_claims
 from mmocap_warp.study.report import render
 from mmocap_warp.study.report_overlays import best_and_worst, extreme_frames, side_by_side
+from mmocap_warp.study.report_setting import mixture
 from mmocap_warp.study.report_text import csv_table, markdown_tables
 from mmocap_warp.study.sequences import SEQUENCES as SHIPPED
 from mmocap_warp.study.source import Clip
@@ -440,6 +441,15 @@ def test_results_of_different_code_are_not_mixed_without_a_word(results, tmp_pat
     assert json.loads(said.out)["mixed_code"].startswith(warning)
     assert warning in Page(page.read_text(encoding="utf-8")).text
     assert warning in (tmp_path / "tables.md").read_text(encoding="utf-8")
+
+
+def test_code_that_only_other_cells_run_is_no_mixture():
+    results = list(made_up_study(SEQUENCES[:2], ("h-cmaes", "apf"), (39,), (500,), seeds=3, frames=12))
+    coded = [replace(results[0], meta=results[0].meta | {"code": "b", "code_covers": {"contours": True}})]
+    coded += [replace(each, meta=each.meta | {"code": "a", "code_covers": {"contours": False}}) for each in results[1:]]
+    assert mixture(StudySummary.of(coded)) == ""
+    other = replace(coded[1], meta=coded[1].meta | {"code": "c"})
+    assert "different code" in mixture(StudySummary.of([coded[0], other, *coded[2:]]))
 
 
 @pytest.mark.parametrize("folder", ["nowhere", "empty"])

@@ -32,6 +32,7 @@ from mmocap_warp.study.cell import read_cell
 from mmocap_warp.study.engines.local import LocalEngine, local_devices
 from mmocap_warp.study.job import Refusal, Worker
 from mmocap_warp.study.run import run_study
+from mmocap_warp.study.summary import summarise, with_typical_pose
 
 STOPS = 5
 
@@ -235,7 +236,7 @@ def test_an_error_in_a_worker_names_itself(study, tmp_path, monkeypatch):
     """Wrong input is refused at once; anything else is tried again on a new process."""
     tasks, notes = tasks_of(study, tmp_path / "results")[:1], []
     status = run_quietly(tasks, lambda: Spoiling(["cpu"], 1, config=None), notes)
-    assert "TypeError: " in status.failures[tasks[0].cell]
+    assert "AttributeError: 'NoneType'" in status.failures[tasks[0].cell]
     assert len(notes) == 3
     status = run_quietly(tasks, lambda: Spoiling(["cpu"], 1, clip_identity="other"), notes)
     assert "Walk is not the same here as where the study was started" in status.failures[tasks[0].cell]
@@ -287,6 +288,55 @@ def test_workers_keep_to_the_masks_they_hold(study, tmp_path):
     held = [[job.cell.sequence for worker, job in engine.given if worker == seat] for seat in (0, 1)]
     assert [len(set(names)) for names in held] == [1, 1]
     assert held[0][0] != held[1][0]
+
+
+def test_grids_are_tracked_in_their_order(study, tmp_path):
+    """Though longer cells, and others of the clip that a worker holds, are left in a later one."""
+    grid = STUDY[STUDY.index("[[grid]]") :]
+    ordered = study.with_name("ordered.toml")
+    ordered.write_text(STUDY + grid.replace("[12]", "[24]") + grid.replace("[12]", "[6]"))
+    engine = ScriptedEngine(2, {})
+    run_quietly(tasks_of(ordered, tmp_path / "results"), lambda: engine)
+    assert [job.cell.evaluations for job in engine.submitted] == [12] * CELLS + [24] * CELLS + [6] * CELLS
+
+
+class Clock(ScriptedEngine):
+    """An engine whose cells take a second each ten evaluations, by a clock of its own."""
+
+    def __init__(self, monkeypatch) -> None:
+        super().__init__(1, {})
+        self.now = 1000.0
+        monkeypatch.setattr(run.time, "monotonic", lambda: self.now)
+
+    def submit(self, worker, job):
+        super().submit(worker, job)
+        self.now += job.config.budget / 10.0
+
+
+def test_no_cell_is_begun_that_the_time_would_not_do_for(study, tmp_path, monkeypatch):
+    grid = STUDY[STUDY.index("[[grid]]") :]
+    several = study.with_name("several.toml")
+    several.write_text(STUDY + grid.replace("[12]", "[120]") + grid.replace("[12]", "[6]"))
+    tasks, notes = tasks_of(several, tmp_path / "results"), []
+    engine = Clock(monkeypatch)
+    status = run_study(tasks, lambda: engine, lambda _: None, notes.append, seconds=12 * 1.2 + 12 + 6)
+    budgets = [job.cell.evaluations for job in engine.submitted]
+    assert budgets == [12] * CELLS + [120] + [6] * 9
+    assert (status.finished, len(status.failures)) == (len(budgets), 2 * CELLS - 10)
+    assert notes == [f"the time of 32 s is up; {2 * CELLS - 10} cells are left for another run"]
+    assert engine.closed
+
+
+def test_the_typical_runs_poses_can_be_kept_alone(study, whole, tmp_path):
+    tasks = tasks_of(study, tmp_path / "results")[:2]
+    run_study(tasks, lambda: LocalEngine(["cpu"], 1), lambda _: None, print, keep=with_typical_pose)
+    for task in tasks:
+        kept, full = read_cell(task.path), read_cell(whole / task.path.name)
+        assert kept.pose.shape == (1, FRAMES, 51)
+        np.testing.assert_array_equal(kept.pose[0], summarise(full).typical_pose)
+        np.testing.assert_array_equal(summarise(kept).typical_pose, summarise(full).typical_pose)
+        assert summarise(kept).runs.keys() == summarise(full).runs.keys()
+    assert run_quietly(tasks).reused == 2
 
 
 def full_disk(monkeypatch, *, writes_that_fail: int, patience: float = 0.0) -> list[Path]:

@@ -94,7 +94,7 @@ def test_an_empty_first_frame_is_wrong_input(walk, man, monkeypatch):
 class PlannedFrame:
     """In place of a frame's fit: guesses cost what is planned, by the height that says which they are."""
 
-    polished_cost, limbs_cost, swapped_cost, anew_cost = {}, {}, None, None
+    polished_cost, limbs_cost, swapped_cost, anew_cost, exchanged_cost = {}, {}, None, None, None
 
     def __init__(self, *_):
         self.searched = []
@@ -114,21 +114,24 @@ class PlannedFrame:
     def with_pairs_anew(self, guess):
         return [] if self.anew_cost is None else [replace(guess, pose=guess.pose + 200, cost=self.anew_cost)]
 
+    def with_places_exchanged(self, guess):
+        return [] if self.exchanged_cost is None else [replace(guess, pose=guess.pose + 300, cost=self.exchanged_cost)]
+
 
 @pytest.fixture
 def planned(man, monkeypatch):
     """The first frame's best guess and its rivals, where four headings and what follows cost what is planned."""
 
-    def run(polished, limbs, swapped=None, anew=None, **settings):
+    def run(polished, limbs, swapped=None, anew=None, exchanged=None, **settings):
         base = [upright_base("+z") @ heading_rotation(turn * np.pi / 2) for turn in range(4)]
         poses = np.zeros((4, man.skeleton.coordinates))
         poses[:, 1] = range(4)
         guesses = [Guess(np.zeros(len(RestSpace(man).names)), *both) for both in zip(base, poses, strict=True)]
         monkeypatch.setattr("mmocap_warp.tracking.fit._headings", lambda *_: guesses)
         monkeypatch.setattr("mmocap_warp.tracking.fit.FrameFit", PlannedFrame)
-        costs = {"polished_cost": polished, "limbs_cost": limbs, "swapped_cost": swapped, "anew_cost": anew}
+        costs = {"polished": polished, "limbs": limbs, "swapped": swapped, "anew": anew, "exchanged": exchanged}
         for name, cost in costs.items():
-            monkeypatch.setattr(PlannedFrame, name, cost)
+            monkeypatch.setattr(PlannedFrame, f"{name}_cost", cost)
         task = _Task(man, None, replace(QUICK, device="cpu", **settings), lambda *_: None)
         return _first_frame(task, None)
 
@@ -165,6 +168,18 @@ def test_limbs_drawn_anew_are_kept_where_they_fit_better(planned):
     best, rivals = planned(polished, limbs, anew=0.12)
     assert (best.cost, best.pose[1]) == (0.11, 0)
     assert rivals["swapped"].cost == 0.12
+
+
+def test_limbs_in_each_others_place_are_kept_where_they_fit_better_and_weighed_where_they_fit_as_well(planned):
+    polished, limbs = {0: 0.3, 1: 0.2, 2: 0.4, 3: 0.5}, {0: 0.11, 1: 0.12, 2: 0.15}
+    best, rivals = planned(polished, limbs, exchanged=0.10)
+    assert (best.cost, best.pose[1]) == (0.10, 300)
+    assert rivals["swapped"].cost == 0.11
+    best, rivals = planned(polished, limbs, exchanged=0.112)
+    assert (best.cost, best.pose[1]) == (0.11, 0)
+    assert rivals["swapped"].cost == 0.112  # the frame cannot tell: motion may
+    _, rivals = planned(polished, limbs, exchanged=0.12)
+    assert "swapped" not in rivals
 
 
 @pytest.mark.parametrize(

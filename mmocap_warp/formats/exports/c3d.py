@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import missing_package
 from mmocap_warp.formats.exports.tracks import tracks_of
 from mmocap_warp.result.result import Result
 from mmocap_warp.whole_file import whole_file
@@ -25,9 +25,7 @@ def write_c3d(result: Result, path: Path) -> None:
     try:
         import ezc3d
     except ImportError:
-        raise InputError(
-            path, "needs the package ezc3d to be written", 'pip install "mmocap-warp[formats]", or write a .trc'
-        ) from None
+        raise missing_package(path, "ezc3d", "written", "formats", "write a .trc") from None
     tracks = tracks_of(result)
     names, points = tracks.points()
     up = result.cameras.up

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from mmocap_warp.body.skeleton import TRANSLATION
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import missing_package
 from mmocap_warp.formats.exports.tracks import tracks_of
 from mmocap_warp.result.result import Result
 from mmocap_warp.whole_file import whole_file, write_whole
@@ -37,9 +37,7 @@ def write_parquet(result: Result, path: Path) -> None:
         import pyarrow
         from pyarrow import parquet
     except ImportError:
-        raise InputError(
-            path, "needs the package pyarrow to be written", 'pip install "mmocap-warp[formats]", or write a .csv'
-        ) from None
+        raise missing_package(path, "pyarrow", "written", "formats", "write a .csv") from None
     table = pyarrow.table(_columns(result))
     with whole_file(path) as unfinished:
         parquet.write_table(table, str(unfinished))

@@ -12,13 +12,17 @@ from __future__ import annotations
 
 import json
 import struct
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from mmocap_warp.body.model import SkinMesh
-from mmocap_warp.formats.exports.tracks import Tracks, tracks_of
+from mmocap_warp.body.bind_transforms import bind_transforms
+from mmocap_warp.body.body_motion import BodyMotion
+from mmocap_warp.body.model import BodyModel, SkinMesh, Subject
+from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
+from mmocap_warp.formats.exports.tracks import posed, tracks_of
 from mmocap_warp.result.result import Result
 from mmocap_warp.version import __version__
 from mmocap_warp.whole_file import write_whole
@@ -36,8 +40,39 @@ def write_glb(result: Result, path: Path) -> None:
         InputError: a folder that cannot be written to.
     """
     tracks = tracks_of(result)
+    about = {"first_frame": int(tracks.number[0]), "frames_per_second": tracks.rate}
+    clip = _Clip("Motion", tracks.time - tracks.time[0], tracks.local)
+    _write(tracks.subject.body, tracks.local[0], [clip], about, path)
+
+
+def write_body_glb(body: BodyModel, motions: Mapping[str, BodyMotion], path: Path) -> None:
+    """Write a body in its bind pose, with its own motions by name.
+
+    Raises:
+        InputError: a folder that cannot be written to.
+    """
+    stand = np.zeros(body.skeleton.coordinates)
+    stand[:TRANSLATION] = body.joint_rest[0]
+    subject = Subject(body, np.eye(3), stand, {})
+    clips = [
+        _Clip(name, np.arange(len(motion.pose)) / motion.fps, posed(subject, motion.pose)[0])
+        for name, motion in motions.items()
+    ]
+    _write(body, posed(subject, stand[None])[0][0], clips, {}, path)
+
+
+class _Clip(NamedTuple):
+    """An animation: times (frame,) [s], and the parent from each joint (frame, joint, 4, 4)."""
+
+    name: str
+    time: np.ndarray
+    local: np.ndarray
+
+
+def _write(body: BodyModel, stand: np.ndarray, clips: list[_Clip], about: dict[str, Any], path: Path) -> None:
+    """Write a body whose joints stand (joint, 4, 4) below their parents while nothing is played."""
     buffer = _Buffer()
-    document = _document(tracks, buffer)
+    document = _document(body, stand, clips, about, buffer)
     document |= {
         "bufferViews": buffer.views,
         "accessors": buffer.accessors,
@@ -80,23 +115,23 @@ class _Buffer:
         return self.add(np.ascontiguousarray(values, np.float32), kind, _FLOAT, target)
 
 
-def _document(tracks: Tracks, buffer: _Buffer) -> dict[str, Any]:
+def _document(
+    body: BodyModel, stand: np.ndarray, clips: list[_Clip], about: dict[str, Any], buffer: _Buffer
+) -> dict[str, Any]:
     """All of the file but where its numbers stand. Nodes are the joints in their order, then the skin."""
-    body = tracks.subject.body
     joints = len(body.skeleton.joints)
-    rotation = _quaternions(tracks.local[..., :3, :3])
-    inverse_bind = np.linalg.inv(tracks.bind)
+    inverse_bind = np.linalg.inv(bind_transforms(body))
     inverse_bind[:, 3] = 0, 0, 0, 1  # exactly, as glTF asks
-    return {
+    document = {
         "asset": {
             "version": "2.0",
             "generator": f"mmocap-warp {__version__}",
             "copyright": body.attribution,
-            "extras": {"first_frame": int(tracks.number[0]), "frames_per_second": tracks.rate},
+            "extras": about,
         },
         "scene": 0,
         "scenes": [{"nodes": [0, joints]}],
-        "nodes": [*_joint_nodes(tracks, rotation[0]), {"name": body.name, "mesh": 0, "skin": 0}],
+        "nodes": [*_joint_nodes(body.skeleton, stand), {"name": body.name, "mesh": 0, "skin": 0}],
         "meshes": [{"name": body.name, "primitives": [_skin(body.skin, buffer)]}],
         "materials": [{"name": "Skin", "pbrMetallicRoughness": _SKIN_LOOK}],
         "skins": [
@@ -106,18 +141,17 @@ def _document(tracks: Tracks, buffer: _Buffer) -> dict[str, Any]:
                 "inverseBindMatrices": buffer.add_floats(inverse_bind.transpose(0, 2, 1), "MAT4"),  # by columns
             }
         ],
-        "animations": [_animation(tracks, rotation, buffer)],
     }
+    return document | ({"animations": [_animation(clip, buffer) for clip in clips]} if clips else {})
 
 
-def _joint_nodes(tracks: Tracks, rotation: np.ndarray) -> list[dict[str, Any]]:
-    """The joints as they stand in the first frame, for programs that play nothing."""
-    skeleton = tracks.subject.body.skeleton
+def _joint_nodes(skeleton: Skeleton, stand: np.ndarray) -> list[dict[str, Any]]:
+    """The joints as they stand, for programs that play nothing."""
+    (rotation,) = _quaternions(stand[None, :, :3, :3])
     nodes = []
     for joint, name in enumerate(skeleton.joints):
         children = [child for child, parent in enumerate(skeleton.parent) if parent == joint]
-        place = tracks.local[0, joint, :3, 3]
-        node = {"name": name, "translation": place.tolist(), "rotation": rotation[joint].tolist()}
+        node = {"name": name, "translation": stand[joint, :3, 3].tolist(), "rotation": rotation[joint].tolist()}
         nodes.append(node | ({"children": children} if children else {}))
     return nodes
 
@@ -138,14 +172,15 @@ def _skin(skin: SkinMesh, buffer: _Buffer) -> dict[str, Any]:
     }
 
 
-def _animation(tracks: Tracks, rotation: np.ndarray, buffer: _Buffer) -> dict[str, Any]:
+def _animation(clip: _Clip, buffer: _Buffer) -> dict[str, Any]:
     """The root's place, and every joint's turn."""
-    time = buffer.add_floats(tracks.time - tracks.time[0], "SCALAR")
-    outputs = [(0, "translation", buffer.add_floats(tracks.local[:, 0, :3, 3], "VEC3"))]
+    rotation = _quaternions(clip.local[..., :3, :3])
+    time = buffer.add_floats(clip.time, "SCALAR")
+    outputs = [(0, "translation", buffer.add_floats(clip.local[:, 0, :3, 3], "VEC3"))]
     for joint in range(rotation.shape[1]):
         outputs.append((joint, "rotation", buffer.add_floats(rotation[:, joint], "VEC4")))
     return {
-        "name": "Motion",
+        "name": clip.name,
         "samplers": [{"input": time, "output": output} for *_, output in outputs],
         "channels": [
             {"sampler": sampler, "target": {"node": node, "path": path}}

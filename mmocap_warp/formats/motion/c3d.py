@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, missing_package
 from mmocap_warp.formats.motion.trc import PointTracks
 from mmocap_warp.formats.tried_first import tried_first
 
@@ -28,9 +28,7 @@ def read_c3d(path: str | Path) -> PointTracks:
     try:
         import ezc3d
     except ImportError:
-        raise InputError(
-            path, "needs the package ezc3d to be read", 'pip install "mmocap-warp[humaneva]", or pip install ezc3d'
-        ) from None
+        raise missing_package(path, "ezc3d", "read", "humaneva", "pip install ezc3d") from None
     if not Path(path).is_file():
         raise InputError(path, "no such file", "check the path")
     try:

@@ -6,6 +6,7 @@ Layout below the body's prim (a ``SkelRoot`` named after the body)::
     Skin                 the full mesh; mmocap:markerNames, mmocap:markerVertices
     Skin/<shape target>  BlendShape; mmocap:jointOffsets, the joints' displacements [m]
     Tracking             the tracking mesh (purpose guide); mmocap:skinVertices, its vertices in Skin
+    Motions/<motion>     a motion that came with the body; mmocap:name, mmocap:fps, mmocap:pose
 
 and on the prim itself ``mmocap:attribution``.
 
@@ -16,16 +17,19 @@ and on the prim ``mmocap:rootBase`` (for row vectors, as all in USD), ``mmocap:p
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdSkel, Vt
 
 from mmocap_warp.body.bind_transforms import bind_transforms, rest_transforms
+from mmocap_warp.body.body_motion import BodyMotion
 from mmocap_warp.body.mesh_pieces import is_closed
 from mmocap_warp.body.model import BodyModel, SkinMesh, Subject
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.file import PrimReader, author, read_stage, reads_usd, write_stage
+from mmocap_warp.formats.usd.motions import define_motions, motions_of
 from mmocap_warp.formats.usd.skeleton import define_freedom, is_rotation, joint_paths, read_skeleton
 from mmocap_warp.formats.usd.world import set_world_up
 
@@ -33,13 +37,26 @@ _REMAKE = "write the body again with `mmocap body make`, or start from one that 
 _WEIGHT_SUM_TOLERANCE = 1e-3  # Files by other programs round their weights.
 
 
-def write_body(path: str | Path, body: BodyModel) -> None:
-    """Write a body to a ``.usd``, ``.usda`` or ``.usdc`` file, Y up, in metres."""
+def write_body(path: str | Path, body: BodyModel, motions: Mapping[str, BodyMotion] | None = None) -> None:
+    """Write a body to a ``.usd``, ``.usda`` or ``.usdc`` file, Y up, in metres, with motions by their names."""
     stage = Usd.Stage.CreateInMemory()
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
     root = define_body(stage, f"/{body.name}", body)
+    define_motions(stage, root.GetPath(), motions or {})
     stage.SetDefaultPrim(root.GetPrim())
     write_stage(path, stage)
+
+
+@reads_usd
+def read_motions(path: str | Path) -> dict[str, BodyMotion]:
+    """The motions that came with a body, by name; none where it has none.
+
+    Raises:
+        InputError: no such file, not USD, or not a complete and consistent body.
+    """
+    stage = read_stage(path)
+    prim = body_prim(stage, path)
+    return motions_of(PrimReader(prim, path, _REMAKE), body_from_prim(prim, path).skeleton.coordinates)
 
 
 @reads_usd

@@ -81,6 +81,8 @@ def _camera(camera: UsdGeom.Camera, metres: float, path: str | Path) -> Camera:
         raise InputError(path, f"{prim.GetPath()} is no pinhole", "give it perspective, a film and a focal length")
     K = np.array([[focal / across, 0, 0.5 - right / across], [0, focal / down, 0.5 + upward / down], [0, 0, 1]])
     world = np.array(UsdGeom.Xformable(camera).ComputeLocalToWorldTransform(Usd.TimeCode.EarliestTime())).T
+    if not np.abs(world).max() < _LARGEST or not metres < _LARGEST:
+        raise InputError(path, f"{prim.GetPath()} stands beyond all bounds", _REMEDY)
     axes = world[:3, :3] / np.maximum(np.linalg.norm(world[:3, :3], axis=0), 1e-12)
     R = _FROM_USD @ axes.T
     return Camera(prim.GetName(), K, R, -R @ world[:3, 3] * metres, (1, 1), np.zeros(5))

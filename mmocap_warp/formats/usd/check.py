@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from pxr import Usd, UsdGeom, UsdSkel, UsdUtils, UsdValidation, Vt
+from pxr import Sdf, Usd, UsdGeom, UsdSkel, UsdUtils, UsdValidation, Vt
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.body import read_body, read_subject
@@ -70,7 +70,13 @@ def _outside(path: Path) -> list[str]:
 
 def body_faults(stage: Usd.Stage) -> list[str]:
     """The faults that UsdValidation misses, one line each, naming the prim."""
-    found: list[str] = []
+    found = [
+        f"{prim.GetPath()}: {name} has a value of a type that USD does not know"
+        for prim in stage.Traverse()
+        for name in _unknown_types(prim)
+    ]
+    if found:  # of which nothing more can be said, nor of what refers to it
+        return found
     for prim in stage.Traverse():
         found += (f"{prim.GetPath()}: {fault}" for fault in _value_faults(prim))
         if prim.IsA(UsdSkel.Skeleton):
@@ -80,6 +86,15 @@ def body_faults(stage: Usd.Stage) -> list[str]:
         elif prim.IsA(UsdGeom.Mesh):
             found += (f"{prim.GetPath()}: {fault}" for fault in _mesh_faults(UsdGeom.Mesh(prim)))
     return found
+
+
+def _unknown_types(prim: Usd.Prim) -> list[str]:
+    """Attributes with a value that USD keeps as it is written, because it knows no such type."""
+    return [
+        attribute.GetName()
+        for attribute in prim.GetAuthoredAttributes()
+        if any(isinstance(value, Sdf.UnregisteredValue) for _, value in _samples(attribute))
+    ]
 
 
 def _value_faults(prim: Usd.Prim) -> Iterator[str]:

@@ -178,5 +178,6 @@ class PrimReader:
         fits = raw.ndim == len(shape) and all(n in (None, have) for n, have in zip(shape, raw.shape, strict=True))
         wanted = " x ".join("any" if n is None else str(n) for n in shape)
         self.require(fits, f"{name} has shape {raw.shape}, expected {wanted}")
+        self.require(raw.dtype.kind in "biuf", f"{name} holds no numbers")
         self.require(not np.isnan(raw).any(), f"{name} holds NaN")
         return raw.astype(dtype)

@@ -33,7 +33,14 @@ class Death:
     remedy: str = ""
 
 
-Event = Ready | Advance | CellResult | Refusal | Death
+@dataclass(frozen=True)
+class Notice:
+    """Something that a person should read, of all workers rather than of one."""
+
+    text: str
+
+
+Event = Ready | Advance | CellResult | Refusal | Death | Notice
 """After a result or a refusal the worker waits for its next job."""
 
 

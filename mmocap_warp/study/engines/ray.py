@@ -14,12 +14,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.study.engines.protocol import Death, EngineLost, Event, Ready
+from mmocap_warp.study.engines.protocol import Death, EngineLost, Event, Notice, Ready
 from mmocap_warp.study.job import LESS_MEMORY, Job, Worker
 
 _STARTS = 3  # of a worker that dies before it is ready; after these its place is given up
 _PROBE = 2.0  # how long the cluster's head may take to answer [s]
 _SECONDS_BETWEEN_PROBES = 5.0  # while nothing is heard
+_PATIENCE = 60.0  # with a cluster that has no machine for a worker [s]
 
 
 @dataclass(frozen=True)
@@ -89,6 +90,8 @@ def share_cluster(workers: int | None, gpus: float) -> Shares:
         if (workers or 1) > places:
             raise ValueError(f"gpus must leave room for {workers or 1} workers, {gpus:g} each leave room for {places}")
         return Shares(workers or places, gpus, cpus=1)
+    if not machines:
+        raise ValueError("workers must have a machine with a CPU core to run on, the cluster has none")
     count = workers or len(machines)
     per_machine = math.ceil(count / len(machines))
     cpus = int(min(machine["CPU"] for machine in machines)) // per_machine
@@ -145,6 +148,7 @@ class RayEngine:
         self._head, self._shares = head, shares
         self._actor: Any = ray.remote(num_gpus=shares.gpus, num_cpus=shares.cpus)(_Actor)
         self._heard = time.monotonic()
+        self._deserted: float | None = None  # since when no machine is left
         self._seats = {worker: self._start() for worker in range(shares.workers)}
 
     def submit(self, worker: int, job: Job) -> None:
@@ -160,11 +164,12 @@ class RayEngine:
             raise EngineLost("every worker of the Ray cluster died while starting")
         asked = {seat.asked: worker for worker, seat in self._seats.items() if seat.asked is not None}
         answered, _ = ray.wait(list(asked), num_returns=1, timeout=seconds) if asked else ([], [])
+        happened: list[tuple[int, Event]] = []
         if answered:
             self._heard = time.monotonic()
         elif time.monotonic() - self._heard > _SECONDS_BETWEEN_PROBES:
             self._check_head()
-        happened = []
+            happened += [(min(self._seats), notice) for notice in self._check_machines()]
         for answer in answered:
             event = self._hear(asked[answer])
             if event is not None:
@@ -223,6 +228,27 @@ class RayEngine:
         except OSError:
             raise EngineLost(f"the Ray cluster at {self._head} has vanished") from None
         self._heard = time.monotonic()
+
+    def _check_machines(self) -> list[Notice]:
+        """Ray waits for ever for a machine that a worker fits on; nobody may be left to start one."""
+        import ray
+
+        now = time.monotonic()
+        if any(node["Alive"] and _fits(self._shares, node["Resources"]) for node in ray.nodes()):
+            self._deserted = None
+        elif self._deserted is None:
+            self._deserted = now
+            problem = f"the Ray cluster at {self._head} has no machine left that a worker fits on"
+            return [Notice(f"{problem}; waiting {_PATIENCE:.0f} s for one")]
+        elif now - self._deserted > _PATIENCE:
+            problem = f"the Ray cluster at {self._head} has had no machine that a worker fits on for {_PATIENCE:.0f} s"
+            raise EngineLost(problem)
+        return []
+
+
+def _fits(shares: Shares, resources: dict[str, float]) -> bool:
+    """Whether a machine is large enough for a worker."""
+    return resources.get("CPU", 0.0) >= shares.cpus and resources.get("GPU", 0.0) >= shares.gpus
 
 
 def _knock(address: str) -> None:

@@ -81,7 +81,7 @@ class Recording:
             more_joints: vertices of the full mesh that count as joints, by name.
         """
         named = more_joints or {}
-        points = np.array([*self.body.marker_vertex, *named.values()])
+        points = np.array([*self.body.marker_vertex, *named.values()], int)
         skin = np.stack([self.vertices(frame)[points] for frame in range(len(self))]).astype(float)
         markers, more = np.split(skin, [len(self.body.marker_vertex)], axis=1)
         places = self._poser.joint_transforms(self.poses)[:, :, :3, 3].astype(float)

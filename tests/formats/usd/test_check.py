@@ -205,3 +205,15 @@ def test_damage_that_shows_when_values_are_read_is_told(tmp_path, monkeypatch):
     monkeypatch.setattr("mmocap_warp.formats.usd.check.body_faults", damaged)
     with pytest.raises(InputError, match="is not a USD file that can be read"):
         faults(tmp_path / "b.usdc")
+
+
+@pytest.mark.parametrize("name", ["uniform token[] joints", "int[] primvars:skel:jointIndices"])
+def test_values_of_types_that_usd_does_not_know_are_told(tmp_path, name):
+    """In a body's skin and skeleton, which are read together."""
+    path = tmp_path / "walk.usda"
+    write_result(path, synthetic_result())
+    text = path.read_text()
+    assert f"{name} = " in text
+    path.write_text(text.replace(f"{name} = ", f"{name.replace(name.split('[')[0].split()[-1], 'zoo')} = "))
+    found = faults(path)
+    assert sum("has a value of a type that USD does not know" in fault for fault in found) == text.count(f"{name} = ")

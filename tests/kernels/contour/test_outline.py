@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import warp as wp
-from contours import Contours, contour_edges, depth_in_body, image_of, poisoned_outline
+from contours import Contours, contour_edges, depth_in_body, image_of, moving_skin, poisoned_outline
 from drawn import flat_rig
 from other_bodies import arm_robot, quadruped
 from random_scenes import any_rig, random_poses
@@ -93,7 +93,9 @@ def test_contours_at_a_triangle_seen_from_its_side_are_closed(device):
     rig = flat_rig([(640, 480)])
     rig.K[0] = ((640.3, 0.0, 320.7), (0.0, 641.9, 240.1), (0.0, 0.0, 1.0))
     outline = poisoned_outline(candidates, 1, 6, (4, 4, 6), device)
-    find_contours(edges, posed, ViewArrays(rig, device).struct, batch_of(0, candidates, candidates, device), outline)
+    moving = moving_skin(None, wp.zeros(candidates, dtype=wp.int32, device=device), candidates, 4, device)
+    batch = batch_of(0, candidates, candidates, device)
+    find_contours(edges, posed, moving, ViewArrays(rig, device).struct, batch, outline)
     for count, ends in zip(outline.count.numpy()[:, 0], outline.ends.numpy()[:, 0], strict=True):
         start, end = ends[:count].T
         assert (np.bincount(start, minlength=4) == np.bincount(end, minlength=4)).all()

@@ -1,0 +1,234 @@
+"""The joint tree of a rigged mesh: one root, names that USD takes, chains, and which joints mirror each other."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from mmocap_warp.body.skeleton import Pair
+from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, RiggedMotion, parents_first
+
+_LONGEST_CHAIN = 5  # joints that are searched together
+_MIRRORED = 0.02  # how far mirrored joints may be apart, as a share of the skeleton's extent
+
+
+def skin_below(mesh: RiggedMesh) -> np.ndarray:
+    """(joint,) how much skin follows each joint or one that hangs on it, as a sum of weights."""
+    total = skin_of(mesh)
+    for joint in range(len(mesh.joints) - 1, 0, -1):
+        if mesh.parent[joint] >= 0:
+            total[mesh.parent[joint]] += total[joint]
+    return total
+
+
+def skin_of(mesh: RiggedMesh) -> np.ndarray:
+    """(joint,) how much skin follows each joint itself, as a sum of weights."""
+    total = np.zeros(len(mesh.joints))
+    np.add.at(total, mesh.influence.ravel(), mesh.weight.ravel())
+    return total
+
+
+def with_named_joints(mesh: RiggedMesh) -> RiggedMesh:
+    """The mesh with names of joints that are valid in USD and all different."""
+    names: list[str] = []
+    for joint in mesh.joints:
+        name = re.sub(r"[^A-Za-z0-9_]", "_", joint)
+        name = name if name[:1].isalpha() or name[:1] == "_" else f"_{name}"
+        free = (name if i == 1 else f"{name}_{i}" for i in range(1, len(mesh.joints) + 1))
+        names.append(next(each for each in free if each not in names))
+    return replace(mesh, joints=tuple(names))
+
+
+def with_parents(mesh: RiggedMesh, parents: dict[str, str]) -> RiggedMesh:
+    """The mesh with some joints hung on others, by name.
+
+    Raises:
+        ValueError: a joint that does not exist, or a circle.
+    """
+    number = {name: joint for joint, name in enumerate(mesh.joints)}
+    parent = list(mesh.parent)
+    for joint, above in parents.items():
+        for name in (joint, above):
+            if name not in number:
+                raise ValueError(f"there is no joint {name!r}; there are {', '.join(mesh.joints)}")
+        parent[number[joint]] = number[above]
+    return _reordered(replace(mesh, parent=tuple(parent)), parents_first(parent))
+
+
+def with_one_root(mesh: RiggedMesh) -> RiggedMesh:
+    """The mesh with one root and no joints that no skin could show, with notes of what was done.
+
+    1. Where all joints hang on none, those whose names share a beginning are chains that hang on the first joint.
+    2. Branches that no skin follows are left out, but for the end of a joint that skin follows.
+    3. The root is the first joint that skin follows or on which several hang.
+    4. Other joints that hang on none are hung on the root.
+
+    Raises:
+        ValueError: all joints hang on none, and their names tell no chains.
+    """
+    notes = list(mesh.notes)
+    if len(mesh.joints) > 1 and all(parent < 0 for parent in mesh.parent):
+        mesh = with_parents(mesh, _chains_by_name(mesh.joints))
+        notes.append(f"its joints hang side by side: chains are taken from their names and hang on {mesh.joints[0]}")
+    below, own = skin_below(mesh), skin_of(mesh)
+    if not below.any():
+        raise ValueError("no joint moves any skin")
+    shown = (below > 0) | np.array([parent >= 0 and own[parent] > 0 for parent in mesh.parent])
+    roots = [joint for joint, parent in enumerate(mesh.parent) if parent < 0 and below[joint] > 0]
+    main = max(roots, key=lambda joint: below[joint])
+    while own[main] == 0:
+        children = [joint for joint, parent in enumerate(mesh.parent) if parent == main and below[joint] > 0]
+        if len(children) != 1:
+            break
+        shown[main], main = False, children[0]
+    stray = [joint for joint in roots if shown[joint] and below[joint] > 0 and joint != main]
+    if stray:
+        notes.append(f"{_listed(mesh, stray)} hang on no joint: hung on {mesh.joints[main]}")
+    parent = list(mesh.parent)
+    for joint in (main, *stray):
+        parent[joint] = -1 if joint == main else main
+    order = [joint for joint in parents_first(parent) if shown[joint]]
+    order.remove(main)
+    left_out = [joint for joint in range(len(parent)) if not shown[joint]]
+    if left_out:
+        notes.append(f"{_listed(mesh, left_out)} move no skin: left out")
+    return _reordered(replace(mesh, parent=tuple(parent), notes=tuple(notes)), [main, *order])
+
+
+def _listed(mesh: RiggedMesh, joints: list[int]) -> str:
+    names = [mesh.joints[joint] for joint in joints]
+    return ", ".join(names) if len(names) <= 6 else f"{', '.join(names[:5])} and {len(names) - 5} more"
+
+
+def _chains_by_name(joints: tuple[str, ...]) -> dict[str, str]:
+    """Each joint's parent: the joint before it where both names begin with the same word, else the first joint."""
+    words = [re.split(r"[^A-Za-z0-9]", joint)[0] for joint in joints]
+    parents = {}
+    for (before, name), (last, word) in zip(pairwise(joints), pairwise(words), strict=True):
+        parents[name] = before if word == last and before != joints[0] else joints[0]
+    if len(set(words)) == len(words):
+        raise ValueError("all joints hang side by side; say in a joints file what each hangs on")
+    return parents
+
+
+def _reordered(mesh: RiggedMesh, order: list[int]) -> RiggedMesh:
+    """The mesh with some of its joints in another order; skin that follows one left out must not be there."""
+    rank = {joint: i for i, joint in enumerate(order)}
+    number = np.array([rank.get(joint, 0) for joint in range(len(mesh.joints))])
+    return replace(
+        mesh,
+        joints=tuple(mesh.joints[joint] for joint in order),
+        parent=tuple(rank.get(mesh.parent[joint], -1) for joint in order),
+        bind=mesh.bind[order],
+        influence=np.where(mesh.weight > 0, number[mesh.influence], 0),
+        turning={rank[joint]: turning for joint, turning in mesh.turning.items() if joint in rank},
+        motions={name: RiggedMotion(motion.fps, motion.world[:, order]) for name, motion in mesh.motions.items()},
+    )
+
+
+def chains(parent: tuple[int, ...]) -> list[list[int]]:
+    """Joints in chains in which each hangs on the one before; a chain ends where several hang on its last joint.
+
+    The first holds the root. What a chain hangs on is the parent of its first joint.
+    """
+    children: list[list[int]] = [[] for _ in parent]
+    for joint, above in enumerate(parent[1:], 1):
+        children[above].append(joint)
+    found, waiting = [], [0]
+    while waiting:
+        chain = [waiting.pop(0)]
+        while len(children[chain[-1]]) == 1:
+            chain += children[chain[-1]]
+        found.append(chain)
+        waiting += children[chain[-1]]
+    return found
+
+
+def parts_of(joints: tuple[str, ...], parent: tuple[int, ...]) -> tuple[tuple[str, ...], tuple[int, ...]]:
+    """Steps of a hierarchical search: the root, then each chain, long ones in halves; their names, and each joint's."""
+    names, part = [joints[0]], np.zeros(len(joints), int)
+    for chain in chains(parent):
+        chain = [joint for joint in chain if joint]
+        pieces = -(-len(chain) // _LONGEST_CHAIN)
+        for piece in np.array_split(chain, pieces) if pieces else []:
+            part[piece] = len(names)
+            names.append(joints[piece[0]])
+    return tuple(names), tuple(part.tolist())
+
+
+def mirrored_pairs(joints: tuple[str, ...], parent: tuple[int, ...], place: np.ndarray) -> tuple[Pair, ...]:
+    """Joints that mirror each other across the plane of symmetry, the left one (at +X) first.
+
+    They lie mirrored, hang on the same joint or on joints that mirror each other, and their names differ in the side
+    and a number alone.
+
+    Args:
+        joints: names.
+        parent: (joint,) number of each joint's parent.
+        place: (joint, 3) joint centres in the body's axes [m].
+    """
+    middle, near = place[0, 0], _MIRRORED * float(np.ptp(place, axis=0).max())
+    image = place * (-1, 1, 1) + (2 * middle, 0, 0)
+    other: dict[int, int] = {0: 0}
+    pairs: list[Pair] = []
+    for left in range(1, len(joints)):
+        if place[left, 0] <= middle + near / 2 or parent[left] not in other:
+            if abs(place[left, 0] - middle) <= near / 2 and other.get(parent[left]) == parent[left]:
+                other[left] = left
+            continue
+        candidates = [
+            right
+            for right in range(1, len(joints))
+            if parent[right] == other[parent[left]]
+            and right not in other
+            and np.linalg.norm(image[left] - place[right]) <= near
+            and _sides(joints[left], joints[right])
+        ]
+        if candidates:
+            right = min(candidates, key=lambda right: float(np.linalg.norm(image[left] - place[right])))
+            other |= {left: right, right: left}
+            pairs.append((_both(joints[left], joints[right]), joints[left], joints[right]))
+    names = [name for name, *_ in pairs]
+    return tuple((n if names.count(n) == 1 else f"{left}+{right}", left, right) for n, left, right in pairs)
+
+
+def sides_crossed(pairs: tuple[Pair, ...]) -> bool:
+    """Whether names say left of what lies right, more often than not: the body faces the other way."""
+    sides = [_sides(left, right) for _, left, right in pairs]
+    return sum(side == "rl" for side in sides) > sum(side == "lr" for side in sides)
+
+
+def _plain(joint: str) -> str:
+    """A joint's name without a number at its end."""
+    return re.sub(r"[_.\-: ]*\d+$", "", joint) or joint
+
+
+def _parted(one: str, other: str) -> tuple[str, str, str, str]:
+    """How two names begin alike, how they end alike, and what is between in each."""
+    one, other = _plain(one), _plain(other)
+    first = _alike(one, other)
+    last = _alike(one[first:][::-1], other[first:][::-1])
+    return one[:first], one[len(one) - last :], one[first : len(one) - last], other[first : len(other) - last]
+
+
+def _alike(one: str, other: str) -> int:
+    """How many letters two texts begin with alike."""
+    return next((i for i, (a, b) in enumerate(zip(one, other, strict=False)) if a != b), min(len(one), len(other)))
+
+
+def _sides(one: str, other: str) -> str:
+    """``lr`` or ``rl`` where two names differ in the side alone, ``same`` where they do not differ, else nothing."""
+    *_, mine, others = _parted(one, other)
+    return {("l", "r"): "lr", ("lef", "righ"): "lr", ("r", "l"): "rl", ("righ", "lef"): "rl", ("", ""): "same"}.get(
+        (mine.lower(), others.lower()), ""
+    )
+
+
+def _both(one: str, other: str) -> str:
+    """What two joints are called together: their name without its side."""
+    begin, end, mine, _ = _parted(one, other)
+    end = end[1:] if mine.lower() in ("lef", "righ") else end
+    return re.sub(r"_+", "_", f"{begin}{end}").strip("_.-: ") or f"{one}+{other}"

@@ -1,0 +1,134 @@
+"""How joints turn, as a short TOML file that people edit: written from what was found, read in its place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from mmocap_warp.bodies.importing.freedom import Freedom, hinge_frame
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.toml_table import Table, load_toml
+from mmocap_warp.whole_file import write_whole
+
+_ABOUT = """\
+# How the joints of {name} turn. Read it with `mmocap body import --joints`; what is left out stays as it is derived.
+# free: axes that are searched, of the joint's own frame: a hinge turns about x, else y runs along the bone.
+# x, y, z: lowest and highest angle from the bind pose, in degrees.
+# Also: hinge = [1, 0, 0], the axis x of a joint in the body's axes (+X its left, +Y up, +Z ahead);
+# parent = "name", what the joint hangs on; at the top, root = "fixed" for a base that stands still.
+"""
+_FREE = ("", "x", "y", "z", "xy", "xz", "yz", "xyz")
+
+
+@dataclass(frozen=True, eq=False)
+class GivenJoint:
+    """What a joints file says of a joint; None where it is silent.
+
+    Attributes:
+        free: axes that are searched.
+        hinge: (3,) the axis x, in the body's axes.
+        limits: (axis, (lowest, highest)) angles [rad].
+        parent: the joint that it hangs on.
+    """
+
+    free: str | None
+    hinge: np.ndarray | None
+    limits: dict[str, tuple[float, float]]
+    parent: str | None
+
+
+@dataclass(frozen=True, eq=False)
+class GivenJoints:
+    """A joints file.
+
+    Attributes:
+        source: the file, for errors.
+        fixed_root: whether the root stands still.
+        joints: by name.
+    """
+
+    source: str
+    fixed_root: bool = False
+    joints: dict[str, GivenJoint] = field(default_factory=dict)
+
+
+def read_joints_file(path: str | Path) -> GivenJoints:
+    """Read a joints file.
+
+    Raises:
+        InputError: no such file, or a key or a value that cannot be.
+    """
+    table = load_toml(path)
+    fixed = table.take_choice("root", ("free", "fixed"), "free") == "fixed"
+    joints = {name: _joint(entry) for name, entry in table.take_table("joints").take_tables().items()}
+    table.finish()
+    return GivenJoints(str(path), fixed, joints)
+
+
+def _joint(entry: Table) -> GivenJoint:
+    free = entry.take_choice("free", _FREE) if entry.has("free") else None
+    hinge = np.array(entry.take_numbers("hinge", (3,))) if entry.has("hinge") else None
+    if hinge is not None and not hinge.any():
+        raise entry.error("hinge = [0, 0, 0] is no direction", "give the axis that the joint turns about")
+    limits = {}
+    for axis in "xyz":
+        if entry.has(axis):
+            low, high = entry.take_numbers(axis, (2,))
+            if low > high:
+                raise entry.error(f"{axis} = [{low:g}, {high:g}] is upside down", "give the lower limit first")
+            limits[axis] = (float(np.radians(low)), float(np.radians(high)))
+    parent = entry.take("parent", str, None)
+    entry.finish()
+    return GivenJoint(free, hinge, limits, parent)
+
+
+def parents_given(given: GivenJoints) -> dict[str, str]:
+    """What joints hang on, by name, where the file says so."""
+    return {name: joint.parent for name, joint in given.joints.items() if joint.parent is not None}
+
+
+def with_given(freedom: list[Freedom], joints: tuple[str, ...], given: GivenJoints) -> list[Freedom]:
+    """The freedom of joints, with what a file says in its place.
+
+    Raises:
+        InputError: the file names a joint that there is not.
+    """
+    found = list(freedom)
+    for name, joint in given.joints.items():
+        if name not in joints:
+            known = ", ".join(joints[:8]) + (" ..." if len(joints) > 8 else "")
+            raise InputError(given.source, f"there is no joint '{name}'", f"name one of {known}")
+        found[joints.index(name)] = _given(freedom[joints.index(name)], joint)
+    if given.fixed_root:
+        found[0] = replace(found[0], free="", origin="given")
+    return found
+
+
+def _given(freedom: Freedom, joint: GivenJoint) -> Freedom:
+    frame = freedom.frame if joint.hinge is None else hinge_frame(joint.hinge, freedom.frame[:, 1])
+    free = freedom.free if joint.free is None else joint.free
+    limits = freedom.limits.copy()
+    for axis, between in joint.limits.items():
+        limits["xyz".index(axis)] = between
+    for axis in free:  # an axis that was held has no limits of its own
+        if axis not in joint.limits and axis not in freedom.free:
+            limits["xyz".index(axis)] = (-np.pi / 2, np.pi / 2)
+    return Freedom(frame, free, limits, "given")
+
+
+def write_joints_file(path: str | Path, name: str, joints: tuple[str, ...], freedom: list[Freedom]) -> None:
+    """Write how joints turn, to be edited.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    lines = [_ABOUT.format(name=name), f'root = "{"free" if freedom[0].free else "fixed"}"\n']
+    for joint, how in list(zip(joints, freedom, strict=True))[1:]:
+        lines.append(f'\n[joints.{joint}]  # {how.origin}\nfree = "{how.free}"\n')
+        for axis in how.free:
+            low, high = np.degrees(how.limits["xyz".index(axis)])
+            if np.isfinite([low, high]).all():
+                lines.append(f"{axis} = [{low:.4g}, {high:.4g}]\n")
+    write_whole(Path(path), "".join(lines).encode())

@@ -1,0 +1,135 @@
+"""Common time from motion alone: by how many frames views must be shifted to tell most about each other.
+
+The measure of a pair at a lag is the mutual information of their signals, taken to be jointly Gaussian:
+``-1/2 sum log(1 - rho^2)`` over their canonical correlations ``rho``, regularised, times the frames that overlap. It
+needs no calibration, because it asks for no particular relation between two views, only that there is one. Few frames
+show a relation by chance too: what one view tells about the other run backwards is subtracted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+_NOISE = 1.0  # variance that is added to each signal's own: as much noise as signal
+_NEAR = 0.1  # [s], lags that belong to one peak
+_STARTS = 8
+_ROUNDS = 50
+
+
+@dataclass(frozen=True, eq=False)
+class PairScores:
+    """How well views go together at each lag.
+
+    Attributes:
+        score: (view, view, lag) float64, of the second view's frame ``f + lag`` with the first view's frame ``f``.
+        reach: lags run from minus this to this [frames].
+        near: lags within this of one another belong to one peak [frames].
+    """
+
+    score: np.ndarray
+    reach: int
+    near: int
+
+    def within(self, reach: int) -> PairScores:
+        """The scores of shorter lags alone."""
+        return PairScores(self.score[:, :, self.reach - reach : self.reach + reach + 1], reach, self.near)
+
+    def total(self, offsets: np.ndarray) -> float:
+        """What all pairs score at offsets (view,); a lag out of reach counts nothing."""
+        pairs = combinations(range(len(offsets)), 2)
+        lags = [(one, other, int(offsets[other] - offsets[one])) for one, other in pairs]
+        return float(sum(self.score[i, j, lag + self.reach] for i, j, lag in lags if abs(lag) <= self.reach))
+
+    def best_lag(self, one: int, other: int) -> int:
+        """The lag at which two views alone go together best [frames]."""
+        return int(np.argmax(self.score[one, other])) - self.reach
+
+    def of_view(self, view: int, offsets: np.ndarray) -> np.ndarray:
+        """(candidate,) mean score of a view at candidate offsets from ``-reach`` to ``reach``, others as they are.
+
+        A candidate for which no pair's lag is within reach has minus infinity.
+        """
+        candidates = np.arange(-self.reach, self.reach + 1)
+        total, count = np.zeros(len(candidates)), np.zeros(len(candidates))
+        for other in range(len(offsets)):
+            if other != view:
+                lag = candidates - offsets[other] + self.reach
+                within = (lag >= 0) & (lag <= 2 * self.reach)
+                total[within] += self.score[other, view, lag[within]]
+                count += within
+        return np.where(count > 0, total / np.maximum(count, 1), -np.inf)
+
+
+def pair_scores(signals: list[np.ndarray], fps: float, reach: int) -> PairScores:
+    """Compare all pairs of views.
+
+    Args:
+        signals: of each view (frame, signal); frames are numbered alike, their number may differ.
+        fps: frames per second.
+        reach: the largest lag [frames].
+    """
+    views = len(signals)
+    score = np.zeros((views, views, 2 * reach + 1))
+    longest = max(map(len, signals))
+    for one, other in combinations(range(views), 2):
+        told, by_chance, frames = (np.zeros(2 * reach + 1) for _ in range(3))
+        for place, lag in enumerate(range(-reach, reach + 1)):
+            first, second = _together(signals[one], signals[other], lag)
+            frames[place] = len(first)
+            if len(first) > 2:
+                told[place] = len(first) * _information(first, second)
+                by_chance[place] = len(first) * _information(first, second[::-1])
+        line = np.stack([np.ones_like(frames), frames / longest], axis=1)
+        expected = line @ np.linalg.lstsq(line, by_chance, rcond=None)[0]
+        score[one, other] = (told - expected) / longest
+        score[other, one] = score[one, other, ::-1]
+    return PairScores(score, reach, max(2, round(_NEAR * fps)))
+
+
+def _together(one: np.ndarray, other: np.ndarray, lag: int) -> tuple[np.ndarray, np.ndarray]:
+    """Frames of one view, and those of the other that are ``lag`` later by their numbers."""
+    first, end = max(0, -lag), min(len(one), len(other) - lag)
+    end = max(first, end)
+    return one[first:end], other[first + lag : end + lag]
+
+
+def _information(one: np.ndarray, other: np.ndarray) -> float:
+    """Mutual information of two views' signals (frame, signal), in nats a frame."""
+    whitened = []
+    for values in (one, other):
+        centred = values - values.mean(axis=0)
+        spread = centred.std(axis=0)
+        scaled = centred / np.where(spread > 0, spread, 1.0)
+        noisy = scaled.T @ scaled / len(scaled) + _NOISE * np.eye(scaled.shape[1])
+        whitened.append(np.linalg.solve(np.linalg.cholesky(noisy), scaled.T))
+    correlation = np.linalg.svd(whitened[0] @ whitened[1].T / len(one), compute_uv=False)
+    return float(-0.5 * np.log1p(-(np.minimum(correlation, 1 - 1e-9) ** 2)).sum())
+
+
+def common_offsets(scores: PairScores) -> np.ndarray:
+    """(view,) offsets [frames] at which all pairs together score highest; the first view's is 0.
+
+    Offsets are improved one view at a time from several starts. All pairs vote with their whole curve, not with the
+    place of its peak: a pair whose peak is at a period too many is outvoted.
+    """
+    views = len(scores.score)
+    random = np.random.default_rng(0)
+    starts = [np.zeros(views, int), np.array([0, *(scores.best_lag(0, view) for view in range(1, views))])]
+    starts += [random.integers(-scores.reach // 2, scores.reach // 2 + 1, views) for _ in range(_STARTS)]
+    found = [_improved(scores, np.clip(each, -scores.reach, scores.reach)) for each in starts]
+    best = max(found, key=scores.total)
+    return best - best[0]
+
+
+def _improved(scores: PairScores, offsets: np.ndarray) -> np.ndarray:
+    offsets = offsets.copy()
+    for _ in range(_ROUNDS):
+        before = offsets.copy()
+        for view in range(len(offsets)):
+            offsets[view] = int(np.argmax(scores.of_view(view, offsets))) - scores.reach
+        if (offsets == before).all():
+            break
+    return offsets

@@ -1,0 +1,259 @@
+"""Skinned characters in glTF 2.0: ``.glb``, and ``.gltf`` with its buffers inside or beside it."""
+
+from __future__ import annotations
+
+import base64
+import json
+import struct
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.rigged.inside import file_inside
+from mmocap_warp.formats.rigged.node_motion import node_motions, node_worlds
+from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, parents_first
+
+GLTF_SUFFIXES: tuple[str, ...] = (".glb", ".gltf")
+
+_MAGIC, _JSON_CHUNK, _BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
+_KINDS = {5120: np.int8, 5121: np.uint8, 5122: np.int16, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
+_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+_TRIANGLES = 4
+_READABLE = {"KHR_texture_transform", "KHR_mesh_quantization", "KHR_materials_unlit"}
+_REMEDY = "export it again as glTF 2.0 with its skin, without compression"
+
+
+def read_gltf(path: str | Path) -> RiggedMesh:
+    """Read a skinned character with its animations. Materials, cameras and meshes without a skin are passed over.
+
+    Raises:
+        InputError: no such file, not glTF 2.0, damaged, compressed, or without a skin.
+    """
+    path = Path(path)
+    try:
+        return _character(_Document(path), path)
+    except InputError:
+        raise
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror})", "check the path") from None
+    except (ValueError, KeyError, IndexError, TypeError, AttributeError, OverflowError, struct.error) as error:
+        raise InputError(path, f"is damaged, or no glTF ({type(error).__name__}: {error})", _REMEDY) from None
+    except (RecursionError, MemoryError):
+        raise InputError(path, "is damaged, or no glTF (it is nested too deep, or too long)", _REMEDY) from None
+
+
+class _Document:
+    """A file's JSON, and its accessors as arrays."""
+
+    def __init__(self, path: Path) -> None:
+        data = path.read_bytes()
+        binary = b""
+        if path.suffix == ".glb":
+            magic, version, _ = struct.unpack_from("<III", data)
+            if magic != _MAGIC or version != 2:
+                raise InputError(path, "is not binary glTF 2.0", _REMEDY)
+            size, kind = struct.unpack_from("<II", data, 12)
+            if kind != _JSON_CHUNK:
+                raise InputError(path, "does not begin with its JSON", _REMEDY)
+            text = data[20 : 20 + size]
+            if len(data) >= 28 + size:
+                length, kind = struct.unpack_from("<II", data, 20 + size)
+                binary = data[28 + size : 28 + size + length] if kind == _BINARY_CHUNK else b""
+        else:
+            text = data
+        self.json = json.loads(text)
+        required = sorted(set(self.json.get("extensionsRequired", [])) - _READABLE)
+        if required:
+            raise InputError(path, f"needs the glTF extension {required[0]}, which is not read", _REMEDY)
+        self._buffers = [self._buffer(about, path, binary) for about in self.json.get("buffers", [])]
+
+    @staticmethod
+    def _buffer(about: dict[str, Any], path: Path, binary: bytes) -> bytes:
+        uri = about.get("uri")
+        if uri is None:
+            return binary
+        if uri.startswith("data:"):
+            return base64.b64decode(uri.partition(",")[2], validate=True)
+        return file_inside(path.parent, uri, path).read_bytes()
+
+    def list(self, name: str) -> list[dict[str, Any]]:
+        """A list of the file, empty where it has none."""
+        found = self.json.get(name, [])
+        if not isinstance(found, list) or not all(isinstance(each, dict) for each in found):
+            raise ValueError(f"{name} is no list of objects")
+        return found
+
+    def array(self, accessor: int) -> np.ndarray:
+        """An accessor's values (count, width): whole numbers, or float64 where they are floats or normalized."""
+        about = self.list("accessors")[_index(accessor)]
+        kind, width, count = np.dtype(_KINDS[about["componentType"]]), _WIDTHS[about["type"]], about["count"]
+        if "bufferView" in about:
+            values = self._view(about["bufferView"], about.get("byteOffset", 0), kind, count, width)
+        else:
+            values = np.zeros((self._plausible(count), width), kind)
+        if "sparse" in about:
+            sparse, values = about["sparse"], values.copy()
+            where = sparse["indices"]
+            index = self._view(
+                where["bufferView"],
+                where.get("byteOffset", 0),
+                np.dtype(_KINDS[where["componentType"]]),
+                sparse["count"],
+                1,
+            )
+            new = sparse["values"]
+            values[index[:, 0]] = self._view(new["bufferView"], new.get("byteOffset", 0), kind, sparse["count"], width)
+        if about.get("normalized", False):
+            return np.maximum(values / float(2 ** (8 * kind.itemsize - (kind.kind == "i")) - 1), -1.0)
+        return values.astype(np.float64) if kind.kind == "f" else values
+
+    def _view(self, number: int, offset: int, kind: np.dtype, count: int, width: int) -> np.ndarray:
+        view = self.list("bufferViews")[_index(number)]
+        data = self._buffers[_index(view["buffer"])]
+        first, stride = view.get("byteOffset", 0) + offset, view.get("byteStride", kind.itemsize * width)
+        end = first + stride * (count - 1) + kind.itemsize * width
+        if count < 1 or first < 0 or stride < kind.itemsize * width or end > len(data):
+            raise ValueError("an accessor reaches beyond its buffer")
+        return np.ndarray((count, width), kind.newbyteorder("<"), data, first, (stride, kind.itemsize)).copy()
+
+    def _plausible(self, count: int) -> int:
+        if not 0 < count <= max(map(len, self._buffers), default=0):
+            raise ValueError("an accessor without values is longer than the file")
+        return count
+
+
+def _index(number: int) -> int:
+    if type(number) is not int or number < 0:
+        raise ValueError(f"{number!r} is no number of a list")
+    return number
+
+
+def _character(document: _Document, path: Path) -> RiggedMesh:
+    nodes, skins = document.list("nodes"), document.list("skins")
+    skinned = [(i, node) for i, node in enumerate(nodes) if "skin" in node and "mesh" in node]
+    if not skinned:
+        raise InputError(path, "holds no skinned mesh", "export the character with its armature and skin")
+    above = _parents(nodes)
+    joint_node, bind = _joints(document, [skins[_index(node["skin"])] for _, node in skinned])
+    parent = _joint_parents(joint_node, above)
+    order = parents_first(parent)
+    number = {joint_node[joint]: i for i, joint in enumerate(order)}
+    rank = {joint: i for i, joint in enumerate(order)}
+
+    parts = []
+    for _, node in skinned:
+        of_skin = np.array([number[joint] for joint in skins[node["skin"]]["joints"]])
+        parts += [
+            _primitive(document, primitive, of_skin)
+            for primitive in document.list("meshes")[_index(node["mesh"])]["primitives"]
+        ]
+    vertex, face, influence, weight = _joined(parts)
+    ordered = [joint_node[joint] for joint in order]
+    rest = node_worlds(nodes, above)
+    scene = _scene_from_bind(bind[order], rest[ordered], rest[skinned[0][0]])
+    return RiggedMesh(
+        name=str(skinned[0][1].get("name") or path.stem),
+        joints=tuple(str(nodes[node].get("name") or f"joint{node}") for node in ordered),
+        parent=tuple(-1 if parent[joint] < 0 else rank[parent[joint]] for joint in order),
+        bind=scene @ bind[order],
+        vertex=vertex @ scene[:3, :3].T + scene[:3, 3],
+        face=face,
+        influence=influence,
+        weight=weight,
+        motions=node_motions(document.list("animations"), document.array, nodes, above, ordered),
+        attribution=str(document.json.get("asset", {}).get("copyright", "")),
+    )
+
+
+def _parents(nodes: list[dict[str, Any]]) -> list[int]:
+    above = [-1] * len(nodes)
+    for number, node in enumerate(nodes):
+        for child in node.get("children", []):
+            above[_index(child)] = number
+    parents_first(above)
+    return above
+
+
+def _joints(document: _Document, skins: Iterable[dict[str, Any]]) -> tuple[list[int], np.ndarray]:
+    """Nodes of all skins' joints, each once, and their bind transforms (joint, 4, 4)."""
+    bind: dict[int, np.ndarray] = {}
+    for skin in skins:
+        joints = [_index(node) for node in skin["joints"]]
+        inverse = np.tile(np.eye(4), (len(joints), 1, 1))
+        if "inverseBindMatrices" in skin:
+            inverse = document.array(skin["inverseBindMatrices"])[: len(joints)].reshape(-1, 4, 4).swapaxes(1, 2)
+        for node, matrix in zip(joints, np.linalg.inv(inverse), strict=True):
+            bind.setdefault(node, matrix)
+    if not np.isfinite(list(bind.values())).all():
+        raise ValueError("a bind transform is not finite")
+    return list(bind), np.stack(list(bind.values()))
+
+
+def _joint_parents(joint_node: list[int], above: list[int]) -> list[int]:
+    """For each joint the nearest joint above it, -1 where there is none."""
+    number = {node: joint for joint, node in enumerate(joint_node)}
+    parent = []
+    for node in joint_node:
+        up = above[node]
+        while up >= 0 and up not in number:
+            up = above[up]
+        parent.append(number.get(up, -1))
+    return parent
+
+
+def _primitive(
+    document: _Document, primitive: dict[str, Any], of_skin: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Vertices, triangles, influencing joints and weights of a part of a mesh."""
+    if primitive.get("mode", _TRIANGLES) != _TRIANGLES:
+        raise ValueError("a mesh is not of triangles")
+    attributes = primitive["attributes"]
+    vertex = document.array(attributes["POSITION"]).astype(np.float64)
+    index = document.array(primitive["indices"])[:, 0] if "indices" in primitive else np.arange(len(vertex))
+    face = index[: len(index) // 3 * 3].astype(np.int64).reshape(-1, 3)
+    sets = [i for i in range(len(attributes)) if f"JOINTS_{i}" in attributes]
+    joint = np.concatenate([document.array(attributes[f"JOINTS_{i}"]) for i in sets], axis=1).astype(np.int64)
+    weight = np.concatenate([document.array(attributes[f"WEIGHTS_{i}"]) for i in sets], axis=1).astype(np.float64)
+    sound = vertex.shape[1] == 3 and joint.shape == weight.shape and len(joint) == len(vertex)
+    if not sound or not np.isfinite(vertex).all() or not np.isfinite(weight).all() or (weight < 0).any():
+        raise ValueError("a mesh's vertices and weights do not fit together, or are not finite")
+    if len(face) and face.max() >= len(vertex):
+        raise ValueError("a triangle names a vertex that does not exist")
+    return vertex, face, of_skin[np.where(weight > 0, joint, 0)], weight
+
+
+def _joined(
+    parts: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Several parts as one mesh."""
+    most = max(weight.shape[1] for *_, weight in parts)
+    first = np.cumsum([0, *(len(vertex) for vertex, *_ in parts)])
+
+    def padded(values: np.ndarray) -> np.ndarray:
+        return np.pad(values, ((0, 0), (0, most - values.shape[1])))
+
+    return (
+        np.concatenate([vertex for vertex, *_ in parts]),
+        np.concatenate([face + start for (_, face, *_), start in zip(parts, first, strict=False)]),
+        np.concatenate([padded(influence) for *_, influence, _ in parts]),
+        np.concatenate([padded(weight) for *_, weight in parts]),
+    )
+
+
+def _scene_from_bind(bind: np.ndarray, rest: np.ndarray, mesh: np.ndarray) -> np.ndarray:
+    """(4, 4): what takes the space in which the skin is bound to the scene's.
+
+    The format does not say. Exporters bind in the scene's space, in the mesh node's or in one of their own; of these
+    the one that brings the joints nearest to where the nodes have them is taken.
+    """
+
+    def apart(scene: np.ndarray) -> float:
+        return float(np.linalg.norm((scene @ bind - rest)[:, :3, 3], axis=1).mean())
+
+    candidates = [np.eye(4), mesh, rest[0] @ np.linalg.inv(bind[0])]
+    nearest = min(map(apart, candidates))
+    slack = 1e-3 * float(np.ptp(rest[:, :3, 3], axis=0).max())
+    return next(scene for scene in candidates if apart(scene) <= nearest + slack)

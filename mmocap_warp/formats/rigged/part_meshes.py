@@ -1,0 +1,88 @@
+"""Meshes of a robot's parts as triangles: ``.stl``, ``.obj``, ``.ply``, ``.dae``; files that they name stay closed."""
+
+from __future__ import annotations
+
+import io
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mmocap_warp.errors import InputError
+
+_MATERIALS = ("library_effects", "library_materials", "library_images", "bind_material")
+_KINDS = ("stl", "obj", "ply", "dae", "glb")
+
+
+def part_mesh(path: Path, source: object) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (vertex, 3) and triangles (face, 3) of a mesh file; ``source`` is the file that names it.
+
+    Raises:
+        InputError: another kind of file, damaged, or one for which a package is missing.
+    """
+    kind = path.suffix.lower().lstrip(".")
+    if kind not in _KINDS:
+        raise InputError(source, f"names the mesh {path.name}, of a kind that is not read", f"use {', '.join(_KINDS)}")
+    data = path.read_bytes()
+    try:
+        vertex, face = _wavefront(data) if kind == "obj" else _by_trimesh(data, kind, path)
+        sound = len(face) > 0 and vertex.ndim == 2 and bool(np.isfinite(vertex).all())
+        sound = sound and 0 <= face.min() <= face.max() < len(vertex)
+    except InputError:
+        raise
+    except ImportError as error:
+        raise InputError(path, f"needs a package ({error})", "pip install 'mmocap-warp[robots]'") from None
+    except Exception as error:  # readers of several formats, each with its own
+        raise InputError(path, f"cannot be read ({type(error).__name__}: {error})", "write it again as .stl") from None
+    if not sound:
+        raise InputError(path, "holds no sound triangles", "write it again as .stl")
+    return vertex, face
+
+
+def _by_trimesh(data: bytes, kind: str, path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """From memory, so that no file that it names is looked for."""
+    import trimesh
+
+    data = _plain_collada(data, path) if kind == "dae" else data
+    mesh: Any = trimesh.load(io.BytesIO(data), file_type=kind, force="mesh", process=False, skip_materials=True)
+    return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)
+
+
+def _wavefront(data: bytes) -> tuple[np.ndarray, np.ndarray]:
+    """Places and faces of an ``.obj`` file; trimesh needs a package for pictures as soon as there are colours."""
+    vertex, face = [], []
+    for line in data.splitlines():
+        words = line.split()
+        if words[:1] == [b"v"]:
+            vertex.append([float(word) for word in words[1:4]])
+        elif words[:1] == [b"f"]:
+            numbers = [int(word.partition(b"/")[0]) for word in words[1:]]
+            corner = [number - 1 if number > 0 else len(vertex) + number for number in numbers]
+            face += [[corner[0], *pair] for pair in pairwise(corner[1:])]
+    return np.array(vertex, float).reshape(-1, 3), np.array(face, np.int64).reshape(-1, 3)
+
+
+def _plain_collada(data: bytes, path: Path) -> bytes:
+    """A COLLADA file without its materials, which are not needed and often broken.
+
+    The reader's parser expands entities: there are none left.
+
+    Raises:
+        InputError: it has entities, or is not XML.
+    """
+    from xml.etree.ElementTree import ParseError, register_namespace, tostring
+
+    from defusedxml import DefusedXmlException
+    from defusedxml.ElementTree import fromstring
+
+    try:
+        root = fromstring(data)
+    except (DefusedXmlException, ParseError, ValueError, LookupError) as error:
+        raise InputError(path, f"is not plain XML ({type(error).__name__})", "write it again as .stl") from None
+    register_namespace("", root.tag.partition("}")[0].lstrip("{"))
+    for element in list(root.iter()):
+        for child in list(element):
+            if str(child.tag).rpartition("}")[2] in _MATERIALS:
+                element.remove(child)
+    return bytes(tostring(root))

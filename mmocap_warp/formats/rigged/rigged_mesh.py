@@ -1,0 +1,95 @@
+"""A character or a robot as its file has it: joints, where they are bound, skin that follows them, and motions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Turning:
+    """How a joint turns, where its file says so.
+
+    Attributes:
+        axis: (3,) unit vector, in the file's axes in the bind pose; None where the joint does not turn.
+        lower, upper: from the bind pose, right-handed about ``axis`` [rad]; infinite where free.
+    """
+
+    axis: np.ndarray | None
+    lower: float = -np.inf
+    upper: float = np.inf
+
+
+@dataclass(frozen=True)
+class RiggedMotion:
+    """An animation of a file, at even times.
+
+    Attributes:
+        fps: frames per second.
+        world: (frame, joint, 4, 4) float64, the file's space from joint, for column vectors.
+    """
+
+    fps: float
+    world: np.ndarray
+
+
+@dataclass(frozen=True)
+class RiggedMesh:
+    """What a file holds, in its own axes and unit of length.
+
+    Attributes:
+        name: of the character or robot.
+        joints: names, as in the file.
+        parent: (joint,) number of the joint that each hangs on, which comes first; -1 where it hangs on none.
+        bind: (joint, 4, 4) float64, the file's space from joint in the bind pose, for column vectors; may be scaled.
+        vertex: (vertex, 3) float64, in the bind pose.
+        face: (face, 3) int, counter-clockwise seen from outside.
+        influence: (vertex, influence) int, the joints that each vertex follows.
+        weight: (vertex, influence) float64, their weights; any number, zero where unused.
+        up, facing: signed axes such as ``+y``, the directions of the file's format.
+        metres: metres per unit of length.
+        turning: of joints by number; those that miss are free to turn in any way, as far as the file says.
+        motions: animations by name.
+        rigid: whether the parts are rigid and their sizes known, as a robot's are.
+        attribution: what the file says of its makers; may be empty.
+        notes: what was not read as the file has it, a line each.
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    parent: tuple[int, ...]
+    bind: np.ndarray
+    vertex: np.ndarray
+    face: np.ndarray
+    influence: np.ndarray
+    weight: np.ndarray
+    up: str = "+y"
+    facing: str = "+z"
+    metres: float = 1.0
+    turning: dict[int, Turning] = field(default_factory=dict)
+    motions: dict[str, RiggedMotion] = field(default_factory=dict)
+    rigid: bool = False
+    attribution: str = ""
+    notes: tuple[str, ...] = ()
+
+
+def parents_first(parent: list[int]) -> list[int]:
+    """An order of joints in which each comes after the one that it hangs on, else as they were.
+
+    Raises:
+        ValueError: joints hang on each other in a circle.
+    """
+    order: list[int] = []
+    placed = [False] * len(parent)
+    for joint in range(len(parent)):
+        chain = []
+        while joint >= 0 and not placed[joint]:
+            if joint in chain:
+                raise ValueError("joints hang on each other in a circle")
+            chain.append(joint)
+            joint = parent[joint]
+        for each in reversed(chain):
+            placed[each] = True
+            order.append(each)
+    return order

@@ -1,0 +1,241 @@
+"""Robots in URDF: links as rigid parts, joints as hinges. Meshes are read by trimesh, boxes and the like are made."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+from xml.etree.ElementTree import Element, ParseError
+
+import numpy as np
+
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.rigged.part_meshes import part_mesh
+from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, Turning
+
+_REMEDY = "give a URDF file, as `xacro` writes it"
+_TURNS = ("revolute", "continuous")
+_STAYS = ("fixed", "floating", "planar", "prismatic")
+
+
+def read_urdf(path: str | Path, meshes: str | Path | None = None) -> RiggedMesh:
+    """Read a robot at zero joint angles: a joint for each link that turns, rigidly followed by all that is fixed to it.
+
+    Sliding joints stay where they are. Visual geometry is taken, collision geometry where a robot has no other.
+
+    Args:
+        path: the file.
+        meshes: the folder in which its meshes are; the file's own where omitted. ``package://`` and paths are looked
+            up there by their last parts, and no file elsewhere is opened.
+
+    Raises:
+        InputError: no such file, not URDF, a mesh that is missing or cannot be read, or no part that turns.
+    """
+    path = Path(path)
+    folder = Path(meshes) if meshes is not None else path.parent
+    try:
+        return _robot(_parsed(path), path, folder)
+    except InputError:
+        raise
+    except (ValueError, TypeError, KeyError, IndexError, RecursionError) as error:
+        raise InputError(path, f"is damaged, or no URDF ({error})", _REMEDY) from None
+
+
+@dataclass(frozen=True)
+class _Joint:
+    name: str
+    kind: str
+    parent: str
+    child: str
+    origin: np.ndarray
+    axis: np.ndarray
+    lower: float
+    upper: float
+
+
+def _parsed(path: Path) -> Element:
+    from defusedxml import DefusedXmlException
+    from defusedxml.ElementTree import fromstring
+
+    try:
+        root: Element = fromstring(path.read_bytes())
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror})", "check the path") from None
+    except DefusedXmlException:
+        raise InputError(path, "defines entities or refers to other files, which is not read", "write it out") from None
+    except (ParseError, ValueError, LookupError) as error:
+        raise InputError(path, f"is not XML ({error})", _REMEDY) from None
+    if root.tag != "robot":
+        raise InputError(path, f"begins with <{root.tag}>, not <robot>", _REMEDY)
+    if any("xacro" in element.tag for element in root.iter() if isinstance(element.tag, str)):
+        raise InputError(path, "is a xacro template", "write it out with `xacro` first")
+    return root
+
+
+def _robot(root: Element, path: Path, folder: Path) -> RiggedMesh:
+    joints = {joint.child: joint for joint in map(_joint, root.findall("joint"))}
+    links = {_named(link): link for link in root.findall("link")}
+    for joint in joints.values():
+        for link in (joint.parent, joint.child):
+            if link not in links:
+                raise ValueError(f"joint {joint.name} names a link {link!r} that does not exist")
+    bases = [link for link in links if link not in joints]
+    if len(bases) != 1:
+        raise ValueError(f"it has {len(bases)} links that hang on none")
+    order = [bases[0]]
+    for link in order:  # grows while it is walked
+        order += [joint.child for joint in joints.values() if joint.parent == link]
+    if len(order) != len(links):
+        raise ValueError("links hang on each other in a circle")
+
+    names, parent, turning = [bases[0]], [-1], {}
+    of_link, world = {bases[0]: 0}, {bases[0]: np.eye(4)}
+    bind = [np.eye(4)]
+    for link in order[1:]:
+        joint = joints[link]
+        world[link] = world[joint.parent] @ joint.origin
+        if joint.kind not in _TURNS:
+            of_link[link] = of_link[joint.parent]
+            continue
+        of_link[link] = len(names)
+        turning[len(names)] = Turning(world[link][:3, :3] @ joint.axis, joint.lower, joint.upper)
+        names.append(joint.name)
+        parent.append(of_link[joint.parent])
+        bind.append(world[link])
+    if len(names) == 1:
+        raise InputError(path, "has no joint that turns", "there is nothing to track in a rigid thing; name a robot")
+    vertex, face, follows = _geometry(links, world, of_link, path, folder)
+    slides = [joint.name for joint in joints.values() if joint.kind in ("prismatic", "planar")]
+    mimics = [_named(each) for each in root.findall("joint") if each.find("mimic") is not None]
+    notes = [f"{', '.join(slides)} slide: held at zero"] if slides else []
+    notes += [f"{', '.join(mimics)} follow other joints there: free here"] if mimics else []
+    return RiggedMesh(
+        name=root.get("name") or path.stem,
+        joints=tuple(names),
+        parent=tuple(parent),
+        bind=np.stack(bind),
+        vertex=vertex,
+        face=face,
+        influence=follows[:, None],
+        weight=np.ones((len(vertex), 1)),
+        up="+z",
+        facing="+x",
+        turning=turning,
+        rigid=True,
+        notes=tuple(notes),
+    )
+
+
+def _joint(element: Element) -> _Joint:
+    name, kind = _named(element), element.get("type", "")
+    if kind not in _TURNS + _STAYS:
+        raise ValueError(f"joint {name} is of type {kind!r}, which is not known")
+    ends = [element.find(end) for end in ("parent", "child")]
+    parent, child = (end.get("link", "") if end is not None else "" for end in ends)
+    axis_element, limit = element.find("axis"), element.find("limit")
+    axis = _numbers(axis_element.get("xyz", "1 0 0") if axis_element is not None else "1 0 0", 3)
+    length = float(np.linalg.norm(axis))
+    if kind in _TURNS and length == 0:
+        raise ValueError(f"joint {name} turns about no axis")
+    lower, upper = -np.inf, np.inf
+    if kind == "revolute" and limit is not None:
+        lower, upper = (float(_numbers(limit.get(end, "0"), 1)[0]) for end in ("lower", "upper"))
+    if lower > upper:
+        raise ValueError(f"joint {name} has a lower limit above the upper one")
+    return _Joint(name, kind, parent, child, _origin(element), axis / (length or 1.0), lower, upper)
+
+
+def _geometry(
+    links: dict[str, Element], world: dict[str, np.ndarray], of_link: dict[str, int], path: Path, folder: Path
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Vertices, triangles, and the joint that each vertex follows; the robot at zero angles."""
+    for shown in ("visual", "collision"):
+        vertices: list[np.ndarray] = []
+        faces, follows = [], []
+        for link, element in links.items():
+            for shape in element.findall(shown):
+                for vertex, face in _shapes(shape, path, folder):
+                    place = world[link] @ _origin(shape)
+                    first = sum(len(each) for each in vertices)
+                    faces.append(face + first)
+                    vertices.append(vertex @ place[:3, :3].T + place[:3, 3])
+                    follows.append(np.full(len(vertex), of_link[link]))
+        if vertices:
+            return np.concatenate(vertices), np.concatenate(faces), np.concatenate(follows)
+    raise InputError(path, "has no geometry", "give a robot with visual meshes")
+
+
+def _shapes(shape: Element, path: Path, folder: Path) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Vertices (n, 3) and triangles (m, 3) of a visual, in its own axes."""
+    import trimesh
+
+    geometry = shape.find("geometry")
+    for element in geometry if geometry is not None else ():
+        made: Any = None
+        if element.tag == "box":
+            made = trimesh.creation.box(_numbers(element.get("size", ""), 3))
+        elif element.tag == "sphere":
+            made = trimesh.creation.icosphere(subdivisions=2, radius=_size(element, "radius"))
+        elif element.tag == "cylinder":
+            made = trimesh.creation.cylinder(_size(element, "radius"), _size(element, "length"), sections=24)
+        elif element.tag == "capsule":
+            made = trimesh.creation.capsule(_size(element, "length"), _size(element, "radius"), count=(12, 12))
+        elif element.tag == "mesh":
+            scale = _numbers(element.get("scale", "1 1 1"), 3)
+            vertex, face = part_mesh(_mesh_file(element.get("filename", ""), path, folder), path)
+            yield vertex * scale, face[:, ::-1] if np.prod(scale) < 0 else face
+        else:
+            raise ValueError(f"a shape is a <{element.tag}>, which is not known")
+        if made is not None:
+            yield np.asarray(made.vertices, float), np.asarray(made.faces, np.int64)
+
+
+def _mesh_file(name: str, path: Path, folder: Path) -> Path:
+    """The file in ``folder`` that ends as ``name`` does, by as many of its last parts as can be.
+
+    Raises:
+        InputError: there is none, or it leads out of the folder.
+    """
+    root = folder.resolve()
+    parts = [part for part in PurePosixPath(name.partition("://")[2] or name).parts if part not in ("/", ".", "..")]
+    for first in range(len(parts)):
+        found = root.joinpath(*parts[first:])
+        if found.is_file():
+            if not found.resolve().is_relative_to(root):
+                break
+            return found
+    raise InputError(path, f"names the mesh '{name}', which is not in {folder}", "name its folder with --meshes")
+
+
+def _origin(element: Element) -> np.ndarray:
+    """(4, 4) of an element's <origin>: fixed axes, roll about x first."""
+    from scipy.spatial.transform import Rotation
+
+    matrix = np.eye(4)
+    origin = element.find("origin")
+    if origin is not None:
+        matrix[:3, :3] = Rotation.from_euler("xyz", _numbers(origin.get("rpy", "0 0 0"), 3)).as_matrix()
+        matrix[:3, 3] = _numbers(origin.get("xyz", "0 0 0"), 3)
+    return matrix
+
+
+def _size(element: Element, name: str) -> float:
+    size = float(_numbers(element.get(name, ""), 1)[0])
+    if size <= 0:
+        raise ValueError(f"a <{element.tag}> has a {name} of {size:g}")
+    return size
+
+
+def _numbers(text: str, count: int) -> np.ndarray:
+    values = np.array([float(word) for word in text.split()])
+    if len(values) != count or not np.isfinite(values).all():
+        raise ValueError(f"'{text}' is not {count} numbers")
+    return values
+
+
+def _named(element: Element) -> str:
+    name = element.get("name")
+    if not name:
+        raise ValueError(f"a <{element.tag}> has no name")
+    return name

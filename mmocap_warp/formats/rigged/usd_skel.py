@@ -1,0 +1,174 @@
+"""Skinned characters in USD: a UsdSkel skeleton, meshes bound to it, its animation, limits of physics joints."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from pxr import Usd, UsdGeom, UsdPhysics, UsdSkel
+
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, RiggedMotion, Turning, parents_first
+from mmocap_warp.formats.usd.file import read_stage, reads_usd
+
+_REMEDY = "export the character with its UsdSkel skeleton and skin"
+_LONGEST = 36000  # frames
+
+
+@reads_usd
+def read_usd_skel(path: str | Path) -> RiggedMesh:
+    """Read the skeleton that most skin is bound to, with that skin and its animation.
+
+    A ``PhysicsRevoluteJoint`` named like a joint of the skeleton gives that joint's axis and limits.
+
+    Raises:
+        InputError: no such file, not USD, or without a skinned mesh that is whole.
+    """
+    path = Path(path)
+    stage = read_stage(path)
+    bound: dict[str, list[UsdGeom.Mesh]] = {}
+    for prim in stage.Traverse():
+        if prim.IsA(UsdGeom.Mesh) and UsdGeom.Imageable(prim).ComputePurpose() in ("default", "render"):
+            skeleton = UsdSkel.BindingAPI(prim).GetInheritedSkeleton()
+            if skeleton and UsdSkel.BindingAPI(prim).GetJointIndicesPrimvar().HasValue():
+                bound.setdefault(str(skeleton.GetPath()), []).append(UsdGeom.Mesh(prim))
+    if not bound:
+        raise InputError(path, "holds no mesh that is bound to a UsdSkel skeleton", _REMEDY)
+    chosen = max(bound, key=lambda name: sum(len(mesh.GetPointsAttr().Get() or ()) for mesh in bound[name]))
+    try:
+        return _character(stage, UsdSkel.Skeleton.Get(stage, chosen), bound[chosen], path)
+    except (ValueError, IndexError, TypeError) as error:
+        raise InputError(path, f"its skeleton or skin is not whole ({error})", _REMEDY) from None
+
+
+def _character(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, meshes: list[UsdGeom.Mesh], path: Path) -> RiggedMesh:
+    paths = [str(joint) for joint in skeleton.GetJointsAttr().Get() or ()]
+    number = {name: joint for joint, name in enumerate(paths)}
+    if not paths or len(number) < len(paths):
+        raise ValueError("it has no joints, or two of a name")
+    parent = [_parent(name, number) for name in paths]
+    order = parents_first(parent)
+    rank = np.argsort(order)
+    bind = np.array(skeleton.GetBindTransformsAttr().Get(), float).reshape(-1, 4, 4).swapaxes(1, 2)
+    if len(bind) != len(paths) or not np.isfinite(bind).all():
+        raise ValueError("its bindTransforms are not one for each joint")
+    own = {str(joint).rsplit("/", 1)[-1] for joint in paths}
+    names = tuple(name.rsplit("/", 1)[-1] if len(own) == len(paths) else name.replace("/", "_") for name in paths)
+
+    vertex: list[np.ndarray] = []
+    face, influence, weight = [], [], []
+    for mesh in meshes:
+        points, triangles = _mesh(mesh)
+        joint, share = _weights(mesh, number, len(points))
+        first = sum(len(each) for each in vertex)
+        face.append(triangles + first)
+        vertex.append(points)
+        influence.append(rank[joint])
+        weight.append(share)
+    most = max(each.shape[1] for each in weight)
+    pad = [((0, 0), (0, most - each.shape[1])) for each in weight]
+    up = "+y" if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.y else "+z"
+    ordered = tuple(names[joint] for joint in order)
+    return RiggedMesh(
+        name=str(meshes[0].GetPrim().GetName()),
+        joints=ordered,
+        parent=tuple(int(rank[parent[joint]]) if parent[joint] >= 0 else -1 for joint in order),
+        bind=bind[order],
+        vertex=np.concatenate(vertex),
+        face=np.concatenate(face),
+        influence=np.concatenate([np.pad(each, by) for each, by in zip(influence, pad, strict=True)]),
+        weight=np.concatenate([np.pad(each, by) for each, by in zip(weight, pad, strict=True)]),
+        up=up,
+        facing="+z" if up == "+y" else "-y",
+        metres=float(UsdGeom.GetStageMetersPerUnit(stage)),
+        turning=_turning(stage, ordered, bind[order]),
+        motions=_motions(stage, skeleton, order),
+        attribution=_attribution(stage),
+    )
+
+
+def _parent(name: str, number: dict[str, int]) -> int:
+    """The nearest joint above one, by its path."""
+    above = name.rpartition("/")[0]
+    while above and above not in number:
+        above = above.rpartition("/")[0]
+    return number.get(above, -1)
+
+
+def _mesh(mesh: UsdGeom.Mesh) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices in the skeleton's space as they are bound, and triangles."""
+    points = np.array(mesh.GetPointsAttr().Get(), float).reshape(-1, 3)
+    counts = np.array(mesh.GetFaceVertexCountsAttr().Get(), int)
+    index = np.array(mesh.GetFaceVertexIndicesAttr().Get(), int)
+    if counts.sum() != len(index) or (counts < 3).any() or not np.isfinite(points).all():
+        raise ValueError(f"{mesh.GetPath()} has faces that do not fit its vertices")
+    if len(index) and not 0 <= index.min() <= index.max() < len(points):
+        raise ValueError(f"{mesh.GetPath()} has a face that names a vertex it lacks")
+    first = np.repeat(np.cumsum(counts) - counts, counts - 2)
+    step = np.concatenate([np.arange(1, n - 1) for n in counts]) if len(counts) else np.zeros(0, int)
+    triangles = index[np.stack([first, first + step, first + step + 1], axis=1)]
+    if mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded:
+        triangles = triangles[:, ::-1]
+    transform = np.array(UsdSkel.BindingAPI(mesh).GetGeomBindTransformAttr().Get() or np.eye(4), float)
+    return points @ transform[:3, :3] + transform[3, :3], triangles
+
+
+def _weights(mesh: UsdGeom.Mesh, number: dict[str, int], points: int) -> tuple[np.ndarray, np.ndarray]:
+    """Influencing joints and weights (vertex, influence)."""
+    binding = UsdSkel.BindingAPI(mesh)
+    index, weight = binding.GetJointIndicesPrimvar(), binding.GetJointWeightsPrimvar()
+    width = index.GetElementSize()
+    joint = np.array(index.Get(), int).reshape(-1, width)
+    share = np.array(weight.Get(), float).reshape(-1, width)
+    if len(joint) == 1:  # a rigid mesh has one row for all
+        joint, share = np.tile(joint, (points, 1)), np.tile(share, (points, 1))
+    own = binding.GetJointsAttr().Get()
+    names = [str(name) for name in own] if own else list(number)
+    if len(joint) != points or joint.shape != share.shape or not 0 <= joint.min() <= joint.max() < len(names):
+        raise ValueError(f"{mesh.GetPath()} has weights that do not fit its vertices or joints")
+    if not np.isfinite(share).all() or (share < 0).any():
+        raise ValueError(f"{mesh.GetPath()} has a weight that is negative or not finite")
+    if any(name not in number for name in names):
+        raise ValueError(f"{mesh.GetPath()} follows a joint that its skeleton lacks")
+    return np.array([number[name] for name in names])[joint], share
+
+
+def _motions(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, order: list[int]) -> dict[str, RiggedMotion]:
+    """The bound animation, if it has more than one time; a frame for each time code."""
+    source = UsdSkel.BindingAPI(skeleton).GetInheritedAnimationSource()
+    if not source or not source.IsA(UsdSkel.Animation):
+        return {}
+    query = UsdSkel.Cache().GetSkelQuery(skeleton)
+    times = query.GetAnimQuery().GetJointTransformTimeSamples() if query and query.GetAnimQuery() else []
+    if len(times) < 2:
+        return {}
+    frames = np.arange(times[0], times[-1] + 0.5)
+    if len(frames) > _LONGEST:
+        raise ValueError(f"its animation has {len(frames)} frames")
+    world = np.array([query.ComputeJointSkelTransforms(Usd.TimeCode(time)) for time in frames], float)
+    fps = float(stage.GetTimeCodesPerSecond())
+    return {str(source.GetName()): RiggedMotion(fps, world.swapaxes(-1, -2)[:, order])}
+
+
+def _turning(stage: Usd.Stage, joints: tuple[str, ...], bind: np.ndarray) -> dict[int, Turning]:
+    """Axes and limits of joints after which a revolute physics joint is named; its axis is in the joint's frame."""
+    found = {}
+    for prim in stage.Traverse():
+        if not prim.IsA(UsdPhysics.RevoluteJoint) or prim.GetName() not in joints:
+            continue
+        physics, joint = UsdPhysics.RevoluteJoint(prim), joints.index(prim.GetName())
+        axis = np.zeros(3)
+        axis["XYZ".index(str(physics.GetAxisAttr().Get()))] = 1.0
+        turned = bind[joint, :3, :3] @ axis
+        lower, upper = (float(limit.Get()) for limit in (physics.GetLowerLimitAttr(), physics.GetUpperLimitAttr()))
+        if lower > upper:
+            raise ValueError(f"{prim.GetPath()} has a lower limit above the upper one")
+        found[joint] = Turning(turned / np.linalg.norm(turned), float(np.radians(lower)), float(np.radians(upper)))
+    return found
+
+
+def _attribution(stage: Usd.Stage) -> str:
+    for prim in stage.Traverse():
+        if prim.HasAttribute("mmocap:attribution"):
+            return str(prim.GetAttribute("mmocap:attribution").Get())
+    return ""

@@ -1,0 +1,122 @@
+"""Any body in a motion of its own, amid a ring of cameras: what to expect of a recording before it is made."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from mmocap_warp.body.body_motion import BodyMotion
+from mmocap_warp.body.model import BodyModel, Subject
+from mmocap_warp.body.shape_space import upright_base
+from mmocap_warp.synthesis.footage.cameras import placed_camera
+from mmocap_warp.synthesis.footage.faults import Faults, SpoiltMasks
+from mmocap_warp.synthesis.footage.recording import Recording
+from mmocap_warp.synthesis.posing import ExactPoser
+from mmocap_warp.synthesis.writing import Progress, write_made_scene
+from mmocap_warp.views.rig import CameraRig
+
+SIZE = (640, 480)
+"""Of the cameras' images, by default [px]."""
+
+_FILLED = 0.75  # of the image's smaller side, what the motion takes at most
+_FOCAL = 1.4  # of the image's width
+_HEIGHTS = (0.35, 1.1, 0.6, 1.6, 0.85)  # of the cameras, in turn, in sizes of what moves
+_FIRST_BEARING = 14.0  # [degrees]: no camera looks along an axis of the world
+_FAULTS = (
+    Faults(grow=-0.2, ragged=0.5, holes=1.5, specks=2.0, salt=5e-5),
+    Faults(grow=0.2, ragged=0.6, holes=1.5, specks=3.0, salt=5e-5),
+    Faults(grow=0.0, ragged=0.7, smooth=7.0, holes=2.5, specks=2.0, salt=1e-4),
+)
+_LIGHT = np.array([0.6, -0.35, -1.0])
+_FOREGROUND = """\
+# The masks have ragged contours, holes and specks.
+[foreground]
+source = "masks"
+median = 3.0
+fill_holes = 150.0
+min_area = 200.0
+keep = "largest"
+join = 6.0
+"""
+_PERFECT = """\
+[foreground]
+source = "masks"
+"""
+
+
+def recorded(
+    body: BodyModel,
+    motion: BodyMotion,
+    cameras: int,
+    *,
+    size: tuple[int, int] = SIZE,
+    faulty: bool = True,
+    seed: int = 0,
+) -> Recording:
+    """A body that moves amid cameras, in a world with +Z up and its floor under the lowest point of the motion.
+
+    Args:
+        body: the body.
+        motion: what it does.
+        cameras: how many, evenly around it.
+        size: width and height of their images [px].
+        faulty: give the masks the faults of real ones.
+        seed: of these faults.
+
+    Raises:
+        ValueError: no camera, or images of no size.
+    """
+    if cameras < 1 or min(size) < 1:
+        raise ValueError(f"cameras must be at least 1 and images at least 1 x 1, got {cameras} and {size}")
+    base = upright_base("+z")
+    poses = motion.pose.copy()
+    poses[:, :3] = poses[:, :3] @ base.T
+    poser = ExactPoser(body, base)
+    used = np.unique(body.skin.face)
+    seen = np.stack([poser.vertices(pose[None])[0][used] for pose in poses])
+    low, high = seen.min(axis=(0, 1)), seen.max(axis=(0, 1))
+    poses[:, :3] -= np.array([*((low + high) / 2)[:2], low[2]])
+    rig = camera_ring(cameras, high - low, size)
+    faults = tuple(_FAULTS[k % len(_FAULTS)] if faulty else Faults() for k in range(cameras))
+    return Recording(body, base, poses, motion.fps, rig, SpoiltMasks(body.skin.face, faults, _LIGHT, seed))
+
+
+def camera_ring(cameras: int, extent: np.ndarray, size: tuple[int, int]) -> CameraRig:
+    """Cameras evenly around a box (3,) [m] that stands on the origin, at several heights, each seeing all of it."""
+    radius = float(np.linalg.norm(extent)) / 2
+    focal, middle = _FOCAL * size[0], float(extent[2]) / 2
+    distance = focal * 2 * radius / (_FILLED * min(size)) + radius
+    placed = []
+    for k in range(cameras):
+        height = middle + radius * (_HEIGHTS[k % len(_HEIGHTS)] - 0.3)
+        bearing = _FIRST_BEARING + 360.0 * k / cameras
+        placed.append(placed_camera(bearing, distance, height, middle, 0.0, focal, (0.0, 0.0), size))
+    K, R, t = (np.array(column) for column in zip(*placed, strict=True))
+    names = tuple(f"cam{k + 1}" for k in range(cameras))
+    return CameraRig(names, K, R, t, np.tile(size, (cameras, 1)), np.zeros((cameras, 5)), "+z")
+
+
+def write_recorded(folder: Path, recording: Recording, faulty: bool, progress: Progress | None = None) -> Path:
+    """Write the recording as a scene with its truth, and the body in its first pose; the path of ``scene.toml``.
+
+    Args:
+        folder: made if it does not exist.
+        recording: what :func:`recorded` made.
+        faulty: whether its masks have faults, and are to be cleaned.
+        progress: called after each frame.
+
+    Raises:
+        InputError: a folder that cannot be written to.
+    """
+    body = recording.body
+    return write_made_scene(
+        folder,
+        recording,
+        recording.truth(),
+        name=folder.resolve().name,
+        about=f"{body.name}, made up with known truth. {body.attribution}".replace("\n", " "),
+        foreground=_FOREGROUND if faulty else _PERFECT,
+        subject=Subject(body, recording.root_base, recording.poses[0], {}),
+        progress=progress,
+    )

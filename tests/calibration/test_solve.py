@@ -1,0 +1,201 @@
+"""``mmocap calib solve`` on a made walk: cameras from scratch, and what is said where the recording does not tell."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mmocap_warp.calibration.solve import SolvedCameras, solve_cameras
+from mmocap_warp.calibration.unsolvable import UnsolvableError
+from mmocap_warp.cli import exit_codes, main
+from mmocap_warp.formats.calibration.toml_rig import read_toml_rig
+from mmocap_warp.formats.usd.truth import read_truth
+from mmocap_warp.scene.scene_toml import load_scene
+from mmocap_warp.study.sequences import SequencePlan, make_sequence, walking_around
+from mmocap_warp.synthesis.writing import write_made_scene
+from mmocap_warp.views.rig import CameraRig, project
+
+CAMERAS = ("C2", "C3", "BW2", "BW4")
+HEIGHT = 1.749
+EVERY = 10  # of the sequence's frames
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory) -> Path:
+    """The folder of a scene: five seconds in a circle, six frames a second, before four cameras."""
+    plan = SequencePlan("S2", 300, walking_around(1.0, 1.10, 116.0), 2.1, 21, CAMERAS)
+    made = make_sequence("walk", plan).recording
+    thinned = replace(made, poses=made.poses[::EVERY], fps=made.fps / EVERY)
+    folder = tmp_path_factory.mktemp("walk")
+    write_made_scene(
+        folder, thinned, thinned.truth(), name="walk", about="made", foreground='[foreground]\nkeep = "all"\n'
+    )
+    return folder
+
+
+@pytest.fixture(scope="module")
+def uncalibrated(walk) -> Path:
+    """The same scene, which names no calibration."""
+    text = (walk / "scene.toml").read_text()
+    (walk / "uncalibrated.toml").write_text(text.replace('calibration = "calibration.toml"\n', ""))
+    return walk / "uncalibrated.toml"
+
+
+@pytest.fixture(scope="module")
+def solved(walk) -> SolvedCameras:
+    return solve_cameras(load_scene(walk, calibrated=False), HEIGHT)
+
+
+@pytest.fixture(scope="module")
+def guessed(uncalibrated) -> SolvedCameras:
+    return solve_cameras(load_scene(uncalibrated, calibrated=False), HEIGHT)
+
+
+def triangulated(rig: CameraRig, pixels: np.ndarray) -> np.ndarray:
+    rows = []
+    for k in range(len(rig)):
+        x, y = ((pixels[k] - rig.K[k, :2, 2]) / rig.K[k, [0, 1], [0, 1]]).T[..., None]
+        P = np.column_stack([rig.R[k], rig.t[k]])
+        rows += [x * P[2] - P[0], y * P[2] - P[1]]
+    point = np.linalg.svd(np.stack(rows, axis=1))[2][:, -1]
+    return point[:, :3] / point[:, 3:]
+
+
+def after_similarity(rig: CameraRig, true: CameraRig, markers: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
+    """Reprojection errors [px] of markers brought into the solved world, the similarity's scale, and its rotation."""
+    pixels = project(true, markers)
+    there = triangulated(rig, pixels)
+    a, b = markers - markers.mean(axis=0), there - there.mean(axis=0)
+    U, S, Vt = np.linalg.svd(b.T @ a)
+    rotation = U @ Vt
+    assert np.linalg.det(rotation) > 0
+    scale = float(S.sum() / (a**2).sum())
+    moved = scale * a @ rotation.T + there.mean(axis=0)
+    return np.linalg.norm(project(rig, moved) - pixels, axis=-1), scale, rotation
+
+
+def judged(found: SolvedCameras, walk: Path) -> tuple[np.ndarray, float, np.ndarray]:
+    true = read_toml_rig(walk / "calibration.toml")
+    return after_similarity(found.rig, true, read_truth(walk / "truth.usdc").markers[::5].reshape(-1, 3))
+
+
+def test_cameras_from_known_intrinsics(solved, walk):
+    missed, scale, rotation = judged(solved, walk)
+    assert missed.mean() < 1.0
+    assert scale == pytest.approx(1.0, abs=0.015)
+    assert np.degrees(np.arccos(rotation[2, 2])) < 1.0
+    assert solved.focal == ("given",) * 4
+    np.testing.assert_array_equal(solved.rig.K, read_toml_rig(walk / "calibration.toml").K)
+    heights = read_toml_rig(walk / "calibration.toml").centres[:, 2]
+    np.testing.assert_allclose(solved.rig.centres[:, 2], heights, atol=0.05)
+    assert (solved.centre_sigma < 0.1).all()
+    assert (solved.focal_sigma == 0).all()
+
+
+def test_focal_lengths_are_found_from_a_guess(guessed, walk):
+    missed, scale, _ = judged(guessed, walk)
+    assert missed.mean() < 2.0
+    assert scale == pytest.approx(1.0, abs=0.02)
+    assert guessed.focal == ("found",) * 4
+    true = read_toml_rig(walk / "calibration.toml")
+    np.testing.assert_allclose(guessed.rig.K[:, 0, 0], true.K[:, 0, 0], rtol=0.05)  # the guess is 14 to 22 % off
+    assert (guessed.focal_sigma > 0).all()
+
+
+def test_heads_are_over_the_floor(solved):
+    heads = solved.heads[np.isfinite(solved.heads[:, 0])]
+    assert len(heads) > 0.9 * len(solved.heads)
+    assert np.median(heads[:, 2]) == pytest.approx(0.986 * HEIGHT, abs=0.005)
+    assert np.linalg.norm(np.median(heads[:, :2], axis=0)) < 0.2
+
+
+def test_the_vertical_is_the_scene_s(walk, solved):
+    turned = replace(
+        load_scene(walk, calibrated=False), calibrated=replace(read_toml_rig(walk / "calibration.toml"), up="-y")
+    )
+    found = solve_cameras(turned, HEIGHT)
+    assert found.rig.up == "-y"
+    np.testing.assert_allclose(-found.rig.centres[:, 1], solved.rig.centres[:, 2], atol=1e-9)
+    np.testing.assert_allclose(np.linalg.det(found.rig.R), 1.0)
+    np.testing.assert_allclose(found.rig.R[1] @ found.rig.R[0].T, solved.rig.R[1] @ solved.rig.R[0].T, atol=1e-9)
+    np.testing.assert_allclose(found.heads @ found.rig.up_vector, solved.heads[:, 2], atol=1e-9)
+
+
+def test_a_view_that_does_not_agree_is_told(walk, tmp_path):
+    """One camera's masks in another order: nobody walked so."""
+    shutil.copytree(walk, tmp_path, dirs_exist_ok=True)
+    images = sorted((walk / "masks" / "C3").iterdir())
+    for place, image in zip(np.random.default_rng(1).permutation(len(images)), images, strict=True):
+        shutil.copyfile(image, tmp_path / "masks" / "C3" / images[place].name)
+    with pytest.raises(UnsolvableError, match=r"% of the outlines' tangents of camera 'C3' agree .*mmocap sync"):
+        solve_cameras(load_scene(tmp_path, calibrated=False), HEIGHT)
+
+
+@pytest.mark.parametrize("height", [0.0, 17.8, float("nan")])
+def test_a_height_that_is_none(walk, height):
+    with pytest.raises(ValueError, match="height must be a person's"):
+        solve_cameras(load_scene(walk, calibrated=False), height)
+
+
+def test_a_lone_camera(walk):
+    scene = load_scene(walk, calibrated=False)
+    with pytest.raises(ValueError, match="two views"):
+        solve_cameras(replace(scene, cameras=scene.cameras[:1]), HEIGHT)
+
+
+def test_the_command_writes_a_calibration_and_a_picture(uncalibrated, guessed, tmp_path, capsys):
+    output, picture = tmp_path / "found.toml", tmp_path / "floor.png"
+    arguments = [
+        "calib",
+        "solve",
+        str(uncalibrated),
+        "--height",
+        str(HEIGHT),
+        "-o",
+        str(output),
+        "--picture",
+        str(picture),
+    ]
+    assert main([*arguments, "--json"]) == exit_codes.OK
+    values = json.loads(capsys.readouterr().out)
+    assert (values["solved"], values["intrinsics"], values["up"]) == (True, "guessed", "+z")
+    assert [camera["focal"] for camera in values["cameras"]] == ["found"] * 4
+    rig = read_toml_rig(output)
+    assert rig.names == CAMERAS
+    np.testing.assert_allclose(rig.centres, guessed.rig.centres, atol=1e-9)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert main(arguments) == exit_codes.BAD_INPUT  # they are there now
+    assert main([*arguments, "--force"]) == exit_codes.OK
+    out = capsys.readouterr().out
+    for words in ("over the floor", "focal lengths guessed", "px, found +-", "next: set calibration", "calib refine"):
+        assert words in out
+
+
+def test_the_command_writes_nothing_where_nobody_walks(walk, tmp_path, capsys):
+    still = tmp_path / "still"
+    shutil.copytree(walk, still)
+    for folder in (still / "masks").iterdir():
+        for image in folder.iterdir():
+            if image.name != "0000.png":
+                shutil.copyfile(folder / "0000.png", image)
+    output = tmp_path / "found.toml"
+    assert main(["calib", "solve", str(still), "--height", "1.75", "-o", str(output)]) == exit_codes.CHECK_FAILED
+    out = capsys.readouterr().out
+    assert out.count("\n") == 1
+    assert out.startswith("check failed: ")
+    assert not output.exists()
+    assert (
+        main(["calib", "solve", str(still), "--height", "1.75", "-o", str(output), "--json"]) == exit_codes.CHECK_FAILED
+    )
+    assert json.loads(capsys.readouterr().out)["solved"] is False
+
+
+def test_the_command_refuses_a_height_in_centimetres(walk, tmp_path, capsys):
+    output = tmp_path / "found.toml"
+    assert main(["calib", "solve", str(walk), "--height", "178", "-o", str(output)]) == exit_codes.USAGE
+    assert "--height must be a person's in metres, got 178" in capsys.readouterr().err

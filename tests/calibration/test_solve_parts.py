@@ -1,0 +1,221 @@
+"""What cameras are solved from: sticks, floors, tangents, heads and feet, each where the answer is known exactly."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from mmocap_warp.body.rotations import turn
+from mmocap_warp.calibration.floor_alignment import placed_on_floor, rigid_motion
+from mmocap_warp.calibration.level import levelled
+from mmocap_warp.calibration.person_axis import CORNERS, PersonInView, person_in_views
+from mmocap_warp.calibration.single_view import FEWEST_FRAMES, StandingView, standing_view
+from mmocap_warp.calibration.tangents import Pinholes, adjusted, residuals, touching
+from mmocap_warp.calibration.unsolvable import UnsolvableError
+from mmocap_warp.synthesis.footage.cameras import placed_camera
+from mmocap_warp.views.observation import Observation
+from mmocap_warp.views.rig import CameraRig, project
+
+SIZE = (640, 480)
+STATURE = 1.7
+PLACES = (
+    (10.0, 4.2, 1.5, 0.9, 0.5),
+    (80.0, 4.0, 2.1, 0.9, -1.0),
+    (170.0, 4.5, 1.2, 0.9, 2.0),
+    (250.0, 4.1, 1.8, 0.9, 0.0),
+)
+
+
+def made_rig() -> CameraRig:
+    placed = [placed_camera(*place, 650.0, (0.0, 0.0), SIZE) for place in PLACES]
+    K, R, t = (np.array(each) for each in zip(*placed, strict=True))
+    count = len(PLACES)
+    return CameraRig(tuple("abcd"), K, R, t, np.tile(SIZE, (count, 1)), np.zeros((count, 5)), "+z")
+
+
+RIG = made_rig()
+
+
+def way(frames: int = 40) -> np.ndarray:
+    """(frame, 3), most of a circle on the floor."""
+    angle = np.linspace(0, 5.0, frames)
+    return np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+
+
+def polytopes(places: np.ndarray) -> np.ndarray:
+    """(frame, corner, 3), bodies with a pointed head and two feet flat on the floor, turned in each frame."""
+    corners = np.array(
+        [
+            [0.0, 0.0, STATURE], [0.25, 0.0, 1.3], [-0.25, 0.0, 1.3], [0.0, 0.15, 1.2], [0.0, -0.15, 1.2],
+            [0.1, 0.1, 0.0], [0.1, -0.1, 0.0], [-0.1, 0.1, 0.0], [-0.1, -0.1, 0.0],
+        ]
+    )  # fmt: skip
+    return np.stack([corners @ turn("z", 0.7 * frame).T + place for frame, place in enumerate(places)])
+
+
+def people_before(rig: CameraRig, bodies: np.ndarray) -> list[PersonInView]:
+    """The hulls of the bodies' corners, exactly, and their axes."""
+    people = []
+    for k in range(len(rig)):
+        camera = rig.select((rig.names[k],))
+        hull = np.full((len(bodies), CORNERS, 2), np.nan)
+        for frame, body in enumerate(bodies):
+            corners = cv2.convexHull(project(camera, body)[0].astype(np.float32))[:, 0]
+            hull[frame] = np.concatenate([corners, np.repeat(corners[-1:], CORNERS - len(corners), axis=0)])
+        foot = bodies[:, 0] * [1.0, 1.0, 0.0]
+        people.append(PersonInView(project(camera, bodies[:, 0])[0], project(camera, foot)[0], hull))
+    return people
+
+
+def pinholes(rig: CameraRig) -> Pinholes:
+    return Pinholes(rig.R, rig.centres, rig.K[:, [0, 1], [0, 1]], rig.K[:, :2, 2])
+
+
+def hulls(people: list[PersonInView]) -> np.ndarray:
+    return np.stack([person.hull for person in people])
+
+
+def figure(*more: tuple[slice, slice]) -> np.ndarray:
+    mask = np.zeros((200, 160), bool)
+    mask[40:60, 75:86] = True  # head
+    mask[60:180, 65:96] = True
+    for piece in more:
+        mask[piece] = True
+    return mask
+
+
+def seen_in(*masks: np.ndarray) -> PersonInView:
+    size = np.array([[160, 200]])
+    return person_in_views([Observation.from_masks([mask]) for mask in masks], size)[0]
+
+
+def test_head_and_foot_are_the_ends_of_the_axis():
+    person = seen_in(figure())
+    np.testing.assert_allclose(person.head, [[80.0, 39.5]], atol=1e-9)
+    np.testing.assert_allclose(person.foot, [[80.0, 179.5]], atol=1e-9)
+    assert np.isfinite(person.hull).all()
+    assert np.abs(person.hull[0].min(axis=0) - [64.5, 39.5]).max() < 0.5
+
+
+def test_specks_are_none_of_the_person():
+    clean, specked = (seen_in(mask) for mask in (figure(), figure((slice(10, 14), slice(20, 24)))))
+    for name in ("head", "foot", "hull"):
+        np.testing.assert_array_equal(getattr(specked, name), getattr(clean, name))
+
+
+def test_who_is_cut_off_missing_or_no_upright_figure_is_not_seen():
+    cut, none, ball = figure((slice(0, 40), slice(78, 82))), np.zeros((200, 160), bool), np.zeros((200, 160), bool)
+    cv2.circle(ball.view(np.uint8), (80, 100), 40, 1, -1)
+    np.testing.assert_array_equal(seen_in(figure(), cut, none, ball).whole, [True, False, False, False])
+
+
+def test_a_stick_that_walks_tells_how_its_camera_stands():
+    feet = way()
+    for k, (_, _, height, _, _) in enumerate(PLACES):
+        camera = RIG.select((RIG.names[k],))
+        head, foot = project(camera, feet + STATURE * np.eye(3)[2])[0], project(camera, feet)[0]
+        view = standing_view("a", PersonInView(head, foot, np.zeros((40, CORNERS, 2))), RIG.K[k], STATURE)
+        assert view.height == pytest.approx(height, abs=1e-5)
+        np.testing.assert_allclose(view.R[:, 2], RIG.R[k] @ [0, 0, 1], atol=1e-6)
+        distance = np.linalg.norm(feet[:, :2] - RIG.centres[k, :2], axis=1)
+        np.testing.assert_allclose(np.linalg.norm(view.track, axis=1), distance, atol=1e-5)
+
+
+def test_one_walk_places_all_views_on_one_floor():
+    feet = way()
+    people = people_before(RIG, polytopes(feet))
+    views = [standing_view(name, person, K, STATURE) for name, person, K in zip(RIG.names, people, RIG.K, strict=True)]
+    R, t = placed_on_floor(RIG.names, views)
+    relative = R @ R[0].T, RIG.R @ RIG.R[0].T
+    np.testing.assert_allclose(*relative, atol=1e-4)
+    centres = [-np.einsum("kji,kj->ki", *pair) for pair in ((R, t), (RIG.R, RIG.t))]
+    between = [np.linalg.norm(each[:, None] - each[None], axis=-1) for each in centres]
+    np.testing.assert_allclose(*between, atol=1e-3)
+    np.testing.assert_allclose(centres[0][:, 2], centres[1][:, 2], atol=1e-4)
+
+
+def test_a_view_that_shares_no_frames_with_the_others_is_named():
+    track = way()[:, :2]
+    early, late = (
+        np.where(np.arange(40)[:, None] < 20, track, np.nan),
+        np.where(np.arange(40)[:, None] < 15, np.nan, track),
+    )
+    with pytest.raises(UnsolvableError, match="camera 'b' shows the whole person together with another in 5 frames"):
+        placed_on_floor(("a", "b"), [StandingView(np.eye(3), 1.0, each) for each in (late, early)])
+
+
+def test_a_rigid_motion_is_found_in_spite_of_outliers():
+    here = way()[:, :2]
+    there = here @ turn("z", 2.5)[:2, :2].T + [3.0, -1.0]
+    there[:4] += 2.0
+    rotation, shift = rigid_motion(here, there)
+    np.testing.assert_allclose(rotation, turn("z", 2.5)[:2, :2], atol=2e-3)
+    np.testing.assert_allclose(shift, [3.0, -1.0], atol=5e-3)
+
+
+def test_a_straight_walk_has_one_rigid_motion():
+    here = np.stack([np.linspace(-1, 1, 20), np.zeros(20)], axis=1)
+    rotation, _ = rigid_motion(here, here @ turn("z", -1.1)[:2, :2].T)
+    np.testing.assert_allclose(rotation, turn("z", -1.1)[:2, :2], atol=1e-12)
+
+
+def test_tangents_of_true_cameras_agree():
+    seen = hulls(people_before(RIG, polytopes(way())))
+    tangents = touching(pinholes(RIG), seen)
+    assert len(tangents.first) + tangents.missing == 2 * 6 * 40
+    assert np.abs(residuals(pinholes(RIG), tangents)).max() < 1e-3
+
+
+def test_residuals_are_pixels():
+    """A view raised by two pixels misses another, as sharp and as far, by what both share of it."""
+    cameras = pinholes(RIG)
+    tangents = touching(cameras, hulls(people_before(RIG, polytopes(way()))))
+    raised = replace(tangents, pixel=tangents.pixel + np.array([0.0, 2.0])[:, None, None] * [0.0, 1.0])
+    missed = np.abs(residuals(cameras, raised))
+    assert 1.0 < np.median(missed) < 1.5  # 2 / sqrt(2), less where the person stands off the middle
+
+
+@pytest.mark.parametrize("guessed", [False, True])
+def test_cameras_are_adjusted_to_their_tangents(guessed):
+    people = people_before(RIG, polytopes(way()))
+    rng = np.random.default_rng(5)
+    step = np.zeros((4, 7))
+    step[:, :3], step[:, 3:6] = rng.normal(0, 0.03, (4, 3)), rng.normal(0, 0.1, (4, 3))
+    step[:, 6] = rng.normal(0.06, 0.02, 4) if guessed else 0.0
+    start = pinholes(RIG).moved(step)
+    found = adjusted(start, hulls(people), np.full(4, guessed))
+    assert np.median(np.abs(residuals(start, touching(start, hulls(people))))) > 3.0
+    assert np.abs(residuals(found, touching(found, hulls(people)))).max() < (0.3 if guessed else 0.01)
+    between = [each.R[1:] @ each.R[0].T for each in (found, pinholes(RIG))]
+    np.testing.assert_allclose(*between, atol=0.01 if guessed else 1e-4)
+    if guessed:
+        np.testing.assert_allclose(found.focal[:, 0], 650.0, rtol=0.015)
+    else:
+        np.testing.assert_array_equal(found.focal, start.focal)
+
+
+def test_heads_and_feet_give_metres_and_the_floor():
+    people = people_before(RIG, polytopes(way()))
+    tilted = turn("x", 0.03) @ turn("y", -0.02)
+    elsewhere = replace(pinholes(RIG), R=RIG.R @ tilted.T, centre=0.9 * (RIG.centres @ tilted.T + [1.0, 2.0, 0.3]))
+    tangents = touching(elsewhere, hulls(people))
+    found = levelled(elsewhere, tangents, residuals(elsewhere, tangents), people, STATURE)
+    np.testing.assert_allclose(found.R[:, :, 2], RIG.R[:, :, 2], atol=5e-3)
+    np.testing.assert_allclose(found.centre[:, 2], RIG.centres[:, 2], atol=0.03)  # feet are taken for round soles
+    between = [np.linalg.norm(each[:, None] - each[None], axis=-1) for each in (found.centre, RIG.centres)]
+    np.testing.assert_allclose(*between, rtol=0.01)
+
+
+def test_too_few_whole_frames_are_told():
+    person = people_before(RIG, polytopes(way()))[0].without(np.arange(FEWEST_FRAMES - 1, 40))
+    with pytest.raises(UnsolvableError, match="in 11 of 40 frames; at least 12 are needed"):
+        standing_view("a", person, RIG.K[0], STATURE)
+
+
+def test_who_stands_still_is_told():
+    person = people_before(RIG, polytopes(0.1 * way()))[0]
+    with pytest.raises(UnsolvableError, match="hardly leaves one place in camera 'a'"):
+        standing_view("a", person, RIG.K[0], STATURE)

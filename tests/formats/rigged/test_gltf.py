@@ -1,0 +1,90 @@
+"""glTF characters: joints, skin and motions as the file has them; damage is told in one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_up_rigs import JOINTS, creature_mesh, write_creature
+
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.rigged.gltf import read_gltf
+
+
+def test_joints_and_skin_are_those_of_the_file(tmp_path: Path) -> None:
+    read = read_gltf(write_creature(tmp_path / "creature.glb"))
+    assert read.joints == tuple(JOINTS)
+    above = [None if parent < 0 else read.joints[parent] for parent in read.parent]
+    assert above == [parent for parent, _ in JOINTS.values()]
+    np.testing.assert_allclose(read.bind[:, :3, 3], [place for _, place in JOINTS.values()], atol=1e-6)
+    vertex, face, influence, weight = creature_mesh()
+    np.testing.assert_allclose(read.vertex, vertex, atol=1e-6)
+    np.testing.assert_array_equal(read.face, face)
+    np.testing.assert_array_equal(read.influence[:, :6], influence)
+    np.testing.assert_allclose(read.weight[:, :6], weight, atol=1e-6)
+    assert read.attribution == "Made up for tests."
+
+
+def test_an_animation_turns_its_joint_and_what_hangs_on_it(tmp_path: Path) -> None:
+    read = read_gltf(write_creature(tmp_path / "creature.glb"))
+    nod = read.motions["Nod"]
+    assert nod.fps == 60
+    assert len(nod.world) == 31
+    head, end, hips = (read.joints.index(name) for name in ("head", "head end", "hips"))
+    np.testing.assert_allclose(nod.world[:, hips], np.tile(read.bind[hips], (31, 1, 1)), atol=1e-6)
+    angle = np.radians(30.0) * np.arange(31) / 30
+    np.testing.assert_allclose(np.arctan2(nod.world[:, head, 2, 1], nod.world[:, head, 1, 1]), angle, atol=1e-5)
+    expected = read.bind[head, :3, 3] + 0.2 * np.stack([0 * angle, np.cos(angle), np.sin(angle)], axis=1)
+    np.testing.assert_allclose(nod.world[:, end, :3, 3], expected, atol=1e-6)
+
+
+def test_a_skin_bound_in_another_space_is_brought_to_the_scenes(tmp_path: Path) -> None:
+    """Exporters bind in the mesh's own space; here it is a hundred times larger and lies elsewhere."""
+    plain = read_gltf(write_creature(tmp_path / "plain.glb"))
+    import json
+
+    data = write_creature(tmp_path / "other.glb", scale=100.0).read_bytes()
+    size = int.from_bytes(data[12:16], "little")
+    nodes = json.loads(data[20 : 20 + size])["nodes"]
+    for node in nodes[:-1]:
+        node["translation"] = (np.array(node["translation"]) / 100).tolist()
+    nodes[-1]["scale"] = [0.01, 0.01, 0.01]
+    read = read_gltf(write_creature(tmp_path / "other.glb", scale=100.0, nodes=nodes))
+    np.testing.assert_allclose(read.vertex, plain.vertex, atol=1e-5)
+    np.testing.assert_allclose(read.bind[:, :3, 3], plain.bind[:, :3, 3], atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"skins": []}, "damaged"),
+        ({"nodes": [{"name": "nothing"}]}, "holds no skinned mesh"),
+        ({"extensionsRequired": ["KHR_draco_mesh_compression"]}, "KHR_draco_mesh_compression"),
+        ({"buffers": [{"byteLength": 9, "uri": "../secret.bin"}]}, "which is not in"),
+        ({"buffers": [{"byteLength": 9, "uri": "/etc/passwd"}]}, "which is not in"),
+        ({"buffers": [{"byteLength": 9, "uri": "absent.bin"}]}, "which is not in"),
+        ({"buffers": []}, "damaged"),
+        ({"accessors": 7}, "damaged"),
+    ],
+)
+def test_what_cannot_be_read_is_told_in_one_line(tmp_path: Path, changes: dict, said: str) -> None:
+    (tmp_path / "in").mkdir()
+    (tmp_path / "secret.bin").write_bytes(b"x" * 99)
+    with pytest.raises(InputError, match=said) as told:
+        read_gltf(write_creature(tmp_path / "in" / "creature.glb", **changes))
+    assert "\n" not in str(told.value)
+
+
+def test_damage_never_ends_in_another_error(tmp_path: Path) -> None:
+    whole = write_creature(tmp_path / "creature.glb").read_bytes()
+    rng = np.random.default_rng(0)
+    for trial in range(150):
+        data = bytearray(whole[: rng.integers(len(whole))] if trial % 3 == 0 else whole)
+        for place in rng.integers(max(len(data), 1), size=4 if len(data) else 0):
+            data[place] = rng.integers(256)
+        (tmp_path / "damaged.glb").write_bytes(data)
+        try:
+            read_gltf(tmp_path / "damaged.glb")
+        except InputError:
+            continue

@@ -1,0 +1,55 @@
+"""UsdSkel characters: a body that this program wrote is read as any other program's file would be."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from other_bodies import quadruped
+from pxr import Sdf, Usd, UsdGeom, UsdPhysics
+
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.rigged.usd_skel import read_usd_skel
+from mmocap_warp.formats.usd.body import write_body
+
+
+def test_joints_skin_and_units(tmp_path: Path) -> None:
+    dog, path = quadruped(), tmp_path / "dog.usda"
+    write_body(path, dog)
+    stage = Usd.Stage.Open(str(path))
+    UsdGeom.SetStageMetersPerUnit(stage, 0.01)
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+    stage.Save()
+    read = read_usd_skel(path)
+    assert read.joints == dog.skeleton.joints
+    assert read.parent == dog.skeleton.parent
+    assert (read.up, read.facing, read.metres) == ("+z", "-y", 0.01)
+    np.testing.assert_allclose(read.bind[:, :3, 3], dog.joint_rest, atol=1e-6)
+    np.testing.assert_allclose(read.vertex, dog.skin.rest, atol=1e-6)
+    np.testing.assert_array_equal(read.influence[:, 0], dog.skin.joint[:, 0])
+    assert len(read.face) == 2 * len(dog.skin.face)
+
+
+def test_limits_of_physics_joints(tmp_path: Path) -> None:
+    path = tmp_path / "dog.usda"
+    write_body(path, quadruped())
+    stage = Usd.Stage.Open(str(path))
+    knee = UsdPhysics.RevoluteJoint.Define(stage, Sdf.Path("/Dog/LForeKnee"))
+    knee.CreateAxisAttr("X")
+    knee.CreateLowerLimitAttr(-10.0)
+    knee.CreateUpperLimitAttr(90.0)
+    stage.Save()
+    read = read_usd_skel(path)
+    (joint,) = read.turning
+    assert read.joints[joint] == "LForeKnee"
+    np.testing.assert_allclose(read.turning[joint].axis, (1, 0, 0))
+    np.testing.assert_allclose((read.turning[joint].lower, read.turning[joint].upper), np.radians([-10, 90]), rtol=1e-6)
+
+
+def test_a_file_without_a_skin_is_told(tmp_path: Path) -> None:
+    stage = Usd.Stage.CreateNew(str(tmp_path / "empty.usda"))
+    UsdGeom.Mesh.Define(stage, "/Mesh")
+    stage.Save()
+    with pytest.raises(InputError, match="holds no mesh that is bound"):
+        read_usd_skel(tmp_path / "empty.usda")

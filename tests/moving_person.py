@@ -49,7 +49,7 @@ def masks_at(rig: CameraRig, frames: np.ndarray, late: np.ndarray) -> list[Obser
     return [Observation.from_masks(list(of_frame)) for of_frame in zip(*views, strict=True)]
 
 
-def write_scene(folder: Path, rig: CameraRig = RIG, frames: int = 40, late: tuple[int, ...] = (0, 0, 0, 0)) -> Scene:
+def write_scene(folder: Path, rig: CameraRig = RIG, frames: int = 28, late: tuple[int, ...] = (0, 0, 0, 0)) -> Scene:
     """A scene of the figure's first frames, whose cameras are said to be ``rig``."""
     seen = masks_at(RIG, np.arange(frames), np.array(late, float))
     for frame, observation in enumerate(seen):

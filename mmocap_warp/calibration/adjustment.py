@@ -209,7 +209,9 @@ class Adjustment:
         observations = self.footage.observations(change[:, OFFSET])
         config = TrackConfig(seed=self.config.seed, device=self.device, threads=self.threads)
         rig, fps = changed(self.given, change), self.footage.fps
-        result = track_observations(subject, rig, observations, fps, config)
+        lag = self.footage.rest(change[:, OFFSET])
+        seen = [replace(observation, late=-lag) for observation in observations] if lag.any() else observations
+        result = track_observations(subject, rig, seen, fps, config)
         skeleton = self._body.skeleton
         rooting = Rooting(skeleton, subject.root_base, skeleton.searched())
         found = np.flatnonzero(np.isin(result.status[0], _FOUND))

@@ -60,7 +60,9 @@ class Footage:
         return left
 
     def _total(self, offset: np.ndarray) -> np.ndarray:
-        return offset + np.array([each.frame_offset + each.fraction for each in self.scene.cameras]) / self._own_fps
+        said = np.array([source.frame_offset + source.fraction for source in self.scene.cameras])
+        total: np.ndarray = offset + said / self._own_fps
+        return total
 
     @property
     def _own_fps(self) -> np.ndarray:
@@ -68,7 +70,7 @@ class Footage:
         return self.scene.fps * np.array([source.rate for source in self.scene.cameras])
 
     def observations(self, offset: np.ndarray) -> list[Observation]:
-        """The masks of the frames that are followed, each camera's from so many whole frames later as is nearest.
+        """The masks of the frames that are followed, each camera's of the whole frame that is nearest.
 
         Args:
             offset: (camera,) by how much more cameras lag than the scene says [s].
@@ -79,4 +81,5 @@ class Footage:
         )
         scene = replace(self.scene, cameras=shifted)
         count = min(scene.frame_count, max(1, round(_LONGEST * scene.rate)))
-        return list(islice(scene.observations(self.scale, count=count), 0, None, self._step))
+        masks = islice(scene.masks(self.scale, count=count), 0, None, self._step)
+        return [Observation.from_masks(views) for views in masks]

@@ -48,9 +48,9 @@ def selected(value: np.ndarray, covariance: np.ndarray, prior: np.ndarray) -> Se
         held = information[np.ix_(at, np.flatnonzero(~moved))] @ -value[~moved]
         found = value[at] - own @ held  # where the others are best once some are back at zero
         sigma = np.sqrt(np.diag(own))
-        doubt = np.where(sigma > UNDETERMINED * prior[at], 0.0, np.abs(found) / sigma)
-        least = int(doubt.argmin())
-        if doubt[least] >= CLEAR:
+        clearly = np.abs(found) / sigma
+        least = int(clearly.argmin())
+        if clearly[least] >= CLEAR:
             break
         moved[at[least]] = False
     sigma = np.empty(len(value))

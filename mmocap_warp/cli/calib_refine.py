@@ -141,7 +141,7 @@ def _offsets(found: Refinement, scene: Scene) -> dict[str, float]:
     from mmocap_warp.calibration.cameras import OFFSET
 
     return {
-        source.name: round(source.frame_offset / (scene.fps * source.rate) + float(change), 6)
+        source.name: round((source.frame_offset + source.fraction) / (scene.fps * source.rate) + float(change), 6)
         for source, change in zip(scene.cameras, found.change[:, OFFSET], strict=True)
     }
 

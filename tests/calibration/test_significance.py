@@ -17,7 +17,7 @@ def test_what_is_far_from_where_it_was_moves_and_what_is_near_stays():
 
 
 def test_what_the_data_do_not_tell_stays_and_is_named():
-    found = selected(np.array([0.5, 5.0, 0.0, 0.0]), np.diag([0.01, UNDETERMINED + 0.1, 0.01, 0.01]) ** 2, PRIOR)
+    found = selected(np.array([0.5, 0.9, 0.0, 0.0]), np.diag([0.01, UNDETERMINED + 0.1, 0.01, 0.01]) ** 2, PRIOR)
     np.testing.assert_array_equal(found.moved, [True, False, False, False])
     np.testing.assert_array_equal(found.determined, [True, False, True, True])
 

@@ -343,12 +343,11 @@ def _level(
     dof: int | None = None,
     budget: int | None = None,
 ) -> float:
-    """Mean of a measure over the cells of the main preset that fit; NaN where there is none."""
+    """Mean of a measure over the cells of the grid that fit; NaN where there is none."""
     values = [
-        _mean(summary, measure)
-        for cell, summary in study.cells.items()
-        if cell.preset == study.preset
-        and measure.key in summary.runs
+        _mean(study.cells[cell], measure)
+        for cell in study.grid
+        if measure.key in study.cells[cell].runs
         and algorithm in (None, cell.algorithm)
         and dof in (None, cell.dof)
         and budget in (None, cell.evaluations)
@@ -367,9 +366,9 @@ def _by_part(
     if len(names) != len({name[0] for name in names}) * len({name[1] for name in names}):
         return {}
     values: dict[str, list[float]] = {}
-    for cell, summary in study.cells.items():
-        parts = cell.sequence.split("/")
-        if cell.preset == study.preset and len(parts) == 2 and measure.key in summary.spread:
+    for cell in study.grid:
+        parts, summary = cell.sequence.split("/"), study.cells[cell]
+        if len(parts) == 2 and measure.key in summary.spread:
             values.setdefault(parts[part], []).append(of(summary, measure))
     return {name: float(np.mean(found)) for name, found in values.items()}
 

@@ -134,6 +134,17 @@ def could_reject(algorithms: int, blocks: int) -> bool:
     return furthest.rejected
 
 
+def signed_rank(pairs: np.ndarray) -> float:
+    """Wilcoxon's signed-rank test of (block, 2) scores: the two-sided p-value; 1 where all pairs are ties.
+
+    Exact where there are no ties. Of nine blocks it is at least 0.0039, and 0.0078 with one against the rest.
+    """
+    from scipy.stats import wilcoxon
+
+    difference = pairs[:, 0] - pairs[:, 1]
+    return float(wilcoxon(difference).pvalue) if difference.any() else 1.0
+
+
 def superiority(runs: np.ndarray, others: np.ndarray) -> float:
     """Vargha and Delaney's A, the chance that a run scores lower than one of the others: mean over blocks.
 

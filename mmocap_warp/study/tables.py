@@ -17,27 +17,14 @@ from mmocap_warp.study.statistics import (
     friedman,
     ranks,
     resampled_means,
+    signed_rank,
     superiority,
     tie_variance,
 )
-from mmocap_warp.study.summary import CellSummary, Measure, StudySummary
-from mmocap_warp.study.wording import algorithm_label
+from mmocap_warp.study.summary import CellSummary, Contender, Measure, StudySummary
 
 FEWEST_SEQUENCES = 3
 """Of fewer, nothing is said about sequences in general."""
-
-
-@dataclass(frozen=True)
-class Contender:
-    """One of the trackers that a ranking compares: an algorithm with a model and a budget."""
-
-    algorithm: str
-    dof: int
-    evaluations: int
-
-    def __str__(self) -> str:
-        """The paper's ALG(DOF, EVAL)."""
-        return f"{algorithm_label(self.algorithm)}({self.dof},{self.evaluations})"
 
 
 @dataclass(frozen=True)
@@ -110,7 +97,7 @@ def rank(study: StudySummary, measure: Measure, contenders: list[Contender]) -> 
 
     None with fewer than two contenders, or without a sequence that all have tracked.
     """
-    found = {contender: _cells(study, measure, contender) for contender in contenders}
+    found = {contender: study.known(contender, study.sequences, measure) for contender in contenders}
     found = {contender: cells for contender, cells in found.items() if cells}
     shared = [name for name in study.sequences if all(name in cells for cells in found.values())]
     if len(found) < 2 or not shared:
@@ -158,6 +145,8 @@ class ModelDifference:
         difference: of the measure's means, the larger model's less the smaller's.
         interval: bootstrap interval of that.
         superiority: the chance that a run with the larger model is better than one with the smaller.
+        p: Wilcoxon's signed-rank test over the sequences, two-sided; NaN with fewer than ``FEWEST_SEQUENCES``.
+        sequences: how many there are.
     """
 
     algorithm: str
@@ -165,6 +154,8 @@ class ModelDifference:
     difference: float
     interval: tuple[float, float]
     superiority: float
+    p: float
+    sequences: int
 
 
 def model_differences(study: StudySummary, measure: Measure) -> list[ModelDifference]:
@@ -175,7 +166,10 @@ def model_differences(study: StudySummary, measure: Measure) -> list[ModelDiffer
     found = []
     for algorithm in study.algorithms:
         for budget in study.budgets:
-            pair = {dof: _cells(study, measure, Contender(algorithm, dof, budget)) for dof in (larger, smaller)}
+            pair = {
+                dof: study.known(Contender(algorithm, dof, budget), study.sequences, measure)
+                for dof in (larger, smaller)
+            }
             shared = [name for name in study.sequences if all(name in cells for cells in pair.values())]
             if not shared:
                 continue
@@ -190,17 +184,11 @@ def model_differences(study: StudySummary, measure: Measure) -> list[ModelDiffer
                     float((scores[:, 0] - scores[:, 1]).mean()),
                     (float(low), float(high)),
                     superiority(lower[:, 0], lower[:, 1]),
+                    signed_rank(scores.mean(axis=2)) if len(shared) >= FEWEST_SEQUENCES else np.nan,
+                    len(shared),
                 )
             )
     return found
-
-
-def _cells(study: StudySummary, measure: Measure, contender: Contender) -> dict[str, CellSummary]:
-    """What a contender has tracked, by sequence, as far as it is known how well."""
-    found = {
-        name: study.find(name, contender.algorithm, contender.dof, contender.evaluations) for name in study.sequences
-    }
-    return {name: cell for name, cell in found.items() if cell is not None and measure.key in cell.runs}
 
 
 def _scores(

@@ -229,7 +229,7 @@ def rank_pairs(study: StudySummary, dof: int) -> TextTable | None:
                 columns.append((f"{budget:,}: {named(measure)}", of))
                 blocks.add(len(ranking.sequences))
         printed = paper.printed_ranks(dof, budget)
-        if printed:
+        if printed and columns and columns[-1][0].startswith(f"{budget:,}:"):
             columns.append((f"{budget:,}: the paper", {name: f"{rank:.3f}" for name, rank in printed.items()}))
     if not blocks or FITNESS not in study.measures or main == FITNESS:
         return None

@@ -51,8 +51,9 @@ def trackers_section(study: StudySummary, measure: Measure) -> Section | None:
             f"{measure.label}, mean over {over(study.sequences)}, against the time that a frame takes, both "
             f"logarithmic, {study.models[0]} DOF. {extent(cells)}. Time: a single run at a time on the device, "
             "measured on a part of one sequence; solving the body comes to it, once a clip. A curve joins an "
-            f"algorithm’s budgets ({listed(study.budgets)} evaluations). Rule: the paper’s {paper.SECONDS_PER_500:g} s for 500 "
-            "evaluations on one core, images included. Left out: what has not tracked every sequence."
+            f"algorithm’s budgets ({listed(study.budgets)} evaluations). Rule: the paper’s "
+            f"{paper.SECONDS_PER_500:g} s for 500 evaluations on one core, images included. Left out: what has not "
+            "tracked every sequence."
         )
         marks = legend([*dict.fromkeys(each.algorithm for each in who)])
         parts.append(

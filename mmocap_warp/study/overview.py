@@ -320,11 +320,14 @@ def missing(study: StudySummary) -> list[str]:
             sentences.append(f"{setting}: none of {counted(len(alike), 'cell')} was run.")
             continue
         names = in_order(cell.algorithm for cell in cells)
+        lacking = {name: {cell.sequence for cell in cells if cell.algorithm == name} for name in names}
+        wanted = {name: {cell.sequence for cell in alike if cell.algorithm == name} for name in names}
         which = "; ".join(
-            f"{algorithm_label(name)}: {', '.join(sorted(cell.sequence for cell in cells if cell.algorithm == name))}"
+            f"{algorithm_label(name)}: {'all' if lacking[name] == wanted[name] else ', '.join(sorted(lacking[name]))}"
             for name in names
         )
-        sentences.append(f"{setting}: {len(cells)} of {counted(len(alike), 'cell')} were not run ({which}).")
+        were = "was" if len(cells) == 1 else "were"
+        sentences.append(f"{setting}: {len(cells)} of {counted(len(alike), 'cell')} {were} not run ({which}).")
     return sentences
 
 

@@ -297,9 +297,14 @@ def _models_key(study: StudySummary, kinds: Sequence[Contender]) -> str:
 
 
 def _left_out(rankings: Sequence[Ranking]) -> str:
-    missing = sorted({name for ranking in rankings for name in ranking.left_out})
-    if not missing:
-        return ""
-    return (
-        f'<p class="warning">Not every algorithm has tracked {escape(", ".join(missing))}: left out of the ranking.</p>'
-    )
+    notes = [
+        f"{', '.join(map(str, ranking.absent))} tracked too few sequences for a ranking."
+        for ranking in rankings
+        if ranking.absent
+    ]
+    for ranking in rankings:
+        if ranking.left_out:
+            among = ranking.rows[0].contender
+            missing = ", ".join(ranking.left_out)
+            notes.append(f"Not all in the ranking of {among} have tracked {missing}: left out of the ranking.")
+    return f'<p class="warning">{escape(" ".join(notes))}</p>' if notes else ""

@@ -209,8 +209,11 @@ def citing_section() -> Section:
 
 
 def _all_rows(study: StudySummary, measure: Measure) -> list[tuple[Ranking, Row]]:
+    """Of the rankings over the most sequences."""
     rankings = (by_algorithm(study, measure, dof, budget) for dof in study.models for budget in study.budgets)
-    return [(ranking, row) for ranking in rankings if ranking is not None for row in ranking.rows]
+    known = [ranking for ranking in rankings if ranking is not None]
+    most = max((len(ranking.sequences) for ranking in known), default=0)
+    return [(ranking, row) for ranking in known if len(ranking.sequences) == most for row in ranking.rows]
 
 
 def _pace(study: StudySummary) -> tuple[float, float, str]:

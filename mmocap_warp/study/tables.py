@@ -59,6 +59,7 @@ class Ranking:
         test: Friedman's and what belongs to it; None with fewer than two sequences.
         sequences: the blocks: those that every contender has tracked.
         left_out: those that some have not.
+        absent: contenders that have tracked fewer than half as many sequences as others, and do not count.
         seeds: how many runs of each cell count.
     """
 
@@ -67,6 +68,7 @@ class Ranking:
     test: Omnibus | None
     sequences: tuple[str, ...]
     left_out: tuple[str, ...]
+    absent: tuple[Contender, ...]
     seeds: int
 
     @property
@@ -95,10 +97,13 @@ def by_model(study: StudySummary, measure: Measure, algorithm: str) -> Ranking |
 def rank(study: StudySummary, measure: Measure, contenders: list[Contender]) -> Ranking | None:
     """Rank the contenders that the study has, over the sequences that all of them have tracked.
 
-    None with fewer than two contenders, or without a sequence that all have tracked.
+    A contender that has tracked fewer than half as many sequences as another one is left out, so that those that have
+    hardly begun do not take the others' sequences away. None with fewer than two contenders, or without a sequence that
+    all have tracked.
     """
-    found = {contender: study.known(contender, study.sequences, measure) for contender in contenders}
-    found = {contender: cells for contender, cells in found.items() if cells}
+    known = {contender: study.known(contender, study.sequences, measure) for contender in contenders}
+    most = max((len(cells) for cells in known.values()), default=0)
+    found = {contender: cells for contender, cells in known.items() if 2 * len(cells) >= most > 0}
     shared = [name for name in study.sequences if all(name in cells for cells in found.values())]
     if len(found) < 2 or not shared:
         return None
@@ -132,6 +137,7 @@ def rank(study: StudySummary, measure: Measure, contenders: list[Contender]) -> 
         test=friedman(average, len(shared), tie_variance(of_blocks)) if len(shared) > 1 else None,
         sequences=tuple(shared),
         left_out=tuple(name for name in study.sequences if name not in shared),
+        absent=tuple(contender for contender, cells in known.items() if cells and contender not in found),
         seeds=seeds,
     )
 

@@ -163,7 +163,7 @@ def test_what_was_not_run_is_listed():
     planned = {*study.cells, *(replace(cell, dof=28) for cell in study.cells), Cell(SEQUENCES[5], "de", 39, 500)}
     told = missing(replace(study, planned=frozenset(planned)))
     assert told == [
-        "39 DOF, 500 evaluations, preset recording: 1 of 7 cells were not run (DE: S3/Gestures).",
+        "39 DOF, 500 evaluations, preset recording: 1 of 7 cells was not run (DE: S3/Gestures).",
         "28 DOF, 500 evaluations, preset recording: none of 6 cells was run.",
         "28 DOF, 3,000 evaluations, preset recording: none of 6 cells was run.",
     ]

@@ -67,7 +67,7 @@ def render(study: StudySummary, clips: Mapping[str, Clip], notes: Sequence[str] 
         citing_section(),
     )
     sections = [section for section in candidates if section is not None]
-    names = sorted({str(cell.meta["study"]) for cell in study.cells.values() if cell.meta.get("study")})
+    names = sorted({str(cell.meta["study"]) for cell in study.cells.values() if cell.meta.get("study")} - {"study"})
     return filled(
         resource(_HERE, "report.html"),
         title=title,

@@ -35,8 +35,10 @@ def headline(study: StudySummary, measure: Measure) -> tuple[str, str]:
         title = f"{name} tracks {over} to {with_unit(row.mean, measure)}"
         ours = _ours(study, measure)
         if ours is not None:
-            title = f"{algorithm_label(ours[0].algorithm)}: {over} to {with_unit(ours[1], measure)}; {name} alone to "
-            title += with_unit(row.mean, measure)
+            title = (
+                f"{algorithm_label(ours[0].algorithm)}: {over} to {with_unit(ours[1], measure)}; the best of the "
+                f"others, {name}, to {with_unit(row.mean, measure)}"
+            )
             cards.append((with_unit(ours[1], measure), f"{measure.label}, mean over {over}: {ours[0]}"))
         setting = f"{name}, {who.dof} DOF, {who.evaluations:,} evaluations per frame"
         cards.append((with_unit(row.mean, measure), f"{measure.label}, mean over {over}: {setting}"))

@@ -243,23 +243,26 @@ def rank_pairs(study: StudySummary, dof: int) -> TextTable | None:
 
 
 def radii_table(study: StudySummary, measure: Measure) -> TextTable | None:
-    """Presets beside the main one: mean over the sequences that all presets of a budget have; None with one preset.
+    """Presets beside the main one, at each budget over the sequences that all of them have; None with one preset.
 
-    With the larger model; a cell that some preset lacks leaves a dash.
+    Where there is no such sequence, what is whole is shown over all, and dashes for the rest.
     """
     others = [cell for cell in study.cells if cell.preset != study.preset and measure.key in study.cells[cell].runs]
     if not others:
         return None
     order = [study.preset, *_HALVES]
     presets = sorted({study.preset, *(cell.preset for cell in others)}, key=lambda name: (_place(order, name), name))
-    columns = [(budget, preset) for budget in sorted({cell.evaluations for cell in others}) for preset in presets]
+    budgets = sorted({cell.evaluations for cell in others})
+    shared = {budget: _shared(study, [cell for cell in others if cell.evaluations == budget]) for budget in budgets}
+    columns = [(budget, preset) for budget in budgets for preset in presets]
     drawn: list[CellSummary] = []
 
     def mean(budget: int, preset: str, algorithm: str | None = None) -> float:
         wanted = {
             replace(cell, preset=preset)
             for cell in others
-            if cell.evaluations == budget and algorithm in (None, cell.algorithm)
+            if (cell.evaluations, cell.sequence) in {(budget, name) for name in shared[budget]}
+            and algorithm in (None, cell.algorithm)
         }
         found = [summary for cell in wanted if (summary := study.cells.get(cell)) and measure.key in summary.runs]
         drawn.extend(found)
@@ -269,13 +272,23 @@ def radii_table(study: StudySummary, measure: Measure) -> TextTable | None:
     names = in_order(cell.algorithm for cell in others)
     rows = [[algorithm_label(name), *(or_dash(mean(*at, name), measure) for at in columns)] for name in names]
     rows.append(["All", *(or_dash(mean(*at), measure) for at in columns)])
-    sequences = {cell.sequence for cell in others}
     for who in baseline_contenders(study):
-        value = or_dash(level(study, who, measure, sequences), measure)
-        rows.append([str(who), *(value for _ in columns)])
-    caption = f"{measure.label}{in_unit(measure)} by evaluations per frame and preset, mean over {over(sequences)}"
-    head = ["Algorithm", *(f"{budget:,}: {preset}" for budget, preset in columns)]
-    return TextTable(f"{caption}. {extent(drawn)}.", head, rows)
+        values = {budget: or_dash(level(study, who, measure, shared[budget]), measure) for budget in budgets}
+        rows.append([str(who), *(values[budget] for budget, _ in columns)])
+    where = "; ".join(f"{budget:,} evaluations over {over(shared[budget])}" for budget in budgets)
+    caption = f"{measure.label}{in_unit(measure)} by evaluations per frame and preset, {where}. {extent(drawn)}."
+    return TextTable(caption, ["Algorithm", *(f"{budget:,}: {preset}" for budget, preset in columns)], rows)
+
+
+def _shared(study: StudySummary, cells: Sequence[Cell]) -> list[str]:
+    """The sequences that all presets and algorithms of these cells have, the main preset's too; all of them if none."""
+    presets, algorithms = {cell.preset for cell in cells} | {study.preset}, {cell.algorithm for cell in cells}
+    whole = [
+        cell.sequence
+        for cell in {replace(cell, preset=study.preset, algorithm="") for cell in cells}
+        if all(replace(cell, preset=preset, algorithm=name) in study.cells for preset in presets for name in algorithms)
+    ]
+    return sorted(set(whole) or {cell.sequence for cell in cells})
 
 
 def which_half(study: StudySummary) -> list[str]:

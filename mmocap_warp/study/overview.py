@@ -20,6 +20,7 @@ LOST_LIMB = next(measure for measure in MEASURES if measure.key == "limb_lost")
 FITNESS = next(measure for measure in MEASURES if measure.key == "cost")
 _DASH = "–"
 _HALVES = ("common", "paper-rotation", "paper-translation", "paper")
+_POINTS = 5  # of a hundred frames, from which on a difference in lost limbs is told
 _BESIDE = ("mpjpe", *EQ_20, "pa_mpjpe", "cost", "iou", "limb_lost", "growth", "shake")
 
 
@@ -292,28 +293,34 @@ def _shared(study: StudySummary, cells: Sequence[Cell]) -> list[str]:
 
 
 def which_half(study: StudySummary) -> list[str]:
-    """Which of the paper's two radii loses the limbs: a sentence per budget at which both halves were tracked."""
+    """Which of the paper's two radii loses the limbs, and whose: a sentence per budget with both halves tracked."""
     table = radii_table(study, LOST_LIMB) if LOST_LIMB in study.measures else None
     if table is None:
         return []
-    share = dict(zip(table.head, next(row for row in table.rows if row[0] == "All"), strict=True))
+    rows = [dict(zip(table.head, row, strict=True)) for row in table.rows if row[0] not in BASELINES.values()]
     sentences = []
     for title in table.head:
         budget, _, preset = title.partition(": ")
-        of = [
-            share.get(f"{budget}: {name}", _DASH)
-            for name in (study.preset, "paper-rotation", "paper-translation", "paper")
-        ]
-        if preset != study.preset or _DASH in of[1:3]:
+        halves = {
+            "0.5 rad and 0.02 m": f"{budget}: paper-rotation",
+            "0.02 rad and 0.5 m": f"{budget}: paper-translation",
+        }
+        if preset != study.preset or not all(rows[-1].get(column, _DASH) != _DASH for column in halves.values()):
             continue
-        turned, moved = float(of[1]), float(of[2])
-        which = "the rotations’" if turned > moved else "the translation’s"
-        much = "" if max(turned, moved) > 2 * min(turned, moved) else "; the two are not far apart"
-        sentences.append(
-            f"At {budget} evaluations a limb is lost in {of[0]} % of the frames with each algorithm’s own radii, in "
-            f"{of[1]} % with 0.5 rad and 0.02 m, in {of[2]} % with 0.02 rad and 0.5 m, and in {of[3]} % with the "
-            f"paper’s 0.5 of both. It is {which} radius that loses more of them{much}."
+        shares = "; ".join(f"{rows[-1][column]} % with {radii}" for radii, column in halves.items())
+        shares += f"; {rows[-1].get(f'{budget}: paper', _DASH)} % with 0.5 of both"
+        sentence = (
+            f"At {budget} evaluations a limb is lost in {rows[-1][title]} % of the frames with each algorithm’s own "
+            f"radii; {shares}, mean over the algorithms."
         )
+        for radii, column in halves.items():
+            gained = {row["Algorithm"]: float(row[column]) - float(row[title]) for row in rows[:-1]}
+            more = ", ".join(name for name, points in gained.items() if points >= _POINTS) or "none"
+            less = ", ".join(name for name, points in gained.items() if points <= -_POINTS) or "none"
+            sentence += (
+                f" With {radii} limbs are lost in {_POINTS} % more of the frames, or above that: {more}; less: {less}."
+            )
+        sentences.append(sentence)
     return sentences
 
 

@@ -153,8 +153,11 @@ def test_which_of_the_two_radii_loses_the_limbs():
     assert table.head[2:] == [f"500: {preset}" for preset in lost]
     assert table.rows[-1][2:] == ["5.0", "60.0", "10.0", "75.0"]
     (sentence,) = which_half(study)
-    assert "60.0 % with 0.5 rad and 0.02 m, in 10.0 % with 0.02 rad and 0.5 m" in sentence
-    assert sentence.endswith("It is the rotations’ radius that loses more of them.")
+    assert "60.0 % with 0.5 rad and 0.02 m; 10.0 % with 0.02 rad and 0.5 m; 75.0 % with 0.5 of both" in sentence
+    assert (
+        "With 0.5 rad and 0.02 m limbs are lost in 5 % more of the frames, or above that: H-CMAES, DE; less: none."
+        in sentence
+    )
     assert radii_table(StudySummary.of(searches()), MAIN) is None
 
 

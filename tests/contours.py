@@ -39,6 +39,7 @@ def poisoned_outline(
     return filled(
         Outline,
         size=size,
+        late=poisoned(view, wp.float32, device),
         image=poisoned((*view, vertices), wp.vec3, device),
         facing=wp.zeros((*view, faces), dtype=wp.uint8, device=device),
         found=poisoned((*view, edges), wp.int32, device),
@@ -170,7 +171,6 @@ class Contours:
         move_origins(self.posed, self.rest_change, self.batch)
         differentiate(
             self.posed,
-            self.moving,
             self.tree,
             self.rest_change,
             self.views,

@@ -21,7 +21,6 @@ import warp as wp
 from mmocap_warp.kernels.batch import Batch
 from mmocap_warp.kernels.block import CPU_FLAGS, VIEW_LANES, blocks_of, lanes_of
 from mmocap_warp.kernels.body.kinematics import Body, Joints, rotation_of, translation_of
-from mmocap_warp.kernels.contour.moving import Moving, seen_at
 from mmocap_warp.kernels.contour.outline import Outline
 from mmocap_warp.kernels.contour.residuals import Residuals
 from mmocap_warp.kernels.views.projection import Pinhole, Views, into_camera, pinhole
@@ -145,6 +144,14 @@ def move_origins(posed: Posed, change: RestChange, batch: Batch) -> None:
 
 
 @wp.func
+def _seen_place(image: wp.vec3, camera: Pinhole) -> wp.vec3:
+    """Where in the world a view sees a vertex of which it has the place in its image and the depth [m]."""
+    x = (image[0] - camera.lens[2]) * image[2] / camera.lens[0]
+    y = (image[1] - camera.lens[3]) * image[2] / camera.lens[1]
+    return wp.transpose(camera.rotation) * (wp.vec3(x, y, image[2]) - camera.translation)
+
+
+@wp.func
 def _gradient(point: wp.vec3, normal: wp.vec2, camera: Pinhole) -> wp.vec3:
     """By the point's place in the world, how far it moves along a normal in the image [px/m]."""
     p = into_camera(point, camera)
@@ -264,7 +271,6 @@ def _write_lens(middle: wp.vec3, normal: wp.vec2, camera: Pinhole, rows: Rows, f
 @wp.kernel
 def _differentiate(
     posed: Posed,
-    moving: Moving,
     tree: Tree,
     change: RestChange,
     views: Views,
@@ -279,7 +285,7 @@ def _differentiate(
     own, k, lane = wp.tid()
     c = batch.first + own
     camera = pinhole(views, k)
-    late = moving.late[moving.frame[c], k]
+    late = outline.late[c, k]
     parameters = change.vertex.shape[0]
     searched = rows.width - 1 - rows.lens - parameters
     for i in range(lane, outline.count[c, k] * shares, lanes):
@@ -290,11 +296,11 @@ def _differentiate(
             ends = outline.ends[c, k, s]
             middle = 0.5 * (posed.vertex[c, ends[0]] + posed.vertex[c, ends[1]])
             if late != 0.0:
-                start = seen_at(posed.vertex, moving, late, c, ends[0])
-                middle = 0.5 * (start + seen_at(posed.vertex, moving, late, c, ends[1]))
+                start = _seen_place(outline.image[c, k, ends[0]], camera)
+                middle = 0.5 * (start + _seen_place(outline.image[c, k, ends[1]], camera))
             gradient = _gradient(middle, residuals.normal[c, k, s], camera)
             if late != 0.0:
-                gradient = (1.0 + late * moving.own) * gradient
+                gradient = late * gradient
             by = _influences(posed.body, posed.joints, tree, c, ends)
             row = ((c * outline.count.shape[1] + k) * outline.size + s) * rows.width
             _write_pose(tree, posed, c, by, gradient, rows, row, share, shares)
@@ -307,7 +313,6 @@ def _differentiate(
 
 def differentiate(
     posed: Posed,
-    moving: Moving,
     tree: Tree,
     change: RestChange,
     views: Views,
@@ -329,7 +334,7 @@ def differentiate(
     wp.launch(
         _differentiate,
         dim=(batch.size, cameras, lanes),
-        inputs=[posed, moving, tree, change, views, outline, residuals, batch, lanes, shares],
+        inputs=[posed, tree, change, views, outline, residuals, batch, lanes, shares],
         outputs=[rows],
         block_dim=_BLOCK,
         device=device,

@@ -50,6 +50,7 @@ class Outline:
     """Contour edges of candidates in their views, in the order of the mesh's edges; ``size`` is the most in a view."""
 
     size: int
+    late: wp.array2d[wp.float32]  # (candidate, camera) by how much a late view moves with its pose; 0 for one in time
     image: wp.array3d[wp.vec3]  # (candidate, camera, vertex) x, y [px], depth [m]
     facing: wp.array3d[wp.uint8]  # (candidate, camera, face) whether it faces the camera
     found: wp.array3d[wp.int32]  # (candidate, camera, edge) by the lane that found them, on their way to ``ends``
@@ -322,6 +323,7 @@ def _find_contours(
     usable = numbers[0] == 0 and all <= outline.size
     if lane == 0:
         outline.count[c, k] = wp.where(usable, all, 0)
+        outline.late[c, k] = wp.where(late == 0.0, 0.0, 1.0 + late * moving.own)
     if usable:
         for i in range(found):
             _keep(edges, outline, c, k, outline.found[c, k, first + i], before + i)

@@ -300,9 +300,8 @@ class ContourFitter:
         find_contours(self._edges, self._posed.vertex, self._moving, self._views, batch, self._outline)
         find_residuals(self._outline, self.fields.struct, self._views, self._matching, batch, self._residuals)
         differentiate(
-            self._posed, self._moving, self._tree, self._change, self._views, self._outline, self._residuals,
-            batch, self._rows,
-        )  # fmt: skip
+            self._posed, self._tree, self._change, self._views, self._outline, self._residuals, batch, self._rows
+        )
         sum_normal_equations(self._outline, self._residuals, self._rows, batch, self._sums)
 
     def _read_sums(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -389,6 +388,7 @@ def _outline(view: tuple[int, int], size: int, mesh: SkinMesh, edges: int, devic
     return filled(
         Outline,
         size=size,
+        late=wp.zeros(view, dtype=wp.float32, device=device),
         image=wp.zeros((*view, len(mesh.rest)), dtype=wp.vec3, device=device),
         facing=wp.zeros((*view, len(mesh.face)), dtype=wp.uint8, device=device),
         found=wp.zeros((*view, edges), dtype=wp.int32, device=device),

@@ -98,6 +98,14 @@ def decades(low: float, high: float, start: float, stop: float, word: Callable[[
     return Axis(powers[0], powers[-1], start, stop, powers, word, logarithmic=True)
 
 
+def logarithmic(low: float, high: float, start: float, stop: float) -> Axis:
+    """A logarithmic axis from ``low`` to ``high``, both above zero; 1, 2 and 5 times the powers of ten are marked."""
+    exponents = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    ticks = (float(f"{factor}e{power}") for power in exponents for factor in (1, 2, 5))
+    marked = tuple(tick for tick in ticks if low * 0.999 <= tick <= high * 1.001)
+    return Axis(low, high, start, stop, marked, logarithmic=True)
+
+
 def categories(names: Sequence[str], start: float, stop: float) -> Axis:
     """An axis of equal stretches, from 0 to 1, 1 to 2 and so on, with a name in the middle of each."""
     ticks = tuple(i + 0.5 for i in range(len(names)))

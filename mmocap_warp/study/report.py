@@ -8,6 +8,7 @@ from pathlib import Path
 
 from mmocap_warp.drawing.chart import MARKS
 from mmocap_warp.pages.page import filled, resource
+from mmocap_warp.study.further_clips import CLIP_PLANS
 from mmocap_warp.study.report_sections import (
     Section,
     claims_section,
@@ -22,11 +23,11 @@ from mmocap_warp.study.report_setting import (
     citing_section,
     grid_sentence,
     headline,
-    presets_section,
+    radii,
     setting_section,
 )
 from mmocap_warp.study.report_text import csv_table, markdown_tables
-from mmocap_warp.study.sequences import PLANS
+from mmocap_warp.study.report_trackers import presets_section, strangers_section, trackers_section
 from mmocap_warp.study.source import Clip
 from mmocap_warp.study.summary import StudySummary
 from mmocap_warp.study.tables import by_algorithm
@@ -52,6 +53,7 @@ def render(study: StudySummary, clips: Mapping[str, Clip], notes: Sequence[str] 
     main = study.measures[0]
     title, cards = headline(study, main)
     candidates: tuple[Section | None, ...] = (
+        trackers_section(study, main),
         claims_section(study, main),
         ranks_section(study),
         spread_section(study),
@@ -59,12 +61,13 @@ def render(study: StudySummary, clips: Mapping[str, Clip], notes: Sequence[str] 
         _overlays(study, clips),
         budget_section(study),
         models_section(study),
-        presets_section(study),
+        presets_section(study, radii(study)),
+        strangers_section(study),
         setting_section(study, notes),
         citing_section(),
     )
     sections = [section for section in candidates if section is not None]
-    names = sorted({str(cell.meta["study"]) for cell in study.cells.values() if cell.meta.get("study")})
+    names = sorted({str(cell.meta["study"]) for cell in study.cells.values() if cell.meta.get("study")} - {"study"})
     return filled(
         resource(_HERE, "report.html"),
         title=title,
@@ -92,7 +95,7 @@ def write_report(
 
     Args:
         study: what it is about; one cell at least.
-        clips: where the recordings of sequences are; those that the project ships are found by name.
+        clips: where the recordings of sequences are, see :func:`clips_of`.
         notes: remarks for the page.
         page, tables, cells: the files; those that exist are replaced.
 
@@ -100,10 +103,17 @@ def write_report(
         InputError: a file cannot be written.
         ValueError: see :func:`render`.
     """
-    shipped = {name: Clip(name) for name in study.sequences if name in PLANS}
-    write_whole(page, render(study, shipped | dict(clips), notes).encode())
+    write_whole(page, render(study, clips, notes).encode())
     write_whole(tables, markdown_tables(study).encode())
     write_whole(cells, csv_table(study).encode())
+
+
+def clips_of(study: StudySummary, own: Mapping[str, Clip]) -> dict[str, Clip]:
+    """The recordings of a study's sequences that are at hand: a user's own, and the shipped ones by their names."""
+    named = [*study.sequences, *study.strangers]
+    return {name: Clip(name) for name in named if name in CLIP_PLANS} | {
+        name: own[name] for name in named if name in own
+    }
 
 
 def _overlays(study: StudySummary, clips: Mapping[str, Clip]) -> Section | None:

@@ -7,15 +7,32 @@ from html import escape
 
 import numpy as np
 
-from mmocap_warp.drawing.chart import Axis, axes, axis, box, categories, curve, dots, figure, line, number, text
+from mmocap_warp.drawing.chart import (
+    Axis,
+    axes,
+    axis,
+    box,
+    categories,
+    curve,
+    dots,
+    figure,
+    line,
+    logarithmic,
+    number,
+    text,
+)
 from mmocap_warp.study import paper
-from mmocap_warp.study.summary import CellSummary, Measure, StudySummary
+from mmocap_warp.study.overview import baseline_contenders, level
+from mmocap_warp.study.summary import CellSummary, Contender, Measure, StudySummary
 from mmocap_warp.study.tables import Ranking
-from mmocap_warp.study.wording import algorithm_label
+from mmocap_warp.study.wording import algorithm_label, mark_class, with_unit
 
 _WIDTH = 960.0
+_BUDGET_WIDTH = 470.0
 _LEFT, _RIGHT, _TOP = 58.0, 12.0, 26.0
-_CURVE_POINTS = 300
+_CURVE_POINTS = 120
+_TENTHS = 10
+_WIDE_SPAN = 8.0  # from the least to the largest value of a figure, from which on its axis is logarithmic
 _WHISKER_REACH = 2.0  # in upper quartiles; longer whiskers are cut off and marked
 
 
@@ -36,22 +53,22 @@ def rank_figure(ranking: Ranking, algorithms: Sequence[str]) -> str:
         if found is not None:
             low, high = ((x.at(end), y.at(row)) for end in found.rank_interval)
             dot = dots(x, y, [(found.comparison.rank, row)], 5)
-            parts.append(f'<g class="a-{escape(name)}">{line(low, high, "range")}{dot}</g>')
+            parts.append(f'<g class="{escape(mark_class(name))}">{line(low, high, "range")}{dot}</g>')
     label = f"Average rank of each algorithm, {first.dof} DOF, {first.evaluations} evaluations per frame"
     return figure((width, bottom + 22), label, parts)
 
 
-def box_figure(study: StudySummary, measure: Measure, budget: int, algorithms: Sequence[str]) -> str:
-    """Fig. 7: the spread over all frames and runs, by sequence, algorithm and model.
+def box_figure(study: StudySummary, measure: Measure, title: str, kinds: Sequence[Contender]) -> str:
+    """Fig. 7: the spread over all frames and runs, by sequence and contender.
 
-    A box holds the middle half, its line is the median, whiskers reach to minimum and maximum.
+    A box holds the middle half, its line is the median, whiskers reach to minimum and maximum. A rule through a
+    sequence is the median of a baseline, where it lies within.
     """
-    kinds = [(name, dof) for name in algorithms for dof in study.models]
     cells = {
-        (sequence, *kind): cell
-        for sequence in study.sequences
-        for kind in kinds
-        if (cell := study.find(sequence, *kind, budget)) is not None and measure.key in cell.spread
+        (sequence, who): cell
+        for who in kinds
+        for sequence, cell in study.known(who, study.sequences, measure).items()
+        if measure.key in cell.spread
     }
     if not cells:
         return ""
@@ -60,25 +77,50 @@ def box_figure(study: StudySummary, measure: Measure, budget: int, algorithms: S
     y = _spread_axis(list(cells.values()), measure, bottom)
     parts = [axes(x, y, y_label=_unit_label(measure))]
     parts += [line((x.at(s), _TOP), (x.at(s), bottom), "grid") for s in range(1, len(study.sequences))]
+    for who in baseline_contenders(study):
+        parts.append(f'<g class="{mark_class(who.algorithm)}">{_medians(study, measure, who, x, y)}</g>')
     pitch = min((x.at(1) - x.at(0)) * 0.86 / len(kinds), 30.0)
-    for k, (name, dof) in enumerate(kinds):
+    for k, who in enumerate(kinds):
         shift = (k - (len(kinds) - 1) / 2) * pitch
         drawn = [
             box(cell.spread[measure.key], y, x.at(tick) + shift, pitch * 0.72)
             for tick, sequence in zip(x.ticks, study.sequences, strict=True)
-            if (cell := cells.get((sequence, name, dof))) is not None
+            if (cell := cells.get((sequence, who))) is not None
         ]
-        model = "large" if dof == study.models[0] else "small"
-        parts.append(
-            f'<g class="a-{escape(name)} {model}"><path class="box" d="{"".join(shape for shape, _ in drawn)}"/>'
-        )
-        parts.append(f'<path class="median" d="{"".join(median for _, median in drawn)}"/></g>')
-    names = ", ".join(algorithm_label(name) for name in algorithms)
-    return figure((_WIDTH, height), f"{measure.label} of {names} by sequence, {budget} evaluations per frame", parts)
+        model = "large" if who.dof == study.models[0] else "small"
+        shapes, medians = "".join(shape for shape, _ in drawn), "".join(median for _, median in drawn)
+        parts.append(f'<g class="{escape(mark_class(who.algorithm))} {model}"><path class="box" d="{shapes}"/>')
+        parts.append(f'<path class="median" d="{medians}"/></g>')
+    return figure((_WIDTH, height), f"{measure.label} of {title} by sequence", parts)
+
+
+def _medians(study: StudySummary, measure: Measure, who: Contender, x: Axis, y: Axis) -> str:
+    """A rule at a baseline's median through each sequence's stretch, where the axis reaches that far."""
+    found = study.known(who, study.sequences, measure)
+    rules = []
+    for place, sequence in enumerate(study.sequences):
+        cell = found.get(sequence)
+        if cell is not None and measure.key in cell.spread and cell.spread[measure.key][2] <= y.high:
+            at = y.at(cell.spread[measure.key][2])
+            rules.append(line((x.at(place), at), (x.at(place + 1), at), "curve"))
+    return "".join(rules)
+
+
+def shown_others(study: StudySummary) -> list[str]:
+    """What stands beside the grid in curves: of our trackers those with the best known body, and the baselines."""
+    names = [who.algorithm for who in study.others]
+    first: dict[str, str] = {}
+    for name in names:
+        if "+polish" not in name:
+            first.setdefault(name.partition("+")[0], name)
+    return [*first.values(), *(who.algorithm for who in baseline_contenders(study))]
 
 
 def curve_figure(study: StudySummary, measure: Measure, sequence: str, dof: int, budget: int) -> str:
-    """Fig. 10: the median over runs against frame; frames without truth are gaps. Empty where nothing is known."""
+    """Fig. 10: the median over runs against frame; frames without truth are gaps. Empty where nothing is known.
+
+    Our trackers and the baselines are drawn as well. The axis is logarithmic where values are far apart.
+    """
     curves = {
         name: cell
         for name in study.algorithms
@@ -86,30 +128,72 @@ def curve_figure(study: StudySummary, measure: Measure, sequence: str, dof: int,
     }
     if not curves:
         return ""
-    height, bottom = 312.0, 268.0
-    values = np.concatenate([cell.curve[measure.key] for cell in curves.values()])
-    low = float(np.nanmin(values)) if measure.higher_is_better else 0.0
-    y = axis(low, float(np.nanmax(values)) * (1.0 if measure.higher_is_better else 1.05), bottom, _TOP)
+    beside = {who.algorithm: who for who in [*study.others, *baseline_contenders(study)]}
+    for name in shown_others(study):
+        cell = study.known(beside[name], [sequence], measure).get(sequence)
+        if cell is not None and measure.key in cell.curve:
+            curves[name] = cell
     frames = np.concatenate([cell.frames for cell in curves.values()])
     x = axis(float(frames.min()), float(frames.max()), _LEFT, _WIDTH - _RIGHT, 8)
-    parts = [axes(x, y, "frame", _unit_label(measure))]
-    for name in reversed(curves):  # the best are drawn last, over the others
-        frame, values = _thinned(curves[name].frames, curves[name].curve[measure.key])
-        parts.append(curve(x, y, zip(frame, values, strict=True), f"a-{escape(name)}"))
+    points = {name: _thinned(cell.frames, cell.curve[measure.key]) for name, cell in curves.items()}
     label = f"{measure.label} against frame in {sequence}, {dof} DOF, {budget} evaluations per frame"
+    return _curves(points, measure, x, "frame", label)
+
+
+def growth_figure(study: StudySummary, measure: Measure, dof: int, budget: int) -> str:
+    """The mean over sequences of each tenth of the clips, a curve per tracker; empty where nothing is known."""
+    who = [Contender(name, dof, budget) for name in study.algorithms]
+    beside = {each.algorithm: each for each in [*study.others, *baseline_contenders(study)]}
+    points = {}
+    for each in [*who, *(beside[name] for name in shown_others(study))]:
+        known = study.known(each, study.sequences, measure)
+        curves = [cell.curve[measure.key] for cell in known.values() if measure.key in cell.curve]
+        if len(curves) == len(study.sequences) and min(len(values) for values in curves) >= _TENTHS:
+            means = [[_mean_known(part) for part in np.array_split(values, _TENTHS)] for values in curves]
+            points[each.algorithm] = np.arange(_TENTHS) * 10.0 + 5, np.mean(means, axis=0)
+    if not points.keys() & set(study.algorithms):
+        return ""
+    x = Axis(0.0, 100.0, _LEFT, _WIDTH - _RIGHT, tuple(range(0, 101, 10)))
+    label = f"{measure.label} over the clips, {dof} DOF, {budget} evaluations per frame"
+    return _curves(points, measure, x, "share of the clip [%]", label)
+
+
+def _curves(
+    points: dict[str, tuple[np.ndarray, np.ndarray]], measure: Measure, x: Axis, x_label: str, label: str
+) -> str:
+    """Curves by algorithm, the first drawn last, over the others."""
+    height, bottom = 312.0, 268.0
+    values = np.concatenate([each for _, each in points.values()])
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    if measure.higher_is_better:
+        y = axis(low, high, bottom, _TOP)
+    elif low > 0 and high > _WIDE_SPAN * low:
+        y = logarithmic(low * 0.9, high * 1.1, bottom, _TOP)
+    else:
+        y = axis(0.0, high * 1.05, bottom, _TOP)
+    parts = [axes(x, y, x_label, _unit_label(measure))]
+    for name in reversed(points):
+        parts.append(curve(x, y, zip(*points[name], strict=True), escape(mark_class(name))))
     return figure((_WIDTH, height), label, parts)
 
 
+def above_axis(values: Sequence[tuple[Contender, float]], measure: Measure, right: float, top: float) -> str:
+    """Baselines that lie above a figure's axis, as words at its upper right end."""
+    known = [f"{who}: {with_unit(value, measure)}" for who, value in values if np.isfinite(value)]
+    return text((right, top - 9), " · ".join(known) + " ↑", anchor="end") if known else ""
+
+
 def budget_figure(study: StudySummary, measure: Measure, dof: int) -> str:
-    """The mean over sequences and runs against the budget, a curve per algorithm."""
+    """The mean over sequences and runs against the budget, a curve per algorithm that has tracked them all."""
     points = {
         name: [
-            (budget, _mean_of([cell.runs[measure.key].mean() for cell in _known(study, measure, name, dof, budget)]))
-            for budget in study.budgets
+            (budget, level(study, Contender(name, dof, budget), measure, study.sequences)) for budget in study.budgets
         ]
         for name in study.algorithms
     }
-    return _by_budget(study, points, _unit_label(measure), f"{measure.label} by budget, {dof} DOF")
+    baselines = [(who, level(study, who, measure, study.sequences)) for who in baseline_contenders(study)]
+    words = above_axis(baselines, measure, _BUDGET_WIDTH - _RIGHT, _TOP + 14)
+    return _by_budget(study, points, _unit_label(measure), f"{measure.label} by budget, {dof} DOF", words)
 
 
 def time_figure(study: StudySummary, dof: int) -> str:
@@ -132,7 +216,8 @@ def seconds_per_frame(cell: CellSummary) -> float:
 def legend(algorithms: Sequence[str]) -> str:
     """Algorithm names with their marks; the script makes buttons of them that single an algorithm out."""
     items = "".join(
-        f'<li class="a-{escape(name)}"><button type="button" value="{escape(name)}" aria-pressed="false" disabled>'
+        f'<li class="{escape(mark_class(name))}">'
+        f'<button type="button" value="{escape(mark_class(name)[2:])}" aria-pressed="false" disabled>'
         '<svg viewBox="0 0 28 12" aria-hidden="true"><path class="curve" d="M1 6L27 6"/></svg>'
         f"{escape(algorithm_label(name))}</button></li>"
         for name in algorithms
@@ -140,8 +225,10 @@ def legend(algorithms: Sequence[str]) -> str:
     return f'<ul class="legend">{items}</ul>'
 
 
-def _by_budget(study: StudySummary, points: dict[str, list[tuple[int, float]]], unit: str, label: str) -> str:
-    width, height, bottom = 470.0, 258.0, 210.0
+def _by_budget(
+    study: StudySummary, points: dict[str, list[tuple[int, float]]], unit: str, label: str, words: str = ""
+) -> str:
+    width, height, bottom = _BUDGET_WIDTH, 258.0, 210.0
     known = [value for measured in points.values() for _, value in measured if np.isfinite(value)]
     if not known:
         return ""
@@ -149,10 +236,11 @@ def _by_budget(study: StudySummary, points: dict[str, list[tuple[int, float]]], 
     low = min(known) - 0.1 * (high - min(known)) if high <= 1.0 else 0.0
     y = axis(low, high * 1.04, bottom, _TOP)
     x = Axis(0.0, study.budgets[-1] * 1.04, _LEFT, width - _RIGHT, tuple(study.budgets))
-    parts = [axes(x, y, "evaluations per frame", unit)]
+    parts = [axes(x, y, "evaluations per frame", unit), words]
     for name in reversed(points):
         measured = [(budget, value) for budget, value in points[name] if np.isfinite(value)]
-        parts.append(f'<g class="a-{escape(name)}">{curve(x, y, measured)}{dots(x, y, measured)}</g>')
+        shape = curve(x, y, measured) + dots(x, y, measured)
+        parts.append(f'<g class="{escape(mark_class(name))}">{shape}</g>')
     return figure((width, height), label, parts)
 
 
@@ -178,10 +266,13 @@ def _thinned(frames: np.ndarray, curve: np.ndarray) -> tuple[np.ndarray, np.ndar
     step = -(-len(frames) // _CURVE_POINTS)
     if step == 1:
         return frames, curve
-    starts = range(0, len(frames), step)
-    pieces = [curve[start : start + step] for start in starts]
-    means = [float(np.mean(piece[np.isfinite(piece)])) if np.isfinite(piece).any() else np.nan for piece in pieces]
-    return frames[::step], np.array(means)
+    pieces = [curve[start : start + step] for start in range(0, len(frames), step)]
+    return frames[::step], np.array([_mean_known(piece) for piece in pieces])
+
+
+def _mean_known(values: np.ndarray) -> float:
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if len(known) else np.nan
 
 
 def _unit_label(measure: Measure) -> str:
@@ -195,10 +286,6 @@ def _diamond(x: float, y: float) -> str:
 def _all(study: StudySummary, algorithm: str, dof: int, budget: int) -> list[CellSummary]:
     found = (study.find(sequence, algorithm, dof, budget) for sequence in study.sequences)
     return [cell for cell in found if cell is not None]
-
-
-def _known(study: StudySummary, measure: Measure, algorithm: str, dof: int, budget: int) -> list[CellSummary]:
-    return [cell for cell in _all(study, algorithm, dof, budget) if measure.key in cell.runs]
 
 
 def _mean_of(values: list[float]) -> float:

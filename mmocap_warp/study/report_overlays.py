@@ -13,6 +13,7 @@ from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.drawing.chart import figure, outline, polyline
 from mmocap_warp.drawing.overlay import Window
+from mmocap_warp.study.baselines import is_of
 from mmocap_warp.study.source import Clip, open_clip
 from mmocap_warp.study.summary import CellSummary, Measure, StudySummary
 from mmocap_warp.study.tables import Ranking
@@ -23,7 +24,6 @@ from mmocap_warp.views.silhouette import silhouette
 _SIZE = (360, 480)
 _MARGIN = 1.12  # of the window around what is drawn
 _SMOOTHING = 0.8  # how far an outline may be off [units of the drawing]
-_FIRST_STEP = 0.3  # how far the first frame's search may take the root [m]
 _SETTLED = 0.1  # share of a sequence after which its best frame is looked for: the first frames are given
 
 
@@ -101,7 +101,7 @@ def best_and_worst(
             continue
         places = extreme_frames(cell, measure)
         recording = open_recording(clips[sequence], [int(cell.frames[place]) for place in places])
-        if not _fits(recording, cell):
+        if not is_of(cell, recording.subject, recording.rig):
             continue
         best, worst = (_picture(recording, cell, place) for place in places)
         if best is not None and worst is not None:
@@ -116,19 +116,13 @@ def side_by_side(study: StudySummary, sequence: str, dof: int, budget: int, clip
     fewest = min(len(cell.frames) for cell in cells)
     places = [int(fewest * share) for share in (0.3, 0.6, 0.9)]
     recording = open_recording(clip, [int(cells[0].frames[place]) for place in places])
-    if not _fits(recording, cells[0]):
+    if not is_of(cells[0], recording.subject, recording.rig):
         return []
     fullest = {number: int(np.argmax(seen.foreground)) for number, seen in recording.seen.items()}
     rows = [
         [_picture(recording, cell, place, fullest.get(int(cell.frames[place]))) for place in places] for cell in cells
     ]
     return [[picture for picture in row if picture is not None] for row in rows]
-
-
-def _fits(recording: Recording, cell: CellSummary) -> bool:
-    """Whether a result is of this recording and not of another of the same name: the body starts where it says."""
-    start = cell.typical_pose[0, :3] - recording.subject.pose[:3]
-    return list(recording.rig.names) == cell.meta.get("cameras") and float(np.linalg.norm(start)) < _FIRST_STEP
 
 
 def _picture(recording: Recording, cell: CellSummary, place: int, camera: int | None = None) -> Picture | None:

@@ -9,23 +9,28 @@ import numpy as np
 
 from mmocap_warp.study import paper
 from mmocap_warp.study.claims import check_claims
+from mmocap_warp.study.overview import rank_pairs
 from mmocap_warp.study.report_figures import (
     box_figure,
     curve_figure,
+    growth_figure,
     legend,
     rank_figure,
+    shown_others,
 )
 from mmocap_warp.study.report_overlays import Picture
 from mmocap_warp.study.report_tables import (
+    beside_table,
     difference_table,
     effect_table,
     floor_note,
+    grid_table,
     ranking_table,
     sequence_table,
 )
-from mmocap_warp.study.summary import Measure, StudySummary
+from mmocap_warp.study.summary import Contender, Measure, StudySummary
 from mmocap_warp.study.tables import Ranking, by_algorithm, by_model, model_differences
-from mmocap_warp.study.wording import algorithm_label, listed, named, with_unit
+from mmocap_warp.study.wording import algorithm_label, extent, listed, named, with_unit
 
 
 class Section:
@@ -77,21 +82,24 @@ def ranks_section(study: StudySummary) -> Section:
             rankings = [ranking for ranking in found if ranking is not None]
             if not rankings:
                 continue
-            caption = f"{dof}-DOF model, ranked by {named(measure)}, as Table {number} of the paper"
-            effects = "".join(effect_table(ranking) for ranking in rankings)
+            size = _extent(study, dof)
+            caption = f"{dof}-DOF model, ranked by {named(measure)}, as Table {number} of the paper. {size}."
+            effects = "".join(effect_table(ranking) for ranking in rankings) + beside_table(study, measure)
             in_paper = any(paper.printed_ranks(dof, budget) for budget in study.budgets)
             diamonds = "; diamonds are the paper" if in_paper else ""
             panels = "".join(f"<div>{rank_figure(ranking, study.algorithms)}</div>" for ranking in rankings)
             content = (
                 f'<figure><div class="panels">{panels}</div>'
                 f"<figcaption>Average ranks, {dof} DOF, by {named(measure)}; 1 is the best. Dots are this study, with "
-                f"95 % intervals over seeds{diamonds}.</figcaption></figure>"
+                f"95 % intervals over seeds{diamonds}. {size}.</figcaption></figure>"
                 + ranking_table(rankings, caption)
                 + _paragraph(floor_note(study, measure, rankings[0].sequences))
                 + _left_out(rankings)
                 + f"<details><summary>Intervals and effect sizes, {dof} DOF</summary>{_EFFECTS}{effects}</details>"
             )
             parts.append(choice(content, default=measure == study.measures[0], measure=measure.key))
+    pairs = [table for dof in study.models if (table := rank_pairs(study, dof)) is not None]
+    parts += [grid_table(table.caption, table.head, table.rows, "compared") for table in pairs]
     note = (
         "Average rank over the sequences, of each algorithm’s mean over runs. Friedman’s test asks whether any differ; "
         "p-values compare each algorithm with the best ranked, the control, and are bold where Holm’s procedure "
@@ -102,53 +110,102 @@ def ranks_section(study: StudySummary) -> Section:
 
 
 def spread_section(study: StudySummary) -> Section:
-    """Fig. 7."""
-    halves = (("Hierarchical", study.hierarchical), ("Holistic", study.holistic))
+    """Fig. 7, and our trackers in the same way."""
     parts = []
+    ours = [who.algorithm for who in study.others]
     for measure in study.measures:
         for budget in study.budgets:
+            halves = [
+                (title, names, [Contender(name, dof, budget) for name in names for dof in study.models])
+                for title, names in (
+                    ("Hierarchical algorithms", study.hierarchical),
+                    ("Holistic algorithms", study.holistic),
+                )
+            ]
             shown = [
-                f'<figure><div class="wide">{drawing}</div><figcaption>{title} algorithms, {budget:,} evaluations per '
-                f"frame{_models_key(study)}</figcaption>{legend(names)}</figure>"
-                for title, names in halves
-                if measure.per_frame and (drawing := box_figure(study, measure, budget, names))
+                _spread(study, measure, f"{title}, {budget:,} evaluations per frame", names, kinds)
+                for title, names, kinds in halves
             ]
             content = "".join(shown) or f"<p>{measure.label} is one number a run: see the table.</p>"
             table = sequence_table(study, measure, budget)
             content += f"<details><summary>The numbers by sequence</summary>{table}</details>"
             default = measure == study.measures[0] and budget == study.budgets[0]
             parts.append(choice(content, default=default, measure=measure.key, budget=budget))
+        own = _spread(study, measure, "Our trackers, at their own budgets", ours, study.others) if ours else ""
+        if own:
+            parts.append(choice(own, default=measure == study.measures[0], measure=measure.key))
     note = (
         "Over all frames of all runs, as in the paper’s Fig. 7: a box holds the middle half, its line is the median, "
-        "whiskers reach to the extremes. An arrow ends a whisker that leaves the axis."
+        "whiskers reach to the extremes. An arrow ends a whisker that leaves the axis. Dotted rules are the medians of "
+        "the baselines, where the axis reaches that far."
     )
     return Section("spread", "Spread by sequence", f"<p>{note}</p>", *parts)
 
 
+def _spread(study: StudySummary, measure: Measure, title: str, names: list[str], kinds: list[Contender]) -> str:
+    """One half of Fig. 7 with its caption; empty where there is nothing to draw."""
+    drawing = box_figure(study, measure, title, kinds) if measure.per_frame else ""
+    if not drawing:
+        return ""
+    size = extent(cell for who in kinds for cell in study.known(who, study.sequences, measure).values())
+    return (
+        f'<figure><div class="wide">{drawing}</div><figcaption>{escape(title)}{_models_key(study, kinds)} {size}.'
+        f"</figcaption>{legend([*dict.fromkeys(names)])}</figure>"
+    )
+
+
 def curves_section(study: StudySummary) -> Section:
-    """Fig. 10, which is Eq. 20, beside the main measure and the overlap."""
+    """Fig. 10, which is Eq. 20, beside the main measure and the overlap; and how errors grow over whole clips."""
     beside = ("eq20_as_printed", "iou")
-    measures = [measure for measure in study.measures if measure == study.measures[0] or measure.key in beside]
+    main = study.measures[0]
+    measures = [measure for measure in study.measures if measure == main or measure.key in beside]
     first = (study.models[0], study.budgets[0], study.sequences[0])
-    parts = []
-    for measure in measures:
-        for sequence in study.sequences:
-            for dof in study.models:
-                for budget in study.budgets:
+    parts, grown = [], []
+    for dof in study.models:
+        for budget in study.budgets:
+            drawing = growth_figure(study, main, dof, budget)
+            if drawing:
+                caption = (
+                    f"{main.label} in each tenth of the clips: the median over runs, mean over "
+                    f"{len(study.sequences)} sequences, {dof} DOF, {budget:,} evaluations per frame. "
+                    f"{_extent(study, dof, budget)}."
+                )
+                content = f'<div class="wide">{drawing}</div><figcaption>{escape(caption)}</figcaption>'
+                grown.append(choice(content, default=(dof, budget) == first[:2], model=dof, budget=budget))
+            for measure in measures:
+                for sequence in study.sequences:
                     drawing = curve_figure(study, measure, sequence, dof, budget)
                     if not drawing:
                         continue
-                    caption = f"{measure.label}, {sequence}, {dof} DOF, {budget:,} evaluations per frame."
+                    size = _extent(study, dof, budget, sequence)
+                    caption = f"{measure.label}, {sequence}, {dof} DOF, {budget:,} evaluations per frame. {size}."
                     content = f'<div class="wide">{drawing}</div><figcaption>{escape(caption)}</figcaption>'
-                    default = measure == measures[0] and (dof, budget, sequence) == first
+                    default = measure == main and (dof, budget, sequence) == first
                     keys = {"curve": measure.key, "sequence": sequence, "model": dof, "budget": budget}
                     parts.append(choice(content, default=default, **keys))
+    ours = (
+        " Of our trackers, those with the body solved where they were run; at their own budgets."
+        if study.others
+        else ""
+    )
     note = (
         "The median over runs; the paper’s Fig. 10 has one run and shows Eq. 20. Gaps have no truth. For other "
-        "measures than these the main one stays."
+        f"measures than these the main one stays.{ours} Axes are logarithmic where values are far apart."
     )
-    figures = f"<figure>{''.join(parts)}{legend(study.algorithms)}</figure>"
-    return Section("curves", "Error over time", f"<p>{note}</p>", figures)
+    marks = legend([*study.algorithms, *shown_others(study)])
+    figures = f"<figure>{''.join(parts)}{marks}</figure>"
+    over_clips = f"<figure>{''.join(grown)}{marks}</figure>" if grown else ""
+    return Section("curves", "Error over time", f"<p>{note}</p>", over_clips, figures)
+
+
+def _extent(study: StudySummary, dof: int, budget: int | None = None, sequence: str | None = None) -> str:
+    """How many seeds and frames the grid's cells of a model have."""
+    cells = [
+        study.cells[cell]
+        for cell in study.grid
+        if cell.dof == dof and budget in (None, cell.evaluations) and sequence in (None, cell.sequence)
+    ]
+    return extent(cells)
 
 
 def overlays_section(
@@ -196,7 +253,8 @@ def models_section(study: StudySummary) -> Section | None:
             found = [by_model(study, measure, name) for name in names]
             rankings = [ranking for ranking in found if ranking is not None]
             if rankings:
-                caption = f"The {kind} algorithms by {named(measure)}, as Table {number} of the paper"
+                size = extent(study.cells[cell] for cell in study.grid if cell.algorithm in names)
+                caption = f"The {kind} algorithms by {named(measure)}, as Table {number} of the paper. {size}."
                 tables.append(ranking_table(rankings, caption) + _left_out(rankings))
         differences = model_differences(study, measure)
         if differences:
@@ -231,16 +289,22 @@ def _picture(picture: Picture, measure: Measure, title: str = "") -> str:
     )
 
 
-def _models_key(study: StudySummary) -> str:
-    if len(study.models) < 2:
-        return f", {study.models[0]} DOF."
+def _models_key(study: StudySummary, kinds: Sequence[Contender]) -> str:
+    models = sorted({who.dof for who in kinds}, reverse=True)
+    if len(models) < 2:
+        return f", {models[0]} DOF."
     return f". Filled: {study.models[0]} DOF, hollow: {listed(study.models[1:])} DOF."
 
 
 def _left_out(rankings: Sequence[Ranking]) -> str:
-    missing = sorted({name for ranking in rankings for name in ranking.left_out})
-    if not missing:
-        return ""
-    return (
-        f'<p class="warning">Not every algorithm has tracked {escape(", ".join(missing))}: left out of the ranking.</p>'
-    )
+    notes = [
+        f"{', '.join(map(str, ranking.absent))} tracked too few sequences for a ranking."
+        for ranking in rankings
+        if ranking.absent
+    ]
+    for ranking in rankings:
+        if ranking.left_out:
+            among = ranking.rows[0].contender
+            missing = ", ".join(ranking.left_out)
+            notes.append(f"Not all in the ranking of {among} have tracked {missing}: left out of the ranking.")
+    return f'<p class="warning">{escape(" ".join(notes))}</p>' if notes else ""

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from datetime import datetime
 from html import escape
 
 import numpy as np
 
 from mmocap_warp.study import paper
+from mmocap_warp.study.overview import level, milliseconds, missing
 from mmocap_warp.study.report_figures import budget_figure, legend, seconds_per_frame, time_figure
 from mmocap_warp.study.report_sections import Section, choice
 from mmocap_warp.study.report_tables import floor_note, grid_table
-from mmocap_warp.study.summary import EQ_20, CellSummary, Measure, StudySummary, in_order
-from mmocap_warp.study.tables import Contender, Ranking, Row, by_algorithm
-from mmocap_warp.study.wording import algorithm_label, counted, in_unit, listed, shown, spelled, with_unit
+from mmocap_warp.study.summary import EQ_20, CellSummary, Contender, Measure, StudySummary
+from mmocap_warp.study.tables import Ranking, Row, by_algorithm
+from mmocap_warp.study.wording import algorithm_label, counted, extent, listed, spelled, with_unit
 
 _CODE_DIGITS = 12  # of 64 that are shown
 
@@ -33,6 +33,13 @@ def headline(study: StudySummary, measure: Measure) -> tuple[str, str]:
         name = algorithm_label(who.algorithm)
         over = spelled(len(ranking.sequences), "sequence")
         title = f"{name} tracks {over} to {with_unit(row.mean, measure)}"
+        ours = _ours(study, measure)
+        if ours is not None:
+            title = (
+                f"{algorithm_label(ours[0].algorithm)}: {over} to {with_unit(ours[1], measure)}; the best of the "
+                f"others, {name}, to {with_unit(row.mean, measure)}"
+            )
+            cards.append((with_unit(ours[1], measure), f"{measure.label}, mean over {over}: {ours[0]}"))
         setting = f"{name}, {who.dof} DOF, {who.evaluations:,} evaluations per frame"
         cards.append((with_unit(row.mean, measure), f"{measure.label}, mean over {over}: {setting}"))
         cards += _eq_20_cards(study, measure, who)
@@ -56,6 +63,13 @@ def headline(study: StudySummary, measure: Measure) -> tuple[str, str]:
     return title, f'<ul class="cards">{figures}</ul>'
 
 
+def _ours(study: StudySummary, measure: Measure) -> tuple[Contender, float] | None:
+    """The best of our trackers that has tracked all sequences; None if there is none."""
+    levels = [(who, level(study, who, measure, study.sequences)) for who in study.others]
+    known = [(who, value) for who, value in levels if np.isfinite(value)]
+    return min(known, key=lambda each: -each[1] if measure.higher_is_better else each[1], default=None)
+
+
 def _eq_20_cards(study: StudySummary, main: Measure, who: Contender) -> Iterator[tuple[str, str]]:
     """What a contender scores by both readings of Eq. 20, each with its floor."""
     for measure in study.measures:
@@ -70,14 +84,21 @@ def _eq_20_cards(study: StudySummary, main: Measure, who: Contender) -> Iterator
 
 def grid_sentence(study: StudySummary) -> str:
     """What was compared, in a sentence, and a warning where results should not be compared."""
-    seeds = {len(cell.seeds) for cell in study.cells.values()}
-    runs = f"{min(seeds)}" if len(seeds) == 1 else f"{min(seeds)} to {max(seeds)}"
+    grid = [study.cells[cell] for cell in study.grid]
     sentence = (
         f"{counted(len(study.algorithms), 'algorithm')}, {listed(study.models)} degrees of freedom, "
         f"{listed(study.budgets)} evaluations per frame, {counted(len(study.sequences), 'sequence')}, "
-        f"{runs} seeds: {counted(len(study.cells), 'cell')}, {study.evaluations:,} evaluations."
+        f"{extent(grid)}: {counted(len(grid), 'cell')}"
     )
-    return " ".join(part for part in (sentence, mixture(study)) if part)
+    beside = [cell for cell in study.cells if cell not in set(study.grid)]
+    if beside:
+        sentence += f", and {len(beside)} beside them (our trackers, strangers, radii)"
+    sentence += f". {study.evaluations:,} evaluations in all."
+    absent = len(study.planned - study.cells.keys())
+    told = (
+        f"{counted(absent, 'cell')} that the study defines {'was' if absent == 1 else 'were'} not run: see the setting."
+    )
+    return " ".join(part for part in (sentence, told if absent else "", mixture(study)) if part)
 
 
 def mixture(study: StudySummary) -> str:
@@ -100,61 +121,48 @@ def budget_section(study: StudySummary) -> Section:
         for dof in study.models:
             left, right = budget_figure(study, measure, dof), time_figure(study, dof)
             content = f'<div class="two"><div>{left}</div><div>{right}</div></div>'
-            content += f"<figcaption>{dof} DOF, mean over the sequences.</figcaption>"
+            size = extent(study.cells[cell] for cell in study.grid if cell.dof == dof)
+            content += f"<figcaption>{dof} DOF, mean over {len(study.sequences)} sequences. {size}.</figcaption>"
             default = measure == study.measures[0] and dof == study.models[0]
             parts.append(choice(content, default=default, measure=measure.key, model=dof))
     head = ["Algorithm", *(f"{budget:,} evaluations" for budget in study.budgets), "evaluations/s"]
     rows = [_time_row(study, name) for name in study.algorithms]
+    alone = _alone_table(study)
     note = (
         "Search time of a frame of one run. All runs of a cell are tracked at once, so this is a share of what the "
         f"device did in that time. The paper reports {paper.SECONDS_PER_500:g} s for 500 evaluations on one core, "
         "images included."
     )
-    table = grid_table("Milliseconds per frame and run, mean over sequences and models", head, rows)
+    size = extent(study.cells[cell] for cell in study.grid)
+    table = grid_table(f"Milliseconds per frame and run, mean over sequences and models. {size}.", head, rows)
     return Section(
         "budget",
         "Error and time by budget",
         f"<p>{note}</p>",
         f"<figure>{''.join(parts)}{legend(study.algorithms)}</figure>",
         table,
+        alone,
     )
 
 
-def presets_section(study: StudySummary) -> Section | None:
-    """The other presets beside the main one, by budget; None with one preset."""
-    parts = []
-    for other in study.presets[1:]:
-        parts.append(f"<p>{escape(_radii(study, study.preset))} {escape(_radii(study, other))}</p>")
-        for measure in study.measures:
-            content = _preset_table(study, measure, other)
-            parts.append(choice(content, default=measure == study.measures[0], measure=measure.key))
-    return Section("presets", "Search radii", *parts) if parts else None
-
-
-def _preset_table(study: StudySummary, measure: Measure, other: str) -> str:
-    """Means over the sequences and models of the other preset, with the main preset's where it has the same cells."""
-    cells = [cell for cell in study.cells if cell.preset == other and measure.key in study.cells[cell].runs]
-    budgets = sorted({cell.evaluations for cell in cells})
-
-    def mean(preset: str, budget: int, algorithm: str | None = None) -> float:
-        chosen = [cell for cell in cells if cell.evaluations == budget and algorithm in (None, cell.algorithm)]
-        found = [study.cells.get(replace(cell, preset=preset)) for cell in chosen]
-        known = [float(each.runs[measure.key].mean()) for each in found if each and measure.key in each.runs]
-        return float(np.mean(known)) if len(known) == len(chosen) and known else np.nan
-
-    columns = [(preset, budget) for budget in budgets for preset in (study.preset, other)]
-    head = ["Algorithm", *(f"{budget:,}: {preset}" for preset, budget in columns)]
-    rows = [
-        [algorithm_label(name), *(_shown_or_dash(mean(*column, name), measure) for column in columns)]
-        for name in in_order(cell.algorithm for cell in cells)
-    ]
-    rows.append(["All", *(_shown_or_dash(mean(*column), measure) for column in columns)])
-    caption = f"{measure.label}{in_unit(measure)} by evaluations per frame and preset, mean over the same sequences"
-    return grid_table(caption, head, rows)
-
-
-def _shown_or_dash(value: float, measure: Measure) -> str:
-    return shown(value, measure) if np.isfinite(value) else "–"
+def _alone_table(study: StudySummary) -> str:
+    """Milliseconds of a frame where a single run is tracked at a time; empty where that was not measured."""
+    if not study.alone:
+        return ""
+    dof = study.models[0]
+    rows = []
+    for name in [*study.algorithms, *dict.fromkeys(who.algorithm for who in study.others)]:
+        own = sorted({who.evaluations for who in study.alone if who.algorithm == name} - set(study.budgets))
+        times = [milliseconds(study, Contender(name, dof, budget)) for budget in study.budgets]
+        other = ", ".join(
+            f"{time:.1f} ({budget})"
+            for budget in own
+            if np.isfinite(time := milliseconds(study, Contender(name, dof, budget)))
+        )
+        if other or np.isfinite(times).any():
+            rows.append([algorithm_label(name), *(f"{t:.1f}" if np.isfinite(t) else "–" for t in times), other or "–"])
+    head = ["Tracker", *(f"{budget:,} evaluations" for budget in study.budgets), "its own budget (evaluations)"]
+    return grid_table(f"Milliseconds per frame of one run tracked alone, {dof} DOF", head, rows)
 
 
 def setting_section(study: StudySummary, notes: Sequence[str]) -> Section:
@@ -162,15 +170,16 @@ def setting_section(study: StudySummary, notes: Sequence[str]) -> Section:
     by_sequence = {}
     for cell, summary in study.cells.items():
         by_sequence.setdefault(cell.sequence, summary)
-    rows = [[name, *_recording_of(by_sequence[name])] for name in study.sequences]
+    rows = [[name, *_recording_of(by_sequence[name])] for name in [*study.sequences, *study.strangers]]
     sequences = grid_table("Sequences", ["Sequence", "frames", "frames/s", "cameras", "pixels"], rows)
     facts = [
         ("Algorithms", ", ".join(algorithm_label(name) for name in study.algorithms)),
         ("Degrees of freedom", listed(study.models)),
         ("Evaluations per frame", listed(study.budgets)),
+        ("Beside them", ", ".join(str(who) for who in study.others) or "nothing"),
         ("Seeds", _spans(study, lambda cell: str(len(cell.seeds)))),
         ("Cost", _spans(study, lambda cell: str(cell.meta.get("config", {}).get("cost", "unknown")))),
-        ("Search radii", " ".join(_radii(study, preset) for preset in study.presets)),
+        ("Search radii", " ".join(radii(study))),
         ("Frames without a usable view", f"{100 * np.mean([cell.frames_lost for cell in study.cells.values()]):.2f} %"),
         ("Device", _spans(study, _device)),
         ("Host", _spans(study, lambda cell: str(cell.meta.get("host", "unknown")))),
@@ -179,7 +188,10 @@ def setting_section(study: StudySummary, notes: Sequence[str]) -> Section:
         ("Tracked", _period(study)),
     ]
     entries = "".join(f"<dt>{escape(name)}</dt><dd>{escape(value)}</dd>" for name, value in facts)
+    absent = missing(study)
     remarks = "".join(f"<p>{escape(note)}</p>" for note in notes)
+    if absent:
+        remarks += f"<h3>Not run</h3><ul>{''.join(f'<li>{escape(each)}</li>' for each in absent)}</ul>"
     return Section("setting", "Setting and machine", f"<dl>{entries}</dl>", sequences, remarks)
 
 
@@ -199,8 +211,11 @@ def citing_section() -> Section:
 
 
 def _all_rows(study: StudySummary, measure: Measure) -> list[tuple[Ranking, Row]]:
+    """Of the rankings over the most sequences."""
     rankings = (by_algorithm(study, measure, dof, budget) for dof in study.models for budget in study.budgets)
-    return [(ranking, row) for ranking in rankings if ranking is not None for row in ranking.rows]
+    known = [ranking for ranking in rankings if ranking is not None]
+    most = max((len(ranking.sequences) for ranking in known), default=0)
+    return [(ranking, row) for ranking in known if len(ranking.sequences) == most for row in ranking.rows]
 
 
 def _pace(study: StudySummary) -> tuple[float, float, str]:
@@ -208,10 +223,11 @@ def _pace(study: StudySummary) -> tuple[float, float, str]:
 
     The time is that in which any worker of a host was at work; hosts' times add up.
     """
-    device = Counter(_device(cell) for cell in study.cells.values()).most_common(1)[0][0]
+    searched = [study.cells[cell] for cell in study.cells if cell.algorithm in study.algorithms]
+    device = Counter(_device(cell) for cell in searched).most_common(1)[0][0]
     timed = [
         cell
-        for cell in study.cells.values()
+        for cell in searched
         if _device(cell) == device and cell.meta.get("wall_seconds") and cell.meta.get("started")
     ]
     if not timed:
@@ -283,6 +299,11 @@ def _recording_of(cell: CellSummary) -> list[str]:
     ]
 
 
+def radii(study: StudySummary) -> list[str]:
+    """Each preset's search radii, the main one's first."""
+    return [_radii(study, preset) for preset in study.presets]
+
+
 def _radii(study: StudySummary, preset: str) -> str:
     """A preset's radii, as the cells used them."""
     used = {
@@ -302,7 +323,7 @@ def _range(values: Sequence[float]) -> str:
 
 
 def _time_row(study: StudySummary, algorithm: str) -> list[str]:
-    of = [summary for cell, summary in study.cells.items() if cell.algorithm == algorithm]
+    of = [study.cells[cell] for cell in study.grid if cell.algorithm == algorithm]
     by_budget = [[1000 * seconds_per_frame(s) for s in of if s.cell.evaluations == budget] for budget in study.budgets]
     spent, seconds = sum(summary.evaluations for summary in of), sum(summary.seconds for summary in of)
     return [

@@ -9,11 +9,14 @@ from itertools import groupby
 import numpy as np
 
 from mmocap_warp.study import paper
+from mmocap_warp.study.overview import baseline_contenders, level, or_dash
 from mmocap_warp.study.statistics import ALPHA, Omnibus
-from mmocap_warp.study.summary import Measure, StudySummary
+from mmocap_warp.study.summary import CellSummary, Contender, Measure, StudySummary
 from mmocap_warp.study.tables import ModelDifference, Ranking, Row
 from mmocap_warp.study.wording import (
+    BASELINES,
     algorithm_label,
+    extent,
     in_unit,
     interval,
     p_value,
@@ -44,7 +47,10 @@ def ranking_table(rankings: Sequence[Ranking], caption: str) -> str:
 def effect_table(ranking: Ranking) -> str:
     """A ranking's intervals, effect sizes and adjusted p-values, and the paper's ranks."""
     first = ranking.rows[0].contender
-    caption = f"{first.evaluations:,} evaluations, {ranking.measure.label}{in_unit(ranking.measure)}"
+    caption = (
+        f"{first.evaluations:,} evaluations, {ranking.measure.label}{in_unit(ranking.measure)}, "
+        f"{ranking.seeds} seeds, {len(ranking.sequences)} sequences"
+    )
     head = ["Algorithm", "Mean", "95 %", "Rank", "95 %", "Holm-adjusted p", "A"]
     rows = [effect_cells(row, ranking.measure) for row in ranking.rows]
     printed = paper.printed_ranks(first.dof, first.evaluations)
@@ -54,6 +60,18 @@ def effect_table(ranking: Ranking) -> str:
             known = printed.get(row.contender.algorithm)
             cells.insert(5, "" if known is None else f"{known:.3f}")
     return grid_table(caption, head, rows)
+
+
+def beside_table(study: StudySummary, measure: Measure) -> str:
+    """The means of what has no part in a ranking: our trackers and the baselines; empty without any."""
+    who = [*study.others, *baseline_contenders(study)]
+    rows = [[str(each), or_dash(level(study, each, measure, study.sequences), measure)] for each in who]
+    if not rows:
+        return ""
+    cells = _beside(study, measure)
+    size = f" {extent(cells)}." if cells else ""
+    caption = f"Not ranked, {measure.label}{in_unit(measure)}, mean over {len(study.sequences)} sequences.{size}"
+    return grid_table(caption, ["Tracker", "Mean"], rows)
 
 
 def effect_cells(row: Row, measure: Measure) -> list[str]:
@@ -89,21 +107,42 @@ def sequence_table(study: StudySummary, measure: Measure, budget: int) -> str:
                 for sequence in study.sequences
             )
             rows.append(f"<tr><th>{escape(algorithm_label(algorithm))}</th><td>{dof}</td>{cells}</tr>")
+    for who in [*study.others, *baseline_contenders(study)]:
+        cells = "".join(
+            f"<td>{_mean_and_deviation(study, measure, sequence, who.algorithm, who.dof, who.evaluations)}</td>"
+            for sequence in study.sequences
+        )
+        model = "" if who.algorithm in BASELINES else who.dof
+        rows.append(f"<tr><th>{escape(_row_label(study, who))}</th><td>{model}</td>{cells}</tr>")
     floors = [study.floor(measure, [sequence]) for sequence in study.sequences]
     if np.isfinite(floors).any():
         cells = "".join(f"<td>{shown(floor, measure) if np.isfinite(floor) else '–'}</td>" for floor in floors)
         rows.append(f"<tr><th>Floor: at the true angles</th><td></td>{cells}</tr>")
+    shown_cells = [study.cells[cell] for cell in study.grid if cell.evaluations == budget]
+    own = "; our trackers at their own budgets" if study.others else ""
     caption = (
         f"{measure.label}{in_unit(measure)}, mean ± standard deviation over runs, {budget:,} evaluations per frame"
+        f"{own}. {extent([*shown_cells, *_beside(study, measure)])}."
     )
     return _table(caption, head, "".join(rows), kind="sequences")
+
+
+def _beside(study: StudySummary, measure: Measure) -> list[CellSummary]:
+    return [cell for who in study.others for cell in study.known(who, study.sequences, measure).values()]
+
+
+def _row_label(study: StudySummary, who: Contender) -> str:
+    """An algorithm's label, with its budget where the study has several of it."""
+    alike = [other for other in study.others if other.algorithm == who.algorithm]
+    label = algorithm_label(who.algorithm)
+    return f"{label}, {who.evaluations:,}" if len(alike) > 1 else label
 
 
 def difference_table(differences: Sequence[ModelDifference], measure: Measure, models: Sequence[int]) -> str:
     """The larger model less the smaller, by algorithm and budget."""
     budgets = sorted({difference.evaluations for difference in differences})
     head = "<th>Algorithm</th>" + "".join(
-        f"<th>{budget:,}: difference</th><th>95 %</th><th>A</th>" for budget in budgets
+        f"<th>{budget:,}: difference</th><th>95 %</th><th>A</th><th>Wilcoxon p</th>" for budget in budgets
     )
     rows = []
     for algorithm, found in groupby(differences, key=lambda difference: difference.algorithm):
@@ -112,18 +151,25 @@ def difference_table(differences: Sequence[ModelDifference], measure: Measure, m
         rows.append(f"<tr><th>{escape(algorithm_label(algorithm))}</th>{cells}</tr>")
     caption = (
         f"{measure.label}{in_unit(measure)} with {models[0]} DOF less that with {models[-1]}, mean over sequences; "
-        f"A is the chance that a run with {models[0]} is better"
+        f"A is the chance that a run with {models[0]} is better; Wilcoxon’s signed-rank test is over the sequences "
+        f"({_blocks(differences)}), two-sided, bold below {ALPHA:g}"
     )
     return _table(caption, head, "".join(rows), kind="differences")
 
 
-def grid_table(caption: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A plain table; the first column names the rows."""
+def _blocks(differences: Sequence[ModelDifference]) -> str:
+    """Over how many sequences the differences are."""
+    numbers = sorted({difference.sequences for difference in differences})
+    return f"{numbers[0]}" if len(numbers) == 1 else f"{numbers[0]} to {numbers[-1]}"
+
+
+def grid_table(caption: str, head: Sequence[str], rows: Iterable[Sequence[str]], kind: str = "") -> str:
+    """A plain table, of a class if need be; the first column names the rows."""
     titles = "".join(f"<th>{escape(title)}</th>" for title in head)
     body = "".join(
         f"<tr><th>{escape(row[0])}</th>{''.join(f'<td>{escape(cell)}</td>' for cell in row[1:])}</tr>" for row in rows
     )
-    return _table(caption, titles, body)
+    return _table(caption, titles, body, kind=kind)
 
 
 def _ranking_cells(row: Row | None) -> str:
@@ -157,12 +203,14 @@ def _mean_and_deviation(
 
 def _difference_cells(difference: ModelDifference | None, measure: Measure) -> str:
     if difference is None:
-        return "<td></td><td></td><td></td>"
+        return "<td></td>" * 4
     text = shown(difference.difference, measure, sign=True)
     decided = difference.interval[0] * difference.interval[1] > 0
+    p = p_value(difference.p)
     return (
         f"<td>{f'<strong>{text}</strong>' if decided else text}</td>"
         f"<td>{interval(difference.interval, measure.decimals)}</td><td>{difference.superiority:.2f}</td>"
+        f"<td>{f'<strong>{p}</strong>' if difference.p < ALPHA else p}</td>"
     )
 
 

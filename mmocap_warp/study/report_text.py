@@ -9,6 +9,17 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from mmocap_warp.study.claims import check_claims
+from mmocap_warp.study.overview import (
+    LOST_LIMB,
+    TextTable,
+    all_trackers,
+    lead_table,
+    missing,
+    radii_table,
+    rank_pairs,
+    strangers_table,
+    which_half,
+)
 from mmocap_warp.study.report_setting import grid_sentence, headline
 from mmocap_warp.study.report_tables import effect_cells, floor_note
 from mmocap_warp.study.statistics import ALPHA
@@ -39,7 +50,7 @@ def markdown_tables(study: StudySummary) -> str:
     main = study.measures[0]
     ranked = [measure for measure in study.measures if measure == main or measure.key in _RANKED_BY]
     title, _ = headline(study, main)
-    parts = [f"# {title}\n\n{grid_sentence(study)}\n", _claims(study, main)]
+    parts = [f"# {title}\n\n{grid_sentence(study)}\n", *_overview(study, main), _claims(study, main)]
     for measure in ranked:
         for number, dof in enumerate(study.models, 4):
             found = [by_algorithm(study, measure, dof, budget) for budget in study.budgets]
@@ -51,6 +62,26 @@ def markdown_tables(study: StudySummary) -> str:
             parts += _tables(found, f"{kind} algorithms by {named(measure)} (as the paper’s Table {number})")
         parts.append(_differences(study, measure))
     return "\n".join(part for part in parts if part)
+
+
+def _overview(study: StudySummary, main: Measure) -> Iterator[str]:
+    """What stands beside the paper's tables."""
+    yield _titled("Our tracker against the best of the others", lead_table(study, study.sequences))
+    yield _titled("All trackers", all_trackers(study))
+    for dof in study.models:
+        yield _titled(f"Ranks by error and by fitness, {dof} DOF", rank_pairs(study, dof))
+    for measure in (main, LOST_LIMB):
+        yield _titled(f"Search radii: {named(measure)}", radii_table(study, measure))
+    yield "".join(f"{sentence}\n" for sentence in which_half(study))
+    yield _titled("People outside the family of bodies", strangers_table(study, main))
+    yield _titled("Our tracker there", lead_table(study, study.strangers))
+    absent = missing(study)
+    if absent:
+        yield "## Not run\n\n" + "".join(f"- {sentence}\n" for sentence in absent)
+
+
+def _titled(title: str, table: TextTable | None) -> str:
+    return f"## {title}\n\n{table.caption}\n\n{_grid(table.head, table.rows)}" if table is not None else ""
 
 
 def _csv_line(cell: CellSummary, measures: Sequence[Measure], main: Measure) -> dict[str, object]:
@@ -106,7 +137,8 @@ def _tables(found: Sequence[Ranking | None], title: str) -> Iterator[str]:
     ]
     for name, of in (("Friedman", _friedman), ("Iman–Davenport F", _iman_davenport), ("Kendall’s W", _kendall)):
         rows.append([cell for ranking in rankings for cell in (name, *of(ranking))] + [""])
-    yield f"## {title}\n\n{_grid([*(['Algorithm', 'Rank', 'p-value'] * len(rankings)), 'Holm'], rows)}"
+    size = ", ".join(f"{ranking.seeds} seeds over {len(ranking.sequences)} sequences" for ranking in rankings)
+    yield f"## {title}\n\n{size}.\n\n{_grid([*(['Algorithm', 'Rank', 'p-value'] * len(rankings)), 'Holm'], rows)}"
     head = ["Algorithm", f"mean{in_unit(rankings[0].measure)}", "95 %", "rank", "95 %", "Holm-adjusted p", "A"]
     effects = [effect_cells(row, ranking.measure) for ranking in rankings for row in ranking.rows]
     yield _grid(head, effects)
@@ -140,13 +172,16 @@ def _differences(study: StudySummary, measure: Measure) -> str:
             shown(found.difference, measure, sign=True),
             interval(found.interval, measure.decimals),
             f"{found.superiority:.2f}",
+            p_value(found.p),
+            f"{found.sequences}",
         ]
         for found in model_differences(study, measure)
     ]
     if not rows:
         return ""
+    head = ("Algorithm", "evaluations", "difference", "95 %", "A", "Wilcoxon p", "sequences")
     title = f"## {study.models[0]} less {study.models[-1]} DOF: {named(measure)}{in_unit(measure)}"
-    return f"{title}\n\n{_grid(('Algorithm', 'evaluations', 'difference', '95 %', 'A'), rows)}"
+    return f"{title}\n\n{_grid(head, rows)}"
 
 
 def _grid(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

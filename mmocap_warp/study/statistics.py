@@ -13,6 +13,8 @@ import numpy as np
 ALPHA = 0.05
 CONFIDENCE = 0.95
 RESAMPLES = 1000
+FEWEST_PAIRS = 6
+"""Of fewer, no signed-rank test is significant, however the differences fall."""
 
 
 def ranks(scores: np.ndarray) -> np.ndarray:
@@ -132,6 +134,17 @@ def could_reject(algorithms: int, blocks: int) -> bool:
     """Whether Holm's procedure could tell any from the control: the worst in every block from the best in every one."""
     furthest = against_control(np.linspace(1.0, algorithms, algorithms), blocks)[-1]
     return furthest.rejected
+
+
+def signed_rank(pairs: np.ndarray) -> float:
+    """Wilcoxon's signed-rank test of (block, 2) scores: the two-sided p-value; 1 where all pairs are ties.
+
+    Exact where there are no ties. Of nine blocks it is at least 0.0039, and 0.0078 with one against the rest.
+    """
+    from scipy.stats import wilcoxon
+
+    difference = pairs[:, 0] - pairs[:, 1]
+    return float(wilcoxon(difference).pvalue) if difference.any() else 1.0
 
 
 def superiority(runs: np.ndarray, others: np.ndarray) -> float:

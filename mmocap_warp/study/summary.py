@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from mmocap_warp.result.pose_errors import nanmean
 from mmocap_warp.study.cell import Cell, CellResult
+from mmocap_warp.study.further_clips import FURTHER_PLANS
 from mmocap_warp.study.paper import ALGORITHM_ORDER
-from mmocap_warp.tracking.algorithms import ALGORITHMS
+from mmocap_warp.study.wording import BASELINES, algorithm_label
+from mmocap_warp.synthesis.strangers import STRANGERS
+from mmocap_warp.tracking.algorithms import ALGORITHMS, CONTOUR_TRACKERS
 
 
 @dataclass(frozen=True)
@@ -58,6 +61,27 @@ EQ_20 = ("eq20_as_printed", "marker_error")
 """The two readings of the paper's Eq. 20, see :mod:`mmocap_warp.result.marker_errors`."""
 
 _COUNTS = ("limb_lost", "frames_lost")  # of frames; shown as a share of them
+_OF_STRANGERS = frozenset(name for name, plan in FURTHER_PLANS.items() if plan.person in STRANGERS)
+
+
+@dataclass(frozen=True, order=True)
+class Contender:
+    """One of the trackers that are compared: an algorithm with a model and a budget.
+
+    Attributes:
+        algorithm, dof, evaluations: see ``Cell``.
+    """
+
+    algorithm: str
+    dof: int
+    evaluations: int
+
+    def __str__(self) -> str:
+        """The paper's ALG(DOF, EVAL); of a baseline, its name."""
+        label = algorithm_label(self.algorithm)
+        if self.algorithm in BASELINES:
+            return label
+        return f"{label}{'' if _is_search(self.algorithm) else ' '}({self.dof},{self.evaluations})"
 
 
 @dataclass(frozen=True)
@@ -142,11 +166,20 @@ def with_typical_pose(result: CellResult) -> CellResult:
 class StudySummary:
     """All cells of a study, and the grid that those of its main preset span.
 
+    The grid is what the paper compares: searches with the body as given, of people in the family of the tracker's
+    bodies. Beside it stand other trackers, strangers and baselines.
+
     Attributes:
         cells: summary by cell, of all presets; the grid may have gaps.
+        baselines: what needs no tracking, by sequence and a name of ``BASELINES``.
+        alone: seconds that a frame takes where a single run is tracked at a time, by contender; empty where unknown.
+        planned: the cells that should be there, as far as that is known.
     """
 
     cells: dict[Cell, CellSummary]
+    baselines: Mapping[tuple[str, str], CellSummary] = field(default_factory=dict)
+    alone: Mapping[Contender, float] = field(default_factory=dict)
+    planned: frozenset[Cell] = frozenset()
 
     @classmethod
     def of(cls, results: Iterable[CellResult]) -> StudySummary:
@@ -173,24 +206,44 @@ class StudySummary:
         return sorted({cell.preset for cell in self.cells}, key=lambda preset: (preset != self.preset, preset))
 
     @cached_property
-    def _grid(self) -> list[Cell]:
-        return [cell for cell in self.cells if cell.preset == self.preset]
+    def grid(self) -> list[Cell]:
+        """The cells of the main preset that are compared as the paper does; all of them where none is such."""
+        main = [cell for cell in self.cells if cell.preset == self.preset]
+        searches = [cell for cell in main if _is_search(cell.algorithm)] or main
+        return [cell for cell in searches if cell.sequence not in _OF_STRANGERS] or searches
+
+    @cached_property
+    def others(self) -> list[Contender]:
+        """Trackers of the main preset that are not of the grid: ours. The body solved before the body as given."""
+        names = {cell.algorithm for cell in self.grid}
+        found = {
+            Contender(cell.algorithm, cell.dof, cell.evaluations)
+            for cell in self.cells
+            if cell.preset == self.preset and cell.algorithm not in names
+        }
+        order = [*CONTOUR_TRACKERS, *ALGORITHMS]
+
+        def place(who: Contender) -> tuple[bool, int, Contender]:
+            name = who.algorithm.partition("+")[0]
+            return "+solved" not in who.algorithm, order.index(name) if name in order else len(order), who
+
+        return sorted(found, key=place)
 
     @cached_property
     def sequences(self) -> list[str]:
-        """Grouped by action: Walking, Gestures, Box, then others; by subject within."""
-        actions = ("Walking", "Gestures", "Box")
+        """Of the grid."""
+        return _in_action_order(cell.sequence for cell in self.grid)
 
-        def place(sequence: str) -> tuple[int, str, str]:
-            subject, _, action = sequence.rpartition("/")
-            return actions.index(action) if action in actions else len(actions), action, subject
-
-        return sorted({cell.sequence for cell in self._grid}, key=place)
+    @cached_property
+    def strangers(self) -> list[str]:
+        """Sequences of people outside the family of the tracker's bodies, which stand apart from the grid."""
+        main = {cell.sequence for cell in self.cells if cell.preset == self.preset}
+        return _in_action_order((main & _OF_STRANGERS) - set(self.sequences))
 
     @cached_property
     def algorithms(self) -> list[str]:
         """In order, see :func:`in_order`."""
-        return in_order(cell.algorithm for cell in self._grid)
+        return in_order(cell.algorithm for cell in self.grid)
 
     @cached_property
     def hierarchical(self) -> list[str]:
@@ -205,12 +258,12 @@ class StudySummary:
     @cached_property
     def models(self) -> list[int]:
         """Degrees of freedom, the most first."""
-        return sorted({cell.dof for cell in self._grid}, reverse=True)
+        return sorted({cell.dof for cell in self.grid}, reverse=True)
 
     @cached_property
     def budgets(self) -> list[int]:
         """Evaluations per frame, ascending."""
-        return sorted({cell.evaluations for cell in self._grid})
+        return sorted({cell.evaluations for cell in self.grid})
 
     @cached_property
     def measures(self) -> list[Measure]:
@@ -225,19 +278,55 @@ class StudySummary:
     def find(
         self, sequence: str, algorithm: str, dof: int, evaluations: int, preset: str | None = None
     ) -> CellSummary | None:
-        """A cell, of the main preset unless another is named; None where the grid has a gap."""
+        """A cell, of the main preset unless another is named; None where the grid has a gap.
+
+        A baseline is the same for every model and budget.
+        """
+        if algorithm in BASELINES:
+            return self.baselines.get((sequence, algorithm))
         return self.cells.get(Cell(sequence, algorithm, dof, evaluations, preset or self.preset))
+
+    def known(self, who: Contender, sequences: Iterable[str], measure: Measure) -> dict[str, CellSummary]:
+        """A contender's cells of the main preset by sequence, where the measure is known of them."""
+        found = {name: self.find(name, who.algorithm, who.dof, who.evaluations) for name in sequences}
+        return {name: cell for name, cell in found.items() if cell is not None and measure.key in cell.runs}
 
     def floor(self, measure: Measure, sequences: Iterable[str]) -> float:
         """What the tracked bodies score at the true angles, mean over sequences; NaN where one's is unknown."""
-        of = {cell.sequence: self.cells[cell].floors.get(measure.key, np.nan) for cell in self._grid}
+        of = {cell.sequence: self.cells[cell].floors.get(measure.key, np.nan) for cell in self.grid}
         return float(np.mean([of[sequence] for sequence in sequences]))
+
+
+def seconds_alone(results: Iterable[CellResult]) -> dict[Contender, float]:
+    """Seconds that a frame takes, by contender: mean over its results, each of a run that was tracked alone."""
+    of: dict[Contender, list[float]] = {}
+    for result in results:
+        cell, seconds = result.cell, float(np.mean(result.per_run["seconds"]))
+        who = Contender(cell.algorithm, cell.dof, cell.evaluations)
+        of.setdefault(who, []).append(seconds / (len(result.frames) * len(result.seeds)))
+    return {who: float(np.mean(each)) for who, each in of.items()}
 
 
 def in_order(algorithms: Iterable[str]) -> list[str]:
     """Each algorithm once: the paper's as in its Table 4, then others as they are registered, then the rest."""
     order = [*ALGORITHM_ORDER, *ALGORITHMS]
     return sorted(set(algorithms), key=lambda name: (order.index(name) if name in order else len(order), name))
+
+
+def _is_search(algorithm: str) -> bool:
+    """Whether a tracker searches and does nothing else, with the body as given."""
+    return "+" not in algorithm and algorithm not in CONTOUR_TRACKERS
+
+
+def _in_action_order(sequences: Iterable[str]) -> list[str]:
+    """Each once, grouped by action: Walking, Gestures, Box, then others; by subject within."""
+    actions = ("Walking", "Gestures", "Box")
+
+    def place(sequence: str) -> tuple[int, str, str]:
+        subject, _, action = sequence.rpartition("/")
+        return actions.index(action) if action in actions else len(actions), action, subject
+
+    return sorted(set(sequences), key=place)
 
 
 def _values(result: CellResult, measure: Measure) -> np.ndarray:

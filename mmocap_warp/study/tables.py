@@ -17,27 +17,14 @@ from mmocap_warp.study.statistics import (
     friedman,
     ranks,
     resampled_means,
+    signed_rank,
     superiority,
     tie_variance,
 )
-from mmocap_warp.study.summary import CellSummary, Measure, StudySummary
-from mmocap_warp.study.wording import algorithm_label
+from mmocap_warp.study.summary import CellSummary, Contender, Measure, StudySummary
 
 FEWEST_SEQUENCES = 3
 """Of fewer, nothing is said about sequences in general."""
-
-
-@dataclass(frozen=True)
-class Contender:
-    """One of the trackers that a ranking compares: an algorithm with a model and a budget."""
-
-    algorithm: str
-    dof: int
-    evaluations: int
-
-    def __str__(self) -> str:
-        """The paper's ALG(DOF, EVAL)."""
-        return f"{algorithm_label(self.algorithm)}({self.dof},{self.evaluations})"
 
 
 @dataclass(frozen=True)
@@ -72,6 +59,7 @@ class Ranking:
         test: Friedman's and what belongs to it; None with fewer than two sequences.
         sequences: the blocks: those that every contender has tracked.
         left_out: those that some have not.
+        absent: contenders that have tracked fewer than half as many sequences as others, and do not count.
         seeds: how many runs of each cell count.
     """
 
@@ -80,6 +68,7 @@ class Ranking:
     test: Omnibus | None
     sequences: tuple[str, ...]
     left_out: tuple[str, ...]
+    absent: tuple[Contender, ...]
     seeds: int
 
     @property
@@ -108,10 +97,13 @@ def by_model(study: StudySummary, measure: Measure, algorithm: str) -> Ranking |
 def rank(study: StudySummary, measure: Measure, contenders: list[Contender]) -> Ranking | None:
     """Rank the contenders that the study has, over the sequences that all of them have tracked.
 
-    None with fewer than two contenders, or without a sequence that all have tracked.
+    A contender that has tracked fewer than half as many sequences as another one is left out, so that those that have
+    hardly begun do not take the others' sequences away. None with fewer than two contenders, or without a sequence that
+    all have tracked.
     """
-    found = {contender: _cells(study, measure, contender) for contender in contenders}
-    found = {contender: cells for contender, cells in found.items() if cells}
+    known = {contender: study.known(contender, study.sequences, measure) for contender in contenders}
+    most = max((len(cells) for cells in known.values()), default=0)
+    found = {contender: cells for contender, cells in known.items() if 2 * len(cells) >= most > 0}
     shared = [name for name in study.sequences if all(name in cells for cells in found.values())]
     if len(found) < 2 or not shared:
         return None
@@ -145,6 +137,7 @@ def rank(study: StudySummary, measure: Measure, contenders: list[Contender]) -> 
         test=friedman(average, len(shared), tie_variance(of_blocks)) if len(shared) > 1 else None,
         sequences=tuple(shared),
         left_out=tuple(name for name in study.sequences if name not in shared),
+        absent=tuple(contender for contender, cells in known.items() if cells and contender not in found),
         seeds=seeds,
     )
 
@@ -158,6 +151,8 @@ class ModelDifference:
         difference: of the measure's means, the larger model's less the smaller's.
         interval: bootstrap interval of that.
         superiority: the chance that a run with the larger model is better than one with the smaller.
+        p: Wilcoxon's signed-rank test over the sequences, two-sided; NaN with fewer than ``FEWEST_SEQUENCES``.
+        sequences: how many there are.
     """
 
     algorithm: str
@@ -165,6 +160,8 @@ class ModelDifference:
     difference: float
     interval: tuple[float, float]
     superiority: float
+    p: float
+    sequences: int
 
 
 def model_differences(study: StudySummary, measure: Measure) -> list[ModelDifference]:
@@ -175,7 +172,10 @@ def model_differences(study: StudySummary, measure: Measure) -> list[ModelDiffer
     found = []
     for algorithm in study.algorithms:
         for budget in study.budgets:
-            pair = {dof: _cells(study, measure, Contender(algorithm, dof, budget)) for dof in (larger, smaller)}
+            pair = {
+                dof: study.known(Contender(algorithm, dof, budget), study.sequences, measure)
+                for dof in (larger, smaller)
+            }
             shared = [name for name in study.sequences if all(name in cells for cells in pair.values())]
             if not shared:
                 continue
@@ -190,17 +190,11 @@ def model_differences(study: StudySummary, measure: Measure) -> list[ModelDiffer
                     float((scores[:, 0] - scores[:, 1]).mean()),
                     (float(low), float(high)),
                     superiority(lower[:, 0], lower[:, 1]),
+                    signed_rank(scores.mean(axis=2)) if len(shared) >= FEWEST_SEQUENCES else np.nan,
+                    len(shared),
                 )
             )
     return found
-
-
-def _cells(study: StudySummary, measure: Measure, contender: Contender) -> dict[str, CellSummary]:
-    """What a contender has tracked, by sequence, as far as it is known how well."""
-    found = {
-        name: study.find(name, contender.algorithm, contender.dof, contender.evaluations) for name in study.sequences
-    }
-    return {name: cell for name, cell in found.items() if cell is not None and measure.key in cell.runs}
 
 
 def _scores(

@@ -2,20 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mmocap_warp.study.summary import Measure
 from mmocap_warp.tracking.algorithms import ALGORITHMS
 
+if TYPE_CHECKING:
+    from mmocap_warp.study.summary import CellSummary, Measure
+
+BASELINES = {"stands-still": "stands still", "constant-velocity": "constant velocity"}
+"""What no tracker should fall behind, with their labels, see :mod:`mmocap_warp.study.baselines`."""
+
+_EXTRAS = {"polish": " + polish", "solved": ", body solved"}
 _MINUS = "\N{MINUS SIGN}"
 _NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
 
 
 def algorithm_label(name: str) -> str:
     """An algorithm's label; its name alone where this process has not registered it, as another may have tracked it."""
-    return ALGORITHMS[name].label if name in ALGORITHMS else name
+    if name in BASELINES:
+        return BASELINES[name]
+    base, *extras = name.split("+")
+    label = ALGORITHMS[base].label if base in ALGORITHMS else base
+    return label + "".join(_EXTRAS.get(extra, f"+{extra}") for extra in extras)
+
+
+def mark_class(name: str) -> str:
+    """The class of an algorithm's marks in figures."""
+    return "a-" + name.replace("+", "-")
+
+
+def extent(cells: Iterable[CellSummary]) -> str:
+    """How many seeds and frames cells have, as every caption says."""
+    sizes = [(len(cell.seeds), len(cell.frames)) for cell in cells]
+    seeds, frames = (sorted(set(each)) for each in zip(*sizes, strict=True))
+    return f"{_from_to(seeds)} seed{'' if seeds == [1] else 's'}, {_from_to(frames)} frames a sequence"
+
+
+def _from_to(values: Sequence[int]) -> str:
+    return f"{values[0]:,}" if len(values) == 1 else f"{values[0]:,} to {values[-1]:,}"
 
 
 def p_value(p: float) -> str:

@@ -42,21 +42,21 @@ class Followed:
         observation: of each frame.
         rooted: the poses.
         cost: (frame,) float64, of the tracker's answers.
-        around: the poses before and after each. They move on a straight line: while a body is solved they stay, and
-            with a bend a frame that moves would be pulled back to them.
+        around: the poses before and after each, for late views. They move on a straight line: while a body is solved
+            they stay, and with a bend a frame that moves would be pulled back to them.
     """
 
     observation: list[Observation]
     rooted: RootedPoses
     cost: np.ndarray
-    around: Around
+    around: Around | None = None
 
     def spread(self, count: int) -> Followed:
         """At most ``count`` of the frames, evenly spread, with the first."""
         chosen = np.unique(np.linspace(0, len(self.rooted) - 1, count).round().astype(int))
-        return Followed(
-            [self.observation[frame] for frame in chosen], self.rooted[chosen], self.cost[chosen], self.around[chosen]
-        )
+        observed = [self.observation[frame] for frame in chosen]
+        around = self.around[chosen] if self.around else None
+        return Followed(observed, self.rooted[chosen], self.cost[chosen], around)
 
 
 def frames_to_follow(fps: float, available: int) -> range:

@@ -154,6 +154,10 @@ VERDICTS = [
     ("39 degrees", MOSTLY, {"error": with_(other_model, one_of("h-de", "de"))}, "H-DE 0 of 3 (−10.0 mm)"),
     ("39 degrees", DIFFERS, {"error": with_(other_model, one_of("h-de", "de", "pso"))}, "PSO 0 of 3"),
     ("39 degrees", UNTESTED, {"models": (39,)}, "no case"),
+    ("39 are significantly", FAILS, {"error": with_(other_model, one_of("h-de"))}, "H-DE 0 of 3 (worse: 3), DE 3 of 3"),
+    ("39 are significantly", AGREES, {"error": with_(other_model, one_of("cmaes"))}, "CMAES 0 of 3 (worse: 3)"),
+    ("39 are significantly", TOO_FEW, {"sequences": SEQUENCES[:5]}, "Too few for that: five sequences."),
+    ("39 are significantly", UNTESTED, {"models": (39,)}, "no case"),
     ("28 degrees", MOSTLY, {"error": with_(other_model, at("apf", 39, 500))}, "APF 0 of 3 (−6.7 mm), PSAPF 0 of 3"),
     ("28 degrees", DIFFERS, {"error": with_(other_model, one_of("psapf"))}, "APF 0 of 3 (−10.0 mm), PSAPF 3 of 3"),
     ("28 degrees", UNTESTED, {"models": (28,)}, "no case"),
@@ -200,7 +204,7 @@ def finding_of(study, claim, measure="marker_error", by=None):
 
 def test_all_agrees_where_all_that_the_paper_says_holds():
     findings = check_claims(planted(), MEASURE["marker_error"])
-    assert len(findings) == 13
+    assert len(findings) == 14
     assert {finding.verdict for finding in findings} == {AGREES}
     assert {finding.claim.split()[0] for finding in findings} >= {claim.split()[0] for claim, *_ in VERDICTS}
 
@@ -216,7 +220,7 @@ def test_where_more_is_better_the_same_holds():
     """By an overlap that falls as the error grows."""
     study = planted(iou=lambda cell: 1 - error(cell) / 2000)
     verdicts = [found.verdict for found in check_claims(study, MEASURE["iou"]) if found.by == "overlap (IoU)"]
-    assert verdicts == [AGREES] * 12
+    assert verdicts == [AGREES] * 13
     gain = finding_of(study, "39 degrees", "iou").evidence
     assert "H-CMAES 3 of 3 (+0.005)" in gain
 
@@ -231,9 +235,9 @@ def test_rankings_are_judged_by_fitness_beside_error():
     findings = check_claims(study, MEASURE["marker_error"])
     place = findings.index(by_error)
     assert findings[place + 1] == by_fitness
-    assert len([finding for finding in findings if finding.by == "fitness (Eq. 5)"]) == 8
+    assert len([finding for finding in findings if finding.by == "fitness (Eq. 5)"]) == 9
     alone = check_claims(study, MEASURE["cost"])
-    assert [finding.by for finding in alone].count("fitness (Eq. 5)") == 12
+    assert [finding.by for finding in alone].count("fitness (Eq. 5)") == 13
 
 
 @pytest.mark.parametrize("sequences", [("S1/Walking",), ("S1/Walking", "S2/Box")])

@@ -265,6 +265,17 @@ def test_a_gap_in_the_grid_leaves_its_sequence_out(study):
     assert "left out of the ranking" in Page(render(StudySummary(cells), {})).text
 
 
+def test_who_has_hardly_begun_takes_no_sequence_from_the_others():
+    results = made_up_study(SEQUENCES[:5], models=(39,), budgets=(500,), seeds=2, frames=10)
+    study = StudySummary.of(
+        each for each in results if each.cell.algorithm != "de" or each.cell.sequence == SEQUENCES[0]
+    )
+    ranking = by_algorithm(study, MARKER_ERROR, 39, 500)
+    assert (len(ranking.rows), len(ranking.sequences)) == (7, 5)
+    assert [str(who) for who in ranking.absent] == ["DE(39,500)"]
+    assert "DE(39,500) tracked too few sequences" in Page(render(study, {})).text
+
+
 def test_only_seeds_that_all_have_count():
     results = list(made_up_study(SEQUENCES[:2], algorithms=("cmaes", "de"), models=(39,), budgets=(500,), seeds=5))
     results[0] = made_up_result(results[0].cell, 3, 60)
@@ -424,6 +435,29 @@ def test_the_command_writes_page_tables_and_cells(results, tmp_path, capsys):
     assert "H-CMAES(39,500) | 1.000" in (tmp_path / "tables.md").read_text(encoding="utf-8")
     assert main(["study", "report", str(results), "-o", str(page)]) == BAD_INPUT
     assert main(["study", "report", str(results), "-o", str(page), "--force"]) == OK
+
+
+def test_several_folders_make_one_page_and_a_study_says_what_is_missing(results, tmp_path, capsys):
+    """Times come from a folder of their own, whose results stand in no other table."""
+    more, alone = tmp_path / "more", tmp_path / "alone"
+    for folder, seeds in ((more, 3), (alone, 1)):
+        folder.mkdir()
+        for result in made_up_study(SEQUENCES[:2], ("de",), (39,), (500,), seeds=seeds, frames=12):
+            write_cell(result_path(folder, result.cell, "0" * 20), result)
+    definition = tmp_path / "planned.toml"
+    definition.write_text(
+        f'[study]\n[[grid]]\nsequences = ["{SEQUENCES[0]}"]\nalgorithms = ["de", "pso"]\n'
+        "dof = [39]\nevaluations = [500]\n"
+    )
+    page = tmp_path / "report.html"
+    command = ["study", "report", str(results), str(more), "--alone", str(alone), "--study", str(definition)]
+    assert main([*command, "-o", str(page), "--json"]) == OK
+    assert json.loads(capsys.readouterr().out)["results"] == 6
+    text = Page(page.read_text(encoding="utf-8")).text
+    assert "39 DOF, 500 evaluations, preset recording: 1 of 2 cells was not run (PSO: all)." in text
+    assert "Milliseconds per frame of one run tracked alone" in text
+    lines = list(csv.DictReader(io.StringIO((tmp_path / "results.csv").read_text(encoding="utf-8"))))
+    assert {line["seeds"] for line in lines} == {"3"}
 
 
 def test_results_of_different_code_are_not_mixed_without_a_word(results, tmp_path, capsys):

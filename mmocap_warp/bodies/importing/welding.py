@@ -16,21 +16,31 @@ def welded(mesh: RiggedMesh) -> RiggedMesh:
 
     Of vertices that are joined the weights are averaged; rigid parts are not joined to each other. Vertices of no
     triangle are left out.
+
+    Raises:
+        ValueError: a mesh of no extent.
     """
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
-    count = len(mesh.vertex)
-    tolerance = _SAME * float(np.ptp(mesh.vertex, axis=0).max())
-    apart = mesh.influence[:, :1].astype(float) if mesh.rigid else np.zeros((count, 0))
-    near = cKDTree(np.concatenate([mesh.vertex / tolerance, 2 * apart], axis=1)).query_pairs(1.0, output_type="ndarray")
-    joined = coo_matrix((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(count, count))
-    _, place = connected_components(joined, directed=False)
+    extent = float(np.ptp(mesh.vertex, axis=0).max())
+    if not 0 < extent < np.inf:
+        raise ValueError("the mesh has no extent")
+    tolerance = _SAME * extent
+    apart = mesh.influence[:, :1].astype(float) if mesh.rigid else np.zeros((len(mesh.vertex), 0))
+    scaled = np.concatenate([mesh.vertex / tolerance, 2 * apart], axis=1)
+    # cells first: what lies in one is joined anyhow, and pairs stay few wherever vertices crowd
+    _, first, cell = np.unique(np.round(2 * scaled), axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first)  # as the file has them
+    first, cell = first[order], np.argsort(order)[cell]
+    near = cKDTree(scaled[first]).query_pairs(1.0, output_type="ndarray")
+    joined = coo_matrix((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(len(first), len(first)))
+    place = connected_components(joined, directed=False)[1][cell.ravel()]
     face = place[mesh.face]
     face = face[(face[:, 0] != face[:, 1]) & (face[:, 1] != face[:, 2]) & (face[:, 2] != face[:, 0])]
-    _, first = np.unique(np.sort(face, axis=1), axis=0, return_index=True)
-    kept, face = np.unique(face[np.sort(first)], return_inverse=True)
+    _, whole = np.unique(np.sort(face, axis=1), axis=0, return_index=True)
+    kept, face = np.unique(face[np.sort(whole)], return_inverse=True)
 
     # of vertices at one place all influences are taken, by the mean
     dense = np.zeros((place.max() + 1, len(mesh.joints)))

@@ -153,6 +153,7 @@ def _character(document: _Document, path: Path) -> RiggedMesh:
     vertex, face, influence, weight = _joined(parts)
     ordered = [joint_node[joint] for joint in order]
     rest = node_worlds(nodes, above)
+    motions, notes = node_motions(document.list("animations"), document.array, nodes, above, ordered)
     scene = _scene_from_bind(bind[order], rest[ordered], rest[skinned[0][0]])
     return RiggedMesh(
         name=str(skinned[0][1].get("name") or path.stem),
@@ -163,8 +164,9 @@ def _character(document: _Document, path: Path) -> RiggedMesh:
         face=face,
         influence=influence,
         weight=weight,
-        motions=node_motions(document.list("animations"), document.array, nodes, above, ordered),
+        motions=motions,
         attribution=str(document.json.get("asset", {}).get("copyright", "")),
+        notes=tuple(notes),
     )
 
 

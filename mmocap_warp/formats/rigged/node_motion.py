@@ -10,7 +10,7 @@ import numpy as np
 from mmocap_warp.formats.rigged.rigged_mesh import RiggedMotion, parents_first
 
 _FPS = 60.0
-_LONGEST = 36000  # frames: ten minutes
+_MOST = 400_000  # transforms of nodes in all frames of an animation: a minute of a hundred nodes
 
 
 def node_worlds(nodes: Sequence[dict[str, Any]], above: list[int]) -> np.ndarray:
@@ -25,8 +25,8 @@ def node_motions(
     nodes: Sequence[dict[str, Any]],
     above: list[int],
     joints: Sequence[int],
-) -> dict[str, RiggedMotion]:
-    """Each animation's joints, by the animation's name; those without keys are left out.
+) -> tuple[dict[str, RiggedMotion], list[str]]:
+    """Each animation's joints, by the animation's name, and notes on what is too long; without keys it is left out.
 
     Args:
         animations: the file's.
@@ -36,6 +36,7 @@ def node_motions(
         joints: the nodes that are wanted.
     """
     motions: dict[str, RiggedMotion] = {}
+    notes = []
     for number, animation in enumerate(animations):
         channels = []
         for channel in animation["channels"]:
@@ -45,18 +46,22 @@ def node_motions(
                 channels.append((target["node"], target["path"], sampler.get("interpolation", "LINEAR"), *keys))
         if channels:
             name = str(animation.get("name") or f"animation{number}")
-            motions[name] = RiggedMotion(_FPS, _sampled(channels, nodes, above)[:, list(joints)])
-    return motions
+            last = max(float(time[-1]) for *_, time, _ in channels)
+            if not 0 <= last * _FPS * len(nodes) < _MOST:
+                notes.append(f"motion {name} lasts {last:g} s: left out")
+                continue
+            frames = round(last * _FPS) + 1
+            motions[name] = RiggedMotion(_FPS, _sampled(channels, frames, nodes, above)[:, list(joints)])
+    return motions, notes
 
 
 def _sampled(
-    channels: list[tuple[int, str, str, np.ndarray, np.ndarray]], nodes: Sequence[dict[str, Any]], above: list[int]
+    channels: list[tuple[int, str, str, np.ndarray, np.ndarray]],
+    frames: int,
+    nodes: Sequence[dict[str, Any]],
+    above: list[int],
 ) -> np.ndarray:
     """(frame, node, 4, 4): the scene from each node."""
-    last = max(float(time[-1]) for *_, time, _ in channels)
-    frames = round(last * _FPS) + 1
-    if not 0 < frames <= _LONGEST:
-        raise ValueError(f"an animation lasts {last:g} seconds")
     when = np.arange(frames) / _FPS
     moved = {(node, path): _at(when, time, value, how, path) for node, path, how, time, value in channels}
     local = np.zeros((frames, len(nodes), 4, 4))
@@ -123,9 +128,8 @@ def _composed(translation: np.ndarray, rotation: np.ndarray, scale: np.ndarray) 
 
 
 def _worlds(local: np.ndarray, above: list[int]) -> np.ndarray:
-    """(frame, node, 4, 4): transforms relative to the node above, multiplied from the roots outwards."""
-    world = local.copy()
+    """(frame, node, 4, 4): transforms relative to the node above, multiplied in place from the roots outwards."""
     for node in parents_first(above):
         if above[node] >= 0:
-            world[:, node] = world[:, above[node]] @ local[:, node]
-    return world
+            local[:, node] = local[:, above[node]] @ local[:, node]
+    return local

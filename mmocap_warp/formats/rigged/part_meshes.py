@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import struct
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -12,6 +14,10 @@ import numpy as np
 from mmocap_warp.errors import InputError
 
 _MATERIALS = ("library_effects", "library_materials", "library_images", "bind_material")
+_ERRORS = (  # of trimesh's readers, which have no error of their own
+    *(ArithmeticError, AssertionError, AttributeError, LookupError, MemoryError, RuntimeError),
+    *(SyntaxError, TypeError, ValueError, struct.error),
+)
 _KINDS = ("stl", "obj", "ply", "dae", "glb")
 
 
@@ -33,7 +39,7 @@ def part_mesh(path: Path, source: object) -> tuple[np.ndarray, np.ndarray]:
         raise
     except ImportError as error:
         raise InputError(path, f"needs a package ({error})", "pip install 'mmocap-warp[robots]'") from None
-    except Exception as error:  # readers of several formats, each with its own
+    except _ERRORS as error:
         raise InputError(path, f"cannot be read ({type(error).__name__}: {error})", "write it again as .stl") from None
     if not sound:
         raise InputError(path, "holds no sound triangles", "write it again as .stl")
@@ -44,9 +50,20 @@ def _by_trimesh(data: bytes, kind: str, path: Path) -> tuple[np.ndarray, np.ndar
     """From memory, so that no file that it names is looked for."""
     import trimesh
 
-    data = _plain_collada(data, path) if kind == "dae" else data
-    mesh: Any = trimesh.load(io.BytesIO(data), file_type=kind, force="mesh", process=False, skip_materials=True)
+    def loaded(content: bytes) -> Any:
+        return trimesh.load(io.BytesIO(content), file_type=kind, force="mesh", process=False, skip_materials=True)
+
+    mesh = _collada(data, path, loaded) if kind == "dae" else loaded(data)
     return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)
+
+
+def _collada(data: bytes, path: Path, loaded: Callable[[bytes], Any]) -> Any:
+    from collada.common import DaeError
+
+    try:
+        return loaded(_plain_collada(data, path))
+    except DaeError as error:  # which is not one of Python's
+        raise ValueError(str(error)) from error
 
 
 def _wavefront(data: bytes) -> tuple[np.ndarray, np.ndarray]:

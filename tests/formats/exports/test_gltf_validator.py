@@ -9,7 +9,10 @@ from pathlib import Path
 import pytest
 from synthetic import synthetic_result
 
+from mmocap_warp.bodies.shipped import body_file
+from mmocap_warp.formats.exports.glb import write_body_glb
 from mmocap_warp.formats.table import export
+from mmocap_warp.formats.usd.body import read_body, read_motions
 
 SCRIPT = """
 const validator = require("gltf-validator"), bytes = require("fs").readFileSync(process.argv[1]);
@@ -26,3 +29,11 @@ def test_the_validator_finds_nothing(tmp_path: Path, frames: int) -> None:
     assert report["issues"]["messages"] == []
     assert report["info"]["hasSkins"]
     assert report["info"]["animationCount"] == 1
+
+
+def test_nor_in_a_body_with_its_own_motions(tmp_path: Path) -> None:
+    write_body_glb(read_body(body_file("fox")), read_motions(body_file("fox")), tmp_path / "fox.glb")
+    command = ["node", "-e", SCRIPT, str(tmp_path / "fox.glb")]
+    report = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    assert report["issues"]["messages"] == []
+    assert report["info"]["animationCount"] == 3

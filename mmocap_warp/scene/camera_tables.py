@@ -1,0 +1,196 @@
+"""Reading the cameras of a ``scene.toml``: where their images lie, and when they were taken."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from mmocap_warp.foreground.frames import VideoFile, open_frames, open_image
+from mmocap_warp.foreground.mask_files import open_masks
+from mmocap_warp.formats.table import read_calibration
+from mmocap_warp.formats.toml_table import Table, is_number
+from mmocap_warp.scene.mask_mark import read_mark
+from mmocap_warp.scene.recording import CameraSource
+from mmocap_warp.views.rig import CameraRig, check_rig
+
+_SAME_RATE = 0.005
+"""Rates that differ by less than this share are one rate: video of 59.94 frames a second is called one of 60."""
+
+_WHOLE = 0.01  # of a frame, by which an offset may differ from whole frames and still be whole
+_MOST_FRAMES = 1e8  # of an offset
+
+Opened = TypeVar("Opened")
+
+
+def fastest(cameras: dict[str, Table], scene: Path, about: Table) -> float:
+    """The rate of the fastest camera, of those that tell theirs."""
+    rates = [rate for camera in cameras.values() if is_number(rate := camera.peek("fps"))]
+    videos = [video for camera in cameras.values() if isinstance(video := camera.peek("video"), str)]
+    opened = [open_frames(scene.parent / video) for video in videos]
+    rates += [video.fps for video in opened if isinstance(video, VideoFile)]
+    if not max(rates, default=0.0) > 0:
+        raise about.error("'fps' is missing", "add fps = ... (a number), of the recording or of each camera")
+    return float(max(rates))
+
+
+def read_cameras(
+    table: Table,
+    tables: dict[str, Table],
+    scene: Path,
+    calibration: Path | None,
+    units: str | None,
+    up: str,
+    fps: float,
+) -> tuple[tuple[CameraSource, ...], CameraRig]:
+    """The cameras of a scene and their rig.
+
+    Args:
+        table: [cameras], from which all other keys were taken.
+        tables: of each camera, by name.
+        scene: the file.
+        calibration: its file or folder; None for none.
+        units: of its lengths, where the scene tells.
+        up: the scene's vertical.
+        fps: the scene's.
+
+    Raises:
+        InputError: wrong keys, files that cannot be read, or rates that disagree.
+    """
+    table.finish()
+    if not tables:
+        raise table.error("no camera is named", "add a table [cameras.<name>] for each, named as in the calibration")
+    stated = {name for name, camera in tables.items() if camera.has("fps")}
+    sources = tuple(_read_source(camera, name, scene, fps) for name, camera in tables.items())
+    by_file = [source for source in sources if source.name not in stated]
+    for source in by_file:
+        _check_rate(source, fps, tables[source.name])
+    _check_drift(by_file, fps, table)
+    if calibration is None:
+        return _as_recorded(sources, up, table)
+    shifts = np.array([source.centre_shift for source in sources])
+    sizes = {source.name: size for source in sources if (size := _recorded_size(source)) is not None}
+    rig = read_calibration(calibration, units, up, sizes)
+    for source in sources:
+        if source.name not in rig.names:
+            near = difflib.get_close_matches(source.name, rig.names, 1, 0.0)[0]
+            raise table.error(
+                f"camera '{source.name}' is not in {calibration.name}",
+                f"it has {', '.join(rig.names)}; did you mean '{near}'?",
+            )
+    rig = rig.select(tuple(source.name for source in sources))
+    K = rig.K.copy()
+    K[:, :2, 2] += shifts
+    return sources, check_rig(replace(rig, K=K), f"{scene}: centre_shift") if shifts.any() else rig
+
+
+def _as_recorded(
+    sources: tuple[CameraSource, ...], up: str, table: Table
+) -> tuple[tuple[CameraSource, ...], CameraRig]:
+    """Cameras of which nothing is known but their images, and pinholes for them."""
+    sizes = [_recorded_size(source) for source in sources]
+    for source, size in zip(sources, sizes, strict=True):
+        if size is None:
+            raise table.error(f"camera '{source.name}' has neither masks nor a video", "add one of them")
+    images = np.array(sizes)
+    K = np.zeros((len(sources), 3, 3))
+    K[:, [0, 1], [0, 1]] = images.max(axis=1, keepdims=True)
+    K[:, :2, 2], K[:, 2, 2] = 0.5 * (images - 1), 1.0
+    names = tuple(source.name for source in sources)
+    R, t = np.tile(np.eye(3), (len(sources), 1, 1)), np.zeros((len(sources), 3))
+    rig = CameraRig(names, K, R, t, images, np.zeros((len(sources), 5)), up)
+    return tuple(replace(s, recorded_scale=1.0, recorded_offset=(0.0, 0.0)) for s in sources), rig
+
+
+def _read_source(table: Table, name: str, scene: Path, fps: float) -> CameraSource:
+    def opened(key: str, opener: Callable[[Path], Opened]) -> Opened | None:
+        value = table.take(key, str, None)
+        return None if value is None else opener(scene.parent / value)
+
+    recorded = table.take_table("video_from_calibrated")
+    left, top = recorded.take_numbers("offset", (2,), [0.0, 0.0])
+    right, down = table.take_numbers("centre_shift", (2,), [0.0, 0.0])
+    masks = opened("masks", open_masks)
+    rate = _take_rate(table, fps)
+    offset, fraction = _take_offset(table, fps * rate)
+    source = CameraSource(
+        name=name,
+        video=opened("video", open_frames),
+        masks=masks,
+        clean_plate=opened("clean_plate", open_image),
+        background=opened("background", open_frames),
+        frame_offset=offset,
+        fraction=fraction,
+        recorded_scale=recorded.take("scale", float, 1.0),
+        recorded_offset=(left, top),
+        rate=rate,
+        centre_shift=(right, down),
+        mask_mark=read_mark(masks.path) if masks else None,
+    )
+    if not 0.01 < source.recorded_scale < 100:
+        raise recorded.error(f"scale = {source.recorded_scale:g} is not a scale", "give recorded pixels per calibrated")
+    recorded.finish()
+    table.finish()
+    return source
+
+
+def _take_rate(table: Table, fps: float) -> float:
+    own = table.take("fps", float, fps)
+    if not 0 < own < 100_000:
+        raise table.error(f"fps = {own:g} is not a frame rate", "give the frames per second of this camera")
+    return own / fps
+
+
+def _take_offset(table: Table, fps: float) -> tuple[int, float]:
+    """A camera's offset in whole frames of its own, and the rest; what is nearly whole is whole."""
+    if not table.has("offset"):
+        return table.take("frame_offset", int, 0), 0.0
+    if table.has("frame_offset"):
+        raise table.error("has both offset and frame_offset", "give offset alone, in seconds")
+    frames = table.take("offset", float) * fps
+    if abs(frames) > _MOST_FRAMES:
+        raise table.error(f"offset is {frames:.3g} frames", "give the seconds by which this camera lags")
+    whole = round(frames)
+    fraction = frames - whole
+    return whole, fraction if abs(fraction) > _WHOLE else 0.0
+
+
+def _check_rate(source: CameraSource, fps: float, table: Table) -> None:
+    """See that a camera's videos have the recording's rate, where the scene does not say what rate they have."""
+    for frames in (source.video, source.masks):
+        if isinstance(frames, VideoFile) and frames.fps > 0 and abs(frames.fps / fps - 1) > _SAME_RATE:
+            raise table.error(
+                f"{frames.path} has {frames.fps:g} frames a second, [scene] says {fps:g}",
+                f"correct [scene] fps; or add fps = {frames.fps:g} here, and its frames are taken by time; "
+                f"or fps = {fps:g} here if the file is wrong about it",
+            )
+
+
+def _check_drift(sources: list[CameraSource], fps: float, table: Table) -> None:
+    """See that videos whose rates are nearly one do not drift apart by a frame before the shortest ends."""
+    videos = {source.name: source.video for source in sources if isinstance(source.video, VideoFile)}
+    rates = {name: video.fps for name, video in videos.items() if video.fps > 0}
+    if not rates:
+        return
+    slow, fast = min(rates, key=lambda name: rates[name]), max(rates, key=lambda name: rates[name])
+    count = min(map(len, videos.values()))
+    drift = (rates[fast] - rates[slow]) / fps * count
+    if drift > 1:
+        raise table.error(
+            f"{slow} has {rates[slow]:g} frames a second and {fast} {rates[fast]:g}: they end {drift:.1f} frames apart",
+            f"give each camera its own, such as fps = {rates[slow]:g} for {slow}, and frames are taken by time; or "
+            f"fps = {fps:g} to each if the files are wrong about it",
+        )
+
+
+def _recorded_size(source: CameraSource) -> tuple[int, int] | None:
+    """Width and height of a camera's recorded images; None where they are not known."""
+    if source.video is not None:
+        return source.video.size
+    if source.mask_mark is not None:
+        return source.mask_mark.calibrated_size
+    return source.masks.size if source.masks is not None else None

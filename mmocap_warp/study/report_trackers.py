@@ -19,7 +19,7 @@ from mmocap_warp.study.overview import (
     level,
     milliseconds,
     over,
-    radii_table,
+    radii_tables,
     strangers_table,
     which_half,
 )
@@ -119,14 +119,13 @@ def strangers_section(study: StudySummary) -> Section | None:
 
 def presets_section(study: StudySummary, radii: list[str]) -> Section | None:
     """The other presets beside the main one, by budget; None with one preset."""
-    tables = [(measure, table) for measure in study.measures if (table := radii_table(study, measure)) is not None]
+    tables = [(measure, table) for measure in study.measures for table in radii_tables(study, measure)]
     if not tables:
         return None
     parts = [f"<p>{escape(' '.join(radii))}</p>", *(f"<p>{escape(each)}</p>" for each in which_half(study))]
-    for measure, table in tables:
-        content = html_table(table)
-        if measure == study.measures[0]:
-            content += "".join(html_table(other) for of, other in tables if of == LOST_LIMB)
+    for measure in dict.fromkeys(measure for measure, _ in tables):
+        beside = (measure, LOST_LIMB) if measure == study.measures[0] else (measure,)
+        content = "".join(html_table(table) for each in beside for of, table in tables if of == each)
         parts.append(choice(content, default=measure == study.measures[0], measure=measure.key))
     return Section("presets", "Search radii", *parts)
 

@@ -319,8 +319,8 @@ def which_half(study: StudySummary) -> list[str]:
         shares += f"; {rows[-1].get(f'{budget}: paper', _DASH)} % with 0.5 of both"
         at = [cell for cell in study.cells if cell.preset != study.preset and f"{cell.evaluations:,}" == budget]
         sentence = (
-            f"At {budget} evaluations, over {over(_shared(study, at, False))}, a limb is lost in {rows[-1][title]} % of the frames with each algorithm’s own "
-            f"radii; {shares}, mean over the algorithms."
+            f"At {budget} evaluations, over {over(_shared(study, at, False))}, a limb is lost in {rows[-1][title]} % "
+            f"of the frames with each algorithm’s own radii; {shares}, mean over the algorithms."
         )
         for radii, column in halves.items():
             gained = {row["Algorithm"]: float(row[column]) - float(row[title]) for row in rows[:-1]}

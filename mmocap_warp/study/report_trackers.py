@@ -50,7 +50,8 @@ def trackers_section(study: StudySummary, measure: Measure) -> Section | None:
         caption = (
             f"{measure.label}, mean over {over(study.sequences)}, against the time that a frame takes, both "
             f"logarithmic, {study.models[0]} DOF. {extent(cells)}. Time: a single run at a time on the device, "
-            "measured on a part of one sequence; solving the body comes to it, once a clip. A curve joins an "
+            "measured on a part of one sequence, with solving the clip as one problem where contours are fitted; "
+            "solving the body comes to it, once a clip. A curve joins an "
             f"algorithm’s budgets ({listed(study.budgets)} evaluations). Rule: the paper’s "
             f"{paper.SECONDS_PER_500:g} s for 500 evaluations on one core, images included. Left out: what has not "
             "tracked every sequence."
@@ -79,7 +80,7 @@ def lead_sentence(study: StudySummary) -> str:
     label = algorithm_label(found[0].ours.algorithm)
     sentence = (
         f"{label} has at most half the {named(study.measures[0])} of the best of the others on {len(half)} of "
-        f"{counted(len(found), 'sequence')}"
+        f"{counted(len(found), 'sequence')} ({listed(sorted({lead.best.evaluations for lead in found}))} evaluations)"
     )
     if timed:
         sentence += f", and takes at most a tenth of its time on {len(fast)} of {len(timed)}"

@@ -243,18 +243,26 @@ def rank_pairs(study: StudySummary, dof: int) -> TextTable | None:
     return TextTable(caption, ["Algorithm", *(title for title, _ in columns)], rows)
 
 
-def radii_table(study: StudySummary, measure: Measure) -> TextTable | None:
-    """Presets beside the main one, at each budget over the sequences that all of them have; None with one preset.
+def radii_tables(study: StudySummary, measure: Measure) -> list[TextTable]:
+    """Presets beside the main one, over the sequences that all of them have; empty with one preset.
 
-    Where there is no such sequence, what is whole is shown over all, and dashes for the rest.
+    Where some lack sequences, a second table is over all of them, with dashes for what is not whole.
     """
+    found = [radii_table(study, measure), radii_table(study, measure, every=True)]
+    return [table for place, table in enumerate(found) if table is not None and table not in found[:place]]
+
+
+def radii_table(study: StudySummary, measure: Measure, *, every: bool = False) -> TextTable | None:
+    """One of :func:`radii_tables`: at each budget over the sequences that all presets have, or over every one."""
     others = [cell for cell in study.cells if cell.preset != study.preset and measure.key in study.cells[cell].runs]
     if not others:
         return None
     order = [study.preset, *_HALVES]
     presets = sorted({study.preset, *(cell.preset for cell in others)}, key=lambda name: (_place(order, name), name))
     budgets = sorted({cell.evaluations for cell in others})
-    shared = {budget: _shared(study, [cell for cell in others if cell.evaluations == budget]) for budget in budgets}
+    shared = {
+        budget: _shared(study, [cell for cell in others if cell.evaluations == budget], every) for budget in budgets
+    }
     columns = [(budget, preset) for budget in budgets for preset in presets]
     drawn: list[CellSummary] = []
 
@@ -281,15 +289,15 @@ def radii_table(study: StudySummary, measure: Measure) -> TextTable | None:
     return TextTable(caption, ["Algorithm", *(f"{budget:,}: {preset}" for budget, preset in columns)], rows)
 
 
-def _shared(study: StudySummary, cells: Sequence[Cell]) -> list[str]:
-    """The sequences that all presets and algorithms of these cells have, the main preset's too; all of them if none."""
+def _shared(study: StudySummary, cells: Sequence[Cell], every: bool) -> list[str]:
+    """The sequences that all presets and algorithms of these cells have, the main preset's too; or every one."""
     presets, algorithms = {cell.preset for cell in cells} | {study.preset}, {cell.algorithm for cell in cells}
     whole = [
         cell.sequence
         for cell in {replace(cell, preset=study.preset, algorithm="") for cell in cells}
         if all(replace(cell, preset=preset, algorithm=name) in study.cells for preset in presets for name in algorithms)
     ]
-    return sorted(set(whole) or {cell.sequence for cell in cells})
+    return sorted(set(whole) if whole and not every else {cell.sequence for cell in cells})
 
 
 def which_half(study: StudySummary) -> list[str]:
@@ -309,9 +317,10 @@ def which_half(study: StudySummary) -> list[str]:
             continue
         shares = "; ".join(f"{rows[-1][column]} % with {radii}" for radii, column in halves.items())
         shares += f"; {rows[-1].get(f'{budget}: paper', _DASH)} % with 0.5 of both"
+        at = [cell for cell in study.cells if cell.preset != study.preset and f"{cell.evaluations:,}" == budget]
         sentence = (
-            f"At {budget} evaluations a limb is lost in {rows[-1][title]} % of the frames with each algorithm’s own "
-            f"radii; {shares}, mean over the algorithms."
+            f"At {budget} evaluations, over {over(_shared(study, at, False))}, a limb is lost in {rows[-1][title]} % "
+            f"of the frames with each algorithm’s own radii; {shares}, mean over the algorithms."
         )
         for radii, column in halves.items():
             gained = {row["Algorithm"]: float(row[column]) - float(row[title]) for row in rows[:-1]}

@@ -28,7 +28,6 @@ from mmocap_warp.study.tables import Ranking
 from mmocap_warp.study.wording import algorithm_label, mark_class, with_unit
 
 _WIDTH = 960.0
-_BUDGET_WIDTH = 470.0
 _LEFT, _RIGHT, _TOP = 58.0, 12.0, 26.0
 _CURVE_POINTS = 120
 _TENTHS = 10
@@ -177,10 +176,10 @@ def _curves(
     return figure((_WIDTH, height), label, parts)
 
 
-def above_axis(values: Sequence[tuple[Contender, float]], measure: Measure, right: float, top: float) -> str:
-    """Baselines that lie above a figure's axis, as words at its upper right end."""
-    known = [f"{who}: {with_unit(value, measure)}" for who, value in values if np.isfinite(value)]
-    return text((right, top - 9), " · ".join(known) + " ↑", anchor="end") if known else ""
+def baseline_words(study: StudySummary, measure: Measure) -> str:
+    """The baselines' means over the sequences, for figures whose axis does not reach them; empty without any."""
+    values = [(who, level(study, who, measure, study.sequences)) for who in baseline_contenders(study)]
+    return " · ".join(f"{who}: {with_unit(value, measure)}" for who, value in values if np.isfinite(value))
 
 
 def budget_figure(study: StudySummary, measure: Measure, dof: int) -> str:
@@ -191,9 +190,7 @@ def budget_figure(study: StudySummary, measure: Measure, dof: int) -> str:
         ]
         for name in study.algorithms
     }
-    baselines = [(who, level(study, who, measure, study.sequences)) for who in baseline_contenders(study)]
-    words = above_axis(baselines, measure, _BUDGET_WIDTH - _RIGHT, _TOP + 14)
-    return _by_budget(study, points, _unit_label(measure), f"{measure.label} by budget, {dof} DOF", words)
+    return _by_budget(study, points, _unit_label(measure), f"{measure.label} by budget, {dof} DOF")
 
 
 def time_figure(study: StudySummary, dof: int) -> str:
@@ -225,10 +222,8 @@ def legend(algorithms: Sequence[str]) -> str:
     return f'<ul class="legend">{items}</ul>'
 
 
-def _by_budget(
-    study: StudySummary, points: dict[str, list[tuple[int, float]]], unit: str, label: str, words: str = ""
-) -> str:
-    width, height, bottom = _BUDGET_WIDTH, 258.0, 210.0
+def _by_budget(study: StudySummary, points: dict[str, list[tuple[int, float]]], unit: str, label: str) -> str:
+    width, height, bottom = 470.0, 258.0, 210.0
     known = [value for measured in points.values() for _, value in measured if np.isfinite(value)]
     if not known:
         return ""
@@ -236,7 +231,7 @@ def _by_budget(
     low = min(known) - 0.1 * (high - min(known)) if high <= 1.0 else 0.0
     y = axis(low, high * 1.04, bottom, _TOP)
     x = Axis(0.0, study.budgets[-1] * 1.04, _LEFT, width - _RIGHT, tuple(study.budgets))
-    parts = [axes(x, y, "evaluations per frame", unit), words]
+    parts = [axes(x, y, "evaluations per frame", unit)]
     for name in reversed(points):
         measured = [(budget, value) for budget, value in points[name] if np.isfinite(value)]
         shape = curve(x, y, measured) + dots(x, y, measured)

@@ -11,7 +11,7 @@ import numpy as np
 
 from mmocap_warp.study import paper
 from mmocap_warp.study.overview import level, milliseconds, missing
-from mmocap_warp.study.report_figures import budget_figure, legend, seconds_per_frame, time_figure
+from mmocap_warp.study.report_figures import baseline_words, budget_figure, legend, seconds_per_frame, time_figure
 from mmocap_warp.study.report_sections import Section, choice
 from mmocap_warp.study.report_tables import floor_note, grid_table
 from mmocap_warp.study.summary import EQ_20, CellSummary, Contender, Measure, StudySummary
@@ -122,7 +122,9 @@ def budget_section(study: StudySummary) -> Section:
             left, right = budget_figure(study, measure, dof), time_figure(study, dof)
             content = f'<div class="two"><div>{left}</div><div>{right}</div></div>'
             size = extent(study.cells[cell] for cell in study.grid if cell.dof == dof)
-            content += f"<figcaption>{dof} DOF, mean over {len(study.sequences)} sequences. {size}.</figcaption>"
+            baselines = baseline_words(study, measure)
+            content += f"<figcaption>{dof} DOF, mean over {len(study.sequences)} sequences. {size}."
+            content += f" {baselines}.</figcaption>" if baselines else "</figcaption>"
             default = measure == study.measures[0] and dof == study.models[0]
             parts.append(choice(content, default=default, measure=measure.key, model=dof))
     head = ["Algorithm", *(f"{budget:,} evaluations" for budget in study.budgets), "evaluations/s"]
@@ -161,7 +163,7 @@ def _alone_table(study: StudySummary) -> str:
         )
         if other or np.isfinite(times).any():
             rows.append([algorithm_label(name), *(f"{t:.1f}" if np.isfinite(t) else "–" for t in times), other or "–"])
-    head = ["Tracker", *(f"{budget:,} evaluations" for budget in study.budgets), "its own budget (evaluations)"]
+    head = ["Tracker", *(f"{budget:,} evaluations" for budget in study.budgets), "other budgets (evaluations)"]
     return grid_table(f"Milliseconds per frame of one run tracked alone, {dof} DOF", head, rows)
 
 

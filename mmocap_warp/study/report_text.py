@@ -15,7 +15,7 @@ from mmocap_warp.study.overview import (
     all_trackers,
     lead_table,
     missing,
-    radii_table,
+    radii_tables,
     rank_pairs,
     strangers_table,
     which_half,
@@ -71,7 +71,8 @@ def _overview(study: StudySummary, main: Measure) -> Iterator[str]:
     for dof in study.models:
         yield _titled(f"Ranks by error and by fitness, {dof} DOF", rank_pairs(study, dof))
     for measure in (main, LOST_LIMB):
-        yield _titled(f"Search radii: {named(measure)}", radii_table(study, measure))
+        for table in radii_tables(study, measure):
+            yield _titled(f"Search radii: {named(measure)}", table)
     yield "".join(f"{sentence}\n" for sentence in which_half(study))
     yield _titled("People outside the family of bodies", strangers_table(study, main))
     yield _titled("Our tracker there", lead_table(study, study.strangers))

@@ -12,26 +12,26 @@ from mmocap_warp.study.overview import (
     LOST_LIMB,
     TextTable,
     all_trackers,
-    baseline_contenders,
     contenders,
     lead_table,
     leads,
     level,
     milliseconds,
     over,
-    radii_table,
+    radii_tables,
     strangers_table,
     which_half,
 )
-from mmocap_warp.study.report_figures import above_axis, curve_figure, legend, shown_others
+from mmocap_warp.study.report_figures import baseline_words, curve_figure, legend, shown_others
 from mmocap_warp.study.report_sections import Section, choice
 from mmocap_warp.study.report_tables import grid_table
 from mmocap_warp.study.summary import Measure, StudySummary
-from mmocap_warp.study.wording import BASELINES, algorithm_label, counted, extent, listed, mark_class, named
+from mmocap_warp.study.wording import algorithm_label, counted, extent, listed, mark_class, named
 
 _WIDTH, _HEIGHT = 960.0, 430.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 58.0, 14.0, 30.0, 374.0
 _LINE = 15.0  # from a name to the next
+_WORD = 150.0  # that a name takes across
 
 
 def trackers_section(study: StudySummary, measure: Measure) -> Section | None:
@@ -45,17 +45,18 @@ def trackers_section(study: StudySummary, measure: Measure) -> Section | None:
         return None
     parts = []
     if drawing:
-        who = [each for each in contenders(study) if each.algorithm not in BASELINES]
+        who = [each for each in contenders(study) if each.algorithm in _times_and_errors(study, measure)]
         cells = [cell for each in who for cell in study.known(each, study.sequences, measure).values()]
         caption = (
             f"{measure.label}, mean over {over(study.sequences)}, against the time that a frame takes, both "
             f"logarithmic, {study.models[0]} DOF. {extent(cells)}. Time: a single run at a time on the device, "
-            "measured on a part of one sequence; solving the body comes to it, once a clip. A curve joins an "
+            "measured on a part of one sequence, with solving the clip as one problem where contours are fitted; "
+            "solving the body comes to it, once a clip. A curve joins an "
             f"algorithm’s budgets ({listed(study.budgets)} evaluations). Rule: the paper’s "
             f"{paper.SECONDS_PER_500:g} s for 500 evaluations on one core, images included. Left out: what has not "
             "tracked every sequence."
         )
-        marks = legend([*dict.fromkeys(each.algorithm for each in who)])
+        marks = legend([*_times_and_errors(study, measure)])
         parts.append(
             f'<figure><div class="wide">{drawing}</div><figcaption>{escape(caption)}</figcaption>{marks}</figure>'
         )
@@ -79,7 +80,7 @@ def lead_sentence(study: StudySummary) -> str:
     label = algorithm_label(found[0].ours.algorithm)
     sentence = (
         f"{label} has at most half the {named(study.measures[0])} of the best of the others on {len(half)} of "
-        f"{counted(len(found), 'sequence')}"
+        f"{counted(len(found), 'sequence')} ({listed(sorted({lead.best.evaluations for lead in found}))} evaluations)"
     )
     if timed:
         sentence += f", and takes at most a tenth of its time on {len(fast)} of {len(timed)}"
@@ -119,14 +120,13 @@ def strangers_section(study: StudySummary) -> Section | None:
 
 def presets_section(study: StudySummary, radii: list[str]) -> Section | None:
     """The other presets beside the main one, by budget; None with one preset."""
-    tables = [(measure, table) for measure in study.measures if (table := radii_table(study, measure)) is not None]
+    tables = [(measure, table) for measure in study.measures for table in radii_tables(study, measure)]
     if not tables:
         return None
     parts = [f"<p>{escape(' '.join(radii))}</p>", *(f"<p>{escape(each)}</p>" for each in which_half(study))]
-    for measure, table in tables:
-        content = html_table(table)
-        if measure == study.measures[0]:
-            content += "".join(html_table(other) for of, other in tables if of == LOST_LIMB)
+    for measure in dict.fromkeys(measure for measure, _ in tables):
+        beside = (measure, LOST_LIMB) if measure == study.measures[0] else (measure,)
+        content = "".join(html_table(table) for each in beside for of, table in tables if of == each)
         parts.append(choice(content, default=measure == study.measures[0], measure=measure.key))
     return Section("presets", "Search radii", *parts)
 
@@ -138,11 +138,7 @@ def html_table(table: TextTable) -> str:
 
 def time_error_figure(study: StudySummary, measure: Measure) -> str:
     """The main measure against a frame's time, of all that has tracked every sequence; empty without times."""
-    placed: dict[str, list[tuple[float, float]]] = {}
-    for who in contenders(study):
-        place = milliseconds(study, who), level(study, who, measure, study.sequences)
-        if np.isfinite(place).all():
-            placed.setdefault(who.algorithm, []).append(place)
+    placed = _times_and_errors(study, measure)
     if not placed:
         return ""
     times, errors = np.array([place for places in placed.values() for place in places]).T
@@ -162,17 +158,30 @@ def time_error_figure(study: StudySummary, measure: Measure) -> str:
         if name not in study.algorithms
     ]
     parts += _names(ours)
-    values = [(who, level(study, who, measure, study.sequences)) for who in baseline_contenders(study)]
-    parts.append(above_axis(values, measure, _WIDTH - _RIGHT, _TOP))
+    words = baseline_words(study, measure)
+    parts.append(text((_WIDTH - _RIGHT, _TOP - 9), f"{words} ↑" if words else "", anchor="end"))
     return figure((_WIDTH, _HEIGHT), f"{measure.label} against time per frame of all trackers", parts)
 
 
+def _times_and_errors(study: StudySummary, measure: Measure) -> dict[str, list[tuple[float, float]]]:
+    """By algorithm, a frame's milliseconds and the measure at each budget, where it has tracked every sequence."""
+    placed: dict[str, list[tuple[float, float]]] = {}
+    for who in contenders(study):
+        place = milliseconds(study, who), level(study, who, measure, study.sequences)
+        if np.isfinite(place).all():
+            placed.setdefault(who.algorithm, []).append(place)
+    return placed
+
+
 def _names(dots_of: list[tuple[str, float, float]]) -> list[str]:
-    """Names beside dots, given as (algorithm, x, y), moved down where they would overlap."""
+    """Names beside dots, given as (algorithm, x, y): on the left where another dot is close on the right."""
     parts, below = [], -np.inf
     for name, across, height in sorted(dots_of, key=lambda dot: dot[2]):
-        below = max(height + 4, below + _LINE)
-        parts.append(
-            f'<g class="{mark_class(name)}">{text((across + 9, below), algorithm_label(name), "series", "start")}</g>'
-        )
+        taken = any(0 < x - across < _WORD and abs(y - height) < _LINE for _, x, y in dots_of)
+        if taken:
+            word = text((across - 9, height + 4), algorithm_label(name), "series", "end")
+        else:
+            below = max(height + 4, below + _LINE)
+            word = text((across + 9, below), algorithm_label(name), "series", "start")
+        parts.append(f'<g class="{mark_class(name)}">{word}</g>')
     return parts

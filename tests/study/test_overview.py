@@ -16,6 +16,7 @@ from mmocap_warp.study.overview import (
     leads,
     missing,
     radii_table,
+    radii_tables,
     rank_pairs,
     strangers_table,
     which_half,
@@ -159,6 +160,25 @@ def test_which_of_the_two_radii_loses_the_limbs():
         in sentence
     )
     assert radii_table(StudySummary.of(searches()), MAIN) is None
+
+
+def test_radii_of_presets_that_lack_sequences_are_compared_where_all_have_them():
+    """One table over the sequence that all have, one over both with a dash for who lacks one."""
+    lacking = Cell(SEQUENCES[1], "de", 39, 500, "paper")
+    cells = [
+        Cell(sequence, name, 39, 500, preset)
+        for sequence in SEQUENCES[:2]
+        for name in ("h-cmaes", "de")
+        for preset in ("common", "paper")
+    ]
+    others = [like(cell, replace(cell, preset="recording"), 2.0) for cell in cells if cell != lacking]
+    shared, every = radii_tables(StudySummary.of([*searches(), *others]), MAIN)
+    assert "over S1/Walking" in shared.caption
+    assert "–" not in [text for row in shared.rows for text in row]
+    assert "over S1/Walking, S2/Walking" in every.caption
+    of = {row[0]: row[1:] for row in every.rows}
+    assert [text == "–" for text in of["DE"]] == [False, False, True]
+    assert [text == "–" for text in of["H-CMAES"]] == [False, False, False]
 
 
 def test_what_was_not_run_is_listed():

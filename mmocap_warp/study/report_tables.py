@@ -142,7 +142,7 @@ def difference_table(differences: Sequence[ModelDifference], measure: Measure, m
     """The larger model less the smaller, by algorithm and budget."""
     budgets = sorted({difference.evaluations for difference in differences})
     head = "<th>Algorithm</th>" + "".join(
-        f"<th>{budget:,}: difference</th><th>95 %</th><th>A</th><th>Wilcoxon p</th>" for budget in budgets
+        f"<th>{budget:,}: difference, 95 %</th><th>A</th><th>Wilcoxon p</th>" for budget in budgets
     )
     rows = []
     for algorithm, found in groupby(differences, key=lambda difference: difference.algorithm):
@@ -203,13 +203,13 @@ def _mean_and_deviation(
 
 def _difference_cells(difference: ModelDifference | None, measure: Measure) -> str:
     if difference is None:
-        return "<td></td>" * 4
+        return "<td></td>" * 3
     text = shown(difference.difference, measure, sign=True)
     decided = difference.interval[0] * difference.interval[1] > 0
     p = p_value(difference.p)
     return (
-        f"<td>{f'<strong>{text}</strong>' if decided else text}</td>"
-        f"<td>{interval(difference.interval, measure.decimals)}</td><td>{difference.superiority:.2f}</td>"
+        f"<td>{f'<strong>{text}</strong>' if decided else text} "
+        f"<small>{interval(difference.interval, measure.decimals)}</small></td><td>{difference.superiority:.2f}</td>"
         f"<td>{f'<strong>{p}</strong>' if difference.p < ALPHA else p}</td>"
     )
 

@@ -15,7 +15,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdSkel, UsdUtils, UsdValidation, Vt
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.body import read_body, read_subject
-from mmocap_warp.formats.usd.file import usd_errors_told
+from mmocap_warp.formats.usd.file import reads_usd
 from mmocap_warp.formats.usd.result import holds_result, read_result
 
 _WEIGHT_SUM_TOLERANCE = 1e-4
@@ -33,11 +33,12 @@ def faults(path: str | Path) -> list[str]:
     """
     if not Path(path).is_file():
         raise InputError(path, "no such file", "check the path")
-    with usd_errors_told(path):
-        return _faults(Path(path))
+    return _faults(path)
 
 
-def _faults(path: Path) -> list[str]:
+@reads_usd
+def _faults(file: str | Path) -> list[str]:
+    path = Path(file)
     stage = Usd.Stage.Open(str(path))
     validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
     errors = UsdValidation.ValidationContext(validators).Validate(stage)

@@ -89,7 +89,7 @@ _COMMANDS = (  # a command's help is here and not in its docstring, so that the 
     ("fit", "fit:fit", "Find the body, its place and its first pose in a scene."),
     ("mask", "mask:mask", _MASK),
     ("cameras", "cameras:cameras", _CAMERAS),
-    ("calib", "calib:app", "Calibrations: convert, check and refine them."),
+    ("calib", "calib:app", "Calibrations: convert, check, refine or find them."),
     ("sync", "sync:sync", _SYNC),
     ("eval", "evaluate:evaluate", "Print a result's IoU, and its errors where the truth is known."),
     ("show", "show:show", "Write a result's overlay video and contact sheet."),

@@ -66,10 +66,13 @@ class SilhouetteMotion:
         height = float(np.median(shape[seen, _BOTTOM] - shape[seen, _TOP]))
         speed = _filtered(_bridged(shape / height, seen), smoothing, slope=True)
         change = _filtered(_bridged(np.sqrt(np.array(self._change)) / height, seen[1:] & seen[:-1]), smoothing)
-        return np.concatenate([0.5 * (speed[1:] + speed[:-1]), change], axis=1)
+        signals = np.concatenate([0.5 * (speed[1:] + speed[:-1]), change], axis=1)
+        return np.where(np.ptp(signals, axis=0) > _ROUNDING, signals, 0.0)
 
 
 _SHAPE, _TOP, _BOTTOM = 10, 2, 3
+_ROUNDING = 1e-9
+"""Of a silhouette's height a frame: what does not move leaves less, alike in all views that see the same."""
 
 
 def _shape(mask: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:

@@ -9,7 +9,6 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -161,14 +160,23 @@ def test_a_result_is_replaced_only_by_force(scene, tmp_path, capsys):
 
 
 EAGER = """
-import sys
+import os, signal, sys
 from mmocap_warp import cli
 from mmocap_warp.tracking import checkpoint
 
 checkpoint._INTERVAL = 0
+save, held = checkpoint.Checkpoint.save, []
+
+def save_and_wait(self, *args):
+    save(self, *args)
+    if not held:
+        held.append(True)
+        os.kill(os.getpid(), signal.SIGSTOP)
+
+checkpoint.Checkpoint.save = save_and_wait
 sys.exit(cli.main(sys.argv[1:]))
 """
-"""Runs the command line with a checkpoint after every frame."""
+"""Runs the command line with a checkpoint after every frame, and stops at the first until it is told to go on."""
 
 
 LONG = ("--quiet", "--evaluations", "6000")  # so that it is not over before it is stopped
@@ -194,9 +202,7 @@ def test_a_stopped_run_resumes_to_the_same_bits(how, scene, whole, tmp_path, cap
     command = ["track", str(scene), "-o", str(stopped), *LONG]
     checkpoint = stopped.with_name("stopped.usdc.checkpoint")
     run = subprocess.Popen([sys.executable, "-c", EAGER, *command])
-    while run.poll() is None and not checkpoint.exists():
-        time.sleep(0.005)
-    run.send_signal(signal.SIGSTOP)  # or it might end while another is refused
+    os.waitpid(run.pid, os.WUNTRACED)  # until it stands at its first checkpoint
     assert cli.main([*command, "--resume"]) == exit_codes.BAD_INPUT
     assert "stopped.usdc: another mmocap is writing it" in capfd.readouterr().err
     run.send_signal(how)

@@ -8,6 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from mmocap_warp.study.labels import algorithm_label
 from mmocap_warp.study.statistics import ALPHA, FEWEST_PAIRS
 from mmocap_warp.study.summary import MEASURES, CellSummary, Measure, StudySummary
 from mmocap_warp.study.tables import (
@@ -19,7 +20,7 @@ from mmocap_warp.study.tables import (
     by_model,
     model_differences,
 )
-from mmocap_warp.study.wording import algorithm_label, counted, named, shown, spelled
+from mmocap_warp.study.wording import counted, named, shown, spelled
 
 AGREES, MOSTLY, FAILS, DIFFERS, TIED = "agrees", "mostly agrees", "fails", "differs", "tied"
 UNTESTED, TOO_FEW = "not tested", "cannot be judged"

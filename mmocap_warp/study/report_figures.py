@@ -22,10 +22,11 @@ from mmocap_warp.drawing.chart import (
     text,
 )
 from mmocap_warp.study import paper
+from mmocap_warp.study.labels import algorithm_label, mark_class
 from mmocap_warp.study.overview import baseline_contenders, level
 from mmocap_warp.study.summary import CellSummary, Contender, Measure, StudySummary
 from mmocap_warp.study.tables import Ranking
-from mmocap_warp.study.wording import algorithm_label, mark_class, with_unit
+from mmocap_warp.study.wording import with_unit
 
 _WIDTH = 960.0
 _LEFT, _RIGHT, _TOP = 58.0, 12.0, 26.0

@@ -9,6 +9,7 @@ import numpy as np
 
 from mmocap_warp.study import paper
 from mmocap_warp.study.claims import check_claims
+from mmocap_warp.study.labels import algorithm_label
 from mmocap_warp.study.overview import rank_pairs
 from mmocap_warp.study.report_figures import (
     box_figure,
@@ -30,7 +31,7 @@ from mmocap_warp.study.report_tables import (
 )
 from mmocap_warp.study.summary import Contender, Measure, StudySummary
 from mmocap_warp.study.tables import Ranking, by_algorithm, by_model, model_differences
-from mmocap_warp.study.wording import algorithm_label, extent, listed, named, with_unit
+from mmocap_warp.study.wording import extent, listed, named, with_unit
 
 
 class Section:

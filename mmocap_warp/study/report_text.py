@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from mmocap_warp.study.claims import check_claims
+from mmocap_warp.study.labels import algorithm_label
 from mmocap_warp.study.overview import (
     LOST_LIMB,
     TextTable,
@@ -25,7 +26,7 @@ from mmocap_warp.study.report_tables import effect_cells, floor_note
 from mmocap_warp.study.statistics import ALPHA
 from mmocap_warp.study.summary import EQ_20, MEASURES, CellSummary, Measure, StudySummary
 from mmocap_warp.study.tables import Ranking, by_algorithm, by_model, model_differences
-from mmocap_warp.study.wording import algorithm_label, in_unit, interval, named, p_value, shown, statistic
+from mmocap_warp.study.wording import in_unit, interval, named, p_value, shown, statistic
 
 _RANKED_BY = (*EQ_20, "cost")
 """The paper ranks by Eq. 20 and, in its text, by fitness: Markdown has these beside the main measure."""

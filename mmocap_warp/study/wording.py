@@ -7,31 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mmocap_warp.tracking.algorithms import ALGORITHMS
-
 if TYPE_CHECKING:
     from mmocap_warp.study.summary import CellSummary, Measure
 
-BASELINES = {"stands-still": "stands still", "constant-velocity": "constant velocity"}
-"""What no tracker should fall behind, with their labels, see :mod:`mmocap_warp.study.baselines`."""
-
-_EXTRAS = {"polish": " + polish", "solved": ", body solved"}
 _MINUS = "\N{MINUS SIGN}"
 _NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
-
-
-def algorithm_label(name: str) -> str:
-    """An algorithm's label; its name alone where this process has not registered it, as another may have tracked it."""
-    if name in BASELINES:
-        return BASELINES[name]
-    base, *extras = name.split("+")
-    label = ALGORITHMS[base].label if base in ALGORITHMS else base
-    return label + "".join(_EXTRAS.get(extra, f"+{extra}") for extra in extras)
-
-
-def mark_class(name: str) -> str:
-    """The class of an algorithm's marks in figures."""
-    return "a-" + name.replace("+", "-")
 
 
 def extent(cells: Iterable[CellSummary]) -> str:

@@ -15,13 +15,19 @@ import numpy as np
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.skeleton import ROOT_ANGLES
-from mmocap_warp.calibration.camera_problem import CameraProblem, KnownLength, known_distance, known_height
+from mmocap_warp.calibration.camera_problem import (
+    CameraProblem,
+    KnownLength,
+    camera_fitter,
+    known_distance,
+    known_height,
+)
 from mmocap_warp.calibration.cameras import CENTRE, OFFSET, POSITION, ROTATION, Deviations, changed, difference
 from mmocap_warp.calibration.coherence import coherence
 from mmocap_warp.calibration.footage import Footage
 from mmocap_warp.calibration.landmarks import LandmarkProblem, landmarks
 from mmocap_warp.calibration.motion import Motion
-from mmocap_warp.contour.fitter import ContourFitter, MatchingConfig
+from mmocap_warp.contour.fitter import WIDE, ContourFitter, MatchingConfig
 from mmocap_warp.contour.rooted import Rooting
 from mmocap_warp.device import available_threads, resolve_device
 from mmocap_warp.errors import InputError
@@ -34,9 +40,6 @@ from mmocap_warp.tracking.standing_search import NoSubjectError
 from mmocap_warp.tracking.track import track_observations
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
-
-WIDE = MatchingConfig(reach=0.2, huber=0.03, sigma=0.03)
-"""For outlines that are still far from the masks."""
 
 _STEPS = (10, 15)  # with wide matching, then with the usual one
 _FARTHER = 3.0  # times as far as cameras are said to be wrong, a start without a body may turn them
@@ -282,14 +285,8 @@ class Adjustment:
 
     def _fitter(self, rig: CameraRig, person: Person, frames: np.ndarray, matching: MatchingConfig) -> ContourFitter:
         """One that observes some of the frames."""
-        skeleton = self._body.skeleton
-        fitter = ContourFitter(
-            self._body, rig, skeleton.searched(), skeleton.coordinate_limits,
-            candidates=len(frames), frames=len(frames), parameters=len(self.space.names), lens=True,
-            matching=matching, device=self.device, threads=self.threads,
-        )  # fmt: skip
-        fitter.observe_all([person.observations[frame] for frame in frames])
-        return fitter
+        observations = [person.observations[frame] for frame in frames]
+        return camera_fitter(self.space, rig, observations, matching, self.device, self.threads)
 
     @property
     def _known(self) -> tuple[KnownLength, ...]:

@@ -6,18 +6,19 @@ as in :mod:`mmocap_warp.contour.body_problem`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.skeleton import ROOT_ANGLES
-from mmocap_warp.calibration.cameras import KINDS, OFFSET, by_body, changed
+from mmocap_warp.calibration.cameras import KINDS, OFFSET, POSITION, by_body, changed
 from mmocap_warp.contour.body_problem import BodyProblem
-from mmocap_warp.contour.fitter import ContourFitter
+from mmocap_warp.contour.fitter import ContourFitter, MatchingConfig
 from mmocap_warp.contour.normal_equations import NormalEquations, ViewEquations
 from mmocap_warp.contour.rooted import RootedPoses, Rooting
+from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
 
 _LENGTH_SIGMA = 0.002  # [m], of a length that is known
@@ -121,6 +122,25 @@ class CameraProblem:
         return self.fitter.linearise_views(frames, self.rooting.stepped(rooted, step) if step.any() else rooted)
 
 
+def camera_fitter(
+    space: RestSpace,
+    rig: CameraRig,
+    observations: Sequence[Observation],
+    matching: MatchingConfig,
+    device: str,
+    threads: int,
+) -> ContourFitter:
+    """A fitter with the space's parameters and with lenses, which observes some frames, a candidate for each."""
+    skeleton = space.body.skeleton
+    fitter = ContourFitter(
+        space.body, rig, skeleton.searched(), skeleton.coordinate_limits,
+        candidates=len(observations), frames=len(observations), parameters=len(space.names), lens=True,
+        matching=matching, device=device, threads=threads,
+    )  # fmt: skip
+    fitter.observe_all(observations)
+    return fitter
+
+
 def _joined(views: ViewEquations, by_camera: np.ndarray, shared: int, free: np.ndarray) -> NormalEquations:
     """All views together: poses and body, then the cameras' free parameters."""
     frames, cameras = views.cost.shape
@@ -177,8 +197,8 @@ def known_distance(rig: CameraRig, one: int, other: int, metres: float) -> Known
         way = centres[one] - centres[other]
         derivative = np.zeros(change.shape)
         distance = float(np.linalg.norm(way))
-        derivative[one, 3:6] = rig.R[one] @ way / distance
-        derivative[other, 3:6] = -rig.R[other] @ way / distance
+        derivative[one, POSITION] = rig.R[one] @ way / distance
+        derivative[other, POSITION] = -rig.R[other] @ way / distance
         return distance, np.concatenate([np.zeros(len(beta)), derivative.ravel()])
 
     return KnownLength(metres, at)

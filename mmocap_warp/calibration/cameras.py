@@ -60,8 +60,8 @@ class Deviations:
         return sigma
 
 
-def changed(rig: CameraRig, change: np.ndarray, scale: float = 1.0) -> CameraRig:
-    """Cameras changed by parameters (camera, parameter), whose pixels are those of images ``scale`` times as large."""
+def changed(rig: CameraRig, change: np.ndarray) -> CameraRig:
+    """Cameras changed by parameters (camera, parameter)."""
     from scipy.spatial.transform import Rotation
 
     turned = Rotation.from_rotvec(-change[:, ROTATION]).as_matrix()
@@ -69,11 +69,11 @@ def changed(rig: CameraRig, change: np.ndarray, scale: float = 1.0) -> CameraRig
     centres = rig.centres + np.einsum("kji,kj->ki", rig.R, change[:, POSITION])
     K = rig.K.copy()
     K[:, [0, 1], [0, 1]] *= np.exp(change[:, FOCAL])[:, None]
-    K[:, :2, 2] += change[:, CENTRE] / scale
+    K[:, :2, 2] += change[:, CENTRE]
     return replace(rig, K=K, R=R, t=-np.einsum("kij,kj->ki", R, centres))
 
 
-def difference(rig: CameraRig, other: CameraRig, scale: float = 1.0) -> np.ndarray:
+def difference(rig: CameraRig, other: CameraRig) -> np.ndarray:
     """(camera, parameter) such that :func:`changed` makes ``other`` of ``rig``, offsets aside."""
     from scipy.spatial.transform import Rotation
 
@@ -81,7 +81,7 @@ def difference(rig: CameraRig, other: CameraRig, scale: float = 1.0) -> np.ndarr
     change[:, ROTATION] = -Rotation.from_matrix(other.R @ transposed(rig.R)).as_rotvec()
     change[:, POSITION] = np.einsum("kij,kj->ki", rig.R, other.centres - rig.centres)
     change[:, FOCAL] = np.log(other.K[:, 0, 0] / rig.K[:, 0, 0])
-    change[:, CENTRE] = scale * (other.K[:, :2, 2] - rig.K[:, :2, 2])
+    change[:, CENTRE] = other.K[:, :2, 2] - rig.K[:, :2, 2]
     return change
 
 

@@ -22,7 +22,7 @@ from mmocap_warp.calibration.landmarks import LandmarkProblem, landmarks
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.views.observation import unpack_masks
 from mmocap_warp.views.rig import CameraRig
-from mmocap_warp.views.silhouette import silhouettes
+from mmocap_warp.views.silhouette import intersection_over_union, silhouettes
 
 CAUSES: dict[str, slice] = {
     "rotation": ROTATION,
@@ -153,7 +153,7 @@ def _drawn(
         before, after = silhouettes(rig, posed, faces), silhouettes(right, posed, faces)
         for k, mask in enumerate(masks):
             if mask.any():
-                overlap[number, k] = (mask & before[k]).sum() / (mask | before[k]).sum()
+                overlap[number, k] = intersection_over_union(mask, before[k])
         if number == len(frames) // 2:
             at = [rig.names.index(finding.camera) for finding in findings]
             views = [View(rig.names[k], masks[k], before[k], after[k]) for k in at]

@@ -13,10 +13,10 @@ import numpy as np
 
 from mmocap_warp.views.observation import Observation, unpack_masks
 from mmocap_warp.views.rig import CameraRig
-from mmocap_warp.views.visual_hull import meeting_point
+from mmocap_warp.views.visual_hull import meeting_point, seen_at
 
 _SPACING = 0.03  # [m]
-_REACH = np.array([1.0, 1.0, 1.0])  # from the point where the silhouettes meet [m]
+_REACH = 1.0  # from the point where the silhouettes meet, along each axis [m]
 
 
 def coherence(rig: CameraRig, observations: Sequence[Observation]) -> np.ndarray:
@@ -45,12 +45,12 @@ def _covered(rig: CameraRig, observation: Observation) -> np.ndarray | None:
     masks = unpack_masks(observation.words, rig.size)
     rig_seeing = rig.select(tuple(rig.names[k] for k in seeing))
     centre = meeting_point(rig_seeing, [masks[k] for k in seeing])
-    axes = [np.arange(-reach, reach + _SPACING, _SPACING) for reach in _REACH]
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3) + centre
+    axis = np.arange(-_REACH, _REACH + _SPACING, _SPACING)
+    points = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3) + centre
     places, missing = [], np.zeros(len(points), int)
     culprit = np.full(len(points), -1)
     for k in seeing:
-        place, inside = _place(rig, k, points, masks[k])
+        place, inside = seen_at(rig, k, points, masks[k])
         missing += ~inside
         culprit[~inside] = k
         alive = missing <= 1
@@ -61,18 +61,6 @@ def _covered(rig: CameraRig, observation: Observation) -> np.ndarray | None:
         hull = (culprit == k) | (missing == 0)
         share[k] = _share(rig, k, centre, places[number][hull], masks[k])
     return share
-
-
-def _place(rig: CameraRig, k: int, points: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels (n, 2) of points, column and row, and which of them are foreground."""
-    seen = points @ (rig.K[k] @ rig.R[k]).T + rig.K[k] @ rig.t[k]
-    depth = np.where(seen[:, 2] > 0, seen[:, 2], np.inf)
-    place = np.rint(np.clip(seen[:, :2] / depth[:, None], -1e6, 1e6)).astype(np.int32)
-    height, width = mask.shape
-    within = (place >= 0).all(axis=1) & (place[:, 0] < width) & (place[:, 1] < height) & (seen[:, 2] > 0)
-    inside = within.copy()
-    inside[within] = mask[place[within, 1], place[within, 0]]
-    return place, inside
 
 
 def _share(rig: CameraRig, k: int, centre: np.ndarray, place: np.ndarray, mask: np.ndarray) -> float:

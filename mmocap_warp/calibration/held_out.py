@@ -9,14 +9,13 @@ import numpy as np
 
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.rest_space import RestSpace
-from mmocap_warp.calibration.adjustment import WIDE
-from mmocap_warp.calibration.camera_problem import CameraProblem
+from mmocap_warp.calibration.camera_problem import CameraProblem, camera_fitter
 from mmocap_warp.calibration.cameras import KINDS
-from mmocap_warp.contour.fitter import ContourFitter, MatchingConfig
+from mmocap_warp.contour.fitter import WIDE, MatchingConfig
 from mmocap_warp.contour.rooted import RootedPoses, Rooting
 from mmocap_warp.views.observation import Observation, unpack_masks
 from mmocap_warp.views.rig import CameraRig
-from mmocap_warp.views.silhouette import silhouettes
+from mmocap_warp.views.silhouette import intersection_over_union, silhouettes
 
 _STEPS = (4, 8)  # with wide matching, then with the usual one
 
@@ -65,7 +64,7 @@ class HeldOut:
 
         Args:
             rig: the cameras.
-            lag: (camera,) how much lagr in its own frames each shows what happens [s].
+            lag: (camera,) how much later in its own frames each shows what happens [s].
             observations: the masks of the frames.
             start: poses to start from.
             beta: (parameter,) body to start from.
@@ -90,14 +89,9 @@ class HeldOut:
         velocity: np.ndarray,
     ) -> tuple[RootedPoses, np.ndarray]:
         """Poses and the body's parameters."""
-        body, frames = self.space.body, np.arange(len(rooted))
+        frames = np.arange(len(rooted))
         for matching, steps in zip((WIDE, MatchingConfig()), _STEPS, strict=True):
-            fitter = ContourFitter(
-                body, rig, self.rooting.searched, body.skeleton.coordinate_limits,
-                candidates=len(frames), frames=len(frames), parameters=len(self.space.names), lens=True,
-                matching=matching, device=self.device, threads=self.threads,
-            )  # fmt: skip
-            fitter.observe_all(observations)
+            fitter = camera_fitter(self.space, rig, observations, matching, self.device, self.threads)
             held = np.zeros((len(rig), len(KINDS)))
             problem = CameraProblem(fitter, rig, lag, self.space, self.rooting, self.share, held)
             solution = problem.problem(velocity).solved(frames, rooted, beta, steps)
@@ -124,7 +118,7 @@ class HeldOut:
             if observation.foreground[k]:
                 drawn = silhouettes(camera, posed, solved.tracking_face)[0]
                 mask = unpack_masks(observation.words[k : k + 1], camera.size)[0]
-                overlaps.append((drawn & mask).sum() / (drawn | mask).sum())
+                overlaps.append(intersection_over_union(drawn, mask))
         return float(np.mean(overlaps)) if overlaps else float("nan")
 
 

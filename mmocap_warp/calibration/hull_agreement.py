@@ -17,8 +17,6 @@ from mmocap_warp.calibration.lag_course import LagCourse, lag_course
 from mmocap_warp.views.rig import CameraRig, project
 from mmocap_warp.views.visual_hull import meeting_point
 
-_COUNT = np.unpackbits(np.arange(256, dtype=np.uint8)[:, None], axis=1).sum(axis=1).astype(np.uint8)
-
 
 @dataclass(frozen=True)
 class Sampling:
@@ -203,7 +201,7 @@ def _held(masks: np.ndarray, pixels: np.ndarray) -> np.ndarray:
 
 
 def _counted(bits: np.ndarray) -> np.ndarray:
-    return _COUNT[bits].sum(axis=-1, dtype=np.int64).astype(float)
+    return np.bitwise_count(bits).sum(axis=-1, dtype=np.int64).astype(float)
 
 
 def _smooth_mean(shares: np.ndarray) -> np.ndarray:

@@ -53,11 +53,8 @@ def person_in_views(observations: Sequence[Observation], sizes: np.ndarray) -> l
         observations: masks of each frame.
         sizes: (camera, 2), width and height of the images [px].
     """
-    views = []
-    for k, size in enumerate(sizes):
-        pixels = [_whole_silhouette(unpack_masks(each.words, sizes)[k]) for each in observations]
-        views.append(_in_view(pixels, float(max(size))))
-    return views
+    frames = [[_whole_silhouette(mask) for mask in unpack_masks(each.words, sizes)] for each in observations]
+    return [_in_view([frame[k] for frame in frames], float(max(size))) for k, size in enumerate(sizes)]
 
 
 def _whole_silhouette(mask: np.ndarray) -> np.ndarray | None:

@@ -18,7 +18,7 @@ from mmocap_warp.calibration.floor_alignment import placed_on_floor, rigid_motio
 from mmocap_warp.calibration.level import head_points, levelled
 from mmocap_warp.calibration.person_axis import PersonInView, person_in_views
 from mmocap_warp.calibration.single_view import standing_view
-from mmocap_warp.calibration.tangents import FOCAL_SIGMA, OUTLIERS, Pinholes, adjusted, residuals, touching
+from mmocap_warp.calibration.tangents import FOCAL_SIGMA, OUTLIERS, Pinholes, Tangents, adjusted, residuals, touching
 from mmocap_warp.calibration.unsolvable import UnsolvableError
 from mmocap_warp.views.rig import CameraRig
 
@@ -111,10 +111,11 @@ def solve_cameras(scene: Scene, height: float) -> SolvedCameras:
         free &= ~vague
         cameras = _in_metres(adjusted(rough, _hulls(people), free), people, stature)
         sigma = _sigmas(cameras, people, stature, free)
-    _check(names, cameras, people, sigma)
-
     tangents = touching(cameras, _hulls(people))
     missed = np.abs(residuals(cameras, tangents))
+    agreed = _agreed(tangents, missed, len(names))
+    _check(names, agreed, sigma)
+
     heads, frame = head_points(cameras, tangents, missed, people)
     way = np.full((thinned.frame_count, 3), np.nan)
     for each in np.unique(frame):
@@ -130,7 +131,7 @@ def solve_cameras(scene: Scene, height: float) -> SolvedCameras:
         frames=thinned.frames,
         heads=way,
         missed=float(np.median(missed)),
-        agreed=_agreed(cameras, people),
+        agreed=agreed,
         scale=scale,
     )
 
@@ -179,18 +180,12 @@ def _sigmas(
     return np.linalg.norm(spread[0], axis=1), spread[1], spread[2]
 
 
-def _check(
-    names: tuple[str, ...],
-    cameras: Pinholes,
-    people: list[PersonInView],
-    sigma: tuple[np.ndarray, np.ndarray, np.ndarray],
-) -> None:
+def _check(names: tuple[str, ...], agreed: np.ndarray, sigma: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
     """See that views agree and that their places are determined.
 
     Raises:
         UnsolvableError: they are not.
     """
-    agreed = _agreed(cameras, people)
     worst = int(np.argmin(agreed))
     if agreed[worst] < _ENOUGH:
         raise UnsolvableError(
@@ -206,12 +201,11 @@ def _check(
             )
 
 
-def _agreed(cameras: Pinholes, people: list[PersonInView]) -> np.ndarray:
+def _agreed(tangents: Tangents, missed: np.ndarray, cameras: int) -> np.ndarray:
     """(camera,) share of each view's tangents that the other views agree on; zero where it has none."""
-    tangents = touching(cameras, _hulls(people))
-    agrees = np.abs(residuals(cameras, tangents)) < _AGREED
+    agrees = missed < _AGREED
     shares = []
-    for k in range(len(people)):
+    for k in range(cameras):
         mine = (tangents.first == k) | (tangents.second == k)
         shares.append(float(agrees[mine].mean()) if mine.any() else 0.0)
     return np.array(shares)

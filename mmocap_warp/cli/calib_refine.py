@@ -214,12 +214,12 @@ def _mean(values: np.ndarray) -> float:
 
 def _scene_lines(found: Refinement, scene: Scene) -> list[str]:
     """What is to be changed in the scene file."""
+    from mmocap_warp.calibration.cameras import OFFSET
+
     lines = []
     if any(source.centre_shift != (0.0, 0.0) for source in scene.cameras):
         lines.append("its principal points hold the scene's centre_shift: leave that out with this calibration")
     late = _offsets(found, scene)
-    from mmocap_warp.calibration.cameras import OFFSET
-
     for k, source in enumerate(scene.cameras):
         if found.moved[k, OFFSET]:
             lines.append(f"in the scene, [cameras.{source.name}] offset = {late[source.name]:g}")

@@ -23,7 +23,6 @@ from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.rotations import applied
 from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION
-from mmocap_warp.contour.around import Around
 from mmocap_warp.contour.clip import ACCELERATION, ClipProblem, SolvedWindow
 from mmocap_warp.contour.motion_points import POINTS_A_JOINT, MotionPoints
 from mmocap_warp.contour.normal_equations import NormalEquations
@@ -112,10 +111,7 @@ def stated(sequence: StudySequence, first: int, generic: BodyModel) -> Stated:
     begins = space.model(_SHAPE_KNOWN * space.nearest(sequence.recording.body))
     rooting = Rooting(generic.skeleton, base, generic.skeleton.searched())
     poses = _near_truth(sequence, begins, spread)
-    rooted = rooting.enter(poses)
-    nothing = np.zeros(len(spread), np.int32)  # known before or after: not asked for, since all views are of one time
-    around = Around(rooted, rooted, nothing, sequence.fps)
-    followed = Followed([sequence.observation(int(f)) for f in spread], rooted, np.zeros(len(spread)), around)
+    followed = Followed([sequence.observation(int(f)) for f in spread], rooting.enter(poses), np.zeros(len(spread)))
     subject, _ = solve_body(Subject(begins, base, poses[0], {}), generic, sequence.rig, followed, "cpu", 1)
     clip = _Clip(sequence, subject, frames)
     window = next(clip.problem.windows(rooting.enter(_near_truth(sequence, begins, frames))))

@@ -19,7 +19,7 @@ from mmocap_warp.study.summary import CellSummary, Measure, StudySummary
 from mmocap_warp.study.tables import Ranking
 from mmocap_warp.views.observation import Observation, unpack_masks
 from mmocap_warp.views.rig import CameraRig, project
-from mmocap_warp.views.silhouette import silhouette
+from mmocap_warp.views.silhouette import intersection_over_union, silhouette
 
 _SIZE = (360, 480)
 _MARGIN = 1.12  # of the window around what is drawn
@@ -151,7 +151,7 @@ def _picture(recording: Recording, cell: CellSummary, place: int, camera: int | 
 
 def _overlap(mask: np.ndarray, model: np.ndarray) -> float:
     """Intersection over union; above 1 for a view that was not judged."""
-    return float((mask & model).sum() / (mask | model).sum()) if mask.any() else 2.0
+    return intersection_over_union(mask, model) if mask.any() else 2.0
 
 
 def _draw(mask: np.ndarray, vertices: np.ndarray, joints: np.ndarray, body: BodyModel, size: tuple[int, int]) -> str:

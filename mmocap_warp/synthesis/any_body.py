@@ -13,7 +13,7 @@ from mmocap_warp.synthesis.footage.cameras import placed_camera
 from mmocap_warp.synthesis.footage.faults import Faults, SpoiltMasks
 from mmocap_warp.synthesis.footage.recording import Recording
 from mmocap_warp.synthesis.posing import ExactPoser
-from mmocap_warp.synthesis.writing import Progress, write_made_scene
+from mmocap_warp.synthesis.writing import FAULTY_MASKS, Progress, write_made_scene
 from mmocap_warp.views.rig import CameraRig
 
 SIZE = (640, 480)
@@ -29,16 +29,7 @@ _FAULTS = (
     Faults(grow=0.0, ragged=0.7, smooth=7.0, holes=2.5, specks=2.0, salt=1e-4),
 )
 _LIGHT = np.array([0.6, -0.35, -1.0])
-_FOREGROUND = """\
-# The masks have ragged contours, holes and specks.
-[foreground]
-source = "masks"
-median = 3.0
-fill_holes = 150.0
-min_area = 200.0
-keep = "largest"
-join = 6.0
-"""
+_FOREGROUND = f"# The masks have ragged contours, holes and specks.\n{FAULTY_MASKS}"
 _PERFECT = """\
 [foreground]
 source = "masks"

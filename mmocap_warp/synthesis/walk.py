@@ -14,7 +14,7 @@ from mmocap_warp.synthesis.footage.recording import Recording
 from mmocap_warp.synthesis.motion.gait import Walk
 from mmocap_warp.synthesis.motion.gait_curves import CADENCE
 from mmocap_warp.synthesis.people import walker
-from mmocap_warp.synthesis.writing import write_made_scene
+from mmocap_warp.synthesis.writing import FAULTY_MASKS, write_made_scene
 from mmocap_warp.views.rig import CameraRig
 
 FRAMES, FPS = 64, 60.0
@@ -39,16 +39,7 @@ _FAULTS = (
 )
 _LIGHT = np.array([0.6, -0.35, -1.0])
 
-_FOREGROUND = """\
-# The masks have ragged contours, holes, specks and shadows.
-[foreground]
-source = "masks"
-median = 3.0
-fill_holes = 150.0
-min_area = 200.0
-keep = "largest"
-join = 6.0
-"""
+_FOREGROUND = f"# The masks have ragged contours, holes, specks and shadows.\n{FAULTY_MASKS}"
 
 
 def walking(frames: int = FRAMES, seed: int = 0) -> Recording:

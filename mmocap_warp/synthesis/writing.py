@@ -33,6 +33,17 @@ calibration = "calibration.toml"
 {cameras}
 {foreground}"""
 
+FAULTY_MASKS = """\
+[foreground]
+source = "masks"
+median = 3.0
+fill_holes = 150.0
+min_area = 200.0
+keep = "largest"
+join = 6.0
+"""
+"""Settings for masks with made-up faults: what is cleaned of them, as of any."""
+
 
 class Footage(Protocol):
     """What a scene is written of: a :class:`mmocap_warp.synthesis.footage.recording.Recording`, or one made worse."""

@@ -22,6 +22,11 @@ def silhouettes(rig: CameraRig, vertices: np.ndarray, faces: np.ndarray) -> list
     return [silhouette(pixels, faces, size) > 0 for pixels, size in zip(project(rig, vertices), sizes, strict=True)]
 
 
+def intersection_over_union(one: np.ndarray, other: np.ndarray) -> float:
+    """Of two silhouettes, bool alike, of which one at least is not empty."""
+    return float((one & other).sum() / (one | other).sum())
+
+
 def silhouette(pixels: np.ndarray, faces: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     """The filled outline of a projected mesh, (height, width) uint8 of 0 and 255.
 

@@ -8,6 +8,7 @@ from mmocap_warp.views.observation import Observation, unpack_masks
 from mmocap_warp.views.rig import CameraRig
 
 _COARSE = 0.10  # first grid [m]; bodies are found on it, then carved finely
+_BEYOND = 1e6  # px, beyond any image
 _REACH = 2.0  # half the first grid's edge [m]
 
 
@@ -92,14 +93,20 @@ def _grid(low: np.ndarray, high: np.ndarray, spacing: float) -> np.ndarray:
 
 def _carve(rig: CameraRig, masks: list[np.ndarray], points: np.ndarray, tolerate: int) -> np.ndarray:
     misses = np.zeros(len(points), np.int16)
-    for K, R, t, mask in zip(rig.K, rig.R, rig.t, masks, strict=True):
-        seen = points @ (K @ R).T + K @ t
-        in_front = seen[:, 2] > 0
-        column, row = np.rint(seen[:, :2] / np.where(in_front, seen[:, 2], np.inf)[:, None]).astype(np.int32).T
-        height, width = mask.shape
-        inside = in_front & (column >= 0) & (column < width) & (row >= 0) & (row < height)
-        inside[inside] = mask[row[inside], column[inside]]
+    for k, mask in enumerate(masks):
+        _, inside = seen_at(rig, k, points, mask)
         misses += ~inside
         alive = misses <= tolerate
         points, misses = points[alive], misses[alive]
     return points
+
+
+def seen_at(rig: CameraRig, k: int, points: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels (n, 2) of points (n, 3), column and row, and which of them are foreground of a camera's mask."""
+    seen = points @ (rig.K[k] @ rig.R[k]).T + rig.K[k] @ rig.t[k]
+    depth = np.where(seen[:, 2] > 0, seen[:, 2], np.inf)
+    place = np.rint(np.clip(seen[:, :2] / depth[:, None], -_BEYOND, _BEYOND)).astype(np.int32)
+    height, width = mask.shape
+    inside = (place >= 0).all(axis=1) & (place[:, 0] < width) & (place[:, 1] < height) & (seen[:, 2] > 0)
+    inside[inside] = mask[place[inside, 1], place[inside, 0]]
+    return place, inside

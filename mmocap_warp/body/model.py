@@ -53,6 +53,7 @@ class BodyModel:
         marker_names: named virtual markers on the skin.
         marker_vertex: (marker,) int32, their full-mesh vertices.
         attribution: where the shape comes from and under which licence.
+        rigid: whether bones' lengths, girths and scale are known, as a robot's are: only poses are solved for.
     """
 
     name: str
@@ -67,6 +68,7 @@ class BodyModel:
     marker_names: tuple[str, ...]
     marker_vertex: np.ndarray
     attribution: str
+    rigid: bool = False
 
     @cached_property
     def tracking(self) -> SkinMesh:

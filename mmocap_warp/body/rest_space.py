@@ -47,6 +47,7 @@ class RestSpace:
     - ``log_scale``, the natural logarithm of the uniform scale.
 
     Joints that mirror each other share their parameters, such as ``bone.LKnee+RKnee`` (:func:`mirrored_joints`).
+    A rigid body has no parameters: it is as it is.
 
     Attributes:
         body: the body at ``beta = 0``.
@@ -67,12 +68,12 @@ class RestSpace:
     @cached_property
     def names(self) -> tuple[str, ...]:
         """What each parameter is called."""
-        return (*(column.name for column in self._columns), "log_scale")
+        return () if self.body.rigid else (*(column.name for column in self._columns), "log_scale")
 
     @cached_property
     def sigma(self) -> np.ndarray:
         """(parameter,) float64, prior standard deviations in the parameters' units: how bodies differ from this one."""
-        return np.array([*(column.sigma for column in self._columns), _LOG_SCALE_SIGMA])
+        return np.array([] if self.body.rigid else [*(column.sigma for column in self._columns), _LOG_SCALE_SIGMA])
 
     @cached_property
     def _skin(self) -> np.ndarray:
@@ -91,6 +92,9 @@ class RestSpace:
             beta: (parameter,).
             vertex: (vertex,) full-mesh vertices that are wanted, such as ``body.tracking_vertex``; all where omitted.
         """
+        if self.body.rigid:
+            rest = self.body.skin.rest if vertex is None else self.body.skin.rest[vertex]
+            return rest.astype(np.float64), self.body.joint_rest.astype(np.float64)
         skin, rest = self._skin, self.body.skin.rest
         if vertex is not None:
             skin, rest = skin[:, vertex], rest[vertex]
@@ -108,12 +112,16 @@ class RestSpace:
             vertex: as in :meth:`at`.
         """
         rest, joint = self.at(beta, vertex)
+        if self.body.rigid:
+            return np.zeros((0, *rest.shape)), np.zeros((0, *joint.shape))
         skin = self._skin if vertex is None else self._skin[:, vertex]
         scale = np.exp(beta[-1])
         return np.concatenate([scale * skin, rest[None]]), np.concatenate([scale * self._joint, joint[None]])
 
     def model(self, beta: np.ndarray) -> BodyModel:
         """The body of some parameters. As with ``BodyModel.shaped`` its shape targets are the old ones, scaled."""
+        if self.body.rigid:
+            return self.body
         rest, joint = self.at(beta)
         scale = np.float32(np.exp(beta[-1]))
         return replace(
@@ -136,6 +144,8 @@ class RestSpace:
         mine, other = self.body, body
         if other.skeleton.joints != mine.skeleton.joints or not np.array_equal(other.skin.face, mine.skin.face):
             raise ValueError(f"body must have the joints and the mesh of {mine.name!r}, {other.name!r} has others")
+        if mine.rigid:
+            return np.zeros(0)
         # linear in scale * beta and the scale
         own = mine.skin.rest.astype(np.float64) - mine.joint_rest[0]
         column = np.concatenate([self._skin - self._joint[:, :1], own[None]]).reshape(len(self.names), -1)

@@ -73,6 +73,11 @@ class ShapeSpace:
         return self.body.skeleton.coordinates + len(self.sliders)
 
     @property
+    def shape_index(self) -> np.ndarray:
+        """(parameter,) positions of what shapes the body; none of a rigid one."""
+        return np.array([], int) if self.body.rigid else np.append(self.slider_index, self.scale_index)
+
+    @property
     def heading_index(self) -> int:
         """Position of the heading [rad]."""
         return self.body.skeleton.coordinates + len(self.sliders) + 1

@@ -81,7 +81,7 @@ def import_body(
         made = replace(made, body=replace(made.body, attribution=attribution))
     write_body(output, made.body, made.motions)
     if write_joints is not None:
-        write_joints_file(write_joints, made.body.name, made.body.skeleton.joints, made.freedom)
+        write_joints_file(write_joints, made.body, made.freedom)
     _tell(made, output, console)
 
 
@@ -158,6 +158,7 @@ def _tell(made: Imported, output: Path, console: Console) -> None:
         "file": output,
         "joints": skeleton.joints,
         "degrees_of_freedom": len(skeleton.searched()),
+        "rigid": body.rigid,
         "size": size.round(4).tolist(),
         "vertices": len(body.skin.rest),
         "tracking_triangles": len(body.tracking_face),
@@ -168,7 +169,9 @@ def _tell(made: Imported, output: Path, console: Console) -> None:
     of_kinds = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
     lines = [
         f"{output}: {len(skeleton.joints)} joints ({of_kinds}), "
-        f"{len(skeleton.searched())} degrees of freedom, {len(skeleton.pairs)} left-right pairs",
+        f"{len(skeleton.searched())} degrees of freedom, {len(skeleton.pairs)} left-right pairs"
+        + (", rigid" if body.rigid else "")
+        + ("" if made.freedom[0].free else ", on a base that stands still"),
         f"  {wide:.3g} m wide, {tall:.3g} m tall, {long:.3g} m long; {len(body.tracking_face)} tracking triangles",
         *(f"  {note}" for note in made.notes),
         f"  {body.attribution}",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -23,6 +24,9 @@ class FitFlags:
     """Of masks and cameras, up to 1. [default: images 480 pixels long]"""
     headings: int | None = None
     """Evenly spread starting directions. [default: 8]"""
+    rigid: bool | None = None
+    """Bones' lengths, girths and scale are known, as a robot's are: find the pose alone. [default: what the body
+    says]"""
     device: str | None = None
     """auto, cpu or a CUDA device such as cuda:0. [default: auto]"""
     threads: int | None = None
@@ -83,9 +87,12 @@ def fit(
 
 
 def _measures(provenance: dict[str, str | float | int]) -> str:
-    """Height and bones with their standard deviations, for people."""
-    sigma = {name: 1000 * float(value) for name, value in provenance.items() if name.endswith(".sigma")}
-    of_height = sigma.pop("body.height.sigma")
-    bones = f", bones to {min(sigma.values()):.0f} to {max(sigma.values()):.0f} mm" if sigma else ""
-    height, frames = float(provenance["body.height"]), provenance["fit.frames"]
-    return f"{height:.2f} m tall, known to {of_height:.0f} mm{bones} from {frames} frames"
+    """How large the body is, and its bones, with their standard deviations, for people."""
+    measure, adjective = ("length", "long") if "body.length" in provenance else ("height", "tall")
+    size, frames = f"{float(provenance[f'body.{measure}']):.2f} m {adjective}", provenance["fit.frames"]
+    of_size = 1000 * float(provenance[f"body.{measure}.sigma"])
+    if of_size == 0:
+        return f"{size}, as given; seen in {frames} frames"
+    sigma = [1000 * float(value) for name, value in provenance.items() if re.fullmatch(r"body\.bone\..*\.sigma", name)]
+    bones = f", bones to {min(sigma):.0f} to {max(sigma):.0f} mm" if sigma else ""
+    return f"{size}, known to {of_size:.0f} mm{bones} from {frames} frames"

@@ -68,6 +68,7 @@ def track(
     output: Annotated[Path, Parameter(name=["--output", "-o"])],
     subject: Path | None = None,
     body: str | None = None,
+    rigid: bool | None = None,
     frames: str | None = None,
     identity: Identity = None,
     flags: TrackFlags | None = None,
@@ -87,6 +88,8 @@ def track(
         The fitted subject to track. The scene's, or else one is fitted first and kept beside the result.
     body
         Where that fit starts: a shipped body's name or a USD file. The scene's, or else adult_man.
+    rigid
+        That body's bones' lengths, girths and scale are known: fit the pose alone. [default: what the body says]
     frames
         Which of the recording's frames: first:end or first:end:stride, such as 120:480:2, which leaves out the end; or
         a count of those that the scene names. [default: those that the scene names]
@@ -113,7 +116,7 @@ def track(
     note_others(loaded, console)
     config = effective(TrackConfig, loaded.settings("track"), flags)
     truth = truth_of(loaded)
-    start = Start(subject, body, flags, resume, force)
+    start = Start(subject, body, rigid, flags, resume, force)
     tracked = track_scene(loaded, config, output, start, console)
     report = evaluate(tracked, truth)
     del report["series"]
@@ -131,6 +134,7 @@ class Start:
     Attributes:
         subject: the subject's file; None for the scene's, or one that is fitted.
         body: where that fit starts; None for the scene's, or the default.
+        rigid: whether that body's shape is known; None for what the scene or the body says.
         flags: what was given on the command line, to say where settings come from.
         resume: continue an interrupted run.
         force: replace an earlier run.
@@ -138,6 +142,7 @@ class Start:
 
     subject: Path | None = None
     body: str | None = None
+    rigid: bool | None = None
     flags: TrackFlags = field(default_factory=TrackFlags)
     resume: bool = False
     force: bool = False
@@ -231,11 +236,11 @@ def _fitted_subject(scene: Scene, config: TrackConfig, output: Path, start: Star
     from mmocap_warp.formats.usd.body import read_subject
     from mmocap_warp.tracking.fit import FitConfig
 
-    flags = FitFlags(device=config.device, threads=config.threads)
+    flags = FitFlags(rigid=start.rigid, device=config.device, threads=config.threads)
     fit = effective(FitConfig, scene.settings("fit"), flags)
     body = load_body(start.body or scene.body or DEFAULT_BODY, "--body" if start.body else scene.path)
     _check_model(body, scene, config, start.flags)
-    given = FitFlags(device=start.flags.device, threads=start.flags.threads)
+    given = FitFlags(rigid=start.rigid, device=start.flags.device, threads=start.flags.threads)
     console.note(f"fit: {describe(fit, scene.fit, given)}")
     fit_subject(scene, body, fit, _kept_subject(output), console)
     return read_subject(_kept_subject(output))  # as --resume will find it, to the last bit

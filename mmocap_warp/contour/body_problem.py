@@ -153,4 +153,4 @@ class _Descent:
         change = np.clip(change, -most, most)
         step = np.clip(reduced.pose_step - reduced.pose_by_body @ change, -LARGEST_STEP, LARGEST_STEP)
         moved = _State(self._problem.rooting.stepped(state.rooted, step), state.beta + change)
-        return moved, float(max(np.abs(step).max(), np.abs(change).max()))
+        return moved, float(max(np.abs(step).max(), np.abs(change).max(initial=0.0)))

@@ -168,7 +168,7 @@ def solve_body(
 
 
 def measurements(space: RestSpace, solution: BodySolution) -> dict[str, float]:
-    """Height and bone lengths of a solved body with their standard deviations [m].
+    """Height, length where the body is longer than tall, and bones' lengths, with their standard deviations [m].
 
     What the masks and the family of bodies are off by is the same in all frames: more frames do not average it out.
     """
@@ -177,6 +177,9 @@ def measurements(space: RestSpace, solution: BodySolution) -> dict[str, float]:
     d_rest, d_joint = space.basis(solution.beta)
     top, bottom = int(rest[:, 1].argmax()), int(rest[:, 1].argmin())
     found = {"height": (rest[top, 1] - rest[bottom, 1], d_rest[:, top, 1] - d_rest[:, bottom, 1])}
+    front, back = int(rest[:, 2].argmax()), int(rest[:, 2].argmin())
+    if rest[front, 2] - rest[back, 2] > found["height"][0]:
+        found["length"] = rest[front, 2] - rest[back, 2], d_rest[:, front, 2] - d_rest[:, back, 2]
     for name in space.names:
         if name.startswith("bone."):
             skeleton = space.body.skeleton
@@ -187,6 +190,6 @@ def measurements(space: RestSpace, solution: BodySolution) -> dict[str, float]:
     values: dict[str, float] = {}
     for name, (value, by_parameter) in found.items():
         values[f"body.{name}"] = float(value)
-        of_outline = _OUTLINE if name == "height" else 0.0
+        of_outline = 0.0 if name.startswith("bone.") or space.body.rigid else _OUTLINE
         values[f"body.{name}.sigma"] = float(np.sqrt(by_parameter @ covariance @ by_parameter + of_outline**2))
     return values

@@ -56,6 +56,7 @@ class FitConfig:
         evaluations: spent on each.
         finalists: headings whose limbs are searched.
         frames: of the clip's first seconds that the body is solved from; 1 takes it from the first frame alone.
+        rigid: whether bones' lengths, girths and scale are known; None for what the body says.
         device: ``auto``, ``cpu`` or a CUDA device.
         threads: CPU threads; None for all that this process may use.
     """
@@ -66,6 +67,7 @@ class FitConfig:
     evaluations: int = 1000
     finalists: int = 4
     frames: int = 16
+    rigid: bool | None = None
     device: str = "auto"
     threads: int | None = None
 
@@ -193,10 +195,16 @@ def fit_observation(
 class _Task:
     """What all stages of a fit share."""
 
-    body: BodyModel
+    generic: BodyModel
     rig: CameraRig
     config: FitConfig
     progress: FitProgress
+
+    @cached_property
+    def body(self) -> BodyModel:
+        """The generic body, rigid or not."""
+        rigid = self.config.rigid
+        return self.generic if rigid is None else replace(self.generic, rigid=rigid)
 
     @cached_property
     def space(self) -> RestSpace:

@@ -29,7 +29,7 @@ class NoSubjectError(ValueError):
 
 
 def standing_start(space: ShapeSpace, rig: CameraRig, observation: Observation) -> np.ndarray:
-    """Coordinates of the rest pose where the visual hull stands, scaled to its height.
+    """Coordinates of the rest pose where the visual hull stands, scaled to its height unless the body is rigid.
 
     Raises:
         NoSubjectError: fewer than two views see the subject, or they see different things.
@@ -42,7 +42,7 @@ def standing_start(space: ShapeSpace, rig: CameraRig, observation: Observation) 
     up = upright_base(rig.up)[:, 1]
     low, high = np.percentile(hull @ up, [0.5, 99.5])
     body = space.body
-    scale = np.clip((high - low) / np.ptp(body.skin.rest[:, 1]), 0.6, 1.4)
+    scale = 1.0 if body.rigid else np.clip((high - low) / np.ptp(body.skin.rest[:, 1]), 0.6, 1.4)
     centre = np.median(hull, axis=0)
     coordinates = np.zeros(len(space))
     root_height = low + scale * (body.joint_rest[0, 1] - body.skin.rest[:, 1].min())
@@ -84,7 +84,7 @@ def search_headings(
     skeleton = space.body.skeleton
     starts = np.repeat(start[None], headings, axis=0)
     starts[:, space.heading_index] = 2 * np.pi * np.arange(headings) / headings
-    searched = np.concatenate([skeleton.searched(), space.slider_index, [space.scale_index]])
+    searched = np.concatenate([skeleton.searched(), space.shape_index])
     seeds = wp.array(seed + np.arange(headings), dtype=wp.int32, device=device)
     counter = wp.zeros(headings, dtype=wp.int32, device=device)
     spread = _spread(space)

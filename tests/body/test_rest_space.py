@@ -121,6 +121,19 @@ def test_derivatives(space: RestSpace) -> None:
         np.testing.assert_allclose(d_joint[k], (above[1] - below[1]) / (2 * step), atol=1e-8)
 
 
+def test_a_rigid_body_has_no_parameters(space: RestSpace) -> None:
+    rigid = RestSpace(replace(space.body, rigid=True))
+    assert rigid.names == ()
+    assert not len(rigid.sigma)
+    none = rigid.nearest(space.body)
+    for known, other in zip(rigid.at(none), space.at(np.zeros(len(space.names))), strict=True):
+        np.testing.assert_array_equal(known, other)
+    vertex, joint = rigid.basis(none, space.body.tracking_vertex)
+    assert vertex.shape == (0, len(space.body.tracking_vertex), 3)
+    assert joint.shape == (0, *space.body.joint_rest.shape)
+    assert rigid.model(none) is rigid.body
+
+
 def test_some_vertices_are_as_among_all(space: RestSpace) -> None:
     beta, some = likely(space), space.body.tracking_vertex[::3]
     np.testing.assert_array_equal(space.at(beta, some)[0], space.at(beta)[0][some])

@@ -15,14 +15,14 @@ from synthetic import ring_rig
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.formats.usd.animation import export_animation
-from mmocap_warp.formats.usd.body import read_body, write_body
+from mmocap_warp.formats.usd.body import read_body, read_subject, write_body, write_subject
 from mmocap_warp.formats.usd.check import faults
 from mmocap_warp.formats.usd.result import read_result, write_result
 from mmocap_warp.result.evaluation import evaluate
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.tracking.algorithms import ALGORITHMS
 from mmocap_warp.tracking.config import TrackConfig
-from mmocap_warp.tracking.fit import FitConfig, fit_observation
+from mmocap_warp.tracking.fit import FitConfig, fit_clip, fit_observation
 from mmocap_warp.tracking.track import track_observations
 from mmocap_warp.views.observation import Observation
 
@@ -110,3 +110,22 @@ def test_a_quadruped_is_fitted_from_the_masks_alone() -> None:
     there = Poser(subject.body, subject.root_base).vertices(poses[:1])[0]
     found = Poser(fitted.body, fitted.root_base).vertices(fitted.pose)[0]
     assert np.linalg.norm(found - there, axis=-1).mean() < 0.04
+
+
+@pytest.mark.parametrize("said_by", ["body", "setting"])
+def test_of_a_rigid_body_the_pose_alone_is_found(said_by: str, tmp_path: Path) -> None:
+    subject, (poses, seen) = subject_of("quadruped"), motion("quadruped")
+    body = replace(subject.body, rigid=said_by == "body")
+    config = FitConfig(
+        evaluations=600, finalists=2, device="cpu", threads=2, rigid=True if said_by == "setting" else None
+    )
+    fitted = fit_clip(body, RIG, FPS, seen, config)
+    np.testing.assert_array_equal(fitted.body.skin.rest, body.skin.rest)
+    np.testing.assert_array_equal(fitted.body.joint_rest, body.joint_rest)
+    assert not [name for name in fitted.provenance if name.startswith(("shape.", "body.bone."))]
+    assert fitted.provenance["body.height.sigma"] == 0
+    there = Poser(body, subject.root_base).vertices(poses[:1])[0]
+    found = Poser(fitted.body, fitted.root_base).vertices(fitted.pose)[0]
+    assert np.linalg.norm(found - there, axis=-1).mean() < 0.01
+    write_subject(tmp_path / "dog.usda", fitted)
+    assert read_subject(tmp_path / "dog.usda").body.rigid

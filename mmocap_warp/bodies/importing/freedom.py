@@ -40,7 +40,8 @@ class Freedom:
 
 
 def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
-    """Each joint's freedom. The root is free; a joint without skin below it is not.
+    """Each joint's freedom. A joint without skin below it has none. The root is free, but for a robot that is one
+    chain: an arm stands on its base.
 
     Where the file says nothing: the joints of a limb after its first are hinges about the normal of the plane in which
     its bones lie, and bend on from there; the first joint of a limb, and all of those in the plane of symmetry, turn
@@ -71,7 +72,8 @@ def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
     found = []
     for joint, freedom in enumerate(derived):
         if joint == 0:
-            found.append(Freedom(np.eye(3), "xyz", np.tile([-np.inf, np.inf], (3, 1)), "derived"))
+            free = "" if mesh.rigid and mesh.parent.count(0) == 1 else "xyz"
+            found.append(Freedom(np.eye(3), free, np.tile([-np.inf, np.inf], (3, 1)), "derived"))
         elif joint in mesh.turning:
             found.append(_said(mesh.turning[joint], place[joint], ends[joint]))
         else:

@@ -104,6 +104,7 @@ def imported(
         marker_names=(),
         marker_vertex=np.zeros(0, np.int32),
         attribution=mesh.attribution or "The file that it was imported from states no makers and no licence.",
+        rigid=mesh.rigid if given.rigid is None else given.rigid,
     )
     motions = {}
     for label, motion in mesh.motions.items():

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from mmocap_warp.bodies.importing.freedom import Freedom, hinge_frame
+from mmocap_warp.body.model import BodyModel
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import Table, load_toml
 from mmocap_warp.whole_file import write_whole
@@ -17,7 +18,8 @@ _ABOUT = """\
 # free: axes that are searched, of the joint's own frame: a hinge turns about x, else y runs along the bone.
 # x, y, z: lowest and highest angle from the bind pose, in degrees.
 # Also: hinge = [1, 0, 0], the axis x of a joint in the body's axes (+X its left, +Y up, +Z ahead);
-# parent = "name", what the joint hangs on; at the top, root = "fixed" for a base that stands still.
+# parent = "name", what the joint hangs on. At the top: root = "fixed" for a base that stands still;
+# rigid = true where bones' lengths, girths and scale are known, as a robot's are.
 """
 _FREE = ("", "x", "y", "z", "xy", "xz", "yz", "xyz")
 
@@ -45,12 +47,14 @@ class GivenJoints:
 
     Attributes:
         source: the file, for errors.
-        fixed_root: whether the root stands still.
+        fixed_root: whether the root stands still; None where the file is silent.
+        rigid: whether the body's shape is known; None where the file is silent.
         joints: by name.
     """
 
     source: str
-    fixed_root: bool = False
+    fixed_root: bool | None = None
+    rigid: bool | None = None
     joints: dict[str, GivenJoint] = field(default_factory=dict)
 
 
@@ -61,10 +65,11 @@ def read_joints_file(path: str | Path) -> GivenJoints:
         InputError: no such file, or a key or a value that cannot be.
     """
     table = load_toml(path)
-    fixed = table.take_choice("root", ("free", "fixed"), "free") == "fixed"
+    root = table.take_choice("root", ("free", "fixed"), None)
+    rigid = table.take("rigid", bool, None)
     joints = {name: _joint(entry) for name, entry in table.take_table("joints").take_tables().items()}
     table.finish()
-    return GivenJoints(str(path), fixed, joints)
+    return GivenJoints(str(path), None if root is None else root == "fixed", rigid, joints)
 
 
 def _joint(entry: Table) -> GivenJoint:
@@ -101,8 +106,8 @@ def with_given(freedom: list[Freedom], joints: tuple[str, ...], given: GivenJoin
             known = ", ".join(joints[:8]) + (" ..." if len(joints) > 8 else "")
             raise InputError(given.source, f"there is no joint '{name}'", f"name one of {known}")
         found[joints.index(name)] = _given(freedom[joints.index(name)], joint)
-    if given.fixed_root:
-        found[0] = replace(found[0], free="", origin="given")
+    if given.fixed_root is not None:
+        found[0] = replace(found[0], free="" if given.fixed_root else "xyz", origin="given")
     return found
 
 
@@ -118,14 +123,15 @@ def _given(freedom: Freedom, joint: GivenJoint) -> Freedom:
     return Freedom(frame, free, limits, "given")
 
 
-def write_joints_file(path: str | Path, name: str, joints: tuple[str, ...], freedom: list[Freedom]) -> None:
+def write_joints_file(path: str | Path, body: BodyModel, freedom: list[Freedom]) -> None:
     """Write how joints turn, to be edited.
 
     Raises:
         InputError: the file cannot be written.
     """
-    lines = [_ABOUT.format(name=name), f'root = "{"free" if freedom[0].free else "fixed"}"\n']
-    for joint, how in list(zip(joints, freedom, strict=True))[1:]:
+    root, rigid = "free" if freedom[0].free else "fixed", str(body.rigid).lower()
+    lines = [_ABOUT.format(name=body.name), f'root = "{root}"\nrigid = {rigid}\n']
+    for joint, how in list(zip(body.skeleton.joints, freedom, strict=True))[1:]:
         lines.append(f'\n[joints.{joint}]  # {how.origin}\nfree = "{how.free}"\n')
         for axis in how.free:
             low, high = np.degrees(how.limits["xyz".index(axis)])

@@ -8,7 +8,7 @@ Layout below the body's prim (a ``SkelRoot`` named after the body)::
     Tracking             the tracking mesh (purpose guide); mmocap:skinVertices, its vertices in Skin
     Motions/<motion>     a motion that came with the body; mmocap:name, mmocap:fps, mmocap:pose
 
-and on the prim itself ``mmocap:attribution``.
+and on the prim itself ``mmocap:attribution`` and, of a body whose shape is known, ``mmocap:rigid``.
 
 A :class:`Subject` adds ``Skeleton/FirstPose``, a one-frame animation that shows the body where the recording starts,
 and on the prim ``mmocap:rootBase`` (for row vectors, as all in USD), ``mmocap:pose`` and ``mmocap:provenance`` (JSON).
@@ -135,6 +135,8 @@ def define_body(stage: Usd.Stage, path: str, body: BodyModel) -> UsdSkel.Root:
     root = UsdSkel.Root.Define(stage, path)
     Usd.ModelAPI(root).SetKind(Kind.Tokens.component)
     author(root, "mmocap:attribution", Sdf.ValueTypeNames.String, body.attribution)
+    if body.rigid:
+        author(root, "mmocap:rigid", Sdf.ValueTypeNames.Bool, True)
 
     skeleton = UsdSkel.Skeleton.Define(stage, f"{path}/Skeleton")
     skeleton.CreateJointsAttr(joint_paths(body.skeleton))
@@ -249,6 +251,7 @@ def body_from_prim(prim: Usd.Prim, source: object) -> BodyModel:
         marker_names=marker_names,
         marker_vertex=marker_vertex,
         attribution=read.typed("mmocap:attribution", str),
+        rigid=read.flag("mmocap:rigid"),
     )
 
 

@@ -137,6 +137,10 @@ class PrimReader:
         self.require(type(value) is kind, f"attribute {name} is of type {type(value).__name__}, not {kind.__name__}")
         return value
 
+    def flag(self, name: str, unsaid: bool = False) -> bool:
+        """An attribute that is true or false, ``unsaid`` where there is none."""
+        return self.typed(name, bool) if self.prim.HasAttribute(name) else unsaid
+
     def texts(self, name: str) -> list[str]:
         """An attribute that is a list of texts, which must exist."""
         value = self.value(name)

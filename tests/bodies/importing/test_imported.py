@@ -158,7 +158,7 @@ def test_motions_move_the_bodys_joints_as_the_files(creature: RiggedMesh, made: 
 
 def test_a_joints_file_takes_the_place_of_what_is_derived(tmp_path: Path, creature: RiggedMesh, made: Imported) -> None:
     path = tmp_path / "joints.toml"
-    write_joints_file(path, "creature", made.body.skeleton.joints, made.freedom)
+    write_joints_file(path, made.body, made.freedom)
     again = imported(creature, "creature", joints=read_joints_file(path))
     np.testing.assert_allclose(again.body.skeleton.limits, made.body.skeleton.limits, atol=1e-3)
     np.testing.assert_array_equal(again.body.skeleton.searched(), made.body.skeleton.searched())
@@ -184,6 +184,7 @@ def test_a_joints_file_takes_the_place_of_what_is_derived(tmp_path: Path, creatu
         ("[joints.head]\nhinge = [0, 0, 0]\n", "no direction"),
         ("[joints.head]\nlimit = 3\n", "unknown key"),
         ('root = "loose"\n', "is not known"),
+        ("rigid = 1\n", "rigid"),
     ],
 )
 def test_a_joints_file_that_cannot_be_is_told(tmp_path: Path, creature: RiggedMesh, text: str, said: str) -> None:
@@ -199,7 +200,8 @@ def test_a_robot_is_rigid_and_turns_about_its_axes(tmp_path: Path) -> None:
     crane = imported(read_urdf(path), "crane")
     skeleton = crane.body.skeleton
     assert skeleton.joints == ("base", "slew", "luff")
-    assert len(skeleton.searched()) == 8
+    assert len(skeleton.searched()) == 2  # one chain: its base stands still
+    assert crane.body.rigid
     np.testing.assert_allclose(skeleton.frame[1, :, 0], (0, 1, 0), atol=1e-6)  # up
     np.testing.assert_allclose(skeleton.frame[2, :, 0], (0, 0, 1), atol=1e-6)  # +X of the file is ahead
     np.testing.assert_allclose(skeleton.limits[2, 0], (-0.2, 1.2), rtol=1e-6)
@@ -209,6 +211,19 @@ def test_a_robot_is_rigid_and_turns_about_its_axes(tmp_path: Path) -> None:
     raised[0, skeleton.angles("luff").start] = 1.0
     tip = Poser(crane.body, np.eye(3)).vertices(raised)[0, :, 1].max()
     assert tip == pytest.approx(1.1 + 0.8 * np.sin(1.0) + 0.05 * np.cos(1.0), abs=1e-4)
+
+
+def test_a_joints_file_frees_a_robots_base_and_its_shape(tmp_path: Path) -> None:
+    (tmp_path / "crane.urdf").write_text(ROBOT)
+    robot = read_urdf(tmp_path / "crane.urdf")
+    path = tmp_path / "joints.toml"
+    fixed = imported(robot, "crane")
+    write_joints_file(path, fixed.body, fixed.freedom)
+    again = imported(robot, "crane", joints=read_joints_file(path))
+    assert (len(again.body.skeleton.searched()), again.body.rigid) == (2, True)
+    path.write_text('root = "free"\nrigid = false\n')
+    freed = imported(robot, "crane", joints=read_joints_file(path))
+    assert (len(freed.body.skeleton.searched()), freed.body.rigid) == (8, False)
 
 
 def test_joints_side_by_side_are_chained_by_their_names(creature: RiggedMesh) -> None:

@@ -17,6 +17,7 @@ class Body:
 
     parent: wp.array[wp.int32]  # (joint,) -1 for the root
     depth: wp.array[wp.int32]  # (joint,) joints above it
+    slides: wp.array[wp.int32]  # (joint,) 1 where its coordinates shift it along its axes instead of turning it
     levels: int  # one more than the largest depth
     joint_frame: wp.array[wp.mat33]  # (joint,)
     joint_rest: wp.array2d[wp.vec3]  # (copy, joint) [m]
@@ -84,6 +85,9 @@ def turn_joint(body: Body, pose: wp.array2d[wp.float32], c: int, run: int, j: in
         return affine(body.root_base[run] * body.joint_frame[j] * rotation, at)
     into_parent = wp.transpose(body.joint_frame[p])
     bone = body.joint_rest[copy, j] - body.joint_rest[copy, p]
+    if body.slides[j] > 0:
+        shift = body.joint_frame[j] * wp.vec3(pose[c, 3 + 3 * j], pose[c, 4 + 3 * j], pose[c, 5 + 3 * j])
+        return affine(into_parent * body.joint_frame[j], into_parent * (bone + shift))
     return affine(into_parent * body.joint_frame[j] * rotation, into_parent * bone)
 
 
@@ -118,7 +122,8 @@ def _pose_joints(
 def pose_joints(body: Body, pose: wp.array[wp.float32], joints: Joints) -> None:
     """Joint frames in the world, and the matrices that carry rest points along with them.
 
-    ``transform[j] = transform[parent] @ rest_local[j] @ (Rz Ry Rx)`` and
+    ``transform[j] = transform[parent] @ rest_local[j] @ (Rz Ry Rx)``, of a sliding joint
+    ``transform[parent] @ rest_local[j] @ shift``, and
     ``skin_matrix[j] = transform[j] @ inverse(bind[j])``; the root sits at ``pose[:, :3]`` [m] and turns in
     ``root_base``, one for all candidates or one each. ``pose`` is (candidate, 3 + 3 joint) [m, rad].
     """

@@ -6,8 +6,8 @@ gradient is g (by the point's place in the world) changes by
 
     a . ( sum_j w_j (x_j - o_k)  x  g )                                   j: the joint k and those below it
 
-which holds for any tree of joints. A change of the rest body moves point and joints in the bind pose, and the joints'
-origins with the bones above them.
+which holds for any tree of joints; a shift along a moves that part by its weight, ``a . sum_j w_j g``. A change of the
+rest body moves point and joints in the bind pose, and the joints' origins with the bones above them.
 
 In a view that is late a pose counts with what it says of the motion too: ``1 + late own`` times. Within a clip velocity
 and bend are taken as they are, though the neighbours' poses, which make them, move too.
@@ -42,7 +42,7 @@ class Posed:
 
     body: Body
     joints: Joints
-    axes: wp.array2d[wp.mat33]  # (candidate, joint) in the columns: of the x, y and z angle, in the world
+    axes: wp.array2d[wp.mat33]  # (candidate, joint) in the columns: of the x, y and z angle or shift, in the world
     vertex: wp.array2d[wp.vec3]  # (candidate, vertex) [m]
 
 
@@ -98,11 +98,13 @@ def _turn_axes(
     # A joint turns by Rz Ry Rx: the last of its axes by none of these, the one before by Rz, the first by Rz Ry.
     turned = rotation_of(posed.joints.transform[c, j])
     undone = wp.mat33(1.0, 0.0, -sy, 0.0, cx, sx * cy, 0.0, -sx, cx * cy)
+    if posed.body.slides[j] > 0:
+        undone = wp.identity(n=3, dtype=float)
     posed.axes[c, j] = turned * undone
 
 
 def turn_axes(pose: wp.array[wp.float32], batch: Batch, posed: Posed) -> None:
-    """Find the axes that a batch's joints turn about; ``pose`` is (candidate, coordinate) [m, rad]."""
+    """Find the axes that a batch's joints turn about or slide along; ``pose`` is (candidate, coordinate) [m, rad]."""
     wp.launch(
         _turn_axes,
         dim=(batch.size, posed.axes.shape[1]),
@@ -224,6 +226,8 @@ def _write_pose(
         turned = wp.vec3()
         if carried > 0.0:
             moment = wp.cross(arm - carried * translation_of(posed.joints.transform[c, k]), gradient)
+            if posed.body.slides[k] > 0:
+                moment = carried * gradient
             turned = wp.transpose(posed.axes[c, k]) * moment
         for i in range(3):
             column = tree.column[3 + 3 * k + i]

@@ -40,9 +40,13 @@ def deviation_factors(body: BodyModel) -> DeviationFactors | None:
         return None
     table = load_toml(path)
     joint, angle = (table.take(name, dict) for name in ("joint", "angle"))
-    if set(joint) != set(body.skeleton.joints) or set(angle) != set(joint):
+    skeleton = body.skeleton
+    if set(joint) != set(skeleton.joints) - set(skeleton.attached) or set(angle) != set(joint):
         return None  # another body of that name
-    return DeviationFactors(*(np.array([of[name] for name in body.skeleton.joints], float) for of in (joint, angle)))
+    as_stated = {name: [1.0, 1.0, 1.0] for name in skeleton.attached}  # of what is attached nothing was learnt
+    return DeviationFactors(
+        *(np.array([(of | as_stated)[name] for name in skeleton.joints], float) for of in (joint, angle))
+    )
 
 
 def factors_toml(skeleton: Skeleton, factors: DeviationFactors, made_with: str) -> str:

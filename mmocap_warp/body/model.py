@@ -76,6 +76,24 @@ class BodyModel:
         keep = self.tracking_vertex
         return SkinMesh(self.skin.rest[keep], self.tracking_face, self.skin.joint[keep], self.skin.weight[keep])
 
+    @cached_property
+    def own_vertex(self) -> np.ndarray:
+        """(vertex,) bool, which of the full mesh's vertices are the body's own, not those of attached things."""
+        own: np.ndarray = ~self.skeleton.is_attached[self.skin.heaviest_joint]
+        return own
+
+    @cached_property
+    def unscaled(self) -> tuple[np.ndarray, np.ndarray]:
+        """(vertex, 3) and (joint, 3) float32, of each place in the bind pose what does not grow with the body [m].
+
+        Attached things have the size that they have: their skin and joints keep their way from the joint that carries
+        them. It is zero for all else.
+        """
+        skeleton, skin = self.skeleton, self.skin
+        from_carrier = skin.rest - self.joint_rest[skeleton.carrier[skin.heaviest_joint]]
+        by_vertex = np.where(self.own_vertex[:, None], np.float32(0), from_carrier)
+        return by_vertex, self.joint_rest - self.joint_rest[skeleton.carrier]
+
     @property
     def volume(self) -> float:
         """What the closed tracking mesh holds at rest [m^3]."""
@@ -83,7 +101,7 @@ class BodyModel:
         return float(abs(np.einsum("fi,fi->", a, np.cross(b, c))) / 6)
 
     def shaped(self, weights: dict[str, float], scale: float = 1.0) -> BodyModel:
-        """The body with shape targets applied at the given weights, then scaled uniformly.
+        """The body with shape targets applied at the given weights, then scaled uniformly, but for attached things.
 
         The result is a new rest body: its own targets are the old ones scaled, so further shaping adds on top.
 
@@ -96,6 +114,10 @@ class BodyModel:
         w = np.array([weights.get(name, 0.0) for name in self.shape_names], np.float32)
         rest = (self.skin.rest + np.tensordot(w, self.shape_vertex, 1)) * np.float32(scale)
         joints = (self.joint_rest + np.tensordot(w, self.shape_joint, 1)) * np.float32(scale)
+        if self.skeleton.attached:
+            by_vertex, by_joint = self.unscaled
+            rest += np.float32(1 - scale) * by_vertex
+            joints += np.float32(1 - scale) * by_joint
         return replace(
             self,
             skin=replace(self.skin, rest=rest),

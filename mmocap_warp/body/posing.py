@@ -34,6 +34,7 @@ class BodyArrays:
         skeleton = body.skeleton
         self.parent = wp.array(skeleton.parent, dtype=wp.int32, device=device)
         self.depth = wp.array(skeleton.depth, dtype=wp.int32, device=device)
+        self.slides = wp.array(skeleton.slides, dtype=wp.int32, device=device)
         self.levels = int(skeleton.depth.max()) + 1
         self.joint_frame = wp.array(skeleton.frame, dtype=wp.mat33, device=device)
         self.joint_rest = wp.array(_repeat(body.joint_rest, copies), dtype=wp.vec3, device=device)

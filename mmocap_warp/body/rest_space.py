@@ -48,6 +48,7 @@ class RestSpace:
 
     Joints that mirror each other share their parameters, such as ``bone.LKnee+RKnee`` (:func:`mirrored_joints`).
     A rigid body has no parameters: it is as it is.
+    Attached things are carried along by the joints that they hang on, and keep their size.
 
     Attributes:
         body: the body at ``beta = 0``.
@@ -85,6 +86,12 @@ class RestSpace:
         """(parameter - 1, joint, 3)."""
         return np.stack([column.joint for column in self._columns])
 
+    @cached_property
+    def _unscaled(self) -> tuple[np.ndarray, np.ndarray]:
+        """(vertex, 3) and (joint, 3) float64; see :attr:`BodyModel.unscaled`."""
+        by_vertex, by_joint = (each.astype(np.float64) for each in self.body.unscaled)
+        return by_vertex, by_joint
+
     def at(self, beta: np.ndarray, vertex: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """The rest body of some parameters, float64 [m]: vertices (vertex, 3) and joint centres (joint, 3).
 
@@ -96,13 +103,18 @@ class RestSpace:
             rest = self.body.skin.rest if vertex is None else self.body.skin.rest[vertex]
             return rest.astype(np.float64), self.body.joint_rest.astype(np.float64)
         skin, rest = self._skin, self.body.skin.rest
+        by_vertex, by_joint = self._unscaled
         if vertex is not None:
-            skin, rest = skin[:, vertex], rest[vertex]
-        return self._combined(beta, rest, skin), self._combined(beta, self.body.joint_rest, self._joint)
+            skin, rest, by_vertex = skin[:, vertex], rest[vertex], by_vertex[vertex]
+        return (
+            self._combined(beta, rest, skin, by_vertex),
+            self._combined(beta, self.body.joint_rest, self._joint, by_joint),
+        )
 
-    @staticmethod
-    def _combined(beta: np.ndarray, rest: np.ndarray, column: np.ndarray) -> np.ndarray:
-        return np.exp(beta[-1]) * (rest.astype(np.float64) + np.tensordot(beta[:-1], column, 1))
+    def _combined(self, beta: np.ndarray, rest: np.ndarray, column: np.ndarray, unscaled: np.ndarray) -> np.ndarray:
+        scale = np.exp(beta[-1])
+        grown = scale * (rest.astype(np.float64) + np.tensordot(beta[:-1], column, 1))
+        return grown + (1 - scale) * unscaled if self.body.skeleton.attached else grown
 
     def basis(self, beta: np.ndarray, vertex: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of :meth:`at` by the parameters: (parameter, vertex, 3) and (parameter, joint, 3), float64.
@@ -116,7 +128,12 @@ class RestSpace:
             return np.zeros((0, *rest.shape)), np.zeros((0, *joint.shape))
         skin = self._skin if vertex is None else self._skin[:, vertex]
         scale = np.exp(beta[-1])
-        return np.concatenate([scale * skin, rest[None]]), np.concatenate([scale * self._joint, joint[None]])
+        by_vertex, by_joint = self._unscaled
+        by_vertex = by_vertex if vertex is None else by_vertex[vertex]
+        return (
+            np.concatenate([scale * skin, (rest - by_vertex)[None]]),
+            np.concatenate([scale * self._joint, (joint - by_joint)[None]]),
+        )
 
     def model(self, beta: np.ndarray) -> BodyModel:
         """The body of some parameters. As with ``BodyModel.shaped`` its shape targets are the old ones, scaled."""
@@ -147,9 +164,10 @@ class RestSpace:
         if mine.rigid:
             return np.zeros(0)
         # linear in scale * beta and the scale
-        own = mine.skin.rest.astype(np.float64) - mine.joint_rest[0]
+        by_vertex, _ = self._unscaled
+        own = mine.skin.rest.astype(np.float64) - by_vertex - mine.joint_rest[0]
         column = np.concatenate([self._skin - self._joint[:, :1], own[None]]).reshape(len(self.names), -1)
-        target = (other.skin.rest.astype(np.float64) - other.joint_rest[0]).ravel()
+        target = (other.skin.rest.astype(np.float64) - by_vertex - other.joint_rest[0]).ravel()
         normal = column @ column.T / _SKIN_SIGMA**2 + np.diag(self.sigma**-2)
         toward = column @ target / _SKIN_SIGMA**2
         toward[-1] += self.sigma[-1] ** -2  # the scale is pulled to one
@@ -181,7 +199,7 @@ def _bones(body: BodyModel, groups: dict[str, tuple[int, ...]], weight: np.ndarr
         parents = [body.skeleton.parent[joint] for joint in group]
         bones = [place[joint] - place[parent] for joint, parent in zip(group, parents, strict=True)]
         lengths = [float(np.linalg.norm(bone)) for bone in bones]
-        if min(parents) < 0 or min(lengths) == 0:
+        if min(parents) < 0 or min(lengths) == 0 or body.skeleton.is_attached[group[0]]:
             continue
         skin, centre = np.zeros_like(rest), np.zeros_like(place)
         for joint, parent, bone, length in zip(group, parents, bones, lengths, strict=True):
@@ -200,7 +218,7 @@ def _girths(body: BodyModel, groups: dict[str, tuple[int, ...]], weight: np.ndar
         normal[tracking] = closed[tracking]
     for name, group in groups.items():
         follows = weight[:, list(group)].sum(axis=1)
-        if follows.any():
+        if follows.any() and not body.skeleton.is_attached[group[0]]:
             skin = follows[:, None] * normal
             yield _Column(f"girth.{name}", _GIRTH_SIGMA, skin, np.zeros(body.joint_rest.shape))
 

@@ -17,9 +17,10 @@ Pair = tuple[str, str, str]
 """What both are called together, such as ``wrists``; the left joint; the right joint."""
 
 
-def coordinate_names(joints: tuple[str, ...]) -> tuple[str, ...]:
-    """Of a pose: ``Tx``, ``Ty``, ``Tz``, then ``<joint>.Rx`` and so on."""
-    return ("Tx", "Ty", "Tz", *(f"{joint}.R{axis}" for joint in joints for axis in "xyz"))
+def coordinate_names(joints: tuple[str, ...], sliding: tuple[str, ...] = ()) -> tuple[str, ...]:
+    """Of a pose: ``Tx``, ``Ty``, ``Tz``, then ``<joint>.Rx`` and so on; of a sliding joint ``<joint>.Tx``."""
+    own = (f"{joint}.{'T' if joint in sliding else 'R'}{axis}" for joint in joints for axis in "xyz")
+    return ("Tx", "Ty", "Tz", *own)
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +32,9 @@ class Skeleton:
     axes in the columns of its frame. A hinge is a joint of which one angle alone is searched; its frame is chosen so
     that this is the angle about one of the axes. What a model does not search is held.
 
+    A **sliding** joint does not turn: its three coordinates are by how much it is shifted along its axes [m]. Together
+    with a joint that turns it holds what is free in space.
+
     Attributes:
         joints: names, valid as USD prim names, all different.
         parent: (joint,) number of each joint's parent; parents come first, the root's is -1.
@@ -38,10 +42,14 @@ class Skeleton:
         limits: (joint, axis, 2) float32, lowest and highest angle from the zero pose [rad]; infinite where free.
         spread: (joint,) float64, how far the angles usually are from the zero pose when a recording starts, as a
             standard deviation [rad].
-        models: searched coordinates (dof,) int32, ascending, of each model, by their number; the first is the default.
+        models: searched coordinates (dof,) int32, ascending, of each model, by how many of them are the body's own,
+            those of attached joints left out; the first is the default.
         parts: names of the steps of a hierarchical search, in their order.
         part: (joint,) the step that searches each joint; the root's also searches the translation.
         pairs: joints that mirror each other; the ones that errors are taken over, where there are any.
+        sliding: names of the joints that slide; their limits and spread are lengths [m].
+        attached: names of joints that are no part of the body but carry a rigid thing of known size, such as a racket.
+            None but attached joints hang on them.
 
     Raises:
         ValueError: any of these does not hold.
@@ -56,6 +64,8 @@ class Skeleton:
     parts: tuple[str, ...]
     part: tuple[int, ...]
     pairs: tuple[Pair, ...] = ()
+    sliding: tuple[str, ...] = ()
+    attached: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         count = len(self.joints)
@@ -79,12 +89,20 @@ class Skeleton:
             raise ValueError("models must name at least one set of coordinates to search")
         for number, index in self.models.items():
             ascends = len(index) > 0 and bool(np.all(np.diff(index) > 0))
-            if len(index) != number or not ascends or index[0] < 0 or index[-1] >= self.coordinates:
+            if not ascends or index[0] < 0 or index[-1] >= self.coordinates or self._own(index).sum() != number:
                 raise ValueError(
                     f"models: {number} must be that many coordinates of 0 .. {self.coordinates - 1}, ascending"
                 )
         if len(self.part) != len(self.joints) or set(self.part) != set(range(len(self.parts))):
             raise ValueError(f"part must give each joint one of the {len(self.parts)} parts, and each part a joint")
+        for name in ("sliding", "attached"):
+            if not set(getattr(self, name)) <= set(self.joints):
+                raise ValueError(f"{name} must be joints of this skeleton, got {list(getattr(self, name))}")
+        if self.joints[0] in self.sliding or any(
+            self.joints[parent] in self.attached and joint not in self.attached
+            for joint, parent in zip(self.joints[1:], self.parent[1:], strict=True)
+        ):
+            raise ValueError("the root must not slide, and no joint of the body hang on an attached one")
         sides = [joint for _, *pair in self.pairs for joint in pair]
         if len(set(sides)) < len(sides) or not set(sides) <= set(self.joints):
             raise ValueError(f"pairs must be of different joints of this skeleton, got {list(self.pairs)}")
@@ -97,7 +115,30 @@ class Skeleton:
     @cached_property
     def coordinate_names(self) -> tuple[str, ...]:
         """See :func:`coordinate_names`."""
-        return coordinate_names(self.joints)
+        return coordinate_names(self.joints, self.sliding)
+
+    @cached_property
+    def slides(self) -> np.ndarray:
+        """(joint,) bool, whether each slides."""
+        return np.isin(self.joints, self.sliding)
+
+    @cached_property
+    def is_length(self) -> np.ndarray:
+        """(coordinate,) bool, whether each is a length [m], not an angle [rad]."""
+        return np.repeat([True, *self.slides], 3)
+
+    @cached_property
+    def is_attached(self) -> np.ndarray:
+        """(joint,) bool, whether each is attached."""
+        return np.isin(self.joints, self.attached)
+
+    @cached_property
+    def carrier(self) -> np.ndarray:
+        """(joint,) int, the joint of the body on which each attached one hangs; of the body's own it is the joint."""
+        carrier: list[int] = []
+        for joint, parent in enumerate(self.parent):
+            carrier.append(carrier[parent] if self.is_attached[joint] else joint)
+        return np.array(carrier)
 
     @cached_property
     def coordinate_limits(self) -> np.ndarray:
@@ -125,16 +166,16 @@ class Skeleton:
     def judged(self) -> dict[str, tuple[str, ...]]:
         """Groups of joints that errors are taken over: the pairs, or each joint on its own where there are none.
 
-        Of a person these are the joints that every source of truth defines alike.
+        Of a person these are the joints that every source of truth defines alike. Attached joints are none of them.
         """
-        return {name: (left, right) for name, left, right in self.pairs} or {name: (name,) for name in self.joints}
+        own = [name for name in self.joints if name not in self.attached]
+        return {name: (left, right) for name, left, right in self.pairs} or {name: (name,) for name in own}
 
     @cached_property
     def ends(self) -> tuple[str, ...]:
-        """Judged joints that no other joint hangs on, such as wrists and ankles."""
-        return tuple(
-            name for group in self.judged.values() for name in group if self.joints.index(name) not in self.parent
-        )
+        """Judged joints that no other joint of the body hangs on, such as wrists and ankles."""
+        above = {parent for joint, parent in enumerate(self.parent) if not self.is_attached[joint]}
+        return tuple(name for group in self.judged.values() for name in group if self.joints.index(name) not in above)
 
     def index(self, joint: str) -> int:
         """Number of a joint.
@@ -172,6 +213,16 @@ class Skeleton:
         if model not in self.models:
             raise ValueError(f"dof must be one of {list(self.models)}, got {model}")
         return self.models[model]
+
+    def model_number(self, model: int | None = None) -> int:
+        """The number of a model, the default one where omitted."""
+        return next(iter(self.models)) if model is None else model
+
+    def _own(self, index: np.ndarray) -> np.ndarray:
+        """(n,) bool: which coordinates ``index`` are the body's own."""
+        attached = np.concatenate([np.zeros(TRANSLATION, bool), np.repeat(self.is_attached, 3)])
+        own: np.ndarray = ~attached[index]
+        return own
 
     def searched_by_part(self, model: int | None = None) -> dict[str, np.ndarray]:
         """Of what a model searches, what each part does, by name and in order; parts of which it searches nothing miss.

@@ -21,12 +21,16 @@ def fit_subject(scene: Scene, body: BodyModel, config: FitConfig, output: Path, 
     Raises:
         InputError: the first frame's masks do not show one subject.
     """
+    from mmocap_warp.bodies.attaching import carrying
     from mmocap_warp.cli.judging import scene_reference
     from mmocap_warp.formats.usd.body import write_subject
     from mmocap_warp.tracking.fit import fit
 
+    carried = carrying(body, scene.attached)
+    for note in carried.notes:
+        console.note(f"attach: {note}")
     with Progress("fit", None, quiet=console.quiet) as progress:
-        subject = fit(scene, body, config, lambda stage, done, cost: progress(round(100 * done), 100))
+        subject = fit(scene, carried.body, config, lambda stage, done, cost: progress(round(100 * done), 100))
     if subject.provenance["fit.decided"] == "no":
         console.note(_UNDECIDED[str(subject.provenance["fit.alternative"])])
     chosen = {"fit.identity": scene.foreground.identity} if scene.foreground.identity else {}

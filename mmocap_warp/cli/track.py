@@ -155,6 +155,7 @@ def track_scene(scene: Scene, config: TrackConfig, output: Path, start: Start, c
         InputError: anything wrong with the scene's images, the subject or the body; an interrupted run lies there and
             ``start`` does not say what to do with it.
     """
+    from mmocap_warp.bodies.attaching import subject_carrying
     from mmocap_warp.cli.devices import start_warp
     from mmocap_warp.cli.judging import scene_reference
     from mmocap_warp.cli.progress import Progress
@@ -172,8 +173,11 @@ def track_scene(scene: Scene, config: TrackConfig, output: Path, start: Start, c
     start_warp(config.device)
     scene.rig(config.scale)  # a scale that cannot be is told before a fit of minutes
     subject = _named_subject(scene, output, start) or _fitted_subject(scene, config, output, start, console)
+    subject, notes = subject_carrying(subject, scene.attached)
+    for note in notes:
+        console.note(f"attach: {note}")
     _check_model(subject.body, scene, config, start.flags)
-    config = replace(config, dof=len(subject.body.skeleton.searched(config.dof)))
+    config = replace(config, dof=subject.body.skeleton.model_number(config.dof))
     console.note(f"track: {describe(config, scene.track, start.flags)}")
     total, evaluations = scene.frame_count, 0
 

@@ -134,7 +134,7 @@ class _Descent:
 
     def __init__(self, problem: BodyProblem, frames: np.ndarray) -> None:
         self._problem, self._frames = problem, frames
-        self._trust = Trust(problem.rooting.searched)
+        self._trust = Trust(problem.rooting.is_length)
 
     def linearised(self, state: _State) -> _Equations:
         information = self._problem.sigma**-2.0

@@ -188,7 +188,7 @@ class _Descent:
 
     def __init__(self, clip: ClipProblem, frames: np.ndarray, held: RootedPoses, penalty: MotionPenalty) -> None:
         self._clip, self._frames, self._held, self._penalty = clip, frames, held, penalty
-        self._trust = Trust(clip.rooting.searched)
+        self._trust = Trust(clip.rooting.is_length)
 
     def down(self, rooted: RootedPoses, contour: NormalEquations, steps: int) -> tuple[RootedPoses, NormalEquations]:
         """Poses after some steps, fewer where one becomes tiny, and the contours' equations around them.

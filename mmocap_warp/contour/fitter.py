@@ -160,7 +160,7 @@ class ContourFitter:
             triangle=wp.zeros(candidates * cameras * triangle, dtype=wp.float32, device=device),
             tally=wp.zeros(view, dtype=wp.vec4, device=device),
         )
-        self.descent: Any = _descent(self.index, limits, view, width, device)
+        self.descent: Any = _descent(self.index, skeleton.is_length[self.index], limits, view, width, device)
         for module in (skinning, moving, outline, residuals, jacobian, normal_equations, descent_kernels):
             wp.load_module(module, device=device)  # before threads launch from them at the same time
         self._starts = [Upload(array) for array in (self.descent.pose, self.body.root_base, self.fields.frame)]
@@ -409,7 +409,9 @@ def _residuals(shape: tuple[int, int, int], device: str) -> Residuals:
     )
 
 
-def _descent(index: np.ndarray, limits: np.ndarray, view: tuple[int, int], width: int, device: str) -> Descent:
+def _descent(
+    index: np.ndarray, is_length: np.ndarray, limits: np.ndarray, view: tuple[int, int], width: int, device: str
+) -> Descent:
     candidates, coordinates = view[0], len(limits)
 
     def poses() -> wp.array[Any]:
@@ -419,7 +421,7 @@ def _descent(index: np.ndarray, limits: np.ndarray, view: tuple[int, int], width
         Descent,
         index=wp.array(index, dtype=wp.int32, device=device),
         gradient=width - 1,
-        pull=wp.array(np.where(index < 3, 0.05, 0.10) ** -2.0, dtype=wp.float32, device=device),
+        pull=wp.array(np.where(is_length, 0.05, 0.10) ** -2.0, dtype=wp.float32, device=device),
         limits=wp.array(limits[index], dtype=wp.float32, device=device),
         start=poses(),
         pose=poses(),

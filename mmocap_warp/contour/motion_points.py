@@ -27,7 +27,7 @@ class MotionPoints:
         self._frame = skeleton.frame.astype(float)
         self._rest = np.asarray(joint_rest, float)
         self._searched = [int(coordinate) for coordinate in searched]
-        self._below = skeleton.below
+        self._below, self._slides = skeleton.below, skeleton.slides
 
     def at(self, rooted: RootedPoses) -> np.ndarray:
         """The points of each frame, (frame, point, 3) [m]; joint ``j`` has numbers ``4 j`` to ``4 j + 3``."""
@@ -46,6 +46,9 @@ class MotionPoints:
                 continue
             joint, axis = divmod(coordinate - TRANSLATION, 3)
             below = self._below[joint]
+            if self._slides[joint]:
+                derivative[:, number, below] = axes[:, joint, axis, None, None]
+                continue
             arm = points[:, below] - centre[:, joint, None, None]
             derivative[:, number, below] = np.cross(axes[:, joint, axis, None, None], arm)
         by_point = derivative.reshape(frames, len(self._searched), joints * POINTS_A_JOINT, 3)
@@ -69,6 +72,8 @@ class MotionPoints:
     def _joints(self, rooted: RootedPoses) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """World rotations (frame, joint, 3, 3), centres (frame, joint, 3), axes turned about (frame, joint, axis, 3).
 
+        Of a joint that slides, the axes that it slides along.
+
         ``Rx`` turns about an axis that ``Ry`` and ``Rz`` have moved, ``Ry`` about one that ``Rz`` has, in the world.
         """
         frames, joints = len(rooted), len(self._parent)
@@ -85,6 +90,10 @@ class MotionPoints:
                 held = world[:, parent] @ (into_parent @ self._frame[joint])
                 bone = into_parent @ (self._rest[joint] - self._rest[parent])
                 centre[:, joint] = centre[:, parent] + applied(world[:, parent], bone)
+            if self._slides[joint]:
+                centre[:, joint] += applied(held, angles[:, joint])
+                world[:, joint], axes[:, joint] = held, transposed(held)
+                continue
             turned_z = held @ about_z[:, joint]
             turned_y = turned_z @ about_y[:, joint]
             axes[:, joint] = np.stack([turned_y[..., 0], turned_z[..., 1], held[..., 2]], axis=1)

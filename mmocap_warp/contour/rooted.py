@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mmocap_warp.body.rotations import transposed, turn, zyx_rotation
-from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION, Skeleton
+from mmocap_warp.body.skeleton import ROOT_ANGLES, Skeleton
 
 _ROOM = 10.0  # [m]
 
@@ -73,6 +73,7 @@ class Rooting:
         self.root_base = np.asarray(root_base, float)
         self.folds = bool(np.isin(np.arange(ROOT_ANGLES.start, ROOT_ANGLES.stop), self.searched).all())
         self.none = RootedPoses(np.zeros((0, 3, 3)), np.zeros((0, skeleton.coordinates)))
+        self.is_length = skeleton.is_length[self.searched]
         self._frame = skeleton.frame[0].astype(float)
         self._into_frame = np.linalg.inv(self._frame)  # of rounded numbers: its transpose would turn the root a little
         limits = (skeleton.coordinate_limits if limits is None else limits).copy()
@@ -84,11 +85,11 @@ class Rooting:
     def anywhere(self) -> np.ndarray:
         """(dof,) standard deviation of each searched coordinate if all that is known of it is its limits [m, rad].
 
-        A free angle is anywhere in a turn, the translation within some ten metres.
+        A free angle is anywhere in a turn, a place within some ten metres.
         """
         turns = np.where(np.isfinite(self._limits), self._limits, (-np.pi, np.pi))
         widest = turns[:, 1] - turns[:, 0]
-        return np.where(self.searched < TRANSLATION, _ROOM, np.maximum(widest, 1e-3) / np.sqrt(12))
+        return np.where(self.is_length, _ROOM, np.maximum(widest, 1e-3) / np.sqrt(12))
 
     def enter(self, pose: np.ndarray) -> RootedPoses:
         """Rooted poses of poses (frame, coordinate)."""

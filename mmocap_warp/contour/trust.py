@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from mmocap_warp.body.skeleton import TRANSLATION
 from mmocap_warp.contour.normal_equations import NormalEquations
 
 LARGEST_STEP = 0.2
@@ -19,12 +18,12 @@ class Trust:
     """A weak pull of each frame to where it is.
 
     Args:
-        searched: (dof,) the coordinates of a step.
+        is_length: (dof,) bool, which coordinates of a step are lengths, not angles.
     """
 
-    def __init__(self, searched: np.ndarray) -> None:
-        self._information = np.where(np.asarray(searched) < TRANSLATION, _SHIFT, _TURN) ** -2.0
-        self._dof = len(searched)
+    def __init__(self, is_length: np.ndarray) -> None:
+        self._information = np.where(is_length, _SHIFT, _TURN) ** -2.0
+        self._dof = len(is_length)
 
     def matrix(self, contour: NormalEquations, damping: np.ndarray) -> np.ndarray:
         """(frame, dof, dof) diagonal matrices to add to normal matrices, for damping (frame,), 1 or more."""

@@ -22,7 +22,7 @@ def bone_lengths(subject: Subject) -> dict[str, Length]:
     sigma = _told_sigma(subject)
     lengths = {}
     for number, (joint, parent) in enumerate(zip(skeleton.joints, skeleton.parent, strict=True)):
-        if parent >= 0:
+        if parent >= 0 and joint not in skeleton.attached:
             length = float(np.linalg.norm(place[number] - place[parent]))
             lengths[f"{skeleton.joints[parent]} to {joint}"] = Length(length, sigma.get(joint, np.nan))
     return lengths

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from mmocap_warp.body.skeleton import TRANSLATION
 from mmocap_warp.result.marker_errors import marker_errors
 from mmocap_warp.result.offsets import offset_free_distance
 from mmocap_warp.result.other_world import other_world
@@ -112,7 +111,7 @@ def _sigmas(result: Result) -> dict[str, Any]:
         report["sigma_deg_by_angle"] = {
             name: np.degrees(_median(result.angle_sigma[..., i]))
             for i, name in enumerate(skeleton.coordinate_names)
-            if i >= TRANSLATION
+            if not skeleton.is_length[i]
         }
     return report
 

@@ -22,8 +22,8 @@ NEAR = 0.05
 
 
 def head_top(body: BodyModel) -> int:
-    """The skin's highest vertex in the bind pose."""
-    return int(body.skin.rest[:, 1].argmax())
+    """The body's own skin's highest vertex in the bind pose."""
+    return int(np.where(body.own_vertex, body.skin.rest[:, 1], -np.inf).argmax())
 
 
 def common_frames(result: Result, truth: Truth) -> tuple[np.ndarray, np.ndarray]:

@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+from mmocap_warp.formats.attachments import attachment_lines
 from mmocap_warp.formats.toml_table import quoted
 from mmocap_warp.scene.recording import CameraSource, Scene
 
@@ -47,6 +48,7 @@ def masked_scene(scene: Scene, folder: Path, scale: float, first: int, count: in
         video = [] if source.video is None else [f"video = {path(source.video.path)}"]
         lines += ["", f"[cameras.{quoted(source.name)}]", f"masks = {quoted(source.name)}", *video]
         lines += _placed(source, scene.fps)
+    lines += attachment_lines(scene.attached, folder)
     track = dict(scene.track)
     asked = track.get("scale", 1.0)
     if isinstance(asked, int | float) and scale < asked:

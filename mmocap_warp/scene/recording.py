@@ -22,6 +22,7 @@ from mmocap_warp.foreground.mask_image import decode_mask
 from mmocap_warp.foreground.repair import repair_masks
 from mmocap_warp.foreground.settings import SUBTRACTION, ForegroundSettings
 from mmocap_warp.foreground.subtraction import learn_background
+from mmocap_warp.formats.attachments import Attachment
 from mmocap_warp.formats.toml_table import Table
 from mmocap_warp.scene.content import content_hash
 from mmocap_warp.scene.mask_cache import keeping, kept_masks
@@ -151,6 +152,7 @@ class Scene:
         calibration: the calibration's file or folder; None where there is none, and ``calibrated`` says nothing.
         units: of its lengths, as the scene says; None where it does not.
         named_frames: the frames that the scene file names, whose subtracted masks are kept; None for ``frames``.
+        attached: what the body carries.
     """
 
     path: Path
@@ -171,6 +173,7 @@ class Scene:
     calibration: Path | None = None
     units: str | None = None
     named_frames: range | None = None
+    attached: tuple[Attachment, ...] = ()
 
     @cached_property
     def directory(self) -> Path:

@@ -16,6 +16,7 @@ from mmocap_warp.foreground.labels import Labels, identities_of
 from mmocap_warp.foreground.mask_files import Masks
 from mmocap_warp.foreground.mask_image import decode_mask
 from mmocap_warp.foreground.settings import GIVEN, KEEP, MODELS, SOURCES, SUBTRACTED, ForegroundSettings
+from mmocap_warp.formats.attachments import take_attachments
 from mmocap_warp.formats.calibration.units import METRES
 from mmocap_warp.formats.toml_table import Table, load_toml
 from mmocap_warp.scene.camera_tables import fastest, read_cameras
@@ -64,6 +65,7 @@ def load_scene(
     about, truth, cameras = (file.take_table(key) for key in ("scene", "truth", "cameras"))
     foreground = _read_foreground(file.take_table("foreground"), identity)
     track, fit = file.take_table("track").take_rest(), file.take_table("fit").take_rest()
+    attached = take_attachments(file, path.parent)
     file.finish()
 
     name = about.take("name", str, "") or path.resolve().parent.name or "scene"
@@ -106,6 +108,7 @@ def load_scene(
         calibration=calibration,
         units=units,
         named_frames=named,
+        attached=attached,
     )
     truth.finish()
     return scene

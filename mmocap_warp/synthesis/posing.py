@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel
-from mmocap_warp.body.rotations import zyx_rotation
+from mmocap_warp.body.rotations import applied, zyx_rotation
 
 
 class ExactPoser:
@@ -37,6 +37,12 @@ class ExactPoser:
                 continue
             into_parent = frame[parent].T
             axes = world[:, parent, :3, :3]
+            if self._body.skeleton.slides[j]:
+                held = axes @ (into_parent @ frame[j])
+                world[:, j, :3, :3] = held
+                world[:, j, :3, 3] = world[:, parent, :3, 3] + axes @ (into_parent @ (rest[j] - rest[parent]))
+                world[:, j, :3, 3] += applied(held, poses[:, 3 + 3 * j : 6 + 3 * j])
+                continue
             world[:, j, :3, :3] = axes @ (into_parent @ frame[j]) @ own[:, j]
             world[:, j, :3, 3] = world[:, parent, :3, 3] + axes @ (into_parent @ (rest[j] - rest[parent]))
         return world

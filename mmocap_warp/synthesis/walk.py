@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.shape_space import heading_rotation, upright_base
 from mmocap_warp.synthesis.footage.cameras import placed_camera
@@ -39,7 +40,7 @@ _FAULTS = (
 )
 _LIGHT = np.array([0.6, -0.35, -1.0])
 
-_FOREGROUND = f"# The masks have ragged contours, holes, specks and shadows.\n{FAULTY_MASKS}"
+FOREGROUND = f"# The masks have ragged contours, holes, specks and shadows.\n{FAULTY_MASKS}"
 
 
 def walking(frames: int = FRAMES, seed: int = 0) -> Recording:
@@ -52,8 +53,12 @@ def walking(frames: int = FRAMES, seed: int = 0) -> Recording:
     cycles = CADENCE / 120.0 / FPS
     poses = Walk(body).poses(cycles * (np.arange(frames) - (frames - 1) / 2))
     poses[:, :3] = poses[:, :3] @ base.T
-    masks = SpoiltMasks(body.skin.face, _FAULTS, _LIGHT, seed)
-    return Recording(body, base, poses, FPS, camera_ring(), masks, posed_by=Poser)
+    return Recording(body, base, poses, FPS, camera_ring(), segmentation(body, seed), posed_by=Poser)
+
+
+def segmentation(body: BodyModel, seed: int = 0) -> SpoiltMasks:
+    """The masks that the scene's cameras get of a body."""
+    return SpoiltMasks(body.skin.face, _FAULTS, _LIGHT, seed)
 
 
 def camera_ring() -> CameraRig:
@@ -77,5 +82,5 @@ def write_walk(folder: str | Path, recording: Recording) -> Path:
         recording.truth(),
         name=Path(folder).resolve().name,
         about="A person walking along part of a circle, made up with known truth. See README.md.",
-        foreground=_FOREGROUND,
+        foreground=FOREGROUND,
     )

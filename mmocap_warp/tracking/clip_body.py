@@ -175,7 +175,8 @@ def measurements(space: RestSpace, solution: BodySolution) -> dict[str, float]:
     covariance = len(solution.cost) * solution.covariance
     rest, joint = space.at(solution.beta)
     d_rest, d_joint = space.basis(solution.beta)
-    top, bottom = int(rest[:, 1].argmax()), int(rest[:, 1].argmin())
+    own = np.flatnonzero(space.body.own_vertex)
+    top, bottom = own[rest[own, 1].argmax()], own[rest[own, 1].argmin()]
     found = {"height": (rest[top, 1] - rest[bottom, 1], d_rest[:, top, 1] - d_rest[:, bottom, 1])}
     front, back = int(rest[:, 2].argmax()), int(rest[:, 2].argmin())
     if rest[front, 2] - rest[back, 2] > found["height"][0]:

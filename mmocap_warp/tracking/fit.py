@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mmocap_warp.bodies.attaching import carrying
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.rest_space import RestSpace
@@ -94,7 +95,7 @@ def fit(
 
     Args:
         scene: the recording.
-        body: the generic body that the subject's is expected to be near to.
+        body: the generic body that the subject's is expected to be near to; it gets what the scene says is attached.
         config: settings; None for those of the scene's [fit] table.
         progress: told after every stage.
         settings: fields of :class:`FitConfig` to replace those of ``config``, such as ``headings=4``.
@@ -104,6 +105,7 @@ def fit(
         InputError: the first frame's masks do not show one subject in at least two views.
     """
     config = replace(config or config_from_table(FitConfig, scene.settings("fit")), **settings)
+    body = carrying(body, scene.attached).body
     scale = config.scale or min(1.0, _LONGEST / float(scene.rig().size.max()))
     numbers = frames_to_follow(scene.rate, scene.frame_count if config.frames > 1 else 1)
     observations = islice(scene.observations(scale, count=numbers[-1] + 1), 0, None, numbers.step)

@@ -15,7 +15,7 @@ _MIRROR = np.diag([-1.0, 1.0, 1.0])  # a body's left is +X
 
 @dataclass(frozen=True, eq=False)
 class Limb:
-    """A part that moves nothing but itself.
+    """A part that moves nothing but itself and what is attached to it.
 
     Attributes:
         name: the part's.
@@ -37,9 +37,9 @@ def limbs(skeleton: Skeleton) -> list[Limb]:
         number = skeleton.parts.index(name)
         joints = [joint for joint, part in enumerate(skeleton.part) if part == number]
         hanging = [child for child, above in enumerate(skeleton.parent) if above in joints]
-        if 0 in joints or any(child not in joints for child in hanging):
+        if 0 in joints or any(child not in joints and not skeleton.is_attached[child] for child in hanging):
             continue
-        inner = [joint for joint in joints if joint in skeleton.parent] or joints
+        inner = [joint for joint in joints if any(skeleton.parent[child] == joint for child in joints)] or joints
         reach = index[np.isin((index - TRANSLATION) // 3, inner)]
         coordinates = np.concatenate([np.arange(3) + TRANSLATION + 3 * joint for joint in joints])
         found.append(Limb(name, coordinates, reach, _mirrored_part(skeleton, joints)))

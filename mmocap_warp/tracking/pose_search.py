@@ -93,7 +93,7 @@ class PoseSearch:
         self.counter = wp.zeros(runs, dtype=wp.int32, device=self.device)
 
         def space(index: np.ndarray) -> SearchSpace:
-            return make_space(index, np.where(index < 3, translation, rotation), seed, self.counter)
+            return make_space(index, np.where(skeleton.is_length[index], translation, rotation), seed, self.counter)
 
         optimizers = _optimizers(algorithm, parts, space, evaluations)
         self.particles = max(optimizer.particles for optimizer in optimizers)

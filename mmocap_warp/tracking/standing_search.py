@@ -42,10 +42,11 @@ def standing_start(space: ShapeSpace, rig: CameraRig, observation: Observation) 
     up = upright_base(rig.up)[:, 1]
     low, high = np.percentile(hull @ up, [0.5, 99.5])
     body = space.body
-    scale = 1.0 if body.rigid else np.clip((high - low) / np.ptp(body.skin.rest[:, 1]), 0.6, 1.4)
+    height = body.skin.rest[body.own_vertex, 1]
+    scale = 1.0 if body.rigid else np.clip((high - low) / np.ptp(height), 0.6, 1.4)
     centre = np.median(hull, axis=0)
     coordinates = np.zeros(len(space))
-    root_height = low + scale * (body.joint_rest[0, 1] - body.skin.rest[:, 1].min())
+    root_height = low + scale * (body.joint_rest[0, 1] - height.min())
     coordinates[:3] = centre + (root_height - centre @ up) * up
     coordinates[space.scale_index] = np.log(scale)
     return coordinates

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mmocap_warp.bodies.attaching import subject_carrying
 from mmocap_warp.body.model import Subject
 from mmocap_warp.device import resolve_device
 from mmocap_warp.errors import InputError
@@ -43,7 +44,7 @@ def collect(
     frames = range(len(answers)) if frames is None else frames
     rotation, translation = config.radii(fps / frames.step)
     device = resolve_device(config.device)
-    dof = len(subject.body.skeleton.searched(config.dof))
+    dof = subject.body.skeleton.model_number(config.dof)
     effective = {"dof": dof, "rotation_radius": rotation, "translation_radius": translation, "device": device}
     return Result(
         subject=subject,
@@ -76,7 +77,7 @@ def track(
 
     Args:
         scene: the recording, or part of it; its masks are streamed.
-        subject: where to start.
+        subject: where to start; what the scene says is attached and the subject lacks, it gets.
         config: settings; None for those of the scene's [track] table.
         checkpoint: file that progress is saved to, every few seconds and when the run is interrupted.
         resume: continue from ``checkpoint`` where it exists; the result has the same bits as an uninterrupted run's.
@@ -91,6 +92,7 @@ def track(
             memory, or a subject that was fitted to another frame than the first.
     """
     _check_start(scene, subject)
+    subject, _ = subject_carrying(subject, scene.attached)
     config = replace(config or config_from_table(TrackConfig, scene.settings("track")), **settings)
     answers = _tracked(scene, subject, config, checkpoint, resume, progress)
     result = collect(subject, scene.rig(config.scale), scene.fps, config, answers, scene.frames)

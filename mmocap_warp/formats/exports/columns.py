@@ -1,6 +1,7 @@
 """A result as a table, a row a frame: time, status, joints, markers and angles; ``.csv`` and ``.parquet`` hold it.
 
-Columns say their unit: ``LKnee.x_m`` is a joint's or a marker's place, ``LKnee.Rx_deg`` an angle of the pose.
+Columns say their unit: ``LKnee.x_m`` is a joint's or a marker's place, ``LKnee.Rx_deg`` an angle of the pose, and
+``Ball_place.Tx_m`` a shift of a joint that slides.
 """
 
 from __future__ import annotations
@@ -46,8 +47,10 @@ def write_parquet(result: Result, path: Path) -> None:
 def _columns(result: Result) -> dict[str, list]:
     tracks = tracks_of(result)
     names, points = tracks.points()
-    angles = np.degrees(tracks.pose[:, TRANSLATION:])
-    coordinates = tracks.subject.body.skeleton.coordinate_names[TRANSLATION:]
+    skeleton = tracks.subject.body.skeleton
+    values = np.where(skeleton.is_length, tracks.pose, np.degrees(tracks.pose))[:, TRANSLATION:]
+    units = np.where(skeleton.is_length, "m", "deg")[TRANSLATION:]
+    coordinates = skeleton.coordinate_names[TRANSLATION:]
     columns: dict[str, list] = {
         "frame": tracks.number.tolist(),
         "time_s": tracks.time.tolist(),
@@ -55,4 +58,5 @@ def _columns(result: Result) -> dict[str, list]:
     }
     for i, name in enumerate(names):
         columns |= {f"{name}.{axis}_m": points[:, i, k].tolist() for k, axis in enumerate("xyz")}
-    return columns | {f"{name}_deg": angle.tolist() for name, angle in zip(coordinates, angles.T, strict=True)}
+    own = zip(coordinates, units, values.T, strict=True)
+    return columns | {f"{name}_{unit}": value.tolist() for name, unit, value in own}

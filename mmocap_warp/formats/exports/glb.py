@@ -142,7 +142,8 @@ def _document(
             }
         ],
     }
-    return document | ({"animations": [_animation(clip, buffer) for clip in clips]} if clips else {})
+    slides = body.skeleton.slides
+    return document | ({"animations": [_animation(clip, slides, buffer) for clip in clips]} if clips else {})
 
 
 def _joint_nodes(skeleton: Skeleton, stand: np.ndarray) -> list[dict[str, Any]]:
@@ -172,11 +173,14 @@ def _skin(skin: SkinMesh, buffer: _Buffer) -> dict[str, Any]:
     }
 
 
-def _animation(clip: _Clip, buffer: _Buffer) -> dict[str, Any]:
-    """The root's place, and every joint's turn."""
+def _animation(clip: _Clip, slides: np.ndarray, buffer: _Buffer) -> dict[str, Any]:
+    """The place of the root and of joints that slide, and every joint's turn."""
     rotation = _quaternions(clip.local[..., :3, :3])
     time = buffer.add_floats(clip.time, "SCALAR")
-    outputs = [(0, "translation", buffer.add_floats(clip.local[:, 0, :3, 3], "VEC3"))]
+    outputs = [
+        (joint, "translation", buffer.add_floats(clip.local[:, joint, :3, 3], "VEC3"))
+        for joint in (0, *np.flatnonzero(slides).tolist())
+    ]
     for joint in range(rotation.shape[1]):
         outputs.append((joint, "rotation", buffer.add_floats(rotation[:, joint], "VEC4")))
     return {

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from mmocap_warp.body.rotations import near_zyx_angles
-from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION
+from mmocap_warp.body.skeleton import ROOT_ANGLES
 from mmocap_warp.formats.exports.tracks import Tracks, tracks_of
 from mmocap_warp.result.result import Result
 from mmocap_warp.whole_file import write_whole
@@ -28,7 +28,7 @@ def write_mot(result: Result, path: Path) -> None:
     tracks = tracks_of(result)
     names = [name.replace(".", "_") for name in tracks.subject.body.skeleton.coordinate_names]
     pose = _from_the_worlds_axes(tracks)
-    pose[:, TRANSLATION:] = np.degrees(pose[:, TRANSLATION:])
+    pose = np.where(tracks.subject.body.skeleton.is_length, pose, np.degrees(pose))
     lines = [
         path.stem,
         "version=1",

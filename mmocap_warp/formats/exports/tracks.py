@@ -8,7 +8,7 @@ import numpy as np
 
 from mmocap_warp.body.bind_transforms import bind_transforms, rest_transforms
 from mmocap_warp.body.model import Subject
-from mmocap_warp.body.rotations import zyx_rotation
+from mmocap_warp.body.rotations import applied, zyx_rotation
 from mmocap_warp.body.skeleton import TRANSLATION
 from mmocap_warp.result.excerpt import evenly
 from mmocap_warp.result.positions import skin_positions
@@ -81,7 +81,11 @@ def posed(subject: Subject, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     local = np.tile(rest_transforms(subject.body), (len(pose), 1, 1, 1))
     local[:, 0, :3, :3] = subject.root_base @ local[:, 0, :3, :3]
     local[:, 0, :3, 3] = pose[:, :TRANSLATION]
-    local[..., :3, :3] = local[..., :3, :3] @ zyx_rotation(pose[:, TRANSLATION:].reshape(len(pose), -1, 3))
+    slides, own = subject.body.skeleton.slides, pose[:, TRANSLATION:].reshape(len(pose), -1, 3)
+    for number in np.flatnonzero(slides):
+        local[:, number, :3, 3] += applied(local[:, number, :3, :3], own[:, number])
+    turned = zyx_rotation(np.where(slides[:, None], 0.0, own))
+    local[..., :3, :3] = local[..., :3, :3] @ turned
     world = local.copy()
     for joint, parent in enumerate(subject.body.skeleton.parent):
         if parent >= 0:

@@ -165,6 +165,9 @@ def local_transforms(body: BodyModel, root_base: np.ndarray, pose: np.ndarray) -
     local[0, :3, :3] = root_base @ local[0, :3, :3]
     local[0, :3, 3] = pose[:3]
     for j, (x, y, z) in enumerate(np.reshape(pose[3:], (-1, 3))):
+        if body.skeleton.slides[j]:
+            local[j, :3, 3] += local[j, :3, :3] @ (x, y, z)
+            continue
         local[j, :3, :3] = local[j, :3, :3] @ _turn("z", z) @ _turn("y", y) @ _turn("x", x)
     return local
 

@@ -3,7 +3,9 @@
 On the ``Skeleton`` prim: ``mmocap:limitsLower`` and ``mmocap:limitsUpper`` [rad], ``mmocap:spread`` [rad];
 ``mmocap:models``, numbers of degrees of freedom, the default first, and ``mmocap:dof39`` and so on, the names of each
 model's coordinates; ``mmocap:parts``, names of the hierarchy's steps, and ``mmocap:part``, the step of each joint;
-``mmocap:pairs``, names of left-right pairs, and ``mmocap:pairJoints``, the left and the right joint of each.
+``mmocap:pairs``, names of left-right pairs, and ``mmocap:pairJoints``, the left and the right joint of each. Where
+there are any, ``mmocap:sliding``, joints whose coordinates and limits are lengths [m], and ``mmocap:attached``, joints
+of things that are no part of the body.
 """
 
 from __future__ import annotations
@@ -41,6 +43,9 @@ def define_freedom(prim: Usd.Prim, skeleton: Skeleton) -> None:
     author_value(prim, "mmocap:part", np.array(skeleton.part))
     author_value(prim, "mmocap:pairs", [name for name, *_ in skeleton.pairs])
     author_value(prim, "mmocap:pairJoints", [joint for _, *pair in skeleton.pairs for joint in pair])
+    for name, joints in (("sliding", skeleton.sliding), ("attached", skeleton.attached)):
+        if joints:
+            author_value(prim, f"mmocap:{name}", list(joints))
 
 
 def read_skeleton(read: PrimReader) -> tuple[Skeleton, np.ndarray]:
@@ -63,7 +68,12 @@ def read_skeleton(read: PrimReader) -> tuple[Skeleton, np.ndarray]:
     sides = read.texts("mmocap:pairJoints")
     names = read.texts("mmocap:pairs")
     read.require(len(sides) == 2 * len(names), f"mmocap:pairJoints names {len(sides)} joints for {len(names)} pairs")
-    spread, models = read.array("mmocap:spread", (len(joints),), np.float64), _read_models(read, joints)
+    sliding, attached = (
+        tuple(read.texts(f"mmocap:{name}")) if read.prim.HasAttribute(f"mmocap:{name}") else ()
+        for name in ("sliding", "attached")
+    )
+    spread = read.array("mmocap:spread", (len(joints),), np.float64)
+    models = _read_models(read, coordinate_names(joints, sliding))
     parts, part = read.texts("mmocap:parts"), read.array("mmocap:part", (len(joints),), np.int64)
     try:
         skeleton = Skeleton(
@@ -76,15 +86,17 @@ def read_skeleton(read: PrimReader) -> tuple[Skeleton, np.ndarray]:
             parts=tuple(parts),
             part=tuple(part.tolist()),
             pairs=tuple(zip(names, sides[::2], sides[1::2], strict=True)),
+            sliding=sliding,
+            attached=attached,
         )
     except ValueError as error:
         raise InputError(read.source, f"{read.prim.GetPath()}: {error}", read.remedy) from error
     return skeleton, bind[:, :3, 3].astype(np.float32)
 
 
-def _read_models(read: PrimReader, joints: tuple[str, ...]) -> dict[int, np.ndarray]:
-    """Searched coordinates of each model."""
-    known = {name: i for i, name in enumerate(coordinate_names(joints))}
+def _read_models(read: PrimReader, coordinates: tuple[str, ...]) -> dict[int, np.ndarray]:
+    """Searched coordinates of each model, of those that a pose has."""
+    known = {name: i for i, name in enumerate(coordinates)}
     models = {}
     for number in read.array("mmocap:models", (None,), np.int64).tolist():
         wanted = read.texts(f"mmocap:dof{number}")

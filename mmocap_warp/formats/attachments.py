@@ -1,0 +1,95 @@
+"""Things that a body carries, as a scene file's ``[[attach]]`` tables name them."""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.toml_table import Table, quoted
+
+FIXED, ALL = "fixed", "all"
+_FREE = (FIXED, "x", "y", "z", "xy", "xz", "yz", "xyz", ALL)
+_NOWHERE = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Attachment:
+    """A rigid thing, such as a racket.
+
+    Attributes:
+        name: of its joint; a valid USD prim name.
+        mesh: its file.
+        joint: the joint of the body that it hangs on; None where it is free in the world.
+        position: of the mesh's origin from that joint's centre, or the root's, along the body's axes in the bind pose
+            [m]: to its left, up, ahead.
+        rotation: of the mesh about the body's axes in the bind pose, x first, then y, then z [degrees].
+        scale: what the mesh's lengths are multiplied by to be metres.
+        free: ``fixed``; the mesh's own axes that it turns about, through its origin, such as ``x``; or ``all``, which
+            lets it turn and shift anywhere.
+    """
+
+    name: str
+    mesh: Path
+    joint: str | None = None
+    position: tuple[float, ...] = _NOWHERE
+    rotation: tuple[float, ...] = _NOWHERE
+    scale: float = 1.0
+    free: str = ALL
+
+
+def take_attachments(file: Table, folder: Path) -> tuple[Attachment, ...]:
+    """The ``[[attach]]`` tables of a file, whose paths count from ``folder``.
+
+    Raises:
+        InputError: a wrong or unknown key, two things of one name, or a mesh that does not exist.
+    """
+    values = file.take("attach", list, [])
+    if not all(isinstance(each, dict) for each in values):
+        raise file.error("attach is not a list of tables", "write [[attach]] before each thing")
+    found: dict[str, Attachment] = {}
+    for number, each in enumerate(values, 1):
+        table = Table(each, file.source, f"attach {number}")
+        thing = _taken(table, folder)
+        if thing.name in found:
+            raise table.error(f"there are two things named '{thing.name}'", "name each differently")
+        found[thing.name] = thing
+    return tuple(found.values())
+
+
+def _taken(table: Table, folder: Path) -> Attachment:
+    name = table.take("name", str)
+    if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
+        raise table.error(f"name = {name!r} is no plain name", "use letters, digits and _")
+    mesh = folder / table.take("mesh", str)
+    if not os.path.isfile(mesh):
+        raise table.error(f"{mesh} does not exist", "check the path; it is relative to the scene file")
+    joint = table.take("joint", str, None)
+    free = table.take_choice("free", _FREE, ALL if joint is None else FIXED)
+    if joint is None and free != ALL:
+        raise table.error(f'free = "{free}" needs a joint that it hangs on', "add joint = ...")
+    scale = table.take("scale", float, 1.0)
+    if scale <= 0:
+        raise table.error(f"scale = {scale:g} is not positive", "give the mesh's unit in metres, such as 0.001")
+    position, rotation = (tuple(table.take_numbers(key, (3,), list(_NOWHERE))) for key in ("position", "rotation"))
+    table.finish()
+    return Attachment(name, mesh, joint, position, rotation, scale, free)
+
+
+def attachment_lines(things: tuple[Attachment, ...], folder: Path) -> list[str]:
+    """The lines of a scene file that say the same, for a file in ``folder``."""
+    lines = []
+    for thing in things:
+        mesh = Path(os.path.relpath(thing.mesh.resolve(), folder.resolve())).as_posix()
+        lines += ["", "[[attach]]", f"name = {quoted(thing.name)}", f"mesh = {quoted(mesh)}"]
+        lines += [f"joint = {quoted(thing.joint)}"] if thing.joint is not None else []
+        lines += [f"position = {list(thing.position)}", f"rotation = {list(thing.rotation)}"]
+        lines += [f"scale = {thing.scale!r}", f'free = "{thing.free}"']
+    return lines
+
+
+def wrong_attachment(thing: Attachment, problem: str, remedy: str) -> InputError:
+    """The error of a thing that cannot be attached."""
+    return InputError(f"attach '{thing.name}'", problem, remedy)

@@ -72,7 +72,7 @@ class Contours:
         bands: of a contour edge for which there is room, on average.
         size: contour edges of a view for which there is room; all edges where omitted.
         change: of the rest body by its parameters: (parameter, vertex, 3), (parameter, joint, 3).
-        lens: columns of the cameras' lenses, ``LENS`` or none.
+        own: columns of the views' own, ``OWN`` or none.
         late: (camera,) by how much views are late [s]; None where all are in time.
     """
 
@@ -84,7 +84,7 @@ class Contours:
     size: int | None = None
     bands: float = 3.0
     change: tuple[np.ndarray, np.ndarray] | None = None
-    lens: int = 0
+    own: int = 0
     late: np.ndarray | None = None
     matching: dict[str, float] = field(default_factory=lambda: dict(MATCHING))
 
@@ -118,12 +118,12 @@ class Contours:
             joint=wp.array(joint, dtype=wp.vec3, device=device),
             origin=poisoned((n if len(vertex) else 0, len(vertex), joints), wp.vec3, device),
         )
-        self.width = len(self.index) + len(vertex) + self.lens + 1
+        self.width = len(self.index) + len(vertex) + self.own + 1
         self.rows = filled(
             Rows,
             value=poisoned(n * len(self.rig) * self.size * self.width, wp.float32, device),
             width=self.width,
-            lens=self.lens,
+            own=self.own,
         )
         triangle = self.width * (self.width + 1) // 2
         self.sums = filled(

@@ -13,7 +13,8 @@ In a view that is late a pose counts with what it says of the motion too: ``1 + 
 and bend are taken as they are, though the neighbours' poses, which make them, move too.
 
 A camera that turns or moves does to its view what the opposite motion of the whole body would, so it needs no columns
-beside the root's. Its lens does: a principal point moves all points alike, a focal length each away from there.
+beside the root's. Its lens does: a principal point moves all points alike, a focal length each away from there. So do
+its masks, which may be larger all around than what they show.
 """
 
 import warp as wp
@@ -29,6 +30,8 @@ wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": CPU_FLAGS
 
 LENS = 3
 """Columns of a lens: the logarithm of both focal lengths, and the principal point [px]."""
+OWN = LENS + 1
+"""Columns of a view's own: its lens, and by how much its masks are larger than what they show [px]."""
 
 _BLOCK = 64  # threads: small, so that few views too spread over a whole GPU
 _INFLUENCES = wp.constant(8)  # four of each end of an edge
@@ -66,11 +69,11 @@ class RestChange:
 
 @wp.struct
 class Rows:
-    """Of each contour edge: the Jacobian by what is searched, the parameters and the lens, and the residual."""
+    """Of each contour edge: the Jacobian by what is searched, the parameters and the view's own, and the residual."""
 
     value: wp.array[wp.float32]  # (candidate, camera, contour edge, column) flat
     width: int  # columns
-    lens: int  # of these, by the lens of the row's camera: LENS or none
+    own: int  # of these, by what is the row's view's own: OWN or none
 
 
 @wp.struct
@@ -262,14 +265,15 @@ def _write_rest(
 
 
 @wp.func
-def _write_lens(middle: wp.vec3, normal: wp.vec2, camera: Pinhole, rows: Rows, first: int) -> None:
-    """The columns of the lens."""
+def _write_own(middle: wp.vec3, normal: wp.vec2, camera: Pinhole, rows: Rows, first: int) -> None:
+    """The columns of the view's own."""
     p = into_camera(middle, camera)
     x = normal[0] * camera.lens[0] * p[0] / p[2]
     y = normal[1] * camera.lens[1] * p[1] / p[2]
     rows.value[first] = x + y
     rows.value[first + 1] = normal[0]
     rows.value[first + 2] = normal[1]
+    rows.value[first + 3] = 1.0
 
 
 @wp.kernel
@@ -291,7 +295,7 @@ def _differentiate(
     camera = pinhole(views, k)
     late = outline.late[c, k]
     parameters = change.vertex.shape[0]
-    searched = rows.width - 1 - rows.lens - parameters
+    searched = rows.width - 1 - rows.own - parameters
     for i in range(lane, outline.count[c, k] * shares, lanes):
         s = i // shares
         share = i - s * shares
@@ -310,8 +314,8 @@ def _differentiate(
             _write_pose(tree, posed, c, by, gradient, rows, row, share, shares)
             _write_rest(change, posed.joints, c, by, gradient, rows, row + searched, share, shares)
             if share == 0:
-                if rows.lens > 0:
-                    _write_lens(middle, residuals.normal[c, k, s], camera, rows, row + searched + parameters)
+                if rows.own > 0:
+                    _write_own(middle, residuals.normal[c, k, s], camera, rows, row + searched + parameters)
                 rows.value[row + rows.width - 1] = weighted[0]
 
 
@@ -328,8 +332,8 @@ def differentiate(
     """Fill the rows of a batch's residuals that count, with these behind.
 
     A row is the change of the outline's place along its normal [px] by every searched coordinate, then by every
-    parameter of the rest body, then by the lens where ``rows`` has columns for it. Rows of other contour edges keep
-    what they hold. Where views are few, a GPU's threads share each row.
+    parameter of the rest body, then by the view's own where ``rows`` has columns for it. Rows of other contour edges
+    keep what they hold. Where views are few, a GPU's threads share each row.
     """
     device = outline.image.device
     cameras = outline.count.shape[1]

@@ -31,6 +31,7 @@ class Fields:
     box: wp.array2d[wp.vec4i]  # (frame, camera) x, y, width, height [px]; no width without foreground
     start: wp.array2d[wp.int32]  # (frame, camera) where a box begins in ``value``
     frame: wp.array[wp.int32]  # (candidate,) the frame that each candidate is judged against
+    larger: wp.array[wp.float32]  # (camera,) by how much masks reach beyond what they show, all around [px]
 
 
 @wp.struct
@@ -163,7 +164,7 @@ def _find_residuals(
                 found = _end_of_mask(fields, start, box, middle, normal, reach)
                 matched = wp.abs(found) <= reach
                 share = length / (matching.sigma * matching.sigma * px * px * matching.apart)
-                residual = wp.where(matched, found, reach)
+                residual = wp.where(matched, found - fields.larger[k], reach)
                 exposed = wp.where(_is_far(fields, start, box, middle, matching.deep * px), length / px, 0.0)
                 cost = share * _huber(residual, corner)
                 residuals.normal[c, k, s] = normal

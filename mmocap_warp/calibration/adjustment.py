@@ -41,7 +41,9 @@ from mmocap_warp.tracking.track import track_observations
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
 
-_STEPS = (10, 15)  # with wide matching, then with the usual one
+_NEAR = MatchingConfig(reach=0.02, huber=0.006)  # shadows at the feet lie farther than that from the outline
+_FROM_FAR = ((WIDE, 10), (MatchingConfig(), 10), (_NEAR, 10))  # steps with each matching
+_FROM_NEAR = ((MatchingConfig(), 6), (_NEAR, 8))
 _FARTHER = 3.0  # times as far as cameras are said to be wrong, a start without a body may turn them
 _COHERENT = 0.005  # of coherence by which such a start must be better
 _COHERENCE_FRAMES = 8
@@ -71,6 +73,7 @@ class AdjustConfig:
         seed: of the random numbers.
         device: ``auto``, ``cpu`` or a CUDA device.
         threads: CPU threads; None for all that this process may use.
+        subject: the person in the pose of the first frame, where that is known; else a body is fitted to it.
     """
 
     deviations: Deviations = field(default_factory=Deviations)
@@ -83,6 +86,7 @@ class AdjustConfig:
     seed: int = 0
     device: str = "auto"
     threads: int | None = None
+    subject: Subject | None = None
 
     def __post_init__(self) -> None:
         for name in ("frames", "judges"):
@@ -197,6 +201,8 @@ class Adjustment:
 
     def fitted(self, change: np.ndarray) -> Subject:
         """The body in its first pose."""
+        if self.config.subject is not None:
+            return self.config.subject
         count = max(1, round(_FITTED * self.footage.fps))
         config = FitConfig(seed=self.config.seed, device=self.device, threads=self.threads)
         observations = self.footage.observations(change[:, OFFSET])[:count]
@@ -263,25 +269,33 @@ class Adjustment:
         """Whether all cameras and the person may move together."""
         return bool(self.sigma[:, POSITION].any())
 
-    def solved(self, change: np.ndarray, person: Person, sigma: np.ndarray) -> Adjusted:
-        """Cameras that may be so far (camera, parameter) from their calibration, from frames over the clip."""
+    def solved(self, change: np.ndarray, person: Person, sigma: np.ndarray, *, again: bool = False) -> Adjusted:
+        """Cameras that may be so far (camera, parameter) from their calibration, from frames over the clip.
+
+        It takes fewer steps where cameras were solved for before, and the person was followed with these: ``again``.
+        """
+        stages = _FROM_NEAR if again else _FROM_FAR
         frames = person.spread(self.config.frames)
         velocity = person.motion.velocity(frames)
         rooted, free = person.motion.rooted[frames], sigma > 0
-        beta = np.concatenate([self.space.nearest(person.subject.body), change[free]])
         lag = self.footage.rest(change[:, OFFSET]) - change[:, OFFSET]  # that masks were read with
-        for matching, count in zip((WIDE, MatchingConfig()), _STEPS, strict=True):
-            fitter = self._fitter(self.given, person, frames, matching)
-            problem = CameraProblem(
-                fitter, self.given, lag, self.space, person.motion.rooting, PRIOR, sigma, self._known
+        problems = [
+            CameraProblem(
+                self._fitter(self.given, person, frames, matching),
+                self.given, lag, self.space, person.motion.rooting, PRIOR, sigma, self._known,
             )
-            solution = problem.problem(velocity).solved(np.arange(len(frames)), rooted, beta, count)
-            rooted, beta = solution.rooted, solution.beta
+            for matching, _ in stages
+        ]  # fmt: skip
+        parameters = problems[0].start(self.space.nearest(person.subject.body), change)
+        for problem, (_, count) in zip(problems, stages, strict=True):
+            solution = problem.problem(velocity).solved(np.arange(len(frames)), rooted, parameters, count)
+            rooted, parameters = solution.rooted, solution.beta
         first = person.motion.rooting.leave(rooted[:1], person.subject.pose[ROOT_ANGLES])[0]
         pose = first if frames[0] == 0 else person.subject.pose
-        shape = len(self.space.names)
-        covariance = len(frames) * solution.covariance[shape:, shape:]
-        return Adjusted(problem.change(beta), beta[:shape], pose, free, covariance, float(solution.cost.mean()))
+        cameras = problem.of_cameras
+        covariance = len(frames) * solution.covariance[np.ix_(cameras, cameras)]
+        beta = parameters[: len(self.space.names)]
+        return Adjusted(problem.change(parameters), beta, pose, free, covariance, float(solution.cost.mean()))
 
     def _fitter(self, rig: CameraRig, person: Person, frames: np.ndarray, matching: MatchingConfig) -> ContourFitter:
         """One that observes some of the frames."""

@@ -93,9 +93,9 @@ class HeldOut:
         for matching, steps in zip((WIDE, MatchingConfig()), _STEPS, strict=True):
             fitter = camera_fitter(self.space, rig, observations, matching, self.device, self.threads)
             held = np.zeros((len(rig), len(KINDS)))
-            problem = CameraProblem(fitter, rig, lag, self.space, self.rooting, self.share, held)
-            solution = problem.problem(velocity).solved(frames, rooted, beta, steps)
-            rooted, beta = solution.rooted, solution.beta
+            problem = CameraProblem(fitter, rig, lag, self.space, self.rooting, self.share, held, larger=0)
+            solution = problem.problem(velocity).solved(frames, rooted, problem.start(beta, held), steps)
+            rooted, beta = solution.rooted, solution.beta[: len(beta)]
         return rooted, beta
 
     def _overlap(

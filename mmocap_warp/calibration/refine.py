@@ -20,6 +20,7 @@ from mmocap_warp.tracking.frame_fit import PRIOR
 from mmocap_warp.views.rig import CameraRig
 
 _ROUNDS = 2
+_STATED = 0.5  # of what one frame leaves unsure: what all frames together do on made people, moving or standing
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +82,7 @@ def refine(
     told("body", 0.3)
     change, person = adjustment.with_lags(change, adjustment.followed(change, subject))
     for number in range(_ROUNDS):
-        adjusted = adjustment.solved(change, person, adjustment.with_fixed(fixed))
+        adjusted = adjustment.solved(change, person, adjustment.with_fixed(fixed), again=number > 0)
         fixed = adjustment.stillest(adjusted.change)
         change, motion = adjustment.seen_from(adjusted.change, fixed)
         body_found = replace(person.subject, body=adjustment.space.model(adjusted.beta), pose=adjusted.pose)
@@ -95,20 +96,20 @@ def refine(
 def _chosen(adjustment: Adjustment, change: np.ndarray, person: Person, fixed: int) -> Refinement:
     """Only what has to change, and what that is worth."""
     sigma = adjustment.with_fixed(fixed)
-    adjusted = adjustment.solved(change, person, sigma)
+    adjusted = adjustment.solved(change, person, sigma, again=True)
     free = adjusted.free
     selection = selected(adjusted.change[free], adjusted.covariance, sigma[free])
     moved, determined, deviation = np.zeros(free.shape, bool), ~free, np.zeros(free.shape)
     moved[free], determined[free], deviation[free] = selection.moved, selection.determined, selection.sigma
     change, beta = np.where(moved, adjusted.change, 0.0), adjusted.beta
     if moved.any():
-        adjusted = adjustment.solved(change, person, np.where(moved, sigma, 0.0))
+        adjusted = adjustment.solved(change, person, np.where(moved, sigma, 0.0), again=True)
         change, beta = adjusted.change, adjusted.beta
     before, after = _judged(adjustment, change, person, beta)
     full = np.ones(change.shape)
     full[:, CENTRE] = 1.0 / adjustment.footage.scale  # pixels of the calibrated images
     rig = changed(adjustment.scene.calibrated, full * change)
-    return Refinement(rig, full * change, full * deviation, moved, ~determined, fixed, before, after)
+    return Refinement(rig, full * change, _STATED * full * deviation, moved, ~determined, fixed, before, after)
 
 
 def _judged(

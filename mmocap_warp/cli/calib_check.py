@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from mmocap_warp.cli.calib_adjusting import AdjustFlags
 from mmocap_warp.cli.calib_units import in_units
 from mmocap_warp.cli.console import Console, Switch, table
 from mmocap_warp.cli.exit_codes import CHECK_FAILED, OK
@@ -24,13 +25,8 @@ def check(
     /,
     *,
     output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
-    body: str | None = None,
-    frames: str | None = None,
     identity: Identity = None,
-    scale: float | None = None,
-    seed: int = 0,
-    device: str = "auto",
-    threads: int | None = None,
+    flags: AdjustFlags | None = None,
     force: Switch = False,
     console: Console | None = None,
 ) -> int:
@@ -43,24 +39,9 @@ def check(
     output
         Folder for a picture of each camera that disagrees: its mask, and the outline of the body of the other views
         as it is calibrated (red) and as it would be put right (green).
-    body
-        The generic body that the person's is near to: a shipped one's name or a USD file. The scene's, or else
-        adult_man.
-    frames
-        Which of the recording's frames: first:end or first:end:stride; the first 20 s of them are used. [default:
-        those that the scene names]
-    scale
-        Of masks and cameras, up to 1. [default: images 640 pixels long]
-    seed
-        Of the random numbers.
-    device
-        auto, cpu or a CUDA device such as cuda:0.
-    threads
-        CPU threads. [default: all]
     force
         Write into a folder that holds files.
     """
-    from mmocap_warp.bodies.shipped import DEFAULT_BODY, load_body
     from mmocap_warp.calibration.adjustment import AdjustConfig
     from mmocap_warp.calibration.check import check as checked
     from mmocap_warp.cli.devices import start_warp
@@ -70,16 +51,16 @@ def check(
     from mmocap_warp.cli.progress import Progress
     from mmocap_warp.cli.settings import as_flag
 
-    console = console or Console()
-    loaded = scene_for(scene, frames, identity)
+    console, flags = console or Console(), flags or AdjustFlags()
+    loaded = scene_for(scene, flags.frames, identity)
     folder = None if output is None else new_folder(output, force=force)
     note_others(loaded, console)
     try:
-        config = AdjustConfig(scale=scale, seed=seed, device=device, threads=threads)
+        config = AdjustConfig(**flags.settings)
     except ValueError as error:
         raise UsageError(as_flag(error)) from None
-    start = load_body(body or loaded.body or DEFAULT_BODY, "--body" if body else loaded.path)
-    start_warp(device)
+    start = flags.generic_body(loaded)
+    start_warp(config.device)
     with Progress("check", None, quiet=console.quiet) as progress:
         found = checked(loaded, start, config, lambda stage, done: progress(round(100 * done), 100))
     names = loaded.calibrated.names

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from mmocap_warp.cli.calib_adjusting import AdjustFlags
 from mmocap_warp.cli.calib_units import in_units
 from mmocap_warp.cli.console import Console, Switch, table
 from mmocap_warp.cli.exit_codes import CHECK_FAILED, OK, UsageError
@@ -38,36 +39,17 @@ class DoubtFlags:
     """Of the time [s]. [default: 0.05]"""
 
 
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class RefineFlags:
-    """Settings of :class:`mmocap_warp.calibration.adjustment.AdjustConfig`."""
-
-    fixed: str | None = None
-    """The camera that stands still and tells the time. [default: the one beside which the others move least]"""
-    height: float | None = None
-    """Of the person [m]: gives the scale."""
-    scale: float | None = None
-    """Of masks and cameras, up to 1. [default: images 640 pixels long]"""
-    seed: int | None = None
-    """Of the random numbers. [default: 0]"""
-    device: str | None = None
-    """auto, cpu or a CUDA device such as cuda:0. [default: auto]"""
-    threads: int | None = None
-    """CPU threads. [default: all]"""
-
-
 def refine(
     scene: Path,
     /,
     *,
     output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("calibration.toml"),
+    fixed: str | None = None,
+    height: float | None = None,
     distance: tuple[str, str, float] | None = None,
-    body: str | None = None,
-    frames: str | None = None,
     identity: Identity = None,
     doubt: DoubtFlags | None = None,
-    flags: RefineFlags | None = None,
+    flags: AdjustFlags | None = None,
     force: Switch = False,
     console: Console | None = None,
 ) -> int:
@@ -79,20 +61,17 @@ def refine(
         The scene file, or its folder.
     output
         The refined calibration: a .toml file.
+    fixed
+        The camera that stands still and tells the time. [default: the one beside which the others move least]
+    height
+        Of the person [m]: gives the scale.
     distance
         Two cameras and the metres between their centres, such as cam01 cam02 3.20: gives the scale.
-    body
-        The generic body that the person's is near to: a shipped one's name or a USD file. The scene's, or else
-        adult_man.
-    frames
-        Which of the recording's frames: first:end or first:end:stride; the first 20 s of them are used. [default:
-        those that the scene names]
     force
         Replace a file that exists.
     """
     from dataclasses import asdict
 
-    from mmocap_warp.bodies.shipped import DEFAULT_BODY, load_body
     from mmocap_warp.calibration.adjustment import AdjustConfig
     from mmocap_warp.calibration.cameras import Deviations
     from mmocap_warp.calibration.refine import refine as refined
@@ -103,18 +82,19 @@ def refine(
     from mmocap_warp.cli.settings import as_flag
     from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 
-    console = console or Console()
+    console, flags = console or Console(), flags or AdjustFlags()
     new_file(output, ".toml", force=force)
-    loaded = scene_for(scene, frames, identity)
+    loaded = scene_for(scene, flags.frames, identity)
     note_others(loaded, console)
-    given = {name: value for name, value in asdict(flags or RefineFlags()).items() if value is not None}
     doubts = {name: value for name, value in asdict(doubt or DoubtFlags()).items() if value is not None}
     try:
-        config = AdjustConfig(deviations=Deviations(**doubts), distance=distance, **given)
+        config = AdjustConfig(
+            deviations=Deviations(**doubts), fixed=fixed, height=height, distance=distance, **flags.settings
+        )
         _check_cameras(config, loaded)
     except ValueError as error:
         raise UsageError(as_flag(error)) from None
-    start = load_body(body or loaded.body or DEFAULT_BODY, "--body" if body else loaded.path)
+    start = flags.generic_body(loaded)
     start_warp(config.device)
     with Progress("refine", None, quiet=console.quiet) as progress:
         found = refined(loaded, start, config, lambda stage, done: progress(round(100 * done), 100))

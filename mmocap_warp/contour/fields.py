@@ -54,7 +54,10 @@ class DistanceFields:
         self.box = wp.zeros(shape, dtype=wp.vec4i, device=device)
         self.start = wp.zeros(shape, dtype=wp.int32, device=device)
         self.frame = wp.zeros(candidates, dtype=wp.int32, device=device)
-        self.struct = filled(Fields, value=self.value, box=self.box, start=self.start, frame=self.frame)
+        self.larger = wp.zeros(len(rig), dtype=wp.float32, device=device)
+        self.struct = filled(
+            Fields, value=self.value, box=self.box, start=self.start, frame=self.frame, larger=self.larger
+        )
         self._scratch = block.scratch(device)
         self._size = wp.array(rig.size, dtype=wp.vec2i, device=device)
         self._workings: Workings = filled(Workings, room=0, **_workings(0, device))

@@ -24,7 +24,7 @@ from mmocap_warp.kernels.contour import descent as descent_kernels
 from mmocap_warp.kernels.contour import jacobian, moving, normal_equations, outline, residuals
 from mmocap_warp.kernels.contour.descent import MOST_SEARCHED, Descent, descend
 from mmocap_warp.kernels.contour.jacobian import (
-    LENS,
+    OWN,
     Posed,
     RestChange,
     Rows,
@@ -80,7 +80,7 @@ class ContourFitter:
         candidates: poses at a time.
         frames: places for frames' masks.
         parameters: of the rest body, at most; see :meth:`reshape`.
-        lens: whether :meth:`linearise_views` is to tell what lenses change.
+        lens: whether :meth:`linearise_views` is to tell what a view's lens and the size of its masks change.
         matching: settings.
         device: a Warp device.
         threads: CPU threads; ignored on a GPU.
@@ -145,14 +145,14 @@ class ContourFitter:
         view = (candidates, cameras)
         self._outline = _outline(view, size, mesh, len(edge), device)
         self._residuals = _residuals((*view, size), device)
-        columns = LENS if lens else 0
+        columns = OWN if lens else 0
         width = len(self.index) + parameters + columns + 1
         self._width = width
         self._rows = filled(
             Rows,
             value=wp.zeros(candidates * cameras * size * width, dtype=wp.float32, device=device),
             width=width,
-            lens=columns,
+            own=columns,
         )
         triangle = _triangle(width)
         self._sums: Any = filled(
@@ -241,6 +241,10 @@ class ContourFitter:
         """Take other cameras, of the same sizes."""
         self._cameras.assign(rig)
 
+    def set_larger(self, larger: np.ndarray) -> None:
+        """By how much each camera's masks reach beyond what they show (camera,) [px]; nothing unless it is said."""
+        self.fields.larger.assign(larger.astype(np.float32))
+
     def linearise(self, place: np.ndarray, rooted: RootedPoses, around: Around | None = None) -> NormalEquations:
         """The normal equations of poses against the frames in places (pose,); there may be more than ``candidates``.
 
@@ -250,7 +254,7 @@ class ContourFitter:
         return NormalEquations(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
     def linearise_views(self, place: np.ndarray, rooted: RootedPoses) -> ViewEquations:
-        """As :meth:`linearise`, each view apart, and with the lens behind the body's parameters."""
+        """As :meth:`linearise`, each view apart, and with the view's own columns behind the body's parameters."""
         parts = [self._read_views(count) for count in self._summed(place, rooted)]
         return ViewEquations(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 from moving_person import BODY, FPS, RIG, ROOTING, masks_at, motion
@@ -11,6 +12,7 @@ from mmocap_warp.calibration.camera_problem import CameraProblem, known_distance
 from mmocap_warp.calibration.cameras import KINDS, OFFSET, Deviations, changed, difference
 from mmocap_warp.contour.fitter import ContourFitter, MatchingConfig
 from mmocap_warp.contour.rooted import Rooting
+from mmocap_warp.views.observation import Observation, unpack_masks
 from mmocap_warp.views.rig import CameraRig
 
 SPACE = RestSpace(BODY)
@@ -20,13 +22,20 @@ NONE = np.zeros(len(SPACE.names))
 
 
 def solved(
-    device: str, wrong: CameraRig, sigma: np.ndarray, late: np.ndarray | None = None, known=(), share: float = 0.02
+    device: str,
+    wrong: CameraRig,
+    sigma: np.ndarray,
+    late: np.ndarray | None = None,
+    known=(),
+    share: float = 0.02,
+    grown: bool = False,
 ) -> np.ndarray:
     """(camera, parameter) changes that are found, from poses that are a little off; the body is known by ``share``."""
     observations = masks_at(RIG, FRAMES, np.zeros(len(RIG)) if late is None else late)
+    observations = [grown_by_a_pixel(each) for each in observations] if grown else observations
     off = np.random.default_rng(0).normal(0, 0.02, (len(FRAMES), len(ROOTING.searched)))
     rooted, velocity = ROOTING.stepped(motion().rooted[FRAMES], off), motion().velocity(FRAMES)
-    parameters = np.concatenate([NONE, np.zeros(int((sigma > 0).sum()))])
+    parameters = None
     for matching, steps in ((MatchingConfig(0.3, 0.03, 0.03), 8), (MatchingConfig(), 8)):
         fitter = ContourFitter(
             BODY, wrong, ROOTING.searched, BODY.skeleton.coordinate_limits, candidates=len(FRAMES),
@@ -34,9 +43,18 @@ def solved(
         )  # fmt: skip
         fitter.observe_all(observations)
         problem = CameraProblem(fitter, wrong, np.zeros(len(RIG)), SPACE, ROOTING, share, sigma, known)
+        parameters = problem.start(NONE, np.zeros(sigma.shape)) if parameters is None else parameters
         solution = problem.problem(velocity).solved(np.arange(len(FRAMES)), rooted, parameters, steps)
         rooted, parameters = solution.rooted, solution.beta
     return problem.change(parameters)
+
+
+def grown_by_a_pixel(observation: Observation) -> Observation:
+    """With the wrong camera's mask larger all around."""
+    masks = unpack_masks(observation.words, RIG.size)
+    cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+    masks[WRONG] = cv2.dilate(masks[WRONG].astype(np.uint8), cross).astype(bool)
+    return Observation.from_masks(masks)
 
 
 def one_of(*kinds: str) -> np.ndarray:
@@ -78,6 +96,12 @@ def test_what_is_held_keeps_its_bits_and_a_scene_without_fault_stays(device):
     assert np.degrees(np.abs(found[WRONG, :2]).max()) < 0.05
     assert abs(found[WRONG, KINDS.index("focal")]) < 0.002
     assert not found[WRONG, 2:6].any()
+
+
+@pytest.mark.parametrize(("kind", "within"), [("focal", 0.003), ("ahead", 0.01)])
+def test_larger_masks_are_not_taken_for_a_longer_lens_or_a_nearer_camera(device, kind, within):
+    found = solved(device, RIG, one_of(kind), grown=True)
+    assert abs(found[WRONG, KINDS.index(kind)]) < within
 
 
 def height() -> float:

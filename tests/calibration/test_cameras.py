@@ -10,7 +10,7 @@ from synthetic import ring_rig, synthetic_body
 from mmocap_warp.body.rotations import turn
 from mmocap_warp.body.skeleton import ROOT_ANGLES
 from mmocap_warp.calibration.cameras import KINDS, OFFSET, Deviations, by_body, changed, difference
-from mmocap_warp.kernels.contour.jacobian import LENS
+from mmocap_warp.kernels.contour.jacobian import OWN
 from mmocap_warp.synthesis.posing import ExactPoser
 from mmocap_warp.views.silhouette import silhouettes
 
@@ -61,7 +61,7 @@ def test_columns_are_finite_differences_of_where_edges_are_seen(device, far):
         return ExactPoser(BODY, base[0]).vertices(at)[0][BODY.tracking_vertex]
 
     masks = silhouettes(rig, vertices(pose + rng.normal(0, 0.01, pose.shape)), BODY.tracking_face)
-    case = Contours(BODY, rig, pose, base, device, lens=LENS, matching=MATCHING | {"reach": 0.5}).summed(masks)
+    case = Contours(BODY, rig, pose, base, device, own=OWN, matching=MATCHING | {"reach": 0.5}).summed(masks)
     velocity = rng.normal(0, 1.0, (1, len(case.index)))
     posed = case.posed
     axes = np.repeat(posed.axes.numpy()[:, None, 0], len(rig), axis=1).astype(float)
@@ -72,7 +72,7 @@ def test_columns_are_finite_differences_of_where_edges_are_seen(device, far):
         counts = case.outline.count.numpy()[0, k]
         used = np.flatnonzero(case.residuals.weighted.numpy()[0, k, :counts, 1] > 0)
         ends, normal = case.outline.ends.numpy()[0, k, used], case.residuals.normal.numpy()[0, k, used].astype(float)
-        columns = case.rows_of(0, k)[used, :-1] @ motion[0, k]
+        columns = case.rows_of(0, k)[used, :-2] @ motion[0, k]
         for kind in range(len(KINDS)):
             sides = []
             for step in (STEP, -STEP):

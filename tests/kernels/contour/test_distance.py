@@ -88,6 +88,7 @@ class Measured:
             box=wp.array(self.box[np.argsort(place)], dtype=wp.vec4i, device=device),
             start=wp.array(self.start, dtype=wp.int32, device=device),
             frame=wp.zeros(1, dtype=wp.int32, device=device),
+            larger=wp.zeros(cameras, dtype=wp.float32, device=device),
         )
         measure_distances(self.masks, workings, self.fields)
         self.place = place

@@ -13,7 +13,7 @@ from synthetic import ring_rig, synthetic_body
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.rotations import turn
-from mmocap_warp.kernels.contour.jacobian import LENS
+from mmocap_warp.kernels.contour.jacobian import LENS, OWN
 from mmocap_warp.synthesis.posing import ExactPoser
 from mmocap_warp.views.silhouette import silhouettes
 
@@ -27,7 +27,7 @@ def posed(body: BodyModel, base: np.ndarray, pose: np.ndarray) -> np.ndarray:
     return ExactPoser(body, base).vertices(pose[None])[0][body.tracking_vertex]
 
 
-def case_of(body: BodyModel, device: str, change=None, lens: int = 0) -> Contours:
+def case_of(body: BodyModel, device: str, change=None, own: int = 0) -> Contours:
     """Two candidates, and masks of a pose beside theirs."""
     rng = np.random.default_rng(2)
     pose = rng.uniform(-0.5, 0.5, (3, body.skeleton.coordinates))
@@ -37,7 +37,7 @@ def case_of(body: BodyModel, device: str, change=None, lens: int = 0) -> Contour
     seen = pose[0] + rng.normal(0, 0.02, pose.shape[1])
     masks = silhouettes(rig, posed(body, base[0], seen), body.tracking_face)
     matching = MATCHING | {"reach": 0.5}
-    return Contours(body, rig, pose[:2], base, device, change=change, lens=lens, matching=matching).summed(masks)
+    return Contours(body, rig, pose[:2], base, device, change=change, own=own, matching=matching).summed(masks)
 
 
 def matched(case: Contours, c: int, k: int):
@@ -115,11 +115,11 @@ def test_rows_of_edges_that_do_not_count_are_left_alone(device):
 
 @pytest.mark.parametrize("name", BODIES)
 def test_the_lens_of_each_camera(device, name):
-    """The logarithm of both focal lengths, and the principal point; all other columns keep their bits."""
+    """The logarithm of both focal lengths, the principal point, and larger masks; other columns keep their bits."""
     body = BODIES[name]
-    case, without = case_of(body, device, lens=LENS), case_of(body, device)
+    case, without = case_of(body, device, own=OWN), case_of(body, device)
     searched = len(case.index)
-    assert case.width == without.width + LENS
+    assert case.width == without.width + OWN
     h = 1e-6
     for c, k in np.ndindex(2, 2):
         counts, ends, normal = matched(case, c, k)
@@ -138,5 +138,6 @@ def test_the_lens_of_each_camera(device, name):
             expected = (sides[0] - sides[1]) / (2 * h)
             scale = max(np.abs(expected).max(), 1.0)
             np.testing.assert_allclose(rows[:, searched + column], expected, atol=NEAR * scale)
-        others = np.delete(rows, slice(searched, searched + LENS), axis=1)
+        np.testing.assert_array_equal(rows[:, searched + LENS], 1.0)
+        others = np.delete(rows, slice(searched, searched + OWN), axis=1)
         np.testing.assert_array_equal(others, without.rows_of(c, k)[counts])

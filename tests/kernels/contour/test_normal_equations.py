@@ -38,7 +38,7 @@ class Case:
         self.residuals.weighted.assign(np.stack([self.value[..., -1], self.weight], axis=-1))
         self.residuals.tally.assign(self.tally)
         value = wp.array(self.value.ravel(), dtype=wp.float32, device=device)
-        self.rows = filled(Rows, value=value, width=width, lens=0)
+        self.rows = filled(Rows, value=value, width=width, own=0)
 
     def sums(self, parts: tuple[tuple[int, int], ...] = ((0, 2),)) -> tuple[np.ndarray, np.ndarray]:
         triangle = self.width * (self.width + 1) // 2

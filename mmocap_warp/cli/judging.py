@@ -125,6 +125,8 @@ def summary(report: dict[str, Any]) -> str:
         ("Eq. 20 from own answer", "marker_error_mm"),
     )
     rows += [(name, _error(report, key)) for name, key in errors if report.get(key) is not None]
+    if report.get("median_angle_deg") is not None and report.get("marker_error_mm") is None:  # of a robot or a hand
+        rows.append(("median angle error", f"{report['median_angle_deg']:.2f} degrees"))
     if report.get("growth") is not None:
         rows.append(("growth of MPJPE", f"{report['growth']:.2f} (last third over first)"))
     if report.get("limb_lost_frames"):

@@ -28,6 +28,7 @@ def import_body(
     facing: Annotated[_Axis | None, Parameter(show_choices=False)] = None,
     scale: float = 1.0,
     triangles: int = 2600,
+    skin_triangles: int = 60_000,
     joints: Path | None = None,
     write_joints: Path | None = None,
     meshes: Path | None = None,
@@ -54,6 +55,8 @@ def import_body(
         What lengths are multiplied by, besides the unit that the file states.
     triangles
         At most, of the mesh that is tracked.
+    skin_triangles
+        At most, of the mesh that is shown.
     joints
         A file that says how joints turn, .toml; what it leaves out is derived.
     write_joints
@@ -76,7 +79,7 @@ def import_body(
     new_file(output, *USD_SUFFIXES, force=force)
     if write_joints is not None:
         new_file(write_joints, ".toml", force=force)
-    made = _made(file, name or output.stem, up, facing, scale, triangles, joints, meshes)
+    made = _made(file, name or output.stem, up, facing, scale, triangles, skin_triangles, joints, meshes)
     if attribution is not None:
         made = replace(made, body=replace(made.body, attribution=attribution))
     write_body(output, made.body, made.motions)
@@ -92,6 +95,7 @@ def _made(
     facing: str | None,
     scale: float,
     triangles: int,
+    skin_triangles: int,
     joints: Path | None,
     meshes: Path | None,
 ) -> Imported:
@@ -113,12 +117,24 @@ def _made(
         body_from_file(up or mesh.up, facing or mesh.facing)
     except ValueError as error:
         raise UsageError(as_flag(error)) from None
-    if not scale > 0 or triangles < 4:
-        raise UsageError(f"--scale must be positive and --triangles at least 4, got {scale:g} and {triangles}")
+    if not scale > 0 or triangles < 4 or skin_triangles < triangles:
+        raise UsageError(
+            "--scale must be positive, --triangles at least 4 and --skin-triangles as many at least, "
+            f"got {scale:g}, {triangles} and {skin_triangles}"
+        )
     plain = re.sub(r"\W", "_", name, flags=re.ASCII)
     plain = plain if plain[:1].isalpha() else f"_{plain}"
     try:
-        return imported(mesh, plain, up=up, facing=facing, scale=scale, triangles=triangles, joints=given)
+        return imported(
+            mesh,
+            plain,
+            up=up,
+            facing=facing,
+            scale=scale,
+            triangles=triangles,
+            skin_triangles=skin_triangles,
+            joints=given,
+        )
     except InputError:
         raise
     except ValueError as error:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from mmocap_warp.body.skeleton import ROOT_ANGLES
 from mmocap_warp.result.marker_errors import marker_errors
 from mmocap_warp.result.offsets import offset_free_distance
 from mmocap_warp.result.other_world import other_world
@@ -47,6 +48,9 @@ def evaluate(result: Result, truth: Truth | None = None) -> dict[str, Any]:
     ``near_tracked``: of the frames in which all of these joints are within 50 mm, the share that is called tracked or
     partial.
 
+    Where the truth has poses of a body with the same joints: ``median_angle_deg``, of the joints' angles that were
+    searched, the root's left out, and ``median_deg_by_angle``.
+
     ``other_world`` says how the truth must be changed where it is far off but in another world, see
     :func:`mmocap_warp.result.other_world.other_world`; else it is ``None``.
 
@@ -75,6 +79,7 @@ def evaluate(result: Result, truth: Truth | None = None) -> dict[str, Any]:
         report |= _marker_errors(truth, mine, theirs, result, series)
         report |= _joint_errors(joints, truth, mine, theirs, result, series)
         report |= _attached_errors(joints, truth, mine, theirs, result)
+        report |= _angle_errors(result, truth, mine, theirs)
         of_runs["growth"] = growth(series["mpjpe_mm"][:, mine])
         report["growth"] = _mean(of_runs["growth"])
         report |= _statuses_judged(result.status[:, mine], farthest(result, truth, mine, theirs, joints), of_runs)
@@ -181,6 +186,23 @@ def _attached_errors(
     }
     median = {name: _median(np.linalg.norm(each, axis=-1)) * _METRES_TO_MM for name, each in off.items()}
     return {"median_mm_by_attached": median} if median else {}
+
+
+def _angle_errors(result: Result, truth: Truth, mine: np.ndarray, theirs: np.ndarray) -> dict[str, Any]:
+    """Errors of the angles that were searched, where the truth is of a body with the same joints."""
+    skeleton = result.subject.body.skeleton
+    same_joints = truth.joint_names[: len(skeleton.joints)] == skeleton.joints
+    if truth.pose is None or truth.pose.shape[1] != skeleton.coordinates or not same_joints:
+        return {}
+    searched = skeleton.searched(result.config.get("dof"))
+    searched = searched[(searched >= ROOT_ANGLES.stop) & ~skeleton.is_length[searched]]
+    off = result.pose[:, mine][..., searched] - truth.pose[theirs][:, searched]
+    degrees = np.degrees(np.abs((off + np.pi) % (2 * np.pi) - np.pi))  # (run, common frame, angle)
+    names = [skeleton.coordinate_names[number] for number in searched]
+    return {
+        "median_angle_deg": _median(degrees),
+        "median_deg_by_angle": {name: _median(degrees[..., i]) for i, name in enumerate(names)},
+    }
 
 
 def _statuses_judged(status: np.ndarray, off: np.ndarray, of_runs: dict[str, np.ndarray]) -> dict[str, Any]:

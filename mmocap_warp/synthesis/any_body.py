@@ -19,9 +19,9 @@ from mmocap_warp.views.rig import CameraRig
 SIZE = (640, 480)
 """Of the cameras' images, by default [px]."""
 
-_FILLED = 0.75  # of the image's smaller side, what the motion takes at most
+_FILLED = 0.85  # of the image, what the motion takes at most
 _FOCAL = 1.4  # of the image's width
-_HEIGHTS = (0.35, 1.1, 0.6, 1.6, 0.85)  # of the cameras, in turn, in sizes of what moves
+_ELEVATIONS = (4.0, 20.0, 10.0, 30.0, 15.0)  # of the cameras over the middle of what moves, in turn [degrees]
 _FIRST_BEARING = 14.0  # [degrees]: no camera looks along an axis of the world
 _FAULTS = (
     Faults(grow=-0.2, ragged=0.5, holes=1.5, specks=2.0, salt=5e-5),
@@ -68,21 +68,28 @@ def recorded(
     seen = np.stack([poser.vertices(pose[None])[0][used] for pose in poses])
     low, high = seen.min(axis=(0, 1)), seen.max(axis=(0, 1))
     poses[:, :3] -= np.array([*((low + high) / 2)[:2], low[2]])
-    rig = camera_ring(cameras, high - low, size)
+    seen -= np.array([*((low + high) / 2)[:2], low[2]])
+    rig = camera_ring(cameras, seen.reshape(-1, 3), size)
     faults = tuple(_FAULTS[k % len(_FAULTS)] if faulty else Faults() for k in range(cameras))
     return Recording(body, base, poses, motion.fps, rig, SpoiltMasks(body.skin.face, faults, _LIGHT, seed))
 
 
-def camera_ring(cameras: int, extent: np.ndarray, size: tuple[int, int]) -> CameraRig:
-    """Cameras evenly around a box (3,) [m] that stands on the origin, at several heights, each seeing all of it."""
-    radius = float(np.linalg.norm(extent)) / 2
-    focal, middle = _FOCAL * size[0], float(extent[2]) / 2
-    distance = focal * 2 * radius / (_FILLED * min(size)) + radius
+def camera_ring(cameras: int, seen: np.ndarray, size: tuple[int, int]) -> CameraRig:
+    """Cameras evenly around points (n, 3) [m], at several elevations, each as near as it can be and see all of them.
+
+    They look at the vertical through the origin of a world with +Z up, at half the points' height.
+    """
+    focal, middle = _FOCAL * size[0], float(seen[:, 2].min() + seen[:, 2].max()) / 2
     placed = []
     for k in range(cameras):
-        height = middle + radius * (_HEIGHTS[k % len(_HEIGHTS)] - 0.3)
         bearing = _FIRST_BEARING + 360.0 * k / cameras
-        placed.append(placed_camera(bearing, distance, height, middle, 0.0, focal, (0.0, 0.0), size))
+        elevation = np.radians(_ELEVATIONS[k % len(_ELEVATIONS)])
+        rise = float(np.tan(elevation))  # of the camera over the middle, by its distance from the vertical
+        _, R, _ = placed_camera(bearing, 1.0, middle + rise, middle, 0.0, focal, (0.0, 0.0), size)
+        x, y, ahead = R @ (seen - (0.0, 0.0, middle)).T
+        needed = np.maximum(np.abs(x) / size[0], np.abs(y) / size[1]) * 2 * focal / _FILLED - ahead
+        distance = float(needed.max() * np.cos(elevation))
+        placed.append(placed_camera(bearing, distance, middle + rise * distance, middle, 0.0, focal, (0.0, 0.0), size))
     K, R, t = (np.array(column) for column in zip(*placed, strict=True))
     names = tuple(f"cam{k + 1}" for k in range(cameras))
     return CameraRig(names, K, R, t, np.tile(size, (cameras, 1)), np.zeros((cameras, 5)), "+z")

@@ -20,10 +20,12 @@ from synthetic import ring_rig, synthetic_poses, synthetic_subject
 
 from mmocap_warp import cli
 from mmocap_warp.bodies.human import JOINTS
+from mmocap_warp.bodies.shipped import body_file
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cli import exit_codes
+from mmocap_warp.cli.demo import EXAMPLES, Example
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
-from mmocap_warp.formats.usd.body import write_subject
+from mmocap_warp.formats.usd.body import read_body, read_motions, write_body, write_subject
 from mmocap_warp.formats.usd.check import faults
 from mmocap_warp.formats.usd.result import read_result
 from mmocap_warp.formats.usd.truth import read_truth, write_truth
@@ -422,6 +424,21 @@ def test_demo_checks_itself_and_writes_all_it_names(most, code, scene, tmp_path,
     assert all(report[key] is not None for key in (*PROMISED, *PROMISED_WITH_TRUTH))
     assert sorted(os.listdir(tmp_path / "out")) == ["walk-error.svg", "walk.png", "walk.usdc", "walk.webm"]
     assert all(Path(report[name]).is_file() for name in ("result", "overlay", "sheet", "plot"))
+
+
+def test_demo_of_another_body_makes_its_scene(tmp_path, monkeypatch, capsys):
+    hand, motions = body_file("hand"), read_motions(body_file("hand"))
+    short = replace(motions["Opening"], pose=motions["Opening"].pose[:2])
+    write_body(tmp_path / "hand.usdc", read_body(hand), {"Short": short})
+    monkeypatch.setitem(EXAMPLES, "hand", Example(str(tmp_path / "hand.usdc"), "Short", 3))
+    assert cli.main(["demo", "hand", "-o", str(tmp_path / "out"), "--json", "--quiet"]) == exit_codes.OK
+    report = json.loads(capsys.readouterr().out)
+    assert report["mpjpe_share"] < 0.01
+    assert report["size_m"] == pytest.approx(0.212, abs=1e-3)
+    assert report["median_angle_deg"] < 3
+    files = {"hand-error.svg", "hand.png", "hand.usdc", "hand.webm"}
+    assert set(os.listdir(tmp_path / "out")) == files | {"hand-scene"}
+    assert cli.main(["demo", "hand", "-o", str(tmp_path / "out"), "--paper", "--quiet"]) == exit_codes.USAGE
 
 
 def test_demo_puts_the_papers_tracker_beside_it(scene, tmp_path, monkeypatch, capsys):

@@ -84,6 +84,26 @@ def test_alignment_takes_out_a_similarity_but_no_mirror():
     assert evaluate(result, replace(truth, joints=-truth.joints))["pa_mpjpe_mm"] > 10
 
 
+def test_angles_are_judged_where_the_truth_has_poses_of_such_a_body():
+    """One elbow is 20 degrees off in all frames, across the half turn at which angles begin anew."""
+    result = moved(synthetic_result(runs=1), 0.0, slice(0))
+    skeleton = result.subject.body.skeleton
+    elbow = skeleton.angles("LElbow").start + 1
+    true = result.pose[0].copy()
+    true[:, elbow] = np.radians(170)
+    off = result.pose.copy()
+    off[0, :, elbow] = np.radians(-170)
+    truth = replace(truth_of(result, result.pose[0]), pose=true)
+    report = evaluate(replace(result, pose=off), truth)
+    assert report["median_deg_by_angle"]["LElbow.Ry"] == pytest.approx(20)
+    assert report["median_deg_by_angle"]["RElbow.Ry"] == 0
+    assert report["median_angle_deg"] == 0
+    assert not [name for name in report["median_deg_by_angle"] if name.startswith("Root")]
+    assert "median_angle_deg" not in evaluate(result, replace(truth, pose=None))
+    assert "angle" not in summary(report)
+    assert "median angle error  0.00 degrees" in summary(report | {"marker_error_mm": None})
+
+
 def test_a_limb_over_200_mm_off_is_lost():
     result = moved(synthetic_result(runs=2), 0.0, slice(0))
     truth = truth_of(result, result.pose[0])

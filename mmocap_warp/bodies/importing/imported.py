@@ -28,8 +28,9 @@ from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh
 
 TRIANGLES = 2600
 """Of a tracking mesh, by default; as many as a shipped person's has."""
+SKIN_TRIANGLES = 60_000
+"""Of the mesh that is shown, by default: finer skin slows everything that poses it."""
 
-_MOST_SKIN = 60_000  # triangles: finer skin is for display alone, and slows everything that poses it
 _SPREAD = 0.2  # how far joints are expected from the bind pose when a recording starts [rad]
 _NEGLIGIBLE = 5e-4  # share of a vertex's weight that may be dropped without a word
 _PART_TRIANGLES, _PART_CELLS = 500, 16  # a robot's part of more triangles has an inside; it is wrapped on such a grid
@@ -61,6 +62,7 @@ def imported(
     facing: str | None = None,
     scale: float = 1.0,
     triangles: int = TRIANGLES,
+    skin_triangles: int = SKIN_TRIANGLES,
     joints: GivenJoints | None = None,
 ) -> Imported:
     """A body of what a file holds.
@@ -71,14 +73,17 @@ def imported(
         up, facing: the file's axes, such as ``+z``; None for those of its format.
         scale: what lengths are multiplied by, besides the file's unit.
         triangles: at most, of the tracking mesh.
+        skin_triangles: at most, of the mesh that is shown.
         joints: what a joints file says in place of what is derived.
 
     Raises:
         ValueError: an argument that cannot be, or joints from which no body can be made.
         InputError: the joints file names what there is not.
     """
-    if triangles < _LEAST_SKIN:
-        raise ValueError(f"triangles must be at least {_LEAST_SKIN}, got {triangles}")
+    if not _LEAST_SKIN <= triangles <= skin_triangles:
+        raise ValueError(
+            f"triangles must be at least {_LEAST_SKIN} and at most skin_triangles, got {triangles} and {skin_triangles}"
+        )
     given = joints or GivenJoints("")
     mesh = in_body_axes(with_named_joints(mesh), up or mesh.up, facing or mesh.facing, scale)
     mesh = welded(with_one_root(with_parents(mesh, parents_given(given))))
@@ -87,7 +92,7 @@ def imported(
     place = mesh.bind[:, :3, 3]
     pairs = mirrored_pairs(mesh.joints, mesh.parent, place)
     freedom = with_given(freedom_of(mesh, pairs), mesh.joints, given)
-    skin, tracking_vertex, tracking_face, skin_notes = _skin(mesh, triangles)
+    skin, tracking_vertex, tracking_face, skin_notes = _skin(mesh, triangles, skin_triangles)
     notes = [*mesh.notes, *skin_notes]
     if sides_crossed(pairs):
         notes.append("names say left of what lies to the right: the body may face the other way (--facing)")
@@ -133,7 +138,7 @@ def _skeleton(mesh: RiggedMesh, pairs: tuple[Pair, ...], freedom: list[Freedom])
     )
 
 
-def _skin(mesh: RiggedMesh, triangles: int) -> tuple[SkinMesh, np.ndarray, np.ndarray, list[str]]:
+def _skin(mesh: RiggedMesh, triangles: int, skin_triangles: int) -> tuple[SkinMesh, np.ndarray, np.ndarray, list[str]]:
     """The full mesh, the tracking mesh's vertices in it and its triangles, and what was done."""
     notes = []
     joint, weight, dropped = four_influences(mesh)
@@ -143,23 +148,33 @@ def _skin(mesh: RiggedMesh, triangles: int) -> tuple[SkinMesh, np.ndarray, np.nd
     notes += told
     vertex = np.concatenate([mesh.vertex, surface.added])
     beside = np.concatenate([np.arange(len(mesh.vertex)), surface.beside])
-    if len(surface.face) > triangles:
-        kept, face = decimate(vertex, surface.face, triangles)
+    face, shown = surface.face, mesh.face
+    too_fine = len(shown) > skin_triangles
+    if too_fine and len(face) > skin_triangles:
+        face = _decimated(vertex, face, skin_triangles)
+    if too_fine:
+        notes.append(f"skin: {len(shown)} triangles are too many to show; {len(face)} of the closed mesh stand in")
+        shown = face
+    if len(face) > triangles:
+        face = _decimated(vertex, face, triangles)
         notes.append(f"tracking mesh: {len(surface.face)} triangles made {len(face)}")
-    else:
-        kept, face = np.unique(surface.face, return_inverse=True)
-        face = face.reshape(-1, 3)
-    shown = mesh.face
-    if len(shown) > _MOST_SKIN:
-        notes.append(f"skin: {len(shown)} triangles are too many to show; the tracking mesh stands in for them")
-        chosen, shown, tracking = kept, face, np.arange(len(kept))
-    else:
-        chosen = np.concatenate([np.arange(len(mesh.vertex)), kept[kept >= len(mesh.vertex)]])
-        tracking = np.searchsorted(chosen, kept)
+    kept = np.unique(face)
+    own = np.unique(shown) if too_fine else np.arange(len(mesh.vertex))
+    chosen = np.union1d(own, kept)
     skin = SkinMesh(
-        vertex[chosen].astype(np.float32), shown.astype(np.int32), joint[beside[chosen]], weight[beside[chosen]]
+        vertex[chosen].astype(np.float32),
+        np.searchsorted(chosen, shown).astype(np.int32),
+        joint[beside[chosen]],
+        weight[beside[chosen]],
     )
-    return skin, tracking.astype(np.int32), face.astype(np.int32), notes
+    tracking = np.searchsorted(chosen, kept).astype(np.int32)
+    return skin, tracking, np.searchsorted(kept, face).astype(np.int32), notes
+
+
+def _decimated(vertex: np.ndarray, face: np.ndarray, triangles: int) -> np.ndarray:
+    """(face, 3) a coarser closed mesh over some of the vertices of a closed one."""
+    kept, coarser = decimate(vertex, face, triangles)
+    return kept[coarser]
 
 
 def _closed_whole(mesh: RiggedMesh) -> tuple[ClosedMesh, list[str]]:

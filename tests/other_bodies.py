@@ -1,11 +1,22 @@
-"""Bodies that are no people: a skinned quadruped and a rigid six-axis arm, boxes from a few lines each."""
+"""Bodies that are no people: a skinned quadruped and a rigid six-axis arm, boxes from a few lines each.
+
+And a quadruped that carries things: a stick in its mouth, a wheel at its side, a block that lies before it.
+"""
 
 from __future__ import annotations
 
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+
 import numpy as np
 
+from mmocap_warp.bodies.attaching import carrying
 from mmocap_warp.body.model import BodyModel, SkinMesh
 from mmocap_warp.body.skeleton import Skeleton, coordinate_names
+from mmocap_warp.formats.attachments import Attachment
 
 _CORNERS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 _FACES = np.array([(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)])
@@ -94,3 +105,30 @@ def arm_robot() -> BodyModel:
     )
     rest = np.array([(0.0, 0.0, 0.0), *((0.0, height, 0.0) for height in heights)])
     return _box_body("Arm", skeleton, rest, boxes)
+
+
+def write_box(path: Path, half: tuple[float, float, float], faces: np.ndarray = _FACES) -> Path:
+    """A box about the origin, as ``.obj`` of quads."""
+    lines = [f"v {x} {y} {z}" for x, y, z in _CORNERS * half]
+    path.write_text("\n".join([*lines, *(f"f {a} {b} {c} {d}" for a, b, c, d in faces + 1), ""]))
+    return path
+
+
+@contextmanager
+def things() -> Iterator[tuple[Attachment, ...]]:
+    """One that is fixed, one that turns about its z, and one that is free; their files last as long as the context."""
+    with tempfile.TemporaryDirectory() as folder:
+        box = write_box(Path(folder) / "box.obj", (1.0, 1.0, 1.0))
+        stick = write_box(Path(folder) / "stick.obj", (0.25, 0.03, 0.03))
+        yield (
+            Attachment("Stick", stick, "Head", (0.0, 0.02, 0.3), (0.0, 20.0, 10.0), free="fixed"),
+            Attachment("Wheel", box, "LForeHip", (0.2, 0.0, 0.1), (0.0, 90.0, 0.0), scale=0.08, free="z"),
+            Attachment("Block", box, None, (0.3, -0.2, 0.6), (30.0, 0.0, 0.0), scale=0.1),
+        )
+
+
+@cache
+def burdened() -> BodyModel:
+    """The quadruped with these things: 26 degrees of freedom, of which 19 are its own."""
+    with things() as carried:
+        return carrying(quadruped(), carried).body

@@ -57,8 +57,10 @@ def at_rate(result: Result, fps: float) -> Result:
     place = np.interp(numbers / fps, known, np.arange(len(known)))
     nearest = np.round(place).astype(int)
 
+    is_length = result.subject.body.skeleton.is_length
+
     def resampled(pose: np.ndarray) -> np.ndarray:
-        return np.stack([_poses_at(run, place) for run in pose])
+        return np.stack([_poses_at(run, place, is_length) for run in pose])
 
     return replace(
         result,
@@ -78,8 +80,11 @@ def evenly(result: Result) -> Result:
     return result if even else at_rate(result, result.rate)
 
 
-def _poses_at(pose: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """Poses (n, coordinate) at fractional positions (n,) among poses (frame, coordinate)."""
+def _poses_at(pose: np.ndarray, place: np.ndarray, is_length: np.ndarray) -> np.ndarray:
+    """Poses (n, coordinate) at fractional positions (n,) among poses (frame, coordinate).
+
+    Angles go along rotations, coordinates that are lengths (coordinate,) bool along straight lines.
+    """
     before = np.minimum(place.astype(int), max(len(pose) - 2, 0))
     after = np.minimum(before + 1, len(pose) - 1)
     share = (place - before)[:, None]
@@ -87,4 +92,5 @@ def _poses_at(pose: np.ndarray, place: np.ndarray) -> np.ndarray:
     near = straight[:, TRANSLATION:].reshape(len(place), -1, 3)
     first, second = (zyx_rotation(pose[frame, TRANSLATION:].reshape(near.shape)) for frame in (before, after))
     angles = near_zyx_angles(between(first, second, share), near)
-    return np.concatenate([straight[:, :TRANSLATION], angles.reshape(len(place), -1)], axis=1)
+    turned = np.concatenate([straight[:, :TRANSLATION], angles.reshape(len(place), -1)], axis=1)
+    return np.where(is_length, straight, turned)

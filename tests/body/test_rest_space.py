@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from other_bodies import arm_robot, quadruped
+from other_bodies import arm_robot, burdened, quadruped
 from random_scenes import perfect_masks
 from scipy.spatial import cKDTree
 from synthetic import ring_rig
@@ -32,6 +32,7 @@ BODIES: dict[str, Callable[[], BodyModel]] = {
     "tall_slim_adult": lambda: load_body("tall_slim_adult"),
     "quadruped": quadruped,
     "arm": arm_robot,
+    "burdened": burdened,
 }
 PEOPLE = ("adult_man", "adult_woman", "tall_slim_adult")
 MIRROR = np.array([-1.0, 1.0, 1.0])

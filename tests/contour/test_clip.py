@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from other_bodies import arm_robot, quadruped
+from other_bodies import arm_robot, burdened, quadruped
 from planted import Planted, swung
 from synthetic import synthetic_body
 
@@ -15,7 +15,7 @@ from mmocap_warp.contour.fixed_lag import LAG, FixedLag
 from mmocap_warp.contour.rooted import RootedPoses, Rooting
 
 HOME = turn("x", 1.3) @ turn("z", 0.4)
-BODIES = {"person": synthetic_body(), "dog": quadruped(), "arm": arm_robot()}
+BODIES = {"person": synthetic_body(), "dog": quadruped(), "arm": arm_robot(), "burdened": burdened()}
 SEEN = 0.004
 """How surely a frame shows a point [m]: the four points of a joint show its centre twice as surely."""
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from other_bodies import arm_robot, quadruped
+from other_bodies import arm_robot, burdened, quadruped
 from synthetic import ring_rig, synthetic_body, synthetic_subject
 
 from mmocap_warp.body.model import BodyModel
@@ -18,7 +18,7 @@ from mmocap_warp.synthesis.posing import ExactPoser
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.silhouette import silhouettes
 
-BODIES = {"person": synthetic_body(), "dog": quadruped(), "arm": arm_robot()}
+BODIES = {"person": synthetic_body(), "dog": quadruped(), "arm": arm_robot(), "burdened": burdened()}
 RIG = ring_rig(3, size=(320, 240))
 HOME = synthetic_subject().root_base
 

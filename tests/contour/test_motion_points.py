@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from other_bodies import arm_robot, quadruped
+from other_bodies import arm_robot, burdened, quadruped
 from synthetic import synthetic_body
 
 from mmocap_warp.body.model import BodyModel
@@ -14,7 +14,7 @@ from mmocap_warp.contour.rooted import RootedPoses
 from mmocap_warp.synthesis.posing import ExactPoser
 
 HOME = turn("x", 1.3) @ turn("z", 0.4)
-BODIES = {"person": synthetic_body(), "dog": quadruped(), "arm": arm_robot()}
+BODIES = {"person": synthetic_body(), "dog": quadruped(), "arm": arm_robot(), "burdened": burdened()}
 
 
 @pytest.fixture(params=BODIES.values(), ids=BODIES)

@@ -64,7 +64,7 @@ def set_time_range(stage: Usd.Stage, frame_numbers: np.ndarray, fps: float) -> N
 def export_animation(result: Result, path: str | Path) -> None:
     """Write the best run alone: body, skeleton, animation and cameras as any program reads them, in the result's world.
 
-    There is no ``mmocap:`` data in it.
+    There is no ``mmocap:`` data in it but which joints slide, where any do.
 
     Args:
         result: the result.
@@ -118,7 +118,8 @@ def _keep_what_is_seen(stage: Usd.Stage, root: UsdSkel.Root) -> None:
         stage.RemovePrim(path)
     for prim in stage.Traverse():
         for name in prim.GetPropertyNames():
-            if name.startswith("mmocap:") or name in ("skel:blendShapes", "skel:blendShapeTargets"):
+            own = name.startswith("mmocap:") and name != "mmocap:sliding"
+            if own or name in ("skel:blendShapes", "skel:blendShapeTargets"):
                 prim.RemoveProperty(name)
 
 

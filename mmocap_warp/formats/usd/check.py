@@ -159,16 +159,20 @@ def _skeleton_faults(skeleton: UsdSkel.Skeleton) -> Iterator[str]:
         strangers = set(UsdSkel.Animation(source).GetJointsAttr().Get() or ()) - set(joints)
         if strangers:
             yield f"its animation moves joints that it lacks: {sorted(strangers)}"
-        yield from _stretch_faults(UsdSkel.Animation(source), joints, skeleton.GetRestTransformsAttr().Get())
+        sliding = set(skeleton.GetPrim().GetAttribute("mmocap:sliding").Get() or ())
+        bones = [joint for joint in joints if "/" in joint and joint.rpartition("/")[2] not in sliding]
+        yield from _stretch_faults(UsdSkel.Animation(source), joints, bones, skeleton.GetRestTransformsAttr().Get())
 
 
-def _stretch_faults(animation: UsdSkel.Animation, joints: list[str], rest: Vt.Matrix4dArray | None) -> Iterator[str]:
-    """Bones that are longer or shorter than in the rest pose; the root, which moves freely, is none."""
+def _stretch_faults(
+    animation: UsdSkel.Animation, joints: list[str], of_bones: list[str], rest: Vt.Matrix4dArray | None
+) -> Iterator[str]:
+    """Bones, by the joints at their ends, that are longer or shorter than in the rest pose."""
     moved = list(animation.GetJointsAttr().Get() or ())
     if rest is None or len(rest) != len(joints):
         return
     length = {joint: matrix.ExtractTranslation().GetLength() for joint, matrix in zip(joints, rest, strict=True)}
-    bones = [i for i, joint in enumerate(moved) if "/" in joint and joint in length]
+    bones = [i for i, joint in enumerate(moved) if joint in of_bones]
     expected = np.array([length[moved[i]] for i in bones])
     for time, sample in _samples(animation.GetTranslationsAttr()):
         if sample is None or len(sample) != len(moved):  # type: ignore[arg-type]

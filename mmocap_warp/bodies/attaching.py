@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from mmocap_warp.bodies.importing.welding import welded
 from mmocap_warp.body.model import BodyModel, SkinMesh, Subject
 from mmocap_warp.body.rotations import zyx_rotation
 from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
-from mmocap_warp.formats.attachments import ALL, FIXED, Attachment, wrong_attachment
+from mmocap_warp.formats.attachments import ALL, FIXED, Attachment
 from mmocap_warp.formats.rigged.part_meshes import part_mesh
 from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh
 
@@ -64,9 +65,10 @@ def subject_carrying(subject: Subject, things: Iterable[Attachment]) -> tuple[Su
 def _with(body: BodyModel, thing: Attachment) -> tuple[BodyModel, list[str]]:
     skeleton = body.skeleton
     if thing.joint is not None and thing.joint not in skeleton.joints:
-        raise wrong_attachment(thing, f"the body has no joint '{thing.joint}'", f"it has {', '.join(skeleton.joints)}")
+        known = ", ".join(get_close_matches(thing.joint, skeleton.joints, 3, 0.5) or skeleton.joints)
+        raise thing.wrong(f"the body has no joint '{thing.joint}'", f"use one of its own, such as {known}")
     if {thing.name, _place(thing)} & set(skeleton.joints):
-        raise wrong_attachment(thing, "the body has a joint of that name", "name the thing differently")
+        raise thing.wrong("the body has a joint of that name", "name it differently")
     surface, notes = _surface(thing, body)
     carrier = 0 if thing.joint is None else skeleton.index(thing.joint)
     frame = zyx_rotation(np.radians(thing.rotation))
@@ -91,7 +93,7 @@ def _surface(thing: Attachment, body: BodyModel) -> tuple[_Surface, list[str]]:
     of_body = float(np.ptp(body.skin.rest[body.own_vertex], axis=0).max())
     if not _SHORTEST * of_body < extent < _LONGEST * of_body:
         problem = f"{thing.mesh.name} is {extent:.3g} m long, the body {of_body:.3g} m"
-        raise wrong_attachment(thing, problem, "set scale to its unit in metres, such as 0.001")
+        raise thing.wrong(problem, "set scale to its unit in metres, such as 0.001")
     vertex, face = _welded(vertex, face)
     whole = closed(vertex, face)
     notes = [f"{thing.mesh.name} {whole.done}"] if whole.done else []

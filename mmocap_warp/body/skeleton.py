@@ -147,6 +147,12 @@ class Skeleton:
         return np.concatenate([free, self.limits.reshape(-1, 2).astype(float)])
 
     @cached_property
+    def bones(self) -> tuple[tuple[int, int], ...]:
+        """A joint and one that hangs on it, by their numbers, for each of a fixed length: sliding ones have none."""
+        pairs = zip(self.parent, range(len(self.parent)), self.slides, strict=True)
+        return tuple((parent, joint) for parent, joint, slides in pairs if parent >= 0 and not slides)
+
+    @cached_property
     def depth(self) -> np.ndarray:
         """(joint,) int, how many joints lie above each."""
         depth: list[int] = []

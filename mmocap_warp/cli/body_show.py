@@ -43,19 +43,23 @@ def show_body(
     read, motions = read_body(file), read_motions(file)
     draw_body(read, picture)
     skeleton = read.skeleton
-    freedom = {name: _freedom(skeleton, name) for name in skeleton.joints}
+    freedom = {name: _freedom(skeleton, name) for name in skeleton.joints if name not in skeleton.sliding}
     values = {
         "picture": picture,
         "parent": {
-            name: skeleton.joints[above] for name, above in zip(freedom, skeleton.parent, strict=True) if above >= 0
+            name: skeleton.joints[above]
+            for name, above in zip(skeleton.joints, skeleton.parent, strict=True)
+            if above >= 0
         },
         "limits_deg": freedom,
+        "sliding": skeleton.sliding,
+        "attached": skeleton.attached,
         "parts": skeleton.parts,
         "pairs": [pair[1:] for pair in skeleton.pairs],
         "motions": {name: len(motion.pose) for name, motion in motions.items()},
     }
-    width = max(map(len, freedom))
-    lines = []
+    width = max(map(len, skeleton.joints))
+    lines = [f"{name:<{width}}  slides" for name in skeleton.sliding]
     for name, free in freedom.items():
         turns = "   ".join(f"{axis} {low:.0f} to {high:.0f}" for axis, (low, high) in free.items())
         lines.append(f"{name:<{width}}  {turns or 'fixed'}")

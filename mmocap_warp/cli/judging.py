@@ -125,6 +125,7 @@ def summary(report: dict[str, Any]) -> str:
         ("Eq. 20 from own answer", "marker_error_mm"),
     )
     rows += [(name, _error(report, key)) for name, key in errors if report.get(key) is not None]
+    rows += [(name, f"{_number(error, '.1f')} mm") for name, error in report.get("median_mm_by_attached", {}).items()]
     if report.get("growth") is not None:
         rows.append(("growth of MPJPE", f"{report['growth']:.2f} (last third over first)"))
     if report.get("limb_lost_frames"):

@@ -103,13 +103,12 @@ def _view(body: BodyModel, name: str, low: np.ndarray, high: np.ndarray) -> np.n
     ring = np.rint(corner * (1 << _BITS)).astype(np.int32)
     cv2.polylines(sheet.image, list(ring), True, _MESH, 1, cv2.LINE_AA, _BITS)
     place = body.joint_rest.astype(float)
-    for joint, parent in enumerate(skeleton.parent):
-        if parent >= 0:
-            sheet.line(place[[parent, joint]], _SIDES[skeleton.side(skeleton.joints[joint])], 2)
+    for parent, joint in skeleton.bones:
+        sheet.line(place[[parent, joint]], _SIDES[skeleton.side(skeleton.joints[joint])], 2)
     extent = float((high - low).max())
     for coordinate in skeleton.searched():
         joint, axis = divmod(int(coordinate) - 3, 3)
-        if joint > 0:
+        if joint > 0 and not skeleton.slides[joint]:
             _draw_freedom(sheet, body, joint, axis, extent)
     for joint, side in enumerate(map(skeleton.side, skeleton.joints)):
         sheet.dot(place[joint], _SIDES[side])

@@ -136,8 +136,8 @@ def _draw_skeleton(canvas: np.ndarray, joints: np.ndarray, skeleton: Skeleton) -
     drawable = np.isfinite(joints).all(axis=1) & (np.abs(joints) < 8.0 * max(canvas.shape)).all(axis=1)
     fixed = np.rint(np.where(drawable[:, None], joints, 0.0) * (1 << _SUBPIXEL_BITS)).astype(int).tolist()
     colours = [_COLOUR_OF_SIDE[skeleton.side(name)] for name in skeleton.joints]
-    for joint, parent in enumerate(skeleton.parent):
-        if parent >= 0 and drawable[joint] and drawable[parent]:
+    for parent, joint in skeleton.bones:
+        if drawable[joint] and drawable[parent]:
             cv2.line(canvas, fixed[parent], fixed[joint], colours[joint], 2, cv2.LINE_AA, _SUBPIXEL_BITS)
     for colour, centre, seen in zip(colours, fixed, drawable, strict=True):
         if seen:

@@ -29,6 +29,7 @@ class Attachment:
         scale: what the mesh's lengths are multiplied by to be metres.
         free: ``fixed``; the mesh's own axes that it turns about, through its origin, such as ``x``; or ``all``, which
             lets it turn and shift anywhere.
+        source: where it is described, for messages.
     """
 
     name: str
@@ -38,6 +39,11 @@ class Attachment:
     rotation: tuple[float, ...] = _NOWHERE
     scale: float = 1.0
     free: str = ALL
+    source: str = "attach"
+
+    def wrong(self, problem: str, remedy: str) -> InputError:
+        """The error of a thing that cannot be attached."""
+        return InputError(self.source, f"'{self.name}': {problem}", remedy)
 
 
 def take_attachments(file: Table, folder: Path) -> tuple[Attachment, ...]:
@@ -75,7 +81,7 @@ def _taken(table: Table, folder: Path) -> Attachment:
         raise table.error(f"scale = {scale:g} is not positive", "give the mesh's unit in metres, such as 0.001")
     position, rotation = (tuple(table.take_numbers(key, (3,), list(_NOWHERE))) for key in ("position", "rotation"))
     table.finish()
-    return Attachment(name, mesh, joint, position, rotation, scale, free)
+    return Attachment(name, mesh, joint, position, rotation, scale, free, f"{table.source}: [{table.name}]")
 
 
 def attachment_lines(things: tuple[Attachment, ...], folder: Path) -> list[str]:
@@ -88,8 +94,3 @@ def attachment_lines(things: tuple[Attachment, ...], folder: Path) -> list[str]:
         lines += [f"position = {list(thing.position)}", f"rotation = {list(thing.rotation)}"]
         lines += [f"scale = {thing.scale!r}", f'free = "{thing.free}"']
     return lines
-
-
-def wrong_attachment(thing: Attachment, problem: str, remedy: str) -> InputError:
-    """The error of a thing that cannot be attached."""
-    return InputError(f"attach '{thing.name}'", problem, remedy)

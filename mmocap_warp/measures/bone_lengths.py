@@ -21,8 +21,9 @@ def bone_lengths(subject: Subject) -> dict[str, Length]:
     skeleton, place = subject.body.skeleton, subject.body.joint_rest.astype(float)
     sigma = _told_sigma(subject)
     lengths = {}
-    for number, (joint, parent) in enumerate(zip(skeleton.joints, skeleton.parent, strict=True)):
-        if parent >= 0 and joint not in skeleton.attached:
+    for parent, number in skeleton.bones:
+        joint = skeleton.joints[number]
+        if joint not in skeleton.attached:
             length = float(np.linalg.norm(place[number] - place[parent]))
             lengths[f"{skeleton.joints[parent]} to {joint}"] = Length(length, sigma.get(joint, np.nan))
     return lengths

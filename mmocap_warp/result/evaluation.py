@@ -43,6 +43,7 @@ def evaluate(result: Result, truth: Truth | None = None) -> dict[str, Any]:
     taken out, ``growth`` the mean distance of the last third of these frames over that of the first, and
     ``limb_lost_frames``: frames in which a limb's end, wrist or ankle, of some run is over 200 mm off.
     ``wrongly_tracked``: frames in which this holds, or the root is that far off, for a run that calls them tracked.
+    ``median_mm_by_attached``: of things that are attached and that the truth names, where there are any.
     ``near_tracked``: of the frames in which all of these joints are within 50 mm, the share that is called tracked or
     partial.
 
@@ -73,6 +74,7 @@ def evaluate(result: Result, truth: Truth | None = None) -> dict[str, Any]:
         report["truth_frames"] = len(mine)
         report |= _marker_errors(truth, mine, theirs, result, series)
         report |= _joint_errors(joints, truth, mine, theirs, result, series)
+        report |= _attached_errors(joints, truth, mine, theirs, result)
         of_runs["growth"] = growth(series["mpjpe_mm"][:, mine])
         report["growth"] = _mean(of_runs["growth"])
         report |= _statuses_judged(result.status[:, mine], farthest(result, truth, mine, theirs, joints), of_runs)
@@ -165,6 +167,20 @@ def _joint_errors(
         "limb_lost_frames": result.frame_numbers[mine[lost]],
         "other_world": other_world(tracked[result.best_run], known),
     }
+
+
+def _attached_errors(
+    joints: np.ndarray, truth: Truth, mine: np.ndarray, theirs: np.ndarray, result: Result
+) -> dict[str, Any]:
+    """How far attached things that the truth names are off, over frames and runs; nothing where there are none."""
+    skeleton = result.subject.body.skeleton
+    names = [name for name in skeleton.attached if name in truth.joint_names and name not in skeleton.sliding]
+    off = {
+        name: joints[:, mine, skeleton.index(name)] - truth.joints[theirs, truth.joint_names.index(name)]
+        for name in names
+    }
+    median = {name: _median(np.linalg.norm(each, axis=-1)) * _METRES_TO_MM for name, each in off.items()}
+    return {"median_mm_by_attached": median} if median else {}
 
 
 def _statuses_judged(status: np.ndarray, off: np.ndarray, of_runs: dict[str, np.ndarray]) -> dict[str, Any]:

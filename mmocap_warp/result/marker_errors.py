@@ -73,11 +73,14 @@ def marker_errors(result: Result, truth: Truth, mine: np.ndarray, theirs: np.nda
 
 
 def allowed_skin(body: BodyModel, names: tuple[str, ...]) -> np.ndarray:
-    """Where on a body's skin markers of these names may be: (marker, vertex) bool, all true for an unknown name."""
+    """Where on a body's skin markers of these names may be: (marker, vertex) bool, anywhere for an unknown name.
+
+    On what is attached to the body there are none.
+    """
     skin = body.skin
     leading = skin.joint[np.arange(len(skin.joint)), skin.weight.argmax(axis=1)]
     own = dict(zip(body.marker_names, body.marker_vertex, strict=True))
-    allowed = np.ones((len(names), len(leading)), bool)
+    allowed = np.tile(body.own_vertex, (len(names), 1))
     for row, name in enumerate(names):
         if name in own:
             moved_by = skin.joint[own[name]][skin.weight[own[name]] >= _MOVES]

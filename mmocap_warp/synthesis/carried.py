@@ -29,7 +29,7 @@ _HANDLE = 0.04  # over the case [m]
 _LET_GO = 0.45  # of the recording
 _TUMBLE = np.array([0.9, 0.5, -1.6])  # turning about the world's axes while it falls [rad/s]
 _GRAVITY = 9.81  # [m/s^2]
-_ALL = FOREGROUND.replace('keep = "largest"', 'keep = "all"')  # what lies apart from the person is wanted too
+_ALL = FOREGROUND.replace('keep = "largest"', 'keep = "all"')  # in a mask, a racket's head may lie apart from the hand
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def write_with_case(folder: Path, frames: int) -> Path:
     shift, turned = _relative(plain, place, axes)
     poses = _extended(recording, plain.poses)
     poses[:, -6:-3], poses[:, -3:] = shift - thing.position, zyx_angles(turned)
-    return _write(folder, recording, poses, thing, "A person walking who lets a case fall.", _ALL)
+    return _write(folder, recording, poses, thing, "A person walking who lets a case fall.")
 
 
 def _made(folder: Path) -> Path:
@@ -117,15 +117,11 @@ def _extended(recording: Recording, poses: np.ndarray) -> np.ndarray:
     return extended
 
 
-def _write(
-    folder: Path, recording: Recording, poses: np.ndarray, thing: Attachment, about: str, foreground: str = FOREGROUND
-) -> Path:
+def _write(folder: Path, recording: Recording, poses: np.ndarray, thing: Attachment, about: str) -> Path:
     recording = replace(recording, poses=poses)
     attached = "\n".join([*attachment_lines((thing,), folder), ""])
     name = folder.resolve().name
-    return write_made_scene(
-        folder, recording, recording.truth(), name=name, about=about, foreground=foreground + attached
-    )
+    return write_made_scene(folder, recording, recording.truth(), name=name, about=about, foreground=_ALL + attached)
 
 
 def _case_course(plain: Recording) -> tuple[np.ndarray, np.ndarray]:

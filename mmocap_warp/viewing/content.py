@@ -54,7 +54,7 @@ def _body(body: BodyModel) -> dict[str, Any]:
     fan = np.stack([skin.face[:, [0, corner, corner + 1]] for corner in corners], axis=1)
     return {
         "joints": list(skeleton.joints),
-        "parent": list(skeleton.parent),
+        "parent": [-1 if slides else parent for parent, slides in zip(skeleton.parent, skeleton.slides, strict=True)],
         "side": [skeleton.side(name) for name in skeleton.joints],
         "rest": packed_values(body.joint_rest),  # (joint, 3)
         "vertex": packed_values(skin.rest),  # (vertex, 3)

@@ -90,9 +90,10 @@ def _log_frames(rr: Any, recording: Any, result: Result, scene: Scene | None) ->
 
 def _bones(rr: Any, skeleton: Skeleton, joints: np.ndarray) -> Any:
     """Lines from joint to joint; joints (joint, 3) [m]."""
-    ends = [(parent, joint) for joint, parent in enumerate(skeleton.parent) if parent >= 0]
-    colours = [_COLOURS[skeleton.side(skeleton.joints[joint])] for _, joint in ends]
-    return rr.LineStrips3D([joints[list(pair)] for pair in ends], colors=colours, radii=rr.Radius.ui_points(2.0))
+    colours = [_COLOURS[skeleton.side(skeleton.joints[joint])] for _, joint in skeleton.bones]
+    return rr.LineStrips3D(
+        [joints[list(pair)] for pair in skeleton.bones], colors=colours, radii=rr.Radius.ui_points(2.0)
+    )
 
 
 def _log_curves(rr: Any, recording: Any, result: Result, truth: Truth | None) -> None:

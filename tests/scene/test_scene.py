@@ -192,6 +192,7 @@ def case(old: str, new: str, message: str, name: str = "scene.toml") -> tuple[Ca
 
 
 MASKS = 'masks = "masks/cam02"'
+THING = '[[attach]]\nname = "Bat"\nmesh = "calibration.toml"\n'
 WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
     "no scene": (lambda f: without(f, "scene.toml"), r"scene\.toml: no such file; check the path"),
     "not TOML": case("fps = 30", "fps = ", r"is not valid TOML: .*line 4"),
@@ -263,6 +264,17 @@ WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
     "bad setting": case('source = "masks"', 'source = "masks"\nclose = -2', r"close must not be negative, got -2"),
     "no subject": case("fps = 30", 'fps = 30\nsubject = "me.usdc"', r"me\.usdc does not exist"),
     "no body": case("fps = 30", 'fps = 30\nbody = "me.usdc"', r"me\.usdc does not exist"),
+    "a thing without a mesh": case("[track]", '[[attach]]\nname = "Bat"\n[track]', r"\[attach 1\]: 'mesh' is missing"),
+    "no such mesh": case(
+        "[track]", '[[attach]]\nname = "Bat"\nmesh = "bat.obj"\n[track]', r"\[attach 1\]: .*bat\.obj does not exist"
+    ),
+    "a thing's name": case("[track]", '[[attach]]\nname = "a bat"\n[track]', r"name = 'a bat' is no plain name"),
+    "unknown freedom": case("[track]", THING + 'free = "up"\n[track]', r"free = 'up' is not known; use one of"),
+    "a hinge on nothing": case("[track]", THING + 'free = "x"\n[track]', r'free = "x" needs a joint .*; add joint'),
+    "a thing of no size": case("[track]", THING + "scale = 0\n[track]", r"scale = 0 is not positive; give the"),
+    "two of a name": case("[track]", THING + THING + "[track]", r"\[attach 2\]: there are two things named 'Bat'"),
+    "attach no table": case("[scene]", "attach = 3\n[scene]", r"attach = 3 is not a list"),
+    "unknown of a thing": case("[track]", THING + "joints = 1\n[track]", r"unknown key 'joints'; did you mean 'joint'"),
     "no truth": case("[track]", '[truth]\nfile = "t.trc"\n[track]', r"\[truth\]: .*t\.trc does not exist"),
 }
 

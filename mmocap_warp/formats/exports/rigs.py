@@ -72,7 +72,8 @@ def rigged(result: Result, rig: str) -> Result:
     """A result whose body is bound and named as a rig of ``RIGS``; its joints are where they were.
 
     The skin is bound anew as it is in the rest pose. Where a joint moves a part of it by weights, it then moves a
-    little differently; elsewhere it is where it was. Shape targets, limits and standard deviations are dropped.
+    little differently; elsewhere it is where it was. Shape targets, limits and standard deviations are dropped. What is
+    attached stays so, under its own names.
 
     Raises:
         ValueError: no such rig, or a body without a joint of it.
@@ -81,12 +82,12 @@ def rigged(result: Result, rig: str) -> Result:
         raise ValueError(f"rig must be one of {list(RIGS)}, got {rig!r}")
     subject, known = result.subject, RIGS[rig]
     body = subject.body
-    missing = sorted(set(known.names) ^ set(body.skeleton.joints))
+    missing = sorted(set(known.names) ^ (set(body.skeleton.joints) - set(body.skeleton.attached)))
     if missing:
         raise ValueError(f"rig = {rig} is a person's, whose joints differ from this body's by {missing}")
     turn = _turns(body, known)
     rest = _rest(body, turn)
-    skeleton = _renamed(body.skeleton, known.names)
+    skeleton = _renamed(body.skeleton, known.names | {name: name for name in body.skeleton.attached})
     rig_body = replace(
         body,
         skeleton=skeleton,
@@ -107,6 +108,10 @@ def rigged(result: Result, rig: str) -> Result:
         angles = np.zeros(own.shape[:3])
         for frame, rotation in enumerate(own):
             angles[frame] = near_zyx_angles(rotation, angles[max(frame - 1, 0)])
+        for name in skeleton.sliding:  # along the body's axes now
+            number = skeleton.index(name)
+            along = turn[skeleton.parent[number]] @ body.skeleton.frame[number].astype(float)
+            angles[:, number] = pose[:, body.skeleton.angles(name)] @ along.T
         return np.concatenate([pose[:, :TRANSLATION], angles.reshape(len(pose), -1)], axis=1)
 
     return replace(

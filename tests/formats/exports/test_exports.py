@@ -9,9 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from glb_file import Glb
+from other_bodies import burdened
 from pxr import Usd, UsdGeom, UsdSkel
 from synthetic import synthetic_result
 
+from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.motion.bvh import read_bvh
@@ -76,7 +78,7 @@ def mot_motion(path: Path, result: Result) -> Motion:
     values = np.array([[float(cell) for cell in line.split("\t")] for line in lines[end + 2 :]])
     assert [name.replace(".", "_") for name in result.subject.body.skeleton.coordinate_names] == names[1:]
     poser = Poser(result.subject.body, np.eye(3))
-    pose = np.concatenate([values[:, 1:4], np.radians(values[:, 4:])], axis=1)
+    pose = np.where(result.subject.body.skeleton.is_length, values[:, 1:], np.radians(values[:, 1:]))
     return values[:, 0], poser.joint_transforms(pose)[..., :3, 3]
 
 
@@ -141,6 +143,17 @@ def test_the_joints_are_read_back(tmp_path: Path, suffix: str, up: str) -> None:
     else:
         expected = stood_up(result, export_format(tmp_path / f"a{suffix}").up or up).joints()[result.best_run]
     np.testing.assert_allclose(joints, expected, rtol=0, atol=SAME)
+
+
+@pytest.mark.parametrize("suffix", EXPORT_SUFFIXES)
+def test_a_thing_that_slides_is_read_back(tmp_path: Path, suffix: str) -> None:
+    plain, body = synthetic_result(frames=7, up="+y"), burdened()
+    pose = np.random.default_rng(1).normal(0, 0.2, (2, 7, body.skeleton.coordinates))
+    result = replace(plain, subject=Subject(body, np.eye(3), pose[0, 0], {}), pose=pose)
+    result = replace(result, raw_pose=None, angle_sigma=None, joint_sigma=None)
+    time, places = READERS[suffix](written(tmp_path, result, suffix), result)
+    np.testing.assert_allclose(time, result.frame_numbers / result.fps, atol=SAME_TIME)
+    np.testing.assert_allclose(places, result.joints()[result.best_run], atol=SAME)
 
 
 @pytest.mark.parametrize("suffix", EXPORT_SUFFIXES)

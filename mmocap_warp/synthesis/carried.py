@@ -95,6 +95,10 @@ def write_with_case(folder: Path, frames: int) -> Path:
     return _write(folder, recording, poses, thing, "A person walking who lets a case fall.")
 
 
+CARRIED = {"racket": write_with_racket, "case": write_with_case}
+"""What writes a scene in which the walker carries something."""
+
+
 def _made(folder: Path) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -1,10 +1,11 @@
-"""The walker of the built-in scene with something in the right hand: a racket, or a case that is let go.
+"""The walker of the built-in scene, or boxing, with something in the right hand: a racket, or a case that is let go.
 
 The things are made here and written beside the masks as ``.obj`` files, as people have them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,14 +14,19 @@ import numpy as np
 from mmocap_warp.bodies.attaching import carrying
 from mmocap_warp.body.bind_transforms import bind_transforms
 from mmocap_warp.body.rotations import applied, transposed, turn, zyx_angles
+from mmocap_warp.body.shape_space import heading_rotation, upright_base
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.attachments import ALL, FIXED, Attachment, attachment_lines
 from mmocap_warp.synthesis.footage.recording import Recording
+from mmocap_warp.synthesis.motion.boxing import ROUNDS, boxing
+from mmocap_warp.synthesis.people import walker
 from mmocap_warp.synthesis.posing import ExactPoser
-from mmocap_warp.synthesis.walk import FOREGROUND, segmentation, walking
+from mmocap_warp.synthesis.walk import FOREGROUND, FPS, camera_ring, segmentation, walking
 from mmocap_warp.synthesis.writing import write_made_scene
 from mmocap_warp.whole_file import write_whole
 
+_BOXERS_HEADING = 1.9  # [rad]
+_BOXED = slice(40, 104)  # frames of a round
 _SIDES = 24  # of what is round
 _PALM = (-0.03, -0.07, 0.075)  # from the right wrist's centre, in the bind pose [m]
 
@@ -29,7 +35,8 @@ _HANDLE = 0.04  # over the case [m]
 _LET_GO = 0.45  # of the recording
 _TUMBLE = np.array([0.9, 0.5, -1.6])  # turning about the world's axes while it falls [rad/s]
 _GRAVITY = 9.81  # [m/s^2]
-_ALL = FOREGROUND.replace('keep = "largest"', 'keep = "all"')  # in a mask, a racket's head may lie apart from the hand
+# In a mask, a racket's head may lie apart from the hand.
+_FOREGROUND = FOREGROUND.replace('keep = "largest"', 'keep = "all"')
 
 
 @dataclass(frozen=True)
@@ -65,63 +72,70 @@ def case() -> Mesh:
     return Mesh(np.asarray(box.vertices) - (0.0, _HANDLE + _CASE[1] / 2, 0.0), np.asarray(box.faces))
 
 
-def write_with_racket(folder: Path, frames: int) -> Path:
-    """Write a scene in which the walker carries a racket, fixed to the right wrist; the path of ``scene.toml``.
+def write_carried(folder: Path, name: str) -> Path:
+    """Write one of ``CARRIED`` as a scene, with the mesh of what is carried; the path of ``scene.toml``.
 
     Raises:
         InputError: a folder that cannot be written to.
     """
-    mesh = racket().written(_made(folder) / "racket.obj")
-    thing = Attachment("Racket", mesh, "RWrist", _PALM, (75.0, 0.0, 90.0), free=FIXED)
-    recording, plain = _holding(thing, frames)
-    return _write(folder, recording, _extended(recording, plain.poses), thing, "A person walking with a racket.")
-
-
-def write_with_case(folder: Path, frames: int) -> Path:
-    """Write a scene in which the walker carries a case, lets it go, and it falls to the floor and stays there.
-
-    Raises:
-        InputError: a folder that cannot be written to.
-    """
-    mesh = case().written(_made(folder) / "case.obj")
-    plain = walking(frames)
-    first = _relative(plain, *_case_course(plain))[0]
-    thing = Attachment("Case", mesh, position=tuple(np.round(first[0], 2).tolist()), free=ALL)
-    recording, plain = _holding(thing, frames)
-    place, axes = _case_course(plain)
-    shift, turned = _relative(plain, place, axes)
-    poses = _extended(recording, plain.poses)
-    poses[:, -6:-3], poses[:, -3:] = shift - thing.position, zyx_angles(turned)
-    return _write(folder, recording, poses, thing, "A person walking who lets a case fall.")
-
-
-def _made(folder: Path) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(folder, f"cannot be written to ({error})", "choose another folder") from error
-    return folder
+    recording, things = CARRIED[name](folder)
+    return write_made_scene(
+        folder,
+        recording,
+        recording.truth(),
+        name=folder.resolve().name,
+        about=f"A {name.replace('-', ' ')}, made up with known truth.",
+        foreground=_FOREGROUND + "\n".join([*attachment_lines(things, folder), ""]),
+    )
 
 
-def _holding(thing: Attachment, frames: int) -> tuple[Recording, Recording]:
-    """The walk with and without a thing; the poses of the first are still those of the second."""
-    plain = walking(frames)
+_Made = tuple[Recording, tuple[Attachment, ...]]
+
+
+def _boxer(folder: Path) -> _Made:
+    """A second of shadow boxing: a cross with the right hand, a step, and a jab."""
+    body, base = walker(), upright_base("+z") @ heading_rotation(_BOXERS_HEADING)
+    poses = boxing(body, _BOXED.stop, FPS, ROUNDS["S1"], seed=13)[_BOXED]
+    poses[:, :3] = poses[:, :3] @ base.T
+    return Recording(body, base, poses, FPS, camera_ring(), segmentation(body)), ()
+
+
+def _with_racket(plain: Recording, folder: Path) -> _Made:
+    """Fixed to the right wrist."""
+    mesh = racket().written(folder / "racket.obj")
+    thing = Attachment("Racket", mesh, "RWrist", _PALM, (75.0, 0.0, 90.0), free=FIXED)
+    return _carried(plain, thing), (thing,)
+
+
+def _with_case(plain: Recording, folder: Path) -> _Made:
+    """Carried in the right hand and let go; it falls to the floor and stays there."""
+    mesh = case().written(folder / "case.obj")
+    shift, turned = _relative(plain, *_case_course(plain))
+    thing = Attachment("Case", mesh, position=tuple(np.round(shift[0], 2).tolist()), free=ALL)
+    recording = _carried(plain, thing)
+    recording.poses[:, -6:-3], recording.poses[:, -3:] = shift - thing.position, zyx_angles(turned)
+    return recording, (thing,)
+
+
+CARRIED: dict[str, Callable[[Path], _Made]] = {
+    "walker-with-racket": lambda folder: _with_racket(walking(), folder),
+    "walker-with-case": lambda folder: _with_case(walking(), folder),
+    "boxer": _boxer,
+    "boxer-with-racket": lambda folder: _with_racket(_boxer(folder)[0], folder),
+}
+"""By name, what makes a recording and what is carried in it, whose meshes it writes to a folder."""
+
+
+def _carried(plain: Recording, thing: Attachment) -> Recording:
+    """The recording with a thing where it is attached."""
     body = carrying(plain.body, [thing]).body
-    return replace(plain, body=body, segmentation=segmentation(body)), plain
-
-
-def _extended(recording: Recording, poses: np.ndarray) -> np.ndarray:
-    """Poses of the plain body as poses of the one that carries something, where that is attached."""
-    extended = np.zeros((len(poses), recording.body.skeleton.coordinates))
-    extended[:, : poses.shape[1]] = poses
-    return extended
-
-
-def _write(folder: Path, recording: Recording, poses: np.ndarray, thing: Attachment, about: str) -> Path:
-    recording = replace(recording, poses=poses)
-    attached = "\n".join([*attachment_lines((thing,), folder), ""])
-    name = folder.resolve().name
-    return write_made_scene(folder, recording, recording.truth(), name=name, about=about, foreground=_ALL + attached)
+    poses = np.zeros((len(plain), body.skeleton.coordinates))
+    poses[:, : plain.poses.shape[1]] = plain.poses
+    return replace(plain, body=body, poses=poses, segmentation=segmentation(body))
 
 
 def _case_course(plain: Recording) -> tuple[np.ndarray, np.ndarray]:

@@ -79,6 +79,9 @@ def test_a_dog_with_a_stick_a_wheel_and_a_block(
     cosine = (np.trace(np.swapaxes(mine, 1, 2) @ theirs, axis1=1, axis2=2) - 1) / 2
     assert np.degrees(np.arccos(np.clip(cosine, -1, 1))).max() < 6
 
+    wheel = skeleton.angles("Wheel").start + 2
+    assert np.degrees(np.abs(result.pose[0, :, wheel] - truth.poses[:, wheel])).max() < 6
+
     text = (scene / "scene.toml").read_text()
     (scene / "scene.toml").write_text(text[: text.index("[[attach]]")])
     without = tracked(scene, tmp_path / "without.usdc", capsys)

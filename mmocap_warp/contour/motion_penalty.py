@@ -13,6 +13,8 @@ SPEED = 3.0
 """Standard deviation of a point's velocity [m/s]; it ends motion where frames show nothing, and else weighs nothing."""
 FAR = 1.0
 """An error of this many standard deviations, shared by the frames around, pulls half as hard as its square would."""
+UNSEEN = 10.8
+"""Standard deviation of an acceleration that no frame shows [m/s^2]: of motions too, which cannot be told from rest."""
 AROUND = np.array([1, 4, 6, 4, 1]) / 16
 """Of errors of consecutive frames in the mean that says how far the middle one is."""
 HELD = 2 + len(AROUND) // 2
@@ -43,9 +45,9 @@ class MotionPenalty:
 
     A joint's error is the mean over its points. Small errors cost half their square; far ones, of a blow or a
     landing, weigh less (``1 / (1 + square)``, Cauchy's), so that the speed of such a motion is kept. How far an error
-    is, the frames around say with it: an arm that strikes accelerates the same way for some frames, and noise does not.
-    That needs frames that show it: where one shows nothing, the square counts, or else all motion there would be a few
-    jerks.
+    is, the mean with those of the frames around says: an arm that strikes accelerates the same way for some frames,
+    noise does not. That needs frames that show it. Where one shows nothing, the square counts, or else all motion there
+    would be a few jerks, and accelerations are taken to be at least as large as a motion's, ``UNSEEN``.
 
     Args:
         acceleration: standard deviation of a joint's acceleration, by coordinate [m/s^2].
@@ -54,6 +56,7 @@ class MotionPenalty:
 
     def __init__(self, acceleration: float, rate: float) -> None:
         self._scale = {1: rate / SPEED, 2: rate**2 / acceleration}
+        self._far_unseen = {1: 1.0, 2: max(1.0, (UNSEEN / acceleration) ** 2)}
 
     def around(self, points: np.ndarray, derivative: np.ndarray, seen: np.ndarray) -> MotionCost:
         """The penalty around points (frame, point, 3) with derivatives (frame, point, 3, dof) in frames ``seen``."""
@@ -71,9 +74,10 @@ class MotionPenalty:
             error = sum(weight * place[i : i + rows] for i, weight in enumerate(stencil))
             square = (error**2).sum(axis=2)  # (row, joint)
             all_seen = np.all([seen[i : i + rows] for i in range(order + 1)], axis=0)[:, None]
-            far = np.where(all_seen, 1.0 + (_shared(error) ** 2).sum(axis=2) / FAR**2, 1.0)
-            # As little as it can be by the weight, 1 / far, of an error that is as its neighbours are: Cauchy's.
-            cost[order:] += 0.5 * (square / far + FAR**2 * (np.log(far) + 1.0 / far - 1.0)).sum(axis=1)
+            far = np.where(all_seen, 1.0 + (_shared(error) ** 2).sum(axis=2) / FAR**2, self._far_unseen[order])
+            # With this an error that is as those around it costs as much as Cauchy's function says, and never less.
+            for_weight = np.where(all_seen, FAR**2 * (np.log(far) + 1.0 / far - 1.0), 0.0)
+            cost[order:] += 0.5 * (square / far + for_weight).sum(axis=1)
             for i, weight in enumerate(stencil):
                 pull[i : i + rows] -= (weight / far)[..., None] * error
                 for j in range(i + 1):

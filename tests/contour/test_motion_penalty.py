@@ -7,7 +7,7 @@ import pytest
 from planted import dense, swung
 from synthetic import synthetic_body
 
-from mmocap_warp.contour.motion_penalty import FAR, HELD, SPEED, MotionPenalty
+from mmocap_warp.contour.motion_penalty import FAR, HELD, SPEED, UNSEEN, MotionPenalty
 from mmocap_warp.contour.motion_points import MotionPoints
 from mmocap_warp.contour.rooted import RootedPoses
 
@@ -110,14 +110,16 @@ def test_it_costs_the_same_a_second_at_any_frame_rate():
     np.testing.assert_allclose([a_second(rate) for rate in (15, 30, 120)], a_second(60), rtol=0.05)
 
 
-def test_what_nothing_shows_costs_its_square():
+@pytest.mark.parametrize("acceleration", [1e-3, 50.0])
+def test_what_nothing_shows_costs_its_square(acceleration):
     points = np.zeros((6, 4, 3))
-    points[:, :, 0] = 0.5 * np.arange(6)[:, None] ** 2
+    points[:, :, 0] = 500.0 * np.arange(6)[:, None] ** 2
     derivative = np.zeros((6, 4, 3, 1))
     seen = np.arange(6) != 4
-    cost = MotionPenalty(1e-3, 1.0).around(points, derivative, seen).cost
-    speed = np.array([3.5, 4.5])
-    np.testing.assert_allclose(cost[4:], 1e6 / 2 + (speed / SPEED) ** 2 / 2, rtol=1e-6)
+    cost = MotionPenalty(acceleration, 1.0).around(points, derivative, seen).cost
+    speed = 1000.0 * np.array([3.5, 4.5])
+    squares = (1000.0 / max(acceleration, UNSEEN)) ** 2 + (speed / SPEED) ** 2
+    np.testing.assert_allclose(cost[4:], squares / 2, rtol=1e-12)
     assert cost[3] < 100
 
 

@@ -36,7 +36,7 @@ class TrackFlags:
     """Finish each frame of one of the paper's algorithms by its contours. [default: no]"""
     smooth: float | None = None
     """What a joint's acceleration may be, as a standard deviation in m/s^2, when the clip's frames are solved together;
-    0 leaves each frame as it was tracked. [default: 10.8 with contours, 0 with the paper's algorithms]"""
+    0 leaves each frame as it was tracked. [default: 5.4 with contours, 0 with the paper's algorithms]"""
     seed: int | None = None
     """Of the first run; run r uses seed + r. [default: 0]"""
     runs: int | None = None

@@ -10,14 +10,14 @@ import numpy as np
 from mmocap_warp.contour.backward_pass import AHEAD, BackwardPass
 from mmocap_warp.contour.descent import RAISE, STOP
 from mmocap_warp.contour.filled import filled
-from mmocap_warp.contour.motion_penalty import MotionCost, MotionPenalty
+from mmocap_warp.contour.motion_penalty import HELD, MotionCost, MotionPenalty
 from mmocap_warp.contour.motion_points import MotionPoints
 from mmocap_warp.contour.normal_equations import LineariseFrames, NormalEquations
 from mmocap_warp.contour.rooted import RootedPoses, Rooting
 from mmocap_warp.contour.trust import LARGEST_STEP, Trust
 
-ACCELERATION = 10.8
-"""Standard deviation of a point's acceleration [m/s^2]: 3 mm of second difference at 60 frames/s."""
+ACCELERATION = 5.4
+"""Standard deviation of a point's acceleration [m/s^2]: 1.5 mm of second difference at 60 frames/s."""
 COARSE_ACCELERATION = 72.0
 """The same for a first pass, in which the frames still find the contours that they belong to."""
 
@@ -25,9 +25,6 @@ WINDOW = 2.0
 """What is solved together [s]."""
 OVERLAP = 0.4
 """The end of a window that is solved again with what follows it [s]."""
-HELD = 2
-"""Frames back to which an acceleration couples."""
-
 
 _NOISE = 0.05  # by so much of itself a frame's cost may rise
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mmocap_warp.contour.clip import ACCELERATION, HELD, ClipProblem, ClipSolution, Pass, SolvedWindow
+from mmocap_warp.contour.clip import ACCELERATION, ClipProblem, ClipSolution, Pass, SolvedWindow
+from mmocap_warp.contour.motion_penalty import HELD
 from mmocap_warp.contour.rooted import RootedPoses
 
 LAG = 10

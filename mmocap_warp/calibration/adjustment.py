@@ -42,7 +42,7 @@ from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
 
 _NEAR = MatchingConfig(reach=0.02, huber=0.006)  # shadows at the feet lie farther than that from the outline
-_FROM_FAR = ((WIDE, 10), (MatchingConfig(), 10), (_NEAR, 10))  # steps with each matching
+FROM_FAR = ((WIDE, 10), (MatchingConfig(), 10), (_NEAR, 10))  # steps with each matching
 _FROM_NEAR = ((MatchingConfig(), 6), (_NEAR, 8))
 _FARTHER = 3.0  # times as far as cameras are said to be wrong, a start without a body may turn them
 _COHERENT = 0.005  # of coherence by which such a start must be better
@@ -274,7 +274,7 @@ class Adjustment:
 
         It takes fewer steps where cameras were solved for before, and the person was followed with these: ``again``.
         """
-        stages = _FROM_NEAR if again else _FROM_FAR
+        stages = _FROM_NEAR if again else FROM_FAR
         frames = person.spread(self.config.frames)
         velocity = person.motion.velocity(frames)
         rooted, free = person.motion.rooted[frames], sigma > 0

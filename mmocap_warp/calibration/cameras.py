@@ -24,6 +24,8 @@ KINDS: tuple[str, ...] = (
 lengths, its principal point [px], and how much later in its own frames than said it shows what happens [s]."""
 ROTATION, POSITION, LENS = slice(0, 3), slice(3, 6), slice(6, 9)
 FOCAL, CENTRE, OFFSET = 6, slice(7, 9), 9
+RESPECT = np.repeat(np.arange(5), (3, 3, 1, 2, 1))
+"""(parameter,) numbers of what changes together: rotation, position, focal length, principal point, time."""
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.calibration.adjustment import AdjustConfig, Adjustment, Person, Progress, moved_subject
-from mmocap_warp.calibration.cameras import CENTRE, OFFSET, changed
+from mmocap_warp.calibration.cameras import CENTRE, OFFSET, RESPECT, changed
 from mmocap_warp.calibration.held_out import Explained, HeldOut
 from mmocap_warp.calibration.significance import selected
 from mmocap_warp.scene.recording import Scene
@@ -20,7 +20,7 @@ from mmocap_warp.tracking.frame_fit import PRIOR
 from mmocap_warp.views.rig import CameraRig
 
 _ROUNDS = 2
-_STATED = 0.5  # of what one frame leaves unsure: what all frames together do on made people, moving or standing
+STATED = 0.5  # of what one frame leaves unsure: what all frames together do on made people, moving or standing
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +98,8 @@ def _chosen(adjustment: Adjustment, change: np.ndarray, person: Person, fixed: i
     sigma = adjustment.with_fixed(fixed)
     adjusted = adjustment.solved(change, person, sigma, again=True)
     free = adjusted.free
-    selection = selected(adjusted.change[free], adjusted.covariance, sigma[free])
+    group = RESPECT + (RESPECT.max() + 1) * np.arange(len(free))[:, None]
+    selection = selected(adjusted.change[free], adjusted.covariance, sigma[free], group[free])
     moved, determined, deviation = np.zeros(free.shape, bool), ~free, np.zeros(free.shape)
     moved[free], determined[free], deviation[free] = selection.moved, selection.determined, selection.sigma
     change, beta = np.where(moved, adjusted.change, 0.0), adjusted.beta
@@ -109,7 +110,7 @@ def _chosen(adjustment: Adjustment, change: np.ndarray, person: Person, fixed: i
     full = np.ones(change.shape)
     full[:, CENTRE] = 1.0 / adjustment.footage.scale  # pixels of the calibrated images
     rig = changed(adjustment.scene.calibrated, full * change)
-    return Refinement(rig, full * change, _STATED * full * deviation, moved, ~determined, fixed, before, after)
+    return Refinement(rig, full * change, STATED * full * deviation, moved, ~determined, fixed, before, after)
 
 
 def _judged(

@@ -16,6 +16,8 @@ _FEWEST_PIXELS = 200  # of a silhouette that shows how a person stands
 _SPECK = 0.02  # of a silhouette's pixels: smaller pieces are none of the person
 _MARGIN = 0.01  # of an image's longer side: a silhouette that comes so near the border may be cut off by it
 _HEAD = 0.06  # of the person's length: the part at the top whose middle is the head's
+_END = 0.12  # of the person's length, by whose width head and feet are told apart
+_ON_ITS_SIDE = 0.5  # sine of the person's angle to the image's rows, below which up in the image says nothing
 _SLENDER = 1.6  # of the silhouette's standard deviations, along over across: less is no person seen from the side
 
 
@@ -82,14 +84,36 @@ def _in_view(silhouettes: list[np.ndarray | None], size: float) -> PersonInView:
     if not any(upright):
         return PersonInView(head, foot, hull)
     axes = np.array([each.eigenvectors[:, 1] for each, good in zip(spreads, upright, strict=True) if good and each])
-    axes *= np.where(axes[:, 1:] > 0, -1, 1)  # up in the image
-    up = np.median(axes, axis=0)
-    up /= np.linalg.norm(up)
+    up = _upwards(
+        axes, [pixels for pixels, good in zip(silhouettes, upright, strict=True) if good and pixels is not None]
+    )
     for frame, pixels in enumerate(silhouettes):
         if pixels is not None and upright[frame]:
             head[frame], foot[frame] = _axis(pixels, up)
             hull[frame] = _hull(pixels)
     return PersonInView(head, foot, hull)
+
+
+def _upwards(axes: np.ndarray, silhouettes: list[np.ndarray]) -> np.ndarray:
+    """(2,), where up is in the image for a person with axes (n, 2) of either sign.
+
+    It is up in the image, too, unless the camera lies on its side: there it is where the silhouettes are narrower,
+    because feet step apart and heads do not.
+    """
+    lying = np.median(np.abs(axes[:, 1])) < _ON_ITS_SIDE
+    towards = -axes[:, 0] if lying else axes[:, 1]
+    up = np.median(axes * np.where(towards > 0, -1, 1)[:, None], axis=0)
+    up /= np.linalg.norm(up)
+    if lying and np.mean([_end_width(pixels, up) < _end_width(pixels, -up) for pixels in silhouettes]) < 0.5:
+        up = -up
+    return up
+
+
+def _end_width(pixels: np.ndarray, way: np.ndarray) -> float:
+    """Standard deviation across a way, of a silhouette's pixels at the end that lies there [px]."""
+    along, across = pixels @ way, pixels @ [-way[1], way[0]]
+    end = along > along.max() - _END * np.ptp(along)
+    return float(across[end].std())
 
 
 def _axis(pixels: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

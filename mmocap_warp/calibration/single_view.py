@@ -67,9 +67,16 @@ def standing_view(name: str, person: PersonInView, K: np.ndarray, stature: float
             f"{len(seen)} frames; at least {FEWEST_FRAMES} are needed"
         )
     head, foot = person.head[seen], person.foot[seen]
+    right, down = (head - foot).mean(axis=0)
+    quarter = 0.5 * np.pi * round(np.arctan2(right, -down) / (0.5 * np.pi))  # a camera may lie on its side
     solutions = [
         least_squares(
-            _missed, [tilt, 0.0, height], args=(K, head, foot, stature), loss="cauchy", f_scale=_OUTLIER, max_nfev=60
+            _missed,
+            [tilt, quarter, height],
+            args=(K, head, foot, stature),
+            loss="cauchy",
+            f_scale=_OUTLIER,
+            max_nfev=60,
         )
         for tilt in _TILTS
         for height in _HEIGHTS

@@ -150,7 +150,8 @@ def _text(scene: Scene, found: SolvedCameras, height: float, output: Path, pictu
         if "guessed" in found.focal:
             lenses += "; the walk does not determine those marked 'guessed', so they stay"
     else:
-        lenses = f"intrinsics as given in {scene.calibration}; the places in it were not looked at"
+        lenses = f"intrinsics as given in {scene.calibration}"
+        lenses += "; the places in it were not looked at" if scene.calibrated.placed else ", which has no places"
     lines = [
         table(rows),
         lenses,

@@ -32,6 +32,7 @@ class Format:
         open_units: of a calibration: whether neither its files nor its writers' custom say the unit of its lengths.
         open_sizes: of a calibration: whether it may leave out how large the images are.
         beside: names of further files that a calibration of it is written to.
+        lenses: of a calibration that may say nothing of where cameras stand: the function that reads such a file.
         up: of an export: the vertical that the format prescribes, or that its readers take for granted; None where it
             says which one it has.
     """
@@ -44,6 +45,7 @@ class Format:
     open_units: bool = False
     open_sizes: bool = False
     beside: tuple[str, ...] = ()
+    lenses: str = ""
 
     def matches(self, path: Path) -> bool:
         """Whether a file of this name, or this folder, has the format."""
@@ -56,12 +58,21 @@ class Format:
 
     def load(self) -> Callable:
         """The function that reads or writes it."""
-        module, name = self.function.split(":")
-        return getattr(import_module(f"mmocap_warp.formats.{module}"), name)
+        return _function(self.function)
+
+
+def _function(name: str) -> Callable:
+    module, _, function = name.partition(":")
+    return getattr(import_module(f"mmocap_warp.formats.{module}"), function)
 
 
 CALIBRATIONS: tuple[Format, ...] = (
-    Format("Pose2Sim/aniposelib/Caliscope TOML", (".toml",), "calibration.toml_rig:read_toml_rig"),
+    Format(
+        "Pose2Sim/aniposelib/Caliscope TOML",
+        (".toml",),
+        "calibration.toml_rig:read_toml_rig",
+        lenses="calibration.toml_rig:read_toml_lenses",
+    ),
     Format("Qualisys", (".qca.txt",), "calibration.qualisys:read_qualisys"),
     Format(
         "OpenCV/EasyMocap YAML",
@@ -69,6 +80,7 @@ CALIBRATIONS: tuple[Format, ...] = (
         "calibration.opencv_yaml:read_opencv_yaml",
         folder="*tri.yml",
         open_sizes=True,
+        lenses="calibration.opencv_yaml:read_yaml_lenses",
     ),
     Format(
         "COLMAP text",
@@ -77,7 +89,13 @@ CALIBRATIONS: tuple[Format, ...] = (
         folder="cameras.txt",
         open_units=True,
     ),
-    Format("MultiCal", (".json",), "calibration.multical:read_multical", open_units=True),
+    Format(
+        "MultiCal",
+        (".json",),
+        "calibration.multical:read_multical",
+        open_units=True,
+        lenses="calibration.multical:read_multical_lenses",
+    ),
     Format("HumanEva", (".cal",), "humaneva.cal:read_cal_folder", folder="*.[cC][aA][lL]", open_sizes=True),
     Format("USD", (".usda", ".usdc", ".usd"), "usd.camera_file:read_usd_cameras", open_sizes=True),
 )
@@ -129,6 +147,25 @@ def read_calibration(
         InputError: an unknown ending, or a file that the format's reader refuses.
     """
     return _format_of(CALIBRATIONS, path).load()(path, units, up, sizes)
+
+
+def read_lenses(path: Path, up: str, sizes: dict[str, tuple[int, int]]) -> CameraRig | None:
+    """Read a calibration that has lenses and says nothing of where the cameras stand.
+
+    Args:
+        path: the file, or a folder where the format has one.
+        up: the world's up axis.
+        sizes: as of :func:`read_calibration`.
+
+    Returns:
+        Cameras at the origin; None for a calibration that has places.
+
+    Raises:
+        InputError: an unknown ending, or a file that the format's reader refuses.
+    """
+    format = _format_of(CALIBRATIONS, path)
+    lenses: CameraRig | None = _function(format.lenses)(path, up, sizes) if format.lenses else None
+    return lenses
 
 
 def write_calibration(path: Path, rig: CameraRig) -> None:

@@ -10,9 +10,10 @@ from typing import TypeVar
 
 import numpy as np
 
+from mmocap_warp.errors import InputError
 from mmocap_warp.foreground.frames import VideoFile, open_frames, open_image
 from mmocap_warp.foreground.mask_files import open_masks
-from mmocap_warp.formats.table import read_calibration
+from mmocap_warp.formats.table import read_calibration, read_lenses
 from mmocap_warp.formats.toml_table import Table, is_number
 from mmocap_warp.scene.mask_mark import read_mark
 from mmocap_warp.scene.recording import CameraSource
@@ -46,6 +47,7 @@ def read_cameras(
     units: str | None,
     up: str,
     fps: float,
+    placed: bool,
 ) -> tuple[tuple[CameraSource, ...], CameraRig]:
     """The cameras of a scene and their rig.
 
@@ -57,6 +59,7 @@ def read_cameras(
         units: of its lengths, where the scene tells.
         up: the scene's vertical.
         fps: the scene's.
+        placed: whether the calibration must say where the cameras stand.
 
     Raises:
         InputError: wrong keys, files that cannot be read, or rates that disagree.
@@ -74,7 +77,11 @@ def read_cameras(
         return _as_recorded(sources, up, table)
     shifts = np.array([source.centre_shift for source in sources])
     sizes = {source.name: size for source in sources if (size := _recorded_size(source)) is not None}
-    rig = read_calibration(calibration, units, up, sizes)
+    lenses = read_lenses(calibration, up, sizes)
+    if lenses and placed:
+        remedy = "calibrate the whole rig, or let mmocap calib solve find it from a person who walks"
+        raise InputError(calibration, "has lenses, but not where the cameras stand", remedy)
+    rig = lenses or read_calibration(calibration, units, up, sizes)
     for source in sources:
         if source.name not in rig.names:
             near = difflib.get_close_matches(source.name, rig.names, 1, 0.0)[0]
@@ -85,7 +92,7 @@ def read_cameras(
     rig = rig.select(tuple(source.name for source in sources))
     K = rig.K.copy()
     K[:, :2, 2] += shifts
-    return sources, check_rig(replace(rig, K=K), f"{scene}: centre_shift") if shifts.any() else rig
+    return sources, check_rig(replace(rig, K=K), f"{scene}: centre_shift", rig.placed) if shifts.any() else rig
 
 
 def _as_recorded(

@@ -52,8 +52,9 @@ def load_scene(
             or a count of those that the file names.
         identity: of the person to be tracked, instead of the scene's own [foreground] identity.
         masks: whether masks, or what they are made of, must be there; a look at the cameras does without.
-        calibrated: whether a calibration must be named and cameras must agree on where they end. Without one, they are
-            pinholes of the recorded images' sizes that stand nowhere in particular.
+        calibrated: whether a calibration must be named, which must say where cameras stand, and cameras must agree on
+            where they end. Without one, they are pinholes of the recorded images' sizes that stand nowhere in
+            particular.
 
     Raises:
         ValueError: ``frames`` that the recording does not have.
@@ -84,7 +85,7 @@ def load_scene(
     units = cameras.take_choice("units", tuple(METRES), None)
     tables = cameras.take_tables()
     fps = fastest(tables, path, about) if stated_fps is None else stated_fps
-    sources, rig = read_cameras(cameras, tables, path, calibration, units, up, fps)
+    sources, rig = read_cameras(cameras, tables, path, calibration, units, up, fps, calibrated)
     if not masks:
         foreground = _of_what_is_there(foreground, sources)
     _check_sources(sources, rig, foreground, cameras, masks, undistorted_with=calibration is not None)

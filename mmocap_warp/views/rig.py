@@ -51,6 +51,11 @@ class CameraRig:
         return -np.einsum("kji,kj->ki", self.R, self.t)
 
     @property
+    def placed(self) -> bool:
+        """Whether it is known where the cameras stand; all are at the world's origin where it is not."""
+        return bool(self.t.any())
+
+    @property
     def up_vector(self) -> np.ndarray:
         """(3,), unit vector of the world's up axis."""
         vector = np.zeros(3)
@@ -208,8 +213,8 @@ class Camera(NamedTuple):
     fisheye: bool = False
 
 
-def rig_of(cameras: list[Camera], up: str, source: object) -> CameraRig:
-    """The rig of these cameras, checked.
+def rig_of(cameras: list[Camera], up: str, source: object, placed: bool = True) -> CameraRig:
+    """The rig of these cameras, checked; see :func:`check_rig`.
 
     Raises:
         InputError: see :func:`check_rig`.
@@ -229,11 +234,16 @@ def rig_of(cameras: list[Camera], up: str, source: object) -> CameraRig:
         up=up,
         fisheye=tuple(name for name, bend in zip(names, bends, strict=True) if bend),
     )
-    return check_rig(rig, source)
+    return check_rig(rig, source, placed)
 
 
-def check_rig(rig: CameraRig, source: object) -> CameraRig:
+def check_rig(rig: CameraRig, source: object, placed: bool = True) -> CameraRig:
     """Return ``rig`` if it can be a real calibration in metres.
+
+    Args:
+        rig: the cameras.
+        source: where they are from, for errors.
+        placed: whether they must stand somewhere; else they are lenses, and all at the origin.
 
     Raises:
         InputError: a name twice, values that are not finite, a matrix that is no rotation (mirrored ones
@@ -244,7 +254,8 @@ def check_rig(rig: CameraRig, source: object) -> CameraRig:
         raise InputError(source, f"camera name '{repeated[0]}' is used twice", "give every camera its own name")
     for k, name in enumerate(rig.names):
         _check_camera(rig, k, f"{source}: camera '{name}'")
-    _check_metres(rig, source)
+    if placed:
+        _check_metres(rig, source)
     return rig
 
 

@@ -7,13 +7,16 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from mmocap_warp.calibration.solve import SolvedCameras, solve_cameras
 from mmocap_warp.calibration.unsolvable import UnsolvableError
 from mmocap_warp.cli import exit_codes, main
-from mmocap_warp.formats.calibration.toml_rig import read_toml_rig
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.calibration.opencv_yaml import write_opencv_yaml
+from mmocap_warp.formats.calibration.toml_rig import read_toml_rig, write_toml_rig
 from mmocap_warp.formats.usd.truth import read_truth
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.study.sequences import SequencePlan, make_sequence, walking_around
@@ -112,6 +115,82 @@ def test_heads_are_over_the_floor(solved):
     assert len(heads) > 0.9 * len(solved.heads)
     assert np.median(heads[:, 2]) == pytest.approx(0.986 * HEIGHT, abs=0.005)
     assert np.linalg.norm(np.median(heads[:, :2], axis=0)) < 0.2
+
+
+def lens_file(kind: str, rig: CameraRig, folder: Path) -> str:
+    """A calibration without places, as its maker's program writes it, and what a scene calls it."""
+    if kind == "opencv":
+        write_opencv_yaml(folder / "intri.yml", rig)
+        (folder / "extri.yml").unlink()
+        return "intri.yml"
+    if kind == "multical":
+        lenses = {
+            name: {"K": rig.K[k].tolist(), "dist": [rig.distortion[k].tolist()], "image_size": rig.size[k].tolist()}
+            for k, name in enumerate(rig.names)
+        }
+        (folder / "intrinsic.json").write_text(json.dumps({"cameras": lenses}))
+        return "intrinsic.json"
+    write_toml_rig(folder / "lenses.toml", rig)
+    lines = (folder / "lenses.toml").read_text().splitlines()
+    kept = [line for line in lines if not line.startswith(("rotation", "translation"))]
+    (folder / "lenses.toml").write_text("\n".join(kept))
+    return "lenses.toml"
+
+
+@pytest.mark.parametrize("kind", ["toml", "opencv", "multical"])
+def test_a_file_of_lenses_alone_is_read(walk, tmp_path, kind):
+    rig = read_toml_rig(walk / "calibration.toml")
+    folder = tmp_path / "lenses"
+    shutil.copytree(walk, folder)
+    called = lens_file(kind, rig, folder)
+    text = (folder / "scene.toml").read_text()
+    (folder / "scene.toml").write_text(text.replace('"calibration.toml"', f'"{called}"'))
+    scene = load_scene(folder, calibrated=False)
+    assert not scene.calibrated.placed
+    for name in ("K", "size", "distortion"):
+        np.testing.assert_array_equal(getattr(scene.calibrated, name), getattr(rig, name))
+    with pytest.raises(InputError, match=r"has lenses, but not where the cameras stand; .*calib solve"):
+        load_scene(folder)
+
+
+def test_lenses_alone_are_enough(walk, solved, tmp_path, capsys):
+    folder = tmp_path / "lenses"
+    shutil.copytree(walk, folder)
+    lens_file("toml", read_toml_rig(walk / "calibration.toml"), folder)
+    (folder / "lenses.toml").replace(folder / "calibration.toml")
+    assert main(["calib", "solve", str(folder), "--height", str(HEIGHT), "-o", str(tmp_path / "found.toml")]) == 0
+    assert "calibration.toml, which has no places" in capsys.readouterr().out
+    np.testing.assert_allclose(read_toml_rig(tmp_path / "found.toml").centres, solved.rig.centres, atol=1e-9)
+
+
+def test_cameras_on_their_side_are_found(walk, tmp_path):
+    """One lies on its left side, another on its right."""
+    rig = read_toml_rig(walk / "calibration.toml")
+    folder = tmp_path / "lying"
+    shutil.copytree(walk, folder)
+    for name, turn in (("C3", cv2.ROTATE_90_CLOCKWISE), ("BW2", cv2.ROTATE_90_COUNTERCLOCKWISE)):
+        rig = lying(rig, rig.names.index(name), turn)
+        for file in (folder / "masks" / name).glob("*.png"):
+            cv2.imwrite(str(file), cv2.rotate(cv2.imread(str(file), cv2.IMREAD_UNCHANGED), turn))
+    write_toml_rig(folder / "calibration.toml", rig)
+    missed, scale, _ = judged(solve_cameras(load_scene(folder, calibrated=False), HEIGHT), folder)
+    assert missed.mean() < 1.0
+    assert scale == pytest.approx(1.0, abs=0.015)
+
+
+def lying(rig: CameraRig, k: int, turn: int) -> CameraRig:
+    """The rig with a camera whose images are turned by a quarter."""
+    K, R, t, size = (np.array(each) for each in (rig.K, rig.R, rig.t, rig.size))
+    (width, height), (cx, cy) = size[k], K[k, :2, 2]
+    clockwise = turn == cv2.ROTATE_90_CLOCKWISE
+    axes = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]] if clockwise else [[0, 1, 0], [-1, 0, 0], [0, 0, 1]])
+    K[k] = [
+        [K[k, 1, 1], 0, height - 1 - cy if clockwise else cy],
+        [0, K[k, 0, 0], cx if clockwise else width - 1 - cx],
+        [0, 0, 1],
+    ]
+    R[k], t[k], size[k] = axes @ R[k], axes @ t[k], size[k, ::-1]
+    return replace(rig, K=K, R=R, t=t, size=size)
 
 
 def test_the_vertical_is_the_scene_s(walk, solved):

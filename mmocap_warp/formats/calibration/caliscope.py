@@ -5,7 +5,7 @@ A camera is named ``cam_<number>``, as in the file for other programs that Calis
 
 from __future__ import annotations
 
-from mmocap_warp.formats.calibration.toml_camera import take_camera
+from mmocap_warp.formats.calibration.toml_camera import take_camera, take_lens
 from mmocap_warp.formats.toml_table import Table
 from mmocap_warp.views.rig import Camera
 
@@ -29,11 +29,33 @@ def take_cameras(file: Table) -> list[Camera]:
         ignored = table.take("ignore", bool, False)
         if ignored or not (table.has("rotation") or table.has("translation")):
             continue
-        for key in _NOT_READ:
-            table.take_any(key, (str, int, float, bool), None)
+        _take_unread(table)
         cameras.append(take_camera(table, f"cam_{number}", 1.0))
         table.finish()
     tables.finish()
     if not cameras:
         raise tables.error("no camera has a rotation and a translation", _REMEDY)
     return cameras
+
+
+def take_lenses(tables: dict[str, Table]) -> list[Camera]:
+    """The lenses of cameras that Caliscope knows no place of, without those that it was told to ignore or has not seen.
+
+    Args:
+        tables: of the cameras, by number.
+
+    Raises:
+        InputError: a value that is missing or wrong.
+    """
+    lenses = []
+    for number, table in tables.items():
+        if not table.take("ignore", bool, False) and table.has("matrix"):
+            _take_unread(table)
+            lenses.append(take_lens(table, f"cam_{number}"))
+            table.finish()
+    return lenses
+
+
+def _take_unread(table: Table) -> None:
+    for key in _NOT_READ:
+        table.take_any(key, (str, int, float, bool), None)

@@ -48,6 +48,22 @@ def read_multical(
     return rig_of(cameras, up, path)
 
 
+def read_multical_lenses(path: str | Path, up: str, sizes: dict[str, tuple[int, int]]) -> CameraRig | None:
+    """Read MultiCal's ``intrinsic.json``.
+
+    Returns:
+        Cameras at the origin; None for a file that has ``camera_poses``.
+
+    Raises:
+        InputError: as of :func:`read_multical`.
+    """
+    file = _object(_load(path), "the file", path)
+    if "camera_poses" in file or "cameras" not in file:
+        return None
+    lenses = _object(file["cameras"], "cameras", path)
+    return rig_of([_read_lens(lens, name, path) for name, lens in lenses.items()], up, path, placed=False)
+
+
 def _load(path: str | Path) -> Any:
     try:
         return json.loads(read_text(path, "a JSON file"))

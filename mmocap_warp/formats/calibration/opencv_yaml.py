@@ -47,6 +47,23 @@ def read_opencv_yaml(
     return rig_of(cameras, up, folder / "intri.yml")
 
 
+def read_yaml_lenses(path: str | Path, up: str, sizes: dict[str, tuple[int, int]]) -> CameraRig | None:
+    """Read ``intri.yml`` alone, from its folder or its path.
+
+    Returns:
+        Cameras at the origin; None where ``extri.yml`` lies beside it.
+
+    Raises:
+        InputError: as of :func:`read_opencv_yaml`.
+    """
+    folder = Path(path) if os.path.isdir(path) else Path(path).parent
+    if os.path.exists(folder / "extri.yml"):
+        return None
+    intrinsics = _File(folder / "intri.yml")
+    lenses = [_read_lens(intrinsics, name, sizes) for name in intrinsics.names()]
+    return rig_of(lenses, up, folder / "intri.yml", placed=False)
+
+
 class _Text(yaml.BaseLoader):
     """Gives every value as the text it is written as; which kind of number it is, the reader knows."""
 
@@ -127,20 +144,24 @@ def _number(text: Any) -> float:
 
 
 def _read_camera(intrinsics: _File, extrinsics: _File, name: str, sizes: dict[str, tuple[int, int]] | None) -> Camera:
-    K = intrinsics.matrix(f"K_{name}", (9,)).reshape(3, 3)
-    coefficients = intrinsics.matrix(f"dist_{name}", (4, 5))
-    distortion = np.zeros(5)
-    distortion[: len(coefficients)] = coefficients
+    lens = _read_lens(intrinsics, name, sizes)
     if f"Rot_{name}" in extrinsics:
         R = extrinsics.matrix(f"Rot_{name}", (9,)).reshape(3, 3)
     else:
         R = cv2.Rodrigues(extrinsics.matrix(f"R_{name}", (3,)))[0]
-    t = extrinsics.matrix(f"T_{name}", (3,))
+    return lens._replace(R=R, t=extrinsics.matrix(f"T_{name}", (3,)))
+
+
+def _read_lens(intrinsics: _File, name: str, sizes: dict[str, tuple[int, int]] | None) -> Camera:
+    K = intrinsics.matrix(f"K_{name}", (9,)).reshape(3, 3)
+    coefficients = intrinsics.matrix(f"dist_{name}", (4, 5))
+    distortion = np.zeros(5)
+    distortion[: len(coefficients)] = coefficients
     if f"W_{name}" in intrinsics and f"H_{name}" in intrinsics:
         size = (intrinsics.number(f"W_{name}"), intrinsics.number(f"H_{name}"))
     else:
         size = told_size(sizes, name, intrinsics.path, f"W_{name} and H_{name} are missing")
-    return Camera(name, K, R, t, size, distortion)
+    return Camera(name, K, np.eye(3), np.zeros(3), size, distortion)
 
 
 def write_opencv_yaml(path: str | Path, rig: CameraRig) -> None:

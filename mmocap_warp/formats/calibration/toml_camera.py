@@ -10,8 +10,20 @@ from mmocap_warp.views.rig import Camera
 
 
 def take_camera(table: Table, name: str, metres: float) -> Camera:
-    """A camera of its ``size``, ``matrix``, ``distortions`` (4 or 5; 4 of a fisheye), ``rotation`` (Rodrigues or 3x3,
-    world to camera), ``translation`` and optionally ``fisheye``; lengths are of so many ``metres``.
+    """A camera of its lens, see :func:`take_lens`, ``rotation`` (Rodrigues or 3x3, world to camera) and
+    ``translation``; lengths are of so many ``metres``.
+
+    Raises:
+        InputError: one of them is missing or wrong.
+    """
+    lens = take_lens(table, name)
+    translation = np.array(_take_flat(table, "translation", (3,)))
+    return lens._replace(R=_take_rotation(table), t=translation * metres)
+
+
+def take_lens(table: Table, name: str) -> Camera:
+    """A camera without a place, of its ``size``, ``matrix``, ``distortions`` (4 or 5; 4 of a fisheye) and optionally
+    ``fisheye``.
 
     Raises:
         InputError: one of them is missing or wrong.
@@ -22,9 +34,7 @@ def take_camera(table: Table, name: str, metres: float) -> Camera:
     coefficients = _take_flat(table, "distortions", (4,) if fisheye else (4, 5))
     distortion = np.zeros(5)
     distortion[: len(coefficients)] = coefficients
-    translation = np.array(_take_flat(table, "translation", (3,)))
-    R = _take_rotation(table)
-    return Camera(name, K, R, translation * metres, (int(width), int(height)), distortion, fisheye)
+    return Camera(name, K, np.eye(3), np.zeros(3), (int(width), int(height)), distortion, fisheye)
 
 
 def _take_matrix(table: Table, key: str, remedy: str) -> np.ndarray:

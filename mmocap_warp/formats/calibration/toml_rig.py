@@ -9,7 +9,7 @@ import cv2
 
 from mmocap_warp.formats.calibration import caliscope
 from mmocap_warp.formats.calibration.text import refuse_huge
-from mmocap_warp.formats.calibration.toml_camera import take_camera
+from mmocap_warp.formats.calibration.toml_camera import take_camera, take_lens
 from mmocap_warp.formats.calibration.units import METRES
 from mmocap_warp.formats.toml_table import Table, load_toml, quoted
 from mmocap_warp.views.rig import Camera, CameraRig, rig_of
@@ -38,6 +38,34 @@ def read_toml_rig(
     tables.pop("metadata", None)
     file.finish()
     return rig_of([_read_camera(table, METRES[units or "m"]) for table in tables.values()], up, path)
+
+
+def read_toml_lenses(path: str | Path, up: str, sizes: dict[str, tuple[int, int]]) -> CameraRig | None:
+    """Read a file as :func:`read_toml_rig` does, of which no camera has a rotation or a translation.
+
+    Returns:
+        Cameras at the origin; None where one has.
+
+    Raises:
+        InputError: as there.
+    """
+    refuse_huge(path)
+    file = load_toml(path)
+    of_caliscope = isinstance(file.peek("cameras"), dict)
+    tables = (file.take_table("cameras") if of_caliscope else file).take_tables()
+    tables.pop("metadata", None)
+    if not tables or any(table.has("rotation") or table.has("translation") for table in tables.values()):
+        return None
+    if of_caliscope:
+        return rig_of(caliscope.take_lenses(tables), up, path, placed=False)
+    file.finish()
+    return rig_of([_read_lens(table) for table in tables.values()], up, path, placed=False)
+
+
+def _read_lens(table: Table) -> Camera:
+    lens = take_lens(table, table.take("name", str, table.name))
+    table.finish()
+    return lens
 
 
 def _read_camera(table: Table, metres: float) -> Camera:

@@ -15,7 +15,7 @@ from pxr import Gf, Usd, UsdGeom
 from synthetic import ring_rig
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.table import CALIBRATION_EXPORTS, read_calibration, write_calibration
+from mmocap_warp.formats.table import CALIBRATION_EXPORTS, read_calibration, read_lenses, write_calibration
 from mmocap_warp.formats.usd.camera_file import write_usd_cameras
 from mmocap_warp.views.rig import CameraRig, project
 
@@ -287,3 +287,22 @@ def test_an_output_of_no_known_name(tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
         write_calibration(tmp_path / "rig.json", brown_rig())
     assert all(str(format) in str(caught.value) for format in CALIBRATION_EXPORTS)
+
+
+def test_caliscope_that_knows_lenses_alone(tmp_path: Path) -> None:
+    rig = brown_rig()
+    text = caliscope(rig)
+    kept = [line for line in text.splitlines() if not line.startswith(("rotation =", "translation"))]
+    (tmp_path / "camera_array.toml").write_text("\n".join(kept))
+    lenses = read_lenses(tmp_path / "camera_array.toml", "+z", {})
+    assert lenses is not None
+    assert not lenses.placed
+    np.testing.assert_array_equal(lenses.K[:4], rig.K)
+    (tmp_path / "camera_array.toml").write_text(text)
+    assert read_lenses(tmp_path / "camera_array.toml", "+z", {}) is None
+
+
+def test_cameras_that_all_stand_at_the_origin_are_still_refused(tmp_path: Path) -> None:
+    write_calibration(tmp_path / "c.toml", replace(brown_rig(), t=np.zeros((4, 3))))
+    with pytest.raises(InputError, match="all cameras lie within"):
+        read_calibration(tmp_path / "c.toml")

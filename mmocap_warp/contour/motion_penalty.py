@@ -13,8 +13,8 @@ SPEED = 3.0
 """Standard deviation of a point's velocity [m/s]; it ends motion where frames show nothing, and else weighs nothing."""
 FAR = 1.0
 """An error of this many standard deviations, shared by the frames around, pulls half as hard as its square would."""
-UNSEEN = 10.8
-"""Standard deviation of an acceleration that no frame shows [m/s^2]: of motions too, which cannot be told from rest."""
+UNSEEN = 14.4
+"""Standard deviation of an acceleration that no frame shows [m/s^2], as large as that of hands and feet that move."""
 AROUND = np.array([1, 4, 6, 4, 1]) / 16
 """Of errors of consecutive frames in the mean that says how far the middle one is."""
 HELD = 2 + len(AROUND) // 2

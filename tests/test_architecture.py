@@ -65,8 +65,9 @@ def without_subject() -> set[str]:
 
 def statement(room: str) -> str:
     """What a room's docstring says that it may import."""
-    found = re.search(r"^May import: (.+)\.$", ast.get_docstring(modules()[f"mmocap_warp.{room}"]) or "", re.M)
-    return found[1] if found else "(its docstring does not say)"
+    said = ast.get_docstring(modules()[f"mmocap_warp.{room}"]) or ""
+    found = re.search(r"^May import: ([^.]+)\.$", said, re.M)
+    return " ".join(found[1].split()) if found else "(its docstring does not say)"
 
 
 def allowed(room: str) -> set[str]:

@@ -47,7 +47,9 @@ _ROUNDS = 10
 _FAR = Sampling(frames=30, points=8_000, starts=12)
 _NEAR = Sampling(frames=120, points=25_000, starts=3)
 _NEAR_REACH = 6  # [frames]
+_FAR_SPREAD = 2  # [frames] between the ends of far starts, of a hull that tells by itself
 _STRETCHES, _OF_A_STRETCH = 6, 15  # of a recording, and frames judged in one at least
+_FEWEST = 3  # stretches that say how far they disagree
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,11 +60,13 @@ class HullOffsets:
         offsets: (view,) [frames] at which they fit best.
         spread: how far the ends of other starts are from these [frames].
         courses: (view,) of their lags.
+        sigma: (view,) standard deviations of the offsets, by how far the recording's stretches disagree [frames].
     """
 
     offsets: np.ndarray
     spread: int
     courses: list[LagCourse]
+    sigma: np.ndarray
 
 
 def offsets_by_hull(rig: CameraRig, views: Sequence[Silhouettes], about: np.ndarray, reach: int) -> HullOffsets | None:
@@ -75,19 +79,25 @@ def offsets_by_hull(rig: CameraRig, views: Sequence[Silhouettes], about: np.ndar
         reach: how far from these [frames]; 0 where they are nearly right.
 
     Returns:
-        None where there is no frame in which all views see somebody.
+        None where there is no frame in which all views see somebody, or where hulls fit about as well elsewhere.
     """
     length = min(len(view) for view in views)
     if reach:
         far = HullAgreement(rig, views, about, min(reach, length // 4), _FAR)
-        about = far.offsets()[0] if far.judged else about
+        if not far.judged:
+            return None
+        about, spread = far.offsets()
+        if spread > _FAR_SPREAD:
+            return None
     near = HullAgreement(rig, views, about, min(_NEAR_REACH, length // 4), _NEAR)
     if not near.judged:
         return None
     offsets, spread = near.offsets()
     stretches = min(_STRETCHES, near.judged // _OF_A_STRETCH)
     courses = [lag_course(*near.lags(view, offsets, stretches)) for view in range(len(views))]
-    return HullOffsets(offsets, spread, courses)
+    scatter = np.array([course.scatter for course in courses])
+    sigma = scatter / np.sqrt(stretches - 1) if stretches >= _FEWEST else np.full(len(views), np.inf)
+    return HullOffsets(offsets, spread, courses, sigma)
 
 
 class HullAgreement:
@@ -175,9 +185,17 @@ class HullAgreement:
         random, views, reach = np.random.default_rng(0), len(self._about), self._reach // 2
         starts = random.integers(-reach, reach + 1, (self._starts, views))
         starts[0] = 0
-        ends = [self._improved(self._about + start) for start in starts]
+        ends = [self._settled(self._about + start) for start in starts]
         best = max(ends, key=self.fit)
         return best, max(int(np.abs(_centred(end) - _centred(best)).max()) for end in ends)
+
+    def _settled(self, offsets: np.ndarray) -> np.ndarray:
+        """Where a start ends, with all ends shifted alike: which frames they are judged by depends on that."""
+        for _ in range(2):
+            end = self._improved(offsets)
+            common = int(np.median(end - self._about))
+            offsets = np.clip(end - common, self._about - self._reach, self._about + self._reach)
+        return self._improved(offsets)
 
     def _improved(self, offsets: np.ndarray) -> np.ndarray:
         for _ in range(_ROUNDS):

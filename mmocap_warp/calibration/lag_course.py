@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -13,19 +13,21 @@ _SIDE = 2  # stretches before and after a jump, at least
 
 @dataclass(frozen=True)
 class LagCourse:
-    """What became of a view's lag; all zero for a steady one.
+    """What became of a view's lag; neither jump nor slope for a steady one.
 
     Attributes:
         jump: frames by which it changes at once: 1 less for each frame that the camera dropped.
         at: the frame before which it changes.
         slope: the camera's frames more than its rate says, to one of the scene's.
         start: its lag at the scene's frame 0, where it has a slope [frames].
+        scatter: root mean square of the lags about this course [frames].
     """
 
     jump: int = 0
     at: int = 0
     slope: float = 0.0
     start: float = 0.0
+    scatter: float = field(default=0.0, compare=False)
 
 
 def lag_course(frame: np.ndarray, lag: np.ndarray) -> LagCourse:
@@ -35,9 +37,9 @@ def lag_course(frame: np.ndarray, lag: np.ndarray) -> LagCourse:
         frame: (stretch,) the scene's frame in their middle, ascending.
         lag: (stretch,) [frames].
     """
-    if len(lag) < 2 * _SIDE:
-        return LagCourse()
     steady = _scatter(lag - lag.mean())
+    if len(lag) < 2 * _SIDE:
+        return LagCourse(scatter=steady)
     slope, start = np.polyfit(frame, lag, 1)
     line = _scatter(lag - start - slope * frame)
     splits = range(_SIDE, len(lag) - _SIDE + 1)
@@ -48,11 +50,12 @@ def lag_course(frame: np.ndarray, lag: np.ndarray) -> LagCourse:
     jump = float(after.mean() - before.mean())
     if line <= stepped[best]:
         changes = abs(slope) * (frame[-1] - frame[0]) > _LEAST_DRIFT and steady > _BETTER * line
-        return LagCourse(slope=float(slope), start=float(start)) if changes else LagCourse()
+        drift = LagCourse(slope=float(slope), start=float(start), scatter=line)
+        return drift if changes else LagCourse(scatter=steady)
     if abs(jump) < _LEAST_JUMP or steady < _BETTER * stepped[best]:
-        return LagCourse()
+        return LagCourse(scatter=steady)
     split = splits[best]
-    return LagCourse(jump=round(jump), at=int(frame[split - 1] + frame[split]) // 2)
+    return LagCourse(jump=round(jump), at=int(frame[split - 1] + frame[split]) // 2, scatter=stepped[best])
 
 
 def _scatter(off: np.ndarray) -> float:

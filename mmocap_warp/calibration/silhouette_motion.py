@@ -71,6 +71,9 @@ class SilhouetteMotion:
 
 
 _SHAPE, _TOP, _BOTTOM = 10, 2, 3
+LIKE = np.array([float(signal == _TOP) for signal in range(_SHAPE)] + _BANDS * [0.5])
+"""(signal,) how much each says that all views show alike: heads go up and down, and limbs at a height move, for all."""
+
 _ROUNDING = 1e-9
 """Of a silhouette's height a frame: what does not move leaves less, alike in all views that see the same."""
 

@@ -7,15 +7,17 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mmocap_warp.calibration.hull_agreement import offsets_by_hull
+from mmocap_warp.calibration.hull_agreement import HullOffsets, offsets_by_hull
 from mmocap_warp.calibration.lag_course import LagCourse
 from mmocap_warp.calibration.shared_motion import PairScores, common_offsets, pair_scores
-from mmocap_warp.calibration.silhouette_motion import SilhouetteMotion
+from mmocap_warp.calibration.silhouette_motion import LIKE, SilhouetteMotion
 from mmocap_warp.errors import InputError
 from mmocap_warp.scene.recording import Scene
 
 _LENGTH = 320  # [px] of the masks' longer side
-_LONGEST = 1.0  # [s] of a lag that is looked for
+WITHIN = 1.0
+"""Of a lag that is looked for [s], unless somebody knows better."""
+
 _SHARE = 1 / 3  # of a clip, at most
 _SHORT = 0.25  # [s], within which a lag is believed more than a longer one
 _CLEARLY = 3.0  # times as high must a score be to take a longer lag
@@ -23,6 +25,7 @@ _HALF = 0.5  # of the other views must say the same
 _HULL_REACH = 0.4  # [s] by which the hull may correct what motion found
 _HULL_CORRECTS = 3  # [frames], what motion is sure of, at most
 _HULL_SPREAD = 1  # [frames] between the ends of several starts, of a hull that can be trusted
+_HULL_SIGMA = 0.5  # [frames], standard deviation of an offset, of such a hull
 _RIVAL = 0.75  # of the best score: another lag that scores more makes a view's offset unsure
 _ALIKE = 2  # [frames] within which a pair alone agrees with what all pairs say
 
@@ -71,16 +74,20 @@ class Synchronisation:
         return all(view.sure and not view.course.jump for view in self.views.values())
 
 
-def synchronise(scene: Scene, progress: Progress | None = None) -> Synchronisation:
+def synchronise(scene: Scene, progress: Progress | None = None, within: float = WITHIN) -> Synchronisation:
     """Find the offsets of a scene's cameras; what the scene says about them is not looked at.
 
     Args:
-        scene: its ``calibration`` is used where there is one.
+        scene: its ``calibration`` is used where there is one that says where cameras stand.
         progress: called while masks are read.
+        within: by how much one camera lags another at most [s].
 
     Raises:
         InputError: a single camera, or one that shows nobody.
+        ValueError: a ``within`` that is no time.
     """
+    if not 0 < within < 1000:
+        raise ValueError(f"within must be a time in seconds, got {within:g}")
     if len(scene.cameras) < 2:
         raise InputError(scene.path, "one camera has nothing to be in step with", "name at least two cameras")
     recorded = scene.as_recorded()
@@ -94,25 +101,30 @@ def synchronise(scene: Scene, progress: Progress | None = None) -> Synchronisati
         if progress:
             progress(number + 1, recorded.frame_count)
     signals = [_in_scene_frames(_signals(motion, scene, k), scene.cameras[k].rate) for k, motion in enumerate(motions)]
-    scores, offsets = _offsets_by_motion(signals, scene.fps)
-    by_hull, told = None, False
-    if scene.calibration is not None:
-        sure = np.array([_judged(scores, k, offsets, False).sure for k in range(len(masks))])
-        told = sure.mean() > _HALF  # where motion tells little, most likely the cameras are nearly in step
-        about, reach = (offsets, 0) if told else (np.zeros_like(offsets), round(_HULL_REACH * scene.fps))
+    scores, offsets = _offsets_by_motion(signals, scene.fps, within)
+    courses, hull = [LagCourse() for _ in masks], None
+    if scene.calibration is not None and scene.calibrated.placed:
+        told = all(_judged(scores, k, offsets, False).sure for k in range(len(masks)))
+        about, reach = (offsets, 0) if told else (np.zeros_like(offsets), round(min(_HULL_REACH, within) * scene.fps))
         by_hull = offsets_by_hull(scene.rig(scale), masks, about, reach)
-    hull = None if scene.calibration is None else by_hull is not None and by_hull.spread <= _HULL_SPREAD
-    if by_hull and hull and told:
-        apart = by_hull.offsets - offsets
-        hull = bool(np.abs(apart - np.median(apart))[sure].max() <= _HULL_CORRECTS)
-    courses = [LagCourse() for _ in masks]
-    if by_hull and hull:
-        offsets, courses = by_hull.offsets, by_hull.courses
+        hull = by_hull is not None and _trusted(by_hull, offsets if told else None)
+        if by_hull and hull:
+            offsets, courses = by_hull.offsets, by_hull.courses
     found = {
         source.name: replace(_judged(scores, k, offsets, hull is True), course=courses[k])
         for k, source in enumerate(scene.cameras)
     }
     return Synchronisation(scene.fps, found, hull)
+
+
+def _trusted(hull: HullOffsets, motion: np.ndarray | None) -> bool:
+    """Whether hulls tell the offsets, given those that motion is sure of, if it is."""
+    if hull.spread > _HULL_SPREAD or hull.sigma.max() > _HULL_SIGMA:
+        return False
+    if motion is None:
+        return True
+    apart = hull.offsets - motion
+    return bool(np.abs(apart - np.median(apart)).max() <= _HULL_CORRECTS)
 
 
 class _Masks:
@@ -156,10 +168,10 @@ def _in_scene_frames(signals: np.ndarray, rate: float) -> np.ndarray:
     return np.stack([np.interp(at, np.arange(len(signals)), column) for column in signals.T], axis=1)
 
 
-def _offsets_by_motion(signals: list[np.ndarray], fps: float) -> tuple[PairScores, np.ndarray]:
+def _offsets_by_motion(signals: list[np.ndarray], fps: float, within: float) -> tuple[PairScores, np.ndarray]:
     """Scores of all lags, and the offsets; of two that score much alike the shorter ones."""
-    most = max(1, min(round(_LONGEST * fps), int(_SHARE * min(map(len, signals)))))
-    scores = pair_scores(signals, fps, most)
+    most = max(1, min(round(within * fps), int(_SHARE * min(map(len, signals)))))
+    scores = pair_scores(signals, LIKE, fps, most)
     near = scores.within(min(most, round(_SHORT * fps)))
     short, long = common_offsets(near), common_offsets(scores)
     return scores, long if scores.total(long) > _CLEARLY * scores.total(short) else short

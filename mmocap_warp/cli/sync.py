@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mmocap_warp.cli.console import Console, Switch, table
-from mmocap_warp.cli.exit_codes import CHECK_FAILED, OK
+from mmocap_warp.cli.exit_codes import CHECK_FAILED, OK, UsageError
 
 if TYPE_CHECKING:
     from mmocap_warp.calibration.synchronise import Synchronisation, ViewOffset
@@ -17,6 +17,7 @@ def sync(
     /,
     *,
     frames: str | None = None,
+    within: float = 1.0,
     write: Switch = False,
     console: Console | None = None,
 ) -> int:
@@ -29,6 +30,9 @@ def sync(
     frames
         Which of the cameras' frames are looked at: first:end, such as 120:900, or a count. [default: those that the
         scene names]
+    within
+        By how many seconds one camera lags another at most. Steps repeat themselves every half second, so of somebody
+        who only walks motion tells lags of less than half of that.
     write
         Put the offsets into the scene file, and leave everything else in it as it is.
     """
@@ -36,19 +40,26 @@ def sync(
     from mmocap_warp.cli.judging import scene_for
     from mmocap_warp.cli.next_step import command
     from mmocap_warp.cli.progress import Progress
+    from mmocap_warp.cli.settings import as_flag
+    from mmocap_warp.errors import InputError
     from mmocap_warp.scene.offset_writing import write_timing
 
     console = console or Console()
     loaded = scene_for(scene, frames, calibrated=False)
-    with Progress("sync", quiet=console.quiet) as progress:
-        found = synchronise(loaded, progress)
+    try:
+        with Progress("sync", quiet=console.quiet) as progress:
+            found = synchronise(loaded, progress, within)
+    except InputError:
+        raise
+    except ValueError as error:
+        raise UsageError(as_flag(error)) from None
     timing = {
         source.name: _timing(found.views[source.name], found, found.fps * source.rate) for source in loaded.cameras
     }
     faults = [_doubt(name, view) for name, view in found.views.items() if not view.sure or view.course.jump]
     if write and found.sure:
         write_timing(loaded.path, timing)
-    step = command("cameras", loaded.path) if loaded.calibration else None
+    step = command("cameras", loaded.path) if loaded.calibration and loaded.calibrated.placed else None
     values = {
         "scene": loaded.path,
         "fps": found.fps,

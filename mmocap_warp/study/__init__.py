@@ -1,4 +1,5 @@
 """The study: a grid of trackers, sequences and budgets, its results, statistics and report.
 
-May import: pages, body, views, result, formats, scene, bodies, contour, tracking, calibration, drawing, synthesis.
+May import: pages, body, views, foreground, result, formats, scene, bodies, contour, tracking, calibration, drawing,
+synthesis.
 """

@@ -176,13 +176,11 @@ def _times_and_errors(study: StudySummary, measure: Measure) -> dict[str, list[t
 
 def _names(dots_of: list[tuple[str, float, float]]) -> list[str]:
     """Names beside dots, given as (algorithm, x, y): on the left where another dot is close on the right."""
-    parts, below = [], -np.inf
+    parts, below = [], {"start": -np.inf, "end": -np.inf}
     for name, across, height in sorted(dots_of, key=lambda dot: dot[2]):
         taken = any(0 < x - across < _WORD and abs(y - height) < _LINE for _, x, y in dots_of)
-        if taken:
-            word = text((across - 9, height + 4), algorithm_label(name), "series", "end")
-        else:
-            below = max(height + 4, below + _LINE)
-            word = text((across + 9, below), algorithm_label(name), "series", "start")
+        anchor, x = ("end", across - 9) if taken else ("start", across + 9)
+        below[anchor] = max(height + 4, below[anchor] + _LINE)
+        word = text((x, below[anchor]), algorithm_label(name), "series", anchor)
         parts.append(f'<g class="{mark_class(name)}">{word}</g>')
     return parts

@@ -143,7 +143,7 @@ def test_all_pairs_outvote_a_period() -> None:
     random = np.random.default_rng(2)
     lags = np.array([0, 3, -5, 10])
     signals = [source[20 - lag : 160 - lag] @ random.standard_normal((4, 6)) for lag in lags]
-    np.testing.assert_array_equal(common_offsets(pair_scores(signals, FPS, 20)), lags)
+    np.testing.assert_array_equal(common_offsets(pair_scores(signals, np.zeros(6), FPS, 20)), lags)
 
 
 def test_a_hull_is_of_one_moment(unsynchronised: Path) -> None:

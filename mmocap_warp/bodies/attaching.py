@@ -67,8 +67,8 @@ def _with(body: BodyModel, thing: Attachment) -> tuple[BodyModel, list[str]]:
     if thing.joint is not None and thing.joint not in skeleton.joints:
         known = ", ".join(get_close_matches(thing.joint, skeleton.joints, 3, 0.5) or skeleton.joints)
         raise thing.wrong(f"the body has no joint '{thing.joint}'", f"use one of its own, such as {known}")
-    if {thing.name, _place(thing)} & set(skeleton.joints):
-        raise thing.wrong("the body has a joint of that name", "name it differently")
+    if {thing.name, _place(thing)} & {*skeleton.joints, *skeleton.parts}:
+        raise thing.wrong("the body has a joint or a part of that name", "name it differently")
     surface, notes = _surface(thing, body)
     carrier = 0 if thing.joint is None else skeleton.index(thing.joint)
     frame = zyx_rotation(np.radians(thing.rotation))
@@ -87,7 +87,9 @@ class _Surface:
 
 
 def _surface(thing: Attachment, body: BodyModel) -> tuple[_Surface, list[str]]:
-    vertex, face = part_mesh(thing.mesh, thing.mesh)
+    if not thing.mesh.is_file():
+        raise thing.wrong(f"{thing.mesh} does not exist", "check the path")
+    vertex, face = part_mesh(thing.mesh, thing.source)
     vertex = thing.scale * vertex
     extent = float(np.ptp(vertex[np.unique(face)], axis=0).max())
     of_body = float(np.ptp(body.skin.rest[body.own_vertex], axis=0).max())
@@ -95,6 +97,8 @@ def _surface(thing: Attachment, body: BodyModel) -> tuple[_Surface, list[str]]:
         problem = f"{thing.mesh.name} is {extent:.3g} m long, the body {of_body:.3g} m"
         raise thing.wrong(problem, "set scale to its unit in metres, such as 0.001")
     vertex, face = _welded(vertex, face)
+    if not len(face):
+        raise thing.wrong(f"{thing.mesh.name} has no triangles of any area", "write it again as .stl")
     whole = closed(vertex, face)
     notes = [f"{thing.mesh.name} {whole.done}"] if whole.done else []
     vertex, face = np.concatenate([vertex, whole.added]), whole.face

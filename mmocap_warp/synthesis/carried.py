@@ -141,8 +141,8 @@ def _carried(plain: Recording, thing: Attachment) -> Recording:
 def _case_course(plain: Recording) -> tuple[np.ndarray, np.ndarray]:
     """Where the case's origin is in the world (frame, 3), and its axes (frame, 3, 3) in the columns.
 
-    It hangs upright from the hand, along the way that the body faces. Let go, it falls and tumbles until its middle is
-    half as high as it is flat, and lies still.
+    It hangs upright from the hand, along the way that the body faces. Let go, it falls and tumbles until a corner
+    reaches the floor, and stays as it is.
     """
     poser, body = ExactPoser(plain.body, plain.root_base), plain.body
     world = poser.joint_transforms(plain.poses)
@@ -154,15 +154,14 @@ def _case_course(plain: Recording) -> tuple[np.ndarray, np.ndarray]:
     turned = np.tile(upright, (len(world), 1, 1))
     gone = int(_LET_GO * len(world))
     velocity = (place[gone] - place[gone - 1]) * plain.fps
-    lowest = _HANDLE + _CASE[1] / 2 + _CASE[0] / 2
+    corner = case().vertex
     for frame in range(gone + 1, len(world)):
         seconds = (frame - gone) / plain.fps
         fallen = place[gone] + seconds * velocity - (0.0, 0.0, _GRAVITY * seconds**2 / 2)
-        if fallen[2] < lowest:
-            place[frame], turned[frame] = place[frame - 1], turned[frame - 1]
-            continue
         x, y, z = seconds * _TUMBLE
-        place[frame], turned[frame] = fallen, turn("z", z) @ turn("y", y) @ turn("x", x) @ upright
+        tumbled = turn("z", z) @ turn("y", y) @ turn("x", x) @ upright
+        landed = fallen[2] + (corner @ tumbled.T)[:, 2].min() < 0
+        place[frame], turned[frame] = (place[frame - 1], turned[frame - 1]) if landed else (fallen, tumbled)
     return place, turned
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -203,9 +204,11 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
         ]
 
 
-WRONG = {
+WRONG: dict[str, tuple[dict[str, Any], str]] = {
+    "no mesh": ({"mesh": Path("nowhere.obj")}, "nowhere.obj does not exist"),
+    "no mesh's ending": ({"mesh": Path(__file__)}, r"attach: names the mesh test_attaching.py, of a kind that is not"),
     "joint": ({"joint": "Hed"}, "no joint 'Hed'; use one of its own, such as Head"),
-    "name": ({"name": "Head"}, "has a joint of that name; name it differently"),
+    "name": ({"name": "Head"}, "has a joint or a part of that name; name it differently"),
     "millimetres": ({"scale": 1000.0}, r"stick.obj is 500 m long, the body 1.1 m; set scale to its unit in metres"),
     "kilometres": ({"scale": 0.001}, r"stick.obj is 0.0005 m long"),
 }
@@ -224,3 +227,9 @@ def test_a_file_that_is_no_mesh_is_refused(tmp_path: Path) -> None:
     (tmp_path / "bat.stl").write_text("solid bat")
     with pytest.raises(InputError, match=r"bat\.stl"):
         carrying(quadruped(), [Attachment("Bat", tmp_path / "bat.stl", "Head")])
+
+
+def test_triangles_without_area_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "line.obj").write_text("v 0 0 0\nv 0.5 0 0\nf 1 2 2\n")
+    with pytest.raises(InputError, match=r"line\.obj has no triangles of any area"):
+        carrying(quadruped(), [Attachment("Line", tmp_path / "line.obj", "Head")])

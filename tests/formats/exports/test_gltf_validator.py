@@ -31,9 +31,10 @@ def test_the_validator_finds_nothing(tmp_path: Path, frames: int) -> None:
     assert report["info"]["animationCount"] == 1
 
 
-def test_nor_in_a_body_with_its_own_motions(tmp_path: Path) -> None:
-    write_body_glb(read_body(body_file("fox")), read_motions(body_file("fox")), tmp_path / "fox.glb")
-    command = ["node", "-e", SCRIPT, str(tmp_path / "fox.glb")]
+@pytest.mark.parametrize(("name", "motions"), [("fox", 3), ("hand", 2), ("anymal", 1), ("panda", 1)])
+def test_nor_in_a_body_with_its_own_motions(name: str, motions: int, tmp_path: Path) -> None:
+    write_body_glb(read_body(body_file(name)), read_motions(body_file(name)), tmp_path / "body.glb")
+    command = ["node", "-e", SCRIPT, str(tmp_path / "body.glb")]
     report = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
     assert report["issues"]["messages"] == []
-    assert report["info"]["animationCount"] == 3
+    assert report["info"]["animationCount"] == motions

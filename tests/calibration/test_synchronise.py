@@ -80,6 +80,17 @@ def test_planted_lags_are_found_without_a_calibration(unsynchronised: Path, caps
     assert found["cameras"]["front"]["offset_s"] == pytest.approx(4 / 60, abs=1e-6)
 
 
+def test_lags_beyond_what_is_possible_are_not_looked_for(
+    unsynchronised: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["sync", str(unsynchronised), "--within", "0.2", "--json", "--quiet"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert {name: camera["offset_frames"] for name, camera in found["cameras"].items()} == LAGS
+    assert all(abs(camera["rival_frames"] - camera["offset_frames"]) <= 12 for camera in found["cameras"].values())
+    assert main(["sync", str(unsynchronised), "--within", "0", "--quiet"]) == 2
+    assert "--within must be a time in seconds" in capsys.readouterr().err
+
+
 def test_found_lags_are_written_and_all_else_stays(unsynchronised: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["sync", str(unsynchronised), "--write", "--quiet"]) == 0
     assert "written" in capsys.readouterr().out

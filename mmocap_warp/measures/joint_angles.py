@@ -96,7 +96,7 @@ def own_angles(skeleton: Skeleton, pose: np.ndarray, model: int | None = None) -
     angles: dict[str, dict[str, np.ndarray]] = {}
     for number in skeleton.searched(model):
         joint, axis = divmod(int(number) - TRANSLATION, 3)
-        if joint > 0:
+        if joint > 0 and not skeleton.is_length[number]:
             angles.setdefault(skeleton.joints[joint], {})["xyz"[axis]] = _continuous(pose[:, number])
     return angles
 

@@ -202,3 +202,4 @@ def test_own_angles_go_on_over_half_a_turn():
     pose = np.zeros((3, arm.coordinates))
     pose[:, arm.angles("Axis1").start + 1] = np.radians((170, -175, -160))
     np.testing.assert_allclose(own_angles(arm, pose)["Axis1"]["y"], (170, 185, 200))
+    assert "Axis6" not in own_angles(replace(arm, sliding=("Axis6",)), pose)  # which is shifted, not turned

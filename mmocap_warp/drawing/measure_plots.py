@@ -19,7 +19,6 @@ _LEAST_RANGE = 10.0  # of an axis of angles, so that what hardly moves looks so 
 _MOST_POINTS = 1000  # of a curve, more than its panel has pixels; of a longer clip every second frame, third ...
 _LEAST_HEIGHT = 100.0  # of the axis of the feet's heights [mm]
 _COLOUR = {"left": "first", "right": "second", "middle": "first"}
-_SIDE_OF_PREFIX = {"L": "left", "R": "right"}
 
 Curves = dict[str, np.ndarray]
 """(frame,) each, by side."""
@@ -57,20 +56,24 @@ def plot_feet(path: Path, measures: Measures) -> None:
     most = max([1000 * float(foot.height.max()) for foot in feet.values()], default=0.0)
     y = axis(-30.0, max(1.05 * most, _LEAST_HEIGHT), _LEGEND + 2 * _ROW - _BOTTOM, _LEGEND + _TOP)
     parts = [_legend(), axes(x, y, "time [s]", "lowest skin over the floor [mm]; bars: on the floor")]
-    for number, (side, foot) in enumerate(feet.items()):
+    skeleton = measures.result.subject.body.skeleton
+    for number, (name, foot) in enumerate(feet.items()):
         track = _track(x, y, seconds, 1000 * foot.height)
+        side = name if name in _COLOUR else skeleton.side(name)
         parts.append(f'<g class="{_COLOUR[side]}">{track}{_bars(foot, seconds, x, y.at(-12.0 - 9.0 * number))}</g>')
     write_whole(path, picture((_WIDTH, _LEGEND + 2 * _ROW), "feet over the floor against time", parts).encode())
 
 
 def _by_joint(measures: Measures) -> dict[str, dict[str, Curves]]:
     """Angles of the run that is shown, by joint without its side, name and side."""
+    skeleton = measures.result.subject.body.skeleton
+    both = {left: left[1:] if left[1:] == right[1:] else name for name, left, right in skeleton.pairs}
+    both |= {right: both[left] for _, left, right in skeleton.pairs}
     rows: dict[str, dict[str, Curves]] = {}
     for joint, angles in measures.shown.angles.items():
-        side = _SIDE_OF_PREFIX.get(joint[0], "middle")
-        panels = rows.setdefault(joint if side == "middle" else joint[1:], {})
+        panels = rows.setdefault(both.get(joint, joint), {})
         for name, angle in angles.items():
-            panels.setdefault(name.replace("_", " "), {})[side] = angle
+            panels.setdefault(name.replace("_", " "), {})[skeleton.side(joint)] = angle
     return rows
 
 

@@ -7,11 +7,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from mmocap_warp.body.model import Subject
+from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.result.positions import blocks, skin_positions
 
-FEET: dict[str, str] = {"left": "LAnkle", "right": "RAnkle"}
-"""The joints that feet follow."""
+_PEOPLES = {"left": "LAnkle", "right": "RAnkle"}  # the joints that a person's feet follow
+_REACH = 0.1  # of a body's height: feet reach as low as this over its lowest skin in the bind pose
 
 NEAR_FLOOR = 0.03
 """Height of a standing foot's lowest skin over the floor, at most [m]."""
@@ -50,10 +50,24 @@ class Foot:
         return 1 + np.flatnonzero(~self.on_floor[1:] & self.on_floor[:-1])
 
 
-def feet_on_floor(subject: Subject, pose: np.ndarray, seconds: np.ndarray, up: np.ndarray) -> dict[str, Foot]:
-    """The feet that a subject has, by side.
+def feet_of(body: BodyModel) -> dict[str, str]:
+    """The joints that its feet follow: a person's by side, ``left`` and ``right``, another body's by their own names.
 
-    The floor is level, and as high as the lower foot is in half of the frames. No speed is known of a single frame,
+    A body that has no ankle of a person has feet where limbs end that come in left-right pairs and reach down to the
+    ground that it stands on in its bind pose, such as paws.
+    """
+    skeleton, rest = body.skeleton, body.skin.rest
+    if any(joint in skeleton.joints for joint in _PEOPLES.values()):
+        return _PEOPLES
+    low = rest[:, 1].min() + _REACH * float(np.ptp(rest[:, 1]))
+    ends = [joint for pair in skeleton.pairs for joint in pair[1:] if skeleton.index(joint) not in skeleton.parent]
+    return {joint: joint for joint in ends if rest[_skin_of(body, joint), 1].min(initial=np.inf) < low}
+
+
+def feet_on_floor(subject: Subject, pose: np.ndarray, seconds: np.ndarray, up: np.ndarray) -> dict[str, Foot]:
+    """The feet that a subject has, named as :func:`feet_of` does.
+
+    The floor is level, and as high as the lowest foot is in half of the frames. No speed is known of a single frame,
     and so no contact.
 
     Args:
@@ -63,26 +77,30 @@ def feet_on_floor(subject: Subject, pose: np.ndarray, seconds: np.ndarray, up: n
         up: (3,), the world's vertical, of length one.
     """
     tracks = {
-        side: _lowest_skin(subject, pose, seconds, up, joint)
-        for side, joint in FEET.items()
-        if len(_sole(subject, joint))
+        name: _lowest_skin(subject, pose, seconds, up, joint)
+        for name, joint in feet_of(subject.body).items()
+        if len(_sole(subject.body, joint))
     }
     if not tracks:
         return {}
     floor = float(np.median(np.min([height for height, _ in tracks.values()], axis=0)))
     feet = {}
-    for side, (height, speed) in tracks.items():
+    for name, (height, speed) in tracks.items():
         over = height - floor
-        feet[side] = Foot(over, speed, _lasting((over < NEAR_FLOOR) & (speed < SLOW), seconds))
+        feet[name] = Foot(over, speed, _lasting((over < NEAR_FLOOR) & (speed < SLOW), seconds))
     return feet
 
 
-def _sole(subject: Subject, joint: str) -> np.ndarray:
-    """(vertex,) int, the lower skin of a foot; none where there is no such joint."""
-    body = subject.body
+def _skin_of(body: BodyModel, joint: str) -> np.ndarray:
+    """(vertex,) int, the skin that a joint moves most; none where there is no such joint."""
     if joint not in body.skeleton.joints:
         return np.zeros(0, int)
-    foot = np.flatnonzero(body.skin.heaviest_joint == body.skeleton.index(joint))
+    return np.flatnonzero(body.skin.heaviest_joint == body.skeleton.index(joint))
+
+
+def _sole(body: BodyModel, joint: str) -> np.ndarray:
+    """(vertex,) int, the lower skin of a foot."""
+    foot = _skin_of(body, joint)
     height = body.skin.rest[foot, 1]
     return foot[height < height.min(initial=np.inf) + _SOLE]
 
@@ -91,7 +109,7 @@ def _lowest_skin(
     subject: Subject, pose: np.ndarray, seconds: np.ndarray, up: np.ndarray, joint: str
 ) -> tuple[np.ndarray, np.ndarray]:
     """Height in the world and speed of a foot's lowest skin, each (frame,) float64; the speed NaN of a single frame."""
-    sole, frames = _sole(subject, joint), len(pose)
+    sole, frames = _sole(subject.body, joint), len(pose)
     lowest, speed = np.empty(frames), np.full(frames, np.nan)
     for block in blocks(frames, _FRAMES_AT_ONCE):
         first, last = max(block.start - 1, 0), min(block.stop + 1, frames)  # a speed needs the frames around its own

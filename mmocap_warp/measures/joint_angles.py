@@ -1,4 +1,6 @@
-"""Joint angles by the recommendations of the International Society of Biomechanics; docs/measures.md has the formulas.
+"""Joint angles: a person's by the recommendations of the International Society of Biomechanics, others' as searched.
+
+docs/measures.md has the formulas.
 
 Wu et al., *ISB recommendation on definitions of joint coordinate system of various joints for the reporting of human
 joint motion*: part I, ankle, hip and spine (J. Biomechanics 35, 2002); part II, shoulder, elbow, wrist and hand (38,
@@ -15,6 +17,7 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import transposed
+from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
 from mmocap_warp.measures.segments import SEGMENTS, has_joints, segment_axes
 
 _LEAST_ELEVATION = 5.0
@@ -80,10 +83,28 @@ def joint_angles(body: BodyModel, transforms: np.ndarray) -> dict[str, dict[str,
     return angles
 
 
+def own_angles(skeleton: Skeleton, pose: np.ndarray, model: int | None = None) -> dict[str, dict[str, np.ndarray]]:
+    """Of each joint but the root the angles that a model searches, by axis of its frame: each (frame,) [degrees].
+
+    They count from the bind pose, in which a robot's joints are at zero, and go on over half a turn.
+
+    Args:
+        skeleton: whose joints they are.
+        pose: (frame, coordinate).
+        model: its number of degrees of freedom; the default one where omitted.
+    """
+    angles: dict[str, dict[str, np.ndarray]] = {}
+    for number in skeleton.searched(model):
+        joint, axis = divmod(int(number) - TRANSLATION, 3)
+        if joint > 0 and not skeleton.is_length[number]:
+            angles.setdefault(skeleton.joints[joint], {})["xyz"[axis]] = _continuous(pose[:, number])
+    return angles
+
+
 def joints_left_out(body: BodyModel) -> list[str]:
-    """The joints of a person whose angles a body does not have."""
+    """The joints of a person whose angles a body does not have; none of a body that has no such angles at all."""
     has = {joint for joint, _ in _measured(body)}
-    return [joint for joint, _ in _defined() if joint not in has]
+    return [joint for joint, _ in _defined() if joint not in has] if has else []
 
 
 def _defined() -> Iterator[tuple[str, tuple[str, str]]]:

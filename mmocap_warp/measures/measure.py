@@ -7,10 +7,11 @@ from functools import cached_property
 
 import numpy as np
 
+from mmocap_warp.body.model import BodyModel
 from mmocap_warp.measures.bone_lengths import Length, bone_lengths
 from mmocap_warp.measures.centre_of_mass import Sex, centre_of_mass
-from mmocap_warp.measures.contacts import FEET, Foot, feet_on_floor
-from mmocap_warp.measures.joint_angles import joint_angles, joints_left_out
+from mmocap_warp.measures.contacts import Foot, feet_of, feet_on_floor
+from mmocap_warp.measures.joint_angles import joint_angles, joints_left_out, own_angles
 from mmocap_warp.measures.segments import skin_place
 from mmocap_warp.measures.steps import Walking, walking
 from mmocap_warp.result.positions import joint_transforms
@@ -25,8 +26,8 @@ class RunMeasures:
         run: its number.
         joints: (frame, joint, 3), joint centres in the world [m].
         joint_sigma: likewise, their standard deviations along the world's axes; None where they are not known.
-        angles: by joint and name, (frame,) each [degrees].
-        feet: by side.
+        angles: by joint and name, (frame,) each [degrees]; of a body that is no person, by axis of the joint's frame.
+        feet: by side; of a body that is no person, by joint.
         walking: steps and strides.
         centre_of_mass: (frame, 3) in the world [m]; None where the body lacks joints of a person.
     """
@@ -92,13 +93,16 @@ def measure(result: Result, run: int | None = None, raw: bool = False, sex: Sex 
     poses = result.raw_pose if raw else result.pose
     if poses is None:
         raise ValueError("raw must be False for a track that was not smoothed")
-    body = result.subject.body
     chosen = range(len(poses)) if run is None else [run]
     measured = tuple(_of_run(result, poses[number], number, raw, sex) for number in chosen)
+    return Measures(result, raw, sex, measured, tuple(_left_out(result.subject.body, measured[0])))
+
+
+def _left_out(body: BodyModel, measured: RunMeasures) -> list[str]:
+    """What a body has no joints for."""
     left_out = [f"angles of {joint}" for joint in joints_left_out(body)]
-    left_out += [f"contacts of the {side} foot" for side in FEET if side not in measured[0].feet]
-    left_out += ["centre of mass"] if measured[0].centre_of_mass is None else []
-    return Measures(result, raw, sex, measured, tuple(left_out))
+    left_out += [f"contacts of the {name} foot" for name in feet_of(body) if name not in measured.feet]
+    return left_out + (["centre of mass"] if measured.centre_of_mass is None else [])
 
 
 def _of_run(result: Result, pose: np.ndarray, run: int, raw: bool, sex: Sex | None) -> RunMeasures:
@@ -107,14 +111,28 @@ def _of_run(result: Result, pose: np.ndarray, run: int, raw: bool, sex: Sex | No
     joints = transforms[:, :, :3, 3].astype(float)
     seconds, up = result.frame_numbers / result.fps, result.cameras.up_vector
     feet = feet_on_floor(subject, pose, seconds, up)
-    heel = {side: skin_place(body, transforms, FEET[side], lambda away: -away[:, 2]) for side in feet}
+    heel = {
+        name: skin_place(body, transforms, joint, _rearmost if name in ("left", "right") else _lowest)
+        for name, joint in feet_of(body).items()
+        if name in feet
+    }
     sigma = None if raw or result.joint_sigma is None else result.joint_sigma[run]
     return RunMeasures(
         run=run,
         joints=joints,
         joint_sigma=sigma,
-        angles=joint_angles(body, transforms),
+        angles=joint_angles(body, transforms) or own_angles(body.skeleton, pose, result.config.get("dof")),
         feet=feet,
         walking=walking(feet, heel, joints[:, 0], seconds, up),
         centre_of_mass=centre_of_mass(body, transforms, sex),
     )
+
+
+def _rearmost(away: np.ndarray) -> np.ndarray:
+    """How far out a heel is on a foot."""
+    return -away[:, 2]
+
+
+def _lowest(away: np.ndarray) -> np.ndarray:
+    """The same of what strikes first of a paw or a shank without a foot."""
+    return -away[:, 1]

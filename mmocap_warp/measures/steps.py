@@ -65,10 +65,10 @@ class Walking:
 def walking(
     feet: dict[str, Foot], heel: dict[str, np.ndarray], root: np.ndarray, seconds: np.ndarray, up: np.ndarray
 ) -> Walking:
-    """Steps and strides that lie whole within the clip.
+    """Steps and strides that lie whole within the clip; steps of who has two feet alone.
 
     Args:
-        feet: by side.
+        feet: by side, or by name.
         heel: of each, (frame, 3) [m].
         root: (frame, 3) [m].
         seconds: (frame,).
@@ -80,7 +80,7 @@ def walking(
     steps = [
         Step(side, frame, float(seconds[frame] - seconds[before]), _along(heel[side][frame] - heel[other][before], way))
         for (before, other), (frame, side) in pairwise(strikes)
-        if side != other
+        if side != other and len(feet) == 2
         for way in [root[frame] - root[before]]
     ]
     strides = [each for side, foot in feet.items() for each in _strides(side, foot, heel[side], seconds)]

@@ -69,9 +69,10 @@ def test_a_track_that_was_not_smoothed_has_no_raw_one(results, capsys):
     assert "--raw needs a result that was smoothed" in capsys.readouterr().err
 
 
-def test_what_a_dog_lacks_is_said(results, tmp_path, capsys):
+def test_a_dog_has_its_own_angles_and_feet(results, tmp_path, capsys):
     assert cli.main(["measure", str(results / "dog.usdc"), "-o", str(tmp_path)]) == exit_codes.OK
     out = capsys.readouterr().out
-    assert "left out, for lack of such joints: angles of Trunk" in out
-    assert "centre of mass" in out
-    assert {path.name for path in tmp_path.iterdir()} == {"joints.csv", "lengths.csv"}
+    assert "left out, for lack of such joints: centre of mass" in out
+    assert all(f"{end}{joint}" in out for end in ("LFore", "RHind") for joint in ("Hip", "Knee"))
+    names = {"angles.csv", "angles.svg", "contacts.csv", "feet.svg", "joints.csv", "lengths.csv"}
+    assert {path.name for path in tmp_path.iterdir()} == names

@@ -2,6 +2,7 @@
 
 import re
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -73,10 +74,22 @@ def test_of_a_long_clip_some_frames_are_drawn(tmp_path):
     assert bar.endswith("L946 " + bar.rsplit(" ", 1)[1])
 
 
-def test_a_dog_has_no_angles_to_plot(tmp_path):
-    measures = measure(answer(quadruped(), np.zeros((2, quadruped().skeleton.coordinates))))
+def test_a_dogs_left_and_right_are_in_one_panel(tmp_path):
+    measures = measure(answer(quadruped(), np.zeros((4, quadruped().skeleton.coordinates))))
+    plot_angles(tmp_path / "angles.svg", measures)
+    drawn = curves(tmp_path / "angles.svg")
+    assert (len(drawn["first"]), len(drawn["second"])) == (7, 6)  # head, and three angles of each leg
+    plot_feet(tmp_path / "feet.svg", measures)
+    drawn = curves(tmp_path / "feet.svg")
+    assert (len(drawn["first"]), len(drawn["second"])) == (4, 4)  # a track and a bar for each foot
+    words = "".join(ElementTree.parse(tmp_path / "angles.svg").getroot().itertext())
+    assert "ForeKnee: x [°]" in words
+
+
+def test_a_body_without_angles_has_none_to_plot(tmp_path, walk):
+    bare = replace(walk, runs=(replace(walk.shown, angles={}),))
     with pytest.raises(ValueError, match="joint angles"):
-        plot_angles(tmp_path / "angles.svg", measures)
+        plot_angles(tmp_path / "angles.svg", bare)
 
 
 def test_a_folder_that_is_not_there(walk, tmp_path):

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from measured import answer, known_events, made_walk
 
+from mmocap_warp.bodies.shipped import load_body
 from mmocap_warp.measures import contacts
-from mmocap_warp.measures.contacts import feet_on_floor
+from mmocap_warp.measures.contacts import feet_of, feet_on_floor
 from mmocap_warp.measures.measure import measure
 from mmocap_warp.measures.steps import walking
+from mmocap_warp.synthesis.motion.robot_tasks import anymal_motions
 from mmocap_warp.synthesis.people import walker
 
 BODY = walker()
@@ -136,3 +138,20 @@ def test_a_foot_without_skin_has_no_contacts():
     result = answer(replace(BODY, skin=skin), np.zeros((5, BODY.skeleton.coordinates)))
     feet = feet_on_floor(result.subject, result.pose[0], np.arange(5) / 60.0, np.array([0.0, 1.0, 0.0]))
     assert list(feet) == ["right"]
+
+
+def test_a_robot_that_trots_stands_on_diagonal_feet_and_has_strides_but_no_steps():
+    robot = load_body("anymal")
+    trot = anymal_motions(robot)["Trot"]
+    run = measure(answer(robot, trot.pose, fps=trot.fps)).shown
+    assert list(run.feet) == ["LF_KFE", "RF_KFE", "LH_KFE", "RH_KFE"]
+    for one, other in (("LF_KFE", "RH_KFE"), ("RF_KFE", "LH_KFE")):
+        assert (run.feet[one].on_floor != run.feet[other].on_floor).mean() < 0.1
+    assert (run.feet["LF_KFE"].on_floor | run.feet["RF_KFE"].on_floor).all()
+    assert run.walking.steps == []
+    assert [stride.length for stride in run.walking.strides] == pytest.approx([0.4] * 4, abs=0.01)
+
+
+@pytest.mark.parametrize(("name", "feet"), [("fox", 4), ("hand", 0), ("panda", 0), ("adult_man", 2)])
+def test_paws_are_feet_and_fingers_are_none(name, feet):
+    assert len(feet_of(load_body(name))) == feet

@@ -1,5 +1,7 @@
 """Joint angles against planted ones."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from measured import answer, mirrored
@@ -8,7 +10,7 @@ from synthetic import synthetic_body
 
 from mmocap_warp.bodies.shipped import load_body
 from mmocap_warp.body.rotations import turn, zyx_angles
-from mmocap_warp.measures.joint_angles import joint_angles, joints_left_out
+from mmocap_warp.measures.joint_angles import joint_angles, joints_left_out, own_angles
 from mmocap_warp.measures.measure import measure
 from mmocap_warp.measures.segments import SEGMENTS
 from mmocap_warp.synthesis.motion.limbs import Leg
@@ -172,12 +174,32 @@ def test_a_body_bound_in_another_pose_has_the_same_angles():
 
 
 @pytest.mark.parametrize("body", [quadruped(), arm_robot()], ids=lambda body: body.name)
-def test_what_is_no_person_has_no_angles_and_says_so(body):
+def test_what_is_no_person_has_its_own_angles_and_misses_none_of_a_persons(body):
     transforms = np.tile(np.eye(4), (1, len(body.joint_rest), 1, 1))
     assert joint_angles(body, transforms) == {}
-    assert joints_left_out(body)[:3] == ["Trunk", "Neck", "LHip"]
-    assert len(joints_left_out(body)) == 14
-    measures = measure(answer(body, np.zeros((3, body.skeleton.coordinates))))
-    assert "centre of mass" in measures.left_out
-    assert "contacts of the left foot" in measures.left_out
+    assert joints_left_out(body) == []
+    pose = np.random.default_rng(5).uniform(-1, 1, (3, body.skeleton.coordinates))
+    measures = measure(answer(body, pose))
+    assert measures.left_out == ("centre of mass",)
     assert measures.lengths
+    told = measures.shown.angles
+    names = [f"{joint}.R{axis}" for joint, angles in told.items() for axis in angles]
+    searched = [body.skeleton.coordinate_names[number] for number in body.skeleton.searched()]
+    assert names == [name for name in searched if "." in name and not name.startswith(body.skeleton.joints[0])]
+    last = body.skeleton.coordinate_names.index(names[-1])
+    np.testing.assert_allclose(told[names[-1].split(".")[0]][names[-1][-1]], np.degrees(pose[:, last]))
+
+
+def test_a_part_of_a_person_says_which_angles_it_has_not():
+    """A person without a left foot has all angles but that ankle's."""
+    skeleton = load_body("adult_man").skeleton
+    renamed = replace(skeleton, joints=tuple("Stump" if j == "LAnkle" else j for j in skeleton.joints), pairs=())
+    assert "LAnkle" in joints_left_out(replace(load_body("adult_man"), skeleton=renamed))
+
+
+def test_own_angles_go_on_over_half_a_turn():
+    arm = arm_robot().skeleton
+    pose = np.zeros((3, arm.coordinates))
+    pose[:, arm.angles("Axis1").start + 1] = np.radians((170, -175, -160))
+    np.testing.assert_allclose(own_angles(arm, pose)["Axis1"]["y"], (170, 185, 200))
+    assert "Axis6" not in own_angles(replace(arm, sliding=("Axis6",)), pose)  # which is shifted, not turned

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from measured import answer, made_walk
-from other_bodies import quadruped
+from other_bodies import arm_robot
 from synthetic import synthetic_result
 
 from mmocap_warp.bodies.shipped import load_body
@@ -119,7 +119,7 @@ def test_events_come_in_their_order_with_their_step_and_stride(walk):
 
 
 def test_what_is_not_known_is_empty_and_a_table_without_rows_is_not_written(tmp_path):
-    dog = quadruped()
-    files = write_tables(tmp_path, measure(answer(dog, np.zeros((3, dog.skeleton.coordinates)))))
-    assert [path.name for path in files] == ["lengths.csv", "joints.csv"]
+    arm = arm_robot()
+    files = write_tables(tmp_path, measure(answer(arm, np.zeros((3, arm.skeleton.coordinates)))))
+    assert [path.name for path in files] == ["lengths.csv", "angles.csv", "joints.csv"]
     assert read(files[0])[1][0][2] == ""

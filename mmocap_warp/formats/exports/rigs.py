@@ -18,6 +18,7 @@ from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
 from mmocap_warp.formats.exports.tracks import posed
 from mmocap_warp.result.result import Result
 
+_NAMED = 4  # of the joints that differ
 _SIDES = {"L": ("Left", 1.0), "R": ("Right", -1.0)}
 
 
@@ -84,7 +85,8 @@ def rigged(result: Result, rig: str) -> Result:
     body = subject.body
     missing = sorted(set(known.names) ^ (set(body.skeleton.joints) - set(body.skeleton.attached)))
     if missing:
-        raise ValueError(f"rig = {rig} is a person's, whose joints differ from this body's by {missing}")
+        more = f" and {len(missing) - _NAMED} more" if len(missing) > _NAMED else ""
+        raise ValueError(f"rig = {rig} is a person's, whose joints differ from this body's by {missing[:_NAMED]}{more}")
     turn = _turns(body, known)
     rest = _rest(body, turn)
     skeleton = _renamed(body.skeleton, known.names | {name: name for name in body.skeleton.attached})

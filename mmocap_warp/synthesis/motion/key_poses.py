@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mmocap_warp.body.body_motion import BodyMotion
-from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
+from mmocap_warp.body.skeleton import Skeleton
 from mmocap_warp.synthesis.motion.tracks import minimum_jerk
 
 KeyPose = tuple[float, dict[str, float]]
@@ -36,7 +36,7 @@ def through_poses(skeleton: Skeleton, keys: Sequence[KeyPose], fps: float) -> Bo
         pose = reached[-1].copy()
         for name, value in changed.items():
             number = skeleton.coordinate_names.index(name)
-            pose[number] = value if number < TRANSLATION else np.radians(value)
+            pose[number] = value if skeleton.is_length[number] else np.radians(value)
         reached.append(pose)
     reached = reached[1:]
     time = np.arange(round(seconds[-1] * fps) + 1) / fps

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from glb_file import Glb
+from measured import answer
 from synthetic import synthetic_result
 
 from mmocap_warp.bodies.shipped import load_body
@@ -75,3 +76,8 @@ def test_what_is_no_person_has_no_rig():
     body = replace(result.subject.body, skeleton=renamed)
     with pytest.raises(ValueError, match=r"differ from this body's by \['Root', 'Tail'\]"):
         rigged(replace(result, subject=replace(result.subject, body=body)), "mixamo")
+    hand = load_body("hand")
+    held = answer(hand, np.zeros((2, hand.skeleton.coordinates)))
+    with pytest.raises(ValueError, match=r"'LHip'\] and 37 more") as refused:
+        rigged(held, "mixamo")
+    assert len(str(refused.value)) < 150

@@ -94,7 +94,8 @@ def offsets_by_hull(rig: CameraRig, views: Sequence[Silhouettes], about: np.ndar
         return None
     offsets, spread = near.offsets()
     stretches = min(_STRETCHES, near.judged // _OF_A_STRETCH)
-    courses = [lag_course(*near.lags(view, offsets, stretches)) for view in range(len(views))]
+    lags = [near.lags(view, offsets, stretches) for view in range(len(views))]
+    courses = [lag_course(middle, lag - offset) for (middle, lag), offset in zip(lags, offsets, strict=True)]
     scatter = np.array([course.scatter for course in courses])
     sigma = scatter / np.sqrt(stretches - 1) if stretches >= _FEWEST else np.full(len(views), np.inf)
     return HullOffsets(offsets, spread, courses, sigma)

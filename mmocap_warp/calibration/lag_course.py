@@ -19,7 +19,7 @@ class LagCourse:
         jump: frames by which it changes at once: 1 less for each frame that the camera dropped.
         at: the frame before which it changes.
         slope: the camera's frames more than its rate says, to one of the scene's.
-        start: its lag at the scene's frame 0, where it has a slope [frames].
+        start: its lag at the scene's frame 0 beyond its offset, where it has a slope [frames].
         scatter: root mean square of the lags about this course [frames].
     """
 
@@ -29,13 +29,18 @@ class LagCourse:
     start: float = 0.0
     scatter: float = field(default=0.0, compare=False)
 
+    @property
+    def changes(self) -> bool:
+        """Whether the lag is not the same all along."""
+        return self.jump != 0 or self.slope != 0.0
+
 
 def lag_course(frame: np.ndarray, lag: np.ndarray) -> LagCourse:
     """What a view's lags in stretches of a recording say.
 
     Args:
         frame: (stretch,) the scene's frame in their middle, ascending.
-        lag: (stretch,) [frames].
+        lag: (stretch,) beyond the view's offset [frames].
     """
     steady = _scatter(lag - lag.mean())
     if len(lag) < 2 * _SIDE:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mmocap_warp.calibration.hull_agreement import HullOffsets, offsets_by_hull
-from mmocap_warp.calibration.lag_course import LagCourse
+from mmocap_warp.calibration.lag_course import LagCourse, lag_course
 from mmocap_warp.calibration.shared_motion import PairScores, common_offsets, pair_scores
 from mmocap_warp.calibration.silhouette_motion import LIKE, SilhouetteMotion
 from mmocap_warp.errors import InputError
@@ -26,6 +26,8 @@ _HULL_REACH = 0.4  # [s] by which the hull may correct what motion found
 _HULL_CORRECTS = 3  # [frames], what motion is sure of, at most
 _HULL_SPREAD = 1  # [frames] between the ends of several starts, of a hull that can be trusted
 _HULL_SIGMA = 0.5  # [frames], standard deviation of an offset, of such a hull
+_STRETCHES, _OF_A_STRETCH = 6, 80  # of a recording, and frames of one at least, that motion tells changes by
+_CHANGE = 0.2  # [s] of a lag that changes, at most
 _RIVAL = 0.75  # of the best score: another lag that scores more makes a view's offset unsure
 _ALIKE = 2  # [frames] within which a pair alone agrees with what all pairs say
 
@@ -43,7 +45,7 @@ class ViewOffset:
         other: that other lag [frames].
         agreeing: share of the other views that, compared with this one alone, say the same within two frames.
         sure: whether the offset can be relied on.
-        course: how it changes, where the hull decided.
+        course: how it changes.
     """
 
     frames: int
@@ -71,7 +73,7 @@ class Synchronisation:
     @property
     def sure(self) -> bool:
         """Whether all offsets can be relied on, all along."""
-        return all(view.sure and not view.course.jump for view in self.views.values())
+        return all(view.sure and not view.course.changes for view in self.views.values())
 
 
 def synchronise(scene: Scene, progress: Progress | None = None, within: float = WITHIN) -> Synchronisation:
@@ -102,14 +104,15 @@ def synchronise(scene: Scene, progress: Progress | None = None, within: float = 
             progress(number + 1, recorded.frame_count)
     signals = [_in_scene_frames(_signals(motion, scene, k), scene.cameras[k].rate) for k, motion in enumerate(motions)]
     scores, offsets = _offsets_by_motion(signals, scene.fps, within)
-    courses, hull = [LagCourse() for _ in masks], None
+    courses, hull = _courses_by_motion(signals, offsets, scene.fps), None
     if scene.calibration is not None and scene.calibrated.placed:
         told = all(_judged(scores, k, offsets, False).sure for k in range(len(masks)))
         about, reach = (offsets, 0) if told else (np.zeros_like(offsets), round(min(_HULL_REACH, within) * scene.fps))
         by_hull = offsets_by_hull(scene.rig(scale), masks, about, reach)
         hull = by_hull is not None and _trusted(by_hull, offsets if told else None)
         if by_hull and hull:
-            offsets, courses = by_hull.offsets, by_hull.courses
+            offsets = by_hull.offsets
+            courses = [one if one.changes else other for one, other in zip(by_hull.courses, courses, strict=True)]
     found = {
         source.name: replace(_judged(scores, k, offsets, hull is True), course=courses[k])
         for k, source in enumerate(scene.cameras)
@@ -175,6 +178,21 @@ def _offsets_by_motion(signals: list[np.ndarray], fps: float, within: float) -> 
     near = scores.within(min(most, round(_SHORT * fps)))
     short, long = common_offsets(near), common_offsets(scores)
     return scores, long if scores.total(long) > _CLEARLY * scores.total(short) else short
+
+
+def _courses_by_motion(signals: list[np.ndarray], offsets: np.ndarray, fps: float) -> list[LagCourse]:
+    """How the views' lags change from a stretch of the recording to the next."""
+    begin = offsets - offsets.min()
+    length = min(len(each) - first for each, first in zip(signals, begin, strict=True))
+    reach = round(_CHANGE * fps)
+    middles, lags = [], []
+    for part in np.array_split(np.arange(length), max(1, min(_STRETCHES, length // _OF_A_STRETCH))):
+        there = [each[first + part] for each, first in zip(signals, begin, strict=True)]
+        scores = pair_scores(there, LIKE, fps, reach)
+        none = np.zeros(len(signals), int)
+        lags.append([int(np.argmax(scores.of_view(view, none))) - reach for view in range(len(signals))])
+        middles.append(part.mean())
+    return [lag_course(np.array(middles), lag) for lag in np.array(lags, float).T]
 
 
 def _most_common(offsets: np.ndarray) -> int:

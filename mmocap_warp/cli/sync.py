@@ -56,7 +56,8 @@ def sync(
     timing = {
         source.name: _timing(found.views[source.name], found, found.fps * source.rate) for source in loaded.cameras
     }
-    faults = [_doubt(name, view) for name, view in found.views.items() if not view.sure or view.course.jump]
+    doubted = [name for name, view in found.views.items() if not view.sure or view.course.changes]
+    faults = [_doubt(name, found.views[name], timing[name]) for name in doubted]
     if write and found.sure:
         write_timing(loaded.path, timing)
     step = command("cameras", loaded.path) if loaded.calibration and loaded.calibrated.placed else None
@@ -129,12 +130,18 @@ def _decided_by(found: Synchronisation) -> str:
     return "decided by when silhouettes move: the calibration or the motion is too poor for the visual hull to tell"
 
 
-def _doubt(name: str, view: ViewOffset) -> str:
+def _doubt(name: str, view: ViewOffset, timing: dict[str, float]) -> str:
     """Why an offset cannot be relied on."""
     if view.sure and view.course.jump:
         what = f"dropped {-view.course.jump}" if view.course.jump < 0 else f"has {view.course.jump} too many"
         return (
             f"{name} {what} of its frames near frame {view.course.at}: its offset changes there; cut or mend the video"
+        )
+    if view.sure and view.course.slope:
+        runs = f"{100 * abs(view.course.slope):.1f} % {'faster' if view.course.slope > 0 else 'slower'}"
+        return (
+            f"{name} runs {runs} than it says, or dropped frames here and there: set fps = {timing['fps']:g} under "
+            f"[cameras.{name}] and run sync again; if it still changes, mend the video"
         )
     if view.rival == float("inf"):
         return f"{name} shows no motion that the other views share: the person stands still, or it is another recording"

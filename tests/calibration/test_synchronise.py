@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -135,6 +136,36 @@ def test_cameras_of_other_rates_are_compared_by_time(unsynchronised: Path) -> No
     found = synchronise(load_scene(unsynchronised, calibrated=False))
     assert found.views["front"].frames == pytest.approx(6, abs=1)
     assert found.views["right"].frames == -7
+
+
+@pytest.mark.parametrize(
+    ("taken", "says"),
+    [
+        (np.delete(np.arange(345), np.s_[170:175]), "front dropped 5 of its frames near frame 1[5-9]"),
+        (np.arange(345), None),
+        (
+            np.rint(np.arange(330) * 1.02).astype(int),
+            r"front runs (1.9|2.\d) % slower than it says.*set fps = 58\.[6-9]",
+        ),
+    ],
+    ids=["dropped", "sound", "slower"],
+)
+def test_a_lag_that_changes_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], taken: np.ndarray, says: str | None
+) -> None:
+    motion = wandering(3, seed=4, frames=345)
+    random = np.random.default_rng(5)
+    for name in LAGS:
+        mix = random.uniform(0.5, 1.5, 3) * [6, 8, 7] * random.choice([-1, 1], 3)
+        (tmp_path / name).mkdir()
+        for frame, source in enumerate(taken if name == "front" else np.arange(345)):
+            width, height, lean = mix * motion[source]
+            write_png(tmp_path / name / f"{frame:04d}.png", silhouette(26 + width, 50 + height, lean))
+    (tmp_path / "scene.toml").write_text(SCENE.replace("frame_offset = 9 # a wrong guess\n", ""))
+    code = main(["sync", str(tmp_path), "--quiet"])
+    assert code == (4 if says else 0)
+    if says:
+        assert re.search(says, capsys.readouterr().out)
 
 
 def test_one_camera_and_empty_masks_are_one_clear_line(unsynchronised: Path) -> None:

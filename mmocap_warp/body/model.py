@@ -9,6 +9,8 @@ import numpy as np
 
 from mmocap_warp.body.skeleton import Skeleton
 
+_PERSON = 1.2  # [m], what is as large as a person
+
 
 @dataclass(frozen=True)
 class SkinMesh:
@@ -93,6 +95,11 @@ class BodyModel:
         from_carrier = skin.rest - self.joint_rest[skeleton.carrier[skin.heaviest_joint]]
         by_vertex = np.where(self.own_vertex[:, None], np.float32(0), from_carrier)
         return by_vertex, self.joint_rest - self.joint_rest[skeleton.carrier]
+
+    @cached_property
+    def relative_size(self) -> float:
+        """Its largest extent over a person's, at most 1: what lengths that hold for people are multiplied by."""
+        return min(1.0, float(np.ptp(self.skin.rest[self.own_vertex], axis=0).max()) / _PERSON)
 
     @property
     def volume(self) -> float:

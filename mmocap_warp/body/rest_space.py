@@ -207,7 +207,7 @@ def _bones(body: BodyModel, groups: dict[str, tuple[int, ...]], weight: np.ndarr
             along = np.clip((rest - place[parent]) @ direction / length, 0, 1)
             skin += (weight[:, below[joint]].sum(axis=1) + weight[:, parent] * along)[:, None] * direction
             centre[below[joint]] += direction
-        yield _Column(f"bone.{name}", _BONE_SIGMA, skin, centre)
+        yield _Column(f"bone.{name}", _BONE_SIGMA * body.relative_size, skin, centre)
 
 
 def _girths(body: BodyModel, groups: dict[str, tuple[int, ...]], weight: np.ndarray) -> Iterator[_Column]:
@@ -220,7 +220,7 @@ def _girths(body: BodyModel, groups: dict[str, tuple[int, ...]], weight: np.ndar
         follows = weight[:, list(group)].sum(axis=1)
         if follows.any() and not body.skeleton.is_attached[group[0]]:
             skin = follows[:, None] * normal
-            yield _Column(f"girth.{name}", _GIRTH_SIGMA, skin, np.zeros(body.joint_rest.shape))
+            yield _Column(f"girth.{name}", _GIRTH_SIGMA * body.relative_size, skin, np.zeros(body.joint_rest.shape))
 
 
 def _vertex_normals(rest: np.ndarray, face: np.ndarray) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+_PSI = 1.533751168755204288118041  # the real root of psi^4 = psi + 4
 _PLANE = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}
 
 
@@ -35,6 +36,21 @@ def zyx_angles(rotation: np.ndarray) -> np.ndarray:
         ],
         axis=-1,
     )
+
+
+def spread_rotations(count: int) -> np.ndarray:
+    """(count, 3, 3) rotations spread evenly over all there are: a super-Fibonacci spiral (Alexa 2022)."""
+    number = np.arange(count) + 0.5
+    share = number / count
+    first, second = 2 * np.pi * number / np.sqrt(2), 2 * np.pi * number / _PSI
+    x, y = np.sqrt(share) * np.sin(first), np.sqrt(share) * np.cos(first)
+    z, w = np.sqrt(1 - share) * np.sin(second), np.sqrt(1 - share) * np.cos(second)
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
+        (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
+        (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
+    )
+    return np.moveaxis(np.array(rows), -1, 0)
 
 
 def transposed(rotation: np.ndarray) -> np.ndarray:

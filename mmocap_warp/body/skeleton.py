@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -50,6 +50,7 @@ class Skeleton:
         sliding: names of the joints that slide; their limits and spread are lengths [m].
         attached: names of joints that are no part of the body but carry a rigid thing of known size, such as a racket.
             None but attached joints hang on them.
+        stands: whether the body's +Y points up, about, when a recording starts; a hand's points anywhere.
 
     Raises:
         ValueError: any of these does not hold.
@@ -66,6 +67,7 @@ class Skeleton:
     pairs: tuple[Pair, ...] = ()
     sliding: tuple[str, ...] = ()
     attached: tuple[str, ...] = ()
+    stands: bool = True
 
     def __post_init__(self) -> None:
         count = len(self.joints)
@@ -111,6 +113,18 @@ class Skeleton:
     def coordinates(self) -> int:
         """Length of a pose."""
         return TRANSLATION + 3 * len(self.joints)
+
+    @cached_property
+    def root_is_fixed(self) -> bool:
+        """Whether the root stands still, as the base of a robot arm: the default model searches nothing of it."""
+        return bool((self.searched() >= ROOT_ANGLES.stop).all())
+
+    def with_free_root(self) -> Skeleton:
+        """The same joints, with one model: the default one's coordinates, and all of the root's."""
+        searched = np.union1d(np.arange(ROOT_ANGLES.stop), self.searched()).astype(np.int32)
+        limits = self.limits.copy()
+        limits[0] = -np.inf, np.inf
+        return replace(self, limits=limits, models={len(searched): searched})
 
     @cached_property
     def coordinate_names(self) -> tuple[str, ...]:

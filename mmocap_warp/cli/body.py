@@ -11,11 +11,12 @@ from mmocap_warp.cli.console import Console, Switch
 from mmocap_warp.cli.exit_codes import UsageError
 from mmocap_warp.errors import InputError
 
-app = App(name="body", help="Make a body, import one of another program's, or draw one.", version_flags=[])
+app = App(name="body", help="Make a body, import another program's, learn its limits, or draw it.", version_flags=[])
 app.command(
     "mmocap_warp.cli.body_import:import_body", name="import", help="Write a body of a rigged character or a robot."
 )
 app.command("mmocap_warp.cli.body_export:export_body", name="export", help="Write a body as glTF, with its motions.")
+app.command("mmocap_warp.cli.body_learn:learn", name="learn", help="Write a body that turns as far as it was seen to.")
 app.command("mmocap_warp.cli.body_show:show_body", name="show", help="Draw a body, its joints and how they turn.")
 
 

@@ -175,6 +175,7 @@ def _tell(made: Imported, output: Path, console: Console) -> None:
         "joints": skeleton.joints,
         "degrees_of_freedom": len(skeleton.searched()),
         "rigid": body.rigid,
+        "stands": skeleton.stands,
         "size": size.round(4).tolist(),
         "vertices": len(body.skin.rest),
         "tracking_triangles": len(body.tracking_face),
@@ -187,6 +188,7 @@ def _tell(made: Imported, output: Path, console: Console) -> None:
         f"{output}: {len(skeleton.joints)} joints ({of_kinds}), "
         f"{len(skeleton.searched())} degrees of freedom, {len(skeleton.pairs)} left-right pairs"
         + (", rigid" if body.rigid else "")
+        + ("" if skeleton.stands else ", lies anyhow")
         + ("" if made.freedom[0].free else ", on a base that stands still"),
         f"  {wide:.3g} m wide, {tall:.3g} m tall, {long:.3g} m long; {len(body.tracking_face)} tracking triangles",
         *(f"  {note}" for note in made.notes),

@@ -23,7 +23,7 @@ class FitFlags:
     scale: float | None = None
     """Of masks and cameras, up to 1. [default: images 480 pixels long]"""
     headings: int | None = None
-    """Evenly spread starting directions. [default: 8]"""
+    """Evenly spread starting directions; of a body that starts anyhow, the best of many starts. [default: 8]"""
     rigid: bool | None = None
     """Bones' lengths, girths and scale are known, as a robot's are: find the pose alone. [default: what the body
     says]"""
@@ -39,6 +39,7 @@ def fit(
     *,
     output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("subject.usdc"),
     body: str | None = None,
+    start_pose: list[str] | None = None,
     frames: str | None = None,
     identity: Identity = None,
     flags: FitFlags | None = None,
@@ -56,6 +57,9 @@ def fit(
     body
         The generic body that the subject's is near to: a shipped one's name or a USD file. The scene's, or else
         adult_man.
+    start_pose
+        In which the recording starts, about: the name of one of the body's motions, of which some frames are tried, or
+        a .toml file of angles in degrees such as 'LKnee.Rx = 40'. May be given more than once.
     frames
         Which of the recording's frames: first:end or first:end:stride, such as 120:480:2, which leaves out the end; or
         a count of those that the scene names. [default: those that the scene names]
@@ -64,7 +68,8 @@ def fit(
     force
         Replace a file that exists.
     """
-    from mmocap_warp.bodies.shipped import DEFAULT_BODY, load_body
+    from mmocap_warp.bodies.shipped import DEFAULT_BODY, body_file, load_body
+    from mmocap_warp.bodies.start_poses import start_poses
     from mmocap_warp.cli.devices import start_warp
     from mmocap_warp.cli.judging import scene_for
     from mmocap_warp.cli.outputs import new_file
@@ -78,10 +83,12 @@ def fit(
     loaded = scene_for(scene, frames, identity)
     note_others(loaded, console)
     config = effective(FitConfig, loaded.settings("fit"), flags)
-    start = load_body(body or loaded.body or DEFAULT_BODY, "--body" if body else loaded.path)
+    named = body or loaded.body or DEFAULT_BODY, "--body" if body else loaded.path
+    start = load_body(*named)
+    poses = start_poses(body_file(*named), start_pose) if start_pose else None
     start_warp(config.device)
     console.note(f"fit: {describe(config, loaded.fit, flags)}")
-    subject = fit_subject(loaded, start, config, output, console)
+    subject = fit_subject(loaded, start, config, output, console, poses)
     values = {"file": output, "body": start.name, "height_m": subject.provenance["body.height"], **subject.provenance}
     console.result(values, f"{output}: {start.name}, {_measures(subject.provenance)}")
 

@@ -10,17 +10,30 @@ from mmocap_warp.cli.console import Console
 from mmocap_warp.cli.progress import Progress
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from mmocap_warp.body.model import BodyModel, Subject
     from mmocap_warp.scene.recording import Scene
     from mmocap_warp.tracking.fit import FitConfig
 
 
-def fit_subject(scene: Scene, body: BodyModel, config: FitConfig, output: Path, console: Console) -> Subject:
+def fit_subject(
+    scene: Scene,
+    body: BodyModel,
+    config: FitConfig,
+    output: Path,
+    console: Console,
+    start_poses: np.ndarray | None = None,
+) -> Subject:
     """Fit a body to a scene and write it to ``output``, showing progress, with a line where masks do not decide.
+
+    ``start_poses`` (pose, coordinate) are those in which the recording may start; None for the body's usual ones.
 
     Raises:
         InputError: the first frame's masks do not show one subject.
     """
+    import numpy as np
+
     from mmocap_warp.bodies.attaching import carrying
     from mmocap_warp.cli.judging import scene_reference
     from mmocap_warp.formats.usd.body import write_subject
@@ -29,10 +42,14 @@ def fit_subject(scene: Scene, body: BodyModel, config: FitConfig, output: Path, 
     carried = carrying(body, scene.attached)
     for note in carried.notes:
         console.note(f"attach: {note}")
+    poses = start_poses
+    if poses is not None:  # what is attached begins as it is carried; its joints come last
+        poses = np.pad(poses, ((0, 0), (0, carried.body.skeleton.coordinates - poses.shape[1])))
     with Progress("fit", None, quiet=console.quiet) as progress:
-        subject = fit(scene, carried.body, config, lambda stage, done, cost: progress(round(100 * done), 100))
+        subject = fit(scene, carried.body, config, lambda stage, done, cost: progress(round(100 * done), 100), poses)
     if subject.provenance["fit.decided"] == "no":
-        console.note(_UNDECIDED[str(subject.provenance["fit.alternative"])])
+        name = str(subject.provenance["fit.alternative"])
+        console.note((_UNDECIDED if body.skeleton.stands else _UNDECIDED_LYING)[name])
     chosen = {"fit.identity": scene.foreground.identity} if scene.foreground.identity else {}
     reference = {"fit.scene": scene_reference(scene.path, output)}
     subject = replace(subject, provenance={**subject.provenance, **reference, **chosen})
@@ -43,4 +60,8 @@ def fit_subject(scene: Scene, body: BodyModel, config: FitConfig, output: Path, 
 _UNDECIDED = {
     "turned": "fit: the masks do not tell which way the subject faces; it may be back to front",
     "swapped": "fit: the masks do not tell left limbs from right ones; they may be swapped",
+}
+_UNDECIDED_LYING = {
+    "turned": "fit: the masks do not tell which way the subject lies; it may be turned far from it",
+    "swapped": "fit: the masks do not tell limbs that are alike from one another; they may be exchanged",
 }

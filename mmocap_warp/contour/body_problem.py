@@ -44,25 +44,35 @@ class BodyProblem:
         rooting: moves poses.
         generic: (parameter,) the body that is expected before anything is seen.
         sigma: (parameter,) how far it is from that, as standard deviations.
+        still: of the searched coordinates, the first so many are the same in all frames: those of a base that stands.
     """
 
     linearise: LineariseBody
     rooting: Rooting
     generic: np.ndarray
     sigma: np.ndarray
+    still: int = 0
 
     def solved(self, frames: np.ndarray, rooted: RootedPoses, beta: np.ndarray, steps: int = 12) -> BodySolution:
         """The body and its poses in frames by their numbers, from poses and parameters to start with."""
         descent = _Descent(self, frames)
         start = _State(rooted, np.asarray(beta, float))
         state, equations = descend(descent, start, descent.linearised(start), steps)
-        information = equations.without_poses(equations.contour.with_prior(self.rooting.anywhere**-2.0))
-        covariance = np.linalg.inv(information.matrix)
+        anywhere = self.rooting.anywhere**-2.0
+        information = equations.without_poses(equations.contour.with_prior(anywhere[self.still :])).matrix
+        base = np.arange(self.still)
+        information[base, base] += anywhere[: self.still]
+        covariance = np.linalg.inv(information)[self.still :, self.still :]
         return BodySolution(state.beta, covariance, state.rooted, equations.contour.cost)
 
 
 def body_problem(
-    fitter: ContourFitter, space: RestSpace, root_base: np.ndarray, share: float, around: Around | None = None
+    fitter: ContourFitter,
+    space: RestSpace,
+    root_base: np.ndarray,
+    share: float,
+    around: Around | None = None,
+    still: int = 0,
 ) -> BodyProblem:
     """The problem of a body in a rest space, seen in the frames that a fitter observes.
 
@@ -72,6 +82,7 @@ def body_problem(
         root_base: (3, 3), see :class:`~mmocap_warp.body.model.Subject`.
         share: of the space's standard deviations, how far from the expected body a subject may be.
         around: the frames' neighbours, for late views; their poses stay as they are.
+        still: of the searched coordinates, how many of the first are the same in all frames.
     """
     body = space.body
 
@@ -81,7 +92,7 @@ def body_problem(
         return fitter.linearise(frames, rooted, around[frames] if around else None)
 
     rooting = Rooting(body.skeleton, root_base, body.skeleton.searched())
-    return BodyProblem(linearise, rooting, np.zeros(len(space.names)), share * space.sigma)
+    return BodyProblem(linearise, rooting, np.zeros(len(space.names)), share * space.sigma, still)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,9 +105,9 @@ class _State:
 
 @dataclass(frozen=True, eq=False)
 class _Reduced:
-    """The body's own equations, once each frame's pose follows the body; and how it follows."""
+    """What all frames share, a base that stands still and the body, once each frame's pose follows it; and how."""
 
-    matrix: np.ndarray  # (parameter, parameter)
+    matrix: np.ndarray  # (parameter, parameter), those of the base first
     gradient: np.ndarray  # (parameter,)
     pose_step: np.ndarray  # (frame, dof) with the body as it is
     pose_by_body: np.ndarray  # (frame, dof, parameter) what a step of the body takes from it
@@ -134,13 +145,26 @@ class _Descent:
 
     def __init__(self, problem: BodyProblem, frames: np.ndarray) -> None:
         self._problem, self._frames = problem, frames
-        self._trust = Trust(problem.rooting.is_length)
+        is_length, self._still = problem.rooting.is_length, problem.still
+        self._trust, self._trust_of_base = Trust(is_length[self._still :]), Trust(is_length[: self._still])
 
     def linearised(self, state: _State) -> _Equations:
         information = self._problem.sigma**-2.0
         off = state.beta - self._problem.generic
-        prior = np.diag(information), -information * off, 0.5 * float(information @ off**2)
-        return _Equations(self._problem.linearise(self._frames, state.rooted, state.beta), prior)
+        base = np.zeros(self._still)  # is pulled nowhere
+        prior = (
+            np.diag(np.concatenate([base, information])),
+            np.concatenate([base, -information * off]),
+            0.5 * float(information @ off**2),
+        )
+        contour = self._problem.linearise(self._frames, state.rooted, state.beta)
+        return _Equations(self._base_with_body(contour) if self._still else contour, prior)
+
+    def _base_with_body(self, contour: NormalEquations) -> NormalEquations:
+        """The coordinates of a base that stands still behind those of each frame, before the body's parameters."""
+        still, dof = self._still, len(self._problem.rooting.searched)
+        order = np.concatenate([np.arange(still, dof), np.arange(still), np.arange(dof, contour.gradient.shape[1])])
+        return NormalEquations(contour.matrix[:, order][:, :, order], contour.gradient[:, order], contour.cost)
 
     def stepped(self, state: _State, equations: _Equations, damping: np.ndarray) -> tuple[_State, float]:
         trust = self._trust.matrix(equations.contour, damping)
@@ -148,9 +172,11 @@ class _Descent:
         reduced = equations.without_poses(equations.contour.matrix[:, :dof, :dof] + trust)
         # Frames that were refused hold the body back too, by as much of its own scale.
         pull = (damping.max() - 1) * np.diag(np.diag(reduced.matrix))
+        pull[: self._still, : self._still] += self._trust_of_base.alone(damping.max())
         change = np.linalg.solve(reduced.matrix + pull, reduced.gradient)
-        most = LARGEST_CHANGE * self._problem.sigma
+        most = np.concatenate([np.full(self._still, LARGEST_STEP), LARGEST_CHANGE * self._problem.sigma])
         change = np.clip(change, -most, most)
         step = np.clip(reduced.pose_step - reduced.pose_by_body @ change, -LARGEST_STEP, LARGEST_STEP)
-        moved = _State(self._problem.rooting.stepped(state.rooted, step), state.beta + change)
+        step = np.concatenate([np.tile(change[: self._still], (len(step), 1)), step], axis=1)
+        moved = _State(self._problem.rooting.stepped(state.rooted, step), state.beta + change[self._still :])
         return moved, float(max(np.abs(step).max(), np.abs(change).max(initial=0.0)))

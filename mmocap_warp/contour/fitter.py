@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -48,7 +48,7 @@ from mmocap_warp.views.rig import CameraRig
 
 @dataclass(frozen=True)
 class MatchingConfig:
-    """How an outline is compared with the masks' contours; lengths are at the body.
+    """How an outline is compared with the masks' contours; lengths are at a body as large as a person.
 
     Attributes:
         reach: how far along its normal a contour is looked for [m].
@@ -63,6 +63,11 @@ class MatchingConfig:
     sigma: float = 0.012
     apart: float = 4.0
     deep: float = 0.04
+
+    def for_size(self, share: float) -> MatchingConfig:
+        """That of a body of so much of a person's size; cameras are as much nearer to it."""
+        lengths = {name: share * getattr(self, name) for name in ("reach", "huber", "sigma", "deep")}
+        return replace(self, **lengths)
 
 
 WIDE = MatchingConfig(reach=0.2, huber=0.03, sigma=0.03)
@@ -139,7 +144,7 @@ class ContourFitter:
         )
         self._tree = _tree(skeleton, self.index, device)
         self._change: Any = _change(parameters, vertices, joints, candidates, device)
-        config = matching or MatchingConfig()
+        config = (matching or MatchingConfig()).for_size(body.relative_size)
         self._matching = filled(Matching, **asdict(config))
         size = min(len(edge), max(_MOST_CONTOUR, len(edge) // 2))
         view = (candidates, cameras)

@@ -25,6 +25,11 @@ class Trust:
         self._information = np.where(is_length, _SHIFT, _TURN) ** -2.0
         self._dof = len(is_length)
 
+    def alone(self, damping: float) -> np.ndarray:
+        """(dof, dof) of coordinates that all frames share, whatever is seen of them."""
+        matrix: np.ndarray = np.diag(damping * self._information)
+        return matrix
+
     def matrix(self, contour: NormalEquations, damping: np.ndarray) -> np.ndarray:
         """(frame, dof, dof) diagonal matrices to add to normal matrices, for damping (frame,), 1 or more."""
         seen = np.einsum("fdd->fd", contour.matrix)[:, : self._dof]

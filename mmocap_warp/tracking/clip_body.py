@@ -14,7 +14,7 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.rest_space import RestSpace
-from mmocap_warp.body.skeleton import ROOT_ANGLES
+from mmocap_warp.body.skeleton import ROOT_ANGLES, Skeleton
 from mmocap_warp.contour.around import Around
 from mmocap_warp.contour.body_problem import BodySolution, body_problem
 from mmocap_warp.contour.fitter import ContourFitter
@@ -135,7 +135,7 @@ def follow(
 def solve_body(
     subject: Subject, generic: BodyModel, rig: CameraRig, followed: Followed, device: str, threads: int
 ) -> tuple[Subject, float]:
-    """The subject's body and the poses of frames as one problem.
+    """The subject's body and the poses of frames as one problem; of a body on a base, where that stands too.
 
     Args:
         subject: where the body starts, with the first frame's root base.
@@ -148,7 +148,10 @@ def solve_body(
     Returns:
         The solved body in the first frame's pose, and what contours cost in a frame.
     """
-    space, skeleton = RestSpace(generic), generic.skeleton
+    own = generic.skeleton
+    skeleton, still = (own.with_free_root(), ROOT_ANGLES.stop) if own.root_is_fixed else (own, 0)
+    generic = replace(generic, skeleton=skeleton)
+    space = RestSpace(generic)
     count, parameters = len(followed.rooted), len(space.names)
     fitter = ContourFitter(
         generic, rig, skeleton.searched(), skeleton.coordinate_limits,
@@ -157,14 +160,22 @@ def solve_body(
     for place, observation in enumerate(followed.observation):
         fitter.observe(place, observation)
 
-    problem = body_problem(fitter, space, subject.root_base, PRIOR, followed.around)
+    problem = body_problem(fitter, space, subject.root_base, PRIOR, followed.around, still)
     solution = problem.solved(np.arange(count), followed.rooted, space.nearest(subject.body), _BODY_STEPS)
     pose = problem.rooting.leave(solution.rooted[:1], subject.pose[ROOT_ANGLES])[0]
     kept = {name: value for name, value in subject.provenance.items() if name.startswith("fit.")}
     shape = {f"shape.{name}": float(value) for name, value in zip(space.names, solution.beta, strict=True)}
     provenance = kept | {"fit.frames": count} | measurements(space, solution) | shape
     solved = replace(subject, body=space.model(solution.beta), pose=pose, provenance=provenance)
-    return solved, float(solution.cost.mean())
+    return with_base_still(solved, own) if still else solved, float(solution.cost.mean())
+
+
+def with_base_still(subject: Subject, skeleton: Skeleton) -> Subject:
+    """The subject with a skeleton whose root stands still: where it lies is in the root base, and no more in angles."""
+    free = subject.body.skeleton
+    there = Rooting(free, subject.root_base, free.searched()).enter(subject.pose[None])
+    body = replace(subject.body, skeleton=skeleton)
+    return replace(subject, body=body, root_base=there.base[0], pose=there.pose[0])
 
 
 def measurements(space: RestSpace, solution: BodySolution) -> dict[str, float]:

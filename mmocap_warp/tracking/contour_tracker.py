@@ -7,7 +7,8 @@ is good, and the best is kept:
 1. a short search from the last pose, then contours;
 2. contours from many poses around the best so far, each with one part of the body thrown about: what finds an arm that
    a search of five times the budget does not;
-3. after some frames in a row that stayed bad: contours from poses standing where the masks meet, heading anywhere.
+3. after some frames in a row that stayed bad: contours from poses where the masks meet, heading anywhere; of a body
+   that does not stand, turned any way, and of one on a base that stands still, bent any way.
 
 A view that was taken a fraction of a frame off the others sees, for the contours, the body on its way from the last
 pose. The search and the overlaps that judge do without that.
@@ -22,7 +23,7 @@ import numpy as np
 import warp as wp
 
 from mmocap_warp.body.model import Subject
-from mmocap_warp.body.rotations import transposed, zyx_angles, zyx_rotation
+from mmocap_warp.body.rotations import spread_rotations, transposed, zyx_angles, zyx_rotation
 from mmocap_warp.body.shape_space import heading_rotation, upright_base
 from mmocap_warp.body.skeleton import ROOT_ANGLES
 from mmocap_warp.device import resolve_device
@@ -45,6 +46,8 @@ _DAMPED = 0.8  # of the last motion is taken to go on
 _SCATTER = 40  # poses
 _THROW = 0.35  # [rad] by which they are thrown about
 _HEADINGS = 16
+_STARTS_ANYHOW = 20  # turns of a body that lies anyhow
+_VOXEL = 0.04  # [m]
 _MEMORY = 20  # frames that the running level is taken over
 _FEWEST = 4  # of these a level needs
 _FALL = 0.012  # of overlap below the level calls for more
@@ -214,7 +217,7 @@ class ContourTracker:
             rescued = better & self._level_known & (found.overlap > before + _FALL)
         wanted = self._falls_short(found) & (self._lost[:, 0] >= _PATIENCE)
         if wanted.any():
-            found, anew = self._improved(found, wanted, self._standing(observation), observation)
+            found, anew = self._improved(found, wanted, self._anew(search, observation), observation)
             found, more = self._improved(found, anew, self._scattered(search, found.pose), observation)
             rescued = rescued | anew | more
         return found, evaluations, rescued
@@ -252,12 +255,13 @@ class ContourTracker:
         Args:
             found: a pose for each run.
             fall: how far below.
-            exposed: outline of such limbs that is too long [m]. What every frame remembered has of it comes on top: a
-                wrong calibration exposes the whole body, always.
+            exposed: outline of such limbs that is too long for a person [m]. What every frame remembered has of it
+                comes on top: a wrong calibration exposes the whole body, always.
         """
         level = np.where(self._level_known, self._median_level, np.float32(np.inf))
         always = np.where(self._level > 0, self._outside, np.float32(np.inf)).min(axis=1)
         always = np.where(self._level_known, always, np.float32(0.0))
+        exposed *= self._subject.body.relative_size
         short: np.ndarray = (found.overlap < level - fall) | (found.exposed > exposed + always)
         return short
 
@@ -293,24 +297,44 @@ class ContourTracker:
                 start[index] += rng.normal(0.0, _THROW, len(index))
         return self._within(starts)
 
-    def _standing(self, observation: Observation) -> np.ndarray:
-        """Last poses and the first one (run, start, coordinate), standing where the masks meet, heading anywhere."""
-        hull = visual_hull(self._rig, observation, spacing=0.04, tolerate=1)
+    def _anew(self, search: PoseSearch, observation: Observation) -> np.ndarray:
+        """Last poses and the first one (run, start, coordinate) where the masks meet, turned any way.
+
+        A body that stands is turned about the vertical. One whose base stands still bends any way.
+        """
+        skeleton = self._subject.body.skeleton
+        if skeleton.root_is_fixed:
+            return self._bent_anyhow(search)
+        hull = visual_hull(self._rig, observation, spacing=_VOXEL * self._subject.body.relative_size, tolerate=1)
         up = upright_base(self._rig.up)
-        frame, home = self._subject.body.skeleton.frame[0].astype(float), self._subject.root_base
+        frame, home = skeleton.frame[0].astype(float), self._subject.root_base
         first = np.repeat(self._subject.pose[None], self._runs, axis=0)
+        if skeleton.stands:
+            headings = 2 * np.pi * np.arange(_HEADINGS) / _HEADINGS
+            turns = [up @ heading_rotation(heading) @ transposed(up) for heading in headings]
+        else:
+            turns = list(spread_rotations(_STARTS_ANYHOW))
         starts = []
         for pose in (self._pose.astype(float), first):
-            for heading in 2 * np.pi * np.arange(_HEADINGS) / _HEADINGS:
-                turned = (
-                    up @ heading_rotation(heading) @ transposed(up) @ home @ frame @ zyx_rotation(pose[:, ROOT_ANGLES])
-                )
+            for turn in turns:
+                turned = turn @ home @ frame @ zyx_rotation(pose[:, ROOT_ANGLES])
                 start = pose.copy()
                 start[:, ROOT_ANGLES] = zyx_angles(frame.T @ home.T @ turned)
                 if len(hull):
                     start[:, :3] = np.median(hull, axis=0)
                 starts.append(start)
         return self._within(np.stack(starts, axis=1))
+
+    def _bent_anyhow(self, search: PoseSearch) -> np.ndarray:
+        """Poses (run, start, coordinate) of which all angles are drawn anew, within their limits."""
+        low, high = np.clip(self._limits, -np.pi, np.pi).T
+        bent = np.concatenate(self._parts)
+        starts = np.repeat(self._pose[:, None], _SCATTER, axis=1)
+        counter = search.counter.numpy()
+        for run, of_run in enumerate(starts):
+            rng = np.random.default_rng([self.config.seed + run, int(counter[run])])
+            of_run[:, bent] = rng.uniform(low[bent], high[bent], (_SCATTER, len(bent)))
+        return starts
 
     def _within(self, pose: np.ndarray) -> np.ndarray:
         """Poses as float32, within their limits."""

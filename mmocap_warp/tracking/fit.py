@@ -1,7 +1,9 @@
 """A subject without hand work: where it stands and heads, its pose in the first frame, and its body, from the masks.
 
 1. The visual hull gives the place and the size.
-2. Several headings, evenly spread, are each fitted by a short search over pose, shape and scale together.
+2. Several headings, evenly spread, are each fitted by a short search over pose, shape and scale together. Of a body
+   that need not stand as in its bind pose, a hand or a robot, many ways to turn and bend it are judged, and the best
+   fitted instead.
 3. Contours take each to the bottom of its basin, body included. Of the best few, limbs are drawn anew until nothing
    is gained.
 4. The first seconds of the clip are followed by contours, and some of their frames solved for the body together.
@@ -22,13 +24,21 @@ from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.shape_space import ShapeSpace
+from mmocap_warp.body.skeleton import Skeleton
 from mmocap_warp.device import available_threads, resolve_device
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import config_from_table
-from mmocap_warp.tracking.clip_body import frames_to_follow, solve_body_in_clip
+from mmocap_warp.tracking.clip_body import frames_to_follow, solve_body_in_clip, with_base_still
 from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.frame_fit import FrameFit, Guess
-from mmocap_warp.tracking.standing_search import NoSubjectError, search_headings, standing_start
+from mmocap_warp.tracking.screening import screened_starts, usual_poses
+from mmocap_warp.tracking.standing_search import (
+    NoSubjectError,
+    search_headings,
+    search_starts,
+    standing_start,
+    subject_hull,
+)
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
 
@@ -39,7 +49,7 @@ _LONGEST = 480  # pixels
 _WINNERS = 2  # finalists whose limbs are searched until nothing is gained
 _ROUNDS = 6  # over the limbs, at most
 _CLEAR = 0.03  # of the cost: a margin by which one frame decides
-_TURNED = -0.2  # cosine between the ways that two bodies face
+_TURNED = -0.2  # cosine between the ways that two bodies face, or of the turn between them
 _ELSEWHERE = 0.1  # [m]: joints that are nearer to each other are in the same place
 _UNDECIDED = 0.005  # of the cost: a margin that decides nothing
 _UNDECIDED_CLIP = 0.02  # the same for contours over a clip, as a share of their cost
@@ -53,7 +63,7 @@ class FitConfig:
     Attributes:
         seed: of the random numbers.
         scale: of masks and cameras; None makes the largest image 480 pixels long, which is plenty for a shape.
-        headings: evenly spread starting directions.
+        headings: evenly spread starting directions; of a body that starts anyhow, the best of many starts.
         evaluations: spent on each.
         finalists: headings whose limbs are searched.
         frames: of the clip's first seconds that the body is solved from; 1 takes it from the first frame alone.
@@ -89,6 +99,7 @@ def fit(
     body: BodyModel,
     config: FitConfig | None = None,
     progress: FitProgress | None = None,
+    start_poses: np.ndarray | None = None,
     **settings: Any,
 ) -> Subject:
     """Fit a body to a scene: its first frame finds the pose, its first seconds the shape.
@@ -98,6 +109,8 @@ def fit(
         body: the generic body that the subject's is expected to be near to; it gets what the scene says is attached.
         config: settings; None for those of the scene's [fit] table.
         progress: told after every stage.
+        start_poses: (pose, coordinate) in one of which, about, the recording starts; None for the body's usual ones.
+            Where they lie and head is looked for.
         settings: fields of :class:`FitConfig` to replace those of ``config``, such as ``headings=4``.
 
     Raises:
@@ -110,7 +123,10 @@ def fit(
     numbers = frames_to_follow(scene.rate, scene.frame_count if config.frames > 1 else 1)
     observations = islice(scene.observations(scale, count=numbers[-1] + 1), 0, None, numbers.step)
     try:
-        subject = fit_clip(body, scene.rig(scale), scene.rate / numbers.step, observations, config, progress)
+        subject = fit_clip(
+            body, scene.rig(scale), scene.rate / numbers.step, observations, config, progress,
+            start_poses,
+        )  # fmt: skip
     except NoSubjectError as error:
         remedy = "look at the masks (mmocap mask) and the calibration (mmocap cameras)"
         raise InputError(scene.path, f"frame {scene.first_frame}: {error}", remedy) from None
@@ -126,6 +142,7 @@ def fit_clip(
     observations: Iterable[Observation],
     config: FitConfig | None = None,
     progress: FitProgress | None = None,
+    start_poses: np.ndarray | None = None,
 ) -> Subject:
     """Fit a body to consecutive frames: the first finds the pose, all of them the shape.
 
@@ -137,11 +154,12 @@ def fit_clip(
             than one frame all are in memory.
         config: settings; its scale is not used.
         progress: told after every stage.
+        start_poses: see :func:`fit`.
 
     Raises:
         NoSubjectError: the first frame's masks do not show one subject in at least two views.
     """
-    task = _Task(body, rig, config or FitConfig(), progress or (lambda stage, done, cost: None))
+    task = _Task(body, rig, config or FitConfig(), progress or (lambda stage, done, cost: None), start_poses)
     observations = iter(observations)
     first = next(observations)
     best, others = _first_frame(task, first)
@@ -164,7 +182,8 @@ def fit_clip(
 def _with_clip_body(task: _Task, clip: list[Observation], fps: float, subject: Subject) -> tuple[Subject, float]:
     """The subject with the body of the frames that it can be followed through, and their contours' mean cost."""
     settings = TrackConfig(seed=task.config.seed, device=task.device, threads=task.threads)
-    return solve_body_in_clip(subject, task.body, task.rig, clip, fps, task.config.frames, settings)
+    generic = replace(task.body, skeleton=task.generic.skeleton)
+    return solve_body_in_clip(subject, generic, task.rig, clip, fps, task.config.frames, settings)
 
 
 def fit_observation(
@@ -173,6 +192,7 @@ def fit_observation(
     observation: Observation,
     config: FitConfig | None = None,
     progress: FitProgress | None = None,
+    start_poses: np.ndarray | None = None,
 ) -> Subject:
     """Fit a body to one frame's masks.
 
@@ -182,11 +202,12 @@ def fit_observation(
         observation: the masks; at least two views must see the subject.
         config: settings.
         progress: told after every stage.
+        start_poses: see :func:`fit`.
 
     Raises:
         NoSubjectError: fewer than two views see the subject, or they see different things.
     """
-    task = _Task(body, rig, config or FitConfig(), progress or (lambda stage, done, cost: None))
+    task = _Task(body, rig, config or FitConfig(), progress or (lambda stage, done, cost: None), start_poses)
     best, others = _first_frame(task, observation)
     found = _found(best, others)
     decided = "no" if any(other.cost < best.cost + _UNDECIDED for other in others.values()) else "yes"
@@ -201,12 +222,14 @@ class _Task:
     rig: CameraRig
     config: FitConfig
     progress: FitProgress
+    start_poses: np.ndarray | None = None
 
     @cached_property
     def body(self) -> BodyModel:
-        """The generic body, rigid or not."""
-        rigid = self.config.rigid
-        return self.generic if rigid is None else replace(self.generic, rigid=rigid)
+        """The generic body, rigid or not; a base that stands still has to be found too."""
+        generic, rigid = self.generic, self.config.rigid
+        skeleton = generic.skeleton.with_free_root() if generic.skeleton.root_is_fixed else generic.skeleton
+        return replace(generic, skeleton=skeleton, rigid=generic.rigid if rigid is None else rigid)
 
     @cached_property
     def space(self) -> RestSpace:
@@ -224,7 +247,8 @@ class _Task:
     def subject(self, guess: Guess, found: dict[str, str | float | int]) -> Subject:
         """A guess with its provenance."""
         settings = {f"fit.{name}": value for name, value in asdict(self.config).items() if value is not None}
-        return Subject(self.space.model(guess.beta), guess.root_base, guess.pose, settings | found)
+        subject = Subject(self.space.model(guess.beta), guess.root_base, guess.pose, settings | found)
+        return with_base_still(subject, self.generic.skeleton) if self.generic.skeleton.root_is_fixed else subject
 
 
 def _first_frame(task: _Task, observation: Observation) -> tuple[Guess, dict[str, Guess]]:
@@ -241,12 +265,13 @@ def _first_frame(task: _Task, observation: Observation) -> tuple[Guess, dict[str
     if better.cost < best.cost:
         best = frame.with_limbs_found(better, _ROUNDS)
     task.progress("limbs", _LIMBS_SHARE, best.cost)
-    ahead = best.facing(skeleton)
-    turned = [guess for guess in finalists + guesses if guess.facing(skeleton) @ ahead < _TURNED]
+    turned = [guess for guess in finalists + guesses if _turned(skeleton, best, guess)]
     others: dict[str, Guess] = {}
-    if turned:
-        others["turned"] = frame.with_limbs_found(min(turned, key=_cost), _ROUNDS)
     there = task.subject(best, {})
+    if turned:
+        other = frame.with_limbs_found(min(turned, key=_cost), _ROUNDS)
+        if _differ(there, task.subject(other, {})):  # else it has turned back
+            others["turned"] = other
     exchanged = [guess for guess in exchanged if guess.cost < best.cost + _UNDECIDED]
     swapped = [finalists[0], *anew, *exchanged, *frame.with_sides_swapped(best)]
     swapped = [guess for guess in swapped if _differ(there, task.subject(guess, {}))]
@@ -258,10 +283,18 @@ def _first_frame(task: _Task, observation: Observation) -> tuple[Guess, dict[str
     return best, others
 
 
+def _turned(skeleton: Skeleton, one: Guess, other: Guess) -> bool:
+    """Whether one faces away from the other; of bodies that lie anyhow, whether one is turned far from the other."""
+    here, there = one.orientation(skeleton), other.orientation(skeleton)
+    if skeleton.stands:
+        return bool(there[:, 2] @ here[:, 2] < _TURNED)
+    return bool((np.trace(here.T @ there) - 1) / 2 < _TURNED)
+
+
 def _differ(one: Subject, other: Subject) -> bool:
     """Whether a joint of two subjects is in another place."""
     places = [Poser(each.body, each.root_base).joint_transforms(each.pose)[0, :, :3, 3] for each in (one, other)]
-    return bool(np.linalg.norm(places[0] - places[1], axis=1).max() > _ELSEWHERE)
+    return bool(np.linalg.norm(places[0] - places[1], axis=1).max() > _ELSEWHERE * one.body.relative_size)
 
 
 def _found(best: Guess, others: dict[str, Guess]) -> dict[str, str | float | int]:
@@ -273,13 +306,22 @@ def _found(best: Guess, others: dict[str, Guess]) -> dict[str, str | float | int
 
 
 def _headings(task: _Task, observation: Observation) -> list[Guess]:
-    """A guess for each heading."""
-    config, shapes = task.config, ShapeSpace(task.body, task.rig.up)
-    found = search_headings(
-        shapes, task.rig, observation, standing_start(shapes, task.rig, observation),
-        headings=config.headings, evaluations=config.evaluations, seed=config.seed,
-        device=task.device, threads=task.threads,
-    )  # fmt: skip
+    """A guess for each heading, or for each of the best ways to turn and bend a body that has no usual ones."""
+    config, shapes, body = task.config, ShapeSpace(task.body, task.rig.up), task.body
+    effort: Any = {
+        "evaluations": config.evaluations, "seed": config.seed, "device": task.device, "threads": task.threads
+    }  # fmt: skip
+    if task.start_poses is None and body.skeleton.stands and not body.rigid:
+        start = standing_start(shapes, task.rig, observation)
+        found = search_headings(shapes, task.rig, observation, start, headings=config.headings, **effort)
+    else:
+        given = task.start_poses
+        poses = usual_poses(body.skeleton, body.rigid, config.seed) if given is None else given
+        hull = subject_hull(body, task.rig, observation)
+        starts = screened_starts(
+            shapes, task.rig, observation, hull, poses, count=config.headings, device=task.device, threads=task.threads
+        )
+        found = search_starts(shapes, task.rig, observation, starts, near_rest=given is None, **effort)
     subjects = [shapes.subject(coordinates.astype(np.float64), {}) for coordinates in found]
     return [Guess(task.space.nearest(subject.body), subject.root_base, subject.pose) for subject in subjects]
 

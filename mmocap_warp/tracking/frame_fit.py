@@ -16,7 +16,7 @@ from mmocap_warp.contour.fitter import WIDE, ContourFitter, MatchingConfig
 from mmocap_warp.contour.motion_points import MotionPoints
 from mmocap_warp.contour.rooted import Rooting
 from mmocap_warp.objective.objective import Objective
-from mmocap_warp.tracking.limbs import Limb, limb_pairs, limbs, mirrored
+from mmocap_warp.tracking.limbs import Limb, like_limbs, limb_pairs, limbs, mirrored
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
 
@@ -50,11 +50,11 @@ class Guess:
     pose: np.ndarray
     cost: float = np.inf
 
-    def facing(self, skeleton: Skeleton) -> np.ndarray:
-        """(3,) which way the root faces in the world."""
+    def orientation(self, skeleton: Skeleton) -> np.ndarray:
+        """(3, 3) the world from the root's axes in the body: its columns are its left, its up, and where it faces."""
         rooting = Rooting(skeleton, self.root_base, skeleton.searched())
-        facing: np.ndarray = rooting.enter(self.pose[None]).base[0, :, 2]
-        return facing
+        base: np.ndarray = rooting.enter(self.pose[None]).base[0]
+        return base
 
 
 class FrameFit:
@@ -79,7 +79,7 @@ class FrameFit:
         self.space = space
         self._skeleton, self._vertex = skeleton, body.tracking_vertex
         self._limbs = limbs(skeleton)
-        self._pairs = limb_pairs(skeleton)
+        self._pairs, self._like = limb_pairs(skeleton), like_limbs(skeleton)
         self._random = np.random.default_rng(seed)
 
         def fitter(candidates: int, parameters: int, matching: MatchingConfig) -> ContourFitter:
@@ -135,13 +135,16 @@ class FrameFit:
         return found
 
     def with_places_exchanged(self, guess: Guess) -> list[Guess]:
-        """For each pair of limbs, what is found from where each lies in the other's place: crossed arms uncross."""
+        """For each pair of limbs, what is found from where each lies in the other's place: crossed arms uncross.
+
+        Of a body that has no pairs, for each two limbs that are alike.
+        """
         body = self.space.model(guess.beta)
         rooting = Rooting(self._skeleton, guess.root_base, self._skeleton.searched())
         points = MotionPoints(self._skeleton, body.joint_rest, rooting.searched)
         there = rooting.enter(guess.pose[None])
         found = []
-        for one, other in self._pairs:
+        for one, other in self._pairs or self._like:
             exchanged = places_exchanged(there, (one.coordinates, other.coordinates), points, rooting)
             pose = rooting.leave(exchanged, guess.pose[ROOT_ANGLES])
             self._take_body(guess.beta, guess.root_base)

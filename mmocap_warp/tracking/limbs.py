@@ -51,6 +51,17 @@ def limb_pairs(skeleton: Skeleton) -> list[tuple[Limb, Limb]]:
     return [pair for pair in combinations(limbs(skeleton), 2) if pair[0].other == pair[1].name]
 
 
+def like_limbs(skeleton: Skeleton) -> list[tuple[Limb, Limb]]:
+    """Limbs of as many joints that hang on the same one, as a hand's fingers do: masks may take one for another."""
+    return [pair for pair in combinations(limbs(skeleton), 2) if len({_build(skeleton, limb) for limb in pair}) == 1]
+
+
+def _build(skeleton: Skeleton, limb: Limb) -> tuple[int, int]:
+    """What a limb hangs on, and how many joints it has."""
+    joints = np.unique((limb.coordinates - TRANSLATION) // 3)
+    return skeleton.parent[int(joints[0])], len(joints)
+
+
 def _mirrored_part(skeleton: Skeleton, joints: list[int]) -> str | None:
     names = {skeleton.joints[joint] for joint in joints}
     for _, left, right in skeleton.pairs:

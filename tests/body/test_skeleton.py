@@ -118,3 +118,13 @@ def test_what_does_not_fit_together_is_refused(change: dict, complaint: str) -> 
 def test_unknown_joint() -> None:
     with pytest.raises(ValueError, match=r"joint must be one of .*, got 'LFoot'"):
         SKELETON.index("LFoot")
+
+
+def test_a_root_that_stands_still_can_be_freed_to_be_found() -> None:
+    arm = chain(models={2: np.array([7, 9])})
+    assert arm.root_is_fixed
+    assert not chain().root_is_fixed
+    freed = arm.with_free_root()
+    np.testing.assert_array_equal(freed.searched(), [0, 1, 2, 3, 4, 5, 7, 9])
+    assert np.isinf(freed.limits[0]).all()
+    np.testing.assert_array_equal(freed.limits[1:], arm.limits[1:])

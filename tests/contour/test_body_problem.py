@@ -7,6 +7,7 @@ import pytest
 from planted import swung
 from synthetic import synthetic_body
 
+from mmocap_warp.body.skeleton import ROOT_ANGLES
 from mmocap_warp.contour.body_problem import BodyProblem, BodySolution
 from mmocap_warp.contour.motion_points import MotionPoints
 from mmocap_warp.contour.normal_equations import NormalEquations
@@ -122,3 +123,19 @@ def test_no_parameter_moves_further_in_a_step_than_three_of_its_own_deviations(t
     assert moved[0] == pytest.approx(0.06)
     assert moved[1] > 0.4
     np.testing.assert_allclose(solution.beta[:3], TRUTH[:3], atol=0.03)  # which is 20 deviations from the generic one
+
+
+def test_a_base_that_stands_still_is_found_once_for_all_frames(true_poses):
+    """From a base that is off by the same in all frames, and joints that are off by chance in each."""
+    pose, base = true_poses.pose.copy(), np.tile(true_poses.base[:1], (len(FRAMES), 1, 1))
+    pose[:, : ROOT_ANGLES.stop] = pose[0, : ROOT_ANGLES.stop]
+    true = RootedPoses(base, pose)
+    off = np.random.default_rng(1).normal(0, 0.05, (len(FRAMES), DOF))
+    off[:, : ROOT_ANGLES.stop] = off[0, : ROOT_ANGLES.stop]
+    problem = BodyProblem(PlantedBody(true), ROOTING, np.zeros(PARAMETERS), SIGMA, still=ROOT_ANGLES.stop)
+    solution = problem.solved(FRAMES, ROOTING.stepped(true, off), np.full(PARAMETERS, 0.2))
+    np.testing.assert_allclose(solution.beta, TRUTH, atol=2e-3)
+    np.testing.assert_array_equal(solution.rooted.base, np.tile(solution.rooted.base[:1], (len(FRAMES), 1, 1)))
+    np.testing.assert_allclose(solution.rooted.base[0], true.base[0], atol=1e-3)
+    np.testing.assert_allclose(solution.rooted.pose[:, SEARCHED], true.pose[:, SEARCHED], atol=3e-3)
+    assert solution.covariance.shape == (PARAMETERS, PARAMETERS)

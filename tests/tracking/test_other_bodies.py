@@ -10,10 +10,13 @@ import numpy as np
 import pytest
 from other_bodies import arm_robot, burdened, quadruped
 from random_scenes import perfect_masks
+from scipy.spatial.transform import Rotation
 from synthetic import ring_rig
 
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.posing import Poser
+from mmocap_warp.body.rotations import zyx_angles, zyx_rotation
+from mmocap_warp.body.skeleton import ROOT_ANGLES
 from mmocap_warp.formats.usd.animation import export_animation
 from mmocap_warp.formats.usd.body import read_body, read_subject, write_body, write_subject
 from mmocap_warp.formats.usd.check import faults
@@ -22,6 +25,7 @@ from mmocap_warp.result.evaluation import evaluate
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.tracking.algorithms import ALGORITHMS
 from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.fit import FitConfig, fit_clip, fit_observation
 from mmocap_warp.tracking.track import track_observations
 from mmocap_warp.views.observation import Observation
@@ -68,6 +72,9 @@ def test_its_usd_reads_back(name: str, tmp_path: Path) -> None:
     )  # fmt: skip
     np.testing.assert_array_equal(back.searched(), body.skeleton.searched())
     np.testing.assert_array_equal(back.limits, body.skeleton.limits)
+    assert back.stands
+    write_body(tmp_path / "lying.usda", replace(body, skeleton=replace(body.skeleton, stands=False)))
+    assert not read_body(tmp_path / "lying.usda").skeleton.stands
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
@@ -110,6 +117,82 @@ def test_a_quadruped_is_fitted_from_the_masks_alone() -> None:
     there = Poser(subject.body, subject.root_base).vertices(poses[:1])[0]
     found = Poser(fitted.body, fitted.root_base).vertices(fitted.pose)[0]
     assert np.linalg.norm(found - there, axis=-1).mean() < 0.04
+
+
+def turned_about(body: BodyModel, pose: np.ndarray, seed: int = 4) -> np.ndarray:
+    """A pose (coordinate,) whose root is turned any way."""
+    turned = pose.copy()
+    turned[ROOT_ANGLES] = zyx_angles(Rotation.random(random_state=seed).as_matrix())
+    return turned
+
+
+def test_a_body_that_lies_anyhow_is_found_too() -> None:
+    """On its back or side, where nothing says which way is up."""
+    subject, (poses, _) = subject_of("quadruped"), motion("quadruped")
+    body = replace(subject.body, skeleton=replace(subject.body.skeleton, stands=False))
+    pose = turned_about(body, poses[2])
+    seen = Observation.from_masks(perfect_masks(subject, RIG, pose))
+    fitted = fit_observation(body, RIG, seen, FitConfig(headings=4, evaluations=600, finalists=2, device="cpu"))
+    there = Poser(subject.body, subject.root_base).vertices(pose[None])[0]
+    found = Poser(fitted.body, fitted.root_base).vertices(fitted.pose)[0]
+    assert np.linalg.norm(found - there, axis=-1).mean() < 0.04
+
+
+def test_a_robot_and_where_its_base_stands_are_found_from_any_pose() -> None:
+    """The base is solved for once, in all frames together, and its coordinates stay zero."""
+    subject = subject_of("arm")
+    body = replace(subject.body, rigid=True, skeleton=replace(subject.body.skeleton, spread=np.full(7, 1.0)))
+    pose = np.tile(subject.pose, (3, 1))
+    pose[:, :3] += (0.2, 0.0, -0.1)
+    pose[:, body.skeleton.searched()] = [0.5, -1.1, 1.4, 0.6, 0.9, 0.3]
+    pose[:, body.skeleton.searched()[1:3]] += 0.05 * np.arange(3)[:, None]
+    seen = [Observation.from_masks(perfect_masks(subject, RIG, each)) for each in pose]
+    fitted = fit_clip(body, RIG, FPS, seen, FitConfig(headings=4, evaluations=400, finalists=2, device="cpu"))
+    assert fitted.body.skeleton.root_is_fixed
+    assert not fitted.pose[ROOT_ANGLES].any()
+    there = Poser(subject.body, subject.root_base).vertices(pose[:1])[0]
+    found = Poser(fitted.body, fitted.root_base).vertices(fitted.pose)[0]
+    assert np.linalg.norm(found - there, axis=-1).mean() < 0.01
+
+
+def test_a_start_pose_is_taken_from_where_the_body_usually_is_not() -> None:
+    """Folded legs: poses that are given are turned to all headings, and the best are fitted."""
+    subject = subject_of("quadruped")
+    pose = subject.pose.copy()
+    knees = [subject.body.skeleton.angles(f"{leg}Knee").start for leg in ("LFore", "RFore", "LHind", "RHind")]
+    pose[knees] = 1.1
+    pose[ROOT_ANGLES] = (0.0, 2.0, 0.0)
+    seen = Observation.from_masks(perfect_masks(subject, RIG, pose))
+    given = np.where(np.isin(np.arange(len(pose)), knees), 1.0, 0.0)[None]
+    config = FitConfig(headings=2, evaluations=200, finalists=1, device="cpu")
+    fitted = fit_observation(subject.body, RIG, seen, config, start_poses=given)
+    there = Poser(subject.body, subject.root_base).vertices(pose[None])[0]
+    found = Poser(fitted.body, fitted.root_base).vertices(fitted.pose)[0]
+    assert np.linalg.norm(found - there, axis=-1).mean() < 0.04
+
+
+def test_a_lost_arm_is_looked_for_where_its_base_stands() -> None:
+    subject, (_, seen) = subject_of("arm"), motion("arm")
+    tracker = ContourTracker(subject, RIG, TrackConfig(device="cpu", threads=1), FPS)
+    starts = tracker._anew(tracker.search, seen[0])
+    skeleton = subject.body.skeleton
+    bent = skeleton.searched()
+    held = np.setdiff1d(np.arange(skeleton.coordinates), bent)
+    np.testing.assert_array_equal(
+        starts[..., held], np.broadcast_to(subject.pose[held].astype(np.float32), starts[..., held].shape)
+    )
+    assert np.ptp(starts[0][:, bent], axis=0).min() > 2.5  # of limits 4 rad apart
+
+
+def test_a_lost_body_that_lies_anyhow_is_turned_any_way() -> None:
+    subject, (_, seen) = subject_of("quadruped"), motion("quadruped")
+    lying = replace(subject, body=replace(subject.body, skeleton=replace(subject.body.skeleton, stands=False)))
+    tracker = ContourTracker(lying, RIG, TrackConfig(device="cpu", threads=1), FPS)
+    up = zyx_rotation(tracker._anew(tracker.search, seen[0])[0][:, ROOT_ANGLES].astype(float))[..., 1]
+    assert (up @ (0.0, 1.0, 0.0)).min() < -0.8
+    standing = ContourTracker(subject, RIG, TrackConfig(device="cpu", threads=1), FPS)
+    up = zyx_rotation(standing._anew(standing.search, seen[0])[0][:, ROOT_ANGLES].astype(float))[..., 1]
+    np.testing.assert_allclose(up @ (0.0, 1.0, 0.0), 1.0, atol=1e-5)
 
 
 @pytest.mark.parametrize("said_by", ["body", "setting"])

@@ -32,6 +32,7 @@ SKIN_TRIANGLES = 60_000
 """Of the mesh that is shown, by default: finer skin slows everything that poses it."""
 
 _SPREAD = 0.2  # how far joints are expected from the bind pose when a recording starts [rad]
+_WIDEST_SPREAD = 1.0  # likewise, of what may begin anywhere
 _NEGLIGIBLE = 5e-4  # share of a vertex's weight that may be dropped without a word
 _PART_TRIANGLES, _PART_CELLS = 500, 16  # a robot's part of more triangles has an inside; it is wrapped on such a grid
 _LEAST_SKIN = 4  # triangles, the least that can close
@@ -98,7 +99,7 @@ def imported(
         notes.append("names say left of what lies to the right: the body may face the other way (--facing)")
     body = BodyModel(
         name=name,
-        skeleton=_skeleton(mesh, pairs, freedom),
+        skeleton=_skeleton(mesh, pairs, freedom, given.stands),
         joint_rest=place.astype(np.float32),
         skin=skin,
         tracking_vertex=tracking_vertex,
@@ -118,7 +119,13 @@ def imported(
     return Imported(body, freedom, motions, tuple(notes))
 
 
-def _skeleton(mesh: RiggedMesh, pairs: tuple[Pair, ...], freedom: list[Freedom]) -> Skeleton:
+def _skeleton(mesh: RiggedMesh, pairs: tuple[Pair, ...], freedom: list[Freedom], stands: bool | None) -> Skeleton:
+    """A robot stands, on legs or a base, and so does what has a left and a right; a hand does not.
+
+    What stands begins near its bind pose. Robots, and what lies anyhow, begin anywhere within their limits.
+    """
+    stands = (mesh.rigid or bool(pairs)) if stands is None else stands
+    near_bind = stands and not mesh.rigid
     parts, part = parts_of(mesh.joints, mesh.parent)
     place = list(range(TRANSLATION)) if freedom[0].free else []
     angles = [TRANSLATION + 3 * j + "xyz".index(axis) for j, how in enumerate(freedom) for axis in how.free]
@@ -130,12 +137,19 @@ def _skeleton(mesh: RiggedMesh, pairs: tuple[Pair, ...], freedom: list[Freedom])
         parent=mesh.parent,
         frame=np.stack([how.frame for how in freedom]).astype(np.float32),
         limits=np.stack([how.limits for how in freedom]).astype(np.float32),
-        spread=np.full(len(mesh.joints), _SPREAD),
+        spread=np.array([_SPREAD, *(_SPREAD if near_bind else _spread_anywhere(how) for how in freedom[1:])]),
         models={len(searched): searched},
         parts=parts,
         part=part,
         pairs=pairs,
+        stands=stands,
     )
+
+
+def _spread_anywhere(freedom: Freedom) -> float:
+    """Standard deviation of an angle that is anywhere within its limits, of the joint's widest [rad]."""
+    widths = [np.ptp(np.clip(freedom.limits["xyz".index(axis)], -np.pi, np.pi)) for axis in freedom.free]
+    return float(np.clip(max(widths, default=0.0) / np.sqrt(12), _SPREAD, _WIDEST_SPREAD))
 
 
 def _skin(mesh: RiggedMesh, triangles: int, skin_triangles: int) -> tuple[SkinMesh, np.ndarray, np.ndarray, list[str]]:

@@ -19,7 +19,8 @@ _ABOUT = """\
 # x, y, z: lowest and highest angle from the bind pose, in degrees.
 # Also: hinge = [1, 0, 0], the axis x of a joint in the body's axes (+X its left, +Y up, +Z ahead);
 # parent = "name", what the joint hangs on. At the top: root = "fixed" for a base that stands still;
-# rigid = true where bones' lengths, girths and scale are known, as a robot's are.
+# rigid = true where bones' lengths, girths and scale are known, as a robot's are; stands = false where the body's +Y
+# may point anywhere, as a hand's.
 """
 _FREE = ("", "x", "y", "z", "xy", "xz", "yz", "xyz")
 
@@ -49,12 +50,14 @@ class GivenJoints:
         source: the file, for errors.
         fixed_root: whether the root stands still; None where the file is silent.
         rigid: whether the body's shape is known; None where the file is silent.
+        stands: whether the body's +Y points up; None where the file is silent.
         joints: by name.
     """
 
     source: str
     fixed_root: bool | None = None
     rigid: bool | None = None
+    stands: bool | None = None
     joints: dict[str, GivenJoint] = field(default_factory=dict)
 
 
@@ -66,10 +69,10 @@ def read_joints_file(path: str | Path) -> GivenJoints:
     """
     table = load_toml(path)
     root = table.take_choice("root", ("free", "fixed"), None)
-    rigid = table.take("rigid", bool, None)
+    rigid, stands = (table.take(key, bool, None) for key in ("rigid", "stands"))
     joints = {name: _joint(entry) for name, entry in table.take_table("joints").take_tables().items()}
     table.finish()
-    return GivenJoints(str(path), None if root is None else root == "fixed", rigid, joints)
+    return GivenJoints(str(path), None if root is None else root == "fixed", rigid, stands, joints)
 
 
 def _joint(entry: Table) -> GivenJoint:
@@ -129,8 +132,9 @@ def write_joints_file(path: str | Path, body: BodyModel, freedom: list[Freedom])
     Raises:
         InputError: the file cannot be written.
     """
-    root, rigid = "free" if freedom[0].free else "fixed", str(body.rigid).lower()
-    lines = [_ABOUT.format(name=body.name), f'root = "{root}"\nrigid = {rigid}\n']
+    root = "free" if freedom[0].free else "fixed"
+    rigid, stands = str(body.rigid).lower(), str(body.skeleton.stands).lower()
+    lines = [_ABOUT.format(name=body.name), f'root = "{root}"\nrigid = {rigid}\nstands = {stands}\n']
     for joint, how in list(zip(body.skeleton.joints, freedom, strict=True))[1:]:
         lines.append(f'\n[joints.{joint}]  # {how.origin}\nfree = "{how.free}"\n')
         for axis in how.free:

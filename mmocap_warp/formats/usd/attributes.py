@@ -9,7 +9,7 @@ from pxr import Gf, Sdf, Usd, Vt
 
 
 def author_value(prim: Usd.Prim, name: str, value: Any, time: float | None = None) -> None:
-    """Set an attribute whose type follows from the value: text, a number, a list of texts, or an array (flattened)."""
+    """Set an attribute whose type follows from the value: text, truth, number, list of texts, or array (flattened)."""
     kind, usd_value = _typed(value)
     variability = Sdf.VariabilityUniform if time is None else Sdf.VariabilityVarying
     code = Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
@@ -25,6 +25,8 @@ def _typed(value: Any) -> tuple[Sdf.ValueTypeName, Any]:
     types = Sdf.ValueTypeNames
     if isinstance(value, str):
         return types.String, value
+    if isinstance(value, bool):
+        return types.Bool, value
     if isinstance(value, int):
         return types.Int64, value
     if isinstance(value, float):

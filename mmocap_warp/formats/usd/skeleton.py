@@ -5,7 +5,7 @@ On the ``Skeleton`` prim: ``mmocap:limitsLower`` and ``mmocap:limitsUpper`` [rad
 model's coordinates; ``mmocap:parts``, names of the hierarchy's steps, and ``mmocap:part``, the step of each joint;
 ``mmocap:pairs``, names of left-right pairs, and ``mmocap:pairJoints``, the left and the right joint of each. Where
 there are any, ``mmocap:sliding``, joints whose coordinates and limits are lengths [m], and ``mmocap:attached``, joints
-of things that are no part of the body.
+of things that are no part of the body. ``mmocap:stands`` is false, and else not there, of a body that lies anyhow.
 """
 
 from __future__ import annotations
@@ -43,6 +43,8 @@ def define_freedom(prim: Usd.Prim, skeleton: Skeleton) -> None:
     author_value(prim, "mmocap:part", np.array(skeleton.part))
     author_value(prim, "mmocap:pairs", [name for name, *_ in skeleton.pairs])
     author_value(prim, "mmocap:pairJoints", [joint for _, *pair in skeleton.pairs for joint in pair])
+    if not skeleton.stands:
+        author_value(prim, "mmocap:stands", False)
     for name, joints in (("sliding", skeleton.sliding), ("attached", skeleton.attached)):
         if joints:
             author_value(prim, f"mmocap:{name}", list(joints))
@@ -86,6 +88,7 @@ def read_skeleton(read: PrimReader) -> tuple[Skeleton, np.ndarray]:
             parts=tuple(parts),
             part=tuple(part.tolist()),
             pairs=tuple(zip(names, sides[::2], sides[1::2], strict=True)),
+            stands=read.flag("mmocap:stands", unsaid=True),
             sliding=sliding,
             attached=attached,
         )

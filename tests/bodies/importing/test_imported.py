@@ -228,10 +228,21 @@ def test_a_joints_file_frees_a_robots_base_and_its_shape(tmp_path: Path) -> None
     fixed = imported(robot, "crane")
     write_joints_file(path, fixed.body, fixed.freedom)
     again = imported(robot, "crane", joints=read_joints_file(path))
-    assert (len(again.body.skeleton.searched()), again.body.rigid) == (2, True)
-    path.write_text('root = "free"\nrigid = false\n')
+    assert (len(again.body.skeleton.searched()), again.body.rigid, again.body.skeleton.stands) == (2, True, True)
+    path.write_text('root = "free"\nrigid = false\nstands = false\n')
     freed = imported(robot, "crane", joints=read_joints_file(path))
-    assert (len(freed.body.skeleton.searched()), freed.body.rigid) == (8, False)
+    assert (len(freed.body.skeleton.searched()), freed.body.rigid, freed.body.skeleton.stands) == (8, False, False)
+
+
+def test_what_has_two_sides_stands_near_its_bind_pose(creature: RiggedMesh, made: Imported) -> None:
+    assert made.body.skeleton.stands
+    assert set(made.body.skeleton.spread) == {0.2}
+    no_sides = replace(creature, joints=tuple("abcdefghijklmn"[: len(creature.joints)]))
+    lying = imported(no_sides, "creature").body.skeleton
+    assert not lying.stands
+    hinge = int(lying.searched()[-1])
+    low, high = lying.coordinate_limits[hinge]
+    assert lying.spread[(hinge - 3) // 3] == pytest.approx(max((high - low) / np.sqrt(12), 0.2), rel=1e-5)
 
 
 def test_joints_side_by_side_are_chained_by_their_names(creature: RiggedMesh) -> None:

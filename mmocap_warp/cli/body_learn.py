@@ -1,0 +1,111 @@
+"""``mmocap body learn``: limits and spreads of a body's angles from its motions, or from tracks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from mmocap_warp.cli.console import Console, Switch
+from mmocap_warp.cli.exit_codes import UsageError
+from mmocap_warp.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from mmocap_warp.body.body_motion import BodyMotion
+    from mmocap_warp.body.skeleton import Skeleton
+
+
+def learn(
+    body: str,
+    /,
+    *,
+    output: Annotated[Path, Parameter(name=["--output", "-o"])],
+    motion: list[str] | None = None,
+    result: list[Path] | None = None,
+    margin: float = 10.0,
+    force: Switch = False,
+    console: Console | None = None,
+) -> None:
+    """Write a body whose joints turn as far as motions and results show, and no farther.
+
+    Parameters
+    ----------
+    body
+        A body's USD file, or a shipped body's name.
+    output
+        The new body's file: .usdc, .usda or .usd.
+    motion
+        One of the body's motions. May be given more than once. [default: all, unless results are given]
+    result
+        A track of the same joints, of which all frames that were not lost count. May be given more than once.
+    margin
+        By which limits are wider than the angles seen, at either end, in degrees.
+    force
+        Replace a file that exists.
+    """
+    from dataclasses import replace
+
+    import numpy as np
+
+    from mmocap_warp.bodies.learning import learnt
+    from mmocap_warp.bodies.shipped import body_file
+    from mmocap_warp.cli.outputs import new_file
+    from mmocap_warp.formats.usd.body import read_body, read_motions, write_body
+    from mmocap_warp.formats.usd.file import USD_SUFFIXES
+
+    console = console or Console()
+    if not 0 <= margin <= 180:
+        raise UsageError(f"--margin must be from 0 to 180 degrees, got {margin:g}")
+    new_file(output, *USD_SUFFIXES, force=force)
+    file = body_file(body)
+    read, motions = read_body(file), read_motions(file)
+    wanted = motion or ([] if result else list(motions))
+    poses = [_motion(motions, name, file) for name in wanted]
+    poses += [_tracked(path, read.skeleton) for path in result or []]
+    if not poses:
+        raise InputError(file, "has no motions", "give a --result to learn from")
+    seen = np.concatenate(poses)
+    skeleton = learnt(read.skeleton, seen, float(np.radians(margin)))
+    write_body(output, replace(read, skeleton=skeleton), motions)
+    before, after = (_mean_range(each) for each in (read.skeleton, skeleton))
+    values = {"body": read.name, "file": output, "frames": len(seen), "mean_range_deg": after, "before_deg": before}
+    console.result(
+        values, f"{output}: angles turn by {after:.0f} degrees on average, {before:.0f} before; {len(seen)} frames"
+    )
+
+
+def _motion(motions: dict[str, BodyMotion], name: str, file: Path) -> np.ndarray:
+    """(frame, coordinate) of one of a body's motions."""
+    if name not in motions:
+        known = f"name one of {', '.join(motions)}" if motions else "give a --result to learn from"
+        raise InputError(file, f"has no motion '{name}'", known)
+    return motions[name].pose
+
+
+def _tracked(path: Path, skeleton: Skeleton) -> np.ndarray:
+    """(frame, coordinate) of a result's best run, where it was not lost."""
+    import numpy as np
+
+    from mmocap_warp.formats.usd.result import read_result
+    from mmocap_warp.result.result import STATUS
+
+    result = read_result(path)
+    if result.subject.body.skeleton.joints != skeleton.joints:
+        raise InputError(path, "is a track of other joints than the body's", "give a track of this body")
+    status = result.status[result.best_run]
+    found = result.pose[result.best_run][~np.isin(status, [STATUS.index("lost"), STATUS.index("interpolated")])]
+    if not len(found):
+        raise InputError(path, "has no frame that was not lost", "give another track")
+    return found.astype(float)
+
+
+def _mean_range(skeleton: Skeleton) -> float:
+    """Of the angles that are searched and have limits [degrees]."""
+    import numpy as np
+
+    searched = skeleton.searched()
+    width = np.ptp(skeleton.coordinate_limits[searched[~skeleton.is_length[searched]]], axis=1)
+    return float(np.degrees(width[np.isfinite(width)].mean()))

@@ -2,8 +2,8 @@
 
 ``posing`` and the people (``people``, ``strangers``, their ``skirt``) know neither of the rooms ``motion`` (what they
 do) and ``footage`` (what is seen of them), which know nothing of each other; ``walk`` joins them to the built-in scene,
-the study to its sequences. ``any_body`` records any body in a motion of its own; ``characters`` gives shipped bodies that
-are no people theirs.
+the study to its sequences. ``any_body`` records any body in a motion of its own; ``characters`` gives shipped bodies
+that are no people theirs.
 
 May import: body, views, result, formats, bodies.
 """

@@ -273,13 +273,20 @@ def _found(best: Guess, others: dict[str, Guess]) -> dict[str, str | float | int
 
 
 def _headings(task: _Task, observation: Observation) -> list[Guess]:
-    """A guess for each heading."""
+    """A guess for each heading; where the body carries something, two, of its own size and scaled to the hull's.
+
+    A racket held high makes the hull taller, not the person.
+    """
     config, shapes = task.config, ShapeSpace(task.body, task.rig.up)
-    found = search_headings(
-        shapes, task.rig, observation, standing_start(shapes, task.rig, observation),
-        headings=config.headings, evaluations=config.evaluations, seed=config.seed,
-        device=task.device, threads=task.threads,
-    )  # fmt: skip
+    sizes = (True, False) if task.body.skeleton.attached and not task.body.rigid else (True,)
+    found = np.concatenate([
+        search_headings(
+            shapes, task.rig, observation, standing_start(shapes, task.rig, observation, scaled=scaled),
+            headings=config.headings, evaluations=config.evaluations, seed=config.seed,
+            device=task.device, threads=task.threads,
+        )
+        for scaled in sizes
+    ])  # fmt: skip
     subjects = [shapes.subject(coordinates.astype(np.float64), {}) for coordinates in found]
     return [Guess(task.space.nearest(subject.body), subject.root_base, subject.pose) for subject in subjects]
 

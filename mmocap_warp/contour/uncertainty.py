@@ -202,7 +202,7 @@ class BodyDeviations:
         return Uncertainty(np.zeros((1, coordinates)), np.zeros((1, joints, 3)))
 
 
-def misfit(contour: NormalEquations, searched: np.ndarray) -> float:
+def misfit(contour: NormalEquations, searched: np.ndarray, usual: float = USUAL_MISFIT) -> float:
     """Root mean square of contours' distances, those that found no contour as far as they looked [m].
 
     It is what the cost is for each unit of information about the translation, in metres; the usual one where no
@@ -211,12 +211,14 @@ def misfit(contour: NormalEquations, searched: np.ndarray) -> float:
     shifts = np.flatnonzero(searched < TRANSLATION)
     seen = contour.observed
     if not len(shifts) or not seen.any():
-        return USUAL_MISFIT
+        return usual
     information = 3 * np.einsum("fdd->fd", contour.matrix[seen])[:, shifts].mean(axis=1)
     return float(np.sqrt(np.mean(2 * contour.cost[seen] / information)))
 
 
-def together(noise: Uncertainty, body: Uncertainty, misfit: float, widest: np.ndarray) -> Uncertainty:
+def together(
+    noise: Uncertainty, body: Uncertainty, misfit: float, widest: np.ndarray, usual: float = USUAL_MISFIT
+) -> Uncertainty:
     """Standard deviations of all that is wrong with poses.
 
     Both parts are in proportion to the misfit: residuals are as large as they are, not as large as was assumed.
@@ -226,8 +228,9 @@ def together(noise: Uncertainty, body: Uncertainty, misfit: float, widest: np.nd
         body: in all frames alike.
         misfit: of the frames [m].
         widest: (coordinate,) what no coordinate exceeds.
+        usual: misfit, which shrinks with small bodies as the lengths do that contours are matched by [m].
     """
-    scale = misfit / USUAL_MISFIT
+    scale = misfit / usual
     pose, joint = (
         scale * np.hypot(NOISE * own, shared) for own, shared in ((noise.pose, body.pose), (noise.joint, body.joint))
     )

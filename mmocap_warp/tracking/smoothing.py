@@ -18,6 +18,7 @@ from mmocap_warp.contour.motion_points import MotionPoints
 from mmocap_warp.contour.normal_equations import NormalEquations
 from mmocap_warp.contour.rooted import RootedPoses, Rooting
 from mmocap_warp.contour.uncertainty import (
+    USUAL_MISFIT,
     BodyDeviations,
     Deviations,
     Uncertainty,
@@ -228,14 +229,15 @@ class _Run:
         self._last = track[0, ROOT_ANGLES]
         self._finished = 0
         self.pose = track.copy()
+        self._usual = USUAL_MISFIT * subject.body.relative_size
         self.sigma = Uncertainty(np.zeros_like(track), np.zeros((len(track), len(skeleton.joints), 3)))
 
     def finish(self, window: SolvedWindow) -> None:
         """Take over the next window's final frames."""
         frames = slice(self._finished, self._finished + window.final)
         self.pose[frames] = self._rooting.leave(window.rooted[: window.final], self._last)
-        error = misfit(window.contour, self._rooting.searched)
-        sigma = together(self._noise.of(window), self._body.of(window), error, self._widest)
+        error = misfit(window.contour, self._rooting.searched, self._usual)
+        sigma = together(self._noise.of(window), self._body.of(window), error, self._widest, self._usual)
         if self._factors:
             sigma.pose[:] = np.minimum(sigma.pose * self._factors.coordinate, self._widest)
             sigma.pose[:, :TRANSLATION] = sigma.joint[:, 0]  # the root's place

@@ -204,6 +204,8 @@ def test_both_parts_count_and_grow_with_the_misfit():
     np.testing.assert_allclose(usual.joint, expected)
     np.testing.assert_allclose(together(noise, body, 2 * USUAL_MISFIT, widest).joint, 2 * expected)
     np.testing.assert_allclose(together(noise, body, 2 * USUAL_MISFIT, widest).pose, [[2 * expected, 0.03]])
+    small = together(noise, body, 0.2 * USUAL_MISFIT, widest, 0.2 * USUAL_MISFIT)
+    np.testing.assert_allclose(small.joint, expected, err_msg="a fifth is usual of a body of a fifth of the size")
 
 
 def turned_about_up(problem: ClipProblem, rooted: RootedPoses) -> RootedPoses:

@@ -306,22 +306,33 @@ def _found(best: Guess, others: dict[str, Guess]) -> dict[str, str | float | int
 
 
 def _headings(task: _Task, observation: Observation) -> list[Guess]:
-    """A guess for each heading, or for each of the best ways to turn and bend a body that has no usual ones."""
+    """A guess for each heading, or for each of the best ways to turn and bend a body that has no usual ones.
+
+    Where the body carries something, two for each heading, of its own size and scaled to the hull's: a racket held high
+    makes the hull taller, not the person.
+    """
     config, shapes, body = task.config, ShapeSpace(task.body, task.rig.up), task.body
     effort: Any = {
         "evaluations": config.evaluations, "seed": config.seed, "device": task.device, "threads": task.threads
     }  # fmt: skip
     if task.start_poses is None and body.skeleton.stands and not body.rigid:
-        start = standing_start(shapes, task.rig, observation)
-        found = search_headings(shapes, task.rig, observation, start, headings=config.headings, **effort)
+        starts = [
+            standing_start(shapes, task.rig, observation, scaled=scaled)
+            for scaled in ((True, False) if body.skeleton.attached else (True,))
+        ]
+        searched = [
+            search_headings(shapes, task.rig, observation, start, headings=config.headings, **effort)
+            for start in starts
+        ]
+        found = np.concatenate(searched)
     else:
         given = task.start_poses
         poses = usual_poses(body.skeleton, body.rigid, config.seed) if given is None else given
         hull = subject_hull(body, task.rig, observation)
-        starts = screened_starts(
+        screened = screened_starts(
             shapes, task.rig, observation, hull, poses, count=config.headings, device=task.device, threads=task.threads
         )
-        found = search_starts(shapes, task.rig, observation, starts, near_rest=given is None, **effort)
+        found = search_starts(shapes, task.rig, observation, screened, near_rest=given is None, **effort)
     subjects = [shapes.subject(coordinates.astype(np.float64), {}) for coordinates in found]
     return [Guess(task.space.nearest(subject.body), subject.root_base, subject.pose) for subject in subjects]
 

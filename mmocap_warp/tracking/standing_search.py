@@ -45,8 +45,8 @@ def subject_hull(body: BodyModel, rig: CameraRig, observation: Observation) -> n
     return hull
 
 
-def standing_start(space: ShapeSpace, rig: CameraRig, observation: Observation) -> np.ndarray:
-    """Coordinates of the rest pose where the visual hull stands, scaled to its height unless the body is rigid.
+def standing_start(space: ShapeSpace, rig: CameraRig, observation: Observation, *, scaled: bool = True) -> np.ndarray:
+    """Coordinates of the rest pose where the visual hull stands, ``scaled`` to its height unless the body is rigid.
 
     Raises:
         NoSubjectError: fewer than two views see the subject, or they see different things.
@@ -56,7 +56,7 @@ def standing_start(space: ShapeSpace, rig: CameraRig, observation: Observation) 
     low, high = np.percentile(hull @ up, [0.5, 99.5])
     body = space.body
     height = body.skin.rest[body.own_vertex, 1]
-    scale = 1.0 if body.rigid else np.clip((high - low) / np.ptp(height), 0.6, 1.4)
+    scale = 1.0 if body.rigid or not scaled else np.clip((high - low) / np.ptp(height), 0.6, 1.4)
     centre = np.median(hull, axis=0)
     coordinates = np.zeros(len(space))
     root_height = low + scale * (body.joint_rest[0, 1] - height.min())

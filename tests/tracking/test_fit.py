@@ -6,7 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from other_bodies import things
 
+from mmocap_warp.bodies.attaching import carrying
 from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.rest_space import RestSpace
@@ -16,7 +18,7 @@ from mmocap_warp.formats.truth import load_truth
 from mmocap_warp.formats.usd.body import read_body, read_subject, write_subject
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
-from mmocap_warp.tracking.fit import FitConfig, _first_frame, _found, _Task, fit, fit_clip, fit_observation
+from mmocap_warp.tracking.fit import FitConfig, _first_frame, _found, _headings, _Task, fit, fit_clip, fit_observation
 from mmocap_warp.tracking.frame_fit import Guess
 from mmocap_warp.tracking.standing_search import NoSubjectError, _prior, _spread, search_headings, standing_start
 from mmocap_warp.views.observation import Observation
@@ -216,6 +218,23 @@ def test_headings_are_spread_evenly(walk, man):
     np.testing.assert_allclose(found[:, space.heading_index], np.arange(8) * np.pi / 4, atol=1e-6)
     assert np.ptp(np.delete(found, space.heading_index, axis=1), axis=0).max() == 0
     assert not found[:, 3 : space.heading_index - 1].any()
+
+
+def test_who_carries_something_is_begun_from_the_hulls_size_and_from_its_own(walk, man, monkeypatch):
+    observation = next(iter(walk.observations(0.25, count=1)))
+    begun = []
+
+    def search(space, rig, observation, start, **options):
+        begun.append(float(start[space.scale_index]))
+        return start[None].astype(np.float32)
+
+    monkeypatch.setattr("mmocap_warp.tracking.fit.search_headings", search)
+    with things() as (stick, *_):
+        carrier = carrying(man, [replace(stick, joint="RWrist")]).body
+    for body in (man, carrier):
+        _headings(_Task(body, walk.rig(0.25), QUICK, lambda *_: None), observation)
+    assert begun == [begun[0], begun[0], 0.0]
+    assert begun[0] < -0.01
 
 
 def test_the_prior_pulls_to_the_rest_pose(man):

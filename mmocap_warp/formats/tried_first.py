@@ -15,6 +15,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from functools import wraps
 from importlib import import_module
 from pathlib import Path
@@ -137,6 +138,8 @@ class _OtherProcess:
 
     def _process(self) -> subprocess.Popen[str]:
         if self._running is None or self._running.poll() is not None or self._owner != os.getpid():
+            if self._running is not None:
+                _close_pipes(self._running)
             self._owner = os.getpid()  # a process that was forked off has the pipes of another's
             self._running = subprocess.Popen(
                 [sys.executable, "-c", _START, *sys.path],
@@ -151,10 +154,18 @@ class _OtherProcess:
     def _end(self, process: subprocess.Popen[str]) -> int:
         self._running = None
         try:
-            return process.wait(1.0)
+            process.wait(1.0)
         except subprocess.TimeoutExpired:
             process.kill()
-            return process.wait()
+        _close_pipes(process)
+        return process.wait()
+
+
+def _close_pipes(process: subprocess.Popen[str]) -> None:
+    for pipe in (process.stdin, process.stdout):
+        if pipe is not None:
+            with suppress(BrokenPipeError):
+                pipe.close()
 
 
 _other_process = _OtherProcess()

@@ -85,9 +85,11 @@ def test_parameters_of_a_person(person: RestSpace) -> None:
 
 
 def test_standard_deviations_are_in_units_of_the_parameters(space: RestSpace) -> None:
-    expected = {"bone": 0.02, "girth": 0.01, "log_scale": 0.3}
+    rest = space.body.skin.rest[space.body.own_vertex]
+    size = min(1.0, np.ptp(rest, axis=0).max() / 1.2)  # lengths are those of people, and smaller of smaller bodies
+    expected = {"bone": 0.02 * size, "girth": 0.01 * size, "log_scale": 0.3}
     kinds = [name.split(".")[0] for name in space.names]
-    np.testing.assert_array_equal(space.sigma, [expected.get(kind, 0.5) for kind in kinds])
+    np.testing.assert_allclose(space.sigma, [expected.get(kind, 0.5) for kind in kinds], rtol=1e-6)
 
 
 def test_bodies_without_shape_targets() -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import os
+import warnings
 
 import native_readers
 import pytest
@@ -28,6 +30,22 @@ def test_a_file_that_ends_its_reader_is_refused(tmp_path, monkeypatch, text, pro
             native_readers.read(tmp_path / name)
     (tmp_path / "good").write_text("good")
     assert native_readers.read(tmp_path / "good") == "good"
+
+
+def test_a_process_that_has_ended_leaves_no_pipe_open(tmp_path, monkeypatch):
+    monkeypatch.setattr(tried_first, "_other_process", tried_first._OtherProcess())
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always", ResourceWarning)
+        for name in ("a", "b"):  # it ends for want of work in between
+            (tmp_path / name).write_text(name)
+            native_readers.read(tmp_path / name)
+            tried_first._other_process._running.kill()
+            tried_first._other_process._running.wait()
+        (tmp_path / "c").write_text("crash")
+        with pytest.raises(InputError, match="breaks the library"):
+            native_readers.read(tmp_path / "c")
+        gc.collect()
+    assert [str(warning.message) for warning in told if warning.category is ResourceWarning] == []
 
 
 def test_a_strange_file_is_tried_once_and_again_when_it_has_changed(tmp_path):

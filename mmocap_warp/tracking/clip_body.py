@@ -179,7 +179,7 @@ def with_base_still(subject: Subject, skeleton: Skeleton) -> Subject:
 
 
 def measurements(space: RestSpace, solution: BodySolution) -> dict[str, float]:
-    """Height, length where the body is longer than tall, and bones' lengths, with their standard deviations [m].
+    """Height, length of bodies that are longer than tall or lie anyhow, bones' lengths, with standard deviations [m].
 
     What the masks and the family of bodies are off by is the same in all frames: more frames do not average it out.
     """
@@ -189,9 +189,11 @@ def measurements(space: RestSpace, solution: BodySolution) -> dict[str, float]:
     own = np.flatnonzero(space.body.own_vertex)
     top, bottom = own[rest[own, 1].argmax()], own[rest[own, 1].argmin()]
     found = {"height": (rest[top, 1] - rest[bottom, 1], d_rest[:, top, 1] - d_rest[:, bottom, 1])}
-    front, back = int(rest[:, 2].argmax()), int(rest[:, 2].argmin())
-    if rest[front, 2] - rest[back, 2] > found["height"][0]:
-        found["length"] = rest[front, 2] - rest[back, 2], d_rest[:, front, 2] - d_rest[:, back, 2]
+    across, stands = np.ptp(rest[own], axis=0), space.body.skeleton.stands
+    if across[2] > across[1] or not stands:
+        axis = 2 if stands else int(across.argmax())
+        front, back = own[rest[own, axis].argmax()], own[rest[own, axis].argmin()]
+        found["length"] = rest[front, axis] - rest[back, axis], d_rest[:, front, axis] - d_rest[:, back, axis]
     for name in space.names:
         if name.startswith("bone."):
             skeleton = space.body.skeleton
@@ -202,6 +204,6 @@ def measurements(space: RestSpace, solution: BodySolution) -> dict[str, float]:
     values: dict[str, float] = {}
     for name, (value, by_parameter) in found.items():
         values[f"body.{name}"] = float(value)
-        of_outline = 0.0 if name.startswith("bone.") or space.body.rigid else _OUTLINE
+        of_outline = 0.0 if name.startswith("bone.") or space.body.rigid else _OUTLINE * space.body.relative_size
         values[f"body.{name}.sigma"] = float(np.sqrt(by_parameter @ covariance @ by_parameter + of_outline**2))
     return values

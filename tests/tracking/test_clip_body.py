@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from mmocap_warp.bodies.shipped import load_body
 from mmocap_warp.body.model import Subject
+from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.result.result import STATUS, FrameAnswer
 from mmocap_warp.synthesis.walk import walking
 from mmocap_warp.tracking import clip_body
@@ -55,3 +59,16 @@ def test_the_way_back_begins_before_the_first_lost_frame(subject, monkeypatch):
 def test_one_frame_alone_is_what_it_is(subject, monkeypatch):
     _, place = followed(subject, monkeypatch, there=[2.0], back=[1.0])
     np.testing.assert_allclose(place, [THERE], atol=1e-6)
+
+
+def test_a_body_that_lies_anyhow_is_as_long_as_its_longest_extent():
+    def told(name: str) -> dict[str, float]:
+        space = RestSpace(load_body(name))
+        count = len(space.names)
+        solution = SimpleNamespace(beta=np.zeros(count), cost=np.ones(1), covariance=np.zeros((count, count)))
+        return clip_body.measurements(space, solution)
+
+    hand, man = told("hand"), told("adult_man")
+    assert hand["body.length"] == pytest.approx(0.212, abs=1e-3)
+    assert hand["body.length.sigma"] < 0.2 * man["body.height.sigma"]  # of outlines, in proportion
+    assert "body.length" not in man

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION, Skeleton
+from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
 
 _OUTLIERS = 0.005  # share of frames at either end that may be wrong
 _LEAST_SPREAD = 0.05  # [rad]
@@ -24,10 +24,8 @@ def learnt(skeleton: Skeleton, poses: np.ndarray, margin: float) -> Skeleton:
         margin: that limits are wider than the angles seen, at either end [rad].
     """
     limits, spread = skeleton.limits.copy(), skeleton.spread.copy()
-    searched = skeleton.searched()
-    turns = searched[(searched >= ROOT_ANGLES.stop) & ~skeleton.is_length[searched]]
     seen = np.full(len(skeleton.joints), _LEAST_SPREAD)
-    for coordinate in turns:
+    for coordinate in skeleton.searched_angles():
         joint, axis = divmod(int(coordinate) - TRANSLATION, 3)
         angle = poses[:, coordinate]
         low, high = np.quantile(angle, [_OUTLIERS, 1 - _OUTLIERS])

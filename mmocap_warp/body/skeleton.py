@@ -234,6 +234,12 @@ class Skeleton:
             raise ValueError(f"dof must be one of {list(self.models)}, got {model}")
         return self.models[model]
 
+    def searched_angles(self, model: int | None = None) -> np.ndarray:
+        """Of what a model searches, the angles of joints but the root's, (angle,) int32, ascending."""
+        searched = self.searched(model)
+        angles: np.ndarray = searched[(searched >= ROOT_ANGLES.stop) & ~self.is_length[searched]]
+        return angles
+
     def model_number(self, model: int | None = None) -> int:
         """The number of a model, the default one where omitted."""
         return next(iter(self.models)) if model is None else model

@@ -279,15 +279,14 @@ class Adjustment:
         velocity = person.motion.velocity(frames)
         rooted, free = person.motion.rooted[frames], sigma > 0
         lag = self.footage.rest(change[:, OFFSET]) - change[:, OFFSET]  # that masks were read with
-        problems = [
-            CameraProblem(
-                self._fitter(self.given, person, frames, matching),
-                self.given, lag, self.space, person.motion.rooting, PRIOR, sigma, self._known,
+        parameters = np.array([])
+        for stage, (matching, count) in enumerate(stages):  # one at a time: a fitter holds the masks' distances
+            fitter = self._fitter(self.given, person, frames, matching)
+            problem = CameraProblem(
+                fitter, self.given, lag, self.space, person.motion.rooting, PRIOR, sigma, self._known
             )
-            for matching, _ in stages
-        ]  # fmt: skip
-        parameters = problems[0].start(self.space.nearest(person.subject.body), change)
-        for problem, (_, count) in zip(problems, stages, strict=True):
+            if stage == 0:
+                parameters = problem.start(self.space.nearest(person.subject.body), change)
             solution = problem.problem(velocity).solved(np.arange(len(frames)), rooted, parameters, count)
             rooted, parameters = solution.rooted, solution.beta
         first = person.motion.rooting.leave(rooted[:1], person.subject.pose[ROOT_ANGLES])[0]

@@ -94,10 +94,9 @@ def own_angles(skeleton: Skeleton, pose: np.ndarray, model: int | None = None) -
         model: its number of degrees of freedom; the default one where omitted.
     """
     angles: dict[str, dict[str, np.ndarray]] = {}
-    for number in skeleton.searched(model):
+    for number in skeleton.searched_angles(model):
         joint, axis = divmod(int(number) - TRANSLATION, 3)
-        if joint > 0 and not skeleton.is_length[number]:
-            angles.setdefault(skeleton.joints[joint], {})["xyz"[axis]] = _continuous(pose[:, number])
+        angles.setdefault(skeleton.joints[joint], {})["xyz"[axis]] = _continuous(pose[:, number])
     return angles
 
 

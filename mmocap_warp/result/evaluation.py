@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from mmocap_warp.body.skeleton import ROOT_ANGLES
 from mmocap_warp.result.marker_errors import marker_errors
 from mmocap_warp.result.offsets import offset_free_distance
 from mmocap_warp.result.other_world import other_world
@@ -194,8 +193,7 @@ def _angle_errors(result: Result, truth: Truth, mine: np.ndarray, theirs: np.nda
     same_joints = truth.joint_names[: len(skeleton.joints)] == skeleton.joints
     if truth.pose is None or truth.pose.shape[1] != skeleton.coordinates or not same_joints:
         return {}
-    searched = skeleton.searched(result.config.get("dof"))
-    searched = searched[(searched >= ROOT_ANGLES.stop) & ~skeleton.is_length[searched]]
+    searched = skeleton.searched_angles(result.config.get("dof"))
     off = result.pose[:, mine][..., searched] - truth.pose[theirs][:, searched]
     degrees = np.degrees(np.abs((off + np.pi) % (2 * np.pi) - np.pi))  # (run, common frame, angle)
     names = [skeleton.coordinate_names[number] for number in searched]

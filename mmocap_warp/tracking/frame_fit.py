@@ -164,8 +164,9 @@ class FrameFit:
     def _drawn(self, guess: Guess, limb: Limb) -> np.ndarray:
         """Poses (candidate, coordinate) of which the limb's angles are drawn: those that cost least.
 
-        Half of the draws are anywhere within the limits, half nearer to the rest pose. One is what the other side's
-        limb does.
+        Half of the draws are anywhere within the limits. Half are nearer to the rest pose, the limb's last joint at
+        rest: an arm with a folded hand explains the masks from elsewhere, and stays there while the hand is folded.
+        One is what the other side's limb does.
         """
         reach, skeleton = limb.reach, self._skeleton
         low, high = np.clip(skeleton.coordinate_limits[reach], -np.pi, np.pi).T
@@ -173,6 +174,7 @@ class FrameFit:
         drawn = np.tile(guess.pose, (_DRAWS, 1))
         drawn[:, reach] = self._random.uniform(low, high, (_DRAWS, len(reach)))
         near = self._random.normal(0.0, spread, (_DRAWS // 2, len(reach)))
+        drawn[: len(near), limb.coordinates] = np.clip(0.0, *skeleton.coordinate_limits[limb.coordinates].T)
         drawn[: len(near), reach] = np.clip(near, low, high)
         self._objective.hold(self._device_array(guess.pose[None]), reach)
         best = drawn[np.argsort(self._judged(drawn), kind="stable")[:_TRIED]]

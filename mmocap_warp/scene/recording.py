@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import ceil
 from pathlib import Path
-from typing import Any, Literal, Protocol, TypeVar
+from typing import Any, Literal
 from urllib.parse import quote
 
 import cv2
 import numpy as np
 
+from mmocap_warp.device import available_threads
 from mmocap_warp.errors import InputError
 from mmocap_warp.foreground.cleanup import clean_mask
 from mmocap_warp.foreground.frames import Frames, ImageFolder, as_colour
@@ -25,6 +27,7 @@ from mmocap_warp.foreground.subtraction import learn_background
 from mmocap_warp.formats.attachments import Attachment
 from mmocap_warp.formats.toml_table import Table
 from mmocap_warp.scene.content import content_hash
+from mmocap_warp.scene.in_step import abreast, numbered
 from mmocap_warp.scene.mask_cache import keeping, kept_masks
 from mmocap_warp.scene.mask_mark import MaskMark, calibration_hash
 from mmocap_warp.version import __version__
@@ -34,18 +37,6 @@ from mmocap_warp.views.undistort import Undistortion, undistortion
 
 BodyMasks = Callable[[], list[np.ndarray]]
 """Says where the body was last: per camera (height, width) bool."""
-
-
-Image = TypeVar("Image", covariant=True)
-
-
-class ReadInOrder(Protocol[Image]):
-    """What a camera's frames have in common, whatever they are read from."""
-
-    def __len__(self) -> int: ...
-
-    def read(self, first: int = 0) -> Iterator[Image]:
-        """Frames from ``first`` on."""
 
 
 @dataclass(frozen=True)
@@ -267,17 +258,18 @@ class Scene:
         read = range(wanted[-1] + 1) if wanted and self.foreground.model_remembers else followed
         empty = [np.zeros((height, width), bool) for width, height in rig.size]
         streams = [self._raw_masks(k, scale, read) for k in range(len(self.cameras))]
+
+        def clean(raw: np.ndarray | None, nothing: np.ndarray, body: np.ndarray) -> np.ndarray:
+            return nothing if raw is None else clean_mask(raw, self.foreground, scale, body)
+
         kept = empty
-        for frame, raw in zip(read, zip(*streams, strict=True), strict=True):
-            if frame not in followed:
-                continue  # the background model alone remembers it
-            where = kept if body is None else body()
-            kept = [
-                empty[k] if mask is None else clean_mask(mask, self.foreground, scale, where[k])
-                for k, mask in enumerate(raw)
-            ]
-            if frame in wanted:
-                yield repair_masks(rig, kept) if self.foreground.repair else kept
+        with ThreadPoolExecutor(min(len(streams), available_threads())) as pool:  # OpenCV lets other threads run
+            for frame, raw in zip(read, abreast(streams, pool), strict=True):
+                if frame not in followed:
+                    continue  # the background model alone remembers it
+                kept = list(pool.map(clean, raw, empty, kept if body is None else body()))
+                if frame in wanted:
+                    yield repair_masks(rig, kept) if self.foreground.repair else kept
 
     def _raw_masks(self, k: int, scale: float, frames: range) -> Iterator[np.ndarray | None]:
         """Camera ``k``'s masks, undistorted but as read or subtracted; None where it has no frame."""
@@ -286,7 +278,7 @@ class Scene:
             mark = source.mask_mark
             resample = self._undistortion(k, scale) if mark is None else self._resampling(k, scale, mark)
             identity, soft = self.foreground.identity, source.masks is not None and source.masks.soft
-            for image in _numbered(source.masks, map(source.mask_number, frames)):
+            for image in numbered(source.masks, map(source.mask_number, frames)):
                 yield None if image is None else resample.mask(decode_mask(image, identity, soft))
             return
         yield from self._subtracted_once(k, scale, frames)
@@ -333,14 +325,14 @@ class Scene:
         examples = source.background_examples(self.foreground.source)
         images = (resample.image(as_colour(image)) for image in examples.read())
         background = learn_background(images, len(examples), self.foreground)
-        for image in _numbered(source.video, map(source.number, frames)):
+        for image in numbered(source.video, map(source.number, frames)):
             yield None if image is None else background.foreground(resample.image(as_colour(image)))
 
     def images(self, scale: float = 1.0, first: int = 0, count: int | None = None) -> Iterator[list[np.ndarray | None]]:
         """Undistorted BGR images, pixel for pixel as the masks; None for a camera without video or frame."""
         frames = self._numbers(first, count)
         maps = [self._undistortion(k, scale) for k in range(len(self.cameras))]
-        streams = [_numbered(source.video, map(source.number, frames)) for source in self.cameras]
+        streams = [numbered(source.video, map(source.number, frames)) for source in self.cameras]
         for images in zip(*streams, strict=True):
             yield [None if image is None else maps[k].image(as_colour(image)) for k, image in enumerate(images)]
 
@@ -373,18 +365,3 @@ def recorded_frames(source: CameraSource, mask_source: str) -> int:
     if mask_source == "masks" and source.mask_mark is not None:
         return source.mask_mark.first_frame + (len(images) - 1) * source.mask_mark.stride + 1
     return len(images) if source.rate == 1.0 else ceil((len(images) - 0.5) / source.rate)
-
-
-def _numbered(frames: ReadInOrder[Image] | None, numbers: Iterable[int]) -> Iterator[Image | None]:
-    """The frames of these numbers, none below the one before; None where there is none, and one at a time in memory."""
-    reader: Iterator[Image] | None = None
-    last, image = -1, None
-    for number in numbers:
-        if frames is None or not 0 <= number < len(frames):
-            yield None
-            continue
-        if reader is None:
-            reader, last = frames.read(number), number - 1
-        while last < number:
-            image, last = next(reader), last + 1
-        yield image

@@ -22,6 +22,7 @@ from mmocap_warp.tracking.memory_need import fitting_tracker
 from mmocap_warp.tracking.run_identity import run_identity
 from mmocap_warp.tracking.smoothing import SmoothReport, smoothed
 from mmocap_warp.versions import versions
+from mmocap_warp.views.kept_observations import KeptObservations
 from mmocap_warp.views.observation import Observation
 from mmocap_warp.views.rig import CameraRig
 
@@ -82,8 +83,8 @@ def track(
         checkpoint: file that progress is saved to, every few seconds and when the run is interrupted.
         resume: continue from ``checkpoint`` where it exists; the result has the same bits as an uninterrupted run's.
         progress: called after every frame, also once for each frame that was already done.
-        smooth_progress: called with the number of frames whose poses are final, while the track is smoothed. That
-            reads the masks again; a run that is resumed smooths its whole track anew.
+        smooth_progress: called with the number of frames whose poses are final, while the track is smoothed. A run
+            that is resumed reads all masks again for that, and smooths its whole track anew.
         settings: fields of :class:`TrackConfig` to replace those of ``config``, such as ``evaluations=200``.
 
     Raises:
@@ -94,11 +95,14 @@ def track(
     _check_start(scene, subject)
     subject, _ = subject_carrying(subject, scene.attached)
     config = replace(config or config_from_table(TrackConfig, scene.settings("track")), **settings)
-    answers = _tracked(scene, subject, config, checkpoint, resume, progress)
-    result = collect(subject, scene.rig(config.scale), scene.fps, config, answers, scene.frames)
-    if not config.acceleration:
-        return result
-    return smoothed(result, config, scene.observed(tracked_masks(scene, result)), smooth_progress)
+    with KeptObservations() as kept:
+        answers = _tracked(scene, subject, config, checkpoint, resume, progress, kept)
+        result = collect(subject, scene.rig(config.scale), scene.fps, config, answers, scene.frames)
+        if not config.acceleration:
+            return result
+        whole = len(kept) == len(answers)
+        masks = kept if whole else scene.observed(tracked_masks(scene, result))
+        return smoothed(result, config, masks, smooth_progress)
 
 
 def _check_start(scene: Scene, subject: Subject) -> None:
@@ -119,8 +123,9 @@ def _tracked(
     checkpoint: Path | None,
     resume: bool,
     progress: FrameReport | None,
+    kept: KeptObservations,
 ) -> list[FrameAnswer]:
-    """Every frame's answer; see :func:`track`."""
+    """Every frame's answer; see :func:`track`. Masks that are needed again are kept."""
     rig = scene.rig(config.scale)
     identity = run_identity(scene, subject, config) if checkpoint else {}
     if checkpoint and resume:
@@ -146,6 +151,8 @@ def _tracked(
         body = body_masks(subject, rig, lambda: tracker.state[0]) if follows else None
         for observation in scene.observations(config.scale, first=len(done), body=body):
             answer = tracker.step(observation)
+            if config.acceleration:
+                kept.add(observation)
             _, draw, *memory = tracker.state
             done.append((answer, draw))
             whole = len(done), memory

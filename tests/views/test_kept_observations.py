@@ -1,0 +1,30 @@
+"""Observations that were put aside come back with their bits, in their order, from memory and from disk."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mmocap_warp.views import kept_observations
+from mmocap_warp.views.kept_observations import KeptObservations
+from mmocap_warp.views.observation import Observation
+
+
+@pytest.mark.parametrize("in_memory", [2**28, 100])
+def test_observations_come_back_as_they_were(monkeypatch, in_memory):
+    monkeypatch.setattr(kept_observations, "_IN_MEMORY", in_memory)
+    rng = np.random.default_rng(0)
+    frames = [
+        Observation.from_masks([rng.random((9, 40)) < 0.5, rng.random((7, 33)) < share], late)
+        for share, late in ((0.0, None), (0.3, np.array([0.0, 0.01])), (1.0, None))
+    ]
+    with KeptObservations() as kept:
+        for frame in frames:
+            kept.add(frame)
+        assert len(kept) == 3
+        for _ in range(2):
+            for was, found in zip(frames, kept, strict=True):
+                assert found.words.dtype == was.words.dtype
+                np.testing.assert_array_equal(found.words, was.words)
+                np.testing.assert_array_equal(found.foreground, was.foreground)
+                np.testing.assert_array_equal(found.late, was.late)

@@ -9,11 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from mmocap_warp.study.cell import PER_FRAME, PER_RUN, Cell, CellResult
+from mmocap_warp.study.cell import Cell, CellResult
 from mmocap_warp.study.engines.local import serve_jobs
 from mmocap_warp.study.engines.protocol import Death, EngineLost, Event, Ready
 from mmocap_warp.study.job import Advance, Job, Refusal, Worker
 
+PER_FRAME = ("eq20_as_printed", "marker_error", "joint_error", "mpjpe", "pa_mpjpe", "iou")
+PER_RUN = ("shake", "growth", "jerk", "foot_slide", "frames_lost", "seconds", "evaluations")
 DYING_ALWAYS, DYING_ONCE, FAILING = "always", "once", "failing"
 
 

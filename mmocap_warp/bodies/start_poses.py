@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mmocap_warp.body.body_motion import BodyMotion
+from mmocap_warp.body.body_motion import BodyMotion, motion_named
 from mmocap_warp.body.skeleton import Skeleton
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import load_toml
@@ -27,11 +27,8 @@ def start_poses(body_file: Path, named: Iterable[str]) -> np.ndarray:
     for name in named:
         if name.endswith(".toml"):
             found.append(read_pose(name, skeleton)[None])
-        elif name in motions:
-            found.append(frames_of(motions[name]))
         else:
-            known = f"name one of {', '.join(motions)}, or a .toml file" if motions else "name a .toml file of angles"
-            raise InputError(body_file, f"has no motion '{name}'", known)
+            found.append(frames_of(motion_named(name, motions, body_file)))
     return np.concatenate(found)
 
 

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+
+from mmocap_warp.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,3 +22,15 @@ class BodyMotion:
 
     fps: float
     pose: np.ndarray
+
+
+def motion_named(name: str, motions: Mapping[str, BodyMotion], body_file: Path) -> BodyMotion:
+    """One of the motions that came with the body of a file.
+
+    Raises:
+        InputError: none has that name.
+    """
+    if name not in motions:
+        known = f"name one of {', '.join(motions)}" if motions else "it came without any: give a file instead"
+        raise InputError(body_file, f"has no motion '{name}'", known)
+    return motions[name]

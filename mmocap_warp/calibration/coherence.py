@@ -3,6 +3,10 @@
 Whatever casts the silhouettes lies within the visual hull of any views. So the hull of the other views, seen by a
 camera, covers its silhouette; how much of it is covered says how well the camera agrees with them, as in C. Hernandez,
 F. Schmitt and R. Cipolla, *Silhouette coherence for camera calibration under circular motion* (2007).
+
+This judges cameras, by masks of one moment. The share is of the silhouette's pixels; where the hull reaches beyond the
+silhouette nothing is lost, since the hull of a few views is larger than the body anyway. Times are judged by another
+measure, that of ``hull_agreement``, which counts what the hull has too much as well.
 """
 
 from __future__ import annotations

@@ -3,6 +3,9 @@
 At each judged frame points are strewn about the person. Of a view at some lag and the hull of the others, the points
 that both hold are counted against all that either holds: what a silhouette of another moment lacks and what it has too
 much count alike, and one with a hole is not taken for a late one.
+
+This ranks the lags of one view: the others' hull is the same at all of them, so what it has too much tells them apart.
+How well a camera agrees with the others is judged by ``coherence``, which counts pixels that the hull leaves uncovered.
 """
 
 from __future__ import annotations

@@ -14,7 +14,6 @@ from mmocap_warp.errors import InputError
 if TYPE_CHECKING:
     import numpy as np
 
-    from mmocap_warp.body.body_motion import BodyMotion
     from mmocap_warp.body.skeleton import Skeleton
 
 
@@ -52,6 +51,7 @@ def learn(
 
     from mmocap_warp.bodies.learning import learnt
     from mmocap_warp.bodies.shipped import body_file
+    from mmocap_warp.body.body_motion import motion_named
     from mmocap_warp.cli.outputs import new_file
     from mmocap_warp.formats.usd.body import read_body, read_motions, write_body
     from mmocap_warp.formats.usd.file import USD_SUFFIXES
@@ -63,7 +63,7 @@ def learn(
     file = body_file(body)
     read, motions = read_body(file), read_motions(file)
     wanted = motion or ([] if result else list(motions))
-    poses = [_motion(motions, name, file) for name in wanted]
+    poses = [motion_named(name, motions, file).pose for name in wanted]
     poses += [_tracked(path, read.skeleton) for path in result or []]
     if not poses:
         raise InputError(file, "has no motions", "give a --result to learn from")
@@ -75,14 +75,6 @@ def learn(
     console.result(
         values, f"{output}: angles turn by {after:.0f} degrees on average, {before:.0f} before; {len(seen)} frames"
     )
-
-
-def _motion(motions: dict[str, BodyMotion], name: str, file: Path) -> np.ndarray:
-    """(frame, coordinate) of one of a body's motions."""
-    if name not in motions:
-        known = f"name one of {', '.join(motions)}" if motions else "give a --result to learn from"
-        raise InputError(file, f"has no motion '{name}'", known)
-    return motions[name].pose
 
 
 def _tracked(path: Path, skeleton: Skeleton) -> np.ndarray:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -45,8 +44,6 @@ def solve(
     frames
         Which of the recording's frames: first:end or first:end:stride, such as 120:480:2, which leaves out the end; or
         a count of those that the scene names. [default: those that the scene names]
-    identity
-        Of the person that is meant, where the masks show several: the index in their palette, or their gray level.
     force
         Replace a file that exists.
     """
@@ -117,6 +114,7 @@ def _text(scene: Scene, found: SolvedCameras, height: float, output: Path, pictu
     import numpy as np
 
     from mmocap_warp.cli.next_step import command
+    from mmocap_warp.formats.toml_table import quoted_path
     from mmocap_warp.views.rig import describe_rig
 
     rows: list[tuple[str, ...]] = [
@@ -162,12 +160,12 @@ def _text(scene: Scene, found: SolvedCameras, height: float, output: Path, pictu
         "as shadows at the feet, or a camera that lags: run mmocap sync first where cameras are not triggered together",
         f'{output}: metres, the floor at zero, up = "{found.rig.up}"',
     ]
-    relative = Path(os.path.relpath(output.resolve(), scene.path.resolve().parent)).as_posix()
+    named = quoted_path(output, scene.path.resolve().parent)
     refined = output.with_stem(f"{output.stem}-refined")
     if picture is not None:
         lines.append(f"{picture}: floor, way and body's axis in {len(found.rig)} views")
     lines.append(
-        f'next: set calibration = "{relative}" under [cameras], then '
+        f"next: set calibration = {named} under [cameras], then "
         f"{command('calib', 'refine', scene.path, '--height', f'{height:g}', '-o', refined)}"
     )
     return "\n".join(lines)

@@ -47,6 +47,7 @@ def synth(
         Write into a folder that holds files.
     """
     from mmocap_warp.bodies.shipped import body_file
+    from mmocap_warp.body.body_motion import motion_named
     from mmocap_warp.cli.exit_codes import UsageError
     from mmocap_warp.cli.next_step import track_command
     from mmocap_warp.cli.outputs import new_folder
@@ -61,12 +62,11 @@ def synth(
     if not motions:
         raise InputError(file, "has no motions", "import a file with animations, or name another body")
     name = motion or next(iter(motions))
-    if name not in motions:
-        raise UsageError(f"--motion must be one of {', '.join(motions)}, got {name}")
+    chosen = motion_named(name, motions, file)
     if cameras < 1 or min(size) < 1:
         raise UsageError(f"--cameras and --size must be at least 1, got {cameras} and {size[0]} {size[1]}")
     folder = new_folder(output, force=force)
-    recording = recorded(read, motions[name], cameras, size=size, faulty=not perfect, seed=seed)
+    recording = recorded(read, chosen, cameras, size=size, faulty=not perfect, seed=seed)
     with Progress("synth", quiet=console.quiet) as progress:
         scene = write_recorded(folder, recording, not perfect, progress)
     step = track_command(scene)

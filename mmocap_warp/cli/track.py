@@ -93,8 +93,6 @@ def track(
     frames
         Which of the recording's frames: first:end or first:end:stride, such as 120:480:2, which leaves out the end; or
         a count of those that the scene names. [default: those that the scene names]
-    identity
-        Of the person that is meant, where the masks show several: the index in their palette, or their gray level.
     resume
         Continue an interrupted run; it ends with the same bits as one that was not interrupted.
     force

@@ -9,12 +9,22 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from mmocap_warp.body.mesh_pieces import mesh_edges
-from mmocap_warp.body.model import BodyModel, SkinMesh
+from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import BodyArrays, JointArrays
-from mmocap_warp.body.skeleton import Skeleton
 from mmocap_warp.contour.around import Around
 from mmocap_warp.contour.fields import DistanceFields
+from mmocap_warp.contour.fitter_arrays import (
+    make_change,
+    make_descent,
+    make_edges,
+    make_moving,
+    make_outline,
+    make_posed,
+    make_residuals,
+    make_rows,
+    make_sums,
+    make_tree,
+)
 from mmocap_warp.contour.normal_equations import NormalEquations, ViewEquations
 from mmocap_warp.contour.rooted import RootedPoses
 from mmocap_warp.kernels.batch import Batch
@@ -22,21 +32,12 @@ from mmocap_warp.kernels.body import skinning
 from mmocap_warp.kernels.body.skinning import pose_vertices
 from mmocap_warp.kernels.contour import descent as descent_kernels
 from mmocap_warp.kernels.contour import jacobian, moving, normal_equations, outline, residuals
-from mmocap_warp.kernels.contour.descent import MOST_SEARCHED, Descent, descend
-from mmocap_warp.kernels.contour.jacobian import (
-    OWN,
-    Posed,
-    RestChange,
-    Rows,
-    Tree,
-    differentiate,
-    move_origins,
-    turn_axes,
-)
-from mmocap_warp.kernels.contour.moving import Moving, bend_skin, follow_skin
-from mmocap_warp.kernels.contour.normal_equations import Sums, sum_normal_equations
-from mmocap_warp.kernels.contour.outline import BANDS, Edges, Outline, find_contours
-from mmocap_warp.kernels.contour.residuals import Matching, Residuals, find_residuals
+from mmocap_warp.kernels.contour.descent import MOST_SEARCHED, descend
+from mmocap_warp.kernels.contour.jacobian import OWN, differentiate, move_origins, turn_axes
+from mmocap_warp.kernels.contour.moving import bend_skin, follow_skin
+from mmocap_warp.kernels.contour.normal_equations import sum_normal_equations, triangle_words
+from mmocap_warp.kernels.contour.outline import find_contours
+from mmocap_warp.kernels.contour.residuals import Matching, find_residuals
 from mmocap_warp.kernels.structs import filled
 from mmocap_warp.objective.replays import Replays
 from mmocap_warp.objective.shared_work import SharedWork
@@ -72,6 +73,8 @@ class MatchingConfig:
 
 WIDE = MatchingConfig(reach=0.2, huber=0.03, sigma=0.03)
 """For what is still far from the masks."""
+
+_FIRST_DAMPING = 1.0e-3
 
 
 class ContourFitter:
@@ -119,53 +122,24 @@ class ContourFitter:
         vertices, joints, cameras = len(mesh.rest), len(skeleton.joints), len(rig)
         self._vertex = wp.array(np.arange(vertices), dtype=wp.int32, device=device)
         # To mypy the fields of a struct are what kernels see of them, hence Any where they are used here too.
-        self._posed: Any = filled(
-            Posed,
-            body=self.body.struct,
-            joints=self._joints.struct,
-            axes=wp.zeros((candidates, joints), dtype=wp.mat33, device=device),
-            vertex=wp.zeros((candidates, vertices), dtype=wp.vec3, device=device),
-        )
+        self._posed: Any = make_posed(self.body, self._joints, vertices, device)
         self._late = np.zeros((frames, cameras), np.float32)
         self._sides = wp.zeros(candidates, dtype=wp.int32, device=device)
-        self._moving: Any = filled(
-            Moving,
-            late=wp.zeros((frames, cameras), dtype=wp.float32, device=device),
-            frame=self.fields.frame,
-            own=0.0,
-            velocity=wp.zeros((candidates, vertices), dtype=wp.vec3, device=device),
-            bend=wp.zeros((candidates, vertices), dtype=wp.vec3, device=device),
-        )
-        edge = _edges(mesh.face)
-        self._edges = filled(
-            Edges,
-            face=wp.array(mesh.face, dtype=wp.vec3i, device=device),
-            edge=wp.array(edge, dtype=wp.vec4i, device=device),
-        )
-        self._tree = _tree(skeleton, self.index, device)
-        self._change: Any = _change(parameters, vertices, joints, candidates, device)
+        self._moving: Any = make_moving(self.fields.frame, (frames, cameras), vertices, device)
+        self._edges: Any = make_edges(mesh.face, device)
+        self._tree = make_tree(skeleton, self.index, device)
+        self._change: Any = make_change(parameters, vertices, joints, candidates, device)
         config = (matching or MatchingConfig()).for_size(body.relative_size)
         self._matching = filled(Matching, **asdict(config))
-        size = min(len(edge), max(_MOST_CONTOUR, len(edge) // 2))
         view = (candidates, cameras)
-        self._outline = _outline(view, size, mesh, len(edge), device)
-        self._residuals = _residuals((*view, size), device)
+        self._outline: Any = make_outline(view, mesh, len(self._edges.edge), device)
+        of_edges = (*view, self._outline.size)
+        self._residuals = make_residuals(of_edges, device)
         columns = OWN if lens else 0
-        width = len(self.index) + parameters + columns + 1
-        self._width = width
-        self._rows = filled(
-            Rows,
-            value=wp.zeros(candidates * cameras * size * width, dtype=wp.float32, device=device),
-            width=width,
-            own=columns,
-        )
-        triangle = _triangle(width)
-        self._sums: Any = filled(
-            Sums,
-            triangle=wp.zeros(candidates * cameras * triangle, dtype=wp.float32, device=device),
-            tally=wp.zeros(view, dtype=wp.vec4, device=device),
-        )
-        self.descent: Any = _descent(self.index, skeleton.is_length[self.index], limits, view, width, device)
+        self._width = width = len(self.index) + parameters + columns + 1
+        self._rows = make_rows(of_edges, width, columns, device)
+        self._sums: Any = make_sums(view, width, device)
+        self.descent: Any = make_descent(self.index, skeleton.is_length[self.index], limits, view, width, device)
         for module in (skinning, moving, outline, residuals, jacobian, normal_equations, descent_kernels):
             wp.load_module(module, device=device)  # before threads launch from them at the same time
         self._starts = [Upload(array) for array in (self.descent.pose, self.body.root_base, self.fields.frame)]
@@ -328,7 +302,7 @@ class ContourFitter:
 
     def _sums_of_views(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Triangles (candidate, camera, element) and costs (candidate, camera), float64."""
-        triangle = self._sums.triangle.numpy().reshape(self.candidates, -1, _triangle(self._width))
+        triangle = self._sums.triangle.numpy().reshape(self.candidates, -1, triangle_words(self._width))
         return triangle[:count].astype(np.float64), self._sums.tally.numpy()[:count, :, 0].astype(np.float64)
 
     def _unpacked(self, triangle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -338,105 +312,3 @@ class ContourFitter:
         full[..., row, column] = full[..., column, row] = triangle
         n = self._width - 1
         return full[..., :n, :n], full[..., n, :n]
-
-
-_MOST_CONTOUR = 2048  # contour edges of a view for which there is room even in a small mesh
-_BANDS_OF_AN_EDGE = 2  # for which there is room, on average
-_FIRST_DAMPING = 1.0e-3
-
-
-def _triangle(width: int) -> int:
-    return width * (width + 1) // 2
-
-
-def _edges(face: np.ndarray) -> np.ndarray:
-    """(edge, 4) int32: two vertices, and the triangles on the left and on the right."""
-    edge = mesh_edges(face)
-    if (edge[:, 3] < 0).any():
-        raise ValueError("the tracking mesh must be closed, this one has open edges")
-    return edge
-
-
-def _tree(skeleton: Skeleton, index: np.ndarray, device: str) -> Tree:
-    joints = len(skeleton.joints)
-    children: list[list[int]] = [[] for _ in range(joints)]
-    for joint, parent in enumerate(skeleton.parent[1:], 1):
-        children[parent].append(joint)
-    order: list[int] = []
-    waiting = [0]
-    while waiting:
-        joint = waiting.pop()
-        order.append(joint)
-        waiting.extend(children[joint])
-    rank = np.empty(joints, np.int32)
-    rank[order] = np.arange(joints)
-    last = rank.copy()
-    for joint in range(joints - 1, 0, -1):
-        parent = skeleton.parent[joint]
-        last[parent] = max(last[parent], last[joint])
-    column = np.full(skeleton.coordinates, -1, np.int32)
-    column[index] = np.arange(len(index))
-    return filled(
-        Tree,
-        rank=wp.array(rank, dtype=wp.int32, device=device),
-        last=wp.array(last, dtype=wp.int32, device=device),
-        column=wp.array(column, dtype=wp.int32, device=device),
-    )
-
-
-def _change(parameters: int, vertices: int, joints: int, candidates: int, device: str) -> RestChange:
-    return filled(
-        RestChange,
-        vertex=wp.zeros((parameters, vertices), dtype=wp.vec3, device=device),
-        joint=wp.zeros((parameters, joints), dtype=wp.vec3, device=device),
-        origin=wp.zeros((candidates if parameters else 0, parameters, joints), dtype=wp.vec3, device=device),
-    )
-
-
-def _outline(view: tuple[int, int], size: int, mesh: SkinMesh, edges: int, device: str) -> Outline:
-    return filled(
-        Outline,
-        size=size,
-        late=wp.zeros(view, dtype=wp.float32, device=device),
-        image=wp.zeros((*view, len(mesh.rest)), dtype=wp.vec3, device=device),
-        facing=wp.zeros((*view, len(mesh.face)), dtype=wp.uint8, device=device),
-        found=wp.zeros((*view, edges), dtype=wp.int32, device=device),
-        count=wp.zeros(view, dtype=wp.int32, device=device),
-        ends=wp.zeros((*view, size), dtype=wp.vec2i, device=device),
-        room=_BANDS_OF_AN_EDGE * size,
-        line=wp.zeros(view[0] * view[1] * 4 * _BANDS_OF_AN_EDGE * size, dtype=wp.float32, device=device),
-        band=wp.zeros((*view, BANDS + 1), dtype=wp.int32, device=device),
-    )
-
-
-def _residuals(shape: tuple[int, int, int], device: str) -> Residuals:
-    return filled(
-        Residuals,
-        normal=wp.zeros(shape, dtype=wp.vec2, device=device),
-        weighted=wp.zeros(shape, dtype=wp.vec2, device=device),
-        tally=wp.zeros(shape, dtype=wp.vec4, device=device),
-    )
-
-
-def _descent(
-    index: np.ndarray, is_length: np.ndarray, limits: np.ndarray, view: tuple[int, int], width: int, device: str
-) -> Descent:
-    candidates, coordinates = view[0], len(limits)
-
-    def poses() -> wp.array[Any]:
-        return wp.zeros((candidates, coordinates), dtype=wp.float32, device=device)
-
-    return filled(
-        Descent,
-        index=wp.array(index, dtype=wp.int32, device=device),
-        gradient=width - 1,
-        pull=wp.array(np.where(is_length, 0.05, 0.10) ** -2.0, dtype=wp.float32, device=device),
-        limits=wp.array(limits[index], dtype=wp.float32, device=device),
-        start=poses(),
-        pose=poses(),
-        best=poses(),
-        cost=wp.zeros(candidates, dtype=wp.float32, device=device),
-        tally=wp.zeros(view, dtype=wp.vec4, device=device),
-        damping=wp.zeros(candidates, dtype=wp.float32, device=device),
-        triangle=wp.zeros((candidates, _triangle(width)), dtype=wp.float32, device=device),
-    )

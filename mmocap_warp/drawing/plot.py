@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from mmocap_warp.drawing.chart import axes, axis, curve, picture, text
 from mmocap_warp.errors import InputError
+from mmocap_warp.result.pose_errors import nanmedian
 from mmocap_warp.whole_file import write_whole
 
 _WIDTH, _PANEL_HEIGHT = 960.0, 260.0
@@ -57,14 +57,8 @@ def _panel(label: str, frame: np.ndarray, values: np.ndarray, high: float, top: 
     """A pair of axes, up to ``high``, with ``values`` (run, frame)."""
     x = axis(frame[0], max(frame[-1], frame[0] + 6), _LEFT, _WIDTH - _RIGHT, 8)
     y = axis(0.0, high, top + _PANEL_HEIGHT - _BOTTOM, top + _TOP)
-    curves = [curve(x, y, zip(frame, _median(values), strict=True))]
+    curves = [curve(x, y, zip(frame, nanmedian(values), strict=True))]
     if len(values) > 1:
         curves += [curve(x, y, zip(frame, run, strict=True), "thin") for run in values]
         curves.append(text((x.stop, y.stop - 9), f"median of {len(values)} runs", "series", "end"))
     return [axes(x, y, "frame", label), '<g class="first">', *curves, "</g>"]
-
-
-def _median(values: np.ndarray) -> np.ndarray:
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "All-NaN slice encountered", RuntimeWarning)
-        return np.nanmedian(values, axis=0)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.toml_table import Table, quoted
+from mmocap_warp.formats.toml_table import Table, quoted, quoted_path
 
 FIXED, ALL = "fixed", "all"
 _FREE = (FIXED, "x", "y", "z", "xy", "xz", "yz", "xyz", ALL)
@@ -88,8 +88,7 @@ def attachment_lines(things: tuple[Attachment, ...], folder: Path) -> list[str]:
     """The lines of a scene file that say the same, for a file in ``folder``."""
     lines = []
     for thing in things:
-        mesh = Path(os.path.relpath(thing.mesh.resolve(), folder.resolve())).as_posix()
-        lines += ["", "[[attach]]", f"name = {quoted(thing.name)}", f"mesh = {quoted(mesh)}"]
+        lines += ["", "[[attach]]", f"name = {quoted(thing.name)}", f"mesh = {quoted_path(thing.mesh, folder)}"]
         lines += [f"joint = {quoted(thing.joint)}"] if thing.joint is not None else []
         lines += [f"position = {list(thing.position)}", f"rotation = {list(thing.rotation)}"]
         lines += [f"scale = {thing.scale!r}", f'free = "{thing.free}"']

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import os
 import tomllib
 import types
 from dataclasses import fields
@@ -79,6 +80,11 @@ def quoted(text: str) -> str:
     """A TOML basic string, all on one line and visible."""
     escaped = {"\\": "\\\\", '"': '\\"'}
     return '"' + "".join(escaped.get(c, c) if c.isprintable() else f"\\U{ord(c):08x}" for c in text) + '"'
+
+
+def quoted_path(path: Path, folder: Path) -> str:
+    """A path as a TOML string, for a file in ``folder``: from there, with slashes on all systems."""
+    return quoted(Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix())
 
 
 def is_number(value: object) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 
 from mmocap_warp.kernels.optimizers import cma_es as kernels
+from mmocap_warp.kernels.optimizers import cma_es_learning as learning
 from mmocap_warp.kernels.optimizers.populations import SearchSpace, make_population
 from mmocap_warp.optimizers.protocol import whole_generations
 
@@ -103,15 +104,15 @@ class CmaEs:
 
     def tell(self, cost: wp.array[wp.float32]) -> None:
         """Learn from the costs (candidate,) of a whole generation."""
-        kernels.update(self.space, self._device_parameters, cost, self.state)
+        learning.update(self.space, self._device_parameters, cost, self.state)
 
     def estimate(self, pose: wp.array[wp.float32]) -> None:
         """Write the mean of the search distribution."""
         kernels.write_mean(self.space, self.state, pose)
 
 
-def _device_parameters(parameters: CmaEsParameters, device: wp.DeviceLike) -> kernels.CmaEsParameters:
-    copy = kernels.CmaEsParameters()
+def _device_parameters(parameters: CmaEsParameters, device: wp.DeviceLike) -> learning.CmaEsParameters:
+    copy = learning.CmaEsParameters()
     for name in ("mu", "mu_eff", "c_sigma", "d_sigma", "c_c", "c_cov", "mu_cov"):
         setattr(copy, name, getattr(parameters, name))
     copy.weight = wp.array(parameters.weights, dtype=wp.float32, device=device)

@@ -101,6 +101,13 @@ def nanmean(values: np.ndarray, axis: int | tuple[int, ...]) -> np.ndarray:
         return np.nanmean(values, axis=axis)
 
 
+def nanmedian(values: np.ndarray) -> np.ndarray:
+    """Median over the first axis of what is defined, NaN where nothing is."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "All-NaN slice encountered", RuntimeWarning)
+        return np.nanmedian(values, axis=0)
+
+
 def on_all_frames(values: np.ndarray, mine: np.ndarray, result: Result) -> np.ndarray:
     """(run, common frame) to (run, frame) with NaN where there is no truth."""
     full = np.full((len(values), len(result.frame_numbers)), np.nan)

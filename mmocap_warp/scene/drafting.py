@@ -14,7 +14,7 @@ import numpy as np
 from mmocap_warp.errors import InputError
 from mmocap_warp.foreground.frames import Frames, VideoFile, as_colour, open_frames
 from mmocap_warp.formats.calibration.image_size import EVERY_OTHER
-from mmocap_warp.formats.toml_table import quoted
+from mmocap_warp.formats.toml_table import quoted, quoted_path
 from mmocap_warp.scene.found_calibration import FoundCalibration, find_calibration, project_kind, read_found
 from mmocap_warp.scene.found_media import Kind, Medium, Take, find_media, names_without_calibration, takes
 from mmocap_warp.views.rig import UP_AXES, CameraRig
@@ -204,14 +204,14 @@ def _calibration(draft: Draft, found: FoundCalibration | None, units: str, folde
         return ["[cameras]", '# calibration = "calibration.toml"   # MISSING']
     draft.calibration = found.path
     draft.found.append(f"calibration {found.path} ({found.format})")
-    lines = ["[cameras]", f"calibration = {_path(found.path, folder)}   # {found.format}"]
+    lines = ["[cameras]", f"calibration = {quoted_path(found.path, folder)}   # {found.format}"]
     if found.open_units:
         lines.append(f'units = "{units}"   # a guess: nothing tells the unit of its lengths')
         draft.missing.append(f'the unit of the calibration\'s lengths: units = "{units}" under [cameras] is a guess')
     elif units != "m":
         lines.append(f'units = "{units}"   # in metres, its cameras would be too far apart')
     if found.others:
-        lines.append(f"# also there: {', '.join(_path(path, folder) for path in found.others)}")
+        lines.append(f"# also there: {', '.join(quoted_path(path, folder) for path in found.others)}")
         draft.found.append(f"other calibrations, which are not taken: {', '.join(map(str, found.others))}")
     return lines
 
@@ -221,7 +221,7 @@ def _camera(draft: Draft, name: str, folder: Path, rig: CameraRig | None, media:
     lines = [f"[cameras.{name if re.fullmatch('[A-Za-z0-9_-]+', name) else quoted(name)}]   # {_told(frames)}"]
     for key in ("video", "masks", "background", "clean_plate"):
         if name in (take := getattr(media, key)):
-            lines.append(f"{key} = {_path(take[name], folder)}")
+            lines.append(f"{key} = {quoted_path(take[name], folder)}")
     if rate := media.others_rate(name):
         lines.append(f"# fps = {rate:g}   # its own rate: without the first #, its frames are taken by time")
         draft.missing.append(
@@ -295,10 +295,6 @@ def _told(frames: Frames) -> str:
     """What a video or folder holds, in a few words."""
     rate = f" at {frames.fps:g} a second" if isinstance(frames, VideoFile) and frames.fps > 0 else ""
     return "{} frames of {}x{}".format(len(frames), *frames.size) + rate
-
-
-def _path(path: Path, folder: Path) -> str:
-    return quoted(Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix())
 
 
 def _one_line(text: str) -> str:

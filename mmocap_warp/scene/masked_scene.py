@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
 from mmocap_warp.formats.attachments import attachment_lines
-from mmocap_warp.formats.toml_table import quoted
+from mmocap_warp.formats.toml_table import quoted, quoted_path
 from mmocap_warp.scene.recording import CameraSource, Scene
 
 
@@ -25,7 +24,7 @@ def masked_scene(scene: Scene, folder: Path, scale: float, first: int, count: in
     """
 
     def path(file: Path) -> str:
-        return quoted(Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix())
+        return quoted_path(file, folder)
 
     body = None if scene.body is None else path(scene.body) if isinstance(scene.body, Path) else quoted(scene.body)
     calibration = [] if scene.calibration is None else [f"calibration = {path(scene.calibration)}"]

@@ -17,12 +17,6 @@ import numpy as np
 from mmocap_warp.errors import InputError
 from mmocap_warp.whole_file import write_whole
 
-PER_FRAME: tuple[str, ...] = ("eq20_as_printed", "marker_error", "joint_error", "mpjpe", "pa_mpjpe", "iou")
-"""What is measured in every frame of every run."""
-
-PER_RUN: tuple[str, ...] = ("shake", "growth", "jerk", "foot_slide", "frames_lost", "seconds", "evaluations")
-"""What is measured once a run."""
-
 PROVENANCE: tuple[str, ...] = ("study", "host", "started", "wall_seconds", "versions", "code", "code_covers")
 """The parts of ``meta`` that say where and when a result was made: with the seconds, all that a repetition changes."""
 
@@ -67,11 +61,8 @@ class CellResult:
         cell: which one.
         seeds: (run,) int64.
         frames: (frame,) int64, the sequence's own frame numbers.
-        per_frame: (run, frame) float32 by name, NaN where the truth is unknown: ``eq20_as_printed`` [m],
-            ``marker_error`` [m] (Eq. 20 from the run's own first answer), ``joint_error`` [m] (HumanEva's 15 joints),
-            ``mpjpe`` [m], ``pa_mpjpe`` [m], ``iou`` (mean over views).
-        per_run: (run,) float64 by name: ``shake`` [m], ``growth``, ``jerk`` [m/s^3], ``foot_slide`` [m/s],
-            ``frames_lost``, ``seconds`` (the cell's search, the same in each run), ``evaluations`` (of all frames).
+        per_frame: (run, frame) float32 by name: see :func:`mmocap_warp.study.metrics.measure`.
+        per_run: (run,) float64 by name: see there.
         pose: (run, frame, coordinate) float32, poses; or (1, frame, coordinate), those of the typical run alone, see
             :func:`mmocap_warp.study.summary.with_typical_pose`.
         meta: JSON values: ``fps``, ``cameras``, ``size``, ``config``, ``versions``, ``code`` and ``code_covers`` (see

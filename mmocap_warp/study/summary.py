@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
-from mmocap_warp.result.pose_errors import nanmean
+from mmocap_warp.result.pose_errors import nanmean, nanmedian
 from mmocap_warp.study.cell import Cell, CellResult
 from mmocap_warp.study.further_clips import FURTHER_PLANS
 from mmocap_warp.study.labels import BASELINES, algorithm_label
@@ -130,7 +129,7 @@ def summarise(result: CellResult) -> CellSummary:
             if _is_known(values):
                 runs[measure.key] = nanmean(values, axis=1)
                 spread[measure.key] = np.nanquantile(values, (0, 0.25, 0.5, 0.75, 1))
-                curve[measure.key] = _nanmedian(values)
+                curve[measure.key] = nanmedian(values)
                 floor = float(np.mean(result.per_run.get(f"{measure.key}_floor", np.nan))) * measure.factor
                 floors |= {measure.key: floor} if np.isfinite(floor) else {}
         elif measure.key in result.per_run and np.isfinite(result.per_run[measure.key]).all():
@@ -348,9 +347,3 @@ def _main(result: CellResult) -> np.ndarray | None:
 def _typical(values: np.ndarray) -> int:
     """The run in the middle by its mean, the better of two."""
     return int(np.argsort(nanmean(values, axis=1), kind="stable")[(len(values) - 1) // 2])
-
-
-def _nanmedian(values: np.ndarray) -> np.ndarray:
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "All-NaN slice encountered", RuntimeWarning)
-        return np.nanmedian(values, axis=0)

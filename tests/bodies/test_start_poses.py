@@ -10,8 +10,11 @@ from other_bodies import quadruped
 
 from mmocap_warp.bodies.start_poses import start_poses
 from mmocap_warp.body.body_motion import BodyMotion
+from mmocap_warp.cli import main
+from mmocap_warp.cli.exit_codes import BAD_INPUT
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.body import write_body
+from mmocap_warp.scenes import ROOT as SCENES
 
 DOG = quadruped()
 WALK = np.random.default_rng(0).normal(size=(30, DOG.skeleton.coordinates))
@@ -53,3 +56,14 @@ def test_a_motion_that_there_is_not_is_told_with_those_that_there_are(file: Path
     with pytest.raises(InputError, match="no motion 'Trot'") as told:
         start_poses(file, ["Trot"])
     assert "Walk, Sit" in told.value.remedy
+
+
+def test_every_command_tells_it_alike(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene = str(SCENES / "walk")
+    for command in (
+        ["fit", scene, "--body", str(file), "--start-pose", "Trot", "-o", str(file.with_name("subject.usdc"))],
+        ["body", "learn", str(file), "--motion", "Trot", "-o", str(file.with_name("learnt.usdc"))],
+        ["synth", str(file), "--motion", "Trot", "-o", str(file.with_name("scene"))],
+    ):
+        assert main([*command, "--quiet"]) == BAD_INPUT
+        assert capsys.readouterr().err == f"mmocap: {file}: has no motion 'Trot'; name one of Walk, Sit\n"

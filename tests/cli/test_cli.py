@@ -8,9 +8,11 @@ import json
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from cyclopts import App, Argument
 
 from mmocap_warp import cli
 from mmocap_warp.cli import exit_codes
@@ -36,6 +38,23 @@ def test_help_names_every_command():
 def test_every_command_explains_itself(command, capsys):
     assert cli.main([command, "--help"]) == exit_codes.OK
     assert f"mmocap {command}" in capsys.readouterr().out
+
+
+def options(app: App, *path: str) -> Iterator[tuple[str, Argument]]:
+    """Every option of every command, after the command's name."""
+    for name in app:
+        command = app[name]
+        if not name.startswith("-") and command.default_command is not None:
+            for option in command.assemble_argument_collection(parse_docstring=True):
+                yield " ".join((*path, name)), option
+        if not name.startswith("-"):
+            yield from options(command, *path, name)
+
+
+def test_every_option_explains_itself():
+    every = [(command, option.name, option.parameter.help) for command, option in options(cli.app) if option.show]
+    assert len(every) > 100
+    assert [(command, name) for command, name, help_text in every if not help_text] == []
 
 
 def test_no_command_imports_warp_usd_or_opencv_to_show_its_help():

@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from study_workers import PER_FRAME, PER_RUN
 from tiny_study import answer_members
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.study.cell import PER_FRAME, PER_RUN, Cell, CellResult, read_cell, write_cell
+from mmocap_warp.study.cell import Cell, CellResult, read_cell, write_cell
 
 RUNS, FRAMES = 3, 5
 

@@ -6,17 +6,10 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from printed_tables import FRIEDMAN, HOLM, MISPRINTED, P_VALUES
 from scipy import stats
 
-from mmocap_warp.study.paper import (
-    ALGORITHM_ORDER,
-    BLOCKS,
-    FRIEDMAN,
-    HOLM,
-    MISPRINTED,
-    P_VALUES,
-    average_ranks,
-)
+from mmocap_warp.study.paper import ALGORITHM_ORDER, BLOCKS, average_ranks
 from mmocap_warp.study.statistics import (
     ALPHA,
     against_control,

@@ -116,8 +116,11 @@ class Person:
     found: np.ndarray
 
     def spread(self, count: int) -> np.ndarray:
-        """At most so many of the frames in which the person was found, evenly spread, with the first and the last."""
-        at = np.linspace(0, len(self.found) - 1, min(count, len(self.found)))
+        """At most so many of the frames in which the person was found, evenly spread, with the first and the last.
+
+        Of few, as many are left as are needed to judge.
+        """
+        at = np.linspace(0, len(self.found) - 1, min(count, len(self.found) - _FEWEST))
         frames: np.ndarray = self.found[at.round().astype(int)]
         return frames
 

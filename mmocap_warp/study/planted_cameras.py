@@ -52,7 +52,7 @@ class Planted:
     change: np.ndarray
 
 
-def planted(sound: Scene, fault: str, wrong: Sequence[int], config: AdjustConfig, seed: int = 1) -> Planted:
+def planted(sound: Scene, fault: str, wrong: Sequence[int], config: AdjustConfig) -> Planted:
     """A scene of which some cameras have a fault, each in a direction of its own.
 
     Args:
@@ -60,10 +60,9 @@ def planted(sound: Scene, fault: str, wrong: Sequence[int], config: AdjustConfig
         fault: one of ``FAULTS``.
         wrong: numbers of the cameras; the first camera is told to stand still.
         config: how it is to be refined otherwise.
-        seed: of the directions.
     """
     columns, size = FAULTS[fault]
-    rig, rng = sound.calibrated, np.random.default_rng(seed)
+    rig, rng = sound.calibrated, np.random.default_rng(1)
     change, later = np.zeros((len(rig), len(KINDS))), np.zeros(len(rig), int)
     for k in wrong:
         direction = rng.standard_normal(columns.stop - columns.start)

@@ -274,16 +274,14 @@ class StudySummary:
         """Spent in all cells."""
         return sum(cell.evaluations for cell in self.cells.values())
 
-    def find(
-        self, sequence: str, algorithm: str, dof: int, evaluations: int, preset: str | None = None
-    ) -> CellSummary | None:
-        """A cell, of the main preset unless another is named; None where the grid has a gap.
+    def find(self, sequence: str, algorithm: str, dof: int, evaluations: int) -> CellSummary | None:
+        """A cell of the main preset; None where the grid has a gap.
 
         A baseline is the same for every model and budget.
         """
         if algorithm in BASELINES:
             return self.baselines.get((sequence, algorithm))
-        return self.cells.get(Cell(sequence, algorithm, dof, evaluations, preset or self.preset))
+        return self.cells.get(Cell(sequence, algorithm, dof, evaluations, self.preset))
 
     def known(self, who: Contender, sequences: Iterable[str], measure: Measure) -> dict[str, CellSummary]:
         """A contender's cells of the main preset by sequence, where the measure is known of them."""

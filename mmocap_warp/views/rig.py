@@ -180,17 +180,17 @@ def describe_rig(rig: CameraRig) -> list[CameraSummary]:
     ]
 
 
-def draw_world_axes(image: np.ndarray, rig: CameraRig, k: int, length: float = 0.5) -> np.ndarray:
+def draw_world_axes(image: np.ndarray, rig: CameraRig, k: int) -> np.ndarray:
     """A copy of camera ``k``'s BGR image with the world's x, y, z axes in red, green, blue.
 
-    Axes are drawn from the world's origin, ``length`` metres long, in pieces, so that one that leaves the view or
-    passes behind the camera is drawn as far as it is seen.
+    Axes are drawn from the world's origin, half a metre long, in pieces, so that one that leaves the view or passes
+    behind the camera is drawn as far as it is seen.
     """
     import cv2
 
     canvas = image.copy()
     for axis, colour in zip("xyz", ((0, 0, 255), (0, 200, 0), (255, 64, 0)), strict=True):
-        line = np.linspace(0, length, 33)[:, None] * np.eye(3)["xyz".index(axis)]
+        line = np.linspace(0, 0.5, 33)[:, None] * np.eye(3)["xyz".index(axis)]
         pixels = project(rig.select((rig.names[k],)), line)[0]
         drawable = np.isfinite(pixels).all(-1) & (np.abs(pixels).max(-1) < 1e6)
         ends = np.round(pixels[drawable]).astype(int)

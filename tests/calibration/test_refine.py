@@ -9,7 +9,7 @@ import pytest
 from moving_person import BODY, FPS, RIG, subject, write_scene
 
 from mmocap_warp.body.model import Subject
-from mmocap_warp.calibration.adjustment import AdjustConfig, Adjustment
+from mmocap_warp.calibration.adjustment import AdjustConfig, Adjustment, Person
 from mmocap_warp.calibration.cameras import KINDS, OFFSET, ROTATION, Deviations, changed, difference
 from mmocap_warp.calibration.check import Check, at_large, check
 from mmocap_warp.calibration.landmarks import landmarks
@@ -39,6 +39,17 @@ def planted(**by: float) -> np.ndarray:
 def refined(tmp_path, change: np.ndarray, **settings) -> Refinement:
     scene = write_scene(tmp_path, changed(RIG, change))
     return refine(scene, BODY, replace(CONFIG, **settings))
+
+
+@pytest.mark.parametrize("found", [8, 12, 15, 40])
+def test_frames_are_left_to_judge_however_few_there_are(found):
+    person = Person(subject(), [], None, np.arange(found))
+    taken = person.spread(CONFIG.frames)
+    judges = person.between(CONFIG.judges, taken)
+    assert len(taken) == min(CONFIG.frames, found - 4)
+    assert taken[[0, -1]].tolist() == [0, found - 1]
+    assert len(judges) == min(CONFIG.judges, found - len(taken))
+    assert not np.isin(judges, taken).any()
 
 
 def test_a_turned_camera_is_turned_back_and_the_others_stay(tmp_path):

@@ -80,13 +80,26 @@ def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
     found = []
     for joint, freedom in enumerate(derived):
         if joint == 0:
-            free = "" if mesh.rigid and mesh.parent.count(0) == 1 else "xyz"
+            free = "" if mesh.rigid and _is_one_chain(mesh) else "xyz"
             found.append(Freedom(np.eye(3), free, np.tile([-np.inf, np.inf], (3, 1)), "derived"))
         elif joint in mesh.axes:
             found.append(_said(mesh.axes[joint], ends[joint] - place[joint], least_travel))
         else:
             found.append(freedom if below[joint] > 0 else Freedom(freedom.frame, "", np.zeros((3, 2)), "derived"))
     return found
+
+
+def _is_one_chain(mesh: RiggedMesh) -> bool:
+    """Whether at most one joint that turns hangs on the root, or on what slides on it: a lift may carry two arms."""
+    base, turning = {0}, 0
+    for joint, above in enumerate(mesh.parent):
+        if above not in base:
+            continue
+        if joint in mesh.axes and mesh.axes[joint].slides:
+            base.add(joint)
+        else:
+            turning += 1
+    return turning <= 1
 
 
 def hinge_frame(axis: np.ndarray, along: np.ndarray) -> np.ndarray:

@@ -66,6 +66,21 @@ def test_a_slider_is_searched_in_metres_along_its_axis(tmp_path: Path) -> None:
     np.testing.assert_allclose(place[1] - place[0], (0, 0.3, 0), atol=1e-6)  # up
 
 
+def test_a_lift_that_carries_two_arms_is_no_arm(tmp_path: Path) -> None:
+    """Its base drives; a crane's, whose one chain begins with a slider, stands."""
+    second = ROBOT.replace(
+        "</robot>",
+        """
+      <link name="arm"><visual><origin xyz="-0.4 0 0"/><geometry><box size="0.8 0.1 0.1"/></geometry></visual></link>
+      <joint name="other" type="revolute"><parent link="cap"/><child link="arm"/>
+        <axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>""",
+    )
+    limit = '<axis xyz="0 0 1"/><limit lower="0" upper="0.4" effort="1" velocity="1"/>'
+    for text, searched in ((ROBOT, 3), (second, 10)):
+        lift = text.replace('"continuous"', '"prismatic"').replace('<axis xyz="0 0 1"/></joint>', f"{limit}</joint>", 1)
+        assert len(robot(tmp_path, lift).body.skeleton.searched()) == searched
+
+
 def test_travel_grows_with_the_scale(tmp_path: Path) -> None:
     skeleton = robot(tmp_path, scale=0.1).body.skeleton
     np.testing.assert_allclose(skeleton.limits[skeleton.index("hoist"), 0], (0, 0.05), atol=1e-6)

@@ -158,8 +158,9 @@ def parts_of(
     names, part = [joints[0]], np.zeros(len(joints), int)
     for chain in chains(parent):
         chain = [joint for joint in chain if joint]
-        if chain and chain[-1] not in parent and all(joints[joint] in sliding for joint in chain):
-            part[chain] = part[parent[chain[0]]]
+        carrier = parent[chain[0]] if chain else 0
+        if carrier > 0 and chain[-1] not in parent and all(joints[joint] in sliding for joint in chain):
+            part[chain] = part[carrier]
             continue
         pieces = -(-len(chain) // _LONGEST_CHAIN)
         for piece in np.array_split(chain, pieces) if pieces else []:

@@ -44,6 +44,20 @@ GRIPPER = """\
 """An arm of two hinges with a gripper of two fingers, 1.6 m tall."""
 
 
+GANTRY = """\
+<robot name="gantry">
+  <link name="base"><visual><origin xyz="0 0 0.5"/><geometry><box size="0.1 1.2 1.0"/></geometry></visual></link>
+  <link name="bridge"><visual><origin xyz="0.4 0 0"/><geometry><box size="0.8 0.1 0.1"/></geometry></visual></link>
+  <link name="tool"><visual><geometry><box size="0.1 0.2 0.4"/></geometry></visual></link>
+  <joint name="across" type="prismatic"><parent link="base"/><child link="bridge"/><origin xyz="0 0 1"/>
+    <axis xyz="0 1 0"/><limit lower="-0.5" upper="0.5" effort="1" velocity="1"/></joint>
+  <joint name="along" type="prismatic"><parent link="bridge"/><child link="tool"/><origin xyz="0.4 0 0"/>
+    <axis xyz="1 0 0"/><limit lower="-0.3" upper="0.3" effort="1" velocity="1"/></joint>
+</robot>
+"""
+"""A tool that slides along a bridge that slides along a wall."""
+
+
 def robot(tmp_path: Path, text: str = ROBOT, joints: str | None = None, scale: float = 1.0) -> Imported:
     path, given = tmp_path / "robot.urdf", tmp_path / "given.toml"
     path.write_text(text)
@@ -148,6 +162,24 @@ def test_a_grippers_fingers_go_with_the_arm_and_mirror_each_other(tmp_path: Path
     image = place[0] * (-1, 1, 1)
     np.testing.assert_allclose(place[1][[skeleton.index("finger_l"), skeleton.index("finger_r")]],
                                image[[skeleton.index("finger_r"), skeleton.index("finger_l")]], atol=1e-6)  # fmt: skip
+
+
+def test_a_gantry_has_a_step_of_its_own_and_learns_its_travel(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    body = robot(tmp_path, GANTRY).body
+    skeleton = body.skeleton
+    assert [skeleton.coordinate_names[i] for i in skeleton.searched()] == ["across.Tx", "along.Tx"]
+    assert (skeleton.parts, skeleton.part) == (("base", "across"), (0, 1, 1))
+    motion = through_poses(skeleton, ((0.0, {"across.Tx": -0.3}), (0.5, {"across.Tx": 0.3, "along.Tx": 0.2})), 30.0)
+    write_body(tmp_path / "gantry.usdc", body, {"Cross": motion})
+    capsys.readouterr()
+    learn = ["body", "learn", str(tmp_path / "gantry.usdc"), "-o", str(tmp_path / "learnt.usdc"), "--json"]
+    assert cli.main(learn) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["before_m"] == pytest.approx(0.8)
+    assert told["mean_range_m"] == pytest.approx(1.2 * (0.6 + 0.2) / 2, rel=0.01)
+    assert "mean_range_deg" not in told
 
 
 def test_a_motion_that_slides_goes_through_glb_and_usd_and_back(tmp_path: Path) -> None:

@@ -132,4 +132,4 @@ ROBOT = """\
     <axis xyz="0 0 1"/><limit lower="0" upper="0.5" effort="1" velocity="1"/></joint>
 </robot>
 """
-"""A robot of two hinges, the second about world +X at zero; its boom points along +Y."""
+"""A crane of two hinges, the second about world +X at zero; its boom points along +Y, its hook slides upward."""

@@ -199,7 +199,8 @@ def _bones(body: BodyModel, groups: dict[str, tuple[int, ...]], weight: np.ndarr
         parents = [body.skeleton.parent[joint] for joint in group]
         bones = [place[joint] - place[parent] for joint, parent in zip(group, parents, strict=True)]
         lengths = [float(np.linalg.norm(bone)) for bone in bones]
-        if min(parents) < 0 or min(lengths) == 0 or body.skeleton.is_attached[group[0]]:
+        grows = not (body.skeleton.is_attached[group[0]] or body.skeleton.slides[group[0]])
+        if min(parents) < 0 or min(lengths) == 0 or not grows:
             continue
         skin, centre = np.zeros_like(rest), np.zeros_like(place)
         for joint, parent, bone, length in zip(group, parents, bones, lengths, strict=True):

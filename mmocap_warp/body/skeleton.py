@@ -240,6 +240,13 @@ class Skeleton:
         angles: np.ndarray = searched[(searched >= ROOT_ANGLES.stop) & ~self.is_length[searched]]
         return angles
 
+    def searched_shifts(self, model: int | None = None) -> np.ndarray:
+        """Of what a model searches, the shifts of the body's own joints that slide, (shift,) int32, ascending."""
+        searched = self.searched(model)
+        joint = np.maximum((searched - TRANSLATION) // 3, 0)
+        shifts: np.ndarray = searched[self.slides[joint] & ~self.is_attached[joint]]
+        return shifts
+
     def model_number(self, model: int | None = None) -> int:
         """The number of a model, the default one where omitted."""
         return next(iter(self.models)) if model is None else model

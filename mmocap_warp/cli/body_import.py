@@ -13,6 +13,7 @@ from mmocap_warp.cli.console import Console, Switch
 from mmocap_warp.errors import InputError
 
 if TYPE_CHECKING:
+    from mmocap_warp.bodies.importing.freedom import Freedom
     from mmocap_warp.bodies.importing.imported import Imported
     from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh
 
@@ -168,7 +169,7 @@ def _tell(made: Imported, output: Path, console: Console) -> None:
 
     body, skeleton = made.body, made.body.skeleton
     size = np.ptp(body.skin.rest[np.unique(body.skin.face)], axis=0).astype(float)
-    kinds = ["hinge" if len(how.free) == 1 else "fixed" if not how.free else "ball" for how in made.freedom[1:]]
+    kinds = [_kind(how) for how in made.freedom[1:]]
     values = {
         "body": body.name,
         "file": output,
@@ -195,3 +196,9 @@ def _tell(made: Imported, output: Path, console: Console) -> None:
         f"  {body.attribution}",
     ]
     console.result(values, "\n".join(lines))
+
+
+def _kind(how: Freedom) -> str:
+    if not how.free:
+        return "fixed"
+    return "slider" if how.slides else "hinge" if len(how.free) == 1 else "ball"

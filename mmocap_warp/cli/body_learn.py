@@ -1,4 +1,4 @@
-"""``mmocap body learn``: limits and spreads of a body's angles from its motions, or from tracks."""
+"""``mmocap body learn``: limits and spreads of a body's joints from its motions, or from tracks."""
 
 from __future__ import annotations
 
@@ -70,11 +70,14 @@ def learn(
     seen = np.concatenate(poses)
     skeleton = learnt(read.skeleton, seen, float(np.radians(margin)))
     write_body(output, replace(read, skeleton=skeleton), motions)
-    before, after = (_mean_range(each) for each in (read.skeleton, skeleton))
-    values = {"body": read.name, "file": output, "frames": len(seen), "mean_range_deg": after, "before_deg": before}
-    console.result(
-        values, f"{output}: angles turn by {after:.0f} degrees on average, {before:.0f} before; {len(seen)} frames"
-    )
+    before, after = (_mean_ranges(each) for each in (read.skeleton, skeleton))
+    values: dict[str, object] = {"body": read.name, "file": output, "frames": len(seen)}
+    told = []
+    for unit, move, form, word in (("deg", "angles turn", ".0f", "degrees"), ("m", "joints slide", ".3g", "m")):
+        if unit in before:
+            values |= {f"mean_range_{unit}": after[unit], f"before_{unit}": before[unit]}
+            told.append(f"{move} by {after[unit]:{form}} {word} on average, {before[unit]:{form}} before")
+    console.result(values, f"{output}: {'; '.join([*told, f'{len(seen)} frames'])}")
 
 
 def _tracked(path: Path, skeleton: Skeleton) -> np.ndarray:
@@ -94,10 +97,11 @@ def _tracked(path: Path, skeleton: Skeleton) -> np.ndarray:
     return found.astype(float)
 
 
-def _mean_range(skeleton: Skeleton) -> float:
-    """Of the angles that are searched and have limits [degrees]."""
+def _mean_ranges(skeleton: Skeleton) -> dict[str, float]:
+    """Of what is searched and has limits, by unit: angles [``deg``] and shifts [``m``], where there are any."""
     import numpy as np
 
     searched = skeleton.searched()
-    width = np.ptp(skeleton.coordinate_limits[searched[~skeleton.is_length[searched]]], axis=1)
-    return float(np.degrees(width[np.isfinite(width)].mean()))
+    width, is_length = np.ptp(skeleton.coordinate_limits[searched], axis=1), skeleton.is_length[searched]
+    ranges = {"deg": np.degrees(width[np.isfinite(width) & ~is_length]), "m": width[np.isfinite(width) & is_length]}
+    return {unit: float(each.mean()) for unit, each in ranges.items() if len(each)}

@@ -21,7 +21,7 @@ def show_body(
     force: Switch = False,
     console: Console | None = None,
 ) -> None:
-    """Draw a body: tracking mesh, joints by name, the axes about which they turn, and their limits.
+    """Draw a body: tracking mesh, joints by name, the axes about which they turn or along which they slide, limits.
 
     Parameters
     ----------
@@ -43,7 +43,8 @@ def show_body(
     read, motions = read_body(file), read_motions(file)
     draw_body(read, picture)
     skeleton = read.skeleton
-    freedom = {name: _freedom(skeleton, name) for name in skeleton.joints if name not in skeleton.sliding}
+    turning = {name: _freedom(skeleton, name) for name in skeleton.joints if name not in skeleton.sliding}
+    sliding = {name: _freedom(skeleton, name) for name in skeleton.sliding}
     values = {
         "picture": picture,
         "parent": {
@@ -51,7 +52,8 @@ def show_body(
             for name, above in zip(skeleton.joints, skeleton.parent, strict=True)
             if above >= 0
         },
-        "limits_deg": freedom,
+        "limits_deg": turning,
+        "limits_m": sliding,
         "sliding": skeleton.sliding,
         "attached": skeleton.attached,
         "parts": skeleton.parts,
@@ -59,18 +61,22 @@ def show_body(
         "motions": {name: len(motion.pose) for name, motion in motions.items()},
     }
     width = max(map(len, skeleton.joints))
-    lines = [f"{name:<{width}}  slides" for name in skeleton.sliding]
-    for name, free in freedom.items():
-        turns = "   ".join(f"{axis} {low:.0f} to {high:.0f}" for axis, (low, high) in free.items())
-        lines.append(f"{name:<{width}}  {turns or 'fixed'}")
+    told = {name: f"slides {_ranges(free, '.3g')} m" for name, free in sliding.items() if free}
+    told |= {name: _ranges(free, ".0f") for name, free in turning.items()}
+    lines = [f"{name:<{width}}  {told.get(name) or 'fixed'}" for name in (*sliding, *turning)]
     console.result(values, "\n".join([f"{picture}; degrees that each joint turns about its axes:", *lines]))
 
 
+def _ranges(free: dict[str, tuple[float, float]], form: str) -> str:
+    return "   ".join(f"{axis} {low:{form}} to {high:{form}}" for axis, (low, high) in free.items())
+
+
 def _freedom(skeleton: Skeleton, joint: str) -> dict[str, tuple[float, float]]:
-    """Lowest and highest angle about each axis that is searched [degrees]."""
+    """Lowest and highest angle about each axis that is searched [degrees], or shift along it [m]."""
     import numpy as np
 
     first = skeleton.angles(joint).start
     searched = [int(coordinate) - first for coordinate in skeleton.searched()]
-    limits = np.degrees(skeleton.limits[skeleton.index(joint)].astype(float)).tolist()
-    return {"xyz"[axis]: tuple(limits[axis]) for axis in searched if 0 <= axis < 3}
+    limits = skeleton.limits[skeleton.index(joint)].astype(float)
+    told = (limits if joint in skeleton.sliding else np.degrees(limits)).tolist()
+    return {"xyz"[axis]: tuple(told[axis]) for axis in searched if 0 <= axis < 3}

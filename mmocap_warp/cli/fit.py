@@ -59,7 +59,7 @@ def fit(
         adult_man.
     start_pose
         In which the recording starts, about: the name of one of the body's motions, of which some frames are tried, or
-        a .toml file of angles in degrees such as 'LKnee.Rx = 40'. May be given more than once.
+        a .toml file of angles in degrees such as 'LKnee.Rx = 40', shifts in metres. May be given more than once.
     frames
         Which of the recording's frames: first:end or first:end:stride, such as 120:480:2, which leaves out the end; or
         a count of those that the scene names. [default: those that the scene names]

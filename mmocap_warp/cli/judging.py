@@ -128,6 +128,7 @@ def summary(report: dict[str, Any]) -> str:
     rows += [(name, f"{_number(error, '.1f')} mm") for name, error in report.get("median_mm_by_attached", {}).items()]
     if report.get("median_angle_deg") is not None and report.get("marker_error_mm") is None:  # of a robot or a hand
         rows.append(("median angle error", f"{report['median_angle_deg']:.2f} degrees"))
+    rows += [(name, f"{_number(error, '.1f')} mm") for name, error in report.get("median_mm_by_shift", {}).items()]
     if report.get("growth") is not None:
         rows.append(("growth of MPJPE", f"{report['growth']:.2f} (last third over first)"))
     if report.get("limb_lost_frames"):

@@ -99,6 +99,13 @@ def _text(values: dict[str, Any]) -> str:
     ]
     if angles:
         parts.append(table([("joint", "angle [°]", "least", "mean", "most"), *angles]))
+    shifts = [
+        (joint, axis, *(f"{spread[key]:.1f}" for key in ("min", "mean", "max")))
+        for joint, axes in shown.get("shifts_mm", {}).items()
+        for axis, spread in axes.items()
+    ]
+    if shifts:
+        parts.append(table([("joint", "shift [mm]", "least", "mean", "most"), *shifts]))
     if shown["on_floor_share"]:
         parts.append(_gait(shown))
     height = shown["centre_of_mass_height_m"]

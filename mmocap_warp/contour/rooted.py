@@ -85,11 +85,12 @@ class Rooting:
     def anywhere(self) -> np.ndarray:
         """(dof,) standard deviation of each searched coordinate if all that is known of it is its limits [m, rad].
 
-        A free angle is anywhere in a turn, a place within some ten metres.
+        A free angle is anywhere in a turn, a place without limits within some ten metres.
         """
         turns = np.where(np.isfinite(self._limits), self._limits, (-np.pi, np.pi))
         widest = turns[:, 1] - turns[:, 0]
-        return np.where(self.is_length, _ROOM, np.maximum(widest, 1e-3) / np.sqrt(12))
+        free_place = self.is_length & ~np.isfinite(self._limits).all(axis=1)
+        return np.where(free_place, _ROOM, np.maximum(widest, 1e-3) / np.sqrt(12))
 
     def enter(self, pose: np.ndarray) -> RootedPoses:
         """Rooted poses of poses (frame, coordinate)."""

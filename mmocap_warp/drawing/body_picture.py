@@ -1,4 +1,4 @@
-"""A picture of a body: its tracking mesh, joints by name, the axes about which they turn, and how far."""
+"""A picture of a body: its tracking mesh, joints by name, the axes that they turn about or slide along, how far."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import turn
+from mmocap_warp.body.skeleton import TRANSLATION
 from mmocap_warp.drawing.overlay import (
     INK,
     LEFT_COLOUR,
@@ -38,13 +39,14 @@ _BITS = 4  # binary digits of OpenCV's places
 def draw_body(body: BodyModel, file: str | Path) -> None:
     """Draw a body in its bind pose from the front, from its left and from above.
 
-    Each searched angle is a line along its axis, and an arc from its lowest to its highest value.
+    Each searched angle is a line along its axis, and an arc from its lowest to its highest value; what slides has a
+    line from its lowest to its highest place.
 
     Raises:
         InputError: a name that does not end in ``.png``, or a folder that cannot be written to.
     """
     rest = body.tracking.rest.astype(float)
-    points = np.concatenate([rest, body.joint_rest])
+    points = np.concatenate([rest, body.joint_rest, *_slides(body).values()])
     low, high = points.min(axis=0), points.max(axis=0)
     views = [_view(body, name, low, high) for name in _VIEWS]
     tall = max(view.shape[0] for view in views)
@@ -58,7 +60,8 @@ def draw_body(body: BodyModel, file: str | Path) -> None:
     size = high - low
     text = f"{body.name}   {size[0]:.3g} x {size[1]:.3g} x {size[2]:.3g} m   {len(skeleton.joints)} joints   "
     end = write_text(canvas, f"{text}{len(skeleton.searched())} degrees of freedom", (8, 9))
-    legend = {f"turns about {axis}": colour for axis, colour in _AXIS_COLOURS.items()}
+    moves = "turns about, slides along" if skeleton.sliding else "turns about"
+    legend = {f"{moves} {axis}": colour for axis, colour in _AXIS_COLOURS.items()}
     for label, colour in {**legend, **_SIDES}.items():
         end = write_text(canvas, label, (end + 18, 9), colour)
     write_png(file, canvas)
@@ -110,6 +113,8 @@ def _view(body: BodyModel, name: str, low: np.ndarray, high: np.ndarray) -> np.n
         joint, axis = divmod(int(coordinate) - 3, 3)
         if joint > 0 and not skeleton.slides[joint]:
             _draw_freedom(sheet, body, joint, axis, extent)
+    for (joint, axis), ends in _slides(body).items():
+        _draw_slide(sheet, skeleton.frame[joint].astype(float), axis, ends, extent)
     for joint, side in enumerate(map(skeleton.side, skeleton.joints)):
         sheet.dot(place[joint], _SIDES[side])
     _write_names(sheet, skeleton.joints, place)
@@ -129,6 +134,26 @@ def _draw_freedom(sheet: _Sheet, body: BodyModel, joint: int, axis: int, extent:
     sheet.line(centre + _ARC * extent * arc, colour)
     for end in (arc[0], arc[-1]):
         sheet.line(np.stack([centre, centre + _ARC * extent * end]), colour)
+
+
+def _slides(body: BodyModel) -> dict[tuple[int, int], np.ndarray]:
+    """Of joint and axis, for each searched slide that has limits: its lowest and its highest place (2, 3)."""
+    skeleton, found = body.skeleton, {}
+    for coordinate in skeleton.searched_shifts():
+        joint, axis = divmod(int(coordinate) - TRANSLATION, 3)
+        limits = skeleton.limits[joint, axis].astype(float)
+        if np.isfinite(limits).all():
+            found[joint, axis] = body.joint_rest[joint] + limits[:, None] * skeleton.frame[joint, :, axis].astype(float)
+    return found
+
+
+def _draw_slide(sheet: _Sheet, frame: np.ndarray, axis: int, ends: np.ndarray, extent: float) -> None:
+    """A line from the lowest place to the highest, with strokes across either end."""
+    colour = _AXIS_COLOURS["xyz"[axis]]
+    sheet.line(ends, colour, 2)
+    for end in ends:
+        for across in np.delete(frame, axis, axis=1).T:
+            sheet.line(end + _AXIS / 2 * extent * np.array([[-1.0], [1.0]]) * across, colour)
 
 
 def _write_names(sheet: _Sheet, names: tuple[str, ...], place: np.ndarray) -> None:

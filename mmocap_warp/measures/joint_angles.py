@@ -100,6 +100,18 @@ def own_angles(skeleton: Skeleton, pose: np.ndarray, model: int | None = None) -
     return angles
 
 
+def own_shifts(skeleton: Skeleton, pose: np.ndarray, model: int | None = None) -> dict[str, dict[str, np.ndarray]]:
+    """Of each joint that slides how far, by axis of its frame: each (frame,) [m], from the bind pose.
+
+    Those that a model searches, as :func:`own_angles`.
+    """
+    shifts: dict[str, dict[str, np.ndarray]] = {}
+    for number in skeleton.searched_shifts(model):
+        joint, axis = divmod(int(number) - TRANSLATION, 3)
+        shifts.setdefault(skeleton.joints[joint], {})["xyz"[axis]] = pose[:, number]
+    return shifts
+
+
 def joints_left_out(body: BodyModel) -> list[str]:
     """The joints of a person whose angles a body does not have; none of a body that has no such angles at all."""
     has = {joint for joint, _ in _measured(body)}

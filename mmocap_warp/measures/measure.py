@@ -11,7 +11,7 @@ from mmocap_warp.body.model import BodyModel
 from mmocap_warp.measures.bone_lengths import Length, bone_lengths
 from mmocap_warp.measures.centre_of_mass import Sex, centre_of_mass
 from mmocap_warp.measures.contacts import Foot, feet_of, feet_on_floor
-from mmocap_warp.measures.joint_angles import joint_angles, joints_left_out, own_angles
+from mmocap_warp.measures.joint_angles import joint_angles, joints_left_out, own_angles, own_shifts
 from mmocap_warp.measures.segments import skin_place
 from mmocap_warp.measures.steps import Walking, walking
 from mmocap_warp.result.positions import joint_transforms
@@ -27,6 +27,7 @@ class RunMeasures:
         joints: (frame, joint, 3), joint centres in the world [m].
         joint_sigma: likewise, their standard deviations along the world's axes; None where they are not known.
         angles: by joint and name, (frame,) each [degrees]; of a body that is no person, by axis of the joint's frame.
+        shifts: by joint that slides and axis of its frame, (frame,) each, from the bind pose [m].
         feet: by side; of a body that is no person, by joint.
         walking: steps and strides.
         centre_of_mass: (frame, 3) in the world [m]; None where the body lacks joints of a person.
@@ -36,6 +37,7 @@ class RunMeasures:
     joints: np.ndarray
     joint_sigma: np.ndarray | None
     angles: dict[str, dict[str, np.ndarray]]
+    shifts: dict[str, dict[str, np.ndarray]]
     feet: dict[str, Foot]
     walking: Walking
     centre_of_mass: np.ndarray | None
@@ -122,6 +124,7 @@ def _of_run(result: Result, pose: np.ndarray, run: int, raw: bool, sex: Sex | No
         joints=joints,
         joint_sigma=sigma,
         angles=joint_angles(body, transforms) or own_angles(body.skeleton, pose, result.config.get("dof")),
+        shifts=own_shifts(body.skeleton, pose, result.config.get("dof")),
         feet=feet,
         walking=walking(feet, heel, joints[:, 0], seconds, up),
         centre_of_mass=centre_of_mass(body, transforms, sex),

@@ -38,6 +38,7 @@ def _of_run(measures: Measures, run: RunMeasures) -> dict[str, Any]:
         "angles_deg": {
             joint: {name: _spread(angle) for name, angle in angles.items()} for joint, angles in run.angles.items()
         },
+        **({"shifts_mm": _shifts(run)} if run.shifts else {}),
         "on_floor_share": {side: float(foot.on_floor.mean()) for side, foot in run.feet.items()},
         "strike_frames": {side: numbers[foot.strikes].tolist() for side, foot in run.feet.items()},
         "off_frames": {side: numbers[foot.offs].tolist() for side, foot in run.feet.items()},
@@ -47,6 +48,10 @@ def _of_run(measures: Measures, run: RunMeasures) -> dict[str, Any]:
         "stance_share": mean_by_side([(stride.side, stride.stance_share) for stride in gait.strides]),
         "centre_of_mass_height_m": None if centre is None else _spread(centre @ up),
     }
+
+
+def _shifts(run: RunMeasures) -> dict[str, Any]:
+    return {joint: {axis: _spread(1000 * shift) for axis, shift in own.items()} for joint, own in run.shifts.items()}
 
 
 def _spread(values: np.ndarray | list[float]) -> dict[str, float]:

@@ -74,6 +74,10 @@ def _angles(measures: Measures, run: RunMeasures) -> Columns:
     return {f"{joint}.{name}_deg": angle for joint, angles in run.angles.items() for name, angle in angles.items()}
 
 
+def _shifts(measures: Measures, run: RunMeasures) -> Columns:
+    return {f"{joint}.{axis}_m": shift for joint, own in run.shifts.items() for axis, shift in own.items()}
+
+
 def _joints(measures: Measures, run: RunMeasures) -> Columns:
     columns = {}
     for number, joint in enumerate(measures.result.subject.body.skeleton.joints):
@@ -96,7 +100,13 @@ def _contacts(measures: Measures, run: RunMeasures) -> Columns:
     return columns
 
 
-_COLUMNS = {"angles": _angles, "joints": _joints, "centre_of_mass": _centre_of_mass, "contacts": _contacts}
+_COLUMNS = {
+    "angles": _angles,
+    "shifts": _shifts,
+    "joints": _joints,
+    "centre_of_mass": _centre_of_mass,
+    "contacts": _contacts,
+}
 
 
 def _axes(before: str, after: str, places: np.ndarray) -> Columns:

@@ -34,7 +34,7 @@ def evaluate(result: Result, truth: Truth | None = None) -> dict[str, Any]:
     (the lowest mean over views of a frame, over runs) and its ``worst_iou_frame``, ``iou_by_camera``, ``shake_mm``
     (median second difference of the joints over consecutive frames, as at 60 Hz), ``per_run`` and ``series`` (per run
     and frame). Where the result has standard deviations, their medians over frames and runs: ``sigma_mm_by_joint`` (the
-    length of a joint's three) and ``sigma_deg_by_angle``.
+    length of a joint's three), ``sigma_deg_by_angle`` and, where joints slide, ``sigma_mm_by_shift``.
 
     With truth also, over the frames that have it at their time: ``truth_frames``; over the skeleton's judged joints, of
     a person the limbs' twelve: ``mpjpe_mm`` the mean distance, ``pa_mpjpe_mm`` the same after the best similarity
@@ -48,7 +48,8 @@ def evaluate(result: Result, truth: Truth | None = None) -> dict[str, Any]:
     partial.
 
     Where the truth has poses of a body with the same joints: ``median_angle_deg``, of the joints' angles that were
-    searched, the root's left out, and ``median_deg_by_angle``.
+    searched, the root's left out, and ``median_deg_by_angle``; of a body's own joints that slide
+    ``median_mm_by_shift``.
 
     ``other_world`` says how the truth must be changed where it is far off but in another world, see
     :func:`mmocap_warp.result.other_world.other_world`; else it is ``None``.
@@ -119,6 +120,11 @@ def _sigmas(result: Result) -> dict[str, Any]:
             for i, name in enumerate(skeleton.coordinate_names)
             if not skeleton.is_length[i]
         }
+        sigma = {
+            skeleton.coordinate_names[i]: _median(result.angle_sigma[..., i]) * _METRES_TO_MM
+            for i in skeleton.searched_shifts(result.config.get("dof"))
+        }
+        report |= {"sigma_mm_by_shift": sigma} if sigma else {}
     return report
 
 
@@ -188,18 +194,20 @@ def _attached_errors(
 
 
 def _angle_errors(result: Result, truth: Truth, mine: np.ndarray, theirs: np.ndarray) -> dict[str, Any]:
-    """Errors of the angles that were searched, where the truth is of a body with the same joints."""
+    """Errors of the angles and shifts that were searched, where the truth is of a body with the same joints."""
     skeleton = result.subject.body.skeleton
     same_joints = truth.joint_names[: len(skeleton.joints)] == skeleton.joints
     if truth.pose is None or truth.pose.shape[1] != skeleton.coordinates or not same_joints:
         return {}
-    searched = skeleton.searched_angles(result.config.get("dof"))
-    off = result.pose[:, mine][..., searched] - truth.pose[theirs][:, searched]
-    degrees = np.degrees(np.abs((off + np.pi) % (2 * np.pi) - np.pi))  # (run, common frame, angle)
+    off = result.pose[:, mine] - truth.pose[theirs]  # (run, common frame, coordinate)
+    searched, shifts = (pick(result.config.get("dof")) for pick in (skeleton.searched_angles, skeleton.searched_shifts))
+    degrees = np.degrees(np.abs((off[..., searched] + np.pi) % (2 * np.pi) - np.pi))
     names = [skeleton.coordinate_names[number] for number in searched]
+    by_shift = {skeleton.coordinate_names[i]: _median(np.abs(off[..., i])) * _METRES_TO_MM for i in shifts}
     return {
         "median_angle_deg": _median(degrees),
         "median_deg_by_angle": {name: _median(degrees[..., i]) for i, name in enumerate(names)},
+        **({"median_mm_by_shift": by_shift} if by_shift else {}),
     }
 
 

@@ -72,11 +72,14 @@ def _mirrored_part(skeleton: Skeleton, joints: list[int]) -> str | None:
 
 
 def mirrored(skeleton: Skeleton, pose: np.ndarray) -> np.ndarray:
-    """A pose (coordinate,) whose paired joints have each other's angles, mirrored; the others keep theirs."""
+    """A pose (coordinate,) whose paired joints have each other's angles or shifts, mirrored; the others keep theirs."""
     exchanged = pose.copy()
     for _, left, right in skeleton.pairs:
         for one, other in ((left, right), (right, left)):
             across = skeleton.frame[skeleton.index(one)].T @ _MIRROR @ skeleton.frame[skeleton.index(other)]
+            if skeleton.slides[skeleton.index(one)]:
+                exchanged[skeleton.angles(one)] = across @ pose[skeleton.angles(other)]
+                continue
             turned = across @ zyx_rotation(pose[skeleton.angles(other)]) @ across.T
             exchanged[skeleton.angles(one)] = zyx_angles(turned)
     low, high = skeleton.coordinate_limits.T

@@ -61,7 +61,7 @@ def test_a_robots_meshes_and_wrong_flags(tmp_path: Path, capsys: pytest.CaptureF
     robot = tmp_path / "crane.urdf"
     robot.write_text(ROBOT)
     told = run(capsys, "body", "import", robot, "-o", tmp_path / "crane.usdc")
-    assert told["joints"] == ["base", "slew", "luff"]
+    assert told["joints"] == ["base", "slew", "luff", "hoist"]
     robot.write_text(ROBOT.replace('<box size="0.4 0.4 0.2"/>', '<mesh filename="a.stl"/>'))
     other = str(tmp_path / "other.usdc")
     assert cli.main(["body", "import", str(robot), "-o", other]) == exit_codes.BAD_INPUT

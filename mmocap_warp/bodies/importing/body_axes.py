@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, RiggedMotion, Turning
+from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh, RiggedMotion
 
 AXES: tuple[str, ...] = ("+x", "-x", "+y", "-y", "+z", "-z")
 
@@ -52,15 +52,17 @@ def in_body_axes(mesh: RiggedMesh, up: str, facing: str, scale: float) -> Rigged
         mesh,
         bind=moved(mesh.bind),
         vertex=size * mesh.vertex @ turn.T,
-        turning={
-            joint: Turning(None if how.axis is None else turn @ how.axis, how.lower, how.upper)
-            for joint, how in mesh.turning.items()
-        },
+        axes={joint: _moved_axis(how, turn, size) for joint, how in mesh.axes.items()},
         motions={name: RiggedMotion(motion.fps, moved(motion.world)) for name, motion in mesh.motions.items()},
         up="+y",
         facing="+z",
         metres=1.0,
     )
+
+
+def _moved_axis(how: JointAxis, turn: np.ndarray, size: float) -> JointAxis:
+    longer = size if how.slides else 1.0
+    return replace(how, axis=turn @ how.axis, lower=longer * how.lower, upper=longer * how.upper)
 
 
 def nearest_rotation(matrix: np.ndarray) -> np.ndarray:

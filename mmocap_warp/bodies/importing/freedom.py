@@ -1,4 +1,4 @@
-"""How an imported joint turns: as its file says, or as bones and skin suggest."""
+"""How an imported joint moves: as its file says, or as bones and skin suggest."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from mmocap_warp.bodies.importing.joint_tree import chains, skin_below, skin_of
 from mmocap_warp.body.skeleton import Pair
-from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, Turning
+from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh
 
 _FLAT = 0.2  # of how far a limb's bones leave a line, how far they may leave a plane
 _BENT, _BENT_ALONE = 0.05, 0.1  # of a limb's length, how far its bones must leave a line to have a plane
@@ -20,23 +20,27 @@ _HINGE = np.radians(120.0)
 _END = np.radians(150.0)  # of a hinge at a limb's end, such as a paw's, which folds either way
 _SWING, _TWIST = np.radians(80.0), np.radians(45.0)  # of the joint at which a limb begins
 _SPINE = np.radians(45.0)  # of spines, necks and tails, about each axis
+_TRAVEL = 0.02  # of the mesh's extent: what slides by less is not searched
 
 
 @dataclass(frozen=True)
 class Freedom:
-    """How a joint turns.
+    """How a joint moves.
 
     Attributes:
-        frame: (3, 3), columns are its axes in the body's: a hinge turns about x; y runs along a bone else.
+        frame: (3, 3), columns are its axes in the body's: a hinge turns about x, a slider slides along x; y runs along
+            a bone else.
         free: axes that are searched, such as ``xyz``, ``x`` or none.
-        limits: (3, 2), lowest and highest angle about each axis [rad].
+        limits: (3, 2), lowest and highest angle about each axis [rad], or shift along it [m].
         origin: where this is from: ``file``, ``derived`` or ``given``.
+        slides: whether it slides along its axes instead of turning about them.
     """
 
     frame: np.ndarray
     free: str
     limits: np.ndarray
     origin: str
+    slides: bool = False
 
 
 def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
@@ -47,6 +51,9 @@ def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
     its bones lie, and bend on from there; the first joint of a limb, and all of those in the plane of symmetry, turn
     about three axes. A limb whose bones lie on a line tells no plane: all its joints turn about three axes.
 
+    A joint that slides is searched if its file gives it a travel that masks can show; else it is held, and its frame
+    and limits are those that it has once it is freed.
+
     Args:
         mesh: in the body's axes.
         pairs: of its joints, see :func:`~mmocap_warp.bodies.importing.joint_tree.mirrored_pairs`.
@@ -54,6 +61,7 @@ def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
     place, skin, below = mesh.bind[:, :3, 3], skin_of(mesh), skin_below(mesh)
     ends = _ends(mesh, place, skin)
     extent = float(np.ptp(place, axis=0).max())
+    least_travel = _TRAVEL * float(np.ptp(mesh.vertex, axis=0).max())
     in_pairs = {joint for _, *sides in pairs for joint in sides}
     derived: list[Freedom] = [_ball(place[j], ends[j], _SPINE, _SPINE) for j in range(len(mesh.joints))]
     for chain in chains(mesh.parent):
@@ -72,13 +80,26 @@ def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
     found = []
     for joint, freedom in enumerate(derived):
         if joint == 0:
-            free = "" if mesh.rigid and mesh.parent.count(0) == 1 else "xyz"
+            free = "" if mesh.rigid and _is_one_chain(mesh) else "xyz"
             found.append(Freedom(np.eye(3), free, np.tile([-np.inf, np.inf], (3, 1)), "derived"))
-        elif joint in mesh.turning:
-            found.append(_said(mesh.turning[joint], place[joint], ends[joint]))
+        elif joint in mesh.axes:
+            found.append(_said(mesh.axes[joint], ends[joint] - place[joint], least_travel))
         else:
             found.append(freedom if below[joint] > 0 else Freedom(freedom.frame, "", np.zeros((3, 2)), "derived"))
     return found
+
+
+def _is_one_chain(mesh: RiggedMesh) -> bool:
+    """Whether at most one joint that turns hangs on the root, or on what slides on it: a lift may carry two arms."""
+    base, turning = {0}, 0
+    for joint, above in enumerate(mesh.parent):
+        if above not in base:
+            continue
+        if joint in mesh.axes and mesh.axes[joint].slides:
+            base.add(joint)
+        else:
+            turning += 1
+    return turning <= 1
 
 
 def hinge_frame(axis: np.ndarray, along: np.ndarray) -> np.ndarray:
@@ -149,9 +170,8 @@ def _ball(at: np.ndarray, end: np.ndarray, swing: float, twist: float) -> Freedo
     return Freedom(np.stack([x, y, np.cross(x, y)], axis=1), "xyz", limits, "derived")
 
 
-def _said(turning: Turning, at: np.ndarray, end: np.ndarray) -> Freedom:
-    if turning.axis is None:
-        return Freedom(np.eye(3), "", np.zeros((3, 2)), "file")
+def _said(how: JointAxis, bone: np.ndarray, least_travel: float) -> Freedom:
     limits = np.zeros((3, 2))
-    limits[0] = turning.lower, turning.upper
-    return Freedom(hinge_frame(turning.axis, end - at), "x", limits, "file")
+    limits[0] = how.lower, how.upper
+    searched = not how.slides or least_travel <= how.upper - how.lower < np.inf
+    return Freedom(hinge_frame(how.axis, bone), "x" if searched else "", limits, "file", how.slides)

@@ -33,6 +33,7 @@ SKIN_TRIANGLES = 60_000
 
 _SPREAD = 0.2  # how far joints are expected from the bind pose when a recording starts [rad]
 _WIDEST_SPREAD = 1.0  # likewise, of what may begin anywhere
+_LEAST_SHIFT, _WIDEST_SHIFT = 0.001, 1.0  # likewise, of what slides [m]
 _NEGLIGIBLE = 5e-4  # share of a vertex's weight that may be dropped without a word
 _PART_TRIANGLES, _PART_CELLS = 500, 16  # a robot's part of more triangles has an inside; it is wrapped on such a grid
 _LEAST_SKIN = 4  # triangles, the least that can close
@@ -94,7 +95,7 @@ def imported(
     pairs = mirrored_pairs(mesh.joints, mesh.parent, place)
     freedom = with_given(freedom_of(mesh, pairs), mesh.joints, given)
     skin, tracking_vertex, tracking_face, skin_notes = _skin(mesh, triangles, skin_triangles)
-    notes = [*mesh.notes, *skin_notes]
+    notes = [*mesh.notes, *_held_notes(mesh.joints, freedom), *skin_notes]
     if sides_crossed(pairs):
         notes.append("names say left of what lies to the right: the body may face the other way (--facing)")
     body = BodyModel(
@@ -119,6 +120,11 @@ def imported(
     return Imported(body, freedom, motions, tuple(notes))
 
 
+def _held_notes(joints: tuple[str, ...], freedom: list[Freedom]) -> list[str]:
+    held = [name for name, how in zip(joints, freedom, strict=True) if how.slides and not how.free]
+    return [f"{', '.join(held)} slide by too little to be seen, or without limits: held at zero"] if held else []
+
+
 def _skeleton(mesh: RiggedMesh, pairs: tuple[Pair, ...], freedom: list[Freedom], stands: bool | None) -> Skeleton:
     """A robot stands, on legs or a base, and so does what has a left and a right; a hand does not.
 
@@ -126,7 +132,8 @@ def _skeleton(mesh: RiggedMesh, pairs: tuple[Pair, ...], freedom: list[Freedom],
     """
     stands = (mesh.rigid or bool(pairs)) if stands is None else stands
     near_bind = stands and not mesh.rigid
-    parts, part = parts_of(mesh.joints, mesh.parent)
+    sliding = tuple(name for name, how in zip(mesh.joints, freedom, strict=True) if how.slides)
+    parts, part = parts_of(mesh.joints, mesh.parent, sliding)
     place = list(range(TRANSLATION)) if freedom[0].free else []
     angles = [TRANSLATION + 3 * j + "xyz".index(axis) for j, how in enumerate(freedom) for axis in how.free]
     searched = np.array([*place, *angles], np.int32)
@@ -137,19 +144,26 @@ def _skeleton(mesh: RiggedMesh, pairs: tuple[Pair, ...], freedom: list[Freedom],
         parent=mesh.parent,
         frame=np.stack([how.frame for how in freedom]).astype(np.float32),
         limits=np.stack([how.limits for how in freedom]).astype(np.float32),
-        spread=np.array([_SPREAD, *(_SPREAD if near_bind else _spread_anywhere(how) for how in freedom[1:])]),
+        spread=np.array([_SPREAD, *(_spread(how, near_bind) for how in freedom[1:])]),
         models={len(searched): searched},
         parts=parts,
         part=part,
         pairs=pairs,
+        sliding=sliding,
         stands=stands,
     )
 
 
-def _spread_anywhere(freedom: Freedom) -> float:
-    """Standard deviation of an angle that is anywhere within its limits, of the joint's widest [rad]."""
+def _spread(freedom: Freedom, near_bind: bool) -> float:
+    """Of a joint that begins near the bind pose, or anywhere within its limits: then of its widest [rad, m].
+
+    What slides begins anywhere.
+    """
+    if near_bind and not freedom.slides:
+        return _SPREAD
     widths = [np.ptp(np.clip(freedom.limits["xyz".index(axis)], -np.pi, np.pi)) for axis in freedom.free]
-    return float(np.clip(max(widths, default=0.0) / np.sqrt(12), _SPREAD, _WIDEST_SPREAD))
+    least, most = (_LEAST_SHIFT, _WIDEST_SHIFT) if freedom.slides else (_SPREAD, _WIDEST_SPREAD)
+    return float(np.clip(max(widths, default=0.0) / np.sqrt(12), least, most))
 
 
 def _skin(mesh: RiggedMesh, triangles: int, skin_triangles: int) -> tuple[SkinMesh, np.ndarray, np.ndarray, list[str]]:

@@ -124,7 +124,7 @@ def _reordered(mesh: RiggedMesh, order: list[int]) -> RiggedMesh:
         parent=tuple(rank.get(mesh.parent[joint], -1) for joint in order),
         bind=mesh.bind[order],
         influence=np.where(mesh.weight > 0, number[mesh.influence], 0),
-        turning={rank[joint]: turning for joint, turning in mesh.turning.items() if joint in rank},
+        axes={rank[joint]: axis for joint, axis in mesh.axes.items() if joint in rank},
         motions={name: RiggedMotion(motion.fps, motion.world[:, order]) for name, motion in mesh.motions.items()},
     )
 
@@ -147,11 +147,21 @@ def chains(parent: tuple[int, ...]) -> list[list[int]]:
     return found
 
 
-def parts_of(joints: tuple[str, ...], parent: tuple[int, ...]) -> tuple[tuple[str, ...], tuple[int, ...]]:
-    """Steps of a hierarchical search: the root, then each chain, long ones in halves; their names, and each joint's."""
+def parts_of(
+    joints: tuple[str, ...], parent: tuple[int, ...], sliding: tuple[str, ...] = ()
+) -> tuple[tuple[str, ...], tuple[int, ...]]:
+    """Steps of a hierarchical search: the root, then each chain, long ones in halves; their names, and each joint's.
+
+    What slides at the end of a chain, as a gripper's fingers, is searched with the joint that carries it: the arm stays
+    a limb, on which nothing hangs, and limbs are what the first frame's search draws anew.
+    """
     names, part = [joints[0]], np.zeros(len(joints), int)
     for chain in chains(parent):
         chain = [joint for joint in chain if joint]
+        carrier = parent[chain[0]] if chain else 0
+        if carrier > 0 and chain[-1] not in parent and all(joints[joint] in sliding for joint in chain):
+            part[chain] = part[carrier]
+            continue
         pieces = -(-len(chain) // _LONGEST_CHAIN)
         for piece in np.array_split(chain, pieces) if pieces else []:
             part[piece] = len(names)

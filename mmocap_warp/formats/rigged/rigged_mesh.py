@@ -8,17 +8,20 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Turning:
-    """How a joint turns, where its file says so.
+class JointAxis:
+    """The axis that a joint turns about or slides along, where its file says so.
 
     Attributes:
-        axis: (3,) unit vector, in the file's axes in the bind pose; None where the joint does not turn.
-        lower, upper: from the bind pose, right-handed about ``axis`` [rad]; infinite where free.
+        axis: (3,) unit vector, in the file's axes in the bind pose.
+        lower, upper: from the bind pose, infinite where free: angles, right-handed about ``axis`` [rad], or, of a joint
+            that slides, how far along ``axis``, in the file's unit of length.
+        slides: whether the joint slides instead of turning.
     """
 
-    axis: np.ndarray | None
+    axis: np.ndarray
     lower: float = -np.inf
     upper: float = np.inf
+    slides: bool = False
 
 
 @dataclass(frozen=True)
@@ -49,7 +52,7 @@ class RiggedMesh:
         weight: (vertex, influence) float64, their weights; any number, zero where unused.
         up, facing: signed axes such as ``+y``, the directions of the file's format.
         metres: metres per unit of length.
-        turning: of joints by number; those that miss are free to turn in any way, as far as the file says.
+        axes: of joints by number; those that miss are free to turn in any way, as far as the file says.
         motions: animations by name.
         rigid: whether the parts are rigid and their sizes known, as a robot's are.
         attribution: what the file says of its makers; may be empty.
@@ -67,7 +70,7 @@ class RiggedMesh:
     up: str = "+y"
     facing: str = "+z"
     metres: float = 1.0
-    turning: dict[int, Turning] = field(default_factory=dict)
+    axes: dict[int, JointAxis] = field(default_factory=dict)
     motions: dict[str, RiggedMotion] = field(default_factory=dict)
     rigid: bool = False
     attribution: str = ""

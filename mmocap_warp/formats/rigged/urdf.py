@@ -1,4 +1,4 @@
-"""Robots in URDF: links as rigid parts, joints as hinges. Meshes are read by trimesh, boxes and the like are made."""
+"""Robots in URDF: links as rigid parts, joints that turn or slide. Meshes are read by trimesh, boxes and such made."""
 
 from __future__ import annotations
 
@@ -12,17 +12,18 @@ import numpy as np
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.rigged.part_meshes import part_mesh
-from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, Turning
+from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh
 
 _REMEDY = "give a URDF file, as `xacro` writes it"
-_TURNS = ("revolute", "continuous")
-_STAYS = ("fixed", "floating", "planar", "prismatic")
+_TURNS, _SLIDES = ("revolute", "continuous"), "prismatic"
+_MOVES = (*_TURNS, _SLIDES)
+_STAYS = ("fixed", "floating", "planar")
 
 
 def read_urdf(path: str | Path, meshes: str | Path | None = None) -> RiggedMesh:
-    """Read a robot at zero joint angles: a joint for each link that turns, rigidly followed by all that is fixed to it.
+    """Read a robot with all joints at zero: a joint for each link that turns or slides, followed by all fixed to it.
 
-    Sliding joints stay where they are. Visual geometry is taken, collision geometry where a robot has no other.
+    Planar joints stay where they are. Visual geometry is taken, collision geometry where a robot has no other.
 
     Args:
         path: the file.
@@ -30,7 +31,7 @@ def read_urdf(path: str | Path, meshes: str | Path | None = None) -> RiggedMesh:
             up there by their last parts, and no file elsewhere is opened.
 
     Raises:
-        InputError: no such file, not URDF, a mesh that is missing or cannot be read, or no part that turns.
+        InputError: no such file, not URDF, a mesh that is missing or cannot be read, or no part that moves.
     """
     path = Path(path)
     folder = Path(meshes) if meshes is not None else path.parent
@@ -89,26 +90,29 @@ def _robot(root: Element, path: Path, folder: Path) -> RiggedMesh:
     if len(order) != len(links):
         raise ValueError("links hang on each other in a circle")
 
-    names, parent, turning = [bases[0]], [-1], {}
+    names, parent, axes = [bases[0]], [-1], {}
     of_link, world = {bases[0]: 0}, {bases[0]: np.eye(4)}
     bind = [np.eye(4)]
     for link in order[1:]:
         joint = joints[link]
         world[link] = world[joint.parent] @ joint.origin
-        if joint.kind not in _TURNS:
+        if joint.kind not in _MOVES:
             of_link[link] = of_link[joint.parent]
             continue
         of_link[link] = len(names)
-        turning[len(names)] = Turning(world[link][:3, :3] @ joint.axis, joint.lower, joint.upper)
+        axis = world[link][:3, :3] @ joint.axis
+        axes[len(names)] = JointAxis(axis, joint.lower, joint.upper, joint.kind == _SLIDES)
         names.append(joint.name)
         parent.append(of_link[joint.parent])
         bind.append(world[link])
     if len(names) == 1:
-        raise InputError(path, "has no joint that turns", "there is nothing to track in a rigid thing; name a robot")
+        raise InputError(
+            path, "has no joint that turns or slides", "there is nothing to track in a rigid thing; name a robot"
+        )
     vertex, face, follows = _geometry(links, world, of_link, path, folder)
-    slides = [joint.name for joint in joints.values() if joint.kind in ("prismatic", "planar")]
+    planar = [joint.name for joint in joints.values() if joint.kind == "planar"]
     mimics = [_named(each) for each in root.findall("joint") if each.find("mimic") is not None]
-    notes = [f"{', '.join(slides)} slide: held at zero"] if slides else []
+    notes = [f"{', '.join(planar)} slide in a plane: held at zero"] if planar else []
     notes += [f"{', '.join(mimics)} follow other joints there: free here"] if mimics else []
     return RiggedMesh(
         name=root.get("name") or path.stem,
@@ -121,7 +125,7 @@ def _robot(root: Element, path: Path, folder: Path) -> RiggedMesh:
         weight=np.ones((len(vertex), 1)),
         up="+z",
         facing="+x",
-        turning=turning,
+        axes=axes,
         rigid=True,
         notes=tuple(notes),
     )
@@ -129,17 +133,17 @@ def _robot(root: Element, path: Path, folder: Path) -> RiggedMesh:
 
 def _joint(element: Element) -> _Joint:
     name, kind = _named(element), element.get("type", "")
-    if kind not in _TURNS + _STAYS:
+    if kind not in _MOVES + _STAYS:
         raise ValueError(f"joint {name} is of type {kind!r}, which is not known")
     ends = [element.find(end) for end in ("parent", "child")]
     parent, child = (end.get("link", "") if end is not None else "" for end in ends)
     axis_element, limit = element.find("axis"), element.find("limit")
     axis = _numbers(axis_element.get("xyz", "1 0 0") if axis_element is not None else "1 0 0", 3)
     length = float(np.linalg.norm(axis))
-    if kind in _TURNS and length == 0:
-        raise ValueError(f"joint {name} turns about no axis")
+    if kind in _MOVES and length == 0:
+        raise ValueError(f"joint {name} {'slides along' if kind == _SLIDES else 'turns about'} no axis")
     lower, upper = -np.inf, np.inf
-    if kind == "revolute" and limit is not None:
+    if kind in ("revolute", _SLIDES) and limit is not None:
         lower, upper = (float(_numbers(limit.get(end, "0"), 1)[0]) for end in ("lower", "upper"))
     if lower > upper:
         raise ValueError(f"joint {name} has a lower limit above the upper one")

@@ -8,7 +8,7 @@ import numpy as np
 from pxr import Usd, UsdGeom, UsdPhysics, UsdSkel
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, RiggedMotion, Turning, parents_first
+from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh, RiggedMotion, parents_first
 from mmocap_warp.formats.usd.file import read_stage, reads_usd
 
 _REMEDY = "export the character with its UsdSkel skeleton and skin"
@@ -19,7 +19,8 @@ _LONGEST = 36000  # frames
 def read_usd_skel(path: str | Path) -> RiggedMesh:
     """Read the skeleton that most skin is bound to, with that skin and its animation.
 
-    A ``PhysicsRevoluteJoint`` named like a joint of the skeleton gives that joint's axis and limits.
+    A ``PhysicsRevoluteJoint`` or ``PhysicsPrismaticJoint`` named like a joint of the skeleton gives that joint's axis
+    and limits.
 
     Raises:
         InputError: no such file, not USD, or without a skinned mesh that is whole.
@@ -81,7 +82,7 @@ def _character(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, meshes: list[UsdGeo
         up=up,
         facing="+z" if up == "+y" else "-y",
         metres=float(UsdGeom.GetStageMetersPerUnit(stage)),
-        turning=_turning(stage, ordered, bind[order]),
+        axes=_axes(stage, ordered, bind[order]),
         motions=_motions(stage, skeleton, order),
         attribution=_attribution(stage),
     )
@@ -150,20 +151,24 @@ def _motions(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, order: list[int]) -> 
     return {str(source.GetName()): RiggedMotion(fps, world.swapaxes(-1, -2)[:, order])}
 
 
-def _turning(stage: Usd.Stage, joints: tuple[str, ...], bind: np.ndarray) -> dict[int, Turning]:
-    """Axes and limits of joints after which a revolute physics joint is named; its axis is in the joint's frame."""
+def _axes(stage: Usd.Stage, joints: tuple[str, ...], bind: np.ndarray) -> dict[int, JointAxis]:
+    """Axes and limits of joints after which a physics joint is named; its axis is in the joint's frame."""
     found = {}
     for prim in stage.Traverse():
-        if not prim.IsA(UsdPhysics.RevoluteJoint) or prim.GetName() not in joints:
+        slides = prim.IsA(UsdPhysics.PrismaticJoint)
+        if not (slides or prim.IsA(UsdPhysics.RevoluteJoint)) or prim.GetName() not in joints:
             continue
-        physics, joint = UsdPhysics.RevoluteJoint(prim), joints.index(prim.GetName())
+        physics = UsdPhysics.PrismaticJoint(prim) if slides else UsdPhysics.RevoluteJoint(prim)
+        joint = joints.index(prim.GetName())
         axis = np.zeros(3)
         axis["XYZ".index(str(physics.GetAxisAttr().Get()))] = 1.0
-        turned = bind[joint, :3, :3] @ axis
+        along = bind[joint, :3, :3] @ axis
         lower, upper = (float(limit.Get()) for limit in (physics.GetLowerLimitAttr(), physics.GetUpperLimitAttr()))
         if lower > upper:
             raise ValueError(f"{prim.GetPath()} has a lower limit above the upper one")
-        found[joint] = Turning(turned / np.linalg.norm(turned), float(np.radians(lower)), float(np.radians(upper)))
+        if not slides:
+            lower, upper = float(np.radians(lower)), float(np.radians(upper))
+        found[joint] = JointAxis(along / np.linalg.norm(along), lower, upper, slides)
     return found
 
 

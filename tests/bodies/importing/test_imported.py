@@ -207,8 +207,8 @@ def test_a_robot_is_rigid_and_turns_about_its_axes(tmp_path: Path) -> None:
     path.write_text(ROBOT)
     crane = imported(read_urdf(path), "crane")
     skeleton = crane.body.skeleton
-    assert skeleton.joints == ("base", "slew", "luff")
-    assert len(skeleton.searched()) == 2  # one chain: its base stands still
+    assert skeleton.joints == ("base", "slew", "luff", "hoist")
+    assert len(skeleton.searched()) == 3  # one chain: its base stands still
     assert crane.body.rigid
     np.testing.assert_allclose(skeleton.frame[1, :, 0], (0, 1, 0), atol=1e-6)  # up
     np.testing.assert_allclose(skeleton.frame[2, :, 0], (0, 0, 1), atol=1e-6)  # +X of the file is ahead
@@ -228,10 +228,10 @@ def test_a_joints_file_frees_a_robots_base_and_its_shape(tmp_path: Path) -> None
     fixed = imported(robot, "crane")
     write_joints_file(path, fixed.body, fixed.freedom)
     again = imported(robot, "crane", joints=read_joints_file(path))
-    assert (len(again.body.skeleton.searched()), again.body.rigid, again.body.skeleton.stands) == (2, True, True)
+    assert (len(again.body.skeleton.searched()), again.body.rigid, again.body.skeleton.stands) == (3, True, True)
     path.write_text('root = "free"\nrigid = false\nstands = false\n')
     freed = imported(robot, "crane", joints=read_joints_file(path))
-    assert (len(freed.body.skeleton.searched()), freed.body.rigid, freed.body.skeleton.stands) == (8, False, False)
+    assert (len(freed.body.skeleton.searched()), freed.body.rigid, freed.body.skeleton.stands) == (9, False, False)
 
 
 def test_what_has_two_sides_stands_near_its_bind_pose(creature: RiggedMesh, made: Imported) -> None:

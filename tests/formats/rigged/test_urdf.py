@@ -1,4 +1,4 @@
-"""URDF robots: what turns is a joint, what is fixed to it follows; nothing outside the named folder is opened."""
+"""URDF robots: what turns or slides is a joint, what is fixed follows; nothing outside the named folder is opened."""
 
 from __future__ import annotations
 
@@ -19,23 +19,36 @@ def written(tmp_path: Path, text: str = ROBOT) -> Path:
     return path
 
 
-def test_hinges_their_axes_and_limits(tmp_path: Path) -> None:
+def test_joints_their_axes_and_limits(tmp_path: Path) -> None:
     read = read_urdf(written(tmp_path))
-    assert read.joints == ("base", "slew", "luff")
-    assert read.parent == (-1, 0, 1)
+    assert read.joints == ("base", "slew", "luff", "hoist")
+    assert read.parent == (-1, 0, 1, 2)
     assert read.rigid
     assert (read.up, read.facing) == ("+z", "+x")
-    np.testing.assert_allclose(read.bind[:, :3, 3], [(0, 0, 0), (0, 0, 0.1), (0, 0, 1.1)])
-    np.testing.assert_allclose(read.turning[1].axis, (0, 0, 1))
-    assert (read.turning[1].lower, read.turning[1].upper) == (-np.inf, np.inf)
-    np.testing.assert_allclose(read.turning[2].axis, (1, 0, 0), atol=1e-6)
-    assert (read.turning[2].lower, read.turning[2].upper) == (-0.2, 1.2)
-    assert any("hoist" in note for note in read.notes)
+    np.testing.assert_allclose(read.bind[:, :3, 3], [(0, 0, 0), (0, 0, 0.1), (0, 0, 1.1), (0, 0.75, 1)], atol=1e-6)
+    np.testing.assert_allclose(read.axes[1].axis, (0, 0, 1))
+    assert (read.axes[1].lower, read.axes[1].upper) == (-np.inf, np.inf)
+    np.testing.assert_allclose(read.axes[2].axis, (1, 0, 0), atol=1e-6)
+    assert (read.axes[2].lower, read.axes[2].upper) == (-0.2, 1.2)
+    np.testing.assert_allclose(read.axes[3].axis, (0, 0, 1))
+    assert (read.axes[3].lower, read.axes[3].upper) == (0, 0.5)
+    assert [read.axes[joint].slides for joint in (1, 2, 3)] == [False, False, True]
+
+
+def test_what_slides_in_a_plane_is_held(tmp_path: Path) -> None:
+    read = read_urdf(written(tmp_path, ROBOT.replace('"prismatic"', '"planar"')))
+    assert read.joints == ("base", "slew", "luff")
+    assert read.notes == ("hoist slide in a plane: held at zero",)
+
+
+def test_what_follows_another_joint_is_told(tmp_path: Path) -> None:
+    read = read_urdf(written(tmp_path, ROBOT.replace('<limit lower="0"', '<mimic joint="luff"/><limit lower="0"')))
+    assert read.notes == ("hoist follow other joints there: free here",)
 
 
 def test_links_stand_where_their_joints_put_them(tmp_path: Path) -> None:
     read = read_urdf(written(tmp_path))
-    boom = read.vertex[read.influence[:, 0] == 2]
+    boom = read.vertex[read.influence[:, 0] >= 2]
     np.testing.assert_allclose(boom.min(axis=0), (-0.05, 0.0, 0.9), atol=1e-6)  # the hook hangs below its end
     np.testing.assert_allclose(boom.max(axis=0), (0.05, 0.8, 1.15), atol=1e-6)
 
@@ -66,10 +79,11 @@ def test_meshes_are_found_by_their_last_parts_in_the_named_folder_alone(tmp_path
         ("<robot", "is not XML"),
         ("<house/>", "not <robot>"),
         ('<robot xmlns:xacro="http://ros.org/wiki/xacro"><xacro:include filename="a"/></robot>', "xacro template"),
-        ('<robot name="x"><link name="a"/></robot>', "no joint that turns"),
+        ('<robot name="x"><link name="a"/></robot>', "no joint that turns or slides"),
         (ROBOT.replace('link="boom"', 'link="none"'), "does not exist"),
         (ROBOT.replace('lower="-0.2"', 'lower="9"'), "lower limit above"),
         (ROBOT.replace('"0 -1 0"', '"0 0 0"'), "turns about no axis"),
+        (ROBOT.replace('<axis xyz="0 0 1"/><limit', '<axis xyz="0 0 0"/><limit'), "slides along no axis"),
         (ROBOT.replace('<box size="0.4 0.4 0.2"/>', '<box size="nan 1 1"/>'), "not 3 numbers"),
         (ROBOT.replace('<parent link="base"/>', '<parent link="hook"/>'), "circle"),
     ],

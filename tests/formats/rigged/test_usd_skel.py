@@ -41,10 +41,26 @@ def test_limits_of_physics_joints(tmp_path: Path) -> None:
     knee.CreateUpperLimitAttr(90.0)
     stage.Save()
     read = read_usd_skel(path)
-    (joint,) = read.turning
+    (joint,) = read.axes
     assert read.joints[joint] == "LForeKnee"
-    np.testing.assert_allclose(read.turning[joint].axis, (1, 0, 0))
-    np.testing.assert_allclose((read.turning[joint].lower, read.turning[joint].upper), np.radians([-10, 90]), rtol=1e-6)
+    assert not read.axes[joint].slides
+    np.testing.assert_allclose(read.axes[joint].axis, (1, 0, 0))
+    np.testing.assert_allclose((read.axes[joint].lower, read.axes[joint].upper), np.radians([-10, 90]), rtol=1e-6)
+
+
+def test_travel_of_a_prismatic_physics_joint(tmp_path: Path) -> None:
+    path = tmp_path / "dog.usda"
+    write_body(path, quadruped())
+    stage = Usd.Stage.Open(str(path))
+    knee = UsdPhysics.PrismaticJoint.Define(stage, Sdf.Path("/Dog/LForeKnee"))
+    knee.CreateAxisAttr("Y")
+    knee.CreateLowerLimitAttr(-0.5)
+    knee.CreateUpperLimitAttr(0.25)
+    stage.Save()
+    read = read_usd_skel(path)
+    (how,) = read.axes.values()
+    np.testing.assert_allclose(how.axis, (0, 1, 0))
+    assert (how.lower, how.upper, how.slides) == (-0.5, 0.25, True)
 
 
 def test_a_file_without_a_skin_is_told(tmp_path: Path) -> None:

@@ -63,8 +63,6 @@ def fit(
     frames
         Which of the recording's frames: first:end or first:end:stride, such as 120:480:2, which leaves out the end; or
         a count of those that the scene names. [default: those that the scene names]
-    identity
-        Of the person that is meant, where the masks show several: the index in their palette, or their gray level.
     force
         Replace a file that exists.
     """

@@ -43,8 +43,6 @@ def mask(
         a count of those that the scene names. [default: those that the scene names]
     from_body
         A result of this scene: draw the masks anew around its body, by the images' colours (GrabCut).
-    identity
-        Of the person that is meant, where the masks show several: the index in their palette, or their gray level.
     force
         Write into a folder that holds files.
     """

@@ -30,7 +30,7 @@ def synth(
     Parameters
     ----------
     body
-        A body's USD file with motions, such as 'mmocap body import' writes.
+        A body's USD file with motions, such as 'mmocap body import' writes, or a shipped body's name, such as fox.
     output
         The scene's folder.
     motion

@@ -42,7 +42,8 @@ class TrackFlags:
     runs: int | None = None
     """Independent runs, tracked at once. [default: 1]"""
     preset: str | None = None
-    """Where the search radii come from: recording, paper or authors. [default: recording]"""
+    """Where the search radii come from: recording, recording-restart, common, paper, paper-rotation, paper-translation
+    or authors. [default: recording]"""
     rotation_radius: float | None = None
     """In radians, instead of the preset's."""
     translation_radius: float | None = None
@@ -93,8 +94,6 @@ def track(
     frames
         Which of the recording's frames: first:end or first:end:stride, such as 120:480:2, which leaves out the end; or
         a count of those that the scene names. [default: those that the scene names]
-    identity
-        Of the person that is meant, where the masks show several: the index in their palette, or their gray level.
     resume
         Continue an interrupted run; it ends with the same bits as one that was not interrupted.
     force

@@ -105,7 +105,8 @@ def refine(
         lines.append(f"{output}: {int(found.moved.any(axis=1).sum())} of {len(found.rig)} cameras changed")
         lines += _scene_lines(found, loaded)
     else:
-        lines.append("not written: frames that had no part are explained no better than before")
+        why = "frames that had no part are explained no better than before" if found.moved.any() else "nothing moved"
+        lines.append(f"not written, and the scene's calibration stays as it is: {why}")
     console.result(values, "\n".join(lines))
     return OK if found.better else CHECK_FAILED
 

@@ -12,11 +12,15 @@ from mmocap_warp.cli.console import Console
 if TYPE_CHECKING:
     from mmocap_warp.scene.recording import CameraSource, Scene
 
-_IDENTITY = (
-    "Of the person that is meant, where the masks show several: the index in their palette, or their gray level."
-)
-Identity = Annotated[int | None, Parameter(name="--identity", help=_IDENTITY)]
-"""Of the person that is meant, where masks show several."""
+Identity = Annotated[
+    int | None,
+    Parameter(
+        name="--identity",
+        help="Of the person that is meant, where the masks show several: the index in their palette, or their gray "
+        "level.",
+    ),
+]
+"""A flag of all commands that look at a scene's masks."""
 
 _LOOKED_AT = 5  # frames of a camera
 

@@ -21,6 +21,8 @@ from mmocap_warp.cli.exit_codes import BAD_INPUT, OK
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.usd.body import write_body, write_subject
 from mmocap_warp.formats.usd.result import write_result
+from mmocap_warp.formats.usd.truth import write_truth
+from mmocap_warp.result.truth import Truth
 
 FRAMES = 3
 SIZE = (64, 48)
@@ -160,6 +162,21 @@ def other_result(folder: Path) -> None:
     write_result(folder / "result.usda", synthetic_result(3, 1, cameras=2))
 
 
+def truth_of_another_recording(folder: Path) -> None:
+    result, joints = synthetic_result(3, 1), np.zeros((2, 1, 3))
+    truth = Truth(result.fps, np.array([900, 901]), (), joints[:, :0], ("LKnee",), joints)
+    write_truth(folder / "t.usda", truth, "+z")
+    write_result(folder / "result.usda", result)
+
+
+def truth_of_another_body(folder: Path) -> None:
+    result = synthetic_result(3, 1)
+    names, numbers = ("Snout", "Tail", "Paw", "Ear", "Whisker"), result.frame_numbers
+    joints = np.zeros((len(numbers), len(names), 3))
+    write_truth(folder / "t.usda", Truth(result.fps, numbers, (), joints[:, :0], names, joints), "+z")
+    write_result(folder / "result.usda", result)
+
+
 def damaged_checkpoint(folder: Path) -> None:
     write_subject(folder / "s.usdc", synthetic_subject())
     (folder / "r.usdc.checkpoint").write_bytes(b"PK\x03\x04 and no more")
@@ -180,6 +197,7 @@ TRACK = ("track", "{scene}", "-o", "{folder}/r.usdc", "--device", "cpu")
 SHOW_OTHER = ("show", "{folder}/result.usda", "--scene", "{scene}")
 RESUME = (*TRACK, "--quiet", "--resume", "--subject", "{folder}/s.usdc")
 EVAL = ("eval", "{folder}/result.usda")
+EVAL_TRUTH = (*EVAL, "--truth", "{folder}/t.usda")
 MAKE = ("body", "make", "-o", "{folder}/b.usdc", "--data={folder}", "--gender=1", "--age=30", "--height=1.8")
 
 
@@ -256,7 +274,12 @@ CASES = (
     Case("subject missing", edit("scene.toml", "fps", 'subject = "s.usdc"\nfps'), "s.usdc does not exist", TRACK),
     Case("subject of a flag missing", nothing, "s.usdc: no such file", (*TRACK, "--subject", "{folder}/s.usdc")),
     Case("subject is no USD", write("s.usdc", b"none"), "s.usdc", (*TRACK, "--subject", "{folder}/s.usdc")),
-    Case("body without a pose", body_file, "body.usda", (*TRACK, "--subject", "{folder}/body.usda")),
+    Case(
+        "body without a pose",
+        body_file,
+        "body.usda: holds a body, but not",
+        (*TRACK, "--subject", "{folder}/body.usda"),
+    ),
     Case("unknown body", nothing, "there is no body 'giant'", (*TRACK, "--body", "giant")),
     Case("result has another ending", nothing, "r.fbx: ends in '.fbx'", ("track", "{scene}", "-o", "{folder}/r.fbx")),
     Case(
@@ -271,6 +294,10 @@ CASES = (
     Case("result is a body", body_file, "body.usda: holds no tracking result", ("eval", "{folder}/body.usda")),
     Case("result cut short", cut_result, "result.usdc", ("eval", "{folder}/result.usdc")),
     Case("truth missing", result_file, "t.trc: no such file", (*EVAL, "--truth", "{folder}/t.trc")),
+    Case("truth of another recording", truth_of_another_recording, "t.usda: its frames 900-901 share none", EVAL_TRUTH),
+    Case(
+        "truth of another body", truth_of_another_body, "of its joints (Snout, Tail, Paw, Ear, ...) is one", EVAL_TRUTH
+    ),
     Case("truth of unknown kind", result_file, "scene.toml", (*EVAL, "--truth", "{scene}")),
     Case("scene of a result gone", lost_scene, "name the scene with --scene", ("show", "{folder}/result.usda")),
     Case("scene of another recording", other_result, "has the cameras cam01, cam02, cam03, the result", SHOW_OTHER),

@@ -100,7 +100,7 @@ _COMMANDS = (  # a command's help is here and not in its docstring, so that the 
     ("export", "export:export", "Write a result's animation alone, for other programs."),
     ("check", "check:check", _CHECK),
     ("measure", "measure:measure", _MEASURE),
-    ("body", "body:app", "Make a body, import one of another program's, or draw one."),
+    ("body", "body:app", "Bodies: import, draw, export or make one, or learn its limits."),
     ("synth", "synth:synth", "Write a made-up scene of a body in motion, with its truth."),
     ("study", "study:app", "Compare trackers: run a grid of them, and report on it."),
     ("bench", "bench:app", _BENCH),

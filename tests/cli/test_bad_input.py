@@ -330,3 +330,15 @@ def test_wrong_input_is_one_clear_line(case, tmp_path, capsys, monkeypatch):
     assert "Traceback" not in shown.err
     assert case.says.format(folder=folder) in shown.err
     assert "; " in shown.err  # what is wrong; what to do
+
+
+def test_a_truth_that_does_not_fit_leaves_what_was_tracked(tmp_path, capsys, monkeypatch):
+    folder = make_scene(tmp_path)
+    truth_of_another_body(folder)
+    scene = folder / "scene.toml"
+    scene.write_text(f'{scene.read_text()}\n[truth]\nfile = "t.usda"\n')
+    monkeypatch.setattr("mmocap_warp.cli.track.track_scene", lambda *_: synthetic_result(3, 1))
+    assert cli.main(["track", str(scene), "-o", str(folder / "r.usdc")]) == BAD_INPUT
+    written, wrong = capsys.readouterr().err.splitlines()
+    assert written.startswith(f"{folder / 'r.usdc'} is written")
+    assert wrong.startswith(f"mmocap: {folder / 't.usda'}: no markers")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -62,13 +61,9 @@ def show_body(
     width = max(map(len, skeleton.joints))
     lines = [f"{name:<{width}}  slides" for name in skeleton.sliding]
     for name, free in freedom.items():
-        turns = "   ".join(f"{axis} {_turn(*limits)}" for axis, limits in free.items())
+        turns = "   ".join(f"{axis} {low:.0f} to {high:.0f}" for axis, (low, high) in free.items())
         lines.append(f"{name:<{width}}  {turns or 'fixed'}")
     console.result(values, "\n".join([f"{picture}; degrees that each joint turns about its axes:", *lines]))
-
-
-def _turn(low: float, high: float) -> str:
-    return "freely" if low == -math.inf and high == math.inf else f"{low:.0f} to {high:.0f}"
 
 
 def _freedom(skeleton: Skeleton, joint: str) -> dict[str, tuple[float, float]]:

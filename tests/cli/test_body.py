@@ -97,10 +97,3 @@ def test_a_fit_of_a_made_scene_starts_from_the_body_that_was_recorded(tmp_path: 
     assert named is not None
     assert read_body(named).skeleton.joints[-1] == "head_end"
     assert list(read_motions(named)) == ["Nod"]
-
-
-def test_show_says_freely_where_nothing_limits_a_turn(tmp_path: Path, creature: Path, capsys) -> None:
-    assert cli.main(["body", "show", str(creature), "-o", str(tmp_path / "creature.png")]) == exit_codes.OK
-    shown = capsys.readouterr().out
-    assert "x freely   y freely   z freely" in shown
-    assert "inf" not in shown

@@ -15,7 +15,7 @@ import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 
-from cyclopts import App, CycloptsError
+from cyclopts import App, CycloptsError, Parameter
 
 from mmocap_warp.cli import claims
 from mmocap_warp.cli.exit_codes import (
@@ -41,7 +41,8 @@ app = App(
     help="Markerless motion capture from silhouettes: calibrated cameras and masks in, an animated USD body out.",
     help_epilogue="Exit codes: 0 done, 1 failed, 2 wrong usage, 3 wrong input, 4 a check failed, 130 interrupted, "
     "143 terminated.",
-    help_format="plaintext",
+    help_format="markdown",  # plain text would keep the line breaks of the docstrings
+    default_parameter=Parameter(negative_iterable=()),
     version=lambda: _version(),
     suppress_keyboard_interrupt=False,
 )
@@ -99,7 +100,7 @@ _COMMANDS = (  # a command's help is here and not in its docstring, so that the 
     ("export", "export:export", "Write a result's animation alone, for other programs."),
     ("check", "check:check", _CHECK),
     ("measure", "measure:measure", _MEASURE),
-    ("body", "body:app", "Make a body, import one of another program's, or draw one."),
+    ("body", "body:app", "Bodies: import, draw, export or make one, or learn its limits."),
     ("synth", "synth:synth", "Write a made-up scene of a body in motion, with its truth."),
     ("study", "study:app", "Compare trackers: run a grid of them, and report on it."),
     ("bench", "bench:app", _BENCH),

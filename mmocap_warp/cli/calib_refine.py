@@ -28,15 +28,15 @@ class DoubtFlags:
     """How far each camera may be from its calibration, as standard deviations; 0 keeps it as it is."""
 
     rotation: float | None = None
-    """About each of its axes [degrees]. [default: 5]"""
+    """How far a camera may be turned about each of its axes [degrees]; 0 holds it. [default: 5]"""
     position: float | None = None
-    """Along each of its axes [m]. [default: 0.2]"""
+    """How far it may be off along each of its axes [m]; 0 holds it. [default: 0.2]"""
     focal: float | None = None
-    """Of the focal length, as a share of it. [default: 0.02]"""
+    """How far its focal length may be off, as a share of it; 0 holds it. [default: 0.02]"""
     centre: float | None = None
-    """Of the principal point, as a share of the larger side of the image. [default: 0.01]"""
+    """How far its principal point may be off, as a share of the image's larger side; 0 holds it. [default: 0.01]"""
     offset: float | None = None
-    """Of the time [s]. [default: 0.05]"""
+    """How far it may lag or lead [s]; 0 holds it. [default: 0.05]"""
 
 
 def refine(
@@ -105,7 +105,8 @@ def refine(
         lines.append(f"{output}: {int(found.moved.any(axis=1).sum())} of {len(found.rig)} cameras changed")
         lines += _scene_lines(found, loaded)
     else:
-        lines.append("not written: frames that had no part are explained no better than before")
+        why = "frames that had no part are explained no better than before" if found.moved.any() else "nothing moved"
+        lines.append(f"not written, and the scene's calibration stays as it is: {why}")
     console.result(values, "\n".join(lines))
     return OK if found.better else CHECK_FAILED
 

@@ -126,10 +126,10 @@ def _text(scene: Scene, found: SolvedCameras, height: float, output: Path, pictu
             "y [m]",
             "z [m]",
             "+-",
-            "over the floor",
-            "looks down",
+            "over the floor [m]",
+            "looks down [deg]",
             "+-",
-            "view",
+            "view [deg]",
             "focal",
         )
     ]

@@ -128,7 +128,8 @@ def _made_example(name: str, output: Path, console: Console) -> int:
     body = read_body(file)
     recording = recorded(body, read_motions(file)[example.motion], example.cameras)
     with Progress("synth", quiet=console.quiet) as progress:
-        scene = load_scene(write_recorded(folder / f"{name}-scene", recording, faulty=True, progress=progress))
+        made = write_recorded(folder / f"{name}-scene", recording, faulty=True, file=file, progress=progress)
+    scene = load_scene(made)
     config = effective(TrackConfig, scene.settings("track"), TrackFlags())
     report, files = _tracked(scene, config, folder, name, Start(force=True), console)
     size = float(np.ptp(body.skin.rest[np.unique(body.skin.face)], axis=0).max())

@@ -37,10 +37,9 @@ def evaluate(
         default.
     """
     from mmocap_warp.cli.devices import start_warp
-    from mmocap_warp.cli.judging import other_world_line, positions_of, scene_of, summary, truth_of
+    from mmocap_warp.cli.judging import other_world_line, positions_of, report_of, scene_of, summary, truth_of
     from mmocap_warp.formats.truth import load_truth
     from mmocap_warp.formats.usd.result import read_result
-    from mmocap_warp.result.evaluation import evaluate
 
     console = console or Console()
     tracked = read_result(result)
@@ -48,10 +47,10 @@ def evaluate(
     of_scene = scene_of(tracked, result, scene) if truth is None else None
     known = load_truth(truth, truth_axes) if truth else truth_of(of_scene)
     start_warp()
-    report = evaluate(tracked.at(positions), known)
+    file, axes = (truth, truth_axes) if of_scene is None else (of_scene.truth, of_scene.truth_axes)
+    report = report_of(tracked.at(positions), known, file)
     console.result(report, summary(report))
     if report.get("other_world") is None:
         return OK
-    file, axes = (truth, truth_axes) if of_scene is None else (of_scene.truth, of_scene.truth_axes)
     console.warn(f"check failed: {other_world_line(report, file, axes, 'truth' if truth else 'scene')}")
     return CHECK_FAILED

@@ -105,6 +105,20 @@ def truth_of(scene: Scene | None) -> Truth | None:
     return load_truth(scene.truth, scene.truth_axes)
 
 
+def report_of(result: Result, truth: Truth | None, file: Path | None) -> dict[str, Any]:
+    """How good a result is, beside the truth that ``file`` holds.
+
+    Raises:
+        InputError: the truth is of other frames, or of a body with other joints.
+    """
+    from mmocap_warp.result.evaluation import evaluate
+
+    try:
+        return evaluate(result, truth)
+    except InputError as error:
+        raise InputError(file or error.source, error.problem, error.remedy) from None
+
+
 def summary(report: dict[str, Any]) -> str:
     """The headline numbers of :func:`mmocap_warp.result.evaluation.evaluate` for people."""
     rows: list[tuple[str, ...]] = [

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from mmocap_warp.cli.console import Console
+from mmocap_warp.cli.console import Console, table
 from mmocap_warp.cli.exit_codes import FAILURE, OK, UsageError
 from mmocap_warp.cli.settings import as_flag
 
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 _COLUMNS = {  # of the table, by measure: its key in JSON, its title, how it is shown, its unit
     "mpjpe": ("mpjpe_mm", "MPJPE", ".1f", " mm"),
-    "eq20_as_printed": ("eq20_as_printed_mm", "Eq. 20", ".1f", " mm"),
-    "marker_error": ("marker_error_mm", "own answer", ".1f", " mm"),
+    "eq20_as_printed": ("eq20_as_printed_mm", "Eq. 20 as printed", ".1f", " mm"),
+    "marker_error": ("marker_error_mm", "from own answer", ".1f", " mm"),
     "iou": ("iou", "IoU", ".3f", ""),
     "shake": ("shake_mm", "shake", ".1f", " mm"),
     "growth": ("growth", "growth", ".2f", ""),
@@ -96,9 +96,10 @@ def run(
         kind, start = _local(device, threads)
     else:
         kind, start = _ray(address, workers, gpus)
-    folder = open_folder(output or Path(loaded.name))
+    folder = output or Path(loaded.name)
+    tasks = plan_tasks(loaded, folder, kind)  # a study that is wrong leaves no folder
+    open_folder(folder)
     claim(folder)
-    tasks = plan_tasks(loaded, folder, kind)
     with _ray_messages(console), StudyProgress(loaded.name, quiet=console.quiet) as progress:
         keep = {"keep": with_typical_pose} if poses == "typical" else {}
         seconds = None if minutes is None else 60.0 * minutes
@@ -183,15 +184,15 @@ def _text(values: dict[str, Any]) -> str:
     if values["evaluations_per_second"]:
         rate, hours = values["evaluations_per_second"], values["paper_grid_hours"]
         lines.append(f"{rate:,.0f} evaluations/s; at that rate the paper's study (2.0e10) takes {hours:,.1f} hours")
-    if values["results"]:
-        titles = "".join(f" {title:>10}" for _, title, *_ in _COLUMNS.values())
-        lines += ["", f"{'preset':<10} {'evaluations':>11} {'DOF':>4}  {'algorithm':<9}{titles}"]
+    rows: list[tuple[str, ...]] = [
+        ("preset", "evaluations", "DOF", "algorithm", *(t for _, t, *_ in _COLUMNS.values()))
+    ]
     for row in values["results"]:
         shown = (
             "-" if row[name] is None else format(row[name], kind) + unit for name, _, kind, unit in _COLUMNS.values()
         )
-        name = f"{row['preset']:<10} {row['evaluations']:>11} {row['dof']:>4}  {row['algorithm']:<9}"
-        lines.append(name + "".join(f" {value:>10}" for value in shown))
+        rows.append((row["preset"], str(row["evaluations"]), str(row["dof"]), row["algorithm"], *shown))
+    lines += ["", table(rows)] if values["results"] else []
     lines += _missing(values["failed"])
     return "\n".join(lines)
 

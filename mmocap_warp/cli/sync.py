@@ -102,7 +102,9 @@ def _lines(
     path: Path,
     step: str | None,
 ) -> list[str]:
-    rows: list[tuple[str, ...]] = [("camera", "lag [frames]", "lag [s]", "sure", "next best lag", "others agreeing")]
+    rows: list[tuple[str, ...]] = [
+        ("camera", "lag [frames]", "lag [s]", "sure", "next best by motion", "others agreeing")
+    ]
     for name, view in found.views.items():
         rival = f"{view.other:+d} scores {100 * min(view.rival, 9.99):.0f} %"
         sure = "yes" if view.sure else "no"

@@ -30,7 +30,7 @@ def synth(
     Parameters
     ----------
     body
-        A body's USD file with motions, such as 'mmocap body import' writes.
+        A body's USD file with motions, such as 'mmocap body import' writes, or a shipped body's name, such as fox.
     output
         The scene's folder.
     motion
@@ -68,7 +68,7 @@ def synth(
     folder = new_folder(output, force=force)
     recording = recorded(read, chosen, cameras, size=size, faulty=not perfect, seed=seed)
     with Progress("synth", quiet=console.quiet) as progress:
-        scene = write_recorded(folder, recording, not perfect, progress)
+        scene = write_recorded(folder, recording, not perfect, file=file, progress=progress)
     step = track_command(scene)
     values = {"scene": scene, "body": read.name, "motion": name, "frames": len(recording), "cameras": cameras}
     text = f"{scene}: {len(recording)} frames of {name} at {recording.fps:g} a second, {cameras} cameras"

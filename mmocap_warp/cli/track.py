@@ -42,7 +42,8 @@ class TrackFlags:
     runs: int | None = None
     """Independent runs, tracked at once. [default: 1]"""
     preset: str | None = None
-    """Where the search radii come from: recording, paper or authors. [default: recording]"""
+    """Where the search radii come from: recording, recording-restart, common, paper, paper-rotation, paper-translation
+    or authors. [default: recording]"""
     rotation_radius: float | None = None
     """In radians, instead of the preset's."""
     translation_radius: float | None = None
@@ -98,12 +99,11 @@ def track(
     force
         Replace a result that exists.
     """
-    from mmocap_warp.cli.judging import other_world_line, scene_for, summary, truth_of
+    from mmocap_warp.cli.judging import other_world_line, report_of, scene_for, summary, truth_of
     from mmocap_warp.cli.next_step import command
     from mmocap_warp.cli.outputs import new_file
     from mmocap_warp.cli.settings import effective
     from mmocap_warp.formats.usd.file import USD_SUFFIXES
-    from mmocap_warp.result.evaluation import evaluate
     from mmocap_warp.tracking.config import TrackConfig
 
     console, flags = console or Console(), flags or TrackFlags()
@@ -116,7 +116,11 @@ def track(
     truth = truth_of(loaded)
     start = Start(subject, body, rigid, flags, resume, force)
     tracked = track_scene(loaded, config, output, start, console)
-    report = evaluate(tracked, truth)
+    try:
+        report = report_of(tracked, truth, loaded.truth)
+    except InputError:
+        console.warn(f"{output} is written, but cannot be compared with the scene's truth:")
+        raise
     del report["series"]
     step = command("show", output)
     values = {"result": output, **report, "config": tracked.config, "next": step}

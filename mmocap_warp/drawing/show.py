@@ -168,11 +168,12 @@ def show_subject(
 
 
 def _title(subject: Subject) -> str:
-    """What is drawn, and how tall a fit made it."""
-    height, sigma = (subject.provenance.get(key) for key in ("body.height", "body.height.sigma"))
-    if height is None or sigma is None:
+    """What is drawn, and how tall a fit made it, or how long what lies or goes on four legs."""
+    measure, adjective = ("length", "long") if "body.length" in subject.provenance else ("height", "tall")
+    size, sigma = (subject.provenance.get(key) for key in (f"body.{measure}", f"body.{measure}.sigma"))
+    if size is None or sigma is None:
         return subject.body.name
-    return f"{subject.body.name}   {float(height):.2f} +- {float(sigma):.2f} m tall"
+    return f"{subject.body.name}   {float(size):.2f} +- {float(sigma):.2f} m {adjective}"
 
 
 def _rig_around(subject: Subject) -> CameraRig:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -43,10 +44,14 @@ def common_frames(result: Result, truth: Truth) -> tuple[np.ndarray, np.ndarray]
     if not truth.marker_names and not set(judged) & set(truth.joint_names):
         raise InputError(
             "truth",
-            f"no markers, and none of its joints {list(truth.joint_names)} is one of {judged}",
-            "name its joints as above",
+            f"no markers, and none of its joints ({_some(truth.joint_names)}) is one that is judged ({_some(judged)})",
+            "give the truth of the body that was tracked, its joints named as the body's",
         )
     return mine, theirs
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join([*names[:4], *(["..."] if len(names) > 4 else [])]) or "none at all"
 
 
 def aligned_error(points: np.ndarray, target: np.ndarray) -> np.ndarray:

@@ -199,7 +199,8 @@ def _calibration(draft: Draft, found: FoundCalibration | None, units: str, folde
     if found is None:
         draft.missing.append(
             "a calibration: put a Pose2Sim .toml, a Qualisys .qca.txt, EasyMocap's intri.yml and extri.yml, or another "
-            "that docs/formats.md lists there, and name it as 'calibration'; its cameras must be named as in the file"
+            "that docs/calibration.md lists there, and name it as 'calibration'; the scene's cameras must be named as "
+            "in it. Or let 'mmocap calib solve' find one from a person of known height who walks about"
         )
         return ["[cameras]", '# calibration = "calibration.toml"   # MISSING']
     draft.calibration = found.path
@@ -273,17 +274,19 @@ def _foreground(draft: Draft, media: _Media) -> list[str]:
     if media.all_have(media.masks, draft.cameras):
         draft.found.append("masks of every camera, which are tracked as they are")
         return ["[foreground]", 'source = "masks"   # as they are; median, close, min_area and keep would clean them']
-    source, of = "recording", "of the recording itself, in which the person must not stay in one place"
+    source, of = "recording", "from the recording itself, in which the person must not stay in one place"
     if media.all_have(media.clean_plate, draft.cameras):
-        source, of = "clean_plate", "of the pictures without the person"
+        source, of = "clean_plate", "from the pictures without the person"
     elif media.all_have(media.background, draft.cameras):
-        source, of = "background_video", "of the recordings without the person"
-    draft.found.append(f"no masks of every camera: mmocap mask subtracts a background, which it learns {of}")
+        source, of = "background_video", "from the recordings without the person"
+    draft.found.append(
+        f"no masks for every camera: mmocap mask makes them, subtracting a background that it learns {of}"
+    )
     return [
-        "# Masks, the white silhouettes that are tracked, are got in one of three ways:",
-        "# 1. mmocap mask makes them by subtracting a background, which is learnt of the whole recording (source =",
-        '#    "recording"; the person has to walk about), of a picture without the person (clean_plate = "..." for',
-        '#    each camera, source = "clean_plate"), or of a video without (background, "background_video").',
+        "# Masks, the white silhouettes that are tracked, come in one of three ways:",
+        "# 1. mmocap mask makes them by subtracting a background, which is learnt from the whole recording (source =",
+        '#    "recording"; the person has to walk about), from a picture without the person (clean_plate = "..." for',
+        '#    each camera, source = "clean_plate"), or from a video without (background, "background_video").',
         "# 2. A segmenter such as SAM 2, rembg or MediaPipe writes them from the videos.",
         '# 3. You have them. Then, as with 2, name each camera\'s masks = "..." and set source = "masks".',
         "[foreground]",

@@ -22,6 +22,9 @@ _PROJECT_FILES = ("scene.toml", "config.toml", "pyproject.toml")
 _CONVERT = (
     "convert it with Pose2Sim (calibration_type = 'convert', convert_from = '{}') and give the .toml that it writes"
 )
+_SOLVE = (
+    "or write scene.toml by hand with this file as its calibration, and let mmocap calib solve find where they stand"
+)
 _ANY_OTHER = "write it as a Pose2Sim .toml (docs/formats.md says what is in one)"
 
 
@@ -176,7 +179,8 @@ def _refuse(file: Path, place: Path) -> None:
         raise InputError(
             file,
             "is a camera array of Caliscope that does not say where the cameras stand, or of an old version",
-            "calibrate that, too, or give camera_array_aniposelib.toml, which Caliscope writes in the project's folder",
+            "calibrate that, too, give camera_array_aniposelib.toml, which Caliscope writes in the project's folder, "
+            + _SOLVE,
         )
     if file.suffix in (".pickle", ".pkl") and (is_calibration or "camera" in name):
         opencap = "intrinsicsextrinsics" in name
@@ -195,7 +199,9 @@ def _refuse(file: Path, place: Path) -> None:
         program, remedy = by_ending[file.suffix.lower()]
         raise InputError(file, f"is a calibration of {program}, which cannot be read yet", remedy)
     if name == "intri.yml":
-        raise InputError(file, "has no extri.yml beside it", "calibrate where the cameras stand, too, with EasyMocap")
+        raise InputError(
+            file, "has no extri.yml beside it", f"calibrate where they stand, too, with EasyMocap, {_SOLVE}"
+        )
 
 
 def _is_caliscope(table: dict[str, Any]) -> bool:

@@ -155,8 +155,10 @@ def _numbers(text: str) -> list[int]:
 
 
 def names_without_calibration(media: list[Medium]) -> tuple[str, ...]:
-    """Names of cameras where no calibration tells them: of the videos or folders that lie side by side."""
+    """Names of cameras where no calibration tells them: of the videos or folders that lie side by side, else of the
+    masks."""
     recordings = [medium for medium in media if medium.kind == "recording"]
+    recordings = recordings or [medium for medium in media if medium.kind == "masks"]
     for depth in (1, 2):  # the names of the media, or of the folders that they are alone in
         by_folder: dict[tuple[str, ...], list[str]] = {}
         for medium in recordings:

@@ -80,7 +80,10 @@ def load_scene(
     subject = _take_file(about, "subject", path)
     about.finish()
 
-    named_calibration = cameras.take("calibration", str) if calibrated else cameras.take("calibration", str, None)
+    named_calibration = cameras.take("calibration", str, None)
+    if named_calibration is None and calibrated:
+        remedy = 'name its file, calibration = "...", or let mmocap calib solve find one from a person who walks'
+        raise cameras.error("'calibration' is missing", remedy)
     calibration = None if named_calibration is None else path.parent / named_calibration
     units = cameras.take_choice("units", tuple(METRES), None)
     tables = cameras.take_tables()

@@ -25,7 +25,7 @@ _CODE_DIGITS = 12  # of 64 that are shown
 def headline(study: StudySummary, measure: Measure) -> tuple[str, str]:
     """The page's title, and the figures beneath it."""
     rows = _all_rows(study, measure)
-    title = "No ranking: the study has fewer than two algorithms with the same model and budget"
+    title = "No ranking: fewer than two of the paper's algorithms with the same model and budget"
     cards = []
     if rows:
         best = min(rows, key=lambda found: -found[1].mean if measure.higher_is_better else found[1].mean)

@@ -95,13 +95,16 @@ def camera_ring(cameras: int, seen: np.ndarray, size: tuple[int, int]) -> Camera
     return CameraRig(names, K, R, t, np.tile(size, (cameras, 1)), np.zeros((cameras, 5)), "+z")
 
 
-def write_recorded(folder: Path, recording: Recording, faulty: bool, progress: Progress | None = None) -> Path:
+def write_recorded(
+    folder: Path, recording: Recording, faulty: bool, *, file: Path | None = None, progress: Progress | None = None
+) -> Path:
     """Write the recording as a scene with its truth, and the body in its first pose; the path of ``scene.toml``.
 
     Args:
         folder: made if it does not exist.
         recording: what :func:`recorded` made.
         faulty: whether its masks have faults, and are to be cleaned.
+        file: of the body, with its motions: what a fit starts from, where one is made.
         progress: called after each frame.
 
     Raises:
@@ -116,5 +119,6 @@ def write_recorded(folder: Path, recording: Recording, faulty: bool, progress: P
         about=f"{body.name}, made up with known truth. {body.attribution}".replace("\n", " "),
         foreground=_FOREGROUND if faulty else _PERFECT,
         subject=Subject(body, recording.root_base, recording.poses[0], {}),
+        body=file,
         progress=progress,
     )

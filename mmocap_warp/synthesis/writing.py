@@ -24,7 +24,7 @@ _SCENE = """\
 name = "{name}"
 fps = {fps:g}
 up = "{up}"
-{subject}
+{starts}
 [truth]
 file = "truth.usdc"
 
@@ -76,6 +76,7 @@ def write_made_scene(
     about: str,
     foreground: str,
     subject: Subject | None = None,
+    body: Path | None = None,
     progress: Progress | None = None,
 ) -> Path:
     """Write ``masks/<camera>/<frame>.png`` (1 bit), ``calibration.toml``, ``truth.usdc`` and last ``scene.toml``.
@@ -90,6 +91,7 @@ def write_made_scene(
         about: what it is, for the scene file's first line.
         foreground: the scene file's table of that name.
         subject: where tracking starts; written as ``subject.usdc`` if given.
+        body: the file of the body that a fit starts from; copied as ``body`` with its ending if given.
         progress: called after each frame.
 
     Returns:
@@ -103,12 +105,16 @@ def write_made_scene(
     write_truth(folder / "truth.usdc", truth, footage.rig.up)
     if subject is not None:
         write_subject(folder / "subject.usdc", subject)
+    named = {} if subject is None else {"subject": "subject.usdc"}
+    if body is not None:
+        named["body"] = f"body{body.suffix}"
+        write_whole(folder / named["body"], body.read_bytes())
     text = _SCENE.format(
         about=about,
         name=name,
         fps=footage.fps,
         up=footage.rig.up,
-        subject="" if subject is None else 'subject = "subject.usdc"\n',
+        starts="".join(f'{key} = "{file}"\n' for key, file in named.items()),
         cameras="".join(f'\n[cameras.{name}]\nmasks = "masks/{name}"\n' for name in footage.rig.names),
         foreground=foreground,
     )

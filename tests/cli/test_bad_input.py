@@ -21,6 +21,8 @@ from mmocap_warp.cli.exit_codes import BAD_INPUT, OK
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.usd.body import write_body, write_subject
 from mmocap_warp.formats.usd.result import write_result
+from mmocap_warp.formats.usd.truth import write_truth
+from mmocap_warp.result.truth import Truth
 
 FRAMES = 3
 SIZE = (64, 48)
@@ -160,6 +162,21 @@ def other_result(folder: Path) -> None:
     write_result(folder / "result.usda", synthetic_result(3, 1, cameras=2))
 
 
+def truth_of_another_recording(folder: Path) -> None:
+    result, joints = synthetic_result(3, 1), np.zeros((2, 1, 3))
+    truth = Truth(result.fps, np.array([900, 901]), (), joints[:, :0], ("LKnee",), joints)
+    write_truth(folder / "t.usda", truth, "+z")
+    write_result(folder / "result.usda", result)
+
+
+def truth_of_another_body(folder: Path) -> None:
+    result = synthetic_result(3, 1)
+    names, numbers = ("Snout", "Tail", "Paw", "Ear", "Whisker"), result.frame_numbers
+    joints = np.zeros((len(numbers), len(names), 3))
+    write_truth(folder / "t.usda", Truth(result.fps, numbers, (), joints[:, :0], names, joints), "+z")
+    write_result(folder / "result.usda", result)
+
+
 def damaged_checkpoint(folder: Path) -> None:
     write_subject(folder / "s.usdc", synthetic_subject())
     (folder / "r.usdc.checkpoint").write_bytes(b"PK\x03\x04 and no more")
@@ -180,6 +197,7 @@ TRACK = ("track", "{scene}", "-o", "{folder}/r.usdc", "--device", "cpu")
 SHOW_OTHER = ("show", "{folder}/result.usda", "--scene", "{scene}")
 RESUME = (*TRACK, "--quiet", "--resume", "--subject", "{folder}/s.usdc")
 EVAL = ("eval", "{folder}/result.usda")
+EVAL_TRUTH = (*EVAL, "--truth", "{folder}/t.usda")
 MAKE = ("body", "make", "-o", "{folder}/b.usdc", "--data={folder}", "--gender=1", "--age=30", "--height=1.8")
 
 
@@ -256,7 +274,12 @@ CASES = (
     Case("subject missing", edit("scene.toml", "fps", 'subject = "s.usdc"\nfps'), "s.usdc does not exist", TRACK),
     Case("subject of a flag missing", nothing, "s.usdc: no such file", (*TRACK, "--subject", "{folder}/s.usdc")),
     Case("subject is no USD", write("s.usdc", b"none"), "s.usdc", (*TRACK, "--subject", "{folder}/s.usdc")),
-    Case("body without a pose", body_file, "body.usda", (*TRACK, "--subject", "{folder}/body.usda")),
+    Case(
+        "body without a pose",
+        body_file,
+        "body.usda: holds a body, but not",
+        (*TRACK, "--subject", "{folder}/body.usda"),
+    ),
     Case("unknown body", nothing, "there is no body 'giant'", (*TRACK, "--body", "giant")),
     Case("result has another ending", nothing, "r.fbx: ends in '.fbx'", ("track", "{scene}", "-o", "{folder}/r.fbx")),
     Case(
@@ -271,6 +294,10 @@ CASES = (
     Case("result is a body", body_file, "body.usda: holds no tracking result", ("eval", "{folder}/body.usda")),
     Case("result cut short", cut_result, "result.usdc", ("eval", "{folder}/result.usdc")),
     Case("truth missing", result_file, "t.trc: no such file", (*EVAL, "--truth", "{folder}/t.trc")),
+    Case("truth of another recording", truth_of_another_recording, "t.usda: its frames 900-901 share none", EVAL_TRUTH),
+    Case(
+        "truth of another body", truth_of_another_body, "of its joints (Snout, Tail, Paw, Ear, ...) is one", EVAL_TRUTH
+    ),
     Case("truth of unknown kind", result_file, "scene.toml", (*EVAL, "--truth", "{scene}")),
     Case("scene of a result gone", lost_scene, "name the scene with --scene", ("show", "{folder}/result.usda")),
     Case("scene of another recording", other_result, "has the cameras cam01, cam02, cam03, the result", SHOW_OTHER),
@@ -303,3 +330,15 @@ def test_wrong_input_is_one_clear_line(case, tmp_path, capsys, monkeypatch):
     assert "Traceback" not in shown.err
     assert case.says.format(folder=folder) in shown.err
     assert "; " in shown.err  # what is wrong; what to do
+
+
+def test_a_truth_that_does_not_fit_leaves_what_was_tracked(tmp_path, capsys, monkeypatch):
+    folder = make_scene(tmp_path)
+    truth_of_another_body(folder)
+    scene = folder / "scene.toml"
+    scene.write_text(f'{scene.read_text()}\n[truth]\nfile = "t.usda"\n')
+    monkeypatch.setattr("mmocap_warp.cli.track.track_scene", lambda *_: synthetic_result(3, 1))
+    assert cli.main(["track", str(scene), "-o", str(folder / "r.usdc")]) == BAD_INPUT
+    written, wrong = capsys.readouterr().err.splitlines()
+    assert written.startswith(f"{folder / 'r.usdc'} is written")
+    assert wrong.startswith(f"mmocap: {folder / 't.usda'}: no markers")

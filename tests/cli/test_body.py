@@ -12,6 +12,7 @@ from made_up_rigs import ROBOT, write_creature
 from mmocap_warp import cli
 from mmocap_warp.cli import exit_codes
 from mmocap_warp.formats.usd.body import read_body, read_motions
+from mmocap_warp.scene.scene_toml import load_scene
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict:
@@ -86,3 +87,13 @@ def test_show_draws_and_lists_how_joints_turn(tmp_path: Path, creature: Path, ca
     assert picture.shape[0] > 400
     for colour in ((90, 90, 255), (110, 220, 110), (255, 150, 70)):  # axes x, y and z are there
         assert (np.abs(picture.astype(int) - colour).sum(axis=2) < 20).sum() > 50
+
+
+def test_a_fit_of_a_made_scene_starts_from_the_body_that_was_recorded(tmp_path: Path, creature: Path, capsys) -> None:
+    """And not from a person, wherever the scene is moved."""
+    scene = run(capsys, "synth", creature, "--cameras", 2, "--size", 64, 48, "-o", tmp_path / "made")["scene"]
+    creature.unlink()
+    named = load_scene(scene).body
+    assert named is not None
+    assert read_body(named).skeleton.joints[-1] == "head_end"
+    assert list(read_motions(named)) == ["Nod"]

@@ -183,3 +183,29 @@ def test_help_names_every_algorithm():
 
     shown = run("track", "--help").stdout
     assert all(name in shown for name in ALGORITHMS)
+
+
+ALL_COMMANDS = (
+    *COMMANDS[:-1], "sync", "measure", "synth", "humaneva", "bench", "bench pages",
+    *(f"calib {name}" for name in ("convert", "check", "refine", "solve")),
+    *(f"body {name}" for name in ("import", "export", "make", "learn", "show")),
+    *(f"study {name}" for name in ("make", "run", "show", "report", "ablate")),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("command", ALL_COMMANDS)
+def test_help_is_whole(command, capsys, monkeypatch):
+    """Every option says what it is, on one line where the terminal is wide enough, and none is the parser's own."""
+    monkeypatch.setenv("COLUMNS", "2000")
+    cli.main([*command.split(), "--help"])
+    rows = [line.strip("│ *") for line in capsys.readouterr().out.splitlines() if line.startswith("│")]
+    assert rows
+    assert [row for row in rows if len(row.split("  ", 1)) < 2] == []
+    assert not any("--empty" in row for row in rows)
+
+
+def test_help_names_every_preset():
+    from mmocap_warp.tracking.presets import PRESETS
+
+    shown = run("track", "--help").stdout
+    assert all(name in shown for name in PRESETS)

@@ -184,6 +184,14 @@ def test_a_subjects_picture_has_rows_of_a_length_and_says_how_tall_a_fit_is(tmp_
     assert changed.max() < 30
 
 
+def test_a_picture_tells_the_length_of_what_is_measured_by_it(tmp_path, monkeypatch):
+    result, titles = small_result(frames=1), []
+    monkeypatch.setattr("mmocap_warp.drawing.show.write_text", lambda canvas, text, *_, **__: titles.append(text))
+    size = {"body.height": 0.79, "body.height.sigma": 0.01, "body.length": 1.55, "body.length.sigma": 0.02}
+    show_subject(replace(result.subject, provenance=size), tmp_path / "fox.png", result.cameras)
+    assert titles[-1].endswith("1.55 +- 0.02 m long")
+
+
 def test_text_may_touch_the_border():
     canvas = np.zeros((20, 60, 3), np.uint8)
     assert write_text(canvas, "far too long a line", (0, 0)) > 60

@@ -243,8 +243,21 @@ def test_without_a_calibration(videos: Path) -> None:
     assert draft.cameras == RIG.names
     assert draft.missing[0].startswith("a calibration: put a Pose2Sim .toml")
     (videos / "scene.toml").write_text(draft.text)
-    with pytest.raises(InputError, match="'calibration' is missing"):
+    assert "'mmocap calib solve'" in draft.missing[0]
+    with pytest.raises(InputError, match=r"'calibration' is missing.*calib solve"):
         load_scene(videos, masks=False)
+
+
+def test_masks_without_videos_and_calibration(project: Path) -> None:
+    """All that 'mmocap calib solve' needs, but for the rate."""
+    for name in RIG.names:
+        (project / "masks" / name).mkdir(parents=True)
+        for frame in range(2):
+            cv2.imwrite(str(project / "masks" / name / f"{frame:06d}.png"), np.eye(HEIGHT, WIDTH, dtype=np.uint8))
+    draft = draft_scene(project)
+    assert draft.cameras == RIG.names
+    (project / "scene.toml").write_text(draft.text.replace("# fps", "fps"))
+    assert [camera.name for camera in load_scene(project, calibrated=False).cameras] == list(RIG.names)
 
 
 def test_millimetres_are_told_from_metres(videos: Path) -> None:

@@ -47,6 +47,27 @@ def test_a_complete_study_prints_its_table(study, copied, capsys):
     assert err == ""
 
 
+def test_the_table_is_aligned_however_trackers_are_called():
+    from mmocap_warp.cli.study_run import _COLUMNS, _text
+
+    measured = {key: 0.5 for key, *_ in _COLUMNS.values()}
+    rows = [
+        {"preset": preset, "evaluations": 100, "dof": 39, "algorithm": algorithm} | measured
+        for preset, algorithm in (("recording", "pso"), ("recording-restart", "search-contour+solved"))
+    ]
+    values = {"folder": "f", "cells": 2, "finished_now": 2, "finished_before": 0, "failed": [], "results": rows}
+    head, *lines = _text(values | {"evaluations_per_second": None}).splitlines()[2:]
+    for title in ("algorithm", "MPJPE", "Eq. 20 as printed", "IoU", "growth"):
+        assert all(line[head.index(title) - 1] == " " != line[head.index(title)] for line in lines)
+
+
+def test_a_wrong_study_leaves_no_folder(tmp_path, capsys):
+    (tmp_path / "s.toml").write_text('[[grid]]\nsequences = ["S9/Fly"]\nalgorithms = ["pso"]\ndof = [39]\n')
+    assert run(tmp_path / "s.toml", tmp_path / "results") == exit_codes.BAD_INPUT
+    assert "no sequence 'S9/Fly'" in capsys.readouterr().err
+    assert not (tmp_path / "results").exists()
+
+
 def test_cells_that_fail_are_told_and_the_run_fails(study, copied, capsys, monkeypatch):
     for path in copied.glob("*-pso-*"):
         path.unlink()

@@ -88,7 +88,11 @@ def read_subject(path: str | Path) -> Subject:
         InputError: no such file, not USD, or not a complete and consistent subject.
     """
     stage = read_stage(path)
-    return subject_from_prim(body_prim(stage, path), path)
+    prim = body_prim(stage, path)
+    if not prim.HasAttribute("mmocap:rootBase"):
+        problem = "holds a body, but not how it stands when a recording starts (mmocap:rootBase is missing)"
+        raise InputError(path, problem, "fit it: `mmocap fit SCENE --body BODY -o subject.usdc`")
+    return subject_from_prim(prim, path)
 
 
 def define_subject(stage: Usd.Stage, path: str, subject: Subject) -> UsdSkel.Root:

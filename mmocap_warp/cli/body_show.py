@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -68,7 +69,10 @@ def show_body(
 
 
 def _ranges(free: dict[str, tuple[float, float]], form: str) -> str:
-    return "   ".join(f"{axis} {low:{form}} to {high:{form}}" for axis, (low, high) in free.items())
+    def told(low: float, high: float) -> str:
+        return f"{low:{form}} to {high:{form}}" if low > -inf or high < inf else "freely"
+
+    return "   ".join(f"{axis} {told(*limits)}" for axis, limits in free.items())
 
 
 def _freedom(skeleton: Skeleton, joint: str) -> dict[str, tuple[float, float]]:

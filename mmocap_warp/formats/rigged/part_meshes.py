@@ -14,6 +14,7 @@ import numpy as np
 from mmocap_warp.errors import InputError
 
 _MATERIALS = ("library_effects", "library_materials", "library_images", "bind_material")
+_AGAIN = "export it again, as triangles in a .stl file"
 _ERRORS = (  # of trimesh's readers, which have no error of their own
     *(ArithmeticError, AssertionError, AttributeError, LookupError, MemoryError, RuntimeError),
     *(SyntaxError, TypeError, ValueError, struct.error),
@@ -40,9 +41,9 @@ def part_mesh(path: Path, source: object) -> tuple[np.ndarray, np.ndarray]:
     except ImportError as error:
         raise InputError(path, f"needs a package ({error})", "pip install 'mmocap-warp[robots]'") from None
     except _ERRORS as error:
-        raise InputError(path, f"cannot be read ({type(error).__name__}: {error})", "write it again as .stl") from None
+        raise InputError(path, f"cannot be read ({type(error).__name__}: {error})", _AGAIN) from None
     if not sound:
-        raise InputError(path, "holds no sound triangles", "write it again as .stl")
+        raise InputError(path, "holds no sound triangles", _AGAIN)
     return vertex, face
 
 
@@ -96,7 +97,7 @@ def _plain_collada(data: bytes, path: Path) -> bytes:
     try:
         root = fromstring(data)
     except (DefusedXmlException, ParseError, ValueError, LookupError) as error:
-        raise InputError(path, f"is not plain XML ({type(error).__name__})", "write it again as .stl") from None
+        raise InputError(path, f"is not plain XML ({type(error).__name__})", _AGAIN) from None
     register_namespace("", root.tag.partition("}")[0].lstrip("{"))
     for element in list(root.iter()):
         for child in list(element):

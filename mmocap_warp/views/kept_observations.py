@@ -12,16 +12,20 @@ import numpy as np
 
 from mmocap_warp.views.observation import Observation
 
-_IN_MEMORY = 2**28  # bytes; what is more goes to a temporary file
+_IN_MEMORY = 2**26  # bytes; what is more goes to a temporary file
 _LEVEL = 1  # a mask of 640 x 480 takes 1 to 2 KB, in 0.1 ms; higher levels bring little
 
 
 class KeptObservations:
-    """Consecutive frames' masks, compressed, in the order in which they were added; to be used in a ``with``."""
+    """Consecutive frames' masks, compressed, in the order in which they were added; to be used in a ``with``.
+
+    Where the temporary file cannot grow, none are kept.
+    """
 
     def __init__(self) -> None:
         self._file = tempfile.SpooledTemporaryFile(_IN_MEMORY)  # noqa: SIM115  __exit__ closes it
         self._frames: list[tuple[int, Observation]] = []  # its length in the file, and the rest of it
+        self._full = False
 
     def __enter__(self) -> Self:
         return self
@@ -31,7 +35,14 @@ class KeptObservations:
 
     def add(self, observation: Observation) -> None:
         """Put the next frame aside."""
-        length = self._file.write(zlib.compress(observation.words.tobytes(), _LEVEL))
+        if self._full:
+            return
+        try:
+            length = self._file.write(zlib.compress(observation.words.tobytes(), _LEVEL))
+        except OSError:  # no room
+            self._frames.clear()
+            self._full = True
+            return
         empty = np.broadcast_to(np.uint32(0), observation.words.shape)  # its shape, and no memory
         self._frames.append((length, replace(observation, words=empty)))
 

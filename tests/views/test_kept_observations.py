@@ -28,3 +28,25 @@ def test_observations_come_back_as_they_were(monkeypatch, in_memory):
                 np.testing.assert_array_equal(found.words, was.words)
                 np.testing.assert_array_equal(found.foreground, was.foreground)
                 np.testing.assert_array_equal(found.late, was.late)
+
+
+def test_where_there_is_no_room_none_are_kept(monkeypatch):
+    frame = Observation.from_masks([np.eye(8, dtype=bool)])
+
+    class FullDisk:
+        def __init__(self, _size: int) -> None:
+            self.writes = 0
+
+        def write(self, data: bytes) -> int:
+            self.writes += 1
+            if self.writes == 2:
+                raise OSError(28, "No space left on device")
+            return len(data)
+
+        def close(self) -> None: ...
+
+    monkeypatch.setattr(kept_observations.tempfile, "SpooledTemporaryFile", FullDisk)
+    with KeptObservations() as kept:
+        for _ in range(3):
+            kept.add(frame)
+        assert len(kept) == 0

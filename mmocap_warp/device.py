@@ -1,4 +1,4 @@
-"""The machine that Warp runs on: starting it, and its devices, threads and free memory."""
+"""The machine that Warp runs on: starting it, and its devices and free memory."""
 
 from __future__ import annotations
 
@@ -38,11 +38,6 @@ def resolve_device(name: str) -> str:
     if wanted not in known:
         raise ValueError(f"device must be auto or one of {known}, got {name!r}")
     return wanted
-
-
-def available_threads() -> int:
-    """CPU cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def free_memory(device: str) -> int | None:

@@ -29,7 +29,8 @@ from mmocap_warp.calibration.landmarks import LandmarkProblem, landmarks
 from mmocap_warp.calibration.motion import Motion
 from mmocap_warp.contour.fitter import WIDE, ContourFitter, MatchingConfig
 from mmocap_warp.contour.rooted import Rooting
-from mmocap_warp.device import available_threads, resolve_device
+from mmocap_warp.cores import available_threads
+from mmocap_warp.device import resolve_device
 from mmocap_warp.errors import InputError
 from mmocap_warp.result.result import STATUS
 from mmocap_warp.scene.recording import Scene

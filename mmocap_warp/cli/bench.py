@@ -63,7 +63,8 @@ def bench(
     from mmocap_warp.bench.report_file import read_report, write_report
     from mmocap_warp.bench.suite import Plan, run_suite
     from mmocap_warp.bench.terminal import rendered, to_text
-    from mmocap_warp.device import available_threads, resolve_device
+    from mmocap_warp.cores import available_threads
+    from mmocap_warp.device import resolve_device
 
     old = None if compare is None else read_report(compare)
     plan = Plan.usual(resolve_device(device), threads or available_threads(), peers, growth)

@@ -15,7 +15,7 @@ from urllib.parse import quote
 import cv2
 import numpy as np
 
-from mmocap_warp.device import available_threads
+from mmocap_warp.cores import available_threads
 from mmocap_warp.errors import InputError
 from mmocap_warp.foreground.cleanup import clean_mask
 from mmocap_warp.foreground.frames import Frames, ImageFolder, as_colour

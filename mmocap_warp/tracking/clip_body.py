@@ -19,7 +19,8 @@ from mmocap_warp.contour.around import Around
 from mmocap_warp.contour.body_problem import BodySolution, body_problem
 from mmocap_warp.contour.fitter import ContourFitter
 from mmocap_warp.contour.rooted import RootedPoses, Rooting
-from mmocap_warp.device import available_threads, resolve_device
+from mmocap_warp.cores import available_threads
+from mmocap_warp.device import resolve_device
 from mmocap_warp.result.result import STATUS, FrameAnswer
 from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.contour_tracker import ContourTracker

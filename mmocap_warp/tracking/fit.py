@@ -25,7 +25,8 @@ from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.shape_space import ShapeSpace
 from mmocap_warp.body.skeleton import Skeleton
-from mmocap_warp.device import available_threads, resolve_device
+from mmocap_warp.cores import available_threads
+from mmocap_warp.device import resolve_device
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import config_from_table
 from mmocap_warp.tracking.clip_body import frames_to_follow, solve_body_in_clip, with_base_still

@@ -6,7 +6,8 @@ import numpy as np
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.contour.fitter import ContourFitter, MatchingConfig
-from mmocap_warp.device import available_threads, resolve_device
+from mmocap_warp.cores import available_threads
+from mmocap_warp.device import resolve_device
 from mmocap_warp.objective.objective import Objective
 from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.views.rig import CameraRig

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import io
 import json
+import os
 import subprocess
 import sys
 import time
@@ -194,11 +195,10 @@ ALL_COMMANDS = (
 
 
 @pytest.mark.parametrize("command", ALL_COMMANDS)
-def test_help_is_whole(command, capsys, monkeypatch):
+def test_help_is_whole(command):
     """Every option says what it is, on one line where the terminal is wide enough, and none is the parser's own."""
-    monkeypatch.setenv("COLUMNS", "2000")
-    cli.main([*command.split(), "--help"])
-    rows = [line.strip("│ *") for line in capsys.readouterr().out.splitlines() if line.startswith("│")]
+    shown = run(*command.split(), "--help", env=os.environ | {"COLUMNS": "2000"}).stdout
+    rows = [line.strip("│ *") for line in shown.splitlines() if line.startswith("│")]
     assert rows
     assert [row for row in rows if len(row.split("  ", 1)) < 2] == []
     assert not any("--empty" in row for row in rows)

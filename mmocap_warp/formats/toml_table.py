@@ -120,7 +120,7 @@ class Table:
         self._asked.append(key)
         if key not in self._values:
             if default is ...:
-                raise self.error(f"'{key}' is missing", f"add {key} = ... ({_KINDS[kind]})")
+                raise self._missing(key, f"... ({_KINDS[kind]})")
             return default
         value = self._values.pop(key)
         if type(value) is int and not is_number(value):
@@ -166,7 +166,7 @@ class Table:
         self._asked.append(key)
         if key not in self._values:
             if default is ...:
-                raise self.error(f"'{key}' is missing", f"add {key} = [...]")
+                raise self._missing(key, "[...]")
             return default
         value = self._values.pop(key)
         length = " or ".join(map(str, count))
@@ -190,6 +190,11 @@ class Table:
         """Everything that is left, unchecked."""
         rest, self._values = self._values, {}
         return rest
+
+    def _missing(self, key: str, value: str) -> InputError:
+        """Told of a key that is needed: perhaps it is there, misspelt."""
+        near = difflib.get_close_matches(key, self._values, 1, 0.7)
+        return self.error(f"'{key}' is missing", f"is it '{near[0]}'?" if near else f"add {key} = {value}")
 
     def finish(self) -> None:
         """Raise InputError for a key that nobody asked for, naming the nearest one that is known."""

@@ -265,6 +265,9 @@ WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
     "no subject": case("fps = 30", 'fps = 30\nsubject = "me.usdc"', r"me\.usdc does not exist"),
     "no body": case("fps = 30", 'fps = 30\nbody = "me.usdc"', r"me\.usdc does not exist"),
     "a thing without a mesh": case("[track]", '[[attach]]\nname = "Bat"\n[track]', r"\[attach 1\]: 'mesh' is missing"),
+    "a misspelt mesh": case(
+        "[track]", '[[attach]]\nname = "Bat"\nmesch = "bat.obj"\n[track]', r"'mesh' is missing; is it 'mesch'\?"
+    ),
     "no such mesh": case(
         "[track]", '[[attach]]\nname = "Bat"\nmesh = "bat.obj"\n[track]', r"\[attach 1\]: .*bat\.obj does not exist"
     ),

@@ -33,6 +33,7 @@ _WIDTH, _HEIGHT = 960.0, 430.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 58.0, 14.0, 30.0, 374.0
 _LINE = 15.0  # from a name to the next
 _WORD = 150.0  # that a name takes across
+_DOT = 10.0  # across a dot
 
 
 def trackers_section(study: StudySummary, measure: Measure) -> Section | None:
@@ -153,11 +154,11 @@ def time_error_figure(study: StudySummary, measure: Measure) -> str:
     for name, places in placed.items():
         shape = f"{curve(x, y, places) if len(places) > 1 else ''}{dots(x, y, places, 4.5)}"
         parts.append(f'<g class="{mark_class(name)}">{shape}</g>')
-    ours = [
-        (name, x.at(places[0][0]), y.at(places[0][1]))
+    ours = {
+        name: [(x.at(time), y.at(error)) for time, error in places]
         for name, places in placed.items()
         if name not in study.algorithms
-    ]
+    }
     parts += _names(ours)
     words = baseline_words(study, measure)
     parts.append(text((_WIDTH - _RIGHT, _TOP - 9), f"{words} ↑" if words else "", anchor="end"))
@@ -174,13 +175,20 @@ def _times_and_errors(study: StudySummary, measure: Measure) -> dict[str, list[t
     return placed
 
 
-def _names(dots_of: list[tuple[str, float, float]]) -> list[str]:
-    """Names beside dots, given as (algorithm, x, y): on the left where another dot is close on the right."""
-    parts, below = [], {"start": -np.inf, "end": -np.inf}
-    for name, across, height in sorted(dots_of, key=lambda dot: dot[2]):
-        taken = any(0 < x - across < _WORD and abs(y - height) < _LINE for _, x, y in dots_of)
-        anchor, x = ("end", across - 9) if taken else ("start", across + 9)
-        below[anchor] = max(height + 4, below[anchor] + _LINE)
+def _names(dots_of: dict[str, list[tuple[float, float]]]) -> list[str]:
+    """Names by the first dot (x, y) of each algorithm: right of it, left of it or above it, where no other dot is."""
+    every = [dot for places in dots_of.values() for dot in places]
+    parts, below = [], {"start": -np.inf, "end": -np.inf, "middle": -np.inf}
+    first = [(name, *places[0]) for name, places in dots_of.items()]
+    for name, across, height in sorted(first, key=lambda dot: dot[2]):
+        apart = [x - across for x, y in every if abs(y - height) < _LINE]
+        if not any(0 < away < _WORD for away in apart):
+            anchor, x, y = "start", across + 9, height + 4
+        elif not any(_DOT < -away < _WORD for away in apart):  # nearer dots' names are on the left, too
+            anchor, x, y = "end", across - 9, height + 4
+        else:
+            anchor, x, y = "middle", across, height - 13
+        below[anchor] = max(y, below[anchor] + _LINE)
         word = text((x, below[anchor]), algorithm_label(name), "series", anchor)
         parts.append(f'<g class="{mark_class(name)}">{word}</g>')
     return parts

@@ -117,6 +117,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         argv: the arguments after the program's name; those of the process where omitted.
     """
     tokens = sys.argv[1:] if argv is None else list(argv)
+    # NumPy's matrix products have other last bits with other numbers of threads: results would depend on the cores.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         with _references_as_asked(tokens):
             code = _run(tokens)

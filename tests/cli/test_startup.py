@@ -83,3 +83,17 @@ def test_a_later_start_compiles_nothing(cache):
     before = sorted(cache.rglob("*"))
     run(TRACK, WARP_CACHE_PATH=str(cache))
     assert sorted(cache.rglob("*")) == before
+
+
+@pytest.mark.parametrize(("given", "held"), [({}, "1"), ({"OPENBLAS_NUM_THREADS": "2"}, "2")])
+def test_numpy_multiplies_with_one_thread(given, held, monkeypatch):
+    """Unless somebody wants otherwise: its bits would depend on the machine's cores."""
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    code = (
+        "import os, sys\n"
+        "from mmocap_warp import cli\n"
+        "assert 'numpy' not in sys.modules\n"
+        "cli.main(['--version'])\n"
+        "print(os.environ['OPENBLAS_NUM_THREADS'])"
+    )
+    assert run(code, **given).splitlines()[-1] == held

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 import zlib
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from typing import Self
 
@@ -39,9 +40,12 @@ class KeptObservations:
             return
         try:
             length = self._file.write(zlib.compress(observation.words.tobytes(), _LEVEL))
+            self._file.flush()  # or it is told only when it is too late to read the masks again
         except OSError:  # no room
             self._frames.clear()
             self._full = True
+            with suppress(OSError):  # closing writes what is left
+                self._file.close()
             return
         empty = np.broadcast_to(np.uint32(0), observation.words.shape)  # its shape, and no memory
         self._frames.append((length, replace(observation, words=empty)))

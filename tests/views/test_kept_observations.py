@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -43,6 +45,8 @@ def test_where_there_is_no_room_none_are_kept(monkeypatch):
                 raise OSError(28, "No space left on device")
             return len(data)
 
+        def flush(self) -> None: ...
+
         def close(self) -> None: ...
 
     monkeypatch.setattr(kept_observations.tempfile, "SpooledTemporaryFile", FullDisk)
@@ -50,3 +54,14 @@ def test_where_there_is_no_room_none_are_kept(monkeypatch):
         for _ in range(3):
             kept.add(frame)
         assert len(kept) == 0
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="only Linux has a file that is always full")
+def test_a_full_disk_is_noticed_at_once(monkeypatch):
+    """Not when the masks are read, or the file is closed."""
+    frame = Observation.from_masks([np.eye(8, dtype=bool)])
+    with open("/dev/full", "r+b") as full:
+        monkeypatch.setattr(kept_observations.tempfile, "SpooledTemporaryFile", lambda _size: full)
+        with KeptObservations() as kept:
+            kept.add(frame)
+            assert len(kept) == 0

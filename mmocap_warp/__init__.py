@@ -13,45 +13,45 @@ from typing import TYPE_CHECKING, Any
 from mmocap_warp.version import __version__
 
 if TYPE_CHECKING:
-    from mmocap_warp.bodies.shipped import load_body
     from mmocap_warp.body.model import BodyModel, Subject
-    from mmocap_warp.drawing.show import overlay
+    from mmocap_warp.display.page.viewer import view
+    from mmocap_warp.display.result_video import overlay
     from mmocap_warp.errors import InputError
-    from mmocap_warp.formats.truth import load_truth
-    from mmocap_warp.formats.usd.result import read_result as load_result
-    from mmocap_warp.formats.usd.result import write_result
+    from mmocap_warp.fitting.subject_fit import FitConfig, fit
+    from mmocap_warp.formats.truth_file import load_truth
+    from mmocap_warp.formats.usd.usd_result import read_result as load_result
+    from mmocap_warp.formats.usd.usd_result import write_result
     from mmocap_warp.optimizers.minimize import minimize
     from mmocap_warp.result.evaluation import evaluate
     from mmocap_warp.result.result import Result
+    from mmocap_warp.rigging.shipped import load_body
     from mmocap_warp.scene.recording import Scene
     from mmocap_warp.scene.scene_toml import load_scene
-    from mmocap_warp.tracking.config import TrackConfig
-    from mmocap_warp.tracking.fit import FitConfig, fit
+    from mmocap_warp.tracking.frame_loop import track
     from mmocap_warp.tracking.live import LiveFrame, track_live
-    from mmocap_warp.tracking.track import track
-    from mmocap_warp.viewing.page import view
+    from mmocap_warp.tracking.track_config import TrackConfig
 
 _HOME = {
     "BodyModel": ("body.model", "BodyModel"),
-    "FitConfig": ("tracking.fit", "FitConfig"),
+    "FitConfig": ("fitting.subject_fit", "FitConfig"),
     "InputError": ("errors", "InputError"),
     "LiveFrame": ("tracking.live", "LiveFrame"),
     "Result": ("result.result", "Result"),
     "Scene": ("scene.recording", "Scene"),
     "Subject": ("body.model", "Subject"),
-    "TrackConfig": ("tracking.config", "TrackConfig"),
+    "TrackConfig": ("tracking.track_config", "TrackConfig"),
     "evaluate": ("result.evaluation", "evaluate"),
-    "fit": ("tracking.fit", "fit"),
-    "load_body": ("bodies.shipped", "load_body"),
-    "load_result": ("formats.usd.result", "read_result"),
+    "fit": ("fitting.subject_fit", "fit"),
+    "load_body": ("rigging.shipped", "load_body"),
+    "load_result": ("formats.usd.usd_result", "read_result"),
     "load_scene": ("scene.scene_toml", "load_scene"),
-    "load_truth": ("formats.truth", "load_truth"),
+    "load_truth": ("formats.truth_file", "load_truth"),
     "minimize": ("optimizers.minimize", "minimize"),
-    "overlay": ("drawing.show", "overlay"),
-    "track": ("tracking.track", "track"),
+    "overlay": ("display.result_video", "overlay"),
+    "track": ("tracking.frame_loop", "track"),
     "track_live": ("tracking.live", "track_live"),
-    "view": ("viewing.page", "view"),
-    "write_result": ("formats.usd.result", "write_result"),
+    "view": ("display.page.viewer", "view"),
+    "write_result": ("formats.usd.usd_result", "write_result"),
 }
 
 __all__ = [

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from synthetic import ring_rig
 
+from mmocap_warp.cameras.rig import project
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
-from mmocap_warp.views.rig import project
 
 FRAMES = 5
 WIDTH, HEIGHT = 160, 120

@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from mmocap_warp.views.rig import CameraRig
+from mmocap_warp.cameras.rig import CameraRig
 
 
 def write_easymocap(

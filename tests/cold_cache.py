@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from recordings import write_recording
 
-from mmocap_warp.formats.usd.result import read_result
+from mmocap_warp.formats.usd.usd_result import read_result
 
 
 def main() -> int:

@@ -21,7 +21,7 @@ import warp as wp
 from browser import find_browser
 
 # A browser is no package that the tests could ask for: without one, its tests are not collected. The header says so.
-collect_ignore = [] if find_browser() else ["study/test_report_browser.py", "viewing/test_page_browser.py"]
+collect_ignore = [] if find_browser() else ["study/test_report_browser.py", "display/page/test_page_browser.py"]
 
 
 def _has_gltf_validator() -> bool:
@@ -34,7 +34,7 @@ if not _has_gltf_validator():  # likewise
     collect_ignore.append("formats/exports/test_gltf_validator.py")
 
 if not importlib.util.find_spec("rerun"):  # 170 MB for one file format
-    collect_ignore.append("viewing/test_rerun_file.py")
+    collect_ignore.append("display/page/test_rerun_file.py")
 
 LONGEST = (
     "test_tutorial.py",
@@ -75,7 +75,7 @@ def pytest_report_header() -> str:
     """Which browser shows the pages, and whether glTF is validated and Rerun's files are read."""
     browser = find_browser() or "none found, so no page is shown in one"
     validator = "not found" if "formats/exports/test_gltf_validator.py" in collect_ignore else "found"
-    rerun = "not found" if "viewing/test_rerun_file.py" in collect_ignore else "found"
+    rerun = "not found" if "display/page/test_rerun_file.py" in collect_ignore else "found"
     return f"browser: {browser}; glTF-Validator: {validator}; Rerun: {rerun}"
 
 

@@ -12,8 +12,9 @@ from poisoned import poisoned, poisoned_joints
 from mmocap_warp.body.mesh_pieces import mesh_edges
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import BodyArrays
-from mmocap_warp.contour.fields import DistanceFields
-from mmocap_warp.contour.fitter import ContourFitter, MatchingConfig
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.contour.frame.fields import DistanceFields
+from mmocap_warp.contour.frame.fitter import ContourFitter, MatchingConfig
 from mmocap_warp.kernels.batch import Batch, batch_of
 from mmocap_warp.kernels.body.skinning import pose_vertices
 from mmocap_warp.kernels.contour.jacobian import Posed, RestChange, Rows, Tree, differentiate, move_origins, turn_axes
@@ -22,10 +23,9 @@ from mmocap_warp.kernels.contour.normal_equations import Sums, sum_normal_equati
 from mmocap_warp.kernels.contour.outline import BANDS, Edges, Outline, find_contours
 from mmocap_warp.kernels.contour.residuals import Matching, Residuals, find_residuals
 from mmocap_warp.kernels.structs import filled
-from mmocap_warp.objective.silhouettes import ViewArrays
-from mmocap_warp.synthesis.posing import ExactPoser
-from mmocap_warp.views.observation import Observation
-from mmocap_warp.views.rig import CameraRig
+from mmocap_warp.masks.observation import Observation
+from mmocap_warp.masks.view_arrays import ViewArrays
+from mmocap_warp.synthesis.exact_posing import ExactPoser
 
 MATCHING = asdict(MatchingConfig())
 

@@ -8,11 +8,12 @@ from pixel_rays import cast_pixels
 from poisoned import poisoned
 
 from mmocap_warp.body.model import SkinMesh
+from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.kernels.batch import Batch, batch_of
 from mmocap_warp.kernels.views.projection import BEHIND, SUBPIXEL
-from mmocap_warp.objective.silhouettes import FrozenArrays, Silhouettes, ViewArrays
-from mmocap_warp.views.observation import pack_masks, unpack_masks
-from mmocap_warp.views.rig import CameraRig
+from mmocap_warp.masks.observation import pack_masks, unpack_masks
+from mmocap_warp.masks.view_arrays import ViewArrays
+from mmocap_warp.silhouettes.silhouettes import FrozenArrays, Silhouettes
 
 
 class Drawing:

@@ -15,11 +15,11 @@ import ezc3d
 import numpy as np
 from synthetic import synthetic_body, synthetic_subject
 
-from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.rigging.human import JOINTS
 from mmocap_warp.synthesis.footage.polygons import draw_silhouettes
-from mmocap_warp.views.rig import CameraRig
 
 SIZE = (160, 120)
 CAMERAS = ("C1", "C2", "C3", "BW1", "BW2", "BW3", "BW4")

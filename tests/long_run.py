@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 from recordings import write_recording
 
-from mmocap_warp.device import start_quietly
-from mmocap_warp.formats.usd.body import read_subject
-from mmocap_warp.formats.usd.result import write_result
+from mmocap_warp.device.resolve import start_quietly
+from mmocap_warp.formats.usd.usd_body import read_subject
+from mmocap_warp.formats.usd.usd_result import write_result
 from mmocap_warp.scene.scene_toml import load_scene
-from mmocap_warp.tracking.track import track
+from mmocap_warp.tracking.frame_loop import track
 
 SAMPLES = 8  # of each stage
 

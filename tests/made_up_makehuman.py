@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from mmocap_warp.bodies.human import JOINTS, PARENT
-from mmocap_warp.bodies.makehuman import MacroSliders, macro_weights
-from mmocap_warp.bodies.making import _BONE, _LOCAL_TARGETS
 from mmocap_warp.body.model import BodyModel
+from mmocap_warp.rigging.human import JOINTS, PARENT
+from mmocap_warp.rigging.makehuman import MacroSliders, macro_weights
+from mmocap_warp.rigging.making import _BONE, _LOCAL_TARGETS
 
 UNITS_PER_METRE = 10.0
 FINGERS = "LeftHandIndex1"

@@ -10,16 +10,16 @@ from planted import swung
 from synthetic import ring_rig, synthetic_body
 
 from mmocap_warp.body.model import Subject
-from mmocap_warp.calibration.motion import Motion
-from mmocap_warp.contour.rooted import Rooting
+from mmocap_warp.calibration.adjust.person_motion import Motion
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.cameras.silhouette import silhouettes
+from mmocap_warp.contour.frame.rooted import Rooting
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.png import write_png
+from mmocap_warp.masks.observation import Observation, unpack_masks
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
-from mmocap_warp.synthesis.posing import ExactPoser
-from mmocap_warp.views.observation import Observation, unpack_masks
-from mmocap_warp.views.rig import CameraRig
-from mmocap_warp.views.silhouette import silhouettes
+from mmocap_warp.synthesis.exact_posing import ExactPoser
 
 BODY = synthetic_body()
 RIG = ring_rig(4)

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from mmocap_warp.bodies.attaching import carrying
 from mmocap_warp.body.model import BodyModel, SkinMesh
 from mmocap_warp.body.skeleton import Skeleton, coordinate_names
 from mmocap_warp.formats.attachments import Attachment
+from mmocap_warp.rigging.attaching import carrying
 
 _CORNERS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 _FACES = np.array([(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)])

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel
-from mmocap_warp.contour.block_band import BlockBand
-from mmocap_warp.contour.motion_points import MotionPoints
-from mmocap_warp.contour.normal_equations import NormalEquations
-from mmocap_warp.contour.rooted import RootedPoses, Rooting
+from mmocap_warp.contour.clip.block_band import BlockBand
+from mmocap_warp.contour.clip.motion_points import MotionPoints
+from mmocap_warp.contour.frame.normal_equations import NormalEquations
+from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
 
 
 class Planted:

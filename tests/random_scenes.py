@@ -13,10 +13,10 @@ from synthetic import COORDINATES, ring_rig
 
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.posing import BodyArrays
+from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.kernels.body.kinematics import pose_joints
 from mmocap_warp.kernels.body.skinning import skin
-from mmocap_warp.views.observation import unpack_masks
-from mmocap_warp.views.rig import CameraRig
+from mmocap_warp.masks.observation import unpack_masks
 
 _MIDDLE = np.array([0.0, 0.9, 0.0])  # of a standing person [m]
 ODD_SIZES = ((97, 61), (64, 48), (33, 75), (129, 8), (31, 40))  # [px], hardly a multiple of a word or a packet

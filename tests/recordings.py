@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 from synthetic import ring_rig, synthetic_poses, synthetic_subject
 
-from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.posing import Poser
+from mmocap_warp.cameras.silhouette import silhouettes
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.png import write_png
-from mmocap_warp.formats.usd.body import write_subject
-from mmocap_warp.formats.usd.truth import write_truth
+from mmocap_warp.formats.usd.usd_body import write_subject
+from mmocap_warp.formats.usd.usd_truth import write_truth
 from mmocap_warp.result.truth import Truth
-from mmocap_warp.views.silhouette import silhouettes
+from mmocap_warp.rigging.human import JOINTS
 
 FRAMES = 8
 _STRIDE = 40  # frames in one direction

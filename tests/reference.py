@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmocap_warp.bodies.human import PARENT
 from mmocap_warp.body.model import BodyModel, SkinMesh
+from mmocap_warp.rigging.human import PARENT
 
 
 def rotation(axis: int, angle: float) -> np.ndarray:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from synthetic import synthetic_result
 
-from mmocap_warp.foreground.settings import ForegroundSettings
+from mmocap_warp.masks.mask_settings import ForegroundSettings
 
 
 def made_result(frames=6, cameras=3):

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from mmocap_warp.study.cell import Cell, CellResult
+from mmocap_warp.study.engines.engine import Death, EngineLost, Event, Ready
 from mmocap_warp.study.engines.local import serve_jobs
-from mmocap_warp.study.engines.protocol import Death, EngineLost, Event, Ready
 from mmocap_warp.study.job import Advance, Job, Refusal, Worker
 
 PER_FRAME = ("eq20_as_printed", "marker_error", "joint_error", "mpjpe", "pa_mpjpe", "iou")

@@ -6,10 +6,10 @@ import itertools
 
 import numpy as np
 
-from mmocap_warp.bodies.human import JOINTS, PARENT, human_skeleton
 from mmocap_warp.body.model import BodyModel, SkinMesh, Subject
+from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.result.result import Result
-from mmocap_warp.views.rig import CameraRig
+from mmocap_warp.rigging.human import JOINTS, PARENT, human_skeleton
 
 _DROOP = np.deg2rad(30.0)  # the arms are bound in an A-pose, so that joint frames matter
 

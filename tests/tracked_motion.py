@@ -9,11 +9,11 @@ from random_scenes import perfect_masks
 from synthetic import SKELETON, ring_rig, synthetic_poses, synthetic_subject
 
 from mmocap_warp.body.posing import Poser
+from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import Result
-from mmocap_warp.tracking.config import TrackConfig
-from mmocap_warp.tracking.track import track_observations
+from mmocap_warp.tracking.frame_loop import track_observations
+from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import Tracker
-from mmocap_warp.views.observation import Observation
 
 RIG = ring_rig(cameras=4, size=(160, 120))  # a pixel is 25 mm wide
 FPS = 60.0

@@ -34,9 +34,9 @@ def recording(frames: int):
     """The subject, the cameras, and the masks of each frame in turn."""
     from mmocap_warp.body.model import Subject
     from mmocap_warp.body.posing import Poser
+    from mmocap_warp.cameras.rig import CameraRig, project
+    from mmocap_warp.cameras.silhouette import silhouette
     from mmocap_warp.synthesis.walk import walking
-    from mmocap_warp.views.rig import CameraRig, project
-    from mmocap_warp.views.silhouette import silhouette
 
     walk = walking()
     angle = 2 * np.pi * np.arange(CAMERAS) / CAMERAS
@@ -77,10 +77,10 @@ def step_contours(frames: int, evaluations: int, result: Path) -> Callable[[], o
 
 
 def _track(frames: int, evaluations: int, path: Path, algorithm: str = "h-cmaes") -> None:
-    from mmocap_warp.formats.usd.result import write_result
-    from mmocap_warp.tracking.config import TrackConfig
-    from mmocap_warp.tracking.track import track_observations
-    from mmocap_warp.views.observation import Observation
+    from mmocap_warp.formats.usd.usd_result import write_result
+    from mmocap_warp.masks.observation import Observation
+    from mmocap_warp.tracking.frame_loop import track_observations
+    from mmocap_warp.tracking.track_config import TrackConfig
 
     subject, rig, masks, _ = recording(frames)
     config = TrackConfig(algorithm, evaluations=evaluations, device="cpu")
@@ -89,17 +89,17 @@ def _track(frames: int, evaluations: int, path: Path, algorithm: str = "h-cmaes"
 
 def step_read(frames: int, evaluations: int, result: Path) -> Callable[[], object]:
     """Read the result."""
-    from mmocap_warp.formats.usd.result import read_result
+    from mmocap_warp.formats.usd.usd_result import read_result
 
     return partial(read_result, result)
 
 
 def step_eval(frames: int, evaluations: int, result: Path) -> Callable[[], object]:
     """Judge it against truth."""
-    from mmocap_warp.bodies.human import JOINTS
-    from mmocap_warp.formats.usd.result import read_result
+    from mmocap_warp.formats.usd.usd_result import read_result
     from mmocap_warp.result.evaluation import evaluate
     from mmocap_warp.result.truth import Truth
+    from mmocap_warp.rigging.human import JOINTS
 
     tracked = read_result(result)
     _, _, _, poser = recording(1)
@@ -112,16 +112,16 @@ def step_eval(frames: int, evaluations: int, result: Path) -> Callable[[], objec
 
 def step_export(frames: int, evaluations: int, result: Path) -> Callable[[], object]:
     """Write its animation."""
-    from mmocap_warp.formats.usd.animation import export_animation
-    from mmocap_warp.formats.usd.result import read_result
+    from mmocap_warp.formats.usd.usd_animation import export_animation
+    from mmocap_warp.formats.usd.usd_result import read_result
 
     return partial(export_animation, read_result(result), result.with_name("animation.usdz"))
 
 
 def step_show(frames: int, evaluations: int, result: Path) -> Callable[[], object]:
     """Draw it over its masks."""
-    from mmocap_warp.drawing.show import show
-    from mmocap_warp.formats.usd.result import read_result
+    from mmocap_warp.display.result_video import show
+    from mmocap_warp.formats.usd.usd_result import read_result
 
     tracked = read_result(result)
     _, _, masks, _ = recording(frames)

@@ -1,4 +1,4 @@
 """How fast the program is: what ``mmocap bench`` measures, with what, and how it is told.
 
-May import: kernels, body, views, result, formats, scene, bodies, objective, optimizers, contour, tracking, drawing.
+May import: kernels, body, cameras, masks, formats, rigging, silhouettes, optimizers, contour, tracking, display.
 """

@@ -8,10 +8,10 @@ from functools import partial
 import numpy as np
 
 from mmocap_warp.bench.workload import Workload
-from mmocap_warp.contour.fitter import ContourFitter
+from mmocap_warp.contour.frame.fitter import ContourFitter
 from mmocap_warp.kernels.benchmarks.case import Case, Check
-from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.contour_tracker import ContourTracker
+from mmocap_warp.tracking.track_config import TrackConfig
 
 CONTOUR = "contour"
 CAMERAS = 5

@@ -10,9 +10,9 @@ import warp as wp
 
 from mmocap_warp.bench.workload import Workload
 from mmocap_warp.kernels.benchmarks.case import Case, Check
-from mmocap_warp.objective.objective import Objective
-from mmocap_warp.objective.renderers import RENDERERS
-from mmocap_warp.tracking.strategy import Part, hierarchical
+from mmocap_warp.silhouettes.objective import Objective
+from mmocap_warp.silhouettes.renderers import RENDERERS
+from mmocap_warp.tracking.parts import Part, hierarchical
 
 EVALUATION, MOVING = "whole evaluation", "moving part"
 PIXELS_APART = 1e-4

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from mmocap_warp.bench.bench_tables import Report, Table, heading, report_tables
 from mmocap_warp.bench.growth import AXES
 from mmocap_warp.bench.plots import growth_lines, growth_plots
-from mmocap_warp.bench.tables import Report, Table, heading, report_tables
 from mmocap_warp.whole_file import write_whole
 
 PAGE = "results.md"

@@ -6,9 +6,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from mmocap_warp.bench.bench_tables import Report
 from mmocap_warp.bench.growth import AXES, BATCH, BUDGET, group
-from mmocap_warp.bench.tables import Report
-from mmocap_warp.drawing.chart import Axis, axes, curve, decades, dots, names_of_curves, picture
+from mmocap_warp.display.chart import Axis, axes, curve, decades, dots, names_of_curves, picture
 
 _WIDTH, _HEIGHT = 640.0, 400.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 76.0, 108.0, 40.0, 52.0  # around the axes; lines are named on the right

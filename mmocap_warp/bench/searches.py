@@ -14,12 +14,12 @@ from mmocap_warp.bench.workload import Workload
 from mmocap_warp.kernels.benchmarks.case import Case, Check, Measurement
 from mmocap_warp.kernels.benchmarks.timing import Timing, time_together
 from mmocap_warp.kernels.optimizers.populations import make_space
-from mmocap_warp.objective.renderers import RENDERERS
 from mmocap_warp.optimizers.protocol import Optimizer
 from mmocap_warp.optimizers.search import Search
+from mmocap_warp.silhouettes.renderers import RENDERERS
 from mmocap_warp.tracking.algorithms import ALGORITHMS
-from mmocap_warp.tracking.config import TrackConfig
-from mmocap_warp.tracking.strategy import Part, hierarchical, holistic
+from mmocap_warp.tracking.parts import Part, hierarchical, holistic
+from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import Tracker
 
 OPTIMIZER, GENERATION, FRAME = "ask and tell", "a generation", "a frame"

@@ -14,9 +14,10 @@ from mmocap_warp.kernels.batch import batch_of
 from mmocap_warp.kernels.benchmarks.case import Case, Check
 from mmocap_warp.kernels.body.skinning import pose_vertices
 from mmocap_warp.kernels.silhouettes.cost import PAPER, cost_of_counts
-from mmocap_warp.objective.renderers import RENDERERS
-from mmocap_warp.objective.silhouettes import FrozenArrays, Silhouettes, ViewArrays
-from mmocap_warp.tracking.strategy import hierarchical
+from mmocap_warp.masks.view_arrays import ViewArrays
+from mmocap_warp.silhouettes.renderers import RENDERERS
+from mmocap_warp.silhouettes.silhouettes import FrozenArrays, Silhouettes
+from mmocap_warp.tracking.parts import hierarchical
 
 if TYPE_CHECKING:
     from mmocap_warp.bench.workload import Workload

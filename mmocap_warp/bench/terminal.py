@@ -6,7 +6,7 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from mmocap_warp.bench.tables import Report, Table, heading, report_tables
+from mmocap_warp.bench.bench_tables import Report, Table, heading, report_tables
 
 _WIDTH = 200  # columns; more than any table needs, also where times spread on a busy machine
 

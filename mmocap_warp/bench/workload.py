@@ -8,15 +8,15 @@ from functools import cached_property
 import numpy as np
 import warp as wp
 
-from mmocap_warp.bodies.decimation import decimate
 from mmocap_warp.body.model import BodyModel, SkinMesh, Subject
 from mmocap_warp.body.posing import Poser
-from mmocap_warp.formats.usd.body import read_body
-from mmocap_warp.objective.objective import Objective
+from mmocap_warp.cameras.rig import CameraRig, project
+from mmocap_warp.cameras.silhouette import silhouettes
+from mmocap_warp.formats.usd.usd_body import read_body
+from mmocap_warp.masks.observation import Observation
+from mmocap_warp.rigging.decimation import decimate
 from mmocap_warp.scenes import ROOT
-from mmocap_warp.views.observation import Observation
-from mmocap_warp.views.rig import CameraRig, project
-from mmocap_warp.views.silhouette import silhouettes
+from mmocap_warp.silhouettes.objective import Objective
 
 CAMERAS, SIZE = 7, (640, 480)
 _DISTANCE, _EYE, _MIDDLE = 4.15, 1.4, 0.9  # [m] of the cameras from the body, their height, and the height they look at

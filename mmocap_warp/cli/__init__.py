@@ -17,7 +17,7 @@ from contextlib import contextmanager, suppress
 
 from cyclopts import App, CycloptsError, Parameter
 
-from mmocap_warp.cli import claims
+from mmocap_warp.cli import output_locks as claims
 from mmocap_warp.cli.exit_codes import (
     BAD_INPUT,
     BROKEN_PIPE,
@@ -86,25 +86,25 @@ _CHECK = (
 )
 _MEASURE = "Print a result's joint angles, heel strikes, steps, centre of mass and bone lengths."
 _COMMANDS = (  # a command's help is here and not in its docstring, so that the list of commands loads none of them
-    ("demo", "demo:demo", _DEMO),
-    ("init", "init:init", _INIT),
-    ("track", "track:track", "Track a scene: from videos or masks to an animated USD body."),
-    ("fit", "fit:fit", "Find the body, its place and its first pose in a scene."),
-    ("mask", "mask:mask", _MASK),
-    ("cameras", "cameras:cameras", _CAMERAS),
+    ("demo", "demo_command:demo", _DEMO),
+    ("init", "init_command:init", _INIT),
+    ("track", "track_command:track", "Track a scene: from videos or masks to an animated USD body."),
+    ("fit", "fit_command:fit", "Find the body, its place and its first pose in a scene."),
+    ("mask", "mask_command:mask", _MASK),
+    ("cameras", "cameras_command:cameras", _CAMERAS),
     ("calib", "calib:app", "Calibrations: convert, check, refine or find them."),
-    ("sync", "sync:sync", _SYNC),
-    ("eval", "evaluate:evaluate", "Print a result's IoU, and its errors where the truth is known."),
-    ("show", "show:show", "Write a result's overlay video and contact sheet."),
-    ("view", "view:view", "Write a result as one page for a browser: body, cameras, masks and curves."),
-    ("export", "export:export", "Write a result's animation alone, for other programs."),
-    ("check", "check:check", _CHECK),
-    ("measure", "measure:measure", _MEASURE),
-    ("body", "body:app", "Bodies: import, draw, export or make one, or learn its limits."),
-    ("synth", "synth:synth", "Write a made-up scene of a body in motion, with its truth."),
-    ("study", "study:app", "Compare trackers: run a grid of them, and report on it."),
-    ("bench", "bench:app", _BENCH),
-    ("humaneva", "humaneva:humaneva", "Write a sequence of your own copy of HumanEva-I as a scene."),
+    ("sync", "sync_command:sync", _SYNC),
+    ("eval", "evaluate_command:evaluate", "Print a result's IoU, and its errors where the truth is known."),
+    ("show", "show_command:show", "Write a result's overlay video and contact sheet."),
+    ("view", "view_command:view", "Write a result as one page for a browser: body, cameras, masks and curves."),
+    ("export", "export_command:export", "Write a result's animation alone, for other programs."),
+    ("check", "check_command:check", _CHECK),
+    ("measure", "measure_command:measure", _MEASURE),
+    ("body", "body_command:app", "Bodies: import, draw, export or make one, or learn its limits."),
+    ("synth", "synth_command:synth", "Write a made-up scene of a body in motion, with its truth."),
+    ("study", "study_command:app", "Compare trackers: run a grid of them, and report on it."),
+    ("bench", "bench_command:app", _BENCH),
+    ("humaneva", "humaneva_command:humaneva", "Write a sequence of your own copy of HumanEva-I as a scene."),
 )
 for _order, (_name, _target, _help) in enumerate(_COMMANDS):
     app.command(f"mmocap_warp.cli.{_target}", name=_name, help=_help, sort_key=_order)

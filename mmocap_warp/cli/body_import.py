@@ -13,9 +13,9 @@ from mmocap_warp.cli.console import Console, Switch
 from mmocap_warp.errors import InputError
 
 if TYPE_CHECKING:
-    from mmocap_warp.bodies.importing.freedom import Freedom
-    from mmocap_warp.bodies.importing.imported import Imported
     from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh
+    from mmocap_warp.rigging.importing.freedom import Freedom
+    from mmocap_warp.rigging.importing.imported import Imported
 
 _Axis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 
@@ -71,10 +71,10 @@ def import_body(
     force
         Replace files that exist.
     """
-    from mmocap_warp.bodies.importing.joints_file import write_joints_file
     from mmocap_warp.cli.outputs import new_file
-    from mmocap_warp.formats.usd.body import write_body
-    from mmocap_warp.formats.usd.file import USD_SUFFIXES
+    from mmocap_warp.formats.usd.usd_body import write_body
+    from mmocap_warp.formats.usd.usd_file import USD_SUFFIXES
+    from mmocap_warp.rigging.importing.joints_file import write_joints_file
 
     console = console or Console()
     new_file(output, *USD_SUFFIXES, force=force)
@@ -106,11 +106,11 @@ def _made(
         InputError: no body can be made of it.
         UsageError: a flag that cannot be.
     """
-    from mmocap_warp.bodies.importing.body_axes import body_from_file
-    from mmocap_warp.bodies.importing.imported import imported
-    from mmocap_warp.bodies.importing.joints_file import read_joints_file
     from mmocap_warp.cli.exit_codes import UsageError
-    from mmocap_warp.cli.settings import as_flag
+    from mmocap_warp.cli.flag_settings import as_flag
+    from mmocap_warp.rigging.importing.body_axes import body_from_file
+    from mmocap_warp.rigging.importing.imported import imported
+    from mmocap_warp.rigging.importing.joints_file import read_joints_file
 
     given = None if joints is None else read_joints_file(joints)
     mesh = _read(file, meshes)
@@ -143,7 +143,7 @@ def _made(
 
 
 def _read(file: Path, meshes: Path | None) -> RiggedMesh:
-    from mmocap_warp.formats.usd.file import USD_SUFFIXES
+    from mmocap_warp.formats.usd.usd_file import USD_SUFFIXES
 
     suffix = file.suffix.lower()
     if not file.is_file():

@@ -49,12 +49,12 @@ def learn(
 
     import numpy as np
 
-    from mmocap_warp.bodies.learning import learnt
-    from mmocap_warp.bodies.shipped import body_file
     from mmocap_warp.body.body_motion import motion_named
     from mmocap_warp.cli.outputs import new_file
-    from mmocap_warp.formats.usd.body import read_body, read_motions, write_body
-    from mmocap_warp.formats.usd.file import USD_SUFFIXES
+    from mmocap_warp.formats.usd.usd_body import read_body, read_motions, write_body
+    from mmocap_warp.formats.usd.usd_file import USD_SUFFIXES
+    from mmocap_warp.rigging.learning import learnt
+    from mmocap_warp.rigging.shipped import body_file
 
     console = console or Console()
     if not 0 <= margin <= 180:
@@ -84,7 +84,7 @@ def _tracked(path: Path, skeleton: Skeleton) -> np.ndarray:
     """(frame, coordinate) of a result's best run, where it was not lost."""
     import numpy as np
 
-    from mmocap_warp.formats.usd.result import read_result
+    from mmocap_warp.formats.usd.usd_result import read_result
     from mmocap_warp.result.result import STATUS
 
     result = read_result(path)

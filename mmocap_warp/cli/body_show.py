@@ -33,10 +33,10 @@ def show_body(
     force
         Replace a file that exists.
     """
-    from mmocap_warp.bodies.shipped import body_file
     from mmocap_warp.cli.outputs import new_file
-    from mmocap_warp.drawing.body_picture import draw_body
-    from mmocap_warp.formats.usd.body import read_body, read_motions
+    from mmocap_warp.display.body_picture import draw_body
+    from mmocap_warp.formats.usd.usd_body import read_body, read_motions
+    from mmocap_warp.rigging.shipped import body_file
 
     console = console or Console()
     file = body_file(body)

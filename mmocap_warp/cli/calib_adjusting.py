@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class AdjustFlags:
-    """Frames, body, and settings of :class:`mmocap_warp.calibration.adjustment.AdjustConfig` for both commands."""
+    """Frames, body, and settings of ``AdjustConfig`` for both commands."""
 
     body: str | None = None
     """The generic body that the person's is near to: shipped, or a USD file. [default: the scene's, or adult_man]"""
@@ -42,6 +42,6 @@ class AdjustFlags:
         Raises:
             InputError: there is no such body.
         """
-        from mmocap_warp.bodies.shipped import DEFAULT_BODY, load_body
+        from mmocap_warp.rigging.shipped import DEFAULT_BODY, load_body
 
         return load_body(self.body or scene.body or DEFAULT_BODY, "--body" if self.body else scene.path)

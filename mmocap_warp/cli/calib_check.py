@@ -11,10 +11,10 @@ from mmocap_warp.cli.calib_adjusting import AdjustFlags
 from mmocap_warp.cli.calib_units import in_units
 from mmocap_warp.cli.console import Console, Switch, table
 from mmocap_warp.cli.exit_codes import CHECK_FAILED, OK
-from mmocap_warp.cli.people import Identity, note_others
+from mmocap_warp.cli.identity import Identity, note_others
 
 if TYPE_CHECKING:
-    from mmocap_warp.calibration.check import Check, Finding
+    from mmocap_warp.calibration.camera_check import Check, Finding
 
 _BEFORE, _AFTER = (60, 60, 230), (80, 200, 60)  # BGR
 _SEEN = 110  # gray of a mask
@@ -42,14 +42,14 @@ def check(
     force
         Write into a folder that holds files.
     """
-    from mmocap_warp.calibration.adjustment import AdjustConfig
-    from mmocap_warp.calibration.check import check as checked
+    from mmocap_warp.calibration.adjust.adjustment import AdjustConfig
+    from mmocap_warp.calibration.camera_check import check as checked
     from mmocap_warp.cli.devices import start_warp
     from mmocap_warp.cli.exit_codes import UsageError
-    from mmocap_warp.cli.judging import scene_for
+    from mmocap_warp.cli.flag_settings import as_flag
     from mmocap_warp.cli.outputs import new_folder
     from mmocap_warp.cli.progress import Progress
-    from mmocap_warp.cli.settings import as_flag
+    from mmocap_warp.cli.result_report import scene_for
 
     console, flags = console or Console(), flags or AdjustFlags()
     loaded = scene_for(scene, flags.frames, identity)
@@ -104,8 +104,8 @@ def _line(finding: Finding, found: Check, k: int) -> str:
 
 
 def _changes(finding: Finding, found: Check, k: int) -> list[tuple[str, float, str]]:
-    from mmocap_warp.calibration.cameras import KINDS
-    from mmocap_warp.calibration.check import CAUSES
+    from mmocap_warp.calibration.adjust.camera_changes import KINDS
+    from mmocap_warp.calibration.camera_check import CAUSES
 
     if finding.by is None:
         return []

@@ -41,11 +41,11 @@ def convert(
     force
         Replace files that exist.
     """
+    from mmocap_warp.cameras.rig import UP_AXES
     from mmocap_warp.cli.outputs import new_file
     from mmocap_warp.formats.calibration.image_size import EVERY_OTHER
     from mmocap_warp.formats.calibration.units import METRES
     from mmocap_warp.formats.table import calibration_export, read_calibration, write_calibration
-    from mmocap_warp.views.rig import UP_AXES
 
     console = console or Console()
     if units is not None and units not in METRES:

@@ -12,13 +12,13 @@ from mmocap_warp.cli.calib_adjusting import AdjustFlags
 from mmocap_warp.cli.calib_units import in_units
 from mmocap_warp.cli.console import Console, Switch, table
 from mmocap_warp.cli.exit_codes import CHECK_FAILED, OK, UsageError
-from mmocap_warp.cli.people import Identity, note_others
+from mmocap_warp.cli.identity import Identity, note_others
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from mmocap_warp.calibration.adjustment import AdjustConfig
-    from mmocap_warp.calibration.refine import Refinement
+    from mmocap_warp.calibration.adjust.adjustment import AdjustConfig
+    from mmocap_warp.calibration.refine.refinement import Refinement
     from mmocap_warp.scene.recording import Scene
 
 
@@ -72,14 +72,14 @@ def refine(
     """
     from dataclasses import asdict
 
-    from mmocap_warp.calibration.adjustment import AdjustConfig
-    from mmocap_warp.calibration.cameras import Deviations
-    from mmocap_warp.calibration.refine import refine as refined
+    from mmocap_warp.calibration.adjust.adjustment import AdjustConfig
+    from mmocap_warp.calibration.adjust.camera_changes import Deviations
+    from mmocap_warp.calibration.refine.refinement import refine as refined
     from mmocap_warp.cli.devices import start_warp
-    from mmocap_warp.cli.judging import scene_for
+    from mmocap_warp.cli.flag_settings import as_flag
     from mmocap_warp.cli.outputs import new_file
     from mmocap_warp.cli.progress import Progress
-    from mmocap_warp.cli.settings import as_flag
+    from mmocap_warp.cli.result_report import scene_for
     from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 
     console, flags = console or Console(), flags or AdjustFlags()
@@ -119,7 +119,7 @@ def _check_cameras(config: AdjustConfig, scene: Scene) -> None:
 
 def _offsets(found: Refinement, scene: Scene) -> dict[str, float]:
     """By how much each camera's frames are late now [s], as the scene takes it."""
-    from mmocap_warp.calibration.cameras import OFFSET
+    from mmocap_warp.calibration.adjust.camera_changes import OFFSET
 
     return {
         source.name: round((source.frame_offset + source.fraction) / (scene.fps * source.rate) + float(change), 6)
@@ -128,7 +128,7 @@ def _offsets(found: Refinement, scene: Scene) -> dict[str, float]:
 
 
 def _values(found: Refinement, scene: Scene) -> dict[str, Any]:
-    from mmocap_warp.calibration.cameras import KINDS
+    from mmocap_warp.calibration.adjust.camera_changes import KINDS
 
     names = found.rig.names
     cameras = {
@@ -166,7 +166,7 @@ def _lines(found: Refinement, scene: Scene) -> list[str]:
     """What moved, what did not, and what that is worth, for people."""
     import numpy as np
 
-    from mmocap_warp.calibration.cameras import KINDS
+    from mmocap_warp.calibration.adjust.camera_changes import KINDS
 
     names = found.rig.names
     rows: list[tuple[str, ...]] = [("camera", "moved", "by", "+-", "")]
@@ -195,7 +195,7 @@ def _mean(values: np.ndarray) -> float:
 
 def _scene_lines(found: Refinement, scene: Scene) -> list[str]:
     """What is to be changed in the scene file."""
-    from mmocap_warp.calibration.cameras import OFFSET
+    from mmocap_warp.calibration.adjust.camera_changes import OFFSET
 
     lines = []
     if any(source.centre_shift != (0.0, 0.0) for source in scene.cameras):

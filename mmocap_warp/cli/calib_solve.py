@@ -9,10 +9,10 @@ from cyclopts import Parameter
 
 from mmocap_warp.cli.console import Console, Switch, table
 from mmocap_warp.cli.exit_codes import CHECK_FAILED, OK, UsageError
-from mmocap_warp.cli.people import Identity
+from mmocap_warp.cli.identity import Identity
 
 if TYPE_CHECKING:
-    from mmocap_warp.calibration.solve import SolvedCameras
+    from mmocap_warp.calibration.solve.solution import SolvedCameras
     from mmocap_warp.scene.recording import Scene
 
 
@@ -47,10 +47,10 @@ def solve(
     force
         Replace a file that exists.
     """
-    from mmocap_warp.calibration.solve import solve_cameras
-    from mmocap_warp.calibration.unsolvable import UnsolvableError
+    from mmocap_warp.calibration.solve.solution import solve_cameras
+    from mmocap_warp.calibration.solve.unsolvable import UnsolvableError
+    from mmocap_warp.cli.flag_settings import as_flag
     from mmocap_warp.cli.outputs import new_file
-    from mmocap_warp.cli.settings import as_flag
     from mmocap_warp.errors import InputError
     from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
     from mmocap_warp.scene.scene_toml import load_scene
@@ -79,7 +79,7 @@ def solve(
 def _values(scene: Scene, found: SolvedCameras, output: Path, picture: Path | None) -> dict[str, Any]:
     import numpy as np
 
-    from mmocap_warp.views.rig import describe_rig
+    from mmocap_warp.cameras.rig import describe_rig
 
     rig = found.rig
     return {
@@ -113,9 +113,9 @@ def _values(scene: Scene, found: SolvedCameras, output: Path, picture: Path | No
 def _text(scene: Scene, found: SolvedCameras, height: float, output: Path, picture: Path | None) -> str:
     import numpy as np
 
+    from mmocap_warp.cameras.rig import describe_rig
     from mmocap_warp.cli.next_step import command
     from mmocap_warp.formats.toml_table import quoted_path
-    from mmocap_warp.views.rig import describe_rig
 
     rows: list[tuple[str, ...]] = [
         (
@@ -182,7 +182,7 @@ def _write_picture(path: Path, scene: Scene, found: SolvedCameras) -> None:
 
     import numpy as np
 
-    from mmocap_warp.drawing.floor_picture import floor_picture
+    from mmocap_warp.display.floor_picture import floor_picture
     from mmocap_warp.formats.png import write_png
 
     known = np.flatnonzero(np.isfinite(found.heads[:, 0]))

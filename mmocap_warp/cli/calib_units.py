@@ -16,7 +16,7 @@ UNITS: dict[str, tuple[str, float]] = {
     "centre_y": ("px", 1.0),
     "offset": ("ms", 1000.0),
 }
-"""What each of :data:`mmocap_warp.calibration.cameras.KINDS` is shown in, and how many of that are its own unit."""
+"""What each of ``camera_changes.KINDS`` is shown in, and how many of that are its own unit."""
 
 
 def in_units(kind: str, value: float, scale: float = 1.0) -> tuple[float, str]:

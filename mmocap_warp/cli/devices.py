@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mmocap_warp.cli.exit_codes import UsageError
-from mmocap_warp.cli.settings import as_flag
+from mmocap_warp.cli.flag_settings import as_flag
 
 
 def start_warp(device: str = "auto") -> None:
@@ -12,7 +12,7 @@ def start_warp(device: str = "auto") -> None:
     Raises:
         UsageError: this machine has no such device.
     """
-    from mmocap_warp.device import resolve_device, start_quietly
+    from mmocap_warp.device.resolve import resolve_device, start_quietly
 
     start_quietly()
     try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from mmocap_warp.cli.claims import FOLDER_CLAIM, claim
+from mmocap_warp.cli.output_locks import FOLDER_CLAIM, claim
 from mmocap_warp.errors import InputError
 
 

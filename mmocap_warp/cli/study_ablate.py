@@ -17,7 +17,7 @@ from mmocap_warp.cli.exit_codes import UsageError
 
 if TYPE_CHECKING:
     from mmocap_warp.study.source import Clip
-    from mmocap_warp.tracking.config import TrackConfig
+    from mmocap_warp.tracking.track_config import TrackConfig
 
 Several = Annotated[tuple[str, ...], Parameter(negative="", show_default=False)]
 
@@ -98,8 +98,8 @@ def ablate(
     threads
         CPU threads. All by default.
     """
-    from mmocap_warp.cli.claims import claim
     from mmocap_warp.cli.devices import start_warp
+    from mmocap_warp.cli.output_locks import claim
     from mmocap_warp.study.ablation import STARTS, AblationCell, run_ablation, track_with_seed
     from mmocap_warp.study.degradations import NONE, parse
     from mmocap_warp.study.store import open_folder
@@ -169,7 +169,7 @@ def _settings(text: str, scale: float, device: str, threads: int | None) -> Trac
 
     from mmocap_warp.errors import InputError
     from mmocap_warp.formats.toml_table import Table, config_from_table
-    from mmocap_warp.tracking.config import TrackConfig
+    from mmocap_warp.tracking.track_config import TrackConfig
 
     algorithm, *pairs = text.split(",")
     values: dict[str, Any] = {"algorithm": algorithm}

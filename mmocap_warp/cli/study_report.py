@@ -54,7 +54,7 @@ def report(
     from mmocap_warp.errors import InputError
     from mmocap_warp.study.baselines import baselines
     from mmocap_warp.study.definition import load_study
-    from mmocap_warp.study.report import clips_of, write_report
+    from mmocap_warp.study.report_build import clips_of, write_report
     from mmocap_warp.study.report_setting import mixture
     from mmocap_warp.study.store import read_results
     from mmocap_warp.study.summary import StudySummary, seconds_alone

@@ -13,10 +13,10 @@ from cyclopts import Parameter
 
 from mmocap_warp.cli.console import Console, table
 from mmocap_warp.cli.exit_codes import FAILURE, OK, UsageError
-from mmocap_warp.cli.settings import as_flag
+from mmocap_warp.cli.flag_settings import as_flag
 
 if TYPE_CHECKING:
-    from mmocap_warp.study.engines.protocol import Engine
+    from mmocap_warp.study.engines.engine import Engine
     from mmocap_warp.study.run import Status
     from mmocap_warp.study.tasks import Task
 
@@ -74,8 +74,8 @@ def run(
         What is kept of them: all, or typical, those of the run in the middle, which a report draws. Numbers are kept of
         all runs.
     """
-    from mmocap_warp.cli.claims import claim
     from mmocap_warp.cli.devices import start_warp
+    from mmocap_warp.cli.output_locks import claim
     from mmocap_warp.cli.study_progress import StudyProgress
     from mmocap_warp.study.definition import load_study
     from mmocap_warp.study.run import run_study

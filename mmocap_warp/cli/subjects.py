@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     import numpy as np
 
     from mmocap_warp.body.model import BodyModel, Subject
+    from mmocap_warp.fitting.subject_fit import FitConfig
     from mmocap_warp.scene.recording import Scene
-    from mmocap_warp.tracking.fit import FitConfig
 
 
 def fit_subject(
@@ -34,10 +34,10 @@ def fit_subject(
     """
     import numpy as np
 
-    from mmocap_warp.bodies.attaching import carrying
-    from mmocap_warp.cli.judging import scene_reference
-    from mmocap_warp.formats.usd.body import write_subject
-    from mmocap_warp.tracking.fit import fit
+    from mmocap_warp.cli.result_report import scene_reference
+    from mmocap_warp.fitting.subject_fit import fit
+    from mmocap_warp.formats.usd.usd_body import write_subject
+    from mmocap_warp.rigging.attaching import carrying
 
     carried = carrying(body, scene.attached)
     for note in carried.notes:

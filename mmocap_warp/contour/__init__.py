@@ -1,4 +1,4 @@
 """Poses and body from contours, by least squares: a frame, a clip and a body at a time.
 
-May import: kernels, body, views, objective.
+May import: kernels, device, body, cameras, masks.
 """

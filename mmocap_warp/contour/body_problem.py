@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from mmocap_warp.body.rest_space import RestSpace
-from mmocap_warp.contour.around import Around
-from mmocap_warp.contour.descent import descend
-from mmocap_warp.contour.fitter import ContourFitter
-from mmocap_warp.contour.normal_equations import LineariseBody, NormalEquations
-from mmocap_warp.contour.rooted import RootedPoses, Rooting
-from mmocap_warp.contour.trust import LARGEST_STEP, Trust
+from mmocap_warp.contour.clip.trust import LARGEST_STEP, Trust
+from mmocap_warp.contour.frame.around import Around
+from mmocap_warp.contour.frame.descent import descend
+from mmocap_warp.contour.frame.fitter import ContourFitter
+from mmocap_warp.contour.frame.normal_equations import LineariseBody, NormalEquations
+from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
 
 LARGEST_CHANGE = 3.0
 """No parameter moves further in a step, in its prior standard deviations: their units are as different as they are."""
@@ -141,7 +141,7 @@ class _Equations:
 
 
 class _Descent:
-    """Steps of poses and body; see :class:`mmocap_warp.contour.descent.Problem`."""
+    """Steps of poses and body; see :class:`mmocap_warp.contour.frame.descent.Problem`."""
 
     def __init__(self, problem: BodyProblem, frames: np.ndarray) -> None:
         self._problem, self._frames = problem, frames

@@ -1,4 +1,4 @@
 """Outside formats, a file or a subroom each; they know no tracker.
 
-May import: body, views, foreground, result.
+May import: body, cameras, masks, result.
 """

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 from mmocap_warp.errors import InputError
 
 if TYPE_CHECKING:
+    from mmocap_warp.cameras.rig import CameraRig
     from mmocap_warp.result.result import Result
-    from mmocap_warp.views.rig import CameraRig
 
 
 @dataclass(frozen=True)
@@ -110,10 +110,10 @@ CALIBRATION_EXPORTS: tuple[Format, ...] = (
 """Their functions take the file and the rig, as :func:`write_calibration` does."""
 
 EXPORTS: tuple[Format, ...] = (
-    Format("USD", (".usda", ".usdc", ".usdz"), "usd.animation:export_animation"),
+    Format("USD", (".usda", ".usdc", ".usdz"), "usd.usd_animation:export_animation"),
     Format("glTF", (".glb",), "exports.glb:write_glb", up="+y"),
-    Format("BVH", (".bvh",), "exports.bvh:write_bvh", up="+y"),
-    Format("OpenSim markers", (".trc",), "exports.trc:write_trc", up="+y"),
+    Format("BVH", (".bvh",), "exports.write_bvh:write_bvh", up="+y"),
+    Format("OpenSim markers", (".trc",), "exports.write_trc:write_trc", up="+y"),
     Format("OpenSim motion", (".mot",), "exports.mot:write_mot", up="+y"),
     Format("C3D", (".c3d",), "exports.c3d:write_c3d"),
     Format("CSV", (".csv",), "exports.columns:write_csv"),

@@ -1,4 +1,4 @@
 """Answers of tracking, what is known of the truth, and how far they are apart.
 
-May import: body, views.
+May import: body, cameras.
 """

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mmocap_warp.body.model import Subject
-from mmocap_warp.views.rig import CameraRig
+from mmocap_warp.cameras.rig import CameraRig
 
 STATUS: tuple[str, ...] = ("tracked", "partial", "lost", "rescued", "interpolated")
 """How a frame's pose was found.

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from mmocap_warp.cameras.rig import UP_AXES
 from mmocap_warp.result.result import Result
-from mmocap_warp.views.rig import UP_AXES
 
 
 def stood_up(result: Result, up: str) -> Result:

@@ -1,4 +1,4 @@
 """A recording as its scene.toml describes it.
 
-May import: views, foreground, formats.
+May import: device, cameras, masks, formats.
 """

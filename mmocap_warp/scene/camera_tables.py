@@ -10,14 +10,14 @@ from typing import TypeVar
 
 import numpy as np
 
+from mmocap_warp.cameras.rig import CameraRig, check_rig
 from mmocap_warp.errors import InputError
-from mmocap_warp.foreground.frames import VideoFile, open_frames, open_image
-from mmocap_warp.foreground.mask_files import open_masks
 from mmocap_warp.formats.table import read_calibration, read_lenses
 from mmocap_warp.formats.toml_table import Table, is_number
+from mmocap_warp.masks.frames import VideoFile, open_frames, open_image
+from mmocap_warp.masks.mask_files import open_masks
 from mmocap_warp.scene.mask_mark import read_mark
 from mmocap_warp.scene.recording import CameraSource
-from mmocap_warp.views.rig import CameraRig, check_rig
 
 _SAME_RATE = 0.005
 """Rates that differ by less than this share are one rate: video of 59.94 frames a second is called one of 60."""

@@ -11,13 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
+from mmocap_warp.cameras.rig import UP_AXES, CameraRig
 from mmocap_warp.errors import InputError
-from mmocap_warp.foreground.frames import Frames, VideoFile, as_colour, open_frames
 from mmocap_warp.formats.calibration.image_size import EVERY_OTHER
 from mmocap_warp.formats.toml_table import quoted, quoted_path
+from mmocap_warp.masks.frames import Frames, VideoFile, as_colour, open_frames
 from mmocap_warp.scene.found_calibration import FoundCalibration, find_calibration, project_kind, read_found
 from mmocap_warp.scene.found_media import Kind, Medium, Take, find_media, names_without_calibration, takes
-from mmocap_warp.views.rig import UP_AXES, CameraRig
 
 _UPRIGHT = 0.8  # share of the images' vertical that is along the world's, where cameras stand upright
 _SAME_RATE = 0.005

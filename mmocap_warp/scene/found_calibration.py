@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.text import read_text
 from mmocap_warp.formats.humaneva.cal import read_cal
 from mmocap_warp.formats.table import CALIBRATIONS, read_calibration
-from mmocap_warp.views.rig import CameraRig
 
 _ABOVE = 2  # folders above the one that is looked at, where projects of many trials keep their calibration
 _PICKLE = "is a Python pickle, which can run any program when it is opened, so it is not read"

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import Table, load_toml, quoted
-from mmocap_warp.views.rig import CameraRig
 from mmocap_warp.whole_file import write_whole
 
 MARK_NAME = "masks.toml"

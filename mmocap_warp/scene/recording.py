@@ -15,25 +15,25 @@ from urllib.parse import quote
 import cv2
 import numpy as np
 
-from mmocap_warp.cores import available_threads
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.cameras.undistort import Undistortion, undistortion
+from mmocap_warp.device.cores import available_threads
 from mmocap_warp.errors import InputError
-from mmocap_warp.foreground.cleanup import clean_mask
-from mmocap_warp.foreground.frames import Frames, ImageFolder, as_colour
-from mmocap_warp.foreground.mask_files import Masks
-from mmocap_warp.foreground.mask_image import decode_mask
-from mmocap_warp.foreground.repair import repair_masks
-from mmocap_warp.foreground.settings import SUBTRACTION, ForegroundSettings
-from mmocap_warp.foreground.subtraction import learn_background
 from mmocap_warp.formats.attachments import Attachment
 from mmocap_warp.formats.toml_table import Table
-from mmocap_warp.scene.content import content_hash
+from mmocap_warp.masks.cleanup import clean_mask
+from mmocap_warp.masks.frames import Frames, ImageFolder, as_colour
+from mmocap_warp.masks.mask_files import Masks
+from mmocap_warp.masks.mask_image import decode_mask
+from mmocap_warp.masks.mask_settings import SUBTRACTION, ForegroundSettings
+from mmocap_warp.masks.observation import Observation
+from mmocap_warp.masks.repair import repair_masks
+from mmocap_warp.masks.subtraction import learn_background
+from mmocap_warp.scene.content_hash import content_hash
 from mmocap_warp.scene.in_step import abreast, numbered
 from mmocap_warp.scene.mask_cache import keeping, kept_masks
 from mmocap_warp.scene.mask_mark import MaskMark, calibration_hash
 from mmocap_warp.version import __version__
-from mmocap_warp.views.observation import Observation
-from mmocap_warp.views.rig import CameraRig
-from mmocap_warp.views.undistort import Undistortion, undistortion
 
 BodyMasks = Callable[[], list[np.ndarray]]
 """Says where the body was last: per camera (height, width) bool."""
@@ -99,7 +99,7 @@ class CameraSource:
         return late if self.rate != 1.0 else np.full(len(frames), -self.fraction)
 
     def background_examples(self, source: str) -> Frames:
-        """What a background is learnt from; see :class:`~mmocap_warp.foreground.settings.ForegroundSettings`.
+        """What a background is learnt from; see :class:`~mmocap_warp.masks.mask_settings.ForegroundSettings`.
 
         Raises:
             ValueError: this camera has no such images.

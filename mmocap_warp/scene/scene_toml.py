@@ -10,20 +10,20 @@ from typing import Any
 
 import numpy as np
 
+from mmocap_warp.cameras.rig import UP_AXES, CameraRig
 from mmocap_warp.errors import InputError
-from mmocap_warp.foreground.frames import Frames
-from mmocap_warp.foreground.labels import Labels, identities_of
-from mmocap_warp.foreground.mask_files import Masks
-from mmocap_warp.foreground.mask_image import decode_mask
-from mmocap_warp.foreground.settings import GIVEN, KEEP, MODELS, SOURCES, SUBTRACTED, ForegroundSettings
 from mmocap_warp.formats.attachments import take_attachments
 from mmocap_warp.formats.calibration.units import METRES
 from mmocap_warp.formats.toml_table import Table, load_toml
+from mmocap_warp.masks.frames import Frames
+from mmocap_warp.masks.label_images import Labels, identities_of
+from mmocap_warp.masks.mask_files import Masks
+from mmocap_warp.masks.mask_image import decode_mask
+from mmocap_warp.masks.mask_settings import GIVEN, KEEP, MODELS, SOURCES, SUBTRACTED, ForegroundSettings
 from mmocap_warp.scene.camera_tables import fastest, read_cameras
 from mmocap_warp.scene.frame_choice import FrameChoice
 from mmocap_warp.scene.mask_mark import MARK_NAME, MaskMark, calibration_hash, check_mark
 from mmocap_warp.scene.recording import CameraSource, Scene, recorded_frames
-from mmocap_warp.views.rig import UP_AXES, CameraRig
 
 _WAYS_TO_MASKS = (
     "add masks, got in one of three ways: mmocap mask makes them by background subtraction, once [foreground] source "

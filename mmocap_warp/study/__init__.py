@@ -1,5 +1,5 @@
 """The study: a grid of trackers, sequences and budgets, its results, statistics and report.
 
-May import: pages, body, views, foreground, result, formats, scene, bodies, contour, tracking, calibration, drawing,
-synthesis.
+May import: device, body, cameras, masks, result, formats, scene, rigging, contour, tracking, fitting, calibration,
+display, synthesis.
 """

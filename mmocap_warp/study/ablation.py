@@ -17,12 +17,16 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from mmocap_warp.bodies.shipped import DEFAULT_BODY, load_body
 from mmocap_warp.body.model import Subject
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.fitting.clip_body import frames_to_follow
+from mmocap_warp.fitting.subject_fit import FitConfig, fit_clip
+from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.evaluation import evaluate
 from mmocap_warp.result.pose_errors import LOST_LIMB, common_frames, farthest
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth, at_rate
+from mmocap_warp.rigging.shipped import DEFAULT_BODY, load_body
 from mmocap_warp.study.code_hash import code_hash
 from mmocap_warp.study.degradations import degraded, is_random
 from mmocap_warp.study.further_clips import CLIP_PLANS
@@ -30,13 +34,9 @@ from mmocap_warp.study.job import device_kind
 from mmocap_warp.study.sequences import PLANS
 from mmocap_warp.study.solved_body import solved_subject
 from mmocap_warp.study.source import Clip, OpenClip, clip_facts, open_clip
-from mmocap_warp.tracking.clip_body import frames_to_follow
-from mmocap_warp.tracking.config import TrackConfig
-from mmocap_warp.tracking.fit import FitConfig, fit_clip
-from mmocap_warp.tracking.track import track_observations
+from mmocap_warp.tracking.frame_loop import track_observations
+from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.version import __version__
-from mmocap_warp.views.observation import Observation
-from mmocap_warp.views.rig import CameraRig
 from mmocap_warp.whole_file import write_whole
 
 TUNING: tuple[str, ...] = (*tuple(PLANS)[1::2], "S2/Spin")

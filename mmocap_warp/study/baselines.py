@@ -12,13 +12,13 @@ from dataclasses import replace
 import numpy as np
 
 from mmocap_warp.body.model import Subject
+from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.study.cell import Cell, CellResult
 from mmocap_warp.study.metrics import measure
 from mmocap_warp.study.source import Clip, OpenClip, open_clip
 from mmocap_warp.study.summary import CellSummary, StudySummary, summarise
-from mmocap_warp.views.rig import CameraRig
 
 _FIRST_STEP = 0.3  # how far the first frame's search may take the root [m]
 

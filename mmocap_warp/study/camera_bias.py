@@ -14,18 +14,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmocap_warp.bodies.shipped import load_body
 from mmocap_warp.body.rest_space import RestSpace
-from mmocap_warp.calibration.adjustment import FROM_FAR
-from mmocap_warp.calibration.camera_problem import CameraProblem, camera_fitter, known_distance
-from mmocap_warp.calibration.cameras import OFFSET, POSITION, ROTATION, Deviations
-from mmocap_warp.calibration.check import CAUSES
-from mmocap_warp.calibration.motion import Motion
-from mmocap_warp.calibration.refine import STATED
-from mmocap_warp.contour.rooted import Rooting
+from mmocap_warp.calibration.adjust.adjustment import FROM_FAR
+from mmocap_warp.calibration.adjust.camera_changes import OFFSET, POSITION, ROTATION, Deviations
+from mmocap_warp.calibration.adjust.camera_problem import CameraProblem, camera_fitter, known_distance
+from mmocap_warp.calibration.adjust.person_motion import Motion
+from mmocap_warp.calibration.camera_check import CAUSES
+from mmocap_warp.calibration.refine.refinement import STATED
+from mmocap_warp.contour.frame.rooted import Rooting
+from mmocap_warp.fitting.frame_fit import PRIOR
+from mmocap_warp.rigging.shipped import load_body
 from mmocap_warp.study.sequences import FPS, PLANS, SEQUENCES, StudySequence
-from mmocap_warp.synthesis.people import PEOPLE
-from mmocap_warp.tracking.frame_fit import PRIOR
+from mmocap_warp.synthesis.walkers import PEOPLE
 
 _FRAMES = 20
 _DISTANCE = (0, 5)  # two cameras that stand opposite each other

@@ -22,11 +22,11 @@ _OF_CONTOURS: tuple[str, ...] = (
 )  # fmt: skip
 """Modules, and packages with all their modules, that only fitting contours needs."""
 
-_OF_RECORDINGS: tuple[str, ...] = ("foreground", "formats", "scene")
+_OF_RECORDINGS: tuple[str, ...] = ("formats", "masks", "scene")
 """That only recordings need: a shipped sequence reads nothing but shipped bodies, whose content is its identity."""
 
 _LEFT_OUT: tuple[str, ...] = (
-    "bodies", "device", "errors", "scenes", "study.cell", "study.code_hash", "tracking.body_masks",
+    "device.resolve", "errors", "rigging", "scenes", "study.cell", "study.code_hash", "tracking.body_masks",
     "tracking.checkpoint", "tracking.run_identity", "version", "versions", "whole_file",
 )  # fmt: skip
 """That no pose, mask or error of a study comes from, or data alone, though what counts imports them."""

@@ -7,12 +7,12 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from mmocap_warp.bodies.human import MODELS
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import Table, load_toml
+from mmocap_warp.rigging.human import MODELS
 from mmocap_warp.study.cell import Cell
 from mmocap_warp.study.source import Clip
-from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.tracking.track_config import TrackConfig
 
 _EXTRAS = ("polish", "solved")  # of an algorithm, each after a plus
 

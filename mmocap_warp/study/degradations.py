@@ -12,11 +12,11 @@ from itertools import combinations, islice
 
 import numpy as np
 
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.masks.observation import Observation, unpack_masks
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.study.source import OpenClip
 from mmocap_warp.synthesis.bystanders import PasserBy, furniture
-from mmocap_warp.views.observation import Observation, unpack_masks
-from mmocap_warp.views.rig import CameraRig
 
 NONE = "none"
 """The recording as it is."""

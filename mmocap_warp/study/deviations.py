@@ -16,18 +16,14 @@ from pathlib import Path
 
 import numpy as np
 
-from mmocap_warp.bodies.deviation_factors import DeviationFactors, factors_toml
-from mmocap_warp.bodies.shipped import DEFAULT_BODY, load_body
 from mmocap_warp.body.mirroring import mirrored_joints
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.rotations import applied
 from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION
-from mmocap_warp.contour.clip import ACCELERATION, ClipProblem, SolvedWindow
-from mmocap_warp.contour.motion_points import POINTS_A_JOINT, MotionPoints
-from mmocap_warp.contour.normal_equations import NormalEquations
-from mmocap_warp.contour.rooted import RootedPoses, Rooting
-from mmocap_warp.contour.uncertainty import (
+from mmocap_warp.contour.clip.clip_problem import ACCELERATION, ClipProblem, SolvedWindow
+from mmocap_warp.contour.clip.motion_points import POINTS_A_JOINT, MotionPoints
+from mmocap_warp.contour.clip.uncertainty import (
     BodyDeviations,
     Deviations,
     Uncertainty,
@@ -36,12 +32,16 @@ from mmocap_warp.contour.uncertainty import (
     misfit,
     together,
 )
+from mmocap_warp.contour.frame.normal_equations import NormalEquations
+from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
+from mmocap_warp.fitting.clip_body import Followed, solve_body
+from mmocap_warp.rigging.deviation_factors import DeviationFactors, factors_toml
+from mmocap_warp.rigging.shipped import DEFAULT_BODY, load_body
 from mmocap_warp.study.made_people import made_clip
 from mmocap_warp.study.sequences import SEQUENCES, StudySequence
-from mmocap_warp.synthesis.posing import ExactPoser
-from mmocap_warp.tracking.clip_body import Followed, solve_body
-from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.synthesis.exact_posing import ExactPoser
 from mmocap_warp.tracking.from_settings import make_fitter
+from mmocap_warp.tracking.track_config import TrackConfig
 
 _BODY_FRAMES, _BODY_SPAN = 16, 120  # frames that a body is solved from, and over how many they are spread
 _CLIP = 40  # frames that are solved together

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from mmocap_warp.study.labels import algorithm_label
 from mmocap_warp.study.summary import MEASURES, CellSummary, Measure, StudySummary
+from mmocap_warp.study.tracker_labels import algorithm_label
 from mmocap_warp.study.verdicts import UNTESTED, judged, with_unit
 
 

@@ -11,18 +11,18 @@ from datetime import UTC, datetime
 import numpy as np
 
 from mmocap_warp.body.model import Subject
-from mmocap_warp.device import resolve_device
+from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.errors import InputError
+from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import FrameAnswer
 from mmocap_warp.study.cell import Cell, CellResult
 from mmocap_warp.study.code_hash import code_hash
 from mmocap_warp.study.metrics import measure
 from mmocap_warp.study.source import Clip, OpenClip, clip_facts, open_clip
-from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.tracking.frame_loop import collect
 from mmocap_warp.tracking.memory_need import fitting_tracker
 from mmocap_warp.tracking.smoothing import smoothed
-from mmocap_warp.tracking.track import collect
-from mmocap_warp.views.observation import Observation
+from mmocap_warp.tracking.track_config import TrackConfig
 
 _SECONDS_BETWEEN_REPORTS = 0.5
 _SAME = "give all machines the same files and version; if they have changed since, run the study again"

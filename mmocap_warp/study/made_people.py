@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from mmocap_warp.bodies.shipped import load_body
+from mmocap_warp.rigging.shipped import load_body
 from mmocap_warp.study.sequences import PLANS, SequencePlan, StudySequence, make_sequence, walking_around
-from mmocap_warp.synthesis.people import Person
+from mmocap_warp.synthesis.walkers import Person
 
 _BODIES = ("adult_man", "adult_woman", "tall_slim_adult")
 _SHAPED = 0.6  # the share of shape targets that a person has anything of

@@ -12,9 +12,9 @@ import numpy as np
 
 from mmocap_warp.study import paper
 from mmocap_warp.study.cell import Cell
-from mmocap_warp.study.labels import BASELINES, algorithm_label
+from mmocap_warp.study.study_tables import by_algorithm
 from mmocap_warp.study.summary import EQ_20, MEASURES, CellSummary, Contender, Measure, StudySummary, in_order
-from mmocap_warp.study.tables import by_algorithm
+from mmocap_warp.study.tracker_labels import BASELINES, algorithm_label
 from mmocap_warp.study.wording import counted, extent, in_unit, listed, named, shown
 
 LOST_LIMB = next(measure for measure in MEASURES if measure.key == "limb_lost")

@@ -14,15 +14,24 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mmocap_warp.bodies.shipped import load_body
 from mmocap_warp.body.model import BodyModel, Subject
-from mmocap_warp.calibration.adjustment import AdjustConfig, Adjustment
-from mmocap_warp.calibration.cameras import CENTRE, FOCAL, KINDS, OFFSET, POSITION, ROTATION, changed, difference
-from mmocap_warp.calibration.refine import Refinement, refine
-from mmocap_warp.formats.usd.body import read_subject
+from mmocap_warp.calibration.adjust.adjustment import AdjustConfig, Adjustment
+from mmocap_warp.calibration.adjust.camera_changes import (
+    CENTRE,
+    FOCAL,
+    KINDS,
+    OFFSET,
+    POSITION,
+    ROTATION,
+    changed,
+    difference,
+)
+from mmocap_warp.calibration.refine.refinement import Refinement, refine
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.formats.usd.usd_body import read_subject
+from mmocap_warp.rigging.shipped import load_body
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
-from mmocap_warp.views.rig import CameraRig
 
 FAULTS: dict[str, tuple[slice, float]] = {
     "rotation": (ROTATION, float(np.radians(10.0))),
@@ -89,7 +98,7 @@ def planted(sound: Scene, fault: str, wrong: Sequence[int], config: AdjustConfig
 
 
 def left_over(true: CameraRig, planted: np.ndarray, found: Refinement) -> np.ndarray:
-    """(camera, parameter) what is still wrong, in the units of :data:`mmocap_warp.calibration.cameras.KINDS`."""
+    """(camera, parameter) what is still wrong, in the units of ``camera_changes.KINDS``."""
     left = difference(true, found.rig)
     left[:, OFFSET] = planted[:, OFFSET] + found.change[:, OFFSET]
     return left

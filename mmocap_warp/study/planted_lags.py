@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from mmocap_warp.calibration.synchronise import Synchronisation, synchronise
-from mmocap_warp.foreground.mask_files import MaskImages
+from mmocap_warp.calibration.sync.synchronise import Synchronisation, synchronise
+from mmocap_warp.masks.mask_files import MaskImages
 from mmocap_warp.scene.recording import CameraSource, Scene
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.study.further_clips import CLIP_PLANS, CLIPS

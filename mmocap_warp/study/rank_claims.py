@@ -7,10 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmocap_warp.study.labels import algorithm_label
 from mmocap_warp.study.statistics import ALPHA, FEWEST_PAIRS
-from mmocap_warp.study.summary import Measure, StudySummary
-from mmocap_warp.study.tables import (
+from mmocap_warp.study.study_tables import (
     FEWEST_SEQUENCES,
     ModelDifference,
     Ranking,
@@ -19,6 +17,8 @@ from mmocap_warp.study.tables import (
     by_model,
     model_differences,
 )
+from mmocap_warp.study.summary import Measure, StudySummary
+from mmocap_warp.study.tracker_labels import algorithm_label
 from mmocap_warp.study.verdicts import judged, lead_where, with_unit
 
 EVOLUTIONARY: tuple[str, ...] = ("h-cmaes", "cmaes", "h-pso", "pso", "h-de", "de")

@@ -7,7 +7,7 @@ from html import escape
 
 import numpy as np
 
-from mmocap_warp.drawing.chart import (
+from mmocap_warp.display.chart import (
     Axis,
     axes,
     axis,
@@ -22,10 +22,10 @@ from mmocap_warp.drawing.chart import (
     text,
 )
 from mmocap_warp.study import paper
-from mmocap_warp.study.labels import algorithm_label, mark_class
 from mmocap_warp.study.overview import baseline_contenders, level
+from mmocap_warp.study.study_tables import Ranking
 from mmocap_warp.study.summary import CellSummary, Contender, Measure, StudySummary
-from mmocap_warp.study.tables import Ranking
+from mmocap_warp.study.tracker_labels import algorithm_label, mark_class
 from mmocap_warp.study.wording import with_unit
 
 _WIDTH = 960.0

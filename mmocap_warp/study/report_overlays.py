@@ -11,15 +11,15 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.posing import Poser
-from mmocap_warp.drawing.chart import figure, outline, polyline
-from mmocap_warp.drawing.overlay import Window
+from mmocap_warp.cameras.rig import CameraRig, project
+from mmocap_warp.cameras.silhouette import intersection_over_union, silhouette
+from mmocap_warp.display.chart import figure, outline, polyline
+from mmocap_warp.display.overlay import Window
+from mmocap_warp.masks.observation import Observation, unpack_masks
 from mmocap_warp.study.baselines import is_of
 from mmocap_warp.study.source import Clip, open_clip
+from mmocap_warp.study.study_tables import Ranking
 from mmocap_warp.study.summary import CellSummary, Measure, StudySummary
-from mmocap_warp.study.tables import Ranking
-from mmocap_warp.views.observation import Observation, unpack_masks
-from mmocap_warp.views.rig import CameraRig, project
-from mmocap_warp.views.silhouette import intersection_over_union, silhouette
 
 _SIZE = (360, 480)
 _MARGIN = 1.12  # of the window around what is drawn

@@ -8,9 +8,8 @@ from html import escape
 import numpy as np
 
 from mmocap_warp.study import paper
-from mmocap_warp.study.claims import check_claims
-from mmocap_warp.study.labels import algorithm_label
 from mmocap_warp.study.overview import rank_pairs
+from mmocap_warp.study.report_claims import check_claims
 from mmocap_warp.study.report_figures import (
     box_figure,
     curve_figure,
@@ -29,8 +28,9 @@ from mmocap_warp.study.report_tables import (
     ranking_table,
     sequence_table,
 )
+from mmocap_warp.study.study_tables import Ranking, by_algorithm, by_model, model_differences
 from mmocap_warp.study.summary import Contender, Measure, StudySummary
-from mmocap_warp.study.tables import Ranking, by_algorithm, by_model, model_differences
+from mmocap_warp.study.tracker_labels import algorithm_label
 from mmocap_warp.study.wording import extent, listed, named, with_unit
 
 

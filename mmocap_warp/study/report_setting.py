@@ -10,13 +10,13 @@ from html import escape
 import numpy as np
 
 from mmocap_warp.study import paper
-from mmocap_warp.study.labels import algorithm_label
 from mmocap_warp.study.overview import level, milliseconds, missing
 from mmocap_warp.study.report_figures import baseline_words, budget_figure, legend, seconds_per_frame, time_figure
 from mmocap_warp.study.report_sections import Section, choice
 from mmocap_warp.study.report_tables import floor_note, grid_table
+from mmocap_warp.study.study_tables import Ranking, Row, by_algorithm
 from mmocap_warp.study.summary import EQ_20, CellSummary, Contender, Measure, StudySummary
-from mmocap_warp.study.tables import Ranking, Row, by_algorithm
+from mmocap_warp.study.tracker_labels import algorithm_label
 from mmocap_warp.study.wording import counted, extent, listed, spelled, with_unit
 
 _CODE_DIGITS = 12  # of 64 that are shown

@@ -9,11 +9,11 @@ from itertools import groupby
 import numpy as np
 
 from mmocap_warp.study import paper
-from mmocap_warp.study.labels import BASELINES, algorithm_label
 from mmocap_warp.study.overview import baseline_contenders, level, or_dash
 from mmocap_warp.study.statistics import ALPHA, Omnibus
+from mmocap_warp.study.study_tables import ModelDifference, Ranking, Row
 from mmocap_warp.study.summary import CellSummary, Contender, Measure, StudySummary
-from mmocap_warp.study.tables import ModelDifference, Ranking, Row
+from mmocap_warp.study.tracker_labels import BASELINES, algorithm_label
 from mmocap_warp.study.wording import extent, in_unit, interval, p_value, shown, spelled, statistic, with_unit
 
 

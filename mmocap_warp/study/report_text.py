@@ -8,8 +8,6 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from mmocap_warp.study.claims import check_claims
-from mmocap_warp.study.labels import algorithm_label
 from mmocap_warp.study.overview import (
     LOST_LIMB,
     TextTable,
@@ -21,11 +19,13 @@ from mmocap_warp.study.overview import (
     strangers_table,
     which_half,
 )
+from mmocap_warp.study.report_claims import check_claims
 from mmocap_warp.study.report_setting import grid_sentence, headline
 from mmocap_warp.study.report_tables import effect_cells, floor_note
 from mmocap_warp.study.statistics import ALPHA
+from mmocap_warp.study.study_tables import Ranking, by_algorithm, by_model, model_differences
 from mmocap_warp.study.summary import EQ_20, MEASURES, CellSummary, Measure, StudySummary
-from mmocap_warp.study.tables import Ranking, by_algorithm, by_model, model_differences
+from mmocap_warp.study.tracker_labels import algorithm_label
 from mmocap_warp.study.wording import in_unit, interval, named, p_value, shown, statistic
 
 _RANKED_BY = (*EQ_20, "cost")

@@ -6,9 +6,8 @@ from html import escape
 
 import numpy as np
 
-from mmocap_warp.drawing.chart import axes, curve, dots, figure, line, logarithmic, text
+from mmocap_warp.display.chart import axes, curve, dots, figure, line, logarithmic, text
 from mmocap_warp.study import paper
-from mmocap_warp.study.labels import algorithm_label, mark_class
 from mmocap_warp.study.overview import (
     LOST_LIMB,
     TextTable,
@@ -27,6 +26,7 @@ from mmocap_warp.study.report_figures import baseline_words, curve_figure, legen
 from mmocap_warp.study.report_sections import Section, choice
 from mmocap_warp.study.report_tables import grid_table
 from mmocap_warp.study.summary import Measure, StudySummary
+from mmocap_warp.study.tracker_labels import algorithm_label, mark_class
 from mmocap_warp.study.wording import counted, extent, listed, named
 
 _WIDTH, _HEIGHT = 960.0, 430.0

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.study.cell import Cell, CellResult, read_cell
-from mmocap_warp.study.engines.protocol import Death, Engine, EngineLost, Event, Notice, Ready
+from mmocap_warp.study.engines.engine import Death, Engine, EngineLost, Event, Notice, Ready
 from mmocap_warp.study.job import Advance, Refusal
 from mmocap_warp.study.outbox import Outbox
 from mmocap_warp.study.source import Clip

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
+from mmocap_warp.masks.observation import unpack_masks
 from mmocap_warp.study.degradations import NONE, degraded
 from mmocap_warp.study.sequences import StudySequence
 from mmocap_warp.study.source import OpenClip, open_sequence
 from mmocap_warp.synthesis.writing import Progress, write_made_scene
-from mmocap_warp.views.observation import unpack_masks
 
 _FOREGROUND = """\
 # The study tracks these masks as they are, with all their faults.

@@ -16,19 +16,19 @@ import numpy as np
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.rotations import zyx_angles, zyx_rotation
 from mmocap_warp.body.shape_space import heading_rotation, upright_base
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.pose_errors import HEAD_TOP, head_top
 from mmocap_warp.result.truth import Truth
-from mmocap_warp.synthesis.footage.cameras import placed_camera
-from mmocap_warp.synthesis.footage.recording import Recording
+from mmocap_warp.synthesis.footage.made_cameras import placed_camera
+from mmocap_warp.synthesis.footage.made_recording import Recording
 from mmocap_warp.synthesis.footage.segmentation import Contrast, SegmentedMasks
 from mmocap_warp.synthesis.motion.boxing import ROUNDS, boxing
 from mmocap_warp.synthesis.motion.gait import Walk
 from mmocap_warp.synthesis.motion.gestures import SCRIPTS, gesturing
 from mmocap_warp.synthesis.motion.retarget import read_clip, retargeted
-from mmocap_warp.synthesis.people import PEOPLE, Person, fitted_start
 from mmocap_warp.synthesis.strangers import STRANGERS
-from mmocap_warp.views.observation import Observation
-from mmocap_warp.views.rig import CameraRig
+from mmocap_warp.synthesis.walkers import PEOPLE, Person, fitted_start
 
 FPS = 60.0
 MARKER_NOISE = 0.002

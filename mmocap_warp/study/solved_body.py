@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from mmocap_warp.bodies.shipped import DEFAULT_BODY, load_body
 from mmocap_warp.body.model import Subject
+from mmocap_warp.fitting.clip_body import frames_to_follow, solve_body_in_clip
+from mmocap_warp.fitting.subject_fit import FitConfig
+from mmocap_warp.masks.observation import Observation
+from mmocap_warp.rigging.shipped import DEFAULT_BODY, load_body
 from mmocap_warp.study.source import OpenClip
-from mmocap_warp.tracking.clip_body import frames_to_follow, solve_body_in_clip
-from mmocap_warp.tracking.config import TrackConfig
-from mmocap_warp.tracking.fit import FitConfig
-from mmocap_warp.views.observation import Observation
+from mmocap_warp.tracking.track_config import TrackConfig
 
 
 def solved_subject(

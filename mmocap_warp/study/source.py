@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mmocap_warp.body.model import Subject
+from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.errors import InputError
+from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.truth import Truth, at_rate
-from mmocap_warp.scene.content import content_hash
+from mmocap_warp.scene.content_hash import content_hash
 from mmocap_warp.scenes import ROOT
-from mmocap_warp.views.observation import Observation
-from mmocap_warp.views.rig import CameraRig
 
 if TYPE_CHECKING:
     from mmocap_warp.scene.recording import Scene
@@ -122,7 +122,7 @@ def open_clip(clip: Clip) -> OpenClip:
     Raises:
         InputError: as :func:`clip_facts`, or files that turn out unreadable.
     """
-    from mmocap_warp.formats.usd.body import read_subject
+    from mmocap_warp.formats.usd.usd_body import read_subject
 
     if clip.scene is None:
         from mmocap_warp.study.further_clips import CLIPS
@@ -131,7 +131,7 @@ def open_clip(clip: Clip) -> OpenClip:
         whole = CLIPS[clip.name]
         opened = open_sequence(whole.first(min(clip.frames or whole.frame_count, whole.frame_count)))
         return replace(opened, subject=read_subject(clip.subject)) if clip.subject else opened
-    from mmocap_warp.formats.truth import load_truth
+    from mmocap_warp.formats.truth_file import load_truth
 
     scene = _load_scene(clip.scene)
     frames = min(clip.frames or scene.frame_count, scene.frame_count)

@@ -5,5 +5,5 @@ do) and ``footage`` (what is seen of them), which know nothing of each other; ``
 the study to its sequences. ``any_body`` records any body in a motion of its own; ``characters`` gives theirs to shipped
 bodies that are no people.
 
-May import: body, views, result, formats, bodies.
+May import: body, cameras, masks, result, formats, rigging.
 """

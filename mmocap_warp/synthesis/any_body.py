@@ -9,12 +9,12 @@ import numpy as np
 from mmocap_warp.body.body_motion import BodyMotion
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.shape_space import upright_base
-from mmocap_warp.synthesis.footage.cameras import placed_camera
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.synthesis.exact_posing import ExactPoser
 from mmocap_warp.synthesis.footage.faults import Faults, SpoiltMasks
-from mmocap_warp.synthesis.footage.recording import Recording
-from mmocap_warp.synthesis.posing import ExactPoser
+from mmocap_warp.synthesis.footage.made_cameras import placed_camera
+from mmocap_warp.synthesis.footage.made_recording import Recording
 from mmocap_warp.synthesis.writing import FAULTY_MASKS, Progress, write_made_scene
-from mmocap_warp.views.rig import CameraRig
 
 SIZE = (640, 480)
 """Of the cameras' images, by default [px]."""

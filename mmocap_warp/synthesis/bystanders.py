@@ -8,12 +8,12 @@ from functools import cached_property
 import numpy as np
 
 from mmocap_warp.body.shape_space import heading_rotation, upright_base
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.synthesis.exact_posing import ExactPoser
 from mmocap_warp.synthesis.footage.outlines import Surface, draw_outlines
 from mmocap_warp.synthesis.motion.gait import Walk
 from mmocap_warp.synthesis.motion.gait_curves import CADENCE
-from mmocap_warp.synthesis.people import PEOPLE
-from mmocap_warp.synthesis.posing import ExactPoser
-from mmocap_warp.views.rig import CameraRig
+from mmocap_warp.synthesis.walkers import PEOPLE
 
 _NEAREST = 0.3  # to a camera's plane; what comes nearer is not seen by it [m]
 _STRAIGHT = 200.0  # radius of a circle that is walked along as if it were a line [m]

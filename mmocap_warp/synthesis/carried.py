@@ -11,17 +11,17 @@ from pathlib import Path
 
 import numpy as np
 
-from mmocap_warp.bodies.attaching import carrying
 from mmocap_warp.body.bind_transforms import bind_transforms
 from mmocap_warp.body.rotations import applied, transposed, turn, zyx_angles
 from mmocap_warp.body.shape_space import heading_rotation, upright_base
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.attachments import ALL, FIXED, Attachment, attachment_lines
-from mmocap_warp.synthesis.footage.recording import Recording
+from mmocap_warp.rigging.attaching import carrying
+from mmocap_warp.synthesis.exact_posing import ExactPoser
+from mmocap_warp.synthesis.footage.made_recording import Recording
 from mmocap_warp.synthesis.motion.boxing import ROUNDS, boxing
-from mmocap_warp.synthesis.people import walker
-from mmocap_warp.synthesis.posing import ExactPoser
 from mmocap_warp.synthesis.walk import FOREGROUND, FPS, camera_ring, segmentation, walking
+from mmocap_warp.synthesis.walkers import walker
 from mmocap_warp.synthesis.writing import write_made_scene
 from mmocap_warp.whole_file import write_whole
 

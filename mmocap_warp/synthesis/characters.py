@@ -13,7 +13,7 @@ from pathlib import Path
 from mmocap_warp.body.body_motion import BodyMotion
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.usd.body import read_body, write_body
+from mmocap_warp.formats.usd.usd_body import read_body, write_body
 from mmocap_warp.synthesis.motion.hand_signs import hand_motions
 from mmocap_warp.synthesis.motion.robot_tasks import anymal_motions, panda_motions
 

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel
-from mmocap_warp.synthesis.posing import ExactPoser, led_by
+from mmocap_warp.synthesis.exact_posing import ExactPoser, led_by
 
 _LEVELS, _SIDES = 16, 48
 _VERTICES = _LEVELS * _SIDES + 2  # of the rings from the waist down, and the middles of the first and the last

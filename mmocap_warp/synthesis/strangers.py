@@ -1,6 +1,6 @@
 """People whom no shape of the tracker's body comes near: unequal limbs, a skirt, a child's proportions.
 
-The true bodies of :mod:`mmocap_warp.synthesis.people` are shaped by the targets that the tracker's bodies have, and
+The true bodies of :mod:`mmocap_warp.synthesis.walkers` are shaped by the targets that the tracker's bodies have, and
 stretched as a whole. Of these here each segment has a length and a girth of its own, or wears what does not move with
 the skin; what a tracker does with them shows how much it owes to that family.
 """
@@ -13,9 +13,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel
-from mmocap_warp.synthesis.people import Person
-from mmocap_warp.synthesis.posing import ExactPoser
+from mmocap_warp.synthesis.exact_posing import ExactPoser
 from mmocap_warp.synthesis.skirt import SkirtPoser, skirted
+from mmocap_warp.synthesis.walkers import Person
 
 Size = tuple[float, float]
 """Of a segment, as factors: its length, and its girth."""

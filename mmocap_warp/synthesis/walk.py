@@ -9,14 +9,14 @@ import numpy as np
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.shape_space import heading_rotation, upright_base
-from mmocap_warp.synthesis.footage.cameras import placed_camera
+from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.synthesis.footage.faults import Faults, SpoiltMasks
-from mmocap_warp.synthesis.footage.recording import Recording
+from mmocap_warp.synthesis.footage.made_cameras import placed_camera
+from mmocap_warp.synthesis.footage.made_recording import Recording
 from mmocap_warp.synthesis.motion.gait import Walk
 from mmocap_warp.synthesis.motion.gait_curves import CADENCE
-from mmocap_warp.synthesis.people import walker
+from mmocap_warp.synthesis.walkers import walker
 from mmocap_warp.synthesis.writing import FAULTY_MASKS, write_made_scene
-from mmocap_warp.views.rig import CameraRig
 
 FRAMES, FPS = 64, 60.0
 _HEADING = 0.6  # of the walk in the world, halfway [rad]

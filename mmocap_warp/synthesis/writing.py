@@ -9,13 +9,13 @@ from typing import Protocol
 import numpy as np
 
 from mmocap_warp.body.model import Subject
+from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.png import write_png
-from mmocap_warp.formats.usd.body import write_subject
-from mmocap_warp.formats.usd.truth import write_truth
+from mmocap_warp.formats.usd.usd_body import write_subject
+from mmocap_warp.formats.usd.usd_truth import write_truth
 from mmocap_warp.result.truth import Truth
-from mmocap_warp.views.rig import CameraRig
 from mmocap_warp.whole_file import write_whole
 
 _SCENE = """\
@@ -46,7 +46,7 @@ join = 6.0
 
 
 class Footage(Protocol):
-    """What a scene is written of: a :class:`mmocap_warp.synthesis.footage.recording.Recording`, or one made worse."""
+    """What a scene is written of: a ``made_recording.Recording``, or one made worse."""
 
     @property
     def fps(self) -> float:

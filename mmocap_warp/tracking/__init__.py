@@ -1,4 +1,4 @@
-"""Trackers: configuration, algorithms, frames in turn, checkpoints, the first-frame fit.
+"""Trackers: settings, algorithms, frames in turn, checkpoints, the clip smoothed, live.
 
-May import: kernels, body, views, result, formats, scene, bodies, objective, optimizers, contour.
+May import: kernels, device, body, cameras, masks, result, formats, scene, rigging, silhouettes, optimizers, contour.
 """

@@ -8,11 +8,11 @@ import numpy as np
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.cameras.silhouette import silhouettes
 from mmocap_warp.result.result import Result
 from mmocap_warp.scene.frame_choice import as_range
 from mmocap_warp.scene.recording import BodyMasks, Scene
-from mmocap_warp.views.rig import CameraRig
-from mmocap_warp.views.silhouette import silhouettes
 
 
 def body_masks(subject: Subject, rig: CameraRig, last_poses: Callable[[], np.ndarray]) -> BodyMasks:

@@ -26,18 +26,18 @@ from mmocap_warp.body.model import Subject
 from mmocap_warp.body.rotations import spread_rotations, transposed, zyx_angles, zyx_rotation
 from mmocap_warp.body.shape_space import heading_rotation, upright_base
 from mmocap_warp.body.skeleton import ROOT_ANGLES
-from mmocap_warp.device import resolve_device
-from mmocap_warp.objective.replays import Replays
-from mmocap_warp.objective.transfers import Download
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.device.replays import Replays
+from mmocap_warp.device.resolve import resolve_device
+from mmocap_warp.device.transfers import Download
+from mmocap_warp.masks.observation import Observation
+from mmocap_warp.masks.visual_hull import visual_hull
 from mmocap_warp.result.result import STATUS, FrameAnswer
 from mmocap_warp.tracking.algorithms import ALGORITHMS, CONTOUR_TRACKERS
-from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.from_settings import make_fitter, make_objective, search_limits
 from mmocap_warp.tracking.pose_search import PoseSearch, RootFrame
+from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import lost_frame, overlap
-from mmocap_warp.views.observation import Observation
-from mmocap_warp.views.rig import CameraRig
-from mmocap_warp.views.visual_hull import visual_hull
 
 _STEPS = 5
 _LONG = 10  # steps of a start that is further away

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from mmocap_warp.body.model import Subject
-from mmocap_warp.contour.fitter import ContourFitter, MatchingConfig
-from mmocap_warp.cores import available_threads
-from mmocap_warp.device import resolve_device
-from mmocap_warp.objective.objective import Objective
-from mmocap_warp.tracking.config import TrackConfig
-from mmocap_warp.views.rig import CameraRig
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.contour.frame.fitter import ContourFitter, MatchingConfig
+from mmocap_warp.device.cores import available_threads
+from mmocap_warp.device.resolve import resolve_device
+from mmocap_warp.silhouettes.objective import Objective
+from mmocap_warp.tracking.track_config import TrackConfig
 
 
 def search_limits(subject: Subject, config: TrackConfig) -> np.ndarray:
@@ -43,7 +43,7 @@ def make_fitter(
     parameters: int = 0,
     matching: MatchingConfig | None = None,
 ) -> ContourFitter:
-    """A fitter of contours of a run's settings; see :class:`~mmocap_warp.contour.fitter.ContourFitter`."""
+    """A fitter of contours of a run's settings; see :class:`~mmocap_warp.contour.frame.fitter.ContourFitter`."""
     return ContourFitter(
         subject.body,
         rig,

@@ -11,17 +11,17 @@ import numpy as np
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.skeleton import ROOT_ANGLES
-from mmocap_warp.contour.clip import ClipProblem
-from mmocap_warp.contour.fixed_lag import LAG, FixedLag
-from mmocap_warp.contour.motion_points import MotionPoints
-from mmocap_warp.contour.normal_equations import NormalEquations
-from mmocap_warp.contour.rooted import RootedPoses, Rooting
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.contour.clip.clip_problem import ClipProblem
+from mmocap_warp.contour.clip.fixed_lag import LAG, FixedLag
+from mmocap_warp.contour.clip.motion_points import MotionPoints
+from mmocap_warp.contour.frame.normal_equations import NormalEquations
+from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
+from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import STATUS, FrameAnswer
-from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.from_settings import make_fitter, search_limits
 from mmocap_warp.tracking.memory_need import fitting_tracker
-from mmocap_warp.views.observation import Observation
-from mmocap_warp.views.rig import CameraRig
+from mmocap_warp.tracking.track_config import TrackConfig
 
 _LOST, _INTERPOLATED = STATUS.index("lost"), STATUS.index("interpolated")
 

@@ -19,19 +19,19 @@ import warp as wp
 from mmocap_warp.body.mesh_pieces import is_closed
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
-from mmocap_warp.contour.uncertainty import body_changes
-from mmocap_warp.device import free_memory, resolve_device
+from mmocap_warp.cameras.rig import CameraRig, project
+from mmocap_warp.contour.clip.uncertainty import body_changes
+from mmocap_warp.device.resolve import free_memory, resolve_device
 from mmocap_warp.errors import InputError
+from mmocap_warp.masks.observation import Observation
 from mmocap_warp.tracking.algorithms import CONTOUR_TRACKERS
-from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.from_settings import make_fitter, make_objective
-from mmocap_warp.tracking.limbs import limb_pairs
+from mmocap_warp.tracking.limb_pairs import limb_pairs
 from mmocap_warp.tracking.pose_search import PoseSearch
 from mmocap_warp.tracking.smoothing import CANDIDATES, frames_held
+from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import Tracker
-from mmocap_warp.views.observation import Observation
-from mmocap_warp.views.rig import CameraRig, project
 
 _SHARE = 0.9  # of the free memory may be taken: kernels, graphs and everybody else want some too
 _GB = 1e9

@@ -10,17 +10,17 @@ import warp as wp
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.skeleton import ROOT_ANGLES
-from mmocap_warp.device import resolve_device
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.kernels.body.root_frame import enter, leave
 from mmocap_warp.kernels.optimizers.populations import SearchSpace, make_space
+from mmocap_warp.masks.observation import Observation
 from mmocap_warp.optimizers.protocol import Optimizer
 from mmocap_warp.optimizers.search import Search
 from mmocap_warp.tracking.algorithms import Algorithm
-from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.from_settings import make_objective, search_limits
-from mmocap_warp.tracking.strategy import Part, hierarchical, holistic
-from mmocap_warp.views.observation import Observation
-from mmocap_warp.views.rig import CameraRig
+from mmocap_warp.tracking.parts import Part, hierarchical, holistic
+from mmocap_warp.tracking.track_config import TrackConfig
 
 
 class RootFrame:

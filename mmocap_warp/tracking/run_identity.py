@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from mmocap_warp.body.model import Subject
-from mmocap_warp.device import resolve_device
-from mmocap_warp.scene.content import content_hash
+from mmocap_warp.device.resolve import resolve_device
+from mmocap_warp.scene.content_hash import content_hash
 from mmocap_warp.scene.recording import CameraSource, Scene
-from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.version import __version__
 
 Identity = dict[str, Any]

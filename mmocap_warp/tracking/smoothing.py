@@ -8,16 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from mmocap_warp.bodies.deviation_factors import deviation_factors
 from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION
-from mmocap_warp.contour.around import Around
-from mmocap_warp.contour.backward_pass import AHEAD, STARTS, BackwardPass
-from mmocap_warp.contour.clip import WINDOW, ClipProblem, SolvedWindow, coarse_then_fine
-from mmocap_warp.contour.fitter import WIDE
-from mmocap_warp.contour.motion_points import MotionPoints
-from mmocap_warp.contour.normal_equations import NormalEquations
-from mmocap_warp.contour.rooted import RootedPoses, Rooting
-from mmocap_warp.contour.uncertainty import (
+from mmocap_warp.contour.clip.backward_pass import AHEAD, STARTS, BackwardPass
+from mmocap_warp.contour.clip.clip_problem import WINDOW, ClipProblem, SolvedWindow, coarse_then_fine
+from mmocap_warp.contour.clip.motion_points import MotionPoints
+from mmocap_warp.contour.clip.uncertainty import (
     USUAL_MISFIT,
     BodyDeviations,
     Deviations,
@@ -27,12 +22,17 @@ from mmocap_warp.contour.uncertainty import (
     stretched,
     together,
 )
+from mmocap_warp.contour.frame.around import Around
+from mmocap_warp.contour.frame.fitter import WIDE
+from mmocap_warp.contour.frame.normal_equations import NormalEquations
+from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
+from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import STATUS, Result
-from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.rigging.deviation_factors import deviation_factors
 from mmocap_warp.tracking.from_settings import make_fitter, make_objective, search_limits
-from mmocap_warp.tracking.limbs import limb_pairs, limbs
+from mmocap_warp.tracking.limb_pairs import limb_pairs, limbs
+from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import overlap
-from mmocap_warp.views.observation import Observation
 
 SmoothReport = Callable[[int], None]
 """Called with the number of frames that are final."""

@@ -9,12 +9,12 @@ import numpy as np
 import warp as wp
 
 from mmocap_warp.body.model import Subject
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import STATUS, FrameAnswer
-from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.pose_search import PoseSearch
 from mmocap_warp.tracking.presets import PRESETS
-from mmocap_warp.views.observation import Observation
-from mmocap_warp.views.rig import CameraRig
+from mmocap_warp.tracking.track_config import TrackConfig
 
 
 class Tracker:

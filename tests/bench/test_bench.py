@@ -16,12 +16,12 @@ from mmocap_warp import cli
 from mmocap_warp.bench import growth as growth_module
 from mmocap_warp.bench import suite as suite_module
 from mmocap_warp.bench.against import OPTIMIZING, missing
+from mmocap_warp.bench.bench_tables import digits, duration, report_tables
 from mmocap_warp.bench.optimizer_peers import ENGINES, FUNCTIONS, OURS, optimizer_peers
 from mmocap_warp.bench.pages import write_pages
 from mmocap_warp.bench.peers import peers
 from mmocap_warp.bench.plots import Line, growth_lines
 from mmocap_warp.bench.suite import Plan, run_suite
-from mmocap_warp.bench.tables import digits, duration, report_tables
 from mmocap_warp.bench.terminal import rendered, to_text
 from mmocap_warp.bench.workload import workload
 from mmocap_warp.body.mesh_pieces import is_closed

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from other_bodies import arm_robot, quadruped
 
-from mmocap_warp.bodies.shipped import load_body
 from mmocap_warp.body.bind_pose import bind_pose_turns, thickness
 from mmocap_warp.body.mirroring import mirrored_joints
 from mmocap_warp.body.model import BodyModel
+from mmocap_warp.rigging.shipped import load_body
 
 MIRROR = np.array([-1.0, 1.0, 1.0])
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from synthetic import MODELS, NAMES, SKELETON, synthetic_body
 
-from mmocap_warp.bodies.human import JOINTS, PARENT
 from mmocap_warp.body.mesh_pieces import mesh_edges, split_mesh, whole_mesh
 from mmocap_warp.body.posing import Poser
-from mmocap_warp.formats.usd.body import read_body
+from mmocap_warp.formats.usd.usd_body import read_body
+from mmocap_warp.rigging.human import JOINTS, PARENT
 from mmocap_warp.scenes import ROOT
-from mmocap_warp.tracking.strategy import Part, hierarchical, holistic
+from mmocap_warp.tracking.parts import Part, hierarchical, holistic
 
 BODIES = sorted((ROOT / "bodies").glob("*.usdc"))
 TETRAHEDRON = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])

@@ -10,10 +10,10 @@ import pytest
 from reference import joint_transforms, skin
 from synthetic import NAMES as COORDINATE_NAMES
 
-from mmocap_warp.bodies.human import JOINTS, PARENT
 from mmocap_warp.body.mesh_pieces import is_closed
 from mmocap_warp.body.model import BodyModel
-from mmocap_warp.formats.usd.body import read_body
+from mmocap_warp.formats.usd.usd_body import read_body
+from mmocap_warp.rigging.human import JOINTS, PARENT
 from mmocap_warp.scenes import ROOT
 
 NAMES = ("adult_man", "adult_woman", "tall_slim_adult")

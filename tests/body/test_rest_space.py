@@ -14,17 +14,17 @@ from random_scenes import perfect_masks
 from scipy.spatial import cKDTree
 from synthetic import ring_rig
 
-from mmocap_warp.bodies.shipped import load_body
 from mmocap_warp.body.mirroring import mirrored_joints, mirrored_weights
 from mmocap_warp.body.model import BodyModel, SkinMesh, Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.rest_space import RestSpace
-from mmocap_warp.formats.usd.animation import export_animation
-from mmocap_warp.formats.usd.body import read_subject, write_subject
-from mmocap_warp.formats.usd.check import faults
-from mmocap_warp.tracking.config import TrackConfig
-from mmocap_warp.tracking.track import track_observations
-from mmocap_warp.views.observation import Observation
+from mmocap_warp.formats.usd.usd_animation import export_animation
+from mmocap_warp.formats.usd.usd_body import read_subject, write_subject
+from mmocap_warp.formats.usd.usd_check import faults
+from mmocap_warp.masks.observation import Observation
+from mmocap_warp.rigging.shipped import load_body
+from mmocap_warp.tracking.frame_loop import track_observations
+from mmocap_warp.tracking.track_config import TrackConfig
 
 BODIES: dict[str, Callable[[], BodyModel]] = {
     "adult_man": lambda: load_body("adult_man"),

@@ -8,12 +8,12 @@ import pytest
 from moving_person import BODY, FPS, RIG, ROOTING, masks_at, motion
 
 from mmocap_warp.body.rest_space import RestSpace
-from mmocap_warp.calibration.camera_problem import CameraProblem, known_distance, known_height
-from mmocap_warp.calibration.cameras import KINDS, OFFSET, Deviations, changed, difference
-from mmocap_warp.contour.fitter import ContourFitter, MatchingConfig
-from mmocap_warp.contour.rooted import Rooting
-from mmocap_warp.views.observation import Observation, unpack_masks
-from mmocap_warp.views.rig import CameraRig
+from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, Deviations, changed, difference
+from mmocap_warp.calibration.adjust.camera_problem import CameraProblem, known_distance, known_height
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.contour.frame.fitter import ContourFitter, MatchingConfig
+from mmocap_warp.contour.frame.rooted import Rooting
+from mmocap_warp.masks.observation import Observation, unpack_masks
 
 SPACE = RestSpace(BODY)
 FRAMES = np.arange(4, 60, 7)

@@ -9,10 +9,10 @@ from synthetic import ring_rig, synthetic_body
 
 from mmocap_warp.body.rotations import turn
 from mmocap_warp.body.skeleton import ROOT_ANGLES
-from mmocap_warp.calibration.cameras import KINDS, OFFSET, Deviations, by_body, changed, difference
+from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, Deviations, by_body, changed, difference
+from mmocap_warp.cameras.silhouette import silhouettes
 from mmocap_warp.kernels.contour.jacobian import OWN
-from mmocap_warp.synthesis.posing import ExactPoser
-from mmocap_warp.views.silhouette import silhouettes
+from mmocap_warp.synthesis.exact_posing import ExactPoser
 
 BODY = synthetic_body()
 RIG = ring_rig(3)

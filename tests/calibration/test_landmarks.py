@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from moving_person import FPS, RIG, masks_at
 
-from mmocap_warp.calibration.cameras import KINDS, ROTATION, Deviations, changed, difference
-from mmocap_warp.calibration.coherence import coherence
-from mmocap_warp.calibration.landmarks import LandmarkProblem, landmarks
-from mmocap_warp.views.observation import Observation, unpack_masks
+from mmocap_warp.calibration.adjust.camera_changes import KINDS, ROTATION, Deviations, changed, difference
+from mmocap_warp.calibration.adjust.coherence import coherence
+from mmocap_warp.calibration.adjust.landmarks import LandmarkProblem, landmarks
+from mmocap_warp.masks.observation import Observation, unpack_masks
 
 FRAMES = np.arange(0, 60, 2)
 SEEN = masks_at(RIG, FRAMES, np.zeros(len(RIG)))

@@ -7,9 +7,9 @@ from planted import swung
 from synthetic import synthetic_body
 
 from mmocap_warp.body.rotations import turn
-from mmocap_warp.calibration.motion import Motion
-from mmocap_warp.contour.motion_points import MotionPoints
-from mmocap_warp.contour.rooted import Rooting
+from mmocap_warp.calibration.adjust.person_motion import Motion
+from mmocap_warp.contour.clip.motion_points import MotionPoints
+from mmocap_warp.contour.frame.rooted import Rooting
 
 BODY = synthetic_body()
 FPS = 60.0

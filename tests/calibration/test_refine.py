@@ -9,11 +9,11 @@ import pytest
 from moving_person import BODY, FPS, RIG, subject, write_scene
 
 from mmocap_warp.body.model import Subject
-from mmocap_warp.calibration.adjustment import AdjustConfig, Adjustment, Person
-from mmocap_warp.calibration.cameras import KINDS, OFFSET, ROTATION, Deviations, changed, difference
-from mmocap_warp.calibration.check import Check, at_large, check
-from mmocap_warp.calibration.landmarks import landmarks
-from mmocap_warp.calibration.refine import Refinement, refine
+from mmocap_warp.calibration.adjust.adjustment import AdjustConfig, Adjustment, Person
+from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, ROTATION, Deviations, changed, difference
+from mmocap_warp.calibration.adjust.landmarks import landmarks
+from mmocap_warp.calibration.camera_check import Check, at_large, check
+from mmocap_warp.calibration.refine.refinement import Refinement, refine
 
 CONFIG = AdjustConfig(frames=12, judges=5, scale=0.5, device="cpu")
 WRONG = 2

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mmocap_warp.calibration.significance import CLEAR, UNDETERMINED, selected
+from mmocap_warp.calibration.refine.significance import CLEAR, UNDETERMINED, selected
 
 PRIOR = np.ones(4)
 ALONE = np.arange(4)

@@ -11,17 +11,17 @@ import cv2
 import numpy as np
 import pytest
 
-from mmocap_warp.calibration.solve import SolvedCameras, solve_cameras
-from mmocap_warp.calibration.unsolvable import UnsolvableError
+from mmocap_warp.calibration.solve.solution import SolvedCameras, solve_cameras
+from mmocap_warp.calibration.solve.unsolvable import UnsolvableError
+from mmocap_warp.cameras.rig import CameraRig, project
 from mmocap_warp.cli import exit_codes, main
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.opencv_yaml import write_opencv_yaml
 from mmocap_warp.formats.calibration.toml_rig import read_toml_rig, write_toml_rig
-from mmocap_warp.formats.usd.truth import read_truth
+from mmocap_warp.formats.usd.usd_truth import read_truth
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.study.sequences import SequencePlan, make_sequence, walking_around
 from mmocap_warp.synthesis.writing import write_made_scene
-from mmocap_warp.views.rig import CameraRig, project
 
 CAMERAS = ("C2", "C3", "BW2", "BW4")
 HEIGHT = 1.749

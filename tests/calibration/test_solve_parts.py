@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from mmocap_warp.body.rotations import turn
-from mmocap_warp.calibration.floor_alignment import placed_on_floor, rigid_motion
-from mmocap_warp.calibration.level import levelled
-from mmocap_warp.calibration.person_axis import CORNERS, PersonInView, person_in_views
-from mmocap_warp.calibration.single_view import FEWEST_FRAMES, StandingView, standing_view
-from mmocap_warp.calibration.tangents import Pinholes, adjusted, residuals, touching
-from mmocap_warp.calibration.unsolvable import UnsolvableError
-from mmocap_warp.synthesis.footage.cameras import placed_camera
-from mmocap_warp.views.observation import Observation
-from mmocap_warp.views.rig import CameraRig, project
+from mmocap_warp.calibration.solve.floor_alignment import placed_on_floor, rigid_motion
+from mmocap_warp.calibration.solve.level import levelled
+from mmocap_warp.calibration.solve.person_axis import CORNERS, PersonInView, person_in_views
+from mmocap_warp.calibration.solve.single_view import FEWEST_FRAMES, StandingView, standing_view
+from mmocap_warp.calibration.solve.tangents import Pinholes, adjusted, residuals, touching
+from mmocap_warp.calibration.solve.unsolvable import UnsolvableError
+from mmocap_warp.cameras.rig import CameraRig, project
+from mmocap_warp.masks.observation import Observation
+from mmocap_warp.synthesis.footage.made_cameras import placed_camera
 
 SIZE = (640, 480)
 STATURE = 1.7

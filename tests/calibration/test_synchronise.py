@@ -12,17 +12,17 @@ import numpy as np
 import pytest
 from ball_scene import edit
 
-from mmocap_warp.calibration.hull_agreement import HullAgreement, Sampling
-from mmocap_warp.calibration.lag_course import lag_course
-from mmocap_warp.calibration.shared_motion import common_offsets, pair_scores
-from mmocap_warp.calibration.silhouette_motion import SilhouetteMotion
-from mmocap_warp.calibration.synchronise import synchronise
+from mmocap_warp.calibration.sync.hull_agreement import HullAgreement, Sampling
+from mmocap_warp.calibration.sync.lag_course import lag_course
+from mmocap_warp.calibration.sync.shared_motion import common_offsets, pair_scores
+from mmocap_warp.calibration.sync.silhouette_motion import SilhouetteMotion
+from mmocap_warp.calibration.sync.synchronise import synchronise
+from mmocap_warp.cameras.rig import project
 from mmocap_warp.cli import main
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.png import write_png
 from mmocap_warp.scene.offset_writing import write_timing
 from mmocap_warp.scene.scene_toml import load_scene
-from mmocap_warp.views.rig import project
 
 FPS, FRAMES = 60.0, 150
 LAGS = {"left": 0, "front": 4, "right": -7}

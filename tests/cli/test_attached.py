@@ -14,12 +14,12 @@ from mmocap_warp.body.body_motion import BodyMotion
 from mmocap_warp.body.model import Subject
 from mmocap_warp.cli import exit_codes
 from mmocap_warp.formats.attachments import attachment_lines
-from mmocap_warp.formats.usd.body import write_subject
-from mmocap_warp.formats.usd.check import faults
-from mmocap_warp.formats.usd.result import read_result
+from mmocap_warp.formats.usd.usd_body import write_subject
+from mmocap_warp.formats.usd.usd_check import faults
+from mmocap_warp.formats.usd.usd_result import read_result
 from mmocap_warp.synthesis.any_body import recorded, write_recorded
-from mmocap_warp.synthesis.footage.recording import Recording
-from mmocap_warp.synthesis.posing import ExactPoser
+from mmocap_warp.synthesis.exact_posing import ExactPoser
+from mmocap_warp.synthesis.footage.made_recording import Recording
 
 FRAMES = 8
 

@@ -11,7 +11,7 @@ from made_up_rigs import ROBOT, write_creature
 
 from mmocap_warp import cli
 from mmocap_warp.cli import exit_codes
-from mmocap_warp.formats.usd.body import read_body, read_motions
+from mmocap_warp.formats.usd.usd_body import read_body, read_motions
 from mmocap_warp.scene.scene_toml import load_scene
 
 

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from moving_person import RIG, write_scene
 
-from mmocap_warp.calibration import check as checking
-from mmocap_warp.calibration import refine as refining
-from mmocap_warp.calibration.adjustment import AdjustConfig
-from mmocap_warp.calibration.cameras import KINDS, OFFSET, Deviations, changed
-from mmocap_warp.calibration.check import Check, Finding, View
-from mmocap_warp.calibration.held_out import Explained
-from mmocap_warp.calibration.refine import Refinement
+from mmocap_warp.calibration import camera_check as checking
+from mmocap_warp.calibration.adjust.adjustment import AdjustConfig
+from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, Deviations, changed
+from mmocap_warp.calibration.camera_check import Check, Finding, View
+from mmocap_warp.calibration.refine import refinement as refining
+from mmocap_warp.calibration.refine.held_out import Explained
+from mmocap_warp.calibration.refine.refinement import Refinement
 from mmocap_warp.cli import main
 from mmocap_warp.cli.exit_codes import BAD_INPUT, CHECK_FAILED, OK, USAGE
 from mmocap_warp.formats.table import read_calibration

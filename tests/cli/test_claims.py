@@ -12,14 +12,14 @@ from pathlib import Path
 
 import pytest
 
-from mmocap_warp.cli import claims
+from mmocap_warp.cli import output_locks as claims
 from mmocap_warp.cli.outputs import new_file, new_folder
 from mmocap_warp.errors import InputError
 
 OTHER = """
 import sys
 from pathlib import Path
-from mmocap_warp.cli.claims import claim
+from mmocap_warp.cli.output_locks import claim
 claim(Path(sys.argv[1]))
 print("claimed", flush=True)
 sys.stdin.read()

@@ -167,10 +167,10 @@ def test_table_aligns_its_values():
 
 
 def test_every_setting_of_a_run_is_a_flag_and_every_flag_of_a_fit_a_setting():
-    from mmocap_warp.cli.fit import FitFlags
-    from mmocap_warp.cli.track import TrackFlags
-    from mmocap_warp.tracking.config import TrackConfig
-    from mmocap_warp.tracking.fit import FitConfig
+    from mmocap_warp.cli.fit_command import FitFlags
+    from mmocap_warp.cli.track_command import TrackFlags
+    from mmocap_warp.fitting.subject_fit import FitConfig
+    from mmocap_warp.tracking.track_config import TrackConfig
 
     def names(kind: type) -> set[str]:
         return {field.name for field in dataclasses.fields(kind)}

@@ -13,10 +13,10 @@ from synthetic import synthetic_result
 
 from mmocap_warp import cli
 from mmocap_warp.cli import exit_codes
-from mmocap_warp.formats.motion.bvh import read_bvh
-from mmocap_warp.formats.motion.c3d import read_c3d
-from mmocap_warp.formats.motion.trc import read_trc
-from mmocap_warp.formats.usd.result import write_result
+from mmocap_warp.formats.motion.read_bvh import read_bvh
+from mmocap_warp.formats.motion.read_c3d import read_c3d
+from mmocap_warp.formats.motion.read_trc import read_trc
+from mmocap_warp.formats.usd.usd_result import write_result
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.turning import stood_up
 

@@ -12,12 +12,12 @@ from synthetic import ring_rig, synthetic_poses, synthetic_subject
 
 from mmocap_warp import cli
 from mmocap_warp.body.posing import Poser
+from mmocap_warp.cameras.silhouette import silhouettes
 from mmocap_warp.cli import exit_codes
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
-from mmocap_warp.formats.usd.body import write_subject
+from mmocap_warp.formats.usd.usd_body import write_subject
+from mmocap_warp.masks.observation import Observation
 from mmocap_warp.tracking.tracker import Tracker
-from mmocap_warp.views.observation import Observation
-from mmocap_warp.views.silhouette import silhouettes
 
 FRAMES = 4
 
@@ -54,7 +54,7 @@ def test_the_masks_that_are_drawn_are_those_that_were_tracked(keep, tmp_path, mo
         drawn.extend(Observation.from_masks(views) for views in masks)
 
     monkeypatch.setattr(Tracker, "step", lambda self, seen: tracked.append(seen) or step(self, seen))
-    monkeypatch.setattr("mmocap_warp.drawing.show.show", show)
+    monkeypatch.setattr("mmocap_warp.display.result_video.show", show)
     assert cli.main(["track", str(scene), "-o", str(tmp_path / "r.usdc"), "--quiet"]) == exit_codes.OK
     assert cli.main(["show", str(tmp_path / "r.usdc"), "--quiet"]) == exit_codes.OK
     assert len(drawn) == FRAMES
@@ -65,7 +65,7 @@ def test_the_masks_that_are_drawn_are_those_that_were_tracked(keep, tmp_path, mo
 def test_show_subtracts_nothing_that_was_tracked(tmp_path, monkeypatch):
     scene = write_scene(tmp_path, 'source = "clean_plate"')
     assert cli.main(["track", str(scene), "-o", str(tmp_path / "r.usdc"), "--quiet"]) == exit_codes.OK
-    monkeypatch.delattr("mmocap_warp.foreground.subtraction.GaussianBackground.foreground")
+    monkeypatch.delattr("mmocap_warp.masks.subtraction.GaussianBackground.foreground")
     assert cli.main(["show", str(tmp_path / "r.usdc"), "--quiet"]) == exit_codes.OK
     assert (tmp_path / "r.webm").is_file()
 
@@ -128,7 +128,7 @@ def test_the_person_of_an_identity_is_tracked_and_drawn(tmp_path, monkeypatch, c
         reports.append(json.loads(capsys.readouterr().out))
     assert reports[0]["mean_iou"] == reports[1]["mean_iou"]
     drawn = []
-    monkeypatch.setattr("mmocap_warp.drawing.show.show", lambda result, images, masks, **_: drawn.extend(masks))
+    monkeypatch.setattr("mmocap_warp.display.result_video.show", lambda result, images, masks, **_: drawn.extend(masks))
     assert cli.main(["show", str(tmp_path / "r.usdc"), "--quiet"]) == exit_codes.OK
     first = cv2.imread(str(tmp_path / "cam01" / "000.png"), cv2.IMREAD_GRAYSCALE)
     np.testing.assert_array_equal(drawn[0][0], first == 1)

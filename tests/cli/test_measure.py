@@ -9,9 +9,9 @@ from measured import answer, made_walk
 from other_bodies import quadruped
 
 from mmocap_warp import cli
-from mmocap_warp.bodies.shipped import load_body
 from mmocap_warp.cli import exit_codes
-from mmocap_warp.formats.usd.result import write_result
+from mmocap_warp.formats.usd.usd_result import write_result
+from mmocap_warp.rigging.shipped import load_body
 
 
 @pytest.fixture(scope="module")

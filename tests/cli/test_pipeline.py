@@ -19,21 +19,21 @@ from pxr import Usd, UsdGeom
 from synthetic import ring_rig, synthetic_poses, synthetic_subject
 
 from mmocap_warp import cli
-from mmocap_warp.bodies.human import JOINTS
-from mmocap_warp.bodies.shipped import body_file
 from mmocap_warp.body.posing import Poser
+from mmocap_warp.cameras.rig import project
+from mmocap_warp.cameras.silhouette import silhouette
 from mmocap_warp.cli import exit_codes
-from mmocap_warp.cli.demo import EXAMPLES, Example
+from mmocap_warp.cli.demo_command import EXAMPLES, Example
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
-from mmocap_warp.formats.usd.body import read_body, read_motions, write_body, write_subject
-from mmocap_warp.formats.usd.check import faults
-from mmocap_warp.formats.usd.result import read_result
-from mmocap_warp.formats.usd.truth import read_truth, write_truth
+from mmocap_warp.formats.usd.usd_body import read_body, read_motions, write_body, write_subject
+from mmocap_warp.formats.usd.usd_check import faults
+from mmocap_warp.formats.usd.usd_result import read_result
+from mmocap_warp.formats.usd.usd_truth import read_truth, write_truth
 from mmocap_warp.result.evaluation import evaluate
 from mmocap_warp.result.truth import Truth
+from mmocap_warp.rigging.human import JOINTS
+from mmocap_warp.rigging.shipped import body_file
 from mmocap_warp.scene.scene_toml import load_scene
-from mmocap_warp.views.rig import project
-from mmocap_warp.views.silhouette import silhouette
 
 FRAMES = 8
 SCENE = """
@@ -418,7 +418,7 @@ def test_demo_checks_itself_and_writes_all_it_names(most, code, scene, tmp_path,
     shipped.mkdir()
     (shipped / "walk").symlink_to(scene.parent)
     monkeypatch.setattr("mmocap_warp.scenes.ROOT", shipped)
-    monkeypatch.setattr("mmocap_warp.cli.demo.MOST_ERROR_MM", most)
+    monkeypatch.setattr("mmocap_warp.cli.demo_command.MOST_ERROR_MM", most)
     assert cli.main(["demo", "-o", str(tmp_path / "out"), "--json", "--quiet"]) == code
     report = json.loads(capsys.readouterr().out)
     assert all(report[key] is not None for key in (*PROMISED, *PROMISED_WITH_TRUTH))

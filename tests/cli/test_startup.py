@@ -19,9 +19,9 @@ wp.config.log_level = wp.LOG_WARNING
 import numpy as np
 from synthetic import synthetic_subject
 from tracked_motion import FPS, RIG
-from mmocap_warp.views.observation import Observation
-from mmocap_warp.tracking.config import TrackConfig
-from mmocap_warp.tracking.track import track_observations
+from mmocap_warp.masks.observation import Observation
+from mmocap_warp.tracking.track_config import TrackConfig
+from mmocap_warp.tracking.frame_loop import track_observations
 
 seen = Observation.from_masks([np.eye(120, 160, dtype=bool)] * len(RIG))
 settings = TrackConfig("h-cmaes", evaluations=20, device="cpu", threads=2)
@@ -43,7 +43,7 @@ def run(code: str, **environment: str) -> str:
     [
         ("mmocap_warp", {"warp", "pxr", "cv2", "numpy", "scipy", "ray", "trimesh", "rich", "cyclopts"}),
         ("mmocap_warp.cli", {"warp", "pxr", "cv2", "numpy", "scipy", "ray", "trimesh"}),
-        ("mmocap_warp.tracking.track", {"scipy", "ray", "trimesh", "rich", "cyclopts"}),
+        ("mmocap_warp.tracking.frame_loop", {"scipy", "ray", "trimesh", "rich", "cyclopts"}),
     ],
 )
 def test_what_is_heavy_is_imported_where_it_is_used(module, absent):

@@ -58,7 +58,7 @@ def test_a_gpu_that_is_not_there_is_wrong_usage(tmp_path):
 LOADING = """
 import sys
 from mmocap_warp import cli
-from mmocap_warp.device import start_quietly
+from mmocap_warp.device.resolve import start_quietly
 
 
 def command(*_, **__):

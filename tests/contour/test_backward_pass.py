@@ -10,9 +10,9 @@ import pytest
 from planted import Planted, swung
 from synthetic import synthetic_body
 
-from mmocap_warp.contour.backward_pass import STARTS, BackwardPass, least_costly
-from mmocap_warp.contour.clip import ClipProblem
-from mmocap_warp.contour.rooted import RootedPoses, Rooting
+from mmocap_warp.contour.clip.backward_pass import STARTS, BackwardPass, least_costly
+from mmocap_warp.contour.clip.clip_problem import ClipProblem
+from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
 
 RATE, FRAMES = 60.0, 40
 BODY = synthetic_body()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from planted import dense
 
-from mmocap_warp.contour.block_band import BlockBand
+from mmocap_warp.contour.clip.block_band import BlockBand
 
 
 def random_band(frames: int, size: int, seed: int = 0) -> BlockBand:

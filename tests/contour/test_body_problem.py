@@ -9,9 +9,9 @@ from synthetic import synthetic_body
 
 from mmocap_warp.body.skeleton import ROOT_ANGLES
 from mmocap_warp.contour.body_problem import BodyProblem, BodySolution
-from mmocap_warp.contour.motion_points import MotionPoints
-from mmocap_warp.contour.normal_equations import NormalEquations
-from mmocap_warp.contour.rooted import RootedPoses, Rooting
+from mmocap_warp.contour.clip.motion_points import MotionPoints
+from mmocap_warp.contour.frame.normal_equations import NormalEquations
+from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
 
 BODY = synthetic_body()
 SKELETON = BODY.skeleton

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmocap_warp.contour.descent import descend, objective
+from mmocap_warp.contour.frame.descent import descend, objective
 
 
 @dataclass

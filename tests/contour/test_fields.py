@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from synthetic import ring_rig
 
-from mmocap_warp.contour.fields import DistanceFields
-from mmocap_warp.views.observation import Observation
+from mmocap_warp.contour.frame.fields import DistanceFields
+from mmocap_warp.masks.observation import Observation
 
 SIZE = (160, 120)
 RIG = ring_rig(2, size=SIZE)
@@ -33,7 +33,7 @@ def of_frames(frames: list[Observation], device: str) -> DistanceFields:
 
 
 def test_growing_room_keeps_what_there_was(device, monkeypatch):
-    monkeypatch.setattr("mmocap_warp.contour.fields._WHOLE", 0)
+    monkeypatch.setattr("mmocap_warp.contour.frame.fields._WHOLE", 0)
     frames = [frame(radius, shift) for radius, shift in ((9, 0), (10, 20), (30, -7), (48, 3), (12, 30))]
     fields = DistanceFields(RIG, 5, 1, device)
     arrays = set()

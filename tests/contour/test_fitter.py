@@ -11,12 +11,12 @@ from synthetic import ring_rig, synthetic_body, synthetic_subject
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rest_space import RestSpace
-from mmocap_warp.contour.fitter import ContourFitter
-from mmocap_warp.contour.rooted import RootedPoses
+from mmocap_warp.cameras.silhouette import silhouettes
+from mmocap_warp.contour.frame.fitter import ContourFitter
+from mmocap_warp.contour.frame.rooted import RootedPoses
 from mmocap_warp.kernels.contour.descent import MOST_SEARCHED
-from mmocap_warp.synthesis.posing import ExactPoser
-from mmocap_warp.views.observation import Observation
-from mmocap_warp.views.silhouette import silhouettes
+from mmocap_warp.masks.observation import Observation
+from mmocap_warp.synthesis.exact_posing import ExactPoser
 
 BODIES = {"person": synthetic_body(), "dog": quadruped(), "arm": arm_robot(), "burdened": burdened()}
 RIG = ring_rig(3, size=(320, 240))
@@ -160,7 +160,7 @@ def test_the_bits_depend_on_neither_threads_nor_neighbours(device, name):
 
 def test_descents_are_the_same_again_and_again(device, monkeypatch):
     """Of any kind in any order, with larger masks in between, whose fields move: on a GPU graphs are replayed."""
-    monkeypatch.setattr("mmocap_warp.contour.fields._WHOLE", 0)
+    monkeypatch.setattr("mmocap_warp.contour.frame.fields._WHOLE", 0)
     body, near = BODIES["person"], ring_rig(3, size=(320, 240), distance=2.5)
     poses, seen = poses_of(body, 3, seed=8), poses_of(body, 1, seed=9)[0]
     small, large = observed(body, seen + 4.0 * np.eye(len(seen))[2], near), observed(body, seen, near)

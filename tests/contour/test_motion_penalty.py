@@ -7,9 +7,9 @@ import pytest
 from planted import dense, swung
 from synthetic import synthetic_body
 
-from mmocap_warp.contour.motion_penalty import FAR, HELD, SPEED, UNSEEN, MotionPenalty
-from mmocap_warp.contour.motion_points import MotionPoints
-from mmocap_warp.contour.rooted import RootedPoses
+from mmocap_warp.contour.clip.motion_penalty import FAR, HELD, SPEED, UNSEEN, MotionPenalty
+from mmocap_warp.contour.clip.motion_points import MotionPoints
+from mmocap_warp.contour.frame.rooted import RootedPoses
 
 BODY = synthetic_body()
 POINTS = MotionPoints(BODY.skeleton, BODY.joint_rest, BODY.skeleton.searched())

@@ -9,9 +9,9 @@ from synthetic import synthetic_body
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import turn
-from mmocap_warp.contour.motion_points import ARM, MotionPoints
-from mmocap_warp.contour.rooted import RootedPoses
-from mmocap_warp.synthesis.posing import ExactPoser
+from mmocap_warp.contour.clip.motion_points import ARM, MotionPoints
+from mmocap_warp.contour.frame.rooted import RootedPoses
+from mmocap_warp.synthesis.exact_posing import ExactPoser
 
 HOME = turn("x", 1.3) @ turn("z", 0.4)
 BODIES = {"person": synthetic_body(), "dog": quadruped(), "arm": arm_robot(), "burdened": burdened()}

@@ -7,8 +7,8 @@ from other_bodies import arm_robot
 from synthetic import SKELETON, synthetic_body
 
 from mmocap_warp.body.rotations import turn
-from mmocap_warp.contour.rooted import RootedPoses, Rooting
-from mmocap_warp.synthesis.posing import ExactPoser
+from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
+from mmocap_warp.synthesis.exact_posing import ExactPoser
 
 HOME = turn("x", 1.3) @ turn("z", 0.4)
 SEARCHED = SKELETON.searched()

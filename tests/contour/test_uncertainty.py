@@ -8,12 +8,11 @@ from planted import Planted, dense, swung
 from synthetic import synthetic_body
 
 from mmocap_warp.body.rotations import turn
-from mmocap_warp.contour import clip, uncertainty
-from mmocap_warp.contour.clip import ACCELERATION, ClipProblem, SolvedWindow
-from mmocap_warp.contour.motion_penalty import MotionPenalty
-from mmocap_warp.contour.normal_equations import NormalEquations
-from mmocap_warp.contour.rooted import RootedPoses, Rooting
-from mmocap_warp.contour.uncertainty import (
+from mmocap_warp.contour.clip import clip_problem as clip
+from mmocap_warp.contour.clip import uncertainty
+from mmocap_warp.contour.clip.clip_problem import ACCELERATION, ClipProblem, SolvedWindow
+from mmocap_warp.contour.clip.motion_penalty import MotionPenalty
+from mmocap_warp.contour.clip.uncertainty import (
     NOISE,
     USUAL_MISFIT,
     BodyChanges,
@@ -26,6 +25,8 @@ from mmocap_warp.contour.uncertainty import (
     stretched,
     together,
 )
+from mmocap_warp.contour.frame.normal_equations import NormalEquations
+from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
 
 BODY = synthetic_body()
 SKELETON = BODY.skeleton

@@ -13,7 +13,7 @@ from reader import LINES, Reader
 from scene_readers import write_video
 
 if TYPE_CHECKING:
-    from mmocap_warp.views.rig import CameraRig
+    from mmocap_warp.cameras.rig import CameraRig
 
 
 def _write_toml_rig(folder: Path) -> None:

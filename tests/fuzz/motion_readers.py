@@ -65,26 +65,26 @@ def _write_c3d(folder: Path) -> None:
 
 
 def _read_c3d(folder: Path) -> None:
-    from mmocap_warp.formats.motion.c3d import read_c3d
+    from mmocap_warp.formats.motion.read_c3d import read_c3d
 
     read_c3d(folder / "some.c3d")
 
 
 def read_truth(folder: Path, name: str) -> None:
-    from mmocap_warp.formats.truth import load_truth
+    from mmocap_warp.formats.truth_file import load_truth
 
     load_truth(folder / name)
 
 
 def _read_cal(folder: Path) -> None:
+    from mmocap_warp.cameras.rig import rig_of
     from mmocap_warp.formats.humaneva.cal import read_cal
-    from mmocap_warp.views.rig import rig_of
 
     rig_of([read_cal(folder / "C1.cal", "C1", (640, 480))], "+z", folder / "C1.cal")
 
 
 def _read_ofs(folder: Path) -> None:
-    from mmocap_warp.formats.humaneva.sync import read_ofs
+    from mmocap_warp.formats.humaneva.time_offsets import read_ofs
 
     read_ofs(folder / "C1.ofs")
 

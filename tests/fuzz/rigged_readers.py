@@ -48,11 +48,11 @@ def _write_joints(folder: Path) -> None:
 
 def _import(folder: Path, name: str) -> None:
     """As the command does, to the body, which has to be one that can be written."""
-    from mmocap_warp.bodies.importing.imported import imported
-    from mmocap_warp.bodies.importing.joints_file import read_joints_file
     from mmocap_warp.errors import InputError
     from mmocap_warp.formats.rigged.gltf import read_gltf
     from mmocap_warp.formats.rigged.urdf import read_urdf
+    from mmocap_warp.rigging.importing.imported import imported
+    from mmocap_warp.rigging.importing.joints_file import read_joints_file
 
     read = read_urdf if name.endswith(".urdf") else read_gltf
     joints = read_joints_file(folder / "joints.toml") if (folder / "joints.toml").exists() else None

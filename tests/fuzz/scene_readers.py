@@ -37,10 +37,10 @@ def _write_scene(folder: Path) -> None:
 
 
 def _read_scene(folder: Path) -> None:
+    from mmocap_warp.fitting.subject_fit import FitConfig
     from mmocap_warp.formats.toml_table import config_from_table
     from mmocap_warp.scene.scene_toml import load_scene
-    from mmocap_warp.tracking.config import TrackConfig
-    from mmocap_warp.tracking.fit import FitConfig
+    from mmocap_warp.tracking.track_config import TrackConfig
 
     scene = load_scene(folder / "scene.toml")
     config = config_from_table(TrackConfig, scene.settings("track"))
@@ -84,8 +84,8 @@ def _write_image(folder: Path, name: str) -> None:
 
 
 def _read_image(folder: Path, name: str) -> None:
-    from mmocap_warp.foreground.frames import as_colour, open_image
-    from mmocap_warp.foreground.mask_image import decode_mask
+    from mmocap_warp.masks.frames import as_colour, open_image
+    from mmocap_warp.masks.mask_image import decode_mask
 
     for image in open_image(folder / name).read():
         as_colour(image)
@@ -103,7 +103,7 @@ def write_video(folder: Path, name: str, codec: str) -> None:
 
 
 def _read_video(folder: Path, name: str) -> None:
-    from mmocap_warp.foreground.frames import open_frames
+    from mmocap_warp.masks.frames import open_frames
 
     for _ in open_frames(folder / name).read():
         pass
@@ -111,9 +111,9 @@ def _read_video(folder: Path, name: str) -> None:
 
 def _read_chosen_masks(folder: Path, masks: str) -> None:
     """As a scene reads them: opened, looked through for identities, and decoded for one of them and for all."""
-    from mmocap_warp.foreground.labels import identities_of
-    from mmocap_warp.foreground.mask_files import open_masks
-    from mmocap_warp.foreground.mask_image import decode_mask
+    from mmocap_warp.masks.label_images import identities_of
+    from mmocap_warp.masks.mask_files import open_masks
+    from mmocap_warp.masks.mask_image import decode_mask
 
     opened = open_masks(folder / masks)
     identities_of(opened.sample(2))

@@ -12,7 +12,7 @@ from reader import Reader
 
 
 def _write_body(folder: Path, name: str) -> None:
-    from mmocap_warp.formats.usd.body import write_body
+    from mmocap_warp.formats.usd.usd_body import write_body
 
     write_body(folder / name, _small_body())
 
@@ -48,19 +48,19 @@ def _write_packed_body(folder: Path) -> None:
 
 
 def _read_body(folder: Path, name: str) -> None:
-    from mmocap_warp.bodies.shipped import load_body
+    from mmocap_warp.rigging.shipped import load_body
 
     load_body(folder / name)
 
 
 def _write_subject(folder: Path, name: str) -> None:
-    from mmocap_warp.formats.usd.body import write_subject
+    from mmocap_warp.formats.usd.usd_body import write_subject
 
     write_subject(folder / name, _small_subject())
 
 
 def _read_subject(folder: Path, name: str) -> None:
-    from mmocap_warp.formats.usd.body import read_subject
+    from mmocap_warp.formats.usd.usd_body import read_subject
 
     read_subject(folder / name)
 
@@ -69,7 +69,7 @@ def _write_result(folder: Path, name: str) -> None:
     import numpy as np
     from synthetic import ring_rig
 
-    from mmocap_warp.formats.usd.result import write_result
+    from mmocap_warp.formats.usd.usd_result import write_result
     from mmocap_warp.result.result import Result
 
     random, subject = np.random.default_rng(0), _small_subject()
@@ -81,7 +81,7 @@ def _write_result(folder: Path, name: str) -> None:
 
 
 def _read_result(folder: Path, name: str) -> None:
-    from mmocap_warp.formats.usd.result import holds_result, read_result
+    from mmocap_warp.formats.usd.usd_result import holds_result, read_result
 
     if holds_result(folder / name):
         read_result(folder / name)
@@ -90,7 +90,7 @@ def _read_result(folder: Path, name: str) -> None:
 def _write_truth(folder: Path, name: str) -> None:
     import numpy as np
 
-    from mmocap_warp.formats.usd.truth import write_truth
+    from mmocap_warp.formats.usd.usd_truth import write_truth
     from mmocap_warp.result.truth import Truth
 
     random = np.random.default_rng(0)
@@ -101,7 +101,7 @@ def _write_truth(folder: Path, name: str) -> None:
 
 
 def _check(folder: Path, name: str) -> None:
-    from mmocap_warp.formats.usd.check import faults
+    from mmocap_warp.formats.usd.usd_check import faults
 
     faults(folder / name)
 

@@ -27,7 +27,7 @@ from commands import COMMANDS, run_to_end, started
 from recordings import write_recording, write_study
 from sameness import difference
 
-from mmocap_warp.device import start_quietly
+from mmocap_warp.device.resolve import start_quietly
 
 IN_A_ROW = 4  # kills before a run is left to end
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mmocap_warp.formats.usd.result import holds_result, read_result
+from mmocap_warp.formats.usd.usd_result import holds_result, read_result
 
 _PROGRESS = (".checkpoint", ".part")  # what a killed run leaves to be continued
 _FIELDS = ("pose", "cost", "iou", "evaluations", "status", "frame_numbers", "angle_sigma", "joint_sigma")

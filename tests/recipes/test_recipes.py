@@ -9,7 +9,7 @@ import numpy as np
 from recipe import Recipe
 
 from mmocap_warp.body.posing import Poser
-from mmocap_warp.formats.usd.result import read_result
+from mmocap_warp.formats.usd.usd_result import read_result
 from mmocap_warp.scene.scene_toml import load_scene
 
 MINIMISE = """

@@ -6,13 +6,13 @@ import pytest
 import trimesh
 from synthetic import synthetic_body, synthetic_poses, synthetic_result
 
-from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.skin_points import attach, triangulated
-from mmocap_warp.cli.judging import summary
+from mmocap_warp.cli.result_report import summary
 from mmocap_warp.errors import InputError
 from mmocap_warp.result.evaluation import evaluate
 from mmocap_warp.result.truth import Truth
+from mmocap_warp.rigging.human import JOINTS
 
 SINGLE_PRECISION_MM = 2e-3
 

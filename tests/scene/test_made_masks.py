@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from synthetic import ring_rig
 
+from mmocap_warp.cameras.rig import CameraRig, project
 from mmocap_warp.errors import InputError
-from mmocap_warp.foreground.subtraction import GaussianBackground
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
+from mmocap_warp.masks.subtraction import GaussianBackground
 from mmocap_warp.scene.mask_mark import MARK_NAME
 from mmocap_warp.scene.mask_writing import write_masks
 from mmocap_warp.scene.scene_toml import load_scene
-from mmocap_warp.views.rig import CameraRig, project
 
 FRAMES = 4
 SIZE = (160, 120)

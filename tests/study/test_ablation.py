@@ -21,7 +21,7 @@ from mmocap_warp.study.ablation import (
 )
 from mmocap_warp.study.further_clips import CLIP_PLANS, CLIPS
 from mmocap_warp.study.source import Clip
-from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.tracking.track_config import TrackConfig
 
 NAME, FRAMES = "S1/Gestures", 9
 

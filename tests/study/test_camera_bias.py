@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mmocap_warp.calibration.cameras import KINDS, POSITION, ROTATION
-from mmocap_warp.calibration.refine import STATED
+from mmocap_warp.calibration.adjust.camera_changes import KINDS, POSITION, ROTATION
+from mmocap_warp.calibration.refine.refinement import STATED
 from mmocap_warp.study.camera_bias import Bias, cells
 
 CAMERAS = 3

@@ -71,18 +71,18 @@ def test_it_is_the_same_from_a_wheel(installed):
         ("tracking/tracker.py", KINDS),
         ("study/metrics.py", KINDS),
         ("synthesis/motion/gait.py", KINDS),
-        ("contour/fitter.py", ("contours", "both")),
+        ("contour/frame/fitter.py", ("contours", "both")),
         ("kernels/contour/descent.py", ("contours", "both")),
         ("tracking/contour_tracker.py", ("contours", "both")),
-        ("tracking/clip_body.py", ("contours", "both")),
+        ("fitting/clip_body.py", ("contours", "both")),
         ("scene/recording.py", ("recorded", "both")),
-        ("foreground/subtraction.py", ("recorded", "both")),
-        ("formats/usd/truth.py", ("recorded", "both")),
+        ("masks/subtraction.py", ("recorded", "both")),
+        ("formats/usd/usd_truth.py", ("recorded", "both")),
         ("formats/calibration/opencv.py", ()),
         ("tracking/checkpoint.py", ()),
         ("kernels/benchmarks/timing.py", ()),
-        ("cli/track.py", ()),
-        ("viewing/__init__.py", ()),
+        ("cli/track_command.py", ()),
+        ("display/page/__init__.py", ()),
         ("study/statistics.py", ()),
         ("a_new_room/__init__.py", ()),
         ("version.py", ()),
@@ -101,10 +101,10 @@ def test_it_follows_the_modules_that_results_depend_on(file, kinds, installed):
 
 
 def test_a_new_module_counts_as_soon_as_one_that_counts_imports_it(installed):
-    new, user = installed / "mmocap_warp/objective/new.py", installed / "mmocap_warp/objective/silhouettes.py"
+    new, user = installed / "mmocap_warp/objective/new.py", installed / "mmocap_warp/silhouettes/silhouettes.py"
     before = user.read_text()
     new.write_text("")
-    user.write_text(before + "from mmocap_warp.objective import new\n")
+    user.write_text(before + "from mmocap_warp.silhouettes import new\n")
     try:
         importing = hashes_of(installed)
         new.write_text("VALUE = 1\n")
@@ -131,7 +131,7 @@ from pathlib import Path
 from mmocap_warp.study.cell import Cell
 from mmocap_warp.study.job import Job, Worker, code_of
 from mmocap_warp.study.source import Clip, clip_facts
-from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.study import code_hash as module
 
 solved = {cell == "solved"}

@@ -7,16 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mmocap_warp.cameras.rig import check_rig
 from mmocap_warp.cli import main
-from mmocap_warp.formats.truth import load_truth
+from mmocap_warp.formats.truth_file import load_truth
+from mmocap_warp.masks.observation import unpack_masks
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.study.degradations import degraded, is_random, most_different_views, parse
 from mmocap_warp.study.further_clips import CLIP_PLANS, CLIPS
 from mmocap_warp.study.sequences import PLANS, make_sequence, study_rig
 from mmocap_warp.study.source import open_sequence
 from mmocap_warp.synthesis.bystanders import PasserBy, furniture
-from mmocap_warp.views.observation import unpack_masks
-from mmocap_warp.views.rig import check_rig
 
 FRAMES = 34
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mmocap_warp.bodies.shipped import DEFAULT_BODY, load_body
+from mmocap_warp.rigging.shipped import DEFAULT_BODY, load_body
 from mmocap_warp.study.deviations import Stated, as_factors, cross_judged, learnt, stated, summary, table
 from mmocap_warp.study.made_people import made_clip, made_person
 

@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mmocap_warp.cameras.rig import project
 from mmocap_warp.cli import main
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.study.further_clips import CLIP_PLANS, CLIPS, FURTHER_PLANS
 from mmocap_warp.study.sequences import FPS, SEQUENCES, make_sequence
 from mmocap_warp.study.source import Clip, clip_facts, open_clip
+from mmocap_warp.synthesis.exact_posing import ExactPoser
 from mmocap_warp.synthesis.motion.spinning import SPINS
-from mmocap_warp.synthesis.people import PEOPLE
-from mmocap_warp.synthesis.posing import ExactPoser
-from mmocap_warp.views.rig import project
+from mmocap_warp.synthesis.walkers import PEOPLE
 
 FLOOR = 2e-3  # [m]
 

@@ -8,7 +8,6 @@ from study_results import SEQUENCES, made_up_result, made_up_study
 
 from mmocap_warp.study.baselines import baselines
 from mmocap_warp.study.cell import Cell
-from mmocap_warp.study.claims import check_claims
 from mmocap_warp.study.overview import (
     LOST_LIMB,
     all_trackers,
@@ -21,13 +20,14 @@ from mmocap_warp.study.overview import (
     strangers_table,
     which_half,
 )
-from mmocap_warp.study.report import render
+from mmocap_warp.study.report_build import render
+from mmocap_warp.study.report_claims import check_claims
 from mmocap_warp.study.report_text import markdown_tables
 from mmocap_warp.study.report_trackers import time_error_figure
 from mmocap_warp.study.sequences import SEQUENCES as SHIPPED
 from mmocap_warp.study.source import Clip
+from mmocap_warp.study.study_tables import by_algorithm, model_differences
 from mmocap_warp.study.summary import MEASURES, Contender, StudySummary, seconds_alone
-from mmocap_warp.study.tables import by_algorithm, model_differences
 
 MAIN = MEASURES[0]
 OURS = {("search-contour+solved", 120): 0.3, ("search-contour", 120): 0.6, ("h-cmaes+polish", 500): 0.7}

@@ -8,7 +8,7 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from mmocap_warp.calibration.synchronise import Synchronisation, ViewOffset
+from mmocap_warp.calibration.sync.synchronise import Synchronisation, ViewOffset
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT

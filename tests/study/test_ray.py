@@ -17,7 +17,7 @@ from tiny_study import STUDY, answer_members, run_quietly, tasks_of, write_study
 from mmocap_warp import cli
 from mmocap_warp.cli import exit_codes
 from mmocap_warp.errors import InputError
-from mmocap_warp.study.engines.protocol import Death
+from mmocap_warp.study.engines.engine import Death
 from mmocap_warp.study.engines.ray import Shares, _how_it_ended, join_cluster, share_cluster
 from mmocap_warp.study.job import LESS_MEMORY
 

@@ -6,10 +6,10 @@ import pytest
 from browser import Browser, find_browser
 from study_results import SEQUENCES, made_up_study
 
-from mmocap_warp.study.report import render
+from mmocap_warp.study.report_build import render
 from mmocap_warp.study.report_tables import difference_table, ranking_table, sequence_table
+from mmocap_warp.study.study_tables import by_algorithm, by_model, model_differences
 from mmocap_warp.study.summary import StudySummary
-from mmocap_warp.study.tables import by_algorithm, by_model, model_differences
 
 PROGRAM = find_browser()
 

@@ -7,21 +7,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.posing import Poser
+from mmocap_warp.cameras.rig import check_rig, project
 from mmocap_warp.cli import main
-from mmocap_warp.formats.truth import load_truth
-from mmocap_warp.formats.usd.body import read_subject
+from mmocap_warp.formats.truth_file import load_truth
+from mmocap_warp.formats.usd.usd_body import read_subject
+from mmocap_warp.rigging.human import JOINTS
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.study.sequence_scene import write_sequence
 from mmocap_warp.study.sequences import FPS, MARKER_NOISE, PLANS, SEQUENCES, make_sequence
+from mmocap_warp.synthesis.exact_posing import ExactPoser, led_by
 from mmocap_warp.synthesis.footage.outlines import Surface, fill
 from mmocap_warp.synthesis.footage.polygons import draw_silhouettes
 from mmocap_warp.synthesis.footage.segmentation import Contrast, segment
-from mmocap_warp.synthesis.motion.limbs import Leg
-from mmocap_warp.synthesis.motion.tracks import Track, minimum_jerk
-from mmocap_warp.synthesis.posing import ExactPoser, led_by
-from mmocap_warp.views.rig import check_rig, project
+from mmocap_warp.synthesis.motion.limb_motion import Leg
+from mmocap_warp.synthesis.motion.motion_tracks import Track, minimum_jerk
 
 MOST_SLIDE = 2e-3  # [m/s], mean over a sequence, of the foot that stands
 FLOOR = 2e-3  # [m]

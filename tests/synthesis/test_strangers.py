@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mmocap_warp.synthesis.exact_posing import ExactPoser
 from mmocap_warp.synthesis.footage.outlines import Surface
-from mmocap_warp.synthesis.people import PEOPLE
-from mmocap_warp.synthesis.posing import ExactPoser
 from mmocap_warp.synthesis.skirt import SkirtPoser, skirted
 from mmocap_warp.synthesis.strangers import STRANGERS, resized
+from mmocap_warp.synthesis.walkers import PEOPLE
 
 
 @pytest.fixture(scope="module")

@@ -11,16 +11,16 @@ import pytest
 from ball_scene import edit
 
 from mmocap_warp.body.posing import Poser
+from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.formats.png import write_png
-from mmocap_warp.formats.usd.body import read_subject
-from mmocap_warp.formats.usd.truth import read_truth
+from mmocap_warp.formats.usd.usd_body import read_subject
+from mmocap_warp.formats.usd.usd_truth import read_truth
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.study.sequences import SequencePlan, StudySequence, make_sequence, walking_around
-from mmocap_warp.synthesis.footage.recording import Recording
+from mmocap_warp.synthesis.footage.made_recording import Recording
 from mmocap_warp.synthesis.writing import write_made_scene
-from mmocap_warp.tracking.config import TrackConfig
-from mmocap_warp.tracking.track import track_observations
-from mmocap_warp.views.rig import CameraRig
+from mmocap_warp.tracking.frame_loop import track_observations
+from mmocap_warp.tracking.track_config import TrackConfig
 
 CAMERAS = ("C1", "C2", "BW1", "BW3")
 SLOW, SLOW_RATE = "C2", 50.0

@@ -13,11 +13,11 @@ from tracked_motion import FPS, FRAMES, RIG, TRACKED, marker_errors, motion
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
+from mmocap_warp.masks.observation import Observation
 from mmocap_warp.tracking.algorithms import ALGORITHMS
-from mmocap_warp.tracking.config import TrackConfig
-from mmocap_warp.tracking.strategy import hierarchical
-from mmocap_warp.tracking.track import track_observations
-from mmocap_warp.views.observation import Observation
+from mmocap_warp.tracking.frame_loop import track_observations
+from mmocap_warp.tracking.parts import hierarchical
+from mmocap_warp.tracking.track_config import TrackConfig
 
 HIERARCHICAL = [name for name, algorithm in ALGORITHMS.items() if algorithm.hierarchical]
 PARTS = {part.name: part.index for part in hierarchical(SKELETON, 39)}

@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mmocap_warp.bodies.shipped import body_file
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.skeleton import ROOT_ANGLES
-from mmocap_warp.formats.usd.body import read_body, read_motions
+from mmocap_warp.formats.usd.usd_body import read_body, read_motions
+from mmocap_warp.rigging.shipped import body_file
 from mmocap_warp.synthesis.any_body import recorded
-from mmocap_warp.synthesis.footage.recording import Recording
-from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.synthesis.footage.made_recording import Recording
 from mmocap_warp.tracking.contour_tracker import ContourTracker
+from mmocap_warp.tracking.track_config import TrackConfig
 
 HAND = 0.212  # [m], from the wrist's cut to the longest finger's tip
 

@@ -8,20 +8,29 @@ import numpy as np
 import pytest
 from other_bodies import things
 
-from mmocap_warp.bodies.attaching import carrying
-from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.shape_space import ShapeSpace, heading_rotation, upright_base
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.truth import load_truth
-from mmocap_warp.formats.usd.body import read_body, read_subject, write_subject
+from mmocap_warp.fitting.frame_fit import Guess
+from mmocap_warp.fitting.standing_search import NoSubjectError, _prior, _spread, search_headings, standing_start
+from mmocap_warp.fitting.subject_fit import (
+    FitConfig,
+    _first_frame,
+    _found,
+    _headings,
+    _Task,
+    fit,
+    fit_clip,
+    fit_observation,
+)
+from mmocap_warp.formats.truth_file import load_truth
+from mmocap_warp.formats.usd.usd_body import read_body, read_subject, write_subject
+from mmocap_warp.masks.observation import Observation
+from mmocap_warp.rigging.attaching import carrying
+from mmocap_warp.rigging.human import JOINTS
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
-from mmocap_warp.tracking.fit import FitConfig, _first_frame, _found, _headings, _Task, fit, fit_clip, fit_observation
-from mmocap_warp.tracking.frame_fit import Guess
-from mmocap_warp.tracking.standing_search import NoSubjectError, _prior, _spread, search_headings, standing_start
-from mmocap_warp.views.observation import Observation
 
 QUICK = FitConfig(scale=0.25, evaluations=600, finalists=2)
 LIMBS = ("LShoulder", "RShoulder", "LElbow", "RElbow", "LHip", "RHip", "LKnee", "RKnee", "LAnkle", "RAnkle")
@@ -129,8 +138,8 @@ def planned(man, monkeypatch):
         poses = np.zeros((4, man.skeleton.coordinates))
         poses[:, 1] = range(4)
         guesses = [Guess(np.zeros(len(RestSpace(man).names)), *both) for both in zip(base, poses, strict=True)]
-        monkeypatch.setattr("mmocap_warp.tracking.fit._headings", lambda *_: guesses)
-        monkeypatch.setattr("mmocap_warp.tracking.fit.FrameFit", PlannedFrame)
+        monkeypatch.setattr("mmocap_warp.fitting.subject_fit._headings", lambda *_: guesses)
+        monkeypatch.setattr("mmocap_warp.fitting.subject_fit.FrameFit", PlannedFrame)
         costs = {"polished": polished, "limbs": limbs, "swapped": swapped, "anew": anew, "exchanged": exchanged}
         for name, cost in costs.items():
             monkeypatch.setattr(PlannedFrame, f"{name}_cost", cost)
@@ -197,10 +206,10 @@ def test_motion_decides_where_the_first_frame_does_not(man, margin, costs, answe
     guesses = [Guess(np.zeros(len(RestSpace(man).names)), np.eye(3), np.full(51, i), 0.1 + i * margin) for i in (0, 1)]
     asked = iter(costs)
     monkeypatch.setattr(
-        "mmocap_warp.tracking.fit._with_clip_body", lambda task, clip, fps, subject: (subject, next(asked))
+        "mmocap_warp.fitting.subject_fit._with_clip_body", lambda task, clip, fps, subject: (subject, next(asked))
     )
     monkeypatch.setattr(
-        "mmocap_warp.tracking.fit._first_frame", lambda task, observation: (guesses[0], {"turned": guesses[1]})
+        "mmocap_warp.fitting.subject_fit._first_frame", lambda task, observation: (guesses[0], {"turned": guesses[1]})
     )
     subject = fit_clip(man, None, 30.0, [None], QUICK)
     assert subject.pose[0] == answer
@@ -228,7 +237,7 @@ def test_who_carries_something_is_begun_from_the_hulls_size_and_from_its_own(wal
         begun.append(float(start[space.scale_index]))
         return start[None].astype(np.float32)
 
-    monkeypatch.setattr("mmocap_warp.tracking.fit.search_headings", search)
+    monkeypatch.setattr("mmocap_warp.fitting.subject_fit.search_headings", search)
     with things() as (stick, *_):
         carrier = carrying(man, [replace(stick, joint="RWrist")]).body
     for body in (man, carrier):

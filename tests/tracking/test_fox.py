@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from mmocap_warp.bodies.shipped import body_file
 from mmocap_warp.body.body_motion import BodyMotion
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
-from mmocap_warp.formats.usd.body import read_body, read_motions
+from mmocap_warp.formats.usd.usd_body import read_body, read_motions
+from mmocap_warp.rigging.shipped import body_file
 from mmocap_warp.synthesis.any_body import recorded
-from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.contour_tracker import ContourTracker
+from mmocap_warp.tracking.track_config import TrackConfig
 
 FRAMES = 12
 LENGTH = 1.55  # [m], from nose to tail

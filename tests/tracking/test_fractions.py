@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from mmocap_warp.body.posing import Poser
+from mmocap_warp.fitting.clip_body import follow
+from mmocap_warp.masks.observation import Observation
 from mmocap_warp.study.sequences import SEQUENCES
-from mmocap_warp.tracking.clip_body import follow
-from mmocap_warp.tracking.config import TrackConfig
-from mmocap_warp.tracking.track import track_observations
-from mmocap_warp.views.observation import Observation
+from mmocap_warp.tracking.frame_loop import track_observations
+from mmocap_warp.tracking.track_config import TrackConfig
 
 CLIP = SEQUENCES["S1/Walking"].first(130)
 EVERY = 4  # of the clip's frames is one of 15 a second

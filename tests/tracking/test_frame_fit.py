@@ -10,19 +10,19 @@ from other_bodies import arm_robot, quadruped
 from random_scenes import perfect_masks
 from synthetic import ring_rig
 
-from mmocap_warp.bodies.shipped import load_body
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.shape_space import upright_base
-from mmocap_warp.formats.truth import load_truth
+from mmocap_warp.fitting.clip_body import follow, frames_to_follow, solve_body
+from mmocap_warp.fitting.frame_fit import FrameFit, Guess
+from mmocap_warp.formats.truth_file import load_truth
+from mmocap_warp.masks.observation import Observation, unpack_masks
+from mmocap_warp.rigging.shipped import load_body
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
-from mmocap_warp.tracking.clip_body import follow, frames_to_follow, solve_body
-from mmocap_warp.tracking.config import TrackConfig
-from mmocap_warp.tracking.frame_fit import FrameFit, Guess
-from mmocap_warp.tracking.limbs import limbs, mirrored
-from mmocap_warp.views.observation import Observation, unpack_masks
+from mmocap_warp.tracking.limb_pairs import limbs, mirrored
+from mmocap_warp.tracking.track_config import TrackConfig
 
 RIG = ring_rig(cameras=4, size=(320, 240), distance=3.5)
 BASE = upright_base("+y")

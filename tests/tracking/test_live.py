@@ -9,10 +9,10 @@ import pytest
 from synthetic import synthetic_subject
 from tracked_motion import FPS, FRAMES, RIG, marker_errors, motion
 
-from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.masks.observation import unpack_masks
+from mmocap_warp.tracking.frame_loop import track_observations
 from mmocap_warp.tracking.live import LiveFrame, track_live
-from mmocap_warp.tracking.track import track_observations
-from mmocap_warp.views.observation import unpack_masks
+from mmocap_warp.tracking.track_config import TrackConfig
 
 CONFIG = TrackConfig("contour", device="cpu", threads=1)
 LONGEST = 9  # frames between a frame and its answer

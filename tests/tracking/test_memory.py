@@ -20,18 +20,18 @@ from synthetic import ring_rig, synthetic_result, synthetic_subject
 from tracked_motion import FPS, RIG, motion
 
 from mmocap_warp.body.model import Subject
-from mmocap_warp.drawing.show import show
-from mmocap_warp.formats.usd.animation import export_animation
-from mmocap_warp.formats.usd.body import read_body
-from mmocap_warp.formats.usd.result import read_result, write_result
+from mmocap_warp.display.result_video import show
+from mmocap_warp.formats.usd.usd_animation import export_animation
+from mmocap_warp.formats.usd.usd_body import read_body
+from mmocap_warp.formats.usd.usd_result import read_result, write_result
+from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.evaluation import evaluate
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
-from mmocap_warp.tracking.config import TrackConfig
-from mmocap_warp.tracking.track import track_observations
-from mmocap_warp.views.observation import Observation
+from mmocap_warp.tracking.frame_loop import track_observations
+from mmocap_warp.tracking.track_config import TrackConfig
 
 KB = 1024
 SKIN = 160 * KB  # one frame's posed skin of a shipped body

@@ -11,21 +11,21 @@ import warp as wp
 from synthetic import synthetic_subject
 from tracked_motion import FPS, RIG, motion
 
-from mmocap_warp.device import free_memory
+from mmocap_warp.device.resolve import free_memory
 from mmocap_warp.errors import InputError
 from mmocap_warp.kernels.optimizers.populations import make_space
-from mmocap_warp.objective.renderers import RENDERERS
 from mmocap_warp.optimizers.annealed_filter import AnnealedFilter
 from mmocap_warp.optimizers.cma_es import CmaEs
 from mmocap_warp.optimizers.de import De
 from mmocap_warp.optimizers.pso import Pso
+from mmocap_warp.silhouettes.renderers import RENDERERS
 from mmocap_warp.tracking import smoothing
 from mmocap_warp.tracking.algorithms import ALGORITHMS
-from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.contour_tracker import ContourTracker
+from mmocap_warp.tracking.frame_loop import collect, track_observations
 from mmocap_warp.tracking.memory_need import arrays_of, fitting_tracker, memory_need
 from mmocap_warp.tracking.pose_search import PoseSearch
-from mmocap_warp.tracking.track import collect, track_observations
+from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import Tracker
 
 MB = 10**6

@@ -9,8 +9,8 @@ from synthetic import synthetic_subject
 from tracked_motion import FPS, RIG, motion, tracker_of
 
 from mmocap_warp.tracking.algorithms import ALGORITHMS
-from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.contour_tracker import ContourTracker
+from mmocap_warp.tracking.track_config import TrackConfig
 
 TRANSFERS = ("numpy", "list", "to", "assign", "__array__", "__array_interface__", "__dlpack__", "__str__")
 WAITS = ("synchronize", "synchronize_device", "synchronize_event", "synchronize_stream")

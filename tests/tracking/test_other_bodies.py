@@ -17,18 +17,18 @@ from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.rotations import zyx_angles, zyx_rotation
 from mmocap_warp.body.skeleton import ROOT_ANGLES
-from mmocap_warp.formats.usd.animation import export_animation
-from mmocap_warp.formats.usd.body import read_body, read_subject, write_body, write_subject
-from mmocap_warp.formats.usd.check import faults
-from mmocap_warp.formats.usd.result import read_result, write_result
+from mmocap_warp.fitting.subject_fit import FitConfig, fit_clip, fit_observation
+from mmocap_warp.formats.usd.usd_animation import export_animation
+from mmocap_warp.formats.usd.usd_body import read_body, read_subject, write_body, write_subject
+from mmocap_warp.formats.usd.usd_check import faults
+from mmocap_warp.formats.usd.usd_result import read_result, write_result
+from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.evaluation import evaluate
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.tracking.algorithms import ALGORITHMS
-from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.contour_tracker import ContourTracker
-from mmocap_warp.tracking.fit import FitConfig, fit_clip, fit_observation
-from mmocap_warp.tracking.track import track_observations
-from mmocap_warp.views.observation import Observation
+from mmocap_warp.tracking.frame_loop import track_observations
+from mmocap_warp.tracking.track_config import TrackConfig
 
 RIG = ring_rig(cameras=4, size=(160, 120), distance=3.0)
 FPS = 60.0

@@ -6,8 +6,8 @@ from synthetic import synthetic_subject
 from tracked_motion import FPS, RIG, motion
 
 from mmocap_warp.tracking.algorithms import ALGORITHMS
-from mmocap_warp.tracking.config import TrackConfig
 from mmocap_warp.tracking.presets import PRESETS
+from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import Tracker
 
 RECORDING = {

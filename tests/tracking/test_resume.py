@@ -18,16 +18,16 @@ from mmocap_warp import cli
 from mmocap_warp.body.model import Subject
 from mmocap_warp.cli import exit_codes
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.usd.body import write_subject
-from mmocap_warp.formats.usd.result import read_result
+from mmocap_warp.formats.usd.usd_body import write_subject
+from mmocap_warp.formats.usd.usd_result import read_result
 from mmocap_warp.result.result import FrameAnswer
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
 from mmocap_warp.synthesis.walk import walking
 from mmocap_warp.tracking import checkpoint
-from mmocap_warp.tracking.config import TrackConfig
-from mmocap_warp.tracking.track import track
+from mmocap_warp.tracking.frame_loop import track
+from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import Tracker
 
 FRAMES = 16

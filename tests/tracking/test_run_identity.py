@@ -16,18 +16,18 @@ import pytest
 
 from mmocap_warp.body.model import BodyModel, SkinMesh, Subject
 from mmocap_warp.body.skeleton import Skeleton
+from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.errors import InputError
-from mmocap_warp.foreground.frames import ImageFolder
-from mmocap_warp.foreground.settings import ForegroundSettings
+from mmocap_warp.masks.frames import ImageFolder
+from mmocap_warp.masks.mask_settings import ForegroundSettings
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
 from mmocap_warp.synthesis.walk import walking
-from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.tracking.frame_loop import track
 from mmocap_warp.tracking.run_identity import run_identity
-from mmocap_warp.tracking.track import track
+from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import Tracker
-from mmocap_warp.views.rig import CameraRig
 
 FRAMES = 3
 CONFIG = TrackConfig("h-cmaes", scale=0.25, evaluations=20, device="cpu")

@@ -9,11 +9,11 @@ from synthetic import ring_rig
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.shape_space import heading_rotation, upright_base
-from mmocap_warp.formats.usd.body import read_body
+from mmocap_warp.fitting.subject_fit import FitConfig, fit_observation
+from mmocap_warp.formats.usd.usd_body import read_body
+from mmocap_warp.masks.observation import Observation
 from mmocap_warp.scenes import ROOT
 from mmocap_warp.synthesis.walk import walking
-from mmocap_warp.tracking.fit import FitConfig, fit_observation
-from mmocap_warp.views.observation import Observation
 
 
 def left(subject: Subject) -> np.ndarray:

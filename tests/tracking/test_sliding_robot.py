@@ -11,11 +11,11 @@ import pytest
 from made_up_rigs import ROBOT
 
 from mmocap_warp import cli
-from mmocap_warp.bodies.importing.imported import imported
 from mmocap_warp.body.body_motion import BodyMotion
 from mmocap_warp.formats.rigged.urdf import read_urdf
-from mmocap_warp.formats.usd.body import read_subject, write_body
-from mmocap_warp.formats.usd.result import read_result
+from mmocap_warp.formats.usd.usd_body import read_subject, write_body
+from mmocap_warp.formats.usd.usd_result import read_result
+from mmocap_warp.rigging.importing.imported import imported
 from mmocap_warp.synthesis.motion.key_poses import through_poses
 
 FRAMES, CAMERAS = 12, 4

@@ -11,22 +11,22 @@ import pytest
 from random_scenes import perfect_masks
 from synthetic import SKELETON, ring_rig, synthetic_subject
 
-from mmocap_warp.bodies.shipped import load_body
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.shape_space import upright_base
-from mmocap_warp.contour import clip
+from mmocap_warp.contour.clip import clip_problem as clip
+from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.positions import joint_positions
 from mmocap_warp.result.result import STATUS, FrameAnswer, Result
+from mmocap_warp.rigging.shipped import load_body
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
 from mmocap_warp.synthesis.walk import walking
 from mmocap_warp.tracking import smoothing
 from mmocap_warp.tracking.algorithms import ALGORITHMS
-from mmocap_warp.tracking.config import TrackConfig
+from mmocap_warp.tracking.frame_loop import collect, track, track_observations
 from mmocap_warp.tracking.pose_search import PoseSearch
 from mmocap_warp.tracking.smoothing import smoothed
-from mmocap_warp.tracking.track import collect, track, track_observations
-from mmocap_warp.views.observation import Observation
+from mmocap_warp.tracking.track_config import TrackConfig
 
 RIG = ring_rig(cameras=4, size=(240, 180))
 SUBJECT = synthetic_subject()

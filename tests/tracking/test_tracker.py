@@ -7,16 +7,16 @@ from random_scenes import perfect_masks
 from synthetic import COORDINATES, SKELETON, ring_rig, synthetic_poses, synthetic_subject
 from tracked_motion import TRACKED
 
-from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.posing import Poser
-from mmocap_warp.device import resolve_device
-from mmocap_warp.foreground.settings import ForegroundSettings
+from mmocap_warp.device.resolve import resolve_device
+from mmocap_warp.masks.mask_settings import ForegroundSettings
+from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import STATUS
+from mmocap_warp.rigging.human import JOINTS
 from mmocap_warp.tracking.algorithms import ALGORITHMS
-from mmocap_warp.tracking.config import TrackConfig
-from mmocap_warp.tracking.track import collect, track, track_observations
+from mmocap_warp.tracking.frame_loop import collect, track, track_observations
+from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import Tracker
-from mmocap_warp.views.observation import Observation
 
 FPS = 60.0
 TRACKING_ERROR = 0.025  # [m], mean marker error of one run, see the test

@@ -9,13 +9,13 @@ import pytest
 from random_scenes import perfect_masks
 
 from mmocap_warp.body.model import Subject
+from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.evaluation import evaluate
 from mmocap_warp.result.result import STATUS
 from mmocap_warp.synthesis.walk import walking
-from mmocap_warp.tracking.config import TrackConfig
-from mmocap_warp.tracking.track import collect, track_observations
+from mmocap_warp.tracking.frame_loop import collect, track_observations
+from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import Tracker
-from mmocap_warp.views.observation import Observation
 
 FRAMES = 3
 MOST_ERROR_MM = 1.0  # at the true pose; what is left is single precision

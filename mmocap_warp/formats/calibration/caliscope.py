@@ -5,9 +5,9 @@ A camera is named ``cam_<number>``, as in the file for other programs that Calis
 
 from __future__ import annotations
 
+from mmocap_warp.cameras.rig import Camera
 from mmocap_warp.formats.calibration.toml_camera import take_camera, take_lens
 from mmocap_warp.formats.toml_table import Table
-from mmocap_warp.views.rig import Camera
 
 _NOT_READ = ("cam_id", "port", "rotation_count", "error", "exposure", "grid_count", "name")
 """What a camera's table may hold beside its calibration; ``rotation_count`` turns what Caliscope shows, no more."""

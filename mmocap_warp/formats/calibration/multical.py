@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from mmocap_warp.cameras.rig import Camera, CameraRig, rig_of
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.text import read_text
 from mmocap_warp.formats.calibration.units import stated_metres
 from mmocap_warp.formats.toml_table import is_number
-from mmocap_warp.views.rig import Camera, CameraRig, rig_of
 
 _AGAIN = "give the calibration.json that multical calibrate writes"
 _TO = "_to_"

@@ -15,11 +15,11 @@ import cv2
 import numpy as np
 import yaml
 
+from mmocap_warp.cameras.rig import Camera, CameraRig, rig_of
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.image_size import told_size
 from mmocap_warp.formats.calibration.text import read_text
 from mmocap_warp.formats.calibration.units import METRES
-from mmocap_warp.views.rig import Camera, CameraRig, rig_of
 from mmocap_warp.whole_file import write_whole
 
 _TYPES = {"d": np.float64, "f": np.float32, "i": np.int32, "s": np.int16, "w": np.uint16, "c": np.int8, "u": np.uint8}

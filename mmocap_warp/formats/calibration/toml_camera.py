@@ -5,8 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from mmocap_warp.cameras.rig import Camera
 from mmocap_warp.formats.toml_table import Table, is_number
-from mmocap_warp.views.rig import Camera
 
 
 def take_camera(table: Table, name: str, metres: float) -> Camera:

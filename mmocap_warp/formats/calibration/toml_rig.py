@@ -7,12 +7,12 @@ from pathlib import Path
 
 import cv2
 
+from mmocap_warp.cameras.rig import Camera, CameraRig, rig_of
 from mmocap_warp.formats.calibration import caliscope
 from mmocap_warp.formats.calibration.text import refuse_huge
 from mmocap_warp.formats.calibration.toml_camera import take_camera, take_lens
 from mmocap_warp.formats.calibration.units import METRES
 from mmocap_warp.formats.toml_table import Table, load_toml, quoted
-from mmocap_warp.views.rig import Camera, CameraRig, rig_of
 from mmocap_warp.whole_file import write_whole
 
 
@@ -28,7 +28,7 @@ def read_toml_rig(
 
     Raises:
         InputError: see :func:`~mmocap_warp.formats.toml_table.load_toml` and
-            :func:`~mmocap_warp.views.rig.check_rig`.
+            :func:`~mmocap_warp.cameras.rig.check_rig`.
     """
     refuse_huge(path)
     file = load_toml(path)

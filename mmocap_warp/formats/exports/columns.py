@@ -12,7 +12,7 @@ import numpy as np
 
 from mmocap_warp.body.skeleton import TRANSLATION
 from mmocap_warp.errors import missing_package
-from mmocap_warp.formats.exports.tracks import tracks_of
+from mmocap_warp.formats.exports.point_tracks import tracks_of
 from mmocap_warp.result.result import Result
 from mmocap_warp.whole_file import whole_file, write_whole
 

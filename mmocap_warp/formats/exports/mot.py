@@ -14,7 +14,7 @@ import numpy as np
 
 from mmocap_warp.body.rotations import near_zyx_angles
 from mmocap_warp.body.skeleton import ROOT_ANGLES
-from mmocap_warp.formats.exports.tracks import Tracks, tracks_of
+from mmocap_warp.formats.exports.point_tracks import Tracks, tracks_of
 from mmocap_warp.result.result import Result
 from mmocap_warp.whole_file import write_whole
 

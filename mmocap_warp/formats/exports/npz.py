@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mmocap_warp.formats.exports.tracks import tracks_of
+from mmocap_warp.formats.exports.point_tracks import tracks_of
 from mmocap_warp.result.result import Result
 from mmocap_warp.whole_file import whole_file
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mmocap_warp.foreground.frames import Frames, as_colour
+from mmocap_warp.masks.frames import Frames, as_colour
 
 _SAMPLES = 15
 _OUTLIER = 16.0  # gray levels; where the subject is, images differ more, and by how much says nothing

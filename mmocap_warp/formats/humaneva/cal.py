@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
+from mmocap_warp.cameras.rig import Camera, CameraRig, rig_of
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.image_size import told_size
 from mmocap_warp.formats.calibration.text import refuse_huge
 from mmocap_warp.formats.humaneva.numbers import read_numbers
-from mmocap_warp.views.rig import Camera, CameraRig, rig_of
 
 _COUNT = 22
 _MILLIMETRE = 0.001
@@ -32,7 +32,7 @@ def read_cal(path: str | Path, name: str, size: tuple[int, int]) -> Camera:
 
     Raises:
         InputError: missing, not text, or not at least 22 finite numbers. Whether they can be a camera, see
-            :func:`~mmocap_warp.views.rig.check_rig`.
+            :func:`~mmocap_warp.cameras.rig.check_rig`.
     """
     refuse_huge(path)
     numbers = read_numbers(path)

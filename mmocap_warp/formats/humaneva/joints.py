@@ -21,7 +21,7 @@ from functools import partial
 import numpy as np
 
 from mmocap_warp.formats.humaneva.markers import between_frames, points_named
-from mmocap_warp.formats.motion.trc import PointTracks
+from mmocap_warp.formats.motion.read_trc import PointTracks
 
 JOINT_NAMES: tuple[str, ...] = (
     *("Root", "Neck", "HeadTop"),

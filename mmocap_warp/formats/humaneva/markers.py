@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mmocap_warp.formats.motion.trc import PointTracks
+from mmocap_warp.formats.motion.read_trc import PointTracks
 
 _MIDDLE = ("CLAV", "STRN", "C7", "T10", "RBAK")
 _ABOVE = ("FHD", "BHD", "SHO", "UPA", "ELB", "FRM", "WRA", "WRB", "FIN")

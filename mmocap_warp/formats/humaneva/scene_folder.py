@@ -8,7 +8,7 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.humaneva.sequence import FPS, HumanEvaSequence
 from mmocap_warp.formats.toml_table import quoted
-from mmocap_warp.formats.usd.truth import write_truth
+from mmocap_warp.formats.usd.usd_truth import write_truth
 from mmocap_warp.whole_file import write_whole
 
 _FOREGROUND = """

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from mmocap_warp.cameras.rig import CameraRig, rig_of
 from mmocap_warp.errors import InputError
-from mmocap_warp.foreground.frames import Frames, open_frames
 from mmocap_warp.formats.humaneva.background import nearest_background
 from mmocap_warp.formats.humaneva.cal import read_cal
 from mmocap_warp.formats.humaneva.joints import JOINT_NAMES, SubjectMeasures, joints_at, torso_radius
@@ -23,11 +23,11 @@ from mmocap_warp.formats.humaneva.markers import (
     only_valid,
 )
 from mmocap_warp.formats.humaneva.numbers import read_measures
-from mmocap_warp.formats.humaneva.sync import Synchronisation, read_ofs, synchronise
-from mmocap_warp.formats.motion.c3d import read_c3d
-from mmocap_warp.formats.motion.trc import PointTracks
+from mmocap_warp.formats.humaneva.time_offsets import Synchronisation, read_ofs, synchronise
+from mmocap_warp.formats.motion.read_c3d import read_c3d
+from mmocap_warp.formats.motion.read_trc import PointTracks
+from mmocap_warp.masks.frames import Frames, open_frames
 from mmocap_warp.result.truth import Truth
-from mmocap_warp.views.rig import CameraRig, rig_of
 
 CAMERAS: tuple[str, ...] = ("C1", "C2", "C3", "BW1", "BW2", "BW3", "BW4")
 """HumanEva's cameras, three of colour and four gray, in the order that its synchronisation counts from."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from mmocap_warp.body.rotations import applied, turn
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.motion.clip import MotionClip
+from mmocap_warp.formats.motion.motion_clip import MotionClip
 
 FPS = 120.0
 """Of CMU's clips; the files do not say."""
@@ -81,7 +81,7 @@ def with_markers(clip: MotionClip, path: str | Path) -> MotionClip:
     Raises:
         InputError: a file that cannot be read, or that is of another take.
     """
-    from mmocap_warp.formats.motion.c3d import read_c3d
+    from mmocap_warp.formats.motion.read_c3d import read_c3d
 
     tracks = read_c3d(path)
     if len(tracks.positions) != len(clip.place) or tracks.rate != clip.fps:

@@ -9,7 +9,7 @@ from pxr import Usd, UsdGeom, UsdPhysics, UsdSkel
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh, RiggedMotion, parents_first
-from mmocap_warp.formats.usd.file import read_stage, reads_usd
+from mmocap_warp.formats.usd.usd_file import read_stage, reads_usd
 
 _REMEDY = "export the character with its UsdSkel skeleton and skin"
 _LONGEST = 36000  # frames

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 from pxr import Usd, UsdGeom
 
+from mmocap_warp.cameras.rig import Camera, CameraRig, check_rig, rig_of
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.image_size import told_size
-from mmocap_warp.formats.usd.camera import cameras_from_prim, define_cameras
-from mmocap_warp.formats.usd.file import read_stage, reads_usd, write_stage
+from mmocap_warp.formats.usd.usd_camera import cameras_from_prim, define_cameras
+from mmocap_warp.formats.usd.usd_file import read_stage, reads_usd, write_stage
 from mmocap_warp.formats.usd.world import set_world_up
-from mmocap_warp.views.rig import Camera, CameraRig, check_rig, rig_of
 
 _SAME_SHAPE = 0.01
 """Share by which the film's shape may differ from the image's; programs disagree on what is shown of such a one."""

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from pxr import UsdGeom, Vt
 
-from mmocap_warp.formats.usd.animation import new_world, set_time_range, write_animation
-from mmocap_warp.formats.usd.camera import define_cameras
+from mmocap_warp.formats.usd.usd_animation import new_world, set_time_range, write_animation
+from mmocap_warp.formats.usd.usd_camera import define_cameras
 from mmocap_warp.result.result import Result
 
 

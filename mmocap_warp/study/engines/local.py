@@ -13,8 +13,8 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
 
-from mmocap_warp.device import resolve_device, start_quietly
-from mmocap_warp.study.engines.protocol import Death, EngineLost, Event, Ready
+from mmocap_warp.device.resolve import resolve_device, start_quietly
+from mmocap_warp.study.engines.engine import Death, EngineLost, Event, Ready
 from mmocap_warp.study.job import LESS_MEMORY, Job, Worker, device_kind
 
 _STARTS = 3  # of a worker that dies before it is ready; after these its device is given up
@@ -69,14 +69,14 @@ class LocalEngine:
             self._seats[worker] = self._start(device)
 
     def submit(self, worker: int, job: Job) -> None:
-        """See :class:`~mmocap_warp.study.engines.protocol.Engine`."""
+        """See :class:`~mmocap_warp.study.engines.engine.Engine`."""
         try:
             self._seats[worker].connection.send(job)
         except OSError:  # it died while it waited, which events() tells
             return
 
     def events(self, seconds: float) -> list[tuple[int, Event]]:
-        """See :class:`~mmocap_warp.study.engines.protocol.Engine`."""
+        """See :class:`~mmocap_warp.study.engines.engine.Engine`."""
         if not self._seats:
             raise EngineLost("every worker died while starting")
         by_connection = {seat.connection: worker for worker, seat in self._seats.items()}
@@ -95,7 +95,7 @@ class LocalEngine:
         return happened
 
     def close(self) -> None:
-        """See :class:`~mmocap_warp.study.engines.protocol.Engine`."""
+        """See :class:`~mmocap_warp.study.engines.engine.Engine`."""
         for seat in self._seats.values():
             seat.process.terminate()
         for seat in self._seats.values():

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.study.engines.protocol import Death, EngineLost, Event, Notice, Ready
+from mmocap_warp.study.engines.engine import Death, EngineLost, Event, Notice, Ready
 from mmocap_warp.study.job import LESS_MEMORY, Job, Worker
 
 _STARTS = 3  # of a worker that dies before it is ready; after these its place is given up
@@ -152,12 +152,12 @@ class RayEngine:
         self._seats = {worker: self._start() for worker in range(shares.workers)}
 
     def submit(self, worker: int, job: Job) -> None:
-        """See :class:`~mmocap_warp.study.engines.protocol.Engine`."""
+        """See :class:`~mmocap_warp.study.engines.engine.Engine`."""
         seat = self._seats[worker]
         seat.asked = seat.actor.work.options(num_returns="streaming").remote(job)
 
     def events(self, seconds: float) -> list[tuple[int, Event]]:
-        """See :class:`~mmocap_warp.study.engines.protocol.Engine`."""
+        """See :class:`~mmocap_warp.study.engines.engine.Engine`."""
         import ray
 
         if not self._seats:
@@ -177,7 +177,7 @@ class RayEngine:
         return happened
 
     def close(self) -> None:
-        """See :class:`~mmocap_warp.study.engines.protocol.Engine`."""
+        """See :class:`~mmocap_warp.study.engines.engine.Engine`."""
         import ray
 
         for seat in self._seats.values():

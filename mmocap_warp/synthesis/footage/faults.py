@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.synthesis.footage.blemishes import Ellipse, distance_inside, on_floor
 from mmocap_warp.synthesis.footage.polygons import draw_silhouettes
-from mmocap_warp.views.rig import CameraRig
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmocap_warp.views.rig import CameraRig
+from mmocap_warp.cameras.rig import CameraRig
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from mmocap_warp.views.rig import CameraRig, project
+from mmocap_warp.cameras.rig import CameraRig, project
 
 _FINER = 16  # subpixels per pixel and axis; OpenCV fills all that an outline touches, up to a subpixel too much
 _SHIFT = 6  # binary digits after the point of OpenCV's polygon corners

@@ -8,7 +8,7 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import applied, transposed, turn
-from mmocap_warp.synthesis.motion.limbs import SIGN, basis, rest_axes, rest_place
+from mmocap_warp.synthesis.motion.limb_motion import SIGN, basis, rest_axes, rest_place
 
 _FULL_REACH = 0.985  # of the arm's length: elbows stay bent by 20 degrees
 _SOFT = 0.12  # from this far before it, a reach is shortened smoothly

@@ -22,9 +22,9 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import turn
-from mmocap_warp.synthesis.motion.limbs import leg_length
+from mmocap_warp.synthesis.motion.limb_motion import leg_length
+from mmocap_warp.synthesis.motion.motion_tracks import Track, sway
 from mmocap_warp.synthesis.motion.posture import Foot, Posture
-from mmocap_warp.synthesis.motion.tracks import Track, sway
 
 Point = tuple[float, float, float]
 

@@ -14,9 +14,9 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import turn
-from mmocap_warp.synthesis.motion.limbs import SIGN, rest_place
+from mmocap_warp.synthesis.motion.limb_motion import SIGN, rest_place
+from mmocap_warp.synthesis.motion.motion_tracks import Track, minimum_jerk, sway
 from mmocap_warp.synthesis.motion.posture import Foot, Posture
-from mmocap_warp.synthesis.motion.tracks import Track, minimum_jerk, sway
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 
 from mmocap_warp.body.body_motion import BodyMotion
 from mmocap_warp.body.skeleton import Skeleton
-from mmocap_warp.synthesis.motion.tracks import minimum_jerk
+from mmocap_warp.synthesis.motion.motion_tracks import minimum_jerk
 
 KeyPose = tuple[float, dict[str, float]]
 """When it is reached [s], and the coordinates that change until then, by name [m, degrees]; others stay."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel
-from mmocap_warp.synthesis.posing import led_by
+from mmocap_warp.synthesis.exact_posing import led_by
 
 _STEEPEST = np.radians(75.0)
 _GRID = 1201  # 1/8 of a degree apart

@@ -12,7 +12,7 @@ import numpy as np
 
 from mmocap_warp.body.body_motion import BodyMotion
 from mmocap_warp.body.model import BodyModel
-from mmocap_warp.synthesis.motion.tracks import minimum_jerk
+from mmocap_warp.synthesis.motion.motion_tracks import minimum_jerk
 
 _SOLE = 0.02  # skin that is as low as this over a shank's lowest is its foot [m]
 

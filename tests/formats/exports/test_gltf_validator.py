@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from synthetic import synthetic_result
 
-from mmocap_warp.bodies.shipped import body_file
 from mmocap_warp.formats.exports.glb import write_body_glb
 from mmocap_warp.formats.table import export
-from mmocap_warp.formats.usd.body import read_body, read_motions
+from mmocap_warp.formats.usd.usd_body import read_body, read_motions
+from mmocap_warp.rigging.shipped import body_file
 
 SCRIPT = """
 const validator = require("gltf-validator"), bytes = require("fs").readFileSync(process.argv[1]);

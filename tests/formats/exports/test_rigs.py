@@ -12,12 +12,12 @@ from glb_file import Glb
 from measured import answer
 from synthetic import synthetic_result
 
-from mmocap_warp.bodies.shipped import load_body
 from mmocap_warp.formats.exports.rigs import rigged
-from mmocap_warp.formats.motion.bvh import read_bvh
+from mmocap_warp.formats.motion.read_bvh import read_bvh
 from mmocap_warp.formats.table import export
-from mmocap_warp.formats.usd.check import faults
+from mmocap_warp.formats.usd.usd_check import faults
 from mmocap_warp.result.result import Result
+from mmocap_warp.rigging.shipped import load_body
 
 STRAIGHT = 1e-6  # a bone's direction
 PLACE = 2e-6  # [m]

@@ -14,20 +14,20 @@ import pytest
 
 from mmocap_warp import cli
 from mmocap_warp.body.posing import Poser
+from mmocap_warp.cameras.rig import project
 from mmocap_warp.cli.exit_codes import OK
 from mmocap_warp.formats.humaneva.background import nearest_background
 from mmocap_warp.formats.humaneva.markers import MARKERS
 from mmocap_warp.formats.humaneva.sequence import CAMERAS, FIRST_FRAME, SEQUENCES, HumanEvaSequence, read_sequence
-from mmocap_warp.formats.humaneva.sync import StreamOffset, synchronise
-from mmocap_warp.formats.truth import load_truth
-from mmocap_warp.formats.usd.body import write_subject
-from mmocap_warp.formats.usd.result import write_result
+from mmocap_warp.formats.humaneva.time_offsets import StreamOffset, synchronise
+from mmocap_warp.formats.truth_file import load_truth
+from mmocap_warp.formats.usd.usd_body import write_subject
+from mmocap_warp.formats.usd.usd_result import write_result
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.synthesis.footage.polygons import draw_silhouettes
-from mmocap_warp.views.rig import project
 
 FRAMES = made.LAST - FIRST_FRAME + 1
 HALF_FRAME = 0.5 + 0.05  # of video; scales differ by a thousandth from camera to camera

@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 from given_clips import BVH
 
-from mmocap_warp.bodies.human import JOINTS
 from mmocap_warp.body.rotations import turn
 from mmocap_warp.body.skin_points import attach
 from mmocap_warp.cli import main
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.motion.amc import read_amc
-from mmocap_warp.formats.motion.bvh import read_bvh
-from mmocap_warp.formats.motion.clip import MotionClip
+from mmocap_warp.formats.motion.motion_clip import MotionClip
+from mmocap_warp.formats.motion.read_bvh import read_bvh
+from mmocap_warp.rigging.human import JOINTS
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.study.sequences import clip_sequence
+from mmocap_warp.synthesis.exact_posing import ExactPoser, led_by
 from mmocap_warp.synthesis.motion.retarget import read_clip, retargeted
-from mmocap_warp.synthesis.people import PEOPLE
-from mmocap_warp.synthesis.posing import ExactPoser, led_by
+from mmocap_warp.synthesis.walkers import PEOPLE
 
 DIRECTION = 0.03  # between a bone's direction and the clip's: the body's bones and joint axes differ by a degree or two
 STRAIGHT = 0.06  # the same of a straight leg, which is bent by 3 degrees

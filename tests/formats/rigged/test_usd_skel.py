@@ -11,7 +11,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdPhysics
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.rigged.usd_skel import read_usd_skel
-from mmocap_warp.formats.usd.body import write_body
+from mmocap_warp.formats.usd.usd_body import write_body
 
 
 def test_joints_skin_and_units(tmp_path: Path) -> None:

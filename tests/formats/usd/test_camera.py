@@ -5,9 +5,9 @@ import pytest
 from pxr import Gf, Usd, UsdGeom
 from synthetic import ring_rig
 
+from mmocap_warp.cameras.rig import project
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.usd.camera import cameras_from_prim, define_cameras
-from mmocap_warp.views.rig import project
+from mmocap_warp.formats.usd.usd_camera import cameras_from_prim, define_cameras
 
 REPROJECTION_PX = 1e-3
 

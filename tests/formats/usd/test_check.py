@@ -4,10 +4,10 @@ from pxr import Gf, Tf, Usd, UsdGeom, UsdSkel, Vt
 from synthetic import synthetic_body, synthetic_result, synthetic_subject
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.usd.animation import export_animation
-from mmocap_warp.formats.usd.body import write_body, write_subject
-from mmocap_warp.formats.usd.check import body_faults, faults
-from mmocap_warp.formats.usd.result import write_result
+from mmocap_warp.formats.usd.usd_animation import export_animation
+from mmocap_warp.formats.usd.usd_body import write_body, write_subject
+from mmocap_warp.formats.usd.usd_check import body_faults, faults
+from mmocap_warp.formats.usd.usd_result import write_result
 
 SKIN, SKELETON, ANIMATION = "/World/Boxes/Skin", "/World/Boxes/Skeleton", "/World/Boxes/Animation"
 
@@ -202,7 +202,7 @@ def test_damage_that_shows_when_values_are_read_is_told(tmp_path, monkeypatch):
     def damaged(stage):
         Tf.RaiseRuntimeError("Corrupt path index in crate file")
 
-    monkeypatch.setattr("mmocap_warp.formats.usd.check.body_faults", damaged)
+    monkeypatch.setattr("mmocap_warp.formats.usd.usd_check.body_faults", damaged)
     with pytest.raises(InputError, match="is not a USD file that can be read"):
         faults(tmp_path / "b.usdc")
 

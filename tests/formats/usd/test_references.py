@@ -8,7 +8,7 @@ from synthetic import synthetic_body
 from mmocap_warp import cli
 from mmocap_warp.cli.exit_codes import BAD_INPUT
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.usd.body import read_body, write_body
+from mmocap_warp.formats.usd.usd_body import read_body, write_body
 
 CLIPS = 'clips = {{ dictionary default = {{ {} double templateStride = 1\nstring primPath = "/Boxes" }} }}'
 NAMES = {  # what stands before the prims, in a prim's metadata, and in the prim

@@ -9,6 +9,7 @@ from poisoned import poisoned
 from scipy import ndimage
 from synthetic import ring_rig, synthetic_poses, synthetic_subject
 
+from mmocap_warp.cameras.silhouette import silhouettes
 from mmocap_warp.kernels.block import scratch
 from mmocap_warp.kernels.contour.distance import (
     Masks,
@@ -19,9 +20,8 @@ from mmocap_warp.kernels.contour.distance import (
 )
 from mmocap_warp.kernels.contour.residuals import FARTHEST, Fields
 from mmocap_warp.kernels.structs import filled
-from mmocap_warp.synthesis.posing import ExactPoser
-from mmocap_warp.views.observation import pack_masks
-from mmocap_warp.views.silhouette import silhouettes
+from mmocap_warp.masks.observation import pack_masks
+from mmocap_warp.synthesis.exact_posing import ExactPoser
 
 SIZES = ((97, 61), (64, 48), (33, 75), (129, 20), (31, 40))  # width, height
 APART = 1e-4  # [px]

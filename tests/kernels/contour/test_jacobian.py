@@ -13,9 +13,9 @@ from synthetic import ring_rig, synthetic_body
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.rotations import turn
+from mmocap_warp.cameras.silhouette import silhouettes
 from mmocap_warp.kernels.contour.jacobian import LENS, OWN
-from mmocap_warp.synthesis.posing import ExactPoser
-from mmocap_warp.views.silhouette import silhouettes
+from mmocap_warp.synthesis.exact_posing import ExactPoser
 
 BODIES = {"person": synthetic_body(), "dog": quadruped(), "arm": arm_robot(), "burdened": burdened()}
 STEP = 1e-5

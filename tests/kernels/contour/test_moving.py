@@ -10,12 +10,12 @@ from contours import MATCHING, Contours, image_of
 from synthetic import ring_rig, synthetic_body, synthetic_subject
 
 from mmocap_warp.body.rotations import turn
-from mmocap_warp.contour.around import Around
-from mmocap_warp.contour.fitter import ContourFitter
-from mmocap_warp.contour.rooted import RootedPoses
-from mmocap_warp.synthesis.posing import ExactPoser
-from mmocap_warp.views.observation import Observation
-from mmocap_warp.views.silhouette import silhouettes
+from mmocap_warp.cameras.silhouette import silhouettes
+from mmocap_warp.contour.frame.around import Around
+from mmocap_warp.contour.frame.fitter import ContourFitter
+from mmocap_warp.contour.frame.rooted import RootedPoses
+from mmocap_warp.masks.observation import Observation
+from mmocap_warp.synthesis.exact_posing import ExactPoser
 
 BODY = synthetic_body()
 HOME = synthetic_subject().root_base

@@ -8,15 +8,15 @@ from contours import MATCHING, Contours, poisoned_outline, poisoned_residuals
 from random_scenes import perfect_masks
 from synthetic import ring_rig, synthetic_body, synthetic_poses, synthetic_subject
 
-from mmocap_warp.contour.fields import DistanceFields
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.contour.frame.fields import DistanceFields
 from mmocap_warp.kernels.batch import batch_of
 from mmocap_warp.kernels.contour.outline import BANDS
 from mmocap_warp.kernels.contour.residuals import Matching, find_residuals
 from mmocap_warp.kernels.structs import filled
 from mmocap_warp.kernels.views.projection import Views
-from mmocap_warp.objective.silhouettes import ViewArrays
-from mmocap_warp.views.observation import Observation
-from mmocap_warp.views.rig import CameraRig
+from mmocap_warp.masks.observation import Observation
+from mmocap_warp.masks.view_arrays import ViewArrays
 
 SIZE = (320, 240)
 SCALE = 160.0  # px of a metre, where planted outlines are

@@ -6,7 +6,7 @@ from drawn import cast_bits
 from random_scenes import ODD_SIZES, posed_vertices, random_poses
 from synthetic import ring_rig, synthetic_body
 
-from mmocap_warp.views.observation import unpack_masks
+from mmocap_warp.masks.observation import unpack_masks
 
 
 def test_a_square_fills_whole_pixels(device):

@@ -1,0 +1,165 @@
+"""Joint angles: a person's by the recommendations of the International Society of Biomechanics, others' as searched.
+
+docs/measures.md has the formulas.
+
+Wu et al., *ISB recommendation on definitions of joint coordinate system of various joints for the reporting of human
+joint motion*: part I, ankle, hip and spine (J. Biomechanics 35, 2002); part II, shoulder, elbow, wrist and hand (38,
+2005). The knee, which they leave out: Grood and Suntay, *A joint coordinate system for the clinical description of
+three-dimensional motions* (J. Biomechanical Engineering 105, 1983).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from mmocap_warp.biomechanics.segments import SEGMENTS, has_joints, segment_axes
+from mmocap_warp.body.model import BodyModel
+from mmocap_warp.body.rotations import transposed
+from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
+
+_LEAST_ELEVATION = 5.0
+"""Of an arm that hangs (or points up) as straight as this, the plane of elevation is not told [degrees]."""
+
+_MIRROR = np.array([[1.0, 1.0, -1.0], [1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
+"""A rotation times this, element by element, is the one that its mirror image across the xy plane makes."""
+
+
+@dataclass(frozen=True)
+class JointAngles:
+    """How the angles of a joint are told.
+
+    Attributes:
+        upper, lower: the segments that it joins, without their side.
+        names: of the three angles.
+        sign: of the first angle, from the right-handed rotation about the first axis; the others are as they are.
+        order: of the rotations that angles are told of, ``zxy`` or ``yxy``.
+    """
+
+    upper: str
+    lower: str
+    names: tuple[str, str, str]
+    sign: int = 1
+    order: str = "zxy"
+
+
+_BENDING = ("flexion", "bending_to_the_right", "rotation_to_the_left")
+_PAIRED: dict[str, JointAngles] = {
+    "Hip": JointAngles("pelvis", "thigh", ("flexion", "adduction", "internal_rotation")),
+    "Knee": JointAngles("thigh", "shank", ("flexion", "adduction", "internal_rotation"), sign=-1),
+    "Ankle": JointAngles("shank", "foot", ("dorsiflexion", "inversion", "internal_rotation")),
+    "Shoulder": JointAngles(
+        "thorax", "upper arm", ("plane_of_elevation", "elevation", "internal_rotation"), order="yxy"
+    ),
+    "Elbow": JointAngles("upper arm", "forearm", ("flexion", "carrying_angle", "pronation")),
+    "Wrist": JointAngles("forearm", "hand", ("flexion", "ulnar_deviation", "pronation")),
+}
+_MIDDLE: dict[str, JointAngles] = {
+    "Trunk": JointAngles("pelvis", "thorax", _BENDING, sign=-1),
+    "Neck": JointAngles("thorax", "head", _BENDING, sign=-1),
+}
+
+
+def joint_angles(body: BodyModel, transforms: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
+    """Of each joint that the body has the segments for, its angles by name: each (frame,) float64 [degrees].
+
+    Angles go on over half a turn from one frame to the next; one that is not defined is NaN. A joint of a side is
+    named after it, such as ``LKnee``.
+
+    Args:
+        body: whose they are.
+        transforms: (frame, joint, 4, 4), of its joints in the world.
+    """
+    angles = {}
+    for joint, (upper, lower) in _measured(body):
+        definition = _PAIRED.get(joint[1:]) or _MIDDLE[joint]
+        between = transposed(segment_axes(body, transforms, upper)) @ segment_axes(body, transforms, lower)
+        if lower.startswith("L "):
+            between = between * _MIRROR
+        first, second, third = map(_continuous, _DECOMPOSED[definition.order](between))
+        angles[joint] = dict(zip(definition.names, (definition.sign * first, second, third), strict=True))
+    return angles
+
+
+def own_angles(skeleton: Skeleton, pose: np.ndarray, model: int | None = None) -> dict[str, dict[str, np.ndarray]]:
+    """Of each joint but the root the angles that a model searches, by axis of its frame: each (frame,) [degrees].
+
+    They count from the bind pose, in which a robot's joints are at zero, and go on over half a turn.
+
+    Args:
+        skeleton: whose joints they are.
+        pose: (frame, coordinate).
+        model: its number of degrees of freedom; the default one where omitted.
+    """
+    angles: dict[str, dict[str, np.ndarray]] = {}
+    for number in skeleton.searched_angles(model):
+        joint, axis = divmod(int(number) - TRANSLATION, 3)
+        angles.setdefault(skeleton.joints[joint], {})["xyz"[axis]] = _continuous(pose[:, number])
+    return angles
+
+
+def own_shifts(skeleton: Skeleton, pose: np.ndarray, model: int | None = None) -> dict[str, dict[str, np.ndarray]]:
+    """Of each joint that slides how far, by axis of its frame: each (frame,) [m], from the bind pose.
+
+    Those that a model searches, as :func:`own_angles`.
+    """
+    shifts: dict[str, dict[str, np.ndarray]] = {}
+    for number in skeleton.searched_shifts(model):
+        joint, axis = divmod(int(number) - TRANSLATION, 3)
+        shifts.setdefault(skeleton.joints[joint], {})["xyz"[axis]] = pose[:, number]
+    return shifts
+
+
+def joints_left_out(body: BodyModel) -> list[str]:
+    """The joints of a person whose angles a body does not have; none of a body that has no such angles at all."""
+    has = {joint for joint, _ in _measured(body)}
+    return [joint for joint, _ in _defined() if joint not in has] if has else []
+
+
+def _defined() -> Iterator[tuple[str, tuple[str, str]]]:
+    """All joints, with the names of their two segments."""
+    for joint, each in _MIDDLE.items():
+        yield joint, (each.upper, each.lower)
+    for joint, each in _PAIRED.items():
+        for side in "LR":
+            upper = each.upper if each.upper in SEGMENTS else f"{side} {each.upper}"
+            yield side + joint, (upper, f"{side} {each.lower}")
+
+
+def _measured(body: BodyModel) -> Iterator[tuple[str, tuple[str, str]]]:
+    for joint, names in _defined():
+        if has_joints(body.skeleton, [needed for name in names for needed in SEGMENTS[name].joints]):
+            yield joint, names
+
+
+def _zxy(rotation: np.ndarray) -> np.ndarray:
+    """(3, frame) angles a, b, c [rad] of rotations ``Rz(a) @ Rx(b) @ Ry(c)``, (frame, 3, 3)."""
+    r = np.moveaxis(rotation, 0, 2)
+    return np.stack(
+        [np.arctan2(-r[0, 1], r[1, 1]), np.arcsin(np.clip(r[2, 1], -1.0, 1.0)), np.arctan2(-r[2, 0], r[2, 2])]
+    )
+
+
+def _yxy(rotation: np.ndarray) -> np.ndarray:
+    """(3, frame) angles a, b, c [rad], b not negative, of rotations ``Ry(a) @ Rx(-b) @ Ry(c)``, (frame, 3, 3).
+
+    a and c are NaN where b is near to 0 or 180 degrees.
+    """
+    r = np.moveaxis(rotation, 0, 2)
+    sine = np.hypot(r[0, 1], r[2, 1])
+    plane, turn = np.arctan2(-r[0, 1], -r[2, 1]), np.arctan2(-r[1, 0], r[1, 2])
+    known = np.where(sine < np.sin(np.radians(_LEAST_ELEVATION)), np.nan, 1.0)
+    return np.stack([plane * known, np.arctan2(sine, r[1, 1]), turn * known])
+
+
+def _continuous(angle: np.ndarray) -> np.ndarray:
+    """Angles (frame,) in degrees, each as near to the last known one as whole turns bring it."""
+    degrees = np.degrees(angle)
+    known = np.isfinite(degrees)
+    degrees[known] = np.unwrap(degrees[known], period=360.0)
+    return degrees
+
+
+_DECOMPOSED = {"zxy": _zxy, "yxy": _yxy}

@@ -1,0 +1,141 @@
+"""All measures of a result, run by run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from mmocap_warp.biomechanics.bone_lengths import Length, bone_lengths
+from mmocap_warp.biomechanics.centre_of_mass import Sex, centre_of_mass
+from mmocap_warp.biomechanics.contacts import Foot, feet_of, feet_on_floor
+from mmocap_warp.biomechanics.joint_angles import joint_angles, joints_left_out, own_angles, own_shifts
+from mmocap_warp.biomechanics.segments import skin_place
+from mmocap_warp.biomechanics.steps import Walking, walking
+from mmocap_warp.body.model import BodyModel
+from mmocap_warp.result.positions import joint_transforms
+from mmocap_warp.result.result import Result
+
+
+@dataclass(frozen=True)
+class RunMeasures:
+    """The measures of one run.
+
+    Attributes:
+        run: its number.
+        joints: (frame, joint, 3), joint centres in the world [m].
+        joint_sigma: likewise, their standard deviations along the world's axes; None where they are not known.
+        angles: by joint and name, (frame,) each [degrees]; of a body that is no person, by axis of the joint's frame.
+        shifts: by joint that slides and axis of its frame, (frame,) each, from the bind pose [m].
+        feet: by side; of a body that is no person, by joint.
+        walking: steps and strides.
+        centre_of_mass: (frame, 3) in the world [m]; None where the body lacks joints of a person.
+    """
+
+    run: int
+    joints: np.ndarray
+    joint_sigma: np.ndarray | None
+    angles: dict[str, dict[str, np.ndarray]]
+    shifts: dict[str, dict[str, np.ndarray]]
+    feet: dict[str, Foot]
+    walking: Walking
+    centre_of_mass: np.ndarray | None
+
+
+@dataclass(frozen=True)
+class Measures:
+    """What was measured of a result.
+
+    Attributes:
+        result: of which.
+        raw: whether it was the track before it was smoothed.
+        sex: whose shares of mass were taken; None for the mean of both.
+        runs: the runs that were measured.
+        left_out: what the body has no joints for.
+    """
+
+    result: Result
+    raw: bool
+    sex: Sex | None
+    runs: tuple[RunMeasures, ...]
+    left_out: tuple[str, ...]
+
+    @property
+    def seconds(self) -> np.ndarray:
+        """(frame,), from the recording's frame 0 on."""
+        return self.result.frame_numbers / self.result.fps
+
+    @cached_property
+    def shown(self) -> RunMeasures:
+        """The best of the runs that were measured."""
+        by_number = {run.run: run for run in self.runs}
+        return by_number.get(self.result.best_run, self.runs[0])
+
+    @cached_property
+    def lengths(self) -> dict[str, Length]:
+        """Of the bones, from joint centre to joint centre, named after both."""
+        return bone_lengths(self.result.subject)
+
+
+def measure(result: Result, run: int | None = None, raw: bool = False, sex: Sex | None = None) -> Measures:
+    """Joint angles, contacts, steps and centre of mass of every frame.
+
+    Args:
+        result: what was tracked.
+        run: which run; None for all.
+        raw: the track before it was smoothed.
+        sex: whose shares of mass the segments have; None for the mean of both.
+
+    Raises:
+        ValueError: no such run, or no track before it was smoothed.
+    """
+    if run is not None and not 0 <= run < len(result.pose):
+        raise ValueError(f"run must be 0 to {len(result.pose) - 1}, got {run}")
+    poses = result.raw_pose if raw else result.pose
+    if poses is None:
+        raise ValueError("raw must be False for a track that was not smoothed")
+    chosen = range(len(poses)) if run is None else [run]
+    measured = tuple(_of_run(result, poses[number], number, raw, sex) for number in chosen)
+    return Measures(result, raw, sex, measured, tuple(_left_out(result.subject.body, measured[0])))
+
+
+def _left_out(body: BodyModel, measured: RunMeasures) -> list[str]:
+    """What a body has no joints for."""
+    left_out = [f"angles of {joint}" for joint in joints_left_out(body)]
+    left_out += [f"contacts of the {name} foot" for name in feet_of(body) if name not in measured.feet]
+    return left_out + (["centre of mass"] if measured.centre_of_mass is None else [])
+
+
+def _of_run(result: Result, pose: np.ndarray, run: int, raw: bool, sex: Sex | None) -> RunMeasures:
+    subject, body = result.subject, result.subject.body
+    transforms = joint_transforms(subject, pose)
+    joints = transforms[:, :, :3, 3].astype(float)
+    seconds, up = result.frame_numbers / result.fps, result.cameras.up_vector
+    feet = feet_on_floor(subject, pose, seconds, up)
+    heel = {
+        name: skin_place(body, transforms, joint, _rearmost if name in ("left", "right") else _lowest)
+        for name, joint in feet_of(body).items()
+        if name in feet
+    }
+    sigma = None if raw or result.joint_sigma is None else result.joint_sigma[run]
+    return RunMeasures(
+        run=run,
+        joints=joints,
+        joint_sigma=sigma,
+        angles=joint_angles(body, transforms) or own_angles(body.skeleton, pose, result.config.get("dof")),
+        shifts=own_shifts(body.skeleton, pose, result.config.get("dof")),
+        feet=feet,
+        walking=walking(feet, heel, joints[:, 0], seconds, up),
+        centre_of_mass=centre_of_mass(body, transforms, sex),
+    )
+
+
+def _rearmost(away: np.ndarray) -> np.ndarray:
+    """How far out a heel is on a foot."""
+    return -away[:, 2]
+
+
+def _lowest(away: np.ndarray) -> np.ndarray:
+    """The same of what strikes first of a paw or a shank without a foot."""
+    return -away[:, 1]

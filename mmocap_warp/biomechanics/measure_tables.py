@@ -1,0 +1,129 @@
+"""Measures as tables: of every frame, of every heel strike and toe off, of every bone; and as CSV files."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from mmocap_warp.biomechanics.measure_all import Measures, RunMeasures
+from mmocap_warp.result.result import STATUS
+from mmocap_warp.whole_file import write_whole
+
+Row = Sequence[str | int | float]
+"""Of a table; a value that is not known is NaN."""
+
+_OF_STRIKES = ("step_seconds", "step_length_m", "stride_seconds", "stride_length_m", "stance_share")
+
+
+def write_tables(folder: Path, measures: Measures) -> list[Path]:
+    """Write each of :func:`tables` that has rows as a CSV file, and return their paths.
+
+    Raises:
+        InputError: the folder cannot be written to.
+    """
+    written = []
+    for name, (head, rows) in tables(measures).items():
+        if rows:
+            text = io.StringIO()
+            csv.writer(text, lineterminator="\n").writerows([head, *map(_cells, rows)])
+            write_whole(folder / f"{name}.csv", text.getvalue().encode())
+            written.append(folder / f"{name}.csv")
+    return written
+
+
+def _cells(row: Row) -> list[str]:
+    """Numbers to nine digits; what is not known is empty."""
+    return ["" if value != value else f"{value:.9g}" if isinstance(value, float) else str(value) for value in row]
+
+
+def tables(measures: Measures) -> dict[str, tuple[list[str], list[Row]]]:
+    """Head and rows of each table, by name; one of which nothing is known has no rows."""
+    lengths: list[Row] = [(bone, *length) for bone, length in measures.lengths.items()]
+    events = [row for run in measures.runs for row in _events(measures, run)]
+    return {
+        "lengths": (["bone", "length_m", "sigma_m"], lengths),
+        **{name: _of_frames(measures, columns) for name, columns in _COLUMNS.items()},
+        "events": (["run", "foot", "event", "frame", "seconds", *_OF_STRIKES], events),
+    }
+
+
+Columns = dict[str, np.ndarray]
+"""(frame,) each, by name."""
+
+
+def _of_frames(
+    measures: Measures, columns_of: Callable[[Measures, RunMeasures], Columns]
+) -> tuple[list[str], list[Row]]:
+    head: list[str] = []
+    rows: list[Row] = []
+    numbers, seconds = measures.result.frame_numbers.tolist(), measures.seconds.tolist()
+    for run in measures.runs:
+        columns = columns_of(measures, run)
+        head = ["run", "frame", "seconds", "status", *columns]
+        status = [STATUS[number] for number in measures.result.status[run.run]]
+        for i, values in enumerate(zip(*(column.tolist() for column in columns.values()), strict=True)):
+            rows.append((run.run, numbers[i], seconds[i], status[i], *values))
+    return head, rows
+
+
+def _angles(measures: Measures, run: RunMeasures) -> Columns:
+    return {f"{joint}.{name}_deg": angle for joint, angles in run.angles.items() for name, angle in angles.items()}
+
+
+def _shifts(measures: Measures, run: RunMeasures) -> Columns:
+    return {f"{joint}.{axis}_m": shift for joint, own in run.shifts.items() for axis, shift in own.items()}
+
+
+def _joints(measures: Measures, run: RunMeasures) -> Columns:
+    columns = {}
+    for number, joint in enumerate(measures.result.subject.body.skeleton.joints):
+        columns |= _axes(f"{joint}.", "_m", run.joints[:, number])
+        if run.joint_sigma is not None:
+            columns |= _axes(f"{joint}.", "_sigma_m", run.joint_sigma[:, number])
+    return columns
+
+
+def _centre_of_mass(measures: Measures, run: RunMeasures) -> Columns:
+    return {} if run.centre_of_mass is None else _axes("", "_m", run.centre_of_mass)
+
+
+def _contacts(measures: Measures, run: RunMeasures) -> Columns:
+    columns = {}
+    for side, foot in run.feet.items():
+        columns[f"{side}.on_floor"] = foot.on_floor.astype(int)
+        columns[f"{side}.height_m"] = foot.height
+        columns[f"{side}.speed_m_per_s"] = foot.speed
+    return columns
+
+
+_COLUMNS = {
+    "angles": _angles,
+    "shifts": _shifts,
+    "joints": _joints,
+    "centre_of_mass": _centre_of_mass,
+    "contacts": _contacts,
+}
+
+
+def _axes(before: str, after: str, places: np.ndarray) -> Columns:
+    return {f"{before}{axis}{after}": places[:, i] for i, axis in enumerate("xyz")}
+
+
+def _events(measures: Measures, run: RunMeasures) -> Iterator[Row]:
+    """By time: toe offs, and heel strikes with the step that each ends and the stride that it begins."""
+    steps = {(step.side, step.frame): (step.seconds, step.length) for step in run.walking.steps}
+    strides = {
+        (stride.side, stride.frame): (stride.seconds, stride.length, stride.stance_share)
+        for stride in run.walking.strides
+    }
+    moments = [(int(frame), side, "heel strike") for side, foot in run.feet.items() for frame in foot.strikes]
+    moments += [(int(frame), side, "toe off") for side, foot in run.feet.items() for frame in foot.offs]
+    unknown = (np.nan,) * len(_OF_STRIKES)
+    for frame, side, event in sorted(moments):
+        found = steps.get((side, frame), unknown[:2]) + strides.get((side, frame), unknown[2:])
+        moment = int(measures.result.frame_numbers[frame]), float(measures.seconds[frame])
+        yield run.run, side, event, *moment, *(found if event == "heel strike" else unknown)

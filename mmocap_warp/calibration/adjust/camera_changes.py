@@ -1,0 +1,139 @@
+"""Cameras that may not be quite what their calibration says, as parameters that can be solved for.
+
+A camera that turns by a small rotation a about its centre C, or moves by d, sees what it would see of the opposite
+motion of the body. With a point x, its gradient g in an image, and the root joint's origin o,
+
+    - a . ((x - C) x g)  =  - a . ((x - o) x g)  -  g . (a x (o - C))        and        - d . g
+
+are combinations of what the root's three angles and its translation do. So cameras' columns need no kernels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mmocap_warp.body.rotations import transposed
+from mmocap_warp.cameras.rig import CameraRig
+
+KINDS: tuple[str, ...] = (
+    "tilt", "pan", "roll", "right", "down", "ahead", "focal", "centre_x", "centre_y", "offset",
+)  # fmt: skip
+"""Parameters of a camera: turned about its own x, y and z axis [rad], moved along them [m], the logarithm of its focal
+lengths, its principal point [px], and how much later in its own frames than said it shows what happens [s]."""
+ROTATION, POSITION, LENS = slice(0, 3), slice(3, 6), slice(6, 9)
+FOCAL, CENTRE, OFFSET = 6, slice(7, 9), 9
+RESPECT = np.repeat(np.arange(5), (3, 3, 1, 2, 1))
+"""(parameter,) numbers of what changes together: rotation, position, focal length, principal point, time."""
+
+
+@dataclass(frozen=True)
+class Deviations:
+    """How far a camera may be from its calibration, as standard deviations; what is zero is held.
+
+    Attributes:
+        rotation: about each axis [degrees].
+        position: along each axis [m].
+        focal: of the focal lengths, as a share.
+        centre: of the principal point along each axis, as a share of the larger side of the image.
+        offset: of the time [s].
+    """
+
+    rotation: float = 5.0
+    position: float = 0.2
+    focal: float = 0.02
+    centre: float = 0.01
+    offset: float = 0.05
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not 0.0 <= value < np.inf:
+                raise ValueError(f"{name} must be finite and not negative, got {value}")
+
+    def of(self, rig: CameraRig) -> np.ndarray:
+        """(camera, parameter) in the parameters' units, for images of a rig's sizes."""
+        sigma = np.zeros((len(rig), len(KINDS)))
+        sigma[:, ROTATION] = np.radians(self.rotation)
+        sigma[:, POSITION] = self.position
+        sigma[:, FOCAL] = self.focal
+        sigma[:, CENTRE] = self.centre * rig.size.max(axis=1)[:, None]
+        sigma[:, OFFSET] = self.offset
+        return sigma
+
+
+def changed(rig: CameraRig, change: np.ndarray) -> CameraRig:
+    """Cameras changed by parameters (camera, parameter)."""
+    from scipy.spatial.transform import Rotation
+
+    turned = Rotation.from_rotvec(-change[:, ROTATION]).as_matrix()
+    R = turned @ rig.R
+    centres = rig.centres + np.einsum("kji,kj->ki", rig.R, change[:, POSITION])
+    K = rig.K.copy()
+    K[:, [0, 1], [0, 1]] *= np.exp(change[:, FOCAL])[:, None]
+    K[:, :2, 2] += change[:, CENTRE]
+    return replace(rig, K=K, R=R, t=-np.einsum("kij,kj->ki", R, centres))
+
+
+def difference(rig: CameraRig, other: CameraRig) -> np.ndarray:
+    """(camera, parameter) such that :func:`changed` makes ``other`` of ``rig``, offsets aside."""
+    from scipy.spatial.transform import Rotation
+
+    change = np.zeros((len(rig), len(KINDS)))
+    change[:, ROTATION] = -Rotation.from_matrix(other.R @ transposed(rig.R)).as_rotvec()
+    change[:, POSITION] = np.einsum("kij,kj->ki", rig.R, other.centres - rig.centres)
+    change[:, FOCAL] = np.log(other.K[:, 0, 0] / rig.K[:, 0, 0])
+    change[:, CENTRE] = other.K[:, :2, 2] - rig.K[:, :2, 2]
+    return change
+
+
+def by_body(
+    rig: CameraRig,
+    change: np.ndarray,
+    axes: np.ndarray,
+    origin: np.ndarray,
+    velocity: np.ndarray,
+    root: tuple[int, int],
+) -> np.ndarray:
+    """What each camera's parameters do to its view, as steps of the body and of the camera's lens.
+
+    Args:
+        rig: the cameras before they are changed.
+        change: (camera, parameter).
+        axes: (frame, camera, 3, 3) that the root's angles turn about, see
+            :class:`~mmocap_warp.contour.frame.normal_equations.ViewEquations`.
+        origin: (frame, camera, 3) the root joint [m].
+        velocity: (frame, dof) of the searched coordinates [m/s, rad/s].
+        root: where the translation and the root's angles begin in the searched coordinates.
+
+    Returns:
+        (frame, camera, dof + 3, parameter): by each parameter, the step of the searched coordinates, then of the lens.
+    """
+    frames, cameras = axes.shape[:2]
+    dof = velocity.shape[1]
+    now = changed(rig, change)
+    # Of the axes that the rotation's parameters turn about now, in the world, in the columns.
+    turn = transposed(now.R) @ _left_jacobian(-change[:, ROTATION])
+    arm = origin[:, :, :, None] - now.centres[:, :, None]  # (frame, camera, 3, 1)
+    step = np.zeros((frames, cameras, dof + 3, len(KINDS)))
+    shift, angle = (slice(first, first + 3) for first in root)
+    step[:, :, shift, ROTATION] = -np.cross(np.broadcast_to(turn, axes.shape), arm, axis=2)
+    step[:, :, angle, ROTATION] = -np.linalg.solve(axes, np.broadcast_to(turn, axes.shape))
+    step[:, :, shift, POSITION] = -transposed(rig.R)
+    step[:, :, dof:, LENS] = np.eye(3)
+    step[:, :, :dof, OFFSET] = -velocity[:, None]
+    return step
+
+
+def _left_jacobian(vector: np.ndarray) -> np.ndarray:
+    """(..., 3, 3): a rotation vector's small change turns the rotation by it times that, about fixed axes."""
+    angle = np.linalg.norm(vector, axis=-1)[..., None, None]
+    x, y, z = np.moveaxis(vector, -1, 0)
+    zero = np.zeros_like(x)
+    cross = np.stack([np.stack(row, axis=-1) for row in ((zero, -z, y), (z, zero, -x), (-y, x, zero))], axis=-2)
+    small = angle < 1e-4
+    safe = np.where(small, 1.0, angle)
+    first = np.where(small, 0.5, (1 - np.cos(safe)) / safe**2)
+    second = np.where(small, 1 / 6, (safe - np.sin(safe)) / safe**3)
+    jacobian: np.ndarray = np.eye(3) + first * cross + second * (cross @ cross)
+    return jacobian

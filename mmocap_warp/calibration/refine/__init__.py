@@ -1,0 +1,1 @@
+"""Cameras made better from the person, where held-out frames agree that they are."""

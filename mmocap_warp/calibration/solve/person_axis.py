@@ -1,0 +1,139 @@
+"""A person in one view as an upright stick and an outline: the top of the head, the foot below it, the convex hull."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mmocap_warp.masks.observation import Observation, unpack_masks
+
+CORNERS = 96
+"""Points that a convex hull is given by; one with fewer repeats its last."""
+
+_FEWEST_PIXELS = 200  # of a silhouette that shows how a person stands
+_SPECK = 0.02  # of a silhouette's pixels: smaller pieces are none of the person
+_MARGIN = 0.01  # of an image's longer side: a silhouette that comes so near the border may be cut off by it
+_HEAD = 0.06  # of the person's length: the part at the top whose middle is the head's
+_END = 0.12  # of the person's length, by whose width head and feet are told apart
+_ON_ITS_SIDE = 0.5  # sine of the person's angle to the image's rows, below which up in the image says nothing
+_SLENDER = 1.6  # of the silhouette's standard deviations, along over across: less is no person seen from the side
+
+
+@dataclass(frozen=True, eq=False)
+class PersonInView:
+    """What one camera sees of the person; NaN in frames where it does not see the whole person.
+
+    Attributes:
+        head: (frame, 2) float64, the top of the head [px].
+        foot: (frame, 2) float64, where the body's axis ends at the height of the lower foot [px].
+        hull: (frame, CORNERS, 2) float64, corners of the silhouette's convex hull in order [px].
+    """
+
+    head: np.ndarray
+    foot: np.ndarray
+    hull: np.ndarray
+
+    @property
+    def whole(self) -> np.ndarray:
+        """(frame,) bool: the whole person is seen."""
+        return np.isfinite(self.head[:, 0])
+
+    def without(self, frames: np.ndarray) -> PersonInView:
+        """The same, not seen in these frames (numbers or a mask)."""
+        left = {name: np.array(getattr(self, name)) for name in ("head", "foot", "hull")}
+        for values in left.values():
+            values[frames] = np.nan
+        return PersonInView(**left)
+
+
+def person_in_views(observations: Sequence[Observation], sizes: np.ndarray) -> list[PersonInView]:
+    """The person in every view.
+
+    Args:
+        observations: masks of each frame.
+        sizes: (camera, 2), width and height of the images [px].
+    """
+    frames = [[_whole_silhouette(mask) for mask in unpack_masks(each.words, sizes)] for each in observations]
+    return [_in_view([frame[k] for frame in frames], float(max(size))) for k, size in enumerate(sizes)]
+
+
+def _whole_silhouette(mask: np.ndarray) -> np.ndarray | None:
+    """(n, 2), the pixels of a silhouette; None of one that is missing or may be cut off by the image's border."""
+    import cv2
+
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.view(np.uint8), connectivity=8)
+    large = stats[:, cv2.CC_STAT_AREA] >= _SPECK * int(mask.sum())
+    large[0] = False  # the background
+    y, x = np.nonzero(large[labels])
+    if len(x) < _FEWEST_PIXELS:
+        return None
+    height, width = mask.shape
+    margin = _MARGIN * max(height, width)
+    inside = x.min() >= margin and y.min() >= margin and x.max() < width - margin and y.max() < height - margin
+    return np.stack([x, y], axis=1).astype(float) if inside else None
+
+
+def _in_view(silhouettes: list[np.ndarray | None], size: float) -> PersonInView:
+    frames = len(silhouettes)
+    head, foot = np.full((frames, 2), np.nan), np.full((frames, 2), np.nan)
+    hull = np.full((frames, CORNERS, 2), np.nan)
+    spreads = [None if pixels is None else np.linalg.eigh(np.cov(pixels.T)) for pixels in silhouettes]
+    upright = [each is not None and each.eigenvalues[1] > _SLENDER**2 * each.eigenvalues[0] for each in spreads]
+    if not any(upright):
+        return PersonInView(head, foot, hull)
+    axes = np.array([each.eigenvectors[:, 1] for each, good in zip(spreads, upright, strict=True) if good and each])
+    up = _upwards(
+        axes, [pixels for pixels, good in zip(silhouettes, upright, strict=True) if good and pixels is not None]
+    )
+    for frame, pixels in enumerate(silhouettes):
+        if pixels is not None and upright[frame]:
+            head[frame], foot[frame] = _axis(pixels, up)
+            hull[frame] = _hull(pixels)
+    return PersonInView(head, foot, hull)
+
+
+def _upwards(axes: np.ndarray, silhouettes: list[np.ndarray]) -> np.ndarray:
+    """(2,), where up is in the image for a person with axes (n, 2) of either sign.
+
+    It is up in the image, too, unless the camera lies on its side: there it is where the silhouettes are narrower,
+    because feet step apart and heads do not.
+    """
+    lying = np.median(np.abs(axes[:, 1])) < _ON_ITS_SIDE
+    towards = -axes[:, 0] if lying else axes[:, 1]
+    up = np.median(axes * np.where(towards > 0, -1, 1)[:, None], axis=0)
+    up /= np.linalg.norm(up)
+    if lying and np.mean([_end_width(pixels, up) < _end_width(pixels, -up) for pixels in silhouettes]) < 0.5:
+        up = -up
+    return up
+
+
+def _end_width(pixels: np.ndarray, way: np.ndarray) -> float:
+    """Standard deviation across a way, of a silhouette's pixels at the end that lies there [px]."""
+    along, across = pixels @ way, pixels @ [-way[1], way[0]]
+    end = along > along.max() - _END * np.ptp(along)
+    return float(across[end].std())
+
+
+def _axis(pixels: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The top of the head, and the foot of the line from there through the silhouette's centroid [px]."""
+    across = np.array([-up[1], up[0]])
+    height, side = pixels @ up, pixels @ across
+    top, bottom = height.max() + 0.5, height.min() - 0.5  # a pixel reaches half its size beyond its centre
+    length = top - bottom
+    head_side = side[height > top - _HEAD * length].mean()
+    slope = (head_side - side.mean()) / (top - 0.5 * _HEAD * length - height.mean())
+    foot_side = head_side + slope * (bottom - top)
+    return up * top + across * head_side, up * bottom + across * foot_side
+
+
+def _hull(pixels: np.ndarray) -> np.ndarray:
+    import cv2
+
+    corners = cv2.convexHull(pixels.astype(np.int32))[:, 0].astype(float)
+    outward = corners - pixels.mean(axis=0)
+    corners += 0.5 * outward / np.linalg.norm(outward, axis=1, keepdims=True)  # as above
+    if len(corners) > CORNERS:
+        return corners[np.linspace(0, len(corners) - 1, CORNERS).round().astype(int)]
+    return np.concatenate([corners, np.repeat(corners[-1:], CORNERS - len(corners), axis=0)])

@@ -1,0 +1,1 @@
+"""How far cameras lag one another, from the motion of the silhouettes."""

@@ -1,0 +1,4 @@
+"""Calibrated cameras: the rig, its lenses, undistortion, and pictures of projected meshes.
+
+May import: no other room.
+"""

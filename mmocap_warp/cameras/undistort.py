@@ -1,0 +1,79 @@
+"""Resampling a camera's images once, from the video's pixels to an undistorted pinhole at the wanted scale."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from mmocap_warp.cameras.fisheye import in_field
+from mmocap_warp.cameras.rig import CameraRig, through_lens
+
+_NOWHERE = -1e4  # a pixel far outside any image
+
+
+@dataclass(frozen=True)
+class Undistortion:
+    """Where each pixel of the pinhole image is found in the recorded image.
+
+    A pixel is the mean of ``oversampling`` x ``oversampling`` bilinear samples on an even grid over its area: a box
+    filter as wide as the pixel, so nothing is skipped when shrinking.
+
+    Attributes:
+        oversampling: samples per pixel and axis.
+        position: OpenCV's fixed-point map of the samples.
+        fraction: its fractional part.
+    """
+
+    oversampling: int
+    position: np.ndarray
+    fraction: np.ndarray
+
+    def image(self, image: np.ndarray) -> np.ndarray:
+        """Resample a gray or BGR image; what lies outside the recorded image is black."""
+        samples = cv2.remap(image, self.position, self.fraction, cv2.INTER_LINEAR, borderValue=0)
+        if self.oversampling == 1:
+            return samples
+        size = (samples.shape[1] // self.oversampling, samples.shape[0] // self.oversampling)
+        return cv2.resize(samples, size, interpolation=cv2.INTER_AREA)
+
+    def mask(self, mask: np.ndarray) -> np.ndarray:
+        """Resample a boolean mask: a pixel is foreground if more than half of it is."""
+        return self.image(mask.view(np.uint8) * np.uint8(255)) > 127
+
+
+def undistortion(
+    rig: CameraRig,
+    k: int,
+    scale: float,
+    recorded_scale: float = 1.0,
+    recorded_offset: tuple[float, float] = (0.0, 0.0),
+) -> Undistortion:
+    """Map from camera ``k``'s recorded images to its pinhole in ``rig.undistorted(scale)``.
+
+    Args:
+        rig: as calibrated, with distortion.
+        k: the camera.
+        scale: size of the pinhole image relative to the calibrated one.
+        recorded_scale, recorded_offset: recorded pixel = ``recorded_scale`` * calibrated pixel + ``recorded_offset``;
+            for videos that were scaled, letterboxed or cropped after calibration.
+    """
+    n = max(1, math.ceil(recorded_scale / scale - 1e-9))
+    width, height = rig.undistorted(scale).size[k]
+    focal, centre = rig.K[k, [0, 1], [0, 1]], rig.K[k, :2, 2]
+    pinhole, _ = rig.pinhole(k)
+
+    def to_plane(count: int, axis: int) -> np.ndarray:
+        pixel = (np.arange(count * n) + 0.5) / (n * scale) - 0.5
+        return (pixel - pinhole[axis, 2]) / focal[axis]
+
+    plane = np.stack(np.meshgrid(to_plane(width, 0), to_plane(height, 1)), axis=-1)
+    pixel = through_lens(rig, k, plane) * focal + centre
+    recorded = (pixel * recorded_scale + recorded_offset).astype(np.float32)
+    if rig.names[k] in rig.fisheye:
+        recorded[~in_field(plane)] = _NOWHERE
+    column, row = np.moveaxis(recorded, -1, 0)
+    position, fraction = cv2.convertMaps(column, row, cv2.CV_16SC2)
+    return Undistortion(n, np.asarray(position), np.asarray(fraction))

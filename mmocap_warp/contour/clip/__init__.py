@@ -1,0 +1,1 @@
+"""A clip as one problem: contours of all frames, a penalty on accelerations, the second opinion, deviations."""

@@ -1,0 +1,229 @@
+"""All poses of a clip as one least-squares problem: what the contours say, and a penalty on accelerations."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from mmocap_warp.contour.clip.backward_pass import AHEAD, BackwardPass
+from mmocap_warp.contour.clip.filled import filled
+from mmocap_warp.contour.clip.motion_penalty import HELD, MotionCost, MotionPenalty
+from mmocap_warp.contour.clip.motion_points import MotionPoints
+from mmocap_warp.contour.clip.trust import LARGEST_STEP, Trust
+from mmocap_warp.contour.frame.descent import RAISE, STOP
+from mmocap_warp.contour.frame.normal_equations import LineariseFrames, NormalEquations
+from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
+
+ACCELERATION = 5.4
+"""Standard deviation of a point's acceleration [m/s^2]: 1.5 mm of second difference at 60 frames/s."""
+COARSE_ACCELERATION = 72.0
+"""The same for a first pass, in which the frames still find the contours that they belong to."""
+
+WINDOW = 2.0
+"""What is solved together [s]."""
+OVERLAP = 0.4
+"""The end of a window that is solved again with what follows it [s]."""
+
+_NOISE = 0.05  # by so much of itself a frame's cost may rise
+
+
+@dataclass(frozen=True)
+class Pass:
+    """Steps under one penalty.
+
+    Attributes:
+        acceleration: standard deviation of a point's acceleration, by coordinate [m/s^2].
+        steps: how many are tried at most.
+    """
+
+    acceleration: float
+    steps: int
+
+
+def coarse_then_fine(acceleration: float = ACCELERATION) -> tuple[Pass, ...]:
+    """Four steps under a weak penalty, then three under the one that is asked for."""
+    return Pass(max(acceleration, COARSE_ACCELERATION), 4), Pass(acceleration, 3)
+
+
+@dataclass(frozen=True, eq=False)
+class ClipSolution:
+    """Poses of consecutive frames.
+
+    Attributes:
+        rooted: the poses.
+        observed: (frame,) bool; the others showed nothing and were filled in.
+        cost: (frame,) float64, what the contours cost.
+    """
+
+    rooted: RootedPoses
+    observed: np.ndarray
+    cost: np.ndarray
+
+    def followed_by(self, *more: ClipSolution) -> ClipSolution:
+        """These frames, then the others."""
+        return ClipSolution(
+            self.rooted.followed_by(*(each.rooted for each in more)),
+            np.concatenate([self.observed, *(each.observed for each in more)]),
+            np.concatenate([self.cost, *(each.cost for each in more)]),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedWindow:
+    """Consecutive frames that were solved together.
+
+    Attributes:
+        rooted: their poses.
+        contour: what the contours say around these.
+        final: how many of them are final, from the first.
+    """
+
+    rooted: RootedPoses
+    contour: NormalEquations
+    final: int
+
+    @property
+    def solution(self) -> ClipSolution:
+        """The final frames."""
+        contour = self.contour[: self.final]
+        return ClipSolution(self.rooted[: self.final], contour.observed, contour.cost)
+
+
+@dataclass(frozen=True, eq=False)
+class ClipProblem:
+    """What all frames of a clip share.
+
+    Attributes:
+        linearise: the contours' equations.
+        rooting: moves poses.
+        points: what is kept from accelerating.
+        rate: frames a second.
+        backward: a second opinion on a window's poses; where it differs the window is solved anew. None to do without.
+    """
+
+    linearise: LineariseFrames
+    rooting: Rooting
+    points: MotionPoints
+    rate: float
+    backward: BackwardPass | None = None
+
+    def solved(self, rooted: RootedPoses, passes: tuple[Pass, ...] = coarse_then_fine()) -> ClipSolution:
+        """The clip's poses, from a pose for every frame; those of frames that show nothing don't matter."""
+        done = [window.solution for window in self.windows(rooted, passes)]
+        return done[0].followed_by(*done[1:])
+
+    def windows(
+        self,
+        rooted: RootedPoses,
+        passes: tuple[Pass, ...] = coarse_then_fine(),
+        shows: np.ndarray | None = None,
+    ) -> Iterator[SolvedWindow]:
+        """The clip's poses in windows of frames that are solved in turn, so that memory does not grow with the clip.
+
+        All but a window's end is final: the next window starts from there, with its last poses held.
+
+        Args:
+            rooted: a pose for every frame.
+            passes: how each window is solved.
+            shows: (frame,) bool, frames that a window may end after; None for those that show anything.
+        """
+        window, overlap, ahead = (round(time * self.rate) for time in (WINDOW, OVERLAP, AHEAD))
+        first, held = 0, self.rooting.none
+        while first < len(rooted):
+            last = min(first + window, len(rooted))
+            frames = np.arange(first, last)
+            solved, contour = self.solved_together(frames, rooted[first:last], held, passes)
+            if self.backward:
+                beyond = min(last + ahead, len(rooted))
+                known = solved.followed_by(rooted[last:beyond])
+                revised = self.backward.revised(np.arange(first, beyond), known, held)
+                if revised is not known:
+                    rooted = rooted[:first].followed_by(revised, rooted[beyond:])
+                    solved, contour = self.solved_together(frames, rooted[first:last], held, passes)
+            final = last - first
+            if last < len(rooted):
+                final = _final(contour.observed if shows is None else shows[first:last], overlap)
+                rooted = rooted[: first + final].followed_by(solved[final:], rooted[last:])
+            yield SolvedWindow(solved, contour, final)
+            first += final
+            held = held.followed_by(solved[:final])[-HELD:]
+
+    def solved_together(
+        self, frames: np.ndarray, rooted: RootedPoses, held: RootedPoses, passes: tuple[Pass, ...]
+    ) -> tuple[RootedPoses, NormalEquations]:
+        """Consecutive frames by their numbers, solved at once, and what the contours say around their poses.
+
+        ``held`` are the final poses before them.
+        """
+        contour = self.linearise(frames, rooted)
+        known = np.concatenate([np.ones(len(held), bool), contour.observed])
+        rooted = filled(held.followed_by(rooted), known)[len(held) :]
+        for each in passes:
+            descent = _Descent(self, frames, held, MotionPenalty(each.acceleration, self.rate))
+            rooted, contour = descent.down(rooted, contour, each.steps)
+        return rooted, contour
+
+
+@dataclass(frozen=True, eq=False)
+class _Equations:
+    """A stretch around its poses."""
+
+    contour: NormalEquations
+    motion: MotionCost
+
+    @property
+    def cost(self) -> np.ndarray:
+        """(frame,) what the poses cost."""
+        cost: np.ndarray = self.contour.cost + self.motion.cost
+        return cost
+
+
+class _Descent:
+    """Damped Gauss-Newton steps of a stretch, each frame with a damping of its own."""
+
+    def __init__(self, clip: ClipProblem, frames: np.ndarray, held: RootedPoses, penalty: MotionPenalty) -> None:
+        self._clip, self._frames, self._held, self._penalty = clip, frames, held, penalty
+        self._trust = Trust(clip.rooting.is_length)
+
+    def down(self, rooted: RootedPoses, contour: NormalEquations, steps: int) -> tuple[RootedPoses, NormalEquations]:
+        """Poses after some steps, fewer where one becomes tiny, and the contours' equations around them.
+
+        A frame whose own cost rose by more than matching is noisy stays where it was, and is damped ten times as much
+        in the next step: a fist before the chest has no outline, and one that is lost drags its neighbours along.
+        """
+        damping = np.ones(len(rooted))
+        for _ in range(steps):
+            equations = self._around(rooted, contour)
+            moved, largest = self._stepped(rooted, equations, damping)
+            there = self._clip.linearise(self._frames, moved)
+            taken = self._around(moved, there).cost <= equations.cost * (1.0 + _NOISE)
+            taken |= ~contour.observed
+            rooted, contour = moved.where(taken, rooted), there.where(taken, contour)
+            damping = np.where(taken, np.maximum(damping / RAISE, 1.0), damping * RAISE)
+            if largest < STOP:
+                break
+        return rooted, contour
+
+    def _around(self, rooted: RootedPoses, contour: NormalEquations) -> _Equations:
+        points = self._clip.points.linearised(self._held.followed_by(rooted))
+        seen = np.concatenate([np.ones(len(self._held), bool), contour.observed])
+        return _Equations(contour, self._penalty.around(*points, seen).without_first(len(self._held)))
+
+    def _stepped(self, rooted: RootedPoses, equations: _Equations, damping: np.ndarray) -> tuple[RootedPoses, float]:
+        contour, motion = equations.contour, equations.motion
+        band = motion.band + (contour.matrix + self._trust.matrix(contour, damping))
+        step = np.clip(band.solved(contour.gradient + motion.gradient), -LARGEST_STEP, LARGEST_STEP)
+        return self._clip.rooting.stepped(rooted, step), float(np.abs(step).max())
+
+
+def _final(observed: np.ndarray, overlap: int) -> int:
+    """How many frames of a window are final: all but its end, which does not begin where frames show nothing.
+
+    A gap that is longer than half a window is cut all the same.
+    """
+    end = len(observed) - overlap
+    shows = np.flatnonzero(observed[:end])
+    final = int(shows[-1]) + 1 if len(shows) else 0
+    return final if final >= len(observed) // 2 else end

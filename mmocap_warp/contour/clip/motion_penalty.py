@@ -1,0 +1,98 @@
+"""A penalty on how the points of a body accelerate, in physical units: the same at any frame rate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mmocap_warp.contour.clip.block_band import BlockBand
+from mmocap_warp.contour.clip.motion_points import POINTS_A_JOINT
+
+SPEED = 3.0
+"""Standard deviation of a point's velocity [m/s]; it ends motion where frames show nothing, and else weighs nothing."""
+FAR = 1.0
+"""An error of this many standard deviations, shared by the frames around, pulls half as hard as its square would."""
+UNSEEN = 14.4
+"""Standard deviation of an acceleration that no frame shows [m/s^2], as large as that of hands and feet that move."""
+AROUND = np.array([1, 4, 6, 4, 1]) / 16
+"""Of errors of consecutive frames in the mean that says how far the middle one is."""
+HELD = 2 + len(AROUND) // 2
+"""Frames back to which the penalty of a frame looks: those that an acceleration couples, and their mean's."""
+
+
+@dataclass(frozen=True, eq=False)
+class MotionCost:
+    """The penalty around the poses of a clip.
+
+    Attributes:
+        cost: (frame,) float64, a frame's share: how it follows from those before it.
+        gradient: (frame, dof) float64, the direction in which the penalty falls; errors keep their weights.
+        band: its matrix.
+    """
+
+    cost: np.ndarray
+    gradient: np.ndarray
+    band: BlockBand
+
+    def without_first(self, frames: int) -> MotionCost:
+        """Of the later frames alone, with the first ones held where they are."""
+        return MotionCost(self.cost[frames:], self.gradient[frames:], self.band.without_first(frames))
+
+
+class MotionPenalty:
+    """What accelerations and velocities of the joints cost, in units of their standard deviations.
+
+    A joint's error is the mean over its points. Small errors cost half their square; far ones, of a blow or a
+    landing, weigh less (``1 / (1 + square)``, Cauchy's), so that the speed of such a motion is kept. How far an error
+    is, the mean with those of the frames around says: an arm that strikes accelerates the same way for some frames,
+    noise does not. That needs frames that show it. Where one shows nothing, the square counts, or else all motion there
+    would be a few jerks, and accelerations are taken to be at least as large as a motion's, ``UNSEEN``.
+
+    Args:
+        acceleration: standard deviation of a joint's acceleration, by coordinate [m/s^2].
+        rate: frames a second.
+    """
+
+    def __init__(self, acceleration: float, rate: float) -> None:
+        self._scale = {1: rate / SPEED, 2: rate**2 / acceleration}
+        self._far_unseen = {1: 1.0, 2: max(1.0, (UNSEEN / acceleration) ** 2)}
+
+    def around(self, points: np.ndarray, derivative: np.ndarray, seen: np.ndarray) -> MotionCost:
+        """The penalty around points (frame, point, 3) with derivatives (frame, point, 3, dof) in frames ``seen``."""
+        frames, count, _, dof = derivative.shape
+        joints = count // POINTS_A_JOINT
+        place = points.reshape(frames, joints, -1) / np.sqrt(POINTS_A_JOINT)
+        cost = np.zeros(frames)
+        pull = np.zeros_like(place)
+        couplings = np.zeros((3, frames, joints))  # of frames 0, 1 and 2 apart, by the earlier one
+        for order, scale in self._scale.items():
+            rows = frames - order
+            if rows <= 0:
+                continue
+            stencil = np.diff(np.eye(order + 1), n=order, axis=0)[0] * scale
+            error = sum(weight * place[i : i + rows] for i, weight in enumerate(stencil))
+            square = (error**2).sum(axis=2)  # (row, joint)
+            all_seen = np.all([seen[i : i + rows] for i in range(order + 1)], axis=0)[:, None]
+            far = np.where(all_seen, 1.0 + (_shared(error) ** 2).sum(axis=2) / FAR**2, self._far_unseen[order])
+            # With this an error that is as those around it costs as much as Cauchy's function says, and never less.
+            for_weight = np.where(all_seen, FAR**2 * (np.log(far) + 1.0 / far - 1.0), 0.0)
+            cost[order:] += 0.5 * (square / far + for_weight).sum(axis=1)
+            for i, weight in enumerate(stencil):
+                pull[i : i + rows] -= (weight / far)[..., None] * error
+                for j in range(i + 1):
+                    couplings[i - j, j : j + rows] += weight * stencil[j] / far
+        slopes = derivative.reshape(frames, -1, dof) / np.sqrt(POINTS_A_JOINT)
+        gradient = np.einsum("frd,fr->fd", slopes, pull.reshape(frames, -1))
+        across = np.swapaxes(slopes, 1, 2)
+        by_row = np.repeat(couplings, 3 * POINTS_A_JOINT, axis=2)[..., None]
+        blocks = [across[o:] @ (by_row[o, : frames - o] * slopes[: frames - o]) for o in range(min(3, frames))]
+        return MotionCost(cost, gradient, BlockBand(blocks))
+
+
+def _shared(error: np.ndarray) -> np.ndarray:
+    """Means (row, joint, value) of errors around each row; the first and the last row stand for those beyond."""
+    beyond = len(AROUND) // 2
+    padded = np.pad(error, [(beyond, beyond), (0, 0), (0, 0)], mode="edge")
+    shared: np.ndarray = sum(weight * padded[i : i + len(error)] for i, weight in enumerate(AROUND))
+    return shared

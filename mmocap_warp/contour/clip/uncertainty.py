@@ -1,0 +1,255 @@
+"""How sure the poses of a clip are: standard deviations from the inverse of its normal matrix.
+
+They have two parts. Noise differs from frame to frame, and is what the clip's normal matrix tells of. What is wrong
+with the body is the same in all frames, and no number of frames averages it out: its shape, and how its parts
+are turned in the bind pose, which no outline shows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from mmocap_warp.body.bind_pose import bind_pose_turns
+from mmocap_warp.body.model import BodyModel
+from mmocap_warp.body.rest_space import RestSpace
+from mmocap_warp.body.rotations import transposed
+from mmocap_warp.body.skeleton import TRANSLATION
+from mmocap_warp.contour.clip.clip_problem import OVERLAP, ClipProblem, SolvedWindow
+from mmocap_warp.contour.clip.motion_penalty import MotionPenalty
+from mmocap_warp.contour.clip.motion_points import POINTS_A_JOINT
+from mmocap_warp.contour.frame.normal_equations import LineariseFrames, NormalEquations
+from mmocap_warp.contour.frame.rooted import RootedPoses
+
+NOISE = 1.3
+"""What deviations from frame to frame measure, in units of those that the normal matrix tells."""
+USUAL_MISFIT = 0.011
+"""Root mean square of contours' distances at which deviations are what they are said to be [m]."""
+
+BODY_INTERVAL = 0.2
+"""How often it is looked at what a pose owes to the body [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """Standard deviations of each frame.
+
+    Attributes:
+        pose: (frame, coordinate) float64 [m, rad], of poses that have left their rooting; zero for what is held.
+        joint: (frame, joint, 3) float64, of the joints' centres along the world's axes [m].
+    """
+
+    pose: np.ndarray
+    joint: np.ndarray
+
+
+JointAxes = Callable[[RootedPoses], np.ndarray]
+"""Matrices (frame, joint, 3, 3) by which what is off at joints' centres is multiplied, to be told along other axes or
+stretched along some."""
+
+
+def body_axes(rooted: RootedPoses) -> np.ndarray:
+    """(frame, 1, 3, 3): to the body's left, up and ahead."""
+    axes: np.ndarray = transposed(rooted.base)[:, None]
+    return axes
+
+
+def stretched(factor: np.ndarray) -> JointAxes:
+    """The world's axes, with what is off along the body's axes multiplied by factors (joint, 3)."""
+
+    def axes(rooted: RootedPoses) -> np.ndarray:
+        along = body_axes(rooted)
+        turned_back: np.ndarray = transposed(along) @ (factor[:, :, None] * along)
+        return turned_back
+
+    return axes
+
+
+class Deviations:
+    """Standard deviations of a clip's frames, window by window as they are solved.
+
+    Args:
+        problem: the clip's.
+        acceleration: of the penalty that it is solved under [m/s^2].
+        axes: of the joints; None for the world's.
+    """
+
+    def __init__(self, problem: ClipProblem, acceleration: float, axes: JointAxes | None = None) -> None:
+        self._problem, self._acceleration, self._axes = problem, acceleration, axes
+        self._before: tuple[RootedPoses, NormalEquations] | None = None  # the frames before, which say something too
+
+    def of(self, window: SolvedWindow) -> Uncertainty:
+        """Those of the next window's final frames."""
+        rooted, contour = window.rooted, window.contour
+        first = 0
+        if self._before:
+            first = len(self._before[0])
+            rooted, contour = self._before[0].followed_by(rooted), self._before[1].followed_by(contour)
+        covariance = marginal_covariance(self._problem, contour, rooted, self._acceleration)
+        own = slice(first, first + window.final)
+        kept = slice(max(own.stop - round(OVERLAP * self._problem.rate), 0), own.stop)
+        self._before = rooted[kept], contour[kept]
+        return self._deviations(rooted[own], covariance[own])
+
+    def _deviations(self, rooted: RootedPoses, covariance: np.ndarray) -> Uncertainty:
+        """From the covariances (frame, dof, dof) of rooted coordinates."""
+        rooting = self._problem.rooting
+        pose = np.zeros_like(rooted.pose)
+        pose[:, rooting.searched] = np.minimum(_sigma(rooting.leaving(rooted), covariance), rooting.anywhere)
+        _, derivative = self._problem.points.linearised(rooted)
+        centres = _along(self._axes, rooted, derivative[:, ::POINTS_A_JOINT])
+        joint = _sigma(centres.reshape(len(rooted), -1, len(rooting.searched)), covariance)
+        return Uncertainty(pose, joint.reshape(centres.shape[:3]))
+
+
+def marginal_covariance(
+    problem: ClipProblem, contour: NormalEquations, rooted: RootedPoses, acceleration: float
+) -> np.ndarray:
+    """Covariance of the searched coordinates of each frame, (frame, dof, dof), all others unknown too.
+
+    It is the inverse of what contours, the penalty on accelerations and the joints' limits say; the limits keep what
+    nothing shows, such as the twist of a straight limb, within what is possible.
+
+    Args:
+        problem: the clip's.
+        contour: what the contours of consecutive frames say.
+        rooted: their poses, solved.
+        acceleration: of the penalty that they were solved under [m/s^2].
+    """
+    points = problem.points.linearised(rooted)
+    motion = MotionPenalty(acceleration, problem.rate).around(*points, contour.observed)
+    return (motion.band + contour.with_prior(problem.rooting.anywhere**-2.0)).inverse_diagonal()
+
+
+@dataclass(frozen=True, eq=False)
+class BodyChanges:
+    """Ways in which a body may not be quite the right one.
+
+    Attributes:
+        vertex: (parameter, tracking vertex, 3) of the skin in the bind pose by each [m].
+        joint: (parameter, joint, 3) of the joints' centres likewise [m].
+        sigma: (parameter,) prior standard deviations.
+    """
+
+    vertex: np.ndarray
+    joint: np.ndarray
+    sigma: np.ndarray
+
+
+def body_changes(body: BodyModel) -> BodyChanges:
+    """What a body can be solved for, and how bind poses differ besides."""
+    space, turns = RestSpace(body), bind_pose_turns(body)
+    vertex, joint = space.basis(np.zeros(len(space.names)), body.tracking_vertex)
+    return BodyChanges(
+        np.concatenate([vertex, turns.vertex[:, body.tracking_vertex]]),
+        np.concatenate([joint, turns.joint]),
+        np.concatenate([space.sigma, turns.sigma]),
+    )
+
+
+class BodyDeviations:
+    """What a body that is not quite the right one does to a clip's poses, window by window.
+
+    A body's parameters are taken to be as sure as one frame and the prior make them: frames err alike about it. A pose
+    follows the body as it would if that frame were fitted alone, which is looked at every ``BODY_INTERVAL``.
+
+    Args:
+        problem: the clip's.
+        linearise: the contours' equations of seen frames, with the body's parameters.
+        changes: those parameters.
+        axes: of the joints; None for the world's.
+    """
+
+    def __init__(
+        self, problem: ClipProblem, linearise: LineariseFrames, changes: BodyChanges, axes: JointAxes | None = None
+    ) -> None:
+        self._problem, self._linearise, self._change, self._axes = problem, linearise, changes.joint, axes
+        self._information = np.concatenate([problem.rooting.anywhere, changes.sigma]) ** -2.0
+        self._first = 0
+        self._last: Uncertainty | None = None
+
+    def of(self, window: SolvedWindow) -> Uncertainty:
+        """Those of the next window's final frames; of none of which anything is seen those of the last that was."""
+        step = max(1, round(BODY_INTERVAL * self._problem.rate))
+        at = np.flatnonzero(window.contour.observed[: window.final])[::step]
+        if len(at):
+            found = self._of(self._first + at, window.rooted[at])
+        else:
+            found, at = self._last or self._nothing(), np.zeros(1, int)
+        self._first += window.final
+        self._last = Uncertainty(found.pose[-1:], found.joint[-1:])
+        frames = np.arange(window.final)
+        return Uncertainty(_between(frames, at, found.pose), _between(frames, at, found.joint))
+
+    def _of(self, frames: np.ndarray, rooted: RootedPoses) -> Uncertainty:
+        rooting, points = self._problem.rooting, self._problem.points
+        dof = len(rooting.searched)
+        matrix = self._linearise(frames, rooted).with_prior(self._information)
+        body = np.linalg.inv(matrix)[:, dof:, dof:]
+        pose = -np.linalg.solve(matrix[:, :dof, :dof], matrix[:, :dof, dof:])  # (frame, dof, parameter)
+        joint = self._problem.points.centres_by_rest(rooted, self._change)
+        by_pose = points.linearised(rooted)[1][:, ::POINTS_A_JOINT].reshape(len(rooted), -1, dof)
+        by_body = by_pose @ pose + joint.reshape(len(rooted), by_pose.shape[1], -1)
+        by_body = _along(self._axes, rooted, by_body.reshape(joint.shape)).reshape(by_body.shape)
+        coordinate = np.zeros_like(rooted.pose)
+        coordinate[:, rooting.searched] = _sigma(rooting.leaving(rooted) @ pose, body)
+        return Uncertainty(coordinate, _sigma(by_body, body).reshape(joint.shape[:3]))
+
+    def _nothing(self) -> Uncertainty:
+        joints, coordinates = self._change.shape[1], self._problem.rooting.none.pose.shape[1]
+        return Uncertainty(np.zeros((1, coordinates)), np.zeros((1, joints, 3)))
+
+
+def misfit(contour: NormalEquations, searched: np.ndarray, usual: float = USUAL_MISFIT) -> float:
+    """Root mean square of contours' distances, those that found no contour as far as they looked [m].
+
+    It is what the cost is for each unit of information about the translation, in metres; the usual one where no
+    translation is searched, or nothing is seen.
+    """
+    shifts = np.flatnonzero(searched < TRANSLATION)
+    seen = contour.observed
+    if not len(shifts) or not seen.any():
+        return usual
+    information = 3 * np.einsum("fdd->fd", contour.matrix[seen])[:, shifts].mean(axis=1)
+    return float(np.sqrt(np.mean(2 * contour.cost[seen] / information)))
+
+
+def together(
+    noise: Uncertainty, body: Uncertainty, misfit: float, widest: np.ndarray, usual: float = USUAL_MISFIT
+) -> Uncertainty:
+    """Standard deviations of all that is wrong with poses.
+
+    Both parts are in proportion to the misfit: residuals are as large as they are, not as large as was assumed.
+
+    Args:
+        noise: from frame to frame.
+        body: in all frames alike.
+        misfit: of the frames [m].
+        widest: (coordinate,) what no coordinate exceeds.
+        usual: misfit, which shrinks with small bodies as the lengths do that contours are matched by [m].
+    """
+    scale = misfit / usual
+    pose, joint = (
+        scale * np.hypot(NOISE * own, shared) for own, shared in ((noise.pose, body.pose), (noise.joint, body.joint))
+    )
+    return Uncertainty(np.minimum(pose, widest), joint)
+
+
+def _between(frames: np.ndarray, at: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values (n, ...) of the frames ``at``, and between them by their distances, in other frames."""
+    columns = [np.interp(frames, at, column) for column in values.reshape(len(at), -1).T]
+    between: np.ndarray = np.stack(columns, axis=1).reshape(len(frames), *values.shape[1:])
+    return between
+
+
+def _along(axes: JointAxes | None, rooted: RootedPoses, derivative: np.ndarray) -> np.ndarray:
+    """Derivatives of joints' centres (frame, joint, 3, parameter), along other axes."""
+    return derivative if axes is None else axes(rooted) @ derivative
+
+
+def _sigma(derivative: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """(frame, value) standard deviations of values with derivatives (frame, value, dof)."""
+    sigma: np.ndarray = np.sqrt(((derivative @ covariance) * derivative).sum(axis=-1))
+    return sigma

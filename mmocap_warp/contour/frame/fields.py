@@ -1,0 +1,154 @@
+"""Signed distances to the contours of masks: how far, and which way, an outline is from where it should be."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.device.replays import Replays
+from mmocap_warp.device.transfers import Upload
+from mmocap_warp.kernels import block
+from mmocap_warp.kernels.contour.distance import (
+    Masks,
+    Workings,
+    find_boxes,
+    measure_distances,
+    pixels_of,
+    place_boxes,
+)
+from mmocap_warp.kernels.contour.residuals import Fields
+from mmocap_warp.kernels.structs import filled
+from mmocap_warp.masks.observation import Observation, words_per_row
+
+_FEWEST = 50  # foreground pixels of a view; fewer show nobody
+_TOGETHER = 64  # frames whose fields a GPU computes at a time
+_WHOLE = 2**30  # bytes that whole images may take on a GPU: with room for them it need not tell how much there is
+
+
+class DistanceFields:
+    """Fields of as many frames as there is room for, as Warp arrays, and the ``struct`` of them that kernels take.
+
+    A pixel's centre is half a pixel from the contour that runs between it and a neighbour on the other side. Distances
+    are slightly smoothed, and cut off a few pixels from a contour; see :mod:`mmocap_warp.kernels.contour.distance`.
+
+    Args:
+        rig: undistorted cameras at the masks' size.
+        frames: places for frames.
+        candidates: poses that are judged at a time, each against the frame in ``frame``.
+        device: a Warp device.
+    """
+
+    _first: int | None  # place of the frames that were observed last
+    _found: Any
+    _place: Any
+    _replays: Replays
+
+    def __init__(self, rig: CameraRig, frames: int, candidates: int, device: str) -> None:
+        self._rig, self._device = rig, device
+        shape = (frames, len(rig))
+        self.value = wp.zeros(1, dtype=wp.float32, device=device)
+        self.box = wp.zeros(shape, dtype=wp.vec4i, device=device)
+        self.start = wp.zeros(shape, dtype=wp.int32, device=device)
+        self.frame = wp.zeros(candidates, dtype=wp.int32, device=device)
+        self.larger = wp.zeros(len(rig), dtype=wp.float32, device=device)
+        self.struct = filled(
+            Fields, value=self.value, box=self.box, start=self.start, frame=self.frame, larger=self.larger
+        )
+        self._scratch = block.scratch(device)
+        self._size = wp.array(rig.size, dtype=wp.vec2i, device=device)
+        self._workings: Workings = filled(Workings, room=0, **_workings(0, device))
+        self._take(1)
+        whole, together = int(pixels_of(*rig.size.T).sum()), min(frames, _TOGETHER)
+        needed = whole * (_VALUE_BYTES * frames + _WORKING_BYTES * together)
+        self._has_room = wp.get_device(device).is_cuda and needed <= _WHOLE
+        if self._has_room:
+            self._reserve(whole, together)
+
+    @property
+    def seen(self) -> np.ndarray:
+        """(frame, camera) bool: the views that show anybody."""
+        seen: np.ndarray = self.box.numpy()[..., 2] > 0
+        return seen
+
+    def observe(self, place: int, observation: Observation) -> None:
+        """Compute the fields of a frame's masks into one of the places."""
+        self.observe_all([observation], place)
+
+    def observe_all(self, observations: Sequence[Observation], first: int = 0) -> None:
+        """Compute the fields of frames into as many places, from ``first`` on; on a GPU many frames at a time."""
+        together = _TOGETHER if wp.get_device(self._device).is_cuda else 1
+        for begin in range(0, len(observations), together):
+            self._observe(observations[begin : begin + together], first + begin)
+
+    def _observe(self, observations: Sequence[Observation], first: int) -> None:
+        frames = len(observations)
+        if frames != len(self._found):
+            self._take(frames)
+        if first != self._first:
+            self._first = first
+            self._place.assign(np.arange(first, first + frames, dtype=np.int32))
+        words, foreground = self._word.values, self._foreground.values
+        for number, observation in enumerate(observations):
+            words[number] = observation.words
+            foreground[number] = observation.foreground
+        self._word.send(frames)
+        self._foreground.send(frames)
+        if self._has_room:
+            self._replays.run(frames, self._find_and_measure)
+            return
+        self._find()
+        found = self._found.numpy()
+        room = int(pixels_of(found[..., 2], found[..., 3]).sum(axis=1).max())
+        self._reserve(room + room // 4 if room > self._workings.room else room, frames)
+        self._measure()
+
+    def _find_and_measure(self) -> None:
+        self._find()
+        self._measure()
+
+    def _find(self) -> None:
+        find_boxes(self._masks, self._scratch, self._found)
+
+    def _measure(self) -> None:
+        place_boxes(self._masks, self._found, self._pixels, _FEWEST, self._workings.room, self.struct)
+        measure_distances(self._masks, self._workings, self.struct)
+
+    def _take(self, frames: int) -> None:
+        """Be ready for so many frames at a time."""
+        width, height = self._rig.size.max(axis=0).tolist()
+        view = (frames, len(self._rig))
+        word = wp.zeros((*view, height, words_per_row(width)), dtype=wp.uint32, device=self._device)
+        self._pixels = wp.zeros(view, dtype=wp.int32, device=self._device)
+        self._word, self._foreground = Upload(word), Upload(self._pixels)
+        self._first = None
+        self._place = wp.zeros(frames, dtype=wp.int32, device=self._device)
+        self._masks: Masks = filled(Masks, word=word, size=self._size, place=self._place)
+        self._found = wp.zeros(view, dtype=wp.vec4i, device=self._device)
+        self._replays = Replays(self._device)
+
+    def _reserve(self, room: int, frames: int) -> None:
+        """Make room for frames of so many values, and to work on some at a time; what there was is kept."""
+        old = self._workings.room
+        if room > old:
+            places = self.box.shape[0]
+            value = wp.zeros(places * room, dtype=wp.float32, device=self._device)
+            for place in range(places if old else 0):
+                wp.copy(value, self.value, place * room, place * old, old)
+            self.start.assign(self.start.numpy() + ((room - old) * np.arange(places, dtype=np.int32))[:, None])
+            self.value = self.struct.value = value
+            self._workings.room = room
+        if self._workings.rough.shape[0] < self._workings.room * frames:
+            for name, array in _workings(self._workings.room * frames, self._device).items():
+                setattr(self._workings, name, array)
+
+
+_WORKINGS = {"inside": wp.uint8, "across": wp.uint8, "rough": wp.float32}
+_WORKING_BYTES, _VALUE_BYTES = 6, 4  # of a pixel
+
+
+def _workings(pixels: int, device: str) -> dict[str, wp.array[Any]]:
+    return {name: wp.empty(pixels, dtype=dtype, device=device) for name, dtype in _WORKINGS.items()}

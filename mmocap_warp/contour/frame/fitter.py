@@ -1,0 +1,314 @@
+"""Fits poses to masks by their outlines: residuals, normal equations and damped steps, on the device."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from mmocap_warp.body.model import BodyModel
+from mmocap_warp.body.posing import BodyArrays, JointArrays
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.contour.frame.around import Around
+from mmocap_warp.contour.frame.fields import DistanceFields
+from mmocap_warp.contour.frame.fitter_arrays import (
+    make_change,
+    make_descent,
+    make_edges,
+    make_moving,
+    make_outline,
+    make_posed,
+    make_residuals,
+    make_rows,
+    make_sums,
+    make_tree,
+)
+from mmocap_warp.contour.frame.normal_equations import NormalEquations, ViewEquations
+from mmocap_warp.contour.frame.rooted import RootedPoses
+from mmocap_warp.device.replays import Replays
+from mmocap_warp.device.shared_work import SharedWork
+from mmocap_warp.device.transfers import Upload
+from mmocap_warp.kernels.batch import Batch
+from mmocap_warp.kernels.body import skinning
+from mmocap_warp.kernels.body.skinning import pose_vertices
+from mmocap_warp.kernels.contour import descent as descent_kernels
+from mmocap_warp.kernels.contour import jacobian, moving, normal_equations, outline, residuals
+from mmocap_warp.kernels.contour.descent import MOST_SEARCHED, descend
+from mmocap_warp.kernels.contour.jacobian import OWN, differentiate, move_origins, turn_axes
+from mmocap_warp.kernels.contour.moving import bend_skin, follow_skin
+from mmocap_warp.kernels.contour.normal_equations import sum_normal_equations, triangle_words
+from mmocap_warp.kernels.contour.outline import find_contours
+from mmocap_warp.kernels.contour.residuals import Matching, find_residuals
+from mmocap_warp.kernels.structs import filled
+from mmocap_warp.masks.observation import Observation
+from mmocap_warp.masks.view_arrays import ViewArrays
+
+
+@dataclass(frozen=True)
+class MatchingConfig:
+    """How an outline is compared with the masks' contours; lengths are at a body as large as a person.
+
+    Attributes:
+        reach: how far along its normal a contour is looked for [m].
+        huber: residuals above count linearly [m].
+        sigma: standard deviation of a residual [m].
+        apart: outline that errs as one [px].
+        deep: outline that is farther outside of the mask is counted as exposed [m].
+    """
+
+    reach: float = 0.090
+    huber: float = 0.012
+    sigma: float = 0.012
+    apart: float = 4.0
+    deep: float = 0.04
+
+    def for_size(self, share: float) -> MatchingConfig:
+        """That of a body of so much of a person's size; cameras are as much nearer to it."""
+        lengths = {name: share * getattr(self, name) for name in ("reach", "huber", "sigma", "deep")}
+        return replace(self, **lengths)
+
+
+WIDE = MatchingConfig(reach=0.2, huber=0.03, sigma=0.03)
+"""For what is still far from the masks."""
+
+_FIRST_DAMPING = 1.0e-3
+
+
+class ContourFitter:
+    """Outlines of posed bodies against the contours of masks.
+
+    Args:
+        body: the body; its tracking mesh must be closed.
+        rig: undistorted cameras, at the masks' size.
+        index: (dof,) searched coordinates of a pose.
+        limits: (coordinate, 2) lowest and highest value of every coordinate; infinite where free.
+        candidates: poses at a time.
+        frames: places for frames' masks.
+        parameters: of the rest body, at most; see :meth:`reshape`.
+        lens: whether :meth:`linearise_views` is to tell what a view's lens and the size of its masks change.
+        matching: settings.
+        device: a Warp device.
+        threads: CPU threads; ignored on a GPU.
+    """
+
+    def __init__(
+        self,
+        body: BodyModel,
+        rig: CameraRig,
+        index: np.ndarray,
+        limits: np.ndarray,
+        *,
+        candidates: int,
+        frames: int = 1,
+        parameters: int = 0,
+        lens: bool = False,
+        matching: MatchingConfig | None = None,
+        device: str = "cpu",
+        threads: int = 1,
+    ) -> None:
+        if len(index) > MOST_SEARCHED:
+            raise ValueError(f"index must have at most {MOST_SEARCHED} coordinates, got {len(index)}")
+        mesh, skeleton = body.tracking, body.skeleton
+        self.index, self.candidates = np.asarray(index), candidates
+        self._device, self._work = device, SharedWork(device, threads)
+        self.body = BodyArrays(body, np.eye(3), mesh, device, bases=candidates)
+        self.fields = DistanceFields(rig, frames, candidates, device)
+        self._cameras = ViewArrays(rig, device)
+        self._views = self._cameras.struct
+        self._joints = JointArrays(candidates, len(skeleton.joints), device)
+        vertices, joints, cameras = len(mesh.rest), len(skeleton.joints), len(rig)
+        self._vertex = wp.array(np.arange(vertices), dtype=wp.int32, device=device)
+        # To mypy the fields of a struct are what kernels see of them, hence Any where they are used here too.
+        self._posed: Any = make_posed(self.body, self._joints, vertices, device)
+        self._late = np.zeros((frames, cameras), np.float32)
+        self._sides = wp.zeros(candidates, dtype=wp.int32, device=device)
+        self._moving: Any = make_moving(self.fields.frame, (frames, cameras), vertices, device)
+        self._edges: Any = make_edges(mesh.face, device)
+        self._tree = make_tree(skeleton, self.index, device)
+        self._change: Any = make_change(parameters, vertices, joints, candidates, device)
+        config = (matching or MatchingConfig()).for_size(body.relative_size)
+        self._matching = filled(Matching, **asdict(config))
+        view = (candidates, cameras)
+        self._outline: Any = make_outline(view, mesh, len(self._edges.edge), device)
+        of_edges = (*view, self._outline.size)
+        self._residuals = make_residuals(of_edges, device)
+        columns = OWN if lens else 0
+        self._width = width = len(self.index) + parameters + columns + 1
+        self._rows = make_rows(of_edges, width, columns, device)
+        self._sums: Any = make_sums(view, width, device)
+        self.descent: Any = make_descent(self.index, skeleton.is_length[self.index], limits, view, width, device)
+        for module in (skinning, moving, outline, residuals, jacobian, normal_equations, descent_kernels):
+            wp.load_module(module, device=device)  # before threads launch from them at the same time
+        self._starts = [Upload(array) for array in (self.descent.pose, self.body.root_base, self.fields.frame)]
+        self._replays = Replays(device)
+
+    def observe(self, place: int, observation: Observation) -> None:
+        """Put a frame's masks into one of the places for frames."""
+        self.observe_all([observation], place)
+
+    def observe_all(self, observations: Sequence[Observation], first: int = 0) -> None:
+        """Put frames' masks into as many places, from ``first`` on."""
+        self.fields.observe_all(observations, first)
+        places = slice(first, first + len(observations))
+        on_time = np.zeros(self._late.shape[1])
+        late = np.array([on_time if each.late is None else each.late for each in observations], np.float32)
+        if late.any() or self._late[places].any():
+            self._late[places] = late
+            self._moving.late.assign(self._late)
+
+    @property
+    def late(self) -> bool:
+        """Whether a view of the frames observed was taken at another time than its frame."""
+        return bool(self._late.any())
+
+    @property
+    def follows(self) -> float:
+        """Frames a second at which a body is followed; 0 where its motion is that of a clip."""
+        return float(self._moving.own)
+
+    def follow(self, pose: np.ndarray, base: np.ndarray, rate: float) -> None:
+        """For late views, let the body move from poses (n, coordinate) to those that are tried a frame later.
+
+        Args:
+            pose: of the first candidates, in the frame before.
+            base: (n, 3, 3) of their roots.
+            rate: frames a second; negative where frames are followed backwards.
+        """
+        self._moving.own = rate
+        self.start_at(pose, base, np.zeros(len(pose), int))
+        self._work.run(lambda batch: self._follow(batch, rate), len(pose))
+
+    def _follow(self, batch: Batch, rate: float) -> None:
+        self._skin(batch)
+        follow_skin(self._posed.vertex, rate, batch, self._moving)
+
+    def move(self, rooted: RootedPoses, around: Around) -> None:
+        """For late views, let the body move through the first candidates' poses as those around them say."""
+        self._moving.own, count = 0.0, len(rooted)
+        vertices = self._posed.vertex.shape[1]
+        for poses, skin in ((around.before, self._moving.velocity), (around.after, self._moving.bend)):
+            self.start_at(poses.pose, poses.base, np.zeros(count, int))
+            self._work.run(self._skin, count)
+            wp.copy(skin, self._posed.vertex, count=count * vertices)
+        self._sides.assign(np.resize(around.sides, self.candidates).astype(np.int32))
+        self.start_at(rooted.pose, rooted.base, np.zeros(count, int))
+        self._work.run(lambda batch: self._bend(batch, around), count)
+
+    def _bend(self, batch: Batch, around: Around) -> None:
+        self._skin(batch)
+        bend_skin(self._posed.vertex, self._sides, around.rate, around.curved, batch, self._moving)
+
+    def _skin(self, batch: Batch) -> None:
+        """From the poses of a batch's candidates to their skin."""
+        pose = self.descent.pose
+        pose_vertices(self.body.struct, pose, self._vertex, batch, self._joints.struct, self._posed.vertex)
+
+    def reshape(self, rest: np.ndarray, joint_rest: np.ndarray) -> None:
+        """Take another rest body: (vertex, 3) of the tracking mesh and (joint, 3) [m]."""
+        self.body.rest.assign(np.asarray(rest, np.float32)[None])
+        self.body.joint_rest.assign(np.asarray(joint_rest, np.float32)[None])
+
+    def set_change(self, vertex: np.ndarray, joint: np.ndarray) -> None:
+        """By how much rest (parameter, vertex, 3) and joints (parameter, joint, 3) change with each parameter [m]."""
+        self._change.vertex.assign(vertex.astype(np.float32))
+        self._change.joint.assign(joint.astype(np.float32))
+
+    def set_cameras(self, rig: CameraRig) -> None:
+        """Take other cameras, of the same sizes."""
+        self._cameras.assign(rig)
+
+    def set_larger(self, larger: np.ndarray) -> None:
+        """By how much each camera's masks reach beyond what they show (camera,) [px]; nothing unless it is said."""
+        self.fields.larger.assign(larger.astype(np.float32))
+
+    def linearise(self, place: np.ndarray, rooted: RootedPoses, around: Around | None = None) -> NormalEquations:
+        """The normal equations of poses against the frames in places (pose,); there may be more than ``candidates``.
+
+        Late views see where the poses ``around`` lead; without these, the body stands still for them.
+        """
+        parts = [self._read_sums(count) for count in self._summed(place, rooted, around)]
+        return NormalEquations(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+    def linearise_views(self, place: np.ndarray, rooted: RootedPoses) -> ViewEquations:
+        """As :meth:`linearise`, each view apart, and with the view's own columns behind the body's parameters."""
+        parts = [self._read_views(count) for count in self._summed(place, rooted)]
+        return ViewEquations(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+    def _summed(self, place: np.ndarray, rooted: RootedPoses, around: Around | None = None) -> Iterator[int]:
+        """Sum up poses, as many at a time as there is room for; gives how many."""
+        for first in range(0, max(len(rooted), 1), self.candidates):
+            part = slice(first, min(first + self.candidates, len(rooted)))
+            if around and self.late:
+                self.move(rooted[part], around[part])
+            self.start_at(rooted.pose[part], rooted.base[part], place[part])
+            self._work.run(self._sum, part.stop - part.start)
+            yield part.stop - part.start
+
+    def start_at(self, pose: np.ndarray, base: np.ndarray, place: np.ndarray) -> None:
+        """Set the first candidates' poses (n, coordinate), root bases (n, 3, 3), and the places of their frames."""
+        for upload, values in zip(self._starts, (pose, base, place), strict=True):
+            upload.values[: len(values)] = values
+            upload.send(len(values))
+
+    def descend(self, count: int, steps: int) -> None:
+        """Take damped steps with the first ``count`` candidates, from ``descent.pose`` towards lower cost.
+
+        Before: ``descent.pose``, ``body.root_base`` and ``fields.frame`` are set. After: ``descent.best`` has the
+        poses, with their ``cost`` and ``tally``. On a GPU nothing waits for them, and the second descent of a kind is
+        captured as a graph that later ones replay: arrays that are looked at must stay, their values may change.
+        """
+        value = self.fields.value  # a graph knows where it is, and more room is elsewhere
+        self._replays.run((count, steps, value.ptr, self.follows), lambda: self._run(count, steps))
+
+    def _run(self, count: int, steps: int) -> None:
+        descent = self.descent
+        wp.copy(descent.start, descent.pose)
+        descent.cost.fill_(wp.inf)
+        descent.damping.fill_(_FIRST_DAMPING)
+        self._work.run(lambda batch: self._descend(batch, steps), count)
+
+    def _descend(self, batch: Batch, steps: int) -> None:
+        for step in range(steps + 1):
+            self._sum(batch)
+            descend(self._sums, batch, self.descent, steps=step < steps)
+
+    def _sum(self, batch: Batch) -> None:
+        """From the poses of a batch's candidates to their sums."""
+        self._skin(batch)
+        turn_axes(self.descent.pose, batch, self._posed)
+        move_origins(self._posed, self._change, batch)
+        find_contours(self._edges, self._posed.vertex, self._moving, self._views, batch, self._outline)
+        find_residuals(self._outline, self.fields.struct, self._views, self._matching, batch, self._residuals)
+        differentiate(
+            self._posed, self._tree, self._change, self._views, self._outline, self._residuals, batch, self._rows
+        )
+        sum_normal_equations(self._outline, self._residuals, self._rows, batch, self._sums)
+
+    def _read_sums(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Matrix, gradient and cost, for half the squares."""
+        views, cost = self._sums_of_views(count)
+        return (*self._unpacked(views.sum(axis=1)), 0.5 * cost.sum(axis=1))
+
+    def _read_views(self, count: int) -> tuple[np.ndarray, ...]:
+        """Matrix, gradient and cost of each view, then the root's axes and origin."""
+        views, cost = self._sums_of_views(count)
+        axes = self._posed.axes.numpy()[:count, 0].astype(np.float64)
+        origin = self._joints.transform.numpy()[:count, 0, :3, 3].astype(np.float64)
+        of_root = (np.repeat(each[:, None], views.shape[1], axis=1) for each in (axes, origin))
+        return (*self._unpacked(views), 0.5 * cost, *of_root)
+
+    def _sums_of_views(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Triangles (candidate, camera, element) and costs (candidate, camera), float64."""
+        triangle = self._sums.triangle.numpy().reshape(self.candidates, -1, triangle_words(self._width))
+        return triangle[:count].astype(np.float64), self._sums.tally.numpy()[:count, :, 0].astype(np.float64)
+
+    def _unpacked(self, triangle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Matrices (..., n, n) and gradients (..., n) of triangles (..., element)."""
+        row, column = np.tril_indices(self._width)
+        full = np.zeros((*triangle.shape[:-1], self._width, self._width))
+        full[..., row, column] = full[..., column, row] = triangle
+        n = self._width - 1
+        return full[..., :n, :n], full[..., n, :n]

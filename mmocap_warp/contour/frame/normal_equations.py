@@ -1,0 +1,102 @@
+"""What contours say about each frame, as the solvers of a clip and of a body take it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from mmocap_warp.contour.frame.rooted import RootedPoses
+
+_ROUNDING = 1e-6  # of the diagonal: more than sums in single precision are off by
+
+
+@dataclass(frozen=True, eq=False)
+class NormalEquations:
+    """A quadratic model of each frame's cost around its pose, and around the body where that is sought too.
+
+    ``cost(step) = cost - gradient @ step + step @ matrix @ step / 2``, where a step has the searched coordinates
+    [m, rad], then the body's parameters. Costs are those of errors in units of their standard deviation, halved: the
+    inverse of ``matrix`` is a covariance.
+
+    Attributes:
+        matrix: (frame, n, n) float64, symmetric, positive semidefinite; zero where a frame shows nothing.
+        gradient: (frame, n) float64, the direction in which the cost falls.
+        cost: (frame,) float64.
+    """
+
+    matrix: np.ndarray
+    gradient: np.ndarray
+    cost: np.ndarray
+
+    @property
+    def observed(self) -> np.ndarray:
+        """(frame,) bool: the frames that show anything."""
+        observed: np.ndarray = np.trace(self.matrix, axis1=1, axis2=2) > 0
+        return observed
+
+    def with_prior(self, information: np.ndarray) -> np.ndarray:
+        """(frame, m, m) matrices that can be inverted, with a prior's information (m,) about the first coordinates."""
+        dof = len(information)
+        matrix = self.matrix[:, :dof, :dof]
+        rounding = _ROUNDING * np.einsum("fdd->fd", matrix)
+        proper: np.ndarray = matrix + (information + rounding)[:, :, None] * np.eye(dof)
+        return proper
+
+    def where(self, taken: np.ndarray, other: NormalEquations) -> NormalEquations:
+        """These in the frames that are ``taken`` (frame,) bool, and others elsewhere."""
+        return NormalEquations(
+            np.where(taken[:, None, None], self.matrix, other.matrix),
+            np.where(taken[:, None], self.gradient, other.gradient),
+            np.where(taken, self.cost, other.cost),
+        )
+
+    def __getitem__(self, frames: slice) -> NormalEquations:
+        return NormalEquations(self.matrix[frames], self.gradient[frames], self.cost[frames])
+
+    def followed_by(self, *more: NormalEquations) -> NormalEquations:
+        """These frames, then the others."""
+        return NormalEquations(
+            np.concatenate([self.matrix, *(each.matrix for each in more)]),
+            np.concatenate([self.gradient, *(each.gradient for each in more)]),
+            np.concatenate([self.cost, *(each.cost for each in more)]),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class ViewEquations:
+    """As :class:`NormalEquations`, of each view apart, with what a rigid motion of the whole body is for the root.
+
+    Attributes:
+        matrix: (frame, camera, n, n) float64; n are the searched coordinates, the body's parameters, then the lens of
+            the camera itself: the logarithm of its focal lengths, its principal point, and by how much its masks are
+            larger than what they show [px].
+        gradient: (frame, camera, n) float64.
+        cost: (frame, camera) float64.
+        axes: (frame, camera, 3, 3) float64, in the columns: what the root's angles turn about, in the world.
+        origin: (frame, camera, 3) float64, the root joint in the world [m].
+    """
+
+    matrix: np.ndarray
+    gradient: np.ndarray
+    cost: np.ndarray
+    axes: np.ndarray
+    origin: np.ndarray
+
+    def where(self, taken: np.ndarray, other: ViewEquations) -> ViewEquations:
+        """These in the views that are ``taken`` (camera,) bool, and others elsewhere."""
+        mine, others = vars(self), vars(other)
+        return ViewEquations(
+            **{
+                name: np.where(taken.reshape(-1, *[1] * (value.ndim - 2)), value, others[name])
+                for name, value in mine.items()
+            }
+        )
+
+
+LineariseFrames = Callable[[np.ndarray, RootedPoses], NormalEquations]
+"""The equations of frames, by their numbers (frame,) and their poses; n is the number of searched coordinates."""
+
+LineariseBody = Callable[[np.ndarray, RootedPoses, np.ndarray], NormalEquations]
+"""As above for a body of parameters (parameter,), which follow the searched coordinates in n."""

@@ -1,0 +1,171 @@
+"""A picture of a body: its tracking mesh, joints by name, the axes that they turn about or slide along, how far."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from mmocap_warp.body.model import BodyModel
+from mmocap_warp.body.rotations import turn
+from mmocap_warp.body.skeleton import TRANSLATION
+from mmocap_warp.display.overlay import (
+    INK,
+    LEFT_COLOUR,
+    MIDDLE_COLOUR,
+    PAPER,
+    RIGHT_COLOUR,
+    Colour,
+    write_text,
+)
+from mmocap_warp.formats.png import write_png
+
+_HEIGHT, _WIDTH = 900, 1000  # [px], of a view at most
+_MARGIN, _HEADER = 60, 30  # [px]
+_VIEWS = {
+    "front": ((1.0, 0, 0), (0, 1.0, 0)),
+    "left": ((0, 0, -1.0), (0, 1.0, 0)),
+    "above": ((-1.0, 0, 0), (0, 0, 1.0)),
+}  # where the picture's right and its top lie in the body's axes
+_MESH: Colour = (74, 66, 58)
+_AXIS_COLOURS: dict[str, Colour] = {"x": (90, 90, 255), "y": (110, 220, 110), "z": (255, 150, 70)}
+_SIDES = {"left": LEFT_COLOUR, "right": RIGHT_COLOUR, "middle": MIDDLE_COLOUR}
+_AXIS, _ARC = 0.03, 0.045  # of the body's extent: half an axis, and the radius of the arc of its limits
+_WHOLE_TURN = np.pi  # a joint that may turn farther is drawn with a whole circle
+_BITS = 4  # binary digits of OpenCV's places
+
+
+def draw_body(body: BodyModel, file: str | Path) -> None:
+    """Draw a body in its bind pose from the front, from its left and from above.
+
+    Each searched angle is a line along its axis, and an arc from its lowest to its highest value; what slides has a
+    line from its lowest to its highest place.
+
+    Raises:
+        InputError: a name that does not end in ``.png``, or a folder that cannot be written to.
+    """
+    rest = body.tracking.rest.astype(float)
+    points = np.concatenate([rest, body.joint_rest, *_slides(body).values()])
+    low, high = points.min(axis=0), points.max(axis=0)
+    views = [_view(body, name, low, high) for name in _VIEWS]
+    tall = max(view.shape[0] for view in views)
+    canvas = np.full((tall + _HEADER, sum(view.shape[1] for view in views), 3), PAPER, np.uint8)
+    left = 0
+    for name, view in zip(_VIEWS, views, strict=True):
+        canvas[_HEADER : _HEADER + view.shape[0], left : left + view.shape[1]] = view
+        write_text(canvas, name, (left + 8, _HEADER + 8))
+        left += view.shape[1]
+    skeleton = body.skeleton
+    size = high - low
+    text = f"{body.name}   {size[0]:.3g} x {size[1]:.3g} x {size[2]:.3g} m   {len(skeleton.joints)} joints   "
+    end = write_text(canvas, f"{text}{len(skeleton.searched())} degrees of freedom", (8, 9))
+    moves = "turns about, slides along" if skeleton.sliding else "turns about"
+    legend = {f"{moves} {axis}": colour for axis, colour in _AXIS_COLOURS.items()}
+    for label, colour in {**legend, **_SIDES}.items():
+        end = write_text(canvas, label, (end + 18, 9), colour)
+    write_png(file, canvas)
+
+
+class _Sheet:
+    """One view: an image, and where points of the body lie in it.
+
+    Args:
+        name: of the view.
+        low, high: (3,) corners of the box that it has to show.
+    """
+
+    def __init__(self, name: str, low: np.ndarray, high: np.ndarray) -> None:
+        self.axes = np.array(_VIEWS[name])
+        corners = np.stack([low, high]) @ self.axes.T
+        self._low, extent = corners.min(axis=0), np.ptp(corners, axis=0)
+        room = np.array([_WIDTH, _HEIGHT]) - 2 * _MARGIN
+        self.scale = float((room / np.maximum(extent, 1e-9)).min())
+        width, height = (np.ceil(self.scale * extent) + 2 * _MARGIN).astype(int)
+        self.image = np.full((height, width, 3), PAPER, np.uint8)
+
+    def pixels(self, points: np.ndarray) -> np.ndarray:
+        """(n, 2) of points (n, 3)."""
+        across, up = ((points @ self.axes.T - self._low) * self.scale + _MARGIN).T
+        return np.stack([across, self.image.shape[0] - up], axis=1)
+
+    def line(self, points: np.ndarray, colour: Colour, width: int = 1) -> None:
+        """A line through points (n, 3)."""
+        fixed = np.rint(self.pixels(points) * (1 << _BITS)).astype(np.int32)
+        cv2.polylines(self.image, [fixed], False, colour, width, cv2.LINE_AA, _BITS)
+
+    def dot(self, point: np.ndarray, colour: Colour) -> None:
+        """A dot at a point (3,)."""
+        (centre,) = np.rint(self.pixels(point[None]) * (1 << _BITS)).astype(int).tolist()
+        cv2.circle(self.image, centre, 3 << _BITS, colour, -1, cv2.LINE_AA, _BITS)
+
+
+def _view(body: BodyModel, name: str, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    sheet, skeleton = _Sheet(name, low, high), body.skeleton
+    corner = sheet.pixels(body.tracking.rest.astype(float))[body.tracking_face]
+    ring = np.rint(corner * (1 << _BITS)).astype(np.int32)
+    cv2.polylines(sheet.image, list(ring), True, _MESH, 1, cv2.LINE_AA, _BITS)
+    place = body.joint_rest.astype(float)
+    for parent, joint in skeleton.bones:
+        sheet.line(place[[parent, joint]], _SIDES[skeleton.side(skeleton.joints[joint])], 2)
+    extent = float((high - low).max())
+    for coordinate in skeleton.searched():
+        joint, axis = divmod(int(coordinate) - 3, 3)
+        if joint > 0 and not skeleton.slides[joint]:
+            _draw_freedom(sheet, body, joint, axis, extent)
+    for (joint, axis), ends in _slides(body).items():
+        _draw_slide(sheet, skeleton.frame[joint].astype(float), axis, ends, extent)
+    for joint, side in enumerate(map(skeleton.side, skeleton.joints)):
+        sheet.dot(place[joint], _SIDES[side])
+    _write_names(sheet, skeleton.joints, place)
+    return sheet.image
+
+
+def _draw_freedom(sheet: _Sheet, body: BodyModel, joint: int, axis: int, extent: float) -> None:
+    """The axis, and an arc around it from the lowest angle to the highest, with a spoke where the bind pose is."""
+    frame, centre = body.skeleton.frame[joint].astype(float), body.joint_rest[joint].astype(float)
+    colour = _AXIS_COLOURS["xyz"[axis]]
+    along = frame[:, axis]
+    sheet.line(centre + _AXIS * extent * np.array([[-1.0], [1.0]]) * along, colour, 2)
+    low, high = np.clip(body.skeleton.limits[joint, axis].astype(float), -_WHOLE_TURN, _WHOLE_TURN)
+    spoke = frame[:, 1 if axis != 1 else 2]  # y runs along the bone
+    angles = np.linspace(low, high, 25)
+    arc = turn("z", angles)[:, :, 0] @ np.stack([spoke, np.cross(along, spoke), along])
+    sheet.line(centre + _ARC * extent * arc, colour)
+    for end in (arc[0], arc[-1]):
+        sheet.line(np.stack([centre, centre + _ARC * extent * end]), colour)
+
+
+def _slides(body: BodyModel) -> dict[tuple[int, int], np.ndarray]:
+    """Of joint and axis, for each searched slide that has limits: its lowest and its highest place (2, 3)."""
+    skeleton, found = body.skeleton, {}
+    for coordinate in skeleton.searched_shifts():
+        joint, axis = divmod(int(coordinate) - TRANSLATION, 3)
+        limits = skeleton.limits[joint, axis].astype(float)
+        if np.isfinite(limits).all():
+            found[joint, axis] = body.joint_rest[joint] + limits[:, None] * skeleton.frame[joint, :, axis].astype(float)
+    return found
+
+
+def _draw_slide(sheet: _Sheet, frame: np.ndarray, axis: int, ends: np.ndarray, extent: float) -> None:
+    """A line from the lowest place to the highest, with strokes across either end."""
+    colour = _AXIS_COLOURS["xyz"[axis]]
+    sheet.line(ends, colour, 2)
+    for end in ends:
+        for across in np.delete(frame, axis, axis=1).T:
+            sheet.line(end + _AXIS / 2 * extent * np.array([[-1.0], [1.0]]) * across, colour)
+
+
+def _write_names(sheet: _Sheet, names: tuple[str, ...], place: np.ndarray) -> None:
+    """Each joint's name beside it, below the names that would be under it."""
+    taken: list[tuple[float, float, float]] = []
+    for name, (x, y) in sorted(zip(names, sheet.pixels(place).tolist(), strict=True), key=lambda one: one[1][1]):
+        (width, height), _ = cv2.getTextSize(name, cv2.FONT_HERSHEY_SIMPLEX, 0.33, 1)
+        left, top = min(x + 7, sheet.image.shape[1] - width - 4), y - 4
+        while any(abs(top - other) < height + 3 and left < end and start < left + width for start, end, other in taken):
+            top += height + 3
+        taken.append((left, left + width, top))
+        corner = round(left), round(min(top, sheet.image.shape[0] - 12.0))
+        cv2.putText(
+            sheet.image, name, (corner[0], corner[1] + height), cv2.FONT_HERSHEY_SIMPLEX, 0.33, INK, 1, cv2.LINE_AA
+        )

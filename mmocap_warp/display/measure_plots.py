@@ -1,0 +1,115 @@
+"""Joint angles, and feet over the floor, against time."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from mmocap_warp.biomechanics.contacts import Foot
+from mmocap_warp.biomechanics.measure_all import Measures
+from mmocap_warp.display.chart import Axis, axes, axis, curve, line, picture, text
+from mmocap_warp.whole_file import write_whole
+
+_WIDTH, _LEFT, _RIGHT = 960.0, 46.0, 14.0
+_ROW, _TOP, _BOTTOM = 170.0, 30.0, 46.0  # height of a row of panels, and of what is around a panel's axes
+_LEGEND = 20.0  # height of the line above the rows
+_LEAST_RANGE = 10.0  # of an axis of angles, so that what hardly moves looks so [degrees]
+_MOST_POINTS = 1000  # of a curve, more than its panel has pixels; of a longer clip every second frame, third ...
+_LEAST_HEIGHT = 100.0  # of the axis of the feet's heights [mm]
+_COLOUR = {"left": "first", "right": "second", "middle": "first"}
+
+Curves = dict[str, np.ndarray]
+"""(frame,) each, by side."""
+
+
+def plot_angles(path: Path, measures: Measures) -> None:
+    """Write an SVG with a row for each joint and a panel for each of its angles, left and right in one.
+
+    Raises:
+        InputError: the folder cannot be written to.
+        ValueError: no angles were measured.
+    """
+    rows = _by_joint(measures)
+    if not rows:
+        raise ValueError("measures must have joint angles")
+    parts = []
+    for number, (joint, panels) in enumerate(rows.items()):
+        top = _LEGEND + number * _ROW
+        width = (_WIDTH - _LEFT - _RIGHT) / len(panels)
+        for column, (name, curves) in enumerate(panels.items()):
+            left = _LEFT + column * width
+            parts.append(_panel(f"{joint}: {name} [°]", measures.seconds, curves, left, left + width - 40, top))
+    words = "joint angles against time, left and right"
+    write_whole(path, picture((_WIDTH, _LEGEND + len(rows) * _ROW), words, [_legend(), *parts]).encode())
+
+
+def plot_feet(path: Path, measures: Measures) -> None:
+    """Write an SVG with the height of each foot's lowest skin over the floor, and a bar while it stands.
+
+    Raises:
+        InputError: the folder cannot be written to.
+    """
+    feet, seconds = measures.shown.feet, measures.seconds
+    x = _time(seconds, _LEFT, _WIDTH - _RIGHT)
+    most = max([1000 * float(foot.height.max()) for foot in feet.values()], default=0.0)
+    y = axis(-30.0, max(1.05 * most, _LEAST_HEIGHT), _LEGEND + 2 * _ROW - _BOTTOM, _LEGEND + _TOP)
+    parts = [_legend(), axes(x, y, "time [s]", "lowest skin over the floor [mm]; bars: on the floor")]
+    skeleton = measures.result.subject.body.skeleton
+    for number, (name, foot) in enumerate(feet.items()):
+        track = _track(x, y, seconds, 1000 * foot.height)
+        side = name if name in _COLOUR else skeleton.side(name)
+        parts.append(f'<g class="{_COLOUR[side]}">{track}{_bars(foot, seconds, x, y.at(-12.0 - 9.0 * number))}</g>')
+    write_whole(path, picture((_WIDTH, _LEGEND + 2 * _ROW), "feet over the floor against time", parts).encode())
+
+
+def _by_joint(measures: Measures) -> dict[str, dict[str, Curves]]:
+    """Angles of the run that is shown, by joint without its side, name and side."""
+    skeleton = measures.result.subject.body.skeleton
+    both = {left: left[1:] if left[1:] == right[1:] else name for name, left, right in skeleton.pairs}
+    both |= {right: both[left] for _, left, right in skeleton.pairs}
+    rows: dict[str, dict[str, Curves]] = {}
+    for joint, angles in measures.shown.angles.items():
+        panels = rows.setdefault(both.get(joint, joint), {})
+        for name, angle in angles.items():
+            panels.setdefault(name.replace("_", " "), {})[skeleton.side(joint)] = angle
+    return rows
+
+
+def _panel(label: str, seconds: np.ndarray, curves: Curves, left: float, right: float, top: float) -> str:
+    known = np.concatenate([angle[np.isfinite(angle)] for angle in curves.values()])
+    low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
+    room = max(_LEAST_RANGE - (high - low), 0.1 * (high - low)) / 2
+    y = axis(low - room, high + room, top + _ROW - _BOTTOM, top + _TOP, 4)
+    x = _time(seconds, left, right)
+    drawn = [f'<g class="{_COLOUR[side]}">{_track(x, y, seconds, angle)}</g>' for side, angle in curves.items()]
+    return "".join([axes(x, y, "time [s]", label), *drawn])
+
+
+def _time(seconds: np.ndarray, start: float, stop: float) -> Axis:
+    return axis(float(seconds[0]), float(seconds[-1]), start, stop)
+
+
+def _track(x: Axis, y: Axis, seconds: np.ndarray, values: np.ndarray) -> str:
+    step = -(-len(seconds) // _MOST_POINTS)
+    return curve(x, y, zip(seconds[::step], values[::step], strict=True))
+
+
+def _bars(foot: Foot, seconds: np.ndarray, x: Axis, height: float) -> str:
+    """A line from the first frame of each contact to the first after it."""
+    changes = [0, *(1 + np.flatnonzero(np.diff(foot.on_floor))).tolist(), len(seconds)]
+    return "".join(
+        line((x.at(seconds[start]), height), (x.at(seconds[min(stop, len(seconds) - 1)]), height), "curve")
+        for start, stop in pairwise(changes)
+        if foot.on_floor[start]
+    )
+
+
+def _legend() -> str:
+    """Which colour is which side, above the right end."""
+    names = (("first", "left, or middle", 66.0), ("second", "right", 0.0))
+    return "".join(
+        f'<g class="{colour}">{text((_WIDTH - _RIGHT - back, _LEGEND - 5), word, "series", "end")}</g>'
+        for colour, word, back in names
+    )

@@ -1,0 +1,157 @@
+"""Drawing a posed body over what a camera saw: skin, contours and skeleton, as in the paper's Fig. 8-9."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from mmocap_warp.body.skeleton import Skeleton
+from mmocap_warp.cameras.silhouette import silhouette
+
+Colour = tuple[int, int, int]
+
+# Blue, green, red, as OpenCV orders them.
+MASK_COLOUR: Colour = (0, 150, 255)
+MODEL_COLOUR: Colour = (255, 200, 40)
+LEFT_COLOUR: Colour = (80, 220, 60)
+RIGHT_COLOUR: Colour = (60, 60, 240)
+MIDDLE_COLOUR: Colour = (245, 245, 245)
+SIGMA_COLOUR: Colour = (255, 80, 255)  # of no limb: an ellipse is often smaller than the joint's dot that it lies on
+_COLOUR_OF_SIDE = {"left": LEFT_COLOUR, "right": RIGHT_COLOUR, "middle": MIDDLE_COLOUR}
+INK: Colour = (235, 235, 235)
+PAPER: Colour = (28, 28, 28)
+_SEEN: Colour = (105, 105, 105)  # foreground where there is no image
+_TINT = 0.35  # how much of the skin's colour covers the image
+ELLIPSE = 10
+"""Standard deviations from a joint to the rim of its ellipse: one or two are less than a pixel in most recordings."""
+_PLATE = 0.6  # how much a plate behind text covers
+_SUBPIXEL_BITS = 4
+
+
+@dataclass(frozen=True)
+class Window:
+    """A part of a camera's image, drawn at another size.
+
+    Attributes:
+        corner: left and top pixel of the part.
+        extent: its width and height [px].
+        size: width and height of the drawing [px].
+    """
+
+    corner: tuple[int, int]
+    extent: tuple[int, int]
+    size: tuple[int, int]
+
+    def points(self, pixels: np.ndarray) -> np.ndarray:
+        """Where image points (n, 2) lie in the drawing; pixel centres are at integers in both."""
+        scale = np.divide(self.size, self.extent)
+        return (pixels - self.corner + 0.5) * scale - 0.5
+
+    def covariances(self, pixels: np.ndarray) -> np.ndarray:
+        """Covariances (n, 2, 2) of image points, in the drawing."""
+        scale = np.divide(self.size, self.extent)
+        scaled: np.ndarray = pixels * np.outer(scale, scale)
+        return scaled
+
+    def picture(self, image: np.ndarray, image_size: tuple[int, int], interpolation: int) -> np.ndarray:
+        """The part of an image, resized; the image may have another resolution than the camera's ``image_size``."""
+        ratio = np.divide((image.shape[1], image.shape[0]), image_size)
+        left, top = np.rint(np.multiply(self.corner, ratio)).astype(int)
+        right, bottom = np.rint(np.add(self.corner, self.extent) * ratio).astype(int)
+        return cv2.resize(image[top:bottom, left:right], self.size, interpolation=interpolation)
+
+
+def draw_view(
+    window: Window,
+    image_size: tuple[int, int],
+    image: np.ndarray | None,
+    mask: np.ndarray | None,
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    joints: np.ndarray,
+    skeleton: Skeleton,
+    spread: np.ndarray | None = None,
+) -> np.ndarray:
+    """Draw the body over one camera's image, or over its mask where there is no image.
+
+    Args:
+        window: what to draw, and how large.
+        image_size: the camera's width and height, in which ``vertices`` and ``joints`` are given.
+        image: gray or BGR, of the same view at any resolution, or None.
+        mask: (height, width) bool, likewise, or None.
+        vertices: (vertex, 2), projected tracking mesh [px].
+        faces: (face, 3), its triangles.
+        joints: (joint, 2), projected joint centres [px].
+        skeleton: how they hang together.
+        spread: (joint, 2, 2), covariances of the joints' places [px^2], drawn as ellipses of ``ELLIPSE`` standard
+            deviations.
+
+    Returns:
+        ``window.size`` BGR image.
+    """
+    seen = None if mask is None else window.picture(mask.astype(np.uint8) * 255, image_size, cv2.INTER_LINEAR) > 127
+    canvas = _background(window, image_size, image, seen)
+    model = silhouette(window.points(vertices), faces, window.size)
+    skin = cv2.addWeighted(canvas, 1 - _TINT, np.full_like(canvas, MODEL_COLOUR), _TINT, 0.0)
+    canvas[model > 0] = skin[model > 0]
+    if seen is not None:
+        _draw_contour(canvas, seen.astype(np.uint8), MASK_COLOUR)
+    _draw_contour(canvas, model, MODEL_COLOUR)
+    _draw_skeleton(canvas, window.points(joints), skeleton)
+    if spread is not None:
+        _draw_ellipses(canvas, window.points(joints), window.covariances(spread))
+    return canvas
+
+
+def write_text(canvas: np.ndarray, text: str, corner: tuple[int, int], colour: Colour = INK, size: float = 0.45) -> int:
+    """Write a line on a dark plate whose top left corner is ``corner``; returns where the line ends [px]."""
+    (width, height), below = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, 1)
+    left, top = corner
+    plate = canvas[max(top - 4, 0) : top + height + below, max(left - 4, 0) : left + width + 4]
+    plate[:] = cv2.addWeighted(plate, 1 - _PLATE, np.full_like(plate, PAPER), _PLATE, 0.0)
+    cv2.putText(canvas, text, (left, top + height), cv2.FONT_HERSHEY_SIMPLEX, size, colour, 1, cv2.LINE_AA)
+    return left + width
+
+
+def _background(
+    window: Window, image_size: tuple[int, int], image: np.ndarray | None, seen: np.ndarray | None
+) -> np.ndarray:
+    if image is not None:
+        picture = window.picture(image, image_size, cv2.INTER_AREA)
+        return picture.copy() if picture.ndim == 3 else cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR)
+    canvas = np.full((window.size[1], window.size[0], 3), PAPER, np.uint8)
+    if seen is not None:
+        canvas[seen] = _SEEN
+    return canvas
+
+
+def _draw_contour(canvas: np.ndarray, filled: np.ndarray, colour: Colour) -> None:
+    contours, _ = cv2.findContours(filled, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    cv2.drawContours(canvas, contours, -1, colour, 1, cv2.LINE_AA)
+
+
+def _draw_skeleton(canvas: np.ndarray, joints: np.ndarray, skeleton: Skeleton) -> None:
+    drawable = np.isfinite(joints).all(axis=1) & (np.abs(joints) < 8.0 * max(canvas.shape)).all(axis=1)
+    fixed = np.rint(np.where(drawable[:, None], joints, 0.0) * (1 << _SUBPIXEL_BITS)).astype(int).tolist()
+    colours = [_COLOUR_OF_SIDE[skeleton.side(name)] for name in skeleton.joints]
+    for parent, joint in skeleton.bones:
+        if drawable[joint] and drawable[parent]:
+            cv2.line(canvas, fixed[parent], fixed[joint], colours[joint], 2, cv2.LINE_AA, _SUBPIXEL_BITS)
+    for colour, centre, seen in zip(colours, fixed, drawable, strict=True):
+        if seen:
+            cv2.circle(canvas, centre, 2 << _SUBPIXEL_BITS, colour, -1, cv2.LINE_AA, _SUBPIXEL_BITS)
+
+
+def _draw_ellipses(canvas: np.ndarray, joints: np.ndarray, covariances: np.ndarray) -> None:
+    """``ELLIPSE`` standard deviations around each joint, up to half of the image."""
+    for centre, covariance in zip(joints, covariances, strict=True):
+        drawable = np.isfinite(covariance).all() and (np.abs(centre) < 8.0 * max(canvas.shape)).all()  # no NaN is
+        if not drawable:
+            continue
+        variance, axes = np.linalg.eigh(covariance)
+        radii = np.minimum(ELLIPSE * np.sqrt(np.maximum(variance, 0.0)), max(canvas.shape) / 2)
+        middle, half = (np.rint(values * (1 << _SUBPIXEL_BITS)).astype(int).tolist() for values in (centre, radii))
+        angle = float(np.degrees(np.arctan2(axes[1, 0], axes[0, 0])))
+        cv2.ellipse(canvas, middle, half, angle, 0.0, 360.0, SIGMA_COLOUR, 1, cv2.LINE_AA, _SUBPIXEL_BITS)

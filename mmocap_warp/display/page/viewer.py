@@ -1,0 +1,114 @@
+"""The page: one HTML file that holds a result and all that shows it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from mmocap_warp.display.page.html import embedded, filled, resource
+from mmocap_warp.display.page.page_content import content
+from mmocap_warp.display.page.pictures import Views, small_images, small_masks
+from mmocap_warp.display.page.thinning import pose_step, sentence
+from mmocap_warp.display.result_video import check_same_recording
+from mmocap_warp.result.result import Result
+from mmocap_warp.result.truth import Truth
+from mmocap_warp.scene.frame_choice import as_range
+from mmocap_warp.scene.recording import Scene
+from mmocap_warp.tracking.body_masks import tracked_masks
+from mmocap_warp.version import __version__
+from mmocap_warp.whole_file import write_whole
+
+_HERE = "mmocap_warp.display.page"
+_SCRIPTS = ("data.js", "pinhole.js", "stage.js", "curves.js", "page.js")
+_IMAGE_SIDE = 320  # [px], the longer side that images are read at, where they are larger
+
+
+@dataclass(frozen=True)
+class Page:
+    """A page that shows a result; a notebook shows it below the cell that ends with it.
+
+    Attributes:
+        html: the whole file.
+    """
+
+    html: str
+
+    def write(self, path: str | Path) -> None:
+        """Write it as a file, whole or not at all.
+
+        Raises:
+            InputError: the folder cannot be written.
+        """
+        write_whole(Path(path), self.html.encode())
+
+    def _repr_html_(self) -> str:
+        return f'<iframe srcdoc="{escape(self.html)}" width="100%" height="720" style="border: 0"></iframe>'
+
+
+def view(
+    result: Result,
+    scene: Scene | None = None,
+    *,
+    truth: Truth | None = None,
+    images: bool = False,
+    name: str = "Tracked motion",
+    progress: Callable[[int, int], None] | None = None,
+) -> Page:
+    """A page to look at a result with: body, cameras, what they saw, and curves, at any time and from any side.
+
+    Args:
+        result: what was tracked, all runs of it.
+        scene: its recording, for masks and images; None shows the motion among the cameras alone.
+        truth: what errors are measured from; None draws no error.
+        images: show the scene's images beside its masks.
+        name: the page's title.
+        progress: called after each frame whose masks were read with how many are done, of how many.
+
+    Raises:
+        InputError: the scene or the truth is of another recording, or an image cannot be read.
+    """
+    step = pose_step(result)
+    positions = range(0, len(result.frame_numbers), step)
+    shown = result.at(positions)
+    masks = pictures = None
+    if scene is not None:
+        check_same_recording(result, scene)
+        cameras = len(result.cameras)
+        masks = small_masks(_told(tracked_masks(scene, result, positions), len(positions), progress), cameras)
+        if images:
+            scale = min(1.0, _IMAGE_SIDE / int(scene.calibrated.size.max()))
+            seen = scene.of_frames(as_range(shown.frame_numbers.tolist()))
+            pictures = small_images(seen.images(scale), cameras)
+    holds = sentence(shown.rate, step, masks, pictures)
+    return Page(_html(name, _summary(result), holds, content(shown, truth, masks, pictures)))
+
+
+def _told(views: Views, count: int, progress: Callable[[int, int], None] | None) -> Iterator[Any]:
+    """The same ``count`` views, telling how far it is."""
+    for done, view in enumerate(views, 1):
+        yield view
+        if progress is not None:
+            progress(done, count)
+
+
+def _html(name: str, summary: str, holds: str, data: dict[str, Any]) -> str:
+    return filled(
+        resource(_HERE, "page.html"),
+        title=name,
+        script="\n".join(resource(_HERE, part) for part in _SCRIPTS),
+        style=resource(_HERE, "page.css"),
+        summary=escape(summary),
+        holds=escape(holds),
+        version=escape(__version__),
+        content=embedded(data),
+    )
+
+
+def _summary(result: Result) -> str:
+    frames, cameras, runs = len(result.frame_numbers), len(result.cameras), len(result.pose)
+    parts = [f"{frames} frames, {frames / result.rate:.1f} s at {result.rate:g} a second", f"{cameras} cameras"]
+    parts += [f"{runs} runs"] if runs > 1 else []
+    return ", ".join([*parts, f"tracked by {result.config.get('algorithm', 'an unknown tracker')}"])

@@ -1,0 +1,367 @@
+"""A result to look at: an overlay video of all cameras, a contact sheet, and a single view."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import repeat
+from pathlib import Path
+
+import numpy as np
+
+from mmocap_warp.body.model import Subject
+from mmocap_warp.body.posing import Poser
+from mmocap_warp.cameras.rig import CameraRig, project
+from mmocap_warp.display.overlay import (
+    ELLIPSE,
+    LEFT_COLOUR,
+    MASK_COLOUR,
+    MODEL_COLOUR,
+    PAPER,
+    RIGHT_COLOUR,
+    SIGMA_COLOUR,
+    Window,
+    draw_view,
+    write_text,
+)
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.png import write_png
+from mmocap_warp.formats.webm import WebmFile
+from mmocap_warp.result.result import STATUS, Result
+from mmocap_warp.scene.recording import Scene
+from mmocap_warp.tracking.body_masks import tracked_masks
+
+_VIDEO_AREA = (1440, 900)  # [px], what the tiled views of a video frame fill at most
+_HEADER = 30  # [px]
+_GAP = 4  # [px], between tiles
+_SHEET_FRAMES = 8
+_SHEET_ROW = 260  # [px], height of a view in a contact sheet
+_STILL_COLUMNS = 4
+_STILL_SIZE = (600, 600)  # [px], of views from four sides
+_STILL_DISTANCE = 3.0  # of these from the body, in its sizes
+_CROP_MARGIN = 0.12  # around the body in a contact sheet, of its size
+
+Images = Iterable[Sequence[np.ndarray | None]]
+"""Per frame, an image for each camera."""
+
+
+def show(
+    result: Result,
+    images: Images | None,
+    masks: Images | None,
+    *,
+    video: str | Path | None = None,
+    sheet: str | Path | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> None:
+    """Draw the best run over what was seen, in one pass over the recording.
+
+    Args:
+        result: what was tracked.
+        images: per frame of the result, a gray or BGR image for each camera (None where there is none), undistorted;
+            any resolution with the aspect of the result's cameras. None: draw over the masks.
+        masks: likewise, (height, width) bool. None: draw no mask.
+        video: a ``.webm`` of all frames (VP8, which browsers play), or None.
+        sheet: a ``.png`` of up to eight frames, a row for each camera, cut to the body, or None.
+        progress: called after each frame with the number of frames done.
+
+    Raises:
+        InputError: another ending, a folder that cannot be written, or fewer images or masks than frames.
+    """
+    run = result.best_run
+    body = _projected(result, run)
+    columns, windows = _video_layout(result.cameras)
+    on_sheet = np.unique(np.linspace(0, len(result.frame_numbers) - 1, _SHEET_FRAMES).round().astype(int)).tolist()
+    crops = [_crop(body, k, on_sheet) for k in range(len(result.cameras))]
+    cells: list[list[np.ndarray]] = []
+    with contextlib.ExitStack() as stack:
+        writer = stack.enter_context(WebmFile(video, result.rate)) if video else None
+        for frame, (seen, masked) in enumerate(_in_step(result, images, masks)):
+            if writer:
+                views = body.views(frame, seen, masked, windows)
+                writer.write(_video_frame(result, run, frame, views, columns))
+            if sheet and frame in on_sheet:
+                cells.append(body.views(frame, seen, masked, crops))
+            if progress is not None:
+                progress(frame + 1)
+    if sheet:
+        write_png(sheet, _contact_sheet(result, run, on_sheet, cells))
+
+
+def overlay(
+    result: Result,
+    scene: Scene | None = None,
+    frame: int = 0,
+    camera: int | str = 0,
+    *,
+    run: int | None = None,
+) -> np.ndarray:
+    """Draw the tracked body over what one camera saw: skin, contours of body and mask, skeleton.
+
+    Args:
+        result: what was tracked.
+        scene: its recording, for image and mask; None draws the body alone.
+        frame: position in ``result.frame_numbers``; a negative one counts from the end.
+        camera: which, by name or number.
+        run: of which run; None for the best one.
+
+    Returns:
+        (height, width, 3) uint8, red, green, blue; as large as the camera's images, or as its masks where the scene has
+        no video.
+
+    Raises:
+        ValueError: no such camera.
+        IndexError: no such frame or run.
+        InputError: the scene is another recording, or an image cannot be read.
+    """
+    names = result.cameras.names
+    if camera not in (*names, *range(len(names))):
+        raise ValueError(f"camera must be one of {list(names)} or a number below {len(names)}, got {camera!r}")
+    k = names.index(camera) if isinstance(camera, str) else camera
+    number = int(result.frame_numbers[frame])
+    images: Sequence[np.ndarray | None] = [None] * len(names)
+    masks: Sequence[np.ndarray | None] = images
+    if scene is not None:
+        check_same_recording(result, scene)
+        images = next(scene.of_frames(range(number, number + 1)).images())
+        masks = next(tracked_masks(scene, result, [frame % len(result.frame_numbers)]))
+    windows = [
+        Window((0, 0), (width, height), (width, height) if image is None else (image.shape[1], image.shape[0]))
+        for (width, height), image in zip(result.cameras.size.tolist(), images, strict=True)
+    ]
+    body = _projected(result, result.best_run if run is None else run)
+    view = body.views(frame, images, masks, windows)[k]
+    return view[:, :, ::-1].copy()  # OpenCV draws blue first
+
+
+def show_subject(
+    subject: Subject,
+    sheet: str | Path,
+    rig: CameraRig | None = None,
+    images: Sequence[np.ndarray | None] | None = None,
+    masks: Sequence[np.ndarray | None] | None = None,
+) -> None:
+    """Draw a subject in its first pose, each view cut to the body.
+
+    Args:
+        subject: the body and its pose.
+        sheet: a ``.png``.
+        rig: the recording's cameras, undistorted; None looks from four sides.
+        images: an image for each camera, as :func:`show` takes them; None for none.
+        masks: likewise.
+
+    Raises:
+        InputError: another ending, or a folder that cannot be written.
+    """
+    rig = rig or _rig_around(subject)
+    nothing: list[np.ndarray | None] = [None] * len(rig)
+    body = _ProjectedBody(subject, rig, subject.pose[None])
+    crops = [_crop(body, k, [0]) for k in range(len(rig))]
+    views = body.views(0, images or nothing, masks or nothing, crops)
+    for name, view in zip(rig.names, views, strict=True):
+        write_text(view, name, (6, 6), size=0.4)
+    columns = math.ceil(len(views) / math.ceil(len(views) / _STILL_COLUMNS))  # rows as long as each other, or nearly
+    canvas, _ = _tiled([views[first : first + columns] for first in range(0, len(views), columns)])
+    write_text(canvas, _title(subject), (6, 9))
+    write_png(sheet, canvas)
+
+
+def _title(subject: Subject) -> str:
+    """What is drawn, and how tall a fit made it, or how long what lies or goes on four legs."""
+    measure, adjective = ("length", "long") if "body.length" in subject.provenance else ("height", "tall")
+    size, sigma = (subject.provenance.get(key) for key in (f"body.{measure}", f"body.{measure}.sigma"))
+    if size is None or sigma is None:
+        return subject.body.name
+    return f"{subject.body.name}   {float(size):.2f} +- {float(sigma):.2f} m {adjective}"
+
+
+def _rig_around(subject: Subject) -> CameraRig:
+    """Four cameras around a subject, the first before it."""
+    from mmocap_warp.formats.usd.usd_body import up_axis
+
+    (vertices,) = Poser(subject.body, subject.root_base).vertices(subject.pose)
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    extent = float(np.linalg.norm(high - low))
+    ahead, up = subject.root_base[:, 2], subject.root_base[:, 1]
+    aside = np.cross(up, ahead)
+    towards = -np.stack([ahead, aside, -ahead, -aside])
+    R = np.stack([np.stack([np.cross(-up, forward), -up, forward]) for forward in towards])
+    eye = (low + high) / 2 - _STILL_DISTANCE * extent * towards
+    width, height = _STILL_SIZE
+    focal = _STILL_DISTANCE * height
+    K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
+    t = -np.einsum("kab,kb->ka", R, eye)
+    names = ("front", "left", "back", "right")
+    sizes, straight = np.tile(_STILL_SIZE, (4, 1)), np.zeros((4, 5))
+    return CameraRig(names, np.tile(K, (4, 1, 1)), R, t, sizes, straight, up_axis(subject.root_base))
+
+
+def check_same_recording(result: Result, scene: Scene) -> None:
+    """See that a result is drawn over the recording that it is of.
+
+    Raises:
+        InputError: the scene has other cameras, or fewer frames.
+    """
+    mine, theirs = result.cameras.names, scene.calibrated.names
+    if mine != theirs:
+        problem = f"has the cameras {', '.join(theirs)}, the result {', '.join(mine)}"
+        raise InputError(scene.path, problem, "name the scene that was tracked")
+    last = int(result.frame_numbers[-1])
+    if last >= scene.recorded_frames:
+        problem = f"has {scene.recorded_frames} frames, the result goes to frame {last}"
+        raise InputError(scene.path, problem, "name the scene that was tracked")
+
+
+class _ProjectedBody:
+    """A subject in the cameras' pixels in poses (frame, coordinate), one at a time: all skin would fill the memory."""
+
+    def __init__(
+        self, subject: Subject, rig: CameraRig, pose: np.ndarray, joint_sigma: np.ndarray | None = None
+    ) -> None:
+        self.rig, self._pose, self._joint_sigma = rig, pose, joint_sigma
+        self._faces = subject.body.tracking_face
+        self._skeleton = subject.body.skeleton
+        self._poser = Poser(subject.body, subject.root_base)
+
+    def vertices(self, frame: int) -> np.ndarray:
+        """(camera, vertex, 2), the tracking mesh [px]."""
+        (vertices,) = self._poser.tracking_vertices(self._pose[frame])
+        return project(self.rig, vertices)
+
+    def joints(self, frame: int) -> np.ndarray:
+        """(camera, joint, 2), the joints' centres [px]."""
+        (transforms,) = self._poser.joint_transforms(self._pose[frame])
+        return project(self.rig, transforms[:, :3, 3])
+
+    def views(
+        self, frame: int, images: Sequence[np.ndarray | None], masks: Sequence[np.ndarray | None], windows: list[Window]
+    ) -> list[np.ndarray]:
+        """Each camera's drawing."""
+        vertices, joints = self.vertices(frame), self.joints(frame)
+        spread = self._spread(frame, joints)
+        return [
+            draw_view(
+                windows[k],
+                tuple(size),
+                images[k],
+                masks[k],
+                vertices[k],
+                self._faces,
+                joints[k],
+                self._skeleton,
+                None if spread is None else spread[k],
+            )
+            for k, size in enumerate(self.rig.size.tolist())
+        ]
+
+    def _spread(self, frame: int, joints: np.ndarray) -> np.ndarray | None:
+        """(camera, joint, 2, 2), covariances of the joints' places [px^2]; None where the result has none."""
+        if self._joint_sigma is None:
+            return None
+        (transforms,) = self._poser.joint_transforms(self._pose[frame])
+        spread = np.zeros((*joints.shape, 2))
+        for axis in range(3):
+            off = np.zeros((len(transforms), 3))
+            off[:, axis] = self._joint_sigma[frame, :, axis]
+            moved = project(self.rig, transforms[:, :3, 3] + off) - joints
+            spread += moved[..., :, None] * moved[..., None, :]
+        return spread
+
+
+def _projected(result: Result, run: int) -> _ProjectedBody:
+    """One of a result's runs."""
+    sigma = None if result.joint_sigma is None else result.joint_sigma[run]
+    return _ProjectedBody(result.subject, result.cameras, result.pose[run], sigma)
+
+
+def _in_step(result: Result, images: Images | None, masks: Images | None) -> Iterator[tuple]:
+    """Images and masks of each frame of the result."""
+    nothing = repeat([None] * len(result.cameras))
+    streams = zip(images if images is not None else nothing, masks if masks is not None else nothing, strict=False)
+    for number in result.frame_numbers:
+        both = next(streams, None)
+        if both is None:
+            raise InputError("recording", f"has no frame {number}, which the result has", "show it with its own scene")
+        yield both
+
+
+def _video_layout(rig: CameraRig) -> tuple[int, list[Window]]:
+    """Number of columns, and each camera's window, that fill the video's area best."""
+    width, height = rig.size.max(axis=0)
+
+    def scale_of(columns: int) -> float:
+        rows = math.ceil(len(rig) / columns)
+        return min(_VIDEO_AREA[0] / (columns * width), _VIDEO_AREA[1] / (rows * height))
+
+    columns = max(range(1, len(rig) + 1), key=scale_of)
+    scale = scale_of(columns)
+    return columns, [
+        Window((0, 0), (w, h), (max(1, round(w * scale)), max(1, round(h * scale)))) for w, h in rig.size.tolist()
+    ]
+
+
+def _crop(body: _ProjectedBody, k: int, frames: list[int]) -> Window:
+    """Camera ``k``'s window around the body in ``frames``; the whole image if it is never seen there."""
+    width, height = body.rig.size[k].tolist()
+    pixels = np.concatenate([body.vertices(frame)[k] for frame in frames])
+    inside = pixels[np.isfinite(pixels).all(axis=1)]
+    inside = inside[((inside >= 0) & (inside < (width, height))).all(axis=1)]
+    low, high = (inside.min(axis=0), inside.max(axis=0)) if len(inside) else (np.zeros(2), np.array([width, height]))
+    margin = _CROP_MARGIN * (high - low).max() + 1
+    left, top = np.maximum(np.floor(low - margin), 0).astype(int).tolist()
+    right, bottom = np.minimum(np.ceil(high + margin), (width, height)).astype(int).tolist()
+    extent = (right - left, bottom - top)
+    return Window((left, top), extent, (max(1, round(extent[0] * _SHEET_ROW / extent[1])), _SHEET_ROW))
+
+
+def _video_frame(result: Result, run: int, frame: int, views: list[np.ndarray], columns: int) -> np.ndarray:
+    """All cameras at one frame, each with its overlap, below a line that says what the frame cost."""
+    for k, view in enumerate(views):
+        write_text(view, f"{result.cameras.names[k]}   {_number('IoU', result.iou[run, frame, k], 'no mask')}", (8, 8))
+    canvas, _ = _tiled([views[i : i + columns] for i in range(0, len(views), columns)])
+    end = write_text(
+        canvas,
+        f"frame {result.frame_numbers[frame]}   {_number('cost', result.cost[run, frame], 'no cost')}   "
+        f"{result.evaluations[run, frame]} evaluations   {STATUS[result.status[run, frame]]}",
+        (12, 9),
+    )
+    legend = {"mask": MASK_COLOUR, "model": MODEL_COLOUR, "left": LEFT_COLOUR, "right": RIGHT_COLOUR}
+    if result.joint_sigma is not None:
+        legend[f"ellipse: {ELLIPSE} sigma"] = SIGMA_COLOUR
+    for name, colour in legend.items():
+        end = write_text(canvas, name, (end + 18, 9), colour)
+    height, width = canvas.shape[:2]
+    return np.pad(canvas, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")  # codecs want even sizes
+
+
+def _contact_sheet(result: Result, run: int, frames: list[int], cells: list[list[np.ndarray]]) -> np.ndarray:
+    """Frames from left to right, cameras from top to bottom."""
+    for frame, views in zip(frames, cells, strict=True):
+        for k, view in enumerate(views):
+            write_text(view, _number("", result.iou[run, frame, k], "no mask"), (6, 6), size=0.4)
+    for name, view in zip(result.cameras.names, cells[0], strict=True):
+        write_text(view, name, (6, view.shape[0] - 18), size=0.4)
+    canvas, lefts = _tiled([[views[k] for views in cells] for k in range(len(result.cameras))])
+    for frame, left in zip(frames, lefts, strict=True):
+        write_text(canvas, f"frame {result.frame_numbers[frame]}", (left + 6, 9))
+    return canvas
+
+
+def _tiled(rows: list[list[np.ndarray]]) -> tuple[np.ndarray, list[int]]:
+    """A canvas of views in rows below a free header, and where its columns begin [px]."""
+    columns = len(rows[0])
+    widths = [max(row[c].shape[1] for row in rows if c < len(row)) for c in range(columns)]
+    heights = [max(view.shape[0] for view in row) for row in rows]
+    lefts = [_GAP + sum(widths[:c]) + c * _GAP for c in range(columns)]
+    tops = [_HEADER + sum(heights[:r]) + r * _GAP for r in range(len(rows))]
+    canvas = np.full((tops[-1] + heights[-1] + _GAP, lefts[-1] + widths[-1] + _GAP, 3), PAPER, np.uint8)
+    for row, top, height in zip(rows, tops, heights, strict=True):
+        for view, left, width in zip(row, lefts, widths, strict=False):
+            y, x = top + (height - view.shape[0]) // 2, left + (width - view.shape[1]) // 2
+            canvas[y : y + view.shape[0], x : x + view.shape[1]] = view
+    return canvas, lefts
+
+
+def _number(name: str, value: float, absent: str) -> str:
+    return f"{name} {value:.3f}".strip() if np.isfinite(value) else absent

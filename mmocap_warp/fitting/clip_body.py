@@ -1,0 +1,210 @@
+"""The body from many frames: a clip's beginning is followed by contours, and some of its frames are solved together.
+
+One frame says little of a body: a short thigh looks like a long one that points at the camera. Over frames in
+different poses that is settled. The body is pulled to the generic one that a fit starts from, not to what the first
+frame alone made of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mmocap_warp.body.model import BodyModel, Subject
+from mmocap_warp.body.rest_space import RestSpace
+from mmocap_warp.body.skeleton import ROOT_ANGLES, Skeleton
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.contour.body_problem import BodySolution, body_problem
+from mmocap_warp.contour.frame.around import Around
+from mmocap_warp.contour.frame.fitter import ContourFitter
+from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
+from mmocap_warp.device.cores import available_threads
+from mmocap_warp.device.resolve import resolve_device
+from mmocap_warp.fitting.frame_fit import PRIOR
+from mmocap_warp.masks.observation import Observation
+from mmocap_warp.result.result import STATUS, FrameAnswer
+from mmocap_warp.tracking.contour_tracker import ContourTracker
+from mmocap_warp.tracking.track_config import TrackConfig
+
+_LONGEST = 2.0  # [s] that are followed
+_RATE = 30.0  # frames a second that are enough to follow a person
+_CLEARLY = 0.03  # of a frame's cost, by which the way back must be better than the way there
+_BODY_STEPS = 15
+_OUTLINE = 0.012  # [m], standard deviation of all outlines together: of shadows, hair and shoes
+
+
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """Frames and their poses.
+
+    Attributes:
+        observation: of each frame.
+        rooted: the poses.
+        cost: (frame,) float64, of the tracker's answers.
+        around: the poses before and after each, for late views. They move on a straight line: while a body is solved
+            they stay, and with a bend a frame that moves would be pulled back to them.
+    """
+
+    observation: list[Observation]
+    rooted: RootedPoses
+    cost: np.ndarray
+    around: Around | None = None
+
+    def spread(self, count: int) -> Followed:
+        """At most ``count`` of the frames, evenly spread, with the first."""
+        chosen = np.unique(np.linspace(0, len(self.rooted) - 1, count).round().astype(int))
+        observed = [self.observation[frame] for frame in chosen]
+        around = self.around[chosen] if self.around else None
+        return Followed(observed, self.rooted[chosen], self.cost[chosen], around)
+
+
+def frames_to_follow(fps: float, available: int) -> range:
+    """The frames of a recording that are worth following from its first one."""
+    stride = max(1, int(fps / _RATE))
+    return range(0, min(available, max(1, round(_LONGEST * fps))), stride)
+
+
+def solve_body_in_clip(
+    subject: Subject,
+    generic: BodyModel,
+    rig: CameraRig,
+    clip: Iterable[Observation],
+    fps: float,
+    frames: int,
+    config: TrackConfig,
+) -> tuple[Subject, float]:
+    """Follow a subject through a clip and solve its body from some of the frames.
+
+    Args:
+        subject: with the pose of the first frame.
+        generic: the body that is expected before anything is seen.
+        rig: undistorted cameras at the masks' size.
+        clip: consecutive frames, such as those of :func:`frames_to_follow`.
+        fps: of these frames.
+        frames: that the body is solved from, at most.
+        config: of the tracker.
+
+    Returns:
+        The solved body in the first frame's pose, and what contours cost in a frame; more, the sooner a frame was lost.
+    """
+    clip = list(clip)
+    followed = follow(subject, rig, clip, fps, config)
+    device, threads = resolve_device(config.device), config.threads or available_threads()
+    solved, cost = solve_body(subject, generic, rig, followed.spread(frames), device, threads)
+    share = len(followed.rooted) / len(clip)
+    return solved, cost / share
+
+
+def follow(
+    subject: Subject, rig: CameraRig, observations: Iterable[Observation], fps: float, config: TrackConfig
+) -> Followed:
+    """Follow a subject through frames, as far as that holds, and back again.
+
+    A limb that the first frame did not show is found when it moves; on the way back it is known where it comes from.
+
+    Args:
+        subject: with the pose of the first frame.
+        rig: undistorted cameras at the masks' size.
+        observations: consecutive frames; the first one that is lost ends it.
+        fps: of these frames.
+        config: of the tracker.
+    """
+    tracker = ContourTracker(subject, rig, config, fps)
+    observed: list[Observation] = []
+    found: list[FrameAnswer] = []
+    for observation in observations:
+        answer = tracker.step(observation)
+        if found and np.ravel(answer.status)[0] == STATUS.index("lost"):
+            break
+        observed.append(observation)
+        found.append(answer)
+    back = ContourTracker(replace(subject, pose=found[-1].pose[0]), rig, replace(config, algorithm="contour"), -fps)
+    for frame in reversed(range(len(found) - 1)):
+        answer = back.step(observed[frame])
+        if answer.cost[0] < (1 - _CLEARLY) * found[frame].cost[0]:
+            found[frame] = answer
+    skeleton = subject.body.skeleton
+    rooting = Rooting(skeleton, subject.root_base, skeleton.searched())
+    rooted = [rooting.enter(answer.pose.astype(float)) for answer in found]
+    course = rooted[0].followed_by(*rooted[1:])
+    around = Around.of(course, np.arange(len(course)), fps, curved=False)
+    return Followed(observed, course, np.array([float(each.cost[0]) for each in found]), around)
+
+
+def solve_body(
+    subject: Subject, generic: BodyModel, rig: CameraRig, followed: Followed, device: str, threads: int
+) -> tuple[Subject, float]:
+    """The subject's body and the poses of frames as one problem; of a body on a base, where that stands too.
+
+    Args:
+        subject: where the body starts, with the first frame's root base.
+        generic: the body that is expected before anything is seen.
+        rig: undistorted cameras at the masks' size.
+        followed: frames and poses to start with; the first is the subject's.
+        device: a Warp device.
+        threads: CPU threads.
+
+    Returns:
+        The solved body in the first frame's pose, and what contours cost in a frame.
+    """
+    own = generic.skeleton
+    skeleton, still = (own.with_free_root(), ROOT_ANGLES.stop) if own.root_is_fixed else (own, 0)
+    generic = replace(generic, skeleton=skeleton)
+    space = RestSpace(generic)
+    count, parameters = len(followed.rooted), len(space.names)
+    fitter = ContourFitter(
+        generic, rig, skeleton.searched(), skeleton.coordinate_limits,
+        candidates=count, frames=count, parameters=parameters, device=device, threads=threads,
+    )  # fmt: skip
+    for place, observation in enumerate(followed.observation):
+        fitter.observe(place, observation)
+
+    problem = body_problem(fitter, space, subject.root_base, PRIOR, followed.around, still)
+    solution = problem.solved(np.arange(count), followed.rooted, space.nearest(subject.body), _BODY_STEPS)
+    pose = problem.rooting.leave(solution.rooted[:1], subject.pose[ROOT_ANGLES])[0]
+    kept = {name: value for name, value in subject.provenance.items() if name.startswith("fit.")}
+    shape = {f"shape.{name}": float(value) for name, value in zip(space.names, solution.beta, strict=True)}
+    provenance = kept | {"fit.frames": count} | measurements(space, solution) | shape
+    solved = replace(subject, body=space.model(solution.beta), pose=pose, provenance=provenance)
+    return with_base_still(solved, own) if still else solved, float(solution.cost.mean())
+
+
+def with_base_still(subject: Subject, skeleton: Skeleton) -> Subject:
+    """The subject with a skeleton whose root stands still: where it lies is in the root base, and no more in angles."""
+    free = subject.body.skeleton
+    there = Rooting(free, subject.root_base, free.searched()).enter(subject.pose[None])
+    body = replace(subject.body, skeleton=skeleton)
+    return replace(subject, body=body, root_base=there.base[0], pose=there.pose[0])
+
+
+def measurements(space: RestSpace, solution: BodySolution) -> dict[str, float]:
+    """Height, length of bodies that are longer than tall or lie anyhow, bones' lengths, with standard deviations [m].
+
+    What the masks and the family of bodies are off by is the same in all frames: more frames do not average it out.
+    """
+    covariance = len(solution.cost) * solution.covariance
+    rest, joint = space.at(solution.beta)
+    d_rest, d_joint = space.basis(solution.beta)
+    own = np.flatnonzero(space.body.own_vertex)
+    top, bottom = own[rest[own, 1].argmax()], own[rest[own, 1].argmin()]
+    found = {"height": (rest[top, 1] - rest[bottom, 1], d_rest[:, top, 1] - d_rest[:, bottom, 1])}
+    across, stands = np.ptp(rest[own], axis=0), space.body.skeleton.stands
+    if across[2] > across[1] or not stands:
+        axis = 2 if stands else int(across.argmax())
+        front, back = own[rest[own, axis].argmax()], own[rest[own, axis].argmin()]
+        found["length"] = rest[front, axis] - rest[back, axis], d_rest[:, front, axis] - d_rest[:, back, axis]
+    for name in space.names:
+        if name.startswith("bone."):
+            skeleton = space.body.skeleton
+            end = skeleton.index(name.removeprefix("bone.").split("+")[0])
+            bone, change = (each[..., end, :] - each[..., skeleton.parent[end], :] for each in (joint, d_joint))
+            length = float(np.linalg.norm(bone))
+            found[name] = length, change @ bone / length
+    values: dict[str, float] = {}
+    for name, (value, by_parameter) in found.items():
+        values[f"body.{name}"] = float(value)
+        of_outline = 0.0 if name.startswith("bone.") or space.body.rigid else _OUTLINE * space.body.relative_size
+        values[f"body.{name}.sigma"] = float(np.sqrt(by_parameter @ covariance @ by_parameter + of_outline**2))
+    return values

@@ -1,0 +1,227 @@
+"""One frame's body and pose from a guess: by contours to the bottom, and limb by limb out of wrong basins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from mmocap_warp.body.rest_space import RestSpace
+from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION, Skeleton
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.contour.body_problem import body_problem
+from mmocap_warp.contour.clip.exchanged import places_exchanged
+from mmocap_warp.contour.clip.motion_points import MotionPoints
+from mmocap_warp.contour.frame.fitter import WIDE, ContourFitter, MatchingConfig
+from mmocap_warp.contour.frame.rooted import Rooting
+from mmocap_warp.masks.observation import Observation
+from mmocap_warp.silhouettes.objective import Objective
+from mmocap_warp.tracking.limb_pairs import Limb, like_limbs, limb_pairs, limbs, mirrored
+
+PRIOR = 0.3
+"""How much nearer to the generic body a subject is expected than RestSpace's standard deviations say."""
+
+_POSE_PRIOR = 1e-4  # pull to the rest pose, per squared standard deviation of an angle
+_DRAWS = 320  # of a limb's angles
+_TRIED = 24  # of the draws are taken to the bottom
+_FOLLOWED = 6  # of these are taken further
+_LIMB_STEPS = 5
+_WORTH = 1e-3  # of the cost: what a round over the limbs must bring
+_PATIENCE = 2  # rounds that bring nothing before limbs are left where they are
+WIDER = 2.5  # than angles are spread when a recording starts
+_BODY_STEPS = 10
+
+
+@dataclass(frozen=True, eq=False)
+class Guess:
+    """A body in a pose.
+
+    Attributes:
+        beta: (parameter,) float64, the body in a :class:`RestSpace`.
+        root_base: (3, 3) float64, see :class:`~mmocap_warp.body.model.Subject`.
+        pose: (coordinate,) float64.
+        cost: share of the masks and of the body that the other does not cover (Eq. 5), with a weak prior on the pose.
+    """
+
+    beta: np.ndarray
+    root_base: np.ndarray
+    pose: np.ndarray
+    cost: float = np.inf
+
+    def orientation(self, skeleton: Skeleton) -> np.ndarray:
+        """(3, 3) the world from the root's axes in the body: its columns are its left, its up, and where it faces."""
+        rooting = Rooting(skeleton, self.root_base, skeleton.searched())
+        base: np.ndarray = rooting.enter(self.pose[None]).base[0]
+        return base
+
+
+class FrameFit:
+    """Improves guesses at a frame.
+
+    Contours alone do not tell that a limb hides in the trunk: it has no outline there, and so no error. What mask
+    is left unexplained tells it. So limbs are drawn anew, anywhere within their limits, and judged by areas.
+
+    Args:
+        space: bodies around the generic one.
+        rig: undistorted cameras at the masks' size.
+        observation: the masks.
+        seed: of the draws.
+        device: a Warp device.
+        threads: CPU threads.
+    """
+
+    def __init__(
+        self, space: RestSpace, rig: CameraRig, observation: Observation, seed: int, device: str, threads: int
+    ) -> None:
+        body, skeleton = space.body, space.body.skeleton
+        self.space = space
+        self._skeleton, self._vertex = skeleton, body.tracking_vertex
+        self._limbs = limbs(skeleton)
+        self._pairs, self._like = limb_pairs(skeleton), like_limbs(skeleton)
+        self._random = np.random.default_rng(seed)
+
+        def fitter(candidates: int, parameters: int, matching: MatchingConfig) -> ContourFitter:
+            made = ContourFitter(
+                body, rig, skeleton.searched(), skeleton.coordinate_limits,
+                candidates=candidates, parameters=parameters, matching=matching, device=device, threads=threads,
+            )  # fmt: skip
+            made.observe(0, observation)
+            return made
+
+        self._rough, self._fine = (fitter(1, len(space.names), matching) for matching in (WIDE, MatchingConfig()))
+        self._rough_pose, self._fine_pose = fitter(_TRIED, 0, WIDE), fitter(_FOLLOWED, 0, MatchingConfig())
+        self._objective = Objective(body, np.eye(3), rig, _DRAWS, renderer="raster", device=device, threads=threads)
+        self._objective.observe(observation)
+        prior = np.zeros(skeleton.coordinates)
+        prior[ROOT_ANGLES.stop :] = _POSE_PRIOR / np.repeat(skeleton.spread[1:], 3) ** 2
+        self._objective.prior.assign(prior)
+
+    def polished(self, guess: Guess) -> Guess:
+        """Body and pose at the bottom of the contours' cost, with what areas then cost."""
+        return self._solved(self._solved(guess, self._rough), self._fine)
+
+    def _solved(self, guess: Guess, fitter: ContourFitter) -> Guess:
+        problem = body_problem(fitter, self.space, guess.root_base, PRIOR)
+        found = problem.solved(np.zeros(1, int), problem.rooting.enter(guess.pose[None]), guess.beta, _BODY_STEPS)
+        pose = problem.rooting.leave(found.rooted, guess.pose[ROOT_ANGLES])
+        self._take_body(found.beta, guess.root_base)
+        return Guess(found.beta, guess.root_base, pose[0], float(self._judged(pose)[0]))
+
+    def with_limbs_found(self, guess: Guess, rounds: int) -> Guess:
+        """The guess with every limb where it explains the masks best, after at most so many rounds over the limbs."""
+        fruitless = 0
+        for _ in range(rounds):
+            before = guess.cost
+            self._take_body(guess.beta, guess.root_base)
+            for limb in self._limbs:
+                guess = self._better(guess, self._drawn(guess, limb))
+            solved = self._solved(guess, self._fine)
+            guess = solved if solved.cost < guess.cost else guess  # contours may pull a limb the wrong way
+            fruitless = fruitless + 1 if guess.cost > before - _WORTH else 0
+            if fruitless == _PATIENCE:
+                break
+        return guess
+
+    def with_sides_swapped(self, guess: Guess) -> list[Guess]:
+        """For each pair of limbs, what is found from where they have each other's place."""
+        exchanged = mirrored(self._skeleton, guess.pose)
+        found = []
+        for pair in self._pairs:
+            pose = _with_limbs(guess.pose, pair, exchanged)
+            self._take_body(guess.beta, guess.root_base)
+            found.append(self.polished(replace(guess, pose=self._descended(self._rough_pose, guess, pose[None])[0])))
+        return found
+
+    def with_places_exchanged(self, guess: Guess) -> list[Guess]:
+        """For each pair of limbs, what is found from where each lies in the other's place: crossed arms uncross.
+
+        Of a body that has no pairs, for each two limbs that are alike.
+        """
+        body = self.space.model(guess.beta)
+        rooting = Rooting(self._skeleton, guess.root_base, self._skeleton.searched())
+        points = MotionPoints(self._skeleton, body.joint_rest, rooting.searched)
+        there = rooting.enter(guess.pose[None])
+        found = []
+        for one, other in self._pairs or self._like:
+            exchanged = places_exchanged(there, (one.coordinates, other.coordinates), points, rooting)
+            pose = rooting.leave(exchanged, guess.pose[ROOT_ANGLES])
+            self._take_body(guess.beta, guess.root_base)
+            found.append(self.polished(replace(guess, pose=self._descended(self._rough_pose, guess, pose)[0])))
+        return found
+
+    def with_pairs_anew(self, guess: Guess) -> list[Guess]:
+        """For each pair of limbs, what is found from where both are at rest.
+
+        Crossed arms, each of which explains the other's mask, are left neither by a limb alone nor by exchanging
+        angles: mirrored, crossed arms are crossed.
+        """
+        rest = np.zeros_like(guess.pose)
+        starts = [replace(guess, pose=_with_limbs(guess.pose, pair, rest)) for pair in self._pairs]
+        return [self.with_limbs_found(self.polished(start), 1) for start in starts]
+
+    def _drawn(self, guess: Guess, limb: Limb) -> np.ndarray:
+        """Poses (candidate, coordinate) of which the limb's angles are drawn: those that cost least.
+
+        Half of the draws are anywhere within the limits. Half are nearer to the rest pose, the limb's last joint at
+        rest: an arm with a folded hand explains the masks from elsewhere, and stays there while the hand is folded.
+        One is what the other side's limb does.
+        """
+        reach, skeleton = limb.reach, self._skeleton
+        low, high = np.clip(skeleton.coordinate_limits[reach], -np.pi, np.pi).T
+        spread = WIDER * skeleton.spread[(reach - TRANSLATION) // 3]
+        drawn = np.tile(guess.pose, (_DRAWS, 1))
+        drawn[:, reach] = self._random.uniform(low, high, (_DRAWS, len(reach)))
+        near = self._random.normal(0.0, spread, (_DRAWS // 2, len(reach)))
+        drawn[: len(near), limb.coordinates] = np.clip(0.0, *skeleton.coordinate_limits[limb.coordinates].T)
+        drawn[: len(near), reach] = np.clip(near, low, high)
+        self._objective.hold(self._device_array(guess.pose[None]), reach)
+        best = drawn[np.argsort(self._judged(drawn), kind="stable")[:_TRIED]]
+        self._objective.release()
+        best[-1, limb.coordinates] = mirrored(skeleton, guess.pose)[limb.coordinates]
+        return best
+
+    def _better(self, guess: Guess, starts: np.ndarray) -> Guess:
+        """The guess, or what is found from starts (candidate, coordinate) if that costs less."""
+        near = self._descended(self._rough_pose, guess, starts)[:_FOLLOWED]
+        found = self._descended(self._fine_pose, guess, near)
+        pose, cost = found[0], float(self._judged(found[:1])[0])
+        return replace(guess, pose=pose, cost=cost) if cost < guess.cost else guess
+
+    def _descended(self, fitter: ContourFitter, guess: Guess, starts: np.ndarray) -> np.ndarray:
+        """Poses that contours lead to from starts (candidate, coordinate), with the guess's body, the best first."""
+        count = len(starts)
+        fitter.start_at(starts, np.tile(guess.root_base, (count, 1, 1)), np.zeros(count, np.int32))
+        fitter.descend(count, _LIMB_STEPS)
+        found = fitter.descent.best.numpy()[:count].astype(float)
+        best_first: np.ndarray = found[np.argsort(self._judged(found), kind="stable")]
+        return best_first
+
+    def _take_body(self, beta: np.ndarray, root_base: np.ndarray) -> None:
+        rest, joint_rest = self.space.at(beta, self._vertex)
+        self._rough_pose.reshape(rest, joint_rest)
+        self._fine_pose.reshape(rest, joint_rest)
+        arrays = self._objective.body
+        arrays.rest.assign(rest[None].astype(np.float32))
+        arrays.joint_rest.assign(joint_rest[None].astype(np.float32))
+        arrays.root_base.assign(root_base[None].astype(np.float32))
+
+    def _judged(self, pose: np.ndarray) -> np.ndarray:
+        """(pose,) costs."""
+        count = len(pose)
+        poses = self._device_array(pose)
+        wp.copy(self._objective.pose, poses, count=poses.size)
+        cost: np.ndarray = self._objective.evaluate(count).numpy()[:count].copy()
+        return cost
+
+    def _device_array(self, pose: np.ndarray) -> wp.array[Any]:
+        return wp.array(pose, dtype=wp.float32, device=self._objective.device)
+
+
+def _with_limbs(pose: np.ndarray, moved: tuple[Limb, ...], other: np.ndarray) -> np.ndarray:
+    """A pose (coordinate,) with some limbs as another has them."""
+    changed = pose.copy()
+    for limb in moved:
+        changed[limb.coordinates] = other[limb.coordinates]
+    return changed

@@ -1,0 +1,136 @@
+"""Where to start with a body that lies or bends anyhow: many ways to turn and bend it are judged, and the best kept."""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+from mmocap_warp.body.posing import Poser
+from mmocap_warp.body.rotations import spread_rotations, transposed, turn, zyx_angles
+from mmocap_warp.body.shape_space import ShapeSpace, heading_rotation, upright_base
+from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION, Skeleton
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.masks.observation import Observation
+from mmocap_warp.silhouettes.objective import Objective
+
+_TURNS = 240  # of a body that lies anyhow: any is within 40 degrees of one of them
+_HEADINGS = 24  # of one that stands
+_DRAWS = 48  # poses of a robot, whose joints may be anywhere
+_AT_ONCE = 240  # candidates
+_SMALLEST, _LARGEST = 0.6, 1.4  # scale
+_APART = 0.15  # of the body's size: starts of which no joint is farther from the other's are one
+_LOOKED_AT = 40  # candidates for each start that is wanted, the best ones
+
+
+def usual_poses(skeleton: Skeleton, anyhow: bool, seed: int) -> np.ndarray:
+    """Poses (pose, coordinate) to start from: the zero pose, as near as limits let it be.
+
+    Args:
+        skeleton: the joints.
+        anyhow: whether they may be anywhere within their limits, as a robot's: then with draws.
+        seed: of the draws.
+    """
+    low, high = np.clip(skeleton.coordinate_limits, -np.pi, np.pi).T
+    poses = np.tile(np.clip(0.0, low, high), (1 + _DRAWS if anyhow else 1, 1))
+    bent = skeleton.searched()[skeleton.searched() >= ROOT_ANGLES.stop]
+    poses[1:, bent] = np.random.default_rng(seed).uniform(low[bent], high[bent], (len(poses) - 1, len(bent)))
+    return poses
+
+
+def screened_starts(
+    space: ShapeSpace,
+    rig: CameraRig,
+    observation: Observation,
+    hull: np.ndarray,
+    poses: np.ndarray,
+    *,
+    count: int,
+    device: str,
+    threads: int,
+) -> np.ndarray:
+    """The best starts (start, coordinate) of a space, each somewhere else, the best first.
+
+    Poses are turned about in the middle of what the masks agree on: a body that stands to all headings, its lowest
+    point on the hull's; any other all ways. Unless it is rigid, its size makes silhouettes as large as the masks.
+
+    Args:
+        space: the coordinates.
+        rig: undistorted cameras at the masks' size.
+        observation: the masks.
+        hull: (point, 3) the visual hull [m].
+        poses: (pose, coordinate) to be turned about.
+        count: of starts, at most.
+        device: a Warp device.
+        threads: CPU threads.
+    """
+    objective = Objective(
+        space.body, np.eye(3), rig, _AT_ONCE, renderer="raster", shapes=space, device=device, threads=threads
+    )
+    objective.observe(observation)
+    scale = np.ones(len(poses) * (_HEADINGS if space.body.skeleton.stands else _TURNS))
+    candidates = _turned(space, poses, hull, scale)
+    seen = observation.foreground > 0
+    cost, area = _judged(objective, candidates, seen)
+    if not space.body.rigid:
+        scale = np.clip(np.sqrt(observation.foreground.sum() / np.maximum(area, 1)), _SMALLEST, _LARGEST)
+        candidates = _turned(space, poses, hull, scale)
+        cost, _ = _judged(objective, candidates, seen)
+    best_first = np.argsort(cost, kind="stable")[: _LOOKED_AT * count]
+    return _distinct(space, candidates[best_first], count)
+
+
+def _turned(space: ShapeSpace, poses: np.ndarray, hull: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Coordinates (pose * turn, coordinate) of a scale each (pose * turn,): the skin's middle is in the hull's."""
+    body, skeleton, upright = space.body, space.body.skeleton, upright_base(space.up)
+    up, frame = upright[:, 1], skeleton.frame[0].astype(float)
+    headings = 2 * np.pi * np.arange(_HEADINGS) / _HEADINGS
+    turns = turn("y", headings) if skeleton.stands else spread_rotations(_TURNS)
+    own = poses.copy()
+    own[:, : TRANSLATION if skeleton.stands else ROOT_ANGLES.stop] = 0.0
+    skin = Poser(body, np.eye(3)).tracking_vertices(own).astype(float)
+    scale = scale.reshape(len(poses), len(turns))
+    found = np.zeros((len(poses), len(turns), len(space)))
+    found[..., : skeleton.coordinates] = own[:, None]
+    found[..., space.scale_index] = np.log(scale)
+    middle = scale[..., None] * np.einsum("ij,tjk,pk->pti", upright, turns, skin.mean(axis=1))
+    place = np.median(hull, axis=0) - middle
+    if skeleton.stands:
+        found[..., space.heading_index] = headings
+        bottom = scale * skin[:, :, 1].min(axis=1)[:, None]
+        place += (np.percentile(hull @ up, 0.5) - bottom - place @ up)[..., None] * up
+    else:
+        found[..., ROOT_ANGLES] = zyx_angles(frame.T @ turns @ frame)
+    found[..., :TRANSLATION] = place
+    return found.reshape(-1, len(space))
+
+
+def _judged(objective: Objective, candidates: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(candidate,) costs, and how large the silhouettes are in the views that are ``seen`` (camera,) bool [px]."""
+    cost, area = [], []
+    for first in range(0, len(candidates), _AT_ONCE):
+        poses = wp.array(candidates[first : first + _AT_ONCE], dtype=wp.float32, device=objective.device)
+        wp.copy(objective.pose, poses, count=poses.size)
+        count = len(poses)
+        cost.append(objective.evaluate(count).numpy()[:count].copy())
+        area.append(objective.count.numpy()[:count, seen, 0].sum(axis=1))
+    return np.concatenate(cost), np.concatenate(area)
+
+
+def _distinct(space: ShapeSpace, candidates: np.ndarray, count: int) -> np.ndarray:
+    """The first ``count`` of the candidates that are not where an earlier one is."""
+    skeleton = space.body.skeleton
+    near = _APART * float(np.ptp(space.body.skin.rest, axis=0).max())
+    poser = Poser(space.body, upright_base(space.up))
+    pose = candidates[:, : skeleton.coordinates]
+    own = poser.joint_transforms(pose)[:, :, :3, 3] - pose[:, None, :TRANSLATION]
+    turned = np.stack([heading_rotation(heading) for heading in candidates[:, space.heading_index]])
+    upright = upright_base(space.up)
+    own = own @ transposed(upright @ turned @ upright.T)
+    place = np.exp(candidates[:, space.scale_index])[:, None, None] * own + pose[:, None, :TRANSLATION]
+    kept: list[int] = []
+    for number in range(len(candidates)):
+        if all(np.linalg.norm(place[number] - place[other], axis=1).max() > near for other in kept):
+            kept.append(number)
+        if len(kept) == count:
+            break
+    return candidates[kept]

@@ -1,0 +1,342 @@
+"""A subject without hand work: where it stands and heads, its pose in the first frame, and its body, from the masks.
+
+1. The visual hull gives the place and the size.
+2. Several headings, evenly spread, are each fitted by a short search over pose, shape and scale together. Of a body
+   that need not stand as in its bind pose, a hand or a robot, many ways to turn and bend it are judged, and the best
+   fitted instead.
+3. Contours take each to the bottom of its basin, body included. Of the best few, limbs are drawn anew until nothing
+   is gained.
+4. The first seconds of the clip are followed by contours, and some of their frames solved for the body together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from itertools import islice
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mmocap_warp.body.model import BodyModel, Subject
+from mmocap_warp.body.posing import Poser
+from mmocap_warp.body.rest_space import RestSpace
+from mmocap_warp.body.shape_space import ShapeSpace
+from mmocap_warp.body.skeleton import Skeleton
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.device.cores import available_threads
+from mmocap_warp.device.resolve import resolve_device
+from mmocap_warp.errors import InputError
+from mmocap_warp.fitting.clip_body import frames_to_follow, solve_body_in_clip, with_base_still
+from mmocap_warp.fitting.frame_fit import FrameFit, Guess
+from mmocap_warp.fitting.screening import screened_starts, usual_poses
+from mmocap_warp.fitting.standing_search import (
+    NoSubjectError,
+    search_headings,
+    search_starts,
+    standing_start,
+    subject_hull,
+)
+from mmocap_warp.formats.toml_table import config_from_table
+from mmocap_warp.masks.observation import Observation
+from mmocap_warp.rigging.attaching import carrying
+from mmocap_warp.tracking.track_config import TrackConfig
+
+if TYPE_CHECKING:
+    from mmocap_warp.scene.recording import Scene
+
+_LONGEST = 480  # pixels
+_WINNERS = 2  # finalists whose limbs are searched until nothing is gained
+_ROUNDS = 6  # over the limbs, at most
+_CLEAR = 0.03  # of the cost: a margin by which one frame decides
+_TURNED = -0.2  # cosine between the ways that two bodies face, or of the turn between them
+_ELSEWHERE = 0.1  # [m]: joints that are nearer to each other are in the same place
+_UNDECIDED = 0.005  # of the cost: a margin that decides nothing
+_UNDECIDED_CLIP = 0.02  # the same for contours over a clip, as a share of their cost
+_HEADINGS_SHARE, _LIMBS_SHARE = 0.4, 0.6  # of the work, for the progress
+
+
+@dataclass(frozen=True)
+class FitConfig:
+    """Settings of a fit.
+
+    Attributes:
+        seed: of the random numbers.
+        scale: of masks and cameras; None makes the largest image 480 pixels long, which is plenty for a shape.
+        headings: evenly spread starting directions; of a body that starts anyhow, the best of many starts.
+        evaluations: spent on each.
+        finalists: headings whose limbs are searched.
+        frames: of the clip's first seconds that the body is solved from; 1 takes it from the first frame alone.
+        rigid: whether bones' lengths, girths and scale are known; None for what the body says.
+        device: ``auto``, ``cpu`` or a CUDA device.
+        threads: CPU threads; None for all that this process may use.
+    """
+
+    seed: int = 0
+    scale: float | None = None
+    headings: int = 8
+    evaluations: int = 1000
+    finalists: int = 4
+    frames: int = 16
+    rigid: bool | None = None
+    device: str = "auto"
+    threads: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.scale is not None and not 0.0 < self.scale <= 1.0:
+            raise ValueError(f"scale must be in (0, 1], got {self.scale}")
+        for name in ("headings", "evaluations", "finalists", "frames"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+
+
+FitProgress = Callable[[str, float, float], None]
+"""Called with the stage's name, the share of all work done, and the best cost so far."""
+
+
+def fit(
+    scene: Scene,
+    body: BodyModel,
+    config: FitConfig | None = None,
+    progress: FitProgress | None = None,
+    start_poses: np.ndarray | None = None,
+    **settings: Any,
+) -> Subject:
+    """Fit a body to a scene: its first frame finds the pose, its first seconds the shape.
+
+    Args:
+        scene: the recording.
+        body: the generic body that the subject's is expected to be near to; it gets what the scene says is attached.
+        config: settings; None for those of the scene's [fit] table.
+        progress: told after every stage.
+        start_poses: (pose, coordinate) in one of which, about, the recording starts; None for the body's usual ones.
+            Where they lie and head is looked for.
+        settings: fields of :class:`FitConfig` to replace those of ``config``, such as ``headings=4``.
+
+    Raises:
+        ValueError, TypeError: a setting that cannot be, or is none.
+        InputError: the first frame's masks do not show one subject in at least two views.
+    """
+    config = replace(config or config_from_table(FitConfig, scene.settings("fit")), **settings)
+    body = carrying(body, scene.attached).body
+    scale = config.scale or min(1.0, _LONGEST / float(scene.rig().size.max()))
+    numbers = frames_to_follow(scene.rate, scene.frame_count if config.frames > 1 else 1)
+    observations = islice(scene.observations(scale, count=numbers[-1] + 1), 0, None, numbers.step)
+    try:
+        subject = fit_clip(
+            body, scene.rig(scale), scene.rate / numbers.step, observations, config, progress,
+            start_poses,
+        )  # fmt: skip
+    except NoSubjectError as error:
+        remedy = "look at the masks (mmocap mask) and the calibration (mmocap cameras)"
+        raise InputError(scene.path, f"frame {scene.first_frame}: {error}", remedy) from None
+    if scene.first_frame:
+        subject = replace(subject, provenance=subject.provenance | {"fit.first_frame": scene.first_frame})
+    return subject
+
+
+def fit_clip(
+    body: BodyModel,
+    rig: CameraRig,
+    fps: float,
+    observations: Iterable[Observation],
+    config: FitConfig | None = None,
+    progress: FitProgress | None = None,
+    start_poses: np.ndarray | None = None,
+) -> Subject:
+    """Fit a body to consecutive frames: the first finds the pose, all of them the shape.
+
+    Args:
+        body: the generic body that the subject's is expected to be near to.
+        rig: undistorted cameras at the masks' size.
+        fps: of these frames.
+        observations: their masks, such as those of :func:`mmocap_warp.fitting.clip_body.frames_to_follow`; of more
+            than one frame all are in memory.
+        config: settings; its scale is not used.
+        progress: told after every stage.
+        start_poses: see :func:`fit`.
+
+    Raises:
+        NoSubjectError: the first frame's masks do not show one subject in at least two views.
+    """
+    task = _Task(body, rig, config or FitConfig(), progress or (lambda stage, done, cost: None), start_poses)
+    observations = iter(observations)
+    first = next(observations)
+    best, others = _first_frame(task, first)
+    found = _found(best, others)
+    close = [other for other in others.values() if other.cost < best.cost + _CLEAR]
+    clip = [first, *observations]
+    # Motion decides between ways to see the first frame that are nearly as good.
+    ways = [_with_clip_body(task, clip, fps, task.subject(guess, found)) for guess in (best, *close)]
+    (subject, cost), *behind = sorted(ways, key=lambda way: way[1])
+    behind = [way for way in behind if _differ(subject, way[0])]  # some come to the same in the end
+    decided = "yes"
+    if behind:
+        margin = behind[0][1] / cost - 1
+        found["fit.clip_margin"] = margin
+        decided = "no" if margin < _UNDECIDED_CLIP else "yes"
+    task.progress("body", 1.0, best.cost)
+    return replace(subject, provenance=subject.provenance | found | {"fit.decided": decided})
+
+
+def _with_clip_body(task: _Task, clip: list[Observation], fps: float, subject: Subject) -> tuple[Subject, float]:
+    """The subject with the body of the frames that it can be followed through, and their contours' mean cost."""
+    settings = TrackConfig(seed=task.config.seed, device=task.device, threads=task.threads)
+    generic = replace(task.body, skeleton=task.generic.skeleton)
+    return solve_body_in_clip(subject, generic, task.rig, clip, fps, task.config.frames, settings)
+
+
+def fit_observation(
+    body: BodyModel,
+    rig: CameraRig,
+    observation: Observation,
+    config: FitConfig | None = None,
+    progress: FitProgress | None = None,
+    start_poses: np.ndarray | None = None,
+) -> Subject:
+    """Fit a body to one frame's masks.
+
+    Args:
+        body: the generic body that the subject's is expected to be near to.
+        rig: undistorted cameras at the masks' size.
+        observation: the masks; at least two views must see the subject.
+        config: settings.
+        progress: told after every stage.
+        start_poses: see :func:`fit`.
+
+    Raises:
+        NoSubjectError: fewer than two views see the subject, or they see different things.
+    """
+    task = _Task(body, rig, config or FitConfig(), progress or (lambda stage, done, cost: None), start_poses)
+    best, others = _first_frame(task, observation)
+    found = _found(best, others)
+    decided = "no" if any(other.cost < best.cost + _UNDECIDED for other in others.values()) else "yes"
+    return task.subject(best, found | {"fit.decided": decided})
+
+
+@dataclass(frozen=True)
+class _Task:
+    """What all stages of a fit share."""
+
+    generic: BodyModel
+    rig: CameraRig
+    config: FitConfig
+    progress: FitProgress
+    start_poses: np.ndarray | None = None
+
+    @cached_property
+    def body(self) -> BodyModel:
+        """The generic body, rigid or not; a base that stands still has to be found too."""
+        generic, rigid = self.generic, self.config.rigid
+        skeleton = generic.skeleton.with_free_root() if generic.skeleton.root_is_fixed else generic.skeleton
+        return replace(generic, skeleton=skeleton, rigid=generic.rigid if rigid is None else rigid)
+
+    @cached_property
+    def space(self) -> RestSpace:
+        """Bodies around the generic one."""
+        return RestSpace(self.body)
+
+    @cached_property
+    def device(self) -> str:
+        return resolve_device(self.config.device)
+
+    @cached_property
+    def threads(self) -> int:
+        return self.config.threads or available_threads()
+
+    def subject(self, guess: Guess, found: dict[str, str | float | int]) -> Subject:
+        """A guess with its provenance."""
+        settings = {f"fit.{name}": value for name, value in asdict(self.config).items() if value is not None}
+        subject = Subject(self.space.model(guess.beta), guess.root_base, guess.pose, settings | found)
+        return with_base_still(subject, self.generic.skeleton) if self.generic.skeleton.root_is_fixed else subject
+
+
+def _first_frame(task: _Task, observation: Observation) -> tuple[Guess, dict[str, Guess]]:
+    """The best guess at the first frame, and others by how they differ: turned round, or with sides swapped."""
+    config, skeleton = task.config, task.body.skeleton
+    frame = FrameFit(task.space, task.rig, observation, config.seed, task.device, task.threads)
+    guesses = sorted((frame.polished(guess) for guess in _headings(task, observation)), key=_cost)
+    task.progress("headings", _HEADINGS_SHARE, guesses[0].cost)
+    finalists = sorted((frame.with_limbs_found(guess, 1) for guess in guesses[: config.finalists]), key=_cost)
+    finalists = sorted((frame.with_limbs_found(guess, _ROUNDS) for guess in finalists[:_WINNERS]), key=_cost)
+    best = finalists[0]
+    anew, exchanged = frame.with_pairs_anew(best), frame.with_places_exchanged(best)
+    better = min(anew + exchanged, key=_cost, default=best)
+    if better.cost < best.cost:
+        best = frame.with_limbs_found(better, _ROUNDS)
+    task.progress("limbs", _LIMBS_SHARE, best.cost)
+    turned = [guess for guess in finalists + guesses if _turned(skeleton, best, guess)]
+    others: dict[str, Guess] = {}
+    there = task.subject(best, {})
+    if turned:
+        other = frame.with_limbs_found(min(turned, key=_cost), _ROUNDS)
+        if _differ(there, task.subject(other, {})):  # else it has turned back
+            others["turned"] = other
+    exchanged = [guess for guess in exchanged if guess.cost < best.cost + _UNDECIDED]
+    swapped = [finalists[0], *anew, *exchanged, *frame.with_sides_swapped(best)]
+    swapped = [guess for guess in swapped if _differ(there, task.subject(guess, {}))]
+    if swapped:
+        others["swapped"] = min(swapped, key=_cost)
+    for name, other in others.items():
+        if other.cost < best.cost:
+            best, others[name] = other, best
+    return best, others
+
+
+def _turned(skeleton: Skeleton, one: Guess, other: Guess) -> bool:
+    """Whether one faces away from the other; of bodies that lie anyhow, whether one is turned far from the other."""
+    here, there = one.orientation(skeleton), other.orientation(skeleton)
+    if skeleton.stands:
+        return bool(there[:, 2] @ here[:, 2] < _TURNED)
+    return bool((np.trace(here.T @ there) - 1) / 2 < _TURNED)
+
+
+def _differ(one: Subject, other: Subject) -> bool:
+    """Whether a joint of two subjects is in another place."""
+    places = [Poser(each.body, each.root_base).joint_transforms(each.pose)[0, :, :3, 3] for each in (one, other)]
+    return bool(np.linalg.norm(places[0] - places[1], axis=1).max() > _ELSEWHERE * one.body.relative_size)
+
+
+def _found(best: Guess, others: dict[str, Guess]) -> dict[str, str | float | int]:
+    """What the first frame says: the best cost, the next best way to see it, and how far that is behind."""
+    if not others:
+        return {"fit.cost": best.cost, "fit.margin": float("nan")}
+    name = min(others, key=lambda name: others[name].cost)
+    return {"fit.cost": best.cost, "fit.margin": others[name].cost - best.cost, "fit.alternative": name}
+
+
+def _headings(task: _Task, observation: Observation) -> list[Guess]:
+    """A guess for each heading, or for each of the best ways to turn and bend a body that has no usual ones.
+
+    Where the body carries something, two for each heading, of its own size and scaled to the hull's: a racket held high
+    makes the hull taller, not the person.
+    """
+    config, shapes, body = task.config, ShapeSpace(task.body, task.rig.up), task.body
+    effort: Any = {
+        "evaluations": config.evaluations, "seed": config.seed, "device": task.device, "threads": task.threads
+    }  # fmt: skip
+    if task.start_poses is None and body.skeleton.stands and not body.rigid:
+        starts = [
+            standing_start(shapes, task.rig, observation, scaled=scaled)
+            for scaled in ((True, False) if body.skeleton.attached else (True,))
+        ]
+        searched = [
+            search_headings(shapes, task.rig, observation, start, headings=config.headings, **effort)
+            for start in starts
+        ]
+        found = np.concatenate(searched)
+    else:
+        given = task.start_poses
+        poses = usual_poses(body.skeleton, body.rigid, config.seed) if given is None else given
+        hull = subject_hull(body, task.rig, observation)
+        screened = screened_starts(
+            shapes, task.rig, observation, hull, poses, count=config.headings, device=task.device, threads=task.threads
+        )
+        found = search_starts(shapes, task.rig, observation, screened, near_rest=given is None, **effort)
+    subjects = [shapes.subject(coordinates.astype(np.float64), {}) for coordinates in found]
+    return [Guess(task.space.nearest(subject.body), subject.root_base, subject.pose) for subject in subjects]
+
+
+def _cost(guess: Guess) -> float:
+    return guess.cost

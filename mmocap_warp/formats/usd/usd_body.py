@@ -1,0 +1,334 @@
+"""Bodies as USD: a UsdSkel body that any viewer opens, with the rest of a :class:`BodyModel` as ``mmocap:`` attributes.
+
+Layout below the body's prim (a ``SkelRoot`` named after the body)::
+
+    Skeleton             joints, bind and rest transforms, degrees of freedom (see ``skeleton``)
+    Skin                 the full mesh; mmocap:markerNames, mmocap:markerVertices
+    Skin/<shape target>  BlendShape; mmocap:jointOffsets, the joints' displacements [m]
+    Tracking             the tracking mesh (purpose guide); mmocap:skinVertices, its vertices in Skin
+    Motions/<motion>     a motion that came with the body; mmocap:name, mmocap:fps, mmocap:pose
+
+and on the prim itself ``mmocap:attribution`` and, of a body whose shape is known, ``mmocap:rigid``.
+
+A :class:`Subject` adds ``Skeleton/FirstPose``, a one-frame animation that shows the body where the recording starts,
+and on the prim ``mmocap:rootBase`` (for row vectors, as all in USD), ``mmocap:pose`` and ``mmocap:provenance`` (JSON).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdSkel, Vt
+
+from mmocap_warp.body.bind_transforms import bind_transforms, rest_transforms
+from mmocap_warp.body.body_motion import BodyMotion
+from mmocap_warp.body.mesh_pieces import is_closed
+from mmocap_warp.body.model import BodyModel, SkinMesh, Subject
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.usd.usd_file import PrimReader, author, read_stage, reads_usd, write_stage
+from mmocap_warp.formats.usd.usd_motions import define_motions, motions_of
+from mmocap_warp.formats.usd.usd_skeleton import define_freedom, is_rotation, joint_paths, read_skeleton
+from mmocap_warp.formats.usd.world import set_world_up
+
+_REMAKE = "write the body again with `mmocap body make`, or start from one that comes with the project"
+_WEIGHT_SUM_TOLERANCE = 1e-3  # Files by other programs round their weights.
+
+
+def write_body(path: str | Path, body: BodyModel, motions: Mapping[str, BodyMotion] | None = None) -> None:
+    """Write a body to a ``.usd``, ``.usda`` or ``.usdc`` file, Y up, in metres, with motions by their names."""
+    stage = Usd.Stage.CreateInMemory()
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
+    root = define_body(stage, f"/{body.name}", body)
+    define_motions(stage, root.GetPath(), motions or {})
+    stage.SetDefaultPrim(root.GetPrim())
+    write_stage(path, stage)
+
+
+@reads_usd
+def read_motions(path: str | Path) -> dict[str, BodyMotion]:
+    """The motions that came with a body, by name; none where it has none.
+
+    Raises:
+        InputError: no such file, not USD, or not a complete and consistent body.
+    """
+    stage = read_stage(path)
+    prim = body_prim(stage, path)
+    return motions_of(PrimReader(prim, path, _REMAKE), body_from_prim(prim, path).skeleton.coordinates)
+
+
+@reads_usd
+def read_body(path: str | Path) -> BodyModel:
+    """Read a body that :func:`write_body` or anything that contains such a body wrote.
+
+    Raises:
+        InputError: no such file, not USD, or not a complete and consistent body.
+    """
+    stage = read_stage(path)
+    return body_from_prim(body_prim(stage, path), path)
+
+
+def write_subject(path: str | Path, subject: Subject) -> None:
+    """Write a subject to a ``.usd``, ``.usda`` or ``.usdc`` file: its body, standing as in the first frame."""
+    stage = Usd.Stage.CreateInMemory()
+    root = define_subject(stage, f"/{subject.body.name}", subject)
+    set_world_up(stage, root, up_axis(subject.root_base))
+    stage.SetDefaultPrim(root.GetPrim())
+    _show_first_pose(stage, root, subject)
+    write_stage(path, stage)
+
+
+@reads_usd
+def read_subject(path: str | Path) -> Subject:
+    """Read a subject that :func:`write_subject` wrote.
+
+    Raises:
+        InputError: no such file, not USD, or not a complete and consistent subject.
+    """
+    stage = read_stage(path)
+    prim = body_prim(stage, path)
+    if not prim.HasAttribute("mmocap:rootBase"):
+        problem = "holds a body, but not how it stands when a recording starts (mmocap:rootBase is missing)"
+        raise InputError(path, problem, "fit it: `mmocap fit SCENE --body BODY -o subject.usdc`")
+    return subject_from_prim(prim, path)
+
+
+def define_subject(stage: Usd.Stage, path: str, subject: Subject) -> UsdSkel.Root:
+    """Author the subject's body at ``path``, with where it starts as attributes; returns its ``SkelRoot``."""
+    root = define_body(stage, path, subject.body)
+    author(root, "mmocap:rootBase", Sdf.ValueTypeNames.Matrix3d, Gf.Matrix3d(np.asarray(subject.root_base, float).T))
+    author(
+        root, "mmocap:pose", Sdf.ValueTypeNames.DoubleArray, Vt.DoubleArray.FromNumpy(np.asarray(subject.pose, float))
+    )
+    author(root, "mmocap:provenance", Sdf.ValueTypeNames.String, json.dumps(subject.provenance))
+    return root
+
+
+def subject_from_prim(prim: Usd.Prim, source: object) -> Subject:
+    """The subject that :func:`define_subject` authored at ``prim``; ``source`` is named in errors.
+
+    Raises:
+        InputError: something is missing or inconsistent.
+    """
+    read = PrimReader(prim, source, "fit the subject again with `mmocap fit`")
+    root_base = read.array("mmocap:rootBase", (3, 3), np.float64).T
+    body = body_from_prim(prim, source)
+    pose = read.array("mmocap:pose", (body.skeleton.coordinates,), np.float64)
+    read.require(is_rotation(root_base), "mmocap:rootBase is not a rotation")
+    read.require(np.isfinite(pose).all(), "mmocap:pose is not finite")
+    return Subject(body, root_base, pose, read.json_object("mmocap:provenance"))
+
+
+def body_prim(stage: Usd.Stage, source: object) -> Usd.Prim:
+    """The stage's first skinned body.
+
+    Raises:
+        InputError: it has none.
+    """
+    for prim in stage.Traverse():
+        if prim.IsA(UsdSkel.Root) and prim.HasAttribute("mmocap:attribution"):
+            return prim
+    raise InputError(source, "holds no mmocap body (a SkelRoot with mmocap:attribution)", _REMAKE)
+
+
+def define_body(stage: Usd.Stage, path: str, body: BodyModel) -> UsdSkel.Root:
+    """Author the body in its bind pose at ``path``; returns its ``SkelRoot``."""
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    root = UsdSkel.Root.Define(stage, path)
+    Usd.ModelAPI(root).SetKind(Kind.Tokens.component)
+    author(root, "mmocap:attribution", Sdf.ValueTypeNames.String, body.attribution)
+    if body.rigid:
+        author(root, "mmocap:rigid", Sdf.ValueTypeNames.Bool, True)
+
+    skeleton = UsdSkel.Skeleton.Define(stage, f"{path}/Skeleton")
+    skeleton.CreateJointsAttr(joint_paths(body.skeleton))
+    skeleton.CreateJointNamesAttr(list(body.skeleton.joints))
+    skeleton.CreateBindTransformsAttr([Gf.Matrix4d(m.T) for m in bind_transforms(body)])
+    skeleton.CreateRestTransformsAttr([Gf.Matrix4d(m.T) for m in rest_transforms(body)])
+    UsdSkel.BindingAPI.Apply(skeleton.GetPrim())
+    define_freedom(skeleton.GetPrim(), body.skeleton)
+
+    skin = _define_mesh(stage, f"{path}/Skin", body.skin, skeleton)
+    author(skin, "mmocap:markerNames", Sdf.ValueTypeNames.StringArray, list(body.marker_names))
+    author(skin, "mmocap:markerVertices", Sdf.ValueTypeNames.IntArray, Vt.IntArray.FromNumpy(body.marker_vertex))
+    _define_shapes(stage, skin, body)
+
+    tracking = _define_mesh(stage, f"{path}/Tracking", body.tracking, skeleton)
+    tracking.CreatePurposeAttr(UsdGeom.Tokens.guide)
+    author(tracking, "mmocap:skinVertices", Sdf.ValueTypeNames.IntArray, Vt.IntArray.FromNumpy(body.tracking_vertex))
+
+    root.CreateExtentAttr(skin.GetExtentAttr().Get())
+    return root
+
+
+def local_transforms(body: BodyModel, root_base: np.ndarray, pose: np.ndarray) -> np.ndarray:
+    """(joint, 4, 4) float64: parent from joint at one pose (coordinate,); the root's is world from root."""
+    local = rest_transforms(body)
+    local[0, :3, :3] = root_base @ local[0, :3, :3]
+    local[0, :3, 3] = pose[:3]
+    for j, (x, y, z) in enumerate(np.reshape(pose[3:], (-1, 3))):
+        if body.skeleton.slides[j]:
+            local[j, :3, 3] += local[j, :3, :3] @ (x, y, z)
+            continue
+        local[j, :3, :3] = local[j, :3, :3] @ _turn("z", z) @ _turn("y", y) @ _turn("x", x)
+    return local
+
+
+def _turn(axis: str, angle: float) -> np.ndarray:
+    a, b = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
+    matrix = np.eye(3)
+    matrix[a, a] = matrix[b, b] = np.cos(angle)
+    matrix[b, a] = np.sin(angle)
+    matrix[a, b] = -matrix[b, a]
+    return matrix
+
+
+def set_pose(
+    animation: UsdSkel.Animation, local: np.ndarray, time: Usd.TimeCode, before: np.ndarray | None = None
+) -> np.ndarray:
+    """Author joint transforms (joint, 4, 4), relative to their parents, at a time; returns the quaternions (joint, 4).
+
+    Scales are written too: without them USD falls back to the rest pose and says nothing. Of a quaternion and its
+    negative, which turn alike, the one nearer to ``before`` is written, so that every program interpolates the short
+    way; pass what the frame before returned.
+    """
+    matrices = Vt.Matrix4dArray.FromNumpy(np.ascontiguousarray(local.transpose(0, 2, 1)))
+    translations, rotations, scales = UsdSkel.DecomposeTransforms(matrices)
+    quaternions = np.array(rotations)
+    if before is not None:
+        quaternions *= np.where((quaternions * before).sum(axis=1, keepdims=True) < 0, -1, 1)
+    animation.CreateTranslationsAttr().Set(translations, time)
+    animation.CreateRotationsAttr().Set(Vt.QuatfArray.FromNumpy(quaternions), time)
+    animation.CreateScalesAttr().Set(scales, time)
+    return quaternions
+
+
+def up_axis(root_base: np.ndarray) -> str:
+    """The world's axis, such as ``+z``, that is nearest to the up direction of a body that stands by ``root_base``."""
+    up = root_base[:, 1]
+    axis = int(np.abs(up).argmax())
+    return "-+"[int(up[axis] > 0)] + "xyz"[axis]
+
+
+def _show_first_pose(stage: Usd.Stage, root: UsdSkel.Root, subject: Subject) -> None:
+    skeleton = root.GetPath().AppendChild("Skeleton")
+    animation = UsdSkel.Animation.Define(stage, skeleton.AppendChild("FirstPose"))
+    animation.CreateJointsAttr(joint_paths(subject.body.skeleton))
+    set_pose(animation, local_transforms(subject.body, subject.root_base, subject.pose), Usd.TimeCode(0))
+    UsdSkel.BindingAPI(stage.GetPrimAtPath(skeleton)).CreateAnimationSourceRel().SetTargets([animation.GetPath()])
+    stage.SetStartTimeCode(0)
+    stage.SetEndTimeCode(0)
+    root.GetExtentAttr().Set(UsdGeom.Boundable.ComputeExtentFromPlugins(root, Usd.TimeCode(0)))
+
+
+def body_from_prim(prim: Usd.Prim, source: object) -> BodyModel:
+    """The body that :func:`define_body` authored at ``prim``; ``source`` is named in errors.
+
+    Raises:
+        InputError: something is missing or inconsistent.
+    """
+    read = PrimReader(prim, source, _REMAKE)
+    unit = UsdGeom.GetStageMetersPerUnit(prim.GetStage())
+    read.require(unit == 1.0, f"its lengths are in units of {unit:g} m, expected metres")
+    skeleton, skin, tracking = read.child("Skeleton"), read.child("Skin"), read.child("Tracking")
+    joints, joint_rest = read_skeleton(skeleton)
+
+    mesh = _read_mesh(skin, len(joint_rest))
+    marker_names = tuple(skin.texts("mmocap:markerNames"))
+    marker_vertex = skin.array("mmocap:markerVertices", (len(marker_names),), np.int32)
+    skin.require(_within(marker_vertex, len(mesh.rest)), "a marker's vertex does not exist")
+    shape_names, shape_vertex, shape_joint = _read_shapes(skin, len(mesh.rest), len(joint_rest))
+
+    tracking_vertex = tracking.array("mmocap:skinVertices", (None,), np.int32)
+    tracking.require(_within(tracking_vertex, len(mesh.rest)), "mmocap:skinVertices names a vertex that Skin lacks")
+    tracking_face = _read_faces(tracking, len(tracking_vertex), corners=(3,))
+    tracking.require(is_closed(tracking_face), "the tracking mesh is not closed")
+    return BodyModel(
+        name=prim.GetName(),
+        skeleton=joints,
+        joint_rest=joint_rest,
+        skin=mesh,
+        tracking_vertex=tracking_vertex,
+        tracking_face=tracking_face,
+        shape_names=shape_names,
+        shape_vertex=shape_vertex,
+        shape_joint=shape_joint,
+        marker_names=marker_names,
+        marker_vertex=marker_vertex,
+        attribution=read.typed("mmocap:attribution", str),
+        rigid=read.flag("mmocap:rigid"),
+    )
+
+
+def _define_mesh(stage: Usd.Stage, path: str, mesh: SkinMesh, skeleton: UsdSkel.Skeleton) -> UsdGeom.Mesh:
+    corners = mesh.face.shape[1]
+    prim = UsdGeom.Mesh.Define(stage, path)
+    prim.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(mesh.rest))
+    prim.CreateFaceVertexCountsAttr(Vt.IntArray(len(mesh.face), corners))
+    prim.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(mesh.face.ravel()))
+    prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    prim.CreateExtentAttr(UsdGeom.PointBased.ComputeExtent(prim.GetPointsAttr().Get()))
+    binding = UsdSkel.BindingAPI.Apply(prim.GetPrim())
+    binding.CreateSkeletonRel().SetTargets([skeleton.GetPath()])
+    binding.CreateGeomBindTransformAttr(Gf.Matrix4d(1.0))
+    influences = mesh.joint.shape[1]
+    binding.CreateJointIndicesPrimvar(False, influences).Set(Vt.IntArray.FromNumpy(mesh.joint.ravel()))
+    binding.CreateJointWeightsPrimvar(False, influences).Set(Vt.FloatArray.FromNumpy(mesh.weight.ravel()))
+    return prim
+
+
+def _define_shapes(stage: Usd.Stage, skin: UsdGeom.Mesh, body: BodyModel) -> None:
+    targets = []
+    for name, vertex, joint in zip(body.shape_names, body.shape_vertex, body.shape_joint, strict=True):
+        shape = UsdSkel.BlendShape.Define(stage, skin.GetPath().AppendChild(name))
+        moved = np.flatnonzero(vertex.any(axis=1))
+        shape.CreateOffsetsAttr(Vt.Vec3fArray.FromNumpy(vertex[moved]))
+        shape.CreatePointIndicesAttr(Vt.IntArray.FromNumpy(moved.astype(np.int32)))
+        author(shape, "mmocap:jointOffsets", Sdf.ValueTypeNames.Vector3fArray, Vt.Vec3fArray.FromNumpy(joint))
+        targets.append(shape.GetPath())
+    binding = UsdSkel.BindingAPI(skin.GetPrim())
+    binding.CreateBlendShapesAttr(list(body.shape_names))
+    binding.CreateBlendShapeTargetsRel().SetTargets(targets)
+
+
+def _within(index: np.ndarray, count: int) -> bool:
+    return bool(((index >= 0) & (index < count)).all())
+
+
+def _read_faces(mesh: PrimReader, vertices: int, corners: tuple[int, ...]) -> np.ndarray:
+    counts = mesh.array("faceVertexCounts", (None,), np.int32)
+    sizes = np.unique(counts)
+    mesh.require(len(sizes) == 1 and sizes[0] in corners, f"its faces must all have {corners} corners, not {sizes}")
+    index = mesh.array("faceVertexIndices", (int(counts.sum()),), np.int32)
+    mesh.require(_within(index, vertices), "a face names a vertex that does not exist")
+    return index.reshape(-1, sizes[0])
+
+
+def _read_mesh(mesh: PrimReader, joints: int) -> SkinMesh:
+    rest = mesh.array("points", (None, 3))
+    mesh.require(np.isfinite(rest).all(), "points are not finite")
+    joint = mesh.array("primvars:skel:jointIndices", (4 * len(rest),), np.int32).reshape(-1, 4)
+    weight = mesh.array("primvars:skel:jointWeights", (4 * len(rest),)).reshape(-1, 4)
+    mesh.require(_within(joint, joints), "a vertex names a joint that does not exist")
+    mesh.require((weight >= 0).all(), "a skinning weight is negative")
+    off = np.abs(weight.sum(1) - 1.0)
+    worst = int(off.argmax())
+    mesh.require(
+        off[worst] < _WEIGHT_SUM_TOLERANCE, f"the weights of vertex {worst} sum to {weight[worst].sum():.4g}, not 1"
+    )
+    return SkinMesh(rest, _read_faces(mesh, len(rest), corners=(3, 4)), joint, weight)
+
+
+def _read_shapes(skin: PrimReader, vertices: int, joints: int) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
+    names = tuple(skin.texts("skel:blendShapes"))
+    vertex = np.zeros((len(names), vertices, 3), np.float32)
+    joint = np.zeros((len(names), joints, 3), np.float32)
+    for s, name in enumerate(names):
+        shape = skin.child(name)
+        moved = shape.array("pointIndices", (None,), np.int32)
+        shape.require(_within(moved, vertices), "pointIndices names a vertex that Skin lacks")
+        vertex[s, moved] = shape.array("offsets", (len(moved), 3))
+        joint[s] = shape.array("mmocap:jointOffsets", (joints, 3))
+    return names, vertex, joint

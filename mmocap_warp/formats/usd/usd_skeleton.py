@@ -1,0 +1,114 @@
+"""Skeletons as USD: joints and bind transforms as UsdSkel has them, and their degrees of freedom as attributes.
+
+On the ``Skeleton`` prim: ``mmocap:limitsLower`` and ``mmocap:limitsUpper`` [rad], ``mmocap:spread`` [rad];
+``mmocap:models``, numbers of degrees of freedom, the default first, and ``mmocap:dof39`` and so on, the names of each
+model's coordinates; ``mmocap:parts``, names of the hierarchy's steps, and ``mmocap:part``, the step of each joint;
+``mmocap:pairs``, names of left-right pairs, and ``mmocap:pairJoints``, the left and the right joint of each. Where
+there are any, ``mmocap:sliding``, joints whose coordinates and limits are lengths [m], and ``mmocap:attached``, joints
+of things that are no part of the body. ``mmocap:stands`` is false, and else not there, of a body that lies anyhow.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from pxr import Sdf, Usd, Vt
+
+from mmocap_warp.body.skeleton import Skeleton, coordinate_names
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.usd.attributes import author_value
+from mmocap_warp.formats.usd.usd_file import PrimReader
+
+_ROTATION_TOLERANCE = 1e-3
+_UNIFORM = Sdf.VariabilityUniform
+
+
+def joint_paths(skeleton: Skeleton) -> list[str]:
+    """USD's names of the joints: each joint's path from the root, such as ``Root/LHip/LKnee``."""
+    paths: list[str] = []
+    for joint, parent in zip(skeleton.joints, skeleton.parent, strict=True):
+        paths.append(joint if parent < 0 else f"{paths[parent]}/{joint}")
+    return paths
+
+
+def define_freedom(prim: Usd.Prim, skeleton: Skeleton) -> None:
+    """What a skeleton says beyond joints and bind transforms, as attributes."""
+    for name, column in (("Lower", 0), ("Upper", 1)):
+        limit = Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(skeleton.limits[:, :, column]))
+        prim.CreateAttribute(f"mmocap:limits{name}", Sdf.ValueTypeNames.Float3Array, True, _UNIFORM).Set(limit)
+    author_value(prim, "mmocap:spread", skeleton.spread)
+    author_value(prim, "mmocap:models", np.array(list(skeleton.models)))
+    for number, index in skeleton.models.items():
+        author_value(prim, f"mmocap:dof{number}", [skeleton.coordinate_names[i] for i in index])
+    author_value(prim, "mmocap:parts", list(skeleton.parts))
+    author_value(prim, "mmocap:part", np.array(skeleton.part))
+    author_value(prim, "mmocap:pairs", [name for name, *_ in skeleton.pairs])
+    author_value(prim, "mmocap:pairJoints", [joint for _, *pair in skeleton.pairs for joint in pair])
+    if not skeleton.stands:
+        author_value(prim, "mmocap:stands", False)
+    for name, joints in (("sliding", skeleton.sliding), ("attached", skeleton.attached)):
+        if joints:
+            author_value(prim, f"mmocap:{name}", list(joints))
+
+
+def read_skeleton(read: PrimReader) -> tuple[Skeleton, np.ndarray]:
+    """The skeleton, and the joints' centres (joint, 3) float32 in the bind pose [m].
+
+    Raises:
+        InputError: something is missing or does not fit together.
+    """
+    paths = read.texts("joints")
+    joints = tuple(path.rsplit("/", 1)[-1] for path in paths)
+    read.require(len(set(joints)) == len(joints), "two joints share a name")
+    numbers = {path: j for j, path in enumerate(paths)}
+    above = [path.rpartition("/")[0] for path in paths]
+    orphan = next((path for path, parent in zip(paths, above, strict=True) if parent and parent not in numbers), None)
+    read.require(orphan is None, f"joint '{orphan}' hangs on one that does not exist")
+    bind = read.array("bindTransforms", (len(joints), 4, 4), np.float64).transpose(0, 2, 1)
+    read.require(all(map(is_rotation, bind[:, :3, :3])), "a bind transform is not a rotation and a translation")
+    lower, upper = (read.array(f"mmocap:limits{end}", (len(joints), 3)) for end in ("Lower", "Upper"))
+    read.require((lower <= upper).all(), "a lower joint limit lies above the upper one")
+    sides = read.texts("mmocap:pairJoints")
+    names = read.texts("mmocap:pairs")
+    read.require(len(sides) == 2 * len(names), f"mmocap:pairJoints names {len(sides)} joints for {len(names)} pairs")
+    sliding, attached = (
+        tuple(read.texts(f"mmocap:{name}")) if read.prim.HasAttribute(f"mmocap:{name}") else ()
+        for name in ("sliding", "attached")
+    )
+    spread = read.array("mmocap:spread", (len(joints),), np.float64)
+    models = _read_models(read, coordinate_names(joints, sliding))
+    parts, part = read.texts("mmocap:parts"), read.array("mmocap:part", (len(joints),), np.int64)
+    try:
+        skeleton = Skeleton(
+            joints=joints,
+            parent=tuple(numbers[parent] if parent else -1 for parent in above),
+            frame=bind[:, :3, :3].astype(np.float32),
+            limits=np.stack([lower, upper], -1),
+            spread=spread,
+            models=models,
+            parts=tuple(parts),
+            part=tuple(part.tolist()),
+            pairs=tuple(zip(names, sides[::2], sides[1::2], strict=True)),
+            stands=read.flag("mmocap:stands", unsaid=True),
+            sliding=sliding,
+            attached=attached,
+        )
+    except ValueError as error:
+        raise InputError(read.source, f"{read.prim.GetPath()}: {error}", read.remedy) from error
+    return skeleton, bind[:, :3, 3].astype(np.float32)
+
+
+def _read_models(read: PrimReader, coordinates: tuple[str, ...]) -> dict[int, np.ndarray]:
+    """Searched coordinates of each model, of those that a pose has."""
+    known = {name: i for i, name in enumerate(coordinates)}
+    models = {}
+    for number in read.array("mmocap:models", (None,), np.int64).tolist():
+        wanted = read.texts(f"mmocap:dof{number}")
+        unknown = next((name for name in wanted if name not in known), None)
+        read.require(unknown is None, f"mmocap:dof{number} names '{unknown}', which is no coordinate of its joints")
+        models[number] = np.array([known[name] for name in wanted], np.int32)
+    return models
+
+
+def is_rotation(matrix: np.ndarray) -> bool:
+    """Whether a (3, 3) matrix is a proper rotation."""
+    return bool(np.allclose(matrix @ matrix.T, np.eye(3), atol=_ROTATION_TOLERANCE) and np.linalg.det(matrix) > 0)

@@ -1,0 +1,4 @@
+"""Which pixels are the subject: masks read or made, cleaned, repaired and judged; observations, the visual hull.
+
+May import: kernels, cameras.
+"""

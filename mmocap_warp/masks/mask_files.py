@@ -1,0 +1,104 @@
+"""A camera's masks, in any of the forms that people have them in."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mmocap_warp.errors import InputError
+from mmocap_warp.masks.frames import ImageFolder, VideoFile, decode_image, images_in_order, open_frames
+from mmocap_warp.masks.image_tar import TarMember, list_tar, read_member
+from mmocap_warp.masks.label_images import Labels, palette_labels
+from mmocap_warp.masks.rle_masks import RleMasks, open_rle
+
+
+@dataclass(frozen=True)
+class MaskImages:
+    """Mask images of a folder or of a tar archive, in natural order of their names.
+
+    Attributes:
+        path: the folder or archive.
+        members: a file, or a part of the archive, for each frame.
+        size: width and height [px] of the first; the others must be alike.
+    """
+
+    path: Path
+    members: tuple[Path | TarMember, ...]
+    size: tuple[int, int]
+    soft = False
+
+    def __len__(self) -> int:
+        return len(self.members)
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The files on disk: the images, or the one archive."""
+        files = tuple(member for member in self.members if isinstance(member, Path))
+        return files or (self.path,)
+
+    def read(self, first: int = 0) -> Iterator[np.ndarray | Labels]:
+        """Frames from ``first`` on, unchanged; of an indexed PNG its objects.
+
+        Raises:
+            InputError: an image is unreadable or of another size.
+        """
+        for member in self.members[first:]:
+            image = _read(self.path, member)
+            if image.shape[1::-1] != self.size:
+                raise InputError(
+                    _name(self.path, member),
+                    f"is {image.shape[1]}x{image.shape[0]}, the first image is {self.size[0]}x{self.size[1]}",
+                    "images of one camera must have one size",
+                )
+            yield image
+
+    def sample(self, count: int) -> Iterator[np.ndarray | Labels]:
+        """At most ``count`` frames, evenly spread."""
+        for i in np.unique(np.linspace(0, len(self.members) - 1, count).round().astype(int)):
+            yield _read(self.path, self.members[i])
+
+
+Masks = MaskImages | RleMasks | VideoFile
+
+
+def open_masks(path: Path) -> Masks:
+    """A folder or ``.tar`` of images, a ``.json`` of run lengths, or a video.
+
+    Raises:
+        InputError: missing, empty, not decodable, or numbered images with a gap.
+    """
+    if path.suffix.lower() == ".json":
+        return open_rle(path)
+    members: tuple[Path | TarMember, ...]
+    if os.path.isfile(path) and path.suffix.lower() == ".tar":
+        by_name = {member.name: member for member in list_tar(path)}
+        members = tuple(by_name[name] for name in images_in_order(list(by_name), path))
+    else:
+        frames = open_frames(path)
+        if not isinstance(frames, ImageFolder):
+            return frames
+        members = frames.files
+    height, width = _read(path, members[0]).shape[:2]
+    return MaskImages(path, members, (width, height))
+
+
+def _read(path: Path, member: Path | TarMember) -> np.ndarray | Labels:
+    if isinstance(member, TarMember):
+        data = read_member(path, member)
+    else:
+        try:
+            data = member.read_bytes()
+        except FileNotFoundError:
+            raise InputError(member, "no such file", "check the path; it is relative to the scene file") from None
+        except OSError as error:
+            raise InputError(member, f"cannot be read ({error})", "check its permissions") from None
+    labels = palette_labels(data)
+    return decode_image(data, _name(path, member)) if labels is None else labels
+
+
+def _name(path: Path, member: Path | TarMember) -> Path:
+    return member if isinstance(member, Path) else path / member.name

@@ -1,0 +1,111 @@
+"""Background subtraction: per-pixel colour statistics, and OpenCV's adaptive mixtures behind the same two verbs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import cv2
+import numpy as np
+
+from mmocap_warp.masks.mask_settings import ForegroundSettings
+
+_GAUSSIAN_SAMPLES = 31  # images whose median and spread are taken; bounds the memory
+_MIXTURE_SAMPLES = 300
+_MIXTURE_LEAST = 10  # images shown: KNN compares with several samples per pixel
+_FROZEN = {"mog2": 0.0, "knn": 1e-6}  # learning rates; KNN takes 0 for "learn at every frame" (an overflow in OpenCV)
+_GAIN_PIXELS = 50_000  # about so many tell the exposure
+_MAD_TO_SD = 1.4826  # of a normal distribution
+
+
+class Background(Protocol):
+    """A background that has been learnt. Judging an image changes nothing, but for the last samples that KNN takes."""
+
+    def foreground(self, image: np.ndarray) -> np.ndarray:
+        """(height, width) bool: what of a BGR image is not background."""
+
+
+def learn_background(images: Iterable[np.ndarray], count: int, settings: ForegroundSettings) -> Background:
+    """Learn from ``count`` BGR images of one camera (1 is enough), of which an even selection is used."""
+    if settings.model == "gaussian":
+        return GaussianBackground.learn(_spread(images, count, _GAUSSIAN_SAMPLES), settings)
+    return MixtureBackground.learn(_spread(images, count, _MIXTURE_SAMPLES), settings)
+
+
+def _spread(images: Iterable[np.ndarray], count: int, most: int) -> Iterator[np.ndarray]:
+    chosen = set(np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int)).tolist())
+    return (image for i, image in enumerate(images) if i in chosen)
+
+
+@dataclass(frozen=True)
+class GaussianBackground:
+    """Independent normal distributions per pixel and channel, as in HumanEva's baseline, learnt robustly.
+
+    The image's exposure is matched first, by one gain per channel (the median ratio). A pixel is foreground if its
+    Mahalanobis distance exceeds the threshold, unless it is a shadow: the background's colour, only darker (brightness
+    and colour distortion of Horprasert et al. 1999).
+
+    Attributes:
+        mean: (height, width, 3) float32 [gray levels].
+        deviation: (height, width, 3) float32, standard deviation, at least the settings' ``noise``.
+        settings: thresholds.
+    """
+
+    mean: np.ndarray
+    deviation: np.ndarray
+    settings: ForegroundSettings
+
+    @classmethod
+    def learn(cls, images: Iterable[np.ndarray], settings: ForegroundSettings) -> GaussianBackground:
+        """Median and median absolute deviation, which a passer-by in a few images does not move."""
+        stack = np.stack(list(images))
+        mean, deviation = (np.empty(stack.shape[1:], np.float32) for _ in range(2))
+        for row in range(len(mean)):  # a row at a time: the whole in floating point would fill the memory
+            mean[row] = np.median(stack[:, row], axis=0)
+            deviation[row] = _MAD_TO_SD * np.median(np.abs(stack[:, row] - mean[row]), axis=0)
+        return cls(mean, np.maximum(deviation, np.float32(settings.noise)), settings)
+
+    def foreground(self, image: np.ndarray) -> np.ndarray:
+        """See :class:`Background`."""
+        seen = image.astype(np.float32)
+        step = max(1, int(np.sqrt(seen.shape[0] * seen.shape[1] / _GAIN_PIXELS)))
+        some = (slice(None, None, step), slice(None, None, step))
+        background = self.mean * np.median((seen[some] + 1) / (self.mean[some] + 1), axis=(0, 1))
+        far = np.square((seen - background) / self.deviation).sum(axis=-1) > self.settings.threshold**2
+        brightness = (seen * background).sum(axis=-1) / np.maximum(np.square(background).sum(axis=-1), 1)
+        off_colour = np.square((seen - brightness[..., None] * background) / self.deviation).sum(axis=-1)
+        shadow = (
+            (brightness > self.settings.shadow_brightness)
+            & (brightness < 1)
+            & (off_colour < self.settings.shadow_chroma**2)
+        )
+        return far & ~shadow
+
+
+class MixtureBackground:
+    """OpenCV's MOG2 (Zivkovic 2004) or KNN (Zivkovic and van der Heijden 2006), trained first and then frozen."""
+
+    def __init__(self, subtractor: cv2.BackgroundSubtractor, frozen: float) -> None:
+        self._subtractor, self._frozen = subtractor, frozen
+
+    @classmethod
+    def learn(cls, images: Iterable[np.ndarray], settings: ForegroundSettings) -> MixtureBackground:
+        """Show every image in order; the last one again if they are few."""
+        subtractor: cv2.BackgroundSubtractor
+        if settings.model == "mog2":
+            subtractor = cv2.createBackgroundSubtractorMOG2(history=_MIXTURE_SAMPLES, detectShadows=True)
+            subtractor.setVarMin(settings.noise**2)
+        else:
+            subtractor = cv2.createBackgroundSubtractorKNN(history=_MIXTURE_SAMPLES, detectShadows=True)
+        shown = 0
+        for image in images:
+            subtractor.apply(image)
+            shown += 1
+        for _ in range(shown, _MIXTURE_LEAST):
+            subtractor.apply(image)
+        return cls(subtractor, _FROZEN[settings.model])
+
+    def foreground(self, image: np.ndarray) -> np.ndarray:
+        """See :class:`Background`; shadows, which OpenCV marks with 127, are background."""
+        return self._subtractor.apply(image, learningRate=self._frozen) == 255

@@ -1,4 +1,0 @@
-"""From candidate poses to costs: posing, silhouettes, counts.
-
-May import: kernels, body, views.
-"""

@@ -1,0 +1,192 @@
+"""A body that carries rigid things: a racket in its hand, a crank under its feet, a ball beside it.
+
+A thing is a further joint with a mesh that follows it alone. What is free in space has two joints, one that slides and
+on it one that turns. It has its own size, whatever the body's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+
+import numpy as np
+
+from mmocap_warp.body.model import BodyModel, SkinMesh, Subject
+from mmocap_warp.body.rotations import zyx_rotation
+from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
+from mmocap_warp.formats.attachments import ALL, FIXED, Attachment
+from mmocap_warp.formats.rigged.part_meshes import part_mesh
+from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh
+from mmocap_warp.rigging.decimation import decimate
+from mmocap_warp.rigging.importing.closing import closed
+from mmocap_warp.rigging.importing.welding import welded
+
+_TRIANGLES = 600  # of a thing's tracking mesh, at most
+_LONGEST, _SHORTEST = 3.0, 0.01  # of the body's extent: what is longer or shorter is in another unit
+_PLACE_SPREAD, _TURN_SPREAD = 0.3, 0.5  # how far a free thing is from where it is said to be [m, rad]
+
+
+@dataclass(frozen=True, eq=False)
+class Carrying:
+    """A body with what it carries.
+
+    Attributes:
+        body: the body.
+        notes: what was done to close and reduce meshes, a line each.
+    """
+
+    body: BodyModel
+    notes: tuple[str, ...]
+
+
+def carrying(body: BodyModel, things: Iterable[Attachment]) -> Carrying:
+    """A body with things attached; those that it has already, by their names, it keeps as they are.
+
+    Raises:
+        InputError: a mesh that cannot be read, no such joint, a name that is taken, or a size that cannot be.
+    """
+    notes: list[str] = []
+    for thing in things:
+        if thing.name not in body.skeleton.attached:
+            body, told = _with(body, thing)
+            notes += told
+    return Carrying(body, tuple(notes))
+
+
+def subject_carrying(subject: Subject, things: Iterable[Attachment]) -> tuple[Subject, tuple[str, ...]]:
+    """A subject with things attached where they are said to be, and notes; see :func:`carrying`."""
+    made = carrying(subject.body, things)
+    pose = np.zeros(made.body.skeleton.coordinates)
+    pose[: len(subject.pose)] = subject.pose
+    return replace(subject, body=made.body, pose=pose), made.notes
+
+
+def _with(body: BodyModel, thing: Attachment) -> tuple[BodyModel, list[str]]:
+    skeleton = body.skeleton
+    if thing.joint is not None and thing.joint not in skeleton.joints:
+        known = ", ".join(get_close_matches(thing.joint, skeleton.joints, 3, 0.5) or skeleton.joints)
+        raise thing.wrong(f"the body has no joint '{thing.joint}'", f"use one of its own, such as {known}")
+    if {thing.name, _place(thing)} & {*skeleton.joints, *skeleton.parts}:
+        raise thing.wrong("the body has a joint or a part of that name", "name it differently")
+    surface, notes = _surface(thing, body)
+    carrier = 0 if thing.joint is None else skeleton.index(thing.joint)
+    frame = zyx_rotation(np.radians(thing.rotation))
+    origin = body.joint_rest[carrier].astype(float) + thing.position
+    return _joined(body, thing, carrier, frame, origin, surface), [f"{thing.name}: {note}" for note in notes]
+
+
+@dataclass(frozen=True, eq=False)
+class _Surface:
+    """A thing's closed mesh, vertices (vertex, 3) [m] and triangles, and a coarser one over some of these vertices."""
+
+    vertex: np.ndarray
+    face: np.ndarray
+    tracking_vertex: np.ndarray
+    tracking_face: np.ndarray
+
+
+def _surface(thing: Attachment, body: BodyModel) -> tuple[_Surface, list[str]]:
+    if not thing.mesh.is_file():
+        raise thing.wrong(f"{thing.mesh} does not exist", "check the path")
+    vertex, face = part_mesh(thing.mesh, thing.source)
+    vertex = thing.scale * vertex
+    extent = float(np.ptp(vertex[np.unique(face)], axis=0).max())
+    of_body = float(np.ptp(body.skin.rest[body.own_vertex], axis=0).max())
+    if not _SHORTEST * of_body < extent < _LONGEST * of_body:
+        problem = f"{thing.mesh.name} is {extent:.3g} m long, the body {of_body:.3g} m"
+        raise thing.wrong(problem, "set scale to its unit in metres, such as 0.001")
+    vertex, face = _welded(vertex, face)
+    if not len(face):
+        raise thing.wrong(f"{thing.mesh.name} has no triangles of any area", "write it again as .stl")
+    whole = closed(vertex, face)
+    notes = [f"{thing.mesh.name} {whole.done}"] if whole.done else []
+    vertex, face = np.concatenate([vertex, whole.added]), whole.face
+    if len(face) > _TRIANGLES:
+        tracking_vertex, tracking_face = decimate(vertex, face, _TRIANGLES)
+        notes.append(f"tracking mesh: {len(face)} triangles made {len(tracking_face)}")
+    else:
+        tracking_vertex, flat = np.unique(face, return_inverse=True)
+        tracking_face = flat.reshape(-1, 3)
+    return _Surface(vertex, face, tracking_vertex, tracking_face), notes
+
+
+def _welded(vertex: np.ndarray, face: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    follows, weight = np.zeros((len(vertex), 1), int), np.ones((len(vertex), 1))
+    mesh = welded(RiggedMesh("", ("",), (-1,), np.eye(4)[None], vertex, face, follows, weight))
+    return mesh.vertex, mesh.face
+
+
+def _joined(
+    body: BodyModel, thing: Attachment, carrier: int, frame: np.ndarray, origin: np.ndarray, surface: _Surface
+) -> BodyModel:
+    """The body with the thing's joints at ``origin`` (3,), whose axes are the columns of ``frame``."""
+    skeleton = _skeleton(body.skeleton, thing, carrier, frame)
+    more = len(skeleton.joints) - len(body.joint_rest)
+    vertex, face = origin + surface.vertex @ frame.T, surface.face
+    if body.skin.face.shape[1] == 4:
+        vertex, face = _in_quads(vertex, face)
+    before, count = len(body.skin.rest), len(vertex)
+    joint = np.zeros((count, 4), np.int32)
+    joint[:, 0] = len(skeleton.joints) - 1
+    skin = SkinMesh(
+        rest=np.concatenate([body.skin.rest, vertex.astype(np.float32)]),
+        face=np.concatenate([body.skin.face, (face + before).astype(np.int32)]),
+        joint=np.concatenate([body.skin.joint, joint]),
+        weight=np.concatenate([body.skin.weight, np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1))]),
+    )
+    carried = body.shape_joint[:, carrier : carrier + 1]
+    return replace(
+        body,
+        skeleton=skeleton,
+        joint_rest=np.concatenate([body.joint_rest, np.tile(origin.astype(np.float32), (more, 1))]),
+        skin=skin,
+        tracking_vertex=np.concatenate([body.tracking_vertex, (surface.tracking_vertex + before).astype(np.int32)]),
+        tracking_face=np.concatenate(
+            [body.tracking_face, (surface.tracking_face + len(body.tracking_vertex)).astype(np.int32)]
+        ),
+        shape_vertex=np.concatenate([body.shape_vertex, carried.repeat(count, axis=1)], axis=1),
+        shape_joint=np.concatenate([body.shape_joint, carried.repeat(more, axis=1)], axis=1),
+    )
+
+
+def _skeleton(skeleton: Skeleton, thing: Attachment, carrier: int, frame: np.ndarray) -> Skeleton:
+    count, part = len(skeleton.joints), len(skeleton.parts)
+    slides = (_place(thing),) if thing.free == ALL else ()
+    joints = (*slides, thing.name)
+    free = {FIXED: "", ALL: "xyz"}.get(thing.free, thing.free)
+    first = TRANSLATION + 3 * count
+    searched = [first + i for i in range(3) if slides]
+    searched += [first + 3 * len(slides) + "xyz".index(axis) for axis in free]
+    spread = [*(_PLACE_SPREAD for _ in slides), _TURN_SPREAD]
+    unlimited = np.tile(np.array([-np.inf, np.inf], np.float32), (len(joints), 3, 1))
+    return replace(
+        skeleton,
+        joints=(*skeleton.joints, *joints),
+        parent=(*skeleton.parent, carrier, *range(count, count + len(slides))),
+        frame=np.concatenate([skeleton.frame, np.tile(frame.astype(np.float32), (len(joints), 1, 1))]),
+        limits=np.concatenate([skeleton.limits, unlimited]),
+        spread=np.concatenate([skeleton.spread, spread]),
+        models={
+            number: np.concatenate([index, np.array(searched, np.int32)]) for number, index in skeleton.models.items()
+        },
+        parts=(*skeleton.parts, thing.name),
+        part=(*skeleton.part, *(part for _ in joints)),
+        sliding=(*skeleton.sliding, *slides),
+        attached=(*skeleton.attached, *joints),
+    )
+
+
+def _place(thing: Attachment) -> str:
+    """The name of the joint that slides, of a thing that is free in space."""
+    return f"{thing.name}_place"
+
+
+def _in_quads(vertex: np.ndarray, face: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Each triangle as three quads, for skin whose faces have four corners; the vertices come first, as they were."""
+    side = np.sort(np.stack([face, np.roll(face, -1, axis=1)], axis=-1), axis=-1)
+    edge, of_side = np.unique(side.reshape(-1, 2), axis=0, return_inverse=True)
+    middle = len(vertex) + of_side.reshape(-1, 3)  # of the side from each corner to the next
+    centre = len(vertex) + len(edge) + np.arange(len(face))
+    quads = [np.stack([face[:, i], middle[:, i], centre, middle[:, i - 1]], axis=1) for i in range(3)]
+    return np.concatenate([vertex, vertex[edge].mean(axis=1), vertex[face].mean(axis=1)]), np.concatenate(quads)

@@ -1,0 +1,177 @@
+"""How an imported joint moves: as its file says, or as bones and skin suggest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from mmocap_warp.body.skeleton import Pair
+from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh
+from mmocap_warp.rigging.importing.joint_tree import chains, skin_below, skin_of
+
+_FLAT = 0.2  # of how far a limb's bones leave a line, how far they may leave a plane
+_BENT, _BENT_ALONE = 0.05, 0.1  # of a limb's length, how far its bones must leave a line to have a plane
+_STRAIGHT = np.radians(10.0)  # how far a hinge is thought to open beyond a straight limb
+_CLOSED = np.radians(150.0)  # how far it closes
+_EITHER_WAY = np.radians(10.0)  # a limb less bent than that may bend either way
+_HINGE = np.radians(120.0)
+_END = np.radians(150.0)  # of a hinge at a limb's end, such as a paw's, which folds either way
+_SWING, _TWIST = np.radians(80.0), np.radians(45.0)  # of the joint at which a limb begins
+_SPINE = np.radians(45.0)  # of spines, necks and tails, about each axis
+_TRAVEL = 0.02  # of the mesh's extent: what slides by less is not searched
+
+
+@dataclass(frozen=True)
+class Freedom:
+    """How a joint moves.
+
+    Attributes:
+        frame: (3, 3), columns are its axes in the body's: a hinge turns about x, a slider slides along x; y runs along
+            a bone else.
+        free: axes that are searched, such as ``xyz``, ``x`` or none.
+        limits: (3, 2), lowest and highest angle about each axis [rad], or shift along it [m].
+        origin: where this is from: ``file``, ``derived`` or ``given``.
+        slides: whether it slides along its axes instead of turning about them.
+    """
+
+    frame: np.ndarray
+    free: str
+    limits: np.ndarray
+    origin: str
+    slides: bool = False
+
+
+def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
+    """Each joint's freedom. A joint without skin below it has none. The root is free, but for a robot that is one
+    chain: an arm stands on its base.
+
+    Where the file says nothing: the joints of a limb after its first are hinges about the normal of the plane in which
+    its bones lie, and bend on from there; the first joint of a limb, and all of those in the plane of symmetry, turn
+    about three axes. A limb whose bones lie on a line tells no plane: all its joints turn about three axes.
+
+    A joint that slides is searched if its file gives it a travel that masks can show; else it is held, and its frame
+    and limits are those that it has once it is freed.
+
+    Args:
+        mesh: in the body's axes.
+        pairs: of its joints, see :func:`~mmocap_warp.rigging.importing.joint_tree.mirrored_pairs`.
+    """
+    place, skin, below = mesh.bind[:, :3, 3], skin_of(mesh), skin_below(mesh)
+    ends = _ends(mesh, place, skin)
+    extent = float(np.ptp(place, axis=0).max())
+    least_travel = _TRAVEL * float(np.ptp(mesh.vertex, axis=0).max())
+    in_pairs = {joint for _, *sides in pairs for joint in sides}
+    derived: list[Freedom] = [_ball(place[j], ends[j], _SPINE, _SPINE) for j in range(len(mesh.joints))]
+    for chain in chains(mesh.parent):
+        in_middle = bool(pairs) and bool((np.abs(place[chain, 0] - place[0, 0]) < 0.02 * extent).all())
+        if in_middle:
+            continue
+        derived[chain[0]] = _ball(place[chain[0]], ends[chain[0]], _SWING, _TWIST)
+        points = np.concatenate([place[chain], ends[chain[-1]][None]])
+        paired = mesh.joints[chain[0]] in in_pairs  # a bend that both sides have is no chance
+        normal = _plane_normal(points, _BENT if paired else _BENT_ALONE)
+        for before, joint in pairwise(chain):
+            if normal is None:
+                derived[joint] = _ball(place[joint], ends[joint], _SWING, _TWIST)
+            else:
+                derived[joint] = _hinge(place[before], place[joint], ends[joint], normal, joint not in mesh.parent)
+    found = []
+    for joint, freedom in enumerate(derived):
+        if joint == 0:
+            free = "" if mesh.rigid and _is_one_chain(mesh) else "xyz"
+            found.append(Freedom(np.eye(3), free, np.tile([-np.inf, np.inf], (3, 1)), "derived"))
+        elif joint in mesh.axes:
+            found.append(_said(mesh.axes[joint], ends[joint] - place[joint], least_travel))
+        else:
+            found.append(freedom if below[joint] > 0 else Freedom(freedom.frame, "", np.zeros((3, 2)), "derived"))
+    return found
+
+
+def _is_one_chain(mesh: RiggedMesh) -> bool:
+    """Whether at most one joint that turns hangs on the root, or on what slides on it: a lift may carry two arms."""
+    base, turning = {0}, 0
+    for joint, above in enumerate(mesh.parent):
+        if above not in base:
+            continue
+        if joint in mesh.axes and mesh.axes[joint].slides:
+            base.add(joint)
+        else:
+            turning += 1
+    return turning <= 1
+
+
+def hinge_frame(axis: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """(3, 3) columns: a hinge's axis, the direction nearest to ``along`` (3,) across it, and what completes them."""
+    x = axis / np.linalg.norm(axis)
+    across = along - (along @ x) * x
+    if np.linalg.norm(across) < 1e-3 * max(float(np.linalg.norm(along)), 1e-9):
+        across = np.eye(3)[np.abs(x).argmin()]
+        across = across - (across @ x) * x
+    y = across / np.linalg.norm(across)
+    return np.stack([x, y, np.cross(x, y)], axis=1)
+
+
+def _ends(mesh: RiggedMesh, place: np.ndarray, skin: np.ndarray) -> np.ndarray:
+    """(joint, 3) where each joint's bone ends: at the mean of what hangs on it, at its skin's where nothing does."""
+    ends = place.copy()
+    for joint in range(len(place)):
+        children = [child for child, parent in enumerate(mesh.parent) if parent == joint]
+        if children:
+            ends[joint] = place[children].mean(axis=0)
+        elif skin[joint] > 0:
+            weight = (mesh.weight * (mesh.influence == joint)).sum(axis=1)
+            centre = weight @ mesh.vertex / weight.sum()
+            ends[joint] = 2 * centre - place[joint]  # skin reaches about as far beyond its middle as before it
+    return ends
+
+
+def _plane_normal(points: np.ndarray, bent: float) -> np.ndarray | None:
+    """(3,) normal of the plane in which points (n, 3) lie; None where they lie on a line, or all about.
+
+    Off a line they have to be by ``bent``, as a share of its length.
+    """
+    if len(points) < 3:
+        return None
+    _, spread, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=True)
+    spread = np.append(spread, 0.0)[:3]
+    if spread[1] < bent * spread[0] or spread[2] > _FLAT * spread[1]:
+        return None
+    normal: np.ndarray = axes[2]
+    return normal
+
+
+def _hinge(before: np.ndarray, at: np.ndarray, end: np.ndarray, normal: np.ndarray, last: bool) -> Freedom:
+    """A hinge about the plane's normal, turned so that positive angles close the bend that the bones have."""
+    upper, lower = at - before, end - at
+    bend = np.arctan2(normal @ np.cross(upper, lower), upper @ lower - (upper @ normal) * (lower @ normal))
+    axis = normal if bend >= 0 else -normal
+    if last:
+        low, high = -_END, _END
+    elif abs(bend) < _EITHER_WAY:
+        low, high = -_HINGE, _HINGE
+    else:
+        low, high = -abs(bend) - _STRAIGHT, max(_CLOSED - abs(bend), _STRAIGHT)
+    limits = np.zeros((3, 2))
+    limits[0] = low, high
+    return Freedom(hinge_frame(axis, lower), "x", limits, "derived")
+
+
+def _ball(at: np.ndarray, end: np.ndarray, swing: float, twist: float) -> Freedom:
+    """Three angles, the middle one about the bone: it turns least, and a quarter turn of it would lock the others."""
+    bone = end - at
+    length = float(np.linalg.norm(bone))
+    y = bone / length if length > 1e-9 else np.array([0.0, 1.0, 0.0])
+    sideways = np.array([1.0, 0.0, 0.0]) if abs(y[0]) < 0.9 else np.array([0.0, 0.0, 1.0])
+    x = sideways - (sideways @ y) * y
+    x /= np.linalg.norm(x)
+    limits = np.array([[-swing, swing], [-twist, twist], [-swing, swing]])
+    return Freedom(np.stack([x, y, np.cross(x, y)], axis=1), "xyz", limits, "derived")
+
+
+def _said(how: JointAxis, bone: np.ndarray, least_travel: float) -> Freedom:
+    limits = np.zeros((3, 2))
+    limits[0] = how.lower, how.upper
+    searched = not how.slides or least_travel <= how.upper - how.lower < np.inf
+    return Freedom(hinge_frame(how.axis, bone), "x" if searched else "", limits, "file", how.slides)

@@ -1,0 +1,228 @@
+"""A :class:`BodyModel` of a rigged character or robot, with its motions and what was done to get there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mmocap_warp.body.body_motion import BodyMotion
+from mmocap_warp.body.model import BodyModel, SkinMesh
+from mmocap_warp.body.skeleton import TRANSLATION, Pair, Skeleton
+from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh
+from mmocap_warp.rigging.decimation import decimate
+from mmocap_warp.rigging.importing.body_axes import in_body_axes
+from mmocap_warp.rigging.importing.closing import ClosedMesh, closed
+from mmocap_warp.rigging.importing.file_motions import body_motion
+from mmocap_warp.rigging.importing.freedom import Freedom, freedom_of
+from mmocap_warp.rigging.importing.joint_tree import (
+    mirrored_pairs,
+    parts_of,
+    sides_crossed,
+    with_named_joints,
+    with_one_root,
+    with_parents,
+)
+from mmocap_warp.rigging.importing.joints_file import GivenJoints, parents_given, with_given
+from mmocap_warp.rigging.importing.welding import four_influences, welded
+
+TRIANGLES = 2600
+"""Of a tracking mesh, by default; as many as a shipped person's has."""
+SKIN_TRIANGLES = 60_000
+"""Of the mesh that is shown, by default: finer skin slows everything that poses it."""
+
+_SPREAD = 0.2  # how far joints are expected from the bind pose when a recording starts [rad]
+_WIDEST_SPREAD = 1.0  # likewise, of what may begin anywhere
+_LEAST_SHIFT, _WIDEST_SHIFT = 0.001, 1.0  # likewise, of what slides [m]
+_NEGLIGIBLE = 5e-4  # share of a vertex's weight that may be dropped without a word
+_PART_TRIANGLES, _PART_CELLS = 500, 16  # a robot's part of more triangles has an inside; it is wrapped on such a grid
+_LEAST_SKIN = 4  # triangles, the least that can close
+
+
+@dataclass(frozen=True, eq=False)
+class Imported:
+    """What came of a file.
+
+    Attributes:
+        body: the body.
+        freedom: of its joints, in their order.
+        motions: its animations by name.
+        notes: what was done or left out, a line each.
+    """
+
+    body: BodyModel
+    freedom: list[Freedom]
+    motions: dict[str, BodyMotion]
+    notes: tuple[str, ...]
+
+
+def imported(
+    mesh: RiggedMesh,
+    name: str,
+    *,
+    up: str | None = None,
+    facing: str | None = None,
+    scale: float = 1.0,
+    triangles: int = TRIANGLES,
+    skin_triangles: int = SKIN_TRIANGLES,
+    joints: GivenJoints | None = None,
+) -> Imported:
+    """A body of what a file holds.
+
+    Args:
+        mesh: as the file has it.
+        name: the body's, a valid USD prim name.
+        up, facing: the file's axes, such as ``+z``; None for those of its format.
+        scale: what lengths are multiplied by, besides the file's unit.
+        triangles: at most, of the tracking mesh.
+        skin_triangles: at most, of the mesh that is shown.
+        joints: what a joints file says in place of what is derived.
+
+    Raises:
+        ValueError: an argument that cannot be, or joints from which no body can be made.
+        InputError: the joints file names what there is not.
+    """
+    if not _LEAST_SKIN <= triangles <= skin_triangles:
+        raise ValueError(
+            f"triangles must be at least {_LEAST_SKIN} and at most skin_triangles, got {triangles} and {skin_triangles}"
+        )
+    given = joints or GivenJoints("")
+    mesh = in_body_axes(with_named_joints(mesh), up or mesh.up, facing or mesh.facing, scale)
+    mesh = welded(with_one_root(with_parents(mesh, parents_given(given))))
+    if len(mesh.face) < _LEAST_SKIN:
+        raise ValueError("the mesh has no triangles of any area")
+    place = mesh.bind[:, :3, 3]
+    pairs = mirrored_pairs(mesh.joints, mesh.parent, place)
+    freedom = with_given(freedom_of(mesh, pairs), mesh.joints, given)
+    skin, tracking_vertex, tracking_face, skin_notes = _skin(mesh, triangles, skin_triangles)
+    notes = [*mesh.notes, *_held_notes(mesh.joints, freedom), *skin_notes]
+    if sides_crossed(pairs):
+        notes.append("names say left of what lies to the right: the body may face the other way (--facing)")
+    body = BodyModel(
+        name=name,
+        skeleton=_skeleton(mesh, pairs, freedom, given.stands),
+        joint_rest=place.astype(np.float32),
+        skin=skin,
+        tracking_vertex=tracking_vertex,
+        tracking_face=tracking_face,
+        shape_names=(),
+        shape_vertex=np.zeros((0, len(skin.rest), 3), np.float32),
+        shape_joint=np.zeros((0, len(place), 3), np.float32),
+        marker_names=(),
+        marker_vertex=np.zeros(0, np.int32),
+        attribution=mesh.attribution or "The file that it was imported from states no makers and no licence.",
+        rigid=mesh.rigid if given.rigid is None else given.rigid,
+    )
+    motions = {}
+    for label, motion in mesh.motions.items():
+        motions[label], apart = body_motion(body, mesh.bind, motion)
+        notes.append(f"motion {label}: {len(motion.world)} frames, joints within {1000 * apart:.1f} mm of the file's")
+    return Imported(body, freedom, motions, tuple(notes))
+
+
+def _held_notes(joints: tuple[str, ...], freedom: list[Freedom]) -> list[str]:
+    held = [name for name, how in zip(joints, freedom, strict=True) if how.slides and not how.free]
+    return [f"{', '.join(held)} slide by too little to be seen, or without limits: held at zero"] if held else []
+
+
+def _skeleton(mesh: RiggedMesh, pairs: tuple[Pair, ...], freedom: list[Freedom], stands: bool | None) -> Skeleton:
+    """A robot stands, on legs or a base, and so does what has a left and a right; a hand does not.
+
+    What stands begins near its bind pose. Robots, and what lies anyhow, begin anywhere within their limits.
+    """
+    stands = (mesh.rigid or bool(pairs)) if stands is None else stands
+    near_bind = stands and not mesh.rigid
+    sliding = tuple(name for name, how in zip(mesh.joints, freedom, strict=True) if how.slides)
+    parts, part = parts_of(mesh.joints, mesh.parent, sliding)
+    place = list(range(TRANSLATION)) if freedom[0].free else []
+    angles = [TRANSLATION + 3 * j + "xyz".index(axis) for j, how in enumerate(freedom) for axis in how.free]
+    searched = np.array([*place, *angles], np.int32)
+    if not len(searched):
+        raise ValueError("no joint can move; free one in a joints file")
+    return Skeleton(
+        joints=mesh.joints,
+        parent=mesh.parent,
+        frame=np.stack([how.frame for how in freedom]).astype(np.float32),
+        limits=np.stack([how.limits for how in freedom]).astype(np.float32),
+        spread=np.array([_SPREAD, *(_spread(how, near_bind) for how in freedom[1:])]),
+        models={len(searched): searched},
+        parts=parts,
+        part=part,
+        pairs=pairs,
+        sliding=sliding,
+        stands=stands,
+    )
+
+
+def _spread(freedom: Freedom, near_bind: bool) -> float:
+    """Of a joint that begins near the bind pose, or anywhere within its limits: then of its widest [rad, m].
+
+    What slides begins anywhere.
+    """
+    if near_bind and not freedom.slides:
+        return _SPREAD
+    widths = [np.ptp(np.clip(freedom.limits["xyz".index(axis)], -np.pi, np.pi)) for axis in freedom.free]
+    least, most = (_LEAST_SHIFT, _WIDEST_SHIFT) if freedom.slides else (_SPREAD, _WIDEST_SPREAD)
+    return float(np.clip(max(widths, default=0.0) / np.sqrt(12), least, most))
+
+
+def _skin(mesh: RiggedMesh, triangles: int, skin_triangles: int) -> tuple[SkinMesh, np.ndarray, np.ndarray, list[str]]:
+    """The full mesh, the tracking mesh's vertices in it and its triangles, and what was done."""
+    notes = []
+    joint, weight, dropped = four_influences(mesh)
+    if dropped > _NEGLIGIBLE:
+        notes.append(f"vertices follow at most four joints: up to {100 * dropped:.1f} % of one's weight was dropped")
+    surface, told = _closed_parts(mesh) if mesh.rigid else _closed_whole(mesh)
+    notes += told
+    vertex = np.concatenate([mesh.vertex, surface.added])
+    beside = np.concatenate([np.arange(len(mesh.vertex)), surface.beside])
+    face, shown = surface.face, mesh.face
+    too_fine = len(shown) > skin_triangles
+    if too_fine and len(face) > skin_triangles:
+        face = _decimated(vertex, face, skin_triangles)
+    if too_fine:
+        notes.append(f"skin: {len(shown)} triangles are too many to show; {len(face)} of the closed mesh stand in")
+        shown = face
+    if len(face) > triangles:
+        face = _decimated(vertex, face, triangles)
+        notes.append(f"tracking mesh: {len(surface.face)} triangles made {len(face)}")
+    kept = np.unique(face)
+    own = np.unique(shown) if too_fine else np.arange(len(mesh.vertex))
+    chosen = np.union1d(own, kept)
+    skin = SkinMesh(
+        vertex[chosen].astype(np.float32),
+        np.searchsorted(chosen, shown).astype(np.int32),
+        joint[beside[chosen]],
+        weight[beside[chosen]],
+    )
+    tracking = np.searchsorted(chosen, kept).astype(np.int32)
+    return skin, tracking, np.searchsorted(kept, face).astype(np.int32), notes
+
+
+def _decimated(vertex: np.ndarray, face: np.ndarray, triangles: int) -> np.ndarray:
+    """(face, 3) a coarser closed mesh over some of the vertices of a closed one."""
+    kept, coarser = decimate(vertex, face, triangles)
+    return kept[coarser]
+
+
+def _closed_whole(mesh: RiggedMesh) -> tuple[ClosedMesh, list[str]]:
+    surface = closed(mesh.vertex, mesh.face)
+    return surface, [f"tracking mesh: {surface.done}"] if surface.done else []
+
+
+def _closed_parts(mesh: RiggedMesh) -> tuple[ClosedMesh, list[str]]:
+    """Each rigid part closed by itself: a robot's are hollow, and meet in joints."""
+    follows = mesh.influence[mesh.face[:, 0], mesh.weight[mesh.face[:, 0]].argmax(axis=1)]
+    added, beside, faces, told = [np.zeros((0, 3))], [np.zeros(0, int)], [], []
+    for joint, name in enumerate(mesh.joints):
+        face = mesh.face[follows == joint]
+        if not len(face):
+            continue
+        part = closed(mesh.vertex, face, _PART_TRIANGLES, _PART_CELLS)
+        before = sum(map(len, added))
+        faces.append(np.where(part.face < len(mesh.vertex), part.face, part.face + before))
+        added.append(part.added)
+        beside.append(part.beside)
+        told += [name] if part.done else []
+    notes = [f"tracking mesh: parts closed or wrapped in new surfaces: {', '.join(told)}"] if told else []
+    return ClosedMesh(np.concatenate(added), np.concatenate(beside), np.concatenate(faces), ""), notes

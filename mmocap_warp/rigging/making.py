@@ -1,0 +1,252 @@
+"""Make a :class:`BodyModel` from MakeHuman's data: joints, meshes, shape targets, limits and markers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from mmocap_warp.body.model import BodyModel, SkinMesh
+from mmocap_warp.errors import InputError
+from mmocap_warp.rigging.anatomy import joint_limits
+from mmocap_warp.rigging.decimation import decimate
+from mmocap_warp.rigging.human import JOINTS, human_skeleton
+from mmocap_warp.rigging.makehuman import MacroSliders, MakeHuman, age_slider
+from mmocap_warp.rigging.skin_markers import place_markers
+
+ATTRIBUTION = (
+    "Shape, rig and skinning weights from MakeHuman's base mesh hm08 and targets, (c) 2020 Data Collection AB, "
+    "Joel Palmius, Jonas Hauquier, released as CC0 1.0 (https://creativecommons.org/publicdomain/zero/1.0/), "
+    "taken from MPFB2; collapsed to 16 joints by mmocap-warp, and released as CC0 1.0 too."
+)
+
+TRACKING_TRIANGLES = 2600
+
+_BONE: dict[str, str] = {
+    "Root": "Hips",
+    "BottomSpine": "LowerBack",
+    "UpperSpine": "Spine1",
+    "LShoulder": "LeftArm",
+    "LElbow": "LeftForeArm",
+    "LWrist": "LeftHand",
+    "RShoulder": "RightArm",
+    "RElbow": "RightForeArm",
+    "RWrist": "RightHand",
+    "Neck": "Neck",
+    "LHip": "LeftUpLeg",
+    "LKnee": "LeftLeg",
+    "LAnkle": "LeftFoot",
+    "RHip": "RightUpLeg",
+    "RKnee": "RightLeg",
+    "RAnkle": "RightFoot",
+}  # the bone of MakeHuman's rig that starts at each joint
+
+_MACRO_STEP: dict[str, float] = {"height": 0.25, "weight": 1.0, "muscle": 1.0}
+"""Slider travel of a macro shape target at weight 1, cut off at the slider's end. Height's whole travel is 1.1 m."""
+
+_LOCAL_TARGETS: dict[str, tuple[str, ...]] = {
+    "torso_length": ("torso/torso-scale-vert",),
+    "arm_length": ("arms/measure-upperarm-length", "arms/measure-lowerarm-length"),
+    "leg_length": ("legs/upperlegs-height", "legs/lowerlegs-height"),
+    "shoulder_width": ("torso/measure-shoulder-dist",),
+    "hip_width": ("hip/hip-scale-horiz",),
+    "chest_depth": ("torso/torso-scale-depth",),
+    "waist": ("torso/measure-waist-circ",),
+    "belly": ("stomach/stomach-pregnant",),
+}  # MakeHuman's targets that add up to each of ours; each has an -incr and a -decr
+
+_HEIGHT_TOLERANCE = 1e-4  # [m]
+_NEGLIGIBLE = 5e-5  # Displacements below this [m] are dropped, so that local targets stay small.
+_INFLUENCES = 4
+
+
+def make_body(
+    data: str | Path,
+    name: str,
+    *,
+    gender: float,
+    age: float,
+    height: float,
+    weight: float = 0.5,
+    muscle: float = 0.5,
+    proportions: float = 0.5,
+) -> BodyModel:
+    """A body of the given build.
+
+    Args:
+        data: MPFB2's data folder, see :class:`MakeHuman`.
+        name: identifier, a valid USD prim name.
+        gender: 0 woman to 1 man.
+        age: [years], 1 to 90.
+        height: of the standing body [m].
+        weight: 0 thin, 0.5 average, 1 heavy, for the height.
+        muscle: 0 slack, 0.5 average, 1 muscular.
+        proportions: 0 uncommon, 0.5 average, 1 ideal.
+
+    Raises:
+        ValueError: an argument outside its range, or a height that MakeHuman cannot reach with the others.
+        InputError: the data is incomplete.
+    """
+    if not (name.isidentifier() and name.isascii()):
+        raise ValueError(f"name must be letters, digits and underscores and start with no digit, got {name!r}")
+    build = (
+        f"gender {gender:g}, age {age:g} years, height {height:g} m, "
+        f"weight {weight:g}, muscle {muscle:g}, proportions {proportions:g}"
+    )
+    makehuman = MakeHuman(data)
+    person = MacroSliders(gender=gender, age=age_slider(age), weight=weight, muscle=muscle, proportions=proportions)
+    person = replace(person, height=_height_slider(makehuman, person, height))
+
+    shape = _Shape(makehuman)
+    rest, joint_rest = shape.standing(makehuman.shaped(person))
+    shape_names, shape_vertex, shape_joint = _shape_targets(makehuman, shape, person)
+    joint_frame, elbow_flexion, knee_flexion = joint_frames(joint_rest)
+    skin = SkinMesh(rest.astype(np.float32), shape.face, *_skin_weights(makehuman, shape.vertex))
+    tracking_vertex, tracking_face = _tracking_mesh(makehuman, shape)
+    marker_names, marker_vertex = place_markers(skin, joint_rest, joint_frame)
+    return BodyModel(
+        name=name,
+        skeleton=human_skeleton(joint_frame, joint_limits(elbow_flexion, knee_flexion)),
+        joint_rest=joint_rest.astype(np.float32),
+        skin=skin,
+        tracking_vertex=tracking_vertex,
+        tracking_face=tracking_face,
+        shape_names=shape_names,
+        shape_vertex=shape_vertex,
+        shape_joint=shape_joint,
+        marker_names=marker_names,
+        marker_vertex=marker_vertex,
+        attribution=f"{ATTRIBUTION} Build: {build}.",
+    )
+
+
+class _Shape:
+    """Which of MakeHuman's vertices make the skin and the joint centres.
+
+    Attributes:
+        vertex: (vertex,) int, the skin's vertices in the base mesh.
+        face: (face, 4) int32, over ``vertex``.
+    """
+
+    def __init__(self, makehuman: MakeHuman) -> None:
+        self.vertex, face = np.unique(makehuman.group_face["body"], return_inverse=True)
+        self.face = face.reshape(-1, 4).astype(np.int32)
+        self._joint_vertices = [makehuman.bone_head(_BONE[joint]) for joint in JOINTS]
+
+    def reduce(self, base: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Skin vertices (vertex, 3) and joint centres (joint, 3) of positions or displacements of the base mesh."""
+        return base[self.vertex], np.stack([base[index].mean(axis=0) for index in self._joint_vertices])
+
+    def standing(self, base: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """As :meth:`reduce`, for positions, moved so that the lowest vertex is at y = 0."""
+        skin, joints = self.reduce(base)
+        ground = np.array([0.0, skin[:, 1].min(), 0.0])
+        return skin - ground, joints - ground
+
+
+def joint_frames(joint_rest: np.ndarray) -> tuple[np.ndarray, float, float]:
+    """Axes of each joint in body space (joint, 3, 3), and how far elbow and knee are bent in this pose [rad].
+
+    The arm's Y is the normal of the elbow's bend, so that a body whose arms hang bent still has Ry as its hinge.
+    """
+    at = dict(zip(JOINTS, joint_rest, strict=True))
+    frame = np.tile(np.eye(3), (len(JOINTS), 1, 1))
+    elbow_flexion, knee_flexion = [], []
+    for side, sign in (("L", 1.0), ("R", -1.0)):
+        upper = _unit(at[f"{side}Elbow"] - at[f"{side}Shoulder"])
+        fore = _unit(at[f"{side}Wrist"] - at[f"{side}Elbow"])
+        hinge = sign * _unit(np.cross(fore, upper))
+        for joint, along in (("Shoulder", upper), ("Elbow", fore), ("Wrist", fore)):
+            x = sign * along
+            frame[JOINTS.index(side + joint)] = np.stack([x, hinge, np.cross(x, hinge)], axis=1)
+        elbow_flexion.append(np.arccos(upper @ fore))
+
+        thigh, shank = at[f"{side}Knee"] - at[f"{side}Hip"], at[f"{side}Ankle"] - at[f"{side}Knee"]
+        knee_flexion.append(np.arctan2(thigh[2], -thigh[1]) - np.arctan2(shank[2], -shank[1]))
+    return frame, float(np.mean(elbow_flexion)), float(np.mean(knee_flexion))
+
+
+def _unit(vector: np.ndarray) -> np.ndarray:
+    return vector / np.linalg.norm(vector)
+
+
+def _height_slider(makehuman: MakeHuman, person: MacroSliders, height: float) -> float:
+    """The slider at which the body is ``height`` metres tall, by bisection."""
+    skin = np.unique(makehuman.group_face["body"])
+
+    def tall(slider: float) -> float:
+        return float(np.ptp(makehuman.shaped(replace(person, height=slider))[skin, 1]))
+
+    low, high = 0.0, 1.0
+    shortest, tallest = tall(low), tall(high)
+    if not shortest <= height <= tallest:
+        raise ValueError(f"height must lie in {shortest:.2f}..{tallest:.2f} m for this person, got {height}")
+    while True:
+        middle = 0.5 * (low + high)
+        difference = tall(middle) - height
+        if abs(difference) < _HEIGHT_TOLERANCE:
+            return middle
+        low, high = (low, middle) if difference > 0 else (middle, high)
+
+
+def _shape_targets(
+    makehuman: MakeHuman, shape: _Shape, person: MacroSliders
+) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
+    """Names, vertex displacements (shape, vertex, 3) and joint displacements (shape, joint, 3), float32 [m]."""
+    here = makehuman.shaped(person)
+    displacement: dict[str, np.ndarray] = {}
+    for slider, step in _MACRO_STEP.items():
+        value = getattr(person, slider)
+        for suffix, to in (("incr", min(1.0, value + step)), ("decr", max(0.0, value - step))):
+            displacement[f"{slider}_{suffix}"] = makehuman.shaped(replace(person, **{slider: to})) - here
+    displacement["gender_female"] = makehuman.shaped(replace(person, gender=0.0)) - here
+    displacement["gender_male"] = makehuman.shaped(replace(person, gender=1.0)) - here
+    displacement["age_incr"] = makehuman.shaped(replace(person, age=1.0)) - here
+    for name, parts in _LOCAL_TARGETS.items():
+        for suffix in ("incr", "decr"):
+            moved = [makehuman.target(f"{part}-{suffix}") for part in parts]
+            displacement[f"{name}_{suffix}"] = np.sum(moved, axis=0)
+
+    lowest = shape.reduce(here)[0][:, 1].argmin()
+    names, vertices, joints = [], [], []
+    for name, whole in displacement.items():
+        vertex, joint = shape.reduce(whole)
+        if np.abs(vertex).max() < _NEGLIGIBLE:
+            continue  # The slider is at its end, as gender is for a man.
+        drop = np.array([0.0, vertex[lowest, 1], 0.0])  # keeps the feet on the ground
+        vertex, joint = vertex - drop, joint - drop
+        vertex[np.abs(vertex).max(axis=1) < _NEGLIGIBLE] = 0.0
+        names.append(name)
+        vertices.append(vertex)
+        joints.append(joint)
+    return tuple(names), np.stack(vertices).astype(np.float32), np.stack(joints).astype(np.float32)
+
+
+def _skin_weights(makehuman: MakeHuman, vertex: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Influencing joints (vertex, 4) int32 and weights (vertex, 4) float32, heaviest first.
+
+    A bone that starts no joint of ours gives its weight to the nearest ancestor that does.
+    """
+    joint_of = {bone: j for j, bone in enumerate(_BONE[joint] for joint in JOINTS)}
+    collapsed = np.zeros((len(vertex), len(JOINTS)))
+    for bone, weight in makehuman.bone_weight.items():
+        while bone not in joint_of:
+            bone = makehuman.parent_bone[bone]
+        collapsed[:, joint_of[bone]] += weight[vertex]
+    joint = np.argsort(-collapsed, axis=1, kind="stable")[:, :_INFLUENCES]
+    weight = np.take_along_axis(collapsed, joint, axis=1)
+    if (weight[:, 0] <= 0).any():
+        raise InputError(makehuman.directory, "the rig leaves vertices of the skin unbound", "download the data again")
+    weight /= weight.sum(axis=1, keepdims=True)
+    return np.where(weight > 0, joint, 0).astype(np.int32), weight.astype(np.float32)
+
+
+def _tracking_mesh(makehuman: MakeHuman, shape: _Shape) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (tracking vertex,) and triangles (tracking face, 3) of the coarse mesh, int32.
+
+    All bodies share it: it is decimated from the average one, so an unusual build cannot spoil it.
+    """
+    average, _ = shape.reduce(makehuman.shaped(MacroSliders()))
+    triangles = np.concatenate([shape.face[:, [0, 1, 2]], shape.face[:, [0, 2, 3]]])
+    return decimate(average, triangles, TRACKING_TRIANGLES)

@@ -1,0 +1,4 @@
+"""From candidate poses to costs: posing, silhouettes, counts.
+
+May import: kernels, device, body, cameras, masks.
+"""

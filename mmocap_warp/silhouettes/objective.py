@@ -1,0 +1,207 @@
+"""The objective: full pose vectors to costs, on the device."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from mmocap_warp.body.model import BodyModel
+from mmocap_warp.body.posing import BodyArrays, JointArrays
+from mmocap_warp.body.shape_space import ShapeSpace, upright_base
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.device.shared_work import SharedWork
+from mmocap_warp.device.transfers import Upload
+from mmocap_warp.kernels.batch import Batch
+from mmocap_warp.kernels.body import shaping, skinning
+from mmocap_warp.kernels.body.shaping import Sliders, shape, turn
+from mmocap_warp.kernels.body.skinning import pose_vertices
+from mmocap_warp.kernels.silhouettes import cost as cost_kernels
+from mmocap_warp.kernels.silhouettes.cost import cost_of_counts
+from mmocap_warp.kernels.silhouettes.raster import Outline
+from mmocap_warp.kernels.structs import filled
+from mmocap_warp.masks.observation import Observation
+from mmocap_warp.silhouettes.silhouettes import FrozenArrays, Silhouettes
+
+COSTS: dict[str, int] = {"paper": cost_kernels.PAPER, "xor": cost_kernels.XOR, "iou": cost_kernels.IOU}
+"""The named costs; ``paper`` is Eq. 4-5."""
+
+_SMALLEST_BATCH = 4  # candidates; for fewer, starting a thread costs more than it saves
+
+
+class ShapeArrays:
+    """A shape space as Warp arrays."""
+
+    def __init__(self, space: ShapeSpace, device: str) -> None:
+        body = space.body
+
+        def sliders(points: np.ndarray, targets: np.ndarray) -> Sliders:
+            increase, decrease = space.displacements(targets)
+            return filled(
+                Sliders,
+                first=body.skeleton.coordinates,
+                base=wp.array(points, dtype=wp.vec3, device=device),
+                increase=wp.array(increase, dtype=wp.vec3, device=device),
+                decrease=wp.array(decrease, dtype=wp.vec3, device=device),
+            )
+
+        self._vertices = sliders(body.tracking.rest, body.shape_vertex[:, body.tracking_vertex])
+        self._joints = sliders(body.joint_rest, body.shape_joint)
+        self._upright = wp.mat33(upright_base(space.up).astype(np.float32))
+        self._heading = space.heading_index
+
+    def apply(self, coordinate: wp.array[wp.float32], batch: Batch, body: BodyArrays) -> None:
+        """Write the rest vertices, joints and base of a batch's candidates from their coordinates."""
+        shape(self._vertices, coordinate, batch, body.rest)
+        shape(self._joints, coordinate, batch, body.joint_rest)
+        turn(coordinate, self._heading, self._upright, batch, body.root_base)
+
+
+@dataclass(frozen=True)
+class _Split:
+    """The piece of the mesh that moves while others rest, and the silhouettes of these."""
+
+    moving: Any
+    resting: Outline
+    frozen: FrozenArrays
+
+
+class Objective:
+    """Costs of candidate poses against one observation at a time.
+
+    Write full poses to ``pose`` (candidate, coordinate), call ``evaluate``, read ``cost`` (candidate,) and ``count``
+    (candidate, camera) of (|M|, |M and F|). ``prior`` (coordinate,) holds weights of a quadratic pull to zero, none at
+    first. Every array is allocated here or by ``prepare``, once.
+
+    Args:
+        body: the body; its tracking mesh is rendered.
+        root_base: (3, 3), see :class:`~mmocap_warp.body.model.Subject`.
+        rig: undistorted cameras, at the masks' size.
+        candidates: the most candidates in one evaluation.
+        cost: a name in ``COSTS``.
+        renderer: a name in ``renderers.RENDERERS``.
+        shapes: for fitting: ``pose`` has further columns, from which every candidate's rest body and heading are read.
+        bases: root bases in ``body.root_base``, of as many candidates each; with ``shapes`` every candidate has one.
+        device: a Warp device.
+        threads: CPU threads; ignored on a GPU.
+    """
+
+    def __init__(
+        self,
+        body: BodyModel,
+        root_base: np.ndarray,
+        rig: CameraRig,
+        candidates: int,
+        *,
+        cost: str = "paper",
+        renderer: str = "raycast",
+        shapes: ShapeSpace | None = None,
+        bases: int = 1,
+        device: str = "cpu",
+        threads: int = 1,
+    ) -> None:
+        if cost not in COSTS:
+            raise ValueError(f"cost must be one of {list(COSTS)}, got {cost!r}")
+        self.device, self.candidates, self.rig = device, candidates, rig
+        self._skeleton = body.skeleton
+        self._kind = COSTS[cost]
+        mesh = body.tracking
+        vertices, joints = len(mesh.rest), len(body.joint_rest)
+        copies, bases = (candidates, candidates) if shapes else (1, bases)
+        self.body = BodyArrays(body, root_base, mesh, device, copies, bases)
+        self._silhouettes = Silhouettes(mesh, rig, candidates, renderer, device)
+        views = self._silhouettes.views
+        self._observed, self._foreground = Upload(views.observed), Upload(views.foreground)
+        coordinates = len(shapes) if shapes else body.skeleton.coordinates
+        self._shapes = ShapeArrays(shapes, device) if shapes else None
+        self.prior = wp.zeros(coordinates, dtype=wp.float32, device=device)
+
+        self.pose = wp.zeros((candidates, coordinates), dtype=wp.float32, device=device)
+        self.cost = wp.zeros(candidates, dtype=wp.float32, device=device)
+        self.count = self._silhouettes.canvas.count
+        self._joints = JointArrays(candidates, joints, device)
+        self._posed = wp.zeros((candidates, vertices), dtype=wp.vec3, device=device)
+        self._work = SharedWork(device, threads, _SMALLEST_BATCH)
+        modules = [skinning, *self._silhouettes.modules, cost_kernels, *([shaping] if shapes else [])]
+        for module in modules:  # before threads launch from them at the same time
+            wp.load_module(module, device=device)
+        self._splits: dict[tuple[int, bytes], _Split | None] = {}
+        self._split: _Split | None = None  # while coordinates are held
+
+    @property
+    def candidate_arrays(self) -> list[wp.array[Any]]:
+        """Those whose first axis is the candidates; without shapes."""
+        posed = [self.pose, self.cost, self._joints.transform, self._joints.skin_matrix, self._posed]
+        return posed + self._silhouettes.candidate_arrays
+
+    def observe(self, observation: Observation) -> None:
+        """Judge against these masks from now on.
+
+        Raises:
+            ValueError: masks of another shape than the rig's.
+        """
+        self._split = None  # its counts are those of the last masks
+        views = self._silhouettes.views
+        if observation.words.shape != views.observed.shape:
+            raise ValueError(f"masks are packed as {observation.words.shape}, the rig needs {views.observed.shape}")
+        for upload, values in ((self._observed, observation.words), (self._foreground, observation.foreground)):
+            upload.values[...] = values
+            upload.send(len(values))
+
+    def prepare(self, runs: int, index: np.ndarray) -> None:
+        """Allocate what :meth:`hold` needs for so many runs and these coordinates."""
+        key = (runs, np.asarray(index).tobytes())
+        if key not in self._splits:
+            self._splits[key] = self._split_at(runs, index)
+
+    def hold(self, base: wp.array[wp.float32], index: np.ndarray) -> None:
+        """From now on candidates differ from their run's ``base`` (run, coordinate) in coordinates ``index`` alone.
+
+        The piece of the mesh that rests is posed, drawn and counted once, here. It overwrites the first poses.
+        """
+        self.release()
+        runs = base.shape[0]
+        self.prepare(runs, index)
+        split = self._splits[runs, np.asarray(index).tobytes()]
+        if split is None:
+            return
+        self._check_room(runs)
+        wp.copy(self.pose, base, count=base.size)
+        for batch in self._work.batches(runs, threads=1):
+            self._pose(split.resting.vertex, batch)
+            self._silhouettes.freeze(self._posed, split.resting, batch, split.frozen)
+        self._split = split
+
+    def release(self) -> None:
+        """Candidates may differ in everything again."""
+        self._split = None
+
+    def evaluate(self, candidates: int) -> wp.array[wp.float32]:
+        """Fill ``count`` and ``cost`` for the first ``candidates`` poses, which divide evenly over bases and runs."""
+        self._check_room(candidates)
+        self._work.run(self._evaluate, candidates)
+        return self.cost
+
+    def _check_room(self, candidates: int) -> None:
+        if not 0 < candidates <= self.candidates:
+            raise ValueError(f"candidates must be in 1..{self.candidates}, got {candidates}")
+
+    def _split_at(self, runs: int, index: np.ndarray) -> _Split | None:
+        pieces = None if self._shapes else self._silhouettes.split(self._skeleton, index)
+        return None if pieces is None else _Split(*pieces, FrozenArrays(runs, self._silhouettes.views, self.device))
+
+    def _pose(self, vertex: wp.array[wp.int32], batch: Batch) -> None:
+        """Pose the joints of a batch's candidates, and these vertices."""
+        if self._shapes:
+            self._shapes.apply(self.pose, batch, self.body)
+        pose_vertices(self.body.struct, self.pose, vertex, batch, self._joints.struct, self._posed)
+
+    def _evaluate(self, batch: Batch) -> None:
+        silhouettes, split = self._silhouettes, self._split
+        piece = split.moving if split else silhouettes.whole
+        self._pose(piece.vertex, batch)
+        silhouettes.draw(self._posed, piece, batch, split.frozen if split else None)
+        views = silhouettes.views.struct
+        cost_of_counts(self._kind, views, self.count, self.pose, self.prior, batch, self.cost)

@@ -1,0 +1,95 @@
+"""The ways to draw silhouettes: what each makes of a piece of the mesh, the boxes that it needs, and its kernel."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from mmocap_warp.body.mesh_pieces import MeshPiece, mesh_edges
+from mmocap_warp.kernels.batch import Batch
+from mmocap_warp.kernels.silhouettes import raster, raycast, raycast_wide
+from mmocap_warp.kernels.silhouettes.counting import Canvas, Frozen
+from mmocap_warp.kernels.silhouettes.raster import Outline
+from mmocap_warp.kernels.silhouettes.raycast import Tree
+from mmocap_warp.kernels.silhouettes.raycast_wide import Leaves
+from mmocap_warp.kernels.structs import filled
+from mmocap_warp.kernels.views.projection import Views
+from mmocap_warp.silhouettes.mesh_bvh import build_bvh
+
+RENDERERS = ("raycast", "raster")
+"""How silhouettes are drawn; the counts are the same."""
+
+_LEAF = 16  # triangles: with large packets, going down further costs more than it saves
+
+
+@dataclass(frozen=True)
+class Renderer:
+    """A way to draw candidates and count their pixels.
+
+    Attributes:
+        module: where its kernel is.
+        draw: fills the canvas's counts from ``posed`` (candidate, vertex), a piece, views, what is frozen, and a batch.
+        piece: what ``draw`` wants of a piece of the mesh: a struct whose ``vertex`` are those that it needs.
+        boxes: boxes of the largest piece, for a candidate and camera.
+        groups: boxes around groups of these.
+    """
+
+    module: ModuleType
+    draw: Callable[[wp.array[wp.vec3], Any, Views, Frozen, Batch, Canvas], None]
+    piece: Callable[[MeshPiece], Any]
+    boxes: int = 0
+    groups: int = 0
+
+
+def outline(piece: MeshPiece, device: str) -> Outline:
+    """A piece's triangles and their edges, for ``raster`` and for freezing."""
+    return filled(
+        Outline,
+        vertex=wp.array(piece.vertex, dtype=wp.int32, device=device),
+        triangle=wp.array(piece.face, dtype=wp.vec3i, device=device),
+        edge=wp.array(mesh_edges(piece.face), dtype=wp.vec4i, device=device),
+    )
+
+
+def make_renderer(name: str, rest: np.ndarray, face: np.ndarray, device: str) -> Renderer:
+    """The renderer of that name for a device.
+
+    Args:
+        name: one of ``RENDERERS``.
+        rest: (vertex, 3) rest pose.
+        face: (face, 3) all triangles.
+        device: a Warp device.
+
+    Raises:
+        ValueError: no such renderer.
+    """
+    if name not in RENDERERS:
+        raise ValueError(f"renderer must be one of {list(RENDERERS)}, got {name!r}")
+    if name == "raster":
+        return Renderer(raster, raster.raster, lambda piece: outline(piece, device))
+
+    def tree(piece: MeshPiece) -> Tree:
+        bvh = build_bvh(rest, piece.face, _LEAF)
+        return filled(
+            Tree,
+            vertex=wp.array(piece.vertex, dtype=wp.int32, device=device),
+            node=wp.array(bvh.node, dtype=wp.vec3i, device=device),
+            triangle=wp.array(bvh.triangle, dtype=wp.vec3i, device=device),
+        )
+
+    def leaves(piece: MeshPiece) -> Leaves:
+        return filled(
+            Leaves,
+            vertex=wp.array(piece.vertex, dtype=wp.int32, device=device),
+            triangle=wp.array(build_bvh(rest, piece.face).triangle, dtype=wp.vec3i, device=device),
+        )
+
+    if wp.get_device(device).is_cpu:
+        return Renderer(raycast, raycast.raycast, tree, boxes=len(build_bvh(rest, face, _LEAF).node))
+    groups = -(-len(face) // raycast_wide.WIDTH)
+    return Renderer(raycast_wide, raycast_wide.raycast_wide, leaves, groups * raycast_wide.WIDTH, groups)

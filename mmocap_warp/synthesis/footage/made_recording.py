@@ -1,0 +1,101 @@
+"""A body in motion before cameras, known exactly; each frame is made when asked for, the same in any order."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from mmocap_warp.body.model import BodyModel
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.masks.observation import Observation
+from mmocap_warp.result.truth import Truth
+from mmocap_warp.synthesis.exact_posing import ExactPoser
+
+if TYPE_CHECKING:
+    from mmocap_warp.body.posing import Poser
+
+
+class Segmentation(Protocol):
+    """How masks of a posed body come about."""
+
+    def silhouettes(self, rig: CameraRig, vertices: np.ndarray) -> list[np.ndarray]:
+        """Per camera (height, width) bool: what a faultless segmentation would give."""
+
+    def masks(self, rig: CameraRig, vertices: np.ndarray, frame: int) -> list[np.ndarray]:
+        """Per camera (height, width) bool, with faults; chance depends on camera and frame alone."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A body that moves before cameras. The world's floor is at zero.
+
+    Attributes:
+        body: who is seen.
+        root_base: (3, 3), world from body axes at zero root rotation.
+        poses: (frame, 51) full pose vectors.
+        fps: frames per second.
+        rig: the cameras.
+        segmentation: how their masks come about.
+        posed_by: what poses the body.
+    """
+
+    body: BodyModel
+    root_base: np.ndarray
+    poses: np.ndarray
+    fps: float
+    rig: CameraRig
+    segmentation: Segmentation
+    posed_by: type[ExactPoser] | type[Poser] = ExactPoser
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    def first(self, count: int) -> Recording:
+        """The recording cut after ``count`` frames, which stay as they are."""
+        return replace(self, poses=self.poses[:count])
+
+    def vertices(self, frame: int) -> np.ndarray:
+        """(vertex, 3), the full mesh in the world [m]."""
+        return self._poser.vertices(self.poses[frame : frame + 1])[0]
+
+    def silhouettes(self, frame: int) -> list[np.ndarray]:
+        """Per camera (height, width) bool: what a faultless segmentation would give."""
+        return self.segmentation.silhouettes(self.rig, self.vertices(frame))
+
+    def masks(self, frame: int) -> list[np.ndarray]:
+        """Per camera (height, width) bool, with faults."""
+        return self.segmentation.masks(self.rig, self.vertices(frame), frame)
+
+    def observation(self, frame: int) -> Observation:
+        """The masks of a frame, packed."""
+        return Observation.from_masks(self.masks(frame))
+
+    def truth(self, more_joints: Mapping[str, int] | None = None) -> Truth:
+        """Markers, joints and poses of every frame, exactly.
+
+        Args:
+            more_joints: vertices of the full mesh that count as joints, by name.
+        """
+        named = more_joints or {}
+        points = np.array([*self.body.marker_vertex, *named.values()], int)
+        skin = np.stack([self.vertices(frame)[points] for frame in range(len(self))]).astype(float)
+        markers, more = np.split(skin, [len(self.body.marker_vertex)], axis=1)
+        places = self._poser.joint_transforms(self.poses)[:, :, :3, 3].astype(float)
+        return Truth(
+            fps=self.fps,
+            frame_numbers=np.arange(len(self)),
+            marker_names=self.body.marker_names,
+            markers=markers,
+            joint_names=(*self.body.skeleton.joints, *named),
+            joints=np.concatenate([places, more], axis=1),
+            pose=self.poses,
+            root_base=self.root_base,
+        )
+
+    @cached_property
+    def _poser(self) -> ExactPoser | Poser:
+        return self.posed_by(self.body, self.root_base)

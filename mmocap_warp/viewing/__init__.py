@@ -1,4 +1,0 @@
-"""Results to look at interactively: one page for a browser.
-
-May import: pages, body, views, result, formats, scene, tracking, drawing.
-"""

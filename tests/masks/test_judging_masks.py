@@ -1,0 +1,105 @@
+"""Masks are judged without truth: what is whole passes, and each fault is named with the view that has it."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from synthetic import ring_rig
+
+from mmocap_warp.cameras.rig import CameraRig, project
+from mmocap_warp.masks.mask_check import MaskJudge, MaskReport
+
+LEG = np.array([[0.04, 0.0, -0.08], [0.2, 0.85, 0.08]])
+FIGURE = (LEG, LEG * (-1, 1, 1), np.array([[-0.2, 0.8, -0.12], [0.2, 1.75, 0.12]]))
+VOLUME = sum(np.abs(np.diff(box, axis=0)).prod() for box in FIGURE)
+FRAMES = 15
+
+
+def seen(rig: CameraRig, boxes: tuple[np.ndarray, ...], along: float = 0.0) -> list[np.ndarray]:
+    """Per camera (height, width) bool: boxes, moved along x."""
+    masks = [np.zeros((height, width), np.uint8) for width, height in rig.size]
+    for box in boxes:
+        corners = np.stack(np.meshgrid(*box.T), axis=-1).reshape(-1, 3) + np.array([along, 0, 0])
+        for mask, pixels in zip(masks, project(rig, corners), strict=True):
+            cv2.fillConvexPoly(mask, cv2.convexHull(np.rint(pixels).astype(np.int32)), 1)
+    return [mask.astype(bool) for mask in masks]
+
+
+def rig_of(cameras: int) -> CameraRig:
+    return ring_rig(cameras, distance=4.0).undistorted(0.5)
+
+
+def judged(rig: CameraRig, frames: list[list[np.ndarray]]) -> MaskReport:
+    judge = MaskJudge(rig, len(frames), VOLUME)
+    for masks in frames:
+        judge.add(masks)
+    return judge.report()
+
+
+def walking(rig: CameraRig, boxes: tuple[np.ndarray, ...] = FIGURE) -> list[list[np.ndarray]]:
+    return [seen(rig, boxes, 0.02 * frame) for frame in range(FRAMES)]
+
+
+@pytest.mark.parametrize("cameras", [2, 3, 4, 6])
+def test_a_whole_figure_passes(cameras: int) -> None:
+    rig = rig_of(cameras)
+    report = judged(rig, walking(rig))
+    assert report.faults == ()
+    assert report.volume > 0.9 * VOLUME
+    for view in report.views.values():
+        assert (view.area > 0).all()
+        assert cameras == 2 or view.explained > 0.95
+
+
+@pytest.mark.parametrize("cameras", [3, 4, 6])
+def test_only_a_moving_leg_was_segmented(cameras: int) -> None:
+    rig = rig_of(cameras)
+    (fault,) = judged(rig, walking(rig, (LEG,))).faults
+    assert "only a part of it was segmented, such as a moving leg" in fault
+
+
+@pytest.mark.parametrize("cameras", [3, 4, 6])
+def test_a_view_that_shows_a_leg_alone_is_named(cameras: int) -> None:
+    rig = rig_of(cameras)
+    frames = walking(rig)
+    for masks, legs in zip(frames, walking(rig, (LEG,)), strict=True):
+        masks[1] = legs[1]
+    (fault,) = judged(rig, frames).faults
+    assert fault.startswith(f"{rig.names[1]} shows ")
+    assert "most of the subject is missing there" in fault
+
+
+def test_a_view_that_shows_something_else_as_well_is_named() -> None:
+    rig = rig_of(4)
+    frames = walking(rig)
+    for masks in frames:
+        masks[2][:, :60] = True
+    (fault,) = judged(rig, frames).faults
+    assert f"of what {rig.names[2]} shows is seen by no other view" in fault
+
+
+def test_views_that_are_empty_are_counted() -> None:
+    rig = rig_of(4)
+    frames = walking(rig)
+    for masks in frames[:6]:
+        masks[3][:] = False
+    assert judged(rig, frames).faults == (f"{rig.names[3]} shows nothing in 6 of {FRAMES} frames",)
+    assert judged(rig, walking(rig)[:3] + frames[:1] + walking(rig)[:4]).faults == ()
+
+
+def test_nothing_at_all() -> None:
+    rig = rig_of(3)
+    faults = judged(rig, [[np.zeros_like(mask) for mask in masks] for masks in walking(rig)]).faults
+    assert len(faults) == 4
+
+
+def test_what_leaves_the_image_is_not_missing() -> None:
+    """Two cameras see no more than the upper half."""
+    rig = rig_of(4)
+    K = rig.K.copy()
+    K[2:, 1, 2] += 0.35 * rig.size[0, 1]
+    cut = CameraRig(rig.names, K, rig.R, rig.t, rig.size, rig.distortion, rig.up)
+    frames = walking(cut)
+    assert all(mask[-1].any() for mask in frames[0][2:])
+    assert judged(cut, frames).faults == ()

@@ -66,7 +66,7 @@ class CellResult:
         pose: (run, frame, coordinate) float32, poses; or (1, frame, coordinate), those of the typical run alone, see
             :func:`mmocap_warp.study.summary.with_typical_pose`.
         meta: JSON values: ``fps``, ``cameras``, ``size``, ``config``, ``versions``, ``code`` and ``code_covers`` (see
-            :func:`mmocap_warp.study.code_hash.code_hash`), ``device``, ``host``, ``started``, ``wall_seconds``,
+            :func:`mmocap_warp.code_hash.code_hash`), ``device``, ``host``, ``started``, ``wall_seconds``,
             ``study``.
 
     Raises:

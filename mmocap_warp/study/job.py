@@ -11,12 +11,12 @@ from datetime import UTC, datetime
 import numpy as np
 
 from mmocap_warp.body.model import Subject
+from mmocap_warp.code_hash import code_hash
 from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.errors import InputError
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import FrameAnswer
 from mmocap_warp.study.cell import Cell, CellResult
-from mmocap_warp.study.code_hash import code_hash
 from mmocap_warp.study.metrics import measure
 from mmocap_warp.study.source import Clip, OpenClip, clip_facts, open_clip
 from mmocap_warp.tracking.frame_loop import collect
@@ -176,11 +176,11 @@ class Worker:
 
 def code_of(config: TrackConfig, clip: Clip, solved: bool) -> str:
     """Hash of the code that a cell's result depends on."""
-    return code_hash(**_covered(config, clip, solved))
+    return code_hash("study.job", **_covered(config, clip, solved))
 
 
 def _covered(config: TrackConfig, clip: Clip, solved: bool) -> dict[str, bool]:
-    """What a cell's code includes, see :func:`mmocap_warp.study.code_hash.code_hash`."""
+    """What a cell's code includes, see :func:`mmocap_warp.code_hash.code_hash`."""
     contours = config.fits_contours or config.acceleration > 0 or solved
     return {"contours": contours, "recorded": clip.scene is not None}
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from tiny_study import tasks_of
 
-from mmocap_warp.study import code_hash as module
+from mmocap_warp import code_hash as module
 from mmocap_warp.study import store, tasks
 from mmocap_warp.study.definition import load_study
 from mmocap_warp.study.job import Refusal, Worker
@@ -40,9 +40,9 @@ KINDS = ("search", "contours", "recorded", "both")
 
 
 HASHES = """
-from mmocap_warp.study import code_hash as module
+from mmocap_warp import code_hash as module
 facets = {"search": (False, False), "contours": (True, False), "recorded": (False, True), "both": (True, True)}
-hashes = {kind: module.code_hash(contours=facet[0], recorded=facet[1]) for kind, facet in facets.items()}
+hashes = {kind: module.code_hash("study.job", contours=facet[0], recorded=facet[1]) for kind, facet in facets.items()}
 """
 
 
@@ -92,7 +92,7 @@ def test_it_follows_the_modules_that_results_depend_on(file, kinds, installed):
     path = installed / "mmocap_warp" / file
     before = path.read_bytes() if path.exists() else None
     path.parent.mkdir(exist_ok=True)
-    path.write_bytes((before or b"") + b"# changed\n")
+    path.write_bytes((before or b"") + b"CHANGED = 1\n")
     try:
         changed, unchanged = hashes_of(installed), hashes()
         assert tuple(kind for kind in KINDS if changed[kind] != unchanged[kind]) == kinds
@@ -100,8 +100,23 @@ def test_it_follows_the_modules_that_results_depend_on(file, kinds, installed):
         path.unlink() if before is None else path.write_bytes(before)
 
 
+def test_comments_docstrings_and_blank_lines_do_not_count():
+    code = "def area(r):\n    return 3 * r * r\n"
+    commented = (
+        '"""Areas."""\n# of discs\n\ndef area(r):  # [m]\n    """The \\"area\\"."""\n\n    return 3 * r * r  # "pi"\n'
+    )
+    assert module._code(commented) == module._code(code)
+    for changed in (code.replace("3", "4"), code.replace("    return", "  return"), f"{code}x = 1\n"):
+        assert module._code(changed) != module._code(code)
+
+
+def test_strings_that_are_used_count():
+    native = 'f = wp.func_native(\n    """\n    return 1; // one\n    """\n)\ncode = "# no comment"\n'
+    assert module._code(native).count("return 1; // one") == module._code(native).count("# no comment") == 1
+
+
 def test_a_new_module_counts_as_soon_as_one_that_counts_imports_it(installed):
-    new, user = installed / "mmocap_warp/objective/new.py", installed / "mmocap_warp/silhouettes/silhouettes.py"
+    new, user = installed / "mmocap_warp/silhouettes/new.py", installed / "mmocap_warp/silhouettes/silhouettes.py"
     before = user.read_text()
     new.write_text("")
     user.write_text(before + "from mmocap_warp.silhouettes import new\n")
@@ -118,8 +133,8 @@ def test_a_new_module_counts_as_soon_as_one_that_counts_imports_it(installed):
 
 def test_what_it_names_exists():
     """A module that was renamed must not drop out, nor come in, unnoticed."""
-    names = set(module._sources())
-    assert {*module._LEFT_OUT, *module._OF_CONTOURS, *module._OF_RECORDINGS} - {"scenes"} <= names
+    names = set(module._files())
+    assert {*module._UNCOUNTED, *module._CONTOUR_MODULES, *module._RECORDING_MODULES} - {"scenes"} <= names
 
 
 @pytest.mark.parametrize("cell", ["search", "solved"])
@@ -132,7 +147,7 @@ from mmocap_warp.study.cell import Cell
 from mmocap_warp.study.job import Job, Worker, code_of
 from mmocap_warp.study.source import Clip, clip_facts
 from mmocap_warp.tracking.track_config import TrackConfig
-from mmocap_warp.study import code_hash as module
+from mmocap_warp import code_hash as module
 
 solved = {cell == "solved"}
 clip = Clip("S1/Box", frames=2)
@@ -144,13 +159,13 @@ run = set()
 sys.setprofile(lambda frame, event, _: run.add(frame.f_code.co_filename) if event == "call" else None)
 *_, result = Worker("cpu", 1).work(job)
 sys.setprofile(None)
-files = {{str(Path(str(file)).resolve()): name for name, file in module._sources().items()}}
+files = {{str(Path(str(file)).resolve()): name for name, file in module._files().items()}}
 names = {{files[str(Path(file).resolve())] for file in run if str(Path(file).resolve()) in files}}
 print(json.dumps(sorted(names - module.counted("study.job", contours=solved, recorded=False))))
 """
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=tmp_path)
     called = json.loads(done.stdout.splitlines()[-1])
-    known = (*module._LEFT_OUT, "formats")  # of formats, what reads the shipped bodies
+    known = (*module._UNCOUNTED, "formats")  # of formats, what reads the shipped bodies
     assert [name for name in called if not name.startswith(known)] == []
 
 

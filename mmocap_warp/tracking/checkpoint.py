@@ -21,6 +21,9 @@ _MAGIC = b"mmocap checkpoint 4\n"
 _INTERVAL = 2.0  # seconds between saves, at least
 _ANSWER = tuple(field.name for field in fields(FrameAnswer))
 
+_CODE = ("version", "code")
+"""What an identity says of the program; the rest is of what the user gave."""
+
 FinishedFrame = tuple[FrameAnswer, np.ndarray]
 """A frame's answer, and the counters of the random numbers after it: (run,) int32."""
 
@@ -162,34 +165,61 @@ def check_same_run(path: Path, identity: Identity) -> None:
     _read(path, identity)
 
 
+def with_code_of(path: Path, identity: Identity) -> Identity:
+    """A run's identity as if it was of the version and the code that a checkpoint, where there is one, was begun with.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    theirs = _identity_in(_content(path) or b"") or {}
+    return identity | {name: theirs[name] for name in _CODE if name in theirs}
+
+
 def _header(identity: Identity) -> bytes:
     return _MAGIC + json.dumps(identity).encode() + b"\n"
 
 
-def _read(path: Path, identity: Identity) -> bytes | None:
-    """The content of a run's checkpoint; None where there is no file."""
+def _content(path: Path) -> bytes | None:
+    """What is in a file; None where there is none."""
     try:
-        content = path.read_bytes()
+        return path.read_bytes()
     except FileNotFoundError:
         return None
     except OSError as error:
         raise InputError(path, f"cannot be read ({error})", "check its permissions") from error
-    if not content.startswith(_header(identity)):
-        _refuse(path, identity, content)
+
+
+def _read(path: Path, identity: Identity) -> bytes | None:
+    """The content of a run's checkpoint; None where there is no file."""
+    content = _content(path)
+    if content is not None and not content.startswith(_header(identity)):
+        _refuse(path, identity, _identity_in(content))
     return content
 
 
-def _refuse(path: Path, identity: Identity, content: bytes) -> NoReturn:
-    """Say what is wrong with a file of another header."""
+def _identity_in(content: bytes) -> Identity | None:
+    """The identity in a checkpoint's header; None where the file is damaged or no checkpoint."""
     magic, line = content[: len(_MAGIC)], content[len(_MAGIC) :].partition(b"\n")[0]
     try:
-        theirs = json.loads(line) if magic == _MAGIC else None
+        identity = json.loads(line) if magic == _MAGIC else None
     except (ValueError, RecursionError):
-        theirs = None
-    if not isinstance(theirs, dict):
+        return None
+    return identity if isinstance(identity, dict) else None
+
+
+def _refuse(path: Path, identity: Identity, theirs: Identity | None) -> NoReturn:
+    """Say what is wrong with a file of another header."""
+    if theirs is None:
         raise InputError(path, "is damaged, or no checkpoint", "start anew with --force")
     mine = json.loads(json.dumps(identity))
     differing = [name for name in mine | theirs if mine.get(name) != theirs.get(name)]
+    if set(differing) <= set(_CODE):
+        begun, here = (f"{each.get('version')} (code {str(each.get('code'))[:8]})" for each in (theirs, mine))
+        raise InputError(
+            path,
+            f"the run was begun by mmocap-warp {begun}, this is {here}, whose results may differ",
+            "go back to that version, go on with --accept-changed-code, or start anew with --force",
+        )
     raise InputError(
         path,
         f"the checkpoint is of a run that differs in its {', '.join(differing)}",

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from mmocap_warp.body.model import Subject
+from mmocap_warp.code_hash import code_hash
 from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.scene.content_hash import content_hash
 from mmocap_warp.scene.recording import CameraSource, Scene
@@ -36,6 +37,7 @@ def run_identity(scene: Scene, subject: Subject, config: TrackConfig) -> Identit
     placed = [(camera.recorded_scale, camera.recorded_offset, camera.mask_mark) for camera in scene.cameras]
     return {
         "version": __version__,
+        "code": code_hash("tracking.frame_loop"),
         "images": _digest([_images(camera, scene.foreground.source) for camera in scene.cameras]),
         "frames": [scene.first_frame, scene.frame_count, scene.stride],
         "frame offsets": [[camera.frame_offset, camera.rate, camera.fraction] for camera in scene.cameras],

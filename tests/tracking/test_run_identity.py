@@ -24,10 +24,12 @@ from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
 from mmocap_warp.synthesis.walk import walking
+from mmocap_warp.tracking.checkpoint import check_same_run, with_code_of
 from mmocap_warp.tracking.frame_loop import track
 from mmocap_warp.tracking.run_identity import run_identity
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import Tracker
+from mmocap_warp.version import __version__
 
 FRAMES = 3
 CONFIG = TrackConfig("h-cmaes", scale=0.25, evaluations=20, device="cpu")
@@ -170,7 +172,7 @@ CHANGES: list[tuple[str, Callable[[Run], Run]]] = [
 
 @pytest.mark.parametrize(("told", "change"), CHANGES, ids=[f"{i}-{told}" for i, (told, _) in enumerate(CHANGES)])
 def test_another_run_is_refused_and_it_is_told_what_differs(told, change, run, left, monkeypatch):
-    for module in ("run_identity", "memory_need", "pose_search", "track"):
+    for module in ("run_identity", "memory_need", "pose_search", "frame_loop"):
         monkeypatch.setattr(f"mmocap_warp.tracking.{module}.resolve_device", lambda device: device)
     refusal = rf"is of a run that differs in its .*\b{re.escape(told)}\b.*; repeat that"
     with pytest.raises(InputError, match=refusal) as caught:
@@ -180,8 +182,24 @@ def test_another_run_is_refused_and_it_is_told_what_differs(told, change, run, l
 
 def test_another_version_s_run_is_refused(run, left, monkeypatch):
     monkeypatch.setattr("mmocap_warp.tracking.run_identity.__version__", "0.0.0")
-    with pytest.raises(InputError, match="differs in its version;"):
+    with pytest.raises(InputError, match=rf"begun by mmocap-warp {__version__} \(code \w{{8}}\), this is 0\.0\.0 \("):
         track(*run, checkpoint=left, resume=True)
+
+
+def test_a_run_of_other_code_is_refused_and_both_are_named(run, left, monkeypatch):
+    monkeypatch.setattr("mmocap_warp.tracking.run_identity.code_hash", lambda _: "0123456789abcdef")
+    with pytest.raises(InputError, match=r"this is .* \(code 01234567\), .*; go back .* --accept-changed-code, or"):
+        track(*run, checkpoint=left, resume=True)
+
+
+def test_accepted_code_leaves_other_differences_to_be_refused(run, left, monkeypatch):
+    mine = run_identity(*run)
+    monkeypatch.setattr("mmocap_warp.tracking.run_identity.code_hash", lambda _: "changed")
+    accepted = with_code_of(left, run_identity(*run))
+    assert accepted == mine
+    check_same_run(left, accepted)
+    with pytest.raises(InputError, match="differs in its fps;"):
+        check_same_run(left, with_code_of(left, accepted | {"fps": 1.0}))
 
 
 def test_an_image_of_other_content_is_noticed_and_a_touched_one_is_not(run, left, tmp_path):

@@ -5,11 +5,14 @@ from __future__ import annotations
 import ast
 import re
 import tomllib
+from collections import Counter
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
 import pytest
+
+import mmocap_warp as mm
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = {"mmocap_warp": "mmocap_warp", "kernels": "mmocap_warp.kernels", "scenes": "mmocap_warp.scenes"}
@@ -95,6 +98,16 @@ def test_the_page_on_architecture_says_what_the_rooms_say():
     rows = re.findall(r"^\| `(\w+)/` \|.*\| ([^|]+) \|$", page, re.M)
     assert sorted(rows, key=lambda row: layer_of(row[0])) == rows
     assert dict(rows) == {room: statement(room) for room in packages()}
+
+
+def test_a_file_s_name_occurs_once():
+    files = [file.name for file in (ROOT / "mmocap_warp").rglob("*.py") if not file.name.startswith("__")]
+    assert [name for name, count in Counter(files).items() if count > 1] == []
+
+
+def test_no_room_has_the_name_of_a_public_function():
+    """A room that is imported becomes an attribute of the package, and would hide the function."""
+    assert not set(packages()) & set(mm.__all__)
 
 
 def test_device_code_is_in_kernels_alone():

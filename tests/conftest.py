@@ -56,6 +56,7 @@ SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line("markers", "nightly: takes minutes, and a sample of it is among the other tests")
     wp.config.log_level = wp.LOG_WARNING
     if os.environ.get("MMOCAP_WARP_DEBUG") == "1":
         wp.config.mode = "debug"
@@ -64,9 +65,17 @@ def pytest_configure(config: pytest.Config) -> None:
         wp.config.kernel_cache_dir = str(config.cache.mkdir("warp-debug"))
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--nightly", action="store_true", help="also run what .ci/nightly runs: minutes, not seconds")
+
+
 @pytest.hookimpl(trylast=True)  # pytest itself sorts by session-wide parameters
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The longest files first, in this order; all others as they were collected."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """The longest files first, in this order; all others as they were collected. Nightly tests only where asked for."""
+    if not config.option.nightly:
+        nightly = [item for item in items if item.get_closest_marker("nightly")]
+        config.hook.pytest_deselected(items=nightly)
+        items[:] = [item for item in items if item not in nightly]
     rank = {Path(__file__).parent / name: k for k, name in enumerate(LONGEST)}
     items.sort(key=lambda item: rank.get(item.path, len(rank)))
 

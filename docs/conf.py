@@ -2,6 +2,7 @@
 
 import html
 import re
+from importlib import import_module
 from typing import Any
 
 import ziamath
@@ -55,7 +56,21 @@ def _link_to_pages(_app: Sphinx, _page: str, source: list[str]) -> None:
         source[0] = re.sub(rf"\]\({re.escape(file)}\b", f"]({page}", source[0])
 
 
+def _list_registries(_app: Sphinx, _page: str, source: list[str]) -> None:
+    """Replace ``<!-- list: module:REGISTRY, ... -->`` by what the program's registries hold when the site is built."""
+
+    def entries(comment: re.Match[str]) -> str:
+        names: list[str] = []
+        for registry in comment[1].split(","):
+            module, _, name = registry.strip().partition(":")
+            names.extend(map(str, getattr(import_module(module), name)))
+        return ", ".join(f"`{name}`" for name in names)
+
+    source[0] = re.sub(r"<!-- list: (.+?) -->", entries, source[0])
+
+
 def setup(app: Sphinx) -> None:
-    """Register how formulas are written and where links to documents above this folder lead."""
+    """Register how formulas are written, where links above this folder lead, and how registries are listed."""
     app.add_html_math_renderer("drawn", (_draw, None), (_draw, None))
     app.connect("source-read", _link_to_pages)
+    app.connect("source-read", _list_registries)

@@ -25,7 +25,7 @@ _CONVERT = (
 _SOLVE = (
     "or write scene.toml by hand with this file as its calibration, and let mmocap calib solve find where they stand"
 )
-_ANY_OTHER = "write it as a Pose2Sim .toml (docs/formats.md says what is in one)"
+_ANY_OTHER = "write it as a Pose2Sim .toml (docs/calibration.md says what is in one)"
 
 
 @dataclass(frozen=True)

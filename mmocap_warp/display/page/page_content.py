@@ -1,4 +1,4 @@
-"""What a page shows of a result, as JSON-compatible values; docs/viewer.md describes them."""
+"""What a page shows of a result, as JSON-compatible values; docs/formats.md describes them."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from mmocap_warp.calibration import camera_check as checking
 from mmocap_warp.calibration.adjust.adjustment import AdjustConfig
 from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, Deviations, changed
 from mmocap_warp.calibration.camera_check import Check, Finding, View
-from mmocap_warp.calibration.refine.refinement import refinement as refining
+from mmocap_warp.calibration.refine import refinement as refining
 from mmocap_warp.calibration.refine.held_out import Explained
 from mmocap_warp.calibration.refine.refinement import Refinement
 from mmocap_warp.cli import main

@@ -13,7 +13,7 @@ from synthetic import SKELETON, ring_rig, synthetic_subject
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.shape_space import upright_base
-from mmocap_warp.contour.clip.clip_problem import clip_problem as clip
+from mmocap_warp.contour.clip import clip_problem as clip
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.positions import joint_positions
 from mmocap_warp.result.result import STATUS, FrameAnswer, Result

@@ -38,7 +38,7 @@ def _sample(space: SearchSpace, state: RandomSearchState):
 def _learn(cost: wp.array[wp.float32], state: RandomSearchState):
     run = wp.tid()
     particles = state.x.shape[1]
-    winner = int(-1)
+    winner = wp.int32(-1)
     for k in range(particles):
         if cost[run * particles + k] < state.lowest[run]:
             state.lowest[run] = cost[run * particles + k]

@@ -14,6 +14,7 @@ from synthetic import synthetic_result
 from tracked_motion import FRAMES, TRACKED, standing_still, track_motion
 
 import mmocap_warp
+from mmocap_warp.bench.pages import report_page
 from mmocap_warp.formats.usd.result import write_result
 from mmocap_warp.optimizers.minimize import minimize
 from mmocap_warp.tracking.algorithms import ALGORITHMS
@@ -87,6 +88,17 @@ def test_every_page_stands_in_the_sites_navigation():
     pages = [*(ROOT / "docs").glob("**/*.md"), *(ROOT / "docs").glob("*.ipynb")]
     names = {page.relative_to(ROOT / "docs").with_suffix("").as_posix() for page in pages} - {"index"}
     assert names - listed == set()
+
+
+def test_the_sites_page_of_times_is_made_from_the_reports_beside_it():
+    folder = ROOT / "docs" / "benchmarks"
+    reports = [json.loads((folder / name).read_bytes()) for name in ("cpu.json", "h200.json")]
+    page = report_page(reports)
+    for report in reports:
+        assert f"## {report['device']}\n" in page
+    plots = re.findall(r"\]\((growth-\w+\.svg)\)", page)
+    assert plots
+    assert [plot for plot in plots if not (folder / plot).is_file()] == []
 
 
 def test_the_notebook_is_stored_without_what_it_prints():

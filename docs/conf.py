@@ -1,8 +1,10 @@
 """Sphinx's settings for the documentation site; CONTRIBUTING.md has the command that builds it."""
 
 import html
+import json
 import re
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import ziamath
@@ -10,6 +12,7 @@ from docutils import nodes
 from sphinx.application import Sphinx
 
 import mmocap_warp
+from mmocap_warp.bench.pages import PAGE, report_page
 
 project = "mmocap-warp"
 author = "The mmocap-warp contributors"
@@ -69,8 +72,16 @@ def _list_registries(_app: Sphinx, _page: str, source: list[str]) -> None:
     source[0] = re.sub(r"<!-- list: (.+?) -->", entries, source[0])
 
 
+def _write_times(app: Sphinx) -> None:
+    """Write the page of times from the reports beside it; the page is not tracked."""
+    folder = Path(app.srcdir) / "benchmarks"
+    reports = [json.loads((folder / name).read_bytes()) for name in ("cpu.json", "h200.json")]
+    (folder / PAGE).write_text(report_page(reports), encoding="utf-8")
+
+
 def setup(app: Sphinx) -> None:
-    """Register how formulas are written, where links above this folder lead, and how registries are listed."""
+    """Register how formulas are drawn, where links lead, and what is made from data and registries."""
+    app.connect("builder-inited", _write_times)
     app.add_html_math_renderer("drawn", (_draw, None), (_draw, None))
     app.connect("source-read", _link_to_pages)
     app.connect("source-read", _list_registries)

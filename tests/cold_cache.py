@@ -1,4 +1,4 @@
-"""Processes that start at once on one empty kernel cache all succeed, with the same bits. See docs/reliability.md.
+"""Processes that start at once on one empty kernel cache all succeed, with the same bits. See docs/testing.md.
 
 Run from the repository's root::
 

@@ -1,4 +1,4 @@
-"""Memory of ``track`` over a long recording, smoothing included, as the command runs it. See docs/reliability.md.
+"""Memory of ``track`` over a long recording, smoothing included, as the command runs it. See docs/testing.md.
 
 Run from the repository's root, on Linux, whose kernel says what a process has::
 

@@ -14,6 +14,7 @@ from synthetic import synthetic_result
 from tracked_motion import FRAMES, TRACKED, standing_still, track_motion
 
 import mmocap_warp
+from mmocap_warp.bench.pages import report_page
 from mmocap_warp.formats.usd.usd_result import write_result
 from mmocap_warp.optimizers.minimize import minimize
 from mmocap_warp.tracking.algorithms import ALGORITHMS
@@ -28,7 +29,7 @@ def example(page: str, of: int = 0) -> str:
 
 def test_the_optimizers_example_finds_the_minimum(tmp_path):
     script = tmp_path / "example.py"
-    script.write_text(example("optimizers.md"))
+    script.write_text(example("algorithms.md"))
     answer = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=True)
     costs = [float(cost) for cost in answer.stdout.splitlines()[-1].strip("[]").split()]
     assert len(costs) == 5
@@ -89,6 +90,17 @@ def test_every_page_stands_in_the_sites_navigation():
     assert names - listed == set()
 
 
+def test_the_sites_page_of_times_is_made_from_the_reports_beside_it():
+    folder = ROOT / "docs" / "benchmarks"
+    reports = [json.loads((folder / name).read_bytes()) for name in ("cpu.json", "h200.json")]
+    page = report_page(reports)
+    for report in reports:
+        assert f"## {report['device']}\n" in page
+    plots = re.findall(r"\]\((growth-\w+\.svg)\)", page)
+    assert plots
+    assert [plot for plot in plots if not (folder / plot).is_file()] == []
+
+
 def test_the_notebook_is_stored_without_what_it_prints():
     """It is run when the site is built."""
     cells = json.loads((ROOT / "docs" / "notebook.ipynb").read_text(encoding="utf-8"))["cells"]
@@ -117,11 +129,9 @@ def test_a_page_that_asks_elsewhere_for_something_is_found(tmp_path, asks):
 
 
 @pytest.fixture
-def ninth(tmp_path, monkeypatch):
-    """The random search that the documents add, as a module that has been imported."""
+def ninth(monkeypatch):
+    """A random search that names itself as a tracker, as the page on optimizers says, in a module just imported."""
     monkeypatch.setitem(ALGORITHMS, "h-random", None)  # removed again afterwards
-    (tmp_path / "random_search.py").write_text(example("optimizers.md", 1))
-    monkeypatch.syspath_prepend(tmp_path)
     yield import_module("random_search")
     sys.modules.pop("random_search")
 

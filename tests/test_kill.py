@@ -1,4 +1,4 @@
-"""Three kills of what is quick; all five commands and a hundred kills are a command, see docs/reliability.md."""
+"""Three kills of what is quick; all five commands and a hundred kills are a command, see docs/testing.md."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Median costs of the optimizers on standard functions, beside other packages' at equal evaluations.
 
-    OPENBLAS_NUM_THREADS=1 python docs/benchmarks/optimizers.py > docs/benchmarks/optimizers.md
+    OPENBLAS_NUM_THREADS=1 python docs/benchmarks/optimizers.py > docs/benchmarks/optimizers.txt
 
 It needs the packages of the extra ``test`` and takes about two minutes on one core; more threads would slow NumPy down.
 """
@@ -61,8 +61,8 @@ TABLES: dict[str, list[str | Pair]] = {  # columns: medians by name, and verdict
 
 INTRODUCTION = """# Optimizers on standard functions
 
-Made by `OPENBLAS_NUM_THREADS=1 python docs/benchmarks/optimizers.py > docs/benchmarks/optimizers.md`;
-[optimizers.md](../optimizers.md) says what to make of it.
+Made by `OPENBLAS_NUM_THREADS=1 python docs/benchmarks/optimizers.py > docs/benchmarks/optimizers.txt`;
+docs/algorithms.md says what follows from it.
 
 Every run starts at 0 with radius 1 in each coordinate, without bounds. The minimum is 0, at a point that is drawn once
 for each function from [-0.8, 0.8]^D. The ellipsoid's axes are the coordinates', its condition number is 10^6;

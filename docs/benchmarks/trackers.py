@@ -1,6 +1,6 @@
 """Table of all trackers on two recordings, from the results of a study of them.
 
-    python docs/benchmarks/trackers.py RESULTS
+    python docs/benchmarks/trackers.py RESULTS > docs/benchmarks/trackers.txt
 
 ``RESULTS`` is what ``mmocap study run`` wrote of a study with sequences named ``walk`` and ``balancing``.
 """

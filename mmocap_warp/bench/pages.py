@@ -25,16 +25,17 @@ def write_pages(folder: Path, reports: Sequence[Report]) -> list[Path]:
         InputError: it cannot be written to.
     """
     plots = growth_plots(reports)
-    files = {PAGE: _page(reports)} | {plot_name(axis): plot for axis, plot in plots.items()}
+    files = {PAGE: report_page(reports)} | {plot_name(axis): plot for axis, plot in plots.items()}
     for name, words in files.items():
         write_whole(folder / name, words.encode())
     return [folder / name for name in files]
 
 
-def _page(reports: Sequence[Report]) -> str:
+def report_page(reports: Sequence[Report]) -> str:
+    """The page's Markdown; the plots that it shows are those of ``write_pages``, in the same folder."""
     parts = [
-        "# Measured",
-        "Written by `mmocap bench pages`. What is measured and how: [performance](../performance.md).",
+        "# Times",
+        "`mmocap bench pages` wrote this page. [Performance](../performance.md) says what is measured, and how.",
     ]
     parts += ["; ".join(heading(report).splitlines()) + "." for report in reports]
     growing = [axis for axis in AXES if growth_lines(reports, axis)]

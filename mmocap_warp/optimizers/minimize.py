@@ -1,4 +1,4 @@
-"""Minimise any batched cost over Warp arrays with any of the optimizers; see docs/optimizers.md for an example."""
+"""Minimise any batched cost over Warp arrays with any of the optimizers; see docs/algorithms.md for an example."""
 
 from __future__ import annotations
 

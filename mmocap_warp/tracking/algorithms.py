@@ -1,6 +1,6 @@
 """Trackers by name. The paper's: an optimizer, and whether it searches the body's parts one after the other.
 
-A ninth needs its optimizer's file and a line here; see docs/optimizers.md.
+A ninth needs its optimizer's file and a line here; see docs/algorithms.md.
 """
 
 from __future__ import annotations

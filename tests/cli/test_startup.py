@@ -1,4 +1,4 @@
-"""What is imported, and what is compiled on a machine that has no kernels yet; docs/memory.md has the times."""
+"""What is imported, and what is compiled on a machine that has no kernels yet; docs/performance.md has the times."""
 
 from __future__ import annotations
 

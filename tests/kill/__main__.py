@@ -1,4 +1,4 @@
-"""Kills commands at random moments, and sees that they end with the same bits. See docs/reliability.md.
+"""Kills commands at random moments, and sees that they end with the same bits. See docs/testing.md.
 
 Run from the repository's root, in an environment with the extra ``test``::
 

@@ -1,6 +1,6 @@
 """HumanEva-I, from a user's own copy: a sequence's cameras, videos, synchronisation and ground truth.
 
-See docs/humaneva.md for what is read, and for what had to be assumed.
+See docs/sequences.md for what is read, and for what had to be assumed.
 """
 
 from __future__ import annotations

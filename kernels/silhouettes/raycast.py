@@ -51,7 +51,7 @@ _EMPTY_HIGH = wp.constant(-(2**29))
 
 @wp.struct
 class Tree:
-    """A piece of a mesh, its triangles in a BVH; see :class:`mmocap_warp.silhouettes.mesh_bvh.Bvh`."""
+    """A piece of a mesh, its triangles in a BVH; see :class:`mmocap_warp.silhouettes.renderers.Bvh`."""
 
     vertex: wp.array[wp.int32]  # (vertex of the piece,)
     node: wp.array[wp.vec3i]  # (node,)

@@ -12,13 +12,12 @@ from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION, Skeleton
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.contour.body_problem import body_problem
-from mmocap_warp.contour.clip.exchanged import places_exchanged
 from mmocap_warp.contour.clip.motion_points import MotionPoints
 from mmocap_warp.contour.frame.fitter import WIDE, ContourFitter, MatchingConfig
 from mmocap_warp.contour.frame.rooted import Rooting
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.silhouettes.objective import Objective
-from mmocap_warp.tracking.limb_pairs import Limb, like_limbs, limb_pairs, limbs, mirrored
+from mmocap_warp.tracking.limb_pairs import Limb, like_limbs, limb_pairs, limbs, mirrored, places_exchanged
 
 PRIOR = 0.3
 """How much nearer to the generic body a subject is expected than RestSpace's standard deviations say."""

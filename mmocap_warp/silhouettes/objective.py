@@ -130,12 +130,6 @@ class Objective:
         self._splits: dict[tuple[int, bytes], _Split | None] = {}
         self._split: _Split | None = None  # while coordinates are held
 
-    @property
-    def candidate_arrays(self) -> list[wp.array[Any]]:
-        """Those whose first axis is the candidates; without shapes."""
-        posed = [self.pose, self.cost, self._joints.transform, self._joints.skin_matrix, self._posed]
-        return posed + self._silhouettes.candidate_arrays
-
     def observe(self, observation: Observation) -> None:
         """Judge against these masks from now on.
 

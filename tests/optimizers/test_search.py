@@ -13,7 +13,7 @@ from mmocap_warp.optimizers.protocol import share_budget
 from mmocap_warp.optimizers.pso import Pso
 from mmocap_warp.optimizers.search import Search
 from mmocap_warp.tracking.algorithms import ALGORITHMS
-from mmocap_warp.tracking.parts import hierarchical, holistic
+from mmocap_warp.tracking.pose_search import hierarchical, holistic
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import Tracker
 

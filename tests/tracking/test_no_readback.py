@@ -48,13 +48,13 @@ def test_a_frames_search_reads_nothing_back(device, no_readback, monkeypatch, al
     _truth, seen = motion(device)
     tracker.step(seen[0])
     tracker.search.objective.observe(seen[-1])
-    before = tracker.state[0]
+    before = tracker.state.pose
     calls.clear()
     no_readback()
     tracker.search._search._run()
     monkeypatch.undo()
     assert 450 <= sum(calls) / 2 <= 500
-    assert not np.array_equal(tracker.state[0], before)
+    assert not np.array_equal(tracker.state.pose, before)
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)

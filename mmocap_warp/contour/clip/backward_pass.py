@@ -14,7 +14,6 @@ from itertools import product
 import numpy as np
 
 from mmocap_warp.body.skeleton import ROOT_ANGLES
-from mmocap_warp.contour.clip.filled import filled
 from mmocap_warp.contour.clip.motion_points import POINTS_A_JOINT, MotionPoints
 from mmocap_warp.contour.frame.normal_equations import LineariseFrames
 from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
@@ -101,7 +100,7 @@ class BackwardPass:
         costs[:, len(held) :] = cost, self._linearise(frames, back).cost
         costs[:, len(held) + np.flatnonzero(another)] += self._uncovered(frames, ahead, back, another, cost)
         scale = self._rate**2 / (_ACCELERATION * np.sqrt(POINTS_A_JOINT))
-        both = (held.followed_by(filled(poses, seen)) for poses in (ahead, back))
+        both = (held.followed_by(poses.interpolated(seen)) for poses in (ahead, back))
         place = np.stack([scale * self._points.at(poses).reshape(len(poses), -1) for poses in both])
         chosen = (least_costly(costs, place)[len(held) :] == 1) & another
         least = np.median(contour.cost[seen])

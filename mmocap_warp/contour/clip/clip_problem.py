@@ -8,11 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mmocap_warp.contour.clip.backward_pass import AHEAD, BackwardPass
-from mmocap_warp.contour.clip.filled import filled
 from mmocap_warp.contour.clip.motion_penalty import HELD, MotionCost, MotionPenalty
 from mmocap_warp.contour.clip.motion_points import MotionPoints
-from mmocap_warp.contour.clip.trust import LARGEST_STEP, Trust
-from mmocap_warp.contour.frame.descent import RAISE, STOP
+from mmocap_warp.contour.frame.descent import LARGEST_STEP, RAISE, STOP, Trust
 from mmocap_warp.contour.frame.normal_equations import LineariseFrames, NormalEquations
 from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
 
@@ -25,8 +23,13 @@ WINDOW = 2.0
 """What is solved together [s]."""
 OVERLAP = 0.4
 """The end of a window that is solved again with what follows it [s]."""
+LAG = 10
+"""Frames that are solved together while a clip is still being recorded."""
+COMMIT = 4
+"""How many of them are final each time."""
+_LAG_STEPS = 2  # descent steps of these frames
 
-_NOISE = 0.05  # by so much of itself a frame's cost may rise
+_NOISE = 0.05  # share of itself that a step may add to a frame's cost
 
 
 @dataclass(frozen=True)
@@ -159,7 +162,7 @@ class ClipProblem:
         """
         contour = self.linearise(frames, rooted)
         known = np.concatenate([np.ones(len(held), bool), contour.observed])
-        rooted = filled(held.followed_by(rooted), known)[len(held) :]
+        rooted = held.followed_by(rooted).interpolated(known)[len(held) :]
         for each in passes:
             descent = _Descent(self, frames, held, MotionPenalty(each.acceleration, self.rate))
             rooted, contour = descent.down(rooted, contour, each.steps)
@@ -227,3 +230,36 @@ def _final(observed: np.ndarray, overlap: int) -> int:
     shows = np.flatnonzero(observed[:end])
     final = int(shows[-1]) + 1 if len(shows) else 0
     return final if final >= len(observed) // 2 else end
+
+
+class FixedLag:
+    """Solves a clip that is still being recorded: the newest frames, whenever enough have come.
+
+    Args:
+        problem: whose equations are asked for the frames that are not final yet.
+        acceleration: standard deviation of a joint's acceleration, by coordinate [m/s^2].
+    """
+
+    def __init__(self, problem: ClipProblem, acceleration: float = ACCELERATION) -> None:
+        self._problem = problem
+        self._passes = (Pass(acceleration, _LAG_STEPS),)
+        self._held = self._waiting = problem.rooting.none
+        self._final = 0  # frames so far
+
+    def add(self, rooted: RootedPoses) -> ClipSolution | None:
+        """Takes the next frame's pose, as it was tracked, and returns the frames that are final now, if any are."""
+        self._waiting = self._waiting.followed_by(rooted)
+        return self._solved(COMMIT) if len(self._waiting) >= LAG else None
+
+    def rest(self) -> ClipSolution | None:
+        """The last frames, when no more will come."""
+        return self._solved(len(self._waiting)) if len(self._waiting) else None
+
+    def _solved(self, commit: int) -> ClipSolution:
+        """The first ``commit`` of the waiting frames."""
+        frames = np.arange(self._final, self._final + len(self._waiting))
+        rooted, contour = self._problem.solved_together(frames, self._waiting, self._held, self._passes)
+        self._final += commit
+        self._waiting = rooted[commit:]
+        self._held = self._held.followed_by(rooted[:commit])[-HELD:]
+        return SolvedWindow(rooted, contour, commit).solution

@@ -216,7 +216,7 @@ def misfit(contour: NormalEquations, searched: np.ndarray, usual: float = USUAL_
     return float(np.sqrt(np.mean(2 * contour.cost[seen] / information)))
 
 
-def together(
+def combine(
     noise: Uncertainty, body: Uncertainty, misfit: float, widest: np.ndarray, usual: float = USUAL_MISFIT
 ) -> Uncertainty:
     """Standard deviations of all that is wrong with poses.

@@ -12,7 +12,6 @@ import warp as wp
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import BodyArrays, JointArrays
 from mmocap_warp.cameras.rig import CameraRig
-from mmocap_warp.contour.frame.around import Around
 from mmocap_warp.contour.frame.fields import DistanceFields
 from mmocap_warp.contour.frame.fitter_arrays import (
     make_change,
@@ -27,7 +26,7 @@ from mmocap_warp.contour.frame.fitter_arrays import (
     make_tree,
 )
 from mmocap_warp.contour.frame.normal_equations import NormalEquations, ViewEquations
-from mmocap_warp.contour.frame.rooted import RootedPoses
+from mmocap_warp.contour.frame.rooted import Neighbours, RootedPoses
 from mmocap_warp.device.replays import Replays
 from mmocap_warp.device.shared_work import SharedWork
 from mmocap_warp.device.transfers import Upload
@@ -185,21 +184,21 @@ class ContourFitter:
         self._skin(batch)
         follow_skin(self._posed.vertex, rate, batch, self._moving)
 
-    def move(self, rooted: RootedPoses, around: Around) -> None:
-        """For late views, let the body move through the first candidates' poses as those around them say."""
+    def move(self, rooted: RootedPoses, neighbours: Neighbours) -> None:
+        """For late views, let the body move through the first candidates' poses as their neighbours say."""
         self._moving.own, count = 0.0, len(rooted)
         vertices = self._posed.vertex.shape[1]
-        for poses, skin in ((around.before, self._moving.velocity), (around.after, self._moving.bend)):
+        for poses, skin in ((neighbours.before, self._moving.velocity), (neighbours.after, self._moving.bend)):
             self.start_at(poses.pose, poses.base, np.zeros(count, int))
             self._work.run(self._skin, count)
             wp.copy(skin, self._posed.vertex, count=count * vertices)
-        self._sides.assign(np.resize(around.sides, self.candidates).astype(np.int32))
+        self._sides.assign(np.resize(neighbours.sides, self.candidates).astype(np.int32))
         self.start_at(rooted.pose, rooted.base, np.zeros(count, int))
-        self._work.run(lambda batch: self._bend(batch, around), count)
+        self._work.run(lambda batch: self._bend(batch, neighbours), count)
 
-    def _bend(self, batch: Batch, around: Around) -> None:
+    def _bend(self, batch: Batch, neighbours: Neighbours) -> None:
         self._skin(batch)
-        bend_skin(self._posed.vertex, self._sides, around.rate, around.curved, batch, self._moving)
+        bend_skin(self._posed.vertex, self._sides, neighbours.rate, neighbours.curved, batch, self._moving)
 
     def _skin(self, batch: Batch) -> None:
         """From the poses of a batch's candidates to their skin."""
@@ -224,12 +223,14 @@ class ContourFitter:
         """By how much each camera's masks reach beyond what they show (camera,) [px]; nothing unless it is said."""
         self.fields.larger.assign(larger.astype(np.float32))
 
-    def linearise(self, place: np.ndarray, rooted: RootedPoses, around: Around | None = None) -> NormalEquations:
+    def linearise(
+        self, place: np.ndarray, rooted: RootedPoses, neighbours: Neighbours | None = None
+    ) -> NormalEquations:
         """The normal equations of poses against the frames in places (pose,); there may be more than ``candidates``.
 
-        Late views see where the poses ``around`` lead; without these, the body stands still for them.
+        Late views see where the ``neighbours`` lead; without these, the body stands still for them.
         """
-        parts = [self._read_sums(count) for count in self._summed(place, rooted, around)]
+        parts = [self._read_sums(count) for count in self._summed(place, rooted, neighbours)]
         return NormalEquations(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
     def linearise_views(self, place: np.ndarray, rooted: RootedPoses) -> ViewEquations:
@@ -237,12 +238,12 @@ class ContourFitter:
         parts = [self._read_views(count) for count in self._summed(place, rooted)]
         return ViewEquations(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
-    def _summed(self, place: np.ndarray, rooted: RootedPoses, around: Around | None = None) -> Iterator[int]:
+    def _summed(self, place: np.ndarray, rooted: RootedPoses, neighbours: Neighbours | None = None) -> Iterator[int]:
         """Sum up poses, as many at a time as there is room for; gives how many."""
         for first in range(0, max(len(rooted), 1), self.candidates):
             part = slice(first, min(first + self.candidates, len(rooted)))
-            if around and self.late:
-                self.move(rooted[part], around[part])
+            if neighbours and self.late:
+                self.move(rooted[part], neighbours[part])
             self.start_at(rooted.pose[part], rooted.base[part], place[part])
             self._work.run(self._sum, part.stop - part.start)
             yield part.stop - part.start

@@ -19,8 +19,13 @@ from mmocap_warp.kernels.contour.outline import BANDS, Edges, Outline
 from mmocap_warp.kernels.contour.residuals import Residuals
 from mmocap_warp.kernels.structs import filled
 
-_MOST_CONTOUR = 2048  # contour edges of a view for which there is room even in a small mesh
-_BANDS_OF_AN_EDGE = 2  # for which there is room, on average
+_LEAST_ROOM = 2048  # contour edges of a view that there is room for even with a small mesh
+_BANDS_OF_AN_EDGE = 2  # bands that a contour edge reaches into, on average, that there is room for
+
+
+def contour_room(edges: int) -> int:
+    """For how many contour edges of a view there is room, of a mesh of so many edges."""
+    return min(edges, max(_LEAST_ROOM, edges // 2))
 
 
 def make_posed(body: BodyArrays, joints: JointArrays, vertices: int, device: str) -> Posed:
@@ -103,7 +108,7 @@ def make_change(parameters: int, vertices: int, joints: int, candidates: int, de
 
 def make_outline(view: tuple[int, int], mesh: SkinMesh, edges: int, device: str) -> Outline:
     """Room for the contour edges of views (candidate, camera) of a mesh of so many edges."""
-    size = min(edges, max(_MOST_CONTOUR, edges // 2))
+    size = contour_room(edges)
     return filled(
         Outline,
         size=size,

@@ -44,6 +44,10 @@ class NormalEquations:
         proper: np.ndarray = matrix + (information + rounding)[:, :, None] * np.eye(dof)
         return proper
 
+    def of_seen(self, seen: np.ndarray) -> NormalEquations:
+        """These, where frames that are not ``seen`` (frame,) bool say nothing."""
+        return NormalEquations(self.matrix * seen[:, None, None], self.gradient * seen[:, None], self.cost * seen)
+
     def where(self, taken: np.ndarray, other: NormalEquations) -> NormalEquations:
         """These in the frames that are ``taken`` (frame,) bool, and others elsewhere."""
         return NormalEquations(

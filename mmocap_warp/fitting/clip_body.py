@@ -183,30 +183,31 @@ def with_base_still(subject: Subject, skeleton: Skeleton) -> Subject:
 
 
 def measurements(space: RestSpace, solution: BodySolution) -> dict[str, float]:
-    """Height, length of bodies that are longer than tall or lie anyhow, bones' lengths, with standard deviations [m].
+    """Height and bones' lengths with their standard deviations [m]; of some bodies the length too.
 
-    What the masks and the family of bodies are off by is the same in all frames: more frames do not average it out.
+    A body has a length if it is longer than tall, or may lie any way up. What the masks and the family of bodies are
+    off by is the same in all frames: more frames do not average it out.
     """
     covariance = len(solution.cost) * solution.covariance
     rest, joint = space.at(solution.beta)
     d_rest, d_joint = space.basis(solution.beta)
     own = np.flatnonzero(space.body.own_vertex)
     top, bottom = own[rest[own, 1].argmax()], own[rest[own, 1].argmin()]
-    found = {"height": (rest[top, 1] - rest[bottom, 1], d_rest[:, top, 1] - d_rest[:, bottom, 1])}
+    lengths = {"height": (rest[top, 1] - rest[bottom, 1], d_rest[:, top, 1] - d_rest[:, bottom, 1])}
     across, stands = np.ptp(rest[own], axis=0), space.body.skeleton.stands
     if across[2] > across[1] or not stands:
         axis = 2 if stands else int(across.argmax())
         front, back = own[rest[own, axis].argmax()], own[rest[own, axis].argmin()]
-        found["length"] = rest[front, axis] - rest[back, axis], d_rest[:, front, axis] - d_rest[:, back, axis]
+        lengths["length"] = rest[front, axis] - rest[back, axis], d_rest[:, front, axis] - d_rest[:, back, axis]
     for name in space.names:
         if name.startswith("bone."):
             skeleton = space.body.skeleton
             end = skeleton.index(name.removeprefix("bone.").split("+")[0])
             bone, change = (each[..., end, :] - each[..., skeleton.parent[end], :] for each in (joint, d_joint))
             length = float(np.linalg.norm(bone))
-            found[name] = length, change @ bone / length
+            lengths[name] = length, change @ bone / length
     values: dict[str, float] = {}
-    for name, (value, by_parameter) in found.items():
+    for name, (value, by_parameter) in lengths.items():
         values[f"body.{name}"] = float(value)
         of_outline = 0.0 if name.startswith("bone.") or space.body.rigid else _OUTLINE * space.body.relative_size
         values[f"body.{name}.sigma"] = float(np.sqrt(by_parameter @ covariance @ by_parameter + of_outline**2))

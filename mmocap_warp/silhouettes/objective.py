@@ -28,7 +28,7 @@ from mmocap_warp.silhouettes.silhouettes import FrozenArrays, Silhouettes
 COSTS: dict[str, int] = {"paper": cost_kernels.PAPER, "xor": cost_kernels.XOR, "iou": cost_kernels.IOU}
 """The named costs; ``paper`` is Eq. 4-5."""
 
-_SMALLEST_BATCH = 4  # candidates; for fewer, starting a thread costs more than it saves
+_SMALLEST_BATCH = 4  # candidates of a batch: for fewer, starting a thread costs more than it saves
 
 
 class ShapeArrays:

@@ -23,7 +23,7 @@ from mmocap_warp.kernels.views.projection import Views
 RENDERERS = ("raycast", "raster")
 """How silhouettes are drawn; the counts are the same."""
 
-_LEAF = 16  # triangles: with large packets, going down further costs more than it saves
+_LEAF = 16  # triangles of a leaf: with large packets, smaller leaves cost more than they save
 
 
 @dataclass(frozen=True)

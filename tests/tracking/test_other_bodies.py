@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from one_frame import fit_observation
 from other_bodies import arm_robot, burdened, quadruped
 from random_scenes import perfect_masks
 from scipy.spatial.transform import Rotation
@@ -17,7 +18,7 @@ from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.rotations import zyx_angles, zyx_rotation
 from mmocap_warp.body.skeleton import ROOT_ANGLES
-from mmocap_warp.fitting.subject_fit import FitConfig, fit_clip, fit_observation
+from mmocap_warp.fitting.subject_fit import FitConfig, fit_clip
 from mmocap_warp.formats.usd.usd_animation import export_animation
 from mmocap_warp.formats.usd.usd_body import read_body, read_subject, write_body, write_subject
 from mmocap_warp.formats.usd.usd_check import faults

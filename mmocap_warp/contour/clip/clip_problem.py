@@ -12,7 +12,7 @@ from mmocap_warp.contour.clip.motion_penalty import HELD, MotionCost, MotionPena
 from mmocap_warp.contour.clip.motion_points import MotionPoints
 from mmocap_warp.contour.frame.descent import LARGEST_STEP, RAISE, STOP, Trust
 from mmocap_warp.contour.frame.normal_equations import LineariseFrames, NormalEquations
-from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
+from mmocap_warp.contour.frame.rooted import FrameArrays, RootedPoses, Rooting
 
 ACCELERATION = 5.4
 """Standard deviation of a point's acceleration [m/s^2]: 1.5 mm of second difference at 60 frames/s."""
@@ -51,7 +51,7 @@ def coarse_then_fine(acceleration: float = ACCELERATION) -> tuple[Pass, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class ClipSolution:
+class ClipSolution(FrameArrays):
     """Poses of consecutive frames.
 
     Attributes:
@@ -63,14 +63,6 @@ class ClipSolution:
     rooted: RootedPoses
     observed: np.ndarray
     cost: np.ndarray
-
-    def followed_by(self, *more: ClipSolution) -> ClipSolution:
-        """These frames, then the others."""
-        return ClipSolution(
-            self.rooted.followed_by(*(each.rooted for each in more)),
-            np.concatenate([self.observed, *(each.observed for each in more)]),
-            np.concatenate([self.cost, *(each.cost for each in more)]),
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,9 +127,11 @@ class ClipProblem:
         window, overlap, ahead = (round(time * self.rate) for time in (WINDOW, OVERLAP, AHEAD))
         first, held = 0, self.rooting.none
         while first < len(rooted):
+            # Solve the window.
             last = min(first + window, len(rooted))
             frames = np.arange(first, last)
             solved, contour = self.solved_together(frames, rooted[first:last], held, passes)
+            # Follow it backwards from beyond its end; where that finds better poses, solve it anew from these.
             if self.backward:
                 beyond = min(last + ahead, len(rooted))
                 known = solved.followed_by(rooted[last:beyond])
@@ -145,9 +139,10 @@ class ClipProblem:
                 if revised is not known:
                     rooted = rooted[:first].followed_by(revised, rooted[beyond:])
                     solved, contour = self.solved_together(frames, rooted[first:last], held, passes)
+            # Its end is solved once more with the frames that follow.
             final = last - first
             if last < len(rooted):
-                final = _final(contour.observed if shows is None else shows[first:last], overlap)
+                final = _final_frames(contour.observed if shows is None else shows[first:last], overlap)
                 rooted = rooted[: first + final].followed_by(solved[final:], rooted[last:])
             yield SolvedWindow(solved, contour, final)
             first += final
@@ -221,7 +216,7 @@ class _Descent:
         return self._clip.rooting.stepped(rooted, step), float(np.abs(step).max())
 
 
-def _final(observed: np.ndarray, overlap: int) -> int:
+def _final_frames(observed: np.ndarray, overlap: int) -> int:
     """How many frames of a window are final: all but its end, which does not begin where frames show nothing.
 
     A gap that is longer than half a window is cut all the same.

@@ -24,9 +24,9 @@ from mmocap_warp.kernels.contour.residuals import Fields
 from mmocap_warp.kernels.structs import filled
 from mmocap_warp.masks.observation import Observation, words_per_row
 
-_FEWEST = 50  # foreground pixels of a view; fewer show nobody
+_LEAST_PIXELS = 50  # a view with fewer foreground pixels shows nobody
 _TOGETHER = 64  # frames whose fields a GPU computes at a time
-_WHOLE = 2**30  # bytes that whole images may take on a GPU: with room for them it need not tell how much there is
+_MOST_WHOLE = 2**30  # bytes on a GPU up to which there is room for whole images: then boxes need not be read back
 
 
 class DistanceFields:
@@ -64,7 +64,7 @@ class DistanceFields:
         self._take(1)
         whole, together = int(pixels_of(*rig.size.T).sum()), min(frames, _TOGETHER)
         needed = whole * (_VALUE_BYTES * frames + _WORKING_BYTES * together)
-        self._has_room = wp.get_device(device).is_cuda and needed <= _WHOLE
+        self._has_room = wp.get_device(device).is_cuda and needed <= _MOST_WHOLE
         if self._has_room:
             self._reserve(whole, together)
 
@@ -114,7 +114,7 @@ class DistanceFields:
         find_boxes(self._masks, self._scratch, self._found)
 
     def _measure(self) -> None:
-        place_boxes(self._masks, self._found, self._pixels, _FEWEST, self._workings.room, self.struct)
+        place_boxes(self._masks, self._found, self._pixels, _LEAST_PIXELS, self._workings.room, self.struct)
         measure_distances(self._masks, self._workings, self.struct)
 
     def _take(self, frames: int) -> None:
@@ -147,7 +147,7 @@ class DistanceFields:
 
 
 _WORKINGS = {"inside": wp.uint8, "across": wp.uint8, "rough": wp.float32}
-_WORKING_BYTES, _VALUE_BYTES = 6, 4  # of a pixel
+_WORKING_BYTES, _VALUE_BYTES = 6, 4  # bytes of a pixel
 
 
 def _workings(pixels: int, device: str) -> dict[str, wp.array[Any]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -13,18 +14,7 @@ from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import BodyArrays, JointArrays
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.contour.frame.fields import DistanceFields
-from mmocap_warp.contour.frame.fitter_arrays import (
-    make_change,
-    make_descent,
-    make_edges,
-    make_moving,
-    make_outline,
-    make_posed,
-    make_residuals,
-    make_rows,
-    make_sums,
-    make_tree,
-)
+from mmocap_warp.contour.frame.fitter_arrays import make_descent, make_edges, make_outline, make_tree
 from mmocap_warp.contour.frame.normal_equations import NormalEquations, ViewEquations
 from mmocap_warp.contour.frame.rooted import Neighbours, RootedPoses
 from mmocap_warp.device.replays import Replays
@@ -36,11 +26,11 @@ from mmocap_warp.kernels.body.skinning import pose_vertices
 from mmocap_warp.kernels.contour import descent as descent_kernels
 from mmocap_warp.kernels.contour import jacobian, moving, normal_equations, outline, residuals
 from mmocap_warp.kernels.contour.descent import MOST_SEARCHED, descend
-from mmocap_warp.kernels.contour.jacobian import OWN, differentiate, move_origins, turn_axes
-from mmocap_warp.kernels.contour.moving import bend_skin, follow_skin
-from mmocap_warp.kernels.contour.normal_equations import sum_normal_equations, triangle_words
+from mmocap_warp.kernels.contour.jacobian import OWN, Posed, RestChange, Rows, differentiate, move_origins, turn_axes
+from mmocap_warp.kernels.contour.moving import Moving, bend_skin, follow_skin
+from mmocap_warp.kernels.contour.normal_equations import Sums, sum_normal_equations, triangle_words
 from mmocap_warp.kernels.contour.outline import find_contours
-from mmocap_warp.kernels.contour.residuals import Matching, find_residuals
+from mmocap_warp.kernels.contour.residuals import Matching, Residuals, find_residuals
 from mmocap_warp.kernels.structs import filled
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.masks.view_arrays import ViewArrays
@@ -111,33 +101,69 @@ class ContourFitter:
         if len(index) > MOST_SEARCHED:
             raise ValueError(f"index must have at most {MOST_SEARCHED} coordinates, got {len(index)}")
         mesh, skeleton = body.tracking, body.skeleton
+        vertices, joints, cameras = len(mesh.rest), len(skeleton.joints), len(rig)
+        view = (candidates, cameras)
         self.index, self.candidates = np.asarray(index), candidates
         self._device, self._work = device, SharedWork(device, threads)
+
+        def zeros(*shape: int, dtype: Any = wp.vec3) -> Any:
+            return wp.zeros(shape, dtype=dtype, device=device)
+
+        # The body, posed, and how its rest changes with parameters: not at all, until it is said.
+        # To mypy the fields of a struct are what kernels see of them, hence Any where they are used here too.
         self.body = BodyArrays(body, np.eye(3), mesh, device, bases=candidates)
+        self._joints = JointArrays(candidates, joints, device)
+        self._vertex = wp.array(np.arange(vertices), dtype=wp.int32, device=device)
+        self._posed: Any = filled(
+            Posed,
+            body=self.body.struct,
+            joints=self._joints.struct,
+            axes=zeros(*self._joints.transform.shape, dtype=wp.mat33),
+            vertex=zeros(candidates, vertices),
+        )
+        self._tree = make_tree(skeleton, self.index, device)
+        self._change: Any = filled(
+            RestChange,
+            vertex=zeros(parameters, vertices),
+            joint=zeros(parameters, joints),
+            origin=zeros(candidates if parameters else 0, parameters, joints),
+        )
+
+        # The masks of frames, the cameras, and how the body moves in the time by which a view is late.
         self.fields = DistanceFields(rig, frames, candidates, device)
         self._cameras = ViewArrays(rig, device)
         self._views = self._cameras.struct
-        self._joints = JointArrays(candidates, len(skeleton.joints), device)
-        vertices, joints, cameras = len(mesh.rest), len(skeleton.joints), len(rig)
-        self._vertex = wp.array(np.arange(vertices), dtype=wp.int32, device=device)
-        # To mypy the fields of a struct are what kernels see of them, hence Any where they are used here too.
-        self._posed: Any = make_posed(self.body, self._joints, vertices, device)
         self._late = np.zeros((frames, cameras), np.float32)
-        self._sides = wp.zeros(candidates, dtype=wp.int32, device=device)
-        self._moving: Any = make_moving(self.fields.frame, (frames, cameras), vertices, device)
-        self._edges: Any = make_edges(mesh.face, device)
-        self._tree = make_tree(skeleton, self.index, device)
-        self._change: Any = make_change(parameters, vertices, joints, candidates, device)
+        self._sides = zeros(candidates, dtype=wp.int32)
+        self._moving: Any = filled(
+            Moving,
+            late=zeros(frames, cameras, dtype=wp.float32),
+            frame=self.fields.frame,
+            own=0.0,
+            velocity=zeros(candidates, vertices),
+            bend=zeros(candidates, vertices),
+        )
+
+        # From outlines to residuals, rows of the Jacobian, and their sums.
         config = (matching or MatchingConfig()).for_size(body.relative_size)
         self._matching = filled(Matching, **asdict(config))
-        view = (candidates, cameras)
+        self._edges: Any = make_edges(mesh.face, device)
         self._outline: Any = make_outline(view, mesh, len(self._edges.edge), device)
-        of_edges = (*view, self._outline.size)
-        self._residuals = make_residuals(of_edges, device)
+        edge = (*view, self._outline.size)
+        self._residuals = filled(
+            Residuals,
+            normal=zeros(*edge, dtype=wp.vec2),
+            weighted=zeros(*edge, dtype=wp.vec2),
+            tally=zeros(*edge, dtype=wp.vec4),
+        )
         columns = OWN if lens else 0
         self._width = width = len(self.index) + parameters + columns + 1
-        self._rows = make_rows(of_edges, width, columns, device)
-        self._sums: Any = make_sums(view, width, device)
+        self._rows = filled(Rows, value=zeros(math.prod(edge) * width, dtype=wp.float32), width=width, own=columns)
+        self._sums: Any = filled(
+            Sums,
+            triangle=zeros(math.prod(view) * triangle_words(width), dtype=wp.float32),
+            tally=zeros(*view, dtype=wp.vec4),
+        )
         self.descent: Any = make_descent(self.index, skeleton.is_length[self.index], limits, view, width, device)
         for module in (skinning, moving, outline, residuals, jacobian, normal_equations, descent_kernels):
             wp.load_module(module, device=device)  # before threads launch from them at the same time

@@ -8,6 +8,7 @@ the angles of the usual kind when they have finished.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -17,8 +18,30 @@ from mmocap_warp.body.skeleton import ROOT_ANGLES, Skeleton
 _ROOM = 10.0  # width of the room that a place without limits is in [m]
 
 
+class FrameArrays:
+    """A frozen dataclass all of whose fields are arrays, or such dataclasses again, with one frame a row."""
+
+    def __getitem__(self, frames: slice | np.ndarray) -> Self:
+        return type(self)(*(value[frames] for value in vars(self).values()))
+
+    def where(self, taken: np.ndarray, other: Self) -> Self:
+        """These in the frames that are ``taken`` (frame,) bool, and others elsewhere."""
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        return type(self)(*(np.where(taken.reshape(-1, *[1] * (own.ndim - 1)), own, theirs) for own, theirs in pairs))
+
+    def followed_by(self, *more: Self) -> Self:
+        """These frames, then the others."""
+        columns = zip(*(vars(each).values() for each in (self, *more)), strict=True)
+        return type(self)(
+            *(
+                first.followed_by(*rest) if isinstance(first, FrameArrays) else np.concatenate([first, *rest])
+                for first, *rest in columns
+            )
+        )
+
+
 @dataclass(frozen=True, eq=False)
-class RootedPoses:
+class RootedPoses(FrameArrays):
     """Poses with a root base for every frame.
 
     Attributes:
@@ -32,25 +55,11 @@ class RootedPoses:
     def __len__(self) -> int:
         return len(self.pose)
 
-    def __getitem__(self, frames: slice | np.ndarray) -> RootedPoses:
-        return RootedPoses(self.base[frames], self.pose[frames])
-
-    def where(self, taken: np.ndarray, other: RootedPoses) -> RootedPoses:
-        """These in the frames that are ``taken`` (frame,) bool, and others elsewhere."""
-        return RootedPoses(
-            np.where(taken[:, None, None], self.base, other.base), np.where(taken[:, None], self.pose, other.pose)
-        )
-
     def with_frames(self, frames: np.ndarray, other: RootedPoses) -> RootedPoses:
         """These, with others in some frames by their numbers."""
         base, pose = self.base.copy(), self.pose.copy()
         base[frames], pose[frames] = other.base, other.pose
         return RootedPoses(base, pose)
-
-    def followed_by(self, *more: RootedPoses) -> RootedPoses:
-        """These frames, then the others."""
-        each = self, *more
-        return RootedPoses(np.concatenate([r.base for r in each]), np.concatenate([r.pose for r in each]))
 
     def interpolated(self, known: np.ndarray) -> RootedPoses:
         """Poses with those that are not ``known`` (frame,) put evenly between the known ones around them.

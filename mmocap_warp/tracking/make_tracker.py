@@ -25,7 +25,7 @@ from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import Tracker
 
 _SHARE = 0.9  # share of the free memory that may be taken: kernels, graphs and other programs need some too
-_BODY_SHARE = 0.1  # share of an image that the box around a body fills
+_BODY_SHARE = 0.15  # share of an image that the box around a body is taken to fill
 _GB = 1e9
 
 

@@ -171,7 +171,7 @@ class BodyDeviations:
         self._last: Uncertainty | None = None
 
     def of(self, window: SolvedWindow) -> Uncertainty:
-        """Those of the next window's final frames; a window that shows nothing keeps those of the last frame that did."""
+        """Those of the next window's final frames. A window that shows nothing keeps those of the last seen frame."""
         step = max(1, round(BODY_INTERVAL * self._problem.rate))
         at = np.flatnonzero(window.contour.observed[: window.final])[::step]
         if len(at):

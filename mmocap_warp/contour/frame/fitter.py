@@ -77,7 +77,7 @@ class ContourFitter:
         candidates: poses at a time.
         frames: places for frames' masks.
         parameters: of the rest body, at most; see :meth:`reshape`.
-        lens: whether :meth:`linearise_views` is to tell what a view's lens and the size of its masks change.
+        lens: whether :meth:`linearise_views` has columns for a view's lens and the size of its masks.
         matching: settings.
         device: a Warp device.
         threads: CPU threads; ignored on a GPU.
@@ -109,7 +109,7 @@ class ContourFitter:
         def zeros(*shape: int, dtype: Any = wp.vec3) -> Any:
             return wp.zeros(shape, dtype=dtype, device=device)
 
-        # The body, posed, and how its rest changes with parameters: not at all, until it is said.
+        # The body, posed, and how its rest changes with parameters: at first not at all.
         # To mypy the fields of a struct are what kernels see of them, hence Any where they are used here too.
         self.body = BodyArrays(body, np.eye(3), mesh, device, bases=candidates)
         self._joints = JointArrays(candidates, joints, device)
@@ -237,7 +237,7 @@ class ContourFitter:
         self.body.joint_rest.assign(np.asarray(joint_rest, np.float32)[None])
 
     def set_change(self, vertex: np.ndarray, joint: np.ndarray) -> None:
-        """By how much rest (parameter, vertex, 3) and joints (parameter, joint, 3) change with each parameter [m]."""
+        """Set how rest (parameter, vertex, 3) and joints (parameter, joint, 3) change with each parameter [m]."""
         self._change.vertex.assign(vertex.astype(np.float32))
         self._change.joint.assign(joint.astype(np.float32))
 
@@ -246,7 +246,7 @@ class ContourFitter:
         self._cameras.assign(rig)
 
     def set_larger(self, larger: np.ndarray) -> None:
-        """By how much each camera's masks reach beyond what they show (camera,) [px]; nothing unless it is said."""
+        """Set by how much each camera's masks reach beyond what they show (camera,) [px]; at first by nothing."""
         self.fields.larger.assign(larger.astype(np.float32))
 
     def linearise(
@@ -287,7 +287,7 @@ class ContourFitter:
         poses, with their ``cost`` and ``tally``. On a GPU nothing waits for them, and the second descent of a kind is
         captured as a graph that later ones replay: arrays that are looked at must stay, their values may change.
         """
-        value = self.fields.value  # a graph knows where it is, and more room is elsewhere
+        value = self.fields.value  # a graph holds its address, which changes when more room is made
         self._replays.run((count, steps, value.ptr, self.follows), lambda: self._run(count, steps))
 
     def _run(self, count: int, steps: int) -> None:

@@ -91,7 +91,7 @@ def calls_of(tracker: Tracker) -> list[tuple]:
 def test_parts_are_held_one_after_the_other_at_the_best_so_far(device, algorithm, strategy):
     tracker = Tracker(synthetic_subject(), RIG, TrackConfig(algorithm, evaluations=100, device=device), FPS)
     tracker.step(motion(device)[1][0])
-    start = tracker.state[0]
+    start = tracker.state.pose
     tracker.search._search._replays = False
     calls = calls_of(tracker)
     answer = tracker.step(motion(device)[1][1])

@@ -22,7 +22,7 @@ NUMBERS = 8
 VIEW_LANES = 1024
 """Threads of a GPU that share a view's contour edges, in blocks that share nothing."""
 
-_MOST_BLOCKS = 8  # of a view: each projects the whole body
+_MOST_BLOCKS = 8  # most blocks that share a view: each of them projects the whole body
 
 
 def lanes_of(device: wp.Device, lanes: int = LANES) -> int:
@@ -66,7 +66,9 @@ def sync_warp() -> None:
     return (wp::uint64)scratch.data;
 #endif
 """)
-def _words(scratch: wp.array[wp.uint32]) -> wp.uint64: ...
+def _words(scratch: wp.array[wp.uint32]) -> wp.uint64:
+    """The address of a block's shared words; on the CPU they lie in the scratch array."""
+    ...
 
 
 @wp.func_native(f"""
@@ -77,7 +79,9 @@ def _words(scratch: wp.array[wp.uint32]) -> wp.uint64: ...
     return (wp::uint64)(scratch.data + {WORDS});
 #endif
 """)
-def _numbers(scratch: wp.array[wp.uint32]) -> wp.uint64: ...
+def _numbers(scratch: wp.array[wp.uint32]) -> wp.uint64:
+    """The address of a block's shared numbers; on the CPU they lie behind the words."""
+    ...
 
 
 @wp.func
@@ -115,7 +119,9 @@ def warp_max(value: int) -> int:
 
 
 @wp.func_native("return (wp::uint64)(words.data + first);")
-def _address(words: wp.array[wp.uint32], first: int) -> wp.uint64: ...
+def _address(words: wp.array[wp.uint32], first: int) -> wp.uint64:
+    """The address of a word."""
+    ...
 
 
 @wp.func

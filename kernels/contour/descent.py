@@ -30,12 +30,12 @@ wp.set_module_options({"enable_backward": False})
 MOST_SEARCHED = math.isqrt(WORDS) - 1
 """Coordinates of a system that fits into what a block shares."""
 
-_EASED = wp.constant(0.3)  # damping after a step that helped, as a share
-_RAISED = wp.constant(6.0)  # after one that did not
+_EASED = wp.constant(0.3)  # factor of the damping after a step that helped
+_RAISED = wp.constant(6.0)  # factor of the damping after a step that did not
 _LEAST = wp.constant(1.0e-5)
 _TILE = wp.constant(16)  # columns of the matrix that a GPU's lanes have side by side
 _WARP = wp.constant(32)
-_LONGEST = wp.constant(0.3)  # of a step in any coordinate [m, rad]: beyond it the outline is another
+_LONGEST = wp.constant(0.3)  # largest step of a coordinate [m, rad]: beyond it the outline has changed too much
 
 
 @wp.struct

@@ -17,8 +17,8 @@ from mmocap_warp.kernels.contour.residuals import FARTHEST, Fields
 
 wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": CPU_FLAGS})
 
-_RIM = wp.constant(FARTHEST + 2)  # px around a box, of which the distances need the most, and the blur the rest
-_VIEW_LANES = 32 * LANES  # of a GPU for a view
+_RIM = wp.constant(FARTHEST + 2)  # rim around a box [px]: the distances need most of it, and the blur two pixels
+_VIEW_LANES = 32 * LANES  # lanes of a GPU that share a view
 
 
 @wp.struct
@@ -50,6 +50,7 @@ class _View:
     first: int
 
 
+# Words of 32 pixels without foreground are skipped. The lowest and the highest bit of the others tell the columns.
 @wp.func_native("""
     const int columns = word.shape[3], words = word.shape[2] * columns;
     const unsigned int* all = &wp::index(word, f, k, 0, 0);
@@ -208,6 +209,8 @@ def _unpack(
     ...
 
 
+# For every pixel all distances d are tried from far to near, without a branch: a pixel at d on either side that differs
+# overwrites what a farther one left. Compilers turn that into vectors of bytes.
 @wp.func_native(f"""
     const unsigned char* in = inside.data + first;
     unsigned char* to = across.data + first;
@@ -226,6 +229,9 @@ def _search_rows(inside: wp.array[wp.uint8], first: int, count: int, across: wp.
     ...
 
 
+# Of the pixels above and below, d rows away, each knows its own squared distance along its row, or zero if it is on the
+# other side itself. So the smallest ``along + d^2`` is the squared distance in the plane, and needs only bytes. Half a
+# pixel is taken off, because the contour runs between two pixels' centres.
 @wp.func_native(f"""
     const unsigned char* in = inside.data + first;
     const unsigned char* row = across.data + first;
@@ -255,6 +261,8 @@ def _search_columns(
     ...
 
 
+# The weights are those of a normal distribution at 0, 1 and 2 px, made to add up to one, first along the row, then
+# down the five rows.
 @wp.func_native("""
     const float outer = 0.05448868f, inner = 0.24420135f, middle = 0.40261996f;
     const float* row = rough.data + centre;

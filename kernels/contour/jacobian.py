@@ -33,8 +33,8 @@ LENS = 3
 OWN = LENS + 1
 """Columns of a view's own: its lens, and by how much its masks are larger than what they show [px]."""
 
-_BLOCK = 64  # threads: small, so that few views too spread over a whole GPU
-_INFLUENCES = wp.constant(8)  # four of each end of an edge
+_BLOCK = 64  # threads of a block: few, so that a few views fill a whole GPU too
+_INFLUENCES = wp.constant(8)  # joints that move an edge: four at each of its ends
 _Parts = wp.types.matrix(shape=(8, 4), dtype=wp.float32)
 _Numbers = wp.types.vector(length=8, dtype=wp.int32)
 

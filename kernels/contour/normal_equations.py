@@ -32,6 +32,8 @@ def triangle_words(width: int) -> int:
     return width * (width + 1) // 2
 
 
+# ``sum += w z z^T`` for each row z with weight w: z is scaled by w once, and added to the triangle row by row. Rows
+# without weight and zeros in a row, such as coordinates that do not move an edge, cost next to nothing.
 @wp.func_native("""
     for (int s = 0; s < count; ++s) {
         const float weight = weighted.data[first + s][1];
@@ -58,6 +60,13 @@ def _sum_serially(
     ...
 
 
+# ``sum += w z z^T`` by the lanes of a GPU's block:
+# 1. A lane finds its tile: tile number ``tile`` of the triangle in rows of tiles, two by two elements each. At the
+#    triangle's end a tile hangs over its edge; its missing row or column repeats the last one and is not written.
+# 2. Lanes copy as many rows z as the shared memory holds, and their weights; rows without weight become zeros.
+# 3. Each lane goes through these rows and adds its four products, in the order of the rows: the sum is the same however
+#    many lanes there are. Sums of each portion are added to the whole afterwards, which loses less by rounding.
+# 4. Steps 2 and 3 are repeated until all rows are done. Then each lane writes its tile.
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
     // 40 KB hold so many rows at a time, and their weights behind them.

@@ -29,9 +29,11 @@ BANDS = 64
 """Of an image, in which its contours are sorted."""
 
 _BANDS = wp.constant(BANDS)
-_LANES = 512  # of a block: a view is one block's, and its steps wait for each other
+_LANES = 512  # lanes of a block: one block has a view, and its steps wait for each other
 _COUNTERS = wp.constant(_LANES)  # where a block's counters for the bands begin, behind its lanes' own words
-_PROBE = wp.constant(0.75)  # px outside an edge: more than rounding moves a contour, less than anything to be seen
+_PROBE = wp.constant(
+    0.75
+)  # an edge is probed so far outside [px]: rounding moves a contour less, and all that is seen is larger
 
 
 @wp.struct
@@ -127,6 +129,9 @@ def _band_of(y: float, height: int) -> int:
     return int(wp.clamp(y * float(_BANDS) / float(height), 0.0, float(_BANDS - 1)))
 
 
+# A ray goes from the point to the left. An edge that it crosses counts one up or one down, by the direction in which
+# the edge crosses the ray's height: no edge counts twice at a corner, because an end belongs to one of its edges
+# only.
 @wp.func_native("""
     const float* start_x = line.data + first;
     const float* start_y = start_x + room;
@@ -180,6 +185,9 @@ def _face_camera(
     ...
 
 
+# An edge is written before it is known whether it belongs to the contour, and overwritten by the next one if it does
+# not: that needs no branch. It belongs to the contour if one of its two triangles faces the camera and the other does
+# not.
 @wp.func_native("""
     int count = 0;
     for (int i = first; i < end; ++i) {

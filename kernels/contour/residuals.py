@@ -18,9 +18,9 @@ wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": CPU_FLAGS
 FARTHEST = 8
 """Signed distances are cut off so many pixels from a contour, half a pixel less."""
 
-_BLOCK = 64  # threads: small, so that few views too spread over a whole GPU
-_SURE = wp.constant(FARTHEST - 1.0)  # px: what is farther from a mask has a distance above this
-_BORDER = wp.constant(1.0)  # px of an image's rim in which an outline means nothing
+_BLOCK = 64  # threads of a block: few, so that a few views fill a whole GPU too
+_SURE = wp.constant(FARTHEST - 1.0)  # what is far from a mask has a larger distance [px]
+_BORDER = wp.constant(1.0)  # width of an image's rim in which an outline means nothing [px]
 
 
 @wp.struct

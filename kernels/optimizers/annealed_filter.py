@@ -26,8 +26,8 @@ wp.set_module_options({"enable_backward": False})
 # the best: the weights are all but uniform at the one, and only the best of particles count at the other.
 _SOFTEST = wp.constant(1.0e-3)
 _HARDEST = wp.constant(1.0e2)
-_LOG_LARGE = wp.constant(80.0)  # whose exponential is still finite
-_BISECTIONS = wp.constant(26)  # of the logarithm, until single precision sees no difference
+_LOG_LARGE = wp.constant(80.0)  # logarithm of a number that is large and still finite
+_BISECTIONS = wp.constant(26)  # halvings of an interval of logarithms until single precision sees no difference
 
 
 @wp.struct

@@ -80,6 +80,8 @@ def start(space: SearchSpace, pose: wp.array[wp.float32], sigma_start: float, st
     wp.launch(_start, dim=state.axes.shape, inputs=[space, pose, sigma_start], outputs=[state], device=pose.device)
 
 
+# ``x = mean + sigma radius (B D z)``. A GPU's lanes each have some coordinates i and sum over j. A CPU goes through j
+# outside and i inside, which is the same order of additions for every i, and turns the inner loop into vectors.
 @wp.func_native("""
 #if !defined(__CUDA_ARCH__)
     #pragma clang fp contract(off)

@@ -23,9 +23,9 @@ from mmocap_warp.kernels.optimizers.populations import SearchSpace
 
 wp.set_module_options({"enable_backward": False})
 
-_WIDEST = wp.constant(1.0e8)  # sigma; costs that stay flat would widen it until candidates overflow
-_SMALLEST = wp.constant(1.0e-20)  # eigenvalue
-_LARGEST = wp.constant(1.0e16)  # eigenvalue; its square still fits
+_WIDEST = wp.constant(1.0e8)  # largest sigma: costs that stay flat would widen it until candidates overflow
+_SMALLEST = wp.constant(1.0e-20)  # smallest eigenvalue
+_LARGEST = wp.constant(1.0e16)  # largest eigenvalue: its square still fits
 
 
 @wp.struct
@@ -70,6 +70,7 @@ def _lay_out(axes: wp.array2d[wp.float32], lane: int, lanes: int, copy: wp.array
     ...
 
 
+# Column i of the eigenvectors times the mean draw, once scaled by the axes' lengths and once without.
 @wp.func_native("""
 #if !defined(__CUDA_ARCH__)
     #pragma clang fp contract(off)
@@ -161,6 +162,9 @@ def _move_path(
     sync()
 
 
+# In these coordinates C is diagonal, so that the new C is that diagonal, kept in part, plus the path's outer product
+# and the weighted sum of the parents' outer products. Each element is written to where the first round of the
+# tournament in ``eigen`` wants it.
 @wp.func_native("""
 #if !defined(__CUDA_ARCH__)
     #pragma clang fp contract(off)

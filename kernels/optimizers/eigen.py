@@ -110,7 +110,8 @@ def make_tournament(dofs: int, device: wp.DeviceLike) -> Tournament:
     n, width = even(dofs), pair_words(dofs)
     pairs = n // 2
     blocks = pairs * (pairs - 1) // 2
-    seat = np.full((n, n), -1)  # place of the element between two seats: seat k is pair k's first, pairs + k its second
+    # Where the element between two seats lies: seat k is the first of pair k, seat pairs + k its second.
+    seat = np.full((n, n), -1)
     k = np.arange(pairs)
     is_cpu = wp.get_device(device).is_cpu
     within = [width * row if is_cpu else 4 * blocks + pairs * row for row in range(3)]
@@ -122,6 +123,7 @@ def make_tournament(dofs: int, device: wp.DeviceLike) -> Tournament:
             row = (3 + 4 * (ahead - 1) + block) * width if is_cpu else block * blocks + (ahead - 1) * pairs
             seat[first + block // 2 * pairs, second + block % 2 * pairs] = row + first
     seat = np.maximum(seat, seat.T)
+    # Where a round finds the elements of its seats: where those who sit there now sat in the round before.
     sat_at = np.argsort(_seated(n, n - 2))  # seats in a sweep's last round, after which everyone sits as before it
     came_from = sat_at[_seated(n, 0)]
     moved = np.zeros(places(dofs), np.int32)
@@ -161,6 +163,13 @@ _CHOOSE = """
 """  # the rotation that makes the element pq within a pair k zero, on both kinds of device
 
 
+# How a rotation is chosen, and rotates what lies within its pair (CPU):
+# 1. Read the pair's diagonal elements pp and qq and the element pq between them, where the last round left them.
+# 2. An element that is small beside both diagonal elements is not rotated. One that is not yet tiny makes another sweep
+#    necessary.
+# 3. From cot 2 angle follow sine, cosine and tangent of half the angle, without any trigonometric function. The angle
+#    is the smaller of the two that make pq zero, at most an eighth of a turn, because that one converges.
+# 4. Write sine and tangent twice in a row: the blocks of the pairs ahead then read them as whole vectors.
 @wp.func_native(f"""
 #if !defined(__CUDA_ARCH__)
     #pragma clang fp contract(off)
@@ -197,6 +206,11 @@ def _find_rotations(pairs: int, round: int, now: int, tournament: Tournament, sp
     ...
 
 
+# How the 2 x 2 elements between two pairs are rotated (CPU), eight pairs k in one instruction:
+# 1. Gather the four elements of each block from where the last round left them.
+# 2. Rotate their rows by pair k's angle, then their columns by the angle of the pair ahead. With tau, the tangent of
+#    half the angle, ``c x - s y = x - s (y + tau x)``: a small correction instead of a product with a cosine near
+#    one.
 @wp.func_native("""
 #if !defined(__CUDA_ARCH__)
     #pragma clang fp contract(off)
@@ -240,6 +254,8 @@ _SEATS = """
 """  # the rows of V that a pair k rotates: they lie in coordinates' order
 
 
+# Each pair's rows of V are rotated like a block's rows, eight columns in one instruction. V stays in the coordinates'
+# order, so that only its two rows have to be found; a pair that does not rotate is left out.
 @wp.func_native(f"""
 #if !defined(__CUDA_ARCH__)
     #pragma clang fp contract(off)
@@ -265,6 +281,7 @@ def _rotate_axes(pairs: int, round: int, spectrum: Spectrum) -> None:
 
 @wp.func
 def _diagonalize_alone(tournament: Tournament, spectrum: Spectrum) -> int:
+    """All sweeps by one CPU thread. Returns the row of ``elements`` that the result lies in."""
     pairs = spectrum.axes.shape[0] // 2
     now = int(0)
     sweep = int(1)
@@ -280,6 +297,14 @@ def _diagonalize_alone(tournament: Tournament, spectrum: Spectrum) -> int:
     return now
 
 
+# All sweeps on a GPU. In a round the lanes of a block have three kinds of work, which do not wait for each other:
+# 1. Choosers (the first warps, a lane a pair) find the rotations of the next round. That needs the three elements of
+#    the next pair, after this round: the diagonal ones are known, and the one between is rotated here from its old
+#    block.
+# 2. Workers rotate the 2 x 2 blocks of this round, a lane a block, from the old elements to the new ones.
+# 3. Other workers rotate the rows of V, a lane four columns a quarter of a row apart.
+# Then all lanes wait once, and old and new elements change places, as do this round's and the next one's rotations.
+# A chooser that met a large element in a sweep notes the sweep's number. When nobody has, the matrix is diagonal.
 @wp.func_native(f"""
 #if defined(__CUDA_ARCH__)
     auto reciprocal = [](float x) {{ float y; asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(y) : "f"(x)); return y; }};
@@ -405,7 +430,9 @@ def _diagonalize_alone(tournament: Tournament, spectrum: Spectrum) -> int:
     return 0;
 #endif
 """)
-def _diagonalize_together(tournament: Tournament, spectrum: Spectrum, sweeps: int, lane: int, lanes: int) -> int: ...
+def _diagonalize_together(tournament: Tournament, spectrum: Spectrum, sweeps: int, lane: int, lanes: int) -> int:
+    """All sweeps by the lanes of a GPU's block. Returns the row of ``elements`` that the result lies in."""
+    ...
 
 
 @wp.func

@@ -30,7 +30,7 @@ _ONES = wp.constant(wp.uint32(0xFFFFFFFF))
 # An edge of height dy cells meets a row at a multiple of 1 / (2 SUBPIXEL dy) px. In float32, a short edge's meeting
 # point errs by less than 1.2e-5 px and is an integer or at least 3.0e-5 px away from one: half of that tells them
 # apart. For any other edge float64 errs by less than 1e-9 px, and 1.4e-8 px are to be told apart.
-_SHORT = wp.constant(1024)  # cells
+_SHORT = wp.constant(1024)  # an edge that spans fewer cells is short
 _TIE = wp.constant(1.5e-5)
 _TIE_FAR = wp.constant(wp.float64(7.0e-9))
 _PIXEL_FAR = wp.constant(wp.float64(1.0 / SUBPIXEL))

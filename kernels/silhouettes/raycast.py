@@ -42,8 +42,8 @@ from mmocap_warp.kernels.views.projection import Pinhole, Views, is_behind, pinh
 
 wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": CPU_FLAGS})
 
-_ROWS = wp.constant(128)  # of a packet
-_WORDS = wp.constant(8)  # of a packet's rows
+_ROWS = wp.constant(128)  # most rows of a packet of rays
+_WORDS = wp.constant(8)  # most words of 32 rays in a row of a packet
 _ALL = wp.constant(wp.uint32(0xFFFFFFFF))
 _EMPTY_LOW = wp.constant(2**29)
 _EMPTY_HIGH = wp.constant(-(2**29))
@@ -51,7 +51,7 @@ _EMPTY_HIGH = wp.constant(-(2**29))
 
 @wp.struct
 class Tree:
-    """A piece of a mesh, its triangles in a BVH; see :class:`mmocap_warp.silhouettes.mesh_bvh.Bvh`."""
+    """A piece of a mesh, its triangles in a BVH; see :class:`mmocap_warp.silhouettes.renderers.Bvh`."""
 
     vertex: wp.array[wp.int32]  # (vertex of the piece,)
     node: wp.array[wp.vec3i]  # (node,)
@@ -95,7 +95,7 @@ def _refit(
     facing: wp.array[wp.uint8],
     box: wp.array[wp.vec4i],
 ) -> None:
-    """Fit the boxes of a candidate and camera around its triangles."""
+    """Fit the boxes of a candidate and camera around its triangles, from the last node to the first."""
     for i in range(tree.node.shape[0]):
         n = tree.node.shape[0] - 1 - i
         node = tree.node[n]
@@ -167,7 +167,11 @@ def _cast(
     cut: bool,
     bits: wp.array[wp.uint32],
 ) -> None:
-    """Cast a packet's rays that have not hit yet."""
+    """Cast a packet's rays that have not hit yet.
+
+    The nodes lie in depth-first order. So the walk goes on to the next node where a box is entered, and skips all that
+    is below where it is not: no stack is needed. It ends as soon as all rays have hit something.
+    """
     first_column = packet.word * 32
     last_column = first_column + packet.words * 32 - 1
     last_row = packet.first_row + packet.rows - 1
@@ -176,6 +180,7 @@ def _cast(
     while n < tree.node.shape[0]:
         b = box[n]
         node = tree.node[n]
+        # The box lies beside the packet: skip what is below it.
         if (
             last_before(b[0]) >= last_column
             or last_before(b[2]) < first_column
@@ -183,8 +188,10 @@ def _cast(
             or last_before(b[3]) < packet.first_row
         ):
             n = node[0]
+        # An inner node: enter it.
         elif node[2] == 0:
             n += 1
+        # A leaf: mark the rays that hit its visible triangles.
         else:
             for t in range(node[1], node[1] + node[2]):
                 if facing[t] != wp.uint8(0):
@@ -193,7 +200,8 @@ def _cast(
                         _hit_clipped(v, posed, points, camera, packet, bits)
                     else:
                         _hit(points[v[0]], points[v[1]], points[v[2]], packet, bits)
-            hit = int(0)  # words of which all rays have hit
+            # Stop if the rays of all words have hit.
+            hit = int(0)
             while hit < rays and bits[hit] == _ALL:
                 hit += 1
             n = wp.where(hit == rays, tree.node.shape[0], node[0])
@@ -224,6 +232,7 @@ def _raycast(
         camera = pinhole(views, k)
         width = views.size[k][0]
         _refit(tree, points, cut, facing, box)
+        # Packet after packet: begin with what the frozen rest covers, cast, and count.
         packet = Packet()
         for first_row in range(bounds[0], bounds[1] + 1, _ROWS):
             packet.first_row = first_row

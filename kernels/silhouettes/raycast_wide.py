@@ -43,8 +43,8 @@ wp.set_module_options({"enable_backward": False})
 WIDTH = 32
 """Boxes under a node, and lanes of a warp."""
 
-_ROWS = wp.constant(32)  # of a tile
-_QUEUE = wp.constant(2 * WIDTH)  # triangles that wait to be marked, a warp
+_ROWS = wp.constant(32)  # rows of a tile
+_QUEUE = wp.constant(2 * WIDTH)  # triangles of a warp that wait to be marked
 _BITS = wp.constant(LANES // WIDTH * 2 * WIDTH)  # where the tiles' pixels begin in the shared words
 _FAR = wp.constant(2**29)
 

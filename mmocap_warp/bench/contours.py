@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -78,8 +79,8 @@ def _followed(load: Workload, runs: int, device: str) -> Case:
     follow = partial(tracker.step, load.observation)
 
     def begin() -> None:
-        _, counter, _before, level, lost, *memory = tracker.state
-        tracker.state = start, counter, start.copy(), np.full_like(level, _LEVEL), lost, *memory
+        levels = np.full_like(tracker.state.overlap_levels, _LEVEL)
+        tracker.state = replace(tracker.state, pose=start, previous_pose=start, overlap_levels=levels)
 
     def check() -> Check:
         """It explains the masks, and nothing was searched."""

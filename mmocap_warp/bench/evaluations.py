@@ -12,7 +12,7 @@ from mmocap_warp.bench.workload import Workload
 from mmocap_warp.kernels.benchmarks.case import Case, Check
 from mmocap_warp.silhouettes.objective import Objective
 from mmocap_warp.silhouettes.renderers import RENDERERS
-from mmocap_warp.tracking.parts import Part, hierarchical
+from mmocap_warp.tracking.pose_search import Part, hierarchical
 
 EVALUATION, MOVING = "whole evaluation", "moving part"
 PIXELS_APART = 1e-4

@@ -18,9 +18,9 @@ from mmocap_warp.optimizers.protocol import Optimizer
 from mmocap_warp.optimizers.search import Search
 from mmocap_warp.silhouettes.renderers import RENDERERS
 from mmocap_warp.tracking.algorithms import ALGORITHMS
-from mmocap_warp.tracking.parts import Part, hierarchical, holistic
+from mmocap_warp.tracking.pose_search import Part, hierarchical, holistic
 from mmocap_warp.tracking.track_config import TrackConfig
-from mmocap_warp.tracking.tracker import Tracker
+from mmocap_warp.tracking.tracker import Tracker, TrackState
 
 OPTIMIZER, GENERATION, FRAME = "ask and tell", "a generation", "a frame"
 COST_APART = 1e-5
@@ -203,8 +203,9 @@ def _frame_case(group: str, load: Workload, tracker: Tracker, check: Callable[[]
 def _same_run(load: Workload, one: Tracker, many: Tracker) -> Check:
     """Whether the first of many runs has the same bits as that run alone."""
     for tracker in (one, many):
-        pose, draw, *_particles = tracker.state
-        tracker.state = np.repeat(load.subject.pose[None].astype(np.float32), len(pose), axis=0), np.zeros_like(draw)
+        runs = tracker.config.runs
+        pose = np.repeat(load.subject.pose[None].astype(np.float32), runs, axis=0)
+        tracker.state = TrackState(pose, np.zeros(runs, np.int32))
     alone, first = one.step(load.observation).pose[0], many.step(load.observation).pose[0]
     same = bool(np.array_equal(alone, first))
     return Check("run 0 has the same bits alone" if same else "run 0 differs when alone", same)

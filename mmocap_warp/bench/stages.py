@@ -17,7 +17,7 @@ from mmocap_warp.kernels.silhouettes.cost import PAPER, cost_of_counts
 from mmocap_warp.masks.view_arrays import ViewArrays
 from mmocap_warp.silhouettes.renderers import RENDERERS
 from mmocap_warp.silhouettes.silhouettes import FrozenArrays, Silhouettes
-from mmocap_warp.tracking.parts import hierarchical
+from mmocap_warp.tracking.pose_search import hierarchical
 
 if TYPE_CHECKING:
     from mmocap_warp.bench.workload import Workload

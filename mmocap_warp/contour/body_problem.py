@@ -7,12 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from mmocap_warp.body.rest_space import RestSpace
-from mmocap_warp.contour.clip.trust import LARGEST_STEP, Trust
-from mmocap_warp.contour.frame.around import Around
-from mmocap_warp.contour.frame.descent import descend
+from mmocap_warp.contour.frame.descent import LARGEST_STEP, Trust, descend
 from mmocap_warp.contour.frame.fitter import ContourFitter
 from mmocap_warp.contour.frame.normal_equations import LineariseBody, NormalEquations
-from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
+from mmocap_warp.contour.frame.rooted import Neighbours, RootedPoses, Rooting
 
 LARGEST_CHANGE = 3.0
 """No parameter moves further in a step, in its prior standard deviations: their units are as different as they are."""
@@ -71,7 +69,7 @@ def body_problem(
     space: RestSpace,
     root_base: np.ndarray,
     share: float,
-    around: Around | None = None,
+    neighbours: Neighbours | None = None,
     still: int = 0,
 ) -> BodyProblem:
     """The problem of a body in a rest space, seen in the frames that a fitter observes.
@@ -81,7 +79,7 @@ def body_problem(
         space: bodies around the one that is expected.
         root_base: (3, 3), see :class:`~mmocap_warp.body.model.Subject`.
         share: of the space's standard deviations, how far from the expected body a subject may be.
-        around: the frames' neighbours, for late views; their poses stay as they are.
+        neighbours: the frames' neighbours, for late views; their poses stay as they are.
         still: of the searched coordinates, how many of the first are the same in all frames.
     """
     body = space.body
@@ -89,7 +87,7 @@ def body_problem(
     def linearise(frames: np.ndarray, rooted: RootedPoses, beta: np.ndarray) -> NormalEquations:
         fitter.reshape(*space.at(beta, body.tracking_vertex))
         fitter.set_change(*space.basis(beta, body.tracking_vertex))
-        return fitter.linearise(frames, rooted, around[frames] if around else None)
+        return fitter.linearise(frames, rooted, neighbours[frames] if neighbours else None)
 
     rooting = Rooting(body.skeleton, root_base, body.skeleton.searched())
     return BodyProblem(linearise, rooting, np.zeros(len(space.names)), share * space.sigma, still)

@@ -17,22 +17,22 @@ from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.skeleton import ROOT_ANGLES, Skeleton
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.contour.body_problem import BodySolution, body_problem
-from mmocap_warp.contour.frame.around import Around
 from mmocap_warp.contour.frame.fitter import ContourFitter
-from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
+from mmocap_warp.contour.frame.rooted import Neighbours, RootedPoses, Rooting
 from mmocap_warp.device.cores import available_threads
 from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.fitting.frame_fit import PRIOR
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import STATUS, FrameAnswer
 from mmocap_warp.tracking.contour_tracker import ContourTracker
+from mmocap_warp.tracking.frame_loop import track_frames
 from mmocap_warp.tracking.track_config import TrackConfig
 
-_LONGEST = 2.0  # [s] that are followed
+_DURATION = 2.0  # how much of a clip is followed [s]
 _RATE = 30.0  # frames a second that are enough to follow a person
-_CLEARLY = 0.03  # of a frame's cost, by which the way back must be better than the way there
-_BODY_STEPS = 15
-_OUTLINE = 0.012  # [m], standard deviation of all outlines together: of shadows, hair and shoes
+_LEAST_GAIN = 0.03  # share of a frame's cost by which the answer on the way back must be better
+_BODY_STEPS = 15  # steps that solve the body
+_OUTLINE = 0.012  # standard deviation that all outlines have in common, of shadows, hair and shoes [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,27 +43,27 @@ class Followed:
         observation: of each frame.
         rooted: the poses.
         cost: (frame,) float64, of the tracker's answers.
-        around: the poses before and after each, for late views. They move on a straight line: while a body is solved
-            they stay, and with a bend a frame that moves would be pulled back to them.
+        neighbours: the poses before and after each, for late views. The body moves on a straight line between them:
+            they stay while it is solved, and a curved motion would pull a frame that moves back to them.
     """
 
     observation: list[Observation]
     rooted: RootedPoses
     cost: np.ndarray
-    around: Around | None = None
+    neighbours: Neighbours | None = None
 
     def spread(self, count: int) -> Followed:
         """At most ``count`` of the frames, evenly spread, with the first."""
         chosen = np.unique(np.linspace(0, len(self.rooted) - 1, count).round().astype(int))
         observed = [self.observation[frame] for frame in chosen]
-        around = self.around[chosen] if self.around else None
-        return Followed(observed, self.rooted[chosen], self.cost[chosen], around)
+        neighbours = self.neighbours[chosen] if self.neighbours else None
+        return Followed(observed, self.rooted[chosen], self.cost[chosen], neighbours)
 
 
 def frames_to_follow(fps: float, available: int) -> range:
     """The frames of a recording that are worth following from its first one."""
     stride = max(1, int(fps / _RATE))
-    return range(0, min(available, max(1, round(_LONGEST * fps))), stride)
+    return range(0, min(available, max(1, round(_DURATION * fps))), stride)
 
 
 def solve_body_in_clip(
@@ -111,26 +111,29 @@ def follow(
         fps: of these frames.
         config: of the tracker.
     """
-    tracker = ContourTracker(subject, rig, config, fps)
+    # Forwards, until the subject is lost.
     observed: list[Observation] = []
-    found: list[FrameAnswer] = []
-    for observation in observations:
-        answer = tracker.step(observation)
-        if found and np.ravel(answer.status)[0] == STATUS.index("lost"):
+    answers: list[FrameAnswer] = []
+    for answer in track_frames(ContourTracker(subject, rig, config, fps), observations, keep=observed.append):
+        if answers and np.ravel(answer.status)[0] == STATUS.index("lost"):
             break
-        observed.append(observation)
-        found.append(answer)
-    back = ContourTracker(replace(subject, pose=found[-1].pose[0]), rig, replace(config, algorithm="contour"), -fps)
-    for frame in reversed(range(len(found) - 1)):
-        answer = back.step(observed[frame])
-        if answer.cost[0] < (1 - _CLEARLY) * found[frame].cost[0]:
-            found[frame] = answer
+        answers.append(answer)
+
+    # Backwards from the last frame before that, by contours alone: the better answer of each frame is taken.
+    last = len(answers) - 1
+    subject_there = replace(subject, pose=answers[last].pose[0])
+    back = ContourTracker(subject_there, rig, replace(config, algorithm="contour"), -fps)
+    for step, answer in enumerate(track_frames(back, reversed(observed[:last])), 1):
+        if answer.cost[0] < (1 - _LEAST_GAIN) * answers[last - step].cost[0]:
+            answers[last - step] = answer
+
     skeleton = subject.body.skeleton
     rooting = Rooting(skeleton, subject.root_base, skeleton.searched())
-    rooted = [rooting.enter(answer.pose.astype(float)) for answer in found]
+    rooted = [rooting.enter(answer.pose.astype(float)) for answer in answers]
     course = rooted[0].followed_by(*rooted[1:])
-    around = Around.of(course, np.arange(len(course)), fps, curved=False)
-    return Followed(observed, course, np.array([float(each.cost[0]) for each in found]), around)
+    neighbours = Neighbours.of(course, np.arange(len(course)), fps, curved=False)
+    costs = np.array([float(answer.cost[0]) for answer in answers])
+    return Followed(observed[: last + 1], course, costs, neighbours)
 
 
 def solve_body(
@@ -161,7 +164,7 @@ def solve_body(
     for place, observation in enumerate(followed.observation):
         fitter.observe(place, observation)
 
-    problem = body_problem(fitter, space, subject.root_base, PRIOR, followed.around, still)
+    problem = body_problem(fitter, space, subject.root_base, PRIOR, followed.neighbours, still)
     solution = problem.solved(np.arange(count), followed.rooted, space.nearest(subject.body), _BODY_STEPS)
     pose = problem.rooting.leave(solution.rooted[:1], subject.pose[ROOT_ANGLES])[0]
     kept = {name: value for name, value in subject.provenance.items() if name.startswith("fit.")}
@@ -180,30 +183,31 @@ def with_base_still(subject: Subject, skeleton: Skeleton) -> Subject:
 
 
 def measurements(space: RestSpace, solution: BodySolution) -> dict[str, float]:
-    """Height, length of bodies that are longer than tall or lie anyhow, bones' lengths, with standard deviations [m].
+    """Height and bones' lengths with their standard deviations [m]; of some bodies the length too.
 
-    What the masks and the family of bodies are off by is the same in all frames: more frames do not average it out.
+    A body has a length if it is longer than tall, or may lie any way up. What the masks and the family of bodies are
+    off by is the same in all frames: more frames do not average it out.
     """
     covariance = len(solution.cost) * solution.covariance
     rest, joint = space.at(solution.beta)
     d_rest, d_joint = space.basis(solution.beta)
     own = np.flatnonzero(space.body.own_vertex)
     top, bottom = own[rest[own, 1].argmax()], own[rest[own, 1].argmin()]
-    found = {"height": (rest[top, 1] - rest[bottom, 1], d_rest[:, top, 1] - d_rest[:, bottom, 1])}
+    lengths = {"height": (rest[top, 1] - rest[bottom, 1], d_rest[:, top, 1] - d_rest[:, bottom, 1])}
     across, stands = np.ptp(rest[own], axis=0), space.body.skeleton.stands
     if across[2] > across[1] or not stands:
         axis = 2 if stands else int(across.argmax())
         front, back = own[rest[own, axis].argmax()], own[rest[own, axis].argmin()]
-        found["length"] = rest[front, axis] - rest[back, axis], d_rest[:, front, axis] - d_rest[:, back, axis]
+        lengths["length"] = rest[front, axis] - rest[back, axis], d_rest[:, front, axis] - d_rest[:, back, axis]
     for name in space.names:
         if name.startswith("bone."):
             skeleton = space.body.skeleton
             end = skeleton.index(name.removeprefix("bone.").split("+")[0])
             bone, change = (each[..., end, :] - each[..., skeleton.parent[end], :] for each in (joint, d_joint))
             length = float(np.linalg.norm(bone))
-            found[name] = length, change @ bone / length
+            lengths[name] = length, change @ bone / length
     values: dict[str, float] = {}
-    for name, (value, by_parameter) in found.items():
+    for name, (value, by_parameter) in lengths.items():
         values[f"body.{name}"] = float(value)
         of_outline = 0.0 if name.startswith("bone.") or space.body.rigid else _OUTLINE * space.body.relative_size
         values[f"body.{name}.sigma"] = float(np.sqrt(by_parameter @ covariance @ by_parameter + of_outline**2))

@@ -12,26 +12,27 @@ from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION, Skeleton
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.contour.body_problem import body_problem
-from mmocap_warp.contour.clip.exchanged import places_exchanged
 from mmocap_warp.contour.clip.motion_points import MotionPoints
 from mmocap_warp.contour.frame.fitter import WIDE, ContourFitter, MatchingConfig
 from mmocap_warp.contour.frame.rooted import Rooting
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.silhouettes.objective import Objective
-from mmocap_warp.tracking.limb_pairs import Limb, like_limbs, limb_pairs, limbs, mirrored
+from mmocap_warp.tracking.limb_pairs import Limb, like_limbs, limb_pairs, limbs, mirrored, places_exchanged
 
 PRIOR = 0.3
 """How much nearer to the generic body a subject is expected than RestSpace's standard deviations say."""
 
+SPREAD_FACTOR = 2.5
+"""Limbs are drawn with so many times the standard deviations that angles have when a recording starts."""
+
 _POSE_PRIOR = 1e-4  # pull to the rest pose, per squared standard deviation of an angle
-_DRAWS = 320  # of a limb's angles
-_TRIED = 24  # of the draws are taken to the bottom
-_FOLLOWED = 6  # of these are taken further
-_LIMB_STEPS = 5
-_WORTH = 1e-3  # of the cost: what a round over the limbs must bring
-_PATIENCE = 2  # rounds that bring nothing before limbs are left where they are
-WIDER = 2.5  # than angles are spread when a recording starts
-_BODY_STEPS = 10
+_DRAWS = 320  # draws of a limb's angles
+_TRIED = 24  # best draws that are fitted roughly
+_FINE = 6  # best of these that are fitted finely
+_LIMB_STEPS = 5  # descent steps of a limb's fit
+_LEAST_GAIN = 1e-3  # cost that a round over the limbs must save
+_FRUITLESS_ROUNDS = 2  # rounds in a row that save less before limbs stay where they are
+_BODY_STEPS = 10  # descent steps of a fit of body and pose
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +92,7 @@ class FrameFit:
             return made
 
         self._rough, self._fine = (fitter(1, len(space.names), matching) for matching in (WIDE, MatchingConfig()))
-        self._rough_pose, self._fine_pose = fitter(_TRIED, 0, WIDE), fitter(_FOLLOWED, 0, MatchingConfig())
+        self._rough_pose, self._fine_pose = fitter(_TRIED, 0, WIDE), fitter(_FINE, 0, MatchingConfig())
         self._objective = Objective(body, np.eye(3), rig, _DRAWS, renderer="raster", device=device, threads=threads)
         self._objective.observe(observation)
         prior = np.zeros(skeleton.coordinates)
@@ -119,8 +120,8 @@ class FrameFit:
                 guess = self._better(guess, self._drawn(guess, limb))
             solved = self._solved(guess, self._fine)
             guess = solved if solved.cost < guess.cost else guess  # contours may pull a limb the wrong way
-            fruitless = fruitless + 1 if guess.cost > before - _WORTH else 0
-            if fruitless == _PATIENCE:
+            fruitless = fruitless + 1 if guess.cost > before - _LEAST_GAIN else 0
+            if fruitless == _FRUITLESS_ROUNDS:
                 break
         return guess
 
@@ -170,7 +171,7 @@ class FrameFit:
         """
         reach, skeleton = limb.reach, self._skeleton
         low, high = np.clip(skeleton.coordinate_limits[reach], -np.pi, np.pi).T
-        spread = WIDER * skeleton.spread[(reach - TRANSLATION) // 3]
+        spread = SPREAD_FACTOR * skeleton.spread[(reach - TRANSLATION) // 3]
         drawn = np.tile(guess.pose, (_DRAWS, 1))
         drawn[:, reach] = self._random.uniform(low, high, (_DRAWS, len(reach)))
         near = self._random.normal(0.0, spread, (_DRAWS // 2, len(reach)))
@@ -184,7 +185,7 @@ class FrameFit:
 
     def _better(self, guess: Guess, starts: np.ndarray) -> Guess:
         """The guess, or what is found from starts (candidate, coordinate) if that costs less."""
-        near = self._descended(self._rough_pose, guess, starts)[:_FOLLOWED]
+        near = self._descended(self._rough_pose, guess, starts)[:_FINE]
         found = self._descended(self._fine_pose, guess, near)
         pose, cost = found[0], float(self._judged(found[:1])[0])
         return replace(guess, pose=pose, cost=cost) if cost < guess.cost else guess

@@ -1,4 +1,4 @@
-"""Where to start with a body that lies or bends anyhow: many ways to turn and bend it are judged, and the best kept."""
+"""Where to start with a body that may lie or bend any way: many ways are judged, and the best are kept."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.silhouettes.objective import Objective
 
-_TURNS = 240  # of a body that lies anyhow: any is within 40 degrees of one of them
-_HEADINGS = 24  # of one that stands
+_ROTATIONS = 240  # rotations of a body that may lie any way up: every one is within 40 degrees of one of them
+_HEADINGS = 24  # directions that a standing body is turned to
 _DRAWS = 48  # poses of a robot, whose joints may be anywhere
-_AT_ONCE = 240  # candidates
-_SMALLEST, _LARGEST = 0.6, 1.4  # scale
-_APART = 0.15  # of the body's size: starts of which no joint is farther from the other's are one
-_LOOKED_AT = 40  # candidates for each start that is wanted, the best ones
+_AT_ONCE = 240  # candidates that are judged at a time
+_SMALLEST, _LARGEST = 0.6, 1.4  # limits of a body's scale
+_SAME_PLACE = 0.15  # two starts are one if no joint is farther apart, as a share of the body's size
+_COMPARED = 40  # best candidates that are compared for each start that is wanted
 
 
-def usual_poses(skeleton: Skeleton, anyhow: bool, seed: int) -> np.ndarray:
+def usual_poses(skeleton: Skeleton, any_pose: bool, seed: int) -> np.ndarray:
     """Poses (pose, coordinate) to start from: the zero pose, as near as limits let it be.
 
     Args:
         skeleton: the joints.
-        anyhow: whether they may be anywhere within their limits, as a robot's: then with draws.
+        any_pose: whether joints may be anywhere within their limits, as a robot's: then draws follow.
         seed: of the draws.
     """
     low, high = np.clip(skeleton.coordinate_limits, -np.pi, np.pi).T
-    poses = np.tile(np.clip(0.0, low, high), (1 + _DRAWS if anyhow else 1, 1))
+    poses = np.tile(np.clip(0.0, low, high), (1 + _DRAWS if any_pose else 1, 1))
     bent = skeleton.searched()[skeleton.searched() >= ROOT_ANGLES.stop]
     poses[1:, bent] = np.random.default_rng(seed).uniform(low[bent], high[bent], (len(poses) - 1, len(bent)))
     return poses
@@ -67,24 +67,24 @@ def screened_starts(
         space.body, np.eye(3), rig, _AT_ONCE, renderer="raster", shapes=space, device=device, threads=threads
     )
     objective.observe(observation)
-    scale = np.ones(len(poses) * (_HEADINGS if space.body.skeleton.stands else _TURNS))
-    candidates = _turned(space, poses, hull, scale)
+    scale = np.ones(len(poses) * (_HEADINGS if space.body.skeleton.stands else _ROTATIONS))
+    candidates = _turned_poses(space, poses, hull, scale)
     seen = observation.foreground > 0
     cost, area = _judged(objective, candidates, seen)
     if not space.body.rigid:
         scale = np.clip(np.sqrt(observation.foreground.sum() / np.maximum(area, 1)), _SMALLEST, _LARGEST)
-        candidates = _turned(space, poses, hull, scale)
+        candidates = _turned_poses(space, poses, hull, scale)
         cost, _ = _judged(objective, candidates, seen)
-    best_first = np.argsort(cost, kind="stable")[: _LOOKED_AT * count]
+    best_first = np.argsort(cost, kind="stable")[: _COMPARED * count]
     return _distinct(space, candidates[best_first], count)
 
 
-def _turned(space: ShapeSpace, poses: np.ndarray, hull: np.ndarray, scale: np.ndarray) -> np.ndarray:
+def _turned_poses(space: ShapeSpace, poses: np.ndarray, hull: np.ndarray, scale: np.ndarray) -> np.ndarray:
     """Coordinates (pose * turn, coordinate) of a scale each (pose * turn,): the skin's middle is in the hull's."""
     body, skeleton, upright = space.body, space.body.skeleton, upright_base(space.up)
     up, frame = upright[:, 1], skeleton.frame[0].astype(float)
     headings = 2 * np.pi * np.arange(_HEADINGS) / _HEADINGS
-    turns = turn("y", headings) if skeleton.stands else spread_rotations(_TURNS)
+    turns = turn("y", headings) if skeleton.stands else spread_rotations(_ROTATIONS)
     own = poses.copy()
     own[:, : TRANSLATION if skeleton.stands else ROOT_ANGLES.stop] = 0.0
     skin = Poser(body, np.eye(3)).tracking_vertices(own).astype(float)
@@ -119,7 +119,7 @@ def _judged(objective: Objective, candidates: np.ndarray, seen: np.ndarray) -> t
 def _distinct(space: ShapeSpace, candidates: np.ndarray, count: int) -> np.ndarray:
     """The first ``count`` of the candidates that are not where an earlier one is."""
     skeleton = space.body.skeleton
-    near = _APART * float(np.ptp(space.body.skin.rest, axis=0).max())
+    near = _SAME_PLACE * float(np.ptp(space.body.skin.rest, axis=0).max())
     poser = Poser(space.body, upright_base(space.up))
     pose = candidates[:, : skeleton.coordinates]
     own = poser.joint_transforms(pose)[:, :, :3, 3] - pose[:, None, :TRANSLATION]

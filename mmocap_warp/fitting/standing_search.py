@@ -16,14 +16,14 @@ from mmocap_warp.optimizers.cma_es import CmaEs, CmaEsConfig
 from mmocap_warp.optimizers.search import Search
 from mmocap_warp.silhouettes.objective import Objective
 
-_VOXEL = 0.03  # [m]
-_SPREAD_TRANSLATION = 0.10  # [m]
-_SPREAD_SLIDER = 0.3
-_SPREAD_SCALE = 0.05  # of the logarithm
+_VOXEL = 0.03  # distance between the points of the visual hull [m]
+_SPREAD_TRANSLATION = 0.10  # standard deviation of the place at the start of the search [m]
+_SPREAD_SLIDER = 0.3  # the same of a shape's slider
+_SPREAD_SCALE = 0.05  # the same of the logarithm of the scale
 _POSE_PRIOR = 0.001  # pull to the rest pose, per squared standard deviation of an angle
 _SHAPE_PRIOR = 0.003  # pull to the starting body, per squared slider
-_POPULATION = 24
-_FEWEST = 100  # points of a visual hull that is a body
+_POPULATION = 24  # CMA-ES's candidates of a generation
+_LEAST_POINTS = 100  # a visual hull of fewer points shows no body
 
 
 class NoSubjectError(ValueError):
@@ -38,9 +38,9 @@ def subject_hull(body: BodyModel, rig: CameraRig, observation: Observation) -> n
     """
     spacing = _VOXEL * body.relative_size
     hull = visual_hull(rig, observation, spacing=spacing)
-    if len(hull) < _FEWEST:
+    if len(hull) < _LEAST_POINTS:
         hull = visual_hull(rig, observation, spacing=spacing, tolerate=1)
-    if len(hull) < _FEWEST:
+    if len(hull) < _LEAST_POINTS:
         raise NoSubjectError("the silhouettes of at least two views do not meet anywhere in space")
     return hull
 

@@ -1,9 +1,9 @@
 """A subject without hand work: where it stands and heads, its pose in the first frame, and its body, from the masks.
 
 1. The visual hull gives the place and the size.
-2. Several headings, evenly spread, are each fitted by a short search over pose, shape and scale together. Of a body
-   that need not stand as in its bind pose, a hand or a robot, many ways to turn and bend it are judged, and the best
-   fitted instead.
+2. Several headings, evenly spread, are each fitted by a short search over pose, shape and scale together. A body
+   that need not stand as in its bind pose, such as a hand or a robot, is turned and bent in many ways instead, and the
+   best of these are fitted.
 3. Contours take each to the bottom of its basin, body included. Of the best few, limbs are drawn anew until nothing
    is gained.
 4. The first seconds of the clip are followed by contours, and some of their frames solved for the body together.
@@ -46,15 +46,15 @@ from mmocap_warp.tracking.track_config import TrackConfig
 if TYPE_CHECKING:
     from mmocap_warp.scene.recording import Scene
 
-_LONGEST = 480  # pixels
+_IMAGE_LENGTH = 480  # width or height of the largest image that is fitted, unless the scale is given [px]
 _WINNERS = 2  # finalists whose limbs are searched until nothing is gained
-_ROUNDS = 6  # over the limbs, at most
-_CLEAR = 0.03  # of the cost: a margin by which one frame decides
-_TURNED = -0.2  # cosine between the ways that two bodies face, or of the turn between them
-_ELSEWHERE = 0.1  # [m]: joints that are nearer to each other are in the same place
-_UNDECIDED = 0.005  # of the cost: a margin that decides nothing
-_UNDECIDED_CLIP = 0.02  # the same for contours over a clip, as a share of their cost
-_HEADINGS_SHARE, _LIMBS_SHARE = 0.4, 0.6  # of the work, for the progress
+_ROUNDS = 6  # rounds over the limbs, at most
+_CLEAR_MARGIN = 0.03  # one frame decides by this difference of costs
+_TURNED_COSINE = -0.2  # two bodies face apart if the cosine of the angle between them is smaller
+_SAME_PLACE = 0.1  # joints that are nearer to each other are in the same place [m]
+_LEAST_MARGIN = 0.005  # a smaller difference of costs decides nothing
+_LEAST_CLIP_MARGIN = 0.02  # a smaller difference over a clip decides nothing, as a share of the contours' cost
+_HEADINGS_SHARE, _LIMBS_SHARE = 0.4, 0.6  # shares of the work that are done after these stages, for the progress
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class FitConfig:
     Attributes:
         seed: of the random numbers.
         scale: of masks and cameras; None makes the largest image 480 pixels long, which is plenty for a shape.
-        headings: evenly spread starting directions; of a body that starts anyhow, the best of many starts.
+        headings: evenly spread starting directions; of a body that may lie any way, the best of many starts.
         evaluations: spent on each.
         finalists: headings whose limbs are searched.
         frames: of the clip's first seconds that the body is solved from; 1 takes it from the first frame alone.
@@ -120,7 +120,7 @@ def fit(
     """
     config = replace(config or config_from_table(FitConfig, scene.settings("fit")), **settings)
     body = carrying(body, scene.attached).body
-    scale = config.scale or min(1.0, _LONGEST / float(scene.rig().size.max()))
+    scale = config.scale or min(1.0, _IMAGE_LENGTH / float(scene.rig().size.max()))
     numbers = frames_to_follow(scene.rate, scene.frame_count if config.frames > 1 else 1)
     observations = islice(scene.observations(scale, count=numbers[-1] + 1), 0, None, numbers.step)
     try:
@@ -164,20 +164,20 @@ def fit_clip(
     observations = iter(observations)
     first = next(observations)
     best, others = _first_frame(task, first)
-    found = _found(best, others)
-    close = [other for other in others.values() if other.cost < best.cost + _CLEAR]
+    verdict = _verdict(best, others)
+    close = [other for other in others.values() if other.cost < best.cost + _CLEAR_MARGIN]
     clip = [first, *observations]
     # Motion decides between ways to see the first frame that are nearly as good.
-    ways = [_with_clip_body(task, clip, fps, task.subject(guess, found)) for guess in (best, *close)]
-    (subject, cost), *behind = sorted(ways, key=lambda way: way[1])
-    behind = [way for way in behind if _differ(subject, way[0])]  # some come to the same in the end
+    ways = [_with_clip_body(task, clip, fps, task.subject(guess, verdict)) for guess in (best, *close)]
+    (subject, cost), *others_in_clip = sorted(ways, key=lambda way: way[1])
+    others_in_clip = [way for way in others_in_clip if _differ(subject, way[0])]  # some end in the same pose
     decided = "yes"
-    if behind:
-        margin = behind[0][1] / cost - 1
-        found["fit.clip_margin"] = margin
-        decided = "no" if margin < _UNDECIDED_CLIP else "yes"
+    if others_in_clip:
+        margin = others_in_clip[0][1] / cost - 1
+        verdict["fit.clip_margin"] = margin
+        decided = "no" if margin < _LEAST_CLIP_MARGIN else "yes"
     task.progress("body", 1.0, best.cost)
-    return replace(subject, provenance=subject.provenance | found | {"fit.decided": decided})
+    return replace(subject, provenance=subject.provenance | verdict | {"fit.decided": decided})
 
 
 def _with_clip_body(task: _Task, clip: list[Observation], fps: float, subject: Subject) -> tuple[Subject, float]:
@@ -185,34 +185,6 @@ def _with_clip_body(task: _Task, clip: list[Observation], fps: float, subject: S
     settings = TrackConfig(seed=task.config.seed, device=task.device, threads=task.threads)
     generic = replace(task.body, skeleton=task.generic.skeleton)
     return solve_body_in_clip(subject, generic, task.rig, clip, fps, task.config.frames, settings)
-
-
-def fit_observation(
-    body: BodyModel,
-    rig: CameraRig,
-    observation: Observation,
-    config: FitConfig | None = None,
-    progress: FitProgress | None = None,
-    start_poses: np.ndarray | None = None,
-) -> Subject:
-    """Fit a body to one frame's masks.
-
-    Args:
-        body: the generic body that the subject's is expected to be near to.
-        rig: undistorted cameras at the masks' size.
-        observation: the masks; at least two views must see the subject.
-        config: settings.
-        progress: told after every stage.
-        start_poses: see :func:`fit`.
-
-    Raises:
-        NoSubjectError: fewer than two views see the subject, or they see different things.
-    """
-    task = _Task(body, rig, config or FitConfig(), progress or (lambda stage, done, cost: None), start_poses)
-    best, others = _first_frame(task, observation)
-    found = _found(best, others)
-    decided = "no" if any(other.cost < best.cost + _UNDECIDED for other in others.values()) else "yes"
-    return task.subject(best, found | {"fit.decided": decided})
 
 
 @dataclass(frozen=True)
@@ -255,17 +227,22 @@ class _Task:
 def _first_frame(task: _Task, observation: Observation) -> tuple[Guess, dict[str, Guess]]:
     """The best guess at the first frame, and others by how they differ: turned round, or with sides swapped."""
     config, skeleton = task.config, task.body.skeleton
+    # All headings to the bottom of their basins, then the limbs of the best few.
     frame = FrameFit(task.space, task.rig, observation, config.seed, task.device, task.threads)
     guesses = sorted((frame.polished(guess) for guess in _headings(task, observation)), key=_cost)
     task.progress("headings", _HEADINGS_SHARE, guesses[0].cost)
     finalists = sorted((frame.with_limbs_found(guess, 1) for guess in guesses[: config.finalists]), key=_cost)
     finalists = sorted((frame.with_limbs_found(guess, _ROUNDS) for guess in finalists[:_WINNERS]), key=_cost)
     best = finalists[0]
+
+    # Limbs that explain each other's masks: both from rest, or each from the other's place.
     anew, exchanged = frame.with_pairs_anew(best), frame.with_places_exchanged(best)
     better = min(anew + exchanged, key=_cost, default=best)
     if better.cost < best.cost:
         best = frame.with_limbs_found(better, _ROUNDS)
     task.progress("limbs", _LIMBS_SHARE, best.cost)
+
+    # Other ways to see the frame: the best that faces the other way, and the best with two limbs exchanged.
     turned = [guess for guess in finalists + guesses if _turned(skeleton, best, guess)]
     others: dict[str, Guess] = {}
     there = task.subject(best, {})
@@ -273,11 +250,13 @@ def _first_frame(task: _Task, observation: Observation) -> tuple[Guess, dict[str
         other = frame.with_limbs_found(min(turned, key=_cost), _ROUNDS)
         if _differ(there, task.subject(other, {})):  # else it has turned back
             others["turned"] = other
-    exchanged = [guess for guess in exchanged if guess.cost < best.cost + _UNDECIDED]
+    exchanged = [guess for guess in exchanged if guess.cost < best.cost + _LEAST_MARGIN]
     swapped = [finalists[0], *anew, *exchanged, *frame.with_sides_swapped(best)]
     swapped = [guess for guess in swapped if _differ(there, task.subject(guess, {}))]
     if swapped:
         others["swapped"] = min(swapped, key=_cost)
+
+    # One of them may be the best in the end.
     for name, other in others.items():
         if other.cost < best.cost:
             best, others[name] = other, best
@@ -285,20 +264,20 @@ def _first_frame(task: _Task, observation: Observation) -> tuple[Guess, dict[str
 
 
 def _turned(skeleton: Skeleton, one: Guess, other: Guess) -> bool:
-    """Whether one faces away from the other; of bodies that lie anyhow, whether one is turned far from the other."""
+    """Whether one faces away from the other. Bodies that may lie any way up are compared by the turn between them."""
     here, there = one.orientation(skeleton), other.orientation(skeleton)
     if skeleton.stands:
-        return bool(there[:, 2] @ here[:, 2] < _TURNED)
-    return bool((np.trace(here.T @ there) - 1) / 2 < _TURNED)
+        return bool(there[:, 2] @ here[:, 2] < _TURNED_COSINE)
+    return bool((np.trace(here.T @ there) - 1) / 2 < _TURNED_COSINE)
 
 
 def _differ(one: Subject, other: Subject) -> bool:
     """Whether a joint of two subjects is in another place."""
     places = [Poser(each.body, each.root_base).joint_transforms(each.pose)[0, :, :3, 3] for each in (one, other)]
-    return bool(np.linalg.norm(places[0] - places[1], axis=1).max() > _ELSEWHERE * one.body.relative_size)
+    return bool(np.linalg.norm(places[0] - places[1], axis=1).max() > _SAME_PLACE * one.body.relative_size)
 
 
-def _found(best: Guess, others: dict[str, Guess]) -> dict[str, str | float | int]:
+def _verdict(best: Guess, others: dict[str, Guess]) -> dict[str, str | float | int]:
     """What the first frame says: the best cost, the next best way to see it, and how far that is behind."""
     if not others:
         return {"fit.cost": best.cost, "fit.margin": float("nan")}

@@ -1,4 +1,4 @@
 """Population optimizers on the device, a file each; they minimise any batched cost and know no body.
 
-May import: kernels.
+May import: kernels, device.
 """

@@ -12,12 +12,13 @@ from mmocap_warp.kernels.optimizers.populations import SearchSpace
 class Optimizer(Protocol):
     """Minimises a batched cost over a batch of independent runs; all of its state lives on the device.
 
-    It is made for the budget of a whole search, and told its share of it by ``plan``, before the first one. Then
-    ``start`` begins a search, and for each size that was planned, ``ask(size)`` fills the first ``size`` particles of
-    ``population``, the caller computes their costs (candidate = run * size + particle), and ``tell`` learns from them.
-    A generation smaller than ``particles`` only spends what is left of the budget: it is not told.
+    It is made for the budget of a whole search. Before the first search, ``plan`` gives it its share of the budget and
+    returns the sizes of the generations. ``start`` begins a search. Then, for each size, ``ask(size)`` fills the first
+    ``size`` particles of ``population``, the caller computes their costs (candidate = run * size + particle), and
+    ``tell`` learns from them. A generation smaller than ``particles`` only spends the rest of the budget: ``tell`` is
+    not called for it.
 
-    Nothing that changes from one generation to the next is a host scalar, so that a captured graph of a generation
+    Nothing that changes from one generation to the next is a number on the host. So a captured graph of a generation
     can be replayed.
 
     Attributes:
@@ -39,7 +40,7 @@ class Optimizer(Protocol):
         ...
 
     def plan(self, evaluations: int) -> list[int]:
-        """Be told the budget of every search from now on.
+        """Take over the budget of every search from now on.
 
         Returns:
             Sizes of the generations that spend it; they never add up to more.

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 import warp as wp
 
+from mmocap_warp.device.replays import Replays
 from mmocap_warp.kernels.optimizers.populations import clamp, keep_best, make_limits, place
 from mmocap_warp.optimizers.protocol import Optimizer, share_budget
 
@@ -32,11 +33,11 @@ class BatchedCost(Protocol):
         ...
 
     def hold(self, base: wp.array[wp.float32], index: np.ndarray) -> None:
-        """Be told that candidates differ from their run's ``base`` (run, coordinate) in coordinates ``index`` alone."""
+        """Note that candidates differ from their run's ``base`` (run, coordinate) in coordinates ``index`` alone."""
         ...
 
     def release(self) -> None:
-        """Be told that candidates may differ in everything again."""
+        """Note that candidates may differ in everything again."""
         ...
 
 
@@ -67,9 +68,7 @@ class Search:
         device = objective.device
         self._objective, self._optimizers = objective, optimizers
         self._runs = runs
-        self._replays = replays and objective.device != "cpu"
-        self._graph: wp.Graph | None = None
-        self._loaded = False
+        self._replays = Replays(device) if replays else None
         self._returns_best = all(optimizer.returns_best for optimizer in optimizers)
         shares = share_budget(evaluations - self._returns_best, len(optimizers))
         self._moved = [optimizer.space.index.numpy() for optimizer in optimizers]
@@ -82,7 +81,7 @@ class Search:
 
     @property
     def memory(self) -> list[wp.array[Any]]:
-        """By which, beside ``best_pose`` and the random counters, a search depends on the one before it."""
+        """Arrays by which, beside ``best_pose`` and the random counters, a search depends on the one before it."""
         return [array for optimizer in self._optimizers for array in optimizer.memory]
 
     @property
@@ -91,25 +90,14 @@ class Search:
         return self._returns_best + sum(map(sum, self._sizes))
 
     def run(self) -> None:
-        """Search; improves ``best_pose`` in place.
-
-        On a GPU the second search is captured as one graph, and from then on replayed: a search is many small launches
-        that would wait for the host. The first one is not, because it loads the kernels.
-        """
-        if not self._replays:
-            self._run()
-            return
-        if self._graph is None and self._loaded:
-            with wp.ScopedCapture(self._objective.device) as capture:
-                self._run()
-            self._graph = capture.graph
-        if self._graph is not None:
-            wp.capture_launch(self._graph)
+        """Search; improves ``best_pose`` in place."""
+        if self._replays:
+            self._replays.run("search", self._run)
         else:
             self._run()
-            self._loaded = True
 
     def _run(self) -> None:
+        """All launches of a search: the start, then part by part."""
         objective = self._objective
         self.best_cost.fill_(wp.inf)
         if self._returns_best:

@@ -28,7 +28,7 @@ from mmocap_warp.silhouettes.silhouettes import FrozenArrays, Silhouettes
 COSTS: dict[str, int] = {"paper": cost_kernels.PAPER, "xor": cost_kernels.XOR, "iou": cost_kernels.IOU}
 """The named costs; ``paper`` is Eq. 4-5."""
 
-_SMALLEST_BATCH = 4  # candidates; for fewer, starting a thread costs more than it saves
+_SMALLEST_BATCH = 4  # candidates of a batch: for fewer, starting a thread costs more than it saves
 
 
 class ShapeArrays:
@@ -129,12 +129,6 @@ class Objective:
             wp.load_module(module, device=device)
         self._splits: dict[tuple[int, bytes], _Split | None] = {}
         self._split: _Split | None = None  # while coordinates are held
-
-    @property
-    def candidate_arrays(self) -> list[wp.array[Any]]:
-        """Those whose first axis is the candidates; without shapes."""
-        posed = [self.pose, self.cost, self._joints.transform, self._joints.skin_matrix, self._posed]
-        return posed + self._silhouettes.candidate_arrays
 
     def observe(self, observation: Observation) -> None:
         """Judge against these masks from now on.

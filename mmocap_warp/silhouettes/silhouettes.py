@@ -66,11 +66,6 @@ class Silhouettes:
         shape, boxes = (candidates, len(rig)), (self._renderer.boxes, self._renderer.groups)
         self.canvas = CanvasArrays(shape, len(mesh.rest), len(mesh.face), *boxes, device)
 
-    @property
-    def candidate_arrays(self) -> list[wp.array[Any]]:
-        """Those whose first axis is the candidates."""
-        return [array for array in vars(self.canvas).values() if isinstance(array, wp.array)]
-
     @cached_property
     def _nothing_frozen(self) -> FrozenArrays:
         return FrozenArrays(0, self.views, self._device)

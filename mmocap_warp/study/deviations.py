@@ -29,8 +29,8 @@ from mmocap_warp.contour.clip.uncertainty import (
     Uncertainty,
     body_axes,
     body_changes,
+    combine,
     misfit,
-    together,
 )
 from mmocap_warp.contour.frame.normal_equations import NormalEquations
 from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
@@ -173,7 +173,7 @@ class _Clip:
         searched = self.problem.rooting.searched
         widest = np.full(window.rooted.pose.shape[1], np.inf)
         widest[searched] = self.problem.rooting.anywhere
-        return together(self._noise.of(window), self._body.of(window), misfit(window.contour, searched), widest)
+        return combine(self._noise.of(window), self._body.of(window), misfit(window.contour, searched), widest)
 
     def _linearise_body(self, frames: np.ndarray, rooted: RootedPoses) -> NormalEquations:
         each = []

@@ -19,8 +19,8 @@ from mmocap_warp.result.result import FrameAnswer
 from mmocap_warp.study.cell import Cell, CellResult
 from mmocap_warp.study.metrics import measure
 from mmocap_warp.study.source import Clip, OpenClip, clip_facts, open_clip
-from mmocap_warp.tracking.frame_loop import collect
-from mmocap_warp.tracking.memory_need import fitting_tracker
+from mmocap_warp.tracking.frame_loop import collect, track_frames
+from mmocap_warp.tracking.make_tracker import make_tracker
 from mmocap_warp.tracking.smoothing import smoothed
 from mmocap_warp.tracking.track_config import TrackConfig
 
@@ -112,15 +112,13 @@ class Worker:
         config = replace(job.config, device=self.device, threads=self.threads, renderer="raster")
         if job.solved:
             clip = replace(clip, subject=self._solve(job, clip))
-        tracker = fitting_tracker(clip.subject, clip.rig, config, clip.fps)
         answers: list[FrameAnswer] = []
         total, evaluations, pace = len(self._observations), 0, _Pace()
-        for observation in self._observations:
-            answers.append(tracker.step(observation))
-            evaluations += answers[-1].evaluations * config.runs
+        for answer in track_frames(make_tracker(clip.subject, clip.rig, config, clip.fps), self._observations):
+            answers.append(answer)
+            evaluations += answer.evaluations * config.runs
             if pace.due():
                 yield Advance("search", len(answers), total, evaluations)
-        del tracker  # smoothing counts on its memory
         tracked = collect(clip.subject, clip.rig, clip.fps, config, answers)
         if config.acceleration:
             tracked = smoothed(tracked, config, self._observations)

@@ -6,29 +6,41 @@ import json
 import os
 import time
 import zlib
-from collections.abc import Sequence
-from dataclasses import fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import NoReturn
+from typing import NoReturn, Self
 
 import numpy as np
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.result.result import FrameAnswer
 from mmocap_warp.tracking.run_identity import Identity
+from mmocap_warp.tracking.tracker import TrackState
 
-_MAGIC = b"mmocap checkpoint 4\n"
+_MAGIC = b"mmocap checkpoint 5\n"
 _INTERVAL = 2.0  # seconds between saves, at least
 _ANSWER = tuple(field.name for field in fields(FrameAnswer))
 
 _CODE = ("version", "code")
 """What an identity says of the program; the rest is of what the user gave."""
 
-FinishedFrame = tuple[FrameAnswer, np.ndarray]
-"""A frame's answer, and the counters of the random numbers after it: (run,) int32."""
 
-Memory = Sequence[np.ndarray]
-"""What else the next frame depends on, float32 arrays: a filter's particles. See ``Tracker.state``."""
+@dataclass(frozen=True, eq=False)
+class FinishedFrame:
+    """A frame that need not be tracked again.
+
+    Attributes:
+        answer: the frame's.
+        counter: (run,) int32, the states of the random numbers after it.
+    """
+
+    answer: FrameAnswer
+    counter: np.ndarray
+
+
+Memory = Mapping[str, np.ndarray]
+"""Arrays by name that the next frame depends on besides; see ``TrackState.memory``."""
 
 
 class Checkpoint:
@@ -37,8 +49,8 @@ class Checkpoint:
     Frames are appended, so that a save takes as long after a day as after a minute. A record carries a checksum: what
     a crash left half-written at the end is not read, and those frames are tracked again.
 
-    A filter's particles are large and only the last frame's are needed. So there are two places for them, before the
-    frames, and saves take turns: one of the two is always whole.
+    A tracker's memory, such as a filter's particles, may be large, and only the last frame's is needed. So there are
+    two places for it, before the frames, and saves take turns: one of the two is always whole.
 
     Args:
         path: the file.
@@ -46,19 +58,19 @@ class Checkpoint:
         runs: independent runs.
         coordinates: length of a pose.
         cameras: number of cameras.
-        memory: arrays of the shapes that are saved with the last frame.
+        memory: arrays of the names, types and shapes that are saved with the last frame.
     """
 
     def __init__(
-        self, path: Path, identity: Identity, runs: int, coordinates: int, cameras: int, memory: Memory = ()
+        self, path: Path, identity: Identity, runs: int, coordinates: int, cameras: int, memory: Memory | None = None
     ) -> None:
         self._path = path
         self._identity = identity
         self._header = _header(identity)
         self._record = _record_type(runs, coordinates, cameras)
-        self._memory_record = _memory_type([array.shape for array in memory])
+        self._memory_record = _memory_type(memory or {})
         self._memories = 2 if memory else 0
-        self._turn = 0  # the place that the next save writes
+        self._turn = 0  # number of the place that the next save writes
         self._first = len(self._header) + self._memories * self._memory_record.itemsize  # byte of the first frame
         self._saved = 0  # frames in the file
         self._due = time.monotonic() + _INTERVAL
@@ -68,7 +80,7 @@ class Checkpoint:
         """Whether the last save is long enough ago."""
         return time.monotonic() >= self._due
 
-    def save(self, done: Sequence[FinishedFrame], memory: Memory = ()) -> None:
+    def save(self, done: Sequence[FinishedFrame], memory: Memory | None = None) -> None:
         """Add the frames that were finished since the last save; the first save replaces an earlier run's file.
 
         Args:
@@ -89,10 +101,10 @@ class Checkpoint:
                     file.truncate()
                     if self._memories:
                         file.seek(len(self._header) + self._turn * self._memory_record.itemsize)
-                        file.write(self._packed_memory(len(done), memory))
+                        file.write(self._packed_memory(len(done), memory or {}))
             else:
                 temporary = self._path.with_name(self._path.name + ".part")
-                places = self._packed_memory(len(done), memory) * self._memories
+                places = self._packed_memory(len(done), memory or {}) * self._memories
                 temporary.write_bytes(self._header + places + self._packed(new))
                 os.replace(temporary, self._path)
         except OSError as error:
@@ -111,15 +123,14 @@ class Checkpoint:
         """
         content = _read(self._path, self._identity)
         if content is None:
-            return [], ()
+            return [], {}
         done = []
         whole = max(0, len(content) - self._first) // self._record.itemsize
         for record in np.frombuffer(content[self._first :], self._record, whole):
             if record["checksum"] != _checksum(record):
                 break
-            answer = FrameAnswer(*(record[name] for name in _ANSWER))
-            done.append((answer, record["draw"]))
-        memory: Memory = ()
+            done.append(FinishedFrame(FrameAnswer(*(record[name] for name in _ANSWER)), record["counter"]))
+        memory: Memory = {}
         if self._memories:
             frames, memory = self._latest_memory(content, len(done))
             done = done[:frames]
@@ -127,33 +138,79 @@ class Checkpoint:
         return done, memory
 
     def _latest_memory(self, content: bytes, done: int) -> tuple[int, Memory]:
-        """After how many of the frames that are done the latest memory is, and it; the next save spares it."""
+        """The latest memory among the frames that are done, and after how many it was; the next save spares it."""
         frames = 0
-        memory: Memory = ()
+        memory: Memory = {}
         places = self._memories if done else 0
         for place, record in enumerate(np.frombuffer(content, self._memory_record, places, len(self._header))):
             if record["checksum"] == _checksum(record) and frames < record["frames"] <= done:
-                frames, memory = int(record["frames"]), tuple(record["memory"])
+                frames, saved = int(record["frames"]), record["memory"]
+                memory = {name: saved[name] for name in saved.dtype.names}
                 self._turn = 1 - place
         return frames, memory
 
     def _packed(self, done: Sequence[FinishedFrame]) -> bytes:
         records = np.zeros(len(done), self._record)
-        for record, (answer, draw) in zip(records, done, strict=True):
+        for record, frame in zip(records, done, strict=True):
             for name in _ANSWER:
-                record[name] = getattr(answer, name)
-            record["draw"] = draw
+                record[name] = getattr(frame.answer, name)
+            record["counter"] = frame.counter
             record["checksum"] = _checksum(record)
         return records.tobytes()
 
     def _packed_memory(self, frames: int, memory: Memory) -> bytes:
         record = np.zeros(1, self._memory_record)[0]
         record["frames"] = frames
-        for number, array in enumerate(memory):
-            record["memory"][_array_name(number)] = array
+        for name, array in memory.items():
+            record["memory"][name] = array
         record["checksum"] = _checksum(record)
         packed: bytes = record.tobytes()
         return packed
+
+
+class SavedRun:
+    """A run whose finished frames are saved: every few seconds, and when the ``with`` of it ends, however it ends.
+
+    Args:
+        checkpoint: the file.
+        state: a tracker's, before its first frame.
+    """
+
+    def __init__(self, checkpoint: Checkpoint, state: TrackState) -> None:
+        self._checkpoint, self._state = checkpoint, state
+        self._done: list[FinishedFrame] = []
+        # How many frames are done, and the memory after them: set at once, so that an interruption between two lines
+        # finds both or neither.
+        self._whole: tuple[int, Memory] = (0, state.memory)
+
+    def resumed(self) -> tuple[list[FrameAnswer], TrackState]:
+        """The answers that were saved, from the first frame on, and the tracker's state after them."""
+        self._done, memory = self._checkpoint.load()
+        if self._done:
+            self._whole = len(self._done), memory
+            last = self._done[-1]
+            self._state = self._state.restored(last.answer.pose, last.counter, memory)
+        return [frame.answer for frame in self._done], self._state
+
+    def add(self, answer: FrameAnswer, state: TrackState) -> None:
+        """Take the next frame's answer, and the tracker's state after it."""
+        self._done.append(FinishedFrame(answer, state.counter))
+        self._whole = len(self._done), state.memory
+
+    def save_if_due(self) -> None:
+        """Save if that is long enough ago."""
+        if self._checkpoint.due:
+            self._save()
+
+    def _save(self) -> None:
+        frames, memory = self._whole
+        self._checkpoint.save(self._done[:frames], memory)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._save()
 
 
 def check_same_run(path: Path, identity: Identity) -> None:
@@ -227,14 +284,10 @@ def _refuse(path: Path, identity: Identity, theirs: Identity | None) -> NoReturn
     )
 
 
-def _memory_type(shapes: Sequence[tuple[int, ...]]) -> np.dtype:
+def _memory_type(memory: Memory) -> np.dtype:
     """A place for a memory in the file."""
-    arrays = [(_array_name(number), "<f4", shape) for number, shape in enumerate(shapes)]
+    arrays = [(name, array.dtype.newbyteorder("<"), array.shape) for name, array in memory.items()]
     return np.dtype([("frames", "<i8"), ("memory", arrays), ("checksum", "<u4")])
-
-
-def _array_name(number: int) -> str:
-    return f"array {number}"
 
 
 def _record_type(runs: int, coordinates: int, cameras: int) -> np.dtype:
@@ -247,7 +300,7 @@ def _record_type(runs: int, coordinates: int, cameras: int) -> np.dtype:
             ("evaluations", "<i8"),
             ("status", "<i1", (runs,)),
             ("seconds", "<f8"),
-            ("draw", "<i4", (runs,)),
+            ("counter", "<i4", (runs,)),
             ("checksum", "<u4"),  # of all before it
         ]
     )

@@ -1,8 +1,13 @@
-"""Tracking a recording from its first frame to its last: masks are streamed, progress is kept, answers are gathered."""
+"""The loop over frames: masks are streamed, trackers step, progress is kept, and the answers are gathered and smoothed.
+
+The way of a frame: :func:`track_frames` has its masks tracked (``Tracker.step`` or ``ContourTracker.step``),
+:func:`collect` makes a result of all answers, and :func:`~mmocap_warp.tracking.smoothing.smoothed` solves the clip.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import nullcontext
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,11 +24,13 @@ from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import FrameAnswer, Result
 from mmocap_warp.rigging.attaching import subject_carrying
 from mmocap_warp.tracking.body_masks import body_masks, tracked_masks
-from mmocap_warp.tracking.checkpoint import Checkpoint, FinishedFrame, Memory, check_same_run
-from mmocap_warp.tracking.memory_need import fitting_tracker
+from mmocap_warp.tracking.checkpoint import Checkpoint, SavedRun, check_same_run
+from mmocap_warp.tracking.contour_tracker import ContourTracker
+from mmocap_warp.tracking.make_tracker import make_tracker
 from mmocap_warp.tracking.run_identity import run_identity
 from mmocap_warp.tracking.smoothing import SmoothReport, smoothed
 from mmocap_warp.tracking.track_config import TrackConfig
+from mmocap_warp.tracking.tracker import Tracker
 from mmocap_warp.versions import versions
 
 if TYPE_CHECKING:
@@ -31,6 +38,38 @@ if TYPE_CHECKING:
 
 FrameReport = Callable[[int, FrameAnswer], None]
 """Called after every frame with its position and answer."""
+
+
+def track_frames(
+    tracker: Tracker | ContourTracker,
+    observations: Iterable[Observation],
+    *,
+    first: int = 0,
+    keep: Callable[[Observation], object] | None = None,
+    saved: SavedRun | None = None,
+    progress: FrameReport | None = None,
+) -> Iterator[FrameAnswer]:
+    """Track frame after frame, and give each answer as soon as it is found.
+
+    Args:
+        tracker: in the state after the frame before the first.
+        observations: of consecutive frames.
+        first: position of the first of them.
+        keep: called with each observation that was tracked, such as to have it for smoothing.
+        saved: where progress is saved.
+        progress: called after every frame.
+    """
+    for number, observation in enumerate(observations, first):
+        answer = tracker.step(observation)
+        if keep:
+            keep(observation)
+        if saved:
+            saved.add(answer, tracker.state)
+        if progress:
+            progress(number, answer)
+        if saved:
+            saved.save_if_due()
+        yield answer
 
 
 def collect(
@@ -96,12 +135,13 @@ def track(
     subject, _ = subject_carrying(subject, scene.attached)
     config = replace(config or config_from_table(TrackConfig, scene.settings("track")), **settings)
     with KeptObservations() as kept:
-        answers = _tracked(scene, subject, config, checkpoint, resume, progress, kept)
+        answers = _track_scene(scene, subject, config, checkpoint, resume, progress, kept)
         result = collect(subject, scene.rig(config.scale), scene.fps, config, answers, scene.frames)
         if not config.acceleration:
             return result
-        whole = len(kept) == len(answers)
-        masks = kept if whole else scene.observed(tracked_masks(scene, result))
+        # Frames of before a resumption, or what a full disk had no room for, are read again.
+        all_kept = len(kept) == len(answers)
+        masks = kept if all_kept else scene.observed(tracked_masks(scene, result))
         return smoothed(result, config, masks, smooth_progress)
 
 
@@ -116,7 +156,7 @@ def _check_start(scene: Scene, subject: Subject) -> None:
         )
 
 
-def _tracked(
+def _track_scene(
     scene: Scene,
     subject: Subject,
     config: TrackConfig,
@@ -126,48 +166,33 @@ def _tracked(
     kept: KeptObservations,
 ) -> list[FrameAnswer]:
     """Every frame's answer; see :func:`track`. Masks that are needed again are kept."""
+    # Another run's checkpoint is refused before anything is built.
     rig = scene.rig(config.scale)
     identity = run_identity(scene, subject, config) if checkpoint else {}
     if checkpoint and resume:
         check_same_run(checkpoint, identity)
-    tracker = fitting_tracker(subject, rig, config, scene.rate)
-    done: list[FinishedFrame] = []  # in pairs, so that no interruption finds one without the other
-    memory: Memory
-    _, _, *memory = tracker.state
-    store = None
-    if checkpoint is not None:
-        coordinates = subject.body.skeleton.coordinates
-        store = Checkpoint(checkpoint, identity, config.runs, coordinates, len(rig), memory)
-        done, memory = store.load() if resume else ([], memory)
-    for number, (answer, _) in enumerate(done):
+    tracker = make_tracker(subject, rig, config, scene.rate)
+
+    # Go on after the frames that were saved.
+    answers: list[FrameAnswer] = []
+    run = None
+    if checkpoint:
+        state, coordinates = tracker.state, subject.body.skeleton.coordinates
+        run = SavedRun(Checkpoint(checkpoint, identity, config.runs, coordinates, len(rig), state.memory), state)
+        if resume:
+            answers, tracker.state = run.resumed()
+    for number, answer in enumerate(answers):
         if progress:
             progress(number, answer)
-    if done:
-        answer, draw = done[-1]
-        tracker.state = (answer.pose, draw, *memory)
-    whole = len(done), memory  # likewise
-    try:
+
+    # Track the others. What is kept of masks with several people in them follows the body.
+    with run or nullcontext():
         follows = scene.foreground.keep == "nearest"
-        body = body_masks(subject, rig, lambda: tracker.state[0]) if follows else None
-        for observation in scene.observations(config.scale, first=len(done), body=body):
-            answer = tracker.step(observation)
-            if config.acceleration:
-                kept.add(observation)
-            _, draw, *memory = tracker.state
-            done.append((answer, draw))
-            whole = len(done), memory
-            if progress:
-                progress(len(done) - 1, answer)
-            if store and store.due:
-                store.save(done, memory)
-        if store:
-            store.save(done, memory)
-    except BaseException:
-        if store:
-            frames, memory = whole
-            store.save(done[:frames], memory)
-        raise
-    return [answer for answer, _ in done]
+        body = body_masks(subject, rig, lambda: tracker.state.pose) if follows else None
+        observations = scene.observations(config.scale, first=len(answers), body=body)
+        keep = kept.add if config.acceleration else None
+        answers += track_frames(tracker, observations, first=len(answers), keep=keep, saved=run, progress=progress)
+    return answers
 
 
 def track_observations(
@@ -183,14 +208,8 @@ def track_observations(
     Raises:
         InputError: more than fits into the device's memory.
     """
-    tracker = fitting_tracker(subject, rig, config, fps)
-    answers, kept = [], []
-    for number, observation in enumerate(observations):
-        answers.append(tracker.step(observation))
-        if config.acceleration:
-            kept.append(observation)
-        if progress:
-            progress(number, answers[-1])
-    del tracker  # smoothing counts on its memory
+    kept: list[Observation] = []
+    keep = kept.append if config.acceleration else None
+    answers = list(track_frames(make_tracker(subject, rig, config, fps), observations, keep=keep, progress=progress))
     result = collect(subject, rig, fps, config, answers)
     return smoothed(result, config, kept) if config.acceleration else result

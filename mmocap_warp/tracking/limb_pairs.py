@@ -9,8 +9,13 @@ import numpy as np
 
 from mmocap_warp.body.rotations import zyx_angles, zyx_rotation
 from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
+from mmocap_warp.contour.clip.motion_points import POINTS_A_JOINT, MotionPoints
+from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
 
 _MIRROR = np.diag([-1.0, 1.0, 1.0])  # a body's left is +X
+_STEPS = 12  # Gauss-Newton steps that bring limbs to each other's place
+_LARGEST = 0.5  # angle that a step turns a joint by at most [rad]
+_DAMPING = 1e-4  # 10 mm at a joint is worth a radian [m^2/rad^2]
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,3 +90,39 @@ def mirrored(skeleton: Skeleton, pose: np.ndarray) -> np.ndarray:
     low, high = skeleton.coordinate_limits.T
     within: np.ndarray = np.clip(exchanged, low, high)
     return within
+
+
+def places_exchanged(
+    rooted: RootedPoses, pair: tuple[np.ndarray, np.ndarray], points: MotionPoints, rooting: Rooting
+) -> RootedPoses:
+    """Poses whose limbs' joints lie, as near as they can, where those of the other limb lay; all else stays.
+
+    Two arms that each explain the other's mask cannot be told apart by one of them alone, nor by exchanging their
+    angles: mirrored, crossed arms are crossed. Where each goes to the other's place, they uncross.
+
+    Args:
+        rooted: poses (frame).
+        pair: the coordinates (coordinate,) of each limb, joint by joint from the trunk on.
+        points: of the body.
+        rooting: moves poses, within their limits.
+    """
+    one, other = (np.unique((limb - TRANSLATION) // 3) for limb in pair)
+    joints = np.concatenate([one, other])
+    centres = points.at(rooted)[:, ::POINTS_A_JOINT]
+    wanted = centres[:, np.concatenate([other, one])]
+    # Start from rest: a crossed arm would have to pass through the trunk.
+    moved = np.flatnonzero(np.isin(rooting.searched, np.concatenate(pair)))
+    pose = rooted.pose.copy()
+    pose[:, rooting.searched[moved]] = 0.0
+    exchanged = rooting.stepped(RootedPoses(rooted.base, pose), np.zeros((len(pose), len(rooting.searched))))
+    # Gauss-Newton on the distances of the joints' centres from where they should be.
+    for _ in range(_STEPS):
+        place, derivative = points.linearised(exchanged)
+        away = (wanted - place[:, ::POINTS_A_JOINT][:, joints]).reshape(len(pose), -1, 1)
+        by_angle = derivative[:, ::POINTS_A_JOINT][:, joints][..., moved].reshape(len(pose), -1, len(moved))
+        across = np.swapaxes(by_angle, 1, 2)
+        turned = np.linalg.solve(across @ by_angle + _DAMPING * np.eye(len(moved)), across @ away)[..., 0]
+        step = np.zeros((len(pose), len(rooting.searched)))
+        step[:, moved] = np.clip(turned, -_LARGEST, _LARGEST)
+        exchanged = rooting.stepped(exchanged, step)
+    return exchanged

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,15 +13,15 @@ from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.skeleton import ROOT_ANGLES
 from mmocap_warp.cameras.rig import CameraRig
-from mmocap_warp.contour.clip.clip_problem import ClipProblem
-from mmocap_warp.contour.clip.fixed_lag import LAG, FixedLag
+from mmocap_warp.contour.clip.clip_problem import LAG, ClipProblem, FixedLag
 from mmocap_warp.contour.clip.motion_points import MotionPoints
 from mmocap_warp.contour.frame.normal_equations import NormalEquations
 from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import STATUS, FrameAnswer
+from mmocap_warp.tracking.frame_loop import track_frames
 from mmocap_warp.tracking.from_settings import make_fitter, search_limits
-from mmocap_warp.tracking.memory_need import fitting_tracker
+from mmocap_warp.tracking.make_tracker import make_tracker
 from mmocap_warp.tracking.track_config import TrackConfig
 
 _LOST, _INTERPOLATED = STATUS.index("lost"), STATUS.index("interpolated")
@@ -76,11 +77,11 @@ def track_live(
     config = replace(config or TrackConfig(), **settings)
     if not config.acceleration:
         raise ValueError(f"smooth must be more than 0 to track live, {config.algorithm} has {config.acceleration}")
-    tracker = fitting_tracker(subject, cameras, config, fps)
+    tracker = make_tracker(subject, cameras, config, fps)
     window = _Window(subject, cameras, config, fps)
-    for each in masks:
-        observation = Observation.from_masks(list(each))
-        yield from window.add(observation, tracker.step(observation))
+    observations = (Observation.from_masks(list(each)) for each in masks)
+    for answer in track_frames(tracker, observations, keep=window.observe):
+        yield from window.add(answer)
     yield from window.rest()
 
 
@@ -96,18 +97,20 @@ class _Window:
         self._poser = Poser(subject.body, subject.root_base)
         self._answers: list[FrameAnswer] = []
         self._first = 0  # number of the first of these
-        self._found_before = np.zeros(config.runs, bool)
+        self._tracked_before = np.zeros(config.runs, bool)
         self._rooting = rooting
-        self._last = np.tile(subject.pose[ROOT_ANGLES], (config.runs, 1))
+        self._last_angles = np.tile(subject.pose[ROOT_ANGLES], (config.runs, 1))
+        self._lags = [
+            FixedLag(ClipProblem(partial(self._linearise, run), rooting, points, fps), config.acceleration)
+            for run in range(config.runs)
+        ]
 
-        def problem(run: int) -> ClipProblem:
-            return ClipProblem(lambda frames, rooted: self._linearise(run, frames, rooted), rooting, points, fps)
-
-        self._lags = [FixedLag(problem(run), config.acceleration) for run in range(config.runs)]
-
-    def add(self, observation: Observation, answer: FrameAnswer) -> Iterator[LiveFrame]:
-        """Take the next frame in; the frames that are final now."""
+    def observe(self, observation: Observation) -> None:
+        """Take the next frame's masks."""
         self._fitter.observe((self._first + len(self._answers)) % LAG, observation)
+
+    def add(self, answer: FrameAnswer) -> Iterator[LiveFrame]:
+        """Take the answer of the frame that was observed last; the frames that are final now."""
         self._answers.append(answer)
         solved = [lag.add(self._rooting.enter(pose[None])) for lag, pose in zip(self._lags, answer.pose, strict=True)]
         yield from self._final([each.rooted for each in solved if each is not None])
@@ -119,28 +122,25 @@ class _Window:
     def _linearise(self, run: int, frames: np.ndarray, rooted: RootedPoses) -> NormalEquations:
         """What the contours say; nothing about frames that were lost."""
         contour = self._fitter.linearise(frames % LAG, rooted)
-        seen = np.array([self._found(self._answers[frame - self._first])[run] for frame in frames])
-        return NormalEquations(
-            contour.matrix * seen[:, None, None], contour.gradient * seen[:, None], contour.cost * seen
-        )
+        return contour.of_seen(np.array([self._is_tracked(self._answers[f - self._first])[run] for f in frames]))
 
-    def _found(self, answer: FrameAnswer) -> np.ndarray:
-        """(run,) bool"""
-        found: np.ndarray = np.broadcast_to(answer.status, len(self._lags)) != _LOST
-        return found
+    def _is_tracked(self, answer: FrameAnswer) -> np.ndarray:
+        """(run,) bool: the runs that are not lost."""
+        is_tracked: np.ndarray = np.broadcast_to(answer.status, len(self._lags)) != _LOST
+        return is_tracked
 
     def _final(self, solved: list[RootedPoses]) -> Iterator[LiveFrame]:
         """The first frames, of which each run's poses are solved."""
         if not solved:
             return
-        poses = np.stack([self._rooting.leave(*each) for each in zip(solved, self._last, strict=True)])
-        self._last = poses[:, -1, ROOT_ANGLES]
-        found = np.array([self._found(answer) for answer in self._answers])
+        poses = np.stack([self._rooting.leave(*each) for each in zip(solved, self._last_angles, strict=True)])
+        self._last_angles = poses[:, -1, ROOT_ANGLES]
+        tracked = np.array([self._is_tracked(answer) for answer in self._answers])
         final = self._answers[: poses.shape[1]]
         self._answers = self._answers[poses.shape[1] :]
         for i, answer in enumerate(final):
-            between = ~found[i] & self._found_before & found[i:].any(axis=0)
-            self._found_before |= found[i]
+            between = ~tracked[i] & self._tracked_before & tracked[i:].any(axis=0)
+            self._tracked_before |= tracked[i]
             status = np.where(between, _INTERPOLATED, answer.status)
             yield LiveFrame(
                 number=self._first,

@@ -1,30 +1,55 @@
-"""A search for poses from where a frame left them: objective, optimizers and random numbers of a batch of runs."""
+"""A search for poses around the last ones: its parts, objective, optimizers and random numbers, for a batch of runs."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import warp as wp
 
 from mmocap_warp.body.model import Subject
-from mmocap_warp.body.skeleton import ROOT_ANGLES
+from mmocap_warp.body.skeleton import ROOT_ANGLES, Skeleton
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.kernels.body.root_frame import enter, leave
-from mmocap_warp.kernels.optimizers.populations import SearchSpace, make_space
+from mmocap_warp.kernels.optimizers.populations import make_space
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.optimizers.protocol import Optimizer
 from mmocap_warp.optimizers.search import Search
-from mmocap_warp.tracking.algorithms import Algorithm
+from mmocap_warp.tracking.algorithms import ALGORITHMS, CONTOUR_TRACKERS, Algorithm
 from mmocap_warp.tracking.from_settings import make_objective, search_limits
-from mmocap_warp.tracking.parts import Part, hierarchical, holistic
 from mmocap_warp.tracking.track_config import TrackConfig
 
 
+@dataclass(frozen=True)
+class Part:
+    """Degrees of freedom that are searched together while the rest of the body stays as it is.
+
+    Attributes:
+        name: for people.
+        index: (dof,) int32, coordinates of the pose.
+    """
+
+    name: str
+    index: np.ndarray
+
+
+def holistic(skeleton: Skeleton, dof: int | None = None) -> list[Part]:
+    """One part with every coordinate that a model searches."""
+    return [Part("whole body", skeleton.searched(dof))]
+
+
+def hierarchical(skeleton: Skeleton, dof: int | None = None) -> list[Part]:
+    """The skeleton's parts, of a person the paper's six; later ones never revise earlier ones."""
+    return [Part(name, index) for name, index in skeleton.searched_by_part(dof).items()]
+
+
 class RootFrame:
-    """Counts root angles from where they are while a search runs, unless they have limits, on the device.
+    """Puts the root's rotation into its base while poses are changed, so that its angles stay far from gimbal lock.
+
+    A root whose angles have limits keeps its base. All of it happens on the device.
 
     Args:
         subject: whose skeleton and base.
@@ -56,51 +81,33 @@ class PoseSearch:
     Args:
         subject: whose poses.
         rig: undistorted cameras at the masks' size.
-        config: settings.
+        config: settings; its budget, radii and runs are the search's.
         algorithm: how to search.
-        evaluations: budget of a run's search.
-        radii: rotation [rad] and translation [m].
-        runs: independent runs.
+        fps: frame rate that the radii are for.
 
     Attributes:
         device: the Warp device.
         objective: the cost.
-        particles: the most candidates of a run at a time.
         counter: (run,) int32, states of the random numbers.
 
     Raises:
         ValueError: the body has no model with so many degrees of freedom.
     """
 
-    def __init__(
-        self,
-        subject: Subject,
-        rig: CameraRig,
-        config: TrackConfig,
-        *,
-        algorithm: Algorithm,
-        evaluations: int,
-        radii: tuple[float, float],
-        runs: int,
-    ) -> None:
+    def __init__(self, subject: Subject, rig: CameraRig, config: TrackConfig, algorithm: Algorithm, fps: float) -> None:
         self.device = resolve_device(config.device)
-        skeleton = subject.body.skeleton
-        parts = (hierarchical if algorithm.hierarchical else holistic)(skeleton, config.dof)
-        rotation, translation = radii
-        self._runs = runs
+        self._runs = runs = config.runs
+        # Each run has a random stream of its own, so that it is as it would be alone.
         seeds = np.arange(config.seed, config.seed + runs)
         seed = wp.array(seeds, dtype=wp.int32, device=self.device)
         self.counter = wp.zeros(runs, dtype=wp.int32, device=self.device)
-
-        def space(index: np.ndarray) -> SearchSpace:
-            return make_space(index, np.where(skeleton.is_length[index], translation, rotation), seed, self.counter)
-
-        optimizers = _optimizers(algorithm, parts, space, evaluations)
-        self.particles = max(optimizer.particles for optimizer in optimizers)
-        self.objective = make_objective(subject, rig, config, runs * self.particles, bases=runs)
+        radii = config.radii(fps)
+        optimizers = _optimizers(algorithm, subject.body.skeleton, config, radii, seed, self.counter)
+        candidates = runs * max(optimizer.particles for optimizer in optimizers)
+        self.objective = make_objective(subject, rig, config, candidates, bases=runs)
         limits = search_limits(subject, config)
         self._root_frame = RootFrame(subject, limits, runs, self.device)
-        self._search = Search(self.objective, optimizers, evaluations, limits, replays=True)
+        self._search = Search(self.objective, optimizers, config.budget, limits, replays=True)
 
     @property
     def best_pose(self) -> wp.array[wp.float32]:
@@ -121,6 +128,13 @@ class PoseSearch:
     def memory(self) -> list[wp.array[Any]]:
         """By which, beside ``best_pose`` and ``counter``, a search depends on the one before it."""
         return self._search.memory
+
+    def remember(self, memory: Sequence[np.ndarray]) -> None:
+        """Take over a copy of another search's ``memory``; an empty one makes this search as a new one."""
+        for array in self.memory:
+            array.zero_()
+        for array, values in zip(self.memory, memory, strict=bool(memory)):
+            array.assign(values)
 
     def observe(self, observation: Observation) -> None:
         """Search against these masks from now on."""
@@ -146,11 +160,34 @@ class PoseSearch:
 
 
 def _optimizers(
-    algorithm: Algorithm, parts: list[Part], space: Callable[[np.ndarray], SearchSpace], evaluations: int
+    algorithm: Algorithm,
+    skeleton: Skeleton,
+    config: TrackConfig,
+    radii: tuple[float, float],
+    seed: wp.array[wp.int32],
+    counter: wp.array[wp.int32],
 ) -> list[Optimizer]:
-    """One for each part, or one for all of them."""
-    if algorithm.partitioned:
-        together = np.concatenate([part.index for part in parts])
-        sizes = [len(part.index) for part in parts]
-        return [algorithm.optimizer(space(together), evaluations, partitions=sizes)]
-    return [algorithm.optimizer(space(part.index), evaluations) for part in parts]
+    """One optimizer for each part of the body, or one for all of them; their runs are those of ``seed`` (run,)."""
+    parts = (hierarchical if algorithm.hierarchical else holistic)(skeleton, config.dof)
+    rotation, translation = radii
+    sizes = [len(part.index) for part in parts]
+    searched = [np.concatenate([part.index for part in parts])] if algorithm.partitioned else [p.index for p in parts]
+    options = {"partitions": sizes} if algorithm.partitioned else {}
+    return [
+        algorithm.optimizer(
+            make_space(index, np.where(skeleton.is_length[index], translation, rotation), seed, counter),
+            config.budget,
+            **options,
+        )
+        for index in searched
+    ]
+
+
+def search_size(skeleton: Skeleton, config: TrackConfig) -> tuple[int, int]:
+    """How many candidates a run's search judges at a time, and how many optimizers it has; (0, 0) without a search."""
+    name = CONTOUR_TRACKERS.get(config.algorithm, config.algorithm)
+    if name is None:
+        return 0, 0
+    no_runs = wp.zeros(0, dtype=wp.int32, device="cpu")
+    optimizers = _optimizers(ALGORITHMS[name], skeleton, config, (1.0, 1.0), no_runs, no_runs)
+    return max(optimizer.particles for optimizer in optimizers), len(optimizers)

@@ -1,4 +1,9 @@
-"""A track and its masks to the clip's poses: all frames as one problem, from masks that are read once."""
+"""A track and its masks to the clip's poses: all frames as one problem, from masks that are read once.
+
+The way of a frame: its masks become distance fields (``_MaskWindow``). Its pose is solved together with the window of
+frames around it (:class:`ClipProblem`), where a second opinion from following the window backwards may replace it
+(:class:`BackwardPass`). Then its standard deviations are told and its overlap with the masks is judged.
+"""
 
 from __future__ import annotations
 
@@ -18,14 +23,13 @@ from mmocap_warp.contour.clip.uncertainty import (
     Deviations,
     Uncertainty,
     body_changes,
+    combine,
     misfit,
     stretched,
-    together,
 )
-from mmocap_warp.contour.frame.around import Around
 from mmocap_warp.contour.frame.fitter import WIDE
 from mmocap_warp.contour.frame.normal_equations import NormalEquations
-from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
+from mmocap_warp.contour.frame.rooted import Neighbours, RootedPoses, Rooting
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.rigging.deviation_factors import deviation_factors
@@ -40,7 +44,7 @@ SmoothReport = Callable[[int], None]
 _LOST, _INTERPOLATED = STATUS.index("lost"), STATUS.index("interpolated")
 CANDIDATES = 32
 """Poses that are linearised at a time."""
-_STEPS = 5  # of a frame's pose on the way back
+_STEPS = 5  # descent steps of a pose while a window is followed backwards
 
 
 def frames_held(rate: float) -> int:
@@ -53,8 +57,8 @@ def smoothed(
 ) -> Result:
     """The clip's poses as one problem, with their standard deviations.
 
-    Frames that are lost have no contours: they are filled in by those around them and are then ``interpolated``, but
-    stay ``lost`` before a run's first and after its last frame with a pose.
+    A lost frame has no contours: the frames around it fill it in, and it is then ``interpolated``. It stays ``lost``
+    before a run's first and after its last frame with a pose.
 
     Args:
         raw: the track.
@@ -63,13 +67,12 @@ def smoothed(
         progress: called after each window.
     """
     started = time.perf_counter()
-    masks = _Masks(raw, config, observations)
-    judge = _Judge(raw, config, masks)
-    # A window ends after a frame that has masks, so that all runs have the same windows, and want the same masks.
-    masked = np.isfinite(raw.iou).any(axis=(0, 2))
-    runs = [_Run(raw, config, masks, judge, run, masked) for run in range(len(raw.pose))]
+    masks = _MaskWindow(raw, config, observations)
+    judge = _AreaJudge(raw, config, masks)
+    runs = [_RunSmoother(raw, config, masks, judge, run) for run in range(len(raw.pose))]
     done = 0
     cost, iou = raw.cost.copy(), raw.iou.copy()
+    # All runs go from window to window together, because the masks are read once.
     for windows in zip(*(run.windows for run in runs), strict=True):
         for run, window in zip(runs, windows, strict=True):
             run.finish(window)
@@ -93,7 +96,7 @@ def smoothed(
     )
 
 
-class _Masks:
+class _MaskWindow:
     """The masks of a window of frames, as distance fields, and what they say about poses.
 
     Args:
@@ -103,21 +106,21 @@ class _Masks:
 
     Attributes:
         pairs: coordinates (coordinate,) of each pair of limbs.
-        reading: how long that took so far [s].
+        reading: how long reading took so far [s].
     """
 
     def __init__(self, raw: Result, config: TrackConfig, observations: Iterable[Observation]) -> None:
         subject = raw.subject
-        skeleton = subject.body.skeleton
-        self.searched = skeleton.searched(config.dof)
+        self.searched = subject.body.skeleton.searched(config.dof)
         self.limits = search_limits(subject, config)
         self._places = min(frames_held(raw.rate), len(raw.frame_numbers))
+        # One fitter for the poses of all frames held, one for the body too, one for limbs that are far from the masks.
         candidates = max(STARTS, min(CANDIDATES, self._places))
         self._fitter = make_fitter(subject, raw.cameras, config, candidates, frames=self._places)
         self.body_changes = body_changes(subject.body)
         self._body_fitter = make_fitter(subject, raw.cameras, config, 1, parameters=len(self.body_changes.sigma))
         self._body_fitter.set_change(self.body_changes.vertex, self.body_changes.joint)
-        self.pairs = [np.concatenate([limb.coordinates for limb in pair]) for pair in limb_pairs(skeleton)]
+        self.pairs = [np.concatenate([limb.coordinates for limb in pair]) for pair in limb_pairs(subject.body.skeleton)]
         self._wide_fitter = make_fitter(subject, raw.cameras, config, max(1, len(self.pairs)), matching=WIDE)
         self._unread: Iterator[Observation] = iter(observations)
         self._held: list[Observation] = []
@@ -128,31 +131,32 @@ class _Masks:
         """One of the last frames that were read."""
         return self._held[frame % self._places]
 
-    def linearise(self, frames: np.ndarray, rooted: RootedPoses, seen: np.ndarray, around: Around) -> NormalEquations:
+    def linearise(
+        self, frames: np.ndarray, rooted: RootedPoses, seen: np.ndarray, neighbours: Neighbours
+    ) -> NormalEquations:
         """What the contours say about frames of the window, or further on; nothing about those not ``seen``."""
         while self._read <= frames[-1]:
             self._observe_next()
-        contour = self._fitter.linearise(frames % self._places, rooted, around)
-        return NormalEquations(
-            contour.matrix * seen[:, None, None], contour.gradient * seen[:, None], contour.cost * seen
-        )
+        return self._fitter.linearise(frames % self._places, rooted, neighbours).of_seen(seen)
 
-    def descend(self, frames: np.ndarray, starts: RootedPoses, around: Around) -> tuple[RootedPoses, np.ndarray]:
+    def descend(
+        self, frames: np.ndarray, starts: RootedPoses, neighbours: Neighbours
+    ) -> tuple[RootedPoses, np.ndarray]:
         """Poses that the contours of frames of the window lead to from some, and what they cost (pose,)."""
         fitter, pose, cost = self._fitter, starts.pose.copy(), np.zeros(len(starts))
         for first in range(0, len(starts), fitter.candidates):
             part = slice(first, min(first + fitter.candidates, len(starts)))
             count = part.stop - part.start
             if fitter.late:
-                fitter.move(starts[part], around[part])
+                fitter.move(starts[part], neighbours[part])
             fitter.start_at(starts.pose[part], starts.base[part], frames[part] % self._places)
             fitter.descend(count, _STEPS)
             pose[part] = fitter.descent.best.numpy()[:count]
             cost[part] = 0.5 * fitter.descent.tally.numpy()[:count, :, 0].astype(np.float64).sum(axis=1)
         return RootedPoses(starts.base, pose), cost
 
-    def pairs_anew(self, frame: int, there: RootedPoses) -> RootedPoses:
-        """Poses (pair,) that contours lead to from far away, where one (1,) has a pair of limbs at rest."""
+    def pairs_from_rest(self, frame: int, there: RootedPoses) -> RootedPoses:
+        """Poses (pair,) that the contours lead to from one (1,) with each pair of limbs at rest."""
         count, fitter = len(self.pairs), self._wide_fitter
         base, pose = np.repeat(there.base, count, axis=0), np.repeat(there.pose, count, axis=0)
         for changed, pair in zip(pose, self.pairs, strict=True):
@@ -163,7 +167,7 @@ class _Masks:
         return RootedPoses(base, fitter.descent.best.numpy()[:count].astype(float))
 
     def linearise_body(self, frames: np.ndarray, rooted: RootedPoses) -> NormalEquations:
-        """The same of single frames, with the body's parameters too."""
+        """What the contours say about single frames of the window and about the body's parameters."""
         only = np.zeros(1, int)
         each = []
         for i, frame in enumerate(frames):
@@ -172,6 +176,7 @@ class _Masks:
         return each[0].followed_by(*each[1:])
 
     def _observe_next(self) -> None:
+        """Read a frame into the place of the oldest one."""
         started = time.perf_counter()
         observation = next(self._unread)
         self.reading += time.perf_counter() - started
@@ -181,75 +186,96 @@ class _Masks:
         self._read += 1
 
 
-class _Run:
-    """A run's clip.
+class _RunSmoother:
+    """Solves a run's clip, window by window.
+
+    Args:
+        raw: the track.
+        config: settings.
+        masks: which all runs share.
+        judge: tells what areas cost.
+        run: number of the run.
 
     Attributes:
         windows: solved when they are asked for.
         pose: (frame, coordinate) float64, as far as windows were finished.
-        sigma: likewise.
+        sigma: standard deviations, likewise.
     """
 
-    def __init__(
-        self, raw: Result, config: TrackConfig, masks: _Masks, judge: _Judge, run: int, masked: np.ndarray
-    ) -> None:
+    def __init__(self, raw: Result, config: TrackConfig, masks: _MaskWindow, judge: _AreaJudge, run: int) -> None:
         subject, track = raw.subject, raw.pose[run]
         skeleton = subject.body.skeleton
-        seen = raw.status[run] != _LOST
+        self._masks, self._judge, self._rate = masks, judge, raw.rate
+        self._tracked = raw.status[run] != _LOST
         self._rooting = Rooting(skeleton, subject.root_base, masks.searched, masks.limits)
+        self._known = self._rooting.refold(self._rooting.enter(track))  # poses as they were linearised last
+
+        # The clip's problem. A window ends after a frame that has masks: all runs want the same masks then.
         points = MotionPoints(skeleton, subject.body.joint_rest, masks.searched)
+        backward = BackwardPass(
+            self._descend,
+            self._linearise,
+            self._rooting,
+            points,
+            raw.rate,
+            self._area_costs,
+            [limb.coordinates for limb in limbs(skeleton)],
+            masks.pairs_from_rest if masks.pairs else None,
+        )
+        problem = ClipProblem(self._linearise, self._rooting, points, raw.rate, backward)
+        has_masks = np.isfinite(raw.iou).any(axis=(0, 2))
+        self.windows = problem.windows(self._rooting.enter(track), coarse_then_fine(config.acceleration), has_masks)
 
-        course = self._rooting.refold(self._rooting.enter(track))  # poses as they were known last
-
-        def around(frames: np.ndarray) -> Around:
-            return Around.of(course, frames, raw.rate)
-
-        def linearise(frames: np.ndarray, rooted: RootedPoses) -> NormalEquations:
-            course.base[frames], course.pose[frames] = rooted.base, rooted.pose
-            return masks.linearise(frames, rooted, seen[frames], around(frames))
-
-        def descend(frames: np.ndarray, starts: RootedPoses) -> tuple[RootedPoses, np.ndarray]:
-            return masks.descend(frames, starts, around(frames))
-
-        def areas(frames: np.ndarray, rooted: RootedPoses) -> np.ndarray:
-            poses = self._rooting.leave(rooted, np.zeros(3))
-            return np.array([judge(frame, pose[None])[0][0] for frame, pose in zip(frames, poses, strict=True)])
-
-        arms_and_legs = [limb.coordinates for limb in limbs(skeleton)]
-        anew = masks.pairs_anew if masks.pairs else None
-        backward = BackwardPass(descend, linearise, self._rooting, points, raw.rate, areas, arms_and_legs, anew)
-        problem = ClipProblem(linearise, self._rooting, points, raw.rate, backward)
-        self.windows = problem.windows(self._rooting.enter(track), coarse_then_fine(config.acceleration), masked)
+        # How sure the poses are: noise from frame to frame, and a body that is not quite the right one.
         self._factors = deviation_factors(subject.body)
         axes = stretched(self._factors.joint) if self._factors else None
         self._noise = Deviations(problem, config.acceleration, axes)
         self._body = BodyDeviations(problem, masks.linearise_body, masks.body_changes, axes)
         self._widest = np.full(track.shape[1], np.inf)
         self._widest[masks.searched] = self._rooting.anywhere
-        self._last = track[0, ROOT_ANGLES]
+        self._usual_misfit = USUAL_MISFIT * subject.body.relative_size
+
         self._finished = 0
+        self._last_angles = track[0, ROOT_ANGLES]
         self.pose = track.copy()
-        self._usual = USUAL_MISFIT * subject.body.relative_size
         self.sigma = Uncertainty(np.zeros_like(track), np.zeros((len(track), len(skeleton.joints), 3)))
 
     def finish(self, window: SolvedWindow) -> None:
         """Take over the next window's final frames."""
         frames = slice(self._finished, self._finished + window.final)
-        self.pose[frames] = self._rooting.leave(window.rooted[: window.final], self._last)
-        error = misfit(window.contour, self._rooting.searched, self._usual)
-        sigma = together(self._noise.of(window), self._body.of(window), error, self._widest, self._usual)
+        self.pose[frames] = self._rooting.leave(window.rooted[: window.final], self._last_angles)
+        error = misfit(window.contour, self._rooting.searched, self._usual_misfit)
+        sigma = combine(self._noise.of(window), self._body.of(window), error, self._widest, self._usual_misfit)
         if self._factors:
             sigma.pose[:] = np.minimum(sigma.pose * self._factors.coordinate, self._widest)
             sigma.pose[:, :TRANSLATION] = sigma.joint[:, 0]  # the root's place
         self.sigma.pose[frames], self.sigma.joint[frames] = sigma.pose, sigma.joint
-        self._last = self.pose[frames.stop - 1, ROOT_ANGLES]
+        self._last_angles = self.pose[frames.stop - 1, ROOT_ANGLES]
         self._finished = frames.stop
 
+    def _linearise(self, frames: np.ndarray, rooted: RootedPoses) -> NormalEquations:
+        """What the contours say about frames around poses; nothing about those that were lost."""
+        self._known.base[frames], self._known.pose[frames] = rooted.base, rooted.pose
+        return self._masks.linearise(frames, rooted, self._tracked[frames], self._neighbours(frames))
 
-class _Judge:
+    def _descend(self, frames: np.ndarray, starts: RootedPoses) -> tuple[RootedPoses, np.ndarray]:
+        """Poses that the contours of frames lead to from some, and what they cost (pose,)."""
+        return self._masks.descend(frames, starts, self._neighbours(frames))
+
+    def _neighbours(self, frames: np.ndarray) -> Neighbours:
+        """The poses before and after frames, from which late views know how the body moves."""
+        return Neighbours.of(self._known, frames, self._rate)
+
+    def _area_costs(self, frames: np.ndarray, rooted: RootedPoses) -> np.ndarray:
+        """(pose,) what the masks of frames and the body in a pose for each do not cover of each other."""
+        poses = self._rooting.leave(rooted, np.zeros(3))
+        return np.array([self._judge(frame, pose[None])[0][0] for frame, pose in zip(frames, poses, strict=True)])
+
+
+class _AreaJudge:
     """What poses cost by their areas, and how they overlap the masks."""
 
-    def __init__(self, raw: Result, config: TrackConfig, masks: _Masks) -> None:
+    def __init__(self, raw: Result, config: TrackConfig, masks: _MaskWindow) -> None:
         self._masks = masks
         self._observed: int | None = None
         self._objective = make_objective(raw.subject, raw.cameras, config, len(raw.pose))
@@ -270,7 +296,8 @@ class _Judge:
 
 def _with_interpolated(status: np.ndarray) -> np.ndarray:
     """Status (run, frame) of frames that were filled in from both sides."""
-    found = status != _LOST
-    since, until = np.logical_or.accumulate(found, axis=1), np.logical_or.accumulate(found[:, ::-1], axis=1)[:, ::-1]
-    between: np.ndarray = ~found & since & until
+    tracked = status != _LOST
+    before = np.logical_or.accumulate(tracked, axis=1)
+    after = np.logical_or.accumulate(tracked[:, ::-1], axis=1)[:, ::-1]
+    between: np.ndarray = ~tracked & before & after
     return np.where(between, _INTERPOLATED, status).astype(status.dtype)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import time
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Self
 
 import numpy as np
-import warp as wp
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.cameras.rig import CameraRig
@@ -17,6 +18,34 @@ from mmocap_warp.tracking.presets import PRESETS
 from mmocap_warp.tracking.track_config import TrackConfig
 
 
+@dataclass(frozen=True, eq=False)
+class TrackState:
+    """All that the next frame depends on.
+
+    Attributes:
+        pose: (run, coordinate) float32, the last poses.
+        counter: (run,) int32, the states of the random numbers.
+        search_memory: float32 arrays that a search starts from besides; of a particle filter its particles
+            (run, particle, dof) and their mean (run, dof). Without them a filter begins anew at the poses.
+    """
+
+    pose: np.ndarray
+    counter: np.ndarray
+    search_memory: tuple[np.ndarray, ...] = ()
+
+    @property
+    def memory(self) -> dict[str, np.ndarray]:
+        """By name, all arrays but ``pose`` and ``counter``."""
+        named = {field.name: getattr(self, field.name) for field in fields(self)[2:] if field.name != "search_memory"}
+        return named | {f"search {number}": array for number, array in enumerate(self.search_memory)}
+
+    def restored(self, pose: np.ndarray, counter: np.ndarray, memory: Mapping[str, np.ndarray]) -> Self:
+        """A state with a ``memory`` that another state of the same tracker gave."""
+        named = {name: array for name, array in memory.items() if not name.startswith("search ")}
+        of_search = tuple(array for name, array in memory.items() if name.startswith("search "))
+        return replace(self, pose=pose, counter=counter, search_memory=of_search, **named)
+
+
 class Tracker:
     """Tracks a subject frame by frame with one of the paper's algorithms, and keeps each run's last answer.
 
@@ -25,7 +54,6 @@ class Tracker:
         rig: undistorted cameras at the masks' size.
         config: settings.
         fps: frame rate of the recording, for the preset's radii.
-        runs: instead of the configuration's. With 0 it can track nothing, but its arrays have the shapes of a run's.
 
     Attributes:
         device: the Warp device.
@@ -35,47 +63,28 @@ class Tracker:
         ValueError: the body has no model with so many degrees of freedom.
     """
 
-    def __init__(
-        self, subject: Subject, rig: CameraRig, config: TrackConfig, fps: float, runs: int | None = None
-    ) -> None:
+    def __init__(self, subject: Subject, rig: CameraRig, config: TrackConfig, fps: float) -> None:
         self.config = config
-        self._runs = config.runs if runs is None else runs
-        self.search = PoseSearch(
-            subject,
-            rig,
-            config,
-            algorithm=PRESETS[config.preset].algorithm(config.algorithm),
-            evaluations=config.budget,
-            radii=config.radii(fps),
-            runs=self._runs,
-        )
+        self.search = PoseSearch(subject, rig, config, PRESETS[config.preset].algorithm(config.algorithm), fps)
         self.device = self.search.device
-        self.search.best_pose.assign(np.repeat(subject.pose[None].astype(np.float32), self._runs, axis=0))
+        self.search.best_pose.assign(np.repeat(subject.pose[None].astype(np.float32), config.runs, axis=0))
 
     @property
-    def state(self) -> tuple[np.ndarray, ...]:
-        """All that the next frame depends on.
-
-        Last poses (run, coordinate) float32 and random counters (run,) int32; of a particle filter its particles
-        (run, particle, dof) and their mean (run, dof), float32. Without those, a filter begins anew at the poses.
-        """
-        return tuple(array.numpy().copy() for array in self._carried)
+    def state(self) -> TrackState:
+        """All that the next frame depends on."""
+        search = self.search
+        memory = tuple(array.numpy().copy() for array in search.memory)
+        return TrackState(search.best_pose.numpy().copy(), search.counter.numpy().copy(), memory)
 
     @state.setter
-    def state(self, value: tuple[np.ndarray, ...]) -> None:
-        pose, counter, *memory = value
-        for array in self.search.memory:
-            array.zero_()
-        for array, values in zip(self._carried, (pose, counter, *memory), strict=False):
-            array.assign(values)
-
-    @property
-    def _carried(self) -> list[wp.array[Any]]:
-        """The arrays of :attr:`state`."""
-        return [self.search.best_pose, self.search.counter, *self.search.memory]
+    def state(self, state: TrackState) -> None:
+        search = self.search
+        search.best_pose.assign(state.pose)
+        search.counter.assign(state.counter)
+        search.remember(state.search_memory)
 
     def step(self, observation: Observation) -> FrameAnswer:
-        """Find the pose of the next frame. Without any foreground the frame is lost and the pose is carried over."""
+        """Find the pose of the next frame. Without any foreground the frame is lost and keeps the last pose."""
         if not observation.foreground.any():
             return lost_frame(self.search.best_pose.numpy().copy(), observation)
         search = self.search
@@ -90,7 +99,7 @@ class Tracker:
 
 
 def lost_frame(pose: np.ndarray, observation: Observation) -> FrameAnswer:
-    """The answer where nothing is seen: poses (run, coordinate) carried over."""
+    """The answer where nothing is seen: the last poses (run, coordinate)."""
     runs, cameras = len(pose), len(observation.foreground)
     nothing = np.full(runs, np.nan, np.float32)
     return FrameAnswer(pose, nothing, np.full((runs, cameras), np.nan), 0, STATUS.index("lost"), 0.0)

@@ -11,7 +11,7 @@ from mmocap_warp.body.posing import Poser
 from mmocap_warp.formats.usd.usd_body import read_body
 from mmocap_warp.rigging.human import JOINTS, PARENT
 from mmocap_warp.scenes import ROOT
-from mmocap_warp.tracking.parts import Part, hierarchical, holistic
+from mmocap_warp.tracking.pose_search import Part, hierarchical, holistic
 
 BODIES = sorted((ROOT / "bodies").glob("*.usdc"))
 TETRAHEDRON = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])

@@ -20,10 +20,10 @@ from mmocap_warp.contour.clip.uncertainty import (
     Deviations,
     Uncertainty,
     body_axes,
+    combine,
     marginal_covariance,
     misfit,
     stretched,
-    together,
 )
 from mmocap_warp.contour.frame.normal_equations import NormalEquations
 from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
@@ -200,12 +200,12 @@ def test_a_misfit_is_the_distance_of_the_contours():
 def test_both_parts_count_and_grow_with_the_misfit():
     noise, body = (Uncertainty(np.full((1, 2), value), np.full((1, 1, 3), value)) for value in (0.01, 0.02))
     widest = np.array([np.inf, 0.03])
-    usual = together(noise, body, USUAL_MISFIT, widest)
+    usual = combine(noise, body, USUAL_MISFIT, widest)
     expected = np.hypot(NOISE * 0.01, 0.02)
     np.testing.assert_allclose(usual.joint, expected)
-    np.testing.assert_allclose(together(noise, body, 2 * USUAL_MISFIT, widest).joint, 2 * expected)
-    np.testing.assert_allclose(together(noise, body, 2 * USUAL_MISFIT, widest).pose, [[2 * expected, 0.03]])
-    small = together(noise, body, 0.2 * USUAL_MISFIT, widest, 0.2 * USUAL_MISFIT)
+    np.testing.assert_allclose(combine(noise, body, 2 * USUAL_MISFIT, widest).joint, 2 * expected)
+    np.testing.assert_allclose(combine(noise, body, 2 * USUAL_MISFIT, widest).pose, [[2 * expected, 0.03]])
+    small = combine(noise, body, 0.2 * USUAL_MISFIT, widest, 0.2 * USUAL_MISFIT)
     np.testing.assert_allclose(small.joint, expected, err_msg="a fifth is usual of a body of a fifth of the size")
 
 

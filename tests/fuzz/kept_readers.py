@@ -28,16 +28,20 @@ def _checkpoint(folder: Path):
 
     from mmocap_warp.tracking.checkpoint import Checkpoint
 
-    return Checkpoint(folder / "r.checkpoint", {"seed": 1, "frames": 3}, 2, 6, 3, [np.zeros((2, 4), np.float32)])
+    return Checkpoint(
+        folder / "r.checkpoint", {"seed": 1, "frames": 3}, 2, 6, 3, {"particles": np.zeros((2, 4), np.float32)}
+    )
 
 
 def _write_checkpoint(folder: Path) -> None:
     import numpy as np
 
     from mmocap_warp.result.result import FrameAnswer
+    from mmocap_warp.tracking.checkpoint import FinishedFrame
 
     answer = FrameAnswer(np.ones((2, 6)), np.ones(2), np.ones((2, 3)), 9, np.array([0, 1]), 0.5)
-    _checkpoint(folder).save([(answer, np.zeros(2, np.int32))] * 3, [np.ones((2, 4), np.float32)])
+    done = [FinishedFrame(answer, np.zeros(2, np.int32))] * 3
+    _checkpoint(folder).save(done, {"particles": np.ones((2, 4), np.float32)})
 
 
 def _read_checkpoint(folder: Path) -> None:
@@ -97,7 +101,7 @@ READERS: tuple[Reader, ...] = (
         "r.checkpoint",
         _write_checkpoint,
         _read_checkpoint,
-        mutations.headed(b"mmocap checkpoint 4\n"),
+        mutations.headed(b"mmocap checkpoint 5\n"),
     ),
     Reader("bench.json", "bench.json", _write_report, _read_report, mutations.json_text),
     _HUMAN,

@@ -13,7 +13,7 @@ from mmocap_warp.optimizers.protocol import share_budget
 from mmocap_warp.optimizers.pso import Pso
 from mmocap_warp.optimizers.search import Search
 from mmocap_warp.tracking.algorithms import ALGORITHMS
-from mmocap_warp.tracking.parts import hierarchical, holistic
+from mmocap_warp.tracking.pose_search import hierarchical, holistic
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import Tracker
 
@@ -91,7 +91,7 @@ def calls_of(tracker: Tracker) -> list[tuple]:
 def test_parts_are_held_one_after_the_other_at_the_best_so_far(device, algorithm, strategy):
     tracker = Tracker(synthetic_subject(), RIG, TrackConfig(algorithm, evaluations=100, device=device), FPS)
     tracker.step(motion(device)[1][0])
-    start = tracker.state[0]
+    start = tracker.state.pose
     tracker.search._search._replays = False
     calls = calls_of(tracker)
     answer = tracker.step(motion(device)[1][1])

@@ -12,7 +12,7 @@ from mmocap_warp.masks.observation import Observation
 from mmocap_warp.rigging.human import JOINTS
 from mmocap_warp.silhouettes.objective import COSTS, Objective
 from mmocap_warp.silhouettes.renderers import RENDERERS
-from mmocap_warp.tracking.parts import hierarchical
+from mmocap_warp.tracking.pose_search import hierarchical
 
 FLOAT32 = 1e-6
 OWN_BODY = 2e-3  # of a cost: a few pixels turn where vertices move by 1e-6 m

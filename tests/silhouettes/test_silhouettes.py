@@ -23,7 +23,7 @@ from mmocap_warp.rigging.human import PARENT
 from mmocap_warp.scenes import ROOT
 from mmocap_warp.silhouettes.objective import Objective
 from mmocap_warp.silhouettes.renderers import RENDERERS
-from mmocap_warp.tracking.parts import hierarchical
+from mmocap_warp.tracking.pose_search import hierarchical
 
 PEOPLE = 25  # bodies in a room, with six cameras each
 ROOMS = 40 if wp.config.mode != "debug" else 4  # 1,000 bodies; fewer where every index is checked, which takes long

@@ -191,7 +191,7 @@ def test_a_worker_out_of_memory_says_so_and_goes_on(error, told, study, tmp_path
     first, second = (task.job for task in tasks_of(study, tmp_path / "results")[:2])
     worker = Worker("cpu", 1)
     with monkeypatch.context() as patched:
-        patched.setattr(job, "fitting_tracker", fails_with(error))
+        patched.setattr(job, "make_tracker", fails_with(error))
         *_, refusal = worker.work(first)
     assert refusal == Refusal(
         f"cpu: memory ran out ({told}); give the study fewer seeds or frames, or run fewer workers at a time on this "
@@ -209,7 +209,7 @@ def fails_with(error):
 
 
 def test_other_errors_are_none_of_memory(study, tmp_path, monkeypatch):
-    monkeypatch.setattr(job, "fitting_tracker", fails_with(RuntimeError("an illegal memory access was encountered")))
+    monkeypatch.setattr(job, "make_tracker", fails_with(RuntimeError("an illegal memory access was encountered")))
     with pytest.raises(RuntimeError, match="illegal"):
         list(Worker("cpu", 1).work(tasks_of(study, tmp_path / "results")[0].job))
 

@@ -16,7 +16,7 @@ from mmocap_warp.body.posing import Poser
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.tracking.algorithms import ALGORITHMS
 from mmocap_warp.tracking.frame_loop import track_observations
-from mmocap_warp.tracking.parts import hierarchical
+from mmocap_warp.tracking.pose_search import hierarchical
 from mmocap_warp.tracking.track_config import TrackConfig
 
 HIERARCHICAL = [name for name, algorithm in ALGORITHMS.items() if algorithm.hierarchical]

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from one_frame import fit_observation
 from other_bodies import things
 
 from mmocap_warp.body.posing import Poser
@@ -22,7 +23,6 @@ from mmocap_warp.fitting.subject_fit import (
     _Task,
     fit,
     fit_clip,
-    fit_observation,
 )
 from mmocap_warp.formats.truth_file import load_truth
 from mmocap_warp.formats.usd.usd_body import read_body, read_subject, write_subject

@@ -48,13 +48,13 @@ def test_a_frames_search_reads_nothing_back(device, no_readback, monkeypatch, al
     _truth, seen = motion(device)
     tracker.step(seen[0])
     tracker.search.objective.observe(seen[-1])
-    before = tracker.state[0]
+    before = tracker.state.pose
     calls.clear()
     no_readback()
     tracker.search._search._run()
     monkeypatch.undo()
     assert 450 <= sum(calls) / 2 <= 500
-    assert not np.array_equal(tracker.state[0], before)
+    assert not np.array_equal(tracker.state.pose, before)
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
@@ -69,7 +69,7 @@ def test_a_captured_frame_replays_to_the_same_bits(device, algorithm):
         again, once = replayed.step(observation), launched.step(observation)
         np.testing.assert_array_equal(again.pose, once.pose, err_msg=f"frame {frame}")
         np.testing.assert_array_equal(again.cost, once.cost, err_msg=f"frame {frame}")
-    assert replayed.search._search._graph is not None
+    assert replayed.search._search._replays._graphs["search"] is not None
 
 
 def test_an_ordinary_frame_of_contours_waits_once(device, monkeypatch):

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from one_frame import fit_observation
 from other_bodies import arm_robot, burdened, quadruped
 from random_scenes import perfect_masks
 from scipy.spatial.transform import Rotation
@@ -17,7 +18,7 @@ from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.rotations import zyx_angles, zyx_rotation
 from mmocap_warp.body.skeleton import ROOT_ANGLES
-from mmocap_warp.fitting.subject_fit import FitConfig, fit_clip, fit_observation
+from mmocap_warp.fitting.subject_fit import FitConfig, fit_clip
 from mmocap_warp.formats.usd.usd_animation import export_animation
 from mmocap_warp.formats.usd.usd_body import read_body, read_subject, write_body, write_subject
 from mmocap_warp.formats.usd.usd_check import faults
@@ -171,10 +172,15 @@ def test_a_start_pose_is_taken_from_where_the_body_usually_is_not() -> None:
     assert np.linalg.norm(found - there, axis=-1).mean() < 0.04
 
 
+def anywhere(tracker: ContourTracker, observation: Observation) -> np.ndarray:
+    """(run, start, coordinate) where a tracker looks for a body that it lost."""
+    return tracker._starts.anywhere(tracker.state.pose, tracker.state.counter, observation)
+
+
 def test_a_lost_arm_is_looked_for_where_its_base_stands() -> None:
     subject, (_, seen) = subject_of("arm"), motion("arm")
     tracker = ContourTracker(subject, RIG, TrackConfig(device="cpu", threads=1), FPS)
-    starts = tracker._anew(tracker.search, seen[0])
+    starts = anywhere(tracker, seen[0])
     skeleton = subject.body.skeleton
     bent = skeleton.searched()
     held = np.setdiff1d(np.arange(skeleton.coordinates), bent)
@@ -188,10 +194,10 @@ def test_a_lost_body_that_lies_anyhow_is_turned_any_way() -> None:
     subject, (_, seen) = subject_of("quadruped"), motion("quadruped")
     lying = replace(subject, body=replace(subject.body, skeleton=replace(subject.body.skeleton, stands=False)))
     tracker = ContourTracker(lying, RIG, TrackConfig(device="cpu", threads=1), FPS)
-    up = zyx_rotation(tracker._anew(tracker.search, seen[0])[0][:, ROOT_ANGLES].astype(float))[..., 1]
+    up = zyx_rotation(anywhere(tracker, seen[0])[0][:, ROOT_ANGLES].astype(float))[..., 1]
     assert (up @ (0.0, 1.0, 0.0)).min() < -0.8
     standing = ContourTracker(subject, RIG, TrackConfig(device="cpu", threads=1), FPS)
-    up = zyx_rotation(standing._anew(standing.search, seen[0])[0][:, ROOT_ANGLES].astype(float))[..., 1]
+    up = zyx_rotation(anywhere(standing, seen[0])[0][:, ROOT_ANGLES].astype(float))[..., 1]
     np.testing.assert_allclose(up @ (0.0, 1.0, 0.0), 1.0, atol=1e-5)
 
 

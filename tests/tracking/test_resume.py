@@ -231,21 +231,21 @@ def answered(frames: int) -> list[checkpoint.FinishedFrame]:
     for _ in range(frames):
         pose, cost, iou = (random.random(shape) for shape in ((2, COORDINATES), 2, (2, 3)))
         answer = FrameAnswer(pose.astype(np.float32), cost.astype(np.float32), iou, 9, np.array([1, 3]), 0.5)
-        done.append((answer, random.integers(0, 99, 2, np.int32)))
+        done.append(checkpoint.FinishedFrame(answer, random.integers(0, 99, 2, np.int32)))
     return done
 
 
 def test_a_checkpoint_gives_back_what_was_saved_however_often(tmp_path):
     done = answered(7)
-    done[3][0].cost[:], done[3][0].iou[:] = np.nan, np.nan  # a lost frame
+    done[3].answer.cost[:], done[3].answer.iou[:] = np.nan, np.nan  # a lost frame
     store = checkpoint.Checkpoint(tmp_path / "c", IDENTITY, 2, COORDINATES, 3)
     for frames in (0, 2, 2, 3, 7):
         store.save(done[:frames])
     loaded, _memory = checkpoint.Checkpoint(tmp_path / "c", IDENTITY, 2, COORDINATES, 3).load()
-    for (mine, my_draw), (theirs, their_draw) in zip(loaded, done, strict=True):
-        np.testing.assert_array_equal(my_draw, their_draw)
+    for mine, theirs in zip(loaded, done, strict=True):
+        np.testing.assert_array_equal(mine.counter, theirs.counter)
         for field in fields(FrameAnswer):
-            np.testing.assert_array_equal(getattr(mine, field.name), getattr(theirs, field.name))
+            np.testing.assert_array_equal(getattr(mine.answer, field.name), getattr(theirs.answer, field.name))
     assert [file.name for file in tmp_path.iterdir()] == ["c"]
 
 
@@ -303,9 +303,9 @@ def test_a_filters_particles_are_saved_with_its_last_frame(algorithm, loaded, su
     np.testing.assert_array_equal(resumed.cost, whole.cost)
 
 
-def remembered(frames: int) -> tuple[np.ndarray, np.ndarray]:
+def remembered(frames: int) -> dict[str, np.ndarray]:
     """A made-up memory after so many frames: arrays of two runs."""
-    return np.full((2, 5, 3), frames, np.float32), np.full((2, 3), -frames, np.float32)
+    return {"particles": np.full((2, 5, 3), frames, np.float32), "mean": np.full((2, 3), -frames, np.float32)}
 
 
 def spoilt(path: Path, found: bytes, times: int = 1) -> None:
@@ -322,8 +322,8 @@ def test_the_last_memory_but_one_serves_where_a_crash_spoilt_the_last(tmp_path):
 
     def kept():
         done, memory = store().load()
-        for array, expected in zip(memory, remembered(len(done)), strict=bool(done)):
-            np.testing.assert_array_equal(array, expected)
+        for name, expected in remembered(len(done)).items() if done else ():
+            np.testing.assert_array_equal(memory[name], expected)
         return len(done)
 
     done, first = answered(9), store()
@@ -331,15 +331,15 @@ def test_the_last_memory_but_one_serves_where_a_crash_spoilt_the_last(tmp_path):
     for frames in (2, 3, 5):
         first.save(done[:frames], remembered(frames))
         assert kept() == frames
-    spoilt(tmp_path / "c", remembered(5)[0].tobytes())
+    spoilt(tmp_path / "c", remembered(5)["particles"].tobytes())
     assert kept() == 3
     second = store()
     second.load()
     second.save(done[:4], remembered(4))
     assert kept() == 4
-    spoilt(tmp_path / "c", remembered(4)[0].tobytes())
+    spoilt(tmp_path / "c", remembered(4)["particles"].tobytes())
     assert kept() == 3
-    spoilt(tmp_path / "c", remembered(3)[0].tobytes())
+    spoilt(tmp_path / "c", remembered(3)["particles"].tobytes())
     assert kept() == 0
 
 
@@ -352,4 +352,4 @@ def test_a_memory_of_frames_that_a_crash_spoilt_is_not_used(tmp_path):
     (tmp_path / "c").write_bytes(content[:-100])
     loaded, memory = store.load()
     assert len(loaded) == 2
-    np.testing.assert_array_equal(memory[0], remembered(2)[0])
+    np.testing.assert_array_equal(memory["particles"], remembered(2)["particles"])

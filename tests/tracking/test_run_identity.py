@@ -172,7 +172,7 @@ CHANGES: list[tuple[str, Callable[[Run], Run]]] = [
 
 @pytest.mark.parametrize(("told", "change"), CHANGES, ids=[f"{i}-{told}" for i, (told, _) in enumerate(CHANGES)])
 def test_another_run_is_refused_and_it_is_told_what_differs(told, change, run, left, monkeypatch):
-    for module in ("run_identity", "memory_need", "pose_search", "frame_loop"):
+    for module in ("run_identity", "make_tracker", "pose_search", "frame_loop"):
         monkeypatch.setattr(f"mmocap_warp.tracking.{module}.resolve_device", lambda device: device)
     refusal = rf"is of a run that differs in its .*\b{re.escape(told)}\b.*; repeat that"
     with pytest.raises(InputError, match=refusal) as caught:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+from one_frame import fit_observation
 from random_scenes import perfect_masks
 from synthetic import ring_rig
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.shape_space import heading_rotation, upright_base
-from mmocap_warp.fitting.subject_fit import FitConfig, fit_observation
+from mmocap_warp.fitting.subject_fit import FitConfig
 from mmocap_warp.formats.usd.usd_body import read_body
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.scenes import ROOT

@@ -132,7 +132,7 @@ def test_arms_that_are_crossed_in_all_frames_are_uncrossed():
 
 def test_cost_and_overlap_are_those_of_the_answer():
     result = smoothed(rough_track(), CONFIG, swinging()[1])
-    search = PoseSearch(SUBJECT, RIG, CONFIG, algorithm=ALGORITHMS["cmaes"], evaluations=1, radii=(0.1, 0.1), runs=1)
+    search = PoseSearch(SUBJECT, RIG, replace(CONFIG, evaluations=1, runs=1), ALGORITHMS["cmaes"], FPS)
     for frame in (0, 11, FRAMES - 1):
         observation = swinging()[1][frame]
         search.observe(observation)

@@ -16,7 +16,7 @@ from mmocap_warp.rigging.human import JOINTS
 from mmocap_warp.tracking.algorithms import ALGORITHMS
 from mmocap_warp.tracking.frame_loop import collect, track, track_observations
 from mmocap_warp.tracking.track_config import TrackConfig
-from mmocap_warp.tracking.tracker import Tracker
+from mmocap_warp.tracking.tracker import Tracker, TrackState
 
 FPS = 60.0
 TRACKING_ERROR = 0.025  # [m], mean marker error of one run, see the test
@@ -172,11 +172,11 @@ def test_a_filter_that_is_given_a_pose_alone_begins_anew(device, walk, algorithm
     """As a tracker that was never used; with the particles of before it would go on otherwise."""
     used, new = (tracker_of(device, algorithm=algorithm, evaluations=1500) for _ in range(2))
     used.step(walk[0])
-    pose, counter, *particles = used.state
-    used.state = new.state = pose, counter
+    state = used.state
+    used.state = new.state = TrackState(state.pose, state.counter)
     answer = used.step(walk[1]).pose
     np.testing.assert_array_equal(answer, new.step(walk[1]).pose)
-    new.state = pose, counter, *particles
+    new.state = state
     assert not np.array_equal(answer, new.step(walk[1]).pose)
 
 

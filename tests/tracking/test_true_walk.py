@@ -49,8 +49,8 @@ def test_the_true_pose_costs_nothing_and_is_never_left(device, recording, subjec
     tracker = Tracker(subject, rig, config, recording.fps)
     answers = []
     for pose, observation in zip(recording.poses, seen, strict=False):
-        counters = tracker.state[1]
-        tracker.state = (np.repeat(pose[None].astype(np.float32), config.runs, axis=0), counters)
+        there = np.repeat(pose[None].astype(np.float32), config.runs, axis=0)
+        tracker.state = replace(tracker.state, pose=there)
         answers.append(tracker.step(observation))
     result = collect(subject, rig, recording.fps, config, answers)
     assert (result.cost == 0).all()

@@ -1,9 +1,9 @@
 """A second opinion on a stretch of a clip: it is followed backwards too, and each frame's better pose is kept.
 
-A limb that a tracker lost it finds again some frames later. From there the way back leads along the limb, where the way
-ahead lost it: a fist folds before the chest in one direction of time, and comes out of it in the other. One that no
-later frame knows may be where it was in an earlier one. Two that explain each other's masks, such as crossed arms, may
-be wrong in all frames alike: they are looked for anew.
+A tracker that lost a limb finds it again some frames later. From there, following the frames backwards leads along the
+limb: a fist folds before the chest in one direction of time, and comes out of it in the other. A limb that no later
+frame knows may be where it was in an earlier frame: its angles there are recalled. Two limbs that explain each other's
+masks, such as crossed arms, may be wrong in all frames alike: they are fitted once more from rest.
 """
 
 from __future__ import annotations
@@ -14,33 +14,34 @@ from itertools import product
 import numpy as np
 
 from mmocap_warp.body.skeleton import ROOT_ANGLES
-from mmocap_warp.contour.clip.filled import filled
 from mmocap_warp.contour.clip.motion_points import POINTS_A_JOINT, MotionPoints
 from mmocap_warp.contour.frame.normal_equations import LineariseFrames
 from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
 
 DescendFrames = Callable[[np.ndarray, RootedPoses], tuple[RootedPoses, np.ndarray]]
 """Poses that contours lead to from some, each in its frame (pose,), and what they cost (pose,)."""
-PairsAnew = Callable[[int, RootedPoses], RootedPoses]
-"""Poses of a frame, as one (1,) is but for a pair of limbs that were looked for from rest."""
+PairsFromRest = Callable[[int, RootedPoses], RootedPoses]
+"""Poses of a frame that contours lead to from one (1,) with each pair of limbs at rest."""
 
 AreaCost = Callable[[np.ndarray, RootedPoses], np.ndarray]
 """What frames' masks and the body in a pose for each do not cover of each other (frame,)."""
 
 AHEAD = 0.6
-"""How far beyond a window frames are followed back from [s]: its own end may be where a limb is lost."""
+"""Frames are followed back from so far beyond a window [s]: its own end may be where a limb is lost."""
 STARTS = 2
-"""Poses that a frame on the way back is descended from: the last, and where its motion leads."""
-_DAMPED = 0.8  # of the last motion is taken to go on
-_WORSE = 1.35  # a cost so many times as high is that of another answer
-_ANOTHER = 0.04  # [m] by which a joint is elsewhere in another answer
-_LOOKED_UP = 0.1  # [s] between frames on the way back in which limbs are recalled
-_RARELY = 5  # of these frames every so many-th is one in which pairs are looked for anew
-_RECALLED = 0.25  # [s] between the frames from which
-_TRIED = 6  # of the limbs recalled are descended with: those whose areas cost least
-_CLEARLY = 0.95  # of a pose's cost at most has one that takes its place
-_COVERED = 1e-6  # areas that are as good as none
-_ACCELERATION = 36.0  # standard deviation of a joint's between answers [m/s^2]: frames alone shake by 10 mm at 60 Hz
+"""Starts of a frame that is followed back: the last pose, and where its motion leads."""
+_MOTION_KEPT = 0.8  # share of the last motion that is taken to go on
+_LOST_COST = 1.35  # a pose that costs so many times as much as the known one has lost the body
+_ANOTHER_PLACE = 0.04  # two poses are different answers if a joint is this far apart [m]
+_RECALL_INTERVAL = 0.1  # seconds between the frames in which limbs are recalled
+_RECALLS_A_PAIR_FIT = 5  # every so many-th of these frames, pairs of limbs are fitted from rest too
+_MEMORY_INTERVAL = 0.25  # seconds between the frames that limbs are recalled from
+_BEST_RECALLED = 6  # recalled limbs that are fitted: those whose areas cost least
+_LARGEST_COST_RATIO = 0.95  # a pose replaces another one if its cost is at most this share
+_NO_AREA = 1e-6  # an area that is as good as none
+_ACCELERATION = (
+    36.0  # standard deviation of a joint's acceleration [m/s^2]: fitted alone, frames shake by 10 mm at 60 Hz
+)
 
 
 class BackwardPass:
@@ -54,7 +55,7 @@ class BackwardPass:
         rate: frames a second.
         areas: what contours do not see: a limb that hides in the trunk has no outline there, and so no error.
         limbs: the coordinates (coordinate,) of each.
-        pairs_anew: for pairs of limbs; None where there are none.
+        pairs_from_rest: how pairs of limbs are fitted from rest; None where there are none.
     """
 
     def __init__(
@@ -66,17 +67,17 @@ class BackwardPass:
         rate: float,
         areas: AreaCost,
         limbs: Sequence[np.ndarray],
-        pairs_anew: PairsAnew | None = None,
+        pairs_from_rest: PairsFromRest | None = None,
     ) -> None:
         self._descend, self._linearise = descend, linearise
         self._rooting, self._points, self._rate = rooting, points, rate
-        self._areas, self._limbs, self._pairs_anew = areas, limbs, pairs_anew
+        self._areas, self._limbs, self._pairs_from_rest = areas, limbs, pairs_from_rest
 
     def revised(self, frames: np.ndarray, known: RootedPoses, held: RootedPoses) -> RootedPoses:
         """For each frame the pose known or the one found on the way back: those that together cost least.
 
-        Only another answer counts, in which a joint is elsewhere, and only where a stretch of frames so gains more by
-        contours and areas than a frame's contours cost. Where there is none, ``known`` itself is returned.
+        Only a different answer counts, in which a joint is elsewhere, and only in a stretch of frames that gains more
+        by contours and areas than a frame's contours cost. Where there is none, ``known`` itself is returned.
 
         Args:
             frames: consecutive frames by their numbers.
@@ -88,41 +89,47 @@ class BackwardPass:
         if not seen.any():
             return known
         back = self._followed_back(frames, known, contour.cost, seen)
+
+        # Compare both where they lie at the bottom of what they cost, and only where they still differ there.
         ahead, cost = known, contour.cost.copy()
-        at = np.flatnonzero(self._apart(back, known))
-        if len(at):  # compared where both lie at the bottom of what they cost
+        at = np.flatnonzero(self._differ(back, known))
+        if len(at):
             descended, cost[at] = self._descend(frames[at], known[at])
             ahead = known.with_frames(at, self._rooting.refold(descended))
-        another = self._apart(back, ahead)
-        if not another.any():
+        different = self._differ(back, ahead)
+        if not different.any():
             return known
-        back = back.where(another, ahead)
+        back = back.where(different, ahead)
+
+        # Each frame costs what its contours and its areas cost; jumps between the answers cost too.
         costs = np.zeros((2, len(held) + len(frames)))
         costs[:, len(held) :] = cost, self._linearise(frames, back).cost
-        costs[:, len(held) + np.flatnonzero(another)] += self._uncovered(frames, ahead, back, another, cost)
+        costs[:, len(held) + np.flatnonzero(different)] += self._area_costs(frames, ahead, back, different, cost)
         scale = self._rate**2 / (_ACCELERATION * np.sqrt(POINTS_A_JOINT))
-        both = (held.followed_by(filled(poses, seen)) for poses in (ahead, back))
+        both = (held.followed_by(poses.interpolated(seen)) for poses in (ahead, back))
         place = np.stack([scale * self._points.at(poses).reshape(len(poses), -1) for poses in both])
-        chosen = (least_costly(costs, place)[len(held) :] == 1) & another
-        least = np.median(contour.cost[seen])
+        chosen = (least_costly(costs, place)[len(held) :] == 1) & different
+
+        # A stretch that gains too little keeps what was known.
+        least_gain = np.median(contour.cost[seen])
         for stretch in np.split(np.arange(len(frames)), np.flatnonzero(np.diff(chosen)) + 1):
-            was, became = costs[:, len(held) + stretch].sum(axis=1)
-            chosen[stretch] &= was - became > least
+            cost_ahead, cost_back = costs[:, len(held) + stretch].sum(axis=1)
+            chosen[stretch] &= cost_ahead - cost_back > least_gain
         return back.where(chosen, known) if chosen.any() else known
 
-    def _uncovered(
-        self, frames: np.ndarray, ahead: RootedPoses, back: RootedPoses, another: np.ndarray, cost: np.ndarray
+    def _area_costs(
+        self, frames: np.ndarray, ahead: RootedPoses, back: RootedPoses, different: np.ndarray, cost: np.ndarray
     ) -> np.ndarray:
-        """What both answers' areas cost (answer, frame), as much as the contours (frame,) of those known."""
-        both = np.stack([self._areas(frames[another], poses[another]) for poses in (ahead, back)])
-        scaled: np.ndarray = both * (cost[another].sum() / max(both[0].sum(), _COVERED))
+        """What areas cost (answer, frame), scaled so that those of ``ahead`` weigh as much as its contours (frame,)."""
+        both = np.stack([self._areas(frames[different], poses[different]) for poses in (ahead, back)])
+        scaled: np.ndarray = both * (cost[different].sum() / max(both[0].sum(), _NO_AREA))
         return scaled
 
-    def _apart(self, one: RootedPoses, other: RootedPoses) -> np.ndarray:
-        """(frame,) bool: whether a joint is elsewhere."""
-        away = self._points.at(one) - self._points.at(other)
-        apart: np.ndarray = np.linalg.norm(away[:, ::POINTS_A_JOINT], axis=2).max(axis=1) > _ANOTHER
-        return apart
+    def _differ(self, one: RootedPoses, other: RootedPoses) -> np.ndarray:
+        """(frame,) bool: whether a joint is in another place."""
+        apart = self._points.at(one) - self._points.at(other)
+        differ: np.ndarray = np.linalg.norm(apart[:, ::POINTS_A_JOINT], axis=2).max(axis=1) > _ANOTHER_PLACE
+        return differ
 
     def _followed_back(self, frames: np.ndarray, known: RootedPoses, cost: np.ndarray, seen: np.ndarray) -> RootedPoses:
         """Poses from the last frame that is seen to the first, each found from those after it.
@@ -135,47 +142,57 @@ class BackwardPass:
             if not seen[f]:
                 continue
             if f < end:
-                starts = rooting.enter(np.stack([last, last + _DAMPED * (last - before)]))
-                starts = rooting.stepped(starts, np.zeros(len(rooting.searched)))  # within the limits
-                found, its_cost = self._descend(np.full(STARTS, frames[f]), starts)
-                best = int(np.argmin(its_cost))
-                if its_cost[best] < _WORSE * cost[f]:
-                    way = way.with_frames(np.array([f]), found[best : best + 1])
-            there, recalled = way[f : f + 1], None
-            if self._limbs and (end - f) % self._between == 0:
-                recalled = self._recalled(int(frames[f]), there, known[seen])
-            if self._pairs_anew and not recalled and (end - f) % (_RARELY * self._between) == 0:
-                recalled = self._better(int(frames[f]), there, self._pairs_anew(int(frames[f]), there))
-            before, last = last, rooting.leave(recalled or there, last[ROOT_ANGLES])[0]
-            if recalled:
-                before = last  # it did not come from there
-                way = self._retaken(frames, way.with_frames(np.array([f]), recalled), f, seen)
+                way = self._one_frame_back(frames[f], f, way, last, before, _LOST_COST * cost[f])
+            # Now and then, look for limbs that are lost in both directions of time.
+            there, better = way[f : f + 1], None
+            if self._limbs and (end - f) % self._recall_frames == 0:
+                better = self._with_limb_recalled(int(frames[f]), there, known[seen])
+            if self._pairs_from_rest and not better and (end - f) % (_RECALLS_A_PAIR_FIT * self._recall_frames) == 0:
+                better = self._better(int(frames[f]), there, self._pairs_from_rest(int(frames[f]), there))
+            before, last = last, rooting.leave(better or there, last[ROOT_ANGLES])[0]
+            if better:
+                before = last  # no motion led there
+                way = self._followed_ahead(frames, way.with_frames(np.array([f]), better), f, seen)
         return rooting.refold(way)
 
-    @property
-    def _between(self) -> int:
-        """Frames from one in which limbs are recalled to the next."""
-        return max(1, round(_LOOKED_UP * self._rate))
+    def _one_frame_back(
+        self, frame: int, f: int, way: RootedPoses, last: np.ndarray, before: np.ndarray, most: float
+    ) -> RootedPoses:
+        """The way with frame ``f`` fitted from the poses (coordinate,) of the two frames after it.
 
-    def _recalled(self, frame: int, there: RootedPoses, known: RootedPoses) -> RootedPoses | None:
-        """A pose (1,) with a limb as it was in a frame that is known, if that clearly costs less.
+        It stays as it is where the fit costs ``most`` or more.
+        """
+        rooting = self._rooting
+        starts = rooting.enter(np.stack([last, last + _MOTION_KEPT * (last - before)]))
+        starts = rooting.stepped(starts, np.zeros(len(rooting.searched)))  # within the limits
+        fitted, cost = self._descend(np.full(STARTS, frame), starts)
+        best = int(np.argmin(cost))
+        return way.with_frames(np.array([f]), fitted[best : best + 1]) if cost[best] < most else way
+
+    @property
+    def _recall_frames(self) -> int:
+        """Frames from one in which limbs are recalled to the next."""
+        return max(1, round(_RECALL_INTERVAL * self._rate))
+
+    def _with_limb_recalled(self, frame: int, there: RootedPoses, known: RootedPoses) -> RootedPoses | None:
+        """A pose (1,) with a limb as it was in another frame that is known, if that clearly costs less.
 
         A limb that neither direction of time finds may have come back to where it was.
         """
-        others = np.arange(len(known))[:: max(1, round(_RECALLED * self._rate))]
+        others = np.arange(len(known))[:: max(1, round(_MEMORY_INTERVAL * self._rate))]
         pose = np.repeat(there.pose, len(others) * len(self._limbs), axis=0)
         for changed, (other, limb) in zip(pose, product(others, self._limbs), strict=True):
             changed[limb] = known.pose[other, limb]
         starts = RootedPoses(np.repeat(there.base, len(pose), axis=0), pose)
         areas = self._areas(np.full(len(pose), frame), starts)
-        return self._better(frame, there, starts[np.argsort(areas, kind="stable")[:_TRIED]])
+        return self._better(frame, there, starts[np.argsort(areas, kind="stable")[:_BEST_RECALLED]])
 
-    def _retaken(self, frames: np.ndarray, way: RootedPoses, f: int, seen: np.ndarray) -> RootedPoses:
-        """The way with poses found ahead from frame ``f``, where a limb was recalled, as far as they clearly cost less.
+    def _followed_ahead(self, frames: np.ndarray, way: RootedPoses, f: int, seen: np.ndarray) -> RootedPoses:
+        """The way with poses found forwards from frame ``f``, where a limb was recalled, while they clearly cost less.
 
-        Between two frames in which limbs are recalled one was lost.
+        The limb was lost somewhere between two frames in which limbs are recalled.
         """
-        for g in range(f + 1, min(f + self._between, len(frames))):
+        for g in range(f + 1, min(f + self._recall_frames, len(frames))):
             better = self._better(int(frames[g]), way[g : g + 1], way[g - 1 : g]) if seen[g] else None
             if better is None:
                 break
@@ -183,17 +200,18 @@ class BackwardPass:
         return way
 
     def _better(self, frame: int, there: RootedPoses, starts: RootedPoses) -> RootedPoses | None:
-        """The best pose (1,) that contours lead to from some, if it is another answer and clearly costs less."""
+        """The best pose (1,) that contours lead to from some, if it is a different answer and clearly costs less."""
         starts = there.followed_by(starts)
         at = np.full(len(starts), frame)
-        found, contours = self._descend(at, starts)
-        found = self._rooting.refold(found)
-        areas = self._areas(at, found)
-        cost = contours * areas[0] + areas * contours[0]  # of the pose that is there both count alike
-        limit = _CLEARLY * cost[0]
-        cost[~self._apart(found, there)] = np.inf
+        fitted, contours = self._descend(at, starts)
+        fitted = self._rooting.refold(fitted)
+        areas = self._areas(at, fitted)
+        # Scaled so that contours and areas of the pose that is there weigh the same.
+        cost = contours * areas[0] + areas * contours[0]
+        limit = _LARGEST_COST_RATIO * cost[0]
+        cost[~self._differ(fitted, there)] = np.inf
         best = int(np.argmin(cost))
-        return found[best : best + 1] if cost[best] < limit else None
+        return fitted[best : best + 1] if cost[best] < limit else None
 
 
 def least_costly(cost: np.ndarray, place: np.ndarray) -> np.ndarray:

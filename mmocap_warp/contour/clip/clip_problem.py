@@ -8,13 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from mmocap_warp.contour.clip.backward_pass import AHEAD, BackwardPass
-from mmocap_warp.contour.clip.filled import filled
 from mmocap_warp.contour.clip.motion_penalty import HELD, MotionCost, MotionPenalty
 from mmocap_warp.contour.clip.motion_points import MotionPoints
-from mmocap_warp.contour.clip.trust import LARGEST_STEP, Trust
-from mmocap_warp.contour.frame.descent import RAISE, STOP
+from mmocap_warp.contour.frame.descent import LARGEST_STEP, RAISE, STOP, Trust
 from mmocap_warp.contour.frame.normal_equations import LineariseFrames, NormalEquations
-from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
+from mmocap_warp.contour.frame.rooted import FrameArrays, RootedPoses, Rooting
 
 ACCELERATION = 5.4
 """Standard deviation of a point's acceleration [m/s^2]: 1.5 mm of second difference at 60 frames/s."""
@@ -25,8 +23,13 @@ WINDOW = 2.0
 """What is solved together [s]."""
 OVERLAP = 0.4
 """The end of a window that is solved again with what follows it [s]."""
+LAG = 10
+"""Frames that are solved together while a clip is still being recorded."""
+COMMIT = 4
+"""How many of them are final each time."""
+_LAG_STEPS = 2  # descent steps of these frames
 
-_NOISE = 0.05  # by so much of itself a frame's cost may rise
+_NOISE = 0.05  # share of itself that a step may add to a frame's cost
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,7 @@ def coarse_then_fine(acceleration: float = ACCELERATION) -> tuple[Pass, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class ClipSolution:
+class ClipSolution(FrameArrays):
     """Poses of consecutive frames.
 
     Attributes:
@@ -60,14 +63,6 @@ class ClipSolution:
     rooted: RootedPoses
     observed: np.ndarray
     cost: np.ndarray
-
-    def followed_by(self, *more: ClipSolution) -> ClipSolution:
-        """These frames, then the others."""
-        return ClipSolution(
-            self.rooted.followed_by(*(each.rooted for each in more)),
-            np.concatenate([self.observed, *(each.observed for each in more)]),
-            np.concatenate([self.cost, *(each.cost for each in more)]),
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,9 +127,11 @@ class ClipProblem:
         window, overlap, ahead = (round(time * self.rate) for time in (WINDOW, OVERLAP, AHEAD))
         first, held = 0, self.rooting.none
         while first < len(rooted):
+            # Solve the window.
             last = min(first + window, len(rooted))
             frames = np.arange(first, last)
             solved, contour = self.solved_together(frames, rooted[first:last], held, passes)
+            # Follow it backwards from beyond its end; where that finds better poses, solve it anew from these.
             if self.backward:
                 beyond = min(last + ahead, len(rooted))
                 known = solved.followed_by(rooted[last:beyond])
@@ -142,9 +139,10 @@ class ClipProblem:
                 if revised is not known:
                     rooted = rooted[:first].followed_by(revised, rooted[beyond:])
                     solved, contour = self.solved_together(frames, rooted[first:last], held, passes)
+            # Its end is solved once more with the frames that follow.
             final = last - first
             if last < len(rooted):
-                final = _final(contour.observed if shows is None else shows[first:last], overlap)
+                final = _final_frames(contour.observed if shows is None else shows[first:last], overlap)
                 rooted = rooted[: first + final].followed_by(solved[final:], rooted[last:])
             yield SolvedWindow(solved, contour, final)
             first += final
@@ -159,7 +157,7 @@ class ClipProblem:
         """
         contour = self.linearise(frames, rooted)
         known = np.concatenate([np.ones(len(held), bool), contour.observed])
-        rooted = filled(held.followed_by(rooted), known)[len(held) :]
+        rooted = held.followed_by(rooted).interpolated(known)[len(held) :]
         for each in passes:
             descent = _Descent(self, frames, held, MotionPenalty(each.acceleration, self.rate))
             rooted, contour = descent.down(rooted, contour, each.steps)
@@ -218,7 +216,7 @@ class _Descent:
         return self._clip.rooting.stepped(rooted, step), float(np.abs(step).max())
 
 
-def _final(observed: np.ndarray, overlap: int) -> int:
+def _final_frames(observed: np.ndarray, overlap: int) -> int:
     """How many frames of a window are final: all but its end, which does not begin where frames show nothing.
 
     A gap that is longer than half a window is cut all the same.
@@ -227,3 +225,36 @@ def _final(observed: np.ndarray, overlap: int) -> int:
     shows = np.flatnonzero(observed[:end])
     final = int(shows[-1]) + 1 if len(shows) else 0
     return final if final >= len(observed) // 2 else end
+
+
+class FixedLag:
+    """Solves a clip that is still being recorded: the newest frames, whenever enough have come.
+
+    Args:
+        problem: whose equations are asked for the frames that are not final yet.
+        acceleration: standard deviation of a joint's acceleration, by coordinate [m/s^2].
+    """
+
+    def __init__(self, problem: ClipProblem, acceleration: float = ACCELERATION) -> None:
+        self._problem = problem
+        self._passes = (Pass(acceleration, _LAG_STEPS),)
+        self._held = self._waiting = problem.rooting.none
+        self._final = 0  # frames so far
+
+    def add(self, rooted: RootedPoses) -> ClipSolution | None:
+        """Takes the next frame's pose, as it was tracked, and returns the frames that are final now, if any are."""
+        self._waiting = self._waiting.followed_by(rooted)
+        return self._solved(COMMIT) if len(self._waiting) >= LAG else None
+
+    def rest(self) -> ClipSolution | None:
+        """The last frames, when no more will come."""
+        return self._solved(len(self._waiting)) if len(self._waiting) else None
+
+    def _solved(self, commit: int) -> ClipSolution:
+        """The first ``commit`` of the waiting frames."""
+        frames = np.arange(self._final, self._final + len(self._waiting))
+        rooted, contour = self._problem.solved_together(frames, self._waiting, self._held, self._passes)
+        self._final += commit
+        self._waiting = rooted[commit:]
+        self._held = self._held.followed_by(rooted[:commit])[-HELD:]
+        return SolvedWindow(rooted, contour, commit).solution

@@ -43,11 +43,12 @@ class MotionCost:
 class MotionPenalty:
     """What accelerations and velocities of the joints cost, in units of their standard deviations.
 
-    A joint's error is the mean over its points. Small errors cost half their square; far ones, of a blow or a
-    landing, weigh less (``1 / (1 + square)``, Cauchy's), so that the speed of such a motion is kept. How far an error
-    is, the mean with those of the frames around says: an arm that strikes accelerates the same way for some frames,
-    noise does not. That needs frames that show it. Where one shows nothing, the square counts, or else all motion there
-    would be a few jerks, and accelerations are taken to be at least as large as a motion's, ``UNSEEN``.
+    A joint's error is the mean over its points. A small error costs half its square. A large one, of a blow or a
+    landing, weighs less (``1 / (1 + square)``, after Cauchy), so that the speed of such a motion is kept. Whether an
+    error is large is judged by its mean with the errors of the frames around: an arm that strikes accelerates the same
+    way for some frames, noise does not. That needs frames that show the motion. Around a frame that shows nothing the
+    square counts, or all motion would be squeezed into a few jerks; the standard deviation of an acceleration is at
+    least ``UNSEEN`` there.
 
     Args:
         acceleration: standard deviation of a joint's acceleration, by coordinate [m/s^2].

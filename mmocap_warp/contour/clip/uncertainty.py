@@ -24,12 +24,12 @@ from mmocap_warp.contour.frame.normal_equations import LineariseFrames, NormalEq
 from mmocap_warp.contour.frame.rooted import RootedPoses
 
 NOISE = 1.3
-"""What deviations from frame to frame measure, in units of those that the normal matrix tells."""
+"""Measured deviations from frame to frame, in units of those that the normal matrix predicts."""
 USUAL_MISFIT = 0.011
-"""Root mean square of contours' distances at which deviations are what they are said to be [m]."""
+"""Root mean square of contours' distances at which measured deviations are as large as predicted [m]."""
 
 BODY_INTERVAL = 0.2
-"""How often it is looked at what a pose owes to the body [s]."""
+"""Seconds between the frames in which the body's share of the uncertainty is computed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +46,8 @@ class Uncertainty:
 
 
 JointAxes = Callable[[RootedPoses], np.ndarray]
-"""Matrices (frame, joint, 3, 3) by which what is off at joints' centres is multiplied, to be told along other axes or
-stretched along some."""
+"""Matrices (frame, joint, 3, 3) that errors of joints' centres are multiplied by: to express them along other axes, or
+to stretch them along some."""
 
 
 def body_axes(rooted: RootedPoses) -> np.ndarray:
@@ -171,24 +171,27 @@ class BodyDeviations:
         self._last: Uncertainty | None = None
 
     def of(self, window: SolvedWindow) -> Uncertainty:
-        """Those of the next window's final frames; of none of which anything is seen those of the last that was."""
+        """Those of the next window's final frames. A window that shows nothing keeps those of the last seen frame."""
         step = max(1, round(BODY_INTERVAL * self._problem.rate))
         at = np.flatnonzero(window.contour.observed[: window.final])[::step]
         if len(at):
-            found = self._of(self._first + at, window.rooted[at])
+            sigma = self._of(self._first + at, window.rooted[at])
         else:
-            found, at = self._last or self._nothing(), np.zeros(1, int)
+            sigma, at = self._last or self._nothing(), np.zeros(1, int)
         self._first += window.final
-        self._last = Uncertainty(found.pose[-1:], found.joint[-1:])
+        self._last = Uncertainty(sigma.pose[-1:], sigma.joint[-1:])
         frames = np.arange(window.final)
-        return Uncertainty(_between(frames, at, found.pose), _between(frames, at, found.joint))
+        return Uncertainty(_interpolated(frames, at, sigma.pose), _interpolated(frames, at, sigma.joint))
 
     def _of(self, frames: np.ndarray, rooted: RootedPoses) -> Uncertainty:
+        """Those of seen frames."""
+        # How sure the body is after one frame, and how each pose follows a change of the body.
         rooting, points = self._problem.rooting, self._problem.points
         dof = len(rooting.searched)
         matrix = self._linearise(frames, rooted).with_prior(self._information)
         body = np.linalg.inv(matrix)[:, dof:, dof:]
         pose = -np.linalg.solve(matrix[:, :dof, :dof], matrix[:, :dof, dof:])  # (frame, dof, parameter)
+        # A joint moves with its bones, and with the pose that follows them.
         joint = self._problem.points.centres_by_rest(rooted, self._change)
         by_pose = points.linearised(rooted)[1][:, ::POINTS_A_JOINT].reshape(len(rooted), -1, dof)
         by_body = by_pose @ pose + joint.reshape(len(rooted), by_pose.shape[1], -1)
@@ -216,7 +219,7 @@ def misfit(contour: NormalEquations, searched: np.ndarray, usual: float = USUAL_
     return float(np.sqrt(np.mean(2 * contour.cost[seen] / information)))
 
 
-def together(
+def combine(
     noise: Uncertainty, body: Uncertainty, misfit: float, widest: np.ndarray, usual: float = USUAL_MISFIT
 ) -> Uncertainty:
     """Standard deviations of all that is wrong with poses.
@@ -237,7 +240,7 @@ def together(
     return Uncertainty(np.minimum(pose, widest), joint)
 
 
-def _between(frames: np.ndarray, at: np.ndarray, values: np.ndarray) -> np.ndarray:
+def _interpolated(frames: np.ndarray, at: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Values (n, ...) of the frames ``at``, and between them by their distances, in other frames."""
     columns = [np.interp(frames, at, column) for column in values.reshape(len(at), -1).T]
     between: np.ndarray = np.stack(columns, axis=1).reshape(len(frames), *values.shape[1:])

@@ -1,6 +1,6 @@
 """Damped Gauss-Newton steps that are taken back where the cost would rise (Levenberg-Marquardt).
 
-A rise within the noise of matching is let pass. Where none was, bodies got stuck far from the best one: on
+A rise within the noise of matching is allowed. Without that, bodies got stuck far from the best one: on
 ``scenes/walk`` hips stayed 21 mm off, and with it 4 mm.
 """
 
@@ -10,9 +10,19 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
+from mmocap_warp.contour.frame.normal_equations import NormalEquations
+
 RAISE = 10.0
-_NOISE = 0.1  # by so much of the lowest the objective may rise: a step matches outlines anew, and some find none
-STOP = 1e-4  # the largest step that is not worth another [m, rad]
+"""Factor by which damping grows after a step that was not taken, and falls after one that was."""
+STOP = 1e-4
+"""A descent ends after a step that moved no coordinate further than this [m, rad]."""
+_NOISE = 0.1  # share of the lowest objective that a step may add: it matches outlines anew, and some find none
+LARGEST_STEP = 0.2
+"""No coordinate moves further in a step [m, rad]."""
+
+_STEP_LENGTH, _STEP_ANGLE = 0.05, 0.15  # standard deviations of a step, of lengths [m] and angles [rad]
+_DIAGONAL_SHARE = 1e-3  # share of the diagonal that damping adds, so that what is seen well is damped too
+_UNSEEN = 1e-3  # damping of a frame that shows nothing, as a share: it follows its neighbours and may move far
 
 
 class Linearised(Protocol):
@@ -78,3 +88,28 @@ def descend(
             damping = np.where(rose | refused | ~rose.any(), damping * RAISE, damping)
             refused = True
     return state, equations
+
+
+class Trust:
+    """What damping adds to the normal equations of each frame: a weak pull to where it is.
+
+    Args:
+        is_length: (dof,) bool, which coordinates of a step are lengths, not angles.
+    """
+
+    def __init__(self, is_length: np.ndarray) -> None:
+        self._information = np.where(is_length, _STEP_LENGTH, _STEP_ANGLE) ** -2.0
+        self._dof = len(is_length)
+
+    def alone(self, damping: float) -> np.ndarray:
+        """(dof, dof) of coordinates that all frames share, whatever is seen of them."""
+        matrix: np.ndarray = np.diag(damping * self._information)
+        return matrix
+
+    def matrix(self, contour: NormalEquations, damping: np.ndarray) -> np.ndarray:
+        """(frame, dof, dof) diagonal matrices to add to normal matrices, for damping (frame,), 1 or more."""
+        seen = np.einsum("fdd->fd", contour.matrix)[:, : self._dof]
+        information = np.where(contour.observed[:, None], 1.0, _UNSEEN) * self._information
+        pull = damping[:, None] * (information + _DIAGONAL_SHARE * (seen + information))
+        diagonal: np.ndarray = pull[:, :, None] * np.eye(self._dof)
+        return diagonal

@@ -24,9 +24,9 @@ from mmocap_warp.kernels.contour.residuals import Fields
 from mmocap_warp.kernels.structs import filled
 from mmocap_warp.masks.observation import Observation, words_per_row
 
-_FEWEST = 50  # foreground pixels of a view; fewer show nobody
+_LEAST_PIXELS = 50  # a view with fewer foreground pixels shows nobody
 _TOGETHER = 64  # frames whose fields a GPU computes at a time
-_WHOLE = 2**30  # bytes that whole images may take on a GPU: with room for them it need not tell how much there is
+_MOST_WHOLE = 2**30  # bytes on a GPU up to which there is room for whole images: then boxes need not be read back
 
 
 class DistanceFields:
@@ -43,7 +43,7 @@ class DistanceFields:
     """
 
     _first: int | None  # place of the frames that were observed last
-    _found: Any
+    _boxes: Any
     _place: Any
     _replays: Replays
 
@@ -61,10 +61,10 @@ class DistanceFields:
         self._scratch = block.scratch(device)
         self._size = wp.array(rig.size, dtype=wp.vec2i, device=device)
         self._workings: Workings = filled(Workings, room=0, **_workings(0, device))
-        self._take(1)
+        self._allocate(1)
         whole, together = int(pixels_of(*rig.size.T).sum()), min(frames, _TOGETHER)
         needed = whole * (_VALUE_BYTES * frames + _WORKING_BYTES * together)
-        self._has_room = wp.get_device(device).is_cuda and needed <= _WHOLE
+        self._has_room = wp.get_device(device).is_cuda and needed <= _MOST_WHOLE
         if self._has_room:
             self._reserve(whole, together)
 
@@ -86,8 +86,8 @@ class DistanceFields:
 
     def _observe(self, observations: Sequence[Observation], first: int) -> None:
         frames = len(observations)
-        if frames != len(self._found):
-            self._take(frames)
+        if frames != len(self._boxes):
+            self._allocate(frames)
         if first != self._first:
             self._first = first
             self._place.assign(np.arange(first, first + frames, dtype=np.int32))
@@ -101,8 +101,8 @@ class DistanceFields:
             self._replays.run(frames, self._find_and_measure)
             return
         self._find()
-        found = self._found.numpy()
-        room = int(pixels_of(found[..., 2], found[..., 3]).sum(axis=1).max())
+        boxes = self._boxes.numpy()
+        room = int(pixels_of(boxes[..., 2], boxes[..., 3]).sum(axis=1).max())
         self._reserve(room + room // 4 if room > self._workings.room else room, frames)
         self._measure()
 
@@ -111,14 +111,14 @@ class DistanceFields:
         self._measure()
 
     def _find(self) -> None:
-        find_boxes(self._masks, self._scratch, self._found)
+        find_boxes(self._masks, self._scratch, self._boxes)
 
     def _measure(self) -> None:
-        place_boxes(self._masks, self._found, self._pixels, _FEWEST, self._workings.room, self.struct)
+        place_boxes(self._masks, self._boxes, self._pixels, _LEAST_PIXELS, self._workings.room, self.struct)
         measure_distances(self._masks, self._workings, self.struct)
 
-    def _take(self, frames: int) -> None:
-        """Be ready for so many frames at a time."""
+    def _allocate(self, frames: int) -> None:
+        """Make what frames need that are observed at a time."""
         width, height = self._rig.size.max(axis=0).tolist()
         view = (frames, len(self._rig))
         word = wp.zeros((*view, height, words_per_row(width)), dtype=wp.uint32, device=self._device)
@@ -127,7 +127,7 @@ class DistanceFields:
         self._first = None
         self._place = wp.zeros(frames, dtype=wp.int32, device=self._device)
         self._masks: Masks = filled(Masks, word=word, size=self._size, place=self._place)
-        self._found = wp.zeros(view, dtype=wp.vec4i, device=self._device)
+        self._boxes = wp.zeros(view, dtype=wp.vec4i, device=self._device)
         self._replays = Replays(self._device)
 
     def _reserve(self, room: int, frames: int) -> None:
@@ -147,7 +147,7 @@ class DistanceFields:
 
 
 _WORKINGS = {"inside": wp.uint8, "across": wp.uint8, "rough": wp.float32}
-_WORKING_BYTES, _VALUE_BYTES = 6, 4  # of a pixel
+_WORKING_BYTES, _VALUE_BYTES = 6, 4  # bytes of a pixel
 
 
 def _workings(pixels: int, device: str) -> dict[str, wp.array[Any]]:

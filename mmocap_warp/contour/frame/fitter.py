@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -12,22 +13,10 @@ import warp as wp
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import BodyArrays, JointArrays
 from mmocap_warp.cameras.rig import CameraRig
-from mmocap_warp.contour.frame.around import Around
 from mmocap_warp.contour.frame.fields import DistanceFields
-from mmocap_warp.contour.frame.fitter_arrays import (
-    make_change,
-    make_descent,
-    make_edges,
-    make_moving,
-    make_outline,
-    make_posed,
-    make_residuals,
-    make_rows,
-    make_sums,
-    make_tree,
-)
+from mmocap_warp.contour.frame.fitter_arrays import make_descent, make_edges, make_outline, make_tree
 from mmocap_warp.contour.frame.normal_equations import NormalEquations, ViewEquations
-from mmocap_warp.contour.frame.rooted import RootedPoses
+from mmocap_warp.contour.frame.rooted import Neighbours, RootedPoses
 from mmocap_warp.device.replays import Replays
 from mmocap_warp.device.shared_work import SharedWork
 from mmocap_warp.device.transfers import Upload
@@ -37,11 +26,11 @@ from mmocap_warp.kernels.body.skinning import pose_vertices
 from mmocap_warp.kernels.contour import descent as descent_kernels
 from mmocap_warp.kernels.contour import jacobian, moving, normal_equations, outline, residuals
 from mmocap_warp.kernels.contour.descent import MOST_SEARCHED, descend
-from mmocap_warp.kernels.contour.jacobian import OWN, differentiate, move_origins, turn_axes
-from mmocap_warp.kernels.contour.moving import bend_skin, follow_skin
-from mmocap_warp.kernels.contour.normal_equations import sum_normal_equations, triangle_words
+from mmocap_warp.kernels.contour.jacobian import OWN, Posed, RestChange, Rows, differentiate, move_origins, turn_axes
+from mmocap_warp.kernels.contour.moving import Moving, bend_skin, follow_skin
+from mmocap_warp.kernels.contour.normal_equations import Sums, sum_normal_equations, triangle_words
 from mmocap_warp.kernels.contour.outline import find_contours
-from mmocap_warp.kernels.contour.residuals import Matching, find_residuals
+from mmocap_warp.kernels.contour.residuals import Matching, Residuals, find_residuals
 from mmocap_warp.kernels.structs import filled
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.masks.view_arrays import ViewArrays
@@ -88,7 +77,7 @@ class ContourFitter:
         candidates: poses at a time.
         frames: places for frames' masks.
         parameters: of the rest body, at most; see :meth:`reshape`.
-        lens: whether :meth:`linearise_views` is to tell what a view's lens and the size of its masks change.
+        lens: whether :meth:`linearise_views` has columns for a view's lens and the size of its masks.
         matching: settings.
         device: a Warp device.
         threads: CPU threads; ignored on a GPU.
@@ -112,33 +101,69 @@ class ContourFitter:
         if len(index) > MOST_SEARCHED:
             raise ValueError(f"index must have at most {MOST_SEARCHED} coordinates, got {len(index)}")
         mesh, skeleton = body.tracking, body.skeleton
+        vertices, joints, cameras = len(mesh.rest), len(skeleton.joints), len(rig)
+        view = (candidates, cameras)
         self.index, self.candidates = np.asarray(index), candidates
         self._device, self._work = device, SharedWork(device, threads)
+
+        def zeros(*shape: int, dtype: Any = wp.vec3) -> Any:
+            return wp.zeros(shape, dtype=dtype, device=device)
+
+        # The body, posed, and how its rest changes with parameters: at first not at all.
+        # To mypy the fields of a struct are what kernels see of them, hence Any where they are used here too.
         self.body = BodyArrays(body, np.eye(3), mesh, device, bases=candidates)
+        self._joints = JointArrays(candidates, joints, device)
+        self._vertex = wp.array(np.arange(vertices), dtype=wp.int32, device=device)
+        self._posed: Any = filled(
+            Posed,
+            body=self.body.struct,
+            joints=self._joints.struct,
+            axes=zeros(*self._joints.transform.shape, dtype=wp.mat33),
+            vertex=zeros(candidates, vertices),
+        )
+        self._tree = make_tree(skeleton, self.index, device)
+        self._change: Any = filled(
+            RestChange,
+            vertex=zeros(parameters, vertices),
+            joint=zeros(parameters, joints),
+            origin=zeros(candidates if parameters else 0, parameters, joints),
+        )
+
+        # The masks of frames, the cameras, and how the body moves in the time by which a view is late.
         self.fields = DistanceFields(rig, frames, candidates, device)
         self._cameras = ViewArrays(rig, device)
         self._views = self._cameras.struct
-        self._joints = JointArrays(candidates, len(skeleton.joints), device)
-        vertices, joints, cameras = len(mesh.rest), len(skeleton.joints), len(rig)
-        self._vertex = wp.array(np.arange(vertices), dtype=wp.int32, device=device)
-        # To mypy the fields of a struct are what kernels see of them, hence Any where they are used here too.
-        self._posed: Any = make_posed(self.body, self._joints, vertices, device)
         self._late = np.zeros((frames, cameras), np.float32)
-        self._sides = wp.zeros(candidates, dtype=wp.int32, device=device)
-        self._moving: Any = make_moving(self.fields.frame, (frames, cameras), vertices, device)
-        self._edges: Any = make_edges(mesh.face, device)
-        self._tree = make_tree(skeleton, self.index, device)
-        self._change: Any = make_change(parameters, vertices, joints, candidates, device)
+        self._sides = zeros(candidates, dtype=wp.int32)
+        self._moving: Any = filled(
+            Moving,
+            late=zeros(frames, cameras, dtype=wp.float32),
+            frame=self.fields.frame,
+            own=0.0,
+            velocity=zeros(candidates, vertices),
+            bend=zeros(candidates, vertices),
+        )
+
+        # From outlines to residuals, rows of the Jacobian, and their sums.
         config = (matching or MatchingConfig()).for_size(body.relative_size)
         self._matching = filled(Matching, **asdict(config))
-        view = (candidates, cameras)
+        self._edges: Any = make_edges(mesh.face, device)
         self._outline: Any = make_outline(view, mesh, len(self._edges.edge), device)
-        of_edges = (*view, self._outline.size)
-        self._residuals = make_residuals(of_edges, device)
+        edge = (*view, self._outline.size)
+        self._residuals = filled(
+            Residuals,
+            normal=zeros(*edge, dtype=wp.vec2),
+            weighted=zeros(*edge, dtype=wp.vec2),
+            tally=zeros(*edge, dtype=wp.vec4),
+        )
         columns = OWN if lens else 0
         self._width = width = len(self.index) + parameters + columns + 1
-        self._rows = make_rows(of_edges, width, columns, device)
-        self._sums: Any = make_sums(view, width, device)
+        self._rows = filled(Rows, value=zeros(math.prod(edge) * width, dtype=wp.float32), width=width, own=columns)
+        self._sums: Any = filled(
+            Sums,
+            triangle=zeros(math.prod(view) * triangle_words(width), dtype=wp.float32),
+            tally=zeros(*view, dtype=wp.vec4),
+        )
         self.descent: Any = make_descent(self.index, skeleton.is_length[self.index], limits, view, width, device)
         for module in (skinning, moving, outline, residuals, jacobian, normal_equations, descent_kernels):
             wp.load_module(module, device=device)  # before threads launch from them at the same time
@@ -185,21 +210,21 @@ class ContourFitter:
         self._skin(batch)
         follow_skin(self._posed.vertex, rate, batch, self._moving)
 
-    def move(self, rooted: RootedPoses, around: Around) -> None:
-        """For late views, let the body move through the first candidates' poses as those around them say."""
+    def move(self, rooted: RootedPoses, neighbours: Neighbours) -> None:
+        """For late views, let the body move through the first candidates' poses as their neighbours say."""
         self._moving.own, count = 0.0, len(rooted)
         vertices = self._posed.vertex.shape[1]
-        for poses, skin in ((around.before, self._moving.velocity), (around.after, self._moving.bend)):
+        for poses, skin in ((neighbours.before, self._moving.velocity), (neighbours.after, self._moving.bend)):
             self.start_at(poses.pose, poses.base, np.zeros(count, int))
             self._work.run(self._skin, count)
             wp.copy(skin, self._posed.vertex, count=count * vertices)
-        self._sides.assign(np.resize(around.sides, self.candidates).astype(np.int32))
+        self._sides.assign(np.resize(neighbours.sides, self.candidates).astype(np.int32))
         self.start_at(rooted.pose, rooted.base, np.zeros(count, int))
-        self._work.run(lambda batch: self._bend(batch, around), count)
+        self._work.run(lambda batch: self._bend(batch, neighbours), count)
 
-    def _bend(self, batch: Batch, around: Around) -> None:
+    def _bend(self, batch: Batch, neighbours: Neighbours) -> None:
         self._skin(batch)
-        bend_skin(self._posed.vertex, self._sides, around.rate, around.curved, batch, self._moving)
+        bend_skin(self._posed.vertex, self._sides, neighbours.rate, neighbours.curved, batch, self._moving)
 
     def _skin(self, batch: Batch) -> None:
         """From the poses of a batch's candidates to their skin."""
@@ -212,7 +237,7 @@ class ContourFitter:
         self.body.joint_rest.assign(np.asarray(joint_rest, np.float32)[None])
 
     def set_change(self, vertex: np.ndarray, joint: np.ndarray) -> None:
-        """By how much rest (parameter, vertex, 3) and joints (parameter, joint, 3) change with each parameter [m]."""
+        """Set how rest (parameter, vertex, 3) and joints (parameter, joint, 3) change with each parameter [m]."""
         self._change.vertex.assign(vertex.astype(np.float32))
         self._change.joint.assign(joint.astype(np.float32))
 
@@ -221,15 +246,17 @@ class ContourFitter:
         self._cameras.assign(rig)
 
     def set_larger(self, larger: np.ndarray) -> None:
-        """By how much each camera's masks reach beyond what they show (camera,) [px]; nothing unless it is said."""
+        """Set by how much each camera's masks reach beyond what they show (camera,) [px]; at first by nothing."""
         self.fields.larger.assign(larger.astype(np.float32))
 
-    def linearise(self, place: np.ndarray, rooted: RootedPoses, around: Around | None = None) -> NormalEquations:
+    def linearise(
+        self, place: np.ndarray, rooted: RootedPoses, neighbours: Neighbours | None = None
+    ) -> NormalEquations:
         """The normal equations of poses against the frames in places (pose,); there may be more than ``candidates``.
 
-        Late views see where the poses ``around`` lead; without these, the body stands still for them.
+        Late views see where the ``neighbours`` lead; without these, the body stands still for them.
         """
-        parts = [self._read_sums(count) for count in self._summed(place, rooted, around)]
+        parts = [self._read_sums(count) for count in self._summed(place, rooted, neighbours)]
         return NormalEquations(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
     def linearise_views(self, place: np.ndarray, rooted: RootedPoses) -> ViewEquations:
@@ -237,12 +264,12 @@ class ContourFitter:
         parts = [self._read_views(count) for count in self._summed(place, rooted)]
         return ViewEquations(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
-    def _summed(self, place: np.ndarray, rooted: RootedPoses, around: Around | None = None) -> Iterator[int]:
+    def _summed(self, place: np.ndarray, rooted: RootedPoses, neighbours: Neighbours | None = None) -> Iterator[int]:
         """Sum up poses, as many at a time as there is room for; gives how many."""
         for first in range(0, max(len(rooted), 1), self.candidates):
             part = slice(first, min(first + self.candidates, len(rooted)))
-            if around and self.late:
-                self.move(rooted[part], around[part])
+            if neighbours and self.late:
+                self.move(rooted[part], neighbours[part])
             self.start_at(rooted.pose[part], rooted.base[part], place[part])
             self._work.run(self._sum, part.stop - part.start)
             yield part.stop - part.start
@@ -260,7 +287,7 @@ class ContourFitter:
         poses, with their ``cost`` and ``tally``. On a GPU nothing waits for them, and the second descent of a kind is
         captured as a graph that later ones replay: arrays that are looked at must stay, their values may change.
         """
-        value = self.fields.value  # a graph knows where it is, and more room is elsewhere
+        value = self.fields.value  # a graph holds its address, which changes when more room is made
         self._replays.run((count, steps, value.ptr, self.follows), lambda: self._run(count, steps))
 
     def _run(self, count: int, steps: int) -> None:

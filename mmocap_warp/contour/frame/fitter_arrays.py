@@ -1,4 +1,4 @@
-"""What a fitter of contours keeps on the device: the structs that kernels take, each made once."""
+"""The larger structs that a fitter of contours keeps on the device, each made once."""
 
 from __future__ import annotations
 
@@ -9,42 +9,20 @@ import warp as wp
 
 from mmocap_warp.body.mesh_pieces import mesh_edges
 from mmocap_warp.body.model import SkinMesh
-from mmocap_warp.body.posing import BodyArrays, JointArrays
 from mmocap_warp.body.skeleton import Skeleton
 from mmocap_warp.kernels.contour.descent import Descent
-from mmocap_warp.kernels.contour.jacobian import Posed, RestChange, Rows, Tree
-from mmocap_warp.kernels.contour.moving import Moving
-from mmocap_warp.kernels.contour.normal_equations import Sums, triangle_words
+from mmocap_warp.kernels.contour.jacobian import Tree
+from mmocap_warp.kernels.contour.normal_equations import triangle_words
 from mmocap_warp.kernels.contour.outline import BANDS, Edges, Outline
-from mmocap_warp.kernels.contour.residuals import Residuals
 from mmocap_warp.kernels.structs import filled
 
-_MOST_CONTOUR = 2048  # contour edges of a view for which there is room even in a small mesh
-_BANDS_OF_AN_EDGE = 2  # for which there is room, on average
+_LEAST_ROOM = 2048  # contour edges of a view that there is room for even with a small mesh
+_BANDS_OF_AN_EDGE = 2  # bands that a contour edge reaches into, on average, that there is room for
 
 
-def make_posed(body: BodyArrays, joints: JointArrays, vertices: int, device: str) -> Posed:
-    """Room for as many posed candidates as there is room for their joints."""
-    return filled(
-        Posed,
-        body=body.struct,
-        joints=joints.struct,
-        axes=wp.zeros(joints.transform.shape, dtype=wp.mat33, device=device),
-        vertex=wp.zeros((len(joints.transform), vertices), dtype=wp.vec3, device=device),
-    )
-
-
-def make_moving(frame: wp.array[wp.int32], shape: tuple[int, int], vertices: int, device: str) -> Moving:
-    """A body at rest, for views (frame, camera); ``frame`` (candidate,) says which each candidate is judged against."""
-    candidates = len(frame)
-    return filled(
-        Moving,
-        late=wp.zeros(shape, dtype=wp.float32, device=device),
-        frame=frame,
-        own=0.0,
-        velocity=wp.zeros((candidates, vertices), dtype=wp.vec3, device=device),
-        bend=wp.zeros((candidates, vertices), dtype=wp.vec3, device=device),
-    )
+def contour_room(edges: int) -> int:
+    """For how many contour edges of a view there is room, of a mesh of so many edges."""
+    return min(edges, max(_LEAST_ROOM, edges // 2))
 
 
 def make_edges(face: np.ndarray, device: str) -> Edges:
@@ -91,19 +69,9 @@ def make_tree(skeleton: Skeleton, index: np.ndarray, device: str) -> Tree:
     )
 
 
-def make_change(parameters: int, vertices: int, joints: int, candidates: int, device: str) -> RestChange:
-    """How the rest body changes with so many parameters: not at all, until it is said."""
-    return filled(
-        RestChange,
-        vertex=wp.zeros((parameters, vertices), dtype=wp.vec3, device=device),
-        joint=wp.zeros((parameters, joints), dtype=wp.vec3, device=device),
-        origin=wp.zeros((candidates if parameters else 0, parameters, joints), dtype=wp.vec3, device=device),
-    )
-
-
 def make_outline(view: tuple[int, int], mesh: SkinMesh, edges: int, device: str) -> Outline:
     """Room for the contour edges of views (candidate, camera) of a mesh of so many edges."""
-    size = min(edges, max(_MOST_CONTOUR, edges // 2))
+    size = contour_room(edges)
     return filled(
         Outline,
         size=size,
@@ -116,35 +84,6 @@ def make_outline(view: tuple[int, int], mesh: SkinMesh, edges: int, device: str)
         room=_BANDS_OF_AN_EDGE * size,
         line=wp.zeros(view[0] * view[1] * 4 * _BANDS_OF_AN_EDGE * size, dtype=wp.float32, device=device),
         band=wp.zeros((*view, BANDS + 1), dtype=wp.int32, device=device),
-    )
-
-
-def make_residuals(shape: tuple[int, int, int], device: str) -> Residuals:
-    """Of the contour edges (candidate, camera, contour edge)."""
-    return filled(
-        Residuals,
-        normal=wp.zeros(shape, dtype=wp.vec2, device=device),
-        weighted=wp.zeros(shape, dtype=wp.vec2, device=device),
-        tally=wp.zeros(shape, dtype=wp.vec4, device=device),
-    )
-
-
-def make_rows(shape: tuple[int, int, int], width: int, own: int, device: str) -> Rows:
-    """Rows of the contour edges (candidate, camera, contour edge), of so many columns, ``own`` of them the view's."""
-    return filled(
-        Rows,
-        value=wp.zeros(int(np.prod(shape)) * width, dtype=wp.float32, device=device),
-        width=width,
-        own=own,
-    )
-
-
-def make_sums(view: tuple[int, int], width: int, device: str) -> Sums:
-    """Sums over the rows of views (candidate, camera)."""
-    return filled(
-        Sums,
-        triangle=wp.zeros(view[0] * view[1] * triangle_words(width), dtype=wp.float32, device=device),
-        tally=wp.zeros(view, dtype=wp.vec4, device=device),
     )
 
 

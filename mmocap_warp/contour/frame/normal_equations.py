@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmocap_warp.contour.frame.rooted import RootedPoses
+from mmocap_warp.contour.frame.rooted import FrameArrays, RootedPoses
 
-_ROUNDING = 1e-6  # of the diagonal: more than sums in single precision are off by
+_ROUNDING = 1e-6  # share of the diagonal that is added: more than rounding takes off sums in single precision
 
 
 @dataclass(frozen=True, eq=False)
-class NormalEquations:
+class NormalEquations(FrameArrays):
     """A quadratic model of each frame's cost around its pose, and around the body where that is sought too.
 
     ``cost(step) = cost - gradient @ step + step @ matrix @ step / 2``, where a step has the searched coordinates
@@ -44,24 +44,9 @@ class NormalEquations:
         proper: np.ndarray = matrix + (information + rounding)[:, :, None] * np.eye(dof)
         return proper
 
-    def where(self, taken: np.ndarray, other: NormalEquations) -> NormalEquations:
-        """These in the frames that are ``taken`` (frame,) bool, and others elsewhere."""
-        return NormalEquations(
-            np.where(taken[:, None, None], self.matrix, other.matrix),
-            np.where(taken[:, None], self.gradient, other.gradient),
-            np.where(taken, self.cost, other.cost),
-        )
-
-    def __getitem__(self, frames: slice) -> NormalEquations:
-        return NormalEquations(self.matrix[frames], self.gradient[frames], self.cost[frames])
-
-    def followed_by(self, *more: NormalEquations) -> NormalEquations:
-        """These frames, then the others."""
-        return NormalEquations(
-            np.concatenate([self.matrix, *(each.matrix for each in more)]),
-            np.concatenate([self.gradient, *(each.gradient for each in more)]),
-            np.concatenate([self.cost, *(each.cost for each in more)]),
-        )
+    def of_seen(self, seen: np.ndarray) -> NormalEquations:
+        """These, where frames that are not ``seen`` (frame,) bool say nothing."""
+        return NormalEquations(self.matrix * seen[:, None, None], self.gradient * seen[:, None], self.cost * seen)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,18 +7,41 @@ the angles of the usual kind when they have finished.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
 from mmocap_warp.body.rotations import transposed, turn, zyx_rotation
 from mmocap_warp.body.skeleton import ROOT_ANGLES, Skeleton
 
-_ROOM = 10.0  # [m]
+_ROOM = 10.0  # width of the room that a place without limits is in [m]
+
+
+class FrameArrays:
+    """A frozen dataclass all of whose fields are arrays, or such dataclasses again, with one frame a row."""
+
+    def __getitem__(self, frames: slice | np.ndarray) -> Self:
+        return type(self)(*(value[frames] for value in vars(self).values()))
+
+    def where(self, taken: np.ndarray, other: Self) -> Self:
+        """These in the frames that are ``taken`` (frame,) bool, and others elsewhere."""
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        return type(self)(*(np.where(taken.reshape(-1, *[1] * (own.ndim - 1)), own, theirs) for own, theirs in pairs))
+
+    def followed_by(self, *more: Self) -> Self:
+        """These frames, then the others."""
+        columns = zip(*(vars(each).values() for each in (self, *more)), strict=True)
+        return type(self)(
+            *(
+                first.followed_by(*rest) if isinstance(first, FrameArrays) else np.concatenate([first, *rest])
+                for first, *rest in columns
+            )
+        )
 
 
 @dataclass(frozen=True, eq=False)
-class RootedPoses:
+class RootedPoses(FrameArrays):
     """Poses with a root base for every frame.
 
     Attributes:
@@ -32,25 +55,56 @@ class RootedPoses:
     def __len__(self) -> int:
         return len(self.pose)
 
-    def __getitem__(self, frames: slice | np.ndarray) -> RootedPoses:
-        return RootedPoses(self.base[frames], self.pose[frames])
-
-    def where(self, taken: np.ndarray, other: RootedPoses) -> RootedPoses:
-        """These in the frames that are ``taken`` (frame,) bool, and others elsewhere."""
-        return RootedPoses(
-            np.where(taken[:, None, None], self.base, other.base), np.where(taken[:, None], self.pose, other.pose)
-        )
-
     def with_frames(self, frames: np.ndarray, other: RootedPoses) -> RootedPoses:
         """These, with others in some frames by their numbers."""
         base, pose = self.base.copy(), self.pose.copy()
         base[frames], pose[frames] = other.base, other.pose
         return RootedPoses(base, pose)
 
-    def followed_by(self, *more: RootedPoses) -> RootedPoses:
-        """These frames, then the others."""
-        each = self, *more
-        return RootedPoses(np.concatenate([r.base for r in each]), np.concatenate([r.pose for r in each]))
+    def interpolated(self, known: np.ndarray) -> RootedPoses:
+        """Poses with those that are not ``known`` (frame,) put evenly between the known ones around them.
+
+        Before the first and after the last known frame its pose is repeated; where none is known nothing changes.
+        """
+        from scipy.spatial.transform import Rotation, Slerp
+
+        at = np.flatnonzero(known)
+        if len(at) in (0, len(known)):
+            return self
+        frames = np.clip(np.arange(len(known)), at[0], at[-1])
+        pose = np.stack([np.interp(frames, at, values) for values in self.pose[at].T], axis=1)
+        if len(at) == 1:
+            return RootedPoses(np.repeat(self.base[at], len(known), axis=0), pose)
+        base = Slerp(at, Rotation.from_matrix(self.base[at]))(frames).as_matrix()
+        return RootedPoses(np.where(known[:, None, None], self.base, base), pose)
+
+
+@dataclass(frozen=True, eq=False)
+class Neighbours:
+    """The poses before and after some: they tell how the skin moves, for views that were taken at another time.
+
+    Attributes:
+        before, after: the poses; anything where there is none.
+        sides: (pose,) int32, 1 for the pose before plus 2 for that after.
+        rate: poses a second.
+        curved: whether the motion is a parabola through all three, or a straight line.
+    """
+
+    before: RootedPoses
+    after: RootedPoses
+    sides: np.ndarray
+    rate: float
+    curved: bool = True
+
+    @classmethod
+    def of(cls, course: RootedPoses, frames: np.ndarray, rate: float, *, curved: bool = True) -> Neighbours:
+        """Those of frames by their numbers in a course of poses, ``rate`` a second."""
+        last = len(course) - 1
+        sides = ((frames > 0) + 2 * (frames < last)).astype(np.int32)
+        return cls(course[np.maximum(frames - 1, 0)], course[np.minimum(frames + 1, last)], sides, rate, curved)
+
+    def __getitem__(self, poses: slice | np.ndarray) -> Neighbours:
+        return replace(self, before=self.before[poses], after=self.after[poses], sides=self.sides[poses])
 
 
 class Rooting:

@@ -11,9 +11,8 @@ from synthetic import ring_rig, synthetic_body, synthetic_subject
 
 from mmocap_warp.body.rotations import turn
 from mmocap_warp.cameras.silhouette import silhouettes
-from mmocap_warp.contour.frame.around import Around
 from mmocap_warp.contour.frame.fitter import ContourFitter
-from mmocap_warp.contour.frame.rooted import RootedPoses
+from mmocap_warp.contour.frame.rooted import Neighbours, RootedPoses
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.synthesis.exact_posing import ExactPoser
 
@@ -93,7 +92,7 @@ def test_places_and_rows_of_late_views(device, own):
 def test_the_parabola_through_three_poses(device):
     poses = course(4)
     fitter = fitter_of(device, 4)
-    around = Around.of(rooted(poses), np.arange(4), RATE)
+    around = Neighbours.of(rooted(poses), np.arange(4), RATE)
     fitter.move(rooted(poses), around)
     velocity, bend = fitter._moving.velocity.numpy().astype(float), fitter._moving.bend.numpy().astype(float)
     places = [skin(pose) for pose in poses]
@@ -143,7 +142,7 @@ def test_the_true_course_of_a_clip_costs_least_with_its_motion(device):
     fitter.observe_all([moving_masks(poses, frame) for frame in frames])
     there = rooted(poses)
     still = fitter.linearise(np.arange(3), there[1:4]).cost
-    moved = fitter.linearise(np.arange(3), there[1:4], Around.of(there, frames, RATE)).cost
+    moved = fitter.linearise(np.arange(3), there[1:4], Neighbours.of(there, frames, RATE)).cost
     assert (moved < 0.3 * still).all()
 
 

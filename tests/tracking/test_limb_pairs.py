@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mmocap_warp.contour.clip.exchanged import places_exchanged
 from mmocap_warp.contour.clip.motion_points import POINTS_A_JOINT, MotionPoints
 from mmocap_warp.contour.frame.rooted import Rooting
 from mmocap_warp.rigging.shipped import load_body
-from mmocap_warp.tracking.limb_pairs import limb_pairs
+from mmocap_warp.tracking.limb_pairs import limb_pairs, places_exchanged
 
 BODY = load_body("adult_man")
 SKELETON = BODY.skeleton

@@ -1,0 +1,106 @@
+"""Makes the tracker that settings ask for, unless it clearly could not finish.
+
+A machine that runs out of memory kills the program or slows to a crawl. So the need is estimated before anything is
+made, and what is too large is refused. The estimate counts what grows with the mesh, the images, the candidates and the
+runs; it may be a third off.
+"""
+
+from __future__ import annotations
+
+import bisect
+from dataclasses import replace
+from typing import Any
+
+from mmocap_warp.body.mesh_pieces import is_closed
+from mmocap_warp.body.model import Subject
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.contour.frame.fitter_arrays import contour_room
+from mmocap_warp.device.resolve import free_memory, resolve_device
+from mmocap_warp.errors import InputError
+from mmocap_warp.tracking.algorithms import CONTOUR_TRACKERS
+from mmocap_warp.tracking.contour_tracker import ContourTracker, starts_per_run
+from mmocap_warp.tracking.pose_search import search_size
+from mmocap_warp.tracking.smoothing import CANDIDATES, frames_held
+from mmocap_warp.tracking.track_config import TrackConfig
+from mmocap_warp.tracking.tracker import Tracker
+
+_SHARE = 0.9  # share of the free memory that may be taken: kernels, graphs and other programs need some too
+_BODY_SHARE = 0.15  # share of an image that the box around a body is taken to fill
+_GB = 1e9
+
+
+def make_tracker(subject: Subject, rig: CameraRig, config: TrackConfig, fps: float) -> Tracker | ContourTracker:
+    """A tracker by its settings.
+
+    Raises:
+        InputError: too many runs, or too large a budget, for the device's memory; says how many runs, or what budget,
+            would fit. Or contours, or a clip that is to be smoothed by them, of a tracking mesh that is not closed.
+    """
+    _check_closed(subject, config)
+    _check_memory(subject, rig, config, fps)
+    return (ContourTracker if config.fits_contours else Tracker)(subject, rig, config, fps)
+
+
+def _check_closed(subject: Subject, config: TrackConfig) -> None:
+    """Contours wind around a body only where its mesh is closed."""
+    if (config.fits_contours or config.acceleration) and not is_closed(subject.body.tracking_face):
+        user = config.algorithm if config.algorithm in CONTOUR_TRACKERS else "polish" if config.polish else "smooth"
+        raise InputError(
+            subject.body.name,
+            f"its tracking mesh is not closed, which {user} needs",
+            "close the mesh, or use one of the paper's algorithms without polish and with smooth = 0",
+        )
+
+
+def _check_memory(subject: Subject, rig: CameraRig, config: TrackConfig, fps: float) -> None:
+    """Refuse what would not fit, and say what does."""
+    device = resolve_device(config.device)
+    free = free_memory(device)
+    need = memory_need(subject, rig, config, fps)
+    if free is None or need <= _SHARE * free:
+        return
+
+    def most(name: str, highest: int) -> int:
+        """The highest value of a setting that fits; 0 where none does."""
+
+        def too_large(value: int) -> bool:
+            changed: dict[str, Any] = {name: value}
+            return memory_need(subject, rig, replace(config, **changed), fps) > _SHARE * free
+
+        return bisect.bisect_left(range(1, highest + 1), True, key=too_large)
+
+    fitting = {"runs": most("runs", config.runs), "evaluations": most("evaluations", config.budget)}
+    told = " or ".join(f"{name} = {value}" for name, value in fitting.items() if value)
+    raise InputError(
+        device,
+        f"{config.algorithm} with runs = {config.runs} and evaluations = {config.budget} takes "
+        f"about {need / _GB:,.1f} GB of memory, {free / _GB:,.1f} GB are free",
+        f"the most that fits is {told}" if told else "choose fewer runs, a smaller budget and a smaller scale",
+    )
+
+
+def memory_need(subject: Subject, rig: CameraRig, config: TrackConfig, fps: float) -> float:
+    """About how many bytes tracking takes, or smoothing after it if that takes more."""
+    mesh, cameras, dof = subject.body.tracking, len(rig), len(subject.body.skeleton.searched(config.dof))
+    on_cpu = resolve_device(config.device) == "cpu"
+    vertices, faces, pixels = len(mesh.rest), len(mesh.face), float(rig.size.prod(axis=1).sum())
+
+    # A candidate whose silhouettes are drawn: its skin, and in each view its corners, triangles and their boxes.
+    boxes = 0 if config.renderer == "raster" else 3.3 if on_cpu else 17
+    drawn = 12 * vertices + 128 * len(subject.body.joint_rest) + cameras * (8 * vertices + (1 + boxes) * faces)
+    # A candidate whose contours are fitted: in each view the room for contour edges, most of it rows of a Jacobian.
+    room = contour_room(3 * faces // 2)
+    fitted = 36 * vertices + cameras * (room * (76 + 4 * dof) + 12 * vertices + 7 * faces)
+
+    # A run of a search has its candidates, and the bits of what rests while a part of the body moves.
+    candidates, optimizers = search_size(subject.body.skeleton, config)
+    tracking = candidates * (drawn + 48 * dof) + (optimizers - 1) * pixels / 8 if candidates else 0.0
+    if config.fits_contours:
+        tracking += starts_per_run(config) * (drawn + fitted)
+    if not config.acceleration:
+        return config.runs * tracking
+    # Smoothing holds distances to the masks' contours for a window of frames; a GPU has room for whole small images.
+    frames = frames_held(fps)
+    fields = 4 * frames * pixels * _BODY_SHARE
+    fields = fields if on_cpu else max(fields, min(4 * frames * pixels, 2.0**30))
+    return max(config.runs * tracking, min(CANDIDATES, frames) * fitted + fields + config.runs * drawn)

@@ -1,0 +1,104 @@
+"""Where a body that was lost may be: poses that the contour tracker starts from to find it again."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mmocap_warp.body.model import Subject
+from mmocap_warp.body.rotations import spread_rotations, transposed, zyx_angles, zyx_rotation
+from mmocap_warp.body.shape_space import heading_rotation, upright_base
+from mmocap_warp.body.skeleton import ROOT_ANGLES
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.masks.observation import Observation
+from mmocap_warp.masks.visual_hull import visual_hull
+from mmocap_warp.tracking.from_settings import search_limits
+from mmocap_warp.tracking.track_config import TrackConfig
+
+SCATTERED_POSES = 40
+"""Poses of a run that are scattered around one."""
+_SCATTER_ANGLE = 0.35  # standard deviation of the angles of scattered poses [rad]
+_HEADINGS = 16  # directions that a standing body is turned to
+_ROTATIONS = 20  # rotations of a body that may lie any way up
+_VOXEL = 0.04  # distance between the points of the visual hull [m]
+
+
+class RecoveryStarts:
+    """Makes starts for every run (run, start, coordinate), each float32 and within its limits.
+
+    Args:
+        subject: the body and its first pose.
+        rig: undistorted cameras at the masks' size.
+        config: settings.
+    """
+
+    def __init__(self, subject: Subject, rig: CameraRig, config: TrackConfig) -> None:
+        self._subject, self._rig, self._seed = subject, rig, config.seed
+        self._limits = search_limits(subject, config)
+        by_part = subject.body.skeleton.searched_by_part(config.dof).values()
+        self._parts = [index[index >= ROOT_ANGLES.stop] for index in by_part if (index >= ROOT_ANGLES.stop).any()]
+
+    def within_limits(self, pose: np.ndarray) -> np.ndarray:
+        """Poses as float32, within their limits."""
+        within: np.ndarray = np.clip(pose, self._limits[:, 0], self._limits[:, 1]).astype(np.float32)
+        return within
+
+    def scattered(self, pose: np.ndarray, counter: np.ndarray) -> np.ndarray:
+        """Starts around poses (run, coordinate), each of which differs from its pose in one part of the body.
+
+        Args:
+            pose: the poses.
+            counter: (run,) states of the random numbers.
+        """
+        starts = np.repeat(pose[:, None], SCATTERED_POSES, axis=1)
+        for run, of_run in enumerate(starts):
+            rng = self._random(run, counter)
+            for number, start in enumerate(of_run):
+                index = self._parts[number % len(self._parts)]
+                start[index] += rng.normal(0.0, _SCATTER_ANGLE, len(index))
+        return self.within_limits(starts)
+
+    def anywhere(self, pose: np.ndarray, counter: np.ndarray, observation: Observation) -> np.ndarray:
+        """The last poses (run, coordinate) and the first one, moved to the visual hull and turned every way.
+
+        A body that stands is turned about the vertical, another one any way. One whose base is fixed cannot be moved
+        or turned: its joints are bent any way instead.
+        """
+        skeleton = self._subject.body.skeleton
+        if skeleton.root_is_fixed:
+            return self._bent(pose, counter)
+        # One view may be wrong: points that all others see belong to the hull.
+        spacing = _VOXEL * self._subject.body.relative_size
+        hull = visual_hull(self._rig, observation, spacing=spacing, tolerate=1)
+        up = upright_base(self._rig.up)
+        if skeleton.stands:
+            headings = 2 * np.pi * np.arange(_HEADINGS) / _HEADINGS
+            turns = [up @ heading_rotation(heading) @ transposed(up) for heading in headings]
+        else:
+            turns = list(spread_rotations(_ROTATIONS))
+        # The root's angles are those of the turned root, seen from the base that all frames share.
+        frame, home = skeleton.frame[0].astype(float), self._subject.root_base
+        first = np.repeat(self._subject.pose[None], len(pose), axis=0)
+        starts = []
+        for known in (pose.astype(float), first):
+            for turn in turns:
+                turned = turn @ home @ frame @ zyx_rotation(known[:, ROOT_ANGLES])
+                start = known.copy()
+                start[:, ROOT_ANGLES] = zyx_angles(frame.T @ home.T @ turned)
+                if len(hull):
+                    start[:, :3] = np.median(hull, axis=0)
+                starts.append(start)
+        return self.within_limits(np.stack(starts, axis=1))
+
+    def _bent(self, pose: np.ndarray, counter: np.ndarray) -> np.ndarray:
+        """Poses whose joint angles are drawn evenly between their limits."""
+        low, high = np.clip(self._limits, -np.pi, np.pi).T
+        bent = np.concatenate(self._parts)
+        starts = np.repeat(pose[:, None], SCATTERED_POSES, axis=1)
+        for run, of_run in enumerate(starts):
+            rng = self._random(run, counter)
+            of_run[:, bent] = rng.uniform(low[bent], high[bent], (SCATTERED_POSES, len(bent)))
+        return starts
+
+    def _random(self, run: int, counter: np.ndarray) -> np.random.Generator:
+        """A run's random numbers, which depend on nothing but its seed and its counter."""
+        return np.random.default_rng([self._seed + run, int(counter[run])])

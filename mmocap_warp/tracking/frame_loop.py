@@ -24,7 +24,7 @@ from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import FrameAnswer, Result
 from mmocap_warp.rigging.attaching import subject_carrying
 from mmocap_warp.tracking.body_masks import body_masks, tracked_masks
-from mmocap_warp.tracking.checkpoint import Checkpoint, SavedRun, check_same_run
+from mmocap_warp.tracking.checkpoint import Checkpoint, SavedRun, check_same_run, with_code_of
 from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.make_tracker import make_tracker
 from mmocap_warp.tracking.run_identity import run_identity
@@ -109,6 +109,7 @@ def track(
     *,
     checkpoint: Path | None = None,
     resume: bool = False,
+    accept_changed_code: bool = False,
     progress: FrameReport | None = None,
     smooth_progress: SmoothReport | None = None,
     **settings: Any,
@@ -121,6 +122,7 @@ def track(
         config: settings; None for those of the scene's [track] table.
         checkpoint: file that progress is saved to, every few seconds and when the run is interrupted.
         resume: continue from ``checkpoint`` where it exists; the result has the same bits as an uninterrupted run's.
+        accept_changed_code: continue also where another version of the program began; its frames stay as they are.
         progress: called after every frame, also once for each frame that was already done.
         smooth_progress: called with the number of frames whose poses are final, while the track is smoothed. A run
             that is resumed reads all masks again for that, and smooths its whole track anew.
@@ -128,14 +130,14 @@ def track(
 
     Raises:
         ValueError, TypeError: a setting that cannot be, or is none.
-        InputError: unreadable images, a checkpoint that is damaged or another run's, more than fits into the device's
-            memory, or a subject that was fitted to another frame than the first.
+        InputError: unreadable images, a checkpoint that is damaged, another run's or of another version, more than fits
+            into the device's memory, or a subject that was fitted to another frame than the first.
     """
     _check_start(scene, subject)
     subject, _ = subject_carrying(subject, scene.attached)
     config = replace(config or config_from_table(TrackConfig, scene.settings("track")), **settings)
     with KeptObservations() as kept:
-        answers = _track_scene(scene, subject, config, checkpoint, resume, progress, kept)
+        answers = _track_scene(scene, subject, config, checkpoint, resume, accept_changed_code, progress, kept)
         result = collect(subject, scene.rig(config.scale), scene.fps, config, answers, scene.frames)
         if not config.acceleration:
             return result
@@ -162,6 +164,7 @@ def _track_scene(
     config: TrackConfig,
     checkpoint: Path | None,
     resume: bool,
+    accept_changed_code: bool,
     progress: FrameReport | None,
     kept: KeptObservations,
 ) -> list[FrameAnswer]:
@@ -170,6 +173,7 @@ def _track_scene(
     rig = scene.rig(config.scale)
     identity = run_identity(scene, subject, config) if checkpoint else {}
     if checkpoint and resume:
+        identity = with_code_of(checkpoint, identity) if accept_changed_code else identity
         check_same_run(checkpoint, identity)
     tracker = make_tracker(subject, rig, config, scene.rate)
 

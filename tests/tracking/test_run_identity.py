@@ -192,6 +192,14 @@ def test_a_run_of_other_code_is_refused_and_both_are_named(run, left, monkeypatc
         track(*run, checkpoint=left, resume=True)
 
 
+def test_a_run_of_other_code_goes_on_where_that_is_accepted(run, left, tmp_path, monkeypatch):
+    resumed = tmp_path / "checkpoint"
+    shutil.copy(left, resumed)
+    monkeypatch.setattr("mmocap_warp.tracking.run_identity.code_hash", lambda _: "0123456789abcdef")
+    result = track(*run, checkpoint=resumed, resume=True, accept_changed_code=True)
+    np.testing.assert_array_equal(result.pose, track(*run).pose)
+
+
 def test_accepted_code_leaves_other_differences_to_be_refused(run, left, monkeypatch):
     mine = run_identity(*run)
     monkeypatch.setattr("mmocap_warp.tracking.run_identity.code_hash", lambda _: "changed")

@@ -5,7 +5,11 @@ Kernels written with these functions run on both: a loop ``range(lane, n, lanes)
 
 import warp as wp
 
+from mmocap_warp.kernels.native import native_sections
+
 wp.set_module_options({"enable_backward": False})
+
+_native = native_sections(__file__)
 
 LANES = 256
 """Threads of a GPU block."""
@@ -40,45 +44,23 @@ def scratch(device: wp.DeviceLike) -> wp.array[wp.uint32]:
     return wp.empty(WORDS + NUMBERS if wp.get_device(device).is_cpu else 1, dtype=wp.uint32, device=device)
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    __syncthreads();
-#endif
-""")
+@wp.func_native(_native("sync"))
 def sync() -> None:
     """Wait for the block's lanes; what they wrote is then seen by all of them."""
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    __syncwarp();
-#endif
-""")
+@wp.func_native(_native("sync_warp"))
 def sync_warp() -> None:
     """Wait for the 32 lanes of a warp; all of them must call."""
 
 
-@wp.func_native(f"""
-#if defined(__CUDA_ARCH__)
-    __shared__ unsigned int words[{WORDS}];
-    return (wp::uint64)words;
-#else
-    return (wp::uint64)scratch.data;
-#endif
-""")
+@wp.func_native(_native("words", WORDS=WORDS))
 def _words(scratch: wp.array[wp.uint32]) -> wp.uint64:
     """The address of a block's shared words; on the CPU they lie in the scratch array."""
     ...
 
 
-@wp.func_native(f"""
-#if defined(__CUDA_ARCH__)
-    __shared__ int numbers[{NUMBERS}];
-    return (wp::uint64)numbers;
-#else
-    return (wp::uint64)(scratch.data + {WORDS});
-#endif
-""")
+@wp.func_native(_native("numbers", NUMBERS=NUMBERS, WORDS=WORDS))
 def _numbers(scratch: wp.array[wp.uint32]) -> wp.uint64:
     """The address of a block's shared numbers; on the CPU they lie behind the words."""
     ...
@@ -96,23 +78,13 @@ def shared_numbers(scratch: wp.array[wp.uint32]) -> wp.array[wp.int32]:
     return wp.array(ptr=_numbers(scratch), shape=(NUMBERS,), dtype=wp.int32)
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    for (int step = 16; step > 0; step /= 2) value += __shfl_xor_sync(0xFFFFFFFFu, value, step);
-#endif
-    return value;
-""")
+@wp.func_native(_native("warp_sum"))
 def warp_sum(value: int) -> int:
     """Sum over the 32 lanes of a warp; all of them must call."""
     ...
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    for (int step = 16; step > 0; step /= 2) value = max(value, __shfl_xor_sync(0xFFFFFFFFu, value, step));
-#endif
-    return value;
-""")
+@wp.func_native(_native("warp_max"))
 def warp_max(value: int) -> int:
     """Largest over the 32 lanes of a warp; all of them must call."""
     ...

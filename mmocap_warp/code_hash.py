@@ -51,7 +51,9 @@ def code_hash(begin: str, *, contours: bool = True, recorded: bool = True) -> st
     digest = hashlib.sha256()
     for name in sorted(counted(begin, contours=contours, recorded=recorded)):
         digest.update(f"{name}\n".encode())
-        digest.update(hashlib.sha256(_code(_source(name)).encode()).digest())
+        native = _files().get(f"{name}.cu")  # what Warp puts into a kernel module's functions
+        text = _code(_source(name)) + (native.read_text(encoding="utf-8") if native else "")
+        digest.update(hashlib.sha256(text.encode()).digest())
     return digest.hexdigest()
 
 
@@ -124,10 +126,10 @@ def _files() -> dict[str, Traversable]:
 
 
 def _modules(package: str, folder: Traversable | None = None) -> Iterator[tuple[str, Traversable]]:
-    """The source files of a package and of the packages in it, by the name that they are imported as."""
+    """The source files of a package and of the packages in it, by the name that they are imported as, or would be."""
     for item in (files(package) if folder is None else folder).iterdir():
         name = f"{package}.{item.name.removesuffix('.py')}"
         if item.joinpath("__init__.py").is_file():
             yield from _modules(name, item)
-        elif item.name.endswith(".py"):
+        elif item.name.endswith((".py", ".cu")):
             yield name, item

@@ -24,8 +24,11 @@ from mmocap_warp.kernels.block import (
     sync_warp,
 )
 from mmocap_warp.kernels.contour.normal_equations import Sums
+from mmocap_warp.kernels.native import native_sections
 
 wp.set_module_options({"enable_backward": False})
+
+_native = native_sections(__file__)
 
 MOST_SEARCHED = math.isqrt(WORDS) - 1
 """Coordinates of a system that fits into what a block shares."""
@@ -149,13 +152,7 @@ def _factor_serially(n: int, system: wp.array2d[wp.float32]) -> None:
                     system[i, j] -= factor * system[j, p]
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    return __fmul_rn(a, b);
-#else
-    return a * b;
-#endif
-""")
+@wp.func_native(_native("product"))
 def _product(a: float, b: float) -> float:
     """Rounded before it is taken off anything, on a GPU as on the CPU."""
     ...

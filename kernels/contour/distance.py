@@ -14,8 +14,11 @@ import warp as wp
 
 from mmocap_warp.kernels.block import CPU_FLAGS, LANES, lanes_of, shared_numbers, sync
 from mmocap_warp.kernels.contour.residuals import FARTHEST, Fields
+from mmocap_warp.kernels.native import native_sections
 
 wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": CPU_FLAGS})
+
+_native = native_sections(__file__)
 
 _RIM = wp.constant(FARTHEST + 2)  # rim around a box [px]: the distances need most of it, and the blur two pixels
 _VIEW_LANES = 32 * LANES  # lanes of a GPU that share a view
@@ -51,26 +54,7 @@ class _View:
 
 
 # Words of 32 pixels without foreground are skipped. The lowest and the highest bit of the others tell the columns.
-@wp.func_native("""
-    const int columns = word.shape[3], words = word.shape[2] * columns;
-    const unsigned int* all = &wp::index(word, f, k, 0, 0);
-    int left = 1 << 30, top = 1 << 30, right = -1, bottom = -1;
-    for (int i = lane; i < words; i += lanes) {
-        const unsigned int bits = all[i];
-        if (bits == 0) continue;
-        const int row = i / columns, x = 32 * (i - row * columns);
-#if defined(__CUDA_ARCH__)
-        const int lowest = __ffs((int)bits) - 1, highest = 31 - __clz((int)bits);
-#else
-        const int lowest = __builtin_ctz(bits), highest = 31 - __builtin_clz(bits);
-#endif
-        left = x + lowest < left ? x + lowest : left;
-        right = x + highest > right ? x + highest : right;
-        top = row < top ? row : top;
-        bottom = row;
-    }
-    return wp::vec4i(left, top, right, bottom);
-""")
+@wp.func_native(_native("bounds"))
 def _bounds(word: wp.array4d[wp.uint32], f: int, k: int, lane: int, lanes: int) -> wp.vec4i:
     """The first column and row with foreground and the last ones, of a lane's share of a mask."""
     ...
@@ -185,15 +169,7 @@ def _view_of(masks: Masks, fields: Fields, room: int, f: int, k: int) -> _View:
     return view
 
 
-@wp.func_native("""
-    const unsigned int* row = &wp::index(word, f, k, y, 0);
-    unsigned char* to = inside.data + first;
-    for (int i = 0; i < count; ++i) {
-        int at = x + i;
-        at = at < 0 ? 0 : at >= width ? width - 1 : at;
-        to[i] = (row[at >> 5] >> (at & 31)) & 1u;
-    }
-""")
+@wp.func_native(_native("unpack"))
 def _unpack(
     word: wp.array4d[wp.uint32],
     f: int,
@@ -211,19 +187,7 @@ def _unpack(
 
 # For every pixel all distances d are tried from far to near, without a branch: a pixel at d on either side that differs
 # overwrites what a farther one left. Compilers turn that into vectors of bytes.
-@wp.func_native(f"""
-    const unsigned char* in = inside.data + first;
-    unsigned char* to = across.data + first;
-    for (int i = 0; i < count; ++i) {{
-        unsigned char nearest = {FARTHEST**2};
-        #pragma unroll
-        for (int d = {FARTHEST - 1}; d > 0; --d) {{
-            const unsigned char other = (in[i] ^ in[i - d]) | (in[i] ^ in[i + d]);
-            nearest = other ? (unsigned char)(d * d) : nearest;
-        }}
-        to[i] = nearest;
-    }}
-""")
+@wp.func_native(_native("search_rows", FARTHEST_SQUARED=FARTHEST**2, MOST_STEPS=FARTHEST - 1))
 def _search_rows(inside: wp.array[wp.uint8], first: int, count: int, across: wp.array[wp.uint8]) -> None:
     """Squares of the distances to the other side along the row."""
     ...
@@ -232,23 +196,7 @@ def _search_rows(inside: wp.array[wp.uint8], first: int, count: int, across: wp.
 # Of the pixels above and below, d rows away, each knows its own squared distance along its row, or zero if it is on the
 # other side itself. So the smallest ``along + d^2`` is the squared distance in the plane, and needs only bytes. Half a
 # pixel is taken off, because the contour runs between two pixels' centres.
-@wp.func_native(f"""
-    const unsigned char* in = inside.data + first;
-    const unsigned char* row = across.data + first;
-    float* to = rough.data + first;
-    for (int i = 0; i < count; ++i) {{
-        unsigned char nearest = {FARTHEST**2};
-        #pragma unroll
-        for (int d = {1 - FARTHEST}; d < {FARTHEST}; ++d) {{
-            const int at = i + d * width;
-            const unsigned char along = row[at] & (unsigned char)((in[at] ^ in[i]) - 1);  // 0 on the other side
-            const unsigned char square = (unsigned char)(along + d * d);
-            nearest = square < nearest ? square : nearest;
-        }}
-        const float distance = sqrtf((float)nearest) - 0.5f;
-        to[i] = in[i] ? -distance : distance;
-    }}
-""")
+@wp.func_native(_native("search_columns", FARTHEST_SQUARED=FARTHEST**2, FIRST_STEP=1 - FARTHEST, FARTHEST=FARTHEST))
 def _search_columns(
     inside: wp.array[wp.uint8],
     across: wp.array[wp.uint8],
@@ -263,21 +211,7 @@ def _search_columns(
 
 # The weights are those of a normal distribution at 0, 1 and 2 px, made to add up to one, first along the row, then
 # down the five rows.
-@wp.func_native("""
-    const float outer = 0.05448868f, inner = 0.24420135f, middle = 0.40261996f;
-    const float* row = rough.data + centre;
-    float* to = value.data + first;
-    for (int i = 0; i < count; ++i) {
-        float total = 0.0f;
-        #pragma unroll
-        for (int d = -2; d <= 2; ++d) {
-            const float* at = row + i + d * width;
-            const float along = outer * (at[-2] + at[2]) + inner * (at[-1] + at[1]) + middle * at[0];
-            total += (d == 0 ? middle : d == 1 || d == -1 ? inner : outer) * along;
-        }
-        to[i] = total;
-    }
-""")
+@wp.func_native(_native("blur"))
 def _blur(
     rough: wp.array[wp.float32], centre: int, first: int, count: int, width: int, value: wp.array[wp.float32]
 ) -> None:

@@ -21,9 +21,12 @@ import warp as wp
 from mmocap_warp.kernels.batch import Batch
 from mmocap_warp.kernels.block import CPU_FLAGS, lanes_of, shared_numbers, shared_words, sync
 from mmocap_warp.kernels.contour.moving import Moving, seen_at
+from mmocap_warp.kernels.native import native_sections
 from mmocap_warp.kernels.views.projection import NEAR, Pinhole, Views, into_camera, pinhole
 
 wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": CPU_FLAGS})
+
+_native = native_sections(__file__)
 
 BANDS = 64
 """Of an image, in which its contours are sorted."""
@@ -65,18 +68,7 @@ class Outline:
     ]  # (candidate, camera, band) where its lines begin, and behind the last one where they end
 
 
-@wp.func_native(f"""
-    int behind = 0;
-    for (int v = lane; v < count; v += lanes) {{
-        const wp::vec3 world = posed.data[c * count + v];
-        const wp::vec3 p = wp::mul(camera.rotation, world) + camera.translation;
-        const float share = 1.0f / (p[2] < {NEAR}f ? {NEAR}f : p[2]);
-        image.data[vertices + v] = wp::vec3(
-            camera.lens[0] * p[0] * share + camera.lens[2], camera.lens[1] * p[1] * share + camera.lens[3], p[2]);
-        behind += p[2] < {NEAR}f;
-    }}
-    return behind;
-""")
+@wp.func_native(_native("project", NEAR=NEAR))
 def _project(
     posed: wp.array2d[wp.vec3],
     c: int,
@@ -132,16 +124,7 @@ def _band_of(y: float, height: int) -> int:
 # A ray goes from the point to the left. An edge that it crosses counts one up or one down, by the direction in which
 # the edge crosses the ray's height: no edge counts twice at a corner, because an end belongs to one of its edges
 # only.
-@wp.func_native("""
-    const float* start_x = line.data + first;
-    const float* start_y = start_x + room;
-    const float* end_y = start_y + room;
-    const float* slope = end_y + room;
-    int turns = 0;
-    for (int i = begin; i < end; ++i)
-        turns += ((start_y[i] <= y) - (end_y[i] <= y)) * (start_x[i] + (y - start_y[i]) * slope[i] < x);
-    return turns;
-""")
+@wp.func_native(_native("turns_around"))
 def _turns_around(line: wp.array[wp.float32], first: int, room: int, begin: int, end: int, x: float, y: float) -> int:
     """How often contours wind around a point: in plain C, because compilers turn this loop into vectors."""
     ...
@@ -164,14 +147,7 @@ def is_outline(outline: Outline, c: int, k: int, height: int, middle: wp.vec2, o
     return _turns_around(outline.line, first, outline.room, begin, end, probe[0], probe[1]) == 0
 
 
-@wp.func_native("""
-    for (int f = lane; f < face.shape[0]; f += lanes) {
-        const wp::vec3 a = image.data[vertices + face.data[f][0]];
-        const wp::vec3 b = image.data[vertices + face.data[f][1]];
-        const wp::vec3 c = image.data[vertices + face.data[f][2]];
-        facing.data[faces + f] = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) < 0.0f;
-    }
-""")
+@wp.func_native(_native("face_camera"))
 def _face_camera(
     face: wp.array[wp.vec3i],
     image: wp.array3d[wp.vec3],
@@ -188,15 +164,7 @@ def _face_camera(
 # An edge is written before it is known whether it belongs to the contour, and overwritten by the next one if it does
 # not: that needs no branch. It belongs to the contour if one of its two triangles faces the camera and the other does
 # not.
-@wp.func_native("""
-    int count = 0;
-    for (int i = first; i < end; ++i) {
-        const int left = facing.data[faces + edge.data[i][2]];
-        found.data[edges + first + count] = left ? i : -1 - i;
-        count += left != facing.data[faces + edge.data[i][3]];
-    }
-    return count;
-""")
+@wp.func_native(_native("find_share"))
 def _find_share(
     edge: wp.array[wp.vec4i],
     facing: wp.array3d[wp.uint8],

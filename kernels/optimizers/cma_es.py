@@ -11,11 +11,14 @@ what is learnt from the costs.
 import warp as wp
 
 from mmocap_warp.kernels.block import lane_layout, lanes_of, sync
+from mmocap_warp.kernels.native import native_sections
 from mmocap_warp.kernels.optimizers.cma_es_workspace import has_room, workspace_words
 from mmocap_warp.kernels.optimizers.eigen import Tournament, make_tournament
 from mmocap_warp.kernels.optimizers.populations import SearchSpace, random_stream, scatter
 
 wp.set_module_options({"enable_backward": False})
+
+_native = native_sections(__file__)
 
 
 @wp.struct
@@ -82,30 +85,7 @@ def start(space: SearchSpace, pose: wp.array[wp.float32], sigma_start: float, st
 
 # ``x = mean + sigma radius (B D z)``. A GPU's lanes each have some coordinates i and sum over j. A CPU goes through j
 # outside and i inside, which is the same order of additions for every i, and turns the inner loop into vectors.
-@wp.func_native("""
-#if !defined(__CUDA_ARCH__)
-    #pragma clang fp contract(off)
-#endif
-    const int dofs = radius.shape[0];
-    const float* __restrict__ row = axes.data;
-    const float* __restrict__ length = lengths.data;
-    const float* __restrict__ normal = z.data;
-    float* __restrict__ sum = x.data;
-#if defined(__CUDA_ARCH__)
-    for (int i = column; i < dofs; i += columns) {
-        float y = 0.0f;
-        #pragma unroll 8  // a lane waits once for many numbers
-        for (int j = 0; j < dofs; ++j) y += row[j * dofs + i] * length[j] * normal[j];
-        sum[i] = mean.data[i] + sigma * radius.data[i] * y;
-    }
-#else
-    for (int i = 0; i < dofs; ++i) sum[i] = 0.0f;
-    for (int j = 0; j < dofs; ++j) {
-        for (int i = 0; i < dofs; ++i) sum[i] += row[j * dofs + i] * length[j] * normal[j];
-    }
-    for (int i = 0; i < dofs; ++i) sum[i] = mean.data[i] + sigma * radius.data[i] * sum[i];
-#endif
-""")
+@wp.func_native(_native("transform"))
 def _transform(
     axes: wp.array2d[wp.float32],
     lengths: wp.array[wp.float32],

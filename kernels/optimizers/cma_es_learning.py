@@ -16,12 +16,15 @@ Equations and misprints are those of the paper's Section 4 as settled in ``docs/
 import warp as wp
 
 from mmocap_warp.kernels.block import lane_layout, lanes_of, shared_words, sync
+from mmocap_warp.kernels.native import native_sections
 from mmocap_warp.kernels.optimizers.cma_es import CmaEsState
 from mmocap_warp.kernels.optimizers.cma_es_workspace import Workspace, has_room, workspace_at
 from mmocap_warp.kernels.optimizers.eigen import MOST_LANES, Spectrum, diagonalize, lanes_worth
 from mmocap_warp.kernels.optimizers.populations import SearchSpace
 
 wp.set_module_options({"enable_backward": False})
+
+_native = native_sections(__file__)
 
 _WIDEST = wp.constant(1.0e8)  # largest sigma: costs that stay flat would widen it until candidates overflow
 _SMALLEST = wp.constant(1.0e-20)  # smallest eigenvalue
@@ -57,36 +60,14 @@ def _rank(run: int, lane: int, lanes: int, cost: wp.array[wp.float32], state: Cm
         state.order[run, rank] = k
 
 
-@wp.func_native("""
-    const int words = copy.shape[1], rows = copy.shape[0], dofs = axes.shape[0];
-    #pragma unroll 4
-    for (int k = lane; k < rows * words; k += lanes) {
-        const int j = k / words, i = k - j * words;
-        copy.data[k] = i < dofs && j < dofs ? axes.data[j * dofs + i] : 0.0f;
-    }
-""")
+@wp.func_native(_native("lay_out"))
 def _lay_out(axes: wp.array2d[wp.float32], lane: int, lanes: int, copy: wp.array2d[wp.float32]) -> None:
     """Copy the eigenvectors, filled up by zeros."""
     ...
 
 
 # Column i of the eigenvectors times the mean draw, once scaled by the axes' lengths and once without.
-@wp.func_native("""
-#if !defined(__CUDA_ARCH__)
-    #pragma clang fp contract(off)
-#endif
-    const int dofs = lengths.shape[0], words = axes.shape[1];
-    const float* __restrict__ component = axes.data + i;
-    const float* __restrict__ mean = mean_z.data;
-    const float* __restrict__ length = lengths.data;
-    float step = 0.0f, whitened = 0.0f;
-    for (int j = 0; j < dofs; ++j) {
-        const float along = component[j * words] * mean[j];
-        step += along * length[j];
-        whitened += along;
-    }
-    return wp::vec2(step, whitened);
-""")
+@wp.func_native(_native("turned"))
 def _turned(
     axes: wp.array2d[wp.float32], mean_z: wp.array2d[wp.float32], lengths: wp.array[wp.float32], i: int
 ) -> wp.vec2:
@@ -94,17 +75,7 @@ def _turned(
     ...
 
 
-@wp.func_native("""
-#if !defined(__CUDA_ARCH__)
-    #pragma clang fp contract(off)
-#endif
-    const float* __restrict__ a = matrix.data + row * matrix.shape[1];
-    const float* __restrict__ b = vector.data;
-    const int count = vector.shape[1];
-    float total = 0.0f;
-    for (int i = 0; i < count; ++i) total += a[i] * b[i];
-    return total;
-""")
+@wp.func_native(_native("dot"))
 def _dot(matrix: wp.array2d[wp.float32], row: int, vector: wp.array2d[wp.float32]) -> float:
     """A row of the matrix times the vector (1, column)."""
     ...
@@ -165,45 +136,7 @@ def _move_path(
 # In these coordinates C is diagonal, so that the new C is that diagonal, kept in part, plus the path's outer product
 # and the weighted sum of the parents' outer products. Each element is written to where the first round of the
 # tournament in ``eigen`` wants it.
-@wp.func_native("""
-#if !defined(__CUDA_ARCH__)
-    #pragma clang fp contract(off)
-#endif
-    const int dofs = lengths.shape[0], n = start.shape[0];
-    const float* __restrict__ normal = z.data;
-    const float* __restrict__ weights = weight.data;
-    const float* __restrict__ length = lengths.data;
-    const float* __restrict__ along = path_along.data;
-    const int* __restrict__ place = start.data;
-    const int* best = order.data;
-    auto write = [&](int i, int j) {
-        float value = 0.0f;
-        if (j < dofs) {
-            float rank_mu = 0.0f;
-            #pragma unroll 4
-            for (int r = 0; r < mu; ++r) {
-                const float* parent = normal + best[r] * dofs;
-                rank_mu += weights[r] * parent[i] * parent[j];
-            }
-            const float spread = length[i] * length[j];
-            value = c_cov * (share * (along[i] * along[j]) + (1.0f - share) * spread * rank_mu);
-            if (i == j) value += kept * spread;
-        }
-        elements.data[place[i * n + j]] = value;
-    };
-#if defined(__CUDA_ARCH__)
-    // The rows i and n - 1 - i of the upper triangle have n + 1 elements together: lanes share a rectangle.
-    for (int k = lane; k < n / 2 * (n + 1); k += lanes) {
-        const int row = k / (n + 1), left = k - row * (n + 1), ahead = left - (n - row);
-        if (ahead < 0) write(row, row + left);
-        else write(n - 1 - row, n - 1 - row + ahead);
-    }
-#else
-    for (int i = 0; i < n; ++i) {
-        for (int j = i; j < n; ++j) write(i, j);
-    }
-#endif
-""")
+@wp.func_native(_native("write_covariance"))
 def _write_covariance(
     mu: int,
     c_cov: float,

@@ -17,6 +17,7 @@ import warp as wp
 
 from mmocap_warp.kernels.batch import Batch, run_of
 from mmocap_warp.kernels.block import CPU_FLAGS, LANES, WORDS, blocks_of, lanes_of, shared_words, sync
+from mmocap_warp.kernels.native import native_sections
 from mmocap_warp.kernels.silhouettes.counting import (
     Bounds,
     Canvas,
@@ -31,6 +32,8 @@ from mmocap_warp.kernels.views.near_plane import clip, corner
 from mmocap_warp.kernels.views.projection import Pinhole, Views, pinhole
 
 wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": CPU_FLAGS})
+
+_native = native_sections(__file__)
 
 _NO_STEPS_OF_EIGHT = wp.constant(wp.uint64(0x8080808080808080))  # eight pixels; a byte holds 128 + its step
 _EACH = wp.constant(wp.uint64(0x0101010101010101))
@@ -178,15 +181,7 @@ def _fill(word: int, row: int, layers: int, band: Band, steps: wp.array[wp.uint3
     return wp.vec2i(int(pixels), int(inside))
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    for (int i = lane; i < words; i += lanes) steps.data[i] = 0x80808080u;
-    __syncthreads();
-#else
-    unsigned int* p = (unsigned int*)steps.data;
-    for (int i = 0; i < words; ++i) p[i] = 0x80808080u;
-#endif
-""")
+@wp.func_native(_native("clear"))
 def _clear(words: int, lane: int, lanes: int, steps: wp.array[wp.uint32]) -> None:
     """Forget all steps. Straight through memory, which Warp's arrays do not let a compiler see: twice as fast."""
 

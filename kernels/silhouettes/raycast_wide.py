@@ -18,6 +18,7 @@ import warp as wp
 
 from mmocap_warp.kernels.batch import Batch, run_of
 from mmocap_warp.kernels.block import LANES, blocks_of, shared_words, sync, sync_warp, warp_max
+from mmocap_warp.kernels.native import native_sections
 from mmocap_warp.kernels.silhouettes.counting import (
     Canvas,
     Frozen,
@@ -40,6 +41,8 @@ from mmocap_warp.kernels.views.projection import Pinhole, Views, is_behind, pinh
 
 wp.set_module_options({"enable_backward": False})
 
+_native = native_sections(__file__)
+
 WIDTH = 32
 """Boxes under a node, and lanes of a warp."""
 
@@ -49,13 +52,7 @@ _BITS = wp.constant(LANES // WIDTH * 2 * WIDTH)  # where the tiles' pixels begin
 _FAR = wp.constant(2**29)
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    return __ballot_sync(0xFFFFFFFFu, vote);
-#else
-    return vote ? 1u : 0u;
-#endif
-""")
+@wp.func_native(_native("ballot"))
 def _ballot(vote: bool) -> wp.uint32:
     """The votes of a warp's lanes as bits; all of them must call."""
     ...

@@ -1,6 +1,6 @@
 """Whether lags of cameras are found again that were planted in recordings whose cameras are in step.
 
-``python -m mmocap_warp.study.planted_lags FOLDER [CLIP ...]`` writes the clips to FOLDER as scenes, where they are not
+``python instruments/planted_lags.py FOLDER [CLIP ...]`` writes the clips to FOLDER as scenes, where they are not
 there yet, and plants lags in each of them three times. A clip is one of those made by name, or a ``scene.toml`` with
 mask images. Without any named, it is those that no threshold of ``mmocap sync`` was chosen on. It takes about 25
 seconds of one core a clip.
@@ -153,5 +153,5 @@ def _main(folder: Path, clips: Sequence[str]) -> None:
 
 if __name__ == "__main__":
     if len(sys.argv) < 2:
-        raise SystemExit("usage: python -m mmocap_warp.study.planted_lags FOLDER [CLIP ...]")
+        raise SystemExit("usage: python instruments/planted_lags.py FOLDER [CLIP ...]")
     _main(Path(sys.argv[1]), sys.argv[2:] or [clip for clip in CLIP_PLANS if clip not in CHOSEN_ON])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -190,12 +191,14 @@ class StudySummary:
         baselines: what needs no tracking, by sequence and a name of ``BASELINES``.
         alone: seconds that a frame takes where a single run is tracked at a time, by contender; empty where unknown.
         planned: the cells that should be there, as far as that is known.
+        rankings: what :func:`mmocap_warp.study.study_tables.rank` has made of it so far.
     """
 
     cells: dict[Cell, CellSummary]
     baselines: Mapping[tuple[str, str], CellSummary] = field(default_factory=dict)
     alone: Mapping[Contender, float] = field(default_factory=dict)
     planned: frozenset[Cell] = frozenset()
+    rankings: dict[tuple, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @classmethod
     def of(cls, results: Iterable[CellResult]) -> StudySummary:

@@ -17,12 +17,11 @@ from mmocap_warp.bench import growth as growth_module
 from mmocap_warp.bench import suite as suite_module
 from mmocap_warp.bench.against import OPTIMIZING, missing
 from mmocap_warp.bench.bench_tables import digits, duration, report_tables
+from mmocap_warp.bench.growth import Line, growth_lines
 from mmocap_warp.bench.optimizer_peers import ENGINES, FUNCTIONS, OURS, optimizer_peers
-from mmocap_warp.bench.pages import write_pages
 from mmocap_warp.bench.peers import peers
-from mmocap_warp.bench.plots import Line, growth_lines
+from mmocap_warp.bench.report_file import rendered, to_text, write_pages
 from mmocap_warp.bench.suite import Plan, run_suite
-from mmocap_warp.bench.terminal import rendered, to_text
 from mmocap_warp.bench.workload import workload
 from mmocap_warp.body.mesh_pieces import is_closed
 from mmocap_warp.cli import exit_codes

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from mmocap_warp.display.chart import MARKS
 from mmocap_warp.display.page.html import filled, resource
-from mmocap_warp.study.further_clips import CLIP_PLANS
 from mmocap_warp.study.report_parts import Html, fill
 from mmocap_warp.study.report_sections import (
     Section,
@@ -31,6 +30,7 @@ from mmocap_warp.study.report_setting import (
     setting_section,
 )
 from mmocap_warp.study.report_text import csv_table, markdown_tables
+from mmocap_warp.study.sequences import CLIP_PLANS
 from mmocap_warp.study.source import Clip
 from mmocap_warp.study.summary import StudySummary
 from mmocap_warp.version import __version__

@@ -256,7 +256,8 @@ def test_an_unknown_floor_is_not_shown():
     assert {line["marker_error_floor_mm"] for line in csv.DictReader(io.StringIO(csv_table(study)))} == {""}
 
 
-def test_a_gap_in_the_grid_leaves_its_sequence_out(study):
+def test_a_gap_in_the_grid_leaves_its_sequence_out():
+    study = StudySummary.of(made_up_study(SEQUENCES[2:6], models=(39,), budgets=(500,), seeds=2, frames=12))
     cells = {cell: summary for cell, summary in study.cells.items() if cell != Cell(SEQUENCES[2], "de", 39, 500)}
     ranking = by_algorithm(StudySummary(cells), MARKER_ERROR, 39, 500)
     assert ranking.left_out == (SEQUENCES[2],)

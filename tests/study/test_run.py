@@ -34,7 +34,7 @@ from mmocap_warp.study.job import Refusal, Worker
 from mmocap_warp.study.run import run_study
 from mmocap_warp.study.summary import summarise, with_typical_pose
 
-STOPS = 5
+STOPS = 3  # killed, interrupted, killed
 
 
 def same_answers(left: Path, right: Path) -> bool:
@@ -63,7 +63,7 @@ def test_a_result_says_what_was_tracked(whole, study):
     )
 
 
-def test_killed_five_times_it_ends_with_the_same_bits_and_repeats_nothing(study, whole, tmp_path):
+def test_killed_again_and_again_it_ends_with_the_same_bits_and_repeats_nothing(study, whole, tmp_path):
     results = tmp_path / "results"
     command = [sys.executable, "-m", "mmocap_warp", "study", "run", str(study), "-o", str(results), "--device", "cpu"]
     ended = sorted(path.stat().st_mtime for path in whole.iterdir())

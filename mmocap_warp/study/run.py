@@ -261,7 +261,7 @@ class _Run:
             evaluations_left=budget - running,
             seconds=now - self._started if self._started else 0.0,
             seats=tuple(
-                Seat(worker.name, worker.task and worker.task.cell, worker.advance)
+                Seat(worker.name, worker.task.cell if worker.task else None, worker.advance)
                 for _, worker in sorted(self._workers.items())
             ),
         )
@@ -317,7 +317,7 @@ class _Run:
             self._note(event.text)
             return
         if isinstance(event, Death):
-            self._bury(self._workers.pop(number, None) or _Worker("worker"), event)
+            self._bury(self._workers.pop(number, _Worker("worker")), event)
             return
         worker = self._workers[number]
         if isinstance(event, Advance):

@@ -23,9 +23,9 @@ NONE = "none"
 Masks = list[np.ndarray]
 """Per camera (height, width) bool."""
 
-_APART = 0.8  # of bystanders from the way of whom is tracked [m]
+_APART = 0.8  # distance of bystanders from the path of the person who is tracked [m]
 _CUT_SECONDS = 0.5
-_CUT_SHARE = 0.5  # of the person's height: width and height of what is cut out
+_CUT_SHARE = 0.5  # width and height of the block that is cut out, as a share of the person's height
 
 
 def fewer_views(clip: OpenClip, count: int) -> OpenClip:

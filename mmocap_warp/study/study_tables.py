@@ -25,7 +25,7 @@ from mmocap_warp.study.statistics import (
 from mmocap_warp.study.summary import CellSummary, Contender, Measure, StudySummary
 
 FEWEST_SEQUENCES = 3
-"""Of fewer, nothing is said about sequences in general."""
+"""From fewer, nothing is concluded about sequences in general."""
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from docutils import nodes
 from sphinx.application import Sphinx
 
 import mmocap_warp
-from mmocap_warp.bench.pages import PAGE, report_page
+from mmocap_warp.bench.report_file import PAGE, report_page
 
 project = "mmocap-warp"
 author = "The mmocap-warp contributors"

@@ -14,7 +14,7 @@ from synthetic import synthetic_result
 from tracked_motion import FRAMES, TRACKED, standing_still, track_motion
 
 import mmocap_warp
-from mmocap_warp.bench.pages import report_page
+from mmocap_warp.bench.report_file import report_page
 from mmocap_warp.formats.usd.usd_result import write_result
 from mmocap_warp.optimizers.minimize import minimize
 from mmocap_warp.tracking.algorithms import ALGORITHMS

@@ -7,12 +7,13 @@ import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
+from study_workers import DirectEngine
+
 from mmocap_warp.body.model import Subject
 from mmocap_warp.formats.usd.usd_body import write_subject
 from mmocap_warp.scenes import ROOT
 from mmocap_warp.study.definition import load_study
 from mmocap_warp.study.engines.engine import Engine
-from mmocap_warp.study.engines.local import LocalEngine
 from mmocap_warp.study.run import Status, run_study
 from mmocap_warp.study.tasks import Task, plan_tasks
 from mmocap_warp.synthesis.walk import walking
@@ -68,9 +69,9 @@ def tasks_of(study: Path, results: Path) -> list[Task]:
 def run_quietly(
     tasks: list[Task], engine: Callable[[], Engine] | None = None, notes: list[str] | None = None
 ) -> Status:
-    """Run a study on the CPU, or on an engine of one's own; what is noted is added to ``notes``."""
+    """Run a study in this process, or on an engine of one's own; what is noted is added to ``notes``."""
     kept = [] if notes is None else notes
-    return run_study(tasks, engine or (lambda: LocalEngine(["cpu"], 1)), lambda status: None, kept.append)
+    return run_study(tasks, engine or DirectEngine, lambda status: None, kept.append)
 
 
 def answer_members(path: Path) -> dict[str, bytes]:

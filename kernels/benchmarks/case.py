@@ -67,21 +67,10 @@ class Measurement:
     def of(cls, case: Case, timing: Timing) -> Measurement:
         """Check the answer of a case that was timed."""
         check = case.check()
-        return cls(
-            group=case.group,
-            name=case.name,
-            sizes=case.sizes,
-            evaluations=case.evaluations,
-            median=timing.median,
-            quartiles=timing.quartiles,
-            lowest=timing.lowest,
-            processor=timing.processor,
-            launched=timing.launched,
-            compiling=timing.compiling,
-            rounds=len(timing.samples),
-            check=check.what,
-            ok=bool(check.ok),  # NumPy has a type of its own
-        )
+        facts = {name: getattr(case, name) for name in ("group", "name", "sizes", "evaluations")}
+        times = ("median", "quartiles", "lowest", "processor", "launched", "compiling")
+        facts |= {name: getattr(timing, name) for name in times}
+        return cls(rounds=len(timing.samples), check=check.what, ok=bool(check.ok), **facts)  # NumPy's bool is no JSON
 
 
 def measure(cases: Sequence[Case], device: str, seconds: float | None = None) -> list[Measurement]:

@@ -18,7 +18,7 @@ SECONDS = {"cpu": 0.25, "cuda": 0.2}
 
 _FEWEST_ROUNDS, _MOST_ROUNDS = 5, 40
 _SAMPLE_SECONDS = {"cpu": 2e-2, "cuda": 2e-3}  # a shorter work is repeated within a sample
-_MOST_CALLS = 200  # of a short work within a sample: each is a piece of a captured graph
+_MOST_CALLS = 200  # of a short work within a sample; each call is a piece of a captured graph
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,9 @@ from mmocap_warp.bench.optimizer_peers import ASK_AND_TELL, FUNCTION, OURS
 from mmocap_warp.bench.peers import PEER
 from mmocap_warp.bench.searches import FRAME
 
+FORMAT = 1
+"""Of a report; another number means other keys."""
+
 Report = dict[str, Any]
 Row = dict[str, Any]
 

@@ -20,10 +20,10 @@ CAMERAS = 5
 
 _STEPS = 4
 _FOLLOWED = "search-contour"
-_MOVED = 0.3  # of the distance at that start is how far a body is from where the last frame left it
-_OVERLAP = 0.55  # with the masks, at least, where a body has a few hundred pixels
-_LEVEL = 0.5  # overlap of frames before: so low that no frame calls for a search
-_NEARER = 0.6  # of the distance at the start, at most, after that
+_MOVED = 0.3  # the share of the start's distance by which a followed body has moved since the last frame
+_OVERLAP = 0.55  # least overlap with the masks, where a body has a few hundred pixels
+_LEVEL = 0.5  # overlap of earlier frames, so low that no frame calls for a search
+_NEARER = 0.6  # the share of the start's distance that may be left after the steps
 
 
 def contour_frames(load: Workload, runs: Sequence[int], device: str) -> Iterator[list[Case]]:

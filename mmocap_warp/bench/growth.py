@@ -1,12 +1,19 @@
-"""How the time of the whole evaluation grows with each of its sizes, all others being those of the measure."""
+"""How the time of the whole evaluation grows with each of its sizes, all others being those of the measure.
+
+The plots have logarithmic axes and a line for each device and renderer: one SVG file a size.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
+from mmocap_warp.bench.bench_tables import Report
 from mmocap_warp.bench.evaluations import evaluations
 from mmocap_warp.bench.searches import same_frames
 from mmocap_warp.bench.workload import SIZE, Workload, workload
+from mmocap_warp.display.chart import Axis, axes, curve, decades, dots, names_of_curves, picture
 from mmocap_warp.kernels.benchmarks.case import Case
 
 AXES = ("candidates", "cameras", "pixels", "triangles", "runs")
@@ -42,3 +49,79 @@ def growth(load: Workload, device: str) -> Iterator[list[Case]]:
         yield from evaluations(workload(triangles=triangles), batch, (1,), device, group("triangles"))
     for runs in _RUNS[kind]:
         yield from same_frames(load, (runs,), BUDGET, device, 1, group("runs"))
+
+
+_WIDTH, _HEIGHT = 640.0, 400.0
+_LEFT, _RIGHT, _TOP, _BOTTOM = 76.0, 108.0, 40.0, 52.0  # around the axes; lines are named on the right
+_COLOURS = {"raycast": "first", "raster": "second"}
+_EACH = f"time of an evaluation, of {BATCH['cpu']} in a call on the CPU and {BATCH['cuda']:,} on the GPU"
+_TITLES = {
+    "candidates": ("time of a call", "candidates in a call"),
+    "cameras": (_EACH, "cameras"),
+    "pixels": (_EACH, "pixels of a camera, of which the body fills the same share"),
+    "triangles": (_EACH, "triangles"),
+    "runs": (f"time of a frame of {BUDGET} evaluations a run", "runs at once"),
+}
+
+
+@dataclass(frozen=True)
+class Line:
+    """Times [s] against a size, of a renderer on a device; ordered by size."""
+
+    device: str
+    renderer: str
+    is_gpu: bool
+    points: list[tuple[float, float]]
+
+    @property
+    def name(self) -> str:
+        """What it is called."""
+        return f"{'GPU' if self.is_gpu else 'CPU'}, {self.renderer}"
+
+    @property
+    def slope(self) -> float:
+        """The exponent with which time grows over the last factor of the size."""
+        (x0, y0), (x1, y1) = self.points[-2:]
+        return math.log(y1 / y0) / math.log(x1 / x0)
+
+
+def growth_lines(reports: Sequence[Report], axis: str) -> list[Line]:
+    """The lines along one of ``AXES``; reports without growth have none. On the CPU, one thread."""
+    points: dict[tuple[str, str, bool], list[tuple[float, float]]] = {}
+    for report in reports:
+        is_gpu = report["kind"] == "cuda"
+        for row in report["measurements"]:
+            if row["group"] != group(axis):
+                continue
+            each = 1 if axis in ("candidates", "runs") else row["evaluations"]
+            # One thread's time of the processor is what it took, whatever else the machine did.
+            seconds = row["median"] if is_gpu else row["processor"]
+            line = points.setdefault((report["device"], row["sizes"]["renderer"], is_gpu), [])
+            line.append((row["sizes"][axis], seconds / each))
+    return [Line(*key, sorted(values)) for key, values in points.items()]
+
+
+def growth_plots(reports: Sequence[Report]) -> dict[str, str]:
+    """SVG files by the size along their axis."""
+    return {axis: _plot(axis, lines) for axis in AXES if (lines := growth_lines(reports, axis))}
+
+
+def _plot(axis: str, lines: list[Line]) -> str:
+    sizes = sorted({size for line in lines for size, _ in line.points})
+    times = [seconds for line in lines for _, seconds in line.points]
+    x = Axis(sizes[0], sizes[-1], _LEFT, _WIDTH - _RIGHT, tuple(sizes), "{:,}".format, logarithmic=True)
+    y = decades(min(times), max(times), _HEIGHT - _BOTTOM, _TOP, _time)
+    title, below = _TITLES[axis]
+    parts = [axes(x, y, below, title)]
+    for line in lines:
+        drawn = curve(x, y, line.points, "" if line.is_gpu else "dashed") + dots(x, y, line.points)
+        parts.append(f'<g class="{_COLOURS[line.renderer]}">{drawn}</g>')
+    ends = [(line.name, _COLOURS[line.renderer], y.at(line.points[-1][1])) for line in lines]
+    parts.append(names_of_curves(ends, x.stop + 12))
+    return picture((_WIDTH, _HEIGHT), f"{title} against {below}", parts)
+
+
+def _time(seconds: float) -> str:
+    """A power of ten of seconds, in the unit that suits."""
+    unit, size = next(((u, n) for u, n in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)) if seconds > 0.9 * n), ("ns", 1e-9))
+    return f"{round(seconds / size):,} {unit}"

@@ -5,9 +5,10 @@ Ours decomposes C in every generation, and so do evosax and cmaes; cma waits for
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -24,32 +25,32 @@ _FUNCTION_DOFS, _GENERATIONS = 10, 200  # of a search of a function
 _SIGMA = 0.5
 
 
-class Engine(Protocol):
+class Engine(ABC):
     """Independent runs of a CMA-ES, used as its package would have it."""
 
+    @abstractmethod
     def begin(self) -> None:
         """Begin anew where all coordinates are 1."""
-        ...
 
+    @abstractmethod
     def ask(self) -> np.ndarray:
         """Sample a generation (run, particle, dof)."""
-        ...
 
+    @abstractmethod
     def tell(self, cost: np.ndarray) -> None:
         """Learn from its costs (run, particle) float32."""
-        ...
 
     def generation(self, cost: np.ndarray) -> Callable[[], None]:
         """What asks and tells, with costs that were made up."""
-        ...
+
+        def once() -> None:
+            self.ask()
+            self.tell(cost)
+
+        return once
 
 
-def _ask_and_tell_once(engine: Engine, cost: np.ndarray) -> None:
-    engine.ask()
-    engine.tell(cost)
-
-
-class _Ours:
+class _Ours(Engine):
     def __init__(self, dofs: int, particles: int, runs: int) -> None:
         seed = wp.array(np.arange(runs), dtype=wp.int32, device="cpu")
         self._counter = wp.zeros(runs, dtype=wp.int32, device="cpu")
@@ -69,11 +70,8 @@ class _Ours:
         self._cost.numpy()[:] = cost.ravel()
         self._optimizer.tell(self._cost)
 
-    def generation(self, cost: np.ndarray) -> Callable[[], None]:
-        return partial(_ask_and_tell_once, self, cost)
 
-
-class _Evosax:
+class _Evosax(Engine):
     """Compiled by JAX: one run as it is, several as one ``vmap``; asking and telling in one go where none looks."""
 
     def __init__(self, dofs: int, particles: int, runs: int) -> None:
@@ -131,38 +129,43 @@ class _Evosax:
         return step
 
 
-class _Cmaes:
-    def __init__(self, dofs: int, particles: int, runs: int) -> None:
-        from cmaes import CMA
+class _OnePerRun(Engine):
+    """A package whose optimizer is of one run: as many of them as there are runs."""
 
-        self._make = lambda run: CMA(np.ones(dofs), _SIGMA, population_size=particles, seed=run)
-        self._runs = runs
+    _engines: list[Any]
+
+    def __init__(self, dofs: int, particles: int, runs: int) -> None:
+        self._dofs, self._particles, self._runs = dofs, particles, runs
+
+    @abstractmethod
+    def _make(self, run: int) -> Any:
+        """The optimizer of a run, anew."""
 
     def begin(self) -> None:
         self._engines = [self._make(run) for run in range(self._runs)]
 
+
+class _Cmaes(_OnePerRun):
+    def _make(self, run: int) -> Any:
+        from cmaes import CMA
+
+        return CMA(np.ones(self._dofs), _SIGMA, population_size=self._particles, seed=run)
+
     def ask(self) -> np.ndarray:
-        self._x = np.array([[engine.ask() for _ in range(engine.population_size)] for engine in self._engines])
+        self._x = np.array([[engine.ask() for _ in range(self._particles)] for engine in self._engines])
         return self._x
 
     def tell(self, cost: np.ndarray) -> None:
         for engine, x, costs in zip(self._engines, self._x, cost, strict=True):
             engine.tell(list(zip(x, costs.tolist(), strict=True)))
 
-    def generation(self, cost: np.ndarray) -> Callable[[], None]:
-        return partial(_ask_and_tell_once, self, cost)
 
-
-class _Cma:
-    def __init__(self, dofs: int, particles: int, runs: int) -> None:
+class _Cma(_OnePerRun):
+    def _make(self, run: int) -> Any:
         from cma import CMAEvolutionStrategy
 
-        options = {"popsize": particles, "verbose": -9}
-        self._make = lambda run: CMAEvolutionStrategy(np.ones(dofs), _SIGMA, options | {"seed": 1 + run})
-        self._runs = runs
-
-    def begin(self) -> None:
-        self._engines = [self._make(run) for run in range(self._runs)]
+        options = {"popsize": self._particles, "verbose": -9, "seed": 1 + run}
+        return CMAEvolutionStrategy(np.ones(self._dofs), _SIGMA, options)
 
     def ask(self) -> np.ndarray:
         self._x = [engine.ask() for engine in self._engines]
@@ -172,16 +175,8 @@ class _Cma:
         for engine, x, costs in zip(self._engines, self._x, cost, strict=True):
             engine.tell(x, costs.tolist())
 
-    def generation(self, cost: np.ndarray) -> Callable[[], None]:
-        return partial(_ask_and_tell_once, self, cost)
 
-
-ENGINES: dict[str, Callable[[int, int, int], Engine]] = {
-    OURS: _Ours,
-    "evosax": _Evosax,
-    "cmaes": _Cmaes,
-    "cma": _Cma,
-}
+ENGINES: dict[str, Callable[[int, int, int], Engine]] = {OURS: _Ours, "evosax": _Evosax, "cmaes": _Cmaes, "cma": _Cma}
 """Engines, made from numbers of dofs, particles and runs; ours is the first."""
 
 

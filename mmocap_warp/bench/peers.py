@@ -22,7 +22,7 @@ from mmocap_warp.masks.observation import unpack_masks
 
 PEER = "peers"
 
-_CANDIDATES = 4  # as many as a core does in a fraction of a second
+_CANDIDATES = 4  # few enough for a core to draw them in a fraction of a second
 _SUBPIXEL_BITS = 4
 # Embree has no grid of sub-pixels: contours shift by up to 1/32 px. OpenCV fills what its polygons' outlines touch, and
 # so about half a pixel more at each crossing of a contour.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -27,8 +28,8 @@ COST_APART = 1e-5
 """How far the cost of an answer may be from that of the same pose on the CPU."""
 
 _BUDGET = 500
-_MORE = 5  # generations in the longer one of two searches, beyond those of the shorter one
-_SPHERE = 40  # generations within which an optimizer must come nearer to a minimum
+_LONGER_BY = 5  # by which the longer of two searches exceeds the shorter
+_SPHERE_GENERATIONS = 40  # after which an optimizer must be nearer to the minimum of a sphere
 
 
 def ask_and_tell(load: Workload, runs: Sequence[int], device: str) -> Iterator[list[Case]]:
@@ -63,12 +64,12 @@ def _ask_and_tell(load: Workload, name: str, part: Part, runs: int, device: str)
             array.zero_()
         optimizer.start(start)
         means = []
-        for _ in range(_SPHERE):
+        for _ in range(_SPHERE_GENERATIONS):
             squares = (optimizer.ask(particles).numpy() ** 2).mean(axis=2)
             means.append(squares.mean(axis=1))
             optimizer.tell(wp.array(squares.ravel(), dtype=wp.float32, device=device))
         share = float(np.max(means[-1] / means[0]))
-        return Check(f"a sphere's cost falls to {share:.2g} in {_SPHERE} generations", share < 1.0)
+        return Check(f"a sphere's cost falls to {share:.2g} in {_SPHERE_GENERATIONS} generations", share < 1.0)
 
     sizes = {"dof": dofs, "particles": particles, "runs": runs}
     return Case(OPTIMIZER, name, sizes, work, check)
@@ -93,20 +94,20 @@ def _generation(
     load: Workload, part: Part, renderer: str, sizes: dict[str, Any], device: str, threads: int, seconds: float | None
 ) -> Measurement:
     name = "cmaes" if len(part.index) == len(load.body.skeleton.searched()) else "h-cmaes"
-    short, long = (_search(load, name, part, n, renderer, device, threads) for n in (1, 1 + _MORE))
-    particles = (long.evaluations - short.evaluations) // _MORE
+    short, long = (_search(load, name, part, n, renderer, device, threads) for n in (1, 1 + _LONGER_BY))
+    particles = (long.evaluations - short.evaluations) // _LONGER_BY
     one, many = time_together([short.run, long.run], device, seconds=seconds)
-    samples = tuple((b - a) / _MORE for a, b in zip(one.samples, many.samples, strict=True))
-    launched = None if many.launched is None or one.launched is None else (many.launched - one.launched) / _MORE
+    samples = tuple((b - a) / _LONGER_BY for a, b in zip(one.samples, many.samples, strict=True))
+    launched = None if many.launched is None or one.launched is None else (many.launched - one.launched) / _LONGER_BY
     compiling = one.compiling + many.compiling
-    timing = Timing(samples, (many.processor - one.processor) / _MORE, compiling, launched)
+    timing = Timing(samples, (many.processor - one.processor) / _LONGER_BY, compiling, launched)
     sizes = {"renderer": renderer, "dof": len(part.index), "candidates": particles, "runs": 1} | sizes
 
     def check() -> Check:
         return _cost_is_right(load, long.best_pose.numpy(), long.best_cost.numpy())
 
     case = Case(GENERATION, f"{name}: {part.name}", sizes, long.run, check, particles)
-    return replace(Measurement.of(case, timing), lowest=(many.lowest - one.lowest) / _MORE)
+    return replace(Measurement.of(case, timing), lowest=(many.lowest - one.lowest) / _LONGER_BY)
 
 
 def _search(
@@ -123,23 +124,21 @@ def _search(
 def _mean(parts: list[Measurement], name: str) -> Measurement:
     """The mean of measurements that are steps of one thing."""
 
-    def mean(values: list[float]) -> float:
-        return sum(values) / len(values)
+    def mean(of: Callable[[Measurement], float]) -> float:
+        return sum(map(of, parts)) / len(parts)
 
-    launched = [part.launched for part in parts if part.launched is not None]
+    times: dict[str, Any] = {name: mean(attrgetter(name)) for name in ("median", "lowest", "processor")}
     return replace(
         parts[0],
         name=name,
         sizes={key: value for key, value in parts[0].sizes.items() if key not in ("dof", "candidates")},
-        evaluations=round(mean([part.evaluations for part in parts])),
-        median=mean([part.median for part in parts]),
-        quartiles=(mean([part.quartiles[0] for part in parts]), mean([part.quartiles[1] for part in parts])),
-        lowest=mean([part.lowest for part in parts]),
-        processor=mean([part.processor for part in parts]),
-        launched=mean(launched) if launched else None,
+        evaluations=round(mean(lambda part: part.evaluations)),
+        quartiles=(mean(lambda part: part.quartiles[0]), mean(lambda part: part.quartiles[1])),
+        launched=None if parts[0].launched is None else mean(lambda part: part.launched or 0.0),
         compiling=sum(part.compiling for part in parts),
         check="those of the parts",
         ok=all(part.ok for part in parts),
+        **times,
     )
 
 

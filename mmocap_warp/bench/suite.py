@@ -14,6 +14,7 @@ from typing import Any
 import warp as wp
 
 from mmocap_warp.bench.against import DRAWING, OPTIMIZING, PEERS
+from mmocap_warp.bench.bench_tables import FORMAT
 from mmocap_warp.bench.contours import contour_frames
 from mmocap_warp.bench.evaluations import evaluations, moving_parts
 from mmocap_warp.bench.growth import growth
@@ -24,9 +25,6 @@ from mmocap_warp.bench.stages import stages
 from mmocap_warp.bench.workload import Workload, workload
 from mmocap_warp.kernels.benchmarks.case import Case, Measurement, measure
 from mmocap_warp.versions import package_versions, versions
-
-FORMAT = 1
-"""Of a report; another number means other keys."""
 
 _ASK_SECONDS = 0.1  # for each of many small works
 _GROWTH_SECONDS = 0.1

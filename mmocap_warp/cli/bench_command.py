@@ -60,9 +60,8 @@ def bench(
     peers = _peers(against)
     start_warp(device)
 
-    from mmocap_warp.bench.report_file import read_report, write_report
+    from mmocap_warp.bench.report_file import read_report, rendered, to_text, write_report
     from mmocap_warp.bench.suite import Plan, run_suite
-    from mmocap_warp.bench.terminal import rendered, to_text
     from mmocap_warp.device.cores import available_threads
     from mmocap_warp.device.resolve import resolve_device
 

@@ -27,8 +27,7 @@ def pages(
     force
         Write among files that are there.
     """
-    from mmocap_warp.bench.pages import write_pages
-    from mmocap_warp.bench.report_file import read_report
+    from mmocap_warp.bench.report_file import read_report, write_pages
     from mmocap_warp.cli.exit_codes import UsageError
     from mmocap_warp.cli.outputs import new_folder
 

@@ -147,7 +147,7 @@ def ablate(
 
 def _clips(named: tuple[str, ...], frames: int | None, scale: float, subject: Path | None) -> list[Clip]:
     from mmocap_warp.study.ablation import REPORTING, TUNING
-    from mmocap_warp.study.further_clips import CLIP_PLANS
+    from mmocap_warp.study.sequences import CLIP_PLANS
     from mmocap_warp.study.source import Clip
 
     groups = {"tuning": TUNING, "reporting": REPORTING}

@@ -53,9 +53,8 @@ def make(
     from mmocap_warp.cli.outputs import new_folder
     from mmocap_warp.cli.progress import Progress
     from mmocap_warp.study.degradations import parse
-    from mmocap_warp.study.further_clips import CLIPS
     from mmocap_warp.study.sequence_scene import write_sequence
-    from mmocap_warp.study.sequences import SEQUENCES, clip_sequence
+    from mmocap_warp.study.sequences import CLIPS, SEQUENCES, clip_sequence
 
     console = console or Console()
     if unknown := [name for name in sequence if name not in CLIPS]:

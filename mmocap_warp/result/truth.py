@@ -58,6 +58,16 @@ class Truth:
         if self.root_base is not None and self.root_base.shape != (3, 3):
             raise ValueError(f"root_base must be (3, 3), got {self.root_base.shape}")
 
+    def at_frames(self, keep: np.ndarray | slice) -> Truth:
+        """The truth of some of its frames."""
+        return replace(
+            self,
+            frame_numbers=self.frame_numbers[keep],
+            markers=self.markers[keep],
+            joints=self.joints[keep],
+            pose=None if self.pose is None else self.pose[keep],
+        )
+
 
 def at_rate(truth: Truth, fps: float) -> Truth:
     """The truth at the times of a recording's frames, whose frame 0 is at the time of the truth's frame 0.

@@ -1,5 +1,4 @@
 """The study: a grid of trackers, sequences and budgets, its results, statistics and report.
 
-May import: device, body, cameras, masks, result, formats, scene, rigging, contour, tracking, fitting, calibration,
-display, synthesis.
+May import: device, body, cameras, masks, result, formats, scene, rigging, tracking, fitting, display, synthesis.
 """

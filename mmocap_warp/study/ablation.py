@@ -1,4 +1,4 @@
-"""What a tracker owes to what: clips, degradations of them and trackers in every combination, a file each.
+"""Ablations: every combination of clips, degradations of them and trackers, with one file for each.
 
 A cell is one tracker with one seed on one clip made worse in one way. Its file is named by a hash of all that it
 depends on, so that a run that was interrupted, or has cells added, tracks what is missing and nothing else.
@@ -29,9 +29,8 @@ from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth, at_rate
 from mmocap_warp.rigging.shipped import DEFAULT_BODY, load_body
 from mmocap_warp.study.degradations import degraded, is_random
-from mmocap_warp.study.further_clips import CLIP_PLANS
 from mmocap_warp.study.job import device_kind
-from mmocap_warp.study.sequences import PLANS
+from mmocap_warp.study.sequences import CLIP_PLANS, PLANS
 from mmocap_warp.study.solved_body import solved_subject
 from mmocap_warp.study.source import Clip, OpenClip, clip_facts, open_clip
 from mmocap_warp.tracking.frame_loop import track_observations
@@ -43,13 +42,13 @@ TUNING: tuple[str, ...] = (*tuple(PLANS)[1::2], "S2/Spin")
 """Clips to choose settings on: of the nine sequences those of even number, and a spin."""
 
 REPORTING: tuple[str, ...] = tuple(name for name in CLIP_PLANS if name not in TUNING)
-"""Clips whose figures are told, and on which nothing is chosen."""
+"""Clips whose figures are reported, and on which nothing is chosen."""
 
 STARTS: tuple[str, ...] = ("given", "solved", "first-frame", "fitted")
-"""Body and first pose: the clip's own subject; its pose with the body solved from the clip; or both found in the masks,
-the body from the first frame alone or from the clip. What is found is found in the masks as they were made worse."""
+"""Where body and first pose come from: the clip's own subject; its pose with the body solved from the clip; or a fit of
+both to the degraded masks, of the first frame alone or of the clip."""
 
-_VERSION = 2  # of the measures: results of another are made again
+_VERSION = 2  # of the measures; results of another version are made again
 _KEY_DIGITS = 20
 _FROM_EVALUATION = (
     "marker_error_mm", "mpjpe_mm", "shake_mm", "growth", "mean_iou", "worst_iou", "wrongly_tracked", "near_tracked",

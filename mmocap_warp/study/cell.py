@@ -22,8 +22,8 @@ PROVENANCE: tuple[str, ...] = ("study", "host", "started", "wall_seconds", "vers
 
 _VERSION = 1
 _ANSWER, _PROVENANCE = "cell.json", "provenance.json"
-_EPOCH = (1980, 1, 1, 0, 0, 0)  # the members' date, so that equal results are equal bytes
-_MOST_BYTES = 2**30  # of a result's members; a study's have about 2**20
+_EPOCH = (1980, 1, 1, 0, 0, 0)  # the date of all members, so that equal results are equal bytes
+_MOST_BYTES = 2**30  # largest size of a result's members together; a study's have about 2**20
 _DAMAGE = (
     OSError, ValueError, KeyError, TypeError, EOFError, NotImplementedError, RuntimeError, AttributeError,
     MemoryError, OverflowError, zipfile.BadZipFile, zlib.error, struct.error, tokenize.TokenError,

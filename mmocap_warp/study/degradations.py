@@ -14,7 +14,6 @@ import numpy as np
 
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.masks.observation import Observation, unpack_masks
-from mmocap_warp.result.truth import Truth
 from mmocap_warp.study.source import OpenClip
 from mmocap_warp.synthesis.bystanders import PasserBy, furniture
 
@@ -24,9 +23,9 @@ NONE = "none"
 Masks = list[np.ndarray]
 """Per camera (height, width) bool."""
 
-_APART = 0.8  # of bystanders from the way of whom is tracked [m]
+_APART = 0.8  # distance of bystanders from the path of the person who is tracked [m]
 _CUT_SECONDS = 0.5
-_CUT_SHARE = 0.5  # of the person's height: width and height of what is cut out
+_CUT_SHARE = 0.5  # width and height of the block that is cut out, as a share of the person's height
 
 
 def fewer_views(clip: OpenClip, count: int) -> OpenClip:
@@ -68,11 +67,15 @@ def fewer_frames(clip: OpenClip, fps: float) -> OpenClip:
     step = round(clip.fps / fps)
     if step < 1 or abs(clip.fps - step * fps) > 1e-6 * clip.fps:
         raise ValueError(f"fps must divide the clip's {clip.fps:g}, got {fps:g}")
+    truth = clip.truth
+    if truth is not None:
+        truth = truth.at_frames(truth.frame_numbers % step == 0)
+        truth = replace(truth, fps=fps, frame_numbers=truth.frame_numbers // step)
     return replace(
         clip,
         fps=fps,
         frames=-(-clip.frames // step),
-        truth=clip.truth and _every(clip.truth, step, fps),
+        truth=truth,
         observations=islice(clip.observations, 0, None, step),
     )
 
@@ -220,15 +223,3 @@ def _whereabouts(clip: OpenClip) -> tuple[np.ndarray, float]:
     floor = root - np.outer(root @ up, up)
     middle = (np.nanmin(floor, axis=0) + np.nanmax(floor, axis=0)) / 2
     return middle, float(np.nanmax(np.linalg.norm(floor - middle, axis=1)))
-
-
-def _every(truth: Truth, step: int, fps: float) -> Truth:
-    kept = truth.frame_numbers % step == 0
-    return replace(
-        truth,
-        fps=fps,
-        frame_numbers=truth.frame_numbers[kept] // step,
-        markers=truth.markers[kept],
-        joints=truth.joints[kept],
-        pose=None if truth.pose is None else truth.pose[kept],
-    )

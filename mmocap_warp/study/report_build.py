@@ -8,15 +8,18 @@ from pathlib import Path
 
 from mmocap_warp.display.chart import MARKS
 from mmocap_warp.display.page.html import filled, resource
-from mmocap_warp.study.further_clips import CLIP_PLANS
+from mmocap_warp.study.report_parts import Html, fill
 from mmocap_warp.study.report_sections import (
     Section,
     claims_section,
     curves_section,
     models_section,
     overlays_section,
+    presets_section,
     ranks_section,
     spread_section,
+    strangers_section,
+    trackers_section,
 )
 from mmocap_warp.study.report_setting import (
     budget_section,
@@ -27,9 +30,8 @@ from mmocap_warp.study.report_setting import (
     setting_section,
 )
 from mmocap_warp.study.report_text import csv_table, markdown_tables
-from mmocap_warp.study.report_trackers import presets_section, strangers_section, trackers_section
+from mmocap_warp.study.sequences import CLIP_PLANS
 from mmocap_warp.study.source import Clip
-from mmocap_warp.study.study_tables import by_algorithm
 from mmocap_warp.study.summary import StudySummary
 from mmocap_warp.version import __version__
 from mmocap_warp.whole_file import write_whole
@@ -58,7 +60,7 @@ def render(study: StudySummary, clips: Mapping[str, Clip], notes: Sequence[str] 
         ranks_section(study),
         spread_section(study),
         curves_section(study),
-        _overlays(study, clips),
+        overlays_section(study, clips),
         budget_section(study),
         models_section(study),
         presets_section(study, radii(study)),
@@ -76,7 +78,7 @@ def render(study: StudySummary, clips: Mapping[str, Clip], notes: Sequence[str] 
         eyebrow=escape(f"Study {', '.join(names)}" if names else "Study"),
         lead=escape(grid_sentence(study)),
         cards=cards,
-        contents="".join(f'<li><a href="#{section.anchor}">{escape(section.title)}</a></li>' for section in sections),
+        contents="".join(fill("contents", anchor=section.anchor, title=section.title) for section in sections),
         controls=_controls(study),
         sections="\n".join(section.html() for section in sections),
         footer=escape(f"Written by mmocap-warp {__version__}."),
@@ -116,31 +118,16 @@ def clips_of(study: StudySummary, own: Mapping[str, Clip]) -> dict[str, Clip]:
     }
 
 
-def _overlays(study: StudySummary, clips: Mapping[str, Clip]) -> Section | None:
-    """Pictures of the control with the larger model and the least budget."""
-    from mmocap_warp.study.report_overlays import best_and_worst, side_by_side
-
-    main, dof, budget = study.measures[0], study.models[0], study.budgets[0]
-    ranking = by_algorithm(study, main, dof, budget)
-    at_hand = [name for name in study.sequences if name in clips]
-    if ranking is None or not at_hand:
-        return None
-    pairs = list(best_and_worst(study, main, ranking, clips))
-    rows = side_by_side(study, at_hand[0], dof, budget, clips[at_hand[0]])
-    return overlays_section(pairs, rows, main, f"{dof} DOF, {budget:,} evaluations per frame.")
-
-
-def _controls(study: StudySummary) -> str:
-    """A list per thing to choose, where there is something to choose."""
-    kinds = (
-        ("measure", "Measure", [(measure.key, measure.label) for measure in study.measures]),
-        ("model", "Model", [(str(dof), f"{dof} DOF") for dof in study.models]),
-        ("budget", "Evaluations per frame", [(str(budget), f"{budget:,}") for budget in study.budgets]),
-        ("sequence", "Sequence", [(name, name) for name in study.sequences]),
-    )
-    return "".join(
-        f'<label>{title} <select name="{name}" autocomplete="off">'
-        + "".join(f'<option value="{escape(value)}">{escape(label)}</option>' for value, label in options)
-        + "</select></label>"
-        for name, title, options in kinds
-    )
+def _controls(study: StudySummary) -> Html:
+    """A list for each thing to choose."""
+    kinds: dict[tuple[str, str], dict] = {
+        ("measure", "Measure"): {measure.key: measure.label for measure in study.measures},
+        ("model", "Model"): {dof: f"{dof} DOF" for dof in study.models},
+        ("budget", "Evaluations per frame"): {budget: f"{budget:,}" for budget in study.budgets},
+        ("sequence", "Sequence"): {name: name for name in study.sequences},
+    }
+    lists = []
+    for (name, title), labels in kinds.items():
+        options = [fill("option", value=value, label=label) for value, label in labels.items()]
+        lists.append(fill("control", title=title, name=name, options=options))
+    return Html("".join(lists))

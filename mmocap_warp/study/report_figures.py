@@ -22,10 +22,9 @@ from mmocap_warp.display.chart import (
     text,
 )
 from mmocap_warp.study import paper
-from mmocap_warp.study.overview import baseline_contenders, level
+from mmocap_warp.study.report_parts import fill
 from mmocap_warp.study.study_tables import Ranking
-from mmocap_warp.study.summary import CellSummary, Contender, Measure, StudySummary
-from mmocap_warp.study.tracker_labels import algorithm_label, mark_class
+from mmocap_warp.study.summary import CellSummary, Contender, Measure, StudySummary, algorithm_label
 from mmocap_warp.study.wording import with_unit
 
 _WIDTH = 960.0
@@ -33,6 +32,7 @@ _LEFT, _RIGHT, _TOP = 58.0, 12.0, 26.0
 _CURVE_POINTS = 120
 _TENTHS = 10
 _WIDE_SPAN = 8.0  # from the least to the largest value of a figure, from which on its axis is logarithmic
+_NAME_HEIGHT, _NAME_WIDTH, _DOT_WIDTH = 15.0, 150.0, 10.0  # of what stands beside each other in a figure
 _WHISKER_REACH = 2.0  # in upper quartiles; longer whiskers are cut off and marked
 
 
@@ -77,7 +77,7 @@ def box_figure(study: StudySummary, measure: Measure, title: str, kinds: Sequenc
     y = _spread_axis(list(cells.values()), measure, bottom)
     parts = [axes(x, y, y_label=_unit_label(measure))]
     parts += [line((x.at(s), _TOP), (x.at(s), bottom), "grid") for s in range(1, len(study.sequences))]
-    for who in baseline_contenders(study):
+    for who in study.baseline_contenders:
         parts.append(f'<g class="{mark_class(who.algorithm)}">{_medians(study, measure, who, x, y)}</g>')
     pitch = min((x.at(1) - x.at(0)) * 0.86 / len(kinds), 30.0)
     for k, who in enumerate(kinds):
@@ -113,7 +113,7 @@ def shown_others(study: StudySummary) -> list[str]:
     for name in names:
         if "+polish" not in name:
             first.setdefault(name.partition("+")[0], name)
-    return [*first.values(), *(who.algorithm for who in baseline_contenders(study))]
+    return [*first.values(), *(who.algorithm for who in study.baseline_contenders)]
 
 
 def curve_figure(study: StudySummary, measure: Measure, sequence: str, dof: int, budget: int) -> str:
@@ -128,7 +128,7 @@ def curve_figure(study: StudySummary, measure: Measure, sequence: str, dof: int,
     }
     if not curves:
         return ""
-    beside = {who.algorithm: who for who in [*study.others, *baseline_contenders(study)]}
+    beside = {who.algorithm: who for who in [*study.others, *study.baseline_contenders]}
     for name in shown_others(study):
         cell = study.known(beside[name], [sequence], measure).get(sequence)
         if cell is not None and measure.key in cell.curve:
@@ -143,7 +143,7 @@ def curve_figure(study: StudySummary, measure: Measure, sequence: str, dof: int,
 def growth_figure(study: StudySummary, measure: Measure, dof: int, budget: int) -> str:
     """The mean over sequences of each tenth of the clips, a curve per tracker; empty where nothing is known."""
     who = [Contender(name, dof, budget) for name in study.algorithms]
-    beside = {each.algorithm: each for each in [*study.others, *baseline_contenders(study)]}
+    beside = {each.algorithm: each for each in [*study.others, *study.baseline_contenders]}
     points = {}
     for each in [*who, *(beside[name] for name in shown_others(study))]:
         known = study.known(each, study.sequences, measure)
@@ -179,16 +179,70 @@ def _curves(
 
 def baseline_words(study: StudySummary, measure: Measure) -> str:
     """The baselines' means over the sequences, for figures whose axis does not reach them; empty without any."""
-    values = [(who, level(study, who, measure, study.sequences)) for who in baseline_contenders(study)]
+    values = [(who, study.level(who, measure)) for who in study.baseline_contenders]
     return " · ".join(f"{who}: {with_unit(value, measure)}" for who, value in values if np.isfinite(value))
+
+
+def time_error_figure(study: StudySummary, measure: Measure) -> str:
+    """The main measure against a frame's time, of all that has tracked every sequence; empty without times."""
+    placed = times_and_errors(study, measure)
+    if not placed:
+        return ""
+    times, errors = np.array([place for places in placed.values() for place in places]).T
+    theirs = 1000 * paper.SECONDS_PER_500
+    height, top, bottom, right = 430.0, 30.0, 374.0, 14.0
+    x = logarithmic(min(times) * 0.7, max(*times, theirs) * 1.5, _LEFT, _WIDTH - right)
+    y = logarithmic(min(errors) * 0.8, max(errors) * 1.25, bottom, top)
+    parts = [axes(x, y, "ms a frame, one run alone", _unit_label(measure))]
+    parts.append(line((x.at(theirs), top), (x.at(theirs), bottom), "mark"))
+    parts.append(text((x.at(theirs) - 6, bottom - 8), "the paper, 500 evaluations", anchor="end"))
+    for name, places in placed.items():
+        shape = f"{curve(x, y, places) if len(places) > 1 else ''}{dots(x, y, places, 4.5)}"
+        parts.append(f'<g class="{mark_class(name)}">{shape}</g>')
+    ours = {
+        name: [(x.at(time), y.at(error)) for time, error in places]
+        for name, places in placed.items()
+        if name not in study.algorithms
+    }
+    parts += _names_beside(ours)
+    words = baseline_words(study, measure)
+    parts.append(text((_WIDTH - right, top - 9), f"{words} ↑" if words else "", anchor="end"))
+    return figure((_WIDTH, height), f"{measure.label} against time per frame of all trackers", parts)
+
+
+def times_and_errors(study: StudySummary, measure: Measure) -> dict[str, list[tuple[float, float]]]:
+    """By algorithm, a frame's milliseconds and the measure at each budget, where it has tracked every sequence."""
+    placed: dict[str, list[tuple[float, float]]] = {}
+    for who in study.contenders:
+        place = study.milliseconds(who), study.level(who, measure)
+        if np.isfinite(place).all():
+            placed.setdefault(who.algorithm, []).append(place)
+    return placed
+
+
+def _names_beside(dots_of: dict[str, list[tuple[float, float]]]) -> list[str]:
+    """Names by the first dot (x, y) of each algorithm: right of it, left of it or above it, where no other dot is."""
+    every = [dot for places in dots_of.values() for dot in places]
+    parts, below = [], {"start": -np.inf, "end": -np.inf, "middle": -np.inf}
+    first = [(name, *places[0]) for name, places in dots_of.items()]
+    for name, across, height in sorted(first, key=lambda dot: dot[2]):
+        apart = [x - across for x, y in every if abs(y - height) < _NAME_HEIGHT]
+        if not any(0 < away < _NAME_WIDTH for away in apart):
+            anchor, x, y = "start", across + 9, height + 4
+        elif not any(_DOT_WIDTH < -away < _NAME_WIDTH for away in apart):  # nearer dots' names are on the left, too
+            anchor, x, y = "end", across - 9, height + 4
+        else:
+            anchor, x, y = "middle", across, height - 13
+        below[anchor] = max(y, below[anchor] + _NAME_HEIGHT)
+        word = text((x, below[anchor]), algorithm_label(name), "series", anchor)
+        parts.append(f'<g class="{mark_class(name)}">{word}</g>')
+    return parts
 
 
 def budget_figure(study: StudySummary, measure: Measure, dof: int) -> str:
     """The mean over sequences and runs against the budget, a curve per algorithm that has tracked them all."""
     points = {
-        name: [
-            (budget, level(study, Contender(name, dof, budget), measure, study.sequences)) for budget in study.budgets
-        ]
+        name: [(budget, study.level(Contender(name, dof, budget), measure)) for budget in study.budgets]
         for name in study.algorithms
     }
     return _by_budget(study, points, _unit_label(measure), f"{measure.label} by budget, {dof} DOF")
@@ -213,14 +267,16 @@ def seconds_per_frame(cell: CellSummary) -> float:
 
 def legend(algorithms: Sequence[str]) -> str:
     """Algorithm names with their marks; the script makes buttons of them that single an algorithm out."""
-    items = "".join(
-        f'<li class="{escape(mark_class(name))}">'
-        f'<button type="button" value="{escape(mark_class(name)[2:])}" aria-pressed="false" disabled>'
-        '<svg viewBox="0 0 28 12" aria-hidden="true"><path class="curve" d="M1 6L27 6"/></svg>'
-        f"{escape(algorithm_label(name))}</button></li>"
+    items = [
+        fill("legend-item", mark=mark_class(name), name=mark_class(name)[2:], label=algorithm_label(name))
         for name in algorithms
-    )
-    return f'<ul class="legend">{items}</ul>'
+    ]
+    return fill("legend", items=items)
+
+
+def mark_class(name: str) -> str:
+    """The class of an algorithm's marks in figures."""
+    return "a-" + name.replace("+", "-")
 
 
 def _by_budget(study: StudySummary, points: dict[str, list[tuple[int, float]]], unit: str, label: str) -> str:

@@ -22,9 +22,9 @@ from mmocap_warp.study.study_tables import Ranking
 from mmocap_warp.study.summary import CellSummary, Measure, StudySummary
 
 _SIZE = (360, 480)
-_MARGIN = 1.12  # of the window around what is drawn
-_SMOOTHING = 0.8  # how far an outline may be off [units of the drawing]
-_SETTLED = 0.1  # share of a sequence after which its best frame is looked for: the first frames are given
+_MARGIN = 1.12  # size of the window over that of what is drawn
+_SMOOTHING = 0.8  # how far a simplified outline may be off [units of the drawing]
+_SETTLED = 0.1  # share of a sequence that is left out of the search for extreme frames: it starts from a given pose
 
 
 @dataclass(frozen=True)
@@ -156,10 +156,7 @@ def _overlap(mask: np.ndarray, model: np.ndarray) -> float:
 
 def _draw(mask: np.ndarray, vertices: np.ndarray, joints: np.ndarray, body: BodyModel, size: tuple[int, int]) -> str:
     window = _window(mask, vertices, size)
-    padded, shift = _padded(mask, window)
-    seen = Window((window.corner[0] + shift[0], window.corner[1] + shift[1]), window.extent, window.size).picture(
-        padded.astype(np.uint8) * 255, (padded.shape[1], padded.shape[0]), cv2.INTER_LINEAR
-    )
+    seen = cv2.resize(_inside(window, mask).astype(np.uint8) * 255, _SIZE, interpolation=cv2.INTER_LINEAR)
     model = silhouette(window.points(vertices), body.tracking_face, _SIZE)
     bones, skeleton = window.points(joints), body.skeleton
     parts = [
@@ -188,12 +185,13 @@ def _window(mask: np.ndarray, vertices: np.ndarray, size: tuple[int, int]) -> Wi
     return Window((int(corner[0]), int(corner[1])), (int(extent[0]), int(extent[1])), _SIZE)
 
 
-def _padded(mask: np.ndarray, window: Window) -> tuple[np.ndarray, tuple[int, int]]:
-    """The mask with background all around, so that the window lies within; and how far it moved."""
+def _inside(window: Window, mask: np.ndarray) -> np.ndarray:
+    """The part of a mask in a window, with background where the window reaches beyond the image."""
     (left, top), (width, height) = window.corner, window.extent
-    before = (max(-left, 0), max(-top, 0))
-    after = (max(left + width - mask.shape[1], 0), max(top + height - mask.shape[0], 0))
-    return np.pad(mask, ((before[1], after[1]), (before[0], after[0]))), before
+    part = np.zeros((height, width), mask.dtype)
+    found = mask[max(top, 0) : top + height, max(left, 0) : left + width]
+    part[max(-top, 0) :, max(-left, 0) :][: found.shape[0], : found.shape[1]] = found
+    return part
 
 
 def _contours(filled: np.ndarray) -> list[np.ndarray]:

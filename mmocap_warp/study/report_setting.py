@@ -5,48 +5,57 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime
-from html import escape
 
 import numpy as np
 
 from mmocap_warp.study import paper
-from mmocap_warp.study.overview import level, milliseconds, missing
+from mmocap_warp.study.overview import missing
 from mmocap_warp.study.report_figures import baseline_words, budget_figure, legend, seconds_per_frame, time_figure
+from mmocap_warp.study.report_parts import Html, fill
 from mmocap_warp.study.report_sections import Section, choice
-from mmocap_warp.study.report_tables import floor_note, grid_table
-from mmocap_warp.study.study_tables import Ranking, Row, by_algorithm
-from mmocap_warp.study.summary import EQ_20, CellSummary, Contender, Measure, StudySummary
-from mmocap_warp.study.tracker_labels import algorithm_label
-from mmocap_warp.study.wording import counted, extent, listed, spelled, with_unit
+from mmocap_warp.study.report_tables import Table, floor_note
+from mmocap_warp.study.study_tables import by_algorithm
+from mmocap_warp.study.summary import EQ_20, CellSummary, Contender, Measure, StudySummary, algorithm_label
+from mmocap_warp.study.wording import DASH, counted, extent, listed, spelled, with_unit
 
-_CODE_DIGITS = 12  # of 64 that are shown
+_CODE_DIGITS = 12  # of a hash's 64 digits that are shown
+_BIBTEX = f"""@article{{yeguas2014comparing,
+  title   = {{Comparing evolutionary algorithms and particle filters for Markerless Human Motion Capture}},
+  author  = {{Yeguas-Bolivar, Enrique and Muñoz-Salinas, Rafael and Medina-Carnicer, Rafael
+             and Carmona-Poyato, Angel}},
+  journal = {{Applied Soft Computing}}, volume = {{17}}, pages = {{153--166}}, year = {{2014}},
+  note    = {{{paper.UNVERIFIED}}}
+}}"""
 
 
-def headline(study: StudySummary, measure: Measure) -> tuple[str, str]:
+def headline(study: StudySummary, measure: Measure) -> tuple[str, Html]:
     """The page's title, and the figures beneath it."""
-    rows = _all_rows(study, measure)
+    # The best row of those rankings that are over the most sequences.
+    found = [by_algorithm(study, measure, dof, budget) for dof in study.models for budget in study.budgets]
+    rankings = [ranking for ranking in found if ranking is not None]
+    most = max((len(ranking.sequences) for ranking in rankings), default=0)
+    rows = [row for ranking in rankings if len(ranking.sequences) == most for row in ranking.rows]
     title = "No ranking: fewer than two of the paper's algorithms with the same model and budget"
     cards = []
     if rows:
-        best = min(rows, key=lambda found: -found[1].mean if measure.higher_is_better else found[1].mean)
-        ranking, row = best
-        who = row.contender
-        name = algorithm_label(who.algorithm)
-        over = spelled(len(ranking.sequences), "sequence")
-        title = f"{name} tracks {over} to {with_unit(row.mean, measure)}"
-        ours = _ours(study, measure)
-        if ours is not None:
-            title = (
-                f"{algorithm_label(ours[0].algorithm)}: {over} to {with_unit(ours[1], measure)}; the best of the "
-                f"others, {name}, to {with_unit(row.mean, measure)}"
-            )
-            cards.append((with_unit(ours[1], measure), f"{measure.label}, mean over {over}: {ours[0]}"))
+        best = min(rows, key=lambda row: measure.sign * row.mean)
+        who, error = best.contender, with_unit(best.mean, measure)
+        name, over = algorithm_label(who.algorithm), spelled(most, "sequence")
+        title = f"{name} tracks {over} to {error}"
+        # The best of our trackers that has tracked all sequences stands before it.
+        levels = {who: study.level(who, measure) for who in study.others}
+        known = {who: value for who, value in levels.items() if np.isfinite(value)}
+        if known:
+            ours = min(known, key=lambda who: measure.sign * known[who])
+            own = with_unit(known[ours], measure)
+            title = f"{algorithm_label(ours.algorithm)}: {over} to {own}; the best of the others, {name}, to {error}"
+            cards.append((own, f"{measure.label}, mean over {over}: {ours}"))
         setting = f"{name}, {who.dof} DOF, {who.evaluations:,} evaluations per frame"
-        cards.append((with_unit(row.mean, measure), f"{measure.label}, mean over {over}: {setting}"))
+        cards.append((error, f"{measure.label}, mean over {over}: {setting}"))
         cards += _eq_20_cards(study, measure, who)
-        least = by_algorithm(study, measure, study.models[0], study.budgets[0])
-        if least is not None:
-            first = least.rows[0]
+        # The best at the least budget, beside its rank in the paper.
+        if found[0] is not None:
+            first = found[0].rows[0]
             printed = paper.printed_ranks(first.contender.dof, first.contender.evaluations)
             theirs = printed.get(first.contender.algorithm)
             beside = f"; in the paper it has {theirs:.2f}" if theirs is not None else ""
@@ -60,15 +69,7 @@ def headline(study: StudySummary, measure: Measure) -> tuple[str, str]:
         cpus, weeks = paper.CPU_WEEKS
         text = f"for the paper’s whole grid at that pace; it took {cpus} CPUs {weeks} weeks"
         cards.append((f"{hours:,.0f} h" if hours >= 10 else f"{hours:.1f} h", text))
-    figures = "".join(f"<li><strong>{escape(value)}</strong><span>{escape(text)}</span></li>" for value, text in cards)
-    return title, f'<ul class="cards">{figures}</ul>'
-
-
-def _ours(study: StudySummary, measure: Measure) -> tuple[Contender, float] | None:
-    """The best of our trackers that has tracked all sequences; None if there is none."""
-    levels = [(who, level(study, who, measure, study.sequences)) for who in study.others]
-    known = [(who, value) for who, value in levels if np.isfinite(value)]
-    return min(known, key=lambda each: -each[1] if measure.higher_is_better else each[1], default=None)
+    return title, fill("cards", cards=[fill("card", value=value, text=text) for value, text in cards])
 
 
 def _eq_20_cards(study: StudySummary, main: Measure, who: Contender) -> Iterator[tuple[str, str]]:
@@ -91,15 +92,15 @@ def grid_sentence(study: StudySummary) -> str:
         f"{listed(study.budgets)} evaluations per frame, {counted(len(study.sequences), 'sequence')}, "
         f"{extent(grid)}: {counted(len(grid), 'cell')}"
     )
-    beside = [cell for cell in study.cells if cell not in set(study.grid)]
+    beside = len(study.cells) - len(grid)
     if beside:
-        sentence += f", and {len(beside)} beside them (our trackers, strangers, radii)"
+        sentence += f", and {beside} beside them (our trackers, strangers, radii)"
     sentence += f". {study.evaluations:,} evaluations in all."
     absent = len(study.planned - study.cells.keys())
-    told = (
-        f"{counted(absent, 'cell')} that the study defines {'was' if absent == 1 else 'were'} not run: see the setting."
-    )
-    return " ".join(part for part in (sentence, told if absent else "", mixture(study)) if part)
+    if absent:
+        were = "was" if absent == 1 else "were"
+        sentence += f" {counted(absent, 'cell')} that the study defines {were} not run: see the setting."
+    return f"{sentence} {mixture(study)}".strip()
 
 
 def mixture(study: StudySummary) -> str:
@@ -110,7 +111,7 @@ def mixture(study: StudySummary) -> str:
     if all(len(codes) == 1 for codes in kinds.values()):
         return ""
     return (
-        f"Results of different code are mixed: {_spans(study, _code)}; "
+        f"Results of different code are mixed: {_values(study, _code)}; "
         "run the study again, which tracks what the present code has not."
     )
 
@@ -120,105 +121,93 @@ def budget_section(study: StudySummary) -> Section:
     parts = []
     for measure in study.measures:
         for dof in study.models:
-            left, right = budget_figure(study, measure, dof), time_figure(study, dof)
-            content = f'<div class="two"><div>{left}</div><div>{right}</div></div>'
-            size = extent(study.cells[cell] for cell in study.grid if cell.dof == dof)
             baselines = baseline_words(study, measure)
-            content += f"<figcaption>{dof} DOF, mean over {len(study.sequences)} sequences. {size}."
-            content += f" {baselines}.</figcaption>" if baselines else "</figcaption>"
+            content = fill(
+                "budget-figures",
+                left=[budget_figure(study, measure, dof)],
+                right=[time_figure(study, dof)],
+                dof=dof,
+                count=len(study.sequences),
+                extent=extent(study.cells[cell] for cell in study.grid if cell.dof == dof),
+                baselines=f" {baselines}." if baselines else "",
+            )
             default = measure == study.measures[0] and dof == study.models[0]
             parts.append(choice(content, default=default, measure=measure.key, model=dof))
-    head = ["Algorithm", *(f"{budget:,} evaluations" for budget in study.budgets), "evaluations/s"]
-    rows = [_time_row(study, name) for name in study.algorithms]
-    alone = _alone_table(study)
-    note = (
-        "Search time of a frame of one run. All runs of a cell are tracked at once, so this is a share of what the "
-        f"device did in that time. The paper reports {paper.SECONDS_PER_500:g} s for 500 evaluations on one core, "
-        "images included."
-    )
     size = extent(study.cells[cell] for cell in study.grid)
-    table = grid_table(f"Milliseconds per frame and run, mean over sequences and models. {size}.", head, rows)
+    head = ["Algorithm", *(f"{budget:,} evaluations" for budget in study.budgets), "evaluations/s"]
+    caption = f"Milliseconds per frame and run, mean over sequences and models. {size}."
+    table = Table(caption, head, [_time_row(study, name) for name in study.algorithms], "")
     return Section(
         "budget",
         "Error and time by budget",
-        f"<p>{note}</p>",
-        f"<figure>{''.join(parts)}{legend(study.algorithms)}</figure>",
-        table,
-        alone,
+        fill("budget", seconds=f"{paper.SECONDS_PER_500:g}"),
+        fill("figure", content=[*parts, legend(study.algorithms)]),
+        table.html(),
+        _times_alone(study),
     )
 
 
-def _alone_table(study: StudySummary) -> str:
+def _time_row(study: StudySummary, algorithm: str) -> list[str]:
+    of = [study.cells[cell] for cell in study.grid if cell.algorithm == algorithm]
+    by_budget = [[1000 * seconds_per_frame(s) for s in of if s.cell.evaluations == budget] for budget in study.budgets]
+    spent, seconds = sum(summary.evaluations for summary in of), sum(summary.seconds for summary in of)
+    rate = f"{spent / seconds:,.0f}" if seconds > 0 else DASH
+    return [algorithm_label(algorithm), *(f"{np.mean(times):.2f}" if times else DASH for times in by_budget), rate]
+
+
+def _times_alone(study: StudySummary) -> str:
     """Milliseconds of a frame where a single run is tracked at a time; empty where that was not measured."""
     if not study.alone:
         return ""
     dof = study.models[0]
     rows = []
     for name in [*study.algorithms, *dict.fromkeys(who.algorithm for who in study.others)]:
-        own = sorted({who.evaluations for who in study.alone if who.algorithm == name} - set(study.budgets))
-        times = [milliseconds(study, Contender(name, dof, budget)) for budget in study.budgets]
-        other = ", ".join(
-            f"{time:.1f} ({budget})"
-            for budget in own
-            if np.isfinite(time := milliseconds(study, Contender(name, dof, budget)))
-        )
-        if other or np.isfinite(times).any():
-            rows.append([algorithm_label(name), *(f"{t:.1f}" if np.isfinite(t) else "–" for t in times), other or "–"])
+        own = {who.evaluations for who in study.alone if who.algorithm == name}
+        times = {budget: study.milliseconds(Contender(name, dof, budget)) for budget in own | {*study.budgets}}
+        times = {budget: time for budget, time in sorted(times.items()) if np.isfinite(time)}
+        other = ", ".join(f"{time:.1f} ({budget})" for budget, time in times.items() if budget not in study.budgets)
+        if times:
+            cells = [f"{times[budget]:.1f}" if budget in times else DASH for budget in study.budgets]
+            rows.append([algorithm_label(name), *cells, other or DASH])
     head = ["Tracker", *(f"{budget:,} evaluations" for budget in study.budgets), "other budgets (evaluations)"]
-    return grid_table(f"Milliseconds per frame of one run tracked alone, {dof} DOF", head, rows)
+    return Table(f"Milliseconds per frame of one run tracked alone, {dof} DOF", head, rows, "").html()
 
 
 def setting_section(study: StudySummary, notes: Sequence[str]) -> Section:
     """The sequences, the settings, the machine."""
-    by_sequence = {}
+    by_sequence: dict[str, CellSummary] = {}
     for cell, summary in study.cells.items():
         by_sequence.setdefault(cell.sequence, summary)
     rows = [[name, *_recording_of(by_sequence[name])] for name in [*study.sequences, *study.strangers]]
-    sequences = grid_table("Sequences", ["Sequence", "frames", "frames/s", "cameras", "pixels"], rows)
-    facts = [
-        ("Algorithms", ", ".join(algorithm_label(name) for name in study.algorithms)),
-        ("Degrees of freedom", listed(study.models)),
-        ("Evaluations per frame", listed(study.budgets)),
-        ("Beside them", ", ".join(str(who) for who in study.others) or "nothing"),
-        ("Seeds", _spans(study, lambda cell: str(len(cell.seeds)))),
-        ("Cost", _spans(study, lambda cell: str(cell.meta.get("config", {}).get("cost", "unknown")))),
-        ("Search radii", " ".join(radii(study))),
-        ("Frames without a usable view", f"{100 * np.mean([cell.frames_lost for cell in study.cells.values()]):.2f} %"),
-        ("Device", _spans(study, _device)),
-        ("Host", _spans(study, lambda cell: str(cell.meta.get("host", "unknown")))),
-        ("Software", _spans(study, _software)),
-        ("Code", _spans(study, _code)),
-        ("Tracked", _period(study)),
+    facts = {
+        "Algorithms": ", ".join(algorithm_label(name) for name in study.algorithms),
+        "Degrees of freedom": listed(study.models),
+        "Evaluations per frame": listed(study.budgets),
+        "Beside them": ", ".join(str(who) for who in study.others) or "nothing",
+        "Seeds": _values(study, lambda cell: str(len(cell.seeds))),
+        "Cost": _values(study, lambda cell: str(cell.meta.get("config", {}).get("cost", "unknown"))),
+        "Search radii": " ".join(radii(study)),
+        "Frames without a usable view": f"{100 * np.mean([cell.frames_lost for cell in study.cells.values()]):.2f} %",
+        "Device": _values(study, _device),
+        "Host": _values(study, lambda cell: str(cell.meta.get("host", "unknown"))),
+        "Software": _values(study, _software),
+        "Code": _values(study, _code),
+        "Tracked": _period(study),
+    }
+    parts = [
+        fill("facts", facts=[fill("fact", name=name, value=value) for name, value in facts.items()]),
+        Table("Sequences", ["Sequence", "frames", "frames/s", "cameras", "pixels"], rows, "").html(),
+        *(fill("paragraph", text=note) for note in notes),
     ]
-    entries = "".join(f"<dt>{escape(name)}</dt><dd>{escape(value)}</dd>" for name, value in facts)
-    absent = missing(study)
-    remarks = "".join(f"<p>{escape(note)}</p>" for note in notes)
-    if absent:
-        remarks += f"<h3>Not run</h3><ul>{''.join(f'<li>{escape(each)}</li>' for each in absent)}</ul>"
-    return Section("setting", "Setting and machine", f"<dl>{entries}</dl>", sequences, remarks)
+    absent = [fill("item", text=each) for each in missing(study)]
+    parts += [fill("not-run", items=absent)] if absent else []
+    return Section("setting", "Setting and machine", *parts)
 
 
 def citing_section() -> Section:
     """How to cite."""
-    bibtex = (
-        "@article{yeguas2014comparing,\n"
-        "  title   = {Comparing evolutionary algorithms and particle filters for Markerless Human Motion Capture},\n"
-        "  author  = {Yeguas-Bolivar, Enrique and Muñoz-Salinas, Rafael and Medina-Carnicer, Rafael\n"
-        "             and Carmona-Poyato, Angel},\n"
-        "  journal = {Applied Soft Computing}, volume = {17}, pages = {153--166}, year = {2014},\n"
-        f"  note    = {{{paper.UNVERIFIED}}}\n}}"
-    )
-    text = "Please cite the paper whose study this repeats, and the software, mmocap-warp (see its CITATION.cff)."
-    reference = f"<p>{escape(paper.CITATION)} {escape(paper.UNVERIFIED)}</p><pre>{escape(bibtex)}</pre>"
-    return Section("cite", "How to cite", f"<p>{text}</p>", reference)
-
-
-def _all_rows(study: StudySummary, measure: Measure) -> list[tuple[Ranking, Row]]:
-    """Of the rankings over the most sequences."""
-    rankings = (by_algorithm(study, measure, dof, budget) for dof in study.models for budget in study.budgets)
-    known = [ranking for ranking in rankings if ranking is not None]
-    most = max((len(ranking.sequences) for ranking in known), default=0)
-    return [(ranking, row) for ranking in known if len(ranking.sequences) == most for row in ranking.rows]
+    text = fill("cite", citation=paper.CITATION, unverified=paper.UNVERIFIED, bibtex=_BIBTEX)
+    return Section("cite", "How to cite", text)
 
 
 def _pace(study: StudySummary) -> tuple[float, float, str]:
@@ -228,11 +217,8 @@ def _pace(study: StudySummary) -> tuple[float, float, str]:
     """
     searched = [study.cells[cell] for cell in study.cells if cell.algorithm in study.algorithms]
     device = Counter(_device(cell) for cell in searched).most_common(1)[0][0]
-    timed = [
-        cell
-        for cell in searched
-        if _device(cell) == device and cell.meta.get("wall_seconds") and cell.meta.get("started")
-    ]
+    on_it = [cell for cell in searched if _device(cell) == device]
+    timed = [cell for cell in on_it if cell.meta.get("wall_seconds") and cell.meta.get("started")]
     if not timed:
         return np.nan, np.nan, device
     by_host: dict[str, list[tuple[float, float]]] = {}
@@ -256,7 +242,7 @@ def _covered(spans: list[tuple[float, float]]) -> float:
 
 
 def _most_at_once(spans: list[tuple[float, float]]) -> int:
-    """How many spans there are at once; starts are told in whole seconds, so the first second does not count."""
+    """How many spans there are at once; starts are in whole seconds, so the first second does not count."""
     long = [(start + 1.0, end) for start, end in spans if end > start + 1.0]
     changes = sorted([(start, 1) for start, _ in long] + [(end, -1) for _, end in long])
     return int(np.cumsum([change for _, change in changes]).max(initial=0))
@@ -277,7 +263,7 @@ def _code(cell: CellSummary) -> str:
     return f"{version} ({str(cell.meta.get('code', 'unknown'))[:_CODE_DIGITS]})"
 
 
-def _spans(study: StudySummary, of: Callable[[CellSummary], str]) -> str:
+def _values(study: StudySummary, of: Callable[[CellSummary], str]) -> str:
     """Every value that cells have, with how many cells have it where they differ."""
     counts = Counter(of(cell) for cell in study.cells.values())
     if len(counts) == 1:
@@ -293,44 +279,23 @@ def _period(study: StudySummary) -> str:
 
 
 def _recording_of(cell: CellSummary) -> list[str]:
-    sizes = {f"{width}×{height}" for width, height in cell.meta.get("size", [])}
-    return [
-        f"{len(cell.frames)}",
-        f"{cell.meta.get('fps', float('nan')):g}",
-        f"{len(cell.meta.get('cameras', []))}",
-        ", ".join(sorted(sizes)),
-    ]
+    sizes = sorted({f"{width}×{height}" for width, height in cell.meta.get("size", [])})
+    rate, cameras = cell.meta.get("fps", float("nan")), cell.meta.get("cameras", [])
+    return [f"{len(cell.frames)}", f"{rate:g}", f"{len(cameras)}", ", ".join(sizes)]
 
 
 def radii(study: StudySummary) -> list[str]:
-    """Each preset's search radii, the main one's first."""
-    return [_radii(study, preset) for preset in study.presets]
-
-
-def _radii(study: StudySummary, preset: str) -> str:
-    """A preset's radii, as the cells used them."""
-    used = {
-        (config.get("rotation_radius"), config.get("translation_radius"))
-        for cell, summary in study.cells.items()
-        if cell.preset == preset and (config := summary.meta.get("config"))
-    }
-    known = [pair for pair in used if None not in pair]
-    if not known:
-        return f"{preset}: as the software’s documentation says."
-    rotation, translation = zip(*known, strict=True)
-    return f"{preset}: {_range(rotation)} rad and {_range(translation)} m."
+    """Each preset's search radii, as the cells used them, the main preset's first."""
+    sentences = []
+    for preset in study.presets:
+        configs = [summary.meta.get("config", {}) for cell, summary in study.cells.items() if cell.preset == preset]
+        used = [(config.get("rotation_radius"), config.get("translation_radius")) for config in configs]
+        known = [pair for pair in used if None not in pair]
+        rotation, translation = map(_range, zip(*known, strict=True)) if known else ("", "")
+        words = f"{rotation} rad and {translation} m." if known else "as the software’s documentation says."
+        sentences.append(f"{preset}: {words}")
+    return sentences
 
 
 def _range(values: Sequence[float]) -> str:
     return f"{min(values):.3g}" if min(values) == max(values) else f"{min(values):.3g} to {max(values):.3g}"
-
-
-def _time_row(study: StudySummary, algorithm: str) -> list[str]:
-    of = [study.cells[cell] for cell in study.grid if cell.algorithm == algorithm]
-    by_budget = [[1000 * seconds_per_frame(s) for s in of if s.cell.evaluations == budget] for budget in study.budgets]
-    spent, seconds = sum(summary.evaluations for summary in of), sum(summary.seconds for summary in of)
-    return [
-        algorithm_label(algorithm),
-        *(f"{np.mean(times):.2f}" if times else "–" for times in by_budget),
-        f"{spent / seconds:,.0f}" if seconds > 0 else "–",
-    ]

@@ -8,9 +8,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from mmocap_warp.study.claims import check_claims
 from mmocap_warp.study.overview import (
     LOST_LIMB,
-    TextTable,
     all_trackers,
     lead_table,
     missing,
@@ -19,13 +19,10 @@ from mmocap_warp.study.overview import (
     strangers_table,
     which_half,
 )
-from mmocap_warp.study.report_claims import check_claims
 from mmocap_warp.study.report_setting import grid_sentence, headline
-from mmocap_warp.study.report_tables import effect_cells, floor_note
-from mmocap_warp.study.statistics import ALPHA
+from mmocap_warp.study.report_tables import Table, effect_cells, floor_note, ranking_rows
 from mmocap_warp.study.study_tables import Ranking, by_algorithm, by_model, model_differences
-from mmocap_warp.study.summary import EQ_20, MEASURES, CellSummary, Measure, StudySummary
-from mmocap_warp.study.tracker_labels import algorithm_label
+from mmocap_warp.study.summary import EQ_20, MEASURES, CellSummary, Measure, StudySummary, algorithm_label
 from mmocap_warp.study.wording import in_unit, interval, named, p_value, shown, statistic
 
 _RANKED_BY = (*EQ_20, "cost")
@@ -55,12 +52,12 @@ def markdown_tables(study: StudySummary) -> str:
     for measure in ranked:
         for number, dof in enumerate(study.models, 4):
             found = [by_algorithm(study, measure, dof, budget) for budget in study.budgets]
-            parts += _tables(found, f"{dof} DOF by {named(measure)} (as the paper’s Table {number})")
+            parts += _rankings(found, f"{dof} DOF by {named(measure)} (as the paper’s Table {number})")
         note = floor_note(study, measure, study.sequences)
         parts += [f"{note}\n"] if note else []
         for number, kind, names in ((6, "Hierarchical", study.hierarchical), (7, "Holistic", study.holistic)):
             found = [by_model(study, measure, name) for name in names]
-            parts += _tables(found, f"{kind} algorithms by {named(measure)} (as the paper’s Table {number})")
+            parts += _rankings(found, f"{kind} algorithms by {named(measure)} (as the paper’s Table {number})")
         parts.append(_differences(study, measure))
     return "\n".join(part for part in parts if part)
 
@@ -82,8 +79,8 @@ def _overview(study: StudySummary, main: Measure) -> Iterator[str]:
         yield "## Not run\n\n" + "".join(f"- {sentence}\n" for sentence in absent)
 
 
-def _titled(title: str, table: TextTable | None) -> str:
-    return f"## {title}\n\n{table.caption}\n\n{_grid(table.head, table.rows)}" if table is not None else ""
+def _titled(title: str, table: Table | None) -> str:
+    return table.markdown(title) if table is not None else ""
 
 
 def _csv_line(cell: CellSummary, measures: Sequence[Measure], main: Measure) -> dict[str, object]:
@@ -121,49 +118,29 @@ def _significant(value: float) -> str:
 
 
 def _claims(study: StudySummary, measure: Measure) -> str:
-    rows = [
-        (finding.claim, finding.where, finding.by, finding.verdict, finding.evidence)
-        for finding in check_claims(study, measure)
-    ]
-    return f"## The paper’s findings\n\n{_grid(('Finding', 'where', 'here by', 'verdict', 'evidence'), rows)}"
+    rows = [[each.claim, each.where, each.by, each.verdict, each.evidence] for each in check_claims(study, measure)]
+    return Table("", ["Finding", "where", "here by", "verdict", "evidence"], rows).markdown("The paper’s findings")
 
 
-def _tables(found: Sequence[Ranking | None], title: str) -> Iterator[str]:
+def _rankings(found: Sequence[Ranking | None], title: str) -> Iterator[str]:
+    """Rankings side by side with their tests below, and then their effects' sizes."""
     rankings = [ranking for ranking in found if ranking is not None]
     if not rankings:
         return
-    depth = max(len(ranking.rows) for ranking in rankings)
-    rows = [
-        [cell for ranking in rankings for cell in _ranking_cells(ranking, i)] + [f"{ALPHA / i:.3f}" if i else ""]
-        for i in range(depth)
-    ]
-    for name, of in (("Friedman", _friedman), ("Iman–Davenport F", _iman_davenport), ("Kendall’s W", _kendall)):
-        rows.append([cell for ranking in rankings for cell in (name, *of(ranking))] + [""])
+    rows = ranking_rows(rankings, lambda p: f"**{p}**")
+    tests = [ranking.test for ranking in rankings]
+    tested = {
+        "Friedman": [(f"{test.statistic:.3f}", p_value(test.p)) if test else ("", "") for test in tests],
+        "Iman–Davenport F": [(statistic(test.f), p_value(test.f_p)) if test else ("", "") for test in tests],
+        "Kendall’s W": [(f"{test.kendall_w:.2f}" if test else "", "") for test in tests],
+    }
+    rows += [[text for pair in pairs for text in (name, *pair)] + [""] for name, pairs in tested.items()]
+    head = [*(["Algorithm", "Rank", "p-value"] * len(rankings)), "Holm"]
     size = ", ".join(f"{ranking.seeds} seeds over {len(ranking.sequences)} sequences" for ranking in rankings)
-    yield f"## {title}\n\n{size}.\n\n{_grid([*(['Algorithm', 'Rank', 'p-value'] * len(rankings)), 'Holm'], rows)}"
+    yield Table(f"{size}.", head, rows).markdown(title)
     head = ["Algorithm", f"mean{in_unit(rankings[0].measure)}", "95 %", "rank", "95 %", "Holm-adjusted p", "A"]
     effects = [effect_cells(row, ranking.measure) for ranking in rankings for row in ranking.rows]
-    yield _grid(head, effects)
-
-
-def _ranking_cells(ranking: Ranking, place: int) -> tuple[str, str, str]:
-    if place >= len(ranking.rows):
-        return "", "", ""
-    row = ranking.rows[place]
-    p = p_value(row.comparison.p)
-    return str(row.contender), f"{row.comparison.rank:.3f}", f"**{p}**" if row.comparison.rejected else p
-
-
-def _friedman(ranking: Ranking) -> tuple[str, str]:
-    return (f"{ranking.test.statistic:.3f}", p_value(ranking.test.p)) if ranking.test else ("", "")
-
-
-def _iman_davenport(ranking: Ranking) -> tuple[str, str]:
-    return (statistic(ranking.test.f), p_value(ranking.test.f_p)) if ranking.test else ("", "")
-
-
-def _kendall(ranking: Ranking) -> tuple[str, str]:
-    return (f"{ranking.test.kendall_w:.2f}", "") if ranking.test else ("", "")
+    yield Table("", head, effects).markdown()
 
 
 def _differences(study: StudySummary, measure: Measure) -> str:
@@ -179,13 +156,6 @@ def _differences(study: StudySummary, measure: Measure) -> str:
         ]
         for found in model_differences(study, measure)
     ]
-    if not rows:
-        return ""
     head = ("Algorithm", "evaluations", "difference", "95 %", "A", "Wilcoxon p", "sequences")
-    title = f"## {study.models[0]} less {study.models[-1]} DOF: {named(measure)}{in_unit(measure)}"
-    return f"{title}\n\n{_grid(head, rows)}"
-
-
-def _grid(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "".join(f"| {' | '.join(cell.replace('|', '/') for cell in line)} |\n" for line in lines)
+    title = f"{study.models[0]} less {study.models[-1]} DOF: {named(measure)}{in_unit(measure)}"
+    return Table("", head, rows).markdown(title) if rows else ""

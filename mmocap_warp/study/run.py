@@ -7,19 +7,21 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.study.cell import Cell, CellResult, read_cell
+from mmocap_warp.study.cell import Cell, CellResult, read_cell, write_cell
 from mmocap_warp.study.engines.engine import Death, Engine, EngineLost, Event, Notice, Ready
 from mmocap_warp.study.job import Advance, Refusal
-from mmocap_warp.study.outbox import Outbox
 from mmocap_warp.study.source import Clip
 from mmocap_warp.study.tasks import Task
 
-_ATTEMPTS = 3  # at a cell whose workers die
-_WAIT = 0.5  # for something to happen, at most [s]
-_PATIENCE = 300.0  # with a full disk, when nothing else is left to do [s]
-_MARGIN = 1.1  # of the time that a cell is expected to take, where time is limited
+_ATTEMPTS = 3  # how often a cell is begun whose workers die
+_WAIT = 0.5  # longest wait for the next event [s]
+_PATIENCE = 300.0  # longest wait for room on a full disk, when nothing else is left to do [s]
+_MARGIN = 1.1  # factor on the time that a cell is expected to take, where time is limited
+_CAPACITY = 16  # results that wait in memory for room on the disk; each has some megabytes
+_SECONDS_BETWEEN_TRIES = 5.0  # to store what waits
 
 
 @dataclass(frozen=True)
@@ -116,6 +118,73 @@ def _is_stored(task: Task, note: Callable[[str], None]) -> bool:
     return True
 
 
+class Outbox:
+    """Stores results. While the disk is full they wait in memory, so that none is lost if room is made in time.
+
+    Args:
+        note: called once with a line that says that results cannot be stored, and why.
+    """
+
+    def __init__(self, note: Callable[[str], None]) -> None:
+        self._note = note
+        self._waiting: dict[Path, CellResult] = {}
+        self._next_try = 0.0
+        self.problem = ""
+
+    @property
+    def cells(self) -> tuple[Cell, ...]:
+        """Those whose results wait."""
+        return tuple(result.cell for result in self._waiting.values())
+
+    @property
+    def full(self) -> bool:
+        """Whether no more results should be made before these are stored."""
+        return len(self._waiting) >= _CAPACITY
+
+    def put(self, path: Path, result: CellResult) -> int:
+        """Store a result, and what waits already; returns how many were stored."""
+        self._waiting[path] = result
+        return self._flush() if len(self._waiting) == 1 else self.flush_if_due()
+
+    def flush_if_due(self) -> int:
+        """Now and then, try to store what waits; returns how many were stored."""
+        return self._flush() if self._waiting and time.monotonic() >= self._next_try else 0
+
+    def _flush(self) -> int:
+        waiting = list(self._waiting.items())
+        for stored, (path, result) in enumerate(waiting):
+            try:
+                write_cell(path, result)
+            except InputError as error:
+                self._next_try = time.monotonic() + _SECONDS_BETWEEN_TRIES
+                if not self.problem:
+                    self._note(f"{error}; results wait in memory until then")
+                self.problem = str(error)
+                return stored
+            del self._waiting[path]
+        self.problem = ""
+        return len(waiting)
+
+
+@dataclass
+class _Worker:
+    """What is known of a worker.
+
+    Attributes:
+        name: its device, and its machine where there are several.
+        clip: what it tracked last, whose masks it holds.
+        task: what it is tracking.
+        begun: when it began that.
+        advance: how far it is with that.
+    """
+
+    name: str
+    clip: Clip | None = None
+    task: Task | None = None
+    begun: float = 0.0
+    advance: Advance | None = None
+
+
 class _Run:
     """One run: what is left to do, who does what, and what came of it."""
 
@@ -136,46 +205,39 @@ class _Run:
         self._attempts: Counter[Cell] = Counter()
         self._finished = self._spent = 0
         self._started = self._stopped = 0.0
-        # By worker: its name, the clip whose masks it holds, what it is tracking, and how far it is with that.
-        self._name: dict[int, str] = {}
-        self._held: dict[int, Clip] = {}
-        self._task: dict[int, Task] = {}
-        self._begun: dict[int, float] = {}
-        self._advance: dict[int, Advance] = {}
+        self._workers: dict[int, _Worker] = {}
+
+    @property
+    def _tracking(self) -> list[Task]:
+        """What workers are tracking."""
+        return [worker.task for worker in self._workers.values() if worker.task is not None]
 
     def work(self, engine: Engine, report: Callable[[Status], None]) -> None:
         """Until nothing is left that can be done."""
         self._started = time.monotonic()
-        while self._task or self._pending or self._outbox.cells:
-            if self._stuck:
+        while self._tracking or self._pending or self._outbox.cells:
+            # Nothing can be done before results are stored, while the disk is full.
+            if not self._tracking and self._outbox.cells and (self._outbox.full or not self._pending):
                 if not self._room_is_made(report):
                     break
                 continue
             self._hand_out(engine)
             if self._time_is_up:
-                problem = f"the time of {self._allowed:.0f} s is up"
-                self._note(f"{problem}; {len(self._pending) + len(self._task)} cells are left for another run")
-                self._give_up(problem)
+                self._leave_the_rest(f"the time of {self._allowed:.0f} s is up")
                 break
             try:
-                for worker, event in engine.events(_WAIT):
-                    self._take(worker, event)
+                for number, event in engine.events(_WAIT):
+                    self._take(number, event)
             except EngineLost as error:
-                self._note(f"{error}; {len(self._pending) + len(self._task)} cells are left for another run")
-                self._give_up(str(error))
+                self._leave_the_rest(str(error))
             self._finished += self._outbox.flush_if_due()
             report(self.status())
         self._give_up(self._outbox.problem)
         self._failures |= dict.fromkeys(self._outbox.cells, self._outbox.problem)
         self._stopped = time.monotonic()
 
-    @property
-    def _stuck(self) -> bool:
-        """Whether nothing can be done before results are stored."""
-        return not self._task and bool(self._outbox.cells) and (self._outbox.full or not self._pending)
-
     def _room_is_made(self, report: Callable[[Status], None]) -> bool:
-        """Wait for room on the disk; whether it came."""
+        """Wait for room on the disk; returns whether it came."""
         self._note(f"waiting up to {_PATIENCE:.0f} s for {len(self._outbox.cells)} results to be stored")
         deadline = time.monotonic() + _PATIENCE
         while self._outbox.cells and time.monotonic() < deadline:
@@ -187,8 +249,8 @@ class _Run:
     def status(self) -> Status:
         """Where the study stands now."""
         now = self._stopped or time.monotonic()
-        running = sum(advance.evaluations for advance in self._advance.values())
-        budget = sum(task.evaluations for task in [*self._pending, *self._task.values()])
+        running = sum(worker.advance.evaluations for worker in self._workers.values() if worker.advance)
+        budget = sum(task.evaluations for task in [*self._pending, *self._tracking])
         return Status(
             cells=self._cells,
             reused=self._reused,
@@ -198,12 +260,11 @@ class _Run:
             evaluations=self._spent + running,
             evaluations_left=budget - running,
             seconds=now - self._started if self._started else 0.0,
-            seats=tuple(self._seat(worker) for worker in sorted(self._name)),
+            seats=tuple(
+                Seat(worker.name, worker.task.cell if worker.task else None, worker.advance)
+                for _, worker in sorted(self._workers.items())
+            ),
         )
-
-    def _seat(self, worker: int) -> Seat:
-        task = self._task.get(worker)
-        return Seat(self._name[worker], task.cell if task else None, self._advance.get(worker))
 
     @property
     def _seconds_left(self) -> float:
@@ -214,7 +275,7 @@ class _Run:
         """Whether the time allowed has passed, or nothing runs and nothing that is left would be finished in it."""
         if self._seconds_left <= 0:
             return True
-        return bool(self._pending) and not self._task and not self._outbox.cells and not self._fitting()
+        return bool(self._pending) and not self._tracking and not self._outbox.cells and not self._fitting()
 
     def _fitting(self) -> list[Task]:
         """What is left and would be finished in time, at the algorithm's pace so far, or else at the slowest."""
@@ -226,14 +287,13 @@ class _Run:
 
     def _hand_out(self, engine: Engine) -> None:
         """Give every worker that waits a cell."""
-        for worker in self._name:
-            if worker not in self._task and not self._outbox.full and (fitting := self._fitting()):
-                task = self._choose(fitting, self._held.get(worker))
+        for number, worker in self._workers.items():
+            if worker.task is None and not self._outbox.full and (fitting := self._fitting()):
+                task = self._choose(fitting, worker.clip)
                 self._pending.remove(task)
                 self._attempts[task.cell] += 1
-                self._task[worker], self._held[worker] = task, task.job.clip
-                self._begun[worker] = time.monotonic()
-                engine.submit(worker, task.job)
+                worker.task, worker.clip, worker.begun = task, task.job.clip, time.monotonic()
+                engine.submit(number, task.job)
 
     def _choose(self, pending: list[Task], held: Clip | None) -> Task:
         """The next cell of a worker: of the study's earliest grid, and in it of the clip whose masks the worker holds.
@@ -244,51 +304,56 @@ class _Run:
         pending = [task for task in pending if task.grid == first]
         left = Counter(task.job.clip for task in pending)
         if held is None or held not in left:
-            taken = Counter(task.job.clip for task in self._task.values())
+            taken = Counter(task.job.clip for task in self._tracking)
             held = max(left, key=lambda clip: left[clip] / (1 + taken[clip]))
         return max((task for task in pending if task.job.clip == held), key=lambda task: task.work)
 
-    def _take(self, worker: int, event: Event) -> None:
+    def _take(self, number: int, event: Event) -> None:
         """What has happened to a worker."""
         if isinstance(event, Ready):
-            self._name[worker] = event.name
-        elif isinstance(event, Advance):
-            self._advance[worker] = event
-        elif isinstance(event, Death):
-            self._mourn(worker, event)
-        elif isinstance(event, Notice):
+            self._workers[number] = _Worker(event.name)
+            return
+        if isinstance(event, Notice):
             self._note(event.text)
+            return
+        if isinstance(event, Death):
+            self._bury(self._workers.pop(number, _Worker("worker")), event)
+            return
+        worker = self._workers[number]
+        if isinstance(event, Advance):
+            worker.advance = event
+            return
+        # A refusal or a result ends the worker's task.
+        task, worker.task, worker.advance = worker.task, None, None
+        assert task is not None
+        if isinstance(event, Refusal):
+            self._fail(task, event.problem)
         else:
-            task = self._task.pop(worker)
-            self._advance.pop(worker, None)
-            if isinstance(event, Refusal):
-                self._fail(task, event.problem)
-            else:
-                self._spent += int(event.per_run["evaluations"].sum())
-                self._pace[task.cell.algorithm] = task.work / max(time.monotonic() - self._begun[worker], 1e-3)
-                self._finished += self._outbox.put(task.path, self._keep(event))
+            self._spent += int(event.per_run["evaluations"].sum())
+            self._pace[task.cell.algorithm] = task.work / max(time.monotonic() - worker.begun, 1e-3)
+            self._finished += self._outbox.put(task.path, self._keep(event))
 
-    def _mourn(self, worker: int, death: Death) -> None:
+    def _bury(self, worker: _Worker, death: Death) -> None:
         """A worker has died; its cell is tried again."""
-        name, task = self._name.pop(worker, "worker"), self._task.pop(worker, None)
-        self._advance.pop(worker, None)
-        self._held.pop(worker, None)
+        task = worker.task
         if task is None:
-            self._note(f"{name} died while it waited or started ({death.reason})")
+            self._note(f"{worker.name} died while it waited or started ({death.reason})")
         elif self._attempts[task.cell] < _ATTEMPTS:
-            self._note(f"{task.cell}: {name} died ({death.reason}); the cell is tried again")
+            self._note(f"{task.cell}: {worker.name} died ({death.reason}); the cell is tried again")
             self._pending.append(task)
         else:
-            problem = f"{name} died ({death.reason}), as workers did {_ATTEMPTS} times at this cell"
+            problem = f"{worker.name} died ({death.reason}), as workers did {_ATTEMPTS} times at this cell"
             self._fail(task, f"{problem}; {death.remedy}" if death.remedy else problem)
 
     def _fail(self, task: Task, problem: str) -> None:
         self._note(f"{task.cell}: given up: {problem}")
         self._failures[task.cell] = problem
 
+    def _leave_the_rest(self, problem: str) -> None:
+        self._note(f"{problem}; {len(self._pending) + len(self._tracking)} cells are left for another run")
+        self._give_up(problem)
+
     def _give_up(self, problem: str) -> None:
         """Nothing more can be done: all that is left has failed."""
-        self._failures |= {task.cell: problem for task in [*self._pending, *self._task.values()]}
-        self._pending = []
-        for by_worker in (self._name, self._held, self._task, self._advance):
-            by_worker.clear()
+        self._failures |= {task.cell: problem for task in [*self._pending, *self._tracking]}
+        self._pending, self._workers = [], {}

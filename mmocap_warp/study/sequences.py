@@ -1,7 +1,7 @@
-"""The nine shipped sequences: Walking, Gestures and Box of S1, S2 and S3, made where they are needed.
+"""The shipped sequences: Walking, Gestures and Box of S1, S2 and S3, and further clips; made where they are needed.
 
-They stand in for HumanEva-I's where nobody has a copy: seven cameras in its ring, 60 frames/s, each a third as long as
-the paper's. ``docs/sequences.md`` says what is in them and how they are written.
+The nine stand in for HumanEva-I's where nobody has a copy: seven cameras in its ring, 60 frames/s, each a third as
+long as the paper's. ``docs/sequences.md`` says what is in all of them and how they are made.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from mmocap_warp.synthesis.motion.boxing import ROUNDS, boxing
 from mmocap_warp.synthesis.motion.gait import Walk
 from mmocap_warp.synthesis.motion.gestures import SCRIPTS, gesturing
 from mmocap_warp.synthesis.motion.retarget import read_clip, retargeted
+from mmocap_warp.synthesis.motion.spinning import SPINS, spinning
 from mmocap_warp.synthesis.strangers import STRANGERS
 from mmocap_warp.synthesis.walkers import PEOPLE, Person, fitted_start
 
@@ -101,14 +102,7 @@ class StudySequence:
         """
         if not 1 <= count <= self.frame_count:
             raise ValueError(f"{self.name} has 1 to {self.frame_count} frames to give, not {count}")
-        truth = replace(
-            self.truth,
-            frame_numbers=self.truth.frame_numbers[:count],
-            markers=self.truth.markers[:count],
-            joints=self.truth.joints[:count],
-            pose=None if self.truth.pose is None else self.truth.pose[:count],
-        )
-        return replace(self, truth=truth, recording=self.recording.first(count))
+        return replace(self, truth=self.truth.at_frames(slice(count)), recording=self.recording.first(count))
 
 
 Motion = Callable[[BodyModel, int, int], np.ndarray]
@@ -165,6 +159,10 @@ def _boxing(person: str) -> Motion:
     return lambda body, frames, seed: boxing(body, frames, FPS, ROUNDS[person], seed)
 
 
+def _spinning(person: str) -> Motion:
+    return lambda body, frames, seed: spinning(body, frames, FPS, SPINS[person], seed)
+
+
 PLANS: dict[str, SequencePlan] = {
     "S1/Walking": SequencePlan("S1", 401, walking_around(1.10, 1.15, 112.0), 0.4, 11),
     "S1/Gestures": SequencePlan("S1", 267, _gesturing("S1"), 0.2, 12),
@@ -176,7 +174,20 @@ PLANS: dict[str, SequencePlan] = {
     "S3/Gestures": SequencePlan("S3", 367, _gesturing("S3"), -0.3, 32),
     "S3/Box": SequencePlan("S3", 340, _boxing("S3"), 1.4, 33),
 }
-"""By name; lengths are a third of what the paper tracked."""
+"""The nine by name; lengths are a third of what the paper tracked."""
+
+_FIVE_CAMERAS = ("C1", "C2", "C3", "BW2", "BW4")
+FURTHER_PLANS: dict[str, SequencePlan] = {
+    "S1/Spin": SequencePlan("S1", 240, _spinning("S1"), 0.9, 41, _FIVE_CAMERAS),
+    "S2/Spin": SequencePlan("S2", 240, _spinning("S2"), 2.6, 42, _FIVE_CAMERAS),
+    "Uneven/Walking": SequencePlan("Uneven", 240, walking_around(1.10, 1.10, 112.0), 0.4, 51),
+    "Skirt/Walking": SequencePlan("Skirt", 240, walking_around(1.00, 1.10, 116.0), 2.1, 52),
+    "Child/Walking": SequencePlan("Child", 240, walking_around(0.90, 0.60, 138.0, step_width=0.07), 4.0, 53),
+}
+"""Clips beyond the nine, in no table of the study: people who turn fast, and people unlike the tracker's bodies."""
+
+CLIP_PLANS: Mapping[str, SequencePlan] = {**PLANS, **FURTHER_PLANS}
+"""Of all that is made by name."""
 
 
 def make_sequence(name: str, plan: SequencePlan, person: Person | None = None) -> StudySequence:
@@ -252,6 +263,9 @@ def _made(name: str, plan: SequencePlan) -> StudySequence:
 
 SEQUENCES: Mapping[str, StudySequence] = MadeSequences(PLANS)
 """The nine sequences by name."""
+
+CLIPS: Mapping[str, StudySequence] = MadeSequences(CLIP_PLANS)
+"""All clips by name."""
 
 
 def study_rig() -> CameraRig:

@@ -93,7 +93,7 @@ def clip_facts(clip: Clip) -> ClipFacts:
         InputError: no such sequence; a scene that is wrong or names no fitted subject.
     """
     if clip.scene is None:
-        from mmocap_warp.study.further_clips import CLIP_PLANS
+        from mmocap_warp.study.sequences import CLIP_PLANS
 
         _check_shipped(clip, CLIP_PLANS)
         own = {"subject": _content([clip.subject])} if clip.subject else {}
@@ -125,7 +125,7 @@ def open_clip(clip: Clip) -> OpenClip:
     from mmocap_warp.formats.usd.usd_body import read_subject
 
     if clip.scene is None:
-        from mmocap_warp.study.further_clips import CLIPS
+        from mmocap_warp.study.sequences import CLIPS
 
         _check_shipped(clip, CLIPS)
         whole = CLIPS[clip.name]
@@ -215,21 +215,10 @@ def _renumbered(truth: Truth, scene: Scene) -> Truth:
     truth = at_rate(truth, scene.fps)
     place = truth.frame_numbers - scene.first_frame
     own = (place >= 0) & (place % scene.stride == 0)
-    return replace(_frames_of(truth, own), fps=scene.rate, frame_numbers=place[own] // scene.stride)
+    return replace(truth.at_frames(own), fps=scene.rate, frame_numbers=place[own] // scene.stride)
 
 
 def _first_frames(truth: Truth, count: int) -> Truth | None:
     """The truth of frames 0 to ``count - 1``; None where nothing is known of them."""
     keep = truth.frame_numbers < count
-    return _frames_of(truth, keep) if keep.any() else None
-
-
-def _frames_of(truth: Truth, keep: np.ndarray) -> Truth:
-    """Those frames of a truth that ``keep`` (frame,) is true for."""
-    return replace(
-        truth,
-        frame_numbers=truth.frame_numbers[keep],
-        markers=truth.markers[keep],
-        joints=truth.joints[keep],
-        pose=None if truth.pose is None else truth.pose[keep],
-    )
+    return truth.at_frames(keep) if keep.any() else None

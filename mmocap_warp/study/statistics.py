@@ -14,7 +14,7 @@ ALPHA = 0.05
 CONFIDENCE = 0.95
 RESAMPLES = 1000
 FEWEST_PAIRS = 6
-"""Of fewer, no signed-rank test is significant, however the differences fall."""
+"""With fewer pairs no signed-rank test is significant, however the differences fall."""
 
 
 def ranks(scores: np.ndarray) -> np.ndarray:

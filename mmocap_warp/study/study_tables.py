@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from mmocap_warp.study.statistics import (
 from mmocap_warp.study.summary import CellSummary, Contender, Measure, StudySummary
 
 FEWEST_SEQUENCES = 3
-"""Of fewer, nothing is said about sequences in general."""
+"""From fewer, nothing is concluded about sequences in general."""
 
 
 @dataclass(frozen=True)
@@ -99,33 +100,40 @@ def rank(study: StudySummary, measure: Measure, contenders: list[Contender]) -> 
 
     A contender that has tracked fewer than half as many sequences as another one is left out, so that those that have
     hardly begun do not take the others' sequences away. None with fewer than two contenders, or without a sequence that
-    all have tracked.
+    all have tracked. A study keeps its rankings, as many figures and tables ask for the same.
     """
+    key = measure, *contenders
+    if key not in study.rankings:
+        study.rankings[key] = _rank(study, measure, contenders)
+    return study.rankings[key]
+
+
+def _rank(study: StudySummary, measure: Measure, contenders: list[Contender]) -> Ranking | None:
+    # Who counts, and over which sequences.
     known = {contender: study.known(contender, study.sequences, measure) for contender in contenders}
     most = max((len(cells) for cells in known.values()), default=0)
     found = {contender: cells for contender, cells in known.items() if 2 * len(cells) >= most > 0}
     shared = [name for name in study.sequences if all(name in cells for cells in found.values())]
     if len(found) < 2 or not shared:
         return None
-    scores, seeds = _scores(found, shared, measure)
-    lower = -scores if measure.higher_is_better else scores
+    # Ranks over the sequences, and the same of runs that are drawn anew, for intervals.
+    scores = _scores(found, shared, measure)
+    lower = measure.sign * scores
     of_blocks = ranks(lower.mean(axis=2))
     average = of_blocks.mean(axis=0)
     drawn = resampled_means(lower)
-    rank_ends = central(ranks(drawn).mean(axis=1))
-    mean_ends = central(drawn.mean(axis=1))
-    if measure.higher_is_better:
-        mean_ends = -mean_ends[::-1]
+    rank_ends = central(ranks(drawn).mean(axis=1)).T
+    mean_ends = np.sort(measure.sign * central(drawn.mean(axis=1)), axis=0).T
+    # A row for each contender, the control first.
     comparisons = against_control(average, len(shared))
-    control = comparisons[0].algorithm
-    names = list(found)
+    control, names = comparisons[0].algorithm, list(found)
     rows = [
         Row(
             names[i],
             comparison,
-            (float(rank_ends[0, i]), float(rank_ends[1, i])),
+            tuple(rank_ends[i].tolist()),
             float(scores[:, i].mean()),
-            (float(mean_ends[0, i]), float(mean_ends[1, i])),
+            tuple(mean_ends[i].tolist()),
             superiority(lower[:, control], lower[:, i]) if i != control else np.nan,
         )
         for comparison in comparisons
@@ -138,7 +146,7 @@ def rank(study: StudySummary, measure: Measure, contenders: list[Contender]) -> 
         sequences=tuple(shared),
         left_out=tuple(name for name in study.sequences if name not in shared),
         absent=tuple(contender for contender, cells in known.items() if cells and contender not in found),
-        seeds=seeds,
+        seeds=scores.shape[2],
     )
 
 
@@ -168,39 +176,33 @@ def model_differences(study: StudySummary, measure: Measure) -> list[ModelDiffer
     """The larger model against the smaller, over the sequences that both have tracked; empty with one model."""
     if len(study.models) < 2:
         return []
-    larger, smaller = study.models[0], study.models[-1]
+    models = study.models[0], study.models[-1]
     found = []
-    for algorithm in study.algorithms:
-        for budget in study.budgets:
-            pair = {
-                dof: study.known(Contender(algorithm, dof, budget), study.sequences, measure)
-                for dof in (larger, smaller)
-            }
-            shared = [name for name in study.sequences if all(name in cells for cells in pair.values())]
-            if not shared:
-                continue
-            scores, _ = _scores(pair, shared, measure)
-            drawn = resampled_means(scores)
-            low, high = central((drawn[..., 0] - drawn[..., 1]).mean(axis=1))
-            lower = -scores if measure.higher_is_better else scores
-            found.append(
-                ModelDifference(
-                    algorithm,
-                    budget,
-                    float((scores[:, 0] - scores[:, 1]).mean()),
-                    (float(low), float(high)),
-                    superiority(lower[:, 0], lower[:, 1]),
-                    signed_rank(scores.mean(axis=2)) if len(shared) >= FEWEST_SEQUENCES else np.nan,
-                    len(shared),
-                )
+    for algorithm, budget in product(study.algorithms, study.budgets):
+        pair = {dof: study.known(Contender(algorithm, dof, budget), study.sequences, measure) for dof in models}
+        shared = [name for name in study.sequences if all(name in cells for cells in pair.values())]
+        if not shared:
+            continue
+        scores = _scores(pair, shared, measure)
+        drawn = resampled_means(scores)
+        low, high = central((drawn[..., 0] - drawn[..., 1]).mean(axis=1)).tolist()
+        lower = measure.sign * scores
+        found.append(
+            ModelDifference(
+                algorithm,
+                budget,
+                difference=float((scores[:, 0] - scores[:, 1]).mean()),
+                interval=(low, high),
+                superiority=superiority(lower[:, 0], lower[:, 1]),
+                p=signed_rank(scores.mean(axis=2)) if len(shared) >= FEWEST_SEQUENCES else np.nan,
+                sequences=len(shared),
             )
+        )
     return found
 
 
-def _scores(
-    found: Mapping[Any, dict[str, CellSummary]], sequences: list[str], measure: Measure
-) -> tuple[np.ndarray, int]:
-    """(sequence, contender, run): each run's mean over frames, of the seeds that all cells have; and their number.
+def _scores(found: Mapping[Any, dict[str, CellSummary]], sequences: list[str], measure: Measure) -> np.ndarray:
+    """(sequence, contender, run): each run's mean over frames, of the seeds that all cells have.
 
     Where cells share no seed, as many runs count as the shortest cell has.
     """
@@ -213,5 +215,4 @@ def _scores(
         runs = cell.runs[measure.key]
         return runs[np.isin(cell.seeds, list(seeds))] if seeds else runs[:fewest]
 
-    scores = np.array([[counted(cell) for cell in row] for row in cells])
-    return scores, scores.shape[2]
+    return np.array([[counted(cell) for cell in row] for row in cells])

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from mmocap_warp.result.pose_errors import nanmean, nanmedian
 from mmocap_warp.study.cell import Cell, CellResult
-from mmocap_warp.study.further_clips import FURTHER_PLANS
 from mmocap_warp.study.paper import ALGORITHM_ORDER
-from mmocap_warp.study.tracker_labels import BASELINES, algorithm_label
+from mmocap_warp.study.sequences import FURTHER_PLANS
 from mmocap_warp.synthesis.strangers import STRANGERS
 from mmocap_warp.tracking.algorithms import ALGORITHMS, CONTOUR_TRACKERS
 
@@ -39,6 +39,11 @@ class Measure:
     higher_is_better: bool = False
     per_frame: bool = True
 
+    @property
+    def sign(self) -> int:
+        """Times this, a lower value is better."""
+        return -1 if self.higher_is_better else 1
+
 
 MEASURES: tuple[Measure, ...] = (
     Measure("mpjpe", "MPJPE", "mm", 1000.0, 1),
@@ -59,8 +64,21 @@ MEASURES: tuple[Measure, ...] = (
 EQ_20 = ("eq20_as_printed", "marker_error")
 """The two readings of the paper's Eq. 20, see :mod:`mmocap_warp.result.marker_errors`."""
 
+BASELINES = {"stands-still": "stands still", "constant-velocity": "constant velocity"}
+"""What no tracker should fall behind, with their labels, see :mod:`mmocap_warp.study.baselines`."""
+
+_EXTRAS = {"polish": " + polish", "solved": ", body solved"}
 _COUNTS = ("limb_lost", "frames_lost")  # of frames; shown as a share of them
 _OF_STRANGERS = frozenset(name for name, plan in FURTHER_PLANS.items() if plan.person in STRANGERS)
+
+
+def algorithm_label(name: str) -> str:
+    """An algorithm's label; its name alone where this process has not registered it, as another may have tracked it."""
+    if name in BASELINES:
+        return BASELINES[name]
+    base, *extras = name.split("+")
+    label = ALGORITHMS[base].label if base in ALGORITHMS else base
+    return label + "".join(_EXTRAS.get(extra, f"+{extra}") for extra in extras)
 
 
 @dataclass(frozen=True, order=True)
@@ -173,12 +191,14 @@ class StudySummary:
         baselines: what needs no tracking, by sequence and a name of ``BASELINES``.
         alone: seconds that a frame takes where a single run is tracked at a time, by contender; empty where unknown.
         planned: the cells that should be there, as far as that is known.
+        rankings: what :func:`mmocap_warp.study.study_tables.rank` has made of it so far.
     """
 
     cells: dict[Cell, CellSummary]
     baselines: Mapping[tuple[str, str], CellSummary] = field(default_factory=dict)
     alone: Mapping[Contender, float] = field(default_factory=dict)
     planned: frozenset[Cell] = frozenset()
+    rankings: dict[tuple, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @classmethod
     def of(cls, results: Iterable[CellResult]) -> StudySummary:
@@ -227,6 +247,18 @@ class StudySummary:
             return "+solved" not in who.algorithm, order.index(name) if name in order else len(order), who
 
         return sorted(found, key=place)
+
+    @cached_property
+    def baseline_contenders(self) -> list[Contender]:
+        """The baselines that are known."""
+        known = {name for _, name in self.baselines}
+        return [Contender(name, self.models[0], 0) for name in BASELINES if name in known]
+
+    @cached_property
+    def contenders(self) -> list[Contender]:
+        """All that can be compared with the larger model: our trackers, the grid's, the baselines."""
+        grid = [Contender(name, self.models[0], budget) for name in self.algorithms for budget in self.budgets]
+        return [*self.others, *grid, *self.baseline_contenders]
 
     @cached_property
     def sequences(self) -> list[str]:
@@ -287,6 +319,22 @@ class StudySummary:
         """A contender's cells of the main preset by sequence, where the measure is known of them."""
         found = {name: self.find(name, who.algorithm, who.dof, who.evaluations) for name in sequences}
         return {name: cell for name, cell in found.items() if cell is not None and measure.key in cell.runs}
+
+    def level(self, who: Contender, measure: Measure, sequences: Sequence[str] | None = None) -> float:
+        """Mean of a measure over runs and sequences, the grid's by default; NaN unless it is known of every one."""
+        sequences = self.sequences if sequences is None else sequences
+        cells = self.known(who, sequences, measure)
+        if not sequences or len(cells) < len(sequences):
+            return float("nan")
+        return float(np.mean([cell.runs[measure.key].mean() for cell in cells.values()]))
+
+    def milliseconds(self, who: Contender) -> float:
+        """Of a frame of a run that is tracked alone; NaN where unknown. Solving the body is not in it."""
+        for algorithm in (who.algorithm, who.algorithm.replace("+solved", "")):
+            seconds = self.alone.get(Contender(algorithm, who.dof, who.evaluations))
+            if seconds is not None:
+                return 1000 * seconds
+        return float("nan")
 
     def floor(self, measure: Measure, sequences: Iterable[str]) -> float:
         """What the tracked bodies score at the true angles, mean over sequences; NaN where one's is unknown."""

@@ -10,6 +10,7 @@ import numpy as np
 if TYPE_CHECKING:
     from mmocap_warp.study.summary import CellSummary, Measure
 
+DASH = "–"
 _MINUS = "\N{MINUS SIGN}"
 _NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
 
@@ -28,7 +29,7 @@ def _from_to(values: Sequence[int]) -> str:
 def p_value(p: float) -> str:
     """As the paper prints them, but rounded; a dash for the control."""
     if np.isnan(p):
-        return "–"
+        return DASH
     if p >= 0.001:
         return f"{p:.3f}"
     mantissa, _, exponent = f"{p:.2E}".partition("E")
@@ -41,13 +42,15 @@ def statistic(value: float) -> str:
 
 
 def shown(value: float, measure: Measure, *, sign: bool = False) -> str:
-    """A value of a measure without its unit."""
+    """A value of a measure without its unit; a dash where it is unknown."""
+    if not np.isfinite(value):
+        return DASH
     return f"{value:{'+' if sign else ''}.{measure.decimals}f}".replace("-", _MINUS)
 
 
-def with_unit(value: float, measure: Measure) -> str:
+def with_unit(value: float, measure: Measure, *, sign: bool = False, space: str = "\N{NO-BREAK SPACE}") -> str:
     """A value of a measure with its unit."""
-    return shown(value, measure) + (f"\N{NO-BREAK SPACE}{measure.unit}" if measure.unit else "")
+    return shown(value, measure, sign=sign) + (f"{space}{measure.unit}" if measure.unit else "")
 
 
 def interval(ends: tuple[float, float], decimals: int) -> str:
@@ -64,6 +67,12 @@ def named(measure: Measure) -> str:
     """A measure's label within a sentence."""
     abbreviated = measure.label[:2].isupper() or measure.label.startswith("HumanEva")
     return measure.label if abbreviated else measure.label[0].lower() + measure.label[1:]
+
+
+def over(sequences: Iterable[str]) -> str:
+    """How many sequences, named where they are few."""
+    names = sorted(sequences)
+    return f"{len(names)} sequences" if len(names) > 3 else ", ".join(names)
 
 
 def listed(values: Sequence[int]) -> str:

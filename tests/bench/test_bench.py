@@ -17,15 +17,15 @@ from mmocap_warp.bench import growth as growth_module
 from mmocap_warp.bench import suite as suite_module
 from mmocap_warp.bench.against import OPTIMIZING, missing
 from mmocap_warp.bench.bench_tables import digits, duration, report_tables
+from mmocap_warp.bench.growth import Line, growth_lines
 from mmocap_warp.bench.optimizer_peers import ENGINES, FUNCTIONS, OURS, optimizer_peers
-from mmocap_warp.bench.pages import write_pages
 from mmocap_warp.bench.peers import peers
-from mmocap_warp.bench.plots import Line, growth_lines
+from mmocap_warp.bench.report_file import rendered, to_text, write_pages
 from mmocap_warp.bench.suite import Plan, run_suite
-from mmocap_warp.bench.terminal import rendered, to_text
 from mmocap_warp.bench.workload import workload
 from mmocap_warp.body.mesh_pieces import is_closed
 from mmocap_warp.cli import exit_codes
+from mmocap_warp.kernels.benchmarks import timing
 from mmocap_warp.kernels.benchmarks.case import Case, Check
 from mmocap_warp.kernels.benchmarks.timing import time_together
 from mmocap_warp.optimizers.cma_es import CmaEs
@@ -42,6 +42,7 @@ def small():
 def report(small):
     """All that is measured, as it comes back from JSON."""
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(timing, "_SAMPLE_SECONDS", {"cpu": 0.0, "cuda": 0.0})  # a work is called once in a sample
         patch.setattr(growth_module, "_CANDIDATES", {"cpu": (1, 4), "cuda": (1, 4)})
         patch.setattr(growth_module, "BATCH", {"cpu": 2, "cuda": 2})
         patch.setattr(growth_module, "_CAMERAS", (1, 2))
@@ -299,7 +300,7 @@ def test_a_graph_replays_what_was_launched():
     counted = wp.zeros(1, dtype=wp.int32, device="cuda:0")
     from mmocap_warp.kernels.optimizers.populations import advance
 
-    (timing,) = time_together([lambda: advance(counted, 1)], "cuda:0", seconds=0.0)
-    assert timing.launched is not None
-    assert counted.numpy()[0] > len(timing.samples)
+    (measured,) = time_together([lambda: advance(counted, 1)], "cuda:0", seconds=0.0)
+    assert measured.launched is not None
+    assert counted.numpy()[0] > len(measured.samples)
     assert array.numpy()[0] == 0.0

@@ -19,7 +19,7 @@ from mmocap_warp.study.ablation import (
     purpose,
     run_ablation,
 )
-from mmocap_warp.study.further_clips import CLIP_PLANS, CLIPS
+from mmocap_warp.study.sequences import CLIP_PLANS, CLIPS
 from mmocap_warp.study.source import Clip
 from mmocap_warp.tracking.track_config import TrackConfig
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from camera_bias import Bias, cells
 
 from mmocap_warp.calibration.adjust.camera_changes import KINDS, POSITION, ROTATION
 from mmocap_warp.calibration.refine.refinement import STATED
-from mmocap_warp.study.camera_bias import Bias, cells
 
 CAMERAS = 3
 

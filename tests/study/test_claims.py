@@ -9,11 +9,9 @@ import pytest
 from study_results import SEQUENCES
 
 from mmocap_warp.study.cell import Cell
+from mmocap_warp.study.claims import AGREES, DIFFERS, EVOLUTIONARY, FAILS, MOSTLY, TIED, TOO_FEW, UNTESTED, check_claims
 from mmocap_warp.study.paper import ALGORITHM_ORDER, EVALUATIONS
-from mmocap_warp.study.rank_claims import EVOLUTIONARY
-from mmocap_warp.study.report_claims import check_claims
 from mmocap_warp.study.summary import MEASURES, CellSummary, StudySummary
-from mmocap_warp.study.verdicts import AGREES, DIFFERS, FAILS, MOSTLY, TIED, TOO_FEW, UNTESTED
 
 MEASURE = {measure.key: measure for measure in MEASURES}
 _BY_SUBJECT = {"S1": 0.0, "S2": 1.0, "S3": 2.0}

@@ -13,8 +13,7 @@ from mmocap_warp.formats.truth_file import load_truth
 from mmocap_warp.masks.observation import unpack_masks
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.study.degradations import degraded, is_random, most_different_views, parse
-from mmocap_warp.study.further_clips import CLIP_PLANS, CLIPS
-from mmocap_warp.study.sequences import PLANS, make_sequence, study_rig
+from mmocap_warp.study.sequences import CLIP_PLANS, CLIPS, PLANS, make_sequence, study_rig
 from mmocap_warp.study.source import open_sequence
 from mmocap_warp.synthesis.bystanders import PasserBy, furniture
 

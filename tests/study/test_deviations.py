@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from deviations import Stated, as_factors, cross_judged, learnt, stated, summary, table
+from made_people import made_clip, made_person
 
 from mmocap_warp.rigging.shipped import DEFAULT_BODY, load_body
-from mmocap_warp.study.deviations import Stated, as_factors, cross_judged, learnt, stated, summary, table
-from mmocap_warp.study.made_people import made_clip, made_person
 
 BODY = load_body(DEFAULT_BODY)
 JOINTS = BODY.skeleton.joints

@@ -10,8 +10,7 @@ import pytest
 from mmocap_warp.cameras.rig import project
 from mmocap_warp.cli import main
 from mmocap_warp.scene.scene_toml import load_scene
-from mmocap_warp.study.further_clips import CLIP_PLANS, CLIPS, FURTHER_PLANS
-from mmocap_warp.study.sequences import FPS, SEQUENCES, make_sequence
+from mmocap_warp.study.sequences import CLIP_PLANS, CLIPS, FPS, FURTHER_PLANS, SEQUENCES, make_sequence
 from mmocap_warp.study.source import Clip, clip_facts, open_clip
 from mmocap_warp.synthesis.exact_posing import ExactPoser
 from mmocap_warp.synthesis.motion.spinning import SPINS

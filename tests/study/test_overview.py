@@ -8,6 +8,7 @@ from study_results import SEQUENCES, made_up_result, made_up_study
 
 from mmocap_warp.study.baselines import baselines
 from mmocap_warp.study.cell import Cell
+from mmocap_warp.study.claims import check_claims
 from mmocap_warp.study.overview import (
     LOST_LIMB,
     all_trackers,
@@ -21,9 +22,8 @@ from mmocap_warp.study.overview import (
     which_half,
 )
 from mmocap_warp.study.report_build import render
-from mmocap_warp.study.report_claims import check_claims
+from mmocap_warp.study.report_figures import time_error_figure
 from mmocap_warp.study.report_text import markdown_tables
-from mmocap_warp.study.report_trackers import time_error_figure
 from mmocap_warp.study.sequences import SEQUENCES as SHIPPED
 from mmocap_warp.study.source import Clip
 from mmocap_warp.study.study_tables import by_algorithm, model_differences

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from moving_person import RIG, write_scene
+from planted_cameras import FAULTS, Planted, left_over, line, planted
 
 from mmocap_warp.calibration.adjust.adjustment import AdjustConfig
 from mmocap_warp.calibration.adjust.camera_changes import FOCAL, KINDS, OFFSET, POSITION, ROTATION, changed, difference
 from mmocap_warp.calibration.refine.held_out import Explained
 from mmocap_warp.calibration.refine.refinement import Refinement
-from mmocap_warp.study.planted_cameras import FAULTS, Planted, left_over, line, planted
 
 OTHERS = np.arange(1, len(RIG))
 

@@ -7,12 +7,12 @@ from itertools import islice
 
 import numpy as np
 import pytest
+from planted_lags import WAYS, Trial, errors, plant, row, trial
 
 from mmocap_warp.calibration.sync.synchronise import Synchronisation, ViewOffset
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
-from mmocap_warp.study.planted_lags import WAYS, Trial, errors, plant, row, trial
 
 MOTION, NEAR, CALIBRATED = WAYS
 

@@ -17,8 +17,8 @@ from mmocap_warp.cli import main
 from mmocap_warp.cli.exit_codes import BAD_INPUT, OK
 from mmocap_warp.optimizers.cma_es import CmaEs
 from mmocap_warp.study.cell import Cell, read_cell, write_cell
+from mmocap_warp.study.claims import AGREES, FAILS, UNTESTED, check_claims
 from mmocap_warp.study.report_build import render
-from mmocap_warp.study.report_claims import check_claims
 from mmocap_warp.study.report_overlays import best_and_worst, extreme_frames, side_by_side
 from mmocap_warp.study.report_setting import mixture
 from mmocap_warp.study.report_text import csv_table, markdown_tables
@@ -27,7 +27,6 @@ from mmocap_warp.study.source import Clip
 from mmocap_warp.study.store import result_path
 from mmocap_warp.study.study_tables import by_algorithm, by_model, model_differences
 from mmocap_warp.study.summary import MEASURES, StudySummary, summarise
-from mmocap_warp.study.verdicts import AGREES, FAILS, UNTESTED
 from mmocap_warp.tracking.algorithms import ALGORITHMS, Algorithm
 
 VOID = {"meta", "link", "br", "input"}
@@ -257,7 +256,8 @@ def test_an_unknown_floor_is_not_shown():
     assert {line["marker_error_floor_mm"] for line in csv.DictReader(io.StringIO(csv_table(study)))} == {""}
 
 
-def test_a_gap_in_the_grid_leaves_its_sequence_out(study):
+def test_a_gap_in_the_grid_leaves_its_sequence_out():
+    study = StudySummary.of(made_up_study(SEQUENCES[2:6], models=(39,), budgets=(500,), seeds=2, frames=12))
     cells = {cell: summary for cell, summary in study.cells.items() if cell != Cell(SEQUENCES[2], "de", 39, 500)}
     ranking = by_algorithm(StudySummary(cells), MARKER_ERROR, 39, 500)
     assert ranking.left_out == (SEQUENCES[2],)

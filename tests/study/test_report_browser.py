@@ -112,7 +112,8 @@ def test_every_table_of_the_paper_s_grid_fits_a_small_screen(browser, tmp_path):
             tables.append(ranking_table([by_algorithm(study, measure, dof, each) for each in study.budgets], "another"))
     css = files("mmocap_warp.study").joinpath("report.css").read_text(encoding="utf-8")
     page = tmp_path / "tables.html"
-    page.write_text(f"<!doctype html><meta charset=utf-8><style>{css}</style><main>{''.join(tables)}</main>")
+    shown_tables = "".join(table.html() for table in tables)
+    page.write_text(f"<!doctype html><meta charset=utf-8><style>{css}</style><main>{shown_tables}</main>")
     browser.ask("Emulation.setDeviceMetricsOverride", width=1280, height=800, deviceScaleFactor=1, mobile=False)
     browser.events.clear()
     browser.open(page)

@@ -1,4 +1,4 @@
-"""What an engine is: workers that are given jobs and tell what becomes of them."""
+"""The protocol of an engine: workers that are given jobs, and the events that they report."""
 
 from __future__ import annotations
 

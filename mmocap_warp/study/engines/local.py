@@ -17,8 +17,8 @@ from mmocap_warp.device.resolve import resolve_device, start_quietly
 from mmocap_warp.study.engines.engine import Death, EngineLost, Event, Ready
 from mmocap_warp.study.job import LESS_MEMORY, Job, Worker, device_kind
 
-_STARTS = 3  # of a worker that dies before it is ready; after these its device is given up
-_GRACE = 5.0  # for a worker to end [s]
+_STARTS = 3  # tries to start a worker; when each dies before it is ready, its device is given up
+_GRACE = 5.0  # time that a worker has to end [s]
 
 
 def local_devices(wanted: str) -> list[str]:
@@ -120,7 +120,7 @@ class LocalEngine:
 
 
 def serve_jobs(connection: Connection, device: str, threads: int | None) -> None:
-    """A worker process: does jobs until its parent is gone. An error that is no refusal ends it, and is told."""
+    """A worker process: it does jobs until its parent is gone. An error that is no refusal is reported and ends it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
     threading.Thread(target=_end_with_parent, daemon=True).start()
     start_quietly()
@@ -128,12 +128,12 @@ def serve_jobs(connection: Connection, device: str, threads: int | None) -> None
     connection.send(Ready(device))
     with suppress(EOFError, OSError):  # the parent is gone
         while True:
-            for event in _told(worker, connection.recv()):
+            for event in _events_of(worker, connection.recv()):
                 connection.send(event)
 
 
-def _told(worker: Worker, job: Job) -> Iterator[Event]:
-    """What a job tells; an error that is no refusal is a death, as what it left behind on the device is unknown."""
+def _events_of(worker: Worker, job: Job) -> Iterator[Event]:
+    """What happens in a job. An error that is no refusal counts as a death: the device may be in any state then."""
     try:
         yield from worker.work(job)
     except Exception as error:

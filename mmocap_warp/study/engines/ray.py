@@ -17,10 +17,10 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.study.engines.engine import Death, EngineLost, Event, Notice, Ready
 from mmocap_warp.study.job import LESS_MEMORY, Job, Worker
 
-_STARTS = 3  # of a worker that dies before it is ready; after these its place is given up
+_STARTS = 3  # tries to start a worker; when each dies before it is ready, its place is given up
 _PROBE = 2.0  # how long the cluster's head may take to answer [s]
-_SECONDS_BETWEEN_PROBES = 5.0  # while nothing is heard
-_PATIENCE = 60.0  # with a cluster that has no machine for a worker [s]
+_SECONDS_BETWEEN_PROBES = 5.0  # while no worker answers
+_PATIENCE = 60.0  # how long to wait while the cluster has no machine for a worker [s]
 
 
 @dataclass(frozen=True)

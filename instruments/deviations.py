@@ -1,6 +1,6 @@
 """Whether stated standard deviations are right, and factors that make them so: on made people whose truth is known.
 
-``python -m mmocap_warp.study.deviations FOLDER PEOPLE`` makes so many people and tracks a little of each, which takes
+``python instruments/deviations.py FOLDER PEOPLE`` makes so many people and tracks a little of each, which takes
 about three seconds of one core a person; what each gives is kept in FOLDER. Factors are learnt on all of them and
 written to ``FOLDER/adult_man.deviations.toml``. In the table every fifth of the people is judged by factors that were
 learnt on the other four.
@@ -15,6 +15,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from made_people import made_clip
 
 from mmocap_warp.body.mirroring import mirrored_joints
 from mmocap_warp.body.model import BodyModel, Subject
@@ -37,7 +38,6 @@ from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
 from mmocap_warp.fitting.clip_body import Followed, solve_body
 from mmocap_warp.rigging.deviation_factors import DeviationFactors, factors_toml
 from mmocap_warp.rigging.shipped import DEFAULT_BODY, load_body
-from mmocap_warp.study.made_people import made_clip
 from mmocap_warp.study.sequences import SEQUENCES, StudySequence
 from mmocap_warp.synthesis.exact_posing import ExactPoser
 from mmocap_warp.tracking.from_settings import make_fitter
@@ -291,7 +291,7 @@ def _main(folder: Path, people: int) -> None:
     ]
     everybody, judged = each[0].followed_by(*each[1:]), cross_judged(each, body)
     factor = learnt(everybody, body)
-    made_with = f"Made by `python -m mmocap_warp.study.deviations FOLDER {people}`."
+    made_with = f"Made by `python instruments/deviations.py FOLDER {people}`."
     file = folder / f"{body.name}.deviations.toml"
     file.write_text(factors_toml(body.skeleton, as_factors(factor, body), made_with), encoding="utf-8")
     print(f"{people} people, without factors: {summary(everybody, body)}")
@@ -307,5 +307,5 @@ def _main(folder: Path, people: int) -> None:
 
 if __name__ == "__main__":
     if len(sys.argv) != 3 or not sys.argv[2].isdigit() or int(sys.argv[2]) < _FOLDS:
-        raise SystemExit("usage: python -m mmocap_warp.study.deviations FOLDER PEOPLE")
+        raise SystemExit("usage: python instruments/deviations.py FOLDER PEOPLE")
     _main(Path(sys.argv[1]), int(sys.argv[2]))

@@ -1,6 +1,6 @@
 """What refining leaves of faults that are planted in the calibration of a sound scene, and whether that is as it says.
 
-``python -m mmocap_warp.study.planted_cameras SCENE FRAMES BODY [FAULT...]`` plants each fault in the third camera, then
+``python instruments/planted_cameras.py SCENE FRAMES BODY [FAULT...]`` plants each fault in the third camera, then
 in all but the first, each in a direction of its own; all of ``FAULTS`` where none is named. The first camera stands
 still, and where all others are moved, its distance to the farthest gives the scale: what is left needs no alignment.
 The person is followed from the scene's subject or, to save time, from a fit with the sound cameras.
@@ -148,5 +148,5 @@ def _main(path: str, frames: str, body_name: str, faults: Sequence[str]) -> None
 
 if __name__ == "__main__":
     if len(sys.argv) < 4 or not set(sys.argv[4:]) <= set(FAULTS):
-        raise SystemExit("usage: python -m mmocap_warp.study.planted_cameras SCENE FRAMES BODY [FAULT...]")
+        raise SystemExit("usage: python instruments/planted_cameras.py SCENE FRAMES BODY [FAULT...]")
     _main(sys.argv[1], sys.argv[2], sys.argv[3], sys.argv[4:] or list(FAULTS))

@@ -1,6 +1,6 @@
 """Whether lags of cameras are found again that were planted in recordings whose cameras are in step.
 
-``python -m mmocap_warp.study.planted_lags FOLDER [CLIP ...]`` writes the clips to FOLDER as scenes, where they are not
+``python instruments/planted_lags.py FOLDER [CLIP ...]`` writes the clips to FOLDER as scenes, where they are not
 there yet, and plants lags in each of them three times. A clip is one of those made by name, or a ``scene.toml`` with
 mask images. Without any named, it is those that no threshold of ``mmocap sync`` was chosen on. It takes about 25
 seconds of one core a clip.
@@ -19,8 +19,8 @@ from mmocap_warp.calibration.sync.synchronise import Synchronisation, synchronis
 from mmocap_warp.masks.mask_files import MaskImages
 from mmocap_warp.scene.recording import CameraSource, Scene
 from mmocap_warp.scene.scene_toml import load_scene
-from mmocap_warp.study.further_clips import CLIP_PLANS, CLIPS
 from mmocap_warp.study.sequence_scene import write_sequence
+from mmocap_warp.study.sequences import CLIP_PLANS, CLIPS
 
 CHOSEN_ON = ("S1/Walking", "S1/Box", "S1/Spin", "S2/Gestures", "S2/Spin", "S3/Gestures")
 """Clips that were looked at when thresholds were chosen, beside ``scenes/walk`` and ``scenes/balancing``."""
@@ -153,5 +153,5 @@ def _main(folder: Path, clips: Sequence[str]) -> None:
 
 if __name__ == "__main__":
     if len(sys.argv) < 2:
-        raise SystemExit("usage: python -m mmocap_warp.study.planted_lags FOLDER [CLIP ...]")
+        raise SystemExit("usage: python instruments/planted_lags.py FOLDER [CLIP ...]")
     _main(Path(sys.argv[1]), sys.argv[2:] or [clip for clip in CLIP_PLANS if clip not in CHOSEN_ON])

@@ -1,6 +1,6 @@
 """How far cameras end from the truth where everything begins at the truth, and whether that is as far as is stated.
 
-``python -m mmocap_warp.study.camera_bias SEQUENCE...`` solves cameras, body and poses of twenty frames of made
+``python instruments/camera_bias.py SEQUENCE...`` solves cameras, body and poses of twenty frames of made
 sequences, from sound cameras and true poses with the generic body. What is off then is what faulty masks and another
 body do. Around that answer the cost is quadratic, so it is known where each kind of parameter would end alone: of one
 camera, and of all but the first, with one distance between cameras given. That takes ten seconds of one core each.
@@ -107,5 +107,5 @@ def _main(names: Sequence[str]) -> None:
 
 if __name__ == "__main__":
     if len(sys.argv) < 2 or not set(sys.argv[1:]) <= set(PLANS):
-        raise SystemExit(f"usage: python -m mmocap_warp.study.camera_bias SEQUENCE...; one of {', '.join(PLANS)}")
+        raise SystemExit(f"usage: python instruments/camera_bias.py SEQUENCE...; one of {', '.join(PLANS)}")
     _main(sys.argv[1:])

@@ -1,0 +1,367 @@
+"""The paper's findings, each checked on a study's own numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mmocap_warp.study.statistics import ALPHA, FEWEST_PAIRS
+from mmocap_warp.study.study_tables import (
+    FEWEST_SEQUENCES,
+    ModelDifference,
+    Ranking,
+    by_algorithm,
+    by_model,
+    model_differences,
+)
+from mmocap_warp.study.summary import MEASURES, CellSummary, Measure, StudySummary, algorithm_label
+from mmocap_warp.study.wording import counted, named, spelled, with_unit
+
+AGREES, MOSTLY, FAILS, DIFFERS, TIED = "agrees", "mostly agrees", "fails", "differs", "tied"
+UNTESTED, TOO_FEW = "not tested", "cannot be judged"
+
+EVOLUTIONARY: tuple[str, ...] = ("h-cmaes", "cmaes", "h-pso", "pso", "h-de", "de")
+FILTERS: tuple[str, ...] = ("apf", "psapf")
+
+Verdict = tuple[str, str]
+"""A verdict and its evidence."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A claim of the paper and what became of it.
+
+    Attributes:
+        claim: in the paper's sense.
+        where: it is made.
+        by: the measure that it was checked on.
+        verdict: ``agrees`` if it holds in every case. If it does not: ``fails`` where the paper claims it of all cases,
+            else ``mostly agrees`` if it holds in more than half, ``tied`` if every case is a tie, and ``differs``
+            otherwise. ``not tested`` where the study has no case, ``cannot be judged`` where it has too few sequences.
+        evidence: the numbers.
+    """
+
+    claim: str
+    where: str
+    by: str
+    verdict: str
+    evidence: str
+
+
+def check_claims(study: StudySummary, measure: Measure) -> list[Finding]:
+    """The paper's findings on a study's main preset.
+
+    Those of section 5.3 are about the tracking error: they are judged by ``measure``. Those of section 5.4 are about
+    Tables 4 to 7, which rank "best solutions' fitness": they are judged by ``measure``, and beside it by the fitness.
+    """
+    measures = [measure, *(other for other in study.measures if other.key == "cost" and other != measure)]
+    of_ranks = zip(*(_about_ranks(study, each) for each in measures), strict=True)
+    return [finding for findings in of_ranks for finding in findings] + list(_about_errors(study, measure))
+
+
+def judged(leads: Iterable[float], evidence: str, *, of_all: bool = False) -> Verdict:
+    """A claim's verdict and its evidence.
+
+    Args:
+        leads: of every case, above zero where it holds, below where it does not; zero is a tie.
+        evidence: may name how many ``{held}`` of how many ``{cases}``; ties are added.
+        of_all: the paper claims it of all cases, so that one exception refutes it, be it a tie.
+    """
+    signs = [int(np.sign(lead)) for lead in leads]
+    held, tied = signs.count(1), signs.count(0)
+    if not signs:
+        return UNTESTED, "The study has no case of it."
+    if held == len(signs):
+        verdict = AGREES
+    elif tied == len(signs):
+        verdict = TIED
+    elif of_all:
+        verdict = FAILS
+    else:
+        verdict = MOSTLY if held > len(signs) / 2 else DIFFERS
+    ties = f" {counted(tied, 'tie')}." if tied else ""
+    return verdict, evidence.format(held=held, cases=len(signs)) + ties
+
+
+# ---- Claims about rankings: section 5.4, the abstract and section 6.
+
+
+@dataclass(frozen=True)
+class Rankings:
+    """A study's rankings by a measure.
+
+    Attributes:
+        of_algorithms: against each other, by degrees of freedom and budget.
+        of_models: each algorithm's models and budgets, by the algorithm.
+        differences: between the models, of each algorithm and budget.
+    """
+
+    of_algorithms: dict[tuple[int, int], Ranking]
+    of_models: dict[str, Ranking]
+    differences: list[ModelDifference]
+
+    @classmethod
+    def of(cls, study: StudySummary, measure: Measure) -> Rankings:
+        """All of them."""
+        grid = [(dof, budget) for dof in study.models for budget in study.budgets]
+        of_algorithms = {at: by_algorithm(study, measure, *at) for at in grid}
+        of_models = {name: by_model(study, measure, name) for name in study.algorithms}
+        return cls(
+            {at: ranking for at, ranking in of_algorithms.items() if ranking is not None},
+            {name: ranking for name, ranking in of_models.items() if ranking is not None},
+            model_differences(study, measure),
+        )
+
+    def over_enough(self, *, significant: bool) -> Rankings:
+        """Those over sequences enough to speak of sequences in general, or for a difference to be significant."""
+
+        def enough(ranking: Ranking) -> bool:
+            return ranking.decisive if significant else len(ranking.sequences) >= FEWEST_SEQUENCES
+
+        fewest = FEWEST_PAIRS if significant else FEWEST_SEQUENCES
+        return Rankings(
+            {at: ranking for at, ranking in self.of_algorithms.items() if enough(ranking)},
+            {name: ranking for name, ranking in self.of_models.items() if enough(ranking)},
+            [pair for pair in self.differences if pair.sequences >= fewest],
+        )
+
+
+def _about_ranks(study: StudySummary, measure: Measure) -> Iterator[Finding]:
+    """What is said of significance is checked on those rankings alone that could tell."""
+    every = Rankings.of(study, measure)
+    for claim, where, significant, judge in _RANK_CLAIMS:
+        verdict, evidence = judge(every.over_enough(significant=significant))
+        if verdict == UNTESTED and judge(every)[0] != UNTESTED:
+            verdict, evidence = _too_few(study)
+        yield Finding(claim, where, named(measure), verdict, evidence)
+
+
+def _too_few(study: StudySummary) -> Verdict:
+    return TOO_FEW, f"Too few for that: {spelled(len(study.sequences), 'sequence')}."
+
+
+def _h_cmaes_first(rankings: Rankings) -> Verdict:
+    """By how far its average rank is before the best of the others."""
+    leads, others = [], set()
+    for ranking in rankings.of_algorithms.values():
+        rank = _average_ranks(ranking)
+        if "h-cmaes" in rank:
+            own = rank.pop("h-cmaes")
+            leads.append(min(rank.values()) - own)
+            others |= {str(ranking.rows[0].contender)} if leads[-1] < 0 else set()
+    instead = f"; elsewhere {', '.join(sorted(others))}" if others else ""
+    return judged(leads, "First in {held} of {cases}" + instead + ".", of_all=True)
+
+
+def _average_ranks(ranking: Ranking) -> dict[str, float]:
+    return {row.contender.algorithm: row.comparison.rank for row in ranking.rows}
+
+
+def _filters_last(rankings: Rankings) -> Verdict:
+    leads = []
+    for rank in map(_average_ranks, rankings.of_algorithms.values()):
+        leads += [rank[other] - rank[own] for own in EVOLUTIONARY for other in FILTERS if {own, other} <= rank.keys()]
+    text = "True of {held} of {cases} pairs of an evolutionary algorithm and a particle filter."
+    return judged(leads, text, of_all=True)
+
+
+def _filters_significant(rankings: Rankings) -> Verdict:
+    tested = [ranking for ranking in rankings.of_algorithms.values() if ranking.test is not None]
+    rows = [row for ranking in tested for row in ranking.rows if row.contender.algorithm in FILTERS]
+    leads = [1 if row.comparison.rejected else -1 for row in rows]
+    return judged(leads, "Holm's test rejects equality with the control in {held} of {cases} cases.", of_all=True)
+
+
+def _hierarchy_first(rankings: Rankings) -> Verdict:
+    leads: dict[str, list[float]] = {}
+    for rank in map(_average_ranks, rankings.of_algorithms.values()):
+        for name in ("cmaes", "pso", "de"):
+            if {name, f"h-{name}"} <= rank.keys():
+                leads.setdefault(f"h-{name}", []).append(rank[name] - rank[f"h-{name}"])
+    each = ", ".join(f"{algorithm_label(name)} {sum(x > 0 for x in of)} of {len(of)}" for name, of in leads.items())
+    return judged((lead for of in leads.values() for lead in of), f"Better ranked: {each}.", of_all=True)
+
+
+def _larger_model(rankings: Rankings, algorithms: tuple[str, ...], sign: int) -> Verdict:
+    """The larger model's rank against the smaller's at each budget, among all models and budgets of an algorithm.
+
+    Args:
+        rankings: over sequences enough.
+        algorithms: of whom it is claimed.
+        sign: 1 where the larger model is claimed to be better, -1 where the smaller.
+    """
+    cases, notes = [], []
+    for name in (name for name in algorithms if name in rankings.of_models):
+        ranking = rankings.of_models[name]
+        of = {(row.contender.dof, row.contender.evaluations): row for row in ranking.rows}
+        pairs = [(row, of[28, budget]) for (dof, budget), row in of.items() if dof == 39 and (28, budget) in of]
+        if pairs:
+            leads = [small.comparison.rank - large.comparison.rank for large, small in pairs]
+            cases += [sign * lead for lead in leads]
+            gain = ranking.measure.sign * float(np.mean([small.mean - large.mean for large, small in pairs]))
+            in_words = with_unit(gain, ranking.measure, sign=True, space=" ")
+            notes.append(f"{algorithm_label(name)} {sum(lead > 0 for lead in leads)} of {len(pairs)} ({in_words})")
+    return judged(cases, f"39 ranks before 28 (mean gain): {', '.join(notes)}.")
+
+
+def _significantly_larger(rankings: Rankings) -> Verdict:
+    """By Wilcoxon's signed-rank test of 39 against 28 at each budget; CMAES is in the evidence, and does not count."""
+    cases: list[int] = []
+    notes = []
+    for name in EVOLUTIONARY:
+        of = [pair for pair in rankings.differences if pair.algorithm == name]
+        better, worse = ([pair.p < ALPHA and (pair.superiority - 0.5) * sign > 0 for pair in of] for sign in (1, -1))
+        cases += [1 if each else -1 for each in better] if name != "cmaes" else []
+        notes += [f"{algorithm_label(name)} {sum(better)} of {len(of)} (worse: {sum(worse)})"] if of else []
+    return judged(cases, f"Wilcoxon’s test below {ALPHA:g}: {', '.join(notes)}.", of_all=True)
+
+
+def _frugal(rankings: Rankings, algorithms: tuple[str, ...], budget: int) -> Verdict:
+    """Whether nothing is significantly better than 39 degrees of freedom with this budget."""
+    cases, notes = [], []
+    for name in (name for name in algorithms if name in rankings.of_models):
+        ranking = rankings.of_models[name]
+        row = ranking.row(name, 39, budget)
+        more = any(other.contender.evaluations > budget for other in ranking.rows)
+        if row is not None and ranking.test is not None and more:
+            cases.append(-1 if row.comparison.rejected else 1)
+            best, p = ranking.rows[0].contender, row.comparison.p
+            against = "the same" if np.isnan(p) else f"p = {p:.2g}"
+            notes.append(f"{algorithm_label(name)}: best ranked is ({best.dof},{best.evaluations}), {against}")
+    return judged(cases, "; ".join(notes) + ".")
+
+
+_RANK_CLAIMS: tuple[tuple[str, str, bool, Callable[[Rankings], Verdict]], ...] = (
+    ("H-CMAES has the best average rank for either model and every budget.", "Tables 4-5", False, _h_cmaes_first),
+    (
+        "In all cases the evolutionary algorithms rank before the particle filters.",
+        "abstract", False, _filters_last,
+    ),
+    (
+        "In all cases the particle filters differ significantly from the best.",
+        "section 5.4", True, _filters_significant,
+    ),
+    (
+        "In all tests searching part by part ranks before searching all at once: H-CMAES, H-PSO and H-DE before CMAES, "
+        "PSO and DE.",
+        "section 6", False, _hierarchy_first,
+    ),
+    (
+        "39 degrees of freedom are better than 28 for the evolutionary algorithms.",
+        "Tables 6-7", False, lambda rankings: _larger_model(rankings, EVOLUTIONARY, 1),
+    ),
+    (
+        "39 are significantly better than 28 for every evolutionary algorithm but CMAES.",
+        "Tables 6-7", True, _significantly_larger,
+    ),
+    (
+        "28 degrees of freedom are better than 39 for the particle filters.",
+        "Tables 6-7", False, lambda rankings: _larger_model(rankings, FILTERS, -1),
+    ),
+    (
+        "CMAES and H-CMAES need no more than 500 evaluations with 39 degrees of freedom: nothing else is significantly "
+        "better.",
+        "section 5.4", True, lambda rankings: _frugal(rankings, ("h-cmaes", "cmaes"), 500),
+    ),
+    (
+        "H-DE, H-PSO, DE and PSO need no more than 1500.",
+        "section 5.4", True, lambda rankings: _frugal(rankings, ("h-de", "h-pso", "de", "pso"), 1500),
+    ),
+)  # fmt: skip
+"""What the paper says of rankings, where, whether it speaks of significance, and what judges it."""
+
+
+# ---- Claims about tracking errors: section 5.3.
+
+
+def _about_errors(study: StudySummary, measure: Measure) -> Iterator[Finding]:
+    jerk = next(measure for measure in MEASURES if measure.key == "jerk")
+    claims = (
+        ("Gestures are tracked best.", measure, _gestures_first),
+        ("Errors spread least in gestures and most in boxing.", measure, _boxing_spreads),
+        ("Subject S3 is the hardest.", measure, _s3_hardest),
+        ("More evaluations narrow the errors’ spread.", measure, _narrower),
+        ("CMAES tracks more evenly over time than DE and PSO, whose bodies vibrate.", jerk, _steadier),
+    )
+    for claim, by, judge in claims:
+        verdict, evidence = judge(study, by)
+        if verdict != UNTESTED and len(study.sequences) < FEWEST_SEQUENCES:
+            verdict, evidence = _too_few(study)
+        yield Finding(claim, "section 5.3", named(by), verdict, evidence)
+
+
+def _gestures_first(study: StudySummary, measure: Measure) -> Verdict:
+    return _in_order(_by_part(study, measure, 1, _mean), [("Gestures", "Walking"), ("Gestures", "Box")], measure)
+
+
+def _boxing_spreads(study: StudySummary, measure: Measure) -> Verdict:
+    """By the interquartile range over all frames of all runs; the less, the better, whatever the measure."""
+    of = _by_part(study, measure, 1, _quartile_range)
+    return _in_order(of, [("Gestures", "Walking"), ("Walking", "Box")], replace(measure, higher_is_better=False))
+
+
+def _s3_hardest(study: StudySummary, measure: Measure) -> Verdict:
+    verdict, evidence = _in_order(_by_part(study, measure, 0, _mean), [("S1", "S3"), ("S2", "S3")], measure)
+    made_so = " The shipped sequences are made so: S3's tracked body and masks are the worst."
+    return verdict, evidence if verdict == UNTESTED else evidence + made_so
+
+
+def _in_order(of: dict[str, float], pairs: list[tuple[str, str]], measure: Measure) -> Verdict:
+    """Whether the first of each pair is better, where the study has all of them."""
+    if not {name for pair in pairs for name in pair} <= of.keys():
+        return judged([], "")
+    leads = [measure.sign * (of[worse] - of[better]) for better, worse in pairs]
+    return judged(leads, ", ".join(f"{name} {with_unit(of[name], measure, space=' ')}" for name in sorted(of)) + ".")
+
+
+def _narrower(study: StudySummary, measure: Measure) -> Verdict:
+    """The least budget's interquartile range against the largest's, for every algorithm and model."""
+    least, most = study.budgets[0], study.budgets[-1]
+    leads = []
+    for cell in study.grid if least < most else ():
+        few, many = (study.cells.get(replace(cell, evaluations=budget)) for budget in (least, most))
+        if cell.evaluations == least and few and many and measure.key in few.spread.keys() & many.spread.keys():
+            leads.append(_quartile_range(few, measure) - _quartile_range(many, measure))
+    text = f"From {least} to {most} evaluations the interquartile range shrinks in {{held}} of {{cases}} cells."
+    return judged(leads, text)
+
+
+def _steadier(study: StudySummary, measure: Measure) -> Verdict:
+    levels = {}
+    for name in ("cmaes", "de", "pso", "h-cmaes", "h-de", "h-pso"):
+        cells = [study.cells[cell] for cell in study.grid if cell.algorithm == name]
+        means = [_mean(cell, measure) for cell in cells if measure.key in cell.runs]
+        levels |= {name: float(np.mean(means))} if means else {}
+    pairs = [("cmaes", "de"), ("cmaes", "pso"), ("h-cmaes", "h-de"), ("h-cmaes", "h-pso")]
+    leads = [levels[other] - levels[own] for own, other in pairs if {own, other} <= levels.keys()]
+    known = [f"{algorithm_label(name)} {with_unit(value, measure, space=' ')}" for name, value in levels.items()]
+    return judged(leads, f"Jerk: {', '.join(known)}.")
+
+
+def _by_part(
+    study: StudySummary, measure: Measure, part: int, of: Callable[[CellSummary, Measure], float]
+) -> dict[str, float]:
+    """Mean over cells of ``of``, by the subject (part 0) or the action (part 1) of the sequences' names.
+
+    Empty unless every subject was tracked in every action, as else one would be taken for the other.
+    """
+    names = [tuple(sequence.split("/")) for sequence in study.sequences if sequence.count("/") == 1]
+    if len(names) != len({name[0] for name in names}) * len({name[1] for name in names}):
+        return {}
+    values: dict[str, list[float]] = {}
+    for cell in study.grid:
+        parts, summary = cell.sequence.split("/"), study.cells[cell]
+        if len(parts) == 2 and measure.key in summary.spread:
+            values.setdefault(parts[part], []).append(of(summary, measure))
+    return {name: float(np.mean(found)) for name, found in values.items()}
+
+
+def _mean(cell: CellSummary, measure: Measure) -> float:
+    return float(cell.runs[measure.key].mean())
+
+
+def _quartile_range(cell: CellSummary, measure: Measure) -> float:
+    spread = cell.spread[measure.key]
+    return float(spread[3] - spread[1])

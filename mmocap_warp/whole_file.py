@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -39,3 +40,16 @@ def write_whole(path: Path, data: bytes) -> None:
     """Write ``data`` as :func:`whole_file` says, with its errors."""
     with whole_file(path) as unfinished:
         unfinished.write_bytes(data)
+
+
+def content_hash(file: Path) -> bytes:
+    """SHA-256 of a file's bytes.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    try:
+        with file.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").digest()
+    except OSError as error:
+        raise InputError(file, f"cannot be read ({error})", "check its permissions") from error

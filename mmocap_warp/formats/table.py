@@ -96,8 +96,8 @@ CALIBRATIONS: tuple[Format, ...] = (
         open_units=True,
         lenses="calibration.multical:read_multical_lenses",
     ),
-    Format("HumanEva", (".cal",), "humaneva.cal:read_cal_folder", folder="*.[cC][aA][lL]", open_sizes=True),
-    Format("USD", (".usda", ".usdc", ".usd"), "usd.camera_file:read_usd_cameras", open_sizes=True),
+    Format("HumanEva", (".cal",), "humaneva.humaneva_files:read_cal_folder", folder="*.[cC][aA][lL]", open_sizes=True),
+    Format("USD", (".usda", ".usdc", ".usd"), "usd.usd_camera:read_usd_cameras", open_sizes=True),
 )
 """Their functions are called as :func:`read_calibration` is, and give what it gives."""
 
@@ -105,7 +105,7 @@ CALIBRATION_EXPORTS: tuple[Format, ...] = (
     Format("Pose2Sim/aniposelib TOML", (".toml",), "calibration.toml_rig:write_toml_rig"),
     Format("OpenCV/EasyMocap YAML", ("intri.yml",), "calibration.opencv_yaml:write_opencv_yaml", beside=("extri.yml",)),
     Format("COLMAP text", ("cameras.txt",), "calibration.colmap:write_colmap", beside=("images.txt", "points3D.txt")),
-    Format("USD", (".usda", ".usdc", ".usd"), "usd.camera_file:write_usd_cameras"),
+    Format("USD", (".usda", ".usdc", ".usd"), "usd.usd_camera:write_usd_cameras"),
 )
 """Their functions take the file and the rig, as :func:`write_calibration` does."""
 
@@ -113,17 +113,17 @@ EXPORTS: tuple[Format, ...] = (
     Format("USD", (".usda", ".usdc", ".usdz"), "usd.usd_animation:export_animation"),
     Format("glTF", (".glb",), "exports.glb:write_glb", up="+y"),
     Format("BVH", (".bvh",), "exports.write_bvh:write_bvh", up="+y"),
-    Format("OpenSim markers", (".trc",), "exports.write_trc:write_trc", up="+y"),
-    Format("OpenSim motion", (".mot",), "exports.mot:write_mot", up="+y"),
-    Format("C3D", (".c3d",), "exports.c3d:write_c3d"),
-    Format("CSV", (".csv",), "exports.columns:write_csv"),
-    Format("Parquet", (".parquet",), "exports.columns:write_parquet"),
-    Format("NumPy", (".npz",), "exports.npz:write_npz"),
+    Format("OpenSim markers", (".trc",), "exports.tables:write_trc", up="+y"),
+    Format("OpenSim motion", (".mot",), "exports.tables:write_mot", up="+y"),
+    Format("C3D", (".c3d",), "exports.tables:write_c3d"),
+    Format("CSV", (".csv",), "exports.tables:write_csv"),
+    Format("Parquet", (".parquet",), "exports.tables:write_parquet"),
+    Format("NumPy", (".npz",), "exports.tables:write_npz"),
 )
 """Their functions are called as :func:`export` is."""
 
 POINT_CACHES: tuple[Format, ...] = (
-    Format("USD point cache", (".usda", ".usdc", ".usdz"), "usd.point_cache:export_point_cache"),
+    Format("USD point cache", (".usda", ".usdc", ".usdz"), "usd.usd_animation:export_point_cache"),
 )
 """Exports of the skin's points at every frame instead of a skeleton that moves it; called as :func:`export` is."""
 
@@ -141,7 +141,7 @@ def read_calibration(
         units: unit of its lengths, "m" or "mm", where the format leaves it open; None where nobody says.
         up: the world's up axis, where the format does not say it.
         sizes: width and height [px] of cameras' images, for a format that may leave them out; under
-            :data:`~mmocap_warp.formats.calibration.image_size.EVERY_OTHER` those of all cameras that are not named.
+            :data:`~mmocap_warp.formats.calibration.calibration_text.EVERY_OTHER` those of all other cameras.
 
     Raises:
         InputError: an unknown ending, or a file that the format's reader refuses.

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mmocap_warp.cameras.rig import CameraRig, project
-from mmocap_warp.masks.repair import hull_thickness
-from mmocap_warp.masks.visual_hull import meeting_point
+from mmocap_warp.masks.visual_hull import hull_thickness, meeting_point
 
 _JUDGED = 12  # frames whose views are compared
 _SPACING = 0.04  # of the voxels [m]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.masks.label_images import Labels
+from mmocap_warp.masks.mask_image import Labels
 
 _MOST_PIXELS = 1 << 28
 _REMEDY = "write it with pycocotools, segmentation = {size = [height, width], counts = ...}"

@@ -13,11 +13,11 @@ import numpy as np
 
 from mmocap_warp.cameras.rig import UP_AXES, CameraRig
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.calibration.image_size import EVERY_OTHER
+from mmocap_warp.formats.calibration.calibration_text import EVERY_OTHER
 from mmocap_warp.formats.toml_table import quoted, quoted_path
 from mmocap_warp.masks.frames import Frames, VideoFile, as_colour, open_frames
-from mmocap_warp.scene.found_calibration import FoundCalibration, find_calibration, project_kind, read_found
-from mmocap_warp.scene.found_media import Kind, Medium, Take, find_media, names_without_calibration, takes
+from mmocap_warp.scene.calibration_search import CalibrationFile, find_calibration, project_kind, read_with_unit
+from mmocap_warp.scene.media_search import Kind, Medium, Take, find_media, names_without_calibration, takes
 
 _UPRIGHT = 0.8  # share of the images' vertical that is along the world's, where cameras stand upright
 _SAME_RATE = 0.005
@@ -93,7 +93,7 @@ def draft_scene(folder: Path) -> Draft:
             folder, "holds no video and no folder of images", "put a video or a folder of images of each camera there"
         )
     found = find_calibration(folder)
-    rig, units = read_found(found, _sizes(files, found)) if found else (None, "m")
+    rig, units = read_with_unit(found, _sizes(files, found)) if found else (None, "m")
     names = rig.names if rig else names_without_calibration(files)
     video = _one_take(folder, files, names)
     media = _Media(video, *(_first_take(files, kind, names) for kind in ("masks", "background", "clean_plate")))
@@ -117,7 +117,7 @@ def draft_scene(folder: Path) -> Draft:
     return draft
 
 
-def _sizes(media: list[Medium], found: FoundCalibration) -> dict[str, tuple[int, int]]:
+def _sizes(media: list[Medium], found: CalibrationFile) -> dict[str, tuple[int, int]]:
     """Of the recordings and masks, by their own names, for a calibration that may not tell sizes; of all, where there
     is one."""
     if not found.open_sizes:
@@ -195,7 +195,7 @@ def _vertical(rig: CameraRig) -> tuple[str, float]:
     return UP_AXES[2 * axis + (mean[axis] < 0)], float(abs(mean[axis]))
 
 
-def _calibration(draft: Draft, found: FoundCalibration | None, units: str, folder: Path) -> list[str]:
+def _calibration(draft: Draft, found: CalibrationFile | None, units: str, folder: Path) -> list[str]:
     if found is None:
         draft.missing.append(
             "a calibration: put a Pose2Sim .toml, a Qualisys .qca.txt, EasyMocap's intri.yml and extri.yml, or another "

@@ -21,7 +21,7 @@ import numpy as np
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.png import encode_png
-from mmocap_warp.masks.image_tar import list_tar, read_member
+from mmocap_warp.masks.mask_files import list_tar, read_member
 
 _KEY = "made_from"  # the first member's name; it holds the key
 

@@ -27,13 +27,13 @@ from mmocap_warp.masks.mask_files import Masks
 from mmocap_warp.masks.mask_image import decode_mask
 from mmocap_warp.masks.mask_settings import SUBTRACTION, ForegroundSettings
 from mmocap_warp.masks.observation import Observation
-from mmocap_warp.masks.repair import repair_masks
 from mmocap_warp.masks.subtraction import learn_background
-from mmocap_warp.scene.content_hash import content_hash
-from mmocap_warp.scene.in_step import abreast, numbered
+from mmocap_warp.masks.visual_hull import repair_masks
+from mmocap_warp.scene.frame_choice import abreast, numbered
 from mmocap_warp.scene.mask_cache import keeping, kept_masks
 from mmocap_warp.scene.mask_mark import MaskMark, calibration_hash
 from mmocap_warp.version import __version__
+from mmocap_warp.whole_file import content_hash
 
 BodyMasks = Callable[[], list[np.ndarray]]
 """Says where the body was last: per camera (height, width) bool."""

@@ -13,12 +13,11 @@ import numpy as np
 from mmocap_warp.cameras.rig import UP_AXES, CameraRig
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.attachments import take_attachments
-from mmocap_warp.formats.calibration.units import METRES
+from mmocap_warp.formats.calibration.calibration_text import METRES
 from mmocap_warp.formats.toml_table import Table, load_toml
 from mmocap_warp.masks.frames import Frames
-from mmocap_warp.masks.label_images import Labels, identities_of
 from mmocap_warp.masks.mask_files import Masks
-from mmocap_warp.masks.mask_image import decode_mask
+from mmocap_warp.masks.mask_image import Labels, decode_mask, identities_of
 from mmocap_warp.masks.mask_settings import GIVEN, KEEP, MODELS, SOURCES, SUBTRACTED, ForegroundSettings
 from mmocap_warp.scene.camera_tables import fastest, read_cameras
 from mmocap_warp.scene.frame_choice import FrameChoice

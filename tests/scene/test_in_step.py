@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.scene.in_step import abreast
+from mmocap_warp.scene.frame_choice import abreast
 
 
 def test_streams_are_read_abreast_to_their_ends():

@@ -13,8 +13,7 @@ import numpy as np
 
 from mmocap_warp.cameras.rig import Camera, CameraRig, rig_of
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.calibration.text import read_text
-from mmocap_warp.formats.calibration.units import stated_metres
+from mmocap_warp.formats.calibration.calibration_text import read_text, stated_metres
 from mmocap_warp.whole_file import write_whole
 
 _MOST_BYTES = 2**26  # images.txt lists the points that each image shows, too

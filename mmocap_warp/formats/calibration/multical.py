@@ -15,8 +15,7 @@ import numpy as np
 
 from mmocap_warp.cameras.rig import Camera, CameraRig, rig_of
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.calibration.text import read_text
-from mmocap_warp.formats.calibration.units import stated_metres
+from mmocap_warp.formats.calibration.calibration_text import read_text, stated_metres
 from mmocap_warp.formats.toml_table import is_number
 
 _AGAIN = "give the calibration.json that multical calibrate writes"

@@ -17,9 +17,7 @@ import yaml
 
 from mmocap_warp.cameras.rig import Camera, CameraRig, rig_of
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.calibration.image_size import told_size
-from mmocap_warp.formats.calibration.text import read_text
-from mmocap_warp.formats.calibration.units import METRES
+from mmocap_warp.formats.calibration.calibration_text import METRES, image_size_of, read_text
 from mmocap_warp.whole_file import write_whole
 
 _TYPES = {"d": np.float64, "f": np.float32, "i": np.int32, "s": np.int16, "w": np.uint16, "c": np.int8, "u": np.uint8}
@@ -160,7 +158,7 @@ def _read_lens(intrinsics: _File, name: str, sizes: dict[str, tuple[int, int]] |
     if f"W_{name}" in intrinsics and f"H_{name}" in intrinsics:
         size = (intrinsics.number(f"W_{name}"), intrinsics.number(f"H_{name}"))
     else:
-        size = told_size(sizes, name, intrinsics.path, f"W_{name} and H_{name} are missing")
+        size = image_size_of(sizes, name, intrinsics.path, f"W_{name} and H_{name} are missing")
     return Camera(name, K, np.eye(3), np.zeros(3), size, distortion)
 
 

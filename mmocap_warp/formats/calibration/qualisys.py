@@ -12,7 +12,7 @@ from defusedxml.ElementTree import fromstring
 
 from mmocap_warp.cameras.rig import Camera, CameraRig, rig_of
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.calibration.text import refuse_huge
+from mmocap_warp.formats.calibration.calibration_text import refuse_huge
 
 _SUBPIXELS = 64.0  # focal lengths and centres are written in 1/64 px; distortion coefficients are not scaled
 _FROM_QUALISYS = np.diag([1.0, -1.0, -1.0])  # its cameras look along -z with y up

@@ -5,6 +5,7 @@ See docs/humaneva.md for what is read, and for what had to be assumed.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,22 +13,25 @@ import numpy as np
 
 from mmocap_warp.cameras.rig import CameraRig, rig_of
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.humaneva.background import nearest_background
-from mmocap_warp.formats.humaneva.cal import read_cal
-from mmocap_warp.formats.humaneva.joints import JOINT_NAMES, SubjectMeasures, joints_at, torso_radius
-from mmocap_warp.formats.humaneva.markers import (
+from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
+from mmocap_warp.formats.humaneva.humaneva_files import Synchronisation, read_cal, read_measures, read_ofs, synchronise
+from mmocap_warp.formats.humaneva.vicon_points import (
+    JOINT_NAMES,
     MARKERS,
     MissingPointError,
+    SubjectMeasures,
     between_frames,
     captured_markers,
+    joints_at,
     only_valid,
+    torso_radius,
 )
-from mmocap_warp.formats.humaneva.numbers import read_measures
-from mmocap_warp.formats.humaneva.time_offsets import Synchronisation, read_ofs, synchronise
-from mmocap_warp.formats.motion.read_c3d import read_c3d
-from mmocap_warp.formats.motion.read_trc import PointTracks
-from mmocap_warp.masks.frames import Frames, open_frames
+from mmocap_warp.formats.motion.captured_points import PointTracks, read_c3d
+from mmocap_warp.formats.toml_table import quoted
+from mmocap_warp.formats.truth_file import write_truth
+from mmocap_warp.masks.frames import Frames, as_colour, open_frames
 from mmocap_warp.result.truth import Truth
+from mmocap_warp.whole_file import write_whole
 
 CAMERAS: tuple[str, ...] = ("C1", "C2", "C3", "BW1", "BW2", "BW3", "BW4")
 """HumanEva's cameras, three of colour and four gray, in the order that its synchronisation counts from."""
@@ -261,3 +265,101 @@ def _find_background(folder: Path, camera: str, video: Frames) -> Frames:
             found, wanted = ("{}x{}".format(*frames.size) for frames in (clip, video))
             raise InputError(clip.path, f"is {found}, the camera's video is {wanted}", _AGAIN)
     return clips[nearest_background(video, clips)]
+
+
+_SAMPLES = 15
+_OUTLIER = 16.0  # gray levels; where the subject is, images differ more, and by how much says nothing
+
+
+def nearest_background(recording: Frames, clips: Sequence[Frames]) -> int:
+    """The clip whose room looks most like the recording's start.
+
+    HumanEva filmed the empty room at three times of a week. Light and things in the room changed meanwhile, so the
+    clip nearest in time fits best, and the whole image says which that is.
+
+    Raises:
+        ValueError: a clip of another size than the recording.
+    """
+    if any(clip.size != recording.size for clip in clips):
+        raise ValueError("background clips must have the recording's size")
+    seen = _typical(recording)
+    return int(np.argmin([np.minimum(np.abs(_typical(clip) - seen), _OUTLIER).mean() for clip in clips]))
+
+
+def _typical(frames: Frames) -> np.ndarray:
+    """(height, width, 3) median of the first images."""
+    return np.median([as_colour(image) for image in frames.sample(_SAMPLES)], axis=0)
+
+
+_FOREGROUND = """
+# Lengths suit a subject of 300 pixels. Gray images have no colour to tell a shadow by, so shadows stay.
+[foreground]
+source = "background_video"
+model = "gaussian"
+shadow_brightness = 1.0
+median = 3.0
+close = 5.0
+fill_holes = 60.0
+min_area = 120.0
+keep = "largest"
+join = 20.0
+"""
+
+
+def write_scene(folder: str | Path, sequence: HumanEvaSequence) -> Path:
+    """Write ``calibration.toml``, ``truth.usdc`` and last ``scene.toml``, which names the user's videos.
+
+    Files of the same names are replaced.
+
+    Args:
+        folder: made if it does not exist.
+        sequence: what to write.
+
+    Returns:
+        Path of ``scene.toml``.
+
+    Raises:
+        InputError: a folder that cannot be written to.
+    """
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(folder, f"cannot be written to ({error})", "choose another folder") from error
+    write_toml_rig(folder / "calibration.toml", sequence.rig)
+    write_truth(folder / "truth.usdc", sequence.truth, sequence.rig.up)
+    write_whole(folder / "scene.toml", _scene_text(sequence).encode())
+    return folder / "scene.toml"
+
+
+def _scene_text(sequence: HumanEvaSequence) -> str:
+    lines = [
+        f"# HumanEva-I, {sequence.subject} {sequence.action}, trial 1, written by mmocap humaneva.",
+        f"# Frame 0 is frame {sequence.first} of HumanEva's own numbers.",
+        "[scene]",
+        f'name = "{sequence.subject} {sequence.action}"',
+        f"fps = {FPS:g}",
+        f'up = "{sequence.rig.up}"',
+        f"frames = {sequence.count}",
+        "",
+        "[truth]",
+        'file = "truth.usdc"',
+        "",
+        "[cameras]",
+        'calibration = "calibration.toml"',
+    ]
+    cameras = zip(sequence.rig.names, sequence.videos, sequence.backgrounds, sequence.frame_offsets, strict=True)
+    for name, video, background, offset in cameras:
+        lines += [
+            "",
+            f"[cameras.{name}]",
+            f"video = {_quoted(video.path)}",
+            f"background = {_quoted(background.path)}",
+            f"frame_offset = {offset}",
+        ]
+    return "\n".join(lines) + "\n" + _FOREGROUND
+
+
+def _quoted(path: Path) -> str:
+    """A TOML string of the whole path, since scene and data set move apart."""
+    return quoted(path.resolve().as_posix())

@@ -81,7 +81,7 @@ def with_markers(clip: MotionClip, path: str | Path) -> MotionClip:
     Raises:
         InputError: a file that cannot be read, or that is of another take.
     """
-    from mmocap_warp.formats.motion.read_c3d import read_c3d
+    from mmocap_warp.formats.motion.captured_points import read_c3d
 
     tracks = read_c3d(path)
     if len(tracks.positions) != len(clip.place) or tracks.rate != clip.fps:

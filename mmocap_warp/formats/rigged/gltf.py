@@ -8,11 +8,11 @@ import struct
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.rigged.inside import file_inside
 from mmocap_warp.formats.rigged.node_motion import node_motions, node_worlds
 from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, parents_first
 
@@ -259,3 +259,22 @@ def _scene_from_bind(bind: np.ndarray, rest: np.ndarray, mesh: np.ndarray) -> np
     nearest = min(map(apart, candidates))
     slack = 1e-3 * float(np.ptp(rest[:, :3, 3], axis=0).max())
     return next(scene for scene in candidates if apart(scene) <= nearest + slack)
+
+
+def file_inside(folder: Path, name: str, source: object) -> Path:
+    """The file ``name`` in ``folder`` or below it; ``source`` is the file that names it.
+
+    Raises:
+        InputError: it lies elsewhere, or does not exist.
+    """
+    root = folder.resolve()
+    try:
+        found = (root / unquote(name)).resolve()
+        exists = found.is_file()
+    except (OSError, ValueError):  # such as a name with a zero byte
+        raise InputError(source, f"names a file {name!r}, which cannot be", "correct that name") from None
+    if not found.is_relative_to(root):
+        raise InputError(source, f"names '{name}', which is not in {folder}", "copy it there, and say so")
+    if not exists:
+        raise InputError(source, f"names '{name}', which is not in {folder}", "put it there")
+    return found

@@ -11,11 +11,10 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
-from pxr import Sdf, Tf, Usd, Vt
+from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils, Vt
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.tried_first import tried_first, trust
-from mmocap_warp.formats.usd.references import check_references
+from mmocap_warp.formats.sandbox import sandboxed, trust
 from mmocap_warp.whole_file import whole_file
 
 P = ParamSpec("P")
@@ -49,7 +48,7 @@ def reads_usd(reader: Callable[P, T]) -> Callable[P, T]:
     """What reads a USD file, whose path is its first argument, from :func:`read_stage` to the last value.
 
     USD reads values when they are asked for, and only then finds damage. A file that this process did not write is read
-    in another process first, see :func:`~mmocap_warp.formats.tried_first.tried_first`.
+    in another process first, see :func:`~mmocap_warp.formats.sandbox.sandboxed`.
     """
 
     @wraps(reader)
@@ -57,7 +56,7 @@ def reads_usd(reader: Callable[P, T]) -> Callable[P, T]:
         with usd_errors_told(args[0]):
             return reader(*args, **kwargs)
 
-    return tried_first(told)
+    return sandboxed(told)
 
 
 @contextmanager
@@ -185,3 +184,129 @@ class PrimReader:
         self.require(raw.dtype.kind in "biuf", f"{name} holds no numbers")
         self.require(not np.isnan(raw).any(), f"{name} holds NaN")
         return raw.astype(dtype)
+
+
+ALLOWED = "MMOCAP_ALLOW_REFERENCES"
+"""The environment's variable that lets references pass wherever they lead: ``1`` for yes."""
+
+
+def check_references(layer: Sdf.Layer, path: Path) -> None:
+    """See that a layer, and the layers that it names, refer to files of its own folder only.
+
+    ``layer`` was read from ``path`` as an anonymous one; what it names relative to its file is made absolute.
+
+    Raises:
+        InputError: a file elsewhere, or one that is named by an expression, unless ``ALLOWED`` says yes.
+    """
+    names = _anchored(layer, path)
+    if names and os.environ.get(ALLOWED, "0") in ("", "0"):
+        _check(names, path, path.resolve().parent, {path.resolve()})
+
+
+def _check(names: list[str], source: Path, folder: Path, seen: set[Path]) -> None:
+    for name in names:
+        target = Path(os.path.realpath(name.split("[", 1)[0]))  # of a package's member, the package
+        if "`" in name or not target.is_relative_to(folder):
+            raise InputError(
+                source,
+                f"refers to {name}, which is not in its folder",
+                "put that file beside it, or give --allow-references if you trust both",
+            )
+        if target in seen or not target.is_file():
+            continue
+        seen.add(target)
+        with _opened(target) as layer:
+            if layer:
+                _check(_anchored(layer, target), target, folder, seen)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Sdf.Layer | None]:
+    """A layer by itself; None for what is no layer, such as a picture."""
+    yield Sdf.Layer.OpenAsAnonymous(str(path)) if Sdf.FileFormat.FindByExtension(path.suffix) else None
+
+
+def _anchored(layer: Sdf.Layer, path: Path) -> list[str]:
+    """The names of all other files in a layer, which are made absolute there."""
+    names: list[str] = []
+
+    def absolute(name: str) -> str:
+        names.append(os.path.join(path.resolve().parent, name))
+        return names[-1]
+
+    UsdUtils.ModifyAssetPaths(layer, absolute)
+    names += (name for name in layer.GetCompositionAssetDependencies() if "`" in name)  # which the function leaves out
+    return names + _expressions_of_clips(layer)
+
+
+def _expressions_of_clips(layer: Sdf.Layer) -> list[str]:
+    found = []
+
+    def look(path: Sdf.Path) -> None:
+        prim = layer.GetPrimAtPath(path) if path.IsPrimPath() or path.IsPrimVariantSelectionPath() else None
+        if prim and prim.HasInfo("clips") and "`" in str(prim.GetInfo("clips")):
+            found.append(f"`...` in the clips of {path}")
+
+    layer.Traverse(Sdf.Path.absoluteRootPath, look)
+    return found
+
+
+def author_value(prim: Usd.Prim, name: str, value: Any, time: float | None = None) -> None:
+    """Set an attribute whose type follows from the value: text, truth, number, list of texts, or array (flattened)."""
+    kind, usd_value = _typed(value)
+    variability = Sdf.VariabilityUniform if time is None else Sdf.VariabilityVarying
+    code = Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
+    prim.CreateAttribute(name, kind, True, variability).Set(usd_value, code)
+
+
+def gf_matrix(transform: np.ndarray) -> Gf.Matrix4d:
+    """USD's matrix, which acts on row vectors, of a (4, 4) transform of column vectors."""
+    return Gf.Matrix4d(np.asarray(transform, np.float64).T)
+
+
+def _typed(value: Any) -> tuple[Sdf.ValueTypeName, Any]:
+    types = Sdf.ValueTypeNames
+    if isinstance(value, str):
+        return types.String, value
+    if isinstance(value, bool):
+        return types.Bool, value
+    if isinstance(value, int):
+        return types.Int64, value
+    if isinstance(value, float):
+        return types.Double, value
+    if isinstance(value, np.ndarray) and value.dtype.kind == "f":
+        return types.DoubleArray, Vt.DoubleArray.FromNumpy(np.ascontiguousarray(value, np.float64).ravel())
+    if isinstance(value, np.ndarray) and value.dtype.kind in "iu":
+        return types.Int64Array, Vt.Int64Array.FromNumpy(np.ascontiguousarray(value, np.int64).ravel())
+    if isinstance(value, list | tuple) and all(isinstance(item, str) for item in value):
+        return types.StringArray, Vt.StringArray(list(value))
+    raise ValueError(f"no USD attribute type for {value!r}")
+
+
+def set_world_up(stage: Usd.Stage, world: UsdGeom.Xformable, up: str) -> None:
+    """Set the stage's metres and up axis, and turn ``world`` where that is needed to show its contents upright.
+
+    Args:
+        stage: the stage.
+        world: the prim above everything that is given in the cameras' world.
+        up: the world's up axis: ``+x``, ``-x``, ``+y``, ``-y``, ``+z`` or ``-z``. The stage's is the same where it is
+            +y or +z, else +z.
+    """
+    stage_up = {"+y": "y"}.get(up, "z")
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    UsdGeom.SetStageUpAxis(stage, stage_up.upper())
+    if up != f"+{stage_up}":
+        turn = np.eye(4)
+        turn[:3, :3] = _rotation_onto(stage_up, up)
+        world.AddTransformOp().Set(gf_matrix(turn))
+
+
+def _rotation_onto(stage_up: str, up: str) -> np.ndarray:
+    """(3, 3) rotation that takes the signed axis ``up`` to the positive axis ``stage_up``, along other axes."""
+    source, target = "xyz".index(up[1]), "xyz".index(stage_up)
+    turn = np.roll(np.eye(3), target - source, axis=0)  # cyclic, hence proper: axis `source` becomes `target`
+    if up[0] == "-":
+        flip = -np.ones(3)
+        flip[(target + 1) % 3] = 1.0
+        turn = np.diag(flip) @ turn
+    return turn

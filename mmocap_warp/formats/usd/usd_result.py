@@ -21,11 +21,10 @@ import numpy as np
 from pxr import Usd, UsdGeom
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.usd.attributes import author_value
 from mmocap_warp.formats.usd.usd_animation import animate, new_world
 from mmocap_warp.formats.usd.usd_body import body_prim, define_subject, subject_from_prim
 from mmocap_warp.formats.usd.usd_camera import cameras_from_prim, define_cameras
-from mmocap_warp.formats.usd.usd_file import PrimReader, read_stage, reads_usd, write_stage
+from mmocap_warp.formats.usd.usd_file import PrimReader, author_value, read_stage, reads_usd, write_stage
 from mmocap_warp.result.result import STATUS, Result
 
 VERSION = 2

@@ -15,8 +15,7 @@ from pxr import Sdf, Usd, Vt
 
 from mmocap_warp.body.skeleton import Skeleton, coordinate_names
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.usd.attributes import author_value
-from mmocap_warp.formats.usd.usd_file import PrimReader
+from mmocap_warp.formats.usd.usd_file import PrimReader, author_value
 
 _ROTATION_TOLERANCE = 1e-3
 _UNIFORM = Sdf.VariabilityUniform

@@ -17,7 +17,7 @@ from synthetic import ring_rig
 from mmocap_warp.cameras.rig import CameraRig, project
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.table import CALIBRATION_EXPORTS, read_calibration, read_lenses, write_calibration
-from mmocap_warp.formats.usd.camera_file import write_usd_cameras
+from mmocap_warp.formats.usd.usd_camera import write_usd_cameras
 
 PIXEL = 1e-9  # [px], float64 against float64
 SINGLE = 1e-3  # [px], of a lens in single precision

@@ -13,7 +13,7 @@ from measured import answer
 from synthetic import synthetic_result
 
 from mmocap_warp.formats.exports.rigs import rigged
-from mmocap_warp.formats.motion.read_bvh import read_bvh
+from mmocap_warp.formats.motion.motion_clip import read_bvh
 from mmocap_warp.formats.table import export
 from mmocap_warp.formats.usd.usd_check import faults
 from mmocap_warp.result.result import Result

@@ -9,9 +9,14 @@ from scipy.spatial.transform import Rotation, Slerp
 from synthetic import SKELETON
 
 from mmocap_warp.body.posing import Poser
-from mmocap_warp.formats.humaneva.joints import JOINT_NAMES, SubjectMeasures, joints_at, torso_radius
-from mmocap_warp.formats.humaneva.markers import MissingPointError
-from mmocap_warp.formats.motion.read_trc import PointTracks
+from mmocap_warp.formats.humaneva.vicon_points import (
+    JOINT_NAMES,
+    MissingPointError,
+    SubjectMeasures,
+    joints_at,
+    torso_radius,
+)
+from mmocap_warp.formats.motion.captured_points import PointTracks
 from mmocap_warp.rigging.human import JOINTS
 from mmocap_warp.study.metrics import TRUNK
 

@@ -12,8 +12,8 @@ from typing import Any
 
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.calibration.text import read_text
-from mmocap_warp.formats.humaneva.cal import read_cal
+from mmocap_warp.formats.calibration.calibration_text import read_text
+from mmocap_warp.formats.humaneva.humaneva_files import read_cal
 from mmocap_warp.formats.table import CALIBRATIONS, read_calibration
 
 _ABOVE = 2  # folders above the one that is looked at, where projects of many trials keep their calibration
@@ -29,7 +29,7 @@ _ANY_OTHER = "write it as a Pose2Sim .toml (docs/formats.md says what is in one)
 
 
 @dataclass(frozen=True)
-class FoundCalibration:
+class CalibrationFile:
     """A calibration that can be read.
 
     Attributes:
@@ -61,7 +61,7 @@ def project_kind(folder: Path) -> str | None:
     return None
 
 
-def find_calibration(folder: Path) -> FoundCalibration | None:
+def find_calibration(folder: Path) -> CalibrationFile | None:
     """The calibration in a folder, or else in one above it; None where there is none.
 
     Raises:
@@ -73,14 +73,14 @@ def find_calibration(folder: Path) -> FoundCalibration | None:
         if readable:
             rank, best = readable[0]
             format, others = CALIBRATIONS[rank], tuple(file for _, file in readable[1:])
-            return FoundCalibration(best, format.name, others, format.open_units, format.open_sizes)
+            return CalibrationFile(best, format.name, others, format.open_units, format.open_sizes)
         if place == folder or project_kind(place) is not None:
             for file in files:
                 _refuse(file, place)
     return None
 
 
-def read_found(found: FoundCalibration, sizes: dict[str, tuple[int, int]]) -> tuple[CameraRig, str]:
+def read_with_unit(found: CalibrationFile, sizes: dict[str, tuple[int, int]]) -> tuple[CameraRig, str]:
     """The cameras, and the unit of their lengths: metres, or millimetres where metres cannot be.
 
     Raises:

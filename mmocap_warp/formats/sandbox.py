@@ -31,7 +31,7 @@ _PATIENCE = 12.0  # times the processor's seconds: the machine may be busy
 _IDLE = 20.0  # after which the other process ends [s]
 _DONE = "done"
 _REMEDY = "it is damaged: write or copy it again"
-_START = "import sys; sys.path[:] = sys.argv[1:]; from mmocap_warp.formats.tried_first import _serve; _serve()"
+_START = "import sys; sys.path[:] = sys.argv[1:]; from mmocap_warp.formats.sandbox import _serve; _serve()"
 
 _ALONE = {"PXR_WORK_THREAD_LIMIT": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "2"}
 """For the environment: on many cores the stacks and heaps of threads alone would take what a file may."""
@@ -44,7 +44,7 @@ _sound: dict[tuple[str, str], Stamp] = {}
 """Files that need not be tried by a reader, or by any where none is named, as they were then."""
 
 
-def tried_first(reader: Callable[P, T]) -> Callable[P, T]:
+def sandboxed(reader: Callable[P, T]) -> Callable[P, T]:
     """Let a reader, whose first argument is a path, read a strange file in another process first.
 
     The reader then raises ``InputError`` also where a file ends the process that reads it, or takes more time or memory
@@ -57,7 +57,7 @@ def tried_first(reader: Callable[P, T]) -> Callable[P, T]:
         path = os.path.abspath(str(args[0]))
         stamp = _stamp(path)
         if stamp is not None and stamp not in (_sound.get((path, name)), _sound.get((path, ""))):
-            _other_process.read(name, str(args[0]), stamp[1])
+            _worker.read(name, str(args[0]), stamp[1])
             _sound[path, name] = stamp
         return reader(*args, **kwargs)
 
@@ -86,7 +86,7 @@ def _settings() -> dict[str, str]:
     return {name: value for name, value in os.environ.items() if name.startswith("MMOCAP_")}
 
 
-class _OtherProcess:
+class _Worker:
     """The process that reads first; started when it is needed. Systems that are not POSIX do without."""
 
     def __init__(self) -> None:
@@ -168,7 +168,7 @@ def _close_pipes(process: subprocess.Popen[str]) -> None:
                 pipe.close()
 
 
-_other_process = _OtherProcess()
+_worker = _Worker()
 
 
 def _serve() -> None:

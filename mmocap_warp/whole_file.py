@@ -1,4 +1,4 @@
-"""Writing a file so that it appears under its name when it is complete, or not at all."""
+"""Whole files: read as text, hashed, and written so that they appear complete or not at all."""
 
 from __future__ import annotations
 
@@ -53,3 +53,19 @@ def content_hash(file: Path) -> bytes:
             return hashlib.file_digest(stream, "sha256").digest()
     except OSError as error:
         raise InputError(file, f"cannot be read ({error})", "check its permissions") from error
+
+
+def read_text(
+    path: str | Path, remedy: str, *, missing: str = "check the path", encoding: str = "utf-8", errors: str = "strict"
+) -> str:
+    """A file's text.
+
+    Raises:
+        InputError: no such file, for which ``missing`` says what to do; or one that cannot be read as text.
+    """
+    try:
+        return Path(path).read_text(encoding=encoding, errors=errors)
+    except FileNotFoundError:
+        raise InputError(path, "no such file", missing) from None
+    except (OSError, ValueError) as error:
+        raise InputError(path, f"cannot be read ({error})", remedy) from None

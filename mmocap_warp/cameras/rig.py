@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -211,6 +212,15 @@ class Camera(NamedTuple):
     size: tuple[int, int]
     distortion: np.ndarray
     fisheye: bool = False
+
+
+def lens_of(
+    name: str, K: np.ndarray, size: tuple[int, int], coefficients: Sequence[float] | np.ndarray, fisheye: bool = False
+) -> Camera:
+    """A camera without a place; its 4 or 5 ``coefficients`` are OpenCV's, as in :class:`CameraRig`."""
+    distortion = np.zeros(5)
+    distortion[: len(coefficients)] = coefficients
+    return Camera(name, K, np.eye(3), np.zeros(3), size, distortion, fisheye)
 
 
 def rig_of(cameras: list[Camera], up: str, source: object, placed: bool = True) -> CameraRig:

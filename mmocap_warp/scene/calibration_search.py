@@ -12,7 +12,7 @@ from typing import Any
 
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.calibration.calibration_text import read_text
+from mmocap_warp.formats.calibration.calibration_text import read_short_text
 from mmocap_warp.formats.humaneva.humaneva_files import read_cal
 from mmocap_warp.formats.table import CALIBRATIONS, read_calibration
 
@@ -137,7 +137,7 @@ def _holds_cameras(file: Path) -> bool:
 
 def _is_multical(file: Path) -> bool:
     try:
-        values = json.loads(read_text(file, ""))
+        values = json.loads(read_short_text(file, ""))
     except (ValueError, RecursionError):
         return False
     return isinstance(values, dict) and {"cameras", "camera_poses"} <= set(values)
@@ -162,7 +162,7 @@ def _values(file: Path) -> dict[str, Any]:
     if file.name.lower() in _PROJECT_FILES:
         return {}
     try:
-        return tomllib.loads(read_text(file, ""))
+        return tomllib.loads(read_short_text(file, ""))
     except (ValueError, RecursionError):
         return {}
 

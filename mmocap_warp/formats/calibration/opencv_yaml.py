@@ -15,9 +15,9 @@ import cv2
 import numpy as np
 import yaml
 
-from mmocap_warp.cameras.rig import Camera, CameraRig, rig_of
+from mmocap_warp.cameras.rig import Camera, CameraRig, lens_of, rig_of
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.calibration.calibration_text import METRES, image_size_of, read_text
+from mmocap_warp.formats.calibration.calibration_text import METRES, image_size_of, read_short_text
 from mmocap_warp.whole_file import write_whole
 
 _TYPES = {"d": np.float64, "f": np.float32, "i": np.int32, "s": np.int16, "w": np.uint16, "c": np.int8, "u": np.uint8}
@@ -40,8 +40,14 @@ def read_opencv_yaml(
     """
     folder = Path(path) if os.path.isdir(path) else Path(path).parent
     intrinsics, extrinsics = _File(folder / "intri.yml"), _File(folder / "extri.yml")
-    cameras = [_read_camera(intrinsics, extrinsics, name, sizes) for name in intrinsics.names()]
-    cameras = [camera._replace(t=camera.t * METRES[units or "m"]) for camera in cameras]
+    cameras = []
+    for name in intrinsics.names():
+        lens = _read_lens(intrinsics, name, sizes)
+        if f"Rot_{name}" in extrinsics:
+            R = extrinsics.matrix(f"Rot_{name}", (9,)).reshape(3, 3)
+        else:
+            R = cv2.Rodrigues(extrinsics.matrix(f"R_{name}", (3,)))[0]
+        cameras.append(lens._replace(R=R, t=extrinsics.matrix(f"T_{name}", (3,)) * METRES[units or "m"]))
     return rig_of(cameras, up, folder / "intri.yml")
 
 
@@ -74,16 +80,22 @@ class _Text(yaml.BaseLoader):
 class _File:
     """A file's entries.
 
-    Args:
-        path: the file.
-
     Raises:
         InputError: it is missing or no YAML of OpenCV.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._entries = _entries(path)
+        header, _, text = read_short_text(path, "intri.yml and extri.yml in one folder").partition("\n")
+        try:
+            entries = yaml.load(text, _Text) if header.startswith("%YAML") else None
+        except RecursionError:
+            raise InputError(path, "has values within each other, too deep", "write the calibration again") from None
+        except yaml.YAMLError as error:
+            raise InputError(path, f"is not valid YAML: {' '.join(str(error).split())}", "correct that line") from None
+        if not isinstance(entries, dict):
+            raise InputError(path, "is not an OpenCV YAML file", "its first line must be %YAML:1.0")
+        self._entries: dict[str, Any] = entries
 
     def __contains__(self, key: str) -> bool:
         return key in self._entries
@@ -118,19 +130,6 @@ class _File:
             return np.array(values).astype(_TYPES[kind]).astype(np.float64)
 
 
-def _entries(path: Path) -> dict[str, Any]:
-    header, _, text = read_text(path, "intri.yml and extri.yml in one folder").partition("\n")
-    try:
-        entries = yaml.load(text, _Text) if header.startswith("%YAML") else None
-    except RecursionError:
-        raise InputError(path, "has values within each other, too deep", "write the calibration again") from None
-    except yaml.YAMLError as error:
-        raise InputError(path, f"is not valid YAML: {' '.join(str(error).split())}", "correct that line") from None
-    if not isinstance(entries, dict):
-        raise InputError(path, "is not an OpenCV YAML file", "its first line must be %YAML:1.0")
-    return entries
-
-
 def _number(text: Any) -> float:
     """The number that a text is; NaN where it is none."""
     if not isinstance(text, str):
@@ -141,25 +140,14 @@ def _number(text: Any) -> float:
         return np.nan
 
 
-def _read_camera(intrinsics: _File, extrinsics: _File, name: str, sizes: dict[str, tuple[int, int]] | None) -> Camera:
-    lens = _read_lens(intrinsics, name, sizes)
-    if f"Rot_{name}" in extrinsics:
-        R = extrinsics.matrix(f"Rot_{name}", (9,)).reshape(3, 3)
-    else:
-        R = cv2.Rodrigues(extrinsics.matrix(f"R_{name}", (3,)))[0]
-    return lens._replace(R=R, t=extrinsics.matrix(f"T_{name}", (3,)))
-
-
 def _read_lens(intrinsics: _File, name: str, sizes: dict[str, tuple[int, int]] | None) -> Camera:
     K = intrinsics.matrix(f"K_{name}", (9,)).reshape(3, 3)
     coefficients = intrinsics.matrix(f"dist_{name}", (4, 5))
-    distortion = np.zeros(5)
-    distortion[: len(coefficients)] = coefficients
     if f"W_{name}" in intrinsics and f"H_{name}" in intrinsics:
         size = (intrinsics.number(f"W_{name}"), intrinsics.number(f"H_{name}"))
     else:
         size = image_size_of(sizes, name, intrinsics.path, f"W_{name} and H_{name} are missing")
-    return Camera(name, K, np.eye(3), np.zeros(3), size, distortion)
+    return lens_of(name, K, size, coefficients)
 
 
 def write_opencv_yaml(path: str | Path, rig: CameraRig) -> None:

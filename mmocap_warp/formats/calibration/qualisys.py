@@ -66,16 +66,8 @@ def _read_camera(camera: Element, path: str | Path) -> Camera:
         number("intrinsic", key) / _SUBPIXELS
         for key in ("focalLengthU", "focalLengthV", "centerPointU", "centerPointV", "skew")
     )
-    distortion = [
-        number("intrinsic", key)
-        for key in (
-            "radialDistortion1",
-            "radialDistortion2",
-            "tangentalDistortion1",
-            "tangentalDistortion2",
-            "radialDistortion3",
-        )
-    ]
+    kinds = ("radial", 1), ("radial", 2), ("tangental", 1), ("tangental", 2), ("radial", 3)  # its spelling
+    distortion = [number("intrinsic", f"{kind}Distortion{n}") for kind, n in kinds]
     width = int(number("fov_video", "right") - number("fov_video", "left")) + 1
     height = int(number("fov_video", "bottom") - number("fov_video", "top")) + 1
     K = np.array([[fx, skew, cx], [0, fy, cy], [0, 0, 1]])

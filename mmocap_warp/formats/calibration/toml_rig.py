@@ -1,5 +1,5 @@
-"""Calibrations in TOML: the one of aniposelib and Pose2Sim, a table a camera, and Caliscope's own, told by its table
-``cameras``."""
+"""Calibrations in TOML: that of aniposelib and Pose2Sim, a table for each camera, and Caliscope's own camera array,
+whose tables are below ``cameras`` and whose lengths are metres."""
 
 from __future__ import annotations
 
@@ -8,10 +8,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from mmocap_warp.cameras.rig import Camera, CameraRig, rig_of
+from mmocap_warp.cameras.rig import Camera, CameraRig, lens_of, rig_of
 from mmocap_warp.formats.calibration.calibration_text import METRES, refuse_huge
 from mmocap_warp.formats.toml_table import Table, is_number, load_toml, quoted
 from mmocap_warp.whole_file import write_whole
+
+_UNREAD = ("cam_id", "port", "rotation_count", "error", "exposure", "grid_count", "name")
+"""What Caliscope's table of a camera may hold beside its calibration; ``rotation_count`` only turns what it shows."""
 
 
 def read_toml_rig(
@@ -22,20 +25,20 @@ def read_toml_rig(
 
     Each table holds ``name`` (else the table's own), ``size``, ``matrix``, ``distortions`` (4 or 5), ``rotation``
     (Rodrigues, world to camera), ``translation`` and optionally ``fisheye``, with which the 4 ``distortions`` are those
-    of OpenCV's fisheye model; ``[metadata]`` is not read.
+    of OpenCV's fisheye model; ``[metadata]`` is not read. Of Caliscope's cameras, those are left out that it does not
+    know the place of or was told to ignore; the others are named ``cam_<number>``, as in its file for other programs.
 
     Raises:
         InputError: see :func:`~mmocap_warp.formats.toml_table.load_toml` and
             :func:`~mmocap_warp.cameras.rig.check_rig`.
     """
-    refuse_huge(path)
-    file = load_toml(path)
-    if isinstance(file.peek("cameras"), dict):
-        return rig_of(_take_caliscope_cameras(file), up, path)
-    tables = file.take_tables()
-    tables.pop("metadata", None)
+    file, tables = _camera_tables(path)
     file.finish()
-    return rig_of([_read_camera(table, METRES[units or "m"]) for table in tables.values()], up, path)
+    cameras = _take_cameras(file, tables, 1.0 if file.name else METRES[units or "m"])
+    if file.name and not cameras:
+        remedy = "calibrate where the cameras stand, too, with Caliscope (its extrinsic calibration)"
+        raise file.error("no camera has a rotation and a translation", remedy)
+    return rig_of(cameras, up, path)
 
 
 def read_toml_lenses(path: str | Path, up: str, sizes: dict[str, tuple[int, int]]) -> CameraRig | None:
@@ -47,29 +50,50 @@ def read_toml_lenses(path: str | Path, up: str, sizes: dict[str, tuple[int, int]
     Raises:
         InputError: as there.
     """
-    refuse_huge(path)
-    file = load_toml(path)
-    of_caliscope = isinstance(file.peek("cameras"), dict)
-    tables = (file.take_table("cameras") if of_caliscope else file).take_tables()
-    tables.pop("metadata", None)
+    file, tables = _camera_tables(path)
     if not tables or any(table.has("rotation") or table.has("translation") for table in tables.values()):
         return None
-    if of_caliscope:
-        return rig_of(_take_caliscope_lenses(tables), up, path, placed=False)
     file.finish()
-    return rig_of([_read_lens(table) for table in tables.values()], up, path, placed=False)
+    return rig_of(_take_cameras(file, tables, None), up, path, placed=False)
 
 
-def _read_lens(table: Table) -> Camera:
-    lens = take_lens(table, table.take("name", str, table.name))
-    table.finish()
-    return lens
+def _camera_tables(path: str | Path) -> tuple[Table, dict[str, Table]]:
+    """The table that holds a table for each camera, and these: Caliscope's ``cameras``, or else the file itself."""
+    refuse_huge(path)
+    file = load_toml(path)
+    if isinstance(file.peek("cameras"), dict):
+        file = file.take_table("cameras")
+    tables = file.take_tables()
+    tables.pop("metadata", None)
+    return file, tables
 
 
-def _read_camera(table: Table, metres: float) -> Camera:
-    camera = take_camera(table, table.take("name", str, table.name), metres)
-    table.finish()
-    return camera
+def _take_cameras(file: Table, tables: dict[str, Table], metres: float | None) -> list[Camera]:
+    """The cameras with their places in units of ``metres``; without them where ``metres`` is None."""
+    cameras = []
+    for key, table in tables.items():
+        name = f"cam_{key}" if file.name else table.take("name", str, key)
+        if file.name:
+            needed = ("rotation", "translation") if metres is not None else ("matrix",)
+            if table.take("ignore", bool, False) or not any(map(table.has, needed)):
+                continue
+            for unread in _UNREAD:
+                table.take_any(unread, (str, int, float, bool), None)
+        cameras.append(_take_camera(table, name, metres))
+        table.finish()
+    return cameras
+
+
+def _take_camera(table: Table, name: str, metres: float | None) -> Camera:
+    width, height = table.take_numbers("size", (2,))
+    fisheye = table.take("fisheye", bool, False)
+    K = _take_matrix(table, "matrix", "give [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
+    coefficients = _take_flat(table, "distortions", (4,) if fisheye else (4, 5))
+    lens = lens_of(name, K, (int(width), int(height)), coefficients, fisheye)
+    if metres is None:
+        return lens
+    translation = np.array(_take_flat(table, "translation", (3,)))
+    return lens._replace(R=_take_rotation(table), t=translation * metres)
 
 
 def write_toml_rig(path: str | Path, rig: CameraRig, offsets: dict[str, float] | None = None) -> None:
@@ -100,86 +124,6 @@ def write_toml_rig(path: str | Path, rig: CameraRig, offsets: dict[str, float] |
         lines.append(f"offsets = {{ {', '.join(f'{quoted(name)} = {value}' for name, value in offsets.items())} }}")
     lines.append("")
     write_whole(Path(path), "\n".join(lines).encode())
-
-
-_NOT_READ = ("cam_id", "port", "rotation_count", "error", "exposure", "grid_count", "name")
-"""What a camera's table may hold beside its calibration; ``rotation_count`` turns what Caliscope shows, no more."""
-_CALIBRATE_PLACES = "calibrate where the cameras stand, too, with Caliscope (its extrinsic calibration)"
-
-
-def _take_caliscope_cameras(file: Table) -> list[Camera]:
-    """The cameras that Caliscope knows the place of and was not told to ignore.
-
-    Args:
-        file: the file's table, of which ``cameras`` is taken.
-
-    Raises:
-        InputError: a value that is missing or wrong, or no camera with a place.
-    """
-    cameras = []
-    tables = file.take_table("cameras")
-    for number, table in tables.take_tables().items():
-        ignored = table.take("ignore", bool, False)
-        if ignored or not (table.has("rotation") or table.has("translation")):
-            continue
-        _take_unread(table)
-        cameras.append(take_camera(table, f"cam_{number}", 1.0))
-        table.finish()
-    tables.finish()
-    if not cameras:
-        raise tables.error("no camera has a rotation and a translation", _CALIBRATE_PLACES)
-    return cameras
-
-
-def _take_caliscope_lenses(tables: dict[str, Table]) -> list[Camera]:
-    """The lenses of cameras that Caliscope knows no place of, without those that it was told to ignore or has not seen.
-
-    Args:
-        tables: of the cameras, by number.
-
-    Raises:
-        InputError: a value that is missing or wrong.
-    """
-    lenses = []
-    for number, table in tables.items():
-        if not table.take("ignore", bool, False) and table.has("matrix"):
-            _take_unread(table)
-            lenses.append(take_lens(table, f"cam_{number}"))
-            table.finish()
-    return lenses
-
-
-def _take_unread(table: Table) -> None:
-    for key in _NOT_READ:
-        table.take_any(key, (str, int, float, bool), None)
-
-
-def take_camera(table: Table, name: str, metres: float) -> Camera:
-    """A camera of its lens, see :func:`take_lens`, ``rotation`` (Rodrigues or 3x3, world to camera) and
-    ``translation``; lengths are of so many ``metres``.
-
-    Raises:
-        InputError: one of them is missing or wrong.
-    """
-    lens = take_lens(table, name)
-    translation = np.array(_take_flat(table, "translation", (3,)))
-    return lens._replace(R=_take_rotation(table), t=translation * metres)
-
-
-def take_lens(table: Table, name: str) -> Camera:
-    """A camera without a place, of its ``size``, ``matrix``, ``distortions`` (4 or 5; 4 of a fisheye) and optionally
-    ``fisheye``.
-
-    Raises:
-        InputError: one of them is missing or wrong.
-    """
-    width, height = table.take_numbers("size", (2,))
-    fisheye = table.take("fisheye", bool, False)
-    K = _take_matrix(table, "matrix", "give [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
-    coefficients = _take_flat(table, "distortions", (4,) if fisheye else (4, 5))
-    distortion = np.zeros(5)
-    distortion[: len(coefficients)] = coefficients
-    return Camera(name, K, np.eye(3), np.zeros(3), (int(width), int(height)), distortion, fisheye)
 
 
 def _take_matrix(table: Table, key: str, remedy: str) -> np.ndarray:

@@ -68,4 +68,4 @@ def read_text(
     except FileNotFoundError:
         raise InputError(path, "no such file", missing) from None
     except (OSError, ValueError) as error:
-        raise InputError(path, f"cannot be read ({error})", remedy) from None
+        raise InputError(path, f"cannot be read as text ({error})", remedy) from None

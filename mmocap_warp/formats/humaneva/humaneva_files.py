@@ -1,4 +1,4 @@
-"""HumanEva's small text files."""
+"""HumanEva's small text files: cameras (``.cal``), offsets in time (``.ofs``) and a subject's measures (``.mp``)."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ import numpy as np
 from mmocap_warp.cameras.rig import Camera, CameraRig, rig_of
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.calibration_text import image_size_of, refuse_huge
+from mmocap_warp.whole_file import read_text
 
-_AGAIN = "copy it again from the data set"
+REMEDY = "copy it again from the data set"
 
 
 def read_numbers(path: str | Path) -> np.ndarray:
@@ -23,12 +24,13 @@ def read_numbers(path: str | Path) -> np.ndarray:
     Raises:
         InputError: missing, not text, or something else than finite numbers.
     """
+    text = read_text(path, REMEDY, missing=REMEDY, encoding="ascii")
     try:
-        numbers = np.array([float(word) for word in _text(path).split()])
+        numbers = np.array([float(word) for word in text.split()])
     except ValueError as error:
-        raise InputError(path, str(error), _AGAIN) from None
+        raise InputError(path, str(error), REMEDY) from None
     if not np.isfinite(numbers).all():
-        raise InputError(path, "holds a number that is not finite", _AGAIN)
+        raise InputError(path, "holds a number that is not finite", REMEDY)
     return numbers
 
 
@@ -38,20 +40,12 @@ def read_measures(path: str | Path) -> dict[str, float]:
     Raises:
         InputError: missing or not text.
     """
-    found = re.findall(r"^\s*\$(\w+)\s*=\s*([-+.\deE]+)\s*$", _text(path), re.M)
+    text = read_text(path, REMEDY, missing=REMEDY, encoding="ascii")
+    lines = re.findall(r"^\s*\$(\w+)\s*=\s*([-+.\deE]+)\s*$", text, re.M)
     try:
-        return {name: float(value) for name, value in found}
+        return {name: float(value) for name, value in lines}
     except ValueError as error:
-        raise InputError(path, str(error), _AGAIN) from None
-
-
-def _text(path: str | Path) -> str:
-    try:
-        return Path(path).read_text(encoding="ascii")
-    except FileNotFoundError:
-        raise InputError(path, "no such file", _AGAIN) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(path, f"cannot be read as text ({error})", _AGAIN) from None
+        raise InputError(path, str(error), REMEDY) from None
 
 
 _COUNT = 22
@@ -59,12 +53,12 @@ _MILLIMETRE = 0.001
 
 
 def read_cal(path: str | Path, name: str, size: tuple[int, int]) -> Camera:
-    """Read a camera, in metres.
+    """Read a camera as Bouguet's calibration toolbox describes it, in metres, named ``name``.
 
-    Args:
-        path: the file.
-        name: the camera's.
-        size: width and height of its images [px], which the file does not say.
+    The file has one number a line: focal lengths (2), principal point (2), skew (1), distortion (5), rotation (9, row
+    by row) and translation (3, millimetres), both world to camera. Bouguet's lens model is OpenCV's, coefficients in
+    the same order, and he too counts pixel centres from 0. Some files go on with the rotation as a Rodrigues vector,
+    which says nothing new. No file says the ``size`` of the images, width and height [px].
 
     Raises:
         InputError: missing, not text, or not at least 22 finite numbers. Whether they can be a camera, see
@@ -73,7 +67,7 @@ def read_cal(path: str | Path, name: str, size: tuple[int, int]) -> Camera:
     refuse_huge(path)
     numbers = read_numbers(path)
     if len(numbers) < _COUNT:
-        raise InputError(path, f"holds {len(numbers)} numbers of {_COUNT}", "copy it again from the data set")
+        raise InputError(path, f"holds {len(numbers)} numbers of {_COUNT}", REMEDY)
     (fx, fy), (cx, cy), (skew,), distortion, R, t = np.split(numbers[:_COUNT], np.cumsum([2, 2, 1, 5, 9]))
     K = np.array([[fx, fx * skew, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
     return Camera(name, K, R.reshape(3, 3), t * _MILLIMETRE, size, distortion)
@@ -107,7 +101,7 @@ class StreamOffset(NamedTuple):
 
 @dataclass(frozen=True)
 class Synchronisation:
-    """Where each frame of a sequence lies in its streams.
+    """Where each frame of a sequence lies in its streams, all counted as HumanEva does: from 1, motion in fractions.
 
     Frame ``n`` of the sequence is frame ``start[k] + n - 1`` of video ``k`` and lies at
     ``mocap_start + (n - 1) * mocap_per_frame`` in the motion capture.

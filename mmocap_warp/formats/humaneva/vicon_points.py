@@ -1,4 +1,17 @@
-"""HumanEva's markers and joints at the times of its video frames."""
+"""HumanEva's markers, and its fifteen joints computed from Vicon's segments, at the times of its video frames.
+
+The markers are those of Vicon's Plug-in Gait. It also writes four points a segment: its origin ``O``, and where its
+axes end: ``A`` forward (x), ``L`` to the left (y), ``P`` toward the trunk or up (z). HumanEva takes joints from them
+and moves some, because a marker sits on the skin:
+
+- the trunk starts 50 mm behind the pelvis's origin, is as long as from there to the thorax's, and leans back, at its
+  top by half of the torso's radius;
+- the upper arm is turned back, at the elbow by half of the shoulder's offset, and the forearm forward by that angle;
+- the top of the head is 316.103 mm from the thorax's origin along the head's axis.
+
+Where two limbs meet, HumanEva gives an end of each, and at the thorax and the elbows they differ: a joint here is their
+mean.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +35,7 @@ class MissingPointError(ValueError):
     """A recording lacks points; the message names them."""
 
 
-def points_named(tracks: PointTracks, *names: str) -> np.ndarray:
+def point_positions(tracks: PointTracks, *names: str) -> np.ndarray:
     """(frame, point, 3) [m]: where a name comes twice, its first.
 
     Raises:
@@ -34,17 +47,17 @@ def points_named(tracks: PointTracks, *names: str) -> np.ndarray:
     return tracks.positions[:, [tracks.names.index(name) for name in names]]
 
 
-def captured_markers(tracks: PointTracks) -> np.ndarray:
+def marker_positions(tracks: PointTracks) -> np.ndarray:
     """(frame, 39, 3) positions of ``MARKERS`` [m].
 
     Raises:
         MissingPointError: markers that the recording does not have.
     """
     names = (name if name in tracks.names else _OTHER_NAMES.get(name, name) for name in MARKERS)
-    return points_named(tracks, *names)
+    return point_positions(tracks, *names)
 
 
-def between_frames(values: np.ndarray, position: np.ndarray) -> np.ndarray:
+def interpolate_frames(values: np.ndarray, position: np.ndarray) -> np.ndarray:
     """Interpolate linearly: (frame, ...) at fractional frames (time,), counted from 0, to (time, ...).
 
     NaN beyond the ends, and where one of the two neighbours is NaN; a whole frame has one neighbour only.
@@ -56,7 +69,7 @@ def between_frames(values: np.ndarray, position: np.ndarray) -> np.ndarray:
     return (1 - share) * values[lower] + share * values[upper]
 
 
-def only_valid(markers: np.ndarray) -> np.ndarray:
+def without_invalid_frames(markers: np.ndarray) -> np.ndarray:
     """(time, marker, 3) with every marker of a frame NaN in which one is: HumanEva trusts no part of it."""
     valid = np.isfinite(markers).all(axis=(1, 2))
     return np.where(valid[:, None, None], markers, np.nan)
@@ -93,19 +106,23 @@ def torso_radius(static: PointTracks) -> float:
     Raises:
         MissingPointError: the trial lacks these markers.
     """
-    left, right = np.moveaxis(points_named(static, "LSHO", "RSHO"), 1, 0)
+    left, right = np.moveaxis(point_positions(static, "LSHO", "RSHO"), 1, 0)
     span = np.linalg.norm(left - right, axis=1)
     seen = span[np.isfinite(span)]
     return float(seen.mean()) / 2 - _MARKER_RADIUS if len(seen) else np.nan
 
 
-def joints_at(tracks: PointTracks, position: np.ndarray, subject: SubjectMeasures) -> np.ndarray:
+def joint_positions(tracks: PointTracks, position: np.ndarray, subject: SubjectMeasures) -> np.ndarray:
     """(time, 15, 3) positions of ``JOINT_NAMES`` at fractional frames counted from 0 [m]; NaN where not known.
 
     Raises:
         MissingPointError: the recording lacks points of Vicon's segments.
     """
-    point, turn = partial(_point, tracks, position), partial(_rotation, tracks, position)
+    turn = partial(_rotation, tracks, position)
+
+    def point(name: str) -> np.ndarray:
+        return interpolate_frames(point_positions(tracks, name)[:, 0], position)
+
     pelvis, thorax = point("PELO"), point("TRXO")
     trunk = np.linalg.norm(thorax - pelvis, axis=1)
     lean = np.arctan2(subject.torso_radius / 2, trunk)
@@ -143,16 +160,12 @@ def _along(rotation: np.ndarray, length: np.ndarray, lean: np.ndarray) -> np.nda
     return np.einsum("tij,tj->ti", rotation, local * length[:, None])
 
 
-def _point(tracks: PointTracks, position: np.ndarray, name: str) -> np.ndarray:
-    return between_frames(points_named(tracks, name)[:, 0], position)
-
-
 def _rotation(tracks: PointTracks, position: np.ndarray, segment: str) -> np.ndarray:
     """(time, 3, 3), world from the segment's axes; between two frames the rotation nearest to their mix."""
-    origin, *ends = np.moveaxis(points_named(tracks, *(segment + letter for letter in "OALP")), 1, 0)
+    origin, *ends = np.moveaxis(point_positions(tracks, *(segment + letter for letter in "OALP")), 1, 0)
     axes = np.stack([end - origin for end in ends], axis=-1)
     axes /= np.linalg.norm(axes, axis=-2, keepdims=True)
-    mixed = between_frames(axes, position)
+    mixed = interpolate_frames(axes, position)
     known = np.isfinite(mixed).all(axis=(1, 2))
     u, _, vt = np.linalg.svd(mixed[known])
     rotation = np.full_like(mixed, np.nan)

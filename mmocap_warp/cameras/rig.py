@@ -315,14 +315,8 @@ def _check_metres(rig: CameraRig, source: object) -> None:
     span = float(np.linalg.norm(centres[:, None] - centres[None], axis=-1).max())
     reach = float(np.abs(centres).max())
     if max(span, reach) > 200:
-        raise InputError(
-            source,
-            f"cameras lie up to {max(span, reach):.6g} m from each other or from the origin",
-            'if the file is in millimetres, set [cameras] units = "mm" in the scene',
-        )
+        problem = f"cameras lie up to {max(span, reach):.6g} m from each other or from the origin"
+        raise InputError(source, problem, 'if the file is in millimetres, set [cameras] units = "mm" in the scene')
     if len(rig) > 1 and span < 0.05:
-        raise InputError(
-            source,
-            f"all cameras lie within {1000 * span:.3g} mm of each other",
-            'check the translations, and [cameras] units ("m" or "mm")',
-        )
+        remedy = 'check the translations, and [cameras] units ("m" or "mm")'
+        raise InputError(source, f"all cameras lie within {1000 * span:.3g} mm of each other", remedy)

@@ -43,18 +43,12 @@ class ImageFolder:
         """
         for file in self.files[first:]:
             image = read_image(file)
-            if image.shape[1::-1] != self.size:
-                raise InputError(
-                    file,
-                    f"is {image.shape[1]}x{image.shape[0]}, the first image is {self.size[0]}x{self.size[1]}",
-                    "images of one camera must have one size",
-                )
+            check_size(image.shape, self.size, file)
             yield image
 
     def sample(self, count: int) -> Iterator[np.ndarray]:
         """At most ``count`` frames, evenly spread."""
-        for i in np.unique(np.linspace(0, len(self.files) - 1, count).round().astype(int)):
-            yield read_image(self.files[i])
+        return (read_image(self.files[i]) for i in evenly_spread(len(self), count))
 
 
 @dataclass(frozen=True)
@@ -93,11 +87,8 @@ class VideoFile:
             for frame in range(self.count):
                 good, image = _next_frame(capture, frame >= first)
                 if not good:
-                    raise InputError(
-                        self.path,
-                        f"ends after {frame} of its {self.count} frames",
-                        f"copy the file again, or set [scene] frames = {frame}",
-                    )
+                    remedy = f"copy the file again, or set [scene] frames = {frame}"
+                    raise InputError(self.path, f"ends after {frame} of its {self.count} frames", remedy)
                 if image is None:
                     continue
                 if image.shape[1::-1] != self.size:
@@ -115,15 +106,30 @@ class VideoFile:
 Frames = ImageFolder | VideoFile
 
 
+def check_size(shape: tuple[int, ...], size: tuple[int, int], source: object) -> None:
+    """Raise InputError for an image of another (width, height) than the first one of its camera."""
+    if shape[1::-1] != size:
+        problem = f"is {shape[1]}x{shape[0]}, the first image is {size[0]}x{size[1]}"
+        raise InputError(source, problem, "images of one camera must have one size")
+
+
+def evenly_spread(total: int, count: int) -> list[int]:
+    """At most ``count`` of ``total`` numbers from 0, the first and the last among them."""
+    return np.unique(np.linspace(0, total - 1, count).round().astype(int)).tolist()  # type: ignore[no-any-return]
+
+
 def open_frames(path: Path) -> Frames:
     """A folder of images or a video.
 
     Raises:
         InputError: missing, empty, not decodable, or a numbered folder with a gap.
     """
-    if os.path.isdir(path):
-        return _open_folder(path)
-    return open_video(path)
+    if not os.path.isdir(path):
+        return open_video(path)
+    by_name = {file.name: file for file in path.iterdir()}
+    files = tuple(by_name[name] for name in images_in_order(list(by_name), path))
+    height, width = read_image(files[0]).shape[:2]
+    return ImageFolder(path, files, (width, height))
 
 
 def open_image(path: Path) -> ImageFolder:
@@ -213,13 +219,6 @@ def as_colour(image: np.ndarray) -> np.ndarray:
     if image.ndim == 2:
         return np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR))
     return np.ascontiguousarray(image[..., :3])
-
-
-def _open_folder(path: Path) -> ImageFolder:
-    by_name = {file.name: file for file in path.iterdir()}
-    files = [by_name[name] for name in images_in_order(list(by_name), path)]
-    height, width = read_image(files[0]).shape[:2]
-    return ImageFolder(path, tuple(files), (width, height))
 
 
 def images_in_order(names: list[str], source: Path) -> list[str]:

@@ -7,11 +7,20 @@ import tarfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
+from typing import NamedTuple
 
 import numpy as np
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.masks.frames import ImageFolder, VideoFile, decode_image, images_in_order, open_frames
+from mmocap_warp.masks.frames import (
+    ImageFolder,
+    VideoFile,
+    check_size,
+    decode_image,
+    evenly_spread,
+    images_in_order,
+    open_frames,
+)
 from mmocap_warp.masks.mask_image import Labels, palette_labels
 from mmocap_warp.masks.rle_masks import RleMasks, open_rle
 
@@ -48,18 +57,12 @@ class MaskImages:
         """
         for member in self.members[first:]:
             image = _read(self.path, member)
-            if image.shape[1::-1] != self.size:
-                raise InputError(
-                    _name(self.path, member),
-                    f"is {image.shape[1]}x{image.shape[0]}, the first image is {self.size[0]}x{self.size[1]}",
-                    "images of one camera must have one size",
-                )
+            check_size(image.shape, self.size, _name(self.path, member))
             yield image
 
     def sample(self, count: int) -> Iterator[np.ndarray | Labels]:
         """At most ``count`` frames, evenly spread."""
-        for i in np.unique(np.linspace(0, len(self.members) - 1, count).round().astype(int)):
-            yield _read(self.path, self.members[i])
+        return (_read(self.path, self.members[i]) for i in evenly_spread(len(self), count))
 
 
 Masks = MaskImages | RleMasks | VideoFile
@@ -104,19 +107,12 @@ def _name(path: Path, member: Path | TarMember) -> Path:
     return member if isinstance(member, Path) else path / member.name
 
 
-_LARGEST = 1 << 28  # bytes of an image: far above any mask, far below the memory
-_LONGEST = 4096  # characters of a path, as in file systems; names are sorted by the numbers in them
+_MAX_BYTES = 1 << 28  # of an image: far above any mask, far below the memory
+_MAX_PATH = 4096  # characters, as in file systems
 
 
-@dataclass(frozen=True)
-class TarMember:
-    """Where a file lies in an archive.
-
-    Attributes:
-        name: its path in the archive.
-        offset: of its first byte.
-        length: in bytes.
-    """
+class TarMember(NamedTuple):
+    """Where a file lies in an archive: its path there, the place of its first byte, and its length in bytes."""
 
     name: str
     offset: int
@@ -129,27 +125,27 @@ def list_tar(path: Path) -> list[TarMember]:
     Raises:
         InputError: not such an archive, or one that holds links, devices, or paths that lead out of it.
     """
-    found = []
+    members = []
     try:
         with tarfile.open(path, "r:") as archive:
             for member in archive:
                 name = PurePosixPath(member.name)
                 if name.is_absolute() or ".." in name.parts:
                     raise InputError(path, f"holds a path that leads out of it ({member.name!r})", "make it anew")
-                if len(member.name) > _LONGEST:
+                if len(member.name) > _MAX_PATH:
                     raise InputError(path, f"holds a path of {len(member.name)} characters", "shorten its files' names")
                 if member.size >= 0 and (member.isdir() or name.name.startswith(".")):
                     continue
-                if not member.isreg() or member.issparse() or not 0 <= member.size <= _LARGEST:
+                if not member.isreg() or member.issparse() or not 0 <= member.size <= _MAX_BYTES:
                     raise InputError(path, f"'{member.name}' is no plain image file", "put image files there alone")
-                found.append(TarMember(member.name, member.offset_data, member.size))
+                members.append(TarMember(member.name, member.offset_data, member.size))
+    except InputError:
+        raise
     except (tarfile.TarError, OSError, ValueError, OverflowError) as error:
-        if isinstance(error, InputError):
-            raise
         raise InputError(path, f"cannot be read as a tar archive ({error})", "make it anew, uncompressed") from None
     except MemoryError:
         raise InputError(path, "has a header that is larger than the memory", "make it anew, uncompressed") from None
-    return found
+    return members
 
 
 def read_member(path: Path, member: TarMember) -> bytes:

@@ -73,12 +73,11 @@ class Labels:
 
 def identities_of(images: Iterable[np.ndarray | Labels]) -> set[int]:
     """All identities in some images: labels, or the levels of gray ones, of which no more than 16 are told."""
-    found: set[int] = set()
+    identities: set[int] = set()
     for image in images:
-        if isinstance(image, np.ndarray):
-            image = Labels(image if image.ndim == 2 else image[..., 0])
-        found.update(list(image.identities)[:16])
-    return found
+        labels = image if isinstance(image, Labels) else Labels(image if image.ndim == 2 else image[..., 0])
+        identities.update(list(labels.identities)[:16])
+    return identities
 
 
 def palette_labels(data: bytes) -> Labels | None:
@@ -88,22 +87,14 @@ def palette_labels(data: bytes) -> Labels | None:
     transparency belongs to an ordinary picture that was saved in little space.
     """
     chunks = _png_chunks(data)
-    if chunks is None:
+    if not chunks:
         return None
-    kinds = [kind for kind, _ in chunks]
-    header = chunks[0][1]
-    if (
-        kinds[0] != b"IHDR"
-        or len(header) != 13
-        or header[9] != _PALETTE_TYPE
-        or b"tRNS" in kinds
-        or b"PLTE" not in kinds
-    ):
+    (first_kind, header), content = chunks[0], dict(chunks)
+    has_palette = first_kind == b"IHDR" and len(header) == 13 and header[9] == _PALETTE_TYPE
+    palette = content.get(b"PLTE", b"")
+    if not has_palette or b"tRNS" in content or not palette or len(palette) % 3:
         return None
-    content = dict(chunks)[b"PLTE"]
-    if not content or len(content) % 3:
-        return None
-    colours = np.frombuffer(content, np.uint8).reshape(-1, 3)
+    colours = np.frombuffer(palette, np.uint8).reshape(-1, 3)
     if (colours == colours[:, :1]).all():
         return None
     index = _indices(chunks)
@@ -112,30 +103,28 @@ def palette_labels(data: bytes) -> Labels | None:
     return Labels(index)
 
 
-def _png_chunks(data: bytes) -> list[tuple[bytes, bytes]] | None:
-    """Kinds and contents in order, up to the end or to where the file is damaged."""
+def _png_chunks(data: bytes) -> list[tuple[bytes, bytes]]:
+    """Kinds and contents in order, up to the end or to where the file is damaged; none where it is no PNG."""
     if not data.startswith(_SIGNATURE):
-        return None
+        return []
     chunks, at = [], len(_SIGNATURE)
     while at + 12 <= len(data):
         (length,) = struct.unpack_from(">I", data, at)
         chunks.append((data[at + 4 : at + 8], data[at + 8 : at + 8 + length]))
         at += 12 + length
-    return chunks or None
+    return chunks
 
 
 def _indices(chunks: list[tuple[bytes, bytes]]) -> np.ndarray | None:
     """(height, width) uint8: OpenCV decodes the image with a palette in which each index is its own gray."""
     grays = np.repeat(np.arange(256, dtype=np.uint8), 3)[: 3 << chunks[0][1][8]].tobytes()
-    kept = [(kind, grays if kind == b"PLTE" else body) for kind, body in chunks if kind in _NEEDED]
-    data = _SIGNATURE + b"".join(
-        struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body)) for kind, body in kept
-    )
+    data = _SIGNATURE
+    for kind, body in chunks:
+        if kind in (b"IHDR", b"PLTE", b"IDAT", b"IEND"):
+            body = grays if kind == b"PLTE" else body
+            data += struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
     except cv2.error:  # its header states a size beyond all bounds
         image = None
     return None if image is None else np.asarray(image)
-
-
-_NEEDED = (b"IHDR", b"PLTE", b"IDAT", b"IEND")

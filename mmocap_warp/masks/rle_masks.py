@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from mmocap_warp.errors import InputError
+from mmocap_warp.masks.frames import evenly_spread, natural_order
 from mmocap_warp.masks.mask_image import Labels
 
-_MOST_PIXELS = 1 << 28
+_MAX_PIXELS = 1 << 28
 _REMEDY = "write it with pycocotools, segmentation = {size = [height, width], counts = ...}"
 
 
@@ -46,13 +47,11 @@ class RleMasks:
         Raises:
             InputError: run lengths that are not the image's.
         """
-        for number in range(first, len(self.frames)):
-            yield self._frame(number)
+        return map(self._frame, range(first, len(self.frames)))
 
     def sample(self, count: int) -> Iterator[Labels]:
         """At most ``count`` frames, evenly spread."""
-        for i in np.unique(np.linspace(0, len(self.frames) - 1, count).round().astype(int)).tolist():
-            yield self._frame(i)
+        return map(self._frame, evenly_spread(len(self), count))
 
     def _frame(self, number: int) -> Labels:
         width, height = self.size
@@ -151,8 +150,6 @@ def _frames(content: Any) -> list[dict[int, Any]]:
                 if rle is not None:
                     frame[_identity(one["id"])] = _checked(rle)
         return frames
-    from mmocap_warp.masks.frames import natural_order
-
     images = sorted(content["images"], key=lambda image: (natural_order(str(image.get("file_name", ""))), image["id"]))
     by_image: dict[Any, dict[int, Any]] = {image["id"]: {} for image in images}
     for one in annotations:
@@ -181,6 +178,6 @@ def _checked(rle: Any) -> dict[str, Any]:
     if isinstance(rle, list):
         raise ValueError("holds polygons")
     height, width = rle["size"]
-    if type(height) is not int or type(width) is not int or not 0 < height * width <= _MOST_PIXELS or height < 0:
+    if type(height) is not int or type(width) is not int or not 0 < height * width <= _MAX_PIXELS or height < 0:
         raise ValueError(f"size = {rle['size']} is not a height and a width")
     return {"size": (height, width), "counts": rle["counts"]}

@@ -111,13 +111,16 @@ class MixtureBackground:
         return self._subtractor.apply(image, learningRate=self._frozen) == 255
 
 
-_INNER, _OUTER = 0.03, 0.03  # [m]: deeper in the body is surely subject, further from it surely not
-_ROUNDS = 3
-_MARGIN = 2.0  # of the outer distance: colours of the background are learnt this far around the body
+_DEPTH, _DISTANCE = 0.03, 0.03  # [m]: what is deeper in the body is surely subject, what is further from it is not
+_ROUNDS = 3  # of GrabCut
+_MARGIN = 2.0  # in units of _DISTANCE, around the body: the background's colours are learnt there
 
 
 def mask_around_body(image: np.ndarray, body: np.ndarray, pixels_per_metre: float) -> np.ndarray:
-    """What of an image is the subject whose body is seen at ``body``.
+    """What of an image is the subject whose body is seen at ``body``, where no background can be subtracted.
+
+    GrabCut (Rother, Kolmogorov and Blake 2004) learns the colours of what is surely the subject and surely not, and
+    draws the contour between them where the image has an edge.
 
     Args:
         image: (height, width, 3) BGR uint8.
@@ -133,9 +136,9 @@ def mask_around_body(image: np.ndarray, body: np.ndarray, pixels_per_metre: floa
     inside = cv2.distanceTransform(body.astype(np.uint8), cv2.DIST_L2, 5)
     outside = cv2.distanceTransform(1 - body.astype(np.uint8), cv2.DIST_L2, 5)
     known = np.where(body, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
-    known[inside > min(_INNER * pixels_per_metre, 0.5 * float(inside.max()))] = cv2.GC_FGD
-    known[outside > _OUTER * pixels_per_metre] = cv2.GC_BGD
-    reach = int(np.ceil((1 + _MARGIN) * _OUTER * pixels_per_metre))
+    known[inside > min(_DEPTH * pixels_per_metre, 0.5 * float(inside.max()))] = cv2.GC_FGD
+    known[outside > _DISTANCE * pixels_per_metre] = cv2.GC_BGD
+    reach = int(np.ceil((1 + _MARGIN) * _DISTANCE * pixels_per_metre))
     window = np.s_[
         max(int(rows[0]) - reach, 0) : int(rows[-1]) + reach + 1,
         max(int(columns[0]) - reach, 0) : int(columns[-1]) + reach + 1,
@@ -147,6 +150,6 @@ def mask_around_body(image: np.ndarray, body: np.ndarray, pixels_per_metre: floa
     models = np.zeros((2, 1, 65))
     whole = (0, 0, *part.shape[::-1])
     cv2.grabCut(np.ascontiguousarray(image[window]), part, whole, models[0], models[1], _ROUNDS, cv2.GC_INIT_WITH_MASK)
-    found = np.zeros_like(body)
-    found[window] = (part == cv2.GC_FGD) | (part == cv2.GC_PR_FGD)
-    return found
+    mask = np.zeros_like(body)
+    mask[window] = (part == cv2.GC_FGD) | (part == cv2.GC_PR_FGD)
+    return mask

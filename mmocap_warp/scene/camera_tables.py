@@ -85,10 +85,8 @@ def read_cameras(
     for source in sources:
         if source.name not in rig.names:
             near = difflib.get_close_matches(source.name, rig.names, 1, 0.0)[0]
-            raise table.error(
-                f"camera '{source.name}' is not in {calibration.name}",
-                f"it has {', '.join(rig.names)}; did you mean '{near}'?",
-            )
+            problem = f"camera '{source.name}' is not in {calibration.name}"
+            raise table.error(problem, f"it has {', '.join(rig.names)}; did you mean '{near}'?")
     rig = rig.select(tuple(source.name for source in sources))
     K = rig.K.copy()
     K[:, :2, 2] += shifts

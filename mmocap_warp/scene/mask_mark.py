@@ -108,11 +108,9 @@ def check_mark(mark: MaskMark, source: Path, calibration: str) -> None:
         InputError: it is another one.
     """
     if mark.calibration != calibration:
-        raise InputError(
-            source,
-            f"these masks of '{mark.camera}' were undistorted with another calibration than the scene's",
-            f"make them again with mmocap mask, or remove {MARK_NAME} if they are in the recorded video's pixels",
-        )
+        problem = f"these masks of '{mark.camera}' were undistorted with another calibration than the scene's"
+        remedy = f"make them again with mmocap mask, or remove {MARK_NAME} if they are in the recorded video's pixels"
+        raise InputError(source, problem, remedy)
 
 
 def calibration_hash(

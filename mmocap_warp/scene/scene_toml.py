@@ -183,11 +183,8 @@ def _check_sources(
         where = f"{table.source}: [cameras.{source.name}]"
         for need in needs:
             if getattr(source, need) is None:
-                raise InputError(
-                    where,
-                    f"'{need}' is missing, which [foreground] source = \"{foreground.source}\" needs",
-                    _WAYS_TO_MASKS if need == "masks" else f"add {need}",
-                )
+                problem = f"'{need}' is missing, which [foreground] source = \"{foreground.source}\" needs"
+                raise InputError(where, problem, _WAYS_TO_MASKS if need == "masks" else f"add {need}")
         recorded_masks = source.masks if source.mask_mark is None else None
         for frames in (source.video, recorded_masks, source.clean_plate, source.background):
             if frames is not None:
@@ -203,21 +200,15 @@ def _check_size(frames: Frames | Masks, source: CameraSource, size: np.ndarray, 
     found = "{} is {}x{}".format(frames.path, *frames.size)
     if source.recorded_scale == 1 and source.recorded_offset == (0.0, 0.0):
         if (recorded != size).any():
-            raise InputError(
-                where,
-                f"{found}, but the calibration says {size[0]}x{size[1]}",
-                "calibrate this size, or set video_from_calibrated = { scale = ..., offset = [...] }",
-            )
+            remedy = "calibrate this size, or set video_from_calibrated = { scale = ..., offset = [...] }"
+            raise InputError(where, f"{found}, but the calibration says {size[0]}x{size[1]}", remedy)
         return
     low = np.array(source.recorded_offset)
     high = low + source.recorded_scale * size
     overlap = np.clip(np.minimum(high, recorded) - np.maximum(low, 0), 0, None).prod()
     if overlap < 0.5 * recorded.prod():
-        raise InputError(
-            where,
-            f"{found}, but video_from_calibrated puts the calibrated image at {low.round(1)} to {high.round(1)}",
-            "recorded pixel = scale * calibrated pixel + offset",
-        )
+        problem = f"{found}, but video_from_calibrated puts the calibrated image at {low.round(1)} to {high.round(1)}"
+        raise InputError(where, problem, "recorded pixel = scale * calibrated pixel + offset")
 
 
 def _check_undistorted(masks: Masks, mark: MaskMark, source: CameraSource, rig: CameraRig, k: int) -> None:
@@ -286,10 +277,8 @@ def _frames(
     frames = own if asked is None else choice.of(own, shortest)
     for source in sources:
         if source.mask_mark is None and abs(source.frame_offset) >= shortest:
-            raise table.error(
-                f"camera '{source.name}' has frame_offset = {source.frame_offset} in {shortest} frames",
-                "give a shift of a few frames",
-            )
+            problem = f"camera '{source.name}' has frame_offset = {source.frame_offset} in {shortest} frames"
+            raise table.error(problem, "give a shift of a few frames")
     _check_shared_time(sources, foreground, table)
     return own, frames
 
@@ -304,10 +293,8 @@ def _check_shared_time(sources: tuple[CameraSource, ...], foreground: Foreground
     end = {source.name: begin[source.name] + counts[source.name] - 1 for source in timed}
     latest, earliest = max(begin, key=lambda name: begin[name]), min(end, key=lambda name: end[name])
     if begin[latest] > end[earliest]:
-        raise table.error(
-            f"{earliest} has ended when {latest} begins: by their offsets they recorded at no common time",
-            "correct the offsets; mmocap sync finds them",
-        )
+        problem = f"{earliest} has ended when {latest} begins: by their offsets they recorded at no common time"
+        raise table.error(problem, "correct the offsets; mmocap sync finds them")
 
 
 def _counts(sources: tuple[CameraSource, ...], foreground: ForegroundSettings) -> dict[str, int]:

@@ -43,11 +43,8 @@ def stated_metres(units: str | None, source: object) -> float:
         InputError: nobody has said which it is.
     """
     if units is None:
-        raise InputError(
-            source,
-            "has lengths in a unit that the format does not tell",
-            'say which: units = "m" or "mm" under [cameras] of the scene, or --units',
-        )
+        remedy = 'say which: units = "m" or "mm" under [cameras] of the scene, or --units'
+        raise InputError(source, "has lengths in a unit that the format does not tell", remedy)
     return METRES[units]
 
 

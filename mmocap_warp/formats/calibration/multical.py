@@ -82,11 +82,8 @@ def _read_lens(lens: Any, name: str, path: str | Path) -> Camera:
     fisheye = len(coefficients) == _FISHEYE
     in_rows = all(isinstance(row, list) for row in values["dist"])
     if (fisheye and not in_rows) or coefficients[5:].any():
-        raise InputError(
-            where,
-            "its lens is neither MultiCal's standard one (5 coefficients) nor its fisheye (4, one a row)",
-            "calibrate it with one of these models",
-        )
+        problem = "its lens is neither MultiCal's standard one (5 coefficients) nor its fisheye (4, one a row)"
+        raise InputError(where, problem, "calibrate it with one of these models")
     return lens_of(name, K, (int(width), int(height)), coefficients[:5], fisheye)
 
 

@@ -129,11 +129,8 @@ def read_ofs(path: str | Path) -> StreamOffset:
     """
     numbers = read_numbers(path)
     if len(numbers) != 3 or numbers[2] <= 0:
-        raise InputError(
-            path,
-            f"holds {numbers.tolist()}, not a video frame, a motion capture frame and a positive scale",
-            "copy it again from the data set's corrected Sync_Data",
-        )
+        problem = f"holds {numbers.tolist()}, not a video frame, a motion capture frame and a positive scale"
+        raise InputError(path, problem, "copy it again from the data set's corrected Sync_Data")
     return StreamOffset(*numbers.tolist())
 
 

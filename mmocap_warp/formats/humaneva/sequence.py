@@ -196,11 +196,9 @@ def _check_range(videos: tuple[Frames, ...], sync: Synchronisation, last: int) -
     ends = [len(video) - int(start) + 1 for video, start in zip(videos, sync.start, strict=True)]
     for video, end in zip(videos, ends, strict=True):
         if end < last:
-            raise InputError(
-                video.path,
-                f"has {len(video)} frames, so it ends with the sequence's frame {end}, not {last}",
-                f"copy it again, or give --last {min(ends)}" if min(ends) > 0 else "copy it and its .ofs again",
-            )
+            problem = f"has {len(video)} frames, so it ends with the sequence's frame {end}, not {last}"
+            remedy = f"copy it again, or give --last {min(ends)}" if min(ends) > 0 else "copy it and its .ofs again"
+            raise InputError(video.path, problem, remedy)
 
 
 def _read_truth(folder: Path, subject: str, trial: str, sync: Synchronisation, frames: np.ndarray) -> tuple[Truth, str]:

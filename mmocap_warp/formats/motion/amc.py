@@ -10,6 +10,7 @@ import numpy as np
 from mmocap_warp.body.rotations import applied, turn
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.motion.motion_clip import MotionClip
+from mmocap_warp.whole_file import read_text
 
 FPS = 120.0
 """Of CMU's clips; the files do not say."""
@@ -20,6 +21,7 @@ METRES = 0.0254 / 0.45
 _C3D_AXES = [1, 2, 0]  # CMU's .c3d has its third axis up, its .amc the second
 
 _REMEDY = "give a complete Acclaim file"
+_NAME_REMEDY = "check its name, or name the .asf file"
 _ROOT_ORDER = ("tx", "ty", "tz", "rx", "ry", "rz")
 
 
@@ -154,22 +156,24 @@ def _three(entry: dict[str, list[str]], key: str) -> np.ndarray:
 
 def _sections(path: Path) -> dict[str, list[list[str]]]:
     """The lines of each ``:section``, as words."""
-    found: dict[str, list[list[str]]] = {}
+    sections: dict[str, list[list[str]]] = {}
     section = ""
-    for line in _lines(path):
+    for line in read_text(path, _NAME_REMEDY, missing=_NAME_REMEDY, errors="replace").splitlines():
         words = line.split()
         if words and words[0].startswith(":"):
             section = words[0][1:].lower()
             words = words[1:]
         if words and not words[0].startswith("#"):
-            found.setdefault(section, []).append(words)
-    return found
+            sections.setdefault(section, []).append(words)
+    return sections
 
 
 def _read_motion(path: Path, channels: dict[str, tuple[str, ...]]) -> dict[str, np.ndarray]:
     """(frame, channel) of each bone; zeros for one that the file leaves out."""
     frames: list[dict[str, list[float]]] = []
-    for number, line in enumerate(_lines(path), 1):
+    for number, line in enumerate(
+        read_text(path, _NAME_REMEDY, missing=_NAME_REMEDY, errors="replace").splitlines(), 1
+    ):
         words = line.split()
         if not words or words[0].startswith(("#", ":")):
             continue
@@ -190,10 +194,3 @@ def _read_motion(path: Path, channels: dict[str, tuple[str, ...]]) -> dict[str, 
         name: np.array([frame.get(name, [0.0] * len(order)) for frame in frames]).reshape(len(frames), len(order))
         for name, order in channels.items()
     }
-
-
-def _lines(path: Path) -> list[str]:
-    try:
-        return path.read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})", "check its name, or name the .asf file") from error

@@ -10,8 +10,9 @@ import numpy as np
 
 from mmocap_warp.errors import InputError, missing_package
 from mmocap_warp.formats.sandbox import sandboxed
+from mmocap_warp.whole_file import read_text
 
-_METRES = {"m": 1.0, "mm": 0.001, "cm": 0.01}
+_METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,9 @@ def read_trc(path: str | Path, axes: str = "xyz") -> PointTracks:
         InputError: unreadable, not a ``.trc``, or axes that are no right-handed permutation.
     """
     turn = _turn(axes, path)
-    lines = _lines(path)
+    lines = read_text(path, "give an OpenSim .trc file").splitlines()
+    if len(lines) < 6 or not lines[0].startswith("PathFileType"):
+        raise InputError(path, "is not a .trc file (no PathFileType header)", "give an OpenSim .trc file")
     fields = dict(zip(lines[1].split("\t"), lines[2].split("\t"), strict=False))
     names = tuple(name.strip() for name in lines[3].split("\t")[2:] if name.strip())
     try:
@@ -57,18 +60,6 @@ def read_trc(path: str | Path, axes: str = "xyz") -> PointTracks:
         raise InputError(path, "holds no frames", "export it again")
     table = np.array(rows)
     return PointTracks(rate, table[:, 0].astype(int), names, table[:, 1:].reshape(len(rows), -1, 3) @ turn.T * metres)
-
-
-def _lines(path: str | Path) -> list[str]:
-    try:
-        lines = Path(path).read_text(encoding="utf-8").splitlines()
-    except FileNotFoundError:
-        raise InputError(path, "no such file", "check the path") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(path, f"cannot be read ({error})", "give an OpenSim .trc file") from None
-    if len(lines) < 6 or not lines[0].startswith("PathFileType"):
-        raise InputError(path, "is not a .trc file (no PathFileType header)", "give an OpenSim .trc file")
-    return lines
 
 
 def _row(line: str, number: int, points: int, path: str | Path) -> list[float]:
@@ -92,9 +83,6 @@ def _turn(axes: str, path: str | Path) -> np.ndarray:
             path, f"axes = {axes!r} is not a right-handed order of x, y, z", "write for example 'zxy' or 'x-zy'"
         )
     return turn
-
-
-_C3D_METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 
 @sandboxed
@@ -123,10 +111,10 @@ def read_c3d(path: str | Path) -> PointTracks:
     if not len(about["LABELS"]["value"]):
         raise InputError(path, "holds no points", "give the .c3d of a captured trial")
     units = "".join(about["UNITS"]["value"]).strip()
-    if units not in _C3D_METRES:
-        raise InputError(path, f"POINT:UNITS is {units!r}", f"export it in one of {', '.join(_C3D_METRES)}")
+    if units not in _METRES:
+        raise InputError(path, f"POINT:UNITS is {units!r}", f"export it in one of {', '.join(_METRES)}")
     positions = np.moveaxis(file["data"]["points"][:3], 0, -1).swapaxes(0, 1).astype(np.float64)
     positions[(positions == 0).all(axis=-1)] = np.nan
     names = tuple(label.rpartition(":")[2].strip() for label in about["LABELS"]["value"])
     frames = header["first_frame"] + 1 + np.arange(len(positions))  # ezc3d counts from 0
-    return PointTracks(float(header["frame_rate"]), frames, names, positions * _C3D_METRES[units])
+    return PointTracks(float(header["frame_rate"]), frames, names, positions * _METRES[units])

@@ -9,6 +9,7 @@ import numpy as np
 
 from mmocap_warp.body.rotations import turn
 from mmocap_warp.errors import InputError
+from mmocap_warp.whole_file import read_text
 
 
 @dataclass(frozen=True)
@@ -73,11 +74,15 @@ class _Words:
         """The next word; one of ``expected``, in any case of letters, where some are given."""
         if self._next >= len(self._words):
             raise InputError(self.path, f"ends where {' or '.join(expected) or 'more'} is due", _REMEDY)
-        word, line = self._words[self._next]
-        if expected and word.lower() not in (e.lower() for e in expected):
-            raise InputError(f"{self.path}: line {line}", f"'{word}' where {' or '.join(expected)} is due", _REMEDY)
+        word = self._words[self._next][0]
         self._next += 1
+        if expected and word.lower() not in (e.lower() for e in expected):
+            raise self._error(f"'{word}' where {' or '.join(expected)} is due")
         return word
+
+    def _error(self, problem: str) -> InputError:
+        """The error of the word that was taken last."""
+        return InputError(f"{self.path}: line {self._words[self._next - 1][1]}", problem, _REMEDY)
 
     def number(self) -> float:
         """The next word as a number."""
@@ -85,15 +90,13 @@ class _Words:
         try:
             return float(word)
         except ValueError:
-            line = self._words[self._next - 1][1]
-            raise InputError(f"{self.path}: line {line}", f"'{word}' is not a number", _REMEDY) from None
+            raise self._error(f"'{word}' is not a number") from None
 
     def whole_number(self, what: str, most: int) -> int:
         """The next word as a whole number from 0 to ``most``; ``what`` it counts is named in errors."""
         number = self.number()
         if not (0 <= number <= most and number == int(number)):
-            line = self._words[self._next - 1][1]
-            raise InputError(f"{self.path}: line {line}", f"{number:g} is no number of {what}", _REMEDY)
+            raise self._error(f"{number:g} is no number of {what}")
         return int(number)
 
     def rest(self) -> list[str]:
@@ -108,10 +111,7 @@ def read_bvh(path: str | Path) -> MotionClip:
         InputError: a missing file, or one that is no BVH.
     """
     path = Path(path)
-    try:
-        words = _Words(path, path.read_text(encoding="utf-8", errors="replace"))
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})", "check its name") from error
+    words = _Words(path, read_text(path, "check its name", errors="replace"))
     joints = _read_hierarchy(words)
     words.take("MOTION")
     words.take("Frames:")

@@ -207,11 +207,8 @@ def _check(names: list[str], source: Path, folder: Path, seen: set[Path]) -> Non
     for name in names:
         target = Path(os.path.realpath(name.split("[", 1)[0]))  # of a package's member, the package
         if "`" in name or not target.is_relative_to(folder):
-            raise InputError(
-                source,
-                f"refers to {name}, which is not in its folder",
-                "put that file beside it, or give --allow-references if you trust both",
-            )
+            remedy = "put that file beside it, or give --allow-references if you trust both"
+            raise InputError(source, f"refers to {name}, which is not in its folder", remedy)
         if target in seen or not target.is_file():
             continue
         seen.add(target)

@@ -58,11 +58,11 @@ class Tracks:
         return joints + markers, np.concatenate([self.world[:, :, :3, 3], skin], axis=1)
 
 
-def tracks_of(result: Result) -> Tracks:
+def best_run_tracks(result: Result) -> Tracks:
     """The best run of a result; frames that are not evenly spaced are resampled at the result's rate."""
     result = evenly(result)
     subject, pose = result.subject, result.pose[result.best_run]
-    local, world = posed(subject, pose)
+    local, world = joint_transforms(subject, pose)
     return Tracks(
         subject=subject,
         rate=result.rate,
@@ -76,7 +76,7 @@ def tracks_of(result: Result) -> Tracks:
     )
 
 
-def posed(subject: Subject, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def joint_transforms(subject: Subject, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Transforms of the joints in poses (frame, coordinate), local and world as :class:`Tracks` has them."""
     local = np.tile(rest_transforms(subject.body), (len(pose), 1, 1, 1))
     local[:, 0, :3, :3] = subject.root_base @ local[:, 0, :3, :3]

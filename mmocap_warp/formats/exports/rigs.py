@@ -15,11 +15,13 @@ import numpy as np
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import near_zyx_angles, transposed
 from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
-from mmocap_warp.formats.exports.point_tracks import posed
+from mmocap_warp.formats.exports.point_tracks import joint_transforms
 from mmocap_warp.result.result import Result
 
-_NAMED = 4  # of the joints that differ
+_MAX_NAMED = 4  # joints that a message lists
 _SIDES = {"L": ("Left", 1.0), "R": ("Right", -1.0)}
+_MIXAMO_TRUNK = {"Root": "Hips", "BottomSpine": "Spine", "UpperSpine": "Spine2", "Neck": "Neck"}
+_MIXAMO_LIMBS = {"Shoulder": "Arm", "Elbow": "ForeArm", "Wrist": "Hand", "Hip": "UpLeg", "Knee": "Leg", "Ankle": "Foot"}
 
 
 @dataclass(frozen=True)
@@ -40,36 +42,23 @@ class Rig:
 
 RIGS = {
     "mixamo": Rig(
-        names={"Root": "mixamorigHips", "BottomSpine": "mixamorigSpine", "UpperSpine": "mixamorigSpine2"}
-        | {"Neck": "mixamorigNeck"}
+        names={joint: f"mixamorig{name}" for joint, name in _MIXAMO_TRUNK.items()}
         | {
             f"{letter}{joint}": f"mixamorig{side}{name}"
             for letter, (side, _) in _SIDES.items()
-            for joint, name in (
-                ("Shoulder", "Arm"),
-                ("Elbow", "ForeArm"),
-                ("Wrist", "Hand"),
-                ("Hip", "UpLeg"),
-                ("Knee", "Leg"),
-                ("Ankle", "Foot"),
-            )
+            for joint, name in _MIXAMO_LIMBS.items()
         },
         bones=tuple(
-            bone
+            (letter + start, letter + end, (left, 0.0, 0.0) if start in ("Shoulder", "Elbow") else (0.0, -1.0, 0.0))
             for letter, (_, left) in _SIDES.items()
-            for bone in (
-                (f"{letter}Shoulder", f"{letter}Elbow", (left, 0.0, 0.0)),
-                (f"{letter}Elbow", f"{letter}Wrist", (left, 0.0, 0.0)),
-                (f"{letter}Hip", f"{letter}Knee", (0.0, -1.0, 0.0)),
-                (f"{letter}Knee", f"{letter}Ankle", (0.0, -1.0, 0.0)),
-            )
+            for start, end in (("Shoulder", "Elbow"), ("Elbow", "Wrist"), ("Hip", "Knee"), ("Knee", "Ankle"))
         ),
         upright=("LAnkle", "RAnkle"),
     )
 }
 
 
-def rigged(result: Result, rig: str) -> Result:
+def with_rig(result: Result, rig: str) -> Result:
     """A result whose body is bound and named as a rig of ``RIGS``; its joints are where they were.
 
     The skin is bound anew as it is in the rest pose. Where a joint moves a part of it by weights, it then moves a
@@ -85,8 +74,9 @@ def rigged(result: Result, rig: str) -> Result:
     body = subject.body
     missing = sorted(set(known.names) ^ (set(body.skeleton.joints) - set(body.skeleton.attached)))
     if missing:
-        more = f" and {len(missing) - _NAMED} more" if len(missing) > _NAMED else ""
-        raise ValueError(f"rig = {rig} is a person's, whose joints differ from this body's by {missing[:_NAMED]}{more}")
+        more = f" and {len(missing) - _MAX_NAMED} more" if len(missing) > _MAX_NAMED else ""
+        listed = f"{missing[:_MAX_NAMED]}{more}"
+        raise ValueError(f"rig = {rig} is a person's, whose joints differ from this body's by {listed}")
     turn = _turns(body, known)
     rest = _rest(body, turn)
     skeleton = _renamed(body.skeleton, known.names | {name: name for name in body.skeleton.attached})
@@ -102,7 +92,11 @@ def rigged(result: Result, rig: str) -> Result:
 
     def converted(pose: np.ndarray) -> np.ndarray:
         """Poses (frame, coordinate) of the body as poses of the rig."""
-        world = posed(subject, pose)[1][..., :3, :3] @ transposed(body.skeleton.frame.astype(float)) @ transposed(turn)
+        world = (
+            joint_transforms(subject, pose)[1][..., :3, :3]
+            @ transposed(body.skeleton.frame.astype(float))
+            @ transposed(turn)
+        )
         own = world.copy()
         own[:, 0] = subject.root_base.T @ world[:, 0]
         for joint, parent in enumerate(skeleton.parent[1:], 1):

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from mmocap_warp.body.rotations import applied, near_zyx_angles, transposed
-from mmocap_warp.formats.exports.point_tracks import Tracks, tracks_of
+from mmocap_warp.formats.exports.point_tracks import Tracks, best_run_tracks
 from mmocap_warp.result.result import Result
 from mmocap_warp.whole_file import write_whole
 
@@ -22,12 +22,8 @@ _POSITIONS = "Xposition Yposition Zposition"
 
 
 def write_bvh(result: Result, path: Path) -> None:
-    """Write a result, which is Y up; angles to 1e-6 degrees, lengths to 1e-6 cm.
-
-    Raises:
-        InputError: a folder that cannot be written to.
-    """
-    tracks = tracks_of(result)
+    """Write a result, which is Y up; angles to 1e-6 degrees, lengths to 1e-6 cm."""
+    tracks = best_run_tracks(result)
     motion = np.concatenate(_channels(tracks, 0, _degrees(tracks)), axis=1)
     lines = [
         "HIERARCHY",
@@ -48,25 +44,20 @@ def _hierarchy(tracks: Tracks, joint: int, indent: str) -> list[str]:
     offset = start - (0 if parent < 0 else tracks.bind[parent, :3, 3])
     below = [child for child, above in enumerate(skeleton.parent) if above == joint]
     channels = f"6 {_POSITIONS} {_ROTATIONS}" if _has_place(tracks)[joint] else f"3 {_ROTATIONS}"
-    lines = [f"{'JOINT' if parent >= 0 else 'ROOT'} {skeleton.joints[joint]}", "{", *_offset(offset)]
+    lines = [f"{'JOINT' if parent >= 0 else 'ROOT'} {skeleton.joints[joint]}", "{", _offset(offset)]
     lines.append(f"  CHANNELS {channels}")
     for child in below:
         lines += _hierarchy(tracks, child, "  ")
-    if not below:
-        lines += ["  End Site", "  {", *("  " + line for line in _offset(_tip(tracks, joint) - start)), "  }"]
+    if not below:  # the bone ends in the middle of the skin that follows it most, or where it starts without any
+        skin = tracks.subject.body.skin
+        own = skin.rest[skin.heaviest_joint == joint]
+        lines += ["  End Site", "  {", "  " + _offset((own.mean(axis=0) if len(own) else start) - start), "  }"]
     lines.append("}")
     return [indent + line for line in lines]
 
 
-def _offset(offset: np.ndarray) -> list[str]:
-    return ["  OFFSET " + " ".join(f"{value:.6f}" for value in offset * _CENTIMETRES)]
-
-
-def _tip(tracks: Tracks, joint: int) -> np.ndarray:
-    """Where a last bone ends: at the middle of the skin that follows it most, or at its own start without any."""
-    skin = tracks.subject.body.skin
-    own = skin.rest[skin.heaviest_joint == joint]
-    return own.mean(axis=0) if len(own) else tracks.bind[joint, :3, 3]
+def _offset(offset: np.ndarray) -> str:
+    return "  OFFSET " + " ".join(f"{value:.6f}" for value in offset * _CENTIMETRES)
 
 
 def _has_place(tracks: Tracks) -> np.ndarray:

@@ -69,6 +69,15 @@ def quoted_path(path: Path, folder: Path) -> str:
     return quoted(Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix())
 
 
+def toml_value(value: Any) -> str:
+    """A value as a TOML file has it: a string, truth, number, or a list of them."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(toml_value, value))}]"
+    return quoted(value) if isinstance(value, str) else repr(value)
+
+
 def is_number(value: object) -> bool:
     """Whether a value of a TOML file is a number, whole ones within the 64 bits that TOML asks for."""
     return type(value) is float or (type(value) is int and -(2**63) <= value < 2**63)

@@ -19,11 +19,11 @@ from mmocap_warp.masks.mask_files import open_masks
 from mmocap_warp.scene.mask_mark import read_mark
 from mmocap_warp.scene.recording import CameraSource
 
-_SAME_RATE = 0.005
+RATE_TOLERANCE = 0.005
 """Rates that differ by less than this share are one rate: video of 59.94 frames a second is called one of 60."""
 
-_WHOLE = 0.01  # of a frame, by which an offset may differ from whole frames and still be whole
-_MOST_FRAMES = 1e8  # of an offset
+_WHOLE_TOLERANCE = 0.01  # of a frame, by which an offset may differ from whole frames and still be whole
+_MAX_OFFSET = 1e8  # frames
 
 Opened = TypeVar("Opened")
 
@@ -74,7 +74,7 @@ def read_cameras(
         _check_rate(source, fps, tables[source.name])
     _check_drift(by_file, fps, table)
     if calibration is None:
-        return _as_recorded(sources, up, table)
+        return _uncalibrated(sources, up, table)
     shifts = np.array([source.centre_shift for source in sources])
     sizes = {source.name: size for source in sources if (size := _recorded_size(source)) is not None}
     lenses = read_lenses(calibration, up, sizes)
@@ -93,7 +93,7 @@ def read_cameras(
     return sources, check_rig(replace(rig, K=K), f"{scene}: centre_shift", rig.placed) if shifts.any() else rig
 
 
-def _as_recorded(
+def _uncalibrated(
     sources: tuple[CameraSource, ...], up: str, table: Table
 ) -> tuple[tuple[CameraSource, ...], CameraRig]:
     """Cameras of which nothing is known but their images, and pinholes for them."""
@@ -120,7 +120,10 @@ def _read_source(table: Table, name: str, scene: Path, fps: float) -> CameraSour
     left, top = recorded.take_numbers("offset", (2,), [0.0, 0.0])
     right, down = table.take_numbers("centre_shift", (2,), [0.0, 0.0])
     masks = opened("masks", open_masks)
-    rate = _take_rate(table, fps)
+    own_fps = table.take("fps", float, fps)
+    if not 0 < own_fps < 100_000:
+        raise table.error(f"fps = {own_fps:g} is not a frame rate", "give the frames per second of this camera")
+    rate = own_fps / fps
     offset, fraction = _take_offset(table, fps * rate)
     source = CameraSource(
         name=name,
@@ -143,13 +146,6 @@ def _read_source(table: Table, name: str, scene: Path, fps: float) -> CameraSour
     return source
 
 
-def _take_rate(table: Table, fps: float) -> float:
-    own = table.take("fps", float, fps)
-    if not 0 < own < 100_000:
-        raise table.error(f"fps = {own:g} is not a frame rate", "give the frames per second of this camera")
-    return own / fps
-
-
 def _take_offset(table: Table, fps: float) -> tuple[int, float]:
     """A camera's offset in whole frames of its own, and the rest; what is nearly whole is whole."""
     if not table.has("offset"):
@@ -157,17 +153,17 @@ def _take_offset(table: Table, fps: float) -> tuple[int, float]:
     if table.has("frame_offset"):
         raise table.error("has both offset and frame_offset", "give offset alone, in seconds")
     frames = table.take("offset", float) * fps
-    if abs(frames) > _MOST_FRAMES:
+    if abs(frames) > _MAX_OFFSET:
         raise table.error(f"offset is {frames:.3g} frames", "give the seconds by which this camera lags")
     whole = round(frames)
     fraction = frames - whole
-    return whole, fraction if abs(fraction) > _WHOLE else 0.0
+    return whole, fraction if abs(fraction) > _WHOLE_TOLERANCE else 0.0
 
 
 def _check_rate(source: CameraSource, fps: float, table: Table) -> None:
     """See that a camera's videos have the recording's rate, where the scene does not say what rate they have."""
     for frames in (source.video, source.masks):
-        if isinstance(frames, VideoFile) and frames.fps > 0 and abs(frames.fps / fps - 1) > _SAME_RATE:
+        if isinstance(frames, VideoFile) and frames.fps > 0 and abs(frames.fps / fps - 1) > RATE_TOLERANCE:
             raise table.error(
                 f"{frames.path} has {frames.fps:g} frames a second, [scene] says {fps:g}",
                 f"correct [scene] fps; or add fps = {frames.fps:g} here, and its frames are taken by time; "

@@ -1,4 +1,4 @@
-"""Which frames of a recording are meant, as people write it: ``100``, ``20:80`` or ``20:80:2``."""
+"""Which frames are meant, as people write it (``100``, ``20:80``, ``20:80:2``), and reading images of these frames."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ class ReadInOrder(Protocol[Image]):
         """Frames from ``first`` on."""
 
 
-def numbered(frames: ReadInOrder[Image] | None, numbers: Iterable[int]) -> Iterator[Image | None]:
+def frames_by_number(frames: ReadInOrder[Image] | None, numbers: Iterable[int]) -> Iterator[Image | None]:
     """The frames of these numbers, none below the one before; None where there is none, and one at a time in memory."""
     reader: Iterator[Image] | None = None
     last, image = -1, None
@@ -109,7 +109,7 @@ def numbered(frames: ReadInOrder[Image] | None, numbers: Iterable[int]) -> Itera
         yield image
 
 
-def abreast(streams: Sequence[Iterator[Image]], pool: Executor) -> Iterator[list[Image]]:
+def read_together(streams: Sequence[Iterator[Image]], pool: Executor) -> Iterator[list[Image]]:
     """What streams of one length yield, an item of each at a time, read at once; they are read to their ends."""
     while all(items := list(pool.map(lambda stream: list(islice(stream, 1)), streams))):
         yield [item for (item,) in items]

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.toml_table import Table, load_toml, quoted
+from mmocap_warp.formats.toml_table import Table, load_toml, toml_value
 from mmocap_warp.whole_file import write_whole
 
 MARK_NAME = "masks.toml"
@@ -53,15 +54,7 @@ class MaskMark:
         lines = [
             "# Written by mmocap mask: these masks are undistorted. They are read as they are, pixel for pixel the",
             "# pinhole camera of the same name in ../pinholes.toml, and never undistorted again.",
-            f"camera = {quoted(self.camera)}",
-            f"size = {list(self.size)}",
-            f"scale = {self.scale!r}",
-            f"calibrated_size = {list(self.calibrated_size)}",
-            f"first_frame = {self.first_frame}",
-            f"shift = {self.shift}",
-            f"stride = {self.stride}",
-            f"repaired = {str(self.repaired).lower()}",
-            f'calibration = "{self.calibration}"',
+            *(f"{field.name} = {toml_value(getattr(self, field.name))}" for field in fields(self)),
             "",
         ]
         write_whole(folder / MARK_NAME, "\n".join(lines).encode())
@@ -77,17 +70,12 @@ def read_mark(masks: Path) -> MaskMark | None:
     if not os.path.isfile(path):
         return None
     table = load_toml(path)
-    mark = MaskMark(
-        camera=table.take("camera", str),
-        size=_take_size(table, "size"),
-        scale=table.take("scale", float),
-        calibrated_size=_take_size(table, "calibrated_size"),
-        first_frame=table.take("first_frame", int),
-        shift=table.take("shift", int),
-        stride=table.take("stride", int),
-        repaired=table.take("repaired", bool),
-        calibration=table.take("calibration", str),
-    )
+    kinds = {"str": str, "float": float, "int": int, "bool": bool}
+    values: dict[str, Any] = {
+        field.name: table.take(field.name, kinds[field.type]) if field.type in kinds else _take_size(table, field.name)
+        for field in fields(MaskMark)
+    }
+    mark = MaskMark(**values)
     table.finish()
     if mark.stride < 1 or mark.first_frame < 0:
         raise table.error("its frames are none", "make the masks again with mmocap mask")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -13,7 +12,7 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.formats.attachments import attachment_lines
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.png import write_png
-from mmocap_warp.formats.toml_table import quoted, quoted_path
+from mmocap_warp.formats.toml_table import quoted, quoted_path, toml_value
 from mmocap_warp.formats.webm import WebmFile
 from mmocap_warp.scene.mask_mark import MaskMark, calibration_hash
 from mmocap_warp.scene.recording import CameraSource, Scene
@@ -163,7 +162,7 @@ def masked_scene(scene: Scene, folder: Path, scale: float, first: int, count: in
         track["scale"] = scale
     for name, settings in (("track", track), ("fit", scene.fit)):
         if settings:
-            lines += ["", f"[{name}]", *(f"{key} = {_value(value)}" for key, value in settings.items())]
+            lines += ["", f"[{name}]", *(f"{key} = {toml_value(value)}" for key, value in settings.items())]
     return "\n".join([*lines, ""])
 
 
@@ -189,12 +188,3 @@ def _placed(source: CameraSource, fps: float) -> list[str]:
         offset = list(source.recorded_offset)
         lines.append(f"video_from_calibrated = {{ scale = {source.recorded_scale!r}, offset = {offset} }}")
     return lines
-
-
-def _value(value: Any) -> str:
-    """A setting as TOML has it."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, list):
-        return f"[{', '.join(map(_value, value))}]"
-    return quoted(value) if isinstance(value, str) else repr(value)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -30,9 +30,9 @@ _WAYS_TO_MASKS = (
     "from the video; or name masks that you have, a folder of images or a video"
 )
 
-_SAMPLES = 5  # mask images per camera that are looked at while loading
-_HIGHEST_LABEL = 32  # gray levels below are rather labels than a picture
-_MOST_FOREGROUND = 0.8  # of an image; more is an inverted mask
+_SAMPLES = 5  # number of mask images per camera that are looked at while loading
+_MIN_PICTURE_LEVEL = 32  # if all gray levels are below, they are rather labels than a picture
+_MAX_FOREGROUND = 0.8  # share of an image; a mask that shows more is inverted
 
 
 def load_scene(
@@ -88,8 +88,9 @@ def load_scene(
     tables = cameras.take_tables()
     fps = fastest(tables, path, about) if stated_fps is None else stated_fps
     sources, rig = read_cameras(cameras, tables, path, calibration, units, up, fps, calibrated)
-    if not masks:
-        foreground = _of_what_is_there(foreground, sources)
+    if not masks:  # frames are counted by what every camera has
+        have_masks = all(source.masks is not None for source in sources)
+        foreground = replace(foreground, source="masks" if have_masks else "recording")
     _check_sources(sources, rig, foreground, cameras, masks, undistorted_with=calibration is not None)
     named, chosen = _frames(sources, foreground, named_frames, frames, about, agreeing=calibrated)
     scene = Scene(
@@ -140,16 +141,13 @@ def _take_frames(table: Table) -> FrameChoice:
 def _read_foreground(table: Table, identity: int | None) -> ForegroundSettings:
     source = table.take_choice("source", SOURCES, "masks")
     default = GIVEN if source == "masks" else replace(SUBTRACTED, source=source)
-    choices = {"model": MODELS, "keep": KEEP}
-    values: dict[str, Any] = {}
-    for setting in fields(ForegroundSettings):
-        if setting.name == "source":
-            continue
-        fallback = getattr(default, setting.name)
-        if setting.name in choices:
-            values[setting.name] = table.take_choice(setting.name, choices[setting.name], fallback)
-        else:
-            values[setting.name] = table.take(setting.name, type(fallback), fallback)
+    values: dict[str, Any] = {
+        "model": table.take_choice("model", MODELS, default.model),
+        "keep": table.take_choice("keep", KEEP, default.keep),
+    }
+    for name, fallback in vars(default).items():
+        if name not in ("source", *values):
+            values[name] = table.take(name, type(fallback), fallback)
     table.finish()
     if identity is not None:
         values["identity"] = identity
@@ -159,12 +157,6 @@ def _read_foreground(table: Table, identity: int | None) -> ForegroundSettings:
         return replace(default, **values)
     except ValueError as error:
         raise table.error(str(error), "give a value in that range") from None
-
-
-def _of_what_is_there(foreground: ForegroundSettings, sources: tuple[CameraSource, ...]) -> ForegroundSettings:
-    """Settings by which frames are counted where masks are not asked for: by what every camera has."""
-    have_masks = all(source.masks is not None for source in sources)
-    return replace(foreground, source="masks" if have_masks else "recording")
 
 
 def _check_sources(
@@ -197,17 +189,17 @@ def _check_sources(
 
 def _check_size(frames: Frames | Masks, source: CameraSource, size: np.ndarray, where: str) -> None:
     recorded = np.array(frames.size)
-    found = "{} is {}x{}".format(frames.path, *frames.size)
+    stated = "{} is {}x{}".format(frames.path, *frames.size)
     if source.recorded_scale == 1 and source.recorded_offset == (0.0, 0.0):
         if (recorded != size).any():
             remedy = "calibrate this size, or set video_from_calibrated = { scale = ..., offset = [...] }"
-            raise InputError(where, f"{found}, but the calibration says {size[0]}x{size[1]}", remedy)
+            raise InputError(where, f"{stated}, but the calibration says {size[0]}x{size[1]}", remedy)
         return
     low = np.array(source.recorded_offset)
     high = low + source.recorded_scale * size
     overlap = np.clip(np.minimum(high, recorded) - np.maximum(low, 0), 0, None).prod()
     if overlap < 0.5 * recorded.prod():
-        problem = f"{found}, but video_from_calibrated puts the calibrated image at {low.round(1)} to {high.round(1)}"
+        problem = f"{stated}, but video_from_calibrated puts the calibrated image at {low.round(1)} to {high.round(1)}"
         raise InputError(where, problem, "recorded pixel = scale * calibrated pixel + offset")
 
 
@@ -234,7 +226,7 @@ def _check_masks(masks: Masks, identity: int) -> None:
     fractions = [mask.mean() for mask in decoded(masks.sample(_SAMPLES))]
     if not any(fractions) and not any(mask.any() for mask in decoded(masks.read())):
         raise InputError(masks.path, *_why_empty(masks, identity))
-    if np.median(fractions) > _MOST_FOREGROUND:
+    if np.median(fractions) > _MAX_FOREGROUND:
         raise InputError(
             masks.path, f"masks are {100 * np.median(fractions):.0f} % foreground", "invert them: the subject is white"
         )
@@ -249,7 +241,7 @@ def _why_empty(masks: Masks, identity: int) -> tuple[str, str]:
             f"no mask shows identity {identity}",
             f"set one that is there: {listed}" if levels else "set identity = 0",
         )
-    if levels and max(levels) < _HIGHEST_LABEL:
+    if levels and max(levels) < _MIN_PICTURE_LEVEL:
         return "all masks are empty", f"if their gray levels are labels ({listed}), choose one with identity"
     return "all masks are empty", "check how they were exported"
 

@@ -1,4 +1,13 @@
-"""Reading what is known of a recording's truth, whatever its format."""
+"""What is known of a recording's truth: written as USD, and read from USD or ``.trc``.
+
+In USD markers and joints are time-sampled points, which a viewer shows beside the tracked body, in the world of the
+cameras, with the frame number as time code and in single precision (about 1e-7 m)::
+
+    /Truth          mmocap:truthVersion, and where known mmocap:pose (double[] per frame) and mmocap:rootBase (a matrix
+                    for row vectors)
+    /Truth/Markers  Points; ids number the markers that are seen in a frame; mmocap:names
+    /Truth/Joints   the same for the joints
+"""
 
 from __future__ import annotations
 
@@ -16,6 +25,7 @@ from mmocap_warp.formats.usd.usd_file import (
     author_value,
     read_stage,
     reads_usd,
+    set_time_range,
     set_world_up,
     write_stage,
 )
@@ -57,10 +67,7 @@ _REMEDY = "write it again with this version of mmocap"
 def write_truth(path: str | Path, truth: Truth, up: str = "+z") -> None:
     """Write truth to a ``.usda`` or ``.usdc`` file; ``up`` is the world's up axis, as in ``CameraRig``."""
     stage = Usd.Stage.CreateInMemory()
-    stage.SetTimeCodesPerSecond(truth.fps)
-    stage.SetFramesPerSecond(truth.fps)
-    stage.SetStartTimeCode(float(truth.frame_numbers[0]))
-    stage.SetEndTimeCode(float(truth.frame_numbers[-1]))
+    set_time_range(stage, truth.frame_numbers, truth.fps)
     root = UsdGeom.Xform.Define(stage, "/Truth")
     stage.SetDefaultPrim(root.GetPrim())
     set_world_up(stage, root, up)
@@ -97,17 +104,14 @@ def read_truth(path: str | Path) -> Truth:
     marker_names, markers = _points_from_prim(root.child("Markers"), times)
     joint_names, joints = _points_from_prim(root.child("Joints"), times)
     pose = root.sampled_array("mmocap:pose", times) if prim.HasAttribute("mmocap:pose") else None
-    root_base = _root_base(root) if prim.HasAttribute("mmocap:rootBase") else None
+    root_base = None
+    if prim.HasAttribute("mmocap:rootBase"):
+        root_base = root.array("mmocap:rootBase", (3, 3), np.float64).T
+        root.require(is_rotation(root_base), "mmocap:rootBase is not a rotation")
     try:
         return Truth(stage.GetTimeCodesPerSecond(), frames, marker_names, markers, joint_names, joints, pose, root_base)
     except ValueError as error:
         raise InputError(path, str(error), _REMEDY) from error
-
-
-def _root_base(root: PrimReader) -> np.ndarray:
-    base = root.array("mmocap:rootBase", (3, 3), np.float64).T
-    root.require(is_rotation(base), "mmocap:rootBase is not a rotation")
-    return base
 
 
 def _define_points(

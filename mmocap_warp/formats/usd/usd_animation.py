@@ -14,7 +14,7 @@ from mmocap_warp.body.posing import Poser
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.usd_body import define_body, local_transforms, set_pose
 from mmocap_warp.formats.usd.usd_camera import define_cameras
-from mmocap_warp.formats.usd.usd_file import USD_SUFFIXES, export_root, set_world_up, write_stage
+from mmocap_warp.formats.usd.usd_file import USD_SUFFIXES, export_root, set_time_range, set_world_up, write_stage
 from mmocap_warp.formats.usd.usd_skeleton import joint_paths
 from mmocap_warp.result.result import Result
 from mmocap_warp.whole_file import whole_file
@@ -50,14 +50,6 @@ def animate(
         extent.Set(_bounds(low, high), time)
         lowest, highest = np.minimum(lowest, low), np.maximum(highest, high)
     extent.Set(_bounds(lowest, highest))  # for viewers that ask for no particular time
-
-
-def set_time_range(stage: Usd.Stage, frame_numbers: np.ndarray, fps: float) -> None:
-    """Set a stage's rate [time codes/s], and its first and last frame of frame numbers (frame,)."""
-    stage.SetTimeCodesPerSecond(fps)
-    stage.SetFramesPerSecond(fps)
-    stage.SetStartTimeCode(float(frame_numbers[0]))
-    stage.SetEndTimeCode(float(frame_numbers[-1]))
 
 
 def export_animation(result: Result, path: str | Path) -> None:

@@ -27,6 +27,7 @@ from mmocap_warp.formats.usd.usd_file import (
 
 _FILM_WIDTH = 0.036  # [m], of a full-frame camera; only its ratio to the focal length matters
 _LENS_UNIT = 10.0  # USD gives apertures and focal lengths in tenths of a scene unit
+_FROM_USD = np.diag([1.0, -1.0, -1.0])  # USD's cameras look along -z with y up
 _FISHEYE = "fisheye"
 _CLIPPING = (0.05, 100.0)  # [m]
 _REMEDY = "write the result again with `mmocap track`"
@@ -42,14 +43,13 @@ def define_cameras(stage: Usd.Stage, path: str, rig: CameraRig) -> None:
         camera = UsdGeom.Camera.Define(stage, f"{path}/{prim_name}")
         pinhole, size = rig.pinhole(k)
         _set_lens(camera, pinhole, *map(int, size))
-        camera.AddTransformOp().Set(_world_from_camera(rig, k))
+        placement = np.eye(4)
+        placement[:3, :3], placement[:3, 3] = rig.R[k].T @ _FROM_USD, rig.centres[k]
+        camera.AddTransformOp().Set(gf_matrix(placement))
         prim = camera.GetPrim()
-        author_value(prim, "mmocap:name", rig.names[k])
-        author_value(prim, "mmocap:size", np.asarray(rig.size[k]))
-        author_value(prim, "mmocap:intrinsics", rig.K[k])
-        author_value(prim, "mmocap:rotation", rig.R[k])
-        author_value(prim, "mmocap:translation", rig.t[k])
-        author_value(prim, "mmocap:distortion", rig.distortion[k])
+        values = {"name": rig.names[k], "size": np.asarray(rig.size[k]), "intrinsics": rig.K[k], "rotation": rig.R[k]}
+        for key, value in (values | {"translation": rig.t[k], "distortion": rig.distortion[k]}).items():
+            author_value(prim, f"mmocap:{key}", value)
         if rig.names[k] in rig.fisheye:
             author_value(prim, "mmocap:lens", _FISHEYE)
 
@@ -62,7 +62,6 @@ def cameras_from_prim(prim: Usd.Prim, source: object) -> CameraRig:
     """
     scope = PrimReader(prim, source, _REMEDY)
     cameras = [scope.child(name) for name in scope.texts("mmocap:cameras")]
-
     scope.require(bool(cameras), "mmocap:cameras names none")
 
     def stacked(name: str, *shape: int) -> np.ndarray:
@@ -78,13 +77,13 @@ def cameras_from_prim(prim: Usd.Prim, source: object) -> CameraRig:
         size=stacked("mmocap:size", 2).astype(int),
         distortion=stacked("mmocap:distortion", 5),
         up=up,
-        fisheye=tuple(camera.typed("mmocap:name", str) for camera in cameras if _is_fisheye(camera)),
+        fisheye=tuple(
+            camera.typed("mmocap:name", str)
+            for camera in cameras
+            if camera.prim.HasAttribute("mmocap:lens") and camera.typed("mmocap:lens", str) == _FISHEYE
+        ),
     )
     return check_rig(rig, source) if rig.fisheye else rig
-
-
-def _is_fisheye(camera: PrimReader) -> bool:
-    return camera.prim.HasAttribute("mmocap:lens") and camera.typed("mmocap:lens", str) == _FISHEYE
 
 
 def _set_lens(camera: UsdGeom.Camera, K: np.ndarray, width: int, height: int) -> None:
@@ -104,14 +103,6 @@ def _set_lens(camera: UsdGeom.Camera, K: np.ndarray, width: int, height: int) ->
     camera.CreateFStopAttr(0.0)  # everything is sharp
 
 
-def _world_from_camera(rig: CameraRig, k: int) -> Gf.Matrix4d:
-    """USD's cameras look along -z with y up."""
-    matrix = np.eye(4)
-    matrix[:3, :3] = rig.R[k].T @ np.diag([1.0, -1.0, -1.0])
-    matrix[:3, 3] = rig.centres[k]
-    return gf_matrix(matrix)
-
-
 def _prim_names(names: tuple[str, ...]) -> list[str]:
     """A valid and distinct prim name for each camera."""
     chosen: list[str] = []
@@ -124,7 +115,6 @@ def _prim_names(names: tuple[str, ...]) -> list[str]:
 _SAME_SHAPE = 0.01
 """Share by which the film's shape may differ from the image's; programs disagree on what is shown of such a one."""
 _LARGEST = 1e9  # of a camera's numbers
-_FROM_USD = np.diag([1.0, -1.0, -1.0])  # its cameras look along -z with y up
 _EXPORT_AGAIN = "export the cameras again, standing still"
 
 
@@ -143,12 +133,11 @@ def read_usd_cameras(
     own, others, stage_up = _read(path)
     if own is not None:
         return own
-    cameras = [_with_size(camera, image_size_of(sizes, camera.name, path, _no_size(camera)), path) for camera in others]
+    cameras = []
+    for camera in others:
+        problem = f"does not say how large the images of camera '{camera.name}' are"
+        cameras.append(_with_size(camera, image_size_of(sizes, camera.name, path, problem), path))
     return rig_of(cameras, stage_up, path)
-
-
-def _no_size(camera: Camera) -> str:
-    return f"does not say how large the images of camera '{camera.name}' are"
 
 
 @reads_usd
@@ -168,15 +157,9 @@ def _camera(camera: UsdGeom.Camera, metres: float, path: str | Path) -> Camera:
     prim = camera.GetPrim()
     if _moves(prim):
         raise InputError(path, f"{prim.GetPath()} moves", _EXPORT_AGAIN)
+    film = "horizontalAperture", "verticalAperture", "horizontalApertureOffset", "verticalApertureOffset"
     focal, across, down, right, upward = (
-        attribute.Get(Usd.TimeCode.EarliestTime())
-        for attribute in (
-            camera.GetFocalLengthAttr(),
-            camera.GetHorizontalApertureAttr(),
-            camera.GetVerticalApertureAttr(),
-            camera.GetHorizontalApertureOffsetAttr(),
-            camera.GetVerticalApertureOffsetAttr(),
-        )
+        prim.GetAttribute(name).Get(Usd.TimeCode.EarliestTime()) for name in ("focalLength", *film)
     )
     known = all(isinstance(value, float) and abs(value) < _LARGEST for value in (focal, across, down, right, upward))
     if camera.GetProjectionAttr().Get() != UsdGeom.Tokens.perspective or not (

@@ -33,7 +33,7 @@ def read_stage(path: str | Path) -> Usd.Stage:
     path = Path(path)
     if not os.path.isfile(path):
         raise InputError(path, "no such file", "check the path")
-    with usd_errors_told(path):
+    with _convert_usd_errors(path):
         # USD keeps layers by file name and would hand out the old one; an anonymous layer has no name.
         layer = Sdf.Layer.OpenAsAnonymous(str(path))
         if layer:
@@ -45,22 +45,22 @@ def read_stage(path: str | Path) -> Usd.Stage:
 
 
 def reads_usd(reader: Callable[P, T]) -> Callable[P, T]:
-    """What reads a USD file, whose path is its first argument, from :func:`read_stage` to the last value.
+    """Decorate a reader of a USD file, whose path is its first argument, to raise ``InputError`` for damage.
 
-    USD reads values when they are asked for, and only then finds damage. A file that this process did not write is read
-    in another process first, see :func:`~mmocap_warp.formats.sandbox.sandboxed`.
+    USD reads values when they are asked for, and only then finds damage: the reader goes from :func:`read_stage` to the
+    last value. A file of others is read in the sandbox first, see :func:`~mmocap_warp.formats.sandbox.sandboxed`.
     """
 
     @wraps(reader)
-    def told(*args: P.args, **kwargs: P.kwargs) -> T:
-        with usd_errors_told(args[0]):
+    def read_with_input_errors(*args: P.args, **kwargs: P.kwargs) -> T:
+        with _convert_usd_errors(args[0]):
             return reader(*args, **kwargs)
 
-    return sandboxed(told)
+    return sandboxed(read_with_input_errors)
 
 
 @contextmanager
-def usd_errors_told(path: object) -> Iterator[None]:
+def _convert_usd_errors(path: object) -> Iterator[None]:
     """Raise ``InputError`` for what USD complains of while a file is read, to the last value."""
     try:
         yield
@@ -80,6 +80,14 @@ def write_stage(path: str | Path, stage: Usd.Stage) -> None:
     with whole_file(path) as unfinished:
         export_root(stage, unfinished)
     trust(path)
+
+
+def set_time_range(stage: Usd.Stage, frame_numbers: np.ndarray, fps: float) -> None:
+    """Set a stage's rate [time codes/s], and its first and last frame of frame numbers (frame,)."""
+    stage.SetTimeCodesPerSecond(fps)
+    stage.SetFramesPerSecond(fps)
+    stage.SetStartTimeCode(float(frame_numbers[0]))
+    stage.SetEndTimeCode(float(frame_numbers[-1]))
 
 
 def export_root(stage: Usd.Stage, file: Path) -> None:
@@ -193,7 +201,9 @@ ALLOWED = "MMOCAP_ALLOW_REFERENCES"
 def check_references(layer: Sdf.Layer, path: Path) -> None:
     """See that a layer, and the layers that it names, refer to files of its own folder only.
 
-    ``layer`` was read from ``path`` as an anonymous one; what it names relative to its file is made absolute.
+    Composing a stage opens sublayers, references, payloads, clips and assets wherever they lie, so that a file from a
+    stranger could have others read that nobody named. So names are looked at before a stage is composed. ``layer`` was
+    read from ``path`` as an anonymous one; what it names relative to its file is made absolute.
 
     Raises:
         InputError: a file elsewhere, or one that is named by an expression, unless ``ALLOWED`` says yes.
@@ -212,15 +222,10 @@ def _check(names: list[str], source: Path, folder: Path, seen: set[Path]) -> Non
         if target in seen or not target.is_file():
             continue
         seen.add(target)
-        with _opened(target) as layer:
-            if layer:
-                _check(_anchored(layer, target), target, folder, seen)
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator[Sdf.Layer | None]:
-    """A layer by itself; None for what is no layer, such as a picture."""
-    yield Sdf.Layer.OpenAsAnonymous(str(path)) if Sdf.FileFormat.FindByExtension(path.suffix) else None
+        is_layer = Sdf.FileFormat.FindByExtension(target.suffix)  # and not, say, a picture
+        layer = Sdf.Layer.OpenAsAnonymous(str(target)) if is_layer else None
+        if layer:
+            _check(_anchored(layer, target), target, folder, seen)
 
 
 def _anchored(layer: Sdf.Layer, path: Path) -> list[str]:
@@ -231,21 +236,16 @@ def _anchored(layer: Sdf.Layer, path: Path) -> list[str]:
         names.append(os.path.join(path.resolve().parent, name))
         return names[-1]
 
-    UsdUtils.ModifyAssetPaths(layer, absolute)
-    names += (name for name in layer.GetCompositionAssetDependencies() if "`" in name)  # which the function leaves out
-    return names + _expressions_of_clips(layer)
-
-
-def _expressions_of_clips(layer: Sdf.Layer) -> list[str]:
-    found = []
-
-    def look(path: Sdf.Path) -> None:
+    def find_clips(path: Sdf.Path) -> None:
         prim = layer.GetPrimAtPath(path) if path.IsPrimPath() or path.IsPrimVariantSelectionPath() else None
         if prim and prim.HasInfo("clips") and "`" in str(prim.GetInfo("clips")):
-            found.append(f"`...` in the clips of {path}")
+            names.append(f"`...` in the clips of {path}")
 
-    layer.Traverse(Sdf.Path.absoluteRootPath, look)
-    return found
+    UsdUtils.ModifyAssetPaths(layer, absolute)
+    # Names that are expressions are left out there.
+    names += (name for name in layer.GetCompositionAssetDependencies() if "`" in name)
+    layer.Traverse(Sdf.Path.absoluteRootPath, find_clips)
+    return names
 
 
 def author_value(prim: Usd.Prim, name: str, value: Any, time: float | None = None) -> None:
@@ -263,14 +263,9 @@ def gf_matrix(transform: np.ndarray) -> Gf.Matrix4d:
 
 def _typed(value: Any) -> tuple[Sdf.ValueTypeName, Any]:
     types = Sdf.ValueTypeNames
-    if isinstance(value, str):
-        return types.String, value
-    if isinstance(value, bool):
-        return types.Bool, value
-    if isinstance(value, int):
-        return types.Int64, value
-    if isinstance(value, float):
-        return types.Double, value
+    for kind, usd_type in ((str, types.String), (bool, types.Bool), (int, types.Int64), (float, types.Double)):
+        if isinstance(value, kind):
+            return usd_type, value
     if isinstance(value, np.ndarray) and value.dtype.kind == "f":
         return types.DoubleArray, Vt.DoubleArray.FromNumpy(np.ascontiguousarray(value, np.float64).ravel())
     if isinstance(value, np.ndarray) and value.dtype.kind in "iu":

@@ -14,9 +14,7 @@ import numpy as np
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.rigged.node_motion import node_motions, node_worlds
-from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, parents_first
-
-GLTF_SUFFIXES: tuple[str, ...] = (".glb", ".gltf")
+from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, joined_parts, parents_first
 
 _MAGIC, _JSON_CHUNK, _BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
 _KINDS = {5120: np.int8, 5121: np.uint8, 5122: np.int16, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
@@ -68,23 +66,22 @@ class _Document:
         required = sorted(set(self.json.get("extensionsRequired", [])) - _READABLE)
         if required:
             raise InputError(path, f"needs the glTF extension {required[0]}, which is not read", _REMEDY)
-        self._buffers = [self._buffer(about, path, binary) for about in self.json.get("buffers", [])]
-
-    @staticmethod
-    def _buffer(about: dict[str, Any], path: Path, binary: bytes) -> bytes:
-        uri = about.get("uri")
-        if uri is None:
-            return binary
-        if uri.startswith("data:"):
-            return base64.b64decode(uri.partition(",")[2], validate=True)
-        return file_inside(path.parent, uri, path).read_bytes()
+        self._buffers = []
+        for about in self.json.get("buffers", []):
+            uri = about.get("uri")
+            if uri is None:
+                self._buffers.append(binary)
+            elif uri.startswith("data:"):
+                self._buffers.append(base64.b64decode(uri.partition(",")[2], validate=True))
+            else:
+                self._buffers.append(_file_inside(path.parent, uri, path).read_bytes())
 
     def list(self, name: str) -> list[dict[str, Any]]:
         """A list of the file, empty where it has none."""
-        found = self.json.get(name, [])
-        if not isinstance(found, list) or not all(isinstance(each, dict) for each in found):
+        values = self.json.get(name, [])
+        if not isinstance(values, list) or not all(isinstance(each, dict) for each in values):
             raise ValueError(f"{name} is no list of objects")
-        return found
+        return values
 
     def array(self, accessor: int) -> np.ndarray:
         """An accessor's values (count, width): whole numbers, or float64 where they are floats or normalized."""
@@ -93,18 +90,14 @@ class _Document:
         if "bufferView" in about:
             values = self._view(about["bufferView"], about.get("byteOffset", 0), kind, count, width)
         else:
-            values = np.zeros((self._plausible(count), width), kind)
+            if not 0 < count <= max(map(len, self._buffers), default=0):
+                raise ValueError("an accessor without values is longer than the file")
+            values = np.zeros((count, width), kind)
         if "sparse" in about:
             sparse, values = about["sparse"], values.copy()
-            where = sparse["indices"]
-            index = self._view(
-                where["bufferView"],
-                where.get("byteOffset", 0),
-                np.dtype(_KINDS[where["componentType"]]),
-                sparse["count"],
-                1,
-            )
-            new = sparse["values"]
+            where, new = sparse["indices"], sparse["values"]
+            index_kind = np.dtype(_KINDS[where["componentType"]])
+            index = self._view(where["bufferView"], where.get("byteOffset", 0), index_kind, sparse["count"], 1)
             values[index[:, 0]] = self._view(new["bufferView"], new.get("byteOffset", 0), kind, sparse["count"], width)
         if about.get("normalized", False):
             return np.maximum(values / float(2 ** (8 * kind.itemsize - (kind.kind == "i")) - 1), -1.0)
@@ -119,11 +112,6 @@ class _Document:
             raise ValueError("an accessor reaches beyond its buffer")
         return np.ndarray((count, width), kind.newbyteorder("<"), data, first, (stride, kind.itemsize)).copy()
 
-    def _plausible(self, count: int) -> int:
-        if not 0 < count <= max(map(len, self._buffers), default=0):
-            raise ValueError("an accessor without values is longer than the file")
-        return count
-
 
 def _index(number: int) -> int:
     if type(number) is not int or number < 0:
@@ -136,21 +124,25 @@ def _character(document: _Document, path: Path) -> RiggedMesh:
     skinned = [(i, node) for i, node in enumerate(nodes) if "skin" in node and "mesh" in node]
     if not skinned:
         raise InputError(path, "holds no skinned mesh", "export the character with its armature and skin")
-    above = _parents(nodes)
+    above = [-1] * len(nodes)
+    for number, node in enumerate(nodes):
+        for child in node.get("children", []):
+            above[_index(child)] = number
+    parents_first(above)  # raises where nodes hang on each other in a circle
     joint_node, bind = _joints(document, [skins[_index(node["skin"])] for _, node in skinned])
     parent = _joint_parents(joint_node, above)
     order = parents_first(parent)
-    number = {joint_node[joint]: i for i, joint in enumerate(order)}
     rank = {joint: i for i, joint in enumerate(order)}
+    rank_of_node = {joint_node[joint]: i for joint, i in rank.items()}
 
     parts = []
     for _, node in skinned:
-        of_skin = np.array([number[joint] for joint in skins[node["skin"]]["joints"]])
+        of_skin = np.array([rank_of_node[joint] for joint in skins[node["skin"]]["joints"]])
         parts += [
             _primitive(document, primitive, of_skin)
             for primitive in document.list("meshes")[_index(node["mesh"])]["primitives"]
         ]
-    vertex, face, influence, weight = _joined(parts)
+    vertex, face, influence, weight = joined_parts(parts)
     ordered = [joint_node[joint] for joint in order]
     rest = node_worlds(nodes, above)
     motions, notes = node_motions(document.list("animations"), document.array, nodes, above, ordered)
@@ -168,15 +160,6 @@ def _character(document: _Document, path: Path) -> RiggedMesh:
         attribution=str(document.json.get("asset", {}).get("copyright", "")),
         notes=tuple(notes),
     )
-
-
-def _parents(nodes: list[dict[str, Any]]) -> list[int]:
-    above = [-1] * len(nodes)
-    for number, node in enumerate(nodes):
-        for child in node.get("children", []):
-            above[_index(child)] = number
-    parents_first(above)
-    return above
 
 
 def _joints(document: _Document, skins: Iterable[dict[str, Any]]) -> tuple[list[int], np.ndarray]:
@@ -227,24 +210,6 @@ def _primitive(
     return vertex, face, of_skin[np.where(weight > 0, joint, 0)], weight
 
 
-def _joined(
-    parts: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]],
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Several parts as one mesh."""
-    most = max(weight.shape[1] for *_, weight in parts)
-    first = np.cumsum([0, *(len(vertex) for vertex, *_ in parts)])
-
-    def padded(values: np.ndarray) -> np.ndarray:
-        return np.pad(values, ((0, 0), (0, most - values.shape[1])))
-
-    return (
-        np.concatenate([vertex for vertex, *_ in parts]),
-        np.concatenate([face + start for (_, face, *_), start in zip(parts, first, strict=False)]),
-        np.concatenate([padded(influence) for *_, influence, _ in parts]),
-        np.concatenate([padded(weight) for *_, weight in parts]),
-    )
-
-
 def _scene_from_bind(bind: np.ndarray, rest: np.ndarray, mesh: np.ndarray) -> np.ndarray:
     """(4, 4): what takes the space in which the skin is bound to the scene's.
 
@@ -261,7 +226,7 @@ def _scene_from_bind(bind: np.ndarray, rest: np.ndarray, mesh: np.ndarray) -> np
     return next(scene for scene in candidates if apart(scene) <= nearest + slack)
 
 
-def file_inside(folder: Path, name: str, source: object) -> Path:
+def _file_inside(folder: Path, name: str, source: object) -> Path:
     """The file ``name`` in ``folder`` or below it; ``source`` is the file that names it.
 
     Raises:
@@ -269,12 +234,12 @@ def file_inside(folder: Path, name: str, source: object) -> Path:
     """
     root = folder.resolve()
     try:
-        found = (root / unquote(name)).resolve()
-        exists = found.is_file()
+        file = (root / unquote(name)).resolve()
+        exists = file.is_file()
     except (OSError, ValueError):  # such as a name with a zero byte
         raise InputError(source, f"names a file {name!r}, which cannot be", "correct that name") from None
-    if not found.is_relative_to(root):
+    if not file.is_relative_to(root):
         raise InputError(source, f"names '{name}', which is not in {folder}", "copy it there, and say so")
     if not exists:
         raise InputError(source, f"names '{name}', which is not in {folder}", "put it there")
-    return found
+    return file

@@ -10,13 +10,14 @@ import numpy as np
 from mmocap_warp.formats.rigged.rigged_mesh import RiggedMotion, parents_first
 
 _FPS = 60.0
-_MOST = 400_000  # transforms of nodes in all frames of an animation: a minute of a hundred nodes
+_MAX_TRANSFORMS = 400_000  # of nodes in all frames of an animation: a minute of a hundred nodes
+_PARTS = {"translation": (0, 0, 0), "rotation": (0, 0, 0, 1), "scale": (1, 1, 1)}
 
 
 def node_worlds(nodes: Sequence[dict[str, Any]], above: list[int]) -> np.ndarray:
     """(node, 4, 4): the scene from each node as the file has it."""
-    local = np.stack([_local(node) for node in nodes])
-    return _worlds(local[None], above)[0]
+    local = np.stack([_local_transform(node) for node in nodes])
+    return _world_transforms(local[None], above)[0]
 
 
 def node_motions(
@@ -41,21 +42,21 @@ def node_motions(
         channels = []
         for channel in animation["channels"]:
             target, sampler = channel["target"], animation["samplers"][channel["sampler"]]
-            if "node" in target and target["path"] in ("translation", "rotation", "scale"):
+            if "node" in target and target["path"] in _PARTS:
                 keys = array(sampler["input"])[:, 0], array(sampler["output"])
                 channels.append((target["node"], target["path"], sampler.get("interpolation", "LINEAR"), *keys))
         if channels:
             name = str(animation.get("name") or f"animation{number}")
             last = max(float(time[-1]) for *_, time, _ in channels)
-            if not 0 <= last * _FPS * len(nodes) < _MOST:
+            if not 0 <= last * _FPS * len(nodes) < _MAX_TRANSFORMS:
                 notes.append(f"motion {name} lasts {last:g} s: left out")
                 continue
             frames = round(last * _FPS) + 1
-            motions[name] = RiggedMotion(_FPS, _sampled(channels, frames, nodes, above)[:, list(joints)])
+            motions[name] = RiggedMotion(_FPS, _sample_channels(channels, frames, nodes, above)[:, list(joints)])
     return motions, notes
 
 
-def _sampled(
+def _sample_channels(
     channels: list[tuple[int, str, str, np.ndarray, np.ndarray]],
     frames: int,
     nodes: Sequence[dict[str, Any]],
@@ -63,21 +64,15 @@ def _sampled(
 ) -> np.ndarray:
     """(frame, node, 4, 4): the scene from each node."""
     when = np.arange(frames) / _FPS
-    moved = {(node, path): _at(when, time, value, how, path) for node, path, how, time, value in channels}
+    moved = {(node, path): _interpolate(when, time, value, how, path) for node, path, how, time, value in channels}
     local = np.zeros((frames, len(nodes), 4, 4))
     for number, node in enumerate(nodes):
-        if any((number, path) in moved for path in ("translation", "rotation", "scale")):
-            parts = [
-                moved.get((number, path), np.array([node.get(path, default)], float))
-                for path, default in (("translation", (0, 0, 0)), ("rotation", (0, 0, 0, 1)), ("scale", (1, 1, 1)))
-            ]
-            local[:, number] = _composed(*parts)
-        else:
-            local[:, number] = _local(node)
-    return _worlds(local, above)
+        own = {path: moved[number, path] for path in _PARTS if (number, path) in moved}
+        local[:, number] = _composed(node, own) if own else _local_transform(node)
+    return _world_transforms(local, above)
 
 
-def _at(when: np.ndarray, time: np.ndarray, value: np.ndarray, how: str, path: str) -> np.ndarray:
+def _interpolate(when: np.ndarray, time: np.ndarray, value: np.ndarray, how: str, path: str) -> np.ndarray:
     """Values of a channel at times (frame,), held before its first key and after its last."""
     if how == "CUBICSPLINE":  # tangents around each value; straight lines between the values come close
         value = value[1::3]
@@ -102,21 +97,23 @@ def _at(when: np.ndarray, time: np.ndarray, value: np.ndarray, how: str, path: s
     return near * first + far * second
 
 
-def _local(node: dict[str, Any]) -> np.ndarray:
+def _local_transform(node: dict[str, Any]) -> np.ndarray:
     """(4, 4): the parent from a node."""
     if "matrix" in node:
         return np.array(node["matrix"], float).reshape(4, 4).T
-    parts = [
-        np.array([node.get(path, default)], float)
-        for path, default in (("translation", (0, 0, 0)), ("rotation", (0, 0, 0, 1)), ("scale", (1, 1, 1)))
-    ]
-    return _composed(*parts)[0]
+    return _composed(node, {})[0]
 
 
-def _composed(translation: np.ndarray, rotation: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """(n, 4, 4) of translations (n, 3), quaternions x y z w (n, 4) and scales (n, 3); each may be one for all."""
+def _composed(node: dict[str, Any], moved: dict[str, np.ndarray]) -> np.ndarray:
+    """(n, 4, 4) of a node's translations (n, 3), quaternions x y z w (n, 4) and scales (n, 3).
+
+    ``moved`` holds those that an animation changes; of the others the node has one for all.
+    """
     from scipy.spatial.transform import Rotation
 
+    translation, rotation, scale = (
+        moved.get(path, np.array([node.get(path, default)], float)) for path, default in _PARTS.items()
+    )
     count = max(len(translation), len(rotation), len(scale))
     matrix = np.zeros((count, 4, 4))
     matrix[:, :3, :3] = Rotation.from_quat(rotation).as_matrix() * scale[:, None, :]
@@ -127,7 +124,7 @@ def _composed(translation: np.ndarray, rotation: np.ndarray, scale: np.ndarray) 
     return matrix
 
 
-def _worlds(local: np.ndarray, above: list[int]) -> np.ndarray:
+def _world_transforms(local: np.ndarray, above: list[int]) -> np.ndarray:
     """(frame, node, 4, 4): transforms relative to the node above, multiplied in place from the roots outwards."""
     for node in parents_first(above):
         if above[node] >= 0:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import struct
-from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -51,20 +50,16 @@ def _by_trimesh(data: bytes, kind: str, path: Path) -> tuple[np.ndarray, np.ndar
     """From memory, so that no file that it names is looked for."""
     import trimesh
 
-    def loaded(content: bytes) -> Any:
-        return trimesh.load(io.BytesIO(content), file_type=kind, force="mesh", process=False, skip_materials=True)
+    damage: tuple[type[Exception], ...] = ()
+    if kind == "dae":
+        from collada.common import DaeError
 
-    mesh = _collada(data, path, loaded) if kind == "dae" else loaded(data)
-    return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)
-
-
-def _collada(data: bytes, path: Path, loaded: Callable[[bytes], Any]) -> Any:
-    from collada.common import DaeError
-
+        damage, data = (DaeError,), _plain_collada(data, path)
     try:
-        return loaded(_plain_collada(data, path))
-    except DaeError as error:  # which is not one of Python's
+        mesh: Any = trimesh.load(io.BytesIO(data), file_type=kind, force="mesh", process=False, skip_materials=True)
+    except damage as error:  # which is not one of Python's
         raise ValueError(str(error)) from error
+    return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)
 
 
 def _wavefront(data: bytes) -> tuple[np.ndarray, np.ndarray]:

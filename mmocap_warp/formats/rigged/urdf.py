@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element, ParseError
 
 import numpy as np
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.rigged.part_meshes import part_mesh
-from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh
+from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh, joined_parts
 
 _REMEDY = "give a URDF file, as `xacro` writes it"
 _TURNS, _SLIDES = ("revolute", "continuous"), "prismatic"
@@ -43,8 +42,7 @@ def read_urdf(path: str | Path, meshes: str | Path | None = None) -> RiggedMesh:
         raise InputError(path, f"is damaged, or no URDF ({error})", _REMEDY) from None
 
 
-@dataclass(frozen=True)
-class _Joint:
+class _Joint(NamedTuple):
     name: str
     kind: str
     parent: str
@@ -106,10 +104,9 @@ def _robot(root: Element, path: Path, folder: Path) -> RiggedMesh:
         parent.append(of_link[joint.parent])
         bind.append(world[link])
     if len(names) == 1:
-        raise InputError(
-            path, "has no joint that turns or slides", "there is nothing to track in a rigid thing; name a robot"
-        )
-    vertex, face, follows = _geometry(links, world, of_link, path, folder)
+        remedy = "there is nothing to track in a rigid thing; name a robot"
+        raise InputError(path, "has no joint that turns or slides", remedy)
+    vertex, face, influence, weight = _geometry(links, world, of_link, path, folder)
     planar = [joint.name for joint in joints.values() if joint.kind == "planar"]
     mimics = [_named(each) for each in root.findall("joint") if each.find("mimic") is not None]
     notes = [f"{', '.join(planar)} slide in a plane: held at zero"] if planar else []
@@ -121,8 +118,8 @@ def _robot(root: Element, path: Path, folder: Path) -> RiggedMesh:
         bind=np.stack(bind),
         vertex=vertex,
         face=face,
-        influence=follows[:, None],
-        weight=np.ones((len(vertex), 1)),
+        influence=influence,
+        weight=weight,
         up="+z",
         facing="+x",
         axes=axes,
@@ -152,21 +149,18 @@ def _joint(element: Element) -> _Joint:
 
 def _geometry(
     links: dict[str, Element], world: dict[str, np.ndarray], of_link: dict[str, int], path: Path, folder: Path
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Vertices, triangles, and the joint that each vertex follows; the robot at zero angles."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Vertices, triangles, the joint that each vertex follows and its weight; the robot at zero angles."""
     for shown in ("visual", "collision"):
-        vertices: list[np.ndarray] = []
-        faces, follows = [], []
+        parts = []
         for link, element in links.items():
             for shape in element.findall(shown):
+                place = world[link] @ _origin(shape)
                 for vertex, face in _shapes(shape, path, folder):
-                    place = world[link] @ _origin(shape)
-                    first = sum(len(each) for each in vertices)
-                    faces.append(face + first)
-                    vertices.append(vertex @ place[:3, :3].T + place[:3, 3])
-                    follows.append(np.full(len(vertex), of_link[link]))
-        if vertices:
-            return np.concatenate(vertices), np.concatenate(faces), np.concatenate(follows)
+                    joint, weight = np.full((len(vertex), 1), of_link[link]), np.ones((len(vertex), 1))
+                    parts.append((vertex @ place[:3, :3].T + place[:3, 3], face, joint, weight))
+        if parts:
+            return joined_parts(parts)
     raise InputError(path, "has no geometry", "give a robot with visual meshes")
 
 

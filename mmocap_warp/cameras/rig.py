@@ -224,11 +224,7 @@ def lens_of(
 
 
 def rig_of(cameras: list[Camera], up: str, source: object, placed: bool = True) -> CameraRig:
-    """The rig of these cameras, checked; see :func:`check_rig`.
-
-    Raises:
-        InputError: see :func:`check_rig`.
-    """
+    """The rig of these cameras, checked; see :func:`check_rig`."""
     if not cameras:
         raise InputError(source, "no camera found", "check that this is a calibration file")
     if len(cameras) > _MOST_CAMERAS:

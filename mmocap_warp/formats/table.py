@@ -144,7 +144,8 @@ def read_calibration(
             :data:`~mmocap_warp.formats.calibration.calibration_text.EVERY_OTHER` those of all other cameras.
 
     Raises:
-        InputError: an unknown ending, or a file that the format's reader refuses.
+        InputError: an unknown ending, a file that cannot be read, values that are missing, or no calibration (see
+            :func:`~mmocap_warp.cameras.rig.check_rig`).
     """
     return _format_of(CALIBRATIONS, path).load()(path, units, up, sizes)
 
@@ -178,11 +179,7 @@ def write_calibration(path: Path, rig: CameraRig) -> None:
 
 
 def calibration_export(path: Path) -> Format:
-    """The format of ``CALIBRATION_EXPORTS`` that a file's name tells.
-
-    Raises:
-        InputError: an unknown name.
-    """
+    """The format of ``CALIBRATION_EXPORTS`` that a file's name tells."""
     return _format_of(CALIBRATION_EXPORTS, path)
 
 
@@ -207,11 +204,7 @@ def export_point_cache(result: Result, path: Path) -> None:
 
 
 def export_format(path: Path) -> Format:
-    """The format of ``EXPORTS`` that a file's ending names.
-
-    Raises:
-        InputError: an unknown ending.
-    """
+    """The format of ``EXPORTS`` that a file's ending names."""
     return _format_of(EXPORTS, path)
 
 

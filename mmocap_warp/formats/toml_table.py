@@ -32,11 +32,7 @@ _KINDS = {
 
 
 def load_toml(path: str | Path) -> Table:
-    """The whole file as a :class:`Table`.
-
-    Raises:
-        InputError: the file is missing or is not TOML.
-    """
+    """The whole file as a :class:`Table`."""
     text = read_text(path, "give a TOML text file")
     too_deep = InputError(
         path, f"has tables or lists within each other, over {_MAX_LEVELS} deep", "correct what nests them"
@@ -134,11 +130,7 @@ class Table:
         self._values[key] = value
 
     def take_any(self, key: str, kinds: tuple[type, ...], default: Any) -> Any:
-        """The value of ``key`` where several kinds are possible.
-
-        Raises:
-            InputError: of none of these types.
-        """
+        """The value of ``key`` where several kinds are possible."""
         kind = next((kind for kind in kinds if type(self._values.get(key)) is kind), kinds[0])
         return self.take(key, kind, default)
 
@@ -201,9 +193,6 @@ def config_from_table(kind: type[Config], table: Table) -> Config:
     Args:
         kind: a dataclass that checks its fields and raises ``ValueError``.
         table: it is emptied.
-
-    Raises:
-        InputError: an unknown name or a wrong value.
     """
     hints = get_type_hints(kind)
     values = {}

@@ -128,9 +128,6 @@ def write_vp8(path: Path, frames: Iterable[bytes], count: int, size: tuple[int, 
 
     Returns:
         How many they were.
-
-    Raises:
-        OSError: what any writing may raise.
     """
     written, index = 0, b""
     cluster, since = b"", 0

@@ -36,11 +36,7 @@ class ImageFolder:
         return len(self.files)
 
     def read(self, first: int = 0) -> Iterator[np.ndarray]:
-        """Frames from ``first`` on, unchanged (palettes are expanded to BGR).
-
-        Raises:
-            InputError: an image is unreadable or of another size.
-        """
+        """Frames from ``first`` on, unchanged (palettes are expanded to BGR)."""
         for file in self.files[first:]:
             image = read_image(file)
             check_size(image.shape, self.size, file)
@@ -133,21 +129,13 @@ def open_frames(path: Path) -> Frames:
 
 
 def open_image(path: Path) -> ImageFolder:
-    """A single image as a sequence of one.
-
-    Raises:
-        InputError: missing or not an image.
-    """
+    """A single image as a sequence of one."""
     height, width = read_image(path).shape[:2]
     return ImageFolder(path.parent, (path,), (width, height))
 
 
 def open_video(path: Path) -> VideoFile:
-    """A video file.
-
-    Raises:
-        InputError: missing or not decodable.
-    """
+    """A video file."""
     if not os.path.isfile(path):
         raise InputError(path, "no such file or folder", "check the path; it is relative to the scene file")
     capture = cv2.VideoCapture(str(path))
@@ -177,11 +165,7 @@ def _next_frame(capture: cv2.VideoCapture, decoded: bool) -> tuple[bool, np.ndar
 
 
 def read_image(path: Path) -> np.ndarray:
-    """An image file, unchanged.
-
-    Raises:
-        InputError: missing, not an image, or one of other numbers than 8 or 16 bits.
-    """
+    """An image file, unchanged."""
     if not os.path.isfile(path):
         raise InputError(path, "no such file", "check the path; it is relative to the scene file")
     try:
@@ -192,11 +176,7 @@ def read_image(path: Path) -> np.ndarray:
 
 
 def decode_image(data: bytes, source: object) -> np.ndarray:
-    """An image file's content, unchanged; ``source`` names it in messages.
-
-    Raises:
-        InputError: not an image, or one of other numbers than 8 or 16 bits.
-    """
+    """An image file's content, unchanged; ``source`` names it in messages."""
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
     except cv2.error:

@@ -50,11 +50,7 @@ class MaskImages:
         return files or (self.path,)
 
     def read(self, first: int = 0) -> Iterator[np.ndarray | Labels]:
-        """Frames from ``first`` on, unchanged; of an indexed PNG its objects.
-
-        Raises:
-            InputError: an image is unreadable or of another size.
-        """
+        """Frames from ``first`` on, unchanged; of an indexed PNG its objects."""
         for member in self.members[first:]:
             image = _read(self.path, member)
             check_size(image.shape, self.size, _name(self.path, member))

@@ -42,11 +42,7 @@ class RleMasks:
         return (self.path,)
 
     def read(self, first: int = 0) -> Iterator[Labels]:
-        """Frames from ``first`` on; where objects overlap, the smaller one is in front.
-
-        Raises:
-            InputError: run lengths that are not the image's.
-        """
+        """Frames from ``first`` on; where objects overlap, the smaller one is in front."""
         return map(self._frame, range(first, len(self.frames)))
 
     def sample(self, count: int) -> Iterator[Labels]:
@@ -74,9 +70,6 @@ def open_rle(path: Path) -> RleMasks:
     ``category_id``), video instance segmentation's (``annotations`` with ``segmentations``, a frame each; the identity
     is the annotation's ``id``), or a list with a frame each: run lengths, a list of them (identities 1, 2, ... in
     order), or null.
-
-    Raises:
-        InputError: anything else.
     """
     try:
         content = json.loads(path.read_text(encoding="utf-8"))

@@ -46,11 +46,7 @@ class MaskMark:
     calibration: str
 
     def write(self, folder: Path) -> None:
-        """Put it beside the masks of ``folder``.
-
-        Raises:
-            InputError: the folder cannot be written.
-        """
+        """Put it beside the masks of ``folder``."""
         lines = [
             "# Written by mmocap mask: these masks are undistorted. They are read as they are, pixel for pixel the",
             "# pinhole camera of the same name in ../pinholes.toml, and never undistorted again.",
@@ -61,11 +57,7 @@ class MaskMark:
 
 
 def read_mark(masks: Path) -> MaskMark | None:
-    """The mark beside a camera's masks, None where there is none: these are in the recorded video's pixels.
-
-    Raises:
-        InputError: a mark that cannot be read.
-    """
+    """The mark beside a camera's masks, None where there is none: these are in the recorded video's pixels."""
     path = masks / MARK_NAME
     if not os.path.isfile(path):
         return None

@@ -52,9 +52,6 @@ def read_multical_lenses(path: str | Path, up: str, sizes: dict[str, tuple[int, 
 
     Returns:
         Cameras at the origin; None for a file that has ``camera_poses``.
-
-    Raises:
-        InputError: as of :func:`read_multical`.
     """
     file = _load(path)
     if "camera_poses" in file or "cameras" not in file:

@@ -34,9 +34,6 @@ def read_opencv_yaml(
     ``W_<name>`` come from ``intri.yml``; ``Rot_<name>`` (3x3) or else ``R_<name>`` (Rodrigues) and ``T_<name>`` from
     ``extri.yml``. ``units`` are metres where nobody says. ``sizes`` holds (width, height) of cameras for which the file
     gives none.
-
-    Raises:
-        InputError: unreadable, entries missing, or not a calibration (see ``check_rig``).
     """
     folder = Path(path) if os.path.isdir(path) else Path(path).parent
     intrinsics, extrinsics = _File(folder / "intri.yml"), _File(folder / "extri.yml")
@@ -56,9 +53,6 @@ def read_yaml_lenses(path: str | Path, up: str, sizes: dict[str, tuple[int, int]
 
     Returns:
         Cameras at the origin; None where ``extri.yml`` lies beside it.
-
-    Raises:
-        InputError: as of :func:`read_opencv_yaml`.
     """
     folder = Path(path) if os.path.isdir(path) else Path(path).parent
     if os.path.exists(folder / "extri.yml"):
@@ -78,11 +72,7 @@ class _Text(yaml.BaseLoader):
 
 
 class _File:
-    """A file's entries.
-
-    Raises:
-        InputError: it is missing or no YAML of OpenCV.
-    """
+    """A file's entries."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

@@ -27,9 +27,6 @@ def read_qualisys(
 
     The convention was checked against the board pictures of Pose2Sim's single-person demo:
     ``R = diag(1, -1, -1) [[r11 r12 r13] ..]`` and ``x_cam = R (X - position / 1000)``.
-
-    Raises:
-        InputError: unreadable, no XML, attributes missing, or not a calibration (see ``check_rig``).
     """
     refuse_huge(path)
     try:

@@ -27,10 +27,6 @@ def read_toml_rig(
     (Rodrigues, world to camera), ``translation`` and optionally ``fisheye``, with which the 4 ``distortions`` are those
     of OpenCV's fisheye model; ``[metadata]`` is not read. Of Caliscope's cameras, those are left out that it does not
     know the place of or was told to ignore; the others are named ``cam_<number>``, as in its file for other programs.
-
-    Raises:
-        InputError: see :func:`~mmocap_warp.formats.toml_table.load_toml` and
-            :func:`~mmocap_warp.cameras.rig.check_rig`.
     """
     file, tables = _camera_tables(path)
     file.finish()
@@ -46,9 +42,6 @@ def read_toml_lenses(path: str | Path, up: str, sizes: dict[str, tuple[int, int]
 
     Returns:
         Cameras at the origin; None where one has.
-
-    Raises:
-        InputError: as there.
     """
     file, tables = _camera_tables(path)
     if not tables or any(table.has("rotation") or table.has("translation") for table in tables.values()):

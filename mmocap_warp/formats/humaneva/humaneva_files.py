@@ -19,11 +19,7 @@ REMEDY = "copy it again from the data set"
 
 
 def read_numbers(path: str | Path) -> np.ndarray:
-    """(n,) float64, all numbers of the file.
-
-    Raises:
-        InputError: missing, not text, or something else than finite numbers.
-    """
+    """(n,) float64, all numbers of the file."""
     text = read_text(path, REMEDY, missing=REMEDY, encoding="ascii")
     try:
         numbers = np.array([float(word) for word in text.split()])
@@ -35,11 +31,7 @@ def read_numbers(path: str | Path) -> np.ndarray:
 
 
 def read_measures(path: str | Path) -> dict[str, float]:
-    """Vicon's measures of a subject [mm, degrees] by name, from lines such as ``$LKneeWidth = 105.0``.
-
-    Raises:
-        InputError: missing or not text.
-    """
+    """Vicon's measures of a subject [mm, degrees] by name, from lines such as ``$LKneeWidth = 105.0``."""
     text = read_text(path, REMEDY, missing=REMEDY, encoding="ascii")
     lines = re.findall(r"^\s*\$(\w+)\s*=\s*([-+.\deE]+)\s*$", text, re.M)
     try:

@@ -310,9 +310,6 @@ def write_scene(folder: str | Path, sequence: HumanEvaSequence) -> Path:
 
     Returns:
         Path of ``scene.toml``.
-
-    Raises:
-        InputError: a folder that cannot be written to.
     """
     folder = Path(folder)
     try:

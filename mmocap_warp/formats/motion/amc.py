@@ -50,9 +50,6 @@ def read_amc(path: str | Path, skeleton: str | Path | None = None) -> MotionClip
         path: the motion.
         skeleton: the ``.asf`` file; without it, the one beside the motion that is named as the motion is up to an
             underscore (``02.asf`` for ``02_01.amc``).
-
-    Raises:
-        InputError: a missing file, or one that is wrong.
     """
     path = Path(path)
     skeleton = path.with_name(f"{path.stem.split('_')[0]}.asf") if skeleton is None else Path(skeleton)

@@ -105,11 +105,7 @@ class _Words:
 
 
 def read_bvh(path: str | Path) -> MotionClip:
-    """Read a ``.bvh`` file; the rest pose is the one of its offsets.
-
-    Raises:
-        InputError: a missing file, or one that is no BVH.
-    """
+    """Read a ``.bvh`` file; the rest pose is the one of its offsets."""
     path = Path(path)
     words = _Words(path, read_text(path, "check its name", errors="replace"))
     joints = _read_hierarchy(words)

@@ -25,11 +25,7 @@ _REMEDY = "export it again as glTF 2.0 with its skin, without compression"
 
 
 def read_gltf(path: str | Path) -> RiggedMesh:
-    """Read a skinned character with its animations. Materials, cameras and meshes without a skin are passed over.
-
-    Raises:
-        InputError: no such file, not glTF 2.0, damaged, compressed, or without a skin.
-    """
+    """Read a skinned character with its animations. Materials, cameras and meshes without a skin are passed over."""
     path = Path(path)
     try:
         return _character(_Document(path), path)

@@ -22,9 +22,6 @@ def read_usd_skel(path: str | Path) -> RiggedMesh:
 
     A ``PhysicsRevoluteJoint`` or ``PhysicsPrismaticJoint`` named like a joint of the skeleton gives that joint's axis
     and limits.
-
-    Raises:
-        InputError: no such file, not USD, or without a skinned mesh that is whole.
     """
     path = Path(path)
     stage = read_stage(path)

@@ -60,19 +60,12 @@ def export_animation(result: Result, path: str | Path) -> None:
     Args:
         result: the result.
         path: a ``.usd``, ``.usda``, ``.usdc`` or ``.usdz`` file; it appears whole or not at all.
-
-    Raises:
-        InputError: another ending, or a folder that cannot be written.
     """
     write_animation(_animation_stage(result), path)
 
 
 def write_animation(stage: Usd.Stage, path: str | Path) -> None:
-    """Write a stage as the ending says, ``.usdz`` too; whole or not at all.
-
-    Raises:
-        InputError: another ending, or a folder that cannot be written.
-    """
+    """Write a stage as the ending says, ``.usdz`` too; whole or not at all."""
     path = Path(path)
     if path.suffix != ".usdz" and path.suffix not in USD_SUFFIXES:
         raise InputError(path, "is not a USD file name", "end it in .usda, .usdc or .usdz")
@@ -140,9 +133,6 @@ def export_point_cache(result: Result, path: str | Path) -> None:
     Args:
         result: the result.
         path: a ``.usd``, ``.usda``, ``.usdc`` or ``.usdz`` file; it appears whole or not at all.
-
-    Raises:
-        InputError: another ending, or a folder that cannot be written.
     """
     stage = new_world(result.cameras.up)
     skin = result.subject.body.skin

@@ -56,11 +56,7 @@ def write_body(path: str | Path, body: BodyModel, motions: Mapping[str, BodyMoti
 
 @reads_usd
 def read_motions(path: str | Path) -> dict[str, BodyMotion]:
-    """The motions that came with a body, by name; none where it has none.
-
-    Raises:
-        InputError: no such file, not USD, or not a complete and consistent body.
-    """
+    """The motions that came with a body, by name; none where it has none."""
     stage = read_stage(path)
     prim = body_prim(stage, path)
     return motions_of(PrimReader(prim, path, _REMAKE), body_from_prim(prim, path).skeleton.coordinates)
@@ -68,11 +64,7 @@ def read_motions(path: str | Path) -> dict[str, BodyMotion]:
 
 @reads_usd
 def read_body(path: str | Path) -> BodyModel:
-    """Read a body that :func:`write_body` or anything that contains such a body wrote.
-
-    Raises:
-        InputError: no such file, not USD, or not a complete and consistent body.
-    """
+    """Read a body that :func:`write_body` or anything that contains such a body wrote."""
     stage = read_stage(path)
     return body_from_prim(body_prim(stage, path), path)
 
@@ -89,11 +81,7 @@ def write_subject(path: str | Path, subject: Subject) -> None:
 
 @reads_usd
 def read_subject(path: str | Path) -> Subject:
-    """Read a subject that :func:`write_subject` wrote.
-
-    Raises:
-        InputError: no such file, not USD, or not a complete and consistent subject.
-    """
+    """Read a subject that :func:`write_subject` wrote."""
     stage = read_stage(path)
     prim = body_prim(stage, path)
     if not prim.HasAttribute("mmocap:rootBase"):
@@ -112,11 +100,7 @@ def define_subject(stage: Usd.Stage, path: str, subject: Subject) -> UsdSkel.Roo
 
 
 def subject_from_prim(prim: Usd.Prim, source: object) -> Subject:
-    """The subject that :func:`define_subject` authored at ``prim``; ``source`` is named in errors.
-
-    Raises:
-        InputError: something is missing or inconsistent.
-    """
+    """The subject that :func:`define_subject` authored at ``prim``; ``source`` is named in errors."""
     read = PrimReader(prim, source, "fit the subject again with `mmocap fit`")
     root_base = read.array("mmocap:rootBase", (3, 3), np.float64).T
     body = body_from_prim(prim, source)
@@ -220,11 +204,7 @@ def _show_first_pose(stage: Usd.Stage, root: UsdSkel.Root, subject: Subject) -> 
 
 
 def body_from_prim(prim: Usd.Prim, source: object) -> BodyModel:
-    """The body that :func:`define_body` authored at ``prim``; ``source`` is named in errors.
-
-    Raises:
-        InputError: something is missing or inconsistent.
-    """
+    """The body that :func:`define_body` authored at ``prim``; ``source`` is named in errors."""
     read = PrimReader(prim, source, _REMAKE)
     unit = UsdGeom.GetStageMetersPerUnit(prim.GetStage())
     read.require(unit == 1.0, f"its lengths are in units of {unit:g} m, expected metres")

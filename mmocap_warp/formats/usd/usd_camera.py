@@ -200,11 +200,7 @@ def _with_size(camera: Camera, size: tuple[int, int], path: str | Path) -> Camer
 
 
 def write_usd_cameras(path: str | Path, rig: CameraRig) -> None:
-    """Write cameras alone, in metres, that read back exactly.
-
-    Raises:
-        InputError: the file name is not USD's, or its folder cannot be written.
-    """
+    """Write cameras alone, in metres, that read back exactly."""
     stage = Usd.Stage.CreateInMemory()
     world = UsdGeom.Xform.Define(stage, "/World")
     stage.SetDefaultPrim(world.GetPrim())

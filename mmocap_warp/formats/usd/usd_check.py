@@ -26,11 +26,7 @@ _STRETCH_TOLERANCE = 1e-3
 
 
 def faults(path: str | Path) -> list[str]:
-    """Every fault of a ``.usda``, ``.usdc`` or ``.usdz`` file, one line each; empty for a sound one.
-
-    Raises:
-        InputError: no such file, or not USD.
-    """
+    """Every fault of a ``.usda``, ``.usdc`` or ``.usdz`` file, one line each; empty for a sound one."""
     if not Path(path).is_file():
         raise InputError(path, "no such file", "check the path")
     return _faults(path)

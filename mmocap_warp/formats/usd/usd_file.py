@@ -69,11 +69,7 @@ def _convert_usd_errors(path: object) -> Iterator[None]:
 
 
 def write_stage(path: str | Path, stage: Usd.Stage) -> None:
-    """Write the stage's root layer to ``path``, replacing it in one step.
-
-    Raises:
-        InputError: the name does not end in ``.usd``, ``.usda`` or ``.usdc``, or the folder cannot be written.
-    """
+    """Write the stage's root layer to ``path``, replacing it in one step."""
     path = Path(path)
     if path.suffix not in USD_SUFFIXES:
         raise InputError(path, "is not a USD file name", f"end it in {', '.join(USD_SUFFIXES)}")

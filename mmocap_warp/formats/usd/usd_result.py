@@ -34,11 +34,7 @@ _REMEDY = "give a result that `mmocap track` wrote"
 
 
 def write_result(path: str | Path, result: Result) -> None:
-    """Write a result to a ``.usd``, ``.usda`` or ``.usdc`` file, whole or not at all; reading it gives it back exactly.
-
-    Raises:
-        InputError: the file name is not USD's, or its folder cannot be written.
-    """
+    """Write a result to a ``.usd``, ``.usda`` or ``.usdc`` file, whole or not at all; reading it gives it back exactly."""
     stage = new_world(result.cameras.up)
     body = define_subject(stage, f"/World/{result.subject.body.name}", result.subject)
     animate(stage, body, result.subject, result.pose[result.best_run], result.frame_numbers, result.fps)
@@ -49,11 +45,7 @@ def write_result(path: str | Path, result: Result) -> None:
 
 @reads_usd
 def holds_result(path: str | Path) -> bool:
-    """Whether a file is a result, and not, say, a subject.
-
-    Raises:
-        InputError: no such file, or not USD.
-    """
+    """Whether a file is a result, and not, say, a subject."""
     stage = read_stage(path)  # a prim lives only as long as its stage
     return _tracking(stage) is not None
 

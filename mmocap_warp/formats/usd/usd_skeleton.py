@@ -50,11 +50,7 @@ def define_freedom(prim: Usd.Prim, skeleton: Skeleton) -> None:
 
 
 def read_skeleton(read: PrimReader) -> tuple[Skeleton, np.ndarray]:
-    """The skeleton, and the joints' centres (joint, 3) float32 in the bind pose [m].
-
-    Raises:
-        InputError: something is missing or does not fit together.
-    """
+    """The skeleton, and the joints' centres (joint, 3) float32 in the bind pose [m]."""
     paths = read.texts("joints")
     joints = tuple(path.rsplit("/", 1)[-1] for path in paths)
     read.require(len(set(joints)) == len(joints), "two joints share a name")

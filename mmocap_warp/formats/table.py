@@ -110,7 +110,7 @@ CALIBRATION_EXPORTS: tuple[Format, ...] = (
 """Their functions take the file and the rig, as :func:`write_calibration` does."""
 
 EXPORTS: tuple[Format, ...] = (
-    Format("USD", (".usda", ".usdc", ".usdz"), "usd.usd_animation:export_animation"),
+    Format("USD", (".usda", ".usdc", ".usdz"), "usd.usd_result:export_animation"),
     Format("glTF", (".glb",), "exports.glb:write_glb", up="+y"),
     Format("BVH", (".bvh",), "exports.write_bvh:write_bvh", up="+y"),
     Format("OpenSim markers", (".trc",), "exports.tables:write_trc", up="+y"),
@@ -123,7 +123,7 @@ EXPORTS: tuple[Format, ...] = (
 """Their functions are called as :func:`export` is."""
 
 POINT_CACHES: tuple[Format, ...] = (
-    Format("USD point cache", (".usda", ".usdc", ".usdz"), "usd.usd_animation:export_point_cache"),
+    Format("USD point cache", (".usda", ".usdc", ".usdz"), "usd.usd_result:export_point_cache"),
 )
 """Exports of the skin's points at every frame instead of a skeleton that moves it; called as :func:`export` is."""
 

@@ -21,8 +21,8 @@ from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.rotations import turn, zyx_rotation
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.attachments import Attachment, attachment_lines, take_attachments
-from mmocap_warp.formats.exports.point_tracks import joint_transforms
 from mmocap_warp.formats.exports.rigs import with_rig
+from mmocap_warp.formats.exports.tables import joint_transforms
 from mmocap_warp.formats.toml_table import load_toml
 from mmocap_warp.formats.usd.usd_body import local_transforms, read_body, write_body
 from mmocap_warp.result.excerpt import at_rate

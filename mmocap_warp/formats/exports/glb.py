@@ -22,7 +22,7 @@ from mmocap_warp.body.bind_transforms import bind_transforms
 from mmocap_warp.body.body_motion import BodyMotion
 from mmocap_warp.body.model import BodyModel, SkinMesh, Subject
 from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
-from mmocap_warp.formats.exports.point_tracks import best_run_tracks, joint_transforms
+from mmocap_warp.formats.exports.tables import best_run_tracks, joint_transforms
 from mmocap_warp.result.result import Result
 from mmocap_warp.version import __version__
 from mmocap_warp.whole_file import write_whole

@@ -15,7 +15,7 @@ import numpy as np
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import near_zyx_angles, transposed
 from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
-from mmocap_warp.formats.exports.point_tracks import joint_transforms
+from mmocap_warp.formats.exports.tables import joint_transforms
 from mmocap_warp.result.result import Result
 
 _MAX_NAMED = 4  # joints that a message lists

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from mmocap_warp.body.rotations import applied, near_zyx_angles, transposed
-from mmocap_warp.formats.exports.point_tracks import Tracks, best_run_tracks
+from mmocap_warp.formats.exports.tables import Tracks, best_run_tracks
 from mmocap_warp.result.result import Result
 from mmocap_warp.whole_file import write_whole
 

@@ -10,7 +10,6 @@ from collections.abc import Iterable, Iterator
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO
 
 import cv2
 import numpy as np
@@ -18,16 +17,16 @@ import numpy as np
 from mmocap_warp.errors import InputError
 from mmocap_warp.whole_file import whole_file
 
-_MOST_BITS = 1.5 * (2**31 - 1) / 2  # that OpenCV asks an encoder for [1/s]
-_BITS_PER_SECOND = 8 * 1.0e6  # of a video, about and at most
+_MAX_BITS = 1.5 * (2**31 - 1) / 2  # a second, which OpenCV asks an encoder for at most
+_BITS_PER_SECOND = 8 * 1.0e6  # of our videos, about and at most
 
 
 class WebmFile:
     """A video that appears under its name when it is complete; a context manager.
 
-    OpenCV has no setting for the rate, and asks the encoder for several megabytes a second: 1.5 bits a pixel, but for
-    ``_MOST_BITS`` a second at most. So it is told of far more frames a second than there are, until that bound is what
-    we want, and the frames that it encoded are written once more, with their true times.
+    OpenCV has no setting for the bit rate, and asks the encoder for several megabytes a second: 1.5 bits a pixel, but
+    for ``_MAX_BITS`` a second at most. So OpenCV is given a far higher frame rate than there is, at which that bound is
+    the bit rate that we want. It writes IVF, whose frames are then written once more, with their true times.
 
     Raises:
         InputError: a name that does not end in .webm, no such folder, one that cannot be written to, or a full disk.
@@ -45,7 +44,7 @@ class WebmFile:
     def __enter__(self) -> WebmFile:
         with contextlib.ExitStack() as stack:
             self._unfinished = stack.enter_context(whole_file(self._path))
-            self._encoded = self._unfinished.with_name(f"{self._unfinished.stem}.encoded.webm")
+            self._encoded = self._unfinished.with_name(f"{self._unfinished.stem}.encoded.ivf")
             stack.callback(self._encoded.unlink, missing_ok=True)
             self._close = stack.pop_all()
         return self
@@ -55,7 +54,7 @@ class WebmFile:
         with _quiet_stderr():  # OpenCV grumbles about every codec tag in WebM, and of a full disk at every frame
             if self._writer is None:
                 self._size = (frame.shape[1] & ~1, frame.shape[0] & ~1)  # OpenCV leaves out an odd row or column
-                rate = round(self._fps * _MOST_BITS / _BITS_PER_SECOND)
+                rate = round(self._fps * _MAX_BITS / _BITS_PER_SECOND)
                 self._writer = cv2.VideoWriter(
                     str(self._encoded), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"VP80"), rate, frame.shape[1::-1]
                 )
@@ -73,7 +72,7 @@ class WebmFile:
                     self._writer.release()
             if error is not None:
                 raise error
-            written = write_vp8(self._unfinished, read_frames(self._encoded), self._frames, self._size, self._fps)
+            written = _write_webm(self._unfinished, _read_ivf(self._encoded), self._frames, self._size, self._fps)
             if written < self._frames:  # OpenCV says nothing of it
                 raise OSError(f"only {written} of {self._frames} frames; no space left")
 
@@ -92,42 +91,28 @@ def _quiet_stderr() -> Iterator[None]:
         os.close(kept)
 
 
-_EBML, _SEGMENT, _CLUSTER, _BLOCK_GROUP = 0x1A45DFA3, 0x18538067, 0x1F43B675, 0xA0
-_SIMPLE_BLOCK, _BLOCK, _TIMESTAMP = 0xA3, 0xA1, 0xE7
+# Names of Matroska's elements (RFC 9559), of which WebM is made.
+_EBML, _SEGMENT, _CLUSTER, _SIMPLE_BLOCK, _TIMESTAMP = 0x1A45DFA3, 0x18538067, 0x1F43B675, 0xA3, 0xE7
 _SEEK_HEAD, _INFO, _TRACKS, _CUES = 0x114D9B74, 0x1549A966, 0x1654AE6B, 0x1C53BB6B
-_OPENED = (_SEGMENT, _CLUSTER, _BLOCK_GROUP)  # what holds blocks, or what holds that
-_BLOCK_HEADER = 4  # bytes: the track's number, the time, flags
-_LONGEST_CLUSTER = 30_000  # milliseconds; a block says in 16 bits how much later it is than its cluster
+_MAX_CLUSTER = 30_000  # milliseconds; a block says in 16 bits how much later it is than its cluster
 
 
-def read_frames(path: Path) -> Iterator[bytes]:
-    """The encoded frames of a file with one track, up to where the file was cut short."""
+def _read_ivf(path: Path) -> Iterator[bytes]:
+    """The encoded frames of an IVF file, which has a head of 32 bytes and 12 before each frame, to where it is cut."""
     with path.open("rb") as file:
-        while (name := _read_number(file, keep_length=True)) is not None:
-            size = _read_number(file)
-            if size is None:
+        file.seek(32)
+        while len(head := file.read(12)) == 12:
+            (size,) = struct.unpack_from("<I", head)
+            frame = file.read(size)
+            if len(frame) < size:
                 return
-            if name in (_SIMPLE_BLOCK, _BLOCK):
-                block = file.read(size)
-                if len(block) < size:
-                    return
-                yield block[_BLOCK_HEADER:]
-            elif name not in _OPENED:
-                file.seek(size, 1)
+            yield frame
 
 
-def write_vp8(path: Path, frames: Iterable[bytes], count: int, size: tuple[int, int], fps: float) -> int:
+def _write_webm(path: Path, frames: Iterable[bytes], count: int, size: tuple[int, int], fps: float) -> int:
     """Write VP8 frames at equal distances in time, with an index of those that can be jumped to.
 
-    Args:
-        path: the file.
-        frames: as the encoder gave them.
-        count: how many they should be.
-        size: width and height [px].
-        fps: frames per second.
-
-    Returns:
-        How many they were.
+    ``count`` says how many they should be, ``size`` is their width and height [px]. Returns how many they were.
     """
     written, index = 0, b""
     cluster, since = b"", 0
@@ -140,7 +125,7 @@ def write_vp8(path: Path, frames: Iterable[bytes], count: int, size: tuple[int, 
         for frame in frames:
             time = round(1000 * written / fps)
             is_key = not frame[0] & 1
-            if is_key or time - since > _LONGEST_CLUSTER:
+            if is_key or time - since > _MAX_CLUSTER:
                 file.write(cluster and _element(_CLUSTER, cluster))
                 cluster, since = _number(_TIMESTAMP, time), time
             if is_key:
@@ -191,16 +176,3 @@ def _number(name: int, value: int) -> bytes:
 def _length(size: int) -> bytes:
     """A size, always in eight bytes."""
     return (1 << 56 | size).to_bytes(8, "big")
-
-
-def _read_number(file: BinaryIO, *, keep_length: bool = False) -> int | None:
-    """A number whose first byte says how many bytes it has; None at the end. A name keeps the bit that says so."""
-    first = file.read(1)
-    if not first or not first[0]:
-        return None
-    more = 8 - first[0].bit_length()
-    rest = file.read(more)
-    if len(rest) < more:
-        return None
-    value = int.from_bytes(first + rest, "big")
-    return value if keep_length else value & ((1 << 7 * (more + 1)) - 1)

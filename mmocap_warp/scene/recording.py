@@ -104,8 +104,8 @@ class CameraSource:
         Raises:
             ValueError: this camera has no such images.
         """
-        held = {"clean_plate": self.clean_plate, "background_video": self.background, "recording": self.video}
-        examples = held[source]
+        images = {"clean_plate": self.clean_plate, "background_video": self.background, "recording": self.video}
+        examples = images[source]
         if examples is None:
             raise ValueError(f"camera '{self.name}' has no images for source '{source}'")
         return examples
@@ -183,8 +183,12 @@ class Scene:
 
     def of_frames(self, frames: range) -> Scene:
         """The same recording, other frames of it."""
-        named = self.frames if self.named_frames is None else self.named_frames
-        return replace(self, first_frame=frames.start, frame_count=len(frames), stride=frames.step, named_frames=named)
+        count, named = len(frames), self._named_frames
+        return replace(self, first_frame=frames.start, frame_count=count, stride=frames.step, named_frames=named)
+
+    @property
+    def _named_frames(self) -> range:
+        return self.frames if self.named_frames is None else self.named_frames
 
     def as_recorded(self) -> Scene:
         """Every camera's own frames by their own numbers: without offsets, rates and what views know of each other.
@@ -287,7 +291,7 @@ class Scene:
         """Camera ``k``'s subtracted masks, stored beside the scene once they have been made for all of its frames."""
         file = self.directory / ".mmocap" / self.path.stem / f"{quote(self.cameras[k].name, safe='')}@{scale:g}.tar"
         key = self._subtraction_key(k, scale)
-        all_frames = self.frames if self.named_frames is None else self.named_frames
+        all_frames = self._named_frames
         same_steps = len(frames) == 1 or frames.step == all_frames.step
         if frames and same_steps and frames[0] in all_frames and frames[-1] in all_frames:
             stored = stored_masks(file, key, all_frames.index(frames[0]), len(frames))
@@ -301,18 +305,15 @@ class Scene:
         source, settings = self.cameras[k], self.foreground
         files = [file for files in source.files_for(settings.source) for file in files]
         placed = source.recorded_scale, source.recorded_offset
-        used = {name: getattr(settings, name) for name in SUBTRACTION}
         fraction = [source.fraction] if source.rate != 1.0 and source.fraction else []
-        all_frames = self.frames if self.named_frames is None else self.named_frames
         made_from = {
             "versions": [__version__, cv2.__version__],
             "files": [content_hash(file).hex() for file in files],
-            "frames": [source.frame_offset, source.rate, *fraction, str(all_frames)],
+            "frames": [source.frame_offset, source.rate, *fraction, str(self._named_frames)],
             "calibration": calibration_hash(self.calibrated, k, *placed, whole_rig=False),
             "scale": scale,
-            **used,
         }
-        return json.dumps(made_from)
+        return json.dumps(made_from | {name: getattr(settings, name) for name in SUBTRACTION})
 
     def _subtracted(self, k: int, scale: float, frames: range) -> Iterator[np.ndarray | None]:
         source, resample = self.cameras[k], self._undistortion(k, scale)

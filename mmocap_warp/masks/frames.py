@@ -172,7 +172,7 @@ def read_image(path: Path) -> np.ndarray:
         image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     except cv2.error:  # its header states a size beyond all bounds
         image = None
-    return _checked(image, path)
+    return _check_image(image, path)
 
 
 def decode_image(data: bytes, source: object) -> np.ndarray:
@@ -181,10 +181,10 @@ def decode_image(data: bytes, source: object) -> np.ndarray:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
     except cv2.error:
         image = None
-    return _checked(image, source)
+    return _check_image(image, source)
 
 
-def _checked(image: np.ndarray | None, source: object) -> np.ndarray:
+def _check_image(image: np.ndarray | None, source: object) -> np.ndarray:
     if image is None:
         raise InputError(source, "cannot be decoded as an image", "convert it to PNG")
     if image.dtype not in (np.uint8, np.uint16):

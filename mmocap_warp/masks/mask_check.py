@@ -110,9 +110,9 @@ class MaskJudge:
         if lacking:
             return lacking
         if not volume > part:
-            held = 0.0 if np.isnan(volume) else volume / LITRE
+            litres = 0.0 if np.isnan(volume) else volume / LITRE
             return [
-                f"what all views agree on holds {held:.0f} litres, a body like the subject's"
+                f"what all views agree on holds {litres:.0f} litres, a body like the subject's"
                 f" {self._body_volume / LITRE:.0f}: only a part of it was segmented, such as a moving leg"
             ]
         return [
@@ -140,11 +140,11 @@ def _agreement(rig: CameraRig, masks: list[np.ndarray]) -> _Agreement:
     hit, possible = _votes(rig, masks, subject)
     for k in seen if len(seen) > 2 else ():
         others = [j for j in seen if j != k]
-        hull = _agreed(hit, possible, others)
+        hull = _hull_of(hit, possible, others)
         if hull.any():
             covered[k] = possible[k, hull].mean()  # what lies outside of its image, a view cannot lack
-        explained[k] = _explained(rig, masks, k, others, subject)
-    return _Agreement(explained, covered, float(_agreed(hit, possible, seen).sum() * _SPACING**3))
+        explained[k] = _explained_share(rig, masks, k, others, subject)
+    return _Agreement(explained, covered, float(_hull_of(hit, possible, seen).sum() * _SPACING**3))
 
 
 def _votes(rig: CameraRig, masks: list[np.ndarray], subject: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -162,13 +162,13 @@ def _votes(rig: CameraRig, masks: list[np.ndarray], subject: np.ndarray) -> tupl
     return hit, possible
 
 
-def _agreed(hit: np.ndarray, possible: np.ndarray, views: list[int]) -> np.ndarray:
+def _hull_of(hit: np.ndarray, possible: np.ndarray, views: list[int]) -> np.ndarray:
     """(voxel,) bool: the hull of some views; two must see a voxel, and none may see background there."""
     enough = hit[views].sum(axis=0) >= min(2, len(views))
     return possible[views].all(axis=0) & enough
 
 
-def _explained(rig: CameraRig, masks: list[np.ndarray], k: int, others: list[int], subject: np.ndarray) -> float:
+def _explained_share(rig: CameraRig, masks: list[np.ndarray], k: int, others: list[int], subject: np.ndarray) -> float:
     """Share of camera ``k``'s mask behind which the other views have something."""
     row, column = np.nonzero(masks[k])
     some = slice(None, None, max(1, len(row) // _COMPARED_PIXELS))

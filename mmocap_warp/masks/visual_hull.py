@@ -8,8 +8,8 @@ import numpy as np
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.masks.observation import Observation, unpack_masks
 
-_COARSE = 0.10  # first grid [m]; bodies are found on it, then carved finely
-_BEYOND = 1e6  # px, beyond any image
+_COARSE_SPACING = 0.10  # first grid [m]; bodies are found on it, then carved finely
+_FAR_PIXEL = 1e6  # px, beyond any image
 _REACH = 2.0  # half the first grid's edge [m]
 
 
@@ -43,10 +43,11 @@ def visual_hull(rig: CameraRig, observation: Observation, spacing: float = 0.03,
     rig = rig.select(tuple(rig.names[k] for k in judging))
     masks = [masks[k] for k in judging]
     centre = meeting_point(rig, masks)
-    found = _carve(rig, _near(rig, masks, centre), _grid(centre - _REACH, centre + _REACH, _COARSE), tolerate)
-    if not len(found):
-        return found
-    low, high = found.min(axis=0) - _COARSE, found.max(axis=0) + _COARSE
+    coarse_grid = _grid(centre - _REACH, centre + _REACH, _COARSE_SPACING)
+    coarse = _carve(rig, _grow_masks(rig, masks, centre), coarse_grid, tolerate)
+    if not len(coarse):
+        return coarse
+    low, high = coarse.min(axis=0) - _COARSE_SPACING, coarse.max(axis=0) + _COARSE_SPACING
     return _carve(rig, masks, _grid(low, high, spacing), tolerate)
 
 
@@ -71,14 +72,14 @@ def meeting_point(rig: CameraRig, masks: list[np.ndarray]) -> np.ndarray:
     return point
 
 
-def _near(rig: CameraRig, masks: list[np.ndarray], centre: np.ndarray) -> list[np.ndarray]:
+def _grow_masks(rig: CameraRig, masks: list[np.ndarray], centre: np.ndarray) -> list[np.ndarray]:
     """Masks grown by the reach of a coarse voxel (half its diagonal), so that none that touches the subject is lost."""
     import cv2
 
     grown = []
     for k, mask in enumerate(masks):
-        depth = max(float((rig.R[k] @ centre + rig.t[k])[2]), _COARSE)
-        radius = int(np.ceil(np.sqrt(3) / 2 * _COARSE * rig.K[k, 0, 0] / depth))
+        depth = max(float((rig.R[k] @ centre + rig.t[k])[2]), _COARSE_SPACING)
+        radius = int(np.ceil(np.sqrt(3) / 2 * _COARSE_SPACING * rig.K[k, 0, 0] / depth))
         kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
         grown.append(cv2.dilate(mask.view(np.uint8), kernel).view(bool))
     return grown
@@ -106,7 +107,7 @@ def seen_at(rig: CameraRig, k: int, points: np.ndarray, mask: np.ndarray) -> tup
     """Pixels (n, 2) of points (n, 3), column and row, and which of them are foreground of a camera's mask."""
     seen = points @ (rig.K[k] @ rig.R[k]).T + rig.K[k] @ rig.t[k]
     depth = np.where(seen[:, 2] > 0, seen[:, 2], np.inf)
-    place = np.rint(np.clip(seen[:, :2] / depth[:, None], -_BEYOND, _BEYOND)).astype(np.int32)
+    place = np.rint(np.clip(seen[:, :2] / depth[:, None], -_FAR_PIXEL, _FAR_PIXEL)).astype(np.int32)
     height, width = mask.shape
     inside = (place >= 0).all(axis=1) & (place[:, 0] < width) & (place[:, 1] < height) & (seen[:, 2] > 0)
     inside[inside] = mask[place[inside, 1], place[inside, 0]]

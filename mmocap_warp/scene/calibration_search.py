@@ -108,7 +108,7 @@ def _rank(file: Path) -> int | None:
         ".toml": _holds_cameras,
         ".yml": lambda file: file.name == "intri.yml" and file.with_name("extri.yml").is_file(),
         ".yaml": lambda file: False,
-        ".json": lambda file: {"cameras", "camera_poses"} <= set(_values(file)),
+        ".json": lambda file: {"cameras", "camera_poses"} <= set(_file_values(file)),
         ".cal": _is_humaneva,
         ".usd": _is_called_calibration,
         ".usda": _is_called_calibration,
@@ -124,7 +124,7 @@ def _rank(file: Path) -> int | None:
 
 def _holds_cameras(file: Path) -> bool:
     """Whether a TOML file says where cameras are, each in a table of its own or all in Caliscope's ``cameras``."""
-    values = _values(file)
+    values = _file_values(file)
     caliscope = values.get("cameras")
     tables = _inner_tables(caliscope if isinstance(caliscope, dict) else values)
     older = any("rotation_count" in table for table in tables) and not isinstance(caliscope, dict)
@@ -145,7 +145,7 @@ def _is_called_calibration(file: Path) -> bool:
     return any(word in name.lower() for name in (file.name, file.parent.name) for word in ("calib", "camera"))
 
 
-def _values(file: Path) -> dict[str, Any]:
+def _file_values(file: Path) -> dict[str, Any]:
     """What a TOML or JSON file holds; nothing where it is another program's settings, or neither."""
     if file.name.lower() in _PROJECT_FILES:
         return {}
@@ -165,7 +165,7 @@ def _refuse(file: Path, place: Path) -> None:
     """Raise InputError for what its name, or its folder's below ``place``, calls a calibration: it cannot be read."""
     name, below = file.name.lower(), str(file.relative_to(place)).lower()
     is_calibration = any(word in below for word in ("calib", "intri", "extri"))
-    tables = _inner_tables(_values(file)) if file.suffix == ".toml" else []
+    tables = _inner_tables(_file_values(file)) if file.suffix == ".toml" else []
     cameras = [camera for table in tables for camera in (table, *_inner_tables(table))]
     if any("matrix" in camera and ("rotation_count" in camera or "grid_count" in camera) for camera in cameras):
         raise InputError(

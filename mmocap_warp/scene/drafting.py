@@ -213,7 +213,7 @@ def _calibration(draft: Draft, found: CalibrationFile | None, units: str, folder
 
 def _camera(draft: Draft, name: str, folder: Path, rig: CameraRig | None, media: _Media) -> list[str]:
     frames = media.frames[name]
-    lines = [f"[cameras.{name if re.fullmatch('[A-Za-z0-9_-]+', name) else quoted(name)}]   # {_described(frames)}"]
+    lines = [f"[cameras.{name if re.fullmatch('[A-Za-z0-9_-]+', name) else quoted(name)}]   # {_summary(frames)}"]
     for key in ("video", "masks", "background", "clean_plate"):
         if name in (take := getattr(media, key)):
             lines.append(f"{key} = {quoted_path(take[name], folder)}")
@@ -224,11 +224,11 @@ def _camera(draft: Draft, name: str, folder: Path, rig: CameraRig | None, media:
             f"{rate:g} under [cameras.{name}] to take its frames by time"
         )
     if rig is not None:
-        lines += _placing(draft, name, frames, rig.size[rig.names.index(name)])
+        lines += _placement(draft, name, frames, rig.size[rig.names.index(name)])
     return lines
 
 
-def _placing(draft: Draft, name: str, frames: Frames, calibrated: np.ndarray) -> list[str]:
+def _placement(draft: Draft, name: str, frames: Frames, calibrated: np.ndarray) -> list[str]:
     """How the calibrated image lies in a recorded one of another size, as far as the recorded one tells."""
     recorded = np.array(frames.size)
     if (recorded == calibrated).all():
@@ -288,7 +288,7 @@ def _foreground(draft: Draft, media: _Media) -> list[str]:
     ]
 
 
-def _described(frames: Frames) -> str:
+def _summary(frames: Frames) -> str:
     """What a video or folder holds, in a few words."""
     rate = f" at {frames.fps:g} a second" if isinstance(frames, VideoFile) and frames.fps > 0 else ""
     return "{} frames of {}x{}".format(len(frames), *frames.size) + rate

@@ -68,7 +68,7 @@ def write_masks(
         raise InputError(folder, f"cannot be written to ({error})", "choose another folder") from None
     write_toml_rig(folder / "pinholes.toml", rig)
     for k, name in enumerate(rig.names):  # before any mask, so that none is ever without
-        _mark(scene, k, scale, first).write(folder / name)
+        _mask_mark(scene, k, scale, first).write(folder / name)
     done = 0
     with WebmFile(folder / "overlay.webm", scene.rate) as video:
         frames = zip(scene.masks(scale, first, count), scene.images(scale, first, count), strict=True)
@@ -87,7 +87,7 @@ def write_masks(
     return folder / "scene.toml"
 
 
-def _mark(scene: Scene, k: int, scale: float, first: int) -> MaskMark:
+def _mask_mark(scene: Scene, k: int, scale: float, first: int) -> MaskMark:
     source, rig, repaired = scene.cameras[k], scene.calibrated, scene.foreground.repair
     sizes = [tuple(int(length) for length in each.size[k]) for each in (rig.undistorted(scale), rig)]
     placed = source.recorded_scale, source.recorded_offset
@@ -142,7 +142,7 @@ def masked_scene(scene: Scene, folder: Path, scale: float, first: int, count: in
         f"name = {quoted(scene.name)}",
         f"fps = {scene.fps!r}",
         f'up = "{scene.calibrated.up}"',
-        f"frames = {_frames(scene.frames[first : first + count])}",
+        f"frames = {_frames_value(scene.frames[first : first + count])}",
         *([f"subject = {path(scene.subject)}"] if scene.subject else []),
         *([f"body = {body}"] if body else []),
         *(["", "[truth]", f"file = {path(scene.truth)}", f'axes = "{scene.truth_axes}"'] if scene.truth else []),
@@ -154,11 +154,11 @@ def masked_scene(scene: Scene, folder: Path, scale: float, first: int, count: in
     for source in scene.cameras:
         video = [] if source.video is None else [f"video = {path(source.video.path)}"]
         lines += ["", f"[cameras.{quoted(source.name)}]", f"masks = {quoted(source.name)}", *video]
-        lines += _placed(source, scene.fps)
+        lines += _placement_lines(source, scene.fps)
     lines += attachment_lines(scene.attached, folder)
     track = dict(scene.track)
-    asked = track.get("scale", 1.0)
-    if isinstance(asked, int | float) and scale < asked:
+    tracked_scale = track.get("scale", 1.0)
+    if isinstance(tracked_scale, int | float) and scale < tracked_scale:
         track["scale"] = scale
     for name, settings in (("track", track), ("fit", scene.fit)):
         if settings:
@@ -166,14 +166,14 @@ def masked_scene(scene: Scene, folder: Path, scale: float, first: int, count: in
     return "\n".join([*lines, ""])
 
 
-def _frames(frames: range) -> str:
+def _frames_value(frames: range) -> str:
     """Frames as a scene names them."""
     if (frames.start, frames.step) == (0, 1):
         return str(len(frames))
     return quoted(f"{frames.start}:{frames[-1] + 1}:{frames.step}")
 
 
-def _placed(source: CameraSource, fps: float) -> list[str]:
+def _placement_lines(source: CameraSource, fps: float) -> list[str]:
     """How a camera's images lie in time and on its calibrated image, where that is not as they come."""
     lines = []
     if source.fraction:

@@ -18,7 +18,7 @@ _IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 _MAX_DEPTH = 6  # of folders within each other
 _MASKS = re.compile(r"(^|[-_ ])(masks?|segm?|segmentations?|silhouettes?|mattes?|alphas?)([-_ .]|$)", re.IGNORECASE)
 _BACKGROUND = re.compile(r"(^|[-_ ])(backgrounds?|bg|empty|clean[-_ ]?plates?|plates?)([-_ .]|$)", re.IGNORECASE)
-_PASSED_OVER = re.compile(
+_IGNORED = re.compile(
     r"\..*|calib.*|intrinsics?|extrinsics?|targets?|axes|annots|sparse|openpose|pose|pose[-_].*|kinematics|output.*"
     r"|markerdata|opensimdata|onnx.*|.*_study",
     re.IGNORECASE,
@@ -47,7 +47,7 @@ def find_media(folder: Path) -> list[Medium]:
     for place, folders, files in os.walk(folder):
         here = Path(place)
         below = here.relative_to(folder).parts
-        folders[:] = sorted(name for name in folders if len(below) < _MAX_DEPTH and not _PASSED_OVER.fullmatch(name))
+        folders[:] = sorted(name for name in folders if len(below) < _MAX_DEPTH and not _IGNORED.fullmatch(name))
         images = sorted(name for name in files if name.lower().endswith(_IMAGES))
         pictures = [name for name in images if _BACKGROUND.search("_".join([*below, name]))]
         videos = sorted(name for name in files if name.lower().endswith(_VIDEOS))
@@ -108,19 +108,19 @@ class _Claim(NamedTuple):
 
 def _claims(medium: Medium, cameras: tuple[str, ...]) -> Iterator[_Claim]:
     for depth, part in enumerate(medium.parts):
-        likeness = {camera: _alike(camera, part) for camera in cameras}
+        likeness = {camera: _likeness(camera, part) for camera in cameras}
         most = max(likeness.values())
         likely = [camera for camera in cameras if likeness[camera] == most]
         if most and len(likely) == 1:
             camera = likely[0]
-            token = camera if _words(camera.lower(), part.lower()) else part
+            token = camera if _contains_word(camera.lower(), part.lower()) else part
             word = rf"(?<![A-Za-z0-9]){re.escape(token)}(?![A-Za-z0-9])"
             starred = [re.sub(word, "*", each, flags=re.IGNORECASE) for each in medium.parts]
             starred[depth] = re.sub("[0-9]+", "*", part) if most == 1 else starred[depth]
             yield _Claim(camera, "/".join(starred), most, medium.path)
 
 
-def _alike(camera: str, part: str) -> int:
+def _likeness(camera: str, part: str) -> int:
     """How much a part of a path says that it is of a camera.
 
     3 for its name, 2 for its name among other words, 1 for its number, 0 for nothing.
@@ -128,13 +128,13 @@ def _alike(camera: str, part: str) -> int:
     camera, part = camera.lower(), part.lower()
     if camera == part:
         return 3
-    if _words(camera, part) or _words(part, camera):
+    if _contains_word(camera, part) or _contains_word(part, camera):
         return 2
     numbers, others = ([int(number) for number in re.findall(r"[0-9]+", text)] for text in (camera, part))
     return int(len(numbers) == 1 and numbers == others)
 
 
-def _words(inner: str, outer: str) -> bool:
+def _contains_word(inner: str, outer: str) -> bool:
     return re.search(rf"(?<![a-z0-9]){re.escape(inner)}(?![a-z0-9])", outer) is not None
 
 

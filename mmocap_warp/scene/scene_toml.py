@@ -209,9 +209,9 @@ def _check_undistorted(masks: Masks, mark: MaskMark, source: CameraSource, rig: 
     check_mark(mark, masks.path, calibration_hash(rig, k, source.recorded_scale, source.recorded_offset, mark.repaired))
     width, height = rig.undistorted(mark.scale).size[k]
     if masks.size != (width, height):
-        found = "{}x{}".format(*masks.size)
+        actual = "{}x{}".format(*masks.size)
         raise InputError(
-            masks.path, f"the masks are {found}, their {MARK_NAME} says {width}x{height}", "make them again"
+            masks.path, f"the masks are {actual}, their {MARK_NAME} says {width}x{height}", "make them again"
         )
 
 
@@ -257,15 +257,15 @@ def _frames(
     """The frames that the scene names, and those that are asked for; cameras must agree on where an open range ends."""
     counts = _counts(sources, foreground)
     shortest = min(counts.values(), default=1)
-    found = ", ".join(f"{name} {count}" for name, count in counts.items())
+    listed = ", ".join(f"{name} {count}" for name, count in counts.items())
     choice = FrameChoice.parse(asked) if asked is not None else named
     open_end = named if choice.count is not None else choice
     if agreeing and open_end.count is None and open_end.end is None and len(set(counts.values())) > 1:
-        raise table.error(f"cameras differ in their number of frames: {found}", f"set frames = {shortest}")
+        raise table.error(f"cameras differ in their number of frames: {listed}", f"set frames = {shortest}")
     try:
         own = named.of(range(shortest), shortest)
     except ValueError as error:
-        raise table.error(f"{error} ({found})", "give fewer frames") from None
+        raise table.error(f"{error} ({listed})", "give fewer frames") from None
     frames = own if asked is None else choice.of(own, shortest)
     for source in sources:
         if source.mask_mark is None and abs(source.frame_offset) >= shortest:

@@ -66,12 +66,12 @@ def _read_lenses(path: Path) -> dict[str, Camera]:
         where = f"{path}: camera {number}"
         if model not in _MODELS:
             raise InputError(where, f"lens model '{model}' is not known", f"known are {', '.join(_MODELS)}")
-        wanted = _MODELS[model].split()
+        names = _MODELS[model].split()
         values = _numbers(parameters, where)
-        if len(values) != len(wanted):
-            raise InputError(where, f"{model} has {len(values)} parameters, not {len(wanted)}", _REMEDY)
+        if len(values) != len(names):
+            raise InputError(where, f"{model} has {len(values)} parameters, not {len(names)}", _REMEDY)
         size = _numbers([width, height], where)
-        lenses[number] = _lens(model, dict(zip(wanted, values, strict=True)), (int(size[0]), int(size[1])), where)
+        lenses[number] = _lens(model, dict(zip(names, values, strict=True)), (int(size[0]), int(size[1])), where)
     return lenses
 
 

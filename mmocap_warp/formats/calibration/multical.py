@@ -35,8 +35,8 @@ def read_multical(
     file = _load(path)
     if not {"cameras", "camera_poses"} <= set(file):
         raise InputError(path, "has no 'cameras' and 'camera_poses', by which MultiCal's calibration is known", _REMEDY)
-    lenses = _object(file["cameras"], "cameras", path)
-    poses = _world_poses(_object(file["camera_poses"], "camera_poses", path), lenses.keys(), path)
+    lenses = _check_object(file["cameras"], "cameras", path)
+    poses = _world_poses(_check_object(file["camera_poses"], "camera_poses", path), lenses.keys(), path)
     metres = stated_metres(units, path)
     cameras = []
     for name, lens in lenses.items():
@@ -56,14 +56,14 @@ def read_multical_lenses(path: str | Path, up: str, sizes: dict[str, tuple[int, 
     file = _load(path)
     if "camera_poses" in file or "cameras" not in file:
         return None
-    lenses = _object(file["cameras"], "cameras", path)
+    lenses = _check_object(file["cameras"], "cameras", path)
     return rig_of([_read_lens(lens, name, path) for name, lens in lenses.items()], up, path, placed=False)
 
 
 def _load(path: str | Path) -> dict[str, Any]:
     text = read_short_text(path, "a JSON file")
     try:
-        return _object(json.loads(text), "the file", path)
+        return _check_object(json.loads(text), "the file", path)
     except InputError:
         raise
     except (ValueError, RecursionError) as error:
@@ -72,7 +72,7 @@ def _load(path: str | Path) -> dict[str, Any]:
 
 def _read_lens(lens: Any, name: str, path: str | Path) -> Camera:
     where = f"{path}: camera '{name}'"
-    values = _object(lens, "it", where)
+    values = _check_object(lens, "it", where)
     K = _numbers(values, "K", (9,), where).reshape(3, 3)
     width, height = _numbers(values, "image_size", (2,), where)
     coefficients = _numbers(values, "dist", tuple(range(4, _MAX_COEFFICIENTS + 1)), where)
@@ -91,7 +91,7 @@ def _world_poses(poses: dict[str, Any], names: Collection[str], path: str | Path
     for key, value in poses.items():
         pose = np.eye(4)
         where = f"{path}: camera_poses '{key}'"
-        fields = _object(value, "it", where)
+        fields = _check_object(value, "it", where)
         pose[:3, :3] = _numbers(fields, "R", (9,), where).reshape(3, 3)
         pose[:3, 3] = _numbers(fields, "T", (3,), where)
         if key in names:
@@ -119,7 +119,7 @@ def _pair(key: str, names: Collection[str], where: str) -> tuple[str, str]:
     raise InputError(where, "names no camera of the file", _REMEDY)
 
 
-def _object(value: Any, what: str, where: object) -> dict[str, Any]:
+def _check_object(value: Any, what: str, where: object) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise InputError(where, f"{what} is not a JSON object", _REMEDY)
     return value

@@ -20,7 +20,15 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.calibration_text import METRES, image_size_of, read_short_text
 from mmocap_warp.whole_file import write_whole
 
-_TYPES = {"d": np.float64, "f": np.float32, "i": np.int32, "s": np.int16, "w": np.uint16, "c": np.int8, "u": np.uint8}
+_DTYPES = {
+    "d": np.float64,
+    "f": np.float32,
+    "i": np.int32,
+    "s": np.int16,
+    "w": np.uint16,
+    "c": np.int8,
+    "u": np.uint8,
+}
 _HEADER = "%YAML:1.0\n---\n"
 _NOT_FINITE = {".nan": np.nan, ".inf": np.inf, "-.inf": -np.inf}
 
@@ -110,14 +118,14 @@ class _File:
         entry = entry if isinstance(entry, dict) else {}
         data, kind = entry.get("data"), str(entry.get("dt", "")).lstrip("1")
         stated = _number(entry.get("rows")) * _number(entry.get("cols"))
-        if not isinstance(data, list) or len(data) not in count or len(data) != stated or kind not in _TYPES:
+        if not isinstance(data, list) or len(data) not in count or len(data) != stated or kind not in _DTYPES:
             length = " or ".join(map(str, count))
             raise InputError(self.path, f"{key} is not a matrix of {length} numbers", f"add {key}")
         values = [_number(value) for value in data]
         if not np.isfinite(values).all():
             raise InputError(self.path, f"{key} holds a value that is not finite", "calibrate again or export again")
         with np.errstate(over="ignore"):  # a number too large for its type, which the rig's checks tell
-            return np.array(values).astype(_TYPES[kind]).astype(np.float64)
+            return np.array(values).astype(_DTYPES[kind]).astype(np.float64)
 
 
 def _number(text: Any) -> float:
@@ -155,15 +163,15 @@ def write_opencv_yaml(path: str | Path, rig: CameraRig) -> None:
     for k, name in enumerate(rig.names):
         if re.fullmatch(r"[\w-]+", name, re.ASCII) is None:
             raise InputError(path, f"cannot have a camera '{name}'", "name it with letters, digits, _ and -")
-        inside += [_matrix(f"K_{name}", rig.K[k]), _matrix(f"dist_{name}", rig.distortion[k : k + 1])]
+        inside += [_matrix_text(f"K_{name}", rig.K[k]), _matrix_text(f"dist_{name}", rig.distortion[k : k + 1])]
         inside += [f"W_{name}: {rig.size[k, 0]}\n", f"H_{name}: {rig.size[k, 1]}\n"]
-        outside += [_matrix(f"R_{name}", cv2.Rodrigues(rig.R[k])[0]), _matrix(f"Rot_{name}", rig.R[k])]
-        outside += [_matrix(f"T_{name}", rig.t[k][:, None])]
+        outside += [_matrix_text(f"R_{name}", cv2.Rodrigues(rig.R[k])[0]), _matrix_text(f"Rot_{name}", rig.R[k])]
+        outside += [_matrix_text(f"T_{name}", rig.t[k][:, None])]
     write_whole(Path(path).with_name("extri.yml"), "".join(outside).encode())
     write_whole(Path(path), "".join(inside).encode())
 
 
-def _matrix(key: str, values: np.ndarray) -> str:
+def _matrix_text(key: str, values: np.ndarray) -> str:
     rows, columns = values.shape
     data = ", ".join(f"{value!r}" for value in values.ravel().tolist())
     return f"{key}: !!opencv-matrix\n  rows: {rows}\n  cols: {columns}\n  dt: d\n  data: [ {data} ]\n"

@@ -77,9 +77,9 @@ def with_rig(result: Result, rig: str) -> Result:
         more = f" and {len(missing) - _MAX_NAMED} more" if len(missing) > _MAX_NAMED else ""
         listed = f"{missing[:_MAX_NAMED]}{more}"
         raise ValueError(f"rig = {rig} is a person's, whose joints differ from this body's by {listed}")
-    turn = _turns(body, known)
-    rest = _rest(body, turn)
-    skeleton = _renamed(body.skeleton, known.names | {name: name for name in body.skeleton.attached})
+    turn = _rest_rotations(body, known)
+    rest = _rest_joints(body, turn)
+    skeleton = _rename_joints(body.skeleton, known.names | {name: name for name in body.skeleton.attached})
     rig_body = replace(
         body,
         skeleton=skeleton,
@@ -90,7 +90,7 @@ def with_rig(result: Result, rig: str) -> Result:
         shape_joint=body.shape_joint[:0],
     )
 
-    def converted(pose: np.ndarray) -> np.ndarray:
+    def to_rig_poses(pose: np.ndarray) -> np.ndarray:
         """Poses (frame, coordinate) of the body as poses of the rig."""
         world = (
             joint_transforms(subject, pose)[1][..., :3, :3]
@@ -112,15 +112,15 @@ def with_rig(result: Result, rig: str) -> Result:
 
     return replace(
         result,
-        subject=replace(subject, body=rig_body, pose=converted(subject.pose[None])[0]),
-        pose=np.stack([converted(run) for run in result.pose]),
+        subject=replace(subject, body=rig_body, pose=to_rig_poses(subject.pose[None])[0]),
+        pose=np.stack([to_rig_poses(run) for run in result.pose]),
         raw_pose=None,
         angle_sigma=None,
         joint_sigma=None,
     )
 
 
-def _turns(body: BodyModel, rig: Rig) -> np.ndarray:
+def _rest_rotations(body: BodyModel, rig: Rig) -> np.ndarray:
     """(joint, 3, 3) how each joint is turned from the bind pose to the rig's rest pose, in body axes."""
     skeleton = body.skeleton
     bones = {start: (end, np.array(direction)) for start, end, direction in rig.bones}
@@ -132,11 +132,11 @@ def _turns(body: BodyModel, rig: Rig) -> np.ndarray:
         if name in bones:
             end, direction = bones[name]
             bone = body.joint_rest[skeleton.index(end)].astype(float) - body.joint_rest[joint]
-            turn[joint] = _onto(turn[joint] @ bone, direction) @ turn[joint]
+            turn[joint] = _smallest_rotation(turn[joint] @ bone, direction) @ turn[joint]
     return turn
 
 
-def _onto(vector: np.ndarray, direction: np.ndarray) -> np.ndarray:
+def _smallest_rotation(vector: np.ndarray, direction: np.ndarray) -> np.ndarray:
     """(3, 3) the smallest rotation that takes a vector to a direction, which is not the opposite one."""
     unit = vector / np.linalg.norm(vector)
     axis, cosine = np.cross(unit, direction), float(unit @ direction)
@@ -144,7 +144,7 @@ def _onto(vector: np.ndarray, direction: np.ndarray) -> np.ndarray:
     return np.eye(3) + across + across @ across / (1 + cosine)
 
 
-def _rest(body: BodyModel, turn: np.ndarray) -> np.ndarray:
+def _rest_joints(body: BodyModel, turn: np.ndarray) -> np.ndarray:
     """(joint, 3) joint centres in the rig's rest pose."""
     rest = body.joint_rest.astype(float)
     for joint, parent in enumerate(body.skeleton.parent):
@@ -162,7 +162,7 @@ def _skin_rest(body: BodyModel, turn: np.ndarray, rest: np.ndarray) -> np.ndarra
     return np.einsum("vk,vka->va", skin.weight, moved).astype(np.float32)
 
 
-def _renamed(skeleton: Skeleton, names: dict[str, str]) -> Skeleton:
+def _rename_joints(skeleton: Skeleton, names: dict[str, str]) -> Skeleton:
     """A skeleton under other names, whose joints' axes are the body's and free."""
     joints = len(skeleton.joints)
     return replace(

@@ -142,14 +142,14 @@ def read_sequence(
         raise InputError(f"{subject} {action}", f"frames {first} to {last} are no range", "count from 1, first to last")
     root = Path(root)
     trial = f"{action}_{_TRIAL}"
-    data = _within(root, subject, f"name the folder that holds {subject} and Background")
-    videos = tuple(_open_video(_within(data, "Image_Data"), f"{trial}_({camera})") for camera in CAMERAS)
-    rig = _read_rig(_within(data, "Calibration_Data"), videos)
-    sync_data = _within(data, "Sync_Data")
-    sync = synchronise([read_ofs(_within(sync_data, f"{trial}_({camera}).ofs")) for camera in CAMERAS])
+    data = _find_entry(root, subject, f"name the folder that holds {subject} and Background")
+    videos = tuple(_open_video(_find_entry(data, "Image_Data"), f"{trial}_({camera})") for camera in CAMERAS)
+    rig = _read_rig(_find_entry(data, "Calibration_Data"), videos)
+    sync_data = _find_entry(data, "Sync_Data")
+    sync = synchronise([read_ofs(_find_entry(sync_data, f"{trial}_({camera}).ofs")) for camera in CAMERAS])
     _check_range(videos, sync, last)
-    truth, no_joints = _read_truth(_within(data, "Mocap_Data"), subject, trial, sync, np.arange(first, last + 1))
-    empty_room = _within(root, "Background")
+    truth, no_joints = _read_truth(_find_entry(data, "Mocap_Data"), subject, trial, sync, np.arange(first, last + 1))
+    empty_room = _find_entry(root, "Background")
     backgrounds = tuple(
         _find_background(empty_room, camera, video) for camera, video in zip(CAMERAS, videos, strict=True)
     )
@@ -163,7 +163,7 @@ def _entries(folder: Path) -> dict[str, Path]:
     return {entry.name.lower(): entry for entry in folder.iterdir()}
 
 
-def _within(folder: Path, name: str, remedy: str = REMEDY) -> Path:
+def _find_entry(folder: Path, name: str, remedy: str = REMEDY) -> Path:
     entry = _entries(folder).get(name.lower())
     if entry is None:
         raise InputError(folder, f"holds no {name}", remedy)
@@ -172,8 +172,8 @@ def _within(folder: Path, name: str, remedy: str = REMEDY) -> Path:
 
 def _images(folder: Path, name: str) -> Path | None:
     """A video, or the folder of images that it was unpacked into, which goes first, as in HumanEva's software."""
-    held = _entries(folder)
-    return held.get(name.lower()) or held.get(f"{name}.avi".lower())
+    entries = _entries(folder)
+    return entries.get(name.lower()) or entries.get(f"{name}.avi".lower())
 
 
 def _open_video(folder: Path, name: str) -> Frames:
@@ -185,7 +185,7 @@ def _open_video(folder: Path, name: str) -> Frames:
 
 def _read_rig(folder: Path, videos: tuple[Frames, ...]) -> CameraRig:
     pairs = zip(CAMERAS, videos, strict=True)
-    cameras = [read_cal(_within(folder, f"{name}.cal"), name, video.size) for name, video in pairs]
+    cameras = [read_cal(_find_entry(folder, f"{name}.cal"), name, video.size) for name, video in pairs]
     try:
         return rig_of(cameras, "+z", folder)
     except InputError as error:  # whose remedy is for calibrations that the user made
@@ -203,7 +203,7 @@ def _check_range(videos: tuple[Frames, ...], sync: Synchronisation, last: int) -
 
 def _read_truth(folder: Path, subject: str, trial: str, sync: Synchronisation, frames: np.ndarray) -> tuple[Truth, str]:
     """The truth, and why it has no joints."""
-    path = _within(folder, f"{trial}.c3d")
+    path = _find_entry(folder, f"{trial}.c3d")
     tracks = read_c3d(path)
     _check_rates(path, tracks, sync)
     position = sync.mocap_position(frames) - 1  # HumanEva counts from 1, arrays from 0
@@ -235,7 +235,7 @@ def _check_rates(path: Path, tracks: PointTracks, sync: Synchronisation) -> None
 
 
 def _read_measures(folder: Path, subject: str) -> SubjectMeasures:
-    path, static = _within(folder, f"{subject}.mp"), _within(folder, "Static.c3d")
+    path, static = _find_entry(folder, f"{subject}.mp"), _find_entry(folder, "Static.c3d")
     measures = read_measures(path)
     offsets = [f"{side}ShoulderOffset" for side in "LR"]
     for name in offsets:

@@ -23,9 +23,9 @@ import numpy as np
 from mmocap_warp.formats.motion.captured_points import PointTracks
 
 _MIDDLE = ("CLAV", "STRN", "C7", "T10", "RBAK")
-_ABOVE = ("FHD", "BHD", "SHO", "UPA", "ELB", "FRM", "WRA", "WRB", "FIN")
-_BELOW = ("ASI", "PSI", "THI", "KNE", "TIB", "ANK", "HEE", "TOE")
-MARKERS: tuple[str, ...] = (*_MIDDLE, *(side + name for side in "LR" for name in _ABOVE + _BELOW))
+_UPPER_BODY = ("FHD", "BHD", "SHO", "UPA", "ELB", "FRM", "WRA", "WRB", "FIN")
+_LOWER_BODY = ("ASI", "PSI", "THI", "KNE", "TIB", "ANK", "HEE", "TOE")
+MARKERS: tuple[str, ...] = (*_MIDDLE, *(side + name for side in "LR" for name in _UPPER_BODY + _LOWER_BODY))
 """The 39 markers that HumanEva asks for: a frame that lacks one of them is not valid."""
 
 _OTHER_NAMES = {"LFRM": "LFRA", "RFRM": "RFRA"}  # the forearm's marker goes by either
@@ -127,7 +127,7 @@ def joint_positions(tracks: PointTracks, position: np.ndarray, subject: SubjectM
     trunk = np.linalg.norm(thorax - pelvis, axis=1)
     lean = np.arctan2(subject.torso_radius / 2, trunk)
     root = pelvis + turn("PEL") @ [-_PELVIS_BACK, 0.0, 0.0]
-    trunk_top = root + _along(turn("PEL"), trunk, lean)
+    trunk_top = root + _segment_vector(turn("PEL"), trunk, lean)
     joints = {
         "Root": root,
         "Neck": (trunk_top + thorax) / 2,
@@ -149,12 +149,12 @@ def _arm(
     upper_length = np.linalg.norm(elbow - shoulder, axis=1)
     lower_length = np.linalg.norm(wrist - elbow, axis=1)
     angle = np.arctan2(offset / 2, upper_length)
-    upper_end = shoulder - _along(upper, upper_length, -angle)
-    lower_start = upper_end + elbow - (shoulder - _along(upper, upper_length, 0 * angle))
-    return shoulder, (upper_end + lower_start) / 2, lower_start - _along(lower, lower_length, angle)
+    upper_end = shoulder - _segment_vector(upper, upper_length, -angle)
+    lower_start = upper_end + elbow - (shoulder - _segment_vector(upper, upper_length, 0 * angle))
+    return shoulder, (upper_end + lower_start) / 2, lower_start - _segment_vector(lower, lower_length, angle)
 
 
-def _along(rotation: np.ndarray, length: np.ndarray, lean: np.ndarray) -> np.ndarray:
+def _segment_vector(rotation: np.ndarray, length: np.ndarray, lean: np.ndarray) -> np.ndarray:
     """(time, 3): a segment's z axis of a length, after leaning back (toward -x) by an angle [rad]."""
     local = np.stack([-np.sin(lean), np.zeros_like(lean), np.cos(lean)], axis=-1)
     return np.einsum("tij,tj->ti", rotation, local * length[:, None])

@@ -92,47 +92,39 @@ def with_markers(clip: MotionClip, path: str | Path) -> MotionClip:
 def _read_skeleton(path: Path) -> list[_Bone]:
     """The bones, parents before children."""
     sections = _sections(path)
-    bones = {bone.name: bone for bone in (_root(path, sections), *_bones(path, sections))}
-    order = ["root"]
-    for line in sections.get("hierarchy", []):
-        if line[0] in ("begin", "end"):
-            continue
-        if unknown := [name for name in line if name not in bones]:
-            raise InputError(path, f"its hierarchy names {unknown}, which are no bones", _REMEDY)
-        if line[0] not in order:
-            raise InputError(path, f"its hierarchy names '{line[0]}' before its parent", _REMEDY)
-        for child in line[1:]:
-            bones[child].parent = order.index(line[0])
-            order.append(child)
-    return [bones[name] for name in order]
-
-
-def _root(path: Path, sections: dict[str, list[list[str]]]) -> _Bone:
-    for line in sections.get("root", []):
-        if line[0] == "order":
-            channels = tuple(word.lower() for word in line[1:])
-            if sorted(channels) != sorted(_ROOT_ORDER):
-                raise InputError(path, f"its root's order is {' '.join(line[1:])}", f"use {' '.join(_ROOT_ORDER)}")
-            return _Bone("root", np.zeros(3), np.eye(3), channels)
-    raise InputError(path, "has no root", _REMEDY)
-
-
-def _bones(path: Path, sections: dict[str, list[list[str]]]) -> list[_Bone]:
-    bones = []
+    order = next((line[1:] for line in sections.get("root", []) if line[0] == "order"), None)
+    if order is None:
+        raise InputError(path, "has no root", _REMEDY)
+    channels = tuple(word.lower() for word in order)
+    if sorted(channels) != sorted(_ROOT_ORDER):
+        raise InputError(path, f"its root's order is {' '.join(order)}", f"use {' '.join(_ROOT_ORDER)}")
+    bones = {"root": _Bone("root", np.zeros(3), np.eye(3), channels)}
     entry: dict[str, list[str]] = {}
     for line in sections.get("bonedata", []):
         if line[0] == "begin":
             entry = {}
         elif line[0] == "end":
-            bones.append(_bone(path, entry))
+            bone = _read_bone(path, entry)
+            bones[bone.name] = bone
         else:
             entry.setdefault(line[0], line[1:])
-    return bones
+    names = ["root"]
+    for line in sections.get("hierarchy", []):
+        if line[0] in ("begin", "end"):
+            continue
+        if unknown := [name for name in line if name not in bones]:
+            raise InputError(path, f"its hierarchy names {unknown}, which are no bones", _REMEDY)
+        if line[0] not in names:
+            raise InputError(path, f"its hierarchy names '{line[0]}' before its parent", _REMEDY)
+        for child in line[1:]:
+            bones[child].parent = names.index(line[0])
+            names.append(child)
+    return [bones[name] for name in names]
 
 
-def _bone(path: Path, entry: dict[str, list[str]]) -> _Bone:
+def _read_bone(path: Path, entry: dict[str, list[str]]) -> _Bone:
     try:
-        direction, axis = (_three(entry, key) for key in ("direction", "axis"))
+        direction, axis = (_three_numbers(entry, key) for key in ("direction", "axis"))
         x, y, z = np.radians(axis)
         channels = tuple(word.lower() for word in entry.get("dof", []))
         if any(channel not in ("rx", "ry", "rz") for channel in channels):
@@ -144,7 +136,7 @@ def _bone(path: Path, entry: dict[str, list[str]]) -> _Bone:
         raise InputError(path, f"bone {name} is not complete ({error})", _REMEDY) from None
 
 
-def _three(entry: dict[str, list[str]], key: str) -> np.ndarray:
+def _three_numbers(entry: dict[str, list[str]], key: str) -> np.ndarray:
     values = np.array(entry[key][:3], float)
     if len(values) != 3 or not np.isfinite(values).all():
         raise ValueError(f"{key} {' '.join(entry[key])} is not three numbers")

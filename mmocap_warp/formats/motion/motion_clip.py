@@ -50,7 +50,7 @@ class MotionClip:
 
 
 _REMEDY = "export it again as BVH"
-_SHORTEST, _LONGEST = 1e-4, 10.0  # that a frame may last [s]
+_MIN_INTERVAL, _MAX_INTERVAL = 1e-4, 10.0  # that a frame may last [s]
 
 
 @dataclass(frozen=True)
@@ -122,13 +122,13 @@ def read_bvh(path: str | Path) -> MotionClip:
         raise InputError(path, f"holds a frame that is not numbers ({error})", _REMEDY) from None
     if (
         frames < 1
-        or not _SHORTEST <= interval <= _LONGEST
+        or not _MIN_INTERVAL <= interval <= _MAX_INTERVAL
         or len(values) != frames * columns
         or not np.isfinite(values).all()
     ):
         problem = f"says {frames} frames of {columns} values every {interval:g} s, and holds {len(values)} values"
         raise InputError(path, problem, _REMEDY)
-    return _pose(joints, values.reshape(frames, columns), 1.0 / interval)
+    return _pose_joints(joints, values.reshape(frames, columns), 1.0 / interval)
 
 
 def _read_hierarchy(words: _Words) -> list[_Joint]:
@@ -167,7 +167,7 @@ def _read_joint(words: _Words, parent: int, joints: list[_Joint]) -> int:
     return len(joints) - 1
 
 
-def _pose(joints: list[_Joint], values: np.ndarray, fps: float) -> MotionClip:
+def _pose_joints(joints: list[_Joint], values: np.ndarray, fps: float) -> MotionClip:
     rest = np.zeros((len(joints), 3))
     place = np.zeros((len(values), len(joints), 3))
     rotation = np.zeros((len(values), len(joints), 3, 3))

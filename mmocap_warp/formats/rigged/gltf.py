@@ -27,7 +27,7 @@ def read_gltf(path: str | Path) -> RiggedMesh:
     """Read a skinned character with its animations. Materials, cameras and meshes without a skin are passed over."""
     path = Path(path)
     try:
-        return _character(_Document(path), path)
+        return _read_character(_Document(path), path)
     except InputError:
         raise
     except OSError as error:
@@ -114,7 +114,7 @@ def _index(number: int) -> int:
     return number
 
 
-def _character(document: _Document, path: Path) -> RiggedMesh:
+def _read_character(document: _Document, path: Path) -> RiggedMesh:
     nodes, skins = document.list("nodes"), document.list("skins")
     skinned = [(i, node) for i, node in enumerate(nodes) if "skin" in node and "mesh" in node]
     if not skinned:
@@ -134,7 +134,7 @@ def _character(document: _Document, path: Path) -> RiggedMesh:
     for _, node in skinned:
         of_skin = np.array([rank_of_node[joint] for joint in skins[node["skin"]]["joints"]])
         parts += [
-            _primitive(document, primitive, of_skin)
+            _read_primitive(document, primitive, of_skin)
             for primitive in document.list("meshes")[_index(node["mesh"])]["primitives"]
         ]
     vertex, face, influence, weight = joined_parts(parts)
@@ -184,7 +184,7 @@ def _joint_parents(joint_node: list[int], above: list[int]) -> list[int]:
     return parent
 
 
-def _primitive(
+def _read_primitive(
     document: _Document, primitive: dict[str, Any], of_skin: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Vertices, triangles, influencing joints and weights of a part of a mesh."""
@@ -299,7 +299,7 @@ def _sample_channels(
     local = np.zeros((frames, len(nodes), 4, 4))
     for number, node in enumerate(nodes):
         own = {path: moved[number, path] for path in _PARTS if (number, path) in moved}
-        local[:, number] = _composed(node, own) if own else _local_transform(node)
+        local[:, number] = _compose_transforms(node, own) if own else _local_transform(node)
     return _world_transforms(local, above)
 
 
@@ -332,10 +332,10 @@ def _local_transform(node: dict[str, Any]) -> np.ndarray:
     """(4, 4): the parent from a node."""
     if "matrix" in node:
         return np.array(node["matrix"], float).reshape(4, 4).T
-    return _composed(node, {})[0]
+    return _compose_transforms(node, {})[0]
 
 
-def _composed(node: dict[str, Any], moved: dict[str, np.ndarray]) -> np.ndarray:
+def _compose_transforms(node: dict[str, Any], moved: dict[str, np.ndarray]) -> np.ndarray:
     """(n, 4, 4) of a node's translations (n, 3), quaternions x y z w (n, 4) and scales (n, 3).
 
     ``moved`` holds those that an animation changes; of the others the node has one for all.

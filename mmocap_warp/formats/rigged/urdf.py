@@ -35,7 +35,7 @@ def read_urdf(path: str | Path, meshes: str | Path | None = None) -> RiggedMesh:
     path = Path(path)
     folder = Path(meshes) if meshes is not None else path.parent
     try:
-        return _robot(_parsed(path), path, folder)
+        return _read_robot(_parse_xml(path), path, folder)
     except InputError:
         raise
     except (ValueError, TypeError, KeyError, IndexError, RecursionError) as error:
@@ -53,7 +53,7 @@ class _Joint(NamedTuple):
     upper: float
 
 
-def _parsed(path: Path) -> Element:
+def _parse_xml(path: Path) -> Element:
     from defusedxml import DefusedXmlException
     from defusedxml.ElementTree import fromstring
 
@@ -72,9 +72,9 @@ def _parsed(path: Path) -> Element:
     return root
 
 
-def _robot(root: Element, path: Path, folder: Path) -> RiggedMesh:
-    joints = {joint.child: joint for joint in map(_joint, root.findall("joint"))}
-    links = {_named(link): link for link in root.findall("link")}
+def _read_robot(root: Element, path: Path, folder: Path) -> RiggedMesh:
+    joints = {joint.child: joint for joint in map(_read_joint, root.findall("joint"))}
+    links = {_name_of(link): link for link in root.findall("link")}
     for joint in joints.values():
         for link in (joint.parent, joint.child):
             if link not in links:
@@ -106,9 +106,9 @@ def _robot(root: Element, path: Path, folder: Path) -> RiggedMesh:
     if len(names) == 1:
         remedy = "there is nothing to track in a rigid thing; name a robot"
         raise InputError(path, "has no joint that turns or slides", remedy)
-    vertex, face, influence, weight = _geometry(links, world, of_link, path, folder)
+    vertex, face, influence, weight = _read_geometry(links, world, of_link, path, folder)
     planar = [joint.name for joint in joints.values() if joint.kind == "planar"]
-    mimics = [_named(each) for each in root.findall("joint") if each.find("mimic") is not None]
+    mimics = [_name_of(each) for each in root.findall("joint") if each.find("mimic") is not None]
     notes = [f"{', '.join(planar)} slide in a plane: held at zero"] if planar else []
     notes += [f"{', '.join(mimics)} follow other joints there: free here"] if mimics else []
     return RiggedMesh(
@@ -128,8 +128,8 @@ def _robot(root: Element, path: Path, folder: Path) -> RiggedMesh:
     )
 
 
-def _joint(element: Element) -> _Joint:
-    name, kind = _named(element), element.get("type", "")
+def _read_joint(element: Element) -> _Joint:
+    name, kind = _name_of(element), element.get("type", "")
     if kind not in _MOVES + _STAYS:
         raise ValueError(f"joint {name} is of type {kind!r}, which is not known")
     ends = [element.find(end) for end in ("parent", "child")]
@@ -147,7 +147,7 @@ def _joint(element: Element) -> _Joint:
     return _Joint(name, kind, parent, child, _origin(element), axis / (length or 1.0), lower, upper)
 
 
-def _geometry(
+def _read_geometry(
     links: dict[str, Element], world: dict[str, np.ndarray], of_link: dict[str, int], path: Path, folder: Path
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Vertices, triangles, the joint that each vertex follows and its weight; the robot at zero angles."""
@@ -156,7 +156,7 @@ def _geometry(
         for link, element in links.items():
             for shape in element.findall(shown):
                 place = world[link] @ _origin(shape)
-                for vertex, face in _shapes(shape, path, folder):
+                for vertex, face in _read_shapes(shape, path, folder):
                     joint, weight = np.full((len(vertex), 1), of_link[link]), np.ones((len(vertex), 1))
                     parts.append((vertex @ place[:3, :3].T + place[:3, 3], face, joint, weight))
         if parts:
@@ -164,7 +164,7 @@ def _geometry(
     raise InputError(path, "has no geometry", "give a robot with visual meshes")
 
 
-def _shapes(shape: Element, path: Path, folder: Path) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def _read_shapes(shape: Element, path: Path, folder: Path) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Vertices (n, 3) and triangles (m, 3) of a visual, in its own axes."""
     import trimesh
 
@@ -198,11 +198,11 @@ def _mesh_file(name: str, path: Path, folder: Path) -> Path:
     root = folder.resolve()
     parts = [part for part in PurePosixPath(name.partition("://")[2] or name).parts if part not in ("/", ".", "..")]
     for first in range(len(parts)):
-        found = root.joinpath(*parts[first:])
-        if found.is_file():
-            if not found.resolve().is_relative_to(root):
+        file = root.joinpath(*parts[first:])
+        if file.is_file():
+            if not file.resolve().is_relative_to(root):
                 break
-            return found
+            return file
     raise InputError(path, f"names the mesh '{name}', which is not in {folder}", "name its folder with --meshes")
 
 
@@ -232,7 +232,7 @@ def _numbers(text: str, count: int) -> np.ndarray:
     return values
 
 
-def _named(element: Element) -> str:
+def _name_of(element: Element) -> str:
     name = element.get("name")
     if not name:
         raise ValueError(f"a <{element.tag}> has no name")

@@ -35,12 +35,12 @@ def read_usd_skel(path: str | Path) -> RiggedMesh:
         raise InputError(path, "holds no mesh that is bound to a UsdSkel skeleton", _REMEDY)
     chosen = max(bound, key=lambda name: sum(len(mesh.GetPointsAttr().Get() or ()) for mesh in bound[name]))
     try:
-        return _character(stage, UsdSkel.Skeleton.Get(stage, chosen), bound[chosen], path)
+        return _read_character(stage, UsdSkel.Skeleton.Get(stage, chosen), bound[chosen], path)
     except (ValueError, IndexError, TypeError) as error:
         raise InputError(path, f"its skeleton or skin is not whole ({error})", _REMEDY) from None
 
 
-def _character(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, meshes: list[UsdGeom.Mesh], path: Path) -> RiggedMesh:
+def _read_character(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, meshes: list[UsdGeom.Mesh], path: Path) -> RiggedMesh:
     paths = [str(joint) for joint in skeleton.GetJointsAttr().Get() or ()]
     number = {name: joint for joint, name in enumerate(paths)}
     if not paths or len(number) < len(paths):
@@ -61,8 +61,8 @@ def _character(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, meshes: list[UsdGeo
 
     parts = []
     for mesh in meshes:
-        points, triangles = _mesh(mesh)
-        joint, share = _weights(mesh, number, len(points))
+        points, triangles = _read_mesh(mesh)
+        joint, share = _read_weights(mesh, number, len(points))
         parts.append((points, triangles, rank[joint], share))
     vertex, face, influence, weight = joined_parts(parts)
     stated = (prim.GetAttribute(_ATTRIBUTION) for prim in stage.Traverse() if prim.HasAttribute(_ATTRIBUTION))
@@ -81,13 +81,13 @@ def _character(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, meshes: list[UsdGeo
         up=up,
         facing="+z" if up == "+y" else "-y",
         metres=float(UsdGeom.GetStageMetersPerUnit(stage)),
-        axes=_axes(stage, ordered, bind[order]),
-        motions=_motions(stage, skeleton, order),
+        axes=_read_axes(stage, ordered, bind[order]),
+        motions=_read_motions(stage, skeleton, order),
         attribution=next(attributions, ""),
     )
 
 
-def _mesh(mesh: UsdGeom.Mesh) -> tuple[np.ndarray, np.ndarray]:
+def _read_mesh(mesh: UsdGeom.Mesh) -> tuple[np.ndarray, np.ndarray]:
     """Vertices in the skeleton's space as they are bound, and triangles."""
     points = np.array(mesh.GetPointsAttr().Get(), float).reshape(-1, 3)
     counts = np.array(mesh.GetFaceVertexCountsAttr().Get(), int)
@@ -105,7 +105,7 @@ def _mesh(mesh: UsdGeom.Mesh) -> tuple[np.ndarray, np.ndarray]:
     return points @ transform[:3, :3] + transform[3, :3], triangles
 
 
-def _weights(mesh: UsdGeom.Mesh, number: dict[str, int], points: int) -> tuple[np.ndarray, np.ndarray]:
+def _read_weights(mesh: UsdGeom.Mesh, number: dict[str, int], points: int) -> tuple[np.ndarray, np.ndarray]:
     """Influencing joints and weights (vertex, influence)."""
     binding = UsdSkel.BindingAPI(mesh)
     index, weight = binding.GetJointIndicesPrimvar(), binding.GetJointWeightsPrimvar()
@@ -125,7 +125,7 @@ def _weights(mesh: UsdGeom.Mesh, number: dict[str, int], points: int) -> tuple[n
     return np.array([number[name] for name in names])[joint], share
 
 
-def _motions(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, order: list[int]) -> dict[str, RiggedMotion]:
+def _read_motions(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, order: list[int]) -> dict[str, RiggedMotion]:
     """The bound animation, if it has more than one time; a frame for each time code."""
     source = UsdSkel.BindingAPI(skeleton).GetInheritedAnimationSource()
     if not source or not source.IsA(UsdSkel.Animation):
@@ -142,7 +142,7 @@ def _motions(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, order: list[int]) -> 
     return {str(source.GetName()): RiggedMotion(fps, world.swapaxes(-1, -2)[:, order])}
 
 
-def _axes(stage: Usd.Stage, joints: tuple[str, ...], bind: np.ndarray) -> dict[int, JointAxis]:
+def _read_axes(stage: Usd.Stage, joints: tuple[str, ...], bind: np.ndarray) -> dict[int, JointAxis]:
     """Axes and limits of joints after which a physics joint is named; its axis is in the joint's frame."""
     axes = {}
     for prim in stage.Traverse():

@@ -40,7 +40,7 @@ from mmocap_warp.formats.usd.usd_file import (
 )
 from mmocap_warp.formats.usd.usd_skeleton import define_freedom, is_rotation, joint_paths, read_skeleton
 
-_REMAKE = "write the body again with `mmocap body make`, or start from one that comes with the project"
+_REMEDY = "write the body again with `mmocap body make`, or start from one that comes with the project"
 _WEIGHT_SUM_TOLERANCE = 1e-3  # Files by other programs round their weights.
 
 
@@ -59,7 +59,7 @@ def read_motions(path: str | Path) -> dict[str, BodyMotion]:
     """The motions that came with a body, by name; none where it has none."""
     stage = read_stage(path)
     prim = body_prim(stage, path)
-    return motions_of(PrimReader(prim, path, _REMAKE), body_from_prim(prim, path).skeleton.coordinates)
+    return motions_of(PrimReader(prim, path, _REMEDY), body_from_prim(prim, path).skeleton.coordinates)
 
 
 @reads_usd
@@ -119,7 +119,7 @@ def body_prim(stage: Usd.Stage, source: object) -> Usd.Prim:
     for prim in stage.Traverse():
         if prim.IsA(UsdSkel.Root) and prim.HasAttribute("mmocap:attribution"):
             return prim
-    raise InputError(source, "holds no mmocap body (a SkelRoot with mmocap:attribution)", _REMAKE)
+    raise InputError(source, "holds no mmocap body (a SkelRoot with mmocap:attribution)", _REMEDY)
 
 
 def define_body(stage: Usd.Stage, path: str, body: BodyModel) -> UsdSkel.Root:
@@ -205,7 +205,7 @@ def _show_first_pose(stage: Usd.Stage, root: UsdSkel.Root, subject: Subject) -> 
 
 def body_from_prim(prim: Usd.Prim, source: object) -> BodyModel:
     """The body that :func:`define_body` authored at ``prim``; ``source`` is named in errors."""
-    read = PrimReader(prim, source, _REMAKE)
+    read = PrimReader(prim, source, _REMEDY)
     unit = UsdGeom.GetStageMetersPerUnit(prim.GetStage())
     read.require(unit == 1.0, f"its lengths are in units of {unit:g} m, expected metres")
     skeleton, skin, tracking = read.child("Skeleton"), read.child("Skin"), read.child("Tracking")

@@ -112,10 +112,10 @@ def _prim_names(names: tuple[str, ...]) -> list[str]:
     return chosen
 
 
-_SAME_SHAPE = 0.01
+_SHAPE_TOLERANCE = 0.01
 """Share by which the film's shape may differ from the image's; programs disagree on what is shown of such a one."""
-_LARGEST = 1e9  # of a camera's numbers
-_EXPORT_AGAIN = "export the cameras again, standing still"
+_MAX_NUMBER = 1e9  # of a camera's numbers
+_EXPORT_REMEDY = "export the cameras again, standing still"
 
 
 def read_usd_cameras(
@@ -136,7 +136,7 @@ def read_usd_cameras(
     cameras = []
     for camera in others:
         problem = f"does not say how large the images of camera '{camera.name}' are"
-        cameras.append(_with_size(camera, image_size_of(sizes, camera.name, path, problem), path))
+        cameras.append(_in_pixels(camera, image_size_of(sizes, camera.name, path, problem), path))
     return rig_of(cameras, stage_up, path)
 
 
@@ -155,27 +155,27 @@ def _read(path: str | Path) -> tuple[CameraRig | None, list[Camera], str]:
 
 def _camera(camera: UsdGeom.Camera, metres: float, path: str | Path) -> Camera:
     prim = camera.GetPrim()
-    if _moves(prim):
-        raise InputError(path, f"{prim.GetPath()} moves", _EXPORT_AGAIN)
+    if _is_moving(prim):
+        raise InputError(path, f"{prim.GetPath()} moves", _EXPORT_REMEDY)
     film = "horizontalAperture", "verticalAperture", "horizontalApertureOffset", "verticalApertureOffset"
     focal, across, down, right, upward = (
         prim.GetAttribute(name).Get(Usd.TimeCode.EarliestTime()) for name in ("focalLength", *film)
     )
-    known = all(isinstance(value, float) and abs(value) < _LARGEST for value in (focal, across, down, right, upward))
+    known = all(isinstance(value, float) and abs(value) < _MAX_NUMBER for value in (focal, across, down, right, upward))
     if camera.GetProjectionAttr().Get() != UsdGeom.Tokens.perspective or not (
-        known and min(focal, across, down) > 1 / _LARGEST
+        known and min(focal, across, down) > 1 / _MAX_NUMBER
     ):
         raise InputError(path, f"{prim.GetPath()} is no pinhole", "give it perspective, a film and a focal length")
     K = np.array([[focal / across, 0, 0.5 - right / across], [0, focal / down, 0.5 + upward / down], [0, 0, 1]])
     world = np.array(UsdGeom.Xformable(camera).ComputeLocalToWorldTransform(Usd.TimeCode.EarliestTime())).T
-    if not np.abs(world).max() < _LARGEST or not metres < _LARGEST:
-        raise InputError(path, f"{prim.GetPath()} stands beyond all bounds", _EXPORT_AGAIN)
+    if not np.abs(world).max() < _MAX_NUMBER or not metres < _MAX_NUMBER:
+        raise InputError(path, f"{prim.GetPath()} stands beyond all bounds", _EXPORT_REMEDY)
     axes = world[:3, :3] / np.maximum(np.linalg.norm(world[:3, :3], axis=0), 1e-12)
     R = _FROM_USD @ axes.T
     return Camera(prim.GetName(), K, R, -R @ world[:3, 3] * metres, (1, 1), np.zeros(5))
 
 
-def _moves(prim: Usd.Prim) -> bool:
+def _is_moving(prim: Usd.Prim) -> bool:
     """Whether a prim, or one above it, has another place at another time."""
     while prim and not prim.IsPseudoRoot():
         if prim.IsA(UsdGeom.Xformable) and UsdGeom.Xformable(prim).TransformMightBeTimeVarying():
@@ -184,12 +184,12 @@ def _moves(prim: Usd.Prim) -> bool:
     return False
 
 
-def _with_size(camera: Camera, size: tuple[int, int], path: str | Path) -> Camera:
+def _in_pixels(camera: Camera, size: tuple[int, int], path: str | Path) -> Camera:
     """The camera in pixels, whose centres are whole numbers; USD measures from the image's edge."""
     K = np.diag([*size, 1.0]) @ camera.K
     K[:2, 2] -= 0.5
     shape = K[0, 0] / K[1, 1]
-    if not abs(shape - 1) < _SAME_SHAPE:
+    if not abs(shape - 1) < _SHAPE_TOLERANCE:
         width, height = size
         raise InputError(
             path,

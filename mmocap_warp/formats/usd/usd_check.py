@@ -89,8 +89,8 @@ def _value_faults(prim: Usd.Prim) -> Iterator[str]:
         if name.startswith("mmocap:"):
             continue
         for time, value in _samples(attribute):
-            if not _finite(value):
-                yield f"{name}{_at(time)} is not finite"
+            if not _is_finite(value):
+                yield f"{name}{_time_phrase(time)} is not finite"
                 break
         if times and not first <= times[0] <= times[-1] <= last:
             yield f"{name} has samples at {times[0]:g} to {times[-1]:g}, the stage plays {first:g} to {last:g}"
@@ -104,11 +104,11 @@ def _samples(attribute: Usd.Attribute) -> Iterator[tuple[float | None, object]]:
         yield None, attribute.Get()
 
 
-def _at(time: float | None) -> str:
+def _time_phrase(time: float | None) -> str:
     return "" if time is None else f" at {time:g}"
 
 
-def _finite(value: object) -> bool:
+def _is_finite(value: object) -> bool:
     if isinstance(value, str) or value is None:
         return True
     try:
@@ -160,11 +160,12 @@ def _stretch_faults(
     for time, sample in _samples(animation.GetTranslationsAttr()):
         if sample is None or len(sample) != len(moved):  # type: ignore[arg-type]
             continue
-        found = np.linalg.norm(np.array(sample).reshape(-1, 3)[bones], axis=1)
-        wrong = np.flatnonzero(np.abs(found - expected) > _STRETCH_TOLERANCE * np.maximum(expected, 1e-3))
+        distance = np.linalg.norm(np.array(sample).reshape(-1, 3)[bones], axis=1)
+        wrong = np.flatnonzero(np.abs(distance - expected) > _STRETCH_TOLERANCE * np.maximum(expected, 1e-3))
         if len(wrong):
-            joint, actual = moved[bones[wrong[0]]], found[wrong[0]]
-            yield f"{joint} is {actual:.4g} from its parent{_at(time)}, and {length[joint]:.4g} in the rest pose"
+            joint, actual = moved[bones[wrong[0]]], distance[wrong[0]]
+            when = _time_phrase(time)
+            yield f"{joint} is {actual:.4g} from its parent{when}, and {length[joint]:.4g} in the rest pose"
             return
 
 
@@ -187,7 +188,7 @@ def _animation_faults(animation: UsdSkel.Animation) -> Iterator[str]:
                     fault = "a quaternion is on the other side than before, so it is interpolated the long way"
                 before = quaternions
             if fault:
-                yield f"{name}{_at(time)}: {fault}"
+                yield f"{name}{_time_phrase(time)}: {fault}"
 
 
 def _sample_fault(name: str, sample: object, joints: int) -> str | None:

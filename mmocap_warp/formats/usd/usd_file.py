@@ -204,12 +204,12 @@ def check_references(layer: Sdf.Layer, path: Path) -> None:
     Raises:
         InputError: a file elsewhere, or one that is named by an expression, unless ``ALLOWED`` says yes.
     """
-    names = _anchored(layer, path)
+    names = _absolute_names(layer, path)
     if names and os.environ.get(ALLOWED, "0") in ("", "0"):
-        _check(names, path, path.resolve().parent, {path.resolve()})
+        _check_names(names, path, path.resolve().parent, {path.resolve()})
 
 
-def _check(names: list[str], source: Path, folder: Path, seen: set[Path]) -> None:
+def _check_names(names: list[str], source: Path, folder: Path, seen: set[Path]) -> None:
     for name in names:
         target = Path(os.path.realpath(name.split("[", 1)[0]))  # of a package's member, the package
         if "`" in name or not target.is_relative_to(folder):
@@ -221,10 +221,10 @@ def _check(names: list[str], source: Path, folder: Path, seen: set[Path]) -> Non
         is_layer = Sdf.FileFormat.FindByExtension(target.suffix)  # and not, say, a picture
         layer = Sdf.Layer.OpenAsAnonymous(str(target)) if is_layer else None
         if layer:
-            _check(_anchored(layer, target), target, folder, seen)
+            _check_names(_absolute_names(layer, target), target, folder, seen)
 
 
-def _anchored(layer: Sdf.Layer, path: Path) -> list[str]:
+def _absolute_names(layer: Sdf.Layer, path: Path) -> list[str]:
     """The names of all other files in a layer, which are made absolute there."""
     names: list[str] = []
 
@@ -246,7 +246,7 @@ def _anchored(layer: Sdf.Layer, path: Path) -> list[str]:
 
 def author_value(prim: Usd.Prim, name: str, value: Any, time: float | None = None) -> None:
     """Set an attribute whose type follows from the value: text, truth, number, list of texts, or array (flattened)."""
-    kind, usd_value = _typed(value)
+    kind, usd_value = _usd_value(value)
     variability = Sdf.VariabilityUniform if time is None else Sdf.VariabilityVarying
     code = Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
     prim.CreateAttribute(name, kind, True, variability).Set(usd_value, code)
@@ -257,7 +257,7 @@ def gf_matrix(transform: np.ndarray) -> Gf.Matrix4d:
     return Gf.Matrix4d(np.asarray(transform, np.float64).T)
 
 
-def _typed(value: Any) -> tuple[Sdf.ValueTypeName, Any]:
+def _usd_value(value: Any) -> tuple[Sdf.ValueTypeName, Any]:
     types = Sdf.ValueTypeNames
     for kind, usd_type in ((str, types.String), (bool, types.Bool), (int, types.Int64), (float, types.Double)):
         if isinstance(value, kind):

@@ -207,7 +207,12 @@ def export_animation(result: Result, path: str | Path) -> None:
         result: the result.
         path: a ``.usd``, ``.usda``, ``.usdc`` or ``.usdz`` file; it appears whole or not at all.
     """
-    write_animation(_animation_stage(result), path)
+    stage = new_world(result.cameras.up)
+    root = define_body(stage, f"/World/{result.subject.body.name}", result.subject.body)
+    define_cameras(stage, "/World/Cameras", result.cameras)
+    _keep_what_is_seen(stage, root)
+    animate(stage, root, result.subject, result.pose[result.best_run], result.frame_numbers, result.fps)
+    write_animation(stage, path)
 
 
 def write_animation(stage: Usd.Stage, path: str | Path) -> None:
@@ -228,15 +233,6 @@ def new_world(up: str) -> Usd.Stage:
     stage.SetDefaultPrim(world.GetPrim())
     Usd.ModelAPI(world).SetKind(Kind.Tokens.assembly)
     set_world_up(stage, world, up)
-    return stage
-
-
-def _animation_stage(result: Result) -> Usd.Stage:
-    stage = new_world(result.cameras.up)
-    root = define_body(stage, f"/World/{result.subject.body.name}", result.subject.body)
-    define_cameras(stage, "/World/Cameras", result.cameras)
-    _keep_what_is_seen(stage, root)
-    animate(stage, root, result.subject, result.pose[result.best_run], result.frame_numbers, result.fps)
     return stage
 
 

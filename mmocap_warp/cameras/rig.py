@@ -66,7 +66,7 @@ class CameraRig:
     def pinhole(self, k: int) -> tuple[np.ndarray, np.ndarray]:
         """Intrinsics and (width, height) [px] of what camera ``k``'s images are undistorted to, at full size.
 
-        They are the camera's own, but for a fisheye: see :func:`mmocap_warp.cameras.fisheye.pinhole_of`.
+        They are the camera's own, except for a fisheye: see :func:`mmocap_warp.cameras.fisheye.pinhole_of`.
         """
         if self.names[k] in self.fisheye:
             return pinhole_of(self.K[k], self.size[k], self.distortion[k])

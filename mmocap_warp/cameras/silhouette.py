@@ -23,7 +23,7 @@ def silhouettes(rig: CameraRig, vertices: np.ndarray, faces: np.ndarray) -> list
 
 
 def intersection_over_union(one: np.ndarray, other: np.ndarray) -> float:
-    """Of two silhouettes, bool alike, of which one at least is not empty."""
+    """Of two silhouettes of one size (bool); at least one is not empty."""
     return float((one & other).sum() / (one | other).sum())
 
 

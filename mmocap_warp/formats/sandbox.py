@@ -108,7 +108,7 @@ class _Worker:
             raise InputError(*json.loads(answer)) if answer.startswith("[") else InputError(path, answer, _REMEDY)
 
     def _ask(self, request: str, seconds: float) -> str:
-        """What is wrong with the file, "" for nothing. A worker that had just ended for want of work is asked again."""
+        """What is wrong with the file, "" for nothing. A worker that was idle and has ended is started again."""
         for _ in range(2):
             process = self._process()
             if process.stdin is None or process.stdout is None:
@@ -126,7 +126,7 @@ class _Worker:
             if not ready or ended == -signal.SIGPROF:
                 return f"takes more than {seconds:.0f} s to be read"
             if ended < 0:
-                return "breaks the library that reads it"
+                return "crashes the library that reads it"
         return ""  # no worker can be had here: the file is read as it is
 
     def _process(self) -> subprocess.Popen[str]:

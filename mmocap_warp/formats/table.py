@@ -33,7 +33,7 @@ class Format:
         open_sizes: of a calibration: whether it may leave out how large the images are.
         beside: names of further files that a calibration of it is written to.
         lenses: of a calibration that may say nothing of where cameras stand: the function that reads such a file.
-        up: of an export: the vertical that the format prescribes, or that its readers take for granted; None where it
+        up: of an export: the vertical that the format prescribes, or that its readers assume; None where the file
             says which one it has.
     """
 
@@ -138,7 +138,7 @@ def read_calibration(
 
     Args:
         path: the file, or a folder where the format has one.
-        units: unit of its lengths, "m" or "mm", where the format leaves it open; None where nobody says.
+        units: unit of its lengths, "m" or "mm", where the format leaves it open; None where it is not known.
         up: the world's up axis, where the format does not say it.
         sizes: width and height [px] of cameras' images, for a format that may leave them out; under
             :data:`~mmocap_warp.formats.calibration.calibration_text.EVERY_OTHER` those of all other cameras.
@@ -151,7 +151,7 @@ def read_calibration(
 
 
 def read_lenses(path: Path, up: str, sizes: dict[str, tuple[int, int]]) -> CameraRig | None:
-    """Read a calibration that has lenses and says nothing of where the cameras stand.
+    """Read a calibration that has lenses and does not say where the cameras stand.
 
     Args:
         path: the file, or a folder where the format has one.

@@ -34,9 +34,7 @@ _KINDS = {
 def load_toml(path: str | Path) -> Table:
     """The whole file as a :class:`Table`."""
     text = read_text(path, "give a TOML text file")
-    too_deep = InputError(
-        path, f"has tables or lists within each other, over {_MAX_LEVELS} deep", "correct what nests them"
-    )
+    too_deep = InputError(path, f"is nested over {_MAX_LEVELS} levels deep", "flatten its tables and lists")
     try:
         values = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -177,7 +175,7 @@ class Table:
         return key in self._values
 
     def finish(self) -> None:
-        """Raise InputError for a key that nobody asked for, naming the nearest one that is known."""
+        """Raise InputError for a key that is not known, and name the known one that is nearest."""
         if not self._values:
             return
         key = next(iter(self._values))

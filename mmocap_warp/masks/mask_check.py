@@ -49,7 +49,7 @@ class MaskReport:
     Attributes:
         views: by camera name.
         volume: of the hull of all views, median over the compared frames [m^3]; NaN where two views never agree.
-        faults: sentences, each of which says what is wrong; none where the masks can be tracked.
+        faults: a sentence for each thing that is wrong; empty where the masks can be tracked.
     """
 
     views: dict[str, ViewReport]

@@ -72,7 +72,7 @@ class Labels:
 
 
 def identities_of(images: Iterable[np.ndarray | Labels]) -> set[int]:
-    """All identities in some images: labels, or the levels of gray ones, of which no more than 16 are told."""
+    """All identities in some images: labels, or at most 16 levels of each gray image."""
     identities: set[int] = set()
     for image in images:
         labels = image if isinstance(image, Labels) else Labels(image if image.ndim == 2 else image[..., 0])

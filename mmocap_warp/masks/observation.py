@@ -60,7 +60,7 @@ class Observation:
         return cls(pack_masks(masks), np.array([int(mask.sum()) for mask in masks], np.int64), late)
 
 
-_IN_MEMORY = 2**26  # bytes; what is more goes to a temporary file
+_IN_MEMORY = 2**26  # bytes; larger amounts go to a temporary file
 _LEVEL = 1  # a mask of 640 x 480 takes 1 to 2 KB, in 0.1 ms; higher levels bring little
 
 
@@ -87,7 +87,7 @@ class KeptObservations:
             return
         try:
             length = self._file.write(zlib.compress(observation.words.tobytes(), _LEVEL))
-            self._file.flush()  # or it is told only when it is too late to read the masks again
+            self._file.flush()  # else a full disk is noticed too late to read the masks again
         except OSError:  # no room
             self._frames.clear()
             self._full = True

@@ -20,14 +20,14 @@ _MAD_TO_SD = 1.4826  # of a normal distribution
 
 
 class Background(Protocol):
-    """A background that has been learnt. Judging an image changes nothing, but for the last samples that KNN takes."""
+    """A background that has been learnt. Judging an image changes nothing, except that KNN takes samples of it."""
 
     def foreground(self, image: np.ndarray) -> np.ndarray:
-        """(height, width) bool: what of a BGR image is not background."""
+        """(height, width) bool: the pixels of a BGR image that are not background."""
 
 
 def learn_background(images: Iterable[np.ndarray], count: int, settings: ForegroundSettings) -> Background:
-    """Learn from ``count`` BGR images of one camera (1 is enough), of which an even selection is used."""
+    """Learn from an even selection of the ``count`` BGR images of one camera; 1 is enough."""
     if settings.model == "gaussian":
         return GaussianBackground.learn(_spread(images, count, _GAUSSIAN_SAMPLES), settings)
     return MixtureBackground.learn(_spread(images, count, _MIXTURE_SAMPLES), settings)
@@ -117,7 +117,7 @@ _MARGIN = 2.0  # in units of _DISTANCE, around the body: the background's colour
 
 
 def mask_around_body(image: np.ndarray, body: np.ndarray, pixels_per_metre: float) -> np.ndarray:
-    """What of an image is the subject whose body is seen at ``body``, where no background can be subtracted.
+    """The subject's pixels in an image without a background to subtract, near the tracked body's silhouette.
 
     GrabCut (Rother, Kolmogorov and Blake 2004) learns the colours of what is surely the subject and surely not, and
     draws the contour between them where the image has an edge.

@@ -1,4 +1,4 @@
-"""The visual hull: what of space all silhouettes agree on (Laurentini 1994), as voxels."""
+"""The visual hull, the space that all silhouettes agree on (Laurentini 1994), and repair of masks by it."""
 
 from __future__ import annotations
 

@@ -96,7 +96,7 @@ def read_cameras(
 def _uncalibrated(
     sources: tuple[CameraSource, ...], up: str, table: Table
 ) -> tuple[tuple[CameraSource, ...], CameraRig]:
-    """Cameras of which nothing is known but their images, and pinholes for them."""
+    """Cameras that have images only, and pinholes of these images' sizes."""
     sizes = [_recorded_size(source) for source in sources]
     for source, size in zip(sources, sizes, strict=True):
         if size is None:

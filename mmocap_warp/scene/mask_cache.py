@@ -62,7 +62,7 @@ def stored_masks(path: Path, key: str, first: int, count: int) -> Iterator[np.nd
 def store_masks(path: Path, key: str, count: int, masks: Iterator[np.ndarray | None]) -> Iterator[np.ndarray | None]:
     """Pass ``masks`` on, all ``count`` frames of a camera, and store them at ``path`` once the last one is there.
 
-    A folder or disk that takes no more ends that silently: tracking can do without it.
+    If the folder or disk is full, nothing is stored and nothing is said: tracking works without it.
     """
     unfinished = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
     archive: tarfile.TarFile | None = None

@@ -1,4 +1,4 @@
-"""What masks that were undistorted once are of, written beside them, so that nobody undistorts them twice."""
+"""A file beside undistorted masks that says what they were made from, so that they are not undistorted twice."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def read_mark(masks: Path) -> MaskMark | None:
     mark = MaskMark(**values)
     table.finish()
     if mark.stride < 1 or mark.first_frame < 0:
-        raise table.error("its frames are none", "make the masks again with mmocap mask")
+        raise table.error("stride is below 1 or first_frame below 0", "make the masks again with mmocap mask")
     if not 0 < mark.scale <= 1:
         raise table.error(f"scale = {mark.scale:g} is not in (0, 1]", "make the masks again with mmocap mask")
     return mark

@@ -174,7 +174,7 @@ def _frames_value(frames: range) -> str:
 
 
 def _placement_lines(source: CameraSource, fps: float) -> list[str]:
-    """How a camera's images lie in time and on its calibrated image, where that is not as they come."""
+    """The keys that place a camera's images in time and space, where they differ from the defaults."""
     lines = []
     if source.fraction:
         lines.append(f"offset = {(source.frame_offset + source.fraction) / (fps * source.rate)!r}")

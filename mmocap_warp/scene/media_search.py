@@ -1,4 +1,4 @@
-"""Which videos and folders of images a folder holds, and of which camera each is."""
+"""Search of a folder for videos and folders of images, and for the camera that each belongs to."""
 
 from __future__ import annotations
 

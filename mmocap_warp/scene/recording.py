@@ -193,7 +193,7 @@ class Scene:
     def as_recorded(self) -> Scene:
         """Every camera's own frames by their own numbers: without offsets, rates and what views know of each other.
 
-        A recording of which all frames are meant goes on to the end of the camera that has most.
+        If the scene means all frames, the recording goes on to the end of the longest camera.
         """
         cameras = tuple(replace(source, frame_offset=0, fraction=0.0, rate=1.0) for source in self.cameras)
         end, longest = self.frames[-1] + 1, max(recorded_frames(each, self.foreground.source) for each in cameras)

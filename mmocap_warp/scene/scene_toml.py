@@ -222,7 +222,7 @@ def _check_masks(masks: Masks, identity: int) -> None:
         return (decode_mask(image, identity, masks.soft) for image in images)
 
     if identity and masks.soft:
-        raise InputError(masks.path, "a video of masks tells no identities", "give it as images, or set identity = 0")
+        raise InputError(masks.path, "a video of masks holds no identities", "give it as images, or set identity = 0")
     fractions = [mask.mean() for mask in decoded(masks.sample(_SAMPLES))]
     if not any(fractions) and not any(mask.any() for mask in decoded(masks.read())):
         raise InputError(masks.path, *_why_empty(masks, identity))

@@ -20,7 +20,7 @@ def readings(path) -> list[bool]:
 
 @pytest.mark.parametrize(
     ("text", "problem"),
-    [("crash", "breaks the library"), ("loop", "takes more than 1 s"), ("swell", r"takes more than 1\.0 GiB")],
+    [("crash", "crashes the library"), ("loop", "takes more than 1 s"), ("swell", r"takes more than 1\.0 GiB")],
 )
 def test_a_file_that_ends_its_reader_is_refused(tmp_path, monkeypatch, text, problem):
     monkeypatch.setattr(sandbox, "_SECONDS", 1.0)
@@ -42,7 +42,7 @@ def test_a_process_that_has_ended_leaves_no_pipe_open(tmp_path, monkeypatch):
             sandbox._worker._running.kill()
             sandbox._worker._running.wait()
         (tmp_path / "c").write_text("crash")
-        with pytest.raises(InputError, match="breaks the library"):
+        with pytest.raises(InputError, match="crashes the library"):
             native_readers.read(tmp_path / "c")
         gc.collect()
     assert [str(warning.message) for warning in told if warning.category is ResourceWarning] == []

@@ -36,11 +36,11 @@ def stated_metres(units: str | None, source: object) -> float:
     """Metres per unit of length of a file whose format has no unit of its own.
 
     Raises:
-        InputError: nobody has said which it is.
+        InputError: the unit is not known.
     """
     if units is None:
         remedy = 'say which: units = "m" or "mm" under [cameras] of the scene, or --units'
-        raise InputError(source, "has lengths in a unit that the format does not tell", remedy)
+        raise InputError(source, "does not state the unit of its lengths", remedy)
     return METRES[units]
 
 
@@ -54,7 +54,7 @@ def image_size_of(
     """Width and height [px] of a camera's images, from elsewhere than its file.
 
     Raises:
-        InputError: nobody has said; ``problem`` says what the file lacks.
+        InputError: the size is not known; ``problem`` says what the file lacks.
     """
     stated = sizes or {}
     if name not in stated and EVERY_OTHER not in stated:

@@ -41,7 +41,7 @@ def read_colmap(
     name without ending.
 
     Raises:
-        InputError: unreadable, a lens model that is not known, a unit that nobody has said, several images of a camera,
+        InputError: unreadable, a lens model that is not known, a unit that is not known, several images of a camera,
             or not a calibration (see ``check_rig``).
     """
     folder = Path(path) if Path(path).is_dir() else Path(path).parent

@@ -29,7 +29,7 @@ def read_multical(
     """Read a calibration. ``sizes`` is not needed.
 
     Raises:
-        InputError: unreadable, values missing, a lens model that is not known, a unit that nobody has said, a camera
+        InputError: unreadable, values missing, a lens model that is not known, a unit that is not known, a camera
             without a pose, or not a calibration (see ``check_rig``).
     """
     file = _load(path)

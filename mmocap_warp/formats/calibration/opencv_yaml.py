@@ -1,7 +1,7 @@
 """Calibrations in OpenCV's YAML as EasyMocap writes them: ``intri.yml`` beside ``extri.yml``.
 
-They are read with PyYAML, as text only, and not with OpenCV: of a damaged file OpenCV's own reader takes the size of a
-matrix at its word, allocates that much, and does not always come back.
+They are read with PyYAML, as text only, and not with OpenCV: its reader trusts the size of a matrix that a damaged file
+states, allocates that much, and may never return.
 """
 
 from __future__ import annotations
@@ -40,8 +40,7 @@ def read_opencv_yaml(
 
     ``names`` lists the cameras; of each, ``K_<name>``, ``dist_<name>`` (4 or 5) and optionally ``H_<name>``,
     ``W_<name>`` come from ``intri.yml``; ``Rot_<name>`` (3x3) or else ``R_<name>`` (Rodrigues) and ``T_<name>`` from
-    ``extri.yml``. ``units`` are metres where nobody says. ``sizes`` holds (width, height) of cameras for which the file
-    gives none.
+    ``extri.yml``. ``units`` are metres if they are not given. ``sizes`` holds (width, height) of cameras without them.
     """
     folder = Path(path) if os.path.isdir(path) else Path(path).parent
     intrinsics, extrinsics = _File(folder / "intri.yml"), _File(folder / "extri.yml")
@@ -88,7 +87,7 @@ class _File:
         try:
             entries = yaml.load(text, _Text) if header.startswith("%YAML") else None
         except RecursionError:
-            raise InputError(path, "has values within each other, too deep", "write the calibration again") from None
+            raise InputError(path, "is nested too deeply", "write the calibration again") from None
         except yaml.YAMLError as error:
             raise InputError(path, f"is not valid YAML: {' '.join(str(error).split())}", "correct that line") from None
         if not isinstance(entries, dict):

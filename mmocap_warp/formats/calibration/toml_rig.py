@@ -20,13 +20,13 @@ _UNREAD = ("cam_id", "port", "rotation_count", "error", "exposure", "grid_count"
 def read_toml_rig(
     path: str | Path, units: str | None = None, up: str = "+z", sizes: dict[str, tuple[int, int]] | None = None
 ) -> CameraRig:
-    """Read a calibration; ``units`` are those of its translations (Pose2Sim writes "m", which is taken where nobody
-    says; aniposelib has its board's, often "mm"; Caliscope's are metres). ``sizes`` is not needed.
+    """Read a calibration; ``units`` are those of its translations: Pose2Sim writes "m", which is the default;
+    aniposelib writes its board's, often "mm"; Caliscope's are metres. ``sizes`` is not needed.
 
     Each table holds ``name`` (else the table's own), ``size``, ``matrix``, ``distortions`` (4 or 5), ``rotation``
     (Rodrigues, world to camera), ``translation`` and optionally ``fisheye``, with which the 4 ``distortions`` are those
-    of OpenCV's fisheye model; ``[metadata]`` is not read. Of Caliscope's cameras, those are left out that it does not
-    know the place of or was told to ignore; the others are named ``cam_<number>``, as in its file for other programs.
+    of OpenCV's fisheye model; ``[metadata]`` is not read. Caliscope's cameras are named ``cam_<number>``, as in its
+    file for other programs; those without a place, and those that it was told to ignore, are left out.
     """
     file, tables = _camera_tables(path)
     file.finish()
@@ -38,7 +38,7 @@ def read_toml_rig(
 
 
 def read_toml_lenses(path: str | Path, up: str, sizes: dict[str, tuple[int, int]]) -> CameraRig | None:
-    """Read a file as :func:`read_toml_rig` does, of which no camera has a rotation or a translation.
+    """Read a file of :func:`read_toml_rig`'s kinds in which no camera has a rotation or a translation.
 
     Returns:
         Cameras at the origin; None where one has.

@@ -31,7 +31,7 @@ class Rig:
     Attributes:
         names: its name of each of the body's joints.
         bones: the joint at which a bone begins, the joint at which it ends, and where it points in the rest pose, in
-            body axes; from the root outwards. What hangs on a bone turns with it, but for ``upright``.
+            body axes; from the root outwards. What hangs on a bone turns with it, except ``upright``.
         upright: joints that stay as they are in the body's bind pose.
     """
 

@@ -1,7 +1,7 @@
 """Biovision's ``.bvh``: a skeleton in centimetres, Y up, and its joints' angles; no skin.
 
 The format knows neither units nor axes. Centimetres and Y up are what MotionBuilder, Maya, iClone and Unreal's
-importers take for granted; Blender is told ``scale 0.01``. A joint's axes are the world's in the rest pose, which is
+importers assume; Blender needs ``scale 0.01``. A joint's axes are the world's in the rest pose, which is
 the body's bind pose: joints keep their places, and their own frames are not in the file.
 """
 

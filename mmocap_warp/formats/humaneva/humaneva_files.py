@@ -74,7 +74,7 @@ def read_cal_folder(
     which the files do not say.
 
     Raises:
-        InputError: see :func:`read_cal`; a size that nobody has said; or not a calibration (see ``check_rig``).
+        InputError: see :func:`read_cal`; a size that is not known; or not a calibration (see ``check_rig``).
     """
     folder = Path(path) if Path(path).is_dir() else Path(path).parent
     files = sorted(file for file in folder.glob("*") if file.name.lower().endswith(".cal"))

@@ -28,7 +28,7 @@ _LOWER_BODY = ("ASI", "PSI", "THI", "KNE", "TIB", "ANK", "HEE", "TOE")
 MARKERS: tuple[str, ...] = (*_MIDDLE, *(side + name for side in "LR" for name in _UPPER_BODY + _LOWER_BODY))
 """The 39 markers that HumanEva asks for: a frame that lacks one of them is not valid."""
 
-_OTHER_NAMES = {"LFRM": "LFRA", "RFRM": "RFRA"}  # the forearm's marker goes by either
+_OTHER_NAMES = {"LFRM": "LFRA", "RFRM": "RFRA"}  # the forearm's marker has two names
 
 
 class MissingPointError(ValueError):

@@ -73,11 +73,11 @@ class _Words:
     def take(self, *expected: str) -> str:
         """The next word; one of ``expected``, in any case of letters, where some are given."""
         if self._next >= len(self._words):
-            raise InputError(self.path, f"ends where {' or '.join(expected) or 'more'} is due", _REMEDY)
+            raise InputError(self.path, f"ends before {' or '.join(expected) or 'its frames are complete'}", _REMEDY)
         word = self._words[self._next][0]
         self._next += 1
         if expected and word.lower() not in (e.lower() for e in expected):
-            raise self._error(f"'{word}' where {' or '.join(expected)} is due")
+            raise self._error(f"expected {' or '.join(expected)}, found '{word}'")
         return word
 
     def _error(self, problem: str) -> InputError:
@@ -96,7 +96,7 @@ class _Words:
         """The next word as a whole number from 0 to ``most``; ``what`` it counts is named in errors."""
         number = self.number()
         if not (0 <= number <= most and number == int(number)):
-            raise self._error(f"{number:g} is no number of {what}")
+            raise self._error(f"{number:g} is not a valid number of {what}")
         return int(number)
 
     def rest(self) -> list[str]:

@@ -110,7 +110,7 @@ class _Document:
 
 def _index(number: int) -> int:
     if type(number) is not int or number < 0:
-        raise ValueError(f"{number!r} is no number of a list")
+        raise ValueError(f"{number!r} is not an index")
     return number
 
 
@@ -232,7 +232,7 @@ def _file_inside(folder: Path, name: str, source: object) -> Path:
         file = (root / unquote(name)).resolve()
         exists = file.is_file()
     except (OSError, ValueError):  # such as a name with a zero byte
-        raise InputError(source, f"names a file {name!r}, which cannot be", "correct that name") from None
+        raise InputError(source, f"names a file {name!r}, which is not a valid name", "correct that name") from None
     if not file.is_relative_to(root):
         raise InputError(source, f"names '{name}', which is not in {folder}", "copy it there, and say so")
     if not exists:

@@ -81,7 +81,7 @@ def parents_first(parent: list[int]) -> list[int]:
     """An order of joints in which each comes after the one that it hangs on, else as they were.
 
     Raises:
-        ValueError: joints hang on each other in a circle.
+        ValueError: joints form a loop.
     """
     order: list[int] = []
     placed = [False] * len(parent)
@@ -89,7 +89,7 @@ def parents_first(parent: list[int]) -> list[int]:
         chain = []
         while joint >= 0 and not placed[joint]:
             if joint in chain:
-                raise ValueError("joints hang on each other in a circle")
+                raise ValueError("joints form a loop")
             chain.append(joint)
             joint = parent[joint]
         for each in reversed(chain):

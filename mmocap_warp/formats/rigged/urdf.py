@@ -81,12 +81,12 @@ def _read_robot(root: Element, path: Path, folder: Path) -> RiggedMesh:
                 raise ValueError(f"joint {joint.name} names a link {link!r} that does not exist")
     bases = [link for link in links if link not in joints]
     if len(bases) != 1:
-        raise ValueError(f"it has {len(bases)} links that hang on none")
+        raise ValueError(f"it has {len(bases)} root links, not one")
     order = [bases[0]]
     for link in order:  # grows while it is walked
         order += [joint.child for joint in joints.values() if joint.parent == link]
     if len(order) != len(links):
-        raise ValueError("links hang on each other in a circle")
+        raise ValueError("its links form a loop")
 
     names, parent, axes = [bases[0]], [-1], {}
     of_link, world = {bases[0]: 0}, {bases[0]: np.eye(4)}

@@ -127,7 +127,7 @@ def read_usd_cameras(
     the images of cameras that are not this program's own.
 
     Raises:
-        InputError: not USD, no cameras, cameras that move, an image size that nobody has said or that has not the
+        InputError: not USD, no cameras, cameras that move, an image size that is not known or that has not the
             film's shape, or not a calibration (see ``check_rig``).
     """
     own, others, stage_up = _read(path)
@@ -165,11 +165,15 @@ def _camera(camera: UsdGeom.Camera, metres: float, path: str | Path) -> Camera:
     if camera.GetProjectionAttr().Get() != UsdGeom.Tokens.perspective or not (
         known and min(focal, across, down) > 1 / _MAX_NUMBER
     ):
-        raise InputError(path, f"{prim.GetPath()} is no pinhole", "give it perspective, a film and a focal length")
+        raise InputError(
+            path,
+            f"{prim.GetPath()} is not a perspective camera with a film and a focal length",
+            "give it perspective, a film and a focal length",
+        )
     K = np.array([[focal / across, 0, 0.5 - right / across], [0, focal / down, 0.5 + upward / down], [0, 0, 1]])
     world = np.array(UsdGeom.Xformable(camera).ComputeLocalToWorldTransform(Usd.TimeCode.EarliestTime())).T
     if not np.abs(world).max() < _MAX_NUMBER or not metres < _MAX_NUMBER:
-        raise InputError(path, f"{prim.GetPath()} stands beyond all bounds", _EXPORT_REMEDY)
+        raise InputError(path, f"{prim.GetPath()} stands implausibly far away", _EXPORT_REMEDY)
     axes = world[:3, :3] / np.maximum(np.linalg.norm(world[:3, :3], axis=0), 1e-12)
     R = _FROM_USD @ axes.T
     return Camera(prim.GetName(), K, R, -R @ world[:3, 3] * metres, (1, 1), np.zeros(5))

@@ -178,7 +178,7 @@ def _animation_faults(animation: UsdSkel.Animation) -> Iterator[str]:
             yield f"has no {name}, so it shows the rest pose"
             continue
         if attribute.GetTimeSamples() not in ([], times):
-            yield f"{name} has not the times of rotations"
+            yield f"{name} has other time samples than rotations"
         before = None
         for time, sample in _samples(attribute):
             fault = _sample_fault(name, sample, joints)

@@ -162,7 +162,7 @@ class PrimReader:
         return value
 
     def samples(self, name: str, times: Sequence[float]) -> list[Any]:
-        """An attribute's values at time codes, each of which must have been authored: nothing is interpolated."""
+        """An attribute's values at time codes. Each must have been authored: nothing is interpolated."""
         attribute = self.prim.GetAttribute(name)
         authored = set(attribute.GetTimeSamples()) if attribute else set()
         absent = [time for time in times if time not in authored]
@@ -197,9 +197,9 @@ ALLOWED = "MMOCAP_ALLOW_REFERENCES"
 def check_references(layer: Sdf.Layer, path: Path) -> None:
     """See that a layer, and the layers that it names, refer to files of its own folder only.
 
-    Composing a stage opens sublayers, references, payloads, clips and assets wherever they lie, so that a file from a
-    stranger could have others read that nobody named. So names are looked at before a stage is composed. ``layer`` was
-    read from ``path`` as an anonymous one; what it names relative to its file is made absolute.
+    Composing a stage opens sublayers, references, payloads, clips and assets wherever they lie: a file from a stranger
+    could read any other file. Therefore names are checked before a stage is composed. ``layer`` was read from ``path``
+    as an anonymous one; what it names relative to its file is made absolute.
 
     Raises:
         InputError: a file elsewhere, or one that is named by an expression, unless ``ALLOWED`` says yes.

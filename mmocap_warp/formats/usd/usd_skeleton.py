@@ -5,7 +5,7 @@ On the ``Skeleton`` prim: ``mmocap:limitsLower`` and ``mmocap:limitsUpper`` [rad
 model's coordinates; ``mmocap:parts``, names of the hierarchy's steps, and ``mmocap:part``, the step of each joint;
 ``mmocap:pairs``, names of left-right pairs, and ``mmocap:pairJoints``, the left and the right joint of each. Where
 there are any, ``mmocap:sliding``, joints whose coordinates and limits are lengths [m], and ``mmocap:attached``, joints
-of things that are no part of the body. ``mmocap:stands`` is false, and else not there, of a body that lies anyhow.
+of things that are no part of the body. A body that does not stand upright has ``mmocap:stands = false``.
 """
 
 from __future__ import annotations

@@ -228,7 +228,7 @@ WRONG = {
     "no JSON": ("m.json", lambda text: text[:-9], r"is not valid JSON: "),
     "other JSON": ("m.json", lambda text: "[1]", r"the file is not a JSON object"),
     "other object": ("m.json", lambda text: "{}", r"has no 'cameras' and 'camera_poses', by which MultiCal's"),
-    "no unit of MultiCal": ("m.json", replaced("", ""), r"has lengths in a unit that the format does not tell"),
+    "no unit of MultiCal": ("m.json", replaced("", ""), r"does not state the unit of its lengths"),
     "camera without a pose": (
         "m.json",
         changed_json(lambda values: values["camera_poses"].pop("cam02_to_cam01")),

@@ -21,14 +21,8 @@ if TYPE_CHECKING:
 
 _MAX_LEVELS = 32  # of tables and lists; the project's own files have four
 
-_KINDS = {
-    str: "a string",
-    bool: "true or false",
-    int: "a whole number",
-    float: "a number",
-    list: "a list",
-    dict: "a table",
-}
+_KINDS = {str: "a string", bool: "true or false", int: "a whole number", float: "a number"}
+_KINDS |= {list: "a list", dict: "a table"}
 
 
 def load_toml(path: str | Path) -> Table:

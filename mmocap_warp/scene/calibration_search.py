@@ -191,6 +191,5 @@ def _refuse(file: Path, place: Path) -> None:
         program, remedy = by_ending[file.suffix.lower()]
         raise InputError(file, f"is a calibration of {program}, which cannot be read yet", remedy)
     if name == "intri.yml":
-        raise InputError(
-            file, "has no extri.yml beside it", f"calibrate where they stand, too, with EasyMocap, {_SOLVE}"
-        )
+        problem = "has no extri.yml beside it"
+        raise InputError(file, problem, f"calibrate where they stand, too, with EasyMocap, {_SOLVE}")

@@ -90,9 +90,8 @@ def draft_scene(folder: Path) -> Draft:
     draft = Draft(project=project_kind(folder))
     files = find_media(folder)
     if not any(medium.kind in ("recording", "masks") for medium in files):
-        raise InputError(
-            folder, "holds no video and no folder of images", "put a video or a folder of images of each camera there"
-        )
+        remedy = "put a video or a folder of images of each camera there"
+        raise InputError(folder, "holds no video and no folder of images", remedy)
     found = find_calibration(folder)
     rig, units = read_with_unit(found, _sizes(files, found)) if found else (None, "m")
     names = rig.names if rig else names_without_calibration(files)

@@ -210,9 +210,8 @@ def _check_undistorted(masks: Masks, mark: MaskMark, source: CameraSource, rig: 
     width, height = rig.undistorted(mark.scale).size[k]
     if masks.size != (width, height):
         actual = "{}x{}".format(*masks.size)
-        raise InputError(
-            masks.path, f"the masks are {actual}, their {MARK_NAME} says {width}x{height}", "make them again"
-        )
+        remedy = "make them again"
+        raise InputError(masks.path, f"the masks are {actual}, their {MARK_NAME} says {width}x{height}", remedy)
 
 
 def _check_masks(masks: Masks, identity: int) -> None:
@@ -227,9 +226,8 @@ def _check_masks(masks: Masks, identity: int) -> None:
     if not any(fractions) and not any(mask.any() for mask in decoded(masks.read())):
         raise InputError(masks.path, *_why_empty(masks, identity))
     if np.median(fractions) > _MAX_FOREGROUND:
-        raise InputError(
-            masks.path, f"masks are {100 * np.median(fractions):.0f} % foreground", "invert them: the subject is white"
-        )
+        remedy = "invert them: the subject is white"
+        raise InputError(masks.path, f"masks are {100 * np.median(fractions):.0f} % foreground", remedy)
 
 
 def _why_empty(masks: Masks, identity: int) -> tuple[str, str]:

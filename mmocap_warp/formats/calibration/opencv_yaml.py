@@ -20,15 +20,7 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.calibration_text import METRES, image_size_of, read_short_text
 from mmocap_warp.whole_file import write_whole
 
-_DTYPES = {
-    "d": np.float64,
-    "f": np.float32,
-    "i": np.int32,
-    "s": np.int16,
-    "w": np.uint16,
-    "c": np.int8,
-    "u": np.uint8,
-}
+_DTYPES = {"d": np.float64, "f": np.float32, "i": np.int32, "s": np.int16, "w": np.uint16, "c": np.int8, "u": np.uint8}
 _HEADER = "%YAML:1.0\n---\n"
 _NOT_FINITE = {".nan": np.nan, ".inf": np.inf, "-.inf": -np.inf}
 

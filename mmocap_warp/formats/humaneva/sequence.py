@@ -139,9 +139,8 @@ def read_sequence(
     published = SEQUENCES[subject, action]
     last = published.last if last is None else last
     if not 1 <= first <= last:
-        raise InputError(
-            f"{subject} {action}", f"frames {first} to {last} are not a range", "count from 1, first to last"
-        )
+        remedy = "count from 1, first to last"
+        raise InputError(f"{subject} {action}", f"frames {first} to {last} are not a range", remedy)
     root = Path(root)
     trial = f"{action}_{_TRIAL}"
     data = _find_entry(root, subject, f"name the folder that holds {subject} and Background")

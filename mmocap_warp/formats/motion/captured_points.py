@@ -50,9 +50,8 @@ def read_trc(path: str | Path, axes: str = "xyz") -> PointTracks:
         rate, metres = float(fields["DataRate"]), _METRES[fields["Units"].strip()]
         expected = int(fields["NumMarkers"])
     except (KeyError, ValueError):
-        raise InputError(
-            path, "header lacks a DataRate, NumMarkers or Units in m, cm or mm", "give an OpenSim .trc file"
-        ) from None
+        remedy = "give an OpenSim .trc file"
+        raise InputError(path, "header lacks a DataRate, NumMarkers or Units in m, cm or mm", remedy) from None
     if expected != len(names):
         raise InputError(path, f"line 4 names {len(names)} markers, the header says {expected}", "export it again")
     rows = [_row(line, number, len(names), path) for number, line in enumerate(lines[5:], 6) if line.strip()]
@@ -79,9 +78,8 @@ def _turn(axes: str, path: str | Path) -> np.ndarray:
     for row, letter in zip(turn, letters, strict=False):
         row["xyz".index(letter[-1])] = -1.0 if letter[0] == "-" else 1.0
     if "".join(letters) != axes or len(letters) != 3 or round(float(np.linalg.det(turn))) != 1:
-        raise InputError(
-            path, f"axes = {axes!r} is not a right-handed order of x, y, z", "write for example 'zxy' or 'x-zy'"
-        )
+        remedy = "write for example 'zxy' or 'x-zy'"
+        raise InputError(path, f"axes = {axes!r} is not a right-handed order of x, y, z", remedy)
     return turn
 
 

@@ -165,11 +165,8 @@ def _camera(camera: UsdGeom.Camera, metres: float, path: str | Path) -> Camera:
     if camera.GetProjectionAttr().Get() != UsdGeom.Tokens.perspective or not (
         known and min(focal, across, down) > 1 / _MAX_NUMBER
     ):
-        raise InputError(
-            path,
-            f"{prim.GetPath()} is not a perspective camera with a film and a focal length",
-            "give it perspective, a film and a focal length",
-        )
+        remedy = "give it perspective, a film and a focal length"
+        raise InputError(path, f"{prim.GetPath()} is not a perspective camera with a film and a focal length", remedy)
     K = np.array([[focal / across, 0, 0.5 - right / across], [0, focal / down, 0.5 + upward / down], [0, 0, 1]])
     world = np.array(UsdGeom.Xformable(camera).ComputeLocalToWorldTransform(Usd.TimeCode.EarliestTime())).T
     if not np.abs(world).max() < _MAX_NUMBER or not metres < _MAX_NUMBER:

@@ -117,12 +117,14 @@ def _write_webm(path: Path, frames: Iterable[bytes], count: int, size: tuple[int
     written, index = 0, b""
     cluster, since = b"", 0
     with path.open("wb") as file:
+        # The head, and a segment whose length and index are written at the end.
         header = _number(0x4286, 1) + _number(0x42F7, 1) + _number(0x42F2, 4) + _number(0x42F3, 8)
         file.write(_element(_EBML, header + _element(0x4282, b"webm") + _number(0x4287, 2) + _number(0x4285, 2)))
         file.write(_element(_SEGMENT, b""))  # how long it is, is written in the end
         start = file.tell()
         file.write(_seek_head(0) + _info(count, fps) + _track(size, fps))
         for frame in frames:
+            # A cluster begins at each frame that can be jumped to; the index says where.
             time = round(1000 * written / fps)
             is_key = not frame[0] & 1
             if is_key or time - since > _MAX_CLUSTER:
@@ -134,6 +136,7 @@ def _write_webm(path: Path, frames: Iterable[bytes], count: int, size: tuple[int
             cluster += _element(_SIMPLE_BLOCK, struct.pack(">BhB", 0x81, time - since, 0x80 * is_key) + frame)
             written += 1
         file.write(cluster and _element(_CLUSTER, cluster))
+        # The index, and what the head could not know.
         cues = file.tell() - start
         length = cues + file.write(_element(_CUES, index))
         file.seek(start)

@@ -67,6 +67,7 @@ def read_cameras(
     table.finish()
     if not tables:
         raise table.error("no camera is named", "add a table [cameras.<name>] for each, named as in the calibration")
+    # Each camera's images; the rates of videos must agree where the scene does not state them.
     stated = {name for name, camera in tables.items() if camera.has("fps")}
     sources = tuple(_read_source(camera, name, scene, fps) for name, camera in tables.items())
     by_file = [source for source in sources if source.name not in stated]
@@ -75,6 +76,7 @@ def read_cameras(
     _check_drift(by_file, fps, table)
     if calibration is None:
         return _uncalibrated(sources, up, table)
+    # The calibration of these cameras, in the scene's order.
     shifts = np.array([source.centre_shift for source in sources])
     sizes = {source.name: size for source in sources if (size := _recorded_size(source)) is not None}
     lenses = read_lenses(calibration, up, sizes)
@@ -88,6 +90,7 @@ def read_cameras(
             problem = f"camera '{source.name}' is not in {calibration.name}"
             raise table.error(problem, f"it has {', '.join(rig.names)}; did you mean '{near}'?")
     rig = rig.select(tuple(source.name for source in sources))
+    # Principal points that the scene corrects.
     K = rig.K.copy()
     K[:, :2, 2] += shifts
     return sources, check_rig(replace(rig, K=K), f"{scene}: centre_shift", rig.placed) if shifts.any() else rig

@@ -92,6 +92,7 @@ def draft_scene(folder: Path) -> Draft:
     if not any(medium.kind in ("recording", "masks") for medium in files):
         remedy = "put a video or a folder of images of each camera there"
         raise InputError(folder, "holds no video and no folder of images", remedy)
+    # The calibration names the cameras, and each camera's name is looked for in the media's.
     found = find_calibration(folder)
     rig, units = read_with_unit(found, _sizes(files, found)) if found else (None, "m")
     names = rig.names if rig else names_without_calibration(files)
@@ -107,6 +108,7 @@ def draft_scene(folder: Path) -> Draft:
         )
     if left_out := [name for name in names if name not in draft.cameras]:
         draft.missing.append(f"videos of {', '.join(left_out)}, which the calibration has: the scene leaves them out")
+    # The file, a block for each table.
     blocks = [
         _head(draft, folder),
         _about(draft, rig, media),

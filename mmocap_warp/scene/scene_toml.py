@@ -62,12 +62,14 @@ def load_scene(
     path = Path(path)
     path = path / "scene.toml" if os.path.isdir(path) else path
     file = load_toml(path)
+    # The file's tables; an unknown one is reported before anything else.
     about, truth, cameras = (file.take_table(key) for key in ("scene", "truth", "cameras"))
     foreground = _read_foreground(file.take_table("foreground"), identity)
     track, fit = file.take_table("track").take_rest(), file.take_table("fit").take_rest()
     attached = take_attachments(file, path.parent)
     file.finish()
 
+    # [scene]: names, times and the body.
     name = about.take("name", str, "") or path.resolve().parent.name or "scene"
     stated_fps = about.take("fps", float, None)
     if stated_fps is not None and not 0 < stated_fps < 100_000:
@@ -79,6 +81,7 @@ def load_scene(
     subject = _take_file(about, "subject", path)
     about.finish()
 
+    # [cameras]: the calibration, and each camera's images.
     named_calibration = cameras.take("calibration", str, None)
     if named_calibration is None and calibrated:
         remedy = 'name its file, calibration = "...", or let mmocap calib solve find one from a person who walks'
@@ -88,6 +91,7 @@ def load_scene(
     tables = cameras.take_tables()
     fps = fastest(tables, path, about) if stated_fps is None else stated_fps
     sources, rig = read_cameras(cameras, tables, path, calibration, units, up, fps, calibrated)
+    # What the tables name must fit together.
     if not masks:  # frames are counted by what every camera has
         have_masks = all(source.masks is not None for source in sources)
         foreground = replace(foreground, source="masks" if have_masks else "recording")
@@ -173,14 +177,17 @@ def _check_sources(
     needs = wanted.get(foreground.source, ("video", "background")) if masks else ()
     for k, source in enumerate(sources):
         where = f"{table.source}: [cameras.{source.name}]"
+        # Every camera has the images that masks are made from,
         for need in needs:
             if getattr(source, need) is None:
                 problem = f"'{need}' is missing, which [foreground] source = \"{foreground.source}\" needs"
                 raise InputError(where, problem, _WAYS_TO_MASKS if need == "masks" else f"add {need}")
+        # images of the size that the calibration says,
         recorded_masks = source.masks if source.mask_mark is None else None
         for frames in (source.video, recorded_masks, source.clean_plate, source.background):
             if frames is not None:
                 _check_size(frames, source, rig.size[k], where)
+        # and masks that can be of this subject.
         if source.masks is not None and source.mask_mark is not None and undistorted_with:
             _check_undistorted(source.masks, source.mask_mark, source, rig, k)
         if foreground.source == "masks" and source.masks is not None:

@@ -77,6 +77,7 @@ def with_rig(result: Result, rig: str) -> Result:
         more = f" and {len(missing) - _MAX_NAMED} more" if len(missing) > _MAX_NAMED else ""
         listed = f"{missing[:_MAX_NAMED]}{more}"
         raise ValueError(f"rig = {rig} is a person's, whose joints differ from this body's by {listed}")
+    # The body in the rig's rest pose, under the rig's names.
     turn = _rest_rotations(body, known)
     rest = _rest_joints(body, turn)
     skeleton = _rename_joints(body.skeleton, known.names | {name: name for name in body.skeleton.attached})

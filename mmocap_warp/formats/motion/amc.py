@@ -99,6 +99,7 @@ def _read_skeleton(path: Path) -> list[_Bone]:
     if sorted(channels) != sorted(_ROOT_ORDER):
         raise InputError(path, f"its root's order is {' '.join(order)}", f"use {' '.join(_ROOT_ORDER)}")
     bones = {"root": _Bone("root", np.zeros(3), np.eye(3), channels)}
+    # The bones' own data, each between begin and end.
     entry: dict[str, list[str]] = {}
     for line in sections.get("bonedata", []):
         if line[0] == "begin":
@@ -108,6 +109,7 @@ def _read_skeleton(path: Path) -> list[_Bone]:
             bones[bone.name] = bone
         else:
             entry.setdefault(line[0], line[1:])
+    # The hierarchy: a line names a bone and those that hang on it.
     names = ["root"]
     for line in sections.get("hierarchy", []):
         if line[0] in ("begin", "end"):

@@ -44,6 +44,7 @@ class _Document:
     def __init__(self, path: Path) -> None:
         data = path.read_bytes()
         binary = b""
+        # The JSON, and the binary chunk after it.
         if path.suffix == ".glb":
             magic, version, _ = struct.unpack_from("<III", data)
             if magic != _MAGIC or version != 2:
@@ -58,9 +59,11 @@ class _Document:
         else:
             text = data
         self.json = json.loads(text)
+        # A file that needs what is not read here is refused.
         required = sorted(set(self.json.get("extensionsRequired", [])) - _READABLE)
         if required:
             raise InputError(path, f"needs the glTF extension {required[0]}, which is not read", _REMEDY)
+        # The buffers: the binary chunk, text within the JSON, or files beside it.
         self._buffers = []
         for about in self.json.get("buffers", []):
             uri = about.get("uri")
@@ -119,6 +122,7 @@ def _read_character(document: _Document, path: Path) -> RiggedMesh:
     skinned = [(i, node) for i, node in enumerate(nodes) if "skin" in node and "mesh" in node]
     if not skinned:
         raise InputError(path, "holds no skinned mesh", "export the character with its armature and skin")
+    # The tree of the nodes, and the joints among them, parents first.
     above = [-1] * len(nodes)
     for number, node in enumerate(nodes):
         for child in node.get("children", []):
@@ -130,6 +134,7 @@ def _read_character(document: _Document, path: Path) -> RiggedMesh:
     rank = {joint: i for i, joint in enumerate(order)}
     rank_of_node = {joint_node[joint]: i for joint, i in rank.items()}
 
+    # The skin, whose weights count the joints of their own skin.
     parts = []
     for _, node in skinned:
         of_skin = np.array([rank_of_node[joint] for joint in skins[node["skin"]]["joints"]])
@@ -139,6 +144,7 @@ def _read_character(document: _Document, path: Path) -> RiggedMesh:
         ]
     vertex, face, influence, weight = joined_parts(parts)
     ordered = [joint_node[joint] for joint in order]
+    # The motions, and the space in which all is bound.
     rest = node_worlds(nodes, above)
     motions, notes = node_motions(document.list("animations"), document.array, nodes, above, ordered)
     scene = _scene_from_bind(bind[order], rest[ordered], rest[skinned[0][0]])

@@ -79,6 +79,7 @@ def _read_robot(root: Element, path: Path, folder: Path) -> RiggedMesh:
         for link in (joint.parent, joint.child):
             if link not in links:
                 raise ValueError(f"joint {joint.name} names a link {link!r} that does not exist")
+    # The links from the root outwards; there is one root.
     bases = [link for link in links if link not in joints]
     if len(bases) != 1:
         raise ValueError(f"it has {len(bases)} root links, not one")
@@ -88,6 +89,7 @@ def _read_robot(root: Element, path: Path, folder: Path) -> RiggedMesh:
     if len(order) != len(links):
         raise ValueError("its links form a loop")
 
+    # A joint for each link that moves; what is fixed to it belongs to it.
     names, parent, axes = [bases[0]], [-1], {}
     of_link, world = {bases[0]: 0}, {bases[0]: np.eye(4)}
     bind = [np.eye(4)]
@@ -107,6 +109,7 @@ def _read_robot(root: Element, path: Path, folder: Path) -> RiggedMesh:
         remedy = "there is nothing to track in a rigid thing; name a robot"
         raise InputError(path, "has no joint that turns or slides", remedy)
     vertex, face, influence, weight = _read_geometry(links, world, of_link, path, folder)
+    # What is not read as the file has it.
     planar = [joint.name for joint in joints.values() if joint.kind == "planar"]
     mimics = [_name_of(each) for each in root.findall("joint") if each.find("mimic") is not None]
     notes = [f"{', '.join(planar)} slide in a plane: held at zero"] if planar else []

@@ -41,6 +41,7 @@ def read_usd_skel(path: str | Path) -> RiggedMesh:
 
 
 def _read_character(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, meshes: list[UsdGeom.Mesh], path: Path) -> RiggedMesh:
+    # The joints, parents first, and where they are bound.
     paths = [str(joint) for joint in skeleton.GetJointsAttr().Get() or ()]
     number = {name: joint for joint, name in enumerate(paths)}
     if not paths or len(number) < len(paths):
@@ -56,9 +57,11 @@ def _read_character(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, meshes: list[U
     bind = np.array(skeleton.GetBindTransformsAttr().Get(), float).reshape(-1, 4, 4).swapaxes(1, 2)
     if len(bind) != len(paths) or not np.isfinite(bind).all():
         raise ValueError("its bindTransforms are not one for each joint")
+    # Joints are named by their own names, or by their paths where two share a name.
     own = {str(joint).rsplit("/", 1)[-1] for joint in paths}
     names = tuple(name.rsplit("/", 1)[-1] if len(own) == len(paths) else name.replace("/", "_") for name in paths)
 
+    # All meshes that are bound to the skeleton, as one.
     parts = []
     for mesh in meshes:
         points, triangles = _read_mesh(mesh)

@@ -54,14 +54,17 @@ def read_skeleton(read: PrimReader) -> tuple[Skeleton, np.ndarray]:
     paths = read.texts("joints")
     joints = tuple(path.rsplit("/", 1)[-1] for path in paths)
     read.require(len(set(joints)) == len(joints), "two joints share a name")
+    # Each joint hangs on the one whose path is its own without the last part.
     numbers = {path: j for j, path in enumerate(paths)}
     above = [path.rpartition("/")[0] for path in paths]
     orphan = next((path for path, parent in zip(paths, above, strict=True) if parent and parent not in numbers), None)
     read.require(orphan is None, f"joint '{orphan}' hangs on one that does not exist")
+    # Where joints are bound, and how far they may turn.
     bind = read.array("bindTransforms", (len(joints), 4, 4), np.float64).transpose(0, 2, 1)
     read.require(all(map(is_rotation, bind[:, :3, :3])), "a bind transform is not a rotation and a translation")
     lower, upper = (read.array(f"mmocap:limits{end}", (len(joints), 3)) for end in ("Lower", "Upper"))
     read.require((lower <= upper).all(), "a lower joint limit lies above the upper one")
+    # Pairs, and joints of special kinds.
     sides = read.texts("mmocap:pairJoints")
     names = read.texts("mmocap:pairs")
     read.require(len(sides) == 2 * len(names), f"mmocap:pairJoints names {len(sides)} joints for {len(names)} pairs")

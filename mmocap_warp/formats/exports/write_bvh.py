@@ -24,10 +24,15 @@ _POSITIONS = "Xposition Yposition Zposition"
 def write_bvh(result: Result, path: Path) -> None:
     """Write a result, which is Y up; angles to 1e-6 degrees, lengths to 1e-6 cm."""
     tracks = best_run_tracks(result)
-    motion = np.concatenate(_channels(tracks, 0, _degrees(tracks)), axis=1)
+    hierarchy, joints = _hierarchy(tracks, 0, "")
+    degrees, has_place = _degrees(tracks), _has_place(tracks)
+    columns = []
+    for joint in joints:
+        columns += [_place(tracks, joint), degrees[:, joint]] if has_place[joint] else [degrees[:, joint]]
+    motion = np.concatenate(columns, axis=1)
     lines = [
         "HIERARCHY",
-        *_hierarchy(tracks, 0, ""),
+        *hierarchy,
         "MOTION",
         f"Frames: {len(motion)}",
         f"Frame Time: {1 / tracks.rate:.9f}",
@@ -36,8 +41,8 @@ def write_bvh(result: Result, path: Path) -> None:
     write_whole(path, "\n".join([*lines, ""]).encode())
 
 
-def _hierarchy(tracks: Tracks, joint: int, indent: str) -> list[str]:
-    """The lines of a joint and of all that hangs on it."""
+def _hierarchy(tracks: Tracks, joint: int, indent: str) -> tuple[list[str], list[int]]:
+    """The lines of a joint and of all that hangs on it, and the numbers of these joints in their order."""
     skeleton = tracks.subject.body.skeleton
     parent = skeleton.parent[joint]
     start = tracks.bind[joint, :3, 3]
@@ -46,14 +51,16 @@ def _hierarchy(tracks: Tracks, joint: int, indent: str) -> list[str]:
     channels = f"6 {_POSITIONS} {_ROTATIONS}" if _has_place(tracks)[joint] else f"3 {_ROTATIONS}"
     lines = [f"{'JOINT' if parent >= 0 else 'ROOT'} {skeleton.joints[joint]}", "{", _offset(offset)]
     lines.append(f"  CHANNELS {channels}")
+    joints = [joint]
     for child in below:
-        lines += _hierarchy(tracks, child, "  ")
+        below_lines, below_joints = _hierarchy(tracks, child, "  ")
+        lines, joints = lines + below_lines, joints + below_joints
     if not below:  # the bone ends in the middle of the skin that follows it most, or where it starts without any
         skin = tracks.subject.body.skin
         own = skin.rest[skin.heaviest_joint == joint]
         lines += ["  End Site", "  {", "  " + _offset((own.mean(axis=0) if len(own) else start) - start), "  }"]
     lines.append("}")
-    return [indent + line for line in lines]
+    return [indent + line for line in lines], joints
 
 
 def _offset(offset: np.ndarray) -> str:
@@ -64,19 +71,6 @@ def _has_place(tracks: Tracks) -> np.ndarray:
     """(joint,) bool, which joints have channels for their place: the root, and joints that slide."""
     slides = tracks.subject.body.skeleton.slides
     return slides | (np.arange(len(slides)) == 0)
-
-
-def _channels(tracks: Tracks, joint: int, degrees: np.ndarray) -> list[np.ndarray]:
-    """(frame, 3) values of a joint and of all that hangs on it: its place, where it has channels for it, and turns.
-
-    ``degrees`` is (frame, joint, 3).
-    """
-    parents = tracks.subject.body.skeleton.parent
-    values = [_place(tracks, joint), degrees[:, joint]] if _has_place(tracks)[joint] else [degrees[:, joint]]
-    for child, above in enumerate(parents):
-        if above == joint:
-            values += _channels(tracks, child, degrees)
-    return values
 
 
 def _place(tracks: Tracks, joint: int) -> np.ndarray:

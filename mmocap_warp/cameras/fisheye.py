@@ -22,12 +22,7 @@ def image_radius(angle: np.ndarray, distortion: np.ndarray) -> np.ndarray:
 
 
 def distort_fisheye(points: np.ndarray, distortion: np.ndarray) -> np.ndarray:
-    """Where the lens puts a point of the ideal image plane, both at focal length 1.
-
-    Args:
-        points: (..., 2), undistorted.
-        distortion: k1 k2 k3 k4; what follows is not read.
-    """
+    """Where the lens puts a point of the ideal image plane, both at focal length 1; points are (..., 2)."""
     radius = np.linalg.norm(points, axis=-1)
     safe = np.where(radius > 0, radius, 1.0)
     return points * np.where(radius > 0, image_radius(np.arctan(safe), distortion) / safe, 1.0)[..., None]

@@ -100,11 +100,9 @@ class CameraRig:
 
 
 def distort(points: np.ndarray, distortion: np.ndarray) -> np.ndarray:
-    """Where the lens puts a point of the ideal image plane, both at focal length 1 (OpenCV's five coefficients).
+    """Where the lens puts a point of the ideal image plane, both at focal length 1.
 
-    Args:
-        points: (..., 2), undistorted.
-        distortion: (5,), k1 k2 p1 p2 k3.
+    Points are (..., 2), the distortion is (5,), OpenCV's k1 k2 p1 p2 k3.
     """
     k1, k2, p1, p2, k3 = distortion
     x, y = points[..., 0], points[..., 1]
@@ -122,11 +120,7 @@ def through_lens(rig: CameraRig, k: int, points: np.ndarray) -> np.ndarray:
 
 
 def project(rig: CameraRig, points: np.ndarray) -> np.ndarray:
-    """Pixels of world points in every camera, distortion included.
-
-    Args:
-        rig: the cameras.
-        points: (n, 3), world [m].
+    """Pixels of world points (n, 3) [m] in every camera, distortion included.
 
     Returns:
         (camera, n, 2) float64 [px]; NaN where a point does not lie in front of the camera.
@@ -233,12 +227,9 @@ def rig_of(cameras: list[Camera], up: str, source: object, placed: bool = True) 
 
 
 def check_rig(rig: CameraRig, source: object, placed: bool = True) -> CameraRig:
-    """Return ``rig`` if it can be a real calibration in metres.
+    """Return ``rig`` if it can be a real calibration in metres; ``source`` is named in errors.
 
-    Args:
-        rig: the cameras.
-        source: where they are from, for errors.
-        placed: whether they must stand somewhere; else they are lenses, and all at the origin.
+    If it is not ``placed``, the cameras are lenses that are all at the origin.
 
     Raises:
         InputError: a name twice, values that are not finite, a matrix that is no rotation (mirrored ones

@@ -11,13 +11,7 @@ _SUBPIXEL_BITS = 4
 
 
 def silhouettes(rig: CameraRig, vertices: np.ndarray, faces: np.ndarray) -> list[np.ndarray]:
-    """Where a mesh is seen: per camera (height, width) bool.
-
-    Args:
-        rig: the cameras.
-        vertices: (vertex, 3), world [m].
-        faces: (face, 3) triangles.
-    """
+    """Where a mesh of triangles (face, 3) and vertices (vertex, 3) [m] is seen: per camera (height, width) bool."""
     sizes = [(int(width), int(height)) for width, height in rig.size]
     return [silhouette(pixels, faces, size) > 0 for pixels, size in zip(project(rig, vertices), sizes, strict=True)]
 

@@ -151,12 +151,7 @@ def read_calibration(
 
 
 def read_lenses(path: Path, up: str, sizes: dict[str, tuple[int, int]]) -> CameraRig | None:
-    """Read a calibration that has lenses and does not say where the cameras stand.
-
-    Args:
-        path: the file, or a folder where the format has one.
-        up: the world's up axis.
-        sizes: as of :func:`read_calibration`.
+    """Read a calibration that has lenses and does not say where the cameras stand, as :func:`read_calibration`.
 
     Returns:
         Cameras at the origin; None for a calibration that has places.

@@ -180,11 +180,9 @@ class Table:
 
 
 def config_from_table(kind: type[Config], table: Table) -> Config:
-    """The settings that a table holds, with defaults for the others.
+    """The settings that a table holds, with defaults for the others; the table is emptied.
 
-    Args:
-        kind: a dataclass that checks its fields and raises ``ValueError``.
-        table: it is emptied.
+    ``kind`` is a dataclass that checks its fields and raises ``ValueError``.
     """
     hints = get_type_hints(kind)
     values = {}

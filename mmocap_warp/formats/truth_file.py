@@ -36,10 +36,8 @@ from mmocap_warp.result.truth import Truth
 def load_truth(path: str | Path, axes: str = "xyz", first_frame: int = 0) -> Truth:
     """Read the truth of a recording: the project's own USD, or joints from a ``.trc`` file.
 
-    Args:
-        path: the file.
-        axes: of a ``.trc``: which of the file's axes are the world's x, y and z.
-        first_frame: of a ``.trc``: the recording's frame number of the first row.
+    Of a ``.trc``, ``axes`` says which of its axes are the world's x, y and z, and ``first_frame`` is the recording's
+    frame number of its first row.
 
     Raises:
         InputError: a missing or wrong file, or axes for one that is in the world's own.

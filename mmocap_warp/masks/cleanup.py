@@ -57,12 +57,9 @@ def drop_small(mask: np.ndarray, area: float, connectivity: int) -> np.ndarray:
 
 
 def keep_subject(mask: np.ndarray, join: float, body: np.ndarray | None) -> np.ndarray:
-    """The components that overlap ``body``, or the one nearest to it; without a body, the largest.
+    """The components of a mask that overlap ``body``, or the one nearest to it; without a body, the largest.
 
-    Args:
-        mask: (height, width) bool.
-        join: pieces up to this far apart count as one component [px].
-        body: (height, width) bool or None; an empty one counts as None.
+    An empty body counts as none. Pieces up to ``join`` pixels apart count as one component.
     """
     count, label, areas = _components(mask, join)
     if count <= 2:
@@ -80,9 +77,7 @@ def keep_subject(mask: np.ndarray, join: float, body: np.ndarray | None) -> np.n
 def rivals(mask: np.ndarray, join: float) -> tuple[int, int] | None:
     """Areas of a mask's two largest components, where they are about equal: two people; else None.
 
-    Args:
-        mask: (height, width) bool.
-        join: as in :func:`keep_subject`.
+    ``join`` is as in :func:`keep_subject`.
     """
     count, _, areas = _components(mask, join)
     if count <= 2:

@@ -92,11 +92,7 @@ def open_rle(path: Path) -> RleMasks:
 
 
 def decode_rle(counts: Any, height: int, width: int) -> np.ndarray:
-    """(height, width) bool of COCO's run lengths: background first, down the columns.
-
-    Args:
-        counts: the lengths, or the string that pycocotools packs them into.
-        height, width: of the image.
+    """(height, width) bool of COCO's run lengths, or pycocotools' string of them: background first, down the columns.
 
     Raises:
         ValueError: lengths that are not the image's.

@@ -125,13 +125,11 @@ _STEP = 0.025  # along the rays [m]
 def repair_masks(rig: CameraRig, masks: list[np.ndarray]) -> list[np.ndarray]:
     """Fill holes, gaps and dents of each mask where the other views' visual hull is over 10 cm thick.
 
+    The rig's cameras are undistorted pinholes, as the masks, which are (height, width) bool.
+
     A dark pair of shorts before a dark floor leaves a hole that no single image can mend; seen from elsewhere, the
     body is plainly there. True gaps, as between arm and torso, have little or no hull behind them and stay. A view
     needs two others that see the subject; with fewer, or when it is empty itself, it is returned as it is.
-
-    Args:
-        rig: undistorted pinholes, as the masks.
-        masks: per camera (height, width) bool.
 
     Returns:
         New masks, per camera (height, width) bool; each contains its original.

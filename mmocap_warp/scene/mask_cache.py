@@ -27,13 +27,9 @@ _KEY = "made_from"  # the first member's name; it holds the key
 
 
 def stored_masks(path: Path, key: str, first: int, count: int) -> Iterator[np.ndarray | None] | None:
-    """The masks of frames ``first`` to ``first + count - 1``; None where they are not stored.
+    """The masks of frames ``first`` to ``first + count - 1`` in a camera's file; None where they are not stored.
 
-    Args:
-        path: of the camera's file.
-        key: all that the masks were made from.
-        first: frame to start with.
-        count: number of frames.
+    ``key`` says all that the masks were made from.
 
     Returns:
         Per frame (height, width) bool, None where the camera has no image.

@@ -77,12 +77,7 @@ def read_mark(masks: Path) -> MaskMark | None:
 
 
 def check_mark(mark: MaskMark, source: Path, calibration: str) -> None:
-    """See that masks were made with the calibration that they are to be used with.
-
-    Args:
-        mark: what lies beside them.
-        source: their folder.
-        calibration: hash of the calibration now.
+    """See that the masks of folder ``source`` were made with the calibration that has this hash now.
 
     Raises:
         InputError: it is another one.

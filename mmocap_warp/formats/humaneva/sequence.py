@@ -303,11 +303,7 @@ join = 20.0
 def write_scene(folder: str | Path, sequence: HumanEvaSequence) -> Path:
     """Write ``calibration.toml``, ``truth.usdc`` and last ``scene.toml``, which names the user's videos.
 
-    Files of the same names are replaced.
-
-    Args:
-        folder: made if it does not exist.
-        sequence: what to write.
+    The folder is made if it does not exist; files of the same names are replaced.
 
     Returns:
         Path of ``scene.toml``.

@@ -44,12 +44,10 @@ class _Bone:
 
 
 def read_amc(path: str | Path, skeleton: str | Path | None = None) -> MotionClip:
-    """Read an ``.amc`` file and its skeleton.
+    """Read an ``.amc`` file and its skeleton, the ``.asf`` file.
 
-    Args:
-        path: the motion.
-        skeleton: the ``.asf`` file; without it, the one beside the motion that is named as the motion is up to an
-            underscore (``02.asf`` for ``02_01.amc``).
+    Without ``skeleton`` it is the one beside the motion that is named as the motion is up to an underscore (``02.asf``
+    for ``02_01.amc``).
     """
     path = Path(path)
     skeleton = path.with_name(f"{path.stem.split('_')[0]}.asf") if skeleton is None else Path(skeleton)

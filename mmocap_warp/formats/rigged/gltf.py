@@ -264,14 +264,10 @@ def node_motions(
     above: list[int],
     joints: Sequence[int],
 ) -> tuple[dict[str, RiggedMotion], list[str]]:
-    """Each animation's joints, by the animation's name, and notes on what is too long; without keys it is left out.
+    """Each animation's ``joints``, which are nodes, by the animation's name, and notes on what is too long to be read.
 
-    Args:
-        animations: the file's.
-        array: an accessor's values (count, width) by its number.
-        nodes: the file's.
-        above: (node,) number of the node that each hangs on, or -1.
-        joints: the nodes that are wanted.
+    ``array`` gives an accessor's values (count, width) by its number; ``above`` is the node that each node hangs on, or
+    -1. An animation without keys is left out.
     """
     motions: dict[str, RiggedMotion] = {}
     notes = []

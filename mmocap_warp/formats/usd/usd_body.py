@@ -326,11 +326,7 @@ def define_motions(stage: Usd.Stage, body: Sdf.Path, motions: Mapping[str, BodyM
 
 
 def motions_of(body: PrimReader, coordinates: int) -> dict[str, BodyMotion]:
-    """The motions of a body by name.
-
-    Args:
-        body: reads its prim.
-        coordinates: how long its poses are.
+    """The motions of a body by name; its poses have so many ``coordinates``.
 
     Raises:
         InputError: one is incomplete, or of another body.

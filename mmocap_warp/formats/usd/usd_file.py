@@ -104,12 +104,9 @@ def author(schema: Usd.SchemaBase, name: str, kind: Sdf.ValueTypeName, value: ob
 
 
 class PrimReader:
-    """Reads one prim's attributes and says what is wrong with them.
+    """Reads one prim's attributes and says what is wrong with them, naming the ``source`` and the ``remedy``.
 
-    Args:
-        prim: the prim; its stage must stay alive.
-        source: the file, for errors.
-        remedy: what to do about a file that is wrong, for errors.
+    The prim's stage must stay alive.
     """
 
     def __init__(self, prim: Usd.Prim, source: object, remedy: str) -> None:
@@ -274,11 +271,8 @@ def _usd_value(value: Any) -> tuple[Sdf.ValueTypeName, Any]:
 def set_world_up(stage: Usd.Stage, world: UsdGeom.Xformable, up: str) -> None:
     """Set the stage's metres and up axis, and turn ``world`` where that is needed to show its contents upright.
 
-    Args:
-        stage: the stage.
-        world: the prim above everything that is given in the cameras' world.
-        up: the world's up axis: ``+x``, ``-x``, ``+y``, ``-y``, ``+z`` or ``-z``. The stage's is the same where it is
-            +y or +z, else +z.
+    ``world`` is the prim above everything in the cameras' world, whose signed axis ``up`` points up. The stage's up
+    axis is the same where it is +y or +z, else +z.
     """
     stage_up = {"+y": "y"}.get(up, "z")
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)

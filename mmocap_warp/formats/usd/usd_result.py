@@ -169,15 +169,9 @@ def _status(read: PrimReader, times: list[float], runs: int) -> np.ndarray:
 def animate(
     stage: Usd.Stage, root: UsdSkel.Root, subject: Subject, pose: np.ndarray, frame_numbers: np.ndarray, fps: float
 ) -> None:
-    """Let a body that ``usd_body`` authored move through poses, and set the stage's frame rate and range.
+    """Let a ``subject`` that was authored at ``root`` move through poses (frame, coordinate); set the stage's range.
 
-    Args:
-        stage: the stage.
-        root: the body.
-        subject: what was authored there.
-        pose: (frame, coordinate), poses.
-        frame_numbers: (frame,), the time code of each.
-        fps: time codes per second.
+    Frame numbers (frame,) are the time codes, of which ``fps`` pass in a second.
     """
     times = np.asarray(frame_numbers, float).tolist()
     set_time_range(stage, frame_numbers, fps)
@@ -201,11 +195,8 @@ def animate(
 def export_animation(result: Result, path: str | Path) -> None:
     """Write the best run alone: body, skeleton, animation and cameras as any program reads them, in the result's world.
 
-    There is no ``mmocap:`` data in it but which joints slide, where any do.
-
-    Args:
-        result: the result.
-        path: a ``.usd``, ``.usda``, ``.usdc`` or ``.usdz`` file; it appears whole or not at all.
+    There is no ``mmocap:`` data in it but which joints slide, where any do. The path ends in ``.usd``, ``.usda``,
+    ``.usdc`` or ``.usdz``.
     """
     stage = new_world(result.cameras.up)
     root = define_body(stage, f"/World/{result.subject.body.name}", result.subject.body)
@@ -270,11 +261,7 @@ def _bounds(low: np.ndarray, high: np.ndarray) -> Vt.Vec3fArray:
 def export_point_cache(result: Result, path: str | Path) -> None:
     """Write the best run's skin, with its points at every frame, and the cameras, in the result's world.
 
-    A frame of a body of 13,000 vertices takes 160 KB.
-
-    Args:
-        result: the result.
-        path: a ``.usd``, ``.usda``, ``.usdc`` or ``.usdz`` file; it appears whole or not at all.
+    A frame of a body of 13,000 vertices takes 160 KB. The path ends in ``.usd``, ``.usda``, ``.usdc`` or ``.usdz``.
     """
     stage = new_world(result.cameras.up)
     skin = result.subject.body.skin

@@ -214,15 +214,17 @@ def _calibration(draft: Draft, found: CalibrationFile | None, units: str, folder
 
 def _camera(draft: Draft, name: str, folder: Path, rig: CameraRig | None, media: _Media) -> list[str]:
     frames = media.frames[name]
-    lines = [f"[cameras.{name if re.fullmatch('[A-Za-z0-9_-]+', name) else quoted(name)}]   # {_summary(frames)}"]
+    rate = f" at {frames.fps:g} a second" if isinstance(frames, VideoFile) and frames.fps > 0 else ""
+    content = "{} frames of {}x{}".format(len(frames), *frames.size) + rate
+    lines = [f"[cameras.{name if re.fullmatch('[A-Za-z0-9_-]+', name) else quoted(name)}]   # {content}"]
     for key in ("video", "masks", "background", "clean_plate"):
         if name in (take := getattr(media, key)):
             lines.append(f"{key} = {quoted_path(take[name], folder)}")
-    if rate := media.others_rate(name):
-        lines.append(f"# fps = {rate:g}   # its own rate: without the first #, its frames are taken by time")
+    if own_rate := media.others_rate(name):
+        lines.append(f"# fps = {own_rate:g}   # its own rate: without the first #, its frames are taken by time")
         draft.missing.append(
-            f"the rate of {name}: its video has {rate:g} frames a second, others {media.fps:g}; give fps = "
-            f"{rate:g} under [cameras.{name}] to take its frames by time"
+            f"the rate of {name}: its video has {own_rate:g} frames a second, others {media.fps:g}; give fps = "
+            f"{own_rate:g} under [cameras.{name}] to take its frames by time"
         )
     if rig is not None:
         lines += _placement(draft, name, frames, rig.size[rig.names.index(name)])
@@ -287,9 +289,3 @@ def _foreground(draft: Draft, media: _Media) -> list[str]:
         "[foreground]",
         f'source = "{source}"',
     ]
-
-
-def _summary(frames: Frames) -> str:
-    """What a video or folder holds, in a few words."""
-    rate = f" at {frames.fps:g} a second" if isinstance(frames, VideoFile) and frames.fps > 0 else ""
-    return "{} frames of {}x{}".format(len(frames), *frames.size) + rate

@@ -134,6 +134,9 @@ def masked_scene(scene: Scene, folder: Path, scale: float, first: int, count: in
     def path(file: Path) -> str:
         return quoted_path(file, folder)
 
+    frames = scene.frames[first : first + count]
+    is_start = (frames.start, frames.step) == (0, 1)
+    frames_value = str(len(frames)) if is_start else quoted(f"{frames.start}:{frames[-1] + 1}:{frames.step}")
     body = None if scene.body is None else path(scene.body) if isinstance(scene.body, Path) else quoted(scene.body)
     calibration = [] if scene.calibration is None else [f"calibration = {path(scene.calibration)}"]
     lines = [
@@ -142,7 +145,7 @@ def masked_scene(scene: Scene, folder: Path, scale: float, first: int, count: in
         f"name = {quoted(scene.name)}",
         f"fps = {scene.fps!r}",
         f'up = "{scene.calibrated.up}"',
-        f"frames = {_frames_value(scene.frames[first : first + count])}",
+        f"frames = {frames_value}",
         *([f"subject = {path(scene.subject)}"] if scene.subject else []),
         *([f"body = {body}"] if body else []),
         *(["", "[truth]", f"file = {path(scene.truth)}", f'axes = "{scene.truth_axes}"'] if scene.truth else []),
@@ -164,13 +167,6 @@ def masked_scene(scene: Scene, folder: Path, scale: float, first: int, count: in
         if settings:
             lines += ["", f"[{name}]", *(f"{key} = {toml_value(value)}" for key, value in settings.items())]
     return "\n".join([*lines, ""])
-
-
-def _frames_value(frames: range) -> str:
-    """Frames as a scene names them."""
-    if (frames.start, frames.step) == (0, 1):
-        return str(len(frames))
-    return quoted(f"{frames.start}:{frames[-1] + 1}:{frames.step}")
 
 
 def _placement_lines(source: CameraSource, fps: float) -> list[str]:

@@ -48,11 +48,7 @@ def read_multical(
 
 
 def read_multical_lenses(path: str | Path, up: str, sizes: dict[str, tuple[int, int]]) -> CameraRig | None:
-    """Read MultiCal's ``intrinsic.json``.
-
-    Returns:
-        Cameras at the origin; None for a file that has ``camera_poses``.
-    """
+    """Read MultiCal's ``intrinsic.json``: cameras at the origin, or None for a file that has ``camera_poses``."""
     file = _load(path)
     if "camera_poses" in file or "cameras" not in file:
         return None

@@ -48,11 +48,7 @@ def read_opencv_yaml(
 
 
 def read_yaml_lenses(path: str | Path, up: str, sizes: dict[str, tuple[int, int]]) -> CameraRig | None:
-    """Read ``intri.yml`` alone, from its folder or its path.
-
-    Returns:
-        Cameras at the origin; None where ``extri.yml`` lies beside it.
-    """
+    """Read ``intri.yml`` alone: cameras at the origin, or None where ``extri.yml`` lies beside it."""
     folder = Path(path) if os.path.isdir(path) else Path(path).parent
     if os.path.exists(folder / "extri.yml"):
         return None

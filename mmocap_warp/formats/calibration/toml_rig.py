@@ -38,11 +38,7 @@ def read_toml_rig(
 
 
 def read_toml_lenses(path: str | Path, up: str, sizes: dict[str, tuple[int, int]]) -> CameraRig | None:
-    """Read a file of :func:`read_toml_rig`'s kinds in which no camera has a rotation or a translation.
-
-    Returns:
-        Cameras at the origin; None where one has.
-    """
+    """Read lenses alone: cameras at the origin, or None where a camera has a rotation or a translation."""
     file, tables = _camera_tables(path)
     if not tables or any(table.has("rotation") or table.has("translation") for table in tables.values()):
         return None

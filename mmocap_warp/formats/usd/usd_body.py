@@ -75,7 +75,15 @@ def write_subject(path: str | Path, subject: Subject) -> None:
     root = define_subject(stage, f"/{subject.body.name}", subject)
     set_world_up(stage, root, up_axis(subject.root_base))
     stage.SetDefaultPrim(root.GetPrim())
-    _show_first_pose(stage, root, subject)
+    # An animation of one frame shows the body where the recording starts.
+    skeleton = root.GetPath().AppendChild("Skeleton")
+    animation = UsdSkel.Animation.Define(stage, skeleton.AppendChild("FirstPose"))
+    animation.CreateJointsAttr(joint_paths(subject.body.skeleton))
+    set_pose(animation, local_transforms(subject.body, subject.root_base, subject.pose), Usd.TimeCode(0))
+    UsdSkel.BindingAPI(stage.GetPrimAtPath(skeleton)).CreateAnimationSourceRel().SetTargets([animation.GetPath()])
+    stage.SetStartTimeCode(0)
+    stage.SetEndTimeCode(0)
+    root.GetExtentAttr().Set(UsdGeom.Boundable.ComputeExtentFromPlugins(root, Usd.TimeCode(0)))
     write_stage(path, stage)
 
 
@@ -190,17 +198,6 @@ def up_axis(root_base: np.ndarray) -> str:
     up = root_base[:, 1]
     axis = int(np.abs(up).argmax())
     return "-+"[int(up[axis] > 0)] + "xyz"[axis]
-
-
-def _show_first_pose(stage: Usd.Stage, root: UsdSkel.Root, subject: Subject) -> None:
-    skeleton = root.GetPath().AppendChild("Skeleton")
-    animation = UsdSkel.Animation.Define(stage, skeleton.AppendChild("FirstPose"))
-    animation.CreateJointsAttr(joint_paths(subject.body.skeleton))
-    set_pose(animation, local_transforms(subject.body, subject.root_base, subject.pose), Usd.TimeCode(0))
-    UsdSkel.BindingAPI(stage.GetPrimAtPath(skeleton)).CreateAnimationSourceRel().SetTargets([animation.GetPath()])
-    stage.SetStartTimeCode(0)
-    stage.SetEndTimeCode(0)
-    root.GetExtentAttr().Set(UsdGeom.Boundable.ComputeExtentFromPlugins(root, Usd.TimeCode(0)))
 
 
 def body_from_prim(prim: Usd.Prim, source: object) -> BodyModel:

@@ -1,7 +1,8 @@
-"""Writing a file so that it appears under its name when it is complete, or not at all."""
+"""Whole files: read as text, hashed, and written so that they appear complete or not at all."""
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -39,3 +40,32 @@ def write_whole(path: Path, data: bytes) -> None:
     """Write ``data`` as :func:`whole_file` says, with its errors."""
     with whole_file(path) as unfinished:
         unfinished.write_bytes(data)
+
+
+def content_hash(file: Path) -> bytes:
+    """SHA-256 of a file's bytes.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    try:
+        with file.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").digest()
+    except OSError as error:
+        raise InputError(file, f"cannot be read ({error})", "check its permissions") from error
+
+
+def read_text(
+    path: str | Path, remedy: str, *, missing: str = "check the path", encoding: str = "utf-8", errors: str = "strict"
+) -> str:
+    """A file's text.
+
+    Raises:
+        InputError: no such file, for which ``missing`` says what to do; or one that cannot be read as text.
+    """
+    try:
+        return Path(path).read_text(encoding=encoding, errors=errors)
+    except FileNotFoundError:
+        raise InputError(path, "no such file", missing) from None
+    except (OSError, ValueError) as error:
+        raise InputError(path, f"cannot be read as text ({error})", remedy) from None

@@ -6,12 +6,12 @@ import os
 import signal
 from pathlib import Path
 
-from mmocap_warp.formats.tried_first import tried_first
+from mmocap_warp.formats.sandbox import sandboxed
 
 TRIED = "tried by"
 
 
-@tried_first
+@sandboxed
 def read(path: Path) -> str:
     """The file's text; some texts are no good."""
     text = Path(path).read_text()

@@ -112,8 +112,7 @@ def step_eval(frames: int, evaluations: int, result: Path) -> Callable[[], objec
 
 def step_export(frames: int, evaluations: int, result: Path) -> Callable[[], object]:
     """Write its animation."""
-    from mmocap_warp.formats.usd.usd_animation import export_animation
-    from mmocap_warp.formats.usd.usd_result import read_result
+    from mmocap_warp.formats.usd.usd_result import export_animation, read_result
 
     return partial(export_animation, read_result(result), result.with_name("animation.usdz"))
 

@@ -14,7 +14,7 @@ FIELD = np.radians(60.0)
 _TABLE = np.linspace(0.0, FIELD, 6001)
 
 
-def bent(angle: np.ndarray, distortion: np.ndarray) -> np.ndarray:
+def image_radius(angle: np.ndarray, distortion: np.ndarray) -> np.ndarray:
     """Distance from the image's centre, at focal length 1, of rays at an angle from the axis [rad]."""
     k1, k2, k3, k4 = distortion[:4]
     square = angle * angle
@@ -22,18 +22,13 @@ def bent(angle: np.ndarray, distortion: np.ndarray) -> np.ndarray:
 
 
 def distort_fisheye(points: np.ndarray, distortion: np.ndarray) -> np.ndarray:
-    """Where the lens puts a point of the ideal image plane, both at focal length 1.
-
-    Args:
-        points: (..., 2), undistorted.
-        distortion: k1 k2 k3 k4; what follows is not read.
-    """
+    """Where the lens puts a point of the ideal image plane, both at focal length 1; points are (..., 2)."""
     radius = np.linalg.norm(points, axis=-1)
     safe = np.where(radius > 0, radius, 1.0)
-    return points * np.where(radius > 0, bent(np.arctan(safe), distortion) / safe, 1.0)[..., None]
+    return points * np.where(radius > 0, image_radius(np.arctan(safe), distortion) / safe, 1.0)[..., None]
 
 
-def in_field(points: np.ndarray) -> np.ndarray:
+def is_in_field(points: np.ndarray) -> np.ndarray:
     """Which points (..., 2) of the image plane at focal length 1 lie within ``FIELD`` of the axis."""
     return np.linalg.norm(points, axis=-1) <= np.tan(FIELD)
 
@@ -53,7 +48,7 @@ def pinhole_of(K: np.ndarray, size: np.ndarray, distortion: np.ndarray) -> tuple
     )
     seen = (border - centre) / focal
     radius = np.maximum(np.linalg.norm(seen, axis=-1), 1e-12)
-    angle = np.interp(radius, bent(_TABLE, distortion), _TABLE)
+    angle = np.interp(radius, image_radius(_TABLE, distortion), _TABLE)
     edge = seen * (np.tan(angle) / radius)[:, None] * focal + centre
     first = np.floor(np.round(edge.min(0) + 0.5, 6)).astype(int)
     last = np.ceil(np.round(edge.max(0) - 0.5, 6)).astype(int)
@@ -62,11 +57,11 @@ def pinhole_of(K: np.ndarray, size: np.ndarray, distortion: np.ndarray) -> tuple
     return pinhole, last - first + 1
 
 
-def folds(K: np.ndarray, size: np.ndarray, distortion: np.ndarray) -> bool:
+def folds_over(K: np.ndarray, size: np.ndarray, distortion: np.ndarray) -> bool:
     """Whether two rays within ``FIELD`` of the axis meet one pixel of the image, which no lens does."""
     corners = np.array([[x, y] for x in (-0.5, size[0] - 0.5) for y in (-0.5, size[1] - 0.5)])
     reach = np.linalg.norm((corners - K[:2, 2]) / K[[0, 1], [0, 1]], axis=-1).max()
     with np.errstate(over="ignore", invalid="ignore"):
-        radius = bent(_TABLE, distortion)
+        radius = image_radius(_TABLE, distortion)
         falling = ~(np.diff(radius) > 0)
     return bool(falling.any() and radius[falling.argmax()] < reach)

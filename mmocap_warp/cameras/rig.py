@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from mmocap_warp.cameras.fisheye import distort_fisheye, folds, pinhole_of
+from mmocap_warp.cameras.fisheye import distort_fisheye, folds_over, pinhole_of
 from mmocap_warp.errors import InputError
 
 UP_AXES: tuple[str, ...] = ("+x", "-x", "+y", "-y", "+z", "-z")
-_LARGEST = 1e9  # number in a calibration; its square and cube can still be reckoned with
-_MOST_CAMERAS = 1000
-_MOST_GROWTH = 4  # of a fisheye's image, or how much it may shrink, when it is undistorted; real ones grow up to 1.7
+_MAX_NUMBER = 1e9  # in a calibration; its square and cube are still finite
+_MAX_CAMERAS = 1000
+_MAX_GROWTH = 4  # by which undistortion may enlarge or shrink a fisheye's image; real ones grow up to 1.7
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ class CameraRig:
     def pinhole(self, k: int) -> tuple[np.ndarray, np.ndarray]:
         """Intrinsics and (width, height) [px] of what camera ``k``'s images are undistorted to, at full size.
 
-        They are the camera's own, but for a fisheye: see :func:`mmocap_warp.cameras.fisheye.pinhole_of`.
+        They are the camera's own, except for a fisheye: see :func:`mmocap_warp.cameras.fisheye.pinhole_of`.
         """
         if self.names[k] in self.fisheye:
             return pinhole_of(self.K[k], self.size[k], self.distortion[k])
@@ -99,23 +100,17 @@ class CameraRig:
 
 
 def distort(points: np.ndarray, distortion: np.ndarray) -> np.ndarray:
-    """Where the lens puts a point of the ideal image plane, both at focal length 1 (OpenCV's five coefficients).
+    """Where the lens puts a point of the ideal image plane, both at focal length 1.
 
-    Args:
-        points: (..., 2), undistorted.
-        distortion: (5,), k1 k2 p1 p2 k3.
+    Points are (..., 2), the distortion is (5,), OpenCV's k1 k2 p1 p2 k3.
     """
     k1, k2, p1, p2, k3 = distortion
     x, y = points[..., 0], points[..., 1]
     r2 = x * x + y * y
     radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    return np.stack(
-        [
-            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
-            y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
-        ],
-        axis=-1,
-    )
+    across = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+    down = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+    return np.stack([across, down], axis=-1)
 
 
 def through_lens(rig: CameraRig, k: int, points: np.ndarray) -> np.ndarray:
@@ -125,11 +120,7 @@ def through_lens(rig: CameraRig, k: int, points: np.ndarray) -> np.ndarray:
 
 
 def project(rig: CameraRig, points: np.ndarray) -> np.ndarray:
-    """Pixels of world points in every camera, distortion included.
-
-    Args:
-        rig: the cameras.
-        points: (n, 3), world [m].
+    """Pixels of world points (n, 3) [m] in every camera, distortion included.
 
     Returns:
         (camera, n, 2) float64 [px]; NaN where a point does not lie in front of the camera.
@@ -168,16 +159,9 @@ def describe_rig(rig: CameraRig) -> list[CameraSummary]:
     np.fill_diagonal(distance, np.inf)
     K, size = (np.stack(arrays) for arrays in zip(*map(rig.pinhole, range(len(rig))), strict=True))
     angle = np.degrees(2 * np.arctan(size / (2 * K[:, [0, 1], [0, 1]])))
-    return [
-        CameraSummary(
-            name,
-            centres[k],
-            float(centres[k] @ rig.up_vector),
-            float(distance[k].min()),
-            (float(angle[k, 0]), float(angle[k, 1])),
-        )
-        for k, name in enumerate(rig.names)
-    ]
+    height = [float(centre @ rig.up_vector) for centre in centres]
+    rows = zip(rig.names, centres, height, distance.min(axis=1).tolist(), map(tuple, angle.tolist()), strict=True)
+    return [CameraSummary(*row) for row in rows]
 
 
 def draw_world_axes(image: np.ndarray, rig: CameraRig, k: int) -> np.ndarray:
@@ -213,16 +197,21 @@ class Camera(NamedTuple):
     fisheye: bool = False
 
 
-def rig_of(cameras: list[Camera], up: str, source: object, placed: bool = True) -> CameraRig:
-    """The rig of these cameras, checked; see :func:`check_rig`.
+def lens_of(
+    name: str, K: np.ndarray, size: tuple[int, int], coefficients: Sequence[float] | np.ndarray, fisheye: bool = False
+) -> Camera:
+    """A camera without a place; its 4 or 5 ``coefficients`` are OpenCV's, as in :class:`CameraRig`."""
+    distortion = np.zeros(5)
+    distortion[: len(coefficients)] = coefficients
+    return Camera(name, K, np.eye(3), np.zeros(3), size, distortion, fisheye)
 
-    Raises:
-        InputError: see :func:`check_rig`.
-    """
+
+def rig_of(cameras: list[Camera], up: str, source: object, placed: bool = True) -> CameraRig:
+    """The rig of these cameras, checked; see :func:`check_rig`."""
     if not cameras:
         raise InputError(source, "no camera found", "check that this is a calibration file")
-    if len(cameras) > _MOST_CAMERAS:
-        raise InputError(source, f"holds {len(cameras)} cameras", f"give at most {_MOST_CAMERAS}")
+    if len(cameras) > _MAX_CAMERAS:
+        raise InputError(source, f"holds {len(cameras)} cameras", f"give at most {_MAX_CAMERAS}")
     names, K, R, t, size, distortion, bends = zip(*cameras, strict=True)
     rig = CameraRig(
         names=names,
@@ -238,12 +227,9 @@ def rig_of(cameras: list[Camera], up: str, source: object, placed: bool = True) 
 
 
 def check_rig(rig: CameraRig, source: object, placed: bool = True) -> CameraRig:
-    """Return ``rig`` if it can be a real calibration in metres.
+    """Return ``rig`` if it can be a real calibration in metres; ``source`` is named in errors.
 
-    Args:
-        rig: the cameras.
-        source: where they are from, for errors.
-        placed: whether they must stand somewhere; else they are lenses, and all at the origin.
+    If it is not ``placed``, the cameras are lenses that are all at the origin.
 
     Raises:
         InputError: a name twice, values that are not finite, a matrix that is no rotation (mirrored ones
@@ -260,27 +246,25 @@ def check_rig(rig: CameraRig, source: object, placed: bool = True) -> CameraRig:
 
 
 def _check_camera(rig: CameraRig, k: int, where: str) -> None:
-    for what, value in (("K", rig.K[k]), ("R", rig.R[k]), ("t", rig.t[k]), ("distortion", rig.distortion[k])):
+    for what in ("K", "R", "t", "distortion"):
+        value = getattr(rig, what)[k]
         if not np.isfinite(value).all():
             raise InputError(where, f"{what} holds a value that is not finite", "calibrate again or export again")
-        if np.abs(value).max() > _LARGEST:
+        if np.abs(value).max() > _MAX_NUMBER:
             raise InputError(where, f"{what} holds {np.abs(value).max():.3g}", "calibrate again or export again")
-    width, height = rig.size[k]
+    K, (width, height) = rig.K[k], rig.size[k]
     if width < 1 or height < 1:
         raise InputError(where, f"size is {width}x{height}", "give the width and height in pixels")
-    fx, fy = rig.K[k, 0, 0], rig.K[k, 1, 1]
+    (fx, fy), (cx, cy) = K[[0, 1], [0, 1]], K[:2, 2]
     if not (0.2 < fx / max(width, height) < 50 and 0.2 < fy / max(width, height) < 50):
-        raise InputError(
-            where, f"focal lengths {fx:.6g}, {fy:.6g} do not suit a {width}x{height} image", "give them in pixels"
-        )
-    if abs(rig.K[k, 0, 1]) > 1e-3 * fx:
-        raise InputError(where, f"skew is {rig.K[k, 0, 1]:.6g} px", "calibrate with zero skew")
-    cx, cy = rig.K[k, :2, 2]
+        problem = f"focal lengths {fx:.6g}, {fy:.6g} do not suit a {width}x{height} image"
+        raise InputError(where, problem, "give them in pixels")
+    if abs(K[0, 1]) > 1e-3 * fx:
+        raise InputError(where, f"skew is {K[0, 1]:.6g} px", "calibrate with zero skew")
     if not (-0.5 * width < cx < 1.5 * width and -0.5 * height < cy < 1.5 * height):
-        raise InputError(
-            where, f"principal point ({cx:.6g}, {cy:.6g}) is far outside {width}x{height}", "give it in pixels"
-        )
-    if (rig.K[k, [1, 2, 2, 2], [0, 0, 1, 2]] != [0, 0, 0, 1]).any():
+        problem = f"principal point ({cx:.6g}, {cy:.6g}) is far outside {width}x{height}"
+        raise InputError(where, problem, "give it in pixels")
+    if (K[[1, 2, 2, 2], [0, 0, 1, 2]] != [0, 0, 0, 1]).any():
         raise InputError(where, "K is not [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]", "give the intrinsics in that order")
     if rig.names[k] in rig.fisheye:
         _check_fisheye(rig, k, where)
@@ -293,10 +277,10 @@ def _check_camera(rig: CameraRig, k: int, where: str) -> None:
 
 def _check_fisheye(rig: CameraRig, k: int, where: str) -> None:
     remedy = "see that these are k1 k2 k3 k4 of OpenCV's fisheye model"
-    if folds(rig.K[k], rig.size[k], rig.distortion[k]):
+    if folds_over(rig.K[k], rig.size[k], rig.distortion[k]):
         raise InputError(where, "the fisheye distortion folds the image over itself", remedy)
     _, size = rig.pinhole(k)
-    if (size > _MOST_GROWTH * rig.size[k]).any() or (size * _MOST_GROWTH < rig.size[k]).any():
+    if (size > _MAX_GROWTH * rig.size[k]).any() or (size * _MAX_GROWTH < rig.size[k]).any():
         raise InputError(where, f"undistorted, this fisheye's image has {size[0]}x{size[1]} pixels", remedy)
 
 
@@ -305,14 +289,8 @@ def _check_metres(rig: CameraRig, source: object) -> None:
     span = float(np.linalg.norm(centres[:, None] - centres[None], axis=-1).max())
     reach = float(np.abs(centres).max())
     if max(span, reach) > 200:
-        raise InputError(
-            source,
-            f"cameras lie up to {max(span, reach):.6g} m from each other or from the origin",
-            'if the file is in millimetres, set [cameras] units = "mm" in the scene',
-        )
+        problem = f"cameras lie up to {max(span, reach):.6g} m from each other or from the origin"
+        raise InputError(source, problem, 'if the file is in millimetres, set [cameras] units = "mm" in the scene')
     if len(rig) > 1 and span < 0.05:
-        raise InputError(
-            source,
-            f"all cameras lie within {1000 * span:.3g} mm of each other",
-            'check the translations, and [cameras] units ("m" or "mm")',
-        )
+        remedy = 'check the translations, and [cameras] units ("m" or "mm")'
+        raise InputError(source, f"all cameras lie within {1000 * span:.3g} mm of each other", remedy)

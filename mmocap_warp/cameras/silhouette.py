@@ -11,19 +11,13 @@ _SUBPIXEL_BITS = 4
 
 
 def silhouettes(rig: CameraRig, vertices: np.ndarray, faces: np.ndarray) -> list[np.ndarray]:
-    """Where a mesh is seen: per camera (height, width) bool.
-
-    Args:
-        rig: the cameras.
-        vertices: (vertex, 3), world [m].
-        faces: (face, 3) triangles.
-    """
+    """Where a mesh of triangles (face, 3) and vertices (vertex, 3) [m] is seen: per camera (height, width) bool."""
     sizes = [(int(width), int(height)) for width, height in rig.size]
     return [silhouette(pixels, faces, size) > 0 for pixels, size in zip(project(rig, vertices), sizes, strict=True)]
 
 
 def intersection_over_union(one: np.ndarray, other: np.ndarray) -> float:
-    """Of two silhouettes, bool alike, of which one at least is not empty."""
+    """Of two silhouettes of one size (bool); at least one is not empty."""
     return float((one & other).sum() / (one | other).sum())
 
 

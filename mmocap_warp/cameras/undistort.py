@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from mmocap_warp.cameras.fisheye import in_field
+from mmocap_warp.cameras.fisheye import is_in_field
 from mmocap_warp.cameras.rig import CameraRig, through_lens
 
-_NOWHERE = -1e4  # a pixel far outside any image
+_OUTSIDE = -1e4  # a pixel's coordinate, far outside any image
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ def undistortion(
     pixel = through_lens(rig, k, plane) * focal + centre
     recorded = (pixel * recorded_scale + recorded_offset).astype(np.float32)
     if rig.names[k] in rig.fisheye:
-        recorded[~in_field(plane)] = _NOWHERE
+        recorded[~is_in_field(plane)] = _OUTSIDE
     column, row = np.moveaxis(recorded, -1, 0)
     position, fraction = cv2.convertMaps(column, row, cv2.CV_16SC2)
     return Undistortion(n, np.asarray(position), np.asarray(fraction))

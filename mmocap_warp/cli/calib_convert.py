@@ -43,8 +43,7 @@ def convert(
     """
     from mmocap_warp.cameras.rig import UP_AXES
     from mmocap_warp.cli.outputs import new_file
-    from mmocap_warp.formats.calibration.image_size import EVERY_OTHER
-    from mmocap_warp.formats.calibration.units import METRES
+    from mmocap_warp.formats.calibration.calibration_text import EVERY_OTHER, METRES
     from mmocap_warp.formats.table import calibration_export, read_calibration, write_calibration
 
     console = console or Console()

@@ -128,7 +128,7 @@ def _chosen(
     """
     from mmocap_warp.cli.flag_settings import as_flag
     from mmocap_warp.cli.result_report import positions_of
-    from mmocap_warp.formats.exports.rigs import rigged
+    from mmocap_warp.formats.exports.rigs import with_rig
     from mmocap_warp.result.excerpt import at_rate, before_smoothing
     from mmocap_warp.result.turning import stood_up
 
@@ -138,7 +138,7 @@ def _chosen(
     result = result.at(positions_of(result, frames))
     try:
         result = result if fps is None else at_rate(result, fps)
-        result = result if rig is None else rigged(result, rig)
+        result = result if rig is None else with_rig(result, rig)
     except ValueError as error:
         raise UsageError(as_flag(error)) from None
     return result if up is None else stood_up(result, f"+{up}")

@@ -49,8 +49,7 @@ def humaneva(
     import numpy as np
 
     from mmocap_warp.cli.outputs import new_folder
-    from mmocap_warp.formats.humaneva.scene_folder import write_scene
-    from mmocap_warp.formats.humaneva.sequence import FIRST_FRAME, read_sequence
+    from mmocap_warp.formats.humaneva.sequence import FIRST_FRAME, read_sequence, write_scene
 
     console = console or Console()
     sequence = read_sequence(root, subject, action, FIRST_FRAME if first is None else first, last)

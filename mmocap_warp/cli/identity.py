@@ -37,8 +37,7 @@ def note_others(scene: Scene, console: Console) -> None:
 
 def _others(scene: Scene, source: CameraSource) -> str | None:
     from mmocap_warp.masks.cleanup import clean_mask, rivals
-    from mmocap_warp.masks.label_images import Labels
-    from mmocap_warp.masks.mask_image import decode_mask
+    from mmocap_warp.masks.mask_image import Labels, decode_mask
 
     if source.masks is None:
         return None

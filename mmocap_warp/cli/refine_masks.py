@@ -49,7 +49,7 @@ def _refine(result: Result, rig: CameraRig) -> Refine:
     """Takes the best run's frames in turn; a camera without an image keeps its mask."""
     from mmocap_warp.body.posing import Poser
     from mmocap_warp.cameras.silhouette import silhouettes
-    from mmocap_warp.masks.around_body import mask_around_body
+    from mmocap_warp.masks.subtraction import mask_around_body
 
     poser, faces = Poser(result.subject.body, result.subject.root_base), result.subject.body.tracking_face
     poses = iter(result.pose[result.best_run])

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.toml_table import Table, quoted, quoted_path
+from mmocap_warp.formats.toml_table import Table, quoted, quoted_path, toml_value
 
 FIXED, ALL = "fixed", "all"
 _FREE = (FIXED, "x", "y", "z", "xy", "xz", "yz", "xyz", ALL)
-_NOWHERE = (0.0, 0.0, 0.0)
+_ZERO = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -35,8 +35,8 @@ class Attachment:
     name: str
     mesh: Path
     joint: str | None = None
-    position: tuple[float, ...] = _NOWHERE
-    rotation: tuple[float, ...] = _NOWHERE
+    position: tuple[float, ...] = _ZERO
+    rotation: tuple[float, ...] = _ZERO
     scale: float = 1.0
     free: str = ALL
     source: str = "attach"
@@ -55,17 +55,17 @@ def take_attachments(file: Table, folder: Path) -> tuple[Attachment, ...]:
     values = file.take("attach", list, [])
     if not all(isinstance(each, dict) for each in values):
         raise file.error("attach is not a list of tables", "write [[attach]] before each thing")
-    found: dict[str, Attachment] = {}
+    things: dict[str, Attachment] = {}
     for number, each in enumerate(values, 1):
         table = Table(each, file.source, f"attach {number}")
-        thing = _taken(table, folder)
-        if thing.name in found:
+        thing = _take_attachment(table, folder)
+        if thing.name in things:
             raise table.error(f"there are two things named '{thing.name}'", "name each differently")
-        found[thing.name] = thing
-    return tuple(found.values())
+        things[thing.name] = thing
+    return tuple(things.values())
 
 
-def _taken(table: Table, folder: Path) -> Attachment:
+def _take_attachment(table: Table, folder: Path) -> Attachment:
     name = table.take("name", str)
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
         raise table.error(f"name = {name!r} is no plain name", "use letters, digits and _")
@@ -79,7 +79,7 @@ def _taken(table: Table, folder: Path) -> Attachment:
     scale = table.take("scale", float, 1.0)
     if scale <= 0:
         raise table.error(f"scale = {scale:g} is not positive", "give the mesh's unit in metres, such as 0.001")
-    position, rotation = (tuple(table.take_numbers(key, (3,), list(_NOWHERE))) for key in ("position", "rotation"))
+    position, rotation = (tuple(table.take_numbers(key, (3,), list(_ZERO))) for key in ("position", "rotation"))
     table.finish()
     return Attachment(name, mesh, joint, position, rotation, scale, free, f"{table.source}: [{table.name}]")
 
@@ -90,6 +90,5 @@ def attachment_lines(things: tuple[Attachment, ...], folder: Path) -> list[str]:
     for thing in things:
         lines += ["", "[[attach]]", f"name = {quoted(thing.name)}", f"mesh = {quoted_path(thing.mesh, folder)}"]
         lines += [f"joint = {quoted(thing.joint)}"] if thing.joint is not None else []
-        lines += [f"position = {list(thing.position)}", f"rotation = {list(thing.rotation)}"]
-        lines += [f"scale = {thing.scale!r}", f'free = "{thing.free}"']
+        lines += [f"{key} = {toml_value(getattr(thing, key))}" for key in ("position", "rotation", "scale", "free")]
     return lines

@@ -33,7 +33,7 @@ class Format:
         open_sizes: of a calibration: whether it may leave out how large the images are.
         beside: names of further files that a calibration of it is written to.
         lenses: of a calibration that may say nothing of where cameras stand: the function that reads such a file.
-        up: of an export: the vertical that the format prescribes, or that its readers take for granted; None where it
+        up: of an export: the vertical that the format prescribes, or that its readers assume; None where the file
             says which one it has.
     """
 
@@ -96,8 +96,8 @@ CALIBRATIONS: tuple[Format, ...] = (
         open_units=True,
         lenses="calibration.multical:read_multical_lenses",
     ),
-    Format("HumanEva", (".cal",), "humaneva.cal:read_cal_folder", folder="*.[cC][aA][lL]", open_sizes=True),
-    Format("USD", (".usda", ".usdc", ".usd"), "usd.camera_file:read_usd_cameras", open_sizes=True),
+    Format("HumanEva", (".cal",), "humaneva.humaneva_files:read_cal_folder", folder="*.[cC][aA][lL]", open_sizes=True),
+    Format("USD", (".usda", ".usdc", ".usd"), "usd.usd_camera:read_usd_cameras", open_sizes=True),
 )
 """Their functions are called as :func:`read_calibration` is, and give what it gives."""
 
@@ -105,25 +105,25 @@ CALIBRATION_EXPORTS: tuple[Format, ...] = (
     Format("Pose2Sim/aniposelib TOML", (".toml",), "calibration.toml_rig:write_toml_rig"),
     Format("OpenCV/EasyMocap YAML", ("intri.yml",), "calibration.opencv_yaml:write_opencv_yaml", beside=("extri.yml",)),
     Format("COLMAP text", ("cameras.txt",), "calibration.colmap:write_colmap", beside=("images.txt", "points3D.txt")),
-    Format("USD", (".usda", ".usdc", ".usd"), "usd.camera_file:write_usd_cameras"),
+    Format("USD", (".usda", ".usdc", ".usd"), "usd.usd_camera:write_usd_cameras"),
 )
 """Their functions take the file and the rig, as :func:`write_calibration` does."""
 
 EXPORTS: tuple[Format, ...] = (
-    Format("USD", (".usda", ".usdc", ".usdz"), "usd.usd_animation:export_animation"),
+    Format("USD", (".usda", ".usdc", ".usdz"), "usd.usd_result:export_animation"),
     Format("glTF", (".glb",), "exports.glb:write_glb", up="+y"),
     Format("BVH", (".bvh",), "exports.write_bvh:write_bvh", up="+y"),
-    Format("OpenSim markers", (".trc",), "exports.write_trc:write_trc", up="+y"),
-    Format("OpenSim motion", (".mot",), "exports.mot:write_mot", up="+y"),
-    Format("C3D", (".c3d",), "exports.c3d:write_c3d"),
-    Format("CSV", (".csv",), "exports.columns:write_csv"),
-    Format("Parquet", (".parquet",), "exports.columns:write_parquet"),
-    Format("NumPy", (".npz",), "exports.npz:write_npz"),
+    Format("OpenSim markers", (".trc",), "exports.tables:write_trc", up="+y"),
+    Format("OpenSim motion", (".mot",), "exports.tables:write_mot", up="+y"),
+    Format("C3D", (".c3d",), "exports.tables:write_c3d"),
+    Format("CSV", (".csv",), "exports.tables:write_csv"),
+    Format("Parquet", (".parquet",), "exports.tables:write_parquet"),
+    Format("NumPy", (".npz",), "exports.tables:write_npz"),
 )
 """Their functions are called as :func:`export` is."""
 
 POINT_CACHES: tuple[Format, ...] = (
-    Format("USD point cache", (".usda", ".usdc", ".usdz"), "usd.point_cache:export_point_cache"),
+    Format("USD point cache", (".usda", ".usdc", ".usdz"), "usd.usd_result:export_point_cache"),
 )
 """Exports of the skin's points at every frame instead of a skeleton that moves it; called as :func:`export` is."""
 
@@ -138,24 +138,20 @@ def read_calibration(
 
     Args:
         path: the file, or a folder where the format has one.
-        units: unit of its lengths, "m" or "mm", where the format leaves it open; None where nobody says.
+        units: unit of its lengths, "m" or "mm", where the format leaves it open; None where it is not known.
         up: the world's up axis, where the format does not say it.
         sizes: width and height [px] of cameras' images, for a format that may leave them out; under
-            :data:`~mmocap_warp.formats.calibration.image_size.EVERY_OTHER` those of all cameras that are not named.
+            :data:`~mmocap_warp.formats.calibration.calibration_text.EVERY_OTHER` those of all other cameras.
 
     Raises:
-        InputError: an unknown ending, or a file that the format's reader refuses.
+        InputError: an unknown ending, a file that cannot be read, values that are missing, or no calibration (see
+            :func:`~mmocap_warp.cameras.rig.check_rig`).
     """
     return _format_of(CALIBRATIONS, path).load()(path, units, up, sizes)
 
 
 def read_lenses(path: Path, up: str, sizes: dict[str, tuple[int, int]]) -> CameraRig | None:
-    """Read a calibration that has lenses and says nothing of where the cameras stand.
-
-    Args:
-        path: the file, or a folder where the format has one.
-        up: the world's up axis.
-        sizes: as of :func:`read_calibration`.
+    """Read a calibration that has lenses and does not say where the cameras stand, as :func:`read_calibration`.
 
     Returns:
         Cameras at the origin; None for a calibration that has places.
@@ -178,11 +174,7 @@ def write_calibration(path: Path, rig: CameraRig) -> None:
 
 
 def calibration_export(path: Path) -> Format:
-    """The format of ``CALIBRATION_EXPORTS`` that a file's name tells.
-
-    Raises:
-        InputError: an unknown name.
-    """
+    """The format of ``CALIBRATION_EXPORTS`` that a file's name tells."""
     return _format_of(CALIBRATION_EXPORTS, path)
 
 
@@ -207,11 +199,7 @@ def export_point_cache(result: Result, path: Path) -> None:
 
 
 def export_format(path: Path) -> Format:
-    """The format of ``EXPORTS`` that a file's ending names.
-
-    Raises:
-        InputError: an unknown ending.
-    """
+    """The format of ``EXPORTS`` that a file's ending names."""
     return _format_of(EXPORTS, path)
 
 

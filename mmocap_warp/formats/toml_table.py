@@ -12,36 +12,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_type_hints
 
 from mmocap_warp.errors import InputError
+from mmocap_warp.whole_file import read_text
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
     Config = TypeVar("Config", bound=DataclassInstance)
 
-_MOST_LEVELS = 32  # of tables and lists; the project's own files have four
+_MAX_LEVELS = 32  # of tables and lists; the project's own files have four
 
-_KINDS = {
-    str: "a string",
-    bool: "true or false",
-    int: "a whole number",
-    float: "a number",
-    list: "a list",
-    dict: "a table",
-}
+_KINDS = {str: "a string", bool: "true or false", int: "a whole number", float: "a number"}
+_KINDS |= {list: "a list", dict: "a table"}
 
 
 def load_toml(path: str | Path) -> Table:
-    """The whole file as a :class:`Table`.
-
-    Raises:
-        InputError: the file is missing or is not TOML.
-    """
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise InputError(path, "no such file", "check the path") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(path, f"cannot be read ({error})", "give a TOML text file") from None
+    """The whole file as a :class:`Table`."""
+    text = read_text(path, "give a TOML text file")
+    too_deep = InputError(path, f"is nested over {_MAX_LEVELS} levels deep", "flatten its tables and lists")
     try:
         values = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -49,31 +36,14 @@ def load_toml(path: str | Path) -> Table:
     except ValueError:  # Python's own limit
         raise InputError(path, "holds a number of more digits than can be read", "correct that number") from None
     except RecursionError:
-        raise _too_deep(path) from None
-    if _deeper_than(values, _MOST_LEVELS):
-        raise _too_deep(path)
+        raise too_deep from None
+    level: list[Any] = [values]
+    for _ in range(_MAX_LEVELS):  # a dotted key nests tables without the parser's recursion
+        inner = [each for outer in level for each in (outer.values() if isinstance(outer, dict) else outer)]
+        level = [each for each in inner if isinstance(each, (dict, list))]
+    if level:
+        raise too_deep
     return Table(values, str(path), "")
-
-
-def _too_deep(path: str | Path) -> InputError:
-    return InputError(
-        path, f"has tables or lists within each other, over {_MOST_LEVELS} deep", "correct what nests them"
-    )
-
-
-def _deeper_than(values: Any, levels: int) -> bool:
-    """Whether tables and lists are more than so many levels deep; a dotted key nests without the parser's recursion."""
-    level = [values]
-    for _ in range(levels):
-        level = [
-            inner
-            for outer in level
-            for inner in (outer.values() if isinstance(outer, dict) else outer)
-            if isinstance(inner, (dict, list))
-        ]
-        if not level:
-            return False
-    return True
 
 
 def quoted(text: str) -> str:
@@ -85,6 +55,15 @@ def quoted(text: str) -> str:
 def quoted_path(path: Path, folder: Path) -> str:
     """A path as a TOML string, for a file in ``folder``: from there, with slashes on all systems."""
     return quoted(Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix())
+
+
+def toml_value(value: Any) -> str:
+    """A value as a TOML file has it: a string, truth, number, or a list of them."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(toml_value, value))}]"
+    return quoted(value) if isinstance(value, str) else repr(value)
 
 
 def is_number(value: object) -> bool:
@@ -103,7 +82,7 @@ class Table:
 
     def __init__(self, values: dict[str, Any], source: str, name: str) -> None:
         self._values = dict(values)
-        self._asked: list[str] = []
+        self._known: list[str] = []
         self.source = source
         self.name = name
 
@@ -117,10 +96,7 @@ class Table:
         Raises:
             InputError: missing, of another type, or a number that is not finite.
         """
-        self._asked.append(key)
-        if key not in self._values:
-            if default is ...:
-                raise self._missing(key, f"... ({_KINDS[kind]})")
+        if not self._check_presence(key, default, f"... ({_KINDS[kind]})"):
             return default
         value = self._values.pop(key)
         if type(value) is int and not is_number(value):
@@ -146,11 +122,7 @@ class Table:
         self._values[key] = value
 
     def take_any(self, key: str, kinds: tuple[type, ...], default: Any) -> Any:
-        """The value of ``key`` where several kinds are possible.
-
-        Raises:
-            InputError: of none of these types.
-        """
+        """The value of ``key`` where several kinds are possible."""
         kind = next((kind for kind in kinds if type(self._values.get(key)) is kind), kinds[0])
         return self.take(key, kind, default)
 
@@ -163,10 +135,7 @@ class Table:
 
     def take_numbers(self, key: str, count: tuple[int, ...], default: Any = ...) -> list[float]:
         """A list of finite numbers, as long as one of ``count`` says."""
-        self._asked.append(key)
-        if key not in self._values:
-            if default is ...:
-                raise self._missing(key, "[...]")
+        if not self._check_presence(key, default, "[...]"):
             return default
         value = self._values.pop(key)
         length = " or ".join(map(str, count))
@@ -191,43 +160,39 @@ class Table:
         rest, self._values = self._values, {}
         return rest
 
-    def _missing(self, key: str, value: str) -> InputError:
-        """Told of a key that is needed: perhaps it is there, misspelt."""
-        near = difflib.get_close_matches(key, self._values, 1, 0.7)
-        return self.error(f"'{key}' is missing", f"is it '{near[0]}'?" if near else f"add {key} = {value}")
+    def _check_presence(self, key: str, default: Any, example: str) -> bool:
+        """Whether ``key`` is there. Raise InputError for one that must be, which is perhaps there but misspelt."""
+        self._known.append(key)
+        if key not in self._values and default is ...:
+            near = difflib.get_close_matches(key, self._values, 1, 0.7)
+            raise self.error(f"'{key}' is missing", f"is it '{near[0]}'?" if near else f"add {key} = {example}")
+        return key in self._values
 
     def finish(self) -> None:
-        """Raise InputError for a key that nobody asked for, naming the nearest one that is known."""
+        """Raise InputError for a key that is not known, and name the known one that is nearest."""
         if not self._values:
             return
         key = next(iter(self._values))
-        near = difflib.get_close_matches(key, self._asked, 1, 0.4)
-        known = ", ".join(dict.fromkeys(self._asked))
+        near = difflib.get_close_matches(key, self._known, 1, 0.4)
+        known = ", ".join(dict.fromkeys(self._known))
         remedy = f"did you mean '{near[0]}'?" if near else f"known keys: {known}"
         raise self.error(f"unknown key '{key}'", remedy)
 
 
 def config_from_table(kind: type[Config], table: Table) -> Config:
-    """The settings that a table holds, with defaults for the others.
+    """The settings that a table holds, with defaults for the others; the table is emptied.
 
-    Args:
-        kind: a dataclass that checks its fields and raises ``ValueError``.
-        table: it is emptied.
-
-    Raises:
-        InputError: an unknown name or a wrong value.
+    ``kind`` is a dataclass that checks its fields and raises ``ValueError``.
     """
     hints = get_type_hints(kind)
-    values = {field.name: table.take(field.name, _plain(hints[field.name]), field.default) for field in fields(kind)}
+    values = {}
+    for field in fields(kind):
+        hint = hints[field.name]
+        if isinstance(hint, types.UnionType):  # a setting that may also be None
+            hint = next(arm for arm in get_args(hint) if arm is not type(None))
+        values[field.name] = table.take(field.name, hint, field.default)
     table.finish()
     try:
         return kind(**values)
     except ValueError as error:
         raise table.error(str(error), "correct that value") from None
-
-
-def _plain(hint: Any) -> type:
-    """The type of a setting that may also be ``None``."""
-    if isinstance(hint, types.UnionType):
-        return next(arm for arm in get_args(hint) if arm is not type(None))
-    return hint

@@ -1,25 +1,43 @@
-"""Reading what is known of a recording's truth, whatever its format."""
+"""What is known of a recording's truth: written as USD, and read from USD or ``.trc``.
+
+In USD markers and joints are time-sampled points, which a viewer shows beside the tracked body, in the world of the
+cameras, with the frame number as time code and in single precision (about 1e-7 m)::
+
+    /Truth          mmocap:truthVersion, and where known mmocap:pose (double[] per frame) and mmocap:rootBase (a matrix
+                    for row vectors)
+    /Truth/Markers  Points; ids number the markers that are seen in a frame; mmocap:names
+    /Truth/Joints   the same for the joints
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import numpy as np
+from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.motion.read_trc import read_trc
-from mmocap_warp.formats.usd.usd_file import USD_SUFFIXES
-from mmocap_warp.formats.usd.usd_truth import read_truth
+from mmocap_warp.formats.motion.captured_points import read_trc
+from mmocap_warp.formats.usd.usd_file import (
+    USD_SUFFIXES,
+    PrimReader,
+    author,
+    author_value,
+    read_stage,
+    reads_usd,
+    set_time_range,
+    set_world_up,
+    write_stage,
+)
+from mmocap_warp.formats.usd.usd_skeleton import is_rotation
 from mmocap_warp.result.truth import Truth
 
 
 def load_truth(path: str | Path, axes: str = "xyz", first_frame: int = 0) -> Truth:
     """Read the truth of a recording: the project's own USD, or joints from a ``.trc`` file.
 
-    Args:
-        path: the file.
-        axes: of a ``.trc``: which of the file's axes are the world's x, y and z.
-        first_frame: of a ``.trc``: the recording's frame number of the first row.
+    Of a ``.trc``, ``axes`` says which of its axes are the world's x, y and z, and ``first_frame`` is the recording's
+    frame number of its first row.
 
     Raises:
         InputError: a missing or wrong file, or axes for one that is in the world's own.
@@ -37,3 +55,85 @@ def load_truth(path: str | Path, axes: str = "xyz", first_frame: int = 0) -> Tru
             raise InputError(path, f"is in the world's own axes, not {axes!r}", "leave the axes out: a .trc needs them")
         return read_truth(path)
     raise InputError(path, f"{path.suffix or 'no suffix'!r} is no format of truth", "give a .usda, .usdc or .trc file")
+
+
+_VERSION = 1
+_DOT_SIZE = 0.02  # [m], how large a viewer draws a point
+_REMEDY = "write it again with this version of mmocap"
+
+
+def write_truth(path: str | Path, truth: Truth, up: str = "+z") -> None:
+    """Write truth to a ``.usda`` or ``.usdc`` file; ``up`` is the world's up axis, as in ``CameraRig``."""
+    stage = Usd.Stage.CreateInMemory()
+    set_time_range(stage, truth.frame_numbers, truth.fps)
+    root = UsdGeom.Xform.Define(stage, "/Truth")
+    stage.SetDefaultPrim(root.GetPrim())
+    set_world_up(stage, root, up)
+    author_value(root.GetPrim(), "mmocap:truthVersion", _VERSION)
+    author_value(root.GetPrim(), "mmocap:frames", np.asarray(truth.frame_numbers))
+    for name, labels, positions in (
+        ("Markers", truth.marker_names, truth.markers),
+        ("Joints", truth.joint_names, truth.joints),
+    ):
+        _define_points(stage, f"/Truth/{name}", labels, positions, truth.frame_numbers)
+    for frame, pose in zip(truth.frame_numbers, truth.pose if truth.pose is not None else (), strict=False):
+        author_value(root.GetPrim(), "mmocap:pose", pose, float(frame))
+    if truth.root_base is not None:
+        author(root, "mmocap:rootBase", Sdf.ValueTypeNames.Matrix3d, Gf.Matrix3d(np.asarray(truth.root_base, float).T))
+    write_stage(path, stage)
+
+
+@reads_usd
+def read_truth(path: str | Path) -> Truth:
+    """Read what :func:`write_truth` wrote.
+
+    Raises:
+        InputError: a missing file, one that holds no truth, another version, or arrays whose lengths disagree.
+    """
+    stage = read_stage(path)
+    prim = stage.GetPrimAtPath("/Truth")
+    if not prim:
+        raise InputError(path, "holds no truth (no prim /Truth)", "give a file of truth that mmocap wrote")
+    root = PrimReader(prim, path, _REMEDY)
+    version = root.value("mmocap:truthVersion")
+    root.require(version == _VERSION, f"this truth has version {version}, this program reads {_VERSION}")
+    frames = root.array("mmocap:frames", (None,), np.int64)
+    times = frames.astype(float).tolist()
+    marker_names, markers = _points_from_prim(root.child("Markers"), times)
+    joint_names, joints = _points_from_prim(root.child("Joints"), times)
+    pose = root.sampled_array("mmocap:pose", times) if prim.HasAttribute("mmocap:pose") else None
+    root_base = None
+    if prim.HasAttribute("mmocap:rootBase"):
+        root_base = root.array("mmocap:rootBase", (3, 3), np.float64).T
+        root.require(is_rotation(root_base), "mmocap:rootBase is not a rotation")
+    try:
+        return Truth(stage.GetTimeCodesPerSecond(), frames, marker_names, markers, joint_names, joints, pose, root_base)
+    except ValueError as error:
+        raise InputError(path, str(error), _REMEDY) from error
+
+
+def _define_points(
+    stage: Usd.Stage, path: str, names: tuple[str, ...], positions: np.ndarray, frames: np.ndarray
+) -> None:
+    points = UsdGeom.Points.Define(stage, path)
+    author_value(points.GetPrim(), "mmocap:names", names)
+    points.CreateWidthsAttr([_DOT_SIZE])
+    points.SetWidthsInterpolation(UsdGeom.Tokens.constant)
+    for frame, seen in zip(frames, positions, strict=True):
+        known = np.isfinite(seen).all(axis=1)
+        where = Vt.Vec3fArray.FromNumpy(seen[known].astype(np.float32))
+        points.CreatePointsAttr().Set(where, float(frame))
+        points.CreateIdsAttr().Set(Vt.Int64Array.FromNumpy(np.flatnonzero(known)), float(frame))
+        points.CreateExtentAttr().Set(UsdGeom.Points.ComputeExtent(where, [_DOT_SIZE] * len(where)), float(frame))
+
+
+def _points_from_prim(points: PrimReader, times: list[float]) -> tuple[tuple[str, ...], np.ndarray]:
+    names = tuple(points.texts("mmocap:names"))
+    positions = np.full((len(times), len(names), 3), np.nan)
+    samples = zip(points.samples("points", times), points.samples("ids", times), strict=True)
+    for row, (seen, ids) in enumerate(samples):
+        number = np.array(ids, int)
+        fits = len(seen) == len(number) and ((number >= 0) & (number < len(names))).all()
+        points.require(fits, f"ids do not fit points and names at frame {times[row]:g}")
+        positions[row, number] = np.array(seen).reshape(-1, 3)
+    return names, positions

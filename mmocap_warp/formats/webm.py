@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import os
+import struct
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
 
@@ -13,19 +15,18 @@ import cv2
 import numpy as np
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.matroska import read_frames, write_vp8
 from mmocap_warp.whole_file import whole_file
 
-_MOST_BITS = 1.5 * (2**31 - 1) / 2  # that OpenCV asks an encoder for [1/s]
-_BITS_PER_SECOND = 8 * 1.0e6  # of a video, about and at most
+_MAX_BITS = 1.5 * (2**31 - 1) / 2  # a second, which OpenCV asks an encoder for at most
+_BITS_PER_SECOND = 8 * 1.0e6  # of our videos, about and at most
 
 
 class WebmFile:
     """A video that appears under its name when it is complete; a context manager.
 
-    OpenCV has no setting for the rate, and asks the encoder for several megabytes a second: 1.5 bits a pixel, but for
-    ``_MOST_BITS`` a second at most. So it is told of far more frames a second than there are, until that bound is what
-    we want, and the frames that it encoded are written once more, with their true times.
+    OpenCV has no setting for the bit rate, and asks the encoder for several megabytes a second: 1.5 bits a pixel, but
+    for ``_MAX_BITS`` a second at most. So OpenCV is given a far higher frame rate than there is, at which that bound is
+    the bit rate that we want. It writes IVF, whose frames are then written once more, with their true times.
 
     Raises:
         InputError: a name that does not end in .webm, no such folder, one that cannot be written to, or a full disk.
@@ -43,7 +44,7 @@ class WebmFile:
     def __enter__(self) -> WebmFile:
         with contextlib.ExitStack() as stack:
             self._unfinished = stack.enter_context(whole_file(self._path))
-            self._encoded = self._unfinished.with_name(f"{self._unfinished.stem}.encoded.webm")
+            self._encoded = self._unfinished.with_name(f"{self._unfinished.stem}.encoded.ivf")
             stack.callback(self._encoded.unlink, missing_ok=True)
             self._close = stack.pop_all()
         return self
@@ -53,7 +54,7 @@ class WebmFile:
         with _quiet_stderr():  # OpenCV grumbles about every codec tag in WebM, and of a full disk at every frame
             if self._writer is None:
                 self._size = (frame.shape[1] & ~1, frame.shape[0] & ~1)  # OpenCV leaves out an odd row or column
-                rate = round(self._fps * _MOST_BITS / _BITS_PER_SECOND)
+                rate = round(self._fps * _MAX_BITS / _BITS_PER_SECOND)
                 self._writer = cv2.VideoWriter(
                     str(self._encoded), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"VP80"), rate, frame.shape[1::-1]
                 )
@@ -71,7 +72,7 @@ class WebmFile:
                     self._writer.release()
             if error is not None:
                 raise error
-            written = write_vp8(self._unfinished, read_frames(self._encoded), self._frames, self._size, self._fps)
+            written = _write_webm(self._unfinished, _read_ivf(self._encoded), self._frames, self._size, self._fps)
             if written < self._frames:  # OpenCV says nothing of it
                 raise OSError(f"only {written} of {self._frames} frames; no space left")
 
@@ -88,3 +89,93 @@ def _quiet_stderr() -> Iterator[None]:
     finally:
         os.dup2(kept, 2)
         os.close(kept)
+
+
+# Names of Matroska's elements (RFC 9559), of which WebM is made.
+_EBML, _SEGMENT, _CLUSTER, _SIMPLE_BLOCK, _TIMESTAMP = 0x1A45DFA3, 0x18538067, 0x1F43B675, 0xA3, 0xE7
+_SEEK_HEAD, _INFO, _TRACKS, _CUES = 0x114D9B74, 0x1549A966, 0x1654AE6B, 0x1C53BB6B
+_MAX_CLUSTER = 30_000  # milliseconds; a block says in 16 bits how much later it is than its cluster
+
+
+def _read_ivf(path: Path) -> Iterator[bytes]:
+    """The encoded frames of an IVF file, which has a head of 32 bytes and 12 before each frame, to where it is cut."""
+    with path.open("rb") as file:
+        file.seek(32)
+        while len(head := file.read(12)) == 12:
+            (size,) = struct.unpack_from("<I", head)
+            frame = file.read(size)
+            if len(frame) < size:
+                return
+            yield frame
+
+
+def _write_webm(path: Path, frames: Iterable[bytes], count: int, size: tuple[int, int], fps: float) -> int:
+    """Write VP8 frames at equal distances in time, with an index of those that can be jumped to.
+
+    ``count`` says how many they should be, ``size`` is their width and height [px]. Returns how many they were.
+    """
+    written, index = 0, b""
+    cluster, since = b"", 0
+    with path.open("wb") as file:
+        # The head, and a segment whose length and index are written at the end.
+        header = _number(0x4286, 1) + _number(0x42F7, 1) + _number(0x42F2, 4) + _number(0x42F3, 8)
+        file.write(_element(_EBML, header + _element(0x4282, b"webm") + _number(0x4287, 2) + _number(0x4285, 2)))
+        file.write(_element(_SEGMENT, b""))  # how long it is, is written in the end
+        start = file.tell()
+        file.write(_seek_head(0) + _info(count, fps) + _track(size, fps))
+        for frame in frames:
+            # A cluster begins at each frame that can be jumped to; the index says where.
+            time = round(1000 * written / fps)
+            is_key = not frame[0] & 1
+            if is_key or time - since > _MAX_CLUSTER:
+                file.write(cluster and _element(_CLUSTER, cluster))
+                cluster, since = _number(_TIMESTAMP, time), time
+            if is_key:
+                place = _element(0xB7, _number(0xF7, 1) + _number(0xF1, file.tell() - start))
+                index += _element(0xBB, _number(0xB3, time) + place)
+            cluster += _element(_SIMPLE_BLOCK, struct.pack(">BhB", 0x81, time - since, 0x80 * is_key) + frame)
+            written += 1
+        file.write(cluster and _element(_CLUSTER, cluster))
+        # The index, and what the head could not know.
+        cues = file.tell() - start
+        length = cues + file.write(_element(_CUES, index))
+        file.seek(start)
+        file.write(_seek_head(cues))
+        file.seek(start - 8)
+        file.write(_length(length))
+    return written
+
+
+def _seek_head(cues: int) -> bytes:
+    """Where the index is; as long for any place."""
+    place = _element(0x53AB, _CUES.to_bytes(4, "big")) + _element(0x53AC, cues.to_bytes(8, "big"))
+    return _element(_SEEK_HEAD, _element(0x4DBB, place))
+
+
+def _info(count: int, fps: float) -> bytes:
+    """Times are in milliseconds; how long the whole is."""
+    duration = _element(0x4489, struct.pack(">d", 1000 * count / fps))
+    names = _element(0x4D80, b"mmocap-warp") + _element(0x5741, b"mmocap-warp")
+    return _element(_INFO, _number(0x2AD7B1, 1_000_000) + duration + names)
+
+
+def _track(size: tuple[int, int], fps: float) -> bytes:
+    """The only track: video."""
+    video = _element(0xE0, _number(0xB0, size[0]) + _number(0xBA, size[1]))
+    of_frame = _number(0x23E383, round(Fraction(10**9) / Fraction(fps)))  # nanoseconds
+    kind = _number(0xD7, 1) + _number(0x73C5, 1) + _number(0x83, 1) + _number(0x9C, 0) + _element(0x86, b"V_VP8")
+    return _element(_TRACKS, _element(0xAE, kind + of_frame + video))
+
+
+def _element(name: int, content: bytes) -> bytes:
+    return name.to_bytes((name.bit_length() + 7) // 8, "big") + _length(len(content)) + content
+
+
+def _number(name: int, value: int) -> bytes:
+    """An element that holds a number."""
+    return _element(name, value.to_bytes(max(1, (value.bit_length() + 7) // 8), "big"))
+
+
+def _length(size: int) -> bytes:
+    """A size, always in eight bytes."""
+    return (1 << 56 | size).to_bytes(8, "big")

@@ -9,7 +9,7 @@ import numpy as np
 
 from mmocap_warp.masks.mask_settings import ForegroundSettings
 
-_ALIKE = 0.6  # of each other's area: two people at different distances are still alike
+_RIVAL_AREA_RATIO = 0.6  # of two components' areas: two people at different distances are still alike
 
 
 def clean_mask(
@@ -57,20 +57,11 @@ def drop_small(mask: np.ndarray, area: float, connectivity: int) -> np.ndarray:
 
 
 def keep_subject(mask: np.ndarray, join: float, body: np.ndarray | None) -> np.ndarray:
-    """The components that overlap ``body``, or the one nearest to it; without a body, the largest.
+    """The components of a mask that overlap ``body``, or the one nearest to it; without a body, the largest.
 
-    Args:
-        mask: (height, width) bool.
-        join: pieces up to this far apart count as one component [px].
-        body: (height, width) bool or None; an empty one counts as None.
+    An empty body counts as none. Pieces up to ``join`` pixels apart count as one component.
     """
-    if cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)[0] <= 2:
-        return mask
-    joined = cv2.dilate(mask.astype(np.uint8), _disc(join)) if join >= 1 else mask.astype(np.uint8)
-    count, label = cv2.connectedComponents(joined, connectivity=8)
-    label = np.where(mask, label, 0)
-    areas = np.bincount(label.ravel(), minlength=count)
-    areas[0] = 0
+    count, label, areas = _components(mask, join)
     if count <= 2:
         return mask
     if body is None or not body.any():
@@ -86,16 +77,28 @@ def keep_subject(mask: np.ndarray, join: float, body: np.ndarray | None) -> np.n
 def rivals(mask: np.ndarray, join: float) -> tuple[int, int] | None:
     """Areas of a mask's two largest components, where they are about equal: two people; else None.
 
-    Args:
-        mask: (height, width) bool.
-        join: as in :func:`keep_subject`.
+    ``join`` is as in :func:`keep_subject`.
     """
-    if cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)[0] <= 2:
+    count, _, areas = _components(mask, join)
+    if count <= 2:
         return None
-    joined = cv2.dilate(mask.astype(np.uint8), _disc(join)) if join >= 1 else mask.astype(np.uint8)
-    _, label = cv2.connectedComponents(joined, connectivity=8)
-    smaller, larger = np.sort(np.append(np.bincount(label[mask]), 0))[-2:].tolist()
-    return (larger, smaller) if smaller > _ALIKE * larger else None
+    smaller, larger = np.sort(areas)[-2:].tolist()
+    return (larger, smaller) if smaller > _RIVAL_AREA_RATIO * larger else None
+
+
+def _components(mask: np.ndarray, join: float) -> tuple[int, np.ndarray, np.ndarray]:
+    """How many components there are with the background, the component of each pixel, and their areas [px].
+
+    A mask that is in one piece is not joined any further: its components are those of the mask itself.
+    """
+    pixels = mask.astype(np.uint8)
+    count, label = cv2.connectedComponents(pixels, connectivity=8)
+    if count > 2 and join >= 1:
+        count, label = cv2.connectedComponents(cv2.dilate(pixels, _disc(join)), connectivity=8)
+        label = np.where(mask, label, 0)
+    areas = np.bincount(label.ravel(), minlength=count)
+    areas[0] = 0
+    return count, label, areas
 
 
 def _odd(length: float) -> int:

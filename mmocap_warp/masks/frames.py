@@ -36,25 +36,15 @@ class ImageFolder:
         return len(self.files)
 
     def read(self, first: int = 0) -> Iterator[np.ndarray]:
-        """Frames from ``first`` on, unchanged (palettes are expanded to BGR).
-
-        Raises:
-            InputError: an image is unreadable or of another size.
-        """
+        """Frames from ``first`` on, unchanged (palettes are expanded to BGR)."""
         for file in self.files[first:]:
             image = read_image(file)
-            if image.shape[1::-1] != self.size:
-                raise InputError(
-                    file,
-                    f"is {image.shape[1]}x{image.shape[0]}, the first image is {self.size[0]}x{self.size[1]}",
-                    "images of one camera must have one size",
-                )
+            check_size(image.shape, self.size, file)
             yield image
 
     def sample(self, count: int) -> Iterator[np.ndarray]:
         """At most ``count`` frames, evenly spread."""
-        for i in np.unique(np.linspace(0, len(self.files) - 1, count).round().astype(int)):
-            yield read_image(self.files[i])
+        return (read_image(self.files[i]) for i in evenly_spread(len(self), count))
 
 
 @dataclass(frozen=True)
@@ -93,11 +83,8 @@ class VideoFile:
             for frame in range(self.count):
                 good, image = _next_frame(capture, frame >= first)
                 if not good:
-                    raise InputError(
-                        self.path,
-                        f"ends after {frame} of its {self.count} frames",
-                        f"copy the file again, or set [scene] frames = {frame}",
-                    )
+                    remedy = f"copy the file again, or set [scene] frames = {frame}"
+                    raise InputError(self.path, f"ends after {frame} of its {self.count} frames", remedy)
                 if image is None:
                     continue
                 if image.shape[1::-1] != self.size:
@@ -115,33 +102,40 @@ class VideoFile:
 Frames = ImageFolder | VideoFile
 
 
+def check_size(shape: tuple[int, ...], size: tuple[int, int], source: object) -> None:
+    """Raise InputError for an image of another (width, height) than the first one of its camera."""
+    if shape[1::-1] != size:
+        problem = f"is {shape[1]}x{shape[0]}, the first image is {size[0]}x{size[1]}"
+        raise InputError(source, problem, "images of one camera must have one size")
+
+
+def evenly_spread(total: int, count: int) -> list[int]:
+    """At most ``count`` of ``total`` numbers from 0, the first and the last among them."""
+    return np.unique(np.linspace(0, total - 1, count).round().astype(int)).tolist()  # type: ignore[no-any-return]
+
+
 def open_frames(path: Path) -> Frames:
     """A folder of images or a video.
 
     Raises:
         InputError: missing, empty, not decodable, or a numbered folder with a gap.
     """
-    if os.path.isdir(path):
-        return _open_folder(path)
-    return open_video(path)
+    if not os.path.isdir(path):
+        return open_video(path)
+    by_name = {file.name: file for file in path.iterdir()}
+    files = tuple(by_name[name] for name in images_in_order(list(by_name), path))
+    height, width = read_image(files[0]).shape[:2]
+    return ImageFolder(path, files, (width, height))
 
 
 def open_image(path: Path) -> ImageFolder:
-    """A single image as a sequence of one.
-
-    Raises:
-        InputError: missing or not an image.
-    """
+    """A single image as a sequence of one."""
     height, width = read_image(path).shape[:2]
     return ImageFolder(path.parent, (path,), (width, height))
 
 
 def open_video(path: Path) -> VideoFile:
-    """A video file.
-
-    Raises:
-        InputError: missing or not decodable.
-    """
+    """A video file."""
     if not os.path.isfile(path):
         raise InputError(path, "no such file or folder", "check the path; it is relative to the scene file")
     capture = cv2.VideoCapture(str(path))
@@ -171,34 +165,26 @@ def _next_frame(capture: cv2.VideoCapture, decoded: bool) -> tuple[bool, np.ndar
 
 
 def read_image(path: Path) -> np.ndarray:
-    """An image file, unchanged.
-
-    Raises:
-        InputError: missing, not an image, or one of other numbers than 8 or 16 bits.
-    """
+    """An image file, unchanged."""
     if not os.path.isfile(path):
         raise InputError(path, "no such file", "check the path; it is relative to the scene file")
     try:
         image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     except cv2.error:  # its header states a size beyond all bounds
         image = None
-    return _checked(image, path)
+    return _check_image(image, path)
 
 
 def decode_image(data: bytes, source: object) -> np.ndarray:
-    """An image file's content, unchanged; ``source`` names it in messages.
-
-    Raises:
-        InputError: not an image, or one of other numbers than 8 or 16 bits.
-    """
+    """An image file's content, unchanged; ``source`` names it in messages."""
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
     except cv2.error:
         image = None
-    return _checked(image, source)
+    return _check_image(image, source)
 
 
-def _checked(image: np.ndarray | None, source: object) -> np.ndarray:
+def _check_image(image: np.ndarray | None, source: object) -> np.ndarray:
     if image is None:
         raise InputError(source, "cannot be decoded as an image", "convert it to PNG")
     if image.dtype not in (np.uint8, np.uint16):
@@ -213,13 +199,6 @@ def as_colour(image: np.ndarray) -> np.ndarray:
     if image.ndim == 2:
         return np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR))
     return np.ascontiguousarray(image[..., :3])
-
-
-def _open_folder(path: Path) -> ImageFolder:
-    by_name = {file.name: file for file in path.iterdir()}
-    files = [by_name[name] for name in images_in_order(list(by_name), path)]
-    height, width = read_image(files[0]).shape[:2]
-    return ImageFolder(path, tuple(files), (width, height))
 
 
 def images_in_order(names: list[str], source: Path) -> list[str]:

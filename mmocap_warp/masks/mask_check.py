@@ -7,22 +7,22 @@ holds the body's volume. A mask that lacks a part takes it from the hull, so tha
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from mmocap_warp.cameras.rig import CameraRig, project
-from mmocap_warp.masks.repair import hull_thickness
-from mmocap_warp.masks.visual_hull import meeting_point
+from mmocap_warp.masks.visual_hull import hull_thickness, meeting_point
 
-_JUDGED = 12  # frames whose views are compared
-_SPACING = 0.04  # of the voxels [m]
-_REACH = 1.3  # of their grid about the subject [m]
-_PIXELS = 600  # of a mask that are compared with the other views
-_PART = 0.4  # of a body's volume: a smaller hull is a part of it. That of a leg is up to 0.25, of a body 1 to 3
-_PART_OF_TWO = 0.8  # the same from two views, whose hulls are larger: up to 0.5 and from 1.5 on
-_LESS = 0.5  # of the others' hull: a view that lacks most of the subject. A leg is 0.15 to 0.3
-_MORE = 0.6  # of a mask: where the others explain less, it shows something else. Good masks are at 0.93 to 1
-_OFTEN_EMPTY = 0.25  # of the frames
+_COMPARED_FRAMES = 12  # number of frames whose views are compared
+_SPACING = 0.04  # between voxels [m]
+_GRID_REACH = 1.3  # of the voxels' grid about the subject [m]
+_COMPARED_PIXELS = 600  # number of a mask's pixels that are compared with the other views
+_MIN_VOLUME = 0.4  # of a body's volume. A hull of less shows a part: that of a leg has up to 0.25, of a body 1 to 3
+_MIN_VOLUME_TWO_VIEWS = 0.8  # the same of two views, whose hulls are larger: a leg's up to 0.5, a body's from 1.5 on
+_MIN_COVERED = 0.5  # share of the others' hull. A view that covers less lacks most of the subject: a leg is 0.15 to 0.3
+_MIN_EXPLAINED = 0.6  # share of a mask. One that is explained less shows something else: good masks are at 0.93 to 1
+_MAX_EMPTY_SHARE = 0.25  # of the frames
 LITRE = 1e-3  # [m^3]
 
 
@@ -49,7 +49,7 @@ class MaskReport:
     Attributes:
         views: by camera name.
         volume: of the hull of all views, median over the compared frames [m^3]; NaN where two views never agree.
-        faults: sentences, each of which says what is wrong; none where the masks can be tracked.
+        faults: a sentence for each thing that is wrong; empty where the masks can be tracked.
     """
 
     views: dict[str, ViewReport]
@@ -68,7 +68,7 @@ class MaskJudge:
 
     def __init__(self, rig: CameraRig, frames: int, body_volume: float) -> None:
         self._rig, self._body_volume = rig, body_volume
-        self._compared = set(np.linspace(0, frames - 1, _JUDGED).round().astype(int).tolist())
+        self._compared = set(np.linspace(0, frames - 1, _COMPARED_FRAMES).round().astype(int).tolist())
         self._area: list[list[int]] = []
         self._agreements: list[_Agreement] = []
 
@@ -89,37 +89,41 @@ class MaskJudge:
             for k, name in enumerate(self._rig.names)
         }
         volume = _median(np.array([one.volume for one in self._agreements]))
-        faults = [*_empty_views(views), *self._disagreements(views, volume)]
+        faults = [
+            f"{name} shows nothing in {(view.area == 0).sum()} of {len(view.area)} frames"
+            for name, view in views.items()
+            if (view.area == 0).mean() > _MAX_EMPTY_SHARE
+        ]
+        faults += self._disagreements(views, volume)
         return MaskReport(views, volume, tuple(faults))
 
     def _disagreements(self, views: dict[str, ViewReport], volume: float) -> list[str]:
         """What the views' agreement says. One that lacks most of the subject leaves all others unexplained."""
-        part = (_PART_OF_TWO if len(views) == 2 else _PART) * self._body_volume
+        part = (_MIN_VOLUME_TWO_VIEWS if len(views) == 2 else _MIN_VOLUME) * self._body_volume
         lacking = [
             f"{name} shows {100 * view.covered:.0f} % of what the other views see: most of the subject is missing there"
             for name, view in views.items()
-            if view.covered < _LESS
-            and view.explained > _MORE
-            and all(other.explained < _MORE for other in views.values() if other is not view)
+            if view.covered < _MIN_COVERED
+            and view.explained > _MIN_EXPLAINED
+            and all(other.explained < _MIN_EXPLAINED for other in views.values() if other is not view)
         ]
         if lacking:
             return lacking
         if not volume > part:
-            held = 0.0 if np.isnan(volume) else volume / LITRE
+            litres = 0.0 if np.isnan(volume) else volume / LITRE
             return [
-                f"what all views agree on holds {held:.0f} litres, a body like the subject's"
+                f"what all views agree on holds {litres:.0f} litres, a body like the subject's"
                 f" {self._body_volume / LITRE:.0f}: only a part of it was segmented, such as a moving leg"
             ]
         return [
             f"{100 * (1 - view.explained):.0f} % of what {name} shows is seen by no other view: something else is"
             " in it, or its calibration or frame_offset is wrong"
             for name, view in views.items()
-            if view.explained < _MORE
+            if view.explained < _MIN_EXPLAINED
         ]
 
 
-@dataclass(frozen=True)
-class _Agreement:
+class _Agreement(NamedTuple):
     """A frame: per camera ``explained`` and ``covered``, NaN where not known; and the hull's volume [m^3]."""
 
     explained: np.ndarray
@@ -128,8 +132,7 @@ class _Agreement:
 
 
 def _agreement(rig: CameraRig, masks: list[np.ndarray]) -> _Agreement:
-    unknown = np.full(len(rig), np.nan)
-    explained, covered = unknown.copy(), unknown.copy()
+    explained, covered = np.full((2, len(rig)), np.nan)
     seen = [k for k, mask in enumerate(masks) if mask.any()]
     if len(seen) < 2:
         return _Agreement(explained, covered, np.nan)
@@ -137,16 +140,16 @@ def _agreement(rig: CameraRig, masks: list[np.ndarray]) -> _Agreement:
     hit, possible = _votes(rig, masks, subject)
     for k in seen if len(seen) > 2 else ():
         others = [j for j in seen if j != k]
-        hull = _agreed(hit, possible, others)
+        hull = _hull_of(hit, possible, others)
         if hull.any():
             covered[k] = possible[k, hull].mean()  # what lies outside of its image, a view cannot lack
-        explained[k] = _explained(rig, masks, k, others, subject)
-    return _Agreement(explained, covered, float(_agreed(hit, possible, seen).sum() * _SPACING**3))
+        explained[k] = _explained_share(rig, masks, k, others, subject)
+    return _Agreement(explained, covered, float(_hull_of(hit, possible, seen).sum() * _SPACING**3))
 
 
 def _votes(rig: CameraRig, masks: list[np.ndarray], subject: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(camera, voxel) bool twice: seen as foreground; and foreground or outside of the image."""
-    along = np.arange(-_REACH, _REACH, _SPACING)
+    along = np.arange(-_GRID_REACH, _GRID_REACH, _SPACING)
     voxels = np.stack(np.meshgrid(along, along, along, indexing="ij"), axis=-1).reshape(-1, 3) + subject
     hit = np.zeros((len(rig), len(voxels)), bool)
     possible = np.zeros_like(hit)
@@ -159,27 +162,19 @@ def _votes(rig: CameraRig, masks: list[np.ndarray], subject: np.ndarray) -> tupl
     return hit, possible
 
 
-def _agreed(hit: np.ndarray, possible: np.ndarray, views: list[int]) -> np.ndarray:
+def _hull_of(hit: np.ndarray, possible: np.ndarray, views: list[int]) -> np.ndarray:
     """(voxel,) bool: the hull of some views; two must see a voxel, and none may see background there."""
     enough = hit[views].sum(axis=0) >= min(2, len(views))
     return possible[views].all(axis=0) & enough
 
 
-def _explained(rig: CameraRig, masks: list[np.ndarray], k: int, others: list[int], subject: np.ndarray) -> float:
+def _explained_share(rig: CameraRig, masks: list[np.ndarray], k: int, others: list[int], subject: np.ndarray) -> float:
     """Share of camera ``k``'s mask behind which the other views have something."""
     row, column = np.nonzero(masks[k])
-    some = slice(None, None, max(1, len(row) // _PIXELS))
+    some = slice(None, None, max(1, len(row) // _COMPARED_PIXELS))
     depth = float((rig.R[k] @ subject + rig.t[k])[2])
     thick = hull_thickness(rig, masks, k, others, np.stack([column[some], row[some]], axis=1), depth)
     return float((thick > 0).mean())
-
-
-def _empty_views(views: dict[str, ViewReport]) -> list[str]:
-    return [
-        f"{name} shows nothing in {(view.area == 0).sum()} of {len(view.area)} frames"
-        for name, view in views.items()
-        if (view.area == 0).mean() > _OFTEN_EMPTY
-    ]
 
 
 def _median(values: np.ndarray) -> float:

@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 import os
+import tarfile
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
+from typing import NamedTuple
 
 import numpy as np
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.masks.frames import ImageFolder, VideoFile, decode_image, images_in_order, open_frames
-from mmocap_warp.masks.image_tar import TarMember, list_tar, read_member
-from mmocap_warp.masks.label_images import Labels, palette_labels
+from mmocap_warp.masks.frames import (
+    ImageFolder,
+    VideoFile,
+    check_size,
+    decode_image,
+    evenly_spread,
+    images_in_order,
+    open_frames,
+)
+from mmocap_warp.masks.mask_image import Labels, palette_labels
 from mmocap_warp.masks.rle_masks import RleMasks, open_rle
 
 
@@ -41,25 +50,15 @@ class MaskImages:
         return files or (self.path,)
 
     def read(self, first: int = 0) -> Iterator[np.ndarray | Labels]:
-        """Frames from ``first`` on, unchanged; of an indexed PNG its objects.
-
-        Raises:
-            InputError: an image is unreadable or of another size.
-        """
+        """Frames from ``first`` on, unchanged; of an indexed PNG its objects."""
         for member in self.members[first:]:
             image = _read(self.path, member)
-            if image.shape[1::-1] != self.size:
-                raise InputError(
-                    _name(self.path, member),
-                    f"is {image.shape[1]}x{image.shape[0]}, the first image is {self.size[0]}x{self.size[1]}",
-                    "images of one camera must have one size",
-                )
+            check_size(image.shape, self.size, _name(self.path, member))
             yield image
 
     def sample(self, count: int) -> Iterator[np.ndarray | Labels]:
         """At most ``count`` frames, evenly spread."""
-        for i in np.unique(np.linspace(0, len(self.members) - 1, count).round().astype(int)):
-            yield _read(self.path, self.members[i])
+        return (_read(self.path, self.members[i]) for i in evenly_spread(len(self), count))
 
 
 Masks = MaskImages | RleMasks | VideoFile
@@ -102,3 +101,61 @@ def _read(path: Path, member: Path | TarMember) -> np.ndarray | Labels:
 
 def _name(path: Path, member: Path | TarMember) -> Path:
     return member if isinstance(member, Path) else path / member.name
+
+
+_MAX_BYTES = 1 << 28  # of an image: far above any mask, far below the memory
+_MAX_PATH = 4096  # characters, as in file systems
+
+
+class TarMember(NamedTuple):
+    """Where a file lies in an archive: its path there, the place of its first byte, and its length in bytes."""
+
+    name: str
+    offset: int
+    length: int
+
+
+def list_tar(path: Path) -> list[TarMember]:
+    """The files of an uncompressed archive, in its order; hidden ones and folders are left out.
+
+    Raises:
+        InputError: not such an archive, or one that holds links, devices, or paths that lead out of it.
+    """
+    members = []
+    try:
+        with tarfile.open(path, "r:") as archive:
+            for member in archive:
+                name = PurePosixPath(member.name)
+                if name.is_absolute() or ".." in name.parts:
+                    raise InputError(path, f"holds a path that leads out of it ({member.name!r})", "make it anew")
+                if len(member.name) > _MAX_PATH:
+                    raise InputError(path, f"holds a path of {len(member.name)} characters", "shorten its files' names")
+                if member.size >= 0 and (member.isdir() or name.name.startswith(".")):
+                    continue
+                if not member.isreg() or member.issparse() or not 0 <= member.size <= _MAX_BYTES:
+                    raise InputError(path, f"'{member.name}' is no plain image file", "put image files there alone")
+                members.append(TarMember(member.name, member.offset_data, member.size))
+    except InputError:
+        raise
+    except (tarfile.TarError, OSError, ValueError, OverflowError) as error:
+        raise InputError(path, f"cannot be read as a tar archive ({error})", "make it anew, uncompressed") from None
+    except MemoryError:
+        raise InputError(path, "has a header that is larger than the memory", "make it anew, uncompressed") from None
+    return members
+
+
+def read_member(path: Path, member: TarMember) -> bytes:
+    """A file's content.
+
+    Raises:
+        InputError: the archive cannot be read, or is shorter than it was.
+    """
+    try:
+        with path.open("rb") as stream:
+            stream.seek(member.offset)
+            data = stream.read(member.length)
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error})", "check its permissions") from None
+    if len(data) < member.length:
+        raise InputError(path, f"ends within '{member.name}'", "copy it again")
+    return data

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.masks.label_images import Labels
+from mmocap_warp.masks.frames import evenly_spread, natural_order
+from mmocap_warp.masks.mask_image import Labels
 
-_MOST_PIXELS = 1 << 28
+_MAX_PIXELS = 1 << 28
 _REMEDY = "write it with pycocotools, segmentation = {size = [height, width], counts = ...}"
 
 
@@ -41,18 +42,12 @@ class RleMasks:
         return (self.path,)
 
     def read(self, first: int = 0) -> Iterator[Labels]:
-        """Frames from ``first`` on; where objects overlap, the smaller one is in front.
-
-        Raises:
-            InputError: run lengths that are not the image's.
-        """
-        for number in range(first, len(self.frames)):
-            yield self._frame(number)
+        """Frames from ``first`` on; where objects overlap, the smaller one is in front."""
+        return map(self._frame, range(first, len(self.frames)))
 
     def sample(self, count: int) -> Iterator[Labels]:
         """At most ``count`` frames, evenly spread."""
-        for i in np.unique(np.linspace(0, len(self.frames) - 1, count).round().astype(int)).tolist():
-            yield self._frame(i)
+        return map(self._frame, evenly_spread(len(self), count))
 
     def _frame(self, number: int) -> Labels:
         width, height = self.size
@@ -75,9 +70,6 @@ def open_rle(path: Path) -> RleMasks:
     ``category_id``), video instance segmentation's (``annotations`` with ``segmentations``, a frame each; the identity
     is the annotation's ``id``), or a list with a frame each: run lengths, a list of them (identities 1, 2, ... in
     order), or null.
-
-    Raises:
-        InputError: anything else.
     """
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
@@ -86,7 +78,7 @@ def open_rle(path: Path) -> RleMasks:
     except (OSError, ValueError, RecursionError) as error:
         raise InputError(path, f"cannot be read as JSON ({str(error)[:80]})", _REMEDY) from None
     try:
-        frames = _frames(content)
+        frames = _read_frames(content)
     except (KeyError, TypeError, AttributeError, IndexError) as error:
         raise InputError(path, f"is not in COCO's form ({type(error).__name__}: {str(error)[:80]})", _REMEDY) from None
     except ValueError as error:
@@ -100,16 +92,12 @@ def open_rle(path: Path) -> RleMasks:
 
 
 def decode_rle(counts: Any, height: int, width: int) -> np.ndarray:
-    """(height, width) bool of COCO's run lengths: background first, down the columns.
-
-    Args:
-        counts: the lengths, or the string that pycocotools packs them into.
-        height, width: of the image.
+    """(height, width) bool of COCO's run lengths, or pycocotools' string of them: background first, down the columns.
 
     Raises:
         ValueError: lengths that are not the image's.
     """
-    lengths = _unpacked(counts) if isinstance(counts, str) else counts
+    lengths = _unpack_string(counts) if isinstance(counts, str) else counts
     if not isinstance(lengths, list) or any(type(length) is not int or length < 0 for length in lengths):
         raise ValueError("its run lengths are not whole numbers")
     if sum(lengths) != height * width:
@@ -118,7 +106,7 @@ def decode_rle(counts: Any, height: int, width: int) -> np.ndarray:
     return np.repeat(values, lengths).reshape(width, height).T
 
 
-def _unpacked(text: str) -> list[int]:
+def _unpack_string(text: str) -> list[int]:
     """Run lengths of pycocotools' string: five bits a character, least first; from the fourth on as differences."""
     lengths: list[int] = []
     value = shift = 0
@@ -139,9 +127,9 @@ def _unpacked(text: str) -> list[int]:
     return lengths
 
 
-def _frames(content: Any) -> list[dict[int, Any]]:
+def _read_frames(content: Any) -> list[dict[int, Any]]:
     if isinstance(content, list):
-        return [_listed(frame) for frame in content]
+        return [_read_list_entry(frame) for frame in content]
     annotations = content["annotations"]
     if any("segmentations" in one for one in annotations):
         count = max(len(one["segmentations"]) for one in annotations)
@@ -149,38 +137,36 @@ def _frames(content: Any) -> list[dict[int, Any]]:
         for one in annotations:
             for frame, rle in zip(frames, one["segmentations"], strict=False):
                 if rle is not None:
-                    frame[_identity(one["id"])] = _checked(rle)
+                    frame[_check_identity(one["id"])] = _check_rle(rle)
         return frames
-    from mmocap_warp.masks.frames import natural_order
-
     images = sorted(content["images"], key=lambda image: (natural_order(str(image.get("file_name", ""))), image["id"]))
     by_image: dict[Any, dict[int, Any]] = {image["id"]: {} for image in images}
     for one in annotations:
-        identity = _identity(one.get("track_id", one.get("category_id", 1)))
+        identity = _check_identity(one.get("track_id", one.get("category_id", 1)))
         frame = by_image[one["image_id"]]
         if identity in frame:
             raise ValueError(f"an image has two masks of identity {identity}: give each annotation a track_id")
-        frame[identity] = _checked(one["segmentation"])
+        frame[identity] = _check_rle(one["segmentation"])
     return list(by_image.values())
 
 
-def _listed(frame: Any) -> dict[int, Any]:
+def _read_list_entry(frame: Any) -> dict[int, Any]:
     if frame is None:
         return {}
     objects = frame if isinstance(frame, list) else [frame]
-    return {i: _checked(rle) for i, rle in enumerate(objects, 1) if rle is not None}
+    return {i: _check_rle(rle) for i, rle in enumerate(objects, 1) if rle is not None}
 
 
-def _identity(value: Any) -> int:
+def _check_identity(value: Any) -> int:
     if type(value) is not int or not 0 < value < 1 << 16:
         raise ValueError(f"identity {value!r} is not a whole number from 1 to 65535")
     return value
 
 
-def _checked(rle: Any) -> dict[str, Any]:
+def _check_rle(rle: Any) -> dict[str, Any]:
     if isinstance(rle, list):
         raise ValueError("holds polygons")
     height, width = rle["size"]
-    if type(height) is not int or type(width) is not int or not 0 < height * width <= _MOST_PIXELS or height < 0:
+    if type(height) is not int or type(width) is not int or not 0 < height * width <= _MAX_PIXELS or height < 0:
         raise ValueError(f"size = {rle['size']} is not a height and a width")
     return {"size": (height, width), "counts": rle["counts"]}

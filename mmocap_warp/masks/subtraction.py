@@ -20,14 +20,14 @@ _MAD_TO_SD = 1.4826  # of a normal distribution
 
 
 class Background(Protocol):
-    """A background that has been learnt. Judging an image changes nothing, but for the last samples that KNN takes."""
+    """A background that has been learnt. Judging an image changes nothing, except that KNN takes samples of it."""
 
     def foreground(self, image: np.ndarray) -> np.ndarray:
-        """(height, width) bool: what of a BGR image is not background."""
+        """(height, width) bool: the pixels of a BGR image that are not background."""
 
 
 def learn_background(images: Iterable[np.ndarray], count: int, settings: ForegroundSettings) -> Background:
-    """Learn from ``count`` BGR images of one camera (1 is enough), of which an even selection is used."""
+    """Learn from an even selection of the ``count`` BGR images of one camera; 1 is enough."""
     if settings.model == "gaussian":
         return GaussianBackground.learn(_spread(images, count, _GAUSSIAN_SAMPLES), settings)
     return MixtureBackground.learn(_spread(images, count, _MIXTURE_SAMPLES), settings)
@@ -109,3 +109,47 @@ class MixtureBackground:
     def foreground(self, image: np.ndarray) -> np.ndarray:
         """See :class:`Background`; shadows, which OpenCV marks with 127, are background."""
         return self._subtractor.apply(image, learningRate=self._frozen) == 255
+
+
+_DEPTH, _DISTANCE = 0.03, 0.03  # [m]: what is deeper in the body is surely subject, what is further from it is not
+_ROUNDS = 3  # of GrabCut
+_MARGIN = 2.0  # in units of _DISTANCE, around the body: the background's colours are learnt there
+
+
+def mask_around_body(image: np.ndarray, body: np.ndarray, pixels_per_metre: float) -> np.ndarray:
+    """The subject's pixels in an image without a background to subtract, near the tracked body's silhouette.
+
+    GrabCut (Rother, Kolmogorov and Blake 2004) learns the colours of what is surely the subject and surely not, and
+    draws the contour between them where the image has an edge.
+
+    Args:
+        image: (height, width, 3) BGR uint8.
+        body: (height, width) bool, the tracked body's silhouette.
+        pixels_per_metre: at the body.
+
+    Returns:
+        (height, width) bool; ``body`` itself where it is too small to learn colours from.
+    """
+    rows, columns = (np.flatnonzero(body.any(axis=axis)) for axis in (1, 0))
+    if not len(rows):
+        return body.copy()
+    inside = cv2.distanceTransform(body.astype(np.uint8), cv2.DIST_L2, 5)
+    outside = cv2.distanceTransform(1 - body.astype(np.uint8), cv2.DIST_L2, 5)
+    known = np.where(body, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
+    known[inside > min(_DEPTH * pixels_per_metre, 0.5 * float(inside.max()))] = cv2.GC_FGD
+    known[outside > _DISTANCE * pixels_per_metre] = cv2.GC_BGD
+    reach = int(np.ceil((1 + _MARGIN) * _DISTANCE * pixels_per_metre))
+    window = np.s_[
+        max(int(rows[0]) - reach, 0) : int(rows[-1]) + reach + 1,
+        max(int(columns[0]) - reach, 0) : int(columns[-1]) + reach + 1,
+    ]
+    part = np.ascontiguousarray(known[window])
+    if not (part == cv2.GC_BGD).any():
+        return body.copy()
+    cv2.setRNGSeed(0)  # it starts from random clusters of colours
+    models = np.zeros((2, 1, 65))
+    whole = (0, 0, *part.shape[::-1])
+    cv2.grabCut(np.ascontiguousarray(image[window]), part, whole, models[0], models[1], _ROUNDS, cv2.GC_INIT_WITH_MASK)
+    mask = np.zeros_like(body)
+    mask[window] = (part == cv2.GC_FGD) | (part == cv2.GC_PR_FGD)
+    return mask

@@ -1,14 +1,15 @@
-"""The visual hull: what of space all silhouettes agree on (Laurentini 1994), as voxels."""
+"""The visual hull, the space that all silhouettes agree on (Laurentini 1994), and repair of masks by it."""
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.masks.observation import Observation, unpack_masks
 
-_COARSE = 0.10  # first grid [m]; bodies are found on it, then carved finely
-_BEYOND = 1e6  # px, beyond any image
+_COARSE_SPACING = 0.10  # first grid [m]; bodies are found on it, then carved finely
+_FAR_PIXEL = 1e6  # px, beyond any image
 _REACH = 2.0  # half the first grid's edge [m]
 
 
@@ -42,10 +43,11 @@ def visual_hull(rig: CameraRig, observation: Observation, spacing: float = 0.03,
     rig = rig.select(tuple(rig.names[k] for k in judging))
     masks = [masks[k] for k in judging]
     centre = meeting_point(rig, masks)
-    found = _carve(rig, _near(rig, masks, centre), _grid(centre - _REACH, centre + _REACH, _COARSE), tolerate)
-    if not len(found):
-        return found
-    low, high = found.min(axis=0) - _COARSE, found.max(axis=0) + _COARSE
+    coarse_grid = _grid(centre - _REACH, centre + _REACH, _COARSE_SPACING)
+    coarse = _carve(rig, _grow_masks(rig, masks, centre), coarse_grid, tolerate)
+    if not len(coarse):
+        return coarse
+    low, high = coarse.min(axis=0) - _COARSE_SPACING, coarse.max(axis=0) + _COARSE_SPACING
     return _carve(rig, masks, _grid(low, high, spacing), tolerate)
 
 
@@ -70,14 +72,14 @@ def meeting_point(rig: CameraRig, masks: list[np.ndarray]) -> np.ndarray:
     return point
 
 
-def _near(rig: CameraRig, masks: list[np.ndarray], centre: np.ndarray) -> list[np.ndarray]:
+def _grow_masks(rig: CameraRig, masks: list[np.ndarray], centre: np.ndarray) -> list[np.ndarray]:
     """Masks grown by the reach of a coarse voxel (half its diagonal), so that none that touches the subject is lost."""
     import cv2
 
     grown = []
     for k, mask in enumerate(masks):
-        depth = max(float((rig.R[k] @ centre + rig.t[k])[2]), _COARSE)
-        radius = int(np.ceil(np.sqrt(3) / 2 * _COARSE * rig.K[k, 0, 0] / depth))
+        depth = max(float((rig.R[k] @ centre + rig.t[k])[2]), _COARSE_SPACING)
+        radius = int(np.ceil(np.sqrt(3) / 2 * _COARSE_SPACING * rig.K[k, 0, 0] / depth))
         kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
         grown.append(cv2.dilate(mask.view(np.uint8), kernel).view(bool))
     return grown
@@ -105,8 +107,103 @@ def seen_at(rig: CameraRig, k: int, points: np.ndarray, mask: np.ndarray) -> tup
     """Pixels (n, 2) of points (n, 3), column and row, and which of them are foreground of a camera's mask."""
     seen = points @ (rig.K[k] @ rig.R[k]).T + rig.K[k] @ rig.t[k]
     depth = np.where(seen[:, 2] > 0, seen[:, 2], np.inf)
-    place = np.rint(np.clip(seen[:, :2] / depth[:, None], -_BEYOND, _BEYOND)).astype(np.int32)
+    place = np.rint(np.clip(seen[:, :2] / depth[:, None], -_FAR_PIXEL, _FAR_PIXEL)).astype(np.int32)
     height, width = mask.shape
     inside = (place >= 0).all(axis=1) & (place[:, 0] < width) & (place[:, 1] < height) & (seen[:, 2] > 0)
     inside[inside] = mask[place[inside, 1], place[inside, 0]]
     return place, inside
+
+
+# A gap or dent up to so wide is filled where the other views' hull is so thick along its rays [m, m]. A narrow one may
+# be in a limb. A wide one, or a hole that is enclosed, can only be in the trunk: less is the phantom volume that few
+# views leave between arm and trunk. Going from narrow to wide keeps a false gap apart from a true one that it meets.
+_GAPS = ((0.04, 0.10), (0.08, 0.18), (0.12, 0.18))
+_RAY_REACH = 1.2  # the rays are followed this far before and behind the subject [m]
+_STEP = 0.025  # along the rays [m]
+
+
+def repair_masks(rig: CameraRig, masks: list[np.ndarray]) -> list[np.ndarray]:
+    """Fill holes, gaps and dents of each mask where the other views' visual hull is over 10 cm thick.
+
+    The rig's cameras are undistorted pinholes, as the masks, which are (height, width) bool.
+
+    A dark pair of shorts before a dark floor leaves a hole that no single image can mend; seen from elsewhere, the
+    body is plainly there. True gaps, as between arm and torso, have little or no hull behind them and stay. A view
+    needs two others that see the subject; with fewer, or when it is empty itself, it is returned as it is.
+
+    Returns:
+        New masks, per camera (height, width) bool; each contains its original.
+    """
+    seen = [k for k, mask in enumerate(masks) if mask.any()]
+    if len(seen) < 3:
+        return list(masks)
+    subject = meeting_point(rig.select(tuple(rig.names[k] for k in seen)), [masks[k] for k in seen])
+    return [
+        _repair(rig, masks, k, [j for j in seen if j != k], subject) if k in seen else mask
+        for k, mask in enumerate(masks)
+    ]
+
+
+def _repair(rig: CameraRig, masks: list[np.ndarray], k: int, others: list[int], subject: np.ndarray) -> np.ndarray:
+    mask = masks[k]
+    depth = float((rig.R[k] @ subject + rig.t[k])[2])
+    if depth <= 0:
+        return mask
+    repaired = mask
+    for width, thickness in _GAPS:
+        diameter = max(3, round(width * rig.K[k, 0, 0] / depth)) | 1
+        kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (diameter, diameter))
+        closed = cv2.morphologyEx(repaired.view(np.uint8), cv2.MORPH_CLOSE, kernel).view(bool)
+        if width == _GAPS[-1][0]:
+            closed = fill_enclosed(closed)
+        row, column = np.nonzero(closed & ~repaired)
+        count, label = cv2.connectedComponents((closed & ~repaired).view(np.uint8), connectivity=4)
+        hole = label[row, column]
+        thick = hull_thickness(rig, masks, k, others, np.stack([column, row], axis=1), depth)
+        typical = [np.median(thick[hole == h]) if h else 0.0 for h in range(count)]
+        repaired = repaired | (np.array(typical) > thickness)[label]
+    return repaired
+
+
+def fill_enclosed(mask: np.ndarray) -> np.ndarray:
+    """(height, width) bool: ``mask`` with every background region filled that the image's border does not touch."""
+    padded = np.pad(mask.astype(np.uint8), 1)
+    cv2.floodFill(padded, None, (0, 0), 2)
+    return padded[1:-1, 1:-1] != 2
+
+
+def hull_thickness(
+    rig: CameraRig, masks: list[np.ndarray], k: int, others: list[int], pixels: np.ndarray, depth: float
+) -> np.ndarray:
+    """Length of the rays through camera ``k``'s pixels that lies inside the other cameras' silhouettes [m].
+
+    Args:
+        rig: undistorted pinholes, as the masks.
+        masks: per camera (height, width) bool.
+        k: the camera.
+        others: cameras that judge; one whose image a point misses does not judge it, but two must.
+        pixels: (n, 2) column and row.
+        depth: about which the rays are followed [m].
+
+    Returns:
+        (n,) float [m].
+    """
+    rays = np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(rig.K[k]).T  # depth 1
+    depths = np.arange(max(depth - _RAY_REACH, _STEP), depth + _RAY_REACH, _STEP, dtype=np.float32)
+    agree = np.zeros((len(rays), len(depths)), np.int8)
+    possible = np.ones(agree.shape, bool)
+    for j in others:
+        # A point at depth z is z * direction + origin in camera j's homogeneous pixels: linear in z.
+        turn = rig.R[j] @ rig.R[k].T
+        direction = (rays @ (rig.K[j] @ turn).T).astype(np.float32)
+        origin = (rig.K[j] @ (rig.t[j] - turn @ rig.t[k])).astype(np.float32)
+        w = direction[:, 2:] * depths + origin[2]
+        column = np.rint((direction[:, :1] * depths + origin[0]) / w)
+        row = np.rint((direction[:, 1:2] * depths + origin[1]) / w)
+        height, width = masks[j].shape
+        inside = (w > 0) & (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        hit = masks[j].ravel()[np.where(inside, row * width + column, 0).astype(np.int32)] & inside
+        agree += hit
+        possible &= hit | ~inside
+    count = (possible & (agree >= 2)).sum(axis=1)
+    return count * _STEP * np.linalg.norm(rays, axis=1)

@@ -19,11 +19,11 @@ from mmocap_warp.masks.mask_files import open_masks
 from mmocap_warp.scene.mask_mark import read_mark
 from mmocap_warp.scene.recording import CameraSource
 
-_SAME_RATE = 0.005
+RATE_TOLERANCE = 0.005
 """Rates that differ by less than this share are one rate: video of 59.94 frames a second is called one of 60."""
 
-_WHOLE = 0.01  # of a frame, by which an offset may differ from whole frames and still be whole
-_MOST_FRAMES = 1e8  # of an offset
+_WHOLE_TOLERANCE = 0.01  # of a frame, by which an offset may differ from whole frames and still be whole
+_MAX_OFFSET = 1e8  # frames
 
 Opened = TypeVar("Opened")
 
@@ -67,6 +67,7 @@ def read_cameras(
     table.finish()
     if not tables:
         raise table.error("no camera is named", "add a table [cameras.<name>] for each, named as in the calibration")
+    # Each camera's images; the rates of videos must agree where the scene does not state them.
     stated = {name for name, camera in tables.items() if camera.has("fps")}
     sources = tuple(_read_source(camera, name, scene, fps) for name, camera in tables.items())
     by_file = [source for source in sources if source.name not in stated]
@@ -74,7 +75,8 @@ def read_cameras(
         _check_rate(source, fps, tables[source.name])
     _check_drift(by_file, fps, table)
     if calibration is None:
-        return _as_recorded(sources, up, table)
+        return _uncalibrated(sources, up, table)
+    # The calibration of these cameras, in the scene's order.
     shifts = np.array([source.centre_shift for source in sources])
     sizes = {source.name: size for source in sources if (size := _recorded_size(source)) is not None}
     lenses = read_lenses(calibration, up, sizes)
@@ -85,20 +87,19 @@ def read_cameras(
     for source in sources:
         if source.name not in rig.names:
             near = difflib.get_close_matches(source.name, rig.names, 1, 0.0)[0]
-            raise table.error(
-                f"camera '{source.name}' is not in {calibration.name}",
-                f"it has {', '.join(rig.names)}; did you mean '{near}'?",
-            )
+            problem = f"camera '{source.name}' is not in {calibration.name}"
+            raise table.error(problem, f"it has {', '.join(rig.names)}; did you mean '{near}'?")
     rig = rig.select(tuple(source.name for source in sources))
+    # Principal points that the scene corrects.
     K = rig.K.copy()
     K[:, :2, 2] += shifts
     return sources, check_rig(replace(rig, K=K), f"{scene}: centre_shift", rig.placed) if shifts.any() else rig
 
 
-def _as_recorded(
+def _uncalibrated(
     sources: tuple[CameraSource, ...], up: str, table: Table
 ) -> tuple[tuple[CameraSource, ...], CameraRig]:
-    """Cameras of which nothing is known but their images, and pinholes for them."""
+    """Cameras that have images only, and pinholes of these images' sizes."""
     sizes = [_recorded_size(source) for source in sources]
     for source, size in zip(sources, sizes, strict=True):
         if size is None:
@@ -122,7 +123,10 @@ def _read_source(table: Table, name: str, scene: Path, fps: float) -> CameraSour
     left, top = recorded.take_numbers("offset", (2,), [0.0, 0.0])
     right, down = table.take_numbers("centre_shift", (2,), [0.0, 0.0])
     masks = opened("masks", open_masks)
-    rate = _take_rate(table, fps)
+    own_fps = table.take("fps", float, fps)
+    if not 0 < own_fps < 100_000:
+        raise table.error(f"fps = {own_fps:g} is not a frame rate", "give the frames per second of this camera")
+    rate = own_fps / fps
     offset, fraction = _take_offset(table, fps * rate)
     source = CameraSource(
         name=name,
@@ -145,13 +149,6 @@ def _read_source(table: Table, name: str, scene: Path, fps: float) -> CameraSour
     return source
 
 
-def _take_rate(table: Table, fps: float) -> float:
-    own = table.take("fps", float, fps)
-    if not 0 < own < 100_000:
-        raise table.error(f"fps = {own:g} is not a frame rate", "give the frames per second of this camera")
-    return own / fps
-
-
 def _take_offset(table: Table, fps: float) -> tuple[int, float]:
     """A camera's offset in whole frames of its own, and the rest; what is nearly whole is whole."""
     if not table.has("offset"):
@@ -159,17 +156,17 @@ def _take_offset(table: Table, fps: float) -> tuple[int, float]:
     if table.has("frame_offset"):
         raise table.error("has both offset and frame_offset", "give offset alone, in seconds")
     frames = table.take("offset", float) * fps
-    if abs(frames) > _MOST_FRAMES:
+    if abs(frames) > _MAX_OFFSET:
         raise table.error(f"offset is {frames:.3g} frames", "give the seconds by which this camera lags")
     whole = round(frames)
     fraction = frames - whole
-    return whole, fraction if abs(fraction) > _WHOLE else 0.0
+    return whole, fraction if abs(fraction) > _WHOLE_TOLERANCE else 0.0
 
 
 def _check_rate(source: CameraSource, fps: float, table: Table) -> None:
     """See that a camera's videos have the recording's rate, where the scene does not say what rate they have."""
     for frames in (source.video, source.masks):
-        if isinstance(frames, VideoFile) and frames.fps > 0 and abs(frames.fps / fps - 1) > _SAME_RATE:
+        if isinstance(frames, VideoFile) and frames.fps > 0 and abs(frames.fps / fps - 1) > RATE_TOLERANCE:
             raise table.error(
                 f"{frames.path} has {frames.fps:g} frames a second, [scene] says {fps:g}",
                 f"correct [scene] fps; or add fps = {frames.fps:g} here, and its frames are taken by time; "

@@ -13,15 +13,16 @@ import numpy as np
 
 from mmocap_warp.cameras.rig import UP_AXES, CameraRig
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.calibration.image_size import EVERY_OTHER
+from mmocap_warp.formats.calibration.calibration_text import EVERY_OTHER
 from mmocap_warp.formats.toml_table import quoted, quoted_path
 from mmocap_warp.masks.frames import Frames, VideoFile, as_colour, open_frames
-from mmocap_warp.scene.found_calibration import FoundCalibration, find_calibration, project_kind, read_found
-from mmocap_warp.scene.found_media import Kind, Medium, Take, find_media, names_without_calibration, takes
+from mmocap_warp.scene.calibration_search import CalibrationFile, find_calibration, project_kind, read_with_unit
+from mmocap_warp.scene.camera_tables import RATE_TOLERANCE
+from mmocap_warp.scene.media_search import Kind, Medium, Take, find_media, names_without_calibration, takes
 
-_UPRIGHT = 0.8  # share of the images' vertical that is along the world's, where cameras stand upright
-_SAME_RATE = 0.005
-_DARK, _STEP = 30.0, 20.0  # gray levels: a black bar's brightest row, and how much brighter the picture beside it is
+_MIN_UPRIGHT = 0.8  # share of the images' vertical that is along the world's if cameras stand upright
+_MAX_BAR_LEVEL = 30.0  # gray levels, of a black bar's brightest row
+_MIN_BAR_STEP = 20.0  # gray levels, by which the picture beside a black bar is brighter
 
 
 @dataclass
@@ -73,7 +74,7 @@ class _Media:
     def others_rate(self, name: str) -> float | None:
         """A video's own rate, where most have another."""
         rate = self.rates.get(name)
-        return rate if rate is not None and self.fps and abs(rate / self.fps - 1) > _SAME_RATE else None
+        return rate if rate is not None and self.fps and abs(rate / self.fps - 1) > RATE_TOLERANCE else None
 
     def all_have(self, take: Take, cameras: tuple[str, ...]) -> bool:
         return all(name in take for name in cameras)
@@ -89,14 +90,15 @@ def draft_scene(folder: Path) -> Draft:
     draft = Draft(project=project_kind(folder))
     files = find_media(folder)
     if not any(medium.kind in ("recording", "masks") for medium in files):
-        raise InputError(
-            folder, "holds no video and no folder of images", "put a video or a folder of images of each camera there"
-        )
+        remedy = "put a video or a folder of images of each camera there"
+        raise InputError(folder, "holds no video and no folder of images", remedy)
+    # The calibration names the cameras, and each camera's name is looked for in the media's.
     found = find_calibration(folder)
-    rig, units = read_found(found, _sizes(files, found)) if found else (None, "m")
+    rig, units = read_with_unit(found, _sizes(files, found)) if found else (None, "m")
     names = rig.names if rig else names_without_calibration(files)
     video = _one_take(folder, files, names)
-    media = _Media(video, *(_first_take(files, kind, names) for kind in ("masks", "background", "clean_plate")))
+    kinds: tuple[Kind, ...] = ("masks", "background", "clean_plate")
+    media = _Media(video, *(next(iter(takes(files, kind, names).values()), {}) for kind in kinds))
     draft.cameras = tuple(name for name in names if name in media.frames)
     if not draft.cameras:
         raise InputError(
@@ -106,6 +108,7 @@ def draft_scene(folder: Path) -> Draft:
         )
     if left_out := [name for name in names if name not in draft.cameras]:
         draft.missing.append(f"videos of {', '.join(left_out)}, which the calibration has: the scene leaves them out")
+    # The file, a block for each table.
     blocks = [
         _head(draft, folder),
         _about(draft, rig, media),
@@ -117,7 +120,7 @@ def draft_scene(folder: Path) -> Draft:
     return draft
 
 
-def _sizes(media: list[Medium], found: FoundCalibration) -> dict[str, tuple[int, int]]:
+def _sizes(media: list[Medium], found: CalibrationFile) -> dict[str, tuple[int, int]]:
     """Of the recordings and masks, by their own names, for a calibration that may not tell sizes; of all, where there
     is one."""
     if not found.open_sizes:
@@ -135,28 +138,23 @@ def _one_take(folder: Path, files: list[Medium], names: tuple[str, ...]) -> Take
     Raises:
         InputError: there are several.
     """
-    found = takes(files, "recording", names)
-    videos = {place: take for place, take in found.items() if not next(iter(take.values())).is_dir()}
-    found = videos or found
-    if len(found) < 2:
-        return next(iter(found.values()), {})
-    folders = list(
-        dict.fromkeys(os.path.commonpath([path.parent for path in take.values()]) for take in found.values())
-    )
-    remedy = f"name one recording's folder: mmocap init {folders[0]}"
-    if len(folders) < len(found):
+    candidates = takes(files, "recording", names)
+    videos = {place: take for place, take in candidates.items() if not next(iter(take.values())).is_dir()}
+    candidates = videos or candidates
+    if len(candidates) < 2:
+        return next(iter(candidates.values()), {})
+    places = [os.path.commonpath([path.parent for path in take.values()]) for take in candidates.values()]
+    remedy = f"name one recording's folder: mmocap init {places[0]}"
+    if len(set(places)) < len(candidates):
         remedy = "move each recording into a folder of its own"
-    raise InputError(folder, f"holds several recordings: {', '.join(found)}", remedy)
-
-
-def _first_take(files: list[Medium], kind: Kind, names: tuple[str, ...]) -> Take:
-    return next(iter(takes(files, kind, names).values()), {})
+    raise InputError(folder, f"holds several recordings: {', '.join(candidates)}", remedy)
 
 
 def _head(draft: Draft, folder: Path) -> list[str]:
+    name = "".join(c if c.isprintable() else "?" for c in folder.resolve().name)
     of = f", a project of {draft.project}" if draft.project else ""
     return [
-        f"# {_one_line(folder.resolve().name)}{of}. Drafted by mmocap init: read it, and correct what is wrong.",
+        f"# {name}{of}. Drafted by mmocap init: read it, and correct what is wrong.",
         "# Paths count from this file's folder. docs/scene.md explains every key.",
     ]
 
@@ -168,10 +166,14 @@ def _about(draft: Draft, rig: CameraRig | None, media: _Media) -> list[str]:
         draft.missing.append("the recording's rate: give fps under [scene]; images do not tell it")
     else:
         lines.append(f"fps = {media.fps:g}")
-    up, share = ("+z", 0.0) if rig is None else _vertical(rig)
+    up, share = "+z", 0.0
+    if rig is not None:  # up in the cameras' images, on average, is nearest to this axis, and so much along it
+        mean = -rig.R[:, 1].mean(axis=0)
+        axis = int(np.abs(mean).argmax())
+        up, share = UP_AXES[2 * axis + (mean[axis] < 0)], float(abs(mean[axis]))
     if rig is None:
         lines.append(f'up = "{up}"   # the vertical of the calibration\'s world')
-    elif share < _UPRIGHT:
+    elif share < _MIN_UPRIGHT:
         lines.append(f'up = "{up}"   # a guess: the cameras do not stand upright along an axis')
         draft.missing.append(f'a look at the vertical: up = "{up}" is a guess, and mmocap cameras draws the axes')
     else:
@@ -188,14 +190,7 @@ def _about(draft: Draft, rig: CameraRig | None, media: _Media) -> list[str]:
     return lines
 
 
-def _vertical(rig: CameraRig) -> tuple[str, float]:
-    """The signed axis that is nearest to up in the cameras' images, and how much of up is along it on average."""
-    mean = -rig.R[:, 1].mean(axis=0)
-    axis = int(np.abs(mean).argmax())
-    return UP_AXES[2 * axis + (mean[axis] < 0)], float(abs(mean[axis]))
-
-
-def _calibration(draft: Draft, found: FoundCalibration | None, units: str, folder: Path) -> list[str]:
+def _calibration(draft: Draft, found: CalibrationFile | None, units: str, folder: Path) -> list[str]:
     if found is None:
         draft.missing.append(
             "a calibration: put a Pose2Sim .toml, a Qualisys .qca.txt, EasyMocap's intri.yml and extri.yml, or another "
@@ -219,22 +214,24 @@ def _calibration(draft: Draft, found: FoundCalibration | None, units: str, folde
 
 def _camera(draft: Draft, name: str, folder: Path, rig: CameraRig | None, media: _Media) -> list[str]:
     frames = media.frames[name]
-    lines = [f"[cameras.{name if re.fullmatch('[A-Za-z0-9_-]+', name) else quoted(name)}]   # {_told(frames)}"]
+    rate = f" at {frames.fps:g} a second" if isinstance(frames, VideoFile) and frames.fps > 0 else ""
+    content = "{} frames of {}x{}".format(len(frames), *frames.size) + rate
+    lines = [f"[cameras.{name if re.fullmatch('[A-Za-z0-9_-]+', name) else quoted(name)}]   # {content}"]
     for key in ("video", "masks", "background", "clean_plate"):
         if name in (take := getattr(media, key)):
             lines.append(f"{key} = {quoted_path(take[name], folder)}")
-    if rate := media.others_rate(name):
-        lines.append(f"# fps = {rate:g}   # its own rate: without the first #, its frames are taken by time")
+    if own_rate := media.others_rate(name):
+        lines.append(f"# fps = {own_rate:g}   # its own rate: without the first #, its frames are taken by time")
         draft.missing.append(
-            f"the rate of {name}: its video has {rate:g} frames a second, others {media.fps:g}; give fps = "
-            f"{rate:g} under [cameras.{name}] to take its frames by time"
+            f"the rate of {name}: its video has {own_rate:g} frames a second, others {media.fps:g}; give fps = "
+            f"{own_rate:g} under [cameras.{name}] to take its frames by time"
         )
     if rig is not None:
-        lines += _placing(draft, name, frames, rig.size[rig.names.index(name)])
+        lines += _placement(draft, name, frames, rig.size[rig.names.index(name)])
     return lines
 
 
-def _placing(draft: Draft, name: str, frames: Frames, calibrated: np.ndarray) -> list[str]:
+def _placement(draft: Draft, name: str, frames: Frames, calibrated: np.ndarray) -> list[str]:
     """How the calibrated image lies in a recorded one of another size, as far as the recorded one tells."""
     recorded = np.array(frames.size)
     if (recorded == calibrated).all():
@@ -267,7 +264,7 @@ def _has_bars(frames: Frames, bars: np.ndarray) -> bool:
     level = rows.mean(axis=1)
     outside = np.concatenate([level[: width - 1], level[len(level) - width + 1 :]])
     inside = np.minimum(level[width + 1], level[len(level) - width - 2])
-    return bool(outside.max() < _DARK and inside > outside.max() + _STEP)
+    return bool(outside.max() < _MAX_BAR_LEVEL and inside > outside.max() + _MIN_BAR_STEP)
 
 
 def _foreground(draft: Draft, media: _Media) -> list[str]:
@@ -292,13 +289,3 @@ def _foreground(draft: Draft, media: _Media) -> list[str]:
         "[foreground]",
         f'source = "{source}"',
     ]
-
-
-def _told(frames: Frames) -> str:
-    """What a video or folder holds, in a few words."""
-    rate = f" at {frames.fps:g} a second" if isinstance(frames, VideoFile) and frames.fps > 0 else ""
-    return "{} frames of {}x{}".format(len(frames), *frames.size) + rate
-
-
-def _one_line(text: str) -> str:
-    return "".join(c if c.isprintable() else "?" for c in text)

@@ -1,9 +1,13 @@
-"""Which frames of a recording are meant, as people write it: ``100``, ``20:80`` or ``20:80:2``."""
+"""Which frames are meant, as people write it (``100``, ``20:80``, ``20:80:2``), and reading images of these frames."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from itertools import islice
+from typing import Protocol, TypeVar
 
 
 @dataclass(frozen=True)
@@ -76,3 +80,36 @@ def as_range(numbers: list[int]) -> range:
     if list(frames) != numbers:
         raise ValueError("frame numbers must be evenly spaced")
     return frames
+
+
+Image = TypeVar("Image", covariant=True)
+
+
+class ReadInOrder(Protocol[Image]):
+    """What a camera's frames have in common, whatever they are read from."""
+
+    def __len__(self) -> int: ...
+
+    def read(self, first: int = 0) -> Iterator[Image]:
+        """Frames from ``first`` on."""
+
+
+def frames_by_number(frames: ReadInOrder[Image] | None, numbers: Iterable[int]) -> Iterator[Image | None]:
+    """The frames of these numbers, none below the one before; None where there is none, and one at a time in memory."""
+    reader: Iterator[Image] | None = None
+    last, image = -1, None
+    for number in numbers:
+        if frames is None or not 0 <= number < len(frames):
+            yield None
+            continue
+        if reader is None:
+            reader, last = frames.read(number), number - 1
+        while last < number:
+            image, last = next(reader), last + 1
+        yield image
+
+
+def read_together(streams: Sequence[Iterator[Image]], pool: Executor) -> Iterator[list[Image]]:
+    """What streams of one length yield, an item of each at a time, read at once; they are read to their ends."""
+    while all(items := list(pool.map(lambda stream: list(islice(stream, 1)), streams))):
+        yield [item for (item,) in items]

@@ -1,7 +1,7 @@
-"""Subtracted masks, kept beside the scene so that they are made once.
+"""Subtracted masks, stored beside the scene so that they are made once.
 
 Subtracting decodes the videos and is the slowest part of reading a recording; tracking, smoothing and drawing want the
-same masks again. What is kept is what a camera's subtraction found at one scale, undistorted but not yet cleaned:
+same masks again. What is stored is what a camera's subtraction found at one scale, undistorted but not yet cleaned:
 cleaning may depend on where the body was tracked. A file is ``.mmocap/<scene>/<camera>@<scale>.tar`` in the scene's
 folder, with a PNG of one bit a frame. It is used only if all that its masks were made from is the same, and replaced
 otherwise. Where it cannot be written, masks are made each time.
@@ -21,19 +21,15 @@ import numpy as np
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.png import encode_png
-from mmocap_warp.masks.image_tar import list_tar, read_member
+from mmocap_warp.masks.mask_files import list_tar, read_member
 
 _KEY = "made_from"  # the first member's name; it holds the key
 
 
-def kept_masks(path: Path, key: str, first: int, count: int) -> Iterator[np.ndarray | None] | None:
-    """The masks of frames ``first`` to ``first + count - 1``; None where they are not kept.
+def stored_masks(path: Path, key: str, first: int, count: int) -> Iterator[np.ndarray | None] | None:
+    """The masks of frames ``first`` to ``first + count - 1`` in a camera's file; None where they are not stored.
 
-    Args:
-        path: of the camera's file.
-        key: all that the masks were made from.
-        first: frame to start with.
-        count: number of frames.
+    ``key`` says all that the masks were made from.
 
     Returns:
         Per frame (height, width) bool, None where the camera has no image.
@@ -59,64 +55,43 @@ def kept_masks(path: Path, key: str, first: int, count: int) -> Iterator[np.ndar
     return masks()
 
 
-def keeping(path: Path, key: str, count: int, masks: Iterator[np.ndarray | None]) -> Iterator[np.ndarray | None]:
-    """Pass ``masks`` on, all ``count`` frames of a camera, and keep them at ``path`` once the last one is there."""
-    writer = _Writer(path, key)
+def store_masks(path: Path, key: str, count: int, masks: Iterator[np.ndarray | None]) -> Iterator[np.ndarray | None]:
+    """Pass ``masks`` on, all ``count`` frames of a camera, and store them at ``path`` once the last one is there.
+
+    If the folder or disk is full, nothing is stored and nothing is said: tracking works without it.
+    """
+    unfinished = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    archive: tarfile.TarFile | None = None
     try:
+        with contextlib.suppress(OSError):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            archive = tarfile.open(unfinished, "w")  # noqa: SIM115
+        archive = _add(archive, _KEY, key.encode())
         for frame, mask in enumerate(masks):
-            writer.add(frame, mask)
-            if frame + 1 == count:
-                writer.finish()
+            if mask is not None and archive is not None:
+                archive = _add(archive, f"{frame:06d}.png", encode_png(mask))
+            if frame + 1 == count and archive is not None:
+                with contextlib.suppress(OSError):
+                    archive.close()
+                    os.replace(unfinished, path)
             yield mask
     finally:
-        writer.drop()
-
-
-class _Writer:
-    """A file in the making. A folder or disk that takes no more ends it silently: tracking can do without it."""
-
-    def __init__(self, path: Path, key: str) -> None:
-        self._path = path
-        self._unfinished = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
-        self._archive: tarfile.TarFile | None = None
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._archive = tarfile.open(self._unfinished, "w")  # noqa: SIM115
-        except OSError:
-            return
-        self._put(_KEY, key.encode())
-
-    def add(self, frame: int, mask: np.ndarray | None) -> None:
-        """Write a frame's mask."""
-        if self._archive is not None and mask is not None:
-            self._put(f"{frame:06d}.png", encode_png(mask))
-
-    def finish(self) -> None:
-        """Give the file its name."""
-        archive, self._archive = self._archive, None
-        if archive is None:
-            return
-        try:
-            archive.close()
-            os.replace(self._unfinished, self._path)
-        except OSError:
-            self._unfinished.unlink(missing_ok=True)
-
-    def drop(self) -> None:
-        """Remove what is not finished."""
-        archive, self._archive = self._archive, None
-        if archive is None:
-            return
         with contextlib.suppress(OSError):  # a full disk has no room for the archive's end either
-            archive.close()
-        self._unfinished.unlink(missing_ok=True)
+            if archive is not None:
+                archive.close()
+        with contextlib.suppress(OSError):
+            unfinished.unlink(missing_ok=True)
 
-    def _put(self, name: str, data: bytes) -> None:
-        if self._archive is None:
-            return
+
+def _add(archive: tarfile.TarFile | None, name: str, data: bytes) -> tarfile.TarFile | None:
+    """Add a member; returns the archive, or None where there is none or no room in it."""
+    if archive is not None:
         member = tarfile.TarInfo(name)
         member.size = len(data)
         try:
-            self._archive.addfile(member, io.BytesIO(data))
+            archive.addfile(member, io.BytesIO(data))
         except OSError:
-            self.drop()
+            with contextlib.suppress(OSError):
+                archive.close()
+            return None
+    return archive

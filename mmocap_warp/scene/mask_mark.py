@@ -1,17 +1,18 @@
-"""What masks that were undistorted once are of, written beside them, so that nobody undistorts them twice."""
+"""A file beside undistorted masks that says what they were made from, so that they are not undistorted twice."""
 
 from __future__ import annotations
 
 import hashlib
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.toml_table import Table, load_toml, quoted
+from mmocap_warp.formats.toml_table import Table, load_toml, toml_value
 from mmocap_warp.whole_file import write_whole
 
 MARK_NAME = "masks.toml"
@@ -45,74 +46,46 @@ class MaskMark:
     calibration: str
 
     def write(self, folder: Path) -> None:
-        """Put it beside the masks of ``folder``.
-
-        Raises:
-            InputError: the folder cannot be written.
-        """
+        """Put it beside the masks of ``folder``."""
         lines = [
             "# Written by mmocap mask: these masks are undistorted. They are read as they are, pixel for pixel the",
             "# pinhole camera of the same name in ../pinholes.toml, and never undistorted again.",
-            f"camera = {quoted(self.camera)}",
-            f"size = {list(self.size)}",
-            f"scale = {self.scale!r}",
-            f"calibrated_size = {list(self.calibrated_size)}",
-            f"first_frame = {self.first_frame}",
-            f"shift = {self.shift}",
-            f"stride = {self.stride}",
-            f"repaired = {str(self.repaired).lower()}",
-            f'calibration = "{self.calibration}"',
+            *(f"{field.name} = {toml_value(getattr(self, field.name))}" for field in fields(self)),
             "",
         ]
         write_whole(folder / MARK_NAME, "\n".join(lines).encode())
 
 
 def read_mark(masks: Path) -> MaskMark | None:
-    """The mark beside a camera's masks, None where there is none: these are in the recorded video's pixels.
-
-    Raises:
-        InputError: a mark that cannot be read.
-    """
+    """The mark beside a camera's masks, None where there is none: these are in the recorded video's pixels."""
     path = masks / MARK_NAME
     if not os.path.isfile(path):
         return None
     table = load_toml(path)
-    mark = MaskMark(
-        camera=table.take("camera", str),
-        size=_take_size(table, "size"),
-        scale=table.take("scale", float),
-        calibrated_size=_take_size(table, "calibrated_size"),
-        first_frame=table.take("first_frame", int),
-        shift=table.take("shift", int),
-        stride=table.take("stride", int),
-        repaired=table.take("repaired", bool),
-        calibration=table.take("calibration", str),
-    )
+    kinds = {"str": str, "float": float, "int": int, "bool": bool}
+    values: dict[str, Any] = {
+        field.name: table.take(field.name, kinds[field.type]) if field.type in kinds else _take_size(table, field.name)
+        for field in fields(MaskMark)
+    }
+    mark = MaskMark(**values)
     table.finish()
     if mark.stride < 1 or mark.first_frame < 0:
-        raise table.error("its frames are none", "make the masks again with mmocap mask")
+        raise table.error("stride is below 1 or first_frame below 0", "make the masks again with mmocap mask")
     if not 0 < mark.scale <= 1:
         raise table.error(f"scale = {mark.scale:g} is not in (0, 1]", "make the masks again with mmocap mask")
     return mark
 
 
 def check_mark(mark: MaskMark, source: Path, calibration: str) -> None:
-    """See that masks were made with the calibration that they are to be used with.
-
-    Args:
-        mark: what lies beside them.
-        source: their folder.
-        calibration: hash of the calibration now.
+    """See that the masks of folder ``source`` were made with the calibration that has this hash now.
 
     Raises:
         InputError: it is another one.
     """
     if mark.calibration != calibration:
-        raise InputError(
-            source,
-            f"these masks of '{mark.camera}' were undistorted with another calibration than the scene's",
-            f"make them again with mmocap mask, or remove {MARK_NAME} if they are in the recorded video's pixels",
-        )
+        problem = f"these masks of '{mark.camera}' were undistorted with another calibration than the scene's"
+        remedy = f"make them again with mmocap mask, or remove {MARK_NAME} if they are in the recorded video's pixels"
+        raise InputError(source, problem, remedy)
 
 
 def calibration_hash(

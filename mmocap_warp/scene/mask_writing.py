@@ -9,12 +9,13 @@ import cv2
 import numpy as np
 
 from mmocap_warp.errors import InputError
+from mmocap_warp.formats.attachments import attachment_lines
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.png import write_png
+from mmocap_warp.formats.toml_table import quoted, quoted_path, toml_value
 from mmocap_warp.formats.webm import WebmFile
 from mmocap_warp.scene.mask_mark import MaskMark, calibration_hash
-from mmocap_warp.scene.masked_scene import masked_scene
-from mmocap_warp.scene.recording import Scene
+from mmocap_warp.scene.recording import CameraSource, Scene
 from mmocap_warp.whole_file import write_whole
 
 _TINT = np.array([0, 150, 255], np.uint8)  # BGR
@@ -67,7 +68,7 @@ def write_masks(
         raise InputError(folder, f"cannot be written to ({error})", "choose another folder") from None
     write_toml_rig(folder / "pinholes.toml", rig)
     for k, name in enumerate(rig.names):  # before any mask, so that none is ever without
-        _mark(scene, k, scale, first).write(folder / name)
+        _mask_mark(scene, k, scale, first).write(folder / name)
     done = 0
     with WebmFile(folder / "overlay.webm", scene.rate) as video:
         frames = zip(scene.masks(scale, first, count), scene.images(scale, first, count), strict=True)
@@ -86,7 +87,7 @@ def write_masks(
     return folder / "scene.toml"
 
 
-def _mark(scene: Scene, k: int, scale: float, first: int) -> MaskMark:
+def _mask_mark(scene: Scene, k: int, scale: float, first: int) -> MaskMark:
     source, rig, repaired = scene.cameras[k], scene.calibrated, scene.foreground.repair
     sizes = [tuple(int(length) for length in each.size[k]) for each in (rig.undistorted(scale), rig)]
     placed = source.recorded_scale, source.recorded_offset
@@ -115,3 +116,71 @@ def draw_masks(masks: list[np.ndarray], images: list[np.ndarray | None]) -> np.n
         size = (max(1, round(view.shape[1] * height / view.shape[0])), height)
         views.append(cv2.resize(view, size, interpolation=cv2.INTER_AREA))
     return np.concatenate(views, axis=1)
+
+
+def masked_scene(scene: Scene, folder: Path, scale: float, first: int, count: int) -> str:
+    """``scene.toml`` of a folder that holds a scene's masks, one folder a camera.
+
+    It keeps all that the scene says but how masks are made: calibration, videos, truth, body, settings.
+
+    Args:
+        scene: the recorded scene.
+        folder: where the text will lie; paths count from there.
+        scale: of the masks; they are tracked at this scale unless the scene asks for a smaller one.
+        first: the scene's frame that the first masks are of.
+        count: number of frames.
+    """
+
+    def path(file: Path) -> str:
+        return quoted_path(file, folder)
+
+    frames = scene.frames[first : first + count]
+    is_start = (frames.start, frames.step) == (0, 1)
+    frames_value = str(len(frames)) if is_start else quoted(f"{frames.start}:{frames[-1] + 1}:{frames.step}")
+    body = None if scene.body is None else path(scene.body) if isinstance(scene.body, Path) else quoted(scene.body)
+    calibration = [] if scene.calibration is None else [f"calibration = {path(scene.calibration)}"]
+    lines = [
+        f"# A recorded scene with its masks made, at scale {scale:g}. By mmocap mask.",
+        "[scene]",
+        f"name = {quoted(scene.name)}",
+        f"fps = {scene.fps!r}",
+        f'up = "{scene.calibrated.up}"',
+        f"frames = {frames_value}",
+        *([f"subject = {path(scene.subject)}"] if scene.subject else []),
+        *([f"body = {body}"] if body else []),
+        *(["", "[truth]", f"file = {path(scene.truth)}", f'axes = "{scene.truth_axes}"'] if scene.truth else []),
+        "",
+        "[cameras]",
+        *calibration,
+        *([f'units = "{scene.units}"'] if scene.units is not None else []),
+    ]
+    for source in scene.cameras:
+        video = [] if source.video is None else [f"video = {path(source.video.path)}"]
+        lines += ["", f"[cameras.{quoted(source.name)}]", f"masks = {quoted(source.name)}", *video]
+        lines += _placement_lines(source, scene.fps)
+    lines += attachment_lines(scene.attached, folder)
+    track = dict(scene.track)
+    tracked_scale = track.get("scale", 1.0)
+    if isinstance(tracked_scale, int | float) and scale < tracked_scale:
+        track["scale"] = scale
+    for name, settings in (("track", track), ("fit", scene.fit)):
+        if settings:
+            lines += ["", f"[{name}]", *(f"{key} = {toml_value(value)}" for key, value in settings.items())]
+    return "\n".join([*lines, ""])
+
+
+def _placement_lines(source: CameraSource, fps: float) -> list[str]:
+    """The keys that place a camera's images in time and space, where they differ from the defaults."""
+    lines = []
+    if source.fraction:
+        lines.append(f"offset = {(source.frame_offset + source.fraction) / (fps * source.rate)!r}")
+    elif source.frame_offset:
+        lines.append(f"frame_offset = {source.frame_offset}")
+    if source.rate != 1.0:
+        lines.append(f"fps = {fps * source.rate!r}")
+    if source.centre_shift != (0.0, 0.0):
+        lines.append(f"centre_shift = {list(source.centre_shift)}")
+    if source.recorded_scale != 1 or source.recorded_offset != (0.0, 0.0):
+        offset = list(source.recorded_offset)
+        lines.append(f"video_from_calibrated = {{ scale = {source.recorded_scale!r}, offset = {offset} }}")
+    return lines

@@ -27,13 +27,13 @@ from mmocap_warp.masks.mask_files import Masks
 from mmocap_warp.masks.mask_image import decode_mask
 from mmocap_warp.masks.mask_settings import SUBTRACTION, ForegroundSettings
 from mmocap_warp.masks.observation import Observation
-from mmocap_warp.masks.repair import repair_masks
 from mmocap_warp.masks.subtraction import learn_background
-from mmocap_warp.scene.content_hash import content_hash
-from mmocap_warp.scene.in_step import abreast, numbered
-from mmocap_warp.scene.mask_cache import keeping, kept_masks
+from mmocap_warp.masks.visual_hull import repair_masks
+from mmocap_warp.scene.frame_choice import frames_by_number, read_together
+from mmocap_warp.scene.mask_cache import store_masks, stored_masks
 from mmocap_warp.scene.mask_mark import MaskMark, calibration_hash
 from mmocap_warp.version import __version__
+from mmocap_warp.whole_file import content_hash
 
 BodyMasks = Callable[[], list[np.ndarray]]
 """Says where the body was last: per camera (height, width) bool."""
@@ -104,8 +104,8 @@ class CameraSource:
         Raises:
             ValueError: this camera has no such images.
         """
-        held = {"clean_plate": self.clean_plate, "background_video": self.background, "recording": self.video}
-        examples = held[source]
+        images = {"clean_plate": self.clean_plate, "background_video": self.background, "recording": self.video}
+        examples = images[source]
         if examples is None:
             raise ValueError(f"camera '{self.name}' has no images for source '{source}'")
         return examples
@@ -183,13 +183,17 @@ class Scene:
 
     def of_frames(self, frames: range) -> Scene:
         """The same recording, other frames of it."""
-        named = self.frames if self.named_frames is None else self.named_frames
-        return replace(self, first_frame=frames.start, frame_count=len(frames), stride=frames.step, named_frames=named)
+        count, named = len(frames), self._named_frames
+        return replace(self, first_frame=frames.start, frame_count=count, stride=frames.step, named_frames=named)
+
+    @property
+    def _named_frames(self) -> range:
+        return self.frames if self.named_frames is None else self.named_frames
 
     def as_recorded(self) -> Scene:
         """Every camera's own frames by their own numbers: without offsets, rates and what views know of each other.
 
-        A recording of which all frames are meant goes on to the end of the camera that has most.
+        If the scene means all frames, the recording goes on to the end of the longest camera.
         """
         cameras = tuple(replace(source, frame_offset=0, fraction=0.0, rate=1.0) for source in self.cameras)
         end, longest = self.frames[-1] + 1, max(recorded_frames(each, self.foreground.source) for each in cameras)
@@ -264,7 +268,7 @@ class Scene:
 
         kept = empty
         with ThreadPoolExecutor(min(len(streams), available_threads())) as pool:  # OpenCV lets other threads run
-            for frame, raw in zip(read, abreast(streams, pool), strict=True):
+            for frame, raw in zip(read, read_together(streams, pool), strict=True):
                 if frame not in followed:
                     continue  # the background model alone remembers it
                 kept = list(pool.map(clean, raw, empty, kept if body is None else body()))
@@ -278,61 +282,52 @@ class Scene:
             mark = source.mask_mark
             resample = self._undistortion(k, scale) if mark is None else self._resampling(k, scale, mark)
             identity, soft = self.foreground.identity, source.masks is not None and source.masks.soft
-            for image in numbered(source.masks, map(source.mask_number, frames)):
+            for image in frames_by_number(source.masks, map(source.mask_number, frames)):
                 yield None if image is None else resample.mask(decode_mask(image, identity, soft))
             return
         yield from self._subtracted_once(k, scale, frames)
 
     def _subtracted_once(self, k: int, scale: float, frames: range) -> Iterator[np.ndarray | None]:
-        """Camera ``k``'s subtracted masks, kept beside the scene once they have been made for all of its frames."""
+        """Camera ``k``'s subtracted masks, stored beside the scene once they have been made for all of its frames."""
         file = self.directory / ".mmocap" / self.path.stem / f"{quote(self.cameras[k].name, safe='')}@{scale:g}.tar"
         key = self._subtraction_key(k, scale)
-        all_frames = self.frames if self.named_frames is None else self.named_frames
-        if (
-            frames
-            and all(frame in all_frames for frame in (frames[0], frames[-1]))
-            and (len(frames) == 1 or frames.step == all_frames.step)
-        ):
-            kept = kept_masks(file, key, all_frames.index(frames[0]), len(frames))
-            if kept is not None:
-                return kept
+        all_frames = self._named_frames
+        same_steps = len(frames) == 1 or frames.step == all_frames.step
+        if frames and same_steps and frames[0] in all_frames and frames[-1] in all_frames:
+            stored = stored_masks(file, key, all_frames.index(frames[0]), len(frames))
+            if stored is not None:
+                return stored
         made = self._subtracted(k, scale, frames)
-        return keeping(file, key, len(frames), made) if frames == all_frames else made
+        return store_masks(file, key, len(frames), made) if frames == all_frames else made
 
     def _subtraction_key(self, k: int, scale: float) -> str:
         """All that camera ``k``'s subtracted masks are made from."""
         source, settings = self.cameras[k], self.foreground
         files = [file for files in source.files_for(settings.source) for file in files]
         placed = source.recorded_scale, source.recorded_offset
-        used = {name: getattr(settings, name) for name in SUBTRACTION}
+        fraction = [source.fraction] if source.rate != 1.0 and source.fraction else []
         made_from = {
             "versions": [__version__, cv2.__version__],
             "files": [content_hash(file).hex() for file in files],
-            "frames": [
-                source.frame_offset,
-                source.rate,
-                *([source.fraction] if source.rate != 1.0 and source.fraction else []),
-                str(self.frames if self.named_frames is None else self.named_frames),
-            ],
+            "frames": [source.frame_offset, source.rate, *fraction, str(self._named_frames)],
             "calibration": calibration_hash(self.calibrated, k, *placed, whole_rig=False),
             "scale": scale,
-            **used,
         }
-        return json.dumps(made_from)
+        return json.dumps(made_from | {name: getattr(settings, name) for name in SUBTRACTION})
 
     def _subtracted(self, k: int, scale: float, frames: range) -> Iterator[np.ndarray | None]:
         source, resample = self.cameras[k], self._undistortion(k, scale)
         examples = source.background_examples(self.foreground.source)
         images = (resample.image(as_colour(image)) for image in examples.read())
         background = learn_background(images, len(examples), self.foreground)
-        for image in numbered(source.video, map(source.number, frames)):
+        for image in frames_by_number(source.video, map(source.number, frames)):
             yield None if image is None else background.foreground(resample.image(as_colour(image)))
 
     def images(self, scale: float = 1.0, first: int = 0, count: int | None = None) -> Iterator[list[np.ndarray | None]]:
         """Undistorted BGR images, pixel for pixel as the masks; None for a camera without video or frame."""
         frames = self._numbers(first, count)
         maps = [self._undistortion(k, scale) for k in range(len(self.cameras))]
-        streams = [numbered(source.video, map(source.number, frames)) for source in self.cameras]
+        streams = [frames_by_number(source.video, map(source.number, frames)) for source in self.cameras]
         for images in zip(*streams, strict=True):
             yield [None if image is None else maps[k].image(as_colour(image)) for k, image in enumerate(images)]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +13,11 @@ import numpy as np
 from mmocap_warp.cameras.rig import UP_AXES, CameraRig
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.attachments import take_attachments
-from mmocap_warp.formats.calibration.units import METRES
+from mmocap_warp.formats.calibration.calibration_text import METRES
 from mmocap_warp.formats.toml_table import Table, load_toml
 from mmocap_warp.masks.frames import Frames
-from mmocap_warp.masks.label_images import Labels, identities_of
 from mmocap_warp.masks.mask_files import Masks
-from mmocap_warp.masks.mask_image import decode_mask
+from mmocap_warp.masks.mask_image import Labels, decode_mask, identities_of
 from mmocap_warp.masks.mask_settings import GIVEN, KEEP, MODELS, SOURCES, SUBTRACTED, ForegroundSettings
 from mmocap_warp.scene.camera_tables import fastest, read_cameras
 from mmocap_warp.scene.frame_choice import FrameChoice
@@ -31,9 +30,9 @@ _WAYS_TO_MASKS = (
     "from the video; or name masks that you have, a folder of images or a video"
 )
 
-_SAMPLES = 5  # mask images per camera that are looked at while loading
-_HIGHEST_LABEL = 32  # gray levels below are rather labels than a picture
-_MOST_FOREGROUND = 0.8  # of an image; more is an inverted mask
+_SAMPLES = 5  # number of mask images per camera that are looked at while loading
+_MIN_PICTURE_LEVEL = 32  # if all gray levels are below, they are rather labels than a picture
+_MAX_FOREGROUND = 0.8  # share of an image; a mask that shows more is inverted
 
 
 def load_scene(
@@ -63,12 +62,14 @@ def load_scene(
     path = Path(path)
     path = path / "scene.toml" if os.path.isdir(path) else path
     file = load_toml(path)
+    # The file's tables; an unknown one is reported before anything else.
     about, truth, cameras = (file.take_table(key) for key in ("scene", "truth", "cameras"))
     foreground = _read_foreground(file.take_table("foreground"), identity)
     track, fit = file.take_table("track").take_rest(), file.take_table("fit").take_rest()
     attached = take_attachments(file, path.parent)
     file.finish()
 
+    # [scene]: names, times and the body.
     name = about.take("name", str, "") or path.resolve().parent.name or "scene"
     stated_fps = about.take("fps", float, None)
     if stated_fps is not None and not 0 < stated_fps < 100_000:
@@ -80,6 +81,7 @@ def load_scene(
     subject = _take_file(about, "subject", path)
     about.finish()
 
+    # [cameras]: the calibration, and each camera's images.
     named_calibration = cameras.take("calibration", str, None)
     if named_calibration is None and calibrated:
         remedy = 'name its file, calibration = "...", or let mmocap calib solve find one from a person who walks'
@@ -89,8 +91,10 @@ def load_scene(
     tables = cameras.take_tables()
     fps = fastest(tables, path, about) if stated_fps is None else stated_fps
     sources, rig = read_cameras(cameras, tables, path, calibration, units, up, fps, calibrated)
-    if not masks:
-        foreground = _of_what_is_there(foreground, sources)
+    # What the tables name must fit together.
+    if not masks:  # frames are counted by what every camera has
+        have_masks = all(source.masks is not None for source in sources)
+        foreground = replace(foreground, source="masks" if have_masks else "recording")
     _check_sources(sources, rig, foreground, cameras, masks, undistorted_with=calibration is not None)
     named, chosen = _frames(sources, foreground, named_frames, frames, about, agreeing=calibrated)
     scene = Scene(
@@ -141,16 +145,13 @@ def _take_frames(table: Table) -> FrameChoice:
 def _read_foreground(table: Table, identity: int | None) -> ForegroundSettings:
     source = table.take_choice("source", SOURCES, "masks")
     default = GIVEN if source == "masks" else replace(SUBTRACTED, source=source)
-    choices = {"model": MODELS, "keep": KEEP}
-    values: dict[str, Any] = {}
-    for setting in fields(ForegroundSettings):
-        if setting.name == "source":
-            continue
-        fallback = getattr(default, setting.name)
-        if setting.name in choices:
-            values[setting.name] = table.take_choice(setting.name, choices[setting.name], fallback)
-        else:
-            values[setting.name] = table.take(setting.name, type(fallback), fallback)
+    values: dict[str, Any] = {
+        "model": table.take_choice("model", MODELS, default.model),
+        "keep": table.take_choice("keep", KEEP, default.keep),
+    }
+    for name, fallback in vars(default).items():
+        if name not in ("source", *values):
+            values[name] = table.take(name, type(fallback), fallback)
     table.finish()
     if identity is not None:
         values["identity"] = identity
@@ -160,12 +161,6 @@ def _read_foreground(table: Table, identity: int | None) -> ForegroundSettings:
         return replace(default, **values)
     except ValueError as error:
         raise table.error(str(error), "give a value in that range") from None
-
-
-def _of_what_is_there(foreground: ForegroundSettings, sources: tuple[CameraSource, ...]) -> ForegroundSettings:
-    """Settings by which frames are counted where masks are not asked for: by what every camera has."""
-    have_masks = all(source.masks is not None for source in sources)
-    return replace(foreground, source="masks" if have_masks else "recording")
 
 
 def _check_sources(
@@ -182,17 +177,17 @@ def _check_sources(
     needs = wanted.get(foreground.source, ("video", "background")) if masks else ()
     for k, source in enumerate(sources):
         where = f"{table.source}: [cameras.{source.name}]"
+        # Every camera has the images that masks are made from,
         for need in needs:
             if getattr(source, need) is None:
-                raise InputError(
-                    where,
-                    f"'{need}' is missing, which [foreground] source = \"{foreground.source}\" needs",
-                    _WAYS_TO_MASKS if need == "masks" else f"add {need}",
-                )
+                problem = f"'{need}' is missing, which [foreground] source = \"{foreground.source}\" needs"
+                raise InputError(where, problem, _WAYS_TO_MASKS if need == "masks" else f"add {need}")
+        # images of the size that the calibration says,
         recorded_masks = source.masks if source.mask_mark is None else None
         for frames in (source.video, recorded_masks, source.clean_plate, source.background):
             if frames is not None:
                 _check_size(frames, source, rig.size[k], where)
+        # and masks that can be of this subject.
         if source.masks is not None and source.mask_mark is not None and undistorted_with:
             _check_undistorted(source.masks, source.mask_mark, source, rig, k)
         if foreground.source == "masks" and source.masks is not None:
@@ -201,24 +196,18 @@ def _check_sources(
 
 def _check_size(frames: Frames | Masks, source: CameraSource, size: np.ndarray, where: str) -> None:
     recorded = np.array(frames.size)
-    found = "{} is {}x{}".format(frames.path, *frames.size)
+    stated = "{} is {}x{}".format(frames.path, *frames.size)
     if source.recorded_scale == 1 and source.recorded_offset == (0.0, 0.0):
         if (recorded != size).any():
-            raise InputError(
-                where,
-                f"{found}, but the calibration says {size[0]}x{size[1]}",
-                "calibrate this size, or set video_from_calibrated = { scale = ..., offset = [...] }",
-            )
+            remedy = "calibrate this size, or set video_from_calibrated = { scale = ..., offset = [...] }"
+            raise InputError(where, f"{stated}, but the calibration says {size[0]}x{size[1]}", remedy)
         return
     low = np.array(source.recorded_offset)
     high = low + source.recorded_scale * size
     overlap = np.clip(np.minimum(high, recorded) - np.maximum(low, 0), 0, None).prod()
     if overlap < 0.5 * recorded.prod():
-        raise InputError(
-            where,
-            f"{found}, but video_from_calibrated puts the calibrated image at {low.round(1)} to {high.round(1)}",
-            "recorded pixel = scale * calibrated pixel + offset",
-        )
+        problem = f"{stated}, but video_from_calibrated puts the calibrated image at {low.round(1)} to {high.round(1)}"
+        raise InputError(where, problem, "recorded pixel = scale * calibrated pixel + offset")
 
 
 def _check_undistorted(masks: Masks, mark: MaskMark, source: CameraSource, rig: CameraRig, k: int) -> None:
@@ -227,10 +216,9 @@ def _check_undistorted(masks: Masks, mark: MaskMark, source: CameraSource, rig: 
     check_mark(mark, masks.path, calibration_hash(rig, k, source.recorded_scale, source.recorded_offset, mark.repaired))
     width, height = rig.undistorted(mark.scale).size[k]
     if masks.size != (width, height):
-        found = "{}x{}".format(*masks.size)
-        raise InputError(
-            masks.path, f"the masks are {found}, their {MARK_NAME} says {width}x{height}", "make them again"
-        )
+        actual = "{}x{}".format(*masks.size)
+        remedy = "make them again"
+        raise InputError(masks.path, f"the masks are {actual}, their {MARK_NAME} says {width}x{height}", remedy)
 
 
 def _check_masks(masks: Masks, identity: int) -> None:
@@ -240,14 +228,13 @@ def _check_masks(masks: Masks, identity: int) -> None:
         return (decode_mask(image, identity, masks.soft) for image in images)
 
     if identity and masks.soft:
-        raise InputError(masks.path, "a video of masks tells no identities", "give it as images, or set identity = 0")
+        raise InputError(masks.path, "a video of masks holds no identities", "give it as images, or set identity = 0")
     fractions = [mask.mean() for mask in decoded(masks.sample(_SAMPLES))]
     if not any(fractions) and not any(mask.any() for mask in decoded(masks.read())):
         raise InputError(masks.path, *_why_empty(masks, identity))
-    if np.median(fractions) > _MOST_FOREGROUND:
-        raise InputError(
-            masks.path, f"masks are {100 * np.median(fractions):.0f} % foreground", "invert them: the subject is white"
-        )
+    if np.median(fractions) > _MAX_FOREGROUND:
+        remedy = "invert them: the subject is white"
+        raise InputError(masks.path, f"masks are {100 * np.median(fractions):.0f} % foreground", remedy)
 
 
 def _why_empty(masks: Masks, identity: int) -> tuple[str, str]:
@@ -259,7 +246,7 @@ def _why_empty(masks: Masks, identity: int) -> tuple[str, str]:
             f"no mask shows identity {identity}",
             f"set one that is there: {listed}" if levels else "set identity = 0",
         )
-    if levels and max(levels) < _HIGHEST_LABEL:
+    if levels and max(levels) < _MIN_PICTURE_LEVEL:
         return "all masks are empty", f"if their gray levels are labels ({listed}), choose one with identity"
     return "all masks are empty", "check how they were exported"
 
@@ -275,22 +262,20 @@ def _frames(
     """The frames that the scene names, and those that are asked for; cameras must agree on where an open range ends."""
     counts = _counts(sources, foreground)
     shortest = min(counts.values(), default=1)
-    found = ", ".join(f"{name} {count}" for name, count in counts.items())
+    listed = ", ".join(f"{name} {count}" for name, count in counts.items())
     choice = FrameChoice.parse(asked) if asked is not None else named
     open_end = named if choice.count is not None else choice
     if agreeing and open_end.count is None and open_end.end is None and len(set(counts.values())) > 1:
-        raise table.error(f"cameras differ in their number of frames: {found}", f"set frames = {shortest}")
+        raise table.error(f"cameras differ in their number of frames: {listed}", f"set frames = {shortest}")
     try:
         own = named.of(range(shortest), shortest)
     except ValueError as error:
-        raise table.error(f"{error} ({found})", "give fewer frames") from None
+        raise table.error(f"{error} ({listed})", "give fewer frames") from None
     frames = own if asked is None else choice.of(own, shortest)
     for source in sources:
         if source.mask_mark is None and abs(source.frame_offset) >= shortest:
-            raise table.error(
-                f"camera '{source.name}' has frame_offset = {source.frame_offset} in {shortest} frames",
-                "give a shift of a few frames",
-            )
+            problem = f"camera '{source.name}' has frame_offset = {source.frame_offset} in {shortest} frames"
+            raise table.error(problem, "give a shift of a few frames")
     _check_shared_time(sources, foreground, table)
     return own, frames
 
@@ -305,10 +290,8 @@ def _check_shared_time(sources: tuple[CameraSource, ...], foreground: Foreground
     end = {source.name: begin[source.name] + counts[source.name] - 1 for source in timed}
     latest, earliest = max(begin, key=lambda name: begin[name]), min(end, key=lambda name: end[name])
     if begin[latest] > end[earliest]:
-        raise table.error(
-            f"{earliest} has ended when {latest} begins: by their offsets they recorded at no common time",
-            "correct the offsets; mmocap sync finds them",
-        )
+        problem = f"{earliest} has ended when {latest} begins: by their offsets they recorded at no common time"
+        raise table.error(problem, "correct the offsets; mmocap sync finds them")
 
 
 def _counts(sources: tuple[CameraSource, ...], foreground: ForegroundSettings) -> dict[str, int]:

@@ -19,8 +19,8 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.errors import InputError
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.truth import Truth, at_rate
-from mmocap_warp.scene.content_hash import content_hash
 from mmocap_warp.scenes import ROOT
+from mmocap_warp.whole_file import content_hash
 
 if TYPE_CHECKING:
     from mmocap_warp.scene.recording import Scene

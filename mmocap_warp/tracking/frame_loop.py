@@ -19,8 +19,7 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import config_from_table
-from mmocap_warp.masks.kept_observations import KeptObservations
-from mmocap_warp.masks.observation import Observation
+from mmocap_warp.masks.observation import KeptObservations, Observation
 from mmocap_warp.result.result import FrameAnswer, Result
 from mmocap_warp.rigging.attaching import subject_carrying
 from mmocap_warp.tracking.body_masks import body_masks, tracked_masks

@@ -11,10 +11,10 @@ import numpy as np
 from mmocap_warp.body.model import Subject
 from mmocap_warp.code_hash import code_hash
 from mmocap_warp.device.resolve import resolve_device
-from mmocap_warp.scene.content_hash import content_hash
 from mmocap_warp.scene.recording import CameraSource, Scene
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.version import __version__
+from mmocap_warp.whole_file import content_hash
 
 Identity = dict[str, Any]
 """What a run depends on, by names for people: hashes, and settings as JSON-compatible values."""

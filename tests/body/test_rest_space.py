@@ -18,9 +18,9 @@ from mmocap_warp.body.mirroring import mirrored_joints, mirrored_weights
 from mmocap_warp.body.model import BodyModel, SkinMesh, Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.rest_space import RestSpace
-from mmocap_warp.formats.usd.usd_animation import export_animation
 from mmocap_warp.formats.usd.usd_body import read_subject, write_subject
 from mmocap_warp.formats.usd.usd_check import faults
+from mmocap_warp.formats.usd.usd_result import export_animation
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.rigging.shipped import load_body
 from mmocap_warp.tracking.frame_loop import track_observations

@@ -18,7 +18,7 @@ from mmocap_warp.cli import exit_codes, main
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.opencv_yaml import write_opencv_yaml
 from mmocap_warp.formats.calibration.toml_rig import read_toml_rig, write_toml_rig
-from mmocap_warp.formats.usd.usd_truth import read_truth
+from mmocap_warp.formats.truth_file import read_truth
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.study.sequences import SequencePlan, make_sequence, walking_around
 from mmocap_warp.synthesis.writing import write_made_scene

@@ -7,14 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mmocap_warp.masks import kept_observations
-from mmocap_warp.masks.kept_observations import KeptObservations
-from mmocap_warp.masks.observation import Observation
+from mmocap_warp.masks import observation
+from mmocap_warp.masks.observation import KeptObservations, Observation
 
 
 @pytest.mark.parametrize("in_memory", [2**28, 100])
 def test_observations_come_back_as_they_were(monkeypatch, in_memory):
-    monkeypatch.setattr(kept_observations, "_IN_MEMORY", in_memory)
+    monkeypatch.setattr(observation, "_IN_MEMORY", in_memory)
     rng = np.random.default_rng(0)
     frames = [
         Observation.from_masks([rng.random((9, 40)) < 0.5, rng.random((7, 33)) < share], late)
@@ -49,7 +48,7 @@ def test_where_there_is_no_room_none_are_kept(monkeypatch):
 
         def close(self) -> None: ...
 
-    monkeypatch.setattr(kept_observations.tempfile, "SpooledTemporaryFile", FullDisk)
+    monkeypatch.setattr(observation.tempfile, "SpooledTemporaryFile", FullDisk)
     with KeptObservations() as kept:
         for _ in range(3):
             kept.add(frame)
@@ -61,7 +60,7 @@ def test_a_full_disk_is_noticed_at_once(monkeypatch):
     """Not when the masks are read, or the file is closed."""
     frame = Observation.from_masks([np.eye(8, dtype=bool)])
     with open("/dev/full", "r+b") as full:
-        monkeypatch.setattr(kept_observations.tempfile, "SpooledTemporaryFile", lambda _size: full)
+        monkeypatch.setattr(observation.tempfile, "SpooledTemporaryFile", lambda _size: full)
         with KeptObservations() as kept:
             kept.add(frame)
             assert len(kept) == 0

@@ -19,9 +19,9 @@ from synthetic import ring_rig, synthetic_body, synthetic_result, synthetic_subj
 from mmocap_warp import cli
 from mmocap_warp.cli.exit_codes import BAD_INPUT, OK
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
+from mmocap_warp.formats.truth_file import write_truth
 from mmocap_warp.formats.usd.usd_body import write_body, write_subject
 from mmocap_warp.formats.usd.usd_result import write_result
-from mmocap_warp.formats.usd.usd_truth import write_truth
 from mmocap_warp.result.truth import Truth
 
 FRAMES = 3

@@ -13,9 +13,8 @@ from synthetic import synthetic_result
 
 from mmocap_warp import cli
 from mmocap_warp.cli import exit_codes
-from mmocap_warp.formats.motion.read_bvh import read_bvh
-from mmocap_warp.formats.motion.read_c3d import read_c3d
-from mmocap_warp.formats.motion.read_trc import read_trc
+from mmocap_warp.formats.motion.captured_points import read_c3d, read_trc
+from mmocap_warp.formats.motion.motion_clip import read_bvh
 from mmocap_warp.formats.usd.usd_result import write_result
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.turning import stood_up

@@ -25,10 +25,10 @@ from mmocap_warp.cameras.silhouette import silhouette
 from mmocap_warp.cli import exit_codes
 from mmocap_warp.cli.demo_command import EXAMPLES, Example
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
+from mmocap_warp.formats.truth_file import read_truth, write_truth
 from mmocap_warp.formats.usd.usd_body import read_body, read_motions, write_body, write_subject
 from mmocap_warp.formats.usd.usd_check import faults
 from mmocap_warp.formats.usd.usd_result import read_result
-from mmocap_warp.formats.usd.usd_truth import read_truth, write_truth
 from mmocap_warp.result.evaluation import evaluate
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.rigging.human import JOINTS

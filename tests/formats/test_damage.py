@@ -13,7 +13,7 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.opencv_yaml import read_opencv_yaml
 from mmocap_warp.formats.motion.amc import read_amc
 from mmocap_warp.formats.toml_table import load_toml
-from mmocap_warp.formats.usd.usd_truth import read_truth, write_truth
+from mmocap_warp.formats.truth_file import read_truth, write_truth
 from mmocap_warp.result.truth import Truth
 
 BOMB = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(

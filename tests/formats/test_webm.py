@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 import pytest
 
-from mmocap_warp.formats.matroska import read_frames
 from mmocap_warp.formats.webm import WebmFile
 
 MOST = 1e6  # bytes a second
@@ -53,7 +52,7 @@ def test_a_video_has_its_frames_in_order_at_their_rate(tmp_path, fps, size):
     assert opened.get(cv2.CAP_PROP_FPS) == pytest.approx(fps, rel=1e-4)
     assert opened.get(cv2.CAP_PROP_FRAME_COUNT) == len(shown)
     found = read(tmp_path / "v.webm")
-    assert len(found) == len(shown) == len(list(read_frames(tmp_path / "v.webm")))
+    assert len(found) == len(shown)
     assert {picture.shape for picture in found} == {(size[1] // 2 * 2, size[0] // 2 * 2, 3)}
     assert [number(picture) for picture in found] == list(range(len(shown)))
 

@@ -65,7 +65,7 @@ def _write_c3d(folder: Path) -> None:
 
 
 def _read_c3d(folder: Path) -> None:
-    from mmocap_warp.formats.motion.read_c3d import read_c3d
+    from mmocap_warp.formats.motion.captured_points import read_c3d
 
     read_c3d(folder / "some.c3d")
 
@@ -78,19 +78,19 @@ def read_truth(folder: Path, name: str) -> None:
 
 def _read_cal(folder: Path) -> None:
     from mmocap_warp.cameras.rig import rig_of
-    from mmocap_warp.formats.humaneva.cal import read_cal
+    from mmocap_warp.formats.humaneva.humaneva_files import read_cal
 
     rig_of([read_cal(folder / "C1.cal", "C1", (640, 480))], "+z", folder / "C1.cal")
 
 
 def _read_ofs(folder: Path) -> None:
-    from mmocap_warp.formats.humaneva.time_offsets import read_ofs
+    from mmocap_warp.formats.humaneva.humaneva_files import read_ofs
 
     read_ofs(folder / "C1.ofs")
 
 
 def _read_measures(folder: Path) -> None:
-    from mmocap_warp.formats.humaneva.numbers import read_measures
+    from mmocap_warp.formats.humaneva.humaneva_files import read_measures
 
     read_measures(folder / "S1.mp")
 

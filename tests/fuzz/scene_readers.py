@@ -111,9 +111,8 @@ def _read_video(folder: Path, name: str) -> None:
 
 def _read_chosen_masks(folder: Path, masks: str) -> None:
     """As a scene reads them: opened, looked through for identities, and decoded for one of them and for all."""
-    from mmocap_warp.masks.label_images import identities_of
     from mmocap_warp.masks.mask_files import open_masks
-    from mmocap_warp.masks.mask_image import decode_mask
+    from mmocap_warp.masks.mask_image import decode_mask, identities_of
 
     opened = open_masks(folder / masks)
     identities_of(opened.sample(2))

@@ -90,7 +90,7 @@ def _read_result(folder: Path, name: str) -> None:
 def _write_truth(folder: Path, name: str) -> None:
     import numpy as np
 
-    from mmocap_warp.formats.usd.usd_truth import write_truth
+    from mmocap_warp.formats.truth_file import write_truth
     from mmocap_warp.result.truth import Truth
 
     random = np.random.default_rng(0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mmocap_warp.masks.around_body import mask_around_body
+from mmocap_warp.masks.subtraction import mask_around_body
 
 PIXELS_PER_METRE = 60.0
 

@@ -20,9 +20,8 @@ from mmocap_warp.masks.frames import open_frames, read_image
 from mmocap_warp.masks.mask_image import decode_mask
 from mmocap_warp.masks.mask_settings import GIVEN, SUBTRACTED, ForegroundSettings
 from mmocap_warp.masks.observation import Observation
-from mmocap_warp.masks.repair import repair_masks
 from mmocap_warp.masks.subtraction import learn_background
-from mmocap_warp.masks.visual_hull import visual_hull
+from mmocap_warp.masks.visual_hull import repair_masks, visual_hull
 
 MASK = np.zeros((6, 20), bool)
 MASK[1:4, 3:12] = True

@@ -13,9 +13,8 @@ import pytest
 from given_masks import packed, palette_png, plain_rle, rle, write_tar
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.masks.label_images import Labels
 from mmocap_warp.masks.mask_files import open_masks
-from mmocap_warp.masks.mask_image import decode_mask
+from mmocap_warp.masks.mask_image import Labels, decode_mask
 from mmocap_warp.masks.rle_masks import decode_rle
 
 HEIGHT, WIDTH = 48, 64

@@ -5,9 +5,8 @@ import pytest
 from pxr import Gf, Sdf, Usd
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.truth_file import load_truth
+from mmocap_warp.formats.truth_file import load_truth, read_truth, write_truth
 from mmocap_warp.formats.usd.usd_check import faults
-from mmocap_warp.formats.usd.usd_truth import read_truth, write_truth
 from mmocap_warp.result.truth import Truth, at_rate
 
 SINGLE_PRECISION = 1e-6  # [m], at a few metres

@@ -21,8 +21,8 @@ from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.rotations import turn, zyx_rotation
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.attachments import Attachment, attachment_lines, take_attachments
-from mmocap_warp.formats.exports.point_tracks import posed
-from mmocap_warp.formats.exports.rigs import rigged
+from mmocap_warp.formats.exports.rigs import with_rig
+from mmocap_warp.formats.exports.tables import joint_transforms
 from mmocap_warp.formats.toml_table import load_toml
 from mmocap_warp.formats.usd.usd_body import local_transforms, read_body, write_body
 from mmocap_warp.result.excerpt import at_rate
@@ -96,7 +96,7 @@ def test_every_poser_agrees(device: str) -> None:
     np.testing.assert_allclose(
         Poser(body, BASE, device).vertices(pose), ExactPoser(body, BASE).vertices(pose), atol=1e-5
     )
-    local, world = posed(Subject(body, BASE, pose[0], {}), pose)
+    local, world = joint_transforms(Subject(body, BASE, pose[0], {}), pose)
     np.testing.assert_allclose(world, exact, atol=1e-6)
     np.testing.assert_allclose(local[1], local_transforms(body, BASE, pose[1]), atol=1e-12)
 
@@ -173,7 +173,7 @@ def test_a_rig_of_another_program_carries_it() -> None:
     with things() as (stick, _, block):
         body = carrying(load_body("adult_man"), [replace(stick, joint="RWrist"), block]).body
     result = result_of(body, anywhere(body, 4) / 4)
-    made = rigged(result, "mixamo")
+    made = with_rig(result, "mixamo")
     assert made.subject.body.skeleton.joints[-3:] == ("Stick", "Block_place", "Block")
     np.testing.assert_allclose(made.joints()[0], result.joints()[0], atol=1e-5)
 

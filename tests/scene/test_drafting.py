@@ -18,7 +18,7 @@ from mmocap_warp import cli
 from mmocap_warp.cli import exit_codes
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
-from mmocap_warp.formats.usd.camera_file import write_usd_cameras
+from mmocap_warp.formats.usd.usd_camera import write_usd_cameras
 from mmocap_warp.scene.drafting import draft_scene
 from mmocap_warp.scene.scene_toml import load_scene
 

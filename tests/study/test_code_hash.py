@@ -78,7 +78,7 @@ def test_it_is_the_same_from_a_wheel(installed):
         ("fitting/clip_body.py", ("contours", "both")),
         ("scene/recording.py", ("recorded", "both")),
         ("masks/subtraction.py", ("recorded", "both")),
-        ("formats/usd/usd_truth.py", ("recorded", "both")),
+        ("formats/truth_file.py", ("recorded", "both")),
         ("formats/calibration/opencv.py", ()),
         ("tracking/checkpoint.py", ()),
         ("kernels/benchmarks/timing.py", ()),

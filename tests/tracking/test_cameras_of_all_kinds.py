@@ -13,8 +13,8 @@ from ball_scene import edit
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.formats.png import write_png
+from mmocap_warp.formats.truth_file import read_truth
 from mmocap_warp.formats.usd.usd_body import read_subject
-from mmocap_warp.formats.usd.usd_truth import read_truth
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.study.sequences import SequencePlan, StudySequence, make_sequence, walking_around
 from mmocap_warp.synthesis.footage.made_recording import Recording

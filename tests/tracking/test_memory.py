@@ -21,9 +21,8 @@ from tracked_motion import FPS, RIG, motion
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.display.result_video import show
-from mmocap_warp.formats.usd.usd_animation import export_animation
 from mmocap_warp.formats.usd.usd_body import read_body
-from mmocap_warp.formats.usd.usd_result import read_result, write_result
+from mmocap_warp.formats.usd.usd_result import export_animation, read_result, write_result
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.evaluation import evaluate
 from mmocap_warp.result.result import Result

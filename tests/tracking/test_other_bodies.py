@@ -19,10 +19,9 @@ from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.rotations import zyx_angles, zyx_rotation
 from mmocap_warp.body.skeleton import ROOT_ANGLES
 from mmocap_warp.fitting.subject_fit import FitConfig, fit_clip
-from mmocap_warp.formats.usd.usd_animation import export_animation
 from mmocap_warp.formats.usd.usd_body import read_body, read_subject, write_body, write_subject
 from mmocap_warp.formats.usd.usd_check import faults
-from mmocap_warp.formats.usd.usd_result import read_result, write_result
+from mmocap_warp.formats.usd.usd_result import export_animation, read_result, write_result
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.evaluation import evaluate
 from mmocap_warp.result.truth import Truth

@@ -11,15 +11,14 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from mmocap_warp.cameras.rig import Camera, CameraRig, rig_of
+from mmocap_warp.cameras.rig import Camera, CameraRig, lens_of, rig_of
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.calibration.text import read_text
-from mmocap_warp.formats.calibration.units import stated_metres
+from mmocap_warp.formats.calibration.calibration_text import read_short_text, stated_metres
 from mmocap_warp.whole_file import write_whole
 
-_MOST_BYTES = 2**26  # images.txt lists the points that each image shows, too
+_MAX_BYTES = 2**26  # images.txt lists the points that each image shows, too
 _KIND = "the folder of a COLMAP model that was exported as text, with cameras.txt and images.txt"
-_AGAIN = "export the model as text again (colmap model_converter --output_type TXT)"
+_REMEDY = "export the model as text again (colmap model_converter --output_type TXT)"
 _CORNER = 0.5  # the middle of the first pixel
 
 _MODELS = {  # where a model's parameters belong among fx fy cx cy k1 k2 p1 p2 k3, by name; f is both fx and fy
@@ -42,7 +41,7 @@ def read_colmap(
     name without ending.
 
     Raises:
-        InputError: unreadable, a lens model that is not known, a unit that nobody has said, several images of a camera,
+        InputError: unreadable, a lens model that is not known, a unit that is not known, several images of a camera,
             or not a calibration (see ``check_rig``).
     """
     folder = Path(path) if Path(path).is_dir() else Path(path).parent
@@ -54,7 +53,7 @@ def read_colmap(
     cameras = []
     for (image, (lens, R, t)), name in zip(poses.items(), names, strict=True):
         if lens not in lenses:
-            raise InputError(file, f"image '{image}' is of camera {lens}, which cameras.txt does not have", _AGAIN)
+            raise InputError(file, f"image '{image}' is of camera {lens}, which cameras.txt does not have", _REMEDY)
         cameras.append(lenses[lens]._replace(name=name, R=R, t=t * metres))
     return rig_of(cameras, up, file)
 
@@ -67,12 +66,12 @@ def _read_lenses(path: Path) -> dict[str, Camera]:
         where = f"{path}: camera {number}"
         if model not in _MODELS:
             raise InputError(where, f"lens model '{model}' is not known", f"known are {', '.join(_MODELS)}")
-        wanted = _MODELS[model].split()
+        names = _MODELS[model].split()
         values = _numbers(parameters, where)
-        if len(values) != len(wanted):
-            raise InputError(where, f"{model} has {len(values)} parameters, not {len(wanted)}", _AGAIN)
+        if len(values) != len(names):
+            raise InputError(where, f"{model} has {len(values)} parameters, not {len(names)}", _REMEDY)
         size = _numbers([width, height], where)
-        lenses[number] = _lens(model, dict(zip(wanted, values, strict=True)), (int(size[0]), int(size[1])), where)
+        lenses[number] = _lens(model, dict(zip(names, values, strict=True)), (int(size[0]), int(size[1])), where)
     return lenses
 
 
@@ -82,9 +81,8 @@ def _lens(model: str, value: dict[str, float], size: tuple[int, int], where: str
     fisheye = model == "OPENCV_FISHEYE"
     fx, fy = (value.get(key, value.get("f", 0.0)) for key in ("fx", "fy"))
     K = np.array([[fx, 0.0, value["cx"] - _CORNER], [0.0, fy, value["cy"] - _CORNER], [0.0, 0.0, 1.0]])
-    keys = ("k1", "k2", "k3", "k4", "") if fisheye else ("k1", "k2", "p1", "p2", "k3")
-    distortion = np.array([value.get(key, 0.0) for key in keys])
-    return Camera("", K, np.eye(3), np.zeros(3), size, distortion, fisheye)
+    keys = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
+    return lens_of("", K, size, [value.get(key, 0.0) for key in keys], fisheye)
 
 
 def _read_poses(path: Path) -> dict[str, tuple[str, np.ndarray, np.ndarray]]:
@@ -96,15 +94,15 @@ def _read_poses(path: Path) -> dict[str, tuple[str, np.ndarray, np.ndarray]]:
         fields = line.split(maxsplit=9)
         where = f"{path}: image {fields[0]}"
         if len(fields) != 10:
-            raise InputError(where, f"the line has {len(fields)} values, not 10", _AGAIN)
+            raise InputError(where, f"the line has {len(fields)} values, not 10", _REMEDY)
         pose = np.array(_numbers(fields[1:8], where))
         with np.errstate(over="ignore"):
             length = np.linalg.norm(pose[:4])
         if not 0.999 < length < 1.001:
-            raise InputError(where, f"the quaternion has length {length:.6g}, not 1", _AGAIN)
+            raise InputError(where, f"the quaternion has length {length:.6g}, not 1", _REMEDY)
         image = fields[9].strip()
         if image in poses:
-            raise InputError(where, f"'{image}' is there twice", _AGAIN)
+            raise InputError(where, f"'{image}' is there twice", _REMEDY)
         poses[image] = (fields[8], _rotation(pose[:4] / length), pose[4:])
     return poses
 
@@ -112,7 +110,7 @@ def _read_poses(path: Path) -> dict[str, tuple[str, np.ndarray, np.ndarray]]:
 def _lines(path: Path, points: bool = False) -> list[str]:
     """Lines that are no comment. Of images, every second one lists points, and may be empty."""
     kept: list[str] = []
-    for line in read_text(path, _KIND, _MOST_BYTES).splitlines():
+    for line in read_short_text(path, _KIND, _MAX_BYTES).splitlines():
         expected = points and len(kept) % 2 == 1
         if expected or (line.strip() and not line.lstrip().startswith("#")):
             kept.append(line)
@@ -123,9 +121,9 @@ def _numbers(words: list[str], where: str) -> list[float]:
     try:
         values = [float(word) for word in words]
     except ValueError as error:
-        raise InputError(where, str(error), _AGAIN) from None
+        raise InputError(where, str(error), _REMEDY) from None
     if not np.isfinite(values).all():
-        raise InputError(where, "holds a number that is not finite", _AGAIN)
+        raise InputError(where, "holds a number that is not finite", _REMEDY)
     return values
 
 

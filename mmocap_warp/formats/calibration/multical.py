@@ -13,15 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from mmocap_warp.cameras.rig import Camera, CameraRig, rig_of
+from mmocap_warp.cameras.rig import Camera, CameraRig, lens_of, rig_of
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.calibration.text import read_text
-from mmocap_warp.formats.calibration.units import stated_metres
+from mmocap_warp.formats.calibration.calibration_text import read_short_text, stated_metres
 from mmocap_warp.formats.toml_table import is_number
 
-_AGAIN = "give the calibration.json that multical calibrate writes"
+_REMEDY = "give the calibration.json that multical calibrate writes"
 _TO = "_to_"
-_FISHEYE, _MOST_COEFFICIENTS = 4, 14
+_FISHEYE, _MAX_COEFFICIENTS = 4, 14
 
 
 def read_multical(
@@ -30,14 +29,14 @@ def read_multical(
     """Read a calibration. ``sizes`` is not needed.
 
     Raises:
-        InputError: unreadable, values missing, a lens model that is not known, a unit that nobody has said, a camera
+        InputError: unreadable, values missing, a lens model that is not known, a unit that is not known, a camera
             without a pose, or not a calibration (see ``check_rig``).
     """
-    file = _object(_load(path), "the file", path)
+    file = _load(path)
     if not {"cameras", "camera_poses"} <= set(file):
-        raise InputError(path, "has no 'cameras' and 'camera_poses', by which MultiCal's calibration is known", _AGAIN)
-    lenses = _object(file["cameras"], "cameras", path)
-    poses = _world_poses(_object(file["camera_poses"], "camera_poses", path), lenses.keys(), path)
+        raise InputError(path, "has no 'cameras' and 'camera_poses', by which MultiCal's calibration is known", _REMEDY)
+    lenses = _check_object(file["cameras"], "cameras", path)
+    poses = _world_poses(_check_object(file["camera_poses"], "camera_poses", path), lenses.keys(), path)
     metres = stated_metres(units, path)
     cameras = []
     for name, lens in lenses.items():
@@ -49,68 +48,57 @@ def read_multical(
 
 
 def read_multical_lenses(path: str | Path, up: str, sizes: dict[str, tuple[int, int]]) -> CameraRig | None:
-    """Read MultiCal's ``intrinsic.json``.
-
-    Returns:
-        Cameras at the origin; None for a file that has ``camera_poses``.
-
-    Raises:
-        InputError: as of :func:`read_multical`.
-    """
-    file = _object(_load(path), "the file", path)
+    """Read MultiCal's ``intrinsic.json``: cameras at the origin, or None for a file that has ``camera_poses``."""
+    file = _load(path)
     if "camera_poses" in file or "cameras" not in file:
         return None
-    lenses = _object(file["cameras"], "cameras", path)
+    lenses = _check_object(file["cameras"], "cameras", path)
     return rig_of([_read_lens(lens, name, path) for name, lens in lenses.items()], up, path, placed=False)
 
 
-def _load(path: str | Path) -> Any:
+def _load(path: str | Path) -> dict[str, Any]:
+    text = read_short_text(path, "a JSON file")
     try:
-        return json.loads(read_text(path, "a JSON file"))
+        return _check_object(json.loads(text), "the file", path)
     except InputError:
         raise
     except (ValueError, RecursionError) as error:
-        raise InputError(path, f"is not valid JSON: {error}", _AGAIN) from None
+        raise InputError(path, f"is not valid JSON: {error}", _REMEDY) from None
 
 
 def _read_lens(lens: Any, name: str, path: str | Path) -> Camera:
     where = f"{path}: camera '{name}'"
-    values = _object(lens, "it", where)
+    values = _check_object(lens, "it", where)
     K = _numbers(values, "K", (9,), where).reshape(3, 3)
     width, height = _numbers(values, "image_size", (2,), where)
-    coefficients = _numbers(values, "dist", tuple(range(4, _MOST_COEFFICIENTS + 1)), where)
+    coefficients = _numbers(values, "dist", tuple(range(4, _MAX_COEFFICIENTS + 1)), where)
     fisheye = len(coefficients) == _FISHEYE
     in_rows = all(isinstance(row, list) for row in values["dist"])
     if (fisheye and not in_rows) or coefficients[5:].any():
-        raise InputError(
-            where,
-            "its lens is neither MultiCal's standard one (5 coefficients) nor its fisheye (4, one a row)",
-            "calibrate it with one of these models",
-        )
-    distortion = np.zeros(5)
-    distortion[: len(coefficients[:5])] = coefficients[:5]
-    return Camera(name, K, np.eye(3), np.zeros(3), (int(width), int(height)), distortion, fisheye)
+        problem = "its lens is neither MultiCal's standard one (5 coefficients) nor its fisheye (4, one a row)"
+        raise InputError(where, problem, "calibrate it with one of these models")
+    return lens_of(name, K, (int(width), int(height)), coefficients[:5], fisheye)
 
 
 def _world_poses(poses: dict[str, Any], names: Collection[str], path: str | Path) -> dict[str, np.ndarray]:
-    """(4, 4) world to camera, by camera; those that are given from another camera are led back to it."""
+    """(4, 4) world to camera, by camera; those that are given relative to another are multiplied by its pose."""
     known: dict[str, np.ndarray] = {}
-    led_from: dict[str, list[tuple[str, np.ndarray]]] = {name: [] for name in names}
+    relative: dict[str, list[tuple[str, np.ndarray]]] = {name: [] for name in names}
     for key, value in poses.items():
         pose = np.eye(4)
         where = f"{path}: camera_poses '{key}'"
-        fields = _object(value, "it", where)
+        fields = _check_object(value, "it", where)
         pose[:3, :3] = _numbers(fields, "R", (9,), where).reshape(3, 3)
         pose[:3, 3] = _numbers(fields, "T", (3,), where)
         if key in names:
             known[key] = pose
             continue
         camera, base = _pair(key, names, where)
-        led_from[base].append((camera, pose))
+        relative[base].append((camera, pose))
     reached = list(known)
     while reached:
         base = reached.pop()
-        for camera, pose in led_from[base]:
+        for camera, pose in relative[base]:
             if camera not in known:
                 known[camera] = pose @ known[base]
                 reached.append(camera)
@@ -124,12 +112,12 @@ def _pair(key: str, names: Collection[str], where: str) -> tuple[str, str]:
         camera, base = _TO.join(parts[:k]), _TO.join(parts[k:])
         if camera in names and base in names:
             return camera, base
-    raise InputError(where, "names no camera of the file", _AGAIN)
+    raise InputError(where, "names no camera of the file", _REMEDY)
 
 
-def _object(value: Any, what: str, where: object) -> dict[str, Any]:
+def _check_object(value: Any, what: str, where: object) -> dict[str, Any]:
     if not isinstance(value, dict):
-        raise InputError(where, f"{what} is not a JSON object", _AGAIN)
+        raise InputError(where, f"{what} is not a JSON object", _REMEDY)
     return value
 
 
@@ -140,7 +128,7 @@ def _numbers(values: dict[str, Any], key: str, count: tuple[int, ...], where: st
     flat = [number for row in rows for number in (row if isinstance(row, list) else [row])]
     if len(flat) not in count or not all(map(is_number, flat)):
         length = " or ".join(map(str, count)) if len(count) < 3 else f"{count[0]} to {count[-1]}"
-        raise InputError(where, f"{key} is not {length} numbers", _AGAIN)
+        raise InputError(where, f"{key} is not {length} numbers", _REMEDY)
     if not np.isfinite(flat).all():
-        raise InputError(where, f"{key} holds a value that is not finite", _AGAIN)
+        raise InputError(where, f"{key} holds a value that is not finite", _REMEDY)
     return np.array(flat, float)

@@ -1,7 +1,7 @@
 """Calibrations in OpenCV's YAML as EasyMocap writes them: ``intri.yml`` beside ``extri.yml``.
 
-They are read with PyYAML, as text only, and not with OpenCV: of a damaged file OpenCV's own reader takes the size of a
-matrix at its word, allocates that much, and does not always come back.
+They are read with PyYAML, as text only, and not with OpenCV: its reader trusts the size of a matrix that a damaged file
+states, allocates that much, and may never return.
 """
 
 from __future__ import annotations
@@ -15,14 +15,12 @@ import cv2
 import numpy as np
 import yaml
 
-from mmocap_warp.cameras.rig import Camera, CameraRig, rig_of
+from mmocap_warp.cameras.rig import Camera, CameraRig, lens_of, rig_of
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.calibration.image_size import told_size
-from mmocap_warp.formats.calibration.text import read_text
-from mmocap_warp.formats.calibration.units import METRES
+from mmocap_warp.formats.calibration.calibration_text import METRES, image_size_of, read_short_text
 from mmocap_warp.whole_file import write_whole
 
-_TYPES = {"d": np.float64, "f": np.float32, "i": np.int32, "s": np.int16, "w": np.uint16, "c": np.int8, "u": np.uint8}
+_DTYPES = {"d": np.float64, "f": np.float32, "i": np.int32, "s": np.int16, "w": np.uint16, "c": np.int8, "u": np.uint8}
 _HEADER = "%YAML:1.0\n---\n"
 _NOT_FINITE = {".nan": np.nan, ".inf": np.inf, "-.inf": -np.inf}
 
@@ -34,28 +32,23 @@ def read_opencv_yaml(
 
     ``names`` lists the cameras; of each, ``K_<name>``, ``dist_<name>`` (4 or 5) and optionally ``H_<name>``,
     ``W_<name>`` come from ``intri.yml``; ``Rot_<name>`` (3x3) or else ``R_<name>`` (Rodrigues) and ``T_<name>`` from
-    ``extri.yml``. ``units`` are metres where nobody says. ``sizes`` holds (width, height) of cameras for which the file
-    gives none.
-
-    Raises:
-        InputError: unreadable, entries missing, or not a calibration (see ``check_rig``).
+    ``extri.yml``. ``units`` are metres if they are not given. ``sizes`` holds (width, height) of cameras without them.
     """
     folder = Path(path) if os.path.isdir(path) else Path(path).parent
     intrinsics, extrinsics = _File(folder / "intri.yml"), _File(folder / "extri.yml")
-    cameras = [_read_camera(intrinsics, extrinsics, name, sizes) for name in intrinsics.names()]
-    cameras = [camera._replace(t=camera.t * METRES[units or "m"]) for camera in cameras]
+    cameras = []
+    for name in intrinsics.names():
+        lens = _read_lens(intrinsics, name, sizes)
+        if f"Rot_{name}" in extrinsics:
+            R = extrinsics.matrix(f"Rot_{name}", (9,)).reshape(3, 3)
+        else:
+            R = cv2.Rodrigues(extrinsics.matrix(f"R_{name}", (3,)))[0]
+        cameras.append(lens._replace(R=R, t=extrinsics.matrix(f"T_{name}", (3,)) * METRES[units or "m"]))
     return rig_of(cameras, up, folder / "intri.yml")
 
 
 def read_yaml_lenses(path: str | Path, up: str, sizes: dict[str, tuple[int, int]]) -> CameraRig | None:
-    """Read ``intri.yml`` alone, from its folder or its path.
-
-    Returns:
-        Cameras at the origin; None where ``extri.yml`` lies beside it.
-
-    Raises:
-        InputError: as of :func:`read_opencv_yaml`.
-    """
+    """Read ``intri.yml`` alone: cameras at the origin, or None where ``extri.yml`` lies beside it."""
     folder = Path(path) if os.path.isdir(path) else Path(path).parent
     if os.path.exists(folder / "extri.yml"):
         return None
@@ -74,18 +67,20 @@ class _Text(yaml.BaseLoader):
 
 
 class _File:
-    """A file's entries.
-
-    Args:
-        path: the file.
-
-    Raises:
-        InputError: it is missing or no YAML of OpenCV.
-    """
+    """A file's entries."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._entries = _entries(path)
+        header, _, text = read_short_text(path, "intri.yml and extri.yml in one folder").partition("\n")
+        try:
+            entries = yaml.load(text, _Text) if header.startswith("%YAML") else None
+        except RecursionError:
+            raise InputError(path, "is nested too deeply", "write the calibration again") from None
+        except yaml.YAMLError as error:
+            raise InputError(path, f"is not valid YAML: {' '.join(str(error).split())}", "correct that line") from None
+        if not isinstance(entries, dict):
+            raise InputError(path, "is not an OpenCV YAML file", "its first line must be %YAML:1.0")
+        self._entries: dict[str, Any] = entries
 
     def __contains__(self, key: str) -> bool:
         return key in self._entries
@@ -110,27 +105,14 @@ class _File:
         entry = entry if isinstance(entry, dict) else {}
         data, kind = entry.get("data"), str(entry.get("dt", "")).lstrip("1")
         stated = _number(entry.get("rows")) * _number(entry.get("cols"))
-        if not isinstance(data, list) or len(data) not in count or len(data) != stated or kind not in _TYPES:
+        if not isinstance(data, list) or len(data) not in count or len(data) != stated or kind not in _DTYPES:
             length = " or ".join(map(str, count))
             raise InputError(self.path, f"{key} is not a matrix of {length} numbers", f"add {key}")
         values = [_number(value) for value in data]
         if not np.isfinite(values).all():
             raise InputError(self.path, f"{key} holds a value that is not finite", "calibrate again or export again")
         with np.errstate(over="ignore"):  # a number too large for its type, which the rig's checks tell
-            return np.array(values).astype(_TYPES[kind]).astype(np.float64)
-
-
-def _entries(path: Path) -> dict[str, Any]:
-    header, _, text = read_text(path, "intri.yml and extri.yml in one folder").partition("\n")
-    try:
-        entries = yaml.load(text, _Text) if header.startswith("%YAML") else None
-    except RecursionError:
-        raise InputError(path, "has values within each other, too deep", "write the calibration again") from None
-    except yaml.YAMLError as error:
-        raise InputError(path, f"is not valid YAML: {' '.join(str(error).split())}", "correct that line") from None
-    if not isinstance(entries, dict):
-        raise InputError(path, "is not an OpenCV YAML file", "its first line must be %YAML:1.0")
-    return entries
+            return np.array(values).astype(_DTYPES[kind]).astype(np.float64)
 
 
 def _number(text: Any) -> float:
@@ -143,25 +125,14 @@ def _number(text: Any) -> float:
         return np.nan
 
 
-def _read_camera(intrinsics: _File, extrinsics: _File, name: str, sizes: dict[str, tuple[int, int]] | None) -> Camera:
-    lens = _read_lens(intrinsics, name, sizes)
-    if f"Rot_{name}" in extrinsics:
-        R = extrinsics.matrix(f"Rot_{name}", (9,)).reshape(3, 3)
-    else:
-        R = cv2.Rodrigues(extrinsics.matrix(f"R_{name}", (3,)))[0]
-    return lens._replace(R=R, t=extrinsics.matrix(f"T_{name}", (3,)))
-
-
 def _read_lens(intrinsics: _File, name: str, sizes: dict[str, tuple[int, int]] | None) -> Camera:
     K = intrinsics.matrix(f"K_{name}", (9,)).reshape(3, 3)
     coefficients = intrinsics.matrix(f"dist_{name}", (4, 5))
-    distortion = np.zeros(5)
-    distortion[: len(coefficients)] = coefficients
     if f"W_{name}" in intrinsics and f"H_{name}" in intrinsics:
         size = (intrinsics.number(f"W_{name}"), intrinsics.number(f"H_{name}"))
     else:
-        size = told_size(sizes, name, intrinsics.path, f"W_{name} and H_{name} are missing")
-    return Camera(name, K, np.eye(3), np.zeros(3), size, distortion)
+        size = image_size_of(sizes, name, intrinsics.path, f"W_{name} and H_{name} are missing")
+    return lens_of(name, K, size, coefficients)
 
 
 def write_opencv_yaml(path: str | Path, rig: CameraRig) -> None:
@@ -179,15 +150,15 @@ def write_opencv_yaml(path: str | Path, rig: CameraRig) -> None:
     for k, name in enumerate(rig.names):
         if re.fullmatch(r"[\w-]+", name, re.ASCII) is None:
             raise InputError(path, f"cannot have a camera '{name}'", "name it with letters, digits, _ and -")
-        inside += [_matrix(f"K_{name}", rig.K[k]), _matrix(f"dist_{name}", rig.distortion[k : k + 1])]
+        inside += [_matrix_text(f"K_{name}", rig.K[k]), _matrix_text(f"dist_{name}", rig.distortion[k : k + 1])]
         inside += [f"W_{name}: {rig.size[k, 0]}\n", f"H_{name}: {rig.size[k, 1]}\n"]
-        outside += [_matrix(f"R_{name}", cv2.Rodrigues(rig.R[k])[0]), _matrix(f"Rot_{name}", rig.R[k])]
-        outside += [_matrix(f"T_{name}", rig.t[k][:, None])]
+        outside += [_matrix_text(f"R_{name}", cv2.Rodrigues(rig.R[k])[0]), _matrix_text(f"Rot_{name}", rig.R[k])]
+        outside += [_matrix_text(f"T_{name}", rig.t[k][:, None])]
     write_whole(Path(path).with_name("extri.yml"), "".join(outside).encode())
     write_whole(Path(path), "".join(inside).encode())
 
 
-def _matrix(key: str, values: np.ndarray) -> str:
+def _matrix_text(key: str, values: np.ndarray) -> str:
     rows, columns = values.shape
     data = ", ".join(f"{value!r}" for value in values.ravel().tolist())
     return f"{key}: !!opencv-matrix\n  rows: {rows}\n  cols: {columns}\n  dt: d\n  data: [ {data} ]\n"

@@ -12,7 +12,7 @@ from defusedxml.ElementTree import fromstring
 
 from mmocap_warp.cameras.rig import Camera, CameraRig, rig_of
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.calibration.text import refuse_huge
+from mmocap_warp.formats.calibration.calibration_text import refuse_huge
 
 _SUBPIXELS = 64.0  # focal lengths and centres are written in 1/64 px; distortion coefficients are not scaled
 _FROM_QUALISYS = np.diag([1.0, -1.0, -1.0])  # its cameras look along -z with y up
@@ -27,9 +27,6 @@ def read_qualisys(
 
     The convention was checked against the board pictures of Pose2Sim's single-person demo:
     ``R = diag(1, -1, -1) [[r11 r12 r13] ..]`` and ``x_cam = R (X - position / 1000)``.
-
-    Raises:
-        InputError: unreadable, no XML, attributes missing, or not a calibration (see ``check_rig``).
     """
     refuse_huge(path)
     try:
@@ -66,16 +63,8 @@ def _read_camera(camera: Element, path: str | Path) -> Camera:
         number("intrinsic", key) / _SUBPIXELS
         for key in ("focalLengthU", "focalLengthV", "centerPointU", "centerPointV", "skew")
     )
-    distortion = [
-        number("intrinsic", key)
-        for key in (
-            "radialDistortion1",
-            "radialDistortion2",
-            "tangentalDistortion1",
-            "tangentalDistortion2",
-            "radialDistortion3",
-        )
-    ]
+    kinds = ("radial", 1), ("radial", 2), ("tangental", 1), ("tangental", 2), ("radial", 3)  # its spelling
+    distortion = [number("intrinsic", f"{kind}Distortion{n}") for kind, n in kinds]
     width = int(number("fov_video", "right") - number("fov_video", "left")) + 1
     height = int(number("fov_video", "bottom") - number("fov_video", "top")) + 1
     K = np.array([[fx, skew, cx], [0, fy, cy], [0, 0, 1]])

@@ -22,7 +22,7 @@ from mmocap_warp.body.bind_transforms import bind_transforms
 from mmocap_warp.body.body_motion import BodyMotion
 from mmocap_warp.body.model import BodyModel, SkinMesh, Subject
 from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
-from mmocap_warp.formats.exports.point_tracks import posed, tracks_of
+from mmocap_warp.formats.exports.tables import best_run_tracks, joint_transforms
 from mmocap_warp.result.result import Result
 from mmocap_warp.version import __version__
 from mmocap_warp.whole_file import write_whole
@@ -34,31 +34,23 @@ _SKIN_LOOK = {"baseColorFactor": [0.8, 0.7, 0.62, 1.0], "metallicFactor": 0.0, "
 
 
 def write_glb(result: Result, path: Path) -> None:
-    """Write a result, which is Y up; single precision, about 1e-6 m.
-
-    Raises:
-        InputError: a folder that cannot be written to.
-    """
-    tracks = tracks_of(result)
+    """Write a result, which is Y up; single precision, about 1e-6 m."""
+    tracks = best_run_tracks(result)
     about = {"first_frame": int(tracks.number[0]), "frames_per_second": tracks.rate}
     clip = _Clip("Motion", tracks.time - tracks.time[0], tracks.local)
     _write(tracks.subject.body, tracks.local[0], [clip], about, path)
 
 
 def write_body_glb(body: BodyModel, motions: Mapping[str, BodyMotion], path: Path) -> None:
-    """Write a body in its bind pose, with its own motions by name.
-
-    Raises:
-        InputError: a folder that cannot be written to.
-    """
+    """Write a body in its bind pose, with its own motions by name."""
     stand = np.zeros(body.skeleton.coordinates)
     stand[:TRANSLATION] = body.joint_rest[0]
     subject = Subject(body, np.eye(3), stand, {})
     clips = [
-        _Clip(name, np.arange(len(motion.pose)) / motion.fps, posed(subject, motion.pose)[0])
+        _Clip(name, np.arange(len(motion.pose)) / motion.fps, joint_transforms(subject, motion.pose)[0])
         for name, motion in motions.items()
     ]
-    _write(body, posed(subject, stand[None])[0][0], clips, {}, path)
+    _write(body, joint_transforms(subject, stand[None])[0][0], clips, {}, path)
 
 
 class _Clip(NamedTuple):
@@ -73,19 +65,14 @@ def _write(body: BodyModel, stand: np.ndarray, clips: list[_Clip], about: dict[s
     """Write a body whose joints stand (joint, 4, 4) below their parents while nothing is played."""
     buffer = _Buffer()
     document = _document(body, stand, clips, about, buffer)
-    document |= {
-        "bufferViews": buffer.views,
-        "accessors": buffer.accessors,
-        "buffers": [{"byteLength": len(buffer.data)}],
-    }
+    document |= {"bufferViews": buffer.views, "accessors": buffer.accessors}
+    document |= {"buffers": [{"byteLength": len(buffer.data)}]}
     text = json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
-    chunks = _chunk(_JSON_CHUNK, text, b" ") + _chunk(_BINARY_CHUNK, bytes(buffer.data), b"\0")
+    chunks = b""
+    for kind, data, padding in ((_JSON_CHUNK, text, b" "), (_BINARY_CHUNK, bytes(buffer.data), b"\0")):
+        data += padding * (-len(data) % 4)
+        chunks += struct.pack("<II", len(data), kind) + data
     write_whole(path, struct.pack("<III", _MAGIC, _VERSION, 12 + len(chunks)) + chunks)
-
-
-def _chunk(kind: int, data: bytes, padding: bytes) -> bytes:
-    data += padding * (-len(data) % 4)
-    return struct.pack("<II", len(data), kind) + data
 
 
 class _Buffer:

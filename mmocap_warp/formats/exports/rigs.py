@@ -15,11 +15,13 @@ import numpy as np
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import near_zyx_angles, transposed
 from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
-from mmocap_warp.formats.exports.point_tracks import posed
+from mmocap_warp.formats.exports.tables import joint_transforms
 from mmocap_warp.result.result import Result
 
-_NAMED = 4  # of the joints that differ
+_MAX_NAMED = 4  # joints that a message lists
 _SIDES = {"L": ("Left", 1.0), "R": ("Right", -1.0)}
+_MIXAMO_TRUNK = {"Root": "Hips", "BottomSpine": "Spine", "UpperSpine": "Spine2", "Neck": "Neck"}
+_MIXAMO_LIMBS = {"Shoulder": "Arm", "Elbow": "ForeArm", "Wrist": "Hand", "Hip": "UpLeg", "Knee": "Leg", "Ankle": "Foot"}
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,7 @@ class Rig:
     Attributes:
         names: its name of each of the body's joints.
         bones: the joint at which a bone begins, the joint at which it ends, and where it points in the rest pose, in
-            body axes; from the root outwards. What hangs on a bone turns with it, but for ``upright``.
+            body axes; from the root outwards. What hangs on a bone turns with it, except ``upright``.
         upright: joints that stay as they are in the body's bind pose.
     """
 
@@ -40,36 +42,23 @@ class Rig:
 
 RIGS = {
     "mixamo": Rig(
-        names={"Root": "mixamorigHips", "BottomSpine": "mixamorigSpine", "UpperSpine": "mixamorigSpine2"}
-        | {"Neck": "mixamorigNeck"}
+        names={joint: f"mixamorig{name}" for joint, name in _MIXAMO_TRUNK.items()}
         | {
             f"{letter}{joint}": f"mixamorig{side}{name}"
             for letter, (side, _) in _SIDES.items()
-            for joint, name in (
-                ("Shoulder", "Arm"),
-                ("Elbow", "ForeArm"),
-                ("Wrist", "Hand"),
-                ("Hip", "UpLeg"),
-                ("Knee", "Leg"),
-                ("Ankle", "Foot"),
-            )
+            for joint, name in _MIXAMO_LIMBS.items()
         },
         bones=tuple(
-            bone
+            (letter + start, letter + end, (left, 0.0, 0.0) if start in ("Shoulder", "Elbow") else (0.0, -1.0, 0.0))
             for letter, (_, left) in _SIDES.items()
-            for bone in (
-                (f"{letter}Shoulder", f"{letter}Elbow", (left, 0.0, 0.0)),
-                (f"{letter}Elbow", f"{letter}Wrist", (left, 0.0, 0.0)),
-                (f"{letter}Hip", f"{letter}Knee", (0.0, -1.0, 0.0)),
-                (f"{letter}Knee", f"{letter}Ankle", (0.0, -1.0, 0.0)),
-            )
+            for start, end in (("Shoulder", "Elbow"), ("Elbow", "Wrist"), ("Hip", "Knee"), ("Knee", "Ankle"))
         ),
         upright=("LAnkle", "RAnkle"),
     )
 }
 
 
-def rigged(result: Result, rig: str) -> Result:
+def with_rig(result: Result, rig: str) -> Result:
     """A result whose body is bound and named as a rig of ``RIGS``; its joints are where they were.
 
     The skin is bound anew as it is in the rest pose. Where a joint moves a part of it by weights, it then moves a
@@ -85,11 +74,13 @@ def rigged(result: Result, rig: str) -> Result:
     body = subject.body
     missing = sorted(set(known.names) ^ (set(body.skeleton.joints) - set(body.skeleton.attached)))
     if missing:
-        more = f" and {len(missing) - _NAMED} more" if len(missing) > _NAMED else ""
-        raise ValueError(f"rig = {rig} is a person's, whose joints differ from this body's by {missing[:_NAMED]}{more}")
-    turn = _turns(body, known)
-    rest = _rest(body, turn)
-    skeleton = _renamed(body.skeleton, known.names | {name: name for name in body.skeleton.attached})
+        more = f" and {len(missing) - _MAX_NAMED} more" if len(missing) > _MAX_NAMED else ""
+        listed = f"{missing[:_MAX_NAMED]}{more}"
+        raise ValueError(f"rig = {rig} is a person's, whose joints differ from this body's by {listed}")
+    # The body in the rig's rest pose, under the rig's names.
+    turn = _rest_rotations(body, known)
+    rest = _rest_joints(body, turn)
+    skeleton = _rename_joints(body.skeleton, known.names | {name: name for name in body.skeleton.attached})
     rig_body = replace(
         body,
         skeleton=skeleton,
@@ -100,9 +91,13 @@ def rigged(result: Result, rig: str) -> Result:
         shape_joint=body.shape_joint[:0],
     )
 
-    def converted(pose: np.ndarray) -> np.ndarray:
+    def to_rig_poses(pose: np.ndarray) -> np.ndarray:
         """Poses (frame, coordinate) of the body as poses of the rig."""
-        world = posed(subject, pose)[1][..., :3, :3] @ transposed(body.skeleton.frame.astype(float)) @ transposed(turn)
+        world = (
+            joint_transforms(subject, pose)[1][..., :3, :3]
+            @ transposed(body.skeleton.frame.astype(float))
+            @ transposed(turn)
+        )
         own = world.copy()
         own[:, 0] = subject.root_base.T @ world[:, 0]
         for joint, parent in enumerate(skeleton.parent[1:], 1):
@@ -118,15 +113,15 @@ def rigged(result: Result, rig: str) -> Result:
 
     return replace(
         result,
-        subject=replace(subject, body=rig_body, pose=converted(subject.pose[None])[0]),
-        pose=np.stack([converted(run) for run in result.pose]),
+        subject=replace(subject, body=rig_body, pose=to_rig_poses(subject.pose[None])[0]),
+        pose=np.stack([to_rig_poses(run) for run in result.pose]),
         raw_pose=None,
         angle_sigma=None,
         joint_sigma=None,
     )
 
 
-def _turns(body: BodyModel, rig: Rig) -> np.ndarray:
+def _rest_rotations(body: BodyModel, rig: Rig) -> np.ndarray:
     """(joint, 3, 3) how each joint is turned from the bind pose to the rig's rest pose, in body axes."""
     skeleton = body.skeleton
     bones = {start: (end, np.array(direction)) for start, end, direction in rig.bones}
@@ -138,11 +133,11 @@ def _turns(body: BodyModel, rig: Rig) -> np.ndarray:
         if name in bones:
             end, direction = bones[name]
             bone = body.joint_rest[skeleton.index(end)].astype(float) - body.joint_rest[joint]
-            turn[joint] = _onto(turn[joint] @ bone, direction) @ turn[joint]
+            turn[joint] = _smallest_rotation(turn[joint] @ bone, direction) @ turn[joint]
     return turn
 
 
-def _onto(vector: np.ndarray, direction: np.ndarray) -> np.ndarray:
+def _smallest_rotation(vector: np.ndarray, direction: np.ndarray) -> np.ndarray:
     """(3, 3) the smallest rotation that takes a vector to a direction, which is not the opposite one."""
     unit = vector / np.linalg.norm(vector)
     axis, cosine = np.cross(unit, direction), float(unit @ direction)
@@ -150,7 +145,7 @@ def _onto(vector: np.ndarray, direction: np.ndarray) -> np.ndarray:
     return np.eye(3) + across + across @ across / (1 + cosine)
 
 
-def _rest(body: BodyModel, turn: np.ndarray) -> np.ndarray:
+def _rest_joints(body: BodyModel, turn: np.ndarray) -> np.ndarray:
     """(joint, 3) joint centres in the rig's rest pose."""
     rest = body.joint_rest.astype(float)
     for joint, parent in enumerate(body.skeleton.parent):
@@ -168,7 +163,7 @@ def _skin_rest(body: BodyModel, turn: np.ndarray, rest: np.ndarray) -> np.ndarra
     return np.einsum("vk,vka->va", skin.weight, moved).astype(np.float32)
 
 
-def _renamed(skeleton: Skeleton, names: dict[str, str]) -> Skeleton:
+def _rename_joints(skeleton: Skeleton, names: dict[str, str]) -> Skeleton:
     """A skeleton under other names, whose joints' axes are the body's and free."""
     joints = len(skeleton.joints)
     return replace(

@@ -1,7 +1,7 @@
 """Biovision's ``.bvh``: a skeleton in centimetres, Y up, and its joints' angles; no skin.
 
 The format knows neither units nor axes. Centimetres and Y up are what MotionBuilder, Maya, iClone and Unreal's
-importers take for granted; Blender is told ``scale 0.01``. A joint's axes are the world's in the rest pose, which is
+importers assume; Blender needs ``scale 0.01``. A joint's axes are the world's in the rest pose, which is
 the body's bind pose: joints keep their places, and their own frames are not in the file.
 """
 
@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from mmocap_warp.body.rotations import applied, near_zyx_angles, transposed
-from mmocap_warp.formats.exports.point_tracks import Tracks, tracks_of
+from mmocap_warp.formats.exports.tables import Tracks, best_run_tracks
 from mmocap_warp.result.result import Result
 from mmocap_warp.whole_file import write_whole
 
@@ -22,16 +22,17 @@ _POSITIONS = "Xposition Yposition Zposition"
 
 
 def write_bvh(result: Result, path: Path) -> None:
-    """Write a result, which is Y up; angles to 1e-6 degrees, lengths to 1e-6 cm.
-
-    Raises:
-        InputError: a folder that cannot be written to.
-    """
-    tracks = tracks_of(result)
-    motion = np.concatenate(_channels(tracks, 0, _degrees(tracks)), axis=1)
+    """Write a result, which is Y up; angles to 1e-6 degrees, lengths to 1e-6 cm."""
+    tracks = best_run_tracks(result)
+    hierarchy, joints = _hierarchy(tracks, 0, "")
+    degrees, has_place = _degrees(tracks), _has_place(tracks)
+    columns = []
+    for joint in joints:
+        columns += [_place(tracks, joint), degrees[:, joint]] if has_place[joint] else [degrees[:, joint]]
+    motion = np.concatenate(columns, axis=1)
     lines = [
         "HIERARCHY",
-        *_hierarchy(tracks, 0, ""),
+        *hierarchy,
         "MOTION",
         f"Frames: {len(motion)}",
         f"Frame Time: {1 / tracks.rate:.9f}",
@@ -40,52 +41,36 @@ def write_bvh(result: Result, path: Path) -> None:
     write_whole(path, "\n".join([*lines, ""]).encode())
 
 
-def _hierarchy(tracks: Tracks, joint: int, indent: str) -> list[str]:
-    """The lines of a joint and of all that hangs on it."""
+def _hierarchy(tracks: Tracks, joint: int, indent: str) -> tuple[list[str], list[int]]:
+    """The lines of a joint and of all that hangs on it, and the numbers of these joints in their order."""
     skeleton = tracks.subject.body.skeleton
     parent = skeleton.parent[joint]
     start = tracks.bind[joint, :3, 3]
     offset = start - (0 if parent < 0 else tracks.bind[parent, :3, 3])
     below = [child for child, above in enumerate(skeleton.parent) if above == joint]
     channels = f"6 {_POSITIONS} {_ROTATIONS}" if _has_place(tracks)[joint] else f"3 {_ROTATIONS}"
-    lines = [f"{'JOINT' if parent >= 0 else 'ROOT'} {skeleton.joints[joint]}", "{", *_offset(offset)]
+    lines = [f"{'JOINT' if parent >= 0 else 'ROOT'} {skeleton.joints[joint]}", "{", _offset(offset)]
     lines.append(f"  CHANNELS {channels}")
+    joints = [joint]
     for child in below:
-        lines += _hierarchy(tracks, child, "  ")
-    if not below:
-        lines += ["  End Site", "  {", *("  " + line for line in _offset(_tip(tracks, joint) - start)), "  }"]
+        below_lines, below_joints = _hierarchy(tracks, child, "  ")
+        lines, joints = lines + below_lines, joints + below_joints
+    if not below:  # the bone ends in the middle of the skin that follows it most, or where it starts without any
+        skin = tracks.subject.body.skin
+        own = skin.rest[skin.heaviest_joint == joint]
+        lines += ["  End Site", "  {", "  " + _offset((own.mean(axis=0) if len(own) else start) - start), "  }"]
     lines.append("}")
-    return [indent + line for line in lines]
+    return [indent + line for line in lines], joints
 
 
-def _offset(offset: np.ndarray) -> list[str]:
-    return ["  OFFSET " + " ".join(f"{value:.6f}" for value in offset * _CENTIMETRES)]
-
-
-def _tip(tracks: Tracks, joint: int) -> np.ndarray:
-    """Where a last bone ends: at the middle of the skin that follows it most, or at its own start without any."""
-    skin = tracks.subject.body.skin
-    own = skin.rest[skin.heaviest_joint == joint]
-    return own.mean(axis=0) if len(own) else tracks.bind[joint, :3, 3]
+def _offset(offset: np.ndarray) -> str:
+    return "  OFFSET " + " ".join(f"{value:.6f}" for value in offset * _CENTIMETRES)
 
 
 def _has_place(tracks: Tracks) -> np.ndarray:
     """(joint,) bool, which joints have channels for their place: the root, and joints that slide."""
     slides = tracks.subject.body.skeleton.slides
     return slides | (np.arange(len(slides)) == 0)
-
-
-def _channels(tracks: Tracks, joint: int, degrees: np.ndarray) -> list[np.ndarray]:
-    """(frame, 3) values of a joint and of all that hangs on it: its place, where it has channels for it, and turns.
-
-    ``degrees`` is (frame, joint, 3).
-    """
-    parents = tracks.subject.body.skeleton.parent
-    values = [_place(tracks, joint), degrees[:, joint]] if _has_place(tracks)[joint] else [degrees[:, joint]]
-    for child, above in enumerate(parents):
-        if above == joint:
-            values += _channels(tracks, child, degrees)
-    return values
 
 
 def _place(tracks: Tracks, joint: int) -> np.ndarray:

@@ -5,29 +5,41 @@ See docs/sequences.md for what is read, and for what had to be assumed.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from mmocap_warp.cameras.rig import CameraRig, rig_of
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.humaneva.background import nearest_background
-from mmocap_warp.formats.humaneva.cal import read_cal
-from mmocap_warp.formats.humaneva.joints import JOINT_NAMES, SubjectMeasures, joints_at, torso_radius
-from mmocap_warp.formats.humaneva.markers import (
+from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
+from mmocap_warp.formats.humaneva.humaneva_files import (
+    REMEDY,
+    Synchronisation,
+    read_cal,
+    read_measures,
+    read_ofs,
+    synchronise,
+)
+from mmocap_warp.formats.humaneva.vicon_points import (
+    JOINT_NAMES,
     MARKERS,
     MissingPointError,
-    between_frames,
-    captured_markers,
-    only_valid,
+    SubjectMeasures,
+    interpolate_frames,
+    joint_positions,
+    marker_positions,
+    torso_radius,
+    without_invalid_frames,
 )
-from mmocap_warp.formats.humaneva.numbers import read_measures
-from mmocap_warp.formats.humaneva.time_offsets import Synchronisation, read_ofs, synchronise
-from mmocap_warp.formats.motion.read_c3d import read_c3d
-from mmocap_warp.formats.motion.read_trc import PointTracks
-from mmocap_warp.masks.frames import Frames, open_frames
+from mmocap_warp.formats.motion.captured_points import PointTracks, read_c3d
+from mmocap_warp.formats.toml_table import quoted
+from mmocap_warp.formats.truth_file import write_truth
+from mmocap_warp.masks.frames import Frames, as_colour, open_frames
 from mmocap_warp.result.truth import Truth
+from mmocap_warp.whole_file import write_whole
 
 CAMERAS: tuple[str, ...] = ("C1", "C2", "C3", "BW1", "BW2", "BW3", "BW4")
 """HumanEva's cameras, three of colour and four gray, in the order that its synchronisation counts from."""
@@ -38,33 +50,31 @@ FIRST_FRAME = 6
 
 _TRIAL = 1  # the only one that has both video and public motion capture
 _CLIPS = (1, 2, 3)
-_AGAIN = "copy it again from the data set"
 
 
-@dataclass(frozen=True)
-class _Listed:
+class _Published(NamedTuple):
     """What is published of a sequence: its last frame, and where videos C1 to C3 start, in HumanEva's own numbers."""
 
     last: int
     start: tuple[int, int, int]
 
 
-SEQUENCES: dict[tuple[str, str], _Listed] = {
-    ("S1", "Walking"): _Listed(1203, (82, 81, 82)),
-    ("S1", "Jog"): _Listed(740, (51, 51, 50)),
-    ("S1", "ThrowCatch"): _Listed(945, (61, 61, 60)),
-    ("S1", "Gestures"): _Listed(801, (45, 45, 44)),
-    ("S1", "Box"): _Listed(789, (57, 57, 56)),
-    ("S2", "Walking"): _Listed(876, (115, 115, 114)),
-    ("S2", "Jog"): _Listed(795, (100, 100, 99)),
-    ("S2", "ThrowCatch"): _Listed(1128, (127, 127, 127)),
-    ("S2", "Gestures"): _Listed(901, (122, 122, 121)),
-    ("S2", "Box"): _Listed(734, (119, 119, 117)),
-    ("S3", "Walking"): _Listed(939, (80, 80, 80)),
-    ("S3", "Jog"): _Listed(842, (65, 65, 65)),
-    ("S3", "ThrowCatch"): _Listed(1027, (79, 79, 79)),
-    ("S3", "Gestures"): _Listed(1102, (83, 83, 82)),
-    ("S3", "Box"): _Listed(1021, (1, 1, 1)),
+SEQUENCES: dict[tuple[str, str], _Published] = {
+    ("S1", "Walking"): _Published(1203, (82, 81, 82)),
+    ("S1", "Jog"): _Published(740, (51, 51, 50)),
+    ("S1", "ThrowCatch"): _Published(945, (61, 61, 60)),
+    ("S1", "Gestures"): _Published(801, (45, 45, 44)),
+    ("S1", "Box"): _Published(789, (57, 57, 56)),
+    ("S2", "Walking"): _Published(876, (115, 115, 114)),
+    ("S2", "Jog"): _Published(795, (100, 100, 99)),
+    ("S2", "ThrowCatch"): _Published(1128, (127, 127, 127)),
+    ("S2", "Gestures"): _Published(901, (122, 122, 121)),
+    ("S2", "Box"): _Published(734, (119, 119, 117)),
+    ("S3", "Walking"): _Published(939, (80, 80, 80)),
+    ("S3", "Jog"): _Published(842, (65, 65, 65)),
+    ("S3", "ThrowCatch"): _Published(1027, (79, 79, 79)),
+    ("S3", "Gestures"): _Published(1102, (83, 83, 82)),
+    ("S3", "Box"): _Published(1021, (1, 1, 1)),
 }
 """The sequences with video and motion capture, by subject and action. The paper's nine: Walking, Gestures and Box."""
 
@@ -122,32 +132,29 @@ def read_sequence(
     Raises:
         InputError: an unknown sequence or range, or whatever is missing or wrong in the data.
     """
-    listed = _listed(subject, action)
-    last = listed.last if last is None else last
+    if (subject, action) not in SEQUENCES:
+        subjects, actions = (", ".join(dict.fromkeys(names)) for names in zip(*SEQUENCES, strict=True))
+        problem = "is no sequence with both video and public motion capture"
+        raise InputError(f"{subject} {action}", problem, f"give one of {subjects} and one of {actions}")
+    published = SEQUENCES[subject, action]
+    last = published.last if last is None else last
     if not 1 <= first <= last:
-        raise InputError(f"{subject} {action}", f"frames {first} to {last} are no range", "count from 1, first to last")
+        remedy = "count from 1, first to last"
+        raise InputError(f"{subject} {action}", f"frames {first} to {last} are not a range", remedy)
     root = Path(root)
     trial = f"{action}_{_TRIAL}"
-    data = _within(root, subject, f"name the folder that holds {subject} and Background")
-    videos = tuple(_open_video(_within(data, "Image_Data"), f"{trial}_({camera})") for camera in CAMERAS)
-    rig = _read_rig(_within(data, "Calibration_Data"), videos)
-    sync_data = _within(data, "Sync_Data")
-    sync = synchronise([read_ofs(_within(sync_data, f"{trial}_({camera}).ofs")) for camera in CAMERAS])
+    data = _find_entry(root, subject, f"name the folder that holds {subject} and Background")
+    videos = tuple(_open_video(_find_entry(data, "Image_Data"), f"{trial}_({camera})") for camera in CAMERAS)
+    rig = _read_rig(_find_entry(data, "Calibration_Data"), videos)
+    sync_data = _find_entry(data, "Sync_Data")
+    sync = synchronise([read_ofs(_find_entry(sync_data, f"{trial}_({camera}).ofs")) for camera in CAMERAS])
     _check_range(videos, sync, last)
-    truth, no_joints = _read_truth(_within(data, "Mocap_Data"), subject, trial, sync, np.arange(first, last + 1))
-    backgrounds = _find_backgrounds(_within(root, "Background"), videos)
+    truth, no_joints = _read_truth(_find_entry(data, "Mocap_Data"), subject, trial, sync, np.arange(first, last + 1))
+    empty_room = _find_entry(root, "Background")
+    backgrounds = tuple(
+        _find_background(empty_room, camera, video) for camera, video in zip(CAMERAS, videos, strict=True)
+    )
     return HumanEvaSequence(subject, action, rig, videos, backgrounds, sync, first, last - first + 1, truth, no_joints)
-
-
-def _listed(subject: str, action: str) -> _Listed:
-    if (subject, action) not in SEQUENCES:
-        subjects, actions = (list(dict.fromkeys(names)) for names in zip(*SEQUENCES, strict=True))
-        raise InputError(
-            f"{subject} {action}",
-            "is no sequence with both video and public motion capture",
-            f"give one of {', '.join(subjects)} and one of {', '.join(actions)}",
-        )
-    return SEQUENCES[subject, action]
 
 
 def _entries(folder: Path) -> dict[str, Path]:
@@ -157,7 +164,7 @@ def _entries(folder: Path) -> dict[str, Path]:
     return {entry.name.lower(): entry for entry in folder.iterdir()}
 
 
-def _within(folder: Path, name: str, remedy: str = _AGAIN) -> Path:
+def _find_entry(folder: Path, name: str, remedy: str = REMEDY) -> Path:
     entry = _entries(folder).get(name.lower())
     if entry is None:
         raise InputError(folder, f"holds no {name}", remedy)
@@ -166,45 +173,43 @@ def _within(folder: Path, name: str, remedy: str = _AGAIN) -> Path:
 
 def _images(folder: Path, name: str) -> Path | None:
     """A video, or the folder of images that it was unpacked into, which goes first, as in HumanEva's software."""
-    held = _entries(folder)
-    return held.get(name.lower()) or held.get(f"{name}.avi".lower())
+    entries = _entries(folder)
+    return entries.get(name.lower()) or entries.get(f"{name}.avi".lower())
 
 
 def _open_video(folder: Path, name: str) -> Frames:
     path = _images(folder, name)
     if path is None:
-        raise InputError(folder, f"holds no {name}.avi and no folder {name}", _AGAIN)
+        raise InputError(folder, f"holds no {name}.avi and no folder {name}", REMEDY)
     return open_frames(path)
 
 
 def _read_rig(folder: Path, videos: tuple[Frames, ...]) -> CameraRig:
     pairs = zip(CAMERAS, videos, strict=True)
-    cameras = [read_cal(_within(folder, f"{name}.cal"), name, video.size) for name, video in pairs]
+    cameras = [read_cal(_find_entry(folder, f"{name}.cal"), name, video.size) for name, video in pairs]
     try:
         return rig_of(cameras, "+z", folder)
     except InputError as error:  # whose remedy is for calibrations that the user made
-        raise InputError(error.source, error.problem, _AGAIN) from None
+        raise InputError(error.source, error.problem, REMEDY) from None
 
 
 def _check_range(videos: tuple[Frames, ...], sync: Synchronisation, last: int) -> None:
     ends = [len(video) - int(start) + 1 for video, start in zip(videos, sync.start, strict=True)]
     for video, end in zip(videos, ends, strict=True):
         if end < last:
-            raise InputError(
-                video.path,
-                f"has {len(video)} frames, so it ends with the sequence's frame {end}, not {last}",
-                f"copy it again, or give --last {min(ends)}" if min(ends) > 0 else "copy it and its .ofs again",
-            )
+            problem = f"has {len(video)} frames, so it ends with the sequence's frame {end}, not {last}"
+            remedy = f"copy it again, or give --last {min(ends)}" if min(ends) > 0 else "copy it and its .ofs again"
+            raise InputError(video.path, problem, remedy)
 
 
 def _read_truth(folder: Path, subject: str, trial: str, sync: Synchronisation, frames: np.ndarray) -> tuple[Truth, str]:
     """The truth, and why it has no joints."""
-    path = _within(folder, f"{trial}.c3d")
+    path = _find_entry(folder, f"{trial}.c3d")
     tracks = read_c3d(path)
     _check_rates(path, tracks, sync)
     position = sync.mocap_position(frames) - 1  # HumanEva counts from 1, arrays from 0
     try:
-        markers = only_valid(between_frames(captured_markers(tracks), position))
+        markers = without_invalid_frames(interpolate_frames(marker_positions(tracks), position))
     except MissingPointError as error:
         raise InputError(path, str(error), "give the data set's own .c3d: Vicon's 39 markers are needed") from None
     valid = np.isfinite(markers).all(axis=(1, 2))
@@ -213,7 +218,7 @@ def _read_truth(folder: Path, subject: str, trial: str, sync: Synchronisation, f
         raise InputError(path, problem, "choose other frames, or check that .c3d and .ofs belong together")
     names, joints, why = JOINT_NAMES, np.zeros((len(frames), 0, 3)), ""
     try:
-        joints = joints_at(tracks, position, _read_measures(folder, subject))
+        joints = joint_positions(tracks, position, _read_measures(folder, subject))
     except MissingPointError as error:
         names, why = (), f"{path.name} {error}"
     joints = np.where(valid[:, None, None], joints, np.nan)
@@ -231,33 +236,112 @@ def _check_rates(path: Path, tracks: PointTracks, sync: Synchronisation) -> None
 
 
 def _read_measures(folder: Path, subject: str) -> SubjectMeasures:
-    path, static = _within(folder, f"{subject}.mp"), _within(folder, "Static.c3d")
+    path, static = _find_entry(folder, f"{subject}.mp"), _find_entry(folder, "Static.c3d")
     measures = read_measures(path)
     offsets = [f"{side}ShoulderOffset" for side in "LR"]
     for name in offsets:
         if name not in measures:
-            raise InputError(path, f"has no line ${name} = ...", _AGAIN)
+            raise InputError(path, f"has no line ${name} = ...", REMEDY)
     try:
         radius = torso_radius(read_c3d(static))
     except MissingPointError as error:
-        raise InputError(static, str(error), _AGAIN) from None
+        raise InputError(static, str(error), REMEDY) from None
     if not np.isfinite(radius):
-        raise InputError(static, "never shows LSHO and RSHO together", _AGAIN)
+        raise InputError(static, "never shows LSHO and RSHO together", REMEDY)
     left, right = (measures[name] / 1000 for name in offsets)
     return SubjectMeasures(radius, (left, right))
-
-
-def _find_backgrounds(folder: Path, videos: tuple[Frames, ...]) -> tuple[Frames, ...]:
-    return tuple(_find_background(folder, camera, video) for camera, video in zip(CAMERAS, videos, strict=True))
 
 
 def _find_background(folder: Path, camera: str, video: Frames) -> Frames:
     names = [f"Background_{clip}_({camera})" for clip in _CLIPS]
     clips = [open_frames(path) for name in names if (path := _images(folder, name)) is not None]
     if not clips:
-        raise InputError(folder, f"holds none of {', '.join(names)} (.avi)", _AGAIN)
+        raise InputError(folder, f"holds none of {', '.join(names)} (.avi)", REMEDY)
     for clip in clips:
         if clip.size != video.size:
-            found, wanted = ("{}x{}".format(*frames.size) for frames in (clip, video))
-            raise InputError(clip.path, f"is {found}, the camera's video is {wanted}", _AGAIN)
+            actual, wanted = ("{}x{}".format(*frames.size) for frames in (clip, video))
+            raise InputError(clip.path, f"is {actual}, the camera's video is {wanted}", REMEDY)
     return clips[nearest_background(video, clips)]
+
+
+_SAMPLES = 15
+_OUTLIER = 16.0  # gray levels; where the subject is, images differ more, and by how much says nothing
+
+
+def nearest_background(recording: Frames, clips: Sequence[Frames]) -> int:
+    """The clip whose room looks most like the recording's start.
+
+    HumanEva filmed the empty room at three times of a week. Light and things in the room changed meanwhile, so the
+    clip nearest in time fits best, and the whole image says which that is.
+
+    Raises:
+        ValueError: a clip of another size than the recording.
+    """
+    if any(clip.size != recording.size for clip in clips):
+        raise ValueError("background clips must have the recording's size")
+    room, *rooms = (
+        np.median([as_colour(image) for image in frames.sample(_SAMPLES)], axis=0) for frames in (recording, *clips)
+    )
+    return int(np.argmin([np.minimum(np.abs(clip - room), _OUTLIER).mean() for clip in rooms]))
+
+
+_FOREGROUND = """
+# Lengths suit a subject of 300 pixels. Gray images have no colour to tell a shadow by, so shadows stay.
+[foreground]
+source = "background_video"
+model = "gaussian"
+shadow_brightness = 1.0
+median = 3.0
+close = 5.0
+fill_holes = 60.0
+min_area = 120.0
+keep = "largest"
+join = 20.0
+"""
+
+
+def write_scene(folder: str | Path, sequence: HumanEvaSequence) -> Path:
+    """Write ``calibration.toml``, ``truth.usdc`` and last ``scene.toml``, which names the user's videos.
+
+    The folder is made if it does not exist; files of the same names are replaced.
+
+    Returns:
+        Path of ``scene.toml``.
+    """
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(folder, f"cannot be written to ({error})", "choose another folder") from error
+    write_toml_rig(folder / "calibration.toml", sequence.rig)
+    write_truth(folder / "truth.usdc", sequence.truth, sequence.rig.up)
+    write_whole(folder / "scene.toml", _scene_text(sequence).encode())
+    return folder / "scene.toml"
+
+
+def _scene_text(sequence: HumanEvaSequence) -> str:
+    lines = [
+        f"# HumanEva-I, {sequence.subject} {sequence.action}, trial 1, written by mmocap humaneva.",
+        f"# Frame 0 is frame {sequence.first} of HumanEva's own numbers.",
+        "[scene]",
+        f'name = "{sequence.subject} {sequence.action}"',
+        f"fps = {FPS:g}",
+        f'up = "{sequence.rig.up}"',
+        f"frames = {sequence.count}",
+        "",
+        "[truth]",
+        'file = "truth.usdc"',
+        "",
+        "[cameras]",
+        'calibration = "calibration.toml"',
+    ]
+    cameras = zip(sequence.rig.names, sequence.videos, sequence.backgrounds, sequence.frame_offsets, strict=True)
+    for name, video, background, offset in cameras:
+        lines += [
+            "",
+            f"[cameras.{name}]",
+            f"video = {quoted(video.path.resolve().as_posix())}",  # the whole path: scene and data set move apart
+            f"background = {quoted(background.path.resolve().as_posix())}",
+            f"frame_offset = {offset}",
+        ]
+    return "\n".join(lines) + "\n" + _FOREGROUND

@@ -10,6 +10,7 @@ import numpy as np
 from mmocap_warp.body.rotations import applied, turn
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.motion.motion_clip import MotionClip
+from mmocap_warp.whole_file import read_text
 
 FPS = 120.0
 """Of CMU's clips; the files do not say."""
@@ -20,6 +21,7 @@ METRES = 0.0254 / 0.45
 _C3D_AXES = [1, 2, 0]  # CMU's .c3d has its third axis up, its .amc the second
 
 _REMEDY = "give a complete Acclaim file"
+_NAME_REMEDY = "check its name, or name the .asf file"
 _ROOT_ORDER = ("tx", "ty", "tz", "rx", "ry", "rz")
 
 
@@ -42,15 +44,10 @@ class _Bone:
 
 
 def read_amc(path: str | Path, skeleton: str | Path | None = None) -> MotionClip:
-    """Read an ``.amc`` file and its skeleton.
+    """Read an ``.amc`` file and its skeleton, the ``.asf`` file.
 
-    Args:
-        path: the motion.
-        skeleton: the ``.asf`` file; without it, the one beside the motion that is named as the motion is up to an
-            underscore (``02.asf`` for ``02_01.amc``).
-
-    Raises:
-        InputError: a missing file, or one that is wrong.
+    Without ``skeleton`` it is the one beside the motion that is named as the motion is up to an underscore (``02.asf``
+    for ``02_01.amc``).
     """
     path = Path(path)
     skeleton = path.with_name(f"{path.stem.split('_')[0]}.asf") if skeleton is None else Path(skeleton)
@@ -81,7 +78,7 @@ def with_markers(clip: MotionClip, path: str | Path) -> MotionClip:
     Raises:
         InputError: a file that cannot be read, or that is of another take.
     """
-    from mmocap_warp.formats.motion.read_c3d import read_c3d
+    from mmocap_warp.formats.motion.captured_points import read_c3d
 
     tracks = read_c3d(path)
     if len(tracks.positions) != len(clip.place) or tracks.rate != clip.fps:
@@ -93,47 +90,41 @@ def with_markers(clip: MotionClip, path: str | Path) -> MotionClip:
 def _read_skeleton(path: Path) -> list[_Bone]:
     """The bones, parents before children."""
     sections = _sections(path)
-    bones = {bone.name: bone for bone in (_root(path, sections), *_bones(path, sections))}
-    order = ["root"]
-    for line in sections.get("hierarchy", []):
-        if line[0] in ("begin", "end"):
-            continue
-        if unknown := [name for name in line if name not in bones]:
-            raise InputError(path, f"its hierarchy names {unknown}, which are no bones", _REMEDY)
-        if line[0] not in order:
-            raise InputError(path, f"its hierarchy names '{line[0]}' before its parent", _REMEDY)
-        for child in line[1:]:
-            bones[child].parent = order.index(line[0])
-            order.append(child)
-    return [bones[name] for name in order]
-
-
-def _root(path: Path, sections: dict[str, list[list[str]]]) -> _Bone:
-    for line in sections.get("root", []):
-        if line[0] == "order":
-            channels = tuple(word.lower() for word in line[1:])
-            if sorted(channels) != sorted(_ROOT_ORDER):
-                raise InputError(path, f"its root's order is {' '.join(line[1:])}", f"use {' '.join(_ROOT_ORDER)}")
-            return _Bone("root", np.zeros(3), np.eye(3), channels)
-    raise InputError(path, "has no root", _REMEDY)
-
-
-def _bones(path: Path, sections: dict[str, list[list[str]]]) -> list[_Bone]:
-    bones = []
+    order = next((line[1:] for line in sections.get("root", []) if line[0] == "order"), None)
+    if order is None:
+        raise InputError(path, "has no root", _REMEDY)
+    channels = tuple(word.lower() for word in order)
+    if sorted(channels) != sorted(_ROOT_ORDER):
+        raise InputError(path, f"its root's order is {' '.join(order)}", f"use {' '.join(_ROOT_ORDER)}")
+    bones = {"root": _Bone("root", np.zeros(3), np.eye(3), channels)}
+    # The bones' own data, each between begin and end.
     entry: dict[str, list[str]] = {}
     for line in sections.get("bonedata", []):
         if line[0] == "begin":
             entry = {}
         elif line[0] == "end":
-            bones.append(_bone(path, entry))
+            bone = _read_bone(path, entry)
+            bones[bone.name] = bone
         else:
             entry.setdefault(line[0], line[1:])
-    return bones
+    # The hierarchy: a line names a bone and those that hang on it.
+    names = ["root"]
+    for line in sections.get("hierarchy", []):
+        if line[0] in ("begin", "end"):
+            continue
+        if unknown := [name for name in line if name not in bones]:
+            raise InputError(path, f"its hierarchy names {unknown}, which are no bones", _REMEDY)
+        if line[0] not in names:
+            raise InputError(path, f"its hierarchy names '{line[0]}' before its parent", _REMEDY)
+        for child in line[1:]:
+            bones[child].parent = names.index(line[0])
+            names.append(child)
+    return [bones[name] for name in names]
 
 
-def _bone(path: Path, entry: dict[str, list[str]]) -> _Bone:
+def _read_bone(path: Path, entry: dict[str, list[str]]) -> _Bone:
     try:
-        direction, axis = (_three(entry, key) for key in ("direction", "axis"))
+        direction, axis = (_three_numbers(entry, key) for key in ("direction", "axis"))
         x, y, z = np.radians(axis)
         channels = tuple(word.lower() for word in entry.get("dof", []))
         if any(channel not in ("rx", "ry", "rz") for channel in channels):
@@ -145,7 +136,7 @@ def _bone(path: Path, entry: dict[str, list[str]]) -> _Bone:
         raise InputError(path, f"bone {name} is not complete ({error})", _REMEDY) from None
 
 
-def _three(entry: dict[str, list[str]], key: str) -> np.ndarray:
+def _three_numbers(entry: dict[str, list[str]], key: str) -> np.ndarray:
     values = np.array(entry[key][:3], float)
     if len(values) != 3 or not np.isfinite(values).all():
         raise ValueError(f"{key} {' '.join(entry[key])} is not three numbers")
@@ -154,22 +145,24 @@ def _three(entry: dict[str, list[str]], key: str) -> np.ndarray:
 
 def _sections(path: Path) -> dict[str, list[list[str]]]:
     """The lines of each ``:section``, as words."""
-    found: dict[str, list[list[str]]] = {}
+    sections: dict[str, list[list[str]]] = {}
     section = ""
-    for line in _lines(path):
+    for line in read_text(path, _NAME_REMEDY, missing=_NAME_REMEDY, errors="replace").splitlines():
         words = line.split()
         if words and words[0].startswith(":"):
             section = words[0][1:].lower()
             words = words[1:]
         if words and not words[0].startswith("#"):
-            found.setdefault(section, []).append(words)
-    return found
+            sections.setdefault(section, []).append(words)
+    return sections
 
 
 def _read_motion(path: Path, channels: dict[str, tuple[str, ...]]) -> dict[str, np.ndarray]:
     """(frame, channel) of each bone; zeros for one that the file leaves out."""
     frames: list[dict[str, list[float]]] = []
-    for number, line in enumerate(_lines(path), 1):
+    for number, line in enumerate(
+        read_text(path, _NAME_REMEDY, missing=_NAME_REMEDY, errors="replace").splitlines(), 1
+    ):
         words = line.split()
         if not words or words[0].startswith(("#", ":")):
             continue
@@ -190,10 +183,3 @@ def _read_motion(path: Path, channels: dict[str, tuple[str, ...]]) -> dict[str, 
         name: np.array([frame.get(name, [0.0] * len(order)) for frame in frames]).reshape(len(frames), len(order))
         for name, order in channels.items()
     }
-
-
-def _lines(path: Path) -> list[str]:
-    try:
-        return path.read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})", "check its name, or name the .asf file") from error

@@ -1,10 +1,15 @@
-"""A motion clip: a skeleton of any make that moves, as the readers of ``.bvh`` and ``.amc`` files give it."""
+"""A motion clip, which is a skeleton of any make that moves, and Biovision's ``.bvh`` read as one."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
+
+from mmocap_warp.body.rotations import turn
+from mmocap_warp.errors import InputError
+from mmocap_warp.whole_file import read_text
 
 
 @dataclass(frozen=True)
@@ -42,3 +47,143 @@ class MotionClip:
         mixed = (1 - share) * self.rotation[before] + share * self.rotation[after]
         u, _, vt = np.linalg.svd(mixed)
         return replace(self, fps=fps, place=place, rotation=u @ vt, markers=markers)
+
+
+_REMEDY = "export it again as BVH"
+_MIN_INTERVAL, _MAX_INTERVAL = 1e-4, 10.0  # that a frame may last [s]
+
+
+@dataclass(frozen=True)
+class _Joint:
+    name: str
+    parent: int
+    offset: tuple[float, float, float]
+    channels: tuple[str, ...]
+    first_column: int
+
+
+class _Words:
+    """The words of a file, one after the other."""
+
+    def __init__(self, path: Path, text: str) -> None:
+        self.path = path
+        self._words = [(word, line) for line, row in enumerate(text.splitlines(), 1) for word in row.split()]
+        self._next = 0
+
+    def take(self, *expected: str) -> str:
+        """The next word; one of ``expected``, in any case of letters, where some are given."""
+        if self._next >= len(self._words):
+            raise InputError(self.path, f"ends before {' or '.join(expected) or 'its frames are complete'}", _REMEDY)
+        word = self._words[self._next][0]
+        self._next += 1
+        if expected and word.lower() not in (e.lower() for e in expected):
+            raise self._error(f"expected {' or '.join(expected)}, found '{word}'")
+        return word
+
+    def _error(self, problem: str) -> InputError:
+        """The error of the word that was taken last."""
+        return InputError(f"{self.path}: line {self._words[self._next - 1][1]}", problem, _REMEDY)
+
+    def number(self) -> float:
+        """The next word as a number."""
+        word = self.take()
+        try:
+            return float(word)
+        except ValueError:
+            raise self._error(f"'{word}' is not a number") from None
+
+    def whole_number(self, what: str, most: int) -> int:
+        """The next word as a whole number from 0 to ``most``; ``what`` it counts is named in errors."""
+        number = self.number()
+        if not (0 <= number <= most and number == int(number)):
+            raise self._error(f"{number:g} is not a valid number of {what}")
+        return int(number)
+
+    def rest(self) -> list[str]:
+        """All words that are left."""
+        return [word for word, _ in self._words[self._next :]]
+
+
+def read_bvh(path: str | Path) -> MotionClip:
+    """Read a ``.bvh`` file; the rest pose is the one of its offsets."""
+    path = Path(path)
+    words = _Words(path, read_text(path, "check its name", errors="replace"))
+    joints = _read_hierarchy(words)
+    words.take("MOTION")
+    words.take("Frames:")
+    frames = words.whole_number("frames", 10**9)
+    words.take("Frame")
+    words.take("Time:")
+    interval = words.number()
+    columns = sum(len(joint.channels) for joint in joints)
+    try:
+        values = np.array(words.rest(), float)
+    except ValueError as error:
+        raise InputError(path, f"holds a frame that is not numbers ({error})", _REMEDY) from None
+    if (
+        frames < 1
+        or not _MIN_INTERVAL <= interval <= _MAX_INTERVAL
+        or len(values) != frames * columns
+        or not np.isfinite(values).all()
+    ):
+        problem = f"says {frames} frames of {columns} values every {interval:g} s, and holds {len(values)} values"
+        raise InputError(path, problem, _REMEDY)
+    return _pose_joints(joints, values.reshape(frames, columns), 1.0 / interval)
+
+
+def _read_hierarchy(words: _Words) -> list[_Joint]:
+    words.take("HIERARCHY")
+    words.take("ROOT")
+    joints: list[_Joint] = []
+    open_joints = [_read_joint(words, -1, joints)]
+    while open_joints:
+        word = words.take("JOINT", "End", "}").lower()
+        if word == "joint":
+            open_joints.append(_read_joint(words, open_joints[-1], joints))
+        elif word == "end":
+            words.take("Site")
+            words.take("{")
+            words.take("OFFSET")
+            for _ in range(3):
+                words.number()
+            words.take("}")
+        else:
+            open_joints.pop()
+    return joints
+
+
+def _read_joint(words: _Words, parent: int, joints: list[_Joint]) -> int:
+    """Add a joint, from its name to its channels; returns its number."""
+    name = words.take()
+    words.take("{")
+    words.take("OFFSET")
+    offset = (words.number(), words.number(), words.number())
+    words.take("CHANNELS")
+    count = words.whole_number("channels", 6)
+    allowed = [f"{axis}{kind}" for kind in ("position", "rotation") for axis in "XYZ"]
+    channels = tuple(words.take(*allowed).lower() for _ in range(count))
+    column = joints[-1].first_column + len(joints[-1].channels) if joints else 0
+    joints.append(_Joint(name, parent, offset, channels, column))
+    return len(joints) - 1
+
+
+def _pose_joints(joints: list[_Joint], values: np.ndarray, fps: float) -> MotionClip:
+    rest = np.zeros((len(joints), 3))
+    place = np.zeros((len(values), len(joints), 3))
+    rotation = np.zeros((len(values), len(joints), 3, 3))
+    for j, joint in enumerate(joints):
+        own = np.tile(np.eye(3), (len(values), 1, 1))
+        moved = np.tile(joint.offset, (len(values), 1))
+        for column, channel in enumerate(joint.channels, joint.first_column):
+            if channel.endswith("position"):
+                moved[:, "xyz".index(channel[0])] = values[:, column]  # in place of the offset
+            else:
+                own = own @ turn(channel[0], np.radians(values[:, column]))
+        if joint.parent < 0:
+            rest[j], place[:, j], rotation[:, j] = joint.offset, moved, own
+        else:
+            above = rotation[:, joint.parent]
+            rest[j] = rest[joint.parent] + joint.offset
+            place[:, j] = place[:, joint.parent] + np.einsum("fab,fb->fa", above, moved)
+            rotation[:, j] = above @ own
+    return MotionClip(fps, tuple(joint.name for joint in joints), rest, place, rotation)

@@ -5,18 +5,15 @@ from __future__ import annotations
 import base64
 import json
 import struct
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.rigged.inside import file_inside
-from mmocap_warp.formats.rigged.node_motion import node_motions, node_worlds
-from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, parents_first
-
-GLTF_SUFFIXES: tuple[str, ...] = (".glb", ".gltf")
+from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, RiggedMotion, joined_parts, parents_first
 
 _MAGIC, _JSON_CHUNK, _BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
 _KINDS = {5120: np.int8, 5121: np.uint8, 5122: np.int16, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
@@ -27,14 +24,10 @@ _REMEDY = "export it again as glTF 2.0 with its skin, without compression"
 
 
 def read_gltf(path: str | Path) -> RiggedMesh:
-    """Read a skinned character with its animations. Materials, cameras and meshes without a skin are passed over.
-
-    Raises:
-        InputError: no such file, not glTF 2.0, damaged, compressed, or without a skin.
-    """
+    """Read a skinned character with its animations. Materials, cameras and meshes without a skin are passed over."""
     path = Path(path)
     try:
-        return _character(_Document(path), path)
+        return _read_character(_Document(path), path)
     except InputError:
         raise
     except OSError as error:
@@ -51,6 +44,7 @@ class _Document:
     def __init__(self, path: Path) -> None:
         data = path.read_bytes()
         binary = b""
+        # The JSON, and the binary chunk after it.
         if path.suffix == ".glb":
             magic, version, _ = struct.unpack_from("<III", data)
             if magic != _MAGIC or version != 2:
@@ -65,26 +59,27 @@ class _Document:
         else:
             text = data
         self.json = json.loads(text)
+        # A file that needs what is not read here is refused.
         required = sorted(set(self.json.get("extensionsRequired", [])) - _READABLE)
         if required:
             raise InputError(path, f"needs the glTF extension {required[0]}, which is not read", _REMEDY)
-        self._buffers = [self._buffer(about, path, binary) for about in self.json.get("buffers", [])]
-
-    @staticmethod
-    def _buffer(about: dict[str, Any], path: Path, binary: bytes) -> bytes:
-        uri = about.get("uri")
-        if uri is None:
-            return binary
-        if uri.startswith("data:"):
-            return base64.b64decode(uri.partition(",")[2], validate=True)
-        return file_inside(path.parent, uri, path).read_bytes()
+        # The buffers: the binary chunk, text within the JSON, or files beside it.
+        self._buffers = []
+        for about in self.json.get("buffers", []):
+            uri = about.get("uri")
+            if uri is None:
+                self._buffers.append(binary)
+            elif uri.startswith("data:"):
+                self._buffers.append(base64.b64decode(uri.partition(",")[2], validate=True))
+            else:
+                self._buffers.append(_file_inside(path.parent, uri, path).read_bytes())
 
     def list(self, name: str) -> list[dict[str, Any]]:
         """A list of the file, empty where it has none."""
-        found = self.json.get(name, [])
-        if not isinstance(found, list) or not all(isinstance(each, dict) for each in found):
+        values = self.json.get(name, [])
+        if not isinstance(values, list) or not all(isinstance(each, dict) for each in values):
             raise ValueError(f"{name} is no list of objects")
-        return found
+        return values
 
     def array(self, accessor: int) -> np.ndarray:
         """An accessor's values (count, width): whole numbers, or float64 where they are floats or normalized."""
@@ -93,18 +88,14 @@ class _Document:
         if "bufferView" in about:
             values = self._view(about["bufferView"], about.get("byteOffset", 0), kind, count, width)
         else:
-            values = np.zeros((self._plausible(count), width), kind)
+            if not 0 < count <= max(map(len, self._buffers), default=0):
+                raise ValueError("an accessor without values is longer than the file")
+            values = np.zeros((count, width), kind)
         if "sparse" in about:
             sparse, values = about["sparse"], values.copy()
-            where = sparse["indices"]
-            index = self._view(
-                where["bufferView"],
-                where.get("byteOffset", 0),
-                np.dtype(_KINDS[where["componentType"]]),
-                sparse["count"],
-                1,
-            )
-            new = sparse["values"]
+            where, new = sparse["indices"], sparse["values"]
+            index_kind = np.dtype(_KINDS[where["componentType"]])
+            index = self._view(where["bufferView"], where.get("byteOffset", 0), index_kind, sparse["count"], 1)
             values[index[:, 0]] = self._view(new["bufferView"], new.get("byteOffset", 0), kind, sparse["count"], width)
         if about.get("normalized", False):
             return np.maximum(values / float(2 ** (8 * kind.itemsize - (kind.kind == "i")) - 1), -1.0)
@@ -119,39 +110,41 @@ class _Document:
             raise ValueError("an accessor reaches beyond its buffer")
         return np.ndarray((count, width), kind.newbyteorder("<"), data, first, (stride, kind.itemsize)).copy()
 
-    def _plausible(self, count: int) -> int:
-        if not 0 < count <= max(map(len, self._buffers), default=0):
-            raise ValueError("an accessor without values is longer than the file")
-        return count
-
 
 def _index(number: int) -> int:
     if type(number) is not int or number < 0:
-        raise ValueError(f"{number!r} is no number of a list")
+        raise ValueError(f"{number!r} is not an index")
     return number
 
 
-def _character(document: _Document, path: Path) -> RiggedMesh:
+def _read_character(document: _Document, path: Path) -> RiggedMesh:
     nodes, skins = document.list("nodes"), document.list("skins")
     skinned = [(i, node) for i, node in enumerate(nodes) if "skin" in node and "mesh" in node]
     if not skinned:
         raise InputError(path, "holds no skinned mesh", "export the character with its armature and skin")
-    above = _parents(nodes)
+    # The tree of the nodes, and the joints among them, parents first.
+    above = [-1] * len(nodes)
+    for number, node in enumerate(nodes):
+        for child in node.get("children", []):
+            above[_index(child)] = number
+    parents_first(above)  # raises where nodes hang on each other in a circle
     joint_node, bind = _joints(document, [skins[_index(node["skin"])] for _, node in skinned])
     parent = _joint_parents(joint_node, above)
     order = parents_first(parent)
-    number = {joint_node[joint]: i for i, joint in enumerate(order)}
     rank = {joint: i for i, joint in enumerate(order)}
+    rank_of_node = {joint_node[joint]: i for joint, i in rank.items()}
 
+    # The skin, whose weights count the joints of their own skin.
     parts = []
     for _, node in skinned:
-        of_skin = np.array([number[joint] for joint in skins[node["skin"]]["joints"]])
+        of_skin = np.array([rank_of_node[joint] for joint in skins[node["skin"]]["joints"]])
         parts += [
-            _primitive(document, primitive, of_skin)
+            _read_primitive(document, primitive, of_skin)
             for primitive in document.list("meshes")[_index(node["mesh"])]["primitives"]
         ]
-    vertex, face, influence, weight = _joined(parts)
+    vertex, face, influence, weight = joined_parts(parts)
     ordered = [joint_node[joint] for joint in order]
+    # The motions, and the space in which all is bound.
     rest = node_worlds(nodes, above)
     motions, notes = node_motions(document.list("animations"), document.array, nodes, above, ordered)
     scene = _scene_from_bind(bind[order], rest[ordered], rest[skinned[0][0]])
@@ -168,15 +161,6 @@ def _character(document: _Document, path: Path) -> RiggedMesh:
         attribution=str(document.json.get("asset", {}).get("copyright", "")),
         notes=tuple(notes),
     )
-
-
-def _parents(nodes: list[dict[str, Any]]) -> list[int]:
-    above = [-1] * len(nodes)
-    for number, node in enumerate(nodes):
-        for child in node.get("children", []):
-            above[_index(child)] = number
-    parents_first(above)
-    return above
 
 
 def _joints(document: _Document, skins: Iterable[dict[str, Any]]) -> tuple[list[int], np.ndarray]:
@@ -206,7 +190,7 @@ def _joint_parents(joint_node: list[int], above: list[int]) -> list[int]:
     return parent
 
 
-def _primitive(
+def _read_primitive(
     document: _Document, primitive: dict[str, Any], of_skin: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Vertices, triangles, influencing joints and weights of a part of a mesh."""
@@ -227,24 +211,6 @@ def _primitive(
     return vertex, face, of_skin[np.where(weight > 0, joint, 0)], weight
 
 
-def _joined(
-    parts: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]],
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Several parts as one mesh."""
-    most = max(weight.shape[1] for *_, weight in parts)
-    first = np.cumsum([0, *(len(vertex) for vertex, *_ in parts)])
-
-    def padded(values: np.ndarray) -> np.ndarray:
-        return np.pad(values, ((0, 0), (0, most - values.shape[1])))
-
-    return (
-        np.concatenate([vertex for vertex, *_ in parts]),
-        np.concatenate([face + start for (_, face, *_), start in zip(parts, first, strict=False)]),
-        np.concatenate([padded(influence) for *_, influence, _ in parts]),
-        np.concatenate([padded(weight) for *_, weight in parts]),
-    )
-
-
 def _scene_from_bind(bind: np.ndarray, rest: np.ndarray, mesh: np.ndarray) -> np.ndarray:
     """(4, 4): what takes the space in which the skin is bound to the scene's.
 
@@ -259,3 +225,141 @@ def _scene_from_bind(bind: np.ndarray, rest: np.ndarray, mesh: np.ndarray) -> np
     nearest = min(map(apart, candidates))
     slack = 1e-3 * float(np.ptp(rest[:, :3, 3], axis=0).max())
     return next(scene for scene in candidates if apart(scene) <= nearest + slack)
+
+
+def _file_inside(folder: Path, name: str, source: object) -> Path:
+    """The file ``name`` in ``folder`` or below it; ``source`` is the file that names it.
+
+    Raises:
+        InputError: it lies elsewhere, or does not exist.
+    """
+    root = folder.resolve()
+    try:
+        file = (root / unquote(name)).resolve()
+        exists = file.is_file()
+    except (OSError, ValueError):  # such as a name with a zero byte
+        raise InputError(source, f"names a file {name!r}, which is not a valid name", "correct that name") from None
+    if not file.is_relative_to(root):
+        raise InputError(source, f"names '{name}', which is not in {folder}", "copy it there, and say so")
+    if not exists:
+        raise InputError(source, f"names '{name}', which is not in {folder}", "put it there")
+    return file
+
+
+_FPS = 60.0
+_MAX_TRANSFORMS = 400_000  # of nodes in all frames of an animation: a minute of a hundred nodes
+_PARTS = {"translation": (0, 0, 0), "rotation": (0, 0, 0, 1), "scale": (1, 1, 1)}
+
+
+def node_worlds(nodes: Sequence[dict[str, Any]], above: list[int]) -> np.ndarray:
+    """(node, 4, 4): the scene from each node as the file has it."""
+    local = np.stack([_local_transform(node) for node in nodes])
+    return _world_transforms(local[None], above)[0]
+
+
+def node_motions(
+    animations: Sequence[dict[str, Any]],
+    array: Callable[[int], np.ndarray],
+    nodes: Sequence[dict[str, Any]],
+    above: list[int],
+    joints: Sequence[int],
+) -> tuple[dict[str, RiggedMotion], list[str]]:
+    """Each animation's ``joints``, which are nodes, by the animation's name, and notes on what is too long to be read.
+
+    ``array`` gives an accessor's values (count, width) by its number; ``above`` is the node that each node hangs on, or
+    -1. An animation without keys is left out.
+    """
+    motions: dict[str, RiggedMotion] = {}
+    notes = []
+    for number, animation in enumerate(animations):
+        channels = []
+        for channel in animation["channels"]:
+            target, sampler = channel["target"], animation["samplers"][channel["sampler"]]
+            if "node" in target and target["path"] in _PARTS:
+                keys = array(sampler["input"])[:, 0], array(sampler["output"])
+                channels.append((target["node"], target["path"], sampler.get("interpolation", "LINEAR"), *keys))
+        if channels:
+            name = str(animation.get("name") or f"animation{number}")
+            last = max(float(time[-1]) for *_, time, _ in channels)
+            if not 0 <= last * _FPS * len(nodes) < _MAX_TRANSFORMS:
+                notes.append(f"motion {name} lasts {last:g} s: left out")
+                continue
+            frames = round(last * _FPS) + 1
+            motions[name] = RiggedMotion(_FPS, _sample_channels(channels, frames, nodes, above)[:, list(joints)])
+    return motions, notes
+
+
+def _sample_channels(
+    channels: list[tuple[int, str, str, np.ndarray, np.ndarray]],
+    frames: int,
+    nodes: Sequence[dict[str, Any]],
+    above: list[int],
+) -> np.ndarray:
+    """(frame, node, 4, 4): the scene from each node."""
+    when = np.arange(frames) / _FPS
+    moved = {(node, path): _interpolate(when, time, value, how, path) for node, path, how, time, value in channels}
+    local = np.zeros((frames, len(nodes), 4, 4))
+    for number, node in enumerate(nodes):
+        own = {path: moved[number, path] for path in _PARTS if (number, path) in moved}
+        local[:, number] = _compose_transforms(node, own) if own else _local_transform(node)
+    return _world_transforms(local, above)
+
+
+def _interpolate(when: np.ndarray, time: np.ndarray, value: np.ndarray, how: str, path: str) -> np.ndarray:
+    """Values of a channel at times (frame,), held before its first key and after its last."""
+    if how == "CUBICSPLINE":  # tangents around each value; straight lines between the values come close
+        value = value[1::3]
+    if len(time) != len(value) or (np.diff(time) <= 0).any() or not np.isfinite(value).all():
+        raise ValueError("an animation's keys are not in order, or not finite")
+    when = np.clip(when, time[0], time[-1])
+    before = np.clip(np.searchsorted(time, when, side="right") - 1, 0, max(len(time) - 2, 0))
+    after = np.minimum(before + 1, len(time) - 1)
+    gap = np.where(after > before, time[after] - time[before], 1.0)
+    share = np.clip((when - time[before]) / gap, 0.0, 1.0)[:, None]
+    if how == "STEP":
+        share = np.floor(share)
+    first, second = value[before], value[after]
+    if path != "rotation":
+        return (1 - share) * first + share * second
+    cosine = (first * second).sum(axis=1, keepdims=True)
+    second, cosine = np.where(cosine < 0, -second, second), np.minimum(np.abs(cosine), 1.0)
+    angle = np.arccos(cosine)
+    sine = np.where(angle > 1e-6, np.sin(angle), 1.0)
+    near = np.where(angle > 1e-6, np.sin((1 - share) * angle) / sine, 1 - share)
+    far = np.where(angle > 1e-6, np.sin(share * angle) / sine, share)
+    return near * first + far * second
+
+
+def _local_transform(node: dict[str, Any]) -> np.ndarray:
+    """(4, 4): the parent from a node."""
+    if "matrix" in node:
+        return np.array(node["matrix"], float).reshape(4, 4).T
+    return _compose_transforms(node, {})[0]
+
+
+def _compose_transforms(node: dict[str, Any], moved: dict[str, np.ndarray]) -> np.ndarray:
+    """(n, 4, 4) of a node's translations (n, 3), quaternions x y z w (n, 4) and scales (n, 3).
+
+    ``moved`` holds those that an animation changes; of the others the node has one for all.
+    """
+    from scipy.spatial.transform import Rotation
+
+    translation, rotation, scale = (
+        moved.get(path, np.array([node.get(path, default)], float)) for path, default in _PARTS.items()
+    )
+    count = max(len(translation), len(rotation), len(scale))
+    matrix = np.zeros((count, 4, 4))
+    matrix[:, :3, :3] = Rotation.from_quat(rotation).as_matrix() * scale[:, None, :]
+    matrix[:, :3, 3] = translation
+    matrix[:, 3, 3] = 1.0
+    if not np.isfinite(matrix).all():
+        raise ValueError("a node's transform is not finite")
+    return matrix
+
+
+def _world_transforms(local: np.ndarray, above: list[int]) -> np.ndarray:
+    """(frame, node, 4, 4): transforms relative to the node above, multiplied in place from the roots outwards."""
+    for node in parents_first(above):
+        if above[node] >= 0:
+            local[:, node] = local[:, above[node]] @ local[:, node]
+    return local

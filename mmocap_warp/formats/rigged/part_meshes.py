@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import struct
-from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ import numpy as np
 from mmocap_warp.errors import InputError
 
 _MATERIALS = ("library_effects", "library_materials", "library_images", "bind_material")
-_AGAIN = "export it again, as triangles in a .stl file"
+_REMEDY = "export it again, as triangles in a .stl file"
 _ERRORS = (  # of trimesh's readers, which have no error of their own
     *(ArithmeticError, AssertionError, AttributeError, LookupError, MemoryError, RuntimeError),
     *(SyntaxError, TypeError, ValueError, struct.error),
@@ -33,7 +32,7 @@ def part_mesh(path: Path, source: object) -> tuple[np.ndarray, np.ndarray]:
         raise InputError(source, f"names the mesh {path.name}, of a kind that is not read", f"use {', '.join(_KINDS)}")
     data = path.read_bytes()
     try:
-        vertex, face = _wavefront(data) if kind == "obj" else _by_trimesh(data, kind, path)
+        vertex, face = _read_wavefront(data) if kind == "obj" else _read_with_trimesh(data, kind, path)
         sound = len(face) > 0 and vertex.ndim == 2 and bool(np.isfinite(vertex).all())
         sound = sound and 0 <= face.min() <= face.max() < len(vertex)
     except InputError:
@@ -41,33 +40,29 @@ def part_mesh(path: Path, source: object) -> tuple[np.ndarray, np.ndarray]:
     except ImportError as error:
         raise InputError(path, f"needs a package ({error})", "pip install 'mmocap-warp[robots]'") from None
     except _ERRORS as error:
-        raise InputError(path, f"cannot be read ({type(error).__name__}: {error})", _AGAIN) from None
+        raise InputError(path, f"cannot be read ({type(error).__name__}: {error})", _REMEDY) from None
     if not sound:
-        raise InputError(path, "holds no sound triangles", _AGAIN)
+        raise InputError(path, "holds no sound triangles", _REMEDY)
     return vertex, face
 
 
-def _by_trimesh(data: bytes, kind: str, path: Path) -> tuple[np.ndarray, np.ndarray]:
+def _read_with_trimesh(data: bytes, kind: str, path: Path) -> tuple[np.ndarray, np.ndarray]:
     """From memory, so that no file that it names is looked for."""
     import trimesh
 
-    def loaded(content: bytes) -> Any:
-        return trimesh.load(io.BytesIO(content), file_type=kind, force="mesh", process=False, skip_materials=True)
+    damage: tuple[type[Exception], ...] = ()
+    if kind == "dae":
+        from collada.common import DaeError
 
-    mesh = _collada(data, path, loaded) if kind == "dae" else loaded(data)
+        damage, data = (DaeError,), _plain_collada(data, path)
+    try:
+        mesh: Any = trimesh.load(io.BytesIO(data), file_type=kind, force="mesh", process=False, skip_materials=True)
+    except damage as error:  # which is not one of Python's
+        raise ValueError(str(error)) from error
     return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)
 
 
-def _collada(data: bytes, path: Path, loaded: Callable[[bytes], Any]) -> Any:
-    from collada.common import DaeError
-
-    try:
-        return loaded(_plain_collada(data, path))
-    except DaeError as error:  # which is not one of Python's
-        raise ValueError(str(error)) from error
-
-
-def _wavefront(data: bytes) -> tuple[np.ndarray, np.ndarray]:
+def _read_wavefront(data: bytes) -> tuple[np.ndarray, np.ndarray]:
     """Places and faces of an ``.obj`` file; trimesh needs a package for pictures as soon as there are colours."""
     vertex, face = [], []
     for line in data.splitlines():
@@ -97,7 +92,7 @@ def _plain_collada(data: bytes, path: Path) -> bytes:
     try:
         root = fromstring(data)
     except (DefusedXmlException, ParseError, ValueError, LookupError) as error:
-        raise InputError(path, f"is not plain XML ({type(error).__name__})", _AGAIN) from None
+        raise InputError(path, f"is not plain XML ({type(error).__name__})", _REMEDY) from None
     register_namespace("", root.tag.partition("}")[0].lstrip("{"))
     for element in list(root.iter()):
         for child in list(element):

@@ -81,7 +81,7 @@ def parents_first(parent: list[int]) -> list[int]:
     """An order of joints in which each comes after the one that it hangs on, else as they were.
 
     Raises:
-        ValueError: joints hang on each other in a circle.
+        ValueError: joints form a loop.
     """
     order: list[int] = []
     placed = [False] * len(parent)
@@ -89,10 +89,25 @@ def parents_first(parent: list[int]) -> list[int]:
         chain = []
         while joint >= 0 and not placed[joint]:
             if joint in chain:
-                raise ValueError("joints hang on each other in a circle")
+                raise ValueError("joints form a loop")
             chain.append(joint)
             joint = parent[joint]
         for each in reversed(chain):
             placed[each] = True
             order.append(each)
     return order
+
+
+def joined_parts(
+    parts: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Vertices, triangles, influencing joints and weights of several parts as one mesh's."""
+    first = np.cumsum([0, *(len(vertex) for vertex, *_ in parts)])
+    width = max(weight.shape[1] for *_, weight in parts)
+    pad = [((0, 0), (0, width - weight.shape[1])) for *_, weight in parts]
+    return (
+        np.concatenate([vertex for vertex, *_ in parts]),
+        np.concatenate([face + start for (_, face, *_), start in zip(parts, first, strict=False)]),
+        np.concatenate([np.pad(influence, by) for (*_, influence, _), by in zip(parts, pad, strict=True)]),
+        np.concatenate([np.pad(weight, by) for (*_, weight), by in zip(parts, pad, strict=True)]),
+    )

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element, ParseError
 
 import numpy as np
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.rigged.part_meshes import part_mesh
-from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh
+from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh, joined_parts
 
 _REMEDY = "give a URDF file, as `xacro` writes it"
 _TURNS, _SLIDES = ("revolute", "continuous"), "prismatic"
@@ -36,15 +35,14 @@ def read_urdf(path: str | Path, meshes: str | Path | None = None) -> RiggedMesh:
     path = Path(path)
     folder = Path(meshes) if meshes is not None else path.parent
     try:
-        return _robot(_parsed(path), path, folder)
+        return _read_robot(_parse_xml(path), path, folder)
     except InputError:
         raise
     except (ValueError, TypeError, KeyError, IndexError, RecursionError) as error:
         raise InputError(path, f"is damaged, or no URDF ({error})", _REMEDY) from None
 
 
-@dataclass(frozen=True)
-class _Joint:
+class _Joint(NamedTuple):
     name: str
     kind: str
     parent: str
@@ -55,7 +53,7 @@ class _Joint:
     upper: float
 
 
-def _parsed(path: Path) -> Element:
+def _parse_xml(path: Path) -> Element:
     from defusedxml import DefusedXmlException
     from defusedxml.ElementTree import fromstring
 
@@ -74,22 +72,24 @@ def _parsed(path: Path) -> Element:
     return root
 
 
-def _robot(root: Element, path: Path, folder: Path) -> RiggedMesh:
-    joints = {joint.child: joint for joint in map(_joint, root.findall("joint"))}
-    links = {_named(link): link for link in root.findall("link")}
+def _read_robot(root: Element, path: Path, folder: Path) -> RiggedMesh:
+    joints = {joint.child: joint for joint in map(_read_joint, root.findall("joint"))}
+    links = {_name_of(link): link for link in root.findall("link")}
     for joint in joints.values():
         for link in (joint.parent, joint.child):
             if link not in links:
                 raise ValueError(f"joint {joint.name} names a link {link!r} that does not exist")
+    # The links from the root outwards; there is one root.
     bases = [link for link in links if link not in joints]
     if len(bases) != 1:
-        raise ValueError(f"it has {len(bases)} links that hang on none")
+        raise ValueError(f"it has {len(bases)} root links, not one")
     order = [bases[0]]
     for link in order:  # grows while it is walked
         order += [joint.child for joint in joints.values() if joint.parent == link]
     if len(order) != len(links):
-        raise ValueError("links hang on each other in a circle")
+        raise ValueError("its links form a loop")
 
+    # A joint for each link that moves; what is fixed to it belongs to it.
     names, parent, axes = [bases[0]], [-1], {}
     of_link, world = {bases[0]: 0}, {bases[0]: np.eye(4)}
     bind = [np.eye(4)]
@@ -106,12 +106,12 @@ def _robot(root: Element, path: Path, folder: Path) -> RiggedMesh:
         parent.append(of_link[joint.parent])
         bind.append(world[link])
     if len(names) == 1:
-        raise InputError(
-            path, "has no joint that turns or slides", "there is nothing to track in a rigid thing; name a robot"
-        )
-    vertex, face, follows = _geometry(links, world, of_link, path, folder)
+        remedy = "there is nothing to track in a rigid thing; name a robot"
+        raise InputError(path, "has no joint that turns or slides", remedy)
+    vertex, face, influence, weight = _read_geometry(links, world, of_link, path, folder)
+    # What is not read as the file has it.
     planar = [joint.name for joint in joints.values() if joint.kind == "planar"]
-    mimics = [_named(each) for each in root.findall("joint") if each.find("mimic") is not None]
+    mimics = [_name_of(each) for each in root.findall("joint") if each.find("mimic") is not None]
     notes = [f"{', '.join(planar)} slide in a plane: held at zero"] if planar else []
     notes += [f"{', '.join(mimics)} follow other joints there: free here"] if mimics else []
     return RiggedMesh(
@@ -121,8 +121,8 @@ def _robot(root: Element, path: Path, folder: Path) -> RiggedMesh:
         bind=np.stack(bind),
         vertex=vertex,
         face=face,
-        influence=follows[:, None],
-        weight=np.ones((len(vertex), 1)),
+        influence=influence,
+        weight=weight,
         up="+z",
         facing="+x",
         axes=axes,
@@ -131,8 +131,8 @@ def _robot(root: Element, path: Path, folder: Path) -> RiggedMesh:
     )
 
 
-def _joint(element: Element) -> _Joint:
-    name, kind = _named(element), element.get("type", "")
+def _read_joint(element: Element) -> _Joint:
+    name, kind = _name_of(element), element.get("type", "")
     if kind not in _MOVES + _STAYS:
         raise ValueError(f"joint {name} is of type {kind!r}, which is not known")
     ends = [element.find(end) for end in ("parent", "child")]
@@ -150,27 +150,24 @@ def _joint(element: Element) -> _Joint:
     return _Joint(name, kind, parent, child, _origin(element), axis / (length or 1.0), lower, upper)
 
 
-def _geometry(
+def _read_geometry(
     links: dict[str, Element], world: dict[str, np.ndarray], of_link: dict[str, int], path: Path, folder: Path
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Vertices, triangles, and the joint that each vertex follows; the robot at zero angles."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Vertices, triangles, the joint that each vertex follows and its weight; the robot at zero angles."""
     for shown in ("visual", "collision"):
-        vertices: list[np.ndarray] = []
-        faces, follows = [], []
+        parts = []
         for link, element in links.items():
             for shape in element.findall(shown):
-                for vertex, face in _shapes(shape, path, folder):
-                    place = world[link] @ _origin(shape)
-                    first = sum(len(each) for each in vertices)
-                    faces.append(face + first)
-                    vertices.append(vertex @ place[:3, :3].T + place[:3, 3])
-                    follows.append(np.full(len(vertex), of_link[link]))
-        if vertices:
-            return np.concatenate(vertices), np.concatenate(faces), np.concatenate(follows)
+                place = world[link] @ _origin(shape)
+                for vertex, face in _read_shapes(shape, path, folder):
+                    joint, weight = np.full((len(vertex), 1), of_link[link]), np.ones((len(vertex), 1))
+                    parts.append((vertex @ place[:3, :3].T + place[:3, 3], face, joint, weight))
+        if parts:
+            return joined_parts(parts)
     raise InputError(path, "has no geometry", "give a robot with visual meshes")
 
 
-def _shapes(shape: Element, path: Path, folder: Path) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def _read_shapes(shape: Element, path: Path, folder: Path) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Vertices (n, 3) and triangles (m, 3) of a visual, in its own axes."""
     import trimesh
 
@@ -204,11 +201,11 @@ def _mesh_file(name: str, path: Path, folder: Path) -> Path:
     root = folder.resolve()
     parts = [part for part in PurePosixPath(name.partition("://")[2] or name).parts if part not in ("/", ".", "..")]
     for first in range(len(parts)):
-        found = root.joinpath(*parts[first:])
-        if found.is_file():
-            if not found.resolve().is_relative_to(root):
+        file = root.joinpath(*parts[first:])
+        if file.is_file():
+            if not file.resolve().is_relative_to(root):
                 break
-            return found
+            return file
     raise InputError(path, f"names the mesh '{name}', which is not in {folder}", "name its folder with --meshes")
 
 
@@ -238,7 +235,7 @@ def _numbers(text: str, count: int) -> np.ndarray:
     return values
 
 
-def _named(element: Element) -> str:
+def _name_of(element: Element) -> str:
     name = element.get("name")
     if not name:
         raise ValueError(f"a <{element.tag}> has no name")

@@ -8,11 +8,12 @@ import numpy as np
 from pxr import Usd, UsdGeom, UsdPhysics, UsdSkel
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh, RiggedMotion, parents_first
+from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh, RiggedMotion, joined_parts, parents_first
 from mmocap_warp.formats.usd.usd_file import read_stage, reads_usd
 
 _REMEDY = "export the character with its UsdSkel skeleton and skin"
-_LONGEST = 36000  # frames
+_MAX_FRAMES = 36000
+_ATTRIBUTION = "mmocap:attribution"
 
 
 @reads_usd
@@ -21,9 +22,6 @@ def read_usd_skel(path: str | Path) -> RiggedMesh:
 
     A ``PhysicsRevoluteJoint`` or ``PhysicsPrismaticJoint`` named like a joint of the skeleton gives that joint's axis
     and limits.
-
-    Raises:
-        InputError: no such file, not USD, or without a skinned mesh that is whole.
     """
     path = Path(path)
     stage = read_stage(path)
@@ -37,37 +35,41 @@ def read_usd_skel(path: str | Path) -> RiggedMesh:
         raise InputError(path, "holds no mesh that is bound to a UsdSkel skeleton", _REMEDY)
     chosen = max(bound, key=lambda name: sum(len(mesh.GetPointsAttr().Get() or ()) for mesh in bound[name]))
     try:
-        return _character(stage, UsdSkel.Skeleton.Get(stage, chosen), bound[chosen], path)
+        return _read_character(stage, UsdSkel.Skeleton.Get(stage, chosen), bound[chosen], path)
     except (ValueError, IndexError, TypeError) as error:
         raise InputError(path, f"its skeleton or skin is not whole ({error})", _REMEDY) from None
 
 
-def _character(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, meshes: list[UsdGeom.Mesh], path: Path) -> RiggedMesh:
+def _read_character(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, meshes: list[UsdGeom.Mesh], path: Path) -> RiggedMesh:
+    # The joints, parents first, and where they are bound.
     paths = [str(joint) for joint in skeleton.GetJointsAttr().Get() or ()]
     number = {name: joint for joint, name in enumerate(paths)}
     if not paths or len(number) < len(paths):
         raise ValueError("it has no joints, or two of a name")
-    parent = [_parent(name, number) for name in paths]
+    parent = []
+    for name in paths:  # the nearest joint above it, by its path
+        above = name.rpartition("/")[0]
+        while above and above not in number:
+            above = above.rpartition("/")[0]
+        parent.append(number.get(above, -1))
     order = parents_first(parent)
     rank = np.argsort(order)
     bind = np.array(skeleton.GetBindTransformsAttr().Get(), float).reshape(-1, 4, 4).swapaxes(1, 2)
     if len(bind) != len(paths) or not np.isfinite(bind).all():
         raise ValueError("its bindTransforms are not one for each joint")
+    # Joints are named by their own names, or by their paths where two share a name.
     own = {str(joint).rsplit("/", 1)[-1] for joint in paths}
     names = tuple(name.rsplit("/", 1)[-1] if len(own) == len(paths) else name.replace("/", "_") for name in paths)
 
-    vertex: list[np.ndarray] = []
-    face, influence, weight = [], [], []
+    # All meshes that are bound to the skeleton, as one.
+    parts = []
     for mesh in meshes:
-        points, triangles = _mesh(mesh)
-        joint, share = _weights(mesh, number, len(points))
-        first = sum(len(each) for each in vertex)
-        face.append(triangles + first)
-        vertex.append(points)
-        influence.append(rank[joint])
-        weight.append(share)
-    most = max(each.shape[1] for each in weight)
-    pad = [((0, 0), (0, most - each.shape[1])) for each in weight]
+        points, triangles = _read_mesh(mesh)
+        joint, share = _read_weights(mesh, number, len(points))
+        parts.append((points, triangles, rank[joint], share))
+    vertex, face, influence, weight = joined_parts(parts)
+    stated = (prim.GetAttribute(_ATTRIBUTION) for prim in stage.Traverse() if prim.HasAttribute(_ATTRIBUTION))
+    attributions = (str(attribute.Get()) for attribute in stated)
     up = "+y" if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.y else "+z"
     ordered = tuple(names[joint] for joint in order)
     return RiggedMesh(
@@ -75,28 +77,20 @@ def _character(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, meshes: list[UsdGeo
         joints=ordered,
         parent=tuple(int(rank[parent[joint]]) if parent[joint] >= 0 else -1 for joint in order),
         bind=bind[order],
-        vertex=np.concatenate(vertex),
-        face=np.concatenate(face),
-        influence=np.concatenate([np.pad(each, by) for each, by in zip(influence, pad, strict=True)]),
-        weight=np.concatenate([np.pad(each, by) for each, by in zip(weight, pad, strict=True)]),
+        vertex=vertex,
+        face=face,
+        influence=influence,
+        weight=weight,
         up=up,
         facing="+z" if up == "+y" else "-y",
         metres=float(UsdGeom.GetStageMetersPerUnit(stage)),
-        axes=_axes(stage, ordered, bind[order]),
-        motions=_motions(stage, skeleton, order),
-        attribution=_attribution(stage),
+        axes=_read_axes(stage, ordered, bind[order]),
+        motions=_read_motions(stage, skeleton, order),
+        attribution=next(attributions, ""),
     )
 
 
-def _parent(name: str, number: dict[str, int]) -> int:
-    """The nearest joint above one, by its path."""
-    above = name.rpartition("/")[0]
-    while above and above not in number:
-        above = above.rpartition("/")[0]
-    return number.get(above, -1)
-
-
-def _mesh(mesh: UsdGeom.Mesh) -> tuple[np.ndarray, np.ndarray]:
+def _read_mesh(mesh: UsdGeom.Mesh) -> tuple[np.ndarray, np.ndarray]:
     """Vertices in the skeleton's space as they are bound, and triangles."""
     points = np.array(mesh.GetPointsAttr().Get(), float).reshape(-1, 3)
     counts = np.array(mesh.GetFaceVertexCountsAttr().Get(), int)
@@ -114,7 +108,7 @@ def _mesh(mesh: UsdGeom.Mesh) -> tuple[np.ndarray, np.ndarray]:
     return points @ transform[:3, :3] + transform[3, :3], triangles
 
 
-def _weights(mesh: UsdGeom.Mesh, number: dict[str, int], points: int) -> tuple[np.ndarray, np.ndarray]:
+def _read_weights(mesh: UsdGeom.Mesh, number: dict[str, int], points: int) -> tuple[np.ndarray, np.ndarray]:
     """Influencing joints and weights (vertex, influence)."""
     binding = UsdSkel.BindingAPI(mesh)
     index, weight = binding.GetJointIndicesPrimvar(), binding.GetJointWeightsPrimvar()
@@ -134,7 +128,7 @@ def _weights(mesh: UsdGeom.Mesh, number: dict[str, int], points: int) -> tuple[n
     return np.array([number[name] for name in names])[joint], share
 
 
-def _motions(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, order: list[int]) -> dict[str, RiggedMotion]:
+def _read_motions(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, order: list[int]) -> dict[str, RiggedMotion]:
     """The bound animation, if it has more than one time; a frame for each time code."""
     source = UsdSkel.BindingAPI(skeleton).GetInheritedAnimationSource()
     if not source or not source.IsA(UsdSkel.Animation):
@@ -144,16 +138,16 @@ def _motions(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, order: list[int]) -> 
     if len(times) < 2:
         return {}
     frames = np.arange(times[0], times[-1] + 0.5)
-    if len(frames) > _LONGEST:
+    if len(frames) > _MAX_FRAMES:
         raise ValueError(f"its animation has {len(frames)} frames")
     world = np.array([query.ComputeJointSkelTransforms(Usd.TimeCode(time)) for time in frames], float)
     fps = float(stage.GetTimeCodesPerSecond())
     return {str(source.GetName()): RiggedMotion(fps, world.swapaxes(-1, -2)[:, order])}
 
 
-def _axes(stage: Usd.Stage, joints: tuple[str, ...], bind: np.ndarray) -> dict[int, JointAxis]:
+def _read_axes(stage: Usd.Stage, joints: tuple[str, ...], bind: np.ndarray) -> dict[int, JointAxis]:
     """Axes and limits of joints after which a physics joint is named; its axis is in the joint's frame."""
-    found = {}
+    axes = {}
     for prim in stage.Traverse():
         slides = prim.IsA(UsdPhysics.PrismaticJoint)
         if not (slides or prim.IsA(UsdPhysics.RevoluteJoint)) or prim.GetName() not in joints:
@@ -168,12 +162,5 @@ def _axes(stage: Usd.Stage, joints: tuple[str, ...], bind: np.ndarray) -> dict[i
             raise ValueError(f"{prim.GetPath()} has a lower limit above the upper one")
         if not slides:
             lower, upper = float(np.radians(lower)), float(np.radians(upper))
-        found[joint] = JointAxis(along / np.linalg.norm(along), lower, upper, slides)
-    return found
-
-
-def _attribution(stage: Usd.Stage) -> str:
-    for prim in stage.Traverse():
-        if prim.HasAttribute("mmocap:attribution"):
-            return str(prim.GetAttribute("mmocap:attribution").Get())
-    return ""
+        axes[joint] = JointAxis(along / np.linalg.norm(along), lower, upper, slides)
+    return axes

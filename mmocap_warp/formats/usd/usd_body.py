@@ -27,13 +27,20 @@ from mmocap_warp.body.bind_transforms import bind_transforms, rest_transforms
 from mmocap_warp.body.body_motion import BodyMotion
 from mmocap_warp.body.mesh_pieces import is_closed
 from mmocap_warp.body.model import BodyModel, SkinMesh, Subject
+from mmocap_warp.body.rotations import turn
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.usd.usd_file import PrimReader, author, read_stage, reads_usd, write_stage
-from mmocap_warp.formats.usd.usd_motions import define_motions, motions_of
+from mmocap_warp.formats.usd.usd_file import (
+    PrimReader,
+    author,
+    author_value,
+    read_stage,
+    reads_usd,
+    set_world_up,
+    write_stage,
+)
 from mmocap_warp.formats.usd.usd_skeleton import define_freedom, is_rotation, joint_paths, read_skeleton
-from mmocap_warp.formats.usd.world import set_world_up
 
-_REMAKE = "write the body again with `mmocap body make`, or start from one that comes with the project"
+_REMEDY = "write the body again with `mmocap body make`, or start from one that comes with the project"
 _WEIGHT_SUM_TOLERANCE = 1e-3  # Files by other programs round their weights.
 
 
@@ -49,23 +56,15 @@ def write_body(path: str | Path, body: BodyModel, motions: Mapping[str, BodyMoti
 
 @reads_usd
 def read_motions(path: str | Path) -> dict[str, BodyMotion]:
-    """The motions that came with a body, by name; none where it has none.
-
-    Raises:
-        InputError: no such file, not USD, or not a complete and consistent body.
-    """
+    """The motions that came with a body, by name; none where it has none."""
     stage = read_stage(path)
     prim = body_prim(stage, path)
-    return motions_of(PrimReader(prim, path, _REMAKE), body_from_prim(prim, path).skeleton.coordinates)
+    return motions_of(PrimReader(prim, path, _REMEDY), body_from_prim(prim, path).skeleton.coordinates)
 
 
 @reads_usd
 def read_body(path: str | Path) -> BodyModel:
-    """Read a body that :func:`write_body` or anything that contains such a body wrote.
-
-    Raises:
-        InputError: no such file, not USD, or not a complete and consistent body.
-    """
+    """Read a body that :func:`write_body` or anything that contains such a body wrote."""
     stage = read_stage(path)
     return body_from_prim(body_prim(stage, path), path)
 
@@ -76,17 +75,21 @@ def write_subject(path: str | Path, subject: Subject) -> None:
     root = define_subject(stage, f"/{subject.body.name}", subject)
     set_world_up(stage, root, up_axis(subject.root_base))
     stage.SetDefaultPrim(root.GetPrim())
-    _show_first_pose(stage, root, subject)
+    # An animation of one frame shows the body where the recording starts.
+    skeleton = root.GetPath().AppendChild("Skeleton")
+    animation = UsdSkel.Animation.Define(stage, skeleton.AppendChild("FirstPose"))
+    animation.CreateJointsAttr(joint_paths(subject.body.skeleton))
+    set_pose(animation, local_transforms(subject.body, subject.root_base, subject.pose), Usd.TimeCode(0))
+    UsdSkel.BindingAPI(stage.GetPrimAtPath(skeleton)).CreateAnimationSourceRel().SetTargets([animation.GetPath()])
+    stage.SetStartTimeCode(0)
+    stage.SetEndTimeCode(0)
+    root.GetExtentAttr().Set(UsdGeom.Boundable.ComputeExtentFromPlugins(root, Usd.TimeCode(0)))
     write_stage(path, stage)
 
 
 @reads_usd
 def read_subject(path: str | Path) -> Subject:
-    """Read a subject that :func:`write_subject` wrote.
-
-    Raises:
-        InputError: no such file, not USD, or not a complete and consistent subject.
-    """
+    """Read a subject that :func:`write_subject` wrote."""
     stage = read_stage(path)
     prim = body_prim(stage, path)
     if not prim.HasAttribute("mmocap:rootBase"):
@@ -99,19 +102,13 @@ def define_subject(stage: Usd.Stage, path: str, subject: Subject) -> UsdSkel.Roo
     """Author the subject's body at ``path``, with where it starts as attributes; returns its ``SkelRoot``."""
     root = define_body(stage, path, subject.body)
     author(root, "mmocap:rootBase", Sdf.ValueTypeNames.Matrix3d, Gf.Matrix3d(np.asarray(subject.root_base, float).T))
-    author(
-        root, "mmocap:pose", Sdf.ValueTypeNames.DoubleArray, Vt.DoubleArray.FromNumpy(np.asarray(subject.pose, float))
-    )
-    author(root, "mmocap:provenance", Sdf.ValueTypeNames.String, json.dumps(subject.provenance))
+    author_value(root.GetPrim(), "mmocap:pose", np.asarray(subject.pose, float))
+    author_value(root.GetPrim(), "mmocap:provenance", json.dumps(subject.provenance))
     return root
 
 
 def subject_from_prim(prim: Usd.Prim, source: object) -> Subject:
-    """The subject that :func:`define_subject` authored at ``prim``; ``source`` is named in errors.
-
-    Raises:
-        InputError: something is missing or inconsistent.
-    """
+    """The subject that :func:`define_subject` authored at ``prim``; ``source`` is named in errors."""
     read = PrimReader(prim, source, "fit the subject again with `mmocap fit`")
     root_base = read.array("mmocap:rootBase", (3, 3), np.float64).T
     body = body_from_prim(prim, source)
@@ -130,7 +127,7 @@ def body_prim(stage: Usd.Stage, source: object) -> Usd.Prim:
     for prim in stage.Traverse():
         if prim.IsA(UsdSkel.Root) and prim.HasAttribute("mmocap:attribution"):
             return prim
-    raise InputError(source, "holds no mmocap body (a SkelRoot with mmocap:attribution)", _REMAKE)
+    raise InputError(source, "holds no mmocap body (a SkelRoot with mmocap:attribution)", _REMEDY)
 
 
 def define_body(stage: Usd.Stage, path: str, body: BodyModel) -> UsdSkel.Root:
@@ -138,9 +135,9 @@ def define_body(stage: Usd.Stage, path: str, body: BodyModel) -> UsdSkel.Root:
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     root = UsdSkel.Root.Define(stage, path)
     Usd.ModelAPI(root).SetKind(Kind.Tokens.component)
-    author(root, "mmocap:attribution", Sdf.ValueTypeNames.String, body.attribution)
+    author_value(root.GetPrim(), "mmocap:attribution", body.attribution)
     if body.rigid:
-        author(root, "mmocap:rigid", Sdf.ValueTypeNames.Bool, True)
+        author_value(root.GetPrim(), "mmocap:rigid", True)
 
     skeleton = UsdSkel.Skeleton.Define(stage, f"{path}/Skeleton")
     skeleton.CreateJointsAttr(joint_paths(body.skeleton))
@@ -151,7 +148,7 @@ def define_body(stage: Usd.Stage, path: str, body: BodyModel) -> UsdSkel.Root:
     define_freedom(skeleton.GetPrim(), body.skeleton)
 
     skin = _define_mesh(stage, f"{path}/Skin", body.skin, skeleton)
-    author(skin, "mmocap:markerNames", Sdf.ValueTypeNames.StringArray, list(body.marker_names))
+    author_value(skin.GetPrim(), "mmocap:markerNames", list(body.marker_names))
     author(skin, "mmocap:markerVertices", Sdf.ValueTypeNames.IntArray, Vt.IntArray.FromNumpy(body.marker_vertex))
     _define_shapes(stage, skin, body)
 
@@ -172,17 +169,8 @@ def local_transforms(body: BodyModel, root_base: np.ndarray, pose: np.ndarray) -
         if body.skeleton.slides[j]:
             local[j, :3, 3] += local[j, :3, :3] @ (x, y, z)
             continue
-        local[j, :3, :3] = local[j, :3, :3] @ _turn("z", z) @ _turn("y", y) @ _turn("x", x)
+        local[j, :3, :3] = local[j, :3, :3] @ turn("z", z) @ turn("y", y) @ turn("x", x)
     return local
-
-
-def _turn(axis: str, angle: float) -> np.ndarray:
-    a, b = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
-    matrix = np.eye(3)
-    matrix[a, a] = matrix[b, b] = np.cos(angle)
-    matrix[b, a] = np.sin(angle)
-    matrix[a, b] = -matrix[b, a]
-    return matrix
 
 
 def set_pose(
@@ -212,24 +200,9 @@ def up_axis(root_base: np.ndarray) -> str:
     return "-+"[int(up[axis] > 0)] + "xyz"[axis]
 
 
-def _show_first_pose(stage: Usd.Stage, root: UsdSkel.Root, subject: Subject) -> None:
-    skeleton = root.GetPath().AppendChild("Skeleton")
-    animation = UsdSkel.Animation.Define(stage, skeleton.AppendChild("FirstPose"))
-    animation.CreateJointsAttr(joint_paths(subject.body.skeleton))
-    set_pose(animation, local_transforms(subject.body, subject.root_base, subject.pose), Usd.TimeCode(0))
-    UsdSkel.BindingAPI(stage.GetPrimAtPath(skeleton)).CreateAnimationSourceRel().SetTargets([animation.GetPath()])
-    stage.SetStartTimeCode(0)
-    stage.SetEndTimeCode(0)
-    root.GetExtentAttr().Set(UsdGeom.Boundable.ComputeExtentFromPlugins(root, Usd.TimeCode(0)))
-
-
 def body_from_prim(prim: Usd.Prim, source: object) -> BodyModel:
-    """The body that :func:`define_body` authored at ``prim``; ``source`` is named in errors.
-
-    Raises:
-        InputError: something is missing or inconsistent.
-    """
-    read = PrimReader(prim, source, _REMAKE)
+    """The body that :func:`define_body` authored at ``prim``; ``source`` is named in errors."""
+    read = PrimReader(prim, source, _REMEDY)
     unit = UsdGeom.GetStageMetersPerUnit(prim.GetStage())
     read.require(unit == 1.0, f"its lengths are in units of {unit:g} m, expected metres")
     skeleton, skin, tracking = read.child("Skeleton"), read.child("Skin"), read.child("Tracking")
@@ -238,11 +211,11 @@ def body_from_prim(prim: Usd.Prim, source: object) -> BodyModel:
     mesh = _read_mesh(skin, len(joint_rest))
     marker_names = tuple(skin.texts("mmocap:markerNames"))
     marker_vertex = skin.array("mmocap:markerVertices", (len(marker_names),), np.int32)
-    skin.require(_within(marker_vertex, len(mesh.rest)), "a marker's vertex does not exist")
+    skin.require(_is_within(marker_vertex, len(mesh.rest)), "a marker's vertex does not exist")
     shape_names, shape_vertex, shape_joint = _read_shapes(skin, len(mesh.rest), len(joint_rest))
 
     tracking_vertex = tracking.array("mmocap:skinVertices", (None,), np.int32)
-    tracking.require(_within(tracking_vertex, len(mesh.rest)), "mmocap:skinVertices names a vertex that Skin lacks")
+    tracking.require(_is_within(tracking_vertex, len(mesh.rest)), "mmocap:skinVertices names a vertex that Skin lacks")
     tracking_face = _read_faces(tracking, len(tracking_vertex), corners=(3,))
     tracking.require(is_closed(tracking_face), "the tracking mesh is not closed")
     return BodyModel(
@@ -293,7 +266,7 @@ def _define_shapes(stage: Usd.Stage, skin: UsdGeom.Mesh, body: BodyModel) -> Non
     binding.CreateBlendShapeTargetsRel().SetTargets(targets)
 
 
-def _within(index: np.ndarray, count: int) -> bool:
+def _is_within(index: np.ndarray, count: int) -> bool:
     return bool(((index >= 0) & (index < count)).all())
 
 
@@ -302,7 +275,7 @@ def _read_faces(mesh: PrimReader, vertices: int, corners: tuple[int, ...]) -> np
     sizes = np.unique(counts)
     mesh.require(len(sizes) == 1 and sizes[0] in corners, f"its faces must all have {corners} corners, not {sizes}")
     index = mesh.array("faceVertexIndices", (int(counts.sum()),), np.int32)
-    mesh.require(_within(index, vertices), "a face names a vertex that does not exist")
+    mesh.require(_is_within(index, vertices), "a face names a vertex that does not exist")
     return index.reshape(-1, sizes[0])
 
 
@@ -311,7 +284,7 @@ def _read_mesh(mesh: PrimReader, joints: int) -> SkinMesh:
     mesh.require(np.isfinite(rest).all(), "points are not finite")
     joint = mesh.array("primvars:skel:jointIndices", (4 * len(rest),), np.int32).reshape(-1, 4)
     weight = mesh.array("primvars:skel:jointWeights", (4 * len(rest),)).reshape(-1, 4)
-    mesh.require(_within(joint, joints), "a vertex names a joint that does not exist")
+    mesh.require(_is_within(joint, joints), "a vertex names a joint that does not exist")
     mesh.require((weight >= 0).all(), "a skinning weight is negative")
     off = np.abs(weight.sum(1) - 1.0)
     worst = int(off.argmax())
@@ -328,7 +301,43 @@ def _read_shapes(skin: PrimReader, vertices: int, joints: int) -> tuple[tuple[st
     for s, name in enumerate(names):
         shape = skin.child(name)
         moved = shape.array("pointIndices", (None,), np.int32)
-        shape.require(_within(moved, vertices), "pointIndices names a vertex that Skin lacks")
+        shape.require(_is_within(moved, vertices), "pointIndices names a vertex that Skin lacks")
         vertex[s, moved] = shape.array("offsets", (len(moved), 3))
         joint[s] = shape.array("mmocap:jointOffsets", (joints, 3))
     return names, vertex, joint
+
+
+_NAME = "Motions"
+
+
+def define_motions(stage: Usd.Stage, body: Sdf.Path, motions: Mapping[str, BodyMotion]) -> None:
+    """Author motions below a body's prim."""
+    if not motions:
+        return
+    above = UsdGeom.Scope.Define(stage, body.AppendChild(_NAME)).GetPath()
+    for number, (name, motion) in enumerate(motions.items()):
+        scope = UsdGeom.Scope.Define(stage, above.AppendChild(f"Motion{number}"))
+        values = {"name": name, "fps": float(motion.fps), "pose": np.asarray(motion.pose, float)}
+        for key, value in values.items():
+            author_value(scope.GetPrim(), f"mmocap:{key}", value)
+
+
+def motions_of(body: PrimReader, coordinates: int) -> dict[str, BodyMotion]:
+    """The motions of a body by name; its poses have so many ``coordinates``.
+
+    Raises:
+        InputError: one is incomplete, or of another body.
+    """
+    motions = {}
+    above = body.prim.GetChild(_NAME)
+    for prim in above.GetChildren() if above else ():
+        read = PrimReader(prim, body.source, body.remedy)
+        pose, fps = read.array("mmocap:pose", (None,), np.float64), read.typed("mmocap:fps", float)
+        read.require(np.isfinite(pose).all(), "mmocap:pose is not finite")
+        read.require(0 < fps < np.inf, f"mmocap:fps is {fps}")
+        read.require(
+            len(pose) > 0 and len(pose) % coordinates == 0,
+            f"mmocap:pose holds {len(pose)} values, which are no poses of {coordinates}",
+        )
+        motions[read.typed("mmocap:name", str)] = BodyMotion(fps, pose.reshape(-1, coordinates))
+    return motions

@@ -7,16 +7,27 @@ calibration itself is kept as ``mmocap:`` attributes in double precision, so a r
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 from pxr import Gf, Tf, Usd, UsdGeom
 
-from mmocap_warp.cameras.rig import UP_AXES, CameraRig, check_rig
-from mmocap_warp.formats.usd.attributes import author_value, gf_matrix
-from mmocap_warp.formats.usd.usd_file import PrimReader
+from mmocap_warp.cameras.rig import UP_AXES, Camera, CameraRig, check_rig, rig_of
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.calibration.calibration_text import image_size_of
+from mmocap_warp.formats.usd.usd_file import (
+    PrimReader,
+    author_value,
+    gf_matrix,
+    read_stage,
+    reads_usd,
+    set_world_up,
+    write_stage,
+)
 
 _FILM_WIDTH = 0.036  # [m], of a full-frame camera; only its ratio to the focal length matters
 _LENS_UNIT = 10.0  # USD gives apertures and focal lengths in tenths of a scene unit
+_FROM_USD = np.diag([1.0, -1.0, -1.0])  # USD's cameras look along -z with y up
 _FISHEYE = "fisheye"
 _CLIPPING = (0.05, 100.0)  # [m]
 _REMEDY = "write the result again with `mmocap track`"
@@ -32,14 +43,13 @@ def define_cameras(stage: Usd.Stage, path: str, rig: CameraRig) -> None:
         camera = UsdGeom.Camera.Define(stage, f"{path}/{prim_name}")
         pinhole, size = rig.pinhole(k)
         _set_lens(camera, pinhole, *map(int, size))
-        camera.AddTransformOp().Set(_world_from_camera(rig, k))
+        placement = np.eye(4)
+        placement[:3, :3], placement[:3, 3] = rig.R[k].T @ _FROM_USD, rig.centres[k]
+        camera.AddTransformOp().Set(gf_matrix(placement))
         prim = camera.GetPrim()
-        author_value(prim, "mmocap:name", rig.names[k])
-        author_value(prim, "mmocap:size", np.asarray(rig.size[k]))
-        author_value(prim, "mmocap:intrinsics", rig.K[k])
-        author_value(prim, "mmocap:rotation", rig.R[k])
-        author_value(prim, "mmocap:translation", rig.t[k])
-        author_value(prim, "mmocap:distortion", rig.distortion[k])
+        values = {"name": rig.names[k], "size": np.asarray(rig.size[k]), "intrinsics": rig.K[k], "rotation": rig.R[k]}
+        for key, value in (values | {"translation": rig.t[k], "distortion": rig.distortion[k]}).items():
+            author_value(prim, f"mmocap:{key}", value)
         if rig.names[k] in rig.fisheye:
             author_value(prim, "mmocap:lens", _FISHEYE)
 
@@ -52,7 +62,6 @@ def cameras_from_prim(prim: Usd.Prim, source: object) -> CameraRig:
     """
     scope = PrimReader(prim, source, _REMEDY)
     cameras = [scope.child(name) for name in scope.texts("mmocap:cameras")]
-
     scope.require(bool(cameras), "mmocap:cameras names none")
 
     def stacked(name: str, *shape: int) -> np.ndarray:
@@ -68,13 +77,13 @@ def cameras_from_prim(prim: Usd.Prim, source: object) -> CameraRig:
         size=stacked("mmocap:size", 2).astype(int),
         distortion=stacked("mmocap:distortion", 5),
         up=up,
-        fisheye=tuple(camera.typed("mmocap:name", str) for camera in cameras if _is_fisheye(camera)),
+        fisheye=tuple(
+            camera.typed("mmocap:name", str)
+            for camera in cameras
+            if camera.prim.HasAttribute("mmocap:lens") and camera.typed("mmocap:lens", str) == _FISHEYE
+        ),
     )
     return check_rig(rig, source) if rig.fisheye else rig
-
-
-def _is_fisheye(camera: PrimReader) -> bool:
-    return camera.prim.HasAttribute("mmocap:lens") and camera.typed("mmocap:lens", str) == _FISHEYE
 
 
 def _set_lens(camera: UsdGeom.Camera, K: np.ndarray, width: int, height: int) -> None:
@@ -94,14 +103,6 @@ def _set_lens(camera: UsdGeom.Camera, K: np.ndarray, width: int, height: int) ->
     camera.CreateFStopAttr(0.0)  # everything is sharp
 
 
-def _world_from_camera(rig: CameraRig, k: int) -> Gf.Matrix4d:
-    """USD's cameras look along -z with y up."""
-    matrix = np.eye(4)
-    matrix[:3, :3] = rig.R[k].T @ np.diag([1.0, -1.0, -1.0])
-    matrix[:3, 3] = rig.centres[k]
-    return gf_matrix(matrix)
-
-
 def _prim_names(names: tuple[str, ...]) -> list[str]:
     """A valid and distinct prim name for each camera."""
     chosen: list[str] = []
@@ -109,3 +110,101 @@ def _prim_names(names: tuple[str, ...]) -> list[str]:
         valid = Tf.MakeValidIdentifier(name)
         chosen.append(valid if valid not in chosen else f"{valid}_{len(chosen)}")
     return chosen
+
+
+_SHAPE_TOLERANCE = 0.01
+"""Share by which the film's shape may differ from the image's; programs disagree on what is shown of such a one."""
+_MAX_NUMBER = 1e9  # of a camera's numbers
+_EXPORT_REMEDY = "export the cameras again, standing still"
+
+
+def read_usd_cameras(
+    path: str | Path, units: str | None = None, up: str = "+z", sizes: dict[str, tuple[int, int]] | None = None
+) -> CameraRig:
+    """Read the cameras of a USD file, named as their prims, or those of one of this program's results.
+
+    The file says its unit and its vertical; ``units`` and ``up`` are not needed. ``sizes`` holds (width, height) of
+    the images of cameras that are not this program's own.
+
+    Raises:
+        InputError: not USD, no cameras, cameras that move, an image size that is not known or that has not the
+            film's shape, or not a calibration (see ``check_rig``).
+    """
+    own, others, stage_up = _read(path)
+    if own is not None:
+        return own
+    cameras = []
+    for camera in others:
+        problem = f"does not say how large the images of camera '{camera.name}' are"
+        cameras.append(_in_pixels(camera, image_size_of(sizes, camera.name, path, problem), path))
+    return rig_of(cameras, stage_up, path)
+
+
+@reads_usd
+def _read(path: str | Path) -> tuple[CameraRig | None, list[Camera], str]:
+    """The rig that this program wrote, or else the cameras as if their image had width and height 1; and up."""
+    stage = read_stage(path)
+    for prim in stage.Traverse():
+        if prim.HasAttribute("mmocap:cameras"):
+            return check_rig(cameras_from_prim(prim, path), path), [], ""
+    metres = UsdGeom.GetStageMetersPerUnit(stage)
+    prims = [prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Camera)]
+    up = f"+{str(UsdGeom.GetStageUpAxis(stage)).lower()}"
+    return None, [_camera(UsdGeom.Camera(prim), metres, path) for prim in prims], up
+
+
+def _camera(camera: UsdGeom.Camera, metres: float, path: str | Path) -> Camera:
+    prim = camera.GetPrim()
+    if _is_moving(prim):
+        raise InputError(path, f"{prim.GetPath()} moves", _EXPORT_REMEDY)
+    film = "horizontalAperture", "verticalAperture", "horizontalApertureOffset", "verticalApertureOffset"
+    focal, across, down, right, upward = (
+        prim.GetAttribute(name).Get(Usd.TimeCode.EarliestTime()) for name in ("focalLength", *film)
+    )
+    known = all(isinstance(value, float) and abs(value) < _MAX_NUMBER for value in (focal, across, down, right, upward))
+    if camera.GetProjectionAttr().Get() != UsdGeom.Tokens.perspective or not (
+        known and min(focal, across, down) > 1 / _MAX_NUMBER
+    ):
+        remedy = "give it perspective, a film and a focal length"
+        raise InputError(path, f"{prim.GetPath()} is not a perspective camera with a film and a focal length", remedy)
+    K = np.array([[focal / across, 0, 0.5 - right / across], [0, focal / down, 0.5 + upward / down], [0, 0, 1]])
+    world = np.array(UsdGeom.Xformable(camera).ComputeLocalToWorldTransform(Usd.TimeCode.EarliestTime())).T
+    if not np.abs(world).max() < _MAX_NUMBER or not metres < _MAX_NUMBER:
+        raise InputError(path, f"{prim.GetPath()} stands implausibly far away", _EXPORT_REMEDY)
+    axes = world[:3, :3] / np.maximum(np.linalg.norm(world[:3, :3], axis=0), 1e-12)
+    R = _FROM_USD @ axes.T
+    return Camera(prim.GetName(), K, R, -R @ world[:3, 3] * metres, (1, 1), np.zeros(5))
+
+
+def _is_moving(prim: Usd.Prim) -> bool:
+    """Whether a prim, or one above it, has another place at another time."""
+    while prim and not prim.IsPseudoRoot():
+        if prim.IsA(UsdGeom.Xformable) and UsdGeom.Xformable(prim).TransformMightBeTimeVarying():
+            return True
+        prim = prim.GetParent()
+    return False
+
+
+def _in_pixels(camera: Camera, size: tuple[int, int], path: str | Path) -> Camera:
+    """The camera in pixels, whose centres are whole numbers; USD measures from the image's edge."""
+    K = np.diag([*size, 1.0]) @ camera.K
+    K[:2, 2] -= 0.5
+    shape = K[0, 0] / K[1, 1]
+    if not abs(shape - 1) < _SHAPE_TOLERANCE:
+        width, height = size
+        raise InputError(
+            path,
+            f"the film of camera '{camera.name}' has not the shape of its images, {width}x{height} (by {shape:.3g})",
+            "set its vertical aperture to the images' shape",
+        )
+    return camera._replace(K=K, size=size)
+
+
+def write_usd_cameras(path: str | Path, rig: CameraRig) -> None:
+    """Write cameras alone, in metres, that read back exactly."""
+    stage = Usd.Stage.CreateInMemory()
+    world = UsdGeom.Xform.Define(stage, "/World")
+    stage.SetDefaultPrim(world.GetPrim())
+    set_world_up(stage, world, rig.up)
+    define_cameras(stage, "/World/Cameras", rig)
+    write_stage(path, stage)

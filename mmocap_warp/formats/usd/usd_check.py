@@ -26,11 +26,7 @@ _STRETCH_TOLERANCE = 1e-3
 
 
 def faults(path: str | Path) -> list[str]:
-    """Every fault of a ``.usda``, ``.usdc`` or ``.usdz`` file, one line each; empty for a sound one.
-
-    Raises:
-        InputError: no such file, or not USD.
-    """
+    """Every fault of a ``.usda``, ``.usdc`` or ``.usdz`` file, one line each; empty for a sound one."""
     if not Path(path).is_file():
         raise InputError(path, "no such file", "check the path")
     return _faults(path)
@@ -42,60 +38,46 @@ def _faults(file: str | Path) -> list[str]:
     stage = Usd.Stage.Open(str(path))
     validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
     errors = UsdValidation.ValidationContext(validators).Validate(stage)
-    told = [f"{error.GetName()}: {error.GetMessage()}" for error in errors]
-    told += [f"needs {file}, which is not in it" for file in _outside(path)]
-    return told + body_faults(stage) + _own_faults(stage, path)
-
-
-def _own_faults(stage: Usd.Stage, path: Path) -> list[str]:
-    """What keeps this program from reading a result, a subject or a body of its own."""
-    roots = [prim for prim in stage.Traverse() if prim.HasAttribute("mmocap:attribution")]
-    if not roots:
-        return []
-    is_subject = roots[0].HasAttribute("mmocap:rootBase")
-    read = read_result if holds_result(path) else read_subject if is_subject else read_body
-    try:
-        read(path)
-    except InputError as error:
-        return [error.problem]
-    return []
-
-
-def _outside(path: Path) -> list[str]:
-    """Files that a file refers to, found or not; what a ``.usdz`` packs is in it."""
+    found = [f"{error.GetName()}: {error.GetMessage()}" for error in errors]
+    # Files that it refers to, whether they exist or not; what a .usdz packs is in it.
     layers, assets, unresolved = UsdUtils.ComputeAllDependencies(str(path))
-    own = str(path.resolve())
     named = [*(layer.realPath for layer in layers), *map(str, assets)]
-    return [name for name in named if name.partition("[")[0] != own] + list(map(str, unresolved))
+    outside = [name for name in named if name.partition("[")[0] != str(path.resolve())]
+    found += [f"needs {name}, which is not in it" for name in [*outside, *map(str, unresolved)]]
+    found += body_faults(stage)
+    # What keeps this program from reading a result, a subject or a body of its own.
+    roots = [prim for prim in stage.Traverse() if prim.HasAttribute("mmocap:attribution")]
+    if roots:
+        is_subject = roots[0].HasAttribute("mmocap:rootBase")
+        read = read_result if holds_result(path) else read_subject if is_subject else read_body
+        try:
+            read(path)
+        except InputError as error:
+            found.append(error.problem)
+    return found
 
 
 def body_faults(stage: Usd.Stage) -> list[str]:
     """The faults that UsdValidation misses, one line each, naming the prim."""
     found = [
-        f"{prim.GetPath()}: {name} has a value of a type that USD does not know"
+        f"{prim.GetPath()}: {attribute.GetName()} has a value of a type that USD does not know"
         for prim in stage.Traverse()
-        for name in _unknown_types(prim)
-    ]
-    if found:  # of which nothing more can be said, nor of what refers to it
-        return found
-    for prim in stage.Traverse():
-        found += (f"{prim.GetPath()}: {fault}" for fault in _value_faults(prim))
-        if prim.IsA(UsdSkel.Skeleton):
-            found += (f"{prim.GetPath()}: {fault}" for fault in _skeleton_faults(UsdSkel.Skeleton(prim)))
-        elif prim.IsA(UsdSkel.Animation):
-            found += (f"{prim.GetPath()}: {fault}" for fault in _animation_faults(UsdSkel.Animation(prim)))
-        elif prim.IsA(UsdGeom.Mesh):
-            found += (f"{prim.GetPath()}: {fault}" for fault in _mesh_faults(UsdGeom.Mesh(prim)))
-    return found
-
-
-def _unknown_types(prim: Usd.Prim) -> list[str]:
-    """Attributes with a value that USD keeps as it is written, because it knows no such type."""
-    return [
-        attribute.GetName()
         for attribute in prim.GetAuthoredAttributes()
         if any(isinstance(value, Sdf.UnregisteredValue) for _, value in _samples(attribute))
     ]
+    if found:  # nothing more can be said of such values, nor of what refers to them
+        return found
+    checks = (
+        (UsdSkel.Skeleton, _skeleton_faults),
+        (UsdSkel.Animation, _animation_faults),
+        (UsdGeom.Mesh, _mesh_faults),
+    )
+    for prim in stage.Traverse():
+        found += (f"{prim.GetPath()}: {fault}" for fault in _value_faults(prim))
+        for schema, check in checks:
+            if prim.IsA(schema):
+                found += (f"{prim.GetPath()}: {fault}" for fault in check(schema(prim)))
+    return found
 
 
 def _value_faults(prim: Usd.Prim) -> Iterator[str]:
@@ -107,8 +89,8 @@ def _value_faults(prim: Usd.Prim) -> Iterator[str]:
         if name.startswith("mmocap:"):
             continue
         for time, value in _samples(attribute):
-            if not _finite(value):
-                yield f"{name}{'' if time is None else f' at {time:g}'} is not finite"
+            if not _is_finite(value):
+                yield f"{name}{_time_phrase(time)} is not finite"
                 break
         if times and not first <= times[0] <= times[-1] <= last:
             yield f"{name} has samples at {times[0]:g} to {times[-1]:g}, the stage plays {first:g} to {last:g}"
@@ -122,7 +104,11 @@ def _samples(attribute: Usd.Attribute) -> Iterator[tuple[float | None, object]]:
         yield None, attribute.Get()
 
 
-def _finite(value: object) -> bool:
+def _time_phrase(time: float | None) -> str:
+    return "" if time is None else f" at {time:g}"
+
+
+def _is_finite(value: object) -> bool:
     if isinstance(value, str) or value is None:
         return True
     try:
@@ -142,11 +128,8 @@ def _skeleton_faults(skeleton: UsdSkel.Skeleton) -> Iterator[str]:
         parent = joint.rpartition("/")[0]
         if parent and parent not in joints[: joints.index(joint)]:
             yield f"joint {joint} has no parent before it"
-    for name, attribute in (
-        ("bindTransforms", skeleton.GetBindTransformsAttr()),
-        ("restTransforms", skeleton.GetRestTransformsAttr()),
-    ):
-        matrices = np.array(attribute.Get() or ())
+    for name in ("bindTransforms", "restTransforms"):
+        matrices = np.array(skeleton.GetPrim().GetAttribute(name).Get() or ())
         if len(matrices) != len(joints):
             yield f"{name} has {len(matrices)} entries for {len(joints)} joints"
         elif np.isfinite(matrices).all() and (np.abs(np.linalg.det(matrices)) < _SINGULAR).any():
@@ -177,27 +160,25 @@ def _stretch_faults(
     for time, sample in _samples(animation.GetTranslationsAttr()):
         if sample is None or len(sample) != len(moved):  # type: ignore[arg-type]
             continue
-        found = np.linalg.norm(np.array(sample).reshape(-1, 3)[bones], axis=1)
-        wrong = np.flatnonzero(np.abs(found - expected) > _STRETCH_TOLERANCE * np.maximum(expected, 1e-3))
+        distance = np.linalg.norm(np.array(sample).reshape(-1, 3)[bones], axis=1)
+        wrong = np.flatnonzero(np.abs(distance - expected) > _STRETCH_TOLERANCE * np.maximum(expected, 1e-3))
         if len(wrong):
-            joint, place = moved[bones[wrong[0]]], "" if time is None else f" at {time:g}"
-            yield f"{joint} is {found[wrong[0]]:.4g} from its parent{place}, and {length[joint]:.4g} in the rest pose"
+            joint, actual = moved[bones[wrong[0]]], distance[wrong[0]]
+            when = _time_phrase(time)
+            yield f"{joint} is {actual:.4g} from its parent{when}, and {length[joint]:.4g} in the rest pose"
             return
 
 
 def _animation_faults(animation: UsdSkel.Animation) -> Iterator[str]:
     joints = len(animation.GetJointsAttr().Get() or ())
     times = animation.GetRotationsAttr().GetTimeSamples()
-    for name, attribute in (
-        ("translations", animation.GetTranslationsAttr()),
-        ("rotations", animation.GetRotationsAttr()),
-        ("scales", animation.GetScalesAttr()),
-    ):
+    for name in ("translations", "rotations", "scales"):
+        attribute = animation.GetPrim().GetAttribute(name)
         if not attribute.HasAuthoredValue():
             yield f"has no {name}, so it shows the rest pose"
             continue
         if attribute.GetTimeSamples() not in ([], times):
-            yield f"{name} has not the times of rotations"
+            yield f"{name} has other time samples than rotations"
         before = None
         for time, sample in _samples(attribute):
             fault = _sample_fault(name, sample, joints)
@@ -207,7 +188,7 @@ def _animation_faults(animation: UsdSkel.Animation) -> Iterator[str]:
                     fault = "a quaternion is on the other side than before, so it is interpolated the long way"
                 before = quaternions
             if fault:
-                yield f"{name}{'' if time is None else f' at {time:g}'}: {fault}"
+                yield f"{name}{_time_phrase(time)}: {fault}"
 
 
 def _sample_fault(name: str, sample: object, joints: int) -> str | None:

@@ -11,11 +11,10 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
-from pxr import Sdf, Tf, Usd, Vt
+from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils, Vt
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.tried_first import tried_first, trust
-from mmocap_warp.formats.usd.references import check_references
+from mmocap_warp.formats.sandbox import sandboxed, trust
 from mmocap_warp.whole_file import whole_file
 
 P = ParamSpec("P")
@@ -34,7 +33,7 @@ def read_stage(path: str | Path) -> Usd.Stage:
     path = Path(path)
     if not os.path.isfile(path):
         raise InputError(path, "no such file", "check the path")
-    with usd_errors_told(path):
+    with _convert_usd_errors(path):
         # USD keeps layers by file name and would hand out the old one; an anonymous layer has no name.
         layer = Sdf.Layer.OpenAsAnonymous(str(path))
         if layer:
@@ -46,22 +45,22 @@ def read_stage(path: str | Path) -> Usd.Stage:
 
 
 def reads_usd(reader: Callable[P, T]) -> Callable[P, T]:
-    """What reads a USD file, whose path is its first argument, from :func:`read_stage` to the last value.
+    """Decorate a reader of a USD file, whose path is its first argument, to raise ``InputError`` for damage.
 
-    USD reads values when they are asked for, and only then finds damage. A file that this process did not write is read
-    in another process first, see :func:`~mmocap_warp.formats.tried_first.tried_first`.
+    USD reads values when they are asked for, and only then finds damage: the reader goes from :func:`read_stage` to the
+    last value. A file of others is read in the sandbox first, see :func:`~mmocap_warp.formats.sandbox.sandboxed`.
     """
 
     @wraps(reader)
-    def told(*args: P.args, **kwargs: P.kwargs) -> T:
-        with usd_errors_told(args[0]):
+    def read_with_input_errors(*args: P.args, **kwargs: P.kwargs) -> T:
+        with _convert_usd_errors(args[0]):
             return reader(*args, **kwargs)
 
-    return tried_first(told)
+    return sandboxed(read_with_input_errors)
 
 
 @contextmanager
-def usd_errors_told(path: object) -> Iterator[None]:
+def _convert_usd_errors(path: object) -> Iterator[None]:
     """Raise ``InputError`` for what USD complains of while a file is read, to the last value."""
     try:
         yield
@@ -70,17 +69,21 @@ def usd_errors_told(path: object) -> Iterator[None]:
 
 
 def write_stage(path: str | Path, stage: Usd.Stage) -> None:
-    """Write the stage's root layer to ``path``, replacing it in one step.
-
-    Raises:
-        InputError: the name does not end in ``.usd``, ``.usda`` or ``.usdc``, or the folder cannot be written.
-    """
+    """Write the stage's root layer to ``path``, replacing it in one step."""
     path = Path(path)
     if path.suffix not in USD_SUFFIXES:
         raise InputError(path, "is not a USD file name", f"end it in {', '.join(USD_SUFFIXES)}")
     with whole_file(path) as unfinished:
         export_root(stage, unfinished)
     trust(path)
+
+
+def set_time_range(stage: Usd.Stage, frame_numbers: np.ndarray, fps: float) -> None:
+    """Set a stage's rate [time codes/s], and its first and last frame of frame numbers (frame,)."""
+    stage.SetTimeCodesPerSecond(fps)
+    stage.SetFramesPerSecond(fps)
+    stage.SetStartTimeCode(float(frame_numbers[0]))
+    stage.SetEndTimeCode(float(frame_numbers[-1]))
 
 
 def export_root(stage: Usd.Stage, file: Path) -> None:
@@ -101,12 +104,9 @@ def author(schema: Usd.SchemaBase, name: str, kind: Sdf.ValueTypeName, value: ob
 
 
 class PrimReader:
-    """Reads one prim's attributes and says what is wrong with them.
+    """Reads one prim's attributes and says what is wrong with them, naming the ``source`` and the ``remedy``.
 
-    Args:
-        prim: the prim; its stage must stay alive.
-        source: the file, for errors.
-        remedy: what to do about a file that is wrong, for errors.
+    The prim's stage must stay alive.
     """
 
     def __init__(self, prim: Usd.Prim, source: object, remedy: str) -> None:
@@ -159,7 +159,7 @@ class PrimReader:
         return value
 
     def samples(self, name: str, times: Sequence[float]) -> list[Any]:
-        """An attribute's values at time codes, each of which must have been authored: nothing is interpolated."""
+        """An attribute's values at time codes. Each must have been authored: nothing is interpolated."""
         attribute = self.prim.GetAttribute(name)
         authored = set(attribute.GetTimeSamples()) if attribute else set()
         absent = [time for time in times if time not in authored]
@@ -185,3 +185,110 @@ class PrimReader:
         self.require(raw.dtype.kind in "biuf", f"{name} holds no numbers")
         self.require(not np.isnan(raw).any(), f"{name} holds NaN")
         return raw.astype(dtype)
+
+
+ALLOWED = "MMOCAP_ALLOW_REFERENCES"
+"""The environment's variable that lets references pass wherever they lead: ``1`` for yes."""
+
+
+def check_references(layer: Sdf.Layer, path: Path) -> None:
+    """See that a layer, and the layers that it names, refer to files of its own folder only.
+
+    Composing a stage opens sublayers, references, payloads, clips and assets wherever they lie: a file from a stranger
+    could read any other file. Therefore names are checked before a stage is composed. ``layer`` was read from ``path``
+    as an anonymous one; what it names relative to its file is made absolute.
+
+    Raises:
+        InputError: a file elsewhere, or one that is named by an expression, unless ``ALLOWED`` says yes.
+    """
+    names = _absolute_names(layer, path)
+    if names and os.environ.get(ALLOWED, "0") in ("", "0"):
+        _check_names(names, path, path.resolve().parent, {path.resolve()})
+
+
+def _check_names(names: list[str], source: Path, folder: Path, seen: set[Path]) -> None:
+    for name in names:
+        target = Path(os.path.realpath(name.split("[", 1)[0]))  # of a package's member, the package
+        if "`" in name or not target.is_relative_to(folder):
+            remedy = "put that file beside it, or give --allow-references if you trust both"
+            raise InputError(source, f"refers to {name}, which is not in its folder", remedy)
+        if target in seen or not target.is_file():
+            continue
+        seen.add(target)
+        is_layer = Sdf.FileFormat.FindByExtension(target.suffix)  # and not, say, a picture
+        layer = Sdf.Layer.OpenAsAnonymous(str(target)) if is_layer else None
+        if layer:
+            _check_names(_absolute_names(layer, target), target, folder, seen)
+
+
+def _absolute_names(layer: Sdf.Layer, path: Path) -> list[str]:
+    """The names of all other files in a layer, which are made absolute there."""
+    names: list[str] = []
+
+    def absolute(name: str) -> str:
+        names.append(os.path.join(path.resolve().parent, name))
+        return names[-1]
+
+    def find_clips(path: Sdf.Path) -> None:
+        prim = layer.GetPrimAtPath(path) if path.IsPrimPath() or path.IsPrimVariantSelectionPath() else None
+        if prim and prim.HasInfo("clips") and "`" in str(prim.GetInfo("clips")):
+            names.append(f"`...` in the clips of {path}")
+
+    UsdUtils.ModifyAssetPaths(layer, absolute)
+    # Names that are expressions are left out there.
+    names += (name for name in layer.GetCompositionAssetDependencies() if "`" in name)
+    layer.Traverse(Sdf.Path.absoluteRootPath, find_clips)
+    return names
+
+
+def author_value(prim: Usd.Prim, name: str, value: Any, time: float | None = None) -> None:
+    """Set an attribute whose type follows from the value: text, truth, number, list of texts, or array (flattened)."""
+    kind, usd_value = _usd_value(value)
+    variability = Sdf.VariabilityUniform if time is None else Sdf.VariabilityVarying
+    code = Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
+    prim.CreateAttribute(name, kind, True, variability).Set(usd_value, code)
+
+
+def gf_matrix(transform: np.ndarray) -> Gf.Matrix4d:
+    """USD's matrix, which acts on row vectors, of a (4, 4) transform of column vectors."""
+    return Gf.Matrix4d(np.asarray(transform, np.float64).T)
+
+
+def _usd_value(value: Any) -> tuple[Sdf.ValueTypeName, Any]:
+    types = Sdf.ValueTypeNames
+    for kind, usd_type in ((str, types.String), (bool, types.Bool), (int, types.Int64), (float, types.Double)):
+        if isinstance(value, kind):
+            return usd_type, value
+    if isinstance(value, np.ndarray) and value.dtype.kind == "f":
+        return types.DoubleArray, Vt.DoubleArray.FromNumpy(np.ascontiguousarray(value, np.float64).ravel())
+    if isinstance(value, np.ndarray) and value.dtype.kind in "iu":
+        return types.Int64Array, Vt.Int64Array.FromNumpy(np.ascontiguousarray(value, np.int64).ravel())
+    if isinstance(value, list | tuple) and all(isinstance(item, str) for item in value):
+        return types.StringArray, Vt.StringArray(list(value))
+    raise ValueError(f"no USD attribute type for {value!r}")
+
+
+def set_world_up(stage: Usd.Stage, world: UsdGeom.Xformable, up: str) -> None:
+    """Set the stage's metres and up axis, and turn ``world`` where that is needed to show its contents upright.
+
+    ``world`` is the prim above everything in the cameras' world, whose signed axis ``up`` points up. The stage's up
+    axis is the same where it is +y or +z, else +z.
+    """
+    stage_up = {"+y": "y"}.get(up, "z")
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    UsdGeom.SetStageUpAxis(stage, stage_up.upper())
+    if up != f"+{stage_up}":
+        turn = np.eye(4)
+        turn[:3, :3] = _rotation_onto(stage_up, up)
+        world.AddTransformOp().Set(gf_matrix(turn))
+
+
+def _rotation_onto(stage_up: str, up: str) -> np.ndarray:
+    """(3, 3) rotation that takes the signed axis ``up`` to the positive axis ``stage_up``, along other axes."""
+    source, target = "xyz".index(up[1]), "xyz".index(stage_up)
+    turn = np.roll(np.eye(3), target - source, axis=0)  # cyclic, hence proper: axis `source` becomes `target`
+    if up[0] == "-":
+        flip = -np.ones(3)
+        flip[(target + 1) % 3] = 1.0
+        turn = np.diag(flip) @ turn
+    return turn

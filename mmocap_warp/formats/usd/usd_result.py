@@ -15,18 +15,39 @@ Layout, with the recording's frame number as time code::
 from __future__ import annotations
 
 import json
+import tempfile
 from pathlib import Path
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
-from pxr import Usd, UsdGeom
+from pxr import Kind, Tf, Usd, UsdGeom, UsdSkel, UsdUtils, Vt
 
+from mmocap_warp.body.model import Subject
+from mmocap_warp.body.posing import Poser
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.usd.attributes import author_value
-from mmocap_warp.formats.usd.usd_animation import animate, new_world
-from mmocap_warp.formats.usd.usd_body import body_prim, define_subject, subject_from_prim
+from mmocap_warp.formats.usd.usd_body import (
+    body_prim,
+    define_body,
+    define_subject,
+    local_transforms,
+    set_pose,
+    subject_from_prim,
+)
 from mmocap_warp.formats.usd.usd_camera import cameras_from_prim, define_cameras
-from mmocap_warp.formats.usd.usd_file import PrimReader, read_stage, reads_usd, write_stage
+from mmocap_warp.formats.usd.usd_file import (
+    USD_SUFFIXES,
+    PrimReader,
+    author_value,
+    export_root,
+    read_stage,
+    reads_usd,
+    set_time_range,
+    set_world_up,
+    write_stage,
+)
+from mmocap_warp.formats.usd.usd_skeleton import joint_paths
 from mmocap_warp.result.result import STATUS, Result
+from mmocap_warp.whole_file import whole_file
 
 VERSION = 2
 """Of the layout above; raised when a file of the older layout can no longer be read."""
@@ -35,11 +56,7 @@ _REMEDY = "give a result that `mmocap track` wrote"
 
 
 def write_result(path: str | Path, result: Result) -> None:
-    """Write a result to a ``.usd``, ``.usda`` or ``.usdc`` file, whole or not at all; reading it gives it back exactly.
-
-    Raises:
-        InputError: the file name is not USD's, or its folder cannot be written.
-    """
+    """Write a result to a ``.usd``, ``.usda`` or ``.usdc`` file; reading it gives it back exactly."""
     stage = new_world(result.cameras.up)
     body = define_subject(stage, f"/World/{result.subject.body.name}", result.subject)
     animate(stage, body, result.subject, result.pose[result.best_run], result.frame_numbers, result.fps)
@@ -50,11 +67,7 @@ def write_result(path: str | Path, result: Result) -> None:
 
 @reads_usd
 def holds_result(path: str | Path) -> bool:
-    """Whether a file is a result, and not, say, a subject.
-
-    Raises:
-        InputError: no such file, or not USD.
-    """
+    """Whether a file is a result, and not, say, a subject."""
     stage = read_stage(path)  # a prim lives only as long as its stage
     return _tracking(stage) is not None
 
@@ -151,3 +164,116 @@ def _status(read: PrimReader, times: list[float], runs: int) -> np.ndarray:
     wrong = [len(frame) for frame in names if len(frame) != runs]
     read.require(not wrong, f"mmocap:status names {wrong[:1]} runs in a frame, not {runs}")
     return np.array([[STATUS.index(name) for name in frame] for frame in names], np.int8).T
+
+
+def animate(
+    stage: Usd.Stage, root: UsdSkel.Root, subject: Subject, pose: np.ndarray, frame_numbers: np.ndarray, fps: float
+) -> None:
+    """Let a ``subject`` that was authored at ``root`` move through poses (frame, coordinate); set the stage's range.
+
+    Frame numbers (frame,) are the time codes, of which ``fps`` pass in a second.
+    """
+    times = np.asarray(frame_numbers, float).tolist()
+    set_time_range(stage, frame_numbers, fps)
+    animation = UsdSkel.Animation.Define(stage, root.GetPath().AppendChild("Animation"))
+    animation.CreateJointsAttr(joint_paths(subject.body.skeleton))
+    skeleton = stage.GetPrimAtPath(root.GetPath().AppendChild("Skeleton"))
+    UsdSkel.BindingAPI(skeleton).CreateAnimationSourceRel().SetTargets([animation.GetPath()])
+
+    extent, poser = root.CreateExtentAttr(), Poser(subject.body, subject.root_base)
+    lowest, highest, before = np.full(3, np.inf), np.full(3, -np.inf), None
+    for one_pose, time in zip(pose, times, strict=True):  # one at a time: the skin of all frames would fill the memory
+        local = local_transforms(subject.body, subject.root_base, one_pose)
+        before = set_pose(animation, local, Usd.TimeCode(time), before)
+        coordinate = poser.vertices(one_pose)[0].T.copy()  # an axis a row, whose extremes NumPy finds far faster
+        low, high = coordinate.min(axis=1), coordinate.max(axis=1)
+        extent.Set(_bounds(low, high), time)
+        lowest, highest = np.minimum(lowest, low), np.maximum(highest, high)
+    extent.Set(_bounds(lowest, highest))  # for viewers that ask for no particular time
+
+
+def export_animation(result: Result, path: str | Path) -> None:
+    """Write the best run alone: body, skeleton, animation and cameras as any program reads them, in the result's world.
+
+    There is no ``mmocap:`` data in it but which joints slide, where any do. The path ends in ``.usd``, ``.usda``,
+    ``.usdc`` or ``.usdz``.
+    """
+    stage = new_world(result.cameras.up)
+    root = define_body(stage, f"/World/{result.subject.body.name}", result.subject.body)
+    define_cameras(stage, "/World/Cameras", result.cameras)
+    _keep_what_is_seen(stage, root)
+    animate(stage, root, result.subject, result.pose[result.best_run], result.frame_numbers, result.fps)
+    write_animation(stage, path)
+
+
+def write_animation(stage: Usd.Stage, path: str | Path) -> None:
+    """Write a stage as the ending says, ``.usdz`` too; whole or not at all."""
+    path = Path(path)
+    if path.suffix != ".usdz" and path.suffix not in USD_SUFFIXES:
+        raise InputError(path, "is not a USD file name", "end it in .usda, .usdc or .usdz")
+    if path.suffix == ".usdz":
+        _write_package(path, stage)
+    else:
+        write_stage(path, stage)
+
+
+def new_world(up: str) -> Usd.Stage:
+    """A stage whose contents go below ``/World``, which is turned upright where ``up`` is neither +y nor +z."""
+    stage = Usd.Stage.CreateInMemory()
+    world = UsdGeom.Xform.Define(stage, "/World")
+    stage.SetDefaultPrim(world.GetPrim())
+    Usd.ModelAPI(world).SetKind(Kind.Tokens.assembly)
+    set_world_up(stage, world, up)
+    return stage
+
+
+def _keep_what_is_seen(stage: Usd.Stage, root: UsdSkel.Root) -> None:
+    """Remove the tracking mesh, the shape targets (already in the rest points) and the project's own attributes."""
+    skin = stage.GetPrimAtPath(root.GetPath().AppendChild("Skin"))
+    unseen = [root.GetPath().AppendChild("Tracking"), *(child.GetPath() for child in skin.GetChildren())]
+    for path in unseen:
+        stage.RemovePrim(path)
+    for prim in stage.Traverse():
+        for name in prim.GetPropertyNames():
+            own = name.startswith("mmocap:") and name != "mmocap:sliding"
+            if own or name in ("skel:blendShapes", "skel:blendShapeTargets"):
+                prim.RemoveProperty(name)
+
+
+def _write_package(path: Path, stage: Usd.Stage) -> None:
+    """A ``.usdz``: an uncompressed archive of one ``.usdc``."""
+    with whole_file(path) as package, tempfile.TemporaryDirectory(prefix=f".{path.stem}.", dir=path.parent) as folder:
+        layer = Path(folder) / f"{path.stem}.usdc"
+        export_root(stage, layer)
+        try:
+            packed = UsdUtils.CreateNewUsdzPackage(str(layer), str(package))
+            whole = packed and ZipFile(package).testzip() is None  # USD says nothing of a disk that was full at the end
+        except (Tf.ErrorException, BadZipFile):
+            whole = False
+        if not whole:
+            raise OSError("the package is not whole; no space left")
+
+
+def _bounds(low: np.ndarray, high: np.ndarray) -> Vt.Vec3fArray:
+    return Vt.Vec3fArray.FromNumpy(np.stack([low, high]).astype(np.float32))
+
+
+def export_point_cache(result: Result, path: str | Path) -> None:
+    """Write the best run's skin, with its points at every frame, and the cameras, in the result's world.
+
+    A frame of a body of 13,000 vertices takes 160 KB. The path ends in ``.usd``, ``.usda``, ``.usdc`` or ``.usdz``.
+    """
+    stage = new_world(result.cameras.up)
+    skin = result.subject.body.skin
+    mesh = UsdGeom.Mesh.Define(stage, f"/World/{result.subject.body.name}")
+    mesh.CreateFaceVertexCountsAttr(Vt.IntArray(len(skin.face), skin.face.shape[1]))
+    mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(skin.face.ravel()))
+    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    set_time_range(stage, result.frame_numbers, result.fps)
+    points, extent = mesh.CreatePointsAttr(), mesh.CreateExtentAttr()
+    for position, number in enumerate(result.frame_numbers.tolist()):  # one at a time: all would fill the memory
+        (place,) = result.vertices(frames=[position])
+        points.Set(Vt.Vec3fArray.FromNumpy(place), number)
+        extent.Set(Vt.Vec3fArray.FromNumpy(np.stack([place.min(axis=0), place.max(axis=0)])), number)
+    define_cameras(stage, "/World/Cameras", result.cameras)
+    write_animation(stage, path)

@@ -5,7 +5,7 @@ On the ``Skeleton`` prim: ``mmocap:limitsLower`` and ``mmocap:limitsUpper`` [rad
 model's coordinates; ``mmocap:parts``, names of the hierarchy's steps, and ``mmocap:part``, the step of each joint;
 ``mmocap:pairs``, names of left-right pairs, and ``mmocap:pairJoints``, the left and the right joint of each. Where
 there are any, ``mmocap:sliding``, joints whose coordinates and limits are lengths [m], and ``mmocap:attached``, joints
-of things that are no part of the body. ``mmocap:stands`` is false, and else not there, of a body that lies anyhow.
+of things that are no part of the body. A body that does not stand upright has ``mmocap:stands = false``.
 """
 
 from __future__ import annotations
@@ -15,8 +15,7 @@ from pxr import Sdf, Usd, Vt
 
 from mmocap_warp.body.skeleton import Skeleton, coordinate_names
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.usd.attributes import author_value
-from mmocap_warp.formats.usd.usd_file import PrimReader
+from mmocap_warp.formats.usd.usd_file import PrimReader, author_value
 
 _ROTATION_TOLERANCE = 1e-3
 _UNIFORM = Sdf.VariabilityUniform
@@ -51,22 +50,21 @@ def define_freedom(prim: Usd.Prim, skeleton: Skeleton) -> None:
 
 
 def read_skeleton(read: PrimReader) -> tuple[Skeleton, np.ndarray]:
-    """The skeleton, and the joints' centres (joint, 3) float32 in the bind pose [m].
-
-    Raises:
-        InputError: something is missing or does not fit together.
-    """
+    """The skeleton, and the joints' centres (joint, 3) float32 in the bind pose [m]."""
     paths = read.texts("joints")
     joints = tuple(path.rsplit("/", 1)[-1] for path in paths)
     read.require(len(set(joints)) == len(joints), "two joints share a name")
+    # Each joint hangs on the one whose path is its own without the last part.
     numbers = {path: j for j, path in enumerate(paths)}
     above = [path.rpartition("/")[0] for path in paths]
     orphan = next((path for path, parent in zip(paths, above, strict=True) if parent and parent not in numbers), None)
     read.require(orphan is None, f"joint '{orphan}' hangs on one that does not exist")
+    # Where joints are bound, and how far they may turn.
     bind = read.array("bindTransforms", (len(joints), 4, 4), np.float64).transpose(0, 2, 1)
     read.require(all(map(is_rotation, bind[:, :3, :3])), "a bind transform is not a rotation and a translation")
     lower, upper = (read.array(f"mmocap:limits{end}", (len(joints), 3)) for end in ("Lower", "Upper"))
     read.require((lower <= upper).all(), "a lower joint limit lies above the upper one")
+    # Pairs, and joints of special kinds.
     sides = read.texts("mmocap:pairJoints")
     names = read.texts("mmocap:pairs")
     read.require(len(sides) == 2 * len(names), f"mmocap:pairJoints names {len(sides)} joints for {len(names)} pairs")

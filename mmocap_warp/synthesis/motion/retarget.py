@@ -16,8 +16,7 @@ import numpy as np
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.motion.amc import read_amc, with_markers
-from mmocap_warp.formats.motion.motion_clip import MotionClip
-from mmocap_warp.formats.motion.read_bvh import read_bvh
+from mmocap_warp.formats.motion.motion_clip import MotionClip, read_bvh
 from mmocap_warp.synthesis.exact_posing import ExactPoser
 from mmocap_warp.synthesis.motion.limb_motion import leg_length, rest_place
 from mmocap_warp.synthesis.motion.posture import Posture

@@ -17,7 +17,7 @@ from synthetic import ring_rig
 from mmocap_warp.cameras.rig import CameraRig, project
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.table import CALIBRATION_EXPORTS, read_calibration, read_lenses, write_calibration
-from mmocap_warp.formats.usd.camera_file import write_usd_cameras
+from mmocap_warp.formats.usd.usd_camera import write_usd_cameras
 
 PIXEL = 1e-9  # [px], float64 against float64
 SINGLE = 1e-3  # [px], of a lens in single precision
@@ -228,7 +228,7 @@ WRONG = {
     "no JSON": ("m.json", lambda text: text[:-9], r"is not valid JSON: "),
     "other JSON": ("m.json", lambda text: "[1]", r"the file is not a JSON object"),
     "other object": ("m.json", lambda text: "{}", r"has no 'cameras' and 'camera_poses', by which MultiCal's"),
-    "no unit of MultiCal": ("m.json", replaced("", ""), r"has lengths in a unit that the format does not tell"),
+    "no unit of MultiCal": ("m.json", replaced("", ""), r"does not state the unit of its lengths"),
     "camera without a pose": (
         "m.json",
         changed_json(lambda values: values["camera_poses"].pop("cam02_to_cam01")),

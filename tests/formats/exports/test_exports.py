@@ -16,9 +16,8 @@ from synthetic import synthetic_result
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.motion.read_bvh import read_bvh
-from mmocap_warp.formats.motion.read_c3d import read_c3d
-from mmocap_warp.formats.motion.read_trc import read_trc
+from mmocap_warp.formats.motion.captured_points import read_c3d, read_trc
+from mmocap_warp.formats.motion.motion_clip import read_bvh
 from mmocap_warp.formats.table import EXPORT_SUFFIXES, export, export_format, export_point_cache
 from mmocap_warp.formats.usd.usd_check import faults
 from mmocap_warp.result.result import Result

@@ -12,8 +12,8 @@ from glb_file import Glb
 from measured import answer
 from synthetic import synthetic_result
 
-from mmocap_warp.formats.exports.rigs import rigged
-from mmocap_warp.formats.motion.read_bvh import read_bvh
+from mmocap_warp.formats.exports.rigs import with_rig
+from mmocap_warp.formats.motion.motion_clip import read_bvh
 from mmocap_warp.formats.table import export
 from mmocap_warp.formats.usd.usd_check import faults
 from mmocap_warp.result.result import Result
@@ -34,7 +34,7 @@ def shipped(up: str = "+y") -> Result:
 @pytest.mark.parametrize("make", [synthetic_result, shipped])
 def test_the_joints_are_where_they_were_and_the_rest_pose_is_a_t(make):
     result = make(up="+z")
-    rig = rigged(result, "mixamo")
+    rig = with_rig(result, "mixamo")
     np.testing.assert_allclose(rig.joints(), result.joints(), rtol=0, atol=PLACE)
     names = [name.removeprefix("mixamorig") for name in rig.subject.body.skeleton.joints]
     place = dict(zip(names, rig.subject.body.joint_rest, strict=True))
@@ -48,7 +48,7 @@ def test_the_joints_are_where_they_were_and_the_rest_pose_is_a_t(make):
 def test_the_skin_moves_alike():
     """All of it but what shoulders and hips blend, which the rest pose has moved: there by less than 3 cm."""
     result = shipped()
-    rig = rigged(result, "mixamo")
+    rig = with_rig(result, "mixamo")
     off = np.linalg.norm(rig.vertices() - result.vertices(), axis=2)
     skin = result.subject.body.skin
     rigid = skin.weight.max(axis=1) > 1 - 1e-6
@@ -59,7 +59,7 @@ def test_the_skin_moves_alike():
 
 
 def test_a_rig_is_written(tmp_path: Path):
-    rig = rigged(synthetic_result(), "mixamo")
+    rig = with_rig(synthetic_result(), "mixamo")
     for suffix in (".glb", ".bvh", ".usda"):
         export(rig, tmp_path / f"a{suffix}")
     assert faults(tmp_path / "a.usda") == []
@@ -71,13 +71,13 @@ def test_a_rig_is_written(tmp_path: Path):
 def test_what_is_no_person_has_no_rig():
     result = synthetic_result()
     with pytest.raises(ValueError, match=r"rig must be one of \['mixamo'\], got 'fuse'"):
-        rigged(result, "fuse")
+        with_rig(result, "fuse")
     renamed = replace(result.subject.body.skeleton, joints=("Tail", *result.subject.body.skeleton.joints[1:]))
     body = replace(result.subject.body, skeleton=renamed)
     with pytest.raises(ValueError, match=r"differ from this body's by \['Root', 'Tail'\]"):
-        rigged(replace(result, subject=replace(result.subject, body=body)), "mixamo")
+        with_rig(replace(result, subject=replace(result.subject, body=body)), "mixamo")
     hand = load_body("hand")
     held = answer(hand, np.zeros((2, hand.skeleton.coordinates)))
     with pytest.raises(ValueError, match=r"'LHip'\] and 37 more") as refused:
-        rigged(held, "mixamo")
+        with_rig(held, "mixamo")
     assert len(str(refused.value)) < 150

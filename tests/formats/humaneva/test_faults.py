@@ -182,8 +182,8 @@ def test_a_sequence_that_is_not_there(sequence, whole, tmp_path, capsys):
 
 
 RANGES = {
-    ("--first", "0"): r"frames 0 to 20 are no range; count from 1",
-    ("--first", "9", "--last", "8"): r"frames 9 to 8 are no range",
+    ("--first", "0"): r"frames 0 to 20 are not a range; count from 1",
+    ("--first", "9", "--last", "8"): r"frames 9 to 8 are not a range",
     ("--last", "1203"): r"\.avi: has 28 frames, .*, not 1203; copy it again, or give --last 2\d$",
 }
 

@@ -9,9 +9,14 @@ from scipy.spatial.transform import Rotation, Slerp
 from synthetic import SKELETON
 
 from mmocap_warp.body.posing import Poser
-from mmocap_warp.formats.humaneva.joints import JOINT_NAMES, SubjectMeasures, joints_at, torso_radius
-from mmocap_warp.formats.humaneva.markers import MissingPointError
-from mmocap_warp.formats.motion.read_trc import PointTracks
+from mmocap_warp.formats.humaneva.vicon_points import (
+    JOINT_NAMES,
+    MissingPointError,
+    SubjectMeasures,
+    joint_positions,
+    torso_radius,
+)
+from mmocap_warp.formats.motion.captured_points import PointTracks
 from mmocap_warp.rigging.human import JOINTS
 from mmocap_warp.study.metrics import TRUNK
 
@@ -43,7 +48,7 @@ def standing() -> dict[str, np.ndarray]:
 
 
 def joints_of(points: dict[str, np.ndarray], subject: SubjectMeasures, position: float = 0.5) -> dict[str, np.ndarray]:
-    found = joints_at(tracks(points), np.array([position]), subject)[0]
+    found = joint_positions(tracks(points), np.array([position]), subject)[0]
     return dict(zip(JOINT_NAMES, found, strict=True))
 
 
@@ -86,7 +91,7 @@ def test_an_elbow_off_the_upper_arms_axis_is_the_mean_of_both_limbs_ends():
 def test_without_measures_limbs_have_the_joints_of_the_figure_that_moved():
     position = np.arange(10.0, 40.0)
     captured = tracks(made.captured_points(np.arange(1, made.MOCAP_FRAMES + 1)))
-    joints = joints_at(captured, position - 1, NO_MEASURES)
+    joints = joint_positions(captured, position - 1, NO_MEASURES)
     poser = Poser(made.subject().body, made.subject().root_base)
     known = poser.joint_transforms(made.poses_at(position))[:, :, :3, 3]
     for i, name in enumerate(JOINT_NAMES):
@@ -99,8 +104,8 @@ def test_between_frames_joints_are_between():
     captured = tracks(made.captured_points(np.arange(1, made.MOCAP_FRAMES + 1)))
     finer = tracks(made.captured_points(position))
     subject = SubjectMeasures(0.18, (0.04, 0.044))
-    joints = joints_at(captured, position - 1, subject)
-    known = joints_at(finer, np.arange(len(position), dtype=float), subject)
+    joints = joint_positions(captured, position - 1, subject)
+    known = joint_positions(finer, np.arange(len(position), dtype=float), subject)
     assert np.abs(joints - known).max() < SWING
 
 
@@ -127,7 +132,7 @@ def test_a_lost_point_takes_its_joints_away_and_no_others():
 
 def test_beyond_the_ends_nothing_is_known():
     for position in (-0.5, 1.5):
-        assert np.isnan(joints_at(tracks(standing()), np.array([position]), NO_MEASURES)).all()
+        assert np.isnan(joint_positions(tracks(standing()), np.array([position]), NO_MEASURES)).all()
 
 
 def test_the_torsos_radius_is_half_the_shoulders_less_a_markers_radius():

@@ -16,10 +16,16 @@ from mmocap_warp import cli
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.rig import project
 from mmocap_warp.cli.exit_codes import OK
-from mmocap_warp.formats.humaneva.background import nearest_background
-from mmocap_warp.formats.humaneva.markers import MARKERS
-from mmocap_warp.formats.humaneva.sequence import CAMERAS, FIRST_FRAME, SEQUENCES, HumanEvaSequence, read_sequence
-from mmocap_warp.formats.humaneva.time_offsets import StreamOffset, synchronise
+from mmocap_warp.formats.humaneva.humaneva_files import StreamOffset, synchronise
+from mmocap_warp.formats.humaneva.sequence import (
+    CAMERAS,
+    FIRST_FRAME,
+    SEQUENCES,
+    HumanEvaSequence,
+    nearest_background,
+    read_sequence,
+)
+from mmocap_warp.formats.humaneva.vicon_points import MARKERS
 from mmocap_warp.formats.truth_file import load_truth
 from mmocap_warp.formats.usd.usd_body import write_subject
 from mmocap_warp.formats.usd.usd_result import write_result

@@ -8,7 +8,7 @@ import ezc3d
 import numpy as np
 import pytest
 
-from mmocap_warp.formats.motion.read_c3d import read_c3d
+from mmocap_warp.formats.motion.captured_points import read_c3d
 
 
 def written(path: Path, positions: np.ndarray, residuals: np.ndarray | None = None, units: str = "mm") -> Path:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.motion.read_trc import read_trc
+from mmocap_warp.formats.motion.captured_points import read_trc
 
 GOOD = (
     "PathFileType\t4\t(X/Y/Z)\tsome.trc\n"

@@ -85,7 +85,7 @@ def test_meshes_are_found_by_their_last_parts_in_the_named_folder_alone(tmp_path
         (ROBOT.replace('"0 -1 0"', '"0 0 0"'), "turns about no axis"),
         (ROBOT.replace('<axis xyz="0 0 1"/><limit', '<axis xyz="0 0 0"/><limit'), "slides along no axis"),
         (ROBOT.replace('<box size="0.4 0.4 0.2"/>', '<box size="nan 1 1"/>'), "not 3 numbers"),
-        (ROBOT.replace('<parent link="base"/>', '<parent link="hook"/>'), "circle"),
+        (ROBOT.replace('<parent link="base"/>', '<parent link="hook"/>'), "loop"),
     ],
 )
 def test_what_cannot_be_read_is_told_in_one_line(tmp_path: Path, text: str, said: str) -> None:

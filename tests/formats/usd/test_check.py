@@ -4,10 +4,9 @@ from pxr import Gf, Tf, Usd, UsdGeom, UsdSkel, Vt
 from synthetic import synthetic_body, synthetic_result, synthetic_subject
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.usd.usd_animation import export_animation
 from mmocap_warp.formats.usd.usd_body import write_body, write_subject
 from mmocap_warp.formats.usd.usd_check import body_faults, faults
-from mmocap_warp.formats.usd.usd_result import write_result
+from mmocap_warp.formats.usd.usd_result import export_animation, write_result
 
 SKIN, SKELETON, ANIMATION = "/World/Boxes/Skin", "/World/Boxes/Skeleton", "/World/Boxes/Animation"
 

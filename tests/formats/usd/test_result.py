@@ -9,11 +9,10 @@ from synthetic import synthetic_body, synthetic_result
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.rig import project
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.usd.usd_animation import export_animation
 from mmocap_warp.formats.usd.usd_body import write_body
 from mmocap_warp.formats.usd.usd_check import faults
 from mmocap_warp.formats.usd.usd_file import read_stage
-from mmocap_warp.formats.usd.usd_result import read_result, write_result
+from mmocap_warp.formats.usd.usd_result import export_animation, read_result, write_result
 from mmocap_warp.result.result import STATUS
 from mmocap_warp.result.turning import stood_up
 

@@ -10,7 +10,7 @@ import native_readers
 import pytest
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats import tried_first
+from mmocap_warp.formats import sandbox
 
 
 def readings(path) -> list[bool]:
@@ -20,10 +20,10 @@ def readings(path) -> list[bool]:
 
 @pytest.mark.parametrize(
     ("text", "problem"),
-    [("crash", "breaks the library"), ("loop", "takes more than 1 s"), ("swell", r"takes more than 1\.0 GiB")],
+    [("crash", "crashes the library"), ("loop", "takes more than 1 s"), ("swell", r"takes more than 1\.0 GiB")],
 )
 def test_a_file_that_ends_its_reader_is_refused(tmp_path, monkeypatch, text, problem):
-    monkeypatch.setattr(tried_first, "_SECONDS", 1.0)
+    monkeypatch.setattr(sandbox, "_SECONDS", 1.0)
     for name in ("a", "b"):  # the process that it ended is started anew
         (tmp_path / name).write_text(text)
         with pytest.raises(InputError, match=f"{name}: {problem}"):
@@ -33,16 +33,16 @@ def test_a_file_that_ends_its_reader_is_refused(tmp_path, monkeypatch, text, pro
 
 
 def test_a_process_that_has_ended_leaves_no_pipe_open(tmp_path, monkeypatch):
-    monkeypatch.setattr(tried_first, "_other_process", tried_first._OtherProcess())
+    monkeypatch.setattr(sandbox, "_worker", sandbox._Worker())
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always", ResourceWarning)
         for name in ("a", "b"):  # it ends for want of work in between
             (tmp_path / name).write_text(name)
             native_readers.read(tmp_path / name)
-            tried_first._other_process._running.kill()
-            tried_first._other_process._running.wait()
+            sandbox._worker._running.kill()
+            sandbox._worker._running.wait()
         (tmp_path / "c").write_text("crash")
-        with pytest.raises(InputError, match="breaks the library"):
+        with pytest.raises(InputError, match="crashes the library"):
             native_readers.read(tmp_path / "c")
         gc.collect()
     assert [str(warning.message) for warning in told if warning.category is ResourceWarning] == []
@@ -61,6 +61,6 @@ def test_a_strange_file_is_tried_once_and_again_when_it_has_changed(tmp_path):
 def test_a_file_of_ones_own_is_not_tried(tmp_path):
     path = tmp_path / "a"
     path.write_text("one")
-    tried_first.trust(path)
+    sandbox.trust(path)
     native_readers.read(path)
     assert readings(path) == [True]

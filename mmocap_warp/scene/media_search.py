@@ -1,4 +1,4 @@
-"""Which videos and folders of images a folder holds, and of which camera each is."""
+"""Search of a folder for videos and folders of images, and for the camera that each belongs to."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ Take = dict[str, Path]
 
 _VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".mts", ".wmv")
 _IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
-_DEEPEST = 6  # folders
+_MAX_DEPTH = 6  # of folders within each other
 _MASKS = re.compile(r"(^|[-_ ])(masks?|segm?|segmentations?|silhouettes?|mattes?|alphas?)([-_ .]|$)", re.IGNORECASE)
 _BACKGROUND = re.compile(r"(^|[-_ ])(backgrounds?|bg|empty|clean[-_ ]?plates?|plates?)([-_ .]|$)", re.IGNORECASE)
-_PASSED_OVER = re.compile(
+_IGNORED = re.compile(
     r"\..*|calib.*|intrinsics?|extrinsics?|targets?|axes|annots|sparse|openpose|pose|pose[-_].*|kinematics|output.*"
     r"|markerdata|opensimdata|onnx.*|.*_study",
     re.IGNORECASE,
@@ -47,23 +47,18 @@ def find_media(folder: Path) -> list[Medium]:
     for place, folders, files in os.walk(folder):
         here = Path(place)
         below = here.relative_to(folder).parts
-        folders[:] = (
-            sorted(name for name in folders if not _PASSED_OVER.fullmatch(name)) if len(below) < _DEEPEST else []
-        )
+        folders[:] = sorted(name for name in folders if len(below) < _MAX_DEPTH and not _IGNORED.fullmatch(name))
         images = sorted(name for name in files if name.lower().endswith(_IMAGES))
         pictures = [name for name in images if _BACKGROUND.search("_".join([*below, name]))]
         videos = sorted(name for name in files if name.lower().endswith(_VIDEOS))
         media += [_medium(here / name, (*below, Path(name).stem)) for name in videos]
-        if len(images) > 1 and below and not _are_of_cameras(images, pictures):
+        # Pictures of a background are one a camera, unless they are numbered alone, as the frames of one camera are.
+        of_cameras = bool(pictures) and not all(Path(name).stem.isdecimal() for name in images)
+        if len(images) > 1 and below and not of_cameras:
             media.append(_medium(here, below))
         else:
             media += [Medium(here / name, (*below, Path(name).stem), "clean_plate") for name in pictures]
     return media
-
-
-def _are_of_cameras(images: list[str], pictures: list[str]) -> bool:
-    """Whether pictures of a background are one a camera and not the frames of one: these are numbered alone."""
-    return bool(pictures) and not all(Path(name).stem.isdecimal() for name in images)
 
 
 def _medium(path: Path, parts: tuple[str, ...]) -> Medium:
@@ -83,26 +78,23 @@ def takes(media: list[Medium], kind: Kind, cameras: tuple[str, ...]) -> dict[str
     """
     if not cameras:
         return {}
-    found: dict[str, Take] = {}
+    candidates: dict[str, Take] = {}
     likeness: dict[str, int] = {}
     for claim in (claim for medium in media if medium.kind == kind for claim in _claims(medium, cameras)):
-        found.setdefault(claim.place, {}).setdefault(claim.camera, claim.path)
+        candidates.setdefault(claim.place, {}).setdefault(claim.camera, claim.path)
         likeness[claim.place] = min(claim.likeness, likeness.get(claim.place, claim.likeness))
-    most = max(map(len, found.values()), default=0)
-    whole = sorted(place for place, take in found.items() if len(take) == most)
+    # Of the takes of most cameras, those of videos come first, then those whose names are most like the cameras'.
+    most = max(map(len, candidates.values()), default=0)
+    whole = sorted(place for place, take in candidates.items() if len(take) == most)
+    whole.sort(key=lambda place: (next(iter(candidates[place].values())).is_dir(), -likeness[place]))
     chosen: dict[str, Take] = {}
-    taken: set[Path] = set()
-    for place in sorted(whole, key=lambda place: (_is_folder(found[place]), -likeness[place])):
-        if taken.isdisjoint(
-            found[place].values()
-        ):  # else it is the same media, by a part of their names that says less
-            chosen[place] = found[place]
-            taken.update(found[place].values())
+    used: set[Path] = set()
+    for place in whole:
+        take = candidates[place]
+        if used.isdisjoint(take.values()):  # else these are the same media, by a part of their names that says less
+            chosen[place] = take
+            used.update(take.values())
     return chosen
-
-
-def _is_folder(take: Take) -> bool:
-    return next(iter(take.values())).is_dir()
 
 
 class _Claim(NamedTuple):
@@ -116,23 +108,19 @@ class _Claim(NamedTuple):
 
 def _claims(medium: Medium, cameras: tuple[str, ...]) -> Iterator[_Claim]:
     for depth, part in enumerate(medium.parts):
-        likeness = {camera: _alike(camera, part) for camera in cameras}
+        likeness = {camera: _likeness(camera, part) for camera in cameras}
         most = max(likeness.values())
         likely = [camera for camera in cameras if likeness[camera] == most]
         if most and len(likely) == 1:
             camera = likely[0]
-            token = camera if _words(camera.lower(), part.lower()) else part
-            starred = [_starred(each, token) for each in medium.parts]
+            token = camera if _contains_word(camera.lower(), part.lower()) else part
+            word = rf"(?<![A-Za-z0-9]){re.escape(token)}(?![A-Za-z0-9])"
+            starred = [re.sub(word, "*", each, flags=re.IGNORECASE) for each in medium.parts]
             starred[depth] = re.sub("[0-9]+", "*", part) if most == 1 else starred[depth]
             yield _Claim(camera, "/".join(starred), most, medium.path)
 
 
-def _starred(part: str, token: str) -> str:
-    """A part of a path with a star in place of a word."""
-    return re.sub(rf"(?<![A-Za-z0-9]){re.escape(token)}(?![A-Za-z0-9])", "*", part, flags=re.IGNORECASE)
-
-
-def _alike(camera: str, part: str) -> int:
+def _likeness(camera: str, part: str) -> int:
     """How much a part of a path says that it is of a camera.
 
     3 for its name, 2 for its name among other words, 1 for its number, 0 for nothing.
@@ -140,23 +128,18 @@ def _alike(camera: str, part: str) -> int:
     camera, part = camera.lower(), part.lower()
     if camera == part:
         return 3
-    if _words(camera, part) or _words(part, camera):
+    if _contains_word(camera, part) or _contains_word(part, camera):
         return 2
-    numbers, others = _numbers(camera), _numbers(part)
+    numbers, others = ([int(number) for number in re.findall(r"[0-9]+", text)] for text in (camera, part))
     return int(len(numbers) == 1 and numbers == others)
 
 
-def _words(inner: str, outer: str) -> bool:
+def _contains_word(inner: str, outer: str) -> bool:
     return re.search(rf"(?<![a-z0-9]){re.escape(inner)}(?![a-z0-9])", outer) is not None
 
 
-def _numbers(text: str) -> list[int]:
-    return [int(number) for number in re.findall(r"[0-9]+", text)]
-
-
 def names_without_calibration(media: list[Medium]) -> tuple[str, ...]:
-    """Names of cameras where no calibration tells them: of the videos or folders that lie side by side, else of the
-    masks."""
+    """Names of cameras without a calibration: of the videos or folders that lie side by side, else of the masks."""
     recordings = [medium for medium in media if medium.kind == "recording"]
     recordings = recordings or [medium for medium in media if medium.kind == "masks"]
     for depth in (1, 2):  # the names of the media, or of the folders that they are alone in

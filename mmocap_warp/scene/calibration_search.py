@@ -12,24 +12,20 @@ from typing import Any
 
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.calibration.text import read_text
-from mmocap_warp.formats.humaneva.cal import read_cal
+from mmocap_warp.formats.calibration.calibration_text import read_short_text
+from mmocap_warp.formats.humaneva.humaneva_files import read_cal
 from mmocap_warp.formats.table import CALIBRATIONS, read_calibration
 
-_ABOVE = 2  # folders above the one that is looked at, where projects of many trials keep their calibration
+_PARENTS = 2  # number of folders above that are searched too: projects of many trials keep their calibration there
 _PICKLE = "is a Python pickle, which can run any program when it is opened, so it is not read"
 _PROJECT_FILES = ("scene.toml", "config.toml", "pyproject.toml")
-_CONVERT = (
-    "convert it with Pose2Sim (calibration_type = 'convert', convert_from = '{}') and give the .toml that it writes"
-)
-_SOLVE = (
-    "or write scene.toml by hand with this file as its calibration, and let mmocap calib solve find where they stand"
-)
+_CONVERT = "convert it with Pose2Sim (calibration_type = 'convert', convert_from = '{}') and give its .toml"
+_SOLVE = "or write scene.toml by hand with this calibration, and let mmocap calib solve find where they stand"
 _ANY_OTHER = "write it as a Pose2Sim .toml (docs/calibration.md says what is in one)"
 
 
 @dataclass(frozen=True)
-class FoundCalibration:
+class CalibrationFile:
     """A calibration that can be read.
 
     Attributes:
@@ -61,37 +57,37 @@ def project_kind(folder: Path) -> str | None:
     return None
 
 
-def find_calibration(folder: Path) -> FoundCalibration | None:
+def find_calibration(folder: Path) -> CalibrationFile | None:
     """The calibration in a folder, or else in one above it; None where there is none.
 
     Raises:
         InputError: there is only one that cannot be read, by its name.
     """
-    for place in [folder, *folder.resolve().parents[:_ABOVE]]:
+    for place in [folder, *folder.resolve().parents[:_PARENTS]]:
         files = list(_candidates(place))
         readable = sorted((rank, file) for file in files if (rank := _rank(file)) is not None)
         if readable:
             rank, best = readable[0]
             format, others = CALIBRATIONS[rank], tuple(file for _, file in readable[1:])
-            return FoundCalibration(best, format.name, others, format.open_units, format.open_sizes)
+            return CalibrationFile(best, format.name, others, format.open_units, format.open_sizes)
         if place == folder or project_kind(place) is not None:
             for file in files:
                 _refuse(file, place)
     return None
 
 
-def read_found(found: FoundCalibration, sizes: dict[str, tuple[int, int]]) -> tuple[CameraRig, str]:
+def read_with_unit(file: CalibrationFile, sizes: dict[str, tuple[int, int]]) -> tuple[CameraRig, str]:
     """The cameras, and the unit of their lengths: metres, or millimetres where metres cannot be.
 
     Raises:
         InputError: a file that is no sound calibration in either.
     """
     try:
-        return read_calibration(found.path, "m", "+z", sizes), "m"
+        return read_calibration(file.path, "m", "+z", sizes), "m"
     except InputError as error:
         if "millimetres" not in error.remedy:
             raise
-        return read_calibration(found.path, "mm", "+z", sizes), "mm"
+        return read_calibration(file.path, "mm", "+z", sizes), "mm"
 
 
 def _candidates(place: Path) -> Iterator[Path]:
@@ -112,7 +108,7 @@ def _rank(file: Path) -> int | None:
         ".toml": _holds_cameras,
         ".yml": lambda file: file.name == "intri.yml" and file.with_name("extri.yml").is_file(),
         ".yaml": lambda file: False,
-        ".json": _is_multical,
+        ".json": lambda file: {"cameras", "camera_poses"} <= set(_file_values(file)),
         ".cal": _is_humaneva,
         ".usd": _is_called_calibration,
         ".usda": _is_called_calibration,
@@ -128,19 +124,11 @@ def _rank(file: Path) -> int | None:
 
 def _holds_cameras(file: Path) -> bool:
     """Whether a TOML file says where cameras are, each in a table of its own or all in Caliscope's ``cameras``."""
-    values = _values(file)
+    values = _file_values(file)
     caliscope = values.get("cameras")
     tables = _inner_tables(caliscope if isinstance(caliscope, dict) else values)
     older = any("rotation_count" in table for table in tables) and not isinstance(caliscope, dict)
     return any({"matrix", "rotation", "translation", "size"} <= set(table) for table in tables) and not older
-
-
-def _is_multical(file: Path) -> bool:
-    try:
-        values = json.loads(read_text(file, ""))
-    except (ValueError, RecursionError):
-        return False
-    return isinstance(values, dict) and {"cameras", "camera_poses"} <= set(values)
 
 
 def _is_humaneva(file: Path) -> bool:
@@ -157,14 +145,16 @@ def _is_called_calibration(file: Path) -> bool:
     return any(word in name.lower() for name in (file.name, file.parent.name) for word in ("calib", "camera"))
 
 
-def _values(file: Path) -> dict[str, Any]:
-    """What a TOML file holds; nothing where it is another program's settings, or no TOML."""
+def _file_values(file: Path) -> dict[str, Any]:
+    """What a TOML or JSON file holds; nothing where it is another program's settings, or neither."""
     if file.name.lower() in _PROJECT_FILES:
         return {}
     try:
-        return tomllib.loads(read_text(file, ""))
+        text = read_short_text(file, "")
+        values = json.loads(text) if file.suffix.lower() == ".json" else tomllib.loads(text)
     except (ValueError, RecursionError):
         return {}
+    return values if isinstance(values, dict) else {}
 
 
 def _inner_tables(values: dict[str, Any]) -> list[dict[str, Any]]:
@@ -175,7 +165,9 @@ def _refuse(file: Path, place: Path) -> None:
     """Raise InputError for what its name, or its folder's below ``place``, calls a calibration: it cannot be read."""
     name, below = file.name.lower(), str(file.relative_to(place)).lower()
     is_calibration = any(word in below for word in ("calib", "intri", "extri"))
-    if file.suffix == ".toml" and any(map(_is_caliscope, _inner_tables(_values(file)))):
+    tables = _inner_tables(_file_values(file)) if file.suffix == ".toml" else []
+    cameras = [camera for table in tables for camera in (table, *_inner_tables(table))]
+    if any("matrix" in camera and ("rotation_count" in camera or "grid_count" in camera) for camera in cameras):
         raise InputError(
             file,
             "is a camera array of Caliscope that does not say where the cameras stand, or of an old version",
@@ -199,11 +191,5 @@ def _refuse(file: Path, place: Path) -> None:
         program, remedy = by_ending[file.suffix.lower()]
         raise InputError(file, f"is a calibration of {program}, which cannot be read yet", remedy)
     if name == "intri.yml":
-        raise InputError(
-            file, "has no extri.yml beside it", f"calibrate where they stand, too, with EasyMocap, {_SOLVE}"
-        )
-
-
-def _is_caliscope(table: dict[str, Any]) -> bool:
-    cameras = [table, *(inner for inner in table.values() if isinstance(inner, dict))]
-    return any("matrix" in camera and ("rotation_count" in camera or "grid_count" in camera) for camera in cameras)
+        problem = "has no extri.yml beside it"
+        raise InputError(file, problem, f"calibrate where they stand, too, with EasyMocap, {_SOLVE}")

@@ -1,4 +1,4 @@
-"""OpenSim's ``.trc``: tab-separated positions of markers or joints, as Pose2Sim writes them."""
+"""Points over time from ``.trc`` (OpenSim, Pose2Sim) and ``.c3d`` (motion capture systems)."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, missing_package
+from mmocap_warp.formats.sandbox import sandboxed
+from mmocap_warp.whole_file import read_text
 
-_METRES = {"m": 1.0, "mm": 0.001, "cm": 0.01}
+_METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 
 @dataclass(frozen=True)
@@ -39,16 +41,17 @@ def read_trc(path: str | Path, axes: str = "xyz") -> PointTracks:
         InputError: unreadable, not a ``.trc``, or axes that are no right-handed permutation.
     """
     turn = _turn(axes, path)
-    lines = _lines(path)
+    lines = read_text(path, "give an OpenSim .trc file").splitlines()
+    if len(lines) < 6 or not lines[0].startswith("PathFileType"):
+        raise InputError(path, "is not a .trc file (no PathFileType header)", "give an OpenSim .trc file")
     fields = dict(zip(lines[1].split("\t"), lines[2].split("\t"), strict=False))
     names = tuple(name.strip() for name in lines[3].split("\t")[2:] if name.strip())
     try:
         rate, metres = float(fields["DataRate"]), _METRES[fields["Units"].strip()]
         expected = int(fields["NumMarkers"])
     except (KeyError, ValueError):
-        raise InputError(
-            path, "header lacks a DataRate, NumMarkers or Units in m, cm or mm", "give an OpenSim .trc file"
-        ) from None
+        remedy = "give an OpenSim .trc file"
+        raise InputError(path, "header lacks a DataRate, NumMarkers or Units in m, cm or mm", remedy) from None
     if expected != len(names):
         raise InputError(path, f"line 4 names {len(names)} markers, the header says {expected}", "export it again")
     rows = [_row(line, number, len(names), path) for number, line in enumerate(lines[5:], 6) if line.strip()]
@@ -56,18 +59,6 @@ def read_trc(path: str | Path, axes: str = "xyz") -> PointTracks:
         raise InputError(path, "holds no frames", "export it again")
     table = np.array(rows)
     return PointTracks(rate, table[:, 0].astype(int), names, table[:, 1:].reshape(len(rows), -1, 3) @ turn.T * metres)
-
-
-def _lines(path: str | Path) -> list[str]:
-    try:
-        lines = Path(path).read_text(encoding="utf-8").splitlines()
-    except FileNotFoundError:
-        raise InputError(path, "no such file", "check the path") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(path, f"cannot be read ({error})", "give an OpenSim .trc file") from None
-    if len(lines) < 6 or not lines[0].startswith("PathFileType"):
-        raise InputError(path, "is not a .trc file (no PathFileType header)", "give an OpenSim .trc file")
-    return lines
 
 
 def _row(line: str, number: int, points: int, path: str | Path) -> list[float]:
@@ -87,7 +78,41 @@ def _turn(axes: str, path: str | Path) -> np.ndarray:
     for row, letter in zip(turn, letters, strict=False):
         row["xyz".index(letter[-1])] = -1.0 if letter[0] == "-" else 1.0
     if "".join(letters) != axes or len(letters) != 3 or round(float(np.linalg.det(turn))) != 1:
-        raise InputError(
-            path, f"axes = {axes!r} is not a right-handed order of x, y, z", "write for example 'zxy' or 'x-zy'"
-        )
+        remedy = "write for example 'zxy' or 'x-zy'"
+        raise InputError(path, f"axes = {axes!r} is not a right-handed order of x, y, z", remedy)
     return turn
+
+
+@sandboxed
+def read_c3d(path: str | Path) -> PointTracks:
+    """Read all points; of a label such as ``Subject:LFHD`` the name is what follows the colon.
+
+    A point is unknown where the file marks it so, or puts it exactly at the origin, as Vicon does.
+    Frames are numbered as in the file's header; they are read with ``ezc3d``, which is installed with the extra
+    ``humaneva``.
+
+    Raises:
+        InputError: ``ezc3d`` is not installed, the file is missing or no ``.c3d``, it holds no points, or its units
+            are not known.
+    """
+    try:
+        import ezc3d
+    except ImportError:
+        raise missing_package(path, "ezc3d", "read", "humaneva", "pip install ezc3d") from None
+    if not Path(path).is_file():
+        raise InputError(path, "no such file", "check the path")
+    try:
+        file = ezc3d.c3d(str(path))
+    except (OSError, RuntimeError, ValueError) as error:
+        raise InputError(path, f"cannot be read as .c3d ({error})", "copy it again from its source") from None
+    about, header = file["parameters"]["POINT"], file["header"]["points"]
+    if not len(about["LABELS"]["value"]):
+        raise InputError(path, "holds no points", "give the .c3d of a captured trial")
+    units = "".join(about["UNITS"]["value"]).strip()
+    if units not in _METRES:
+        raise InputError(path, f"POINT:UNITS is {units!r}", f"export it in one of {', '.join(_METRES)}")
+    positions = np.moveaxis(file["data"]["points"][:3], 0, -1).swapaxes(0, 1).astype(np.float64)
+    positions[(positions == 0).all(axis=-1)] = np.nan
+    names = tuple(label.rpartition(":")[2].strip() for label in about["LABELS"]["value"])
+    frames = header["first_frame"] + 1 + np.arange(len(positions))  # ezc3d counts from 0
+    return PointTracks(float(header["frame_rate"]), frames, names, positions * _METRES[units])

@@ -1,8 +1,8 @@
-"""Reading a file in a process of its own first, where native code reads it that may not survive a damaged one.
+"""A sandbox for native readers: a process that reads a file first, because a damaged file may end its reader.
 
 OpenUSD and ezc3d trust what a file says: of a few hundred damaged files one ends the process, and some are read for
-ever. No exception tells. So a file that this process did not write is read twice, first by another process, which may
-be ended; once that runs it answers within milliseconds, and it ends by itself when nobody has asked for a while.
+ever, without an exception. So a file that this process did not write is read twice, first by a worker process, which
+may be ended. The worker answers within milliseconds once it runs, and ends by itself when it has been idle for a while.
 """
 
 from __future__ import annotations
@@ -23,29 +23,27 @@ from typing import ParamSpec, TypeVar
 
 from mmocap_warp.errors import InputError
 
-_SECONDS, _SECONDS_PER_BYTE = 10.0, 2e-7
-"""Of processor time that a file may take."""
-_BYTES, _BYTES_PER_BYTE = 2**30, 16
-"""Of memory that it may take."""
-_PATIENCE = 12.0  # times the processor's seconds: the machine may be busy
-_IDLE = 20.0  # after which the other process ends [s]
+_SECONDS, _SECONDS_PER_BYTE = 10.0, 2e-7  # of processor time that a file may take
+_BYTES, _BYTES_PER_BYTE = 2**30, 16  # of memory that a file may take
+_PATIENCE = 12.0  # wall clock's seconds to wait for one of the processor's: the machine may be busy
+_IDLE_SECONDS = 20.0  # after which the worker ends
 _DONE = "done"
 _REMEDY = "it is damaged: write or copy it again"
-_START = "import sys; sys.path[:] = sys.argv[1:]; from mmocap_warp.formats.tried_first import _serve; _serve()"
+_START = "import sys; sys.path[:] = sys.argv[1:]; from mmocap_warp.formats.sandbox import _serve; _serve()"
 
-_ALONE = {"PXR_WORK_THREAD_LIMIT": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "2"}
-"""For the environment: on many cores the stacks and heaps of threads alone would take what a file may."""
+_LIMITS = {"PXR_WORK_THREAD_LIMIT": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "2"}
+"""The worker's environment: on many cores, threads' stacks and heaps alone would take a file's share of memory."""
 
 P = ParamSpec("P")
 T = TypeVar("T")
 Stamp = tuple[int, int, int]
 
 _sound: dict[tuple[str, str], Stamp] = {}
-"""Files that need not be tried by a reader, or by any where none is named, as they were then."""
+"""By path and reader: the stamp of a file that was read without harm; the reader is "" for a file of our own."""
 
 
-def tried_first(reader: Callable[P, T]) -> Callable[P, T]:
-    """Let a reader, whose first argument is a path, read a strange file in another process first.
+def sandboxed(reader: Callable[P, T]) -> Callable[P, T]:
+    """Let a reader, whose first argument is a path, read a strange file in the sandbox first.
 
     The reader then raises ``InputError`` also where a file ends the process that reads it, or takes more time or memory
     than a sound one of its size.
@@ -53,15 +51,15 @@ def tried_first(reader: Callable[P, T]) -> Callable[P, T]:
     name = f"{reader.__module__}:{reader.__qualname__}"
 
     @wraps(reader)
-    def careful(*args: P.args, **kwargs: P.kwargs) -> T:
+    def read_twice(*args: P.args, **kwargs: P.kwargs) -> T:
         path = os.path.abspath(str(args[0]))
         stamp = _stamp(path)
         if stamp is not None and stamp not in (_sound.get((path, name)), _sound.get((path, ""))):
-            _other_process.read(name, str(args[0]), stamp[1])
+            _worker.read(name, str(args[0]), stamp[1])
             _sound[path, name] = stamp
         return reader(*args, **kwargs)
 
-    return careful
+    return read_twice
 
 
 def trust(path: Path) -> None:
@@ -75,10 +73,10 @@ def trust(path: Path) -> None:
 def _stamp(path: str) -> Stamp | None:
     """What changes when a file does; None where there is none."""
     try:
-        found = os.stat(path)
+        status = os.stat(path)
     except (OSError, ValueError):
         return None
-    return found.st_ino, found.st_size, found.st_mtime_ns
+    return status.st_ino, status.st_size, status.st_mtime_ns
 
 
 def _settings() -> dict[str, str]:
@@ -86,8 +84,8 @@ def _settings() -> dict[str, str]:
     return {name: value for name, value in os.environ.items() if name.startswith("MMOCAP_")}
 
 
-class _OtherProcess:
-    """The process that reads first; started when it is needed. Systems that are not POSIX do without."""
+class _Worker:
+    """The process that reads first; it is started when it is needed. Systems that are not POSIX do without."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -104,24 +102,19 @@ class _OtherProcess:
             return
         seconds, memory = _SECONDS + size * _SECONDS_PER_BYTE, _BYTES + size * _BYTES_PER_BYTE
         with self._lock:
-            request: dict[str, object] = {
-                "reader": reader,
-                "path": path,
-                "folder": os.getcwd(),
-                "settings": _settings(),
-            }
-            answer = self._ask(request | {"seconds": seconds, "memory": memory}, seconds)
+            request = {"reader": reader, "path": path, "folder": os.getcwd(), "settings": _settings()}
+            answer = self._ask(json.dumps(request | {"seconds": seconds, "memory": memory}), seconds)
         if answer:
             raise InputError(*json.loads(answer)) if answer.startswith("[") else InputError(path, answer, _REMEDY)
 
-    def _ask(self, request: dict[str, object], seconds: float) -> str:
-        """What is wrong, nothing if all is well; asked again where the process had just ended for want of work."""
+    def _ask(self, request: str, seconds: float) -> str:
+        """What is wrong with the file, "" for nothing. A worker that was idle and has ended is started again."""
         for _ in range(2):
             process = self._process()
             if process.stdin is None or process.stdout is None:
                 raise RuntimeError("a process without pipes")
             try:
-                process.stdin.write(json.dumps(request) + "\n")
+                process.stdin.write(request + "\n")
                 process.stdin.flush()
                 ready, _, _ = select.select([process.stdout], [], [], _PATIENCE * seconds)
                 answer = process.stdout.readline().strip() if ready else ""
@@ -133,21 +126,21 @@ class _OtherProcess:
             if not ready or ended == -signal.SIGPROF:
                 return f"takes more than {seconds:.0f} s to be read"
             if ended < 0:
-                return "breaks the library that reads it"
-        return ""  # no such process can be had here: the file is read as it is
+                return "crashes the library that reads it"
+        return ""  # no worker can be had here: the file is read as it is
 
     def _process(self) -> subprocess.Popen[str]:
         if self._running is None or self._running.poll() is not None or self._owner != os.getpid():
             if self._running is not None:
-                _close_pipes(self._running)
-            self._owner = os.getpid()  # a process that was forked off has the pipes of another's
+                _close(self._running)
+            self._owner = os.getpid()  # a process that was forked off holds the pipes of its parent's worker
             self._running = subprocess.Popen(
                 [sys.executable, "-c", _START, *sys.path],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
                 text=True,
-                env=os.environ | _ALONE,
+                env=os.environ | _LIMITS,
             )
         return self._running
 
@@ -157,26 +150,25 @@ class _OtherProcess:
             process.wait(1.0)
         except subprocess.TimeoutExpired:
             process.kill()
-        _close_pipes(process)
-        return process.wait()
+        return _close(process)
 
 
-def _close_pipes(process: subprocess.Popen[str]) -> None:
-    for pipe in (process.stdin, process.stdout):
-        if pipe is not None:
-            with suppress(BrokenPipeError):
-                pipe.close()
+def _close(process: subprocess.Popen[str]) -> int:
+    """Close the pipes of a process that has ended, or is another's, and return its code."""
+    with suppress(BrokenPipeError), process:
+        pass
+    return process.wait()
 
 
-_other_process = _OtherProcess()
+_worker = _Worker()
 
 
 def _serve() -> None:
-    """Read what is asked for on stdin, a JSON object a line, and say on stdout what became of it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the one who asks
+    """Be the worker: read what is asked for on stdin, a JSON object a line, and answer each on stdout."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asks
     answers = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)  # libraries may say what they like
-    while select.select([sys.stdin], [], [], _IDLE)[0] and (line := sys.stdin.readline()):
+    os.dup2(2, 1)  # what libraries print must not get among the answers
+    while select.select([sys.stdin], [], [], _IDLE_SECONDS)[0] and (line := sys.stdin.readline()):
         request = json.loads(line)
         module, name = request["reader"].split(":")
         read = getattr(import_module(module), name).__wrapped__
@@ -198,9 +190,9 @@ def _serve() -> None:
 
 
 def _limit_memory(more: int) -> None:
-    """Let this process have so many bytes more than it has now, where the system tells how many that are.
+    """Let this process have ``more`` bytes beyond what it holds now, where the system says how much that is.
 
-    What it can write to is counted, and not what is merely reserved: a thread's heap reserves 64 MB, whatever it holds.
+    Writable memory is counted, and not what is merely reserved: a thread's heap reserves 64 MB, whatever it holds.
     """
     import resource
 

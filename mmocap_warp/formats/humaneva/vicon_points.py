@@ -1,8 +1,8 @@
-"""HumanEva's own ground truth: fifteen points of a body, computed from Vicon's segments as its software does.
+"""HumanEva's markers, and its fifteen joints computed from Vicon's segments, at the times of its video frames.
 
-Vicon's Plug-in Gait writes four points a segment: its origin ``O``, and where its axes end: ``A`` forward (x), ``L`` to
-the left (y), ``P`` toward the trunk or up (z). HumanEva takes joints from them and moves some, because a marker sits on
-the skin:
+The markers are those of Vicon's Plug-in Gait. It also writes four points a segment: its origin ``O``, and where its
+axes end: ``A`` forward (x), ``L`` to the left (y), ``P`` toward the trunk or up (z). HumanEva takes joints from them
+and moves some, because a marker sits on the skin:
 
 - the trunk starts 50 mm behind the pelvis's origin, is as long as from there to the thorax's, and leans back, at its
   top by half of the torso's radius;
@@ -20,8 +20,60 @@ from functools import partial
 
 import numpy as np
 
-from mmocap_warp.formats.humaneva.markers import between_frames, points_named
-from mmocap_warp.formats.motion.read_trc import PointTracks
+from mmocap_warp.formats.motion.captured_points import PointTracks
+
+_MIDDLE = ("CLAV", "STRN", "C7", "T10", "RBAK")
+_UPPER_BODY = ("FHD", "BHD", "SHO", "UPA", "ELB", "FRM", "WRA", "WRB", "FIN")
+_LOWER_BODY = ("ASI", "PSI", "THI", "KNE", "TIB", "ANK", "HEE", "TOE")
+MARKERS: tuple[str, ...] = (*_MIDDLE, *(side + name for side in "LR" for name in _UPPER_BODY + _LOWER_BODY))
+"""The 39 markers that HumanEva asks for: a frame that lacks one of them is not valid."""
+
+_OTHER_NAMES = {"LFRM": "LFRA", "RFRM": "RFRA"}  # the forearm's marker has two names
+
+
+class MissingPointError(ValueError):
+    """A recording lacks points; the message names them."""
+
+
+def point_positions(tracks: PointTracks, *names: str) -> np.ndarray:
+    """(frame, point, 3) [m]: where a name comes twice, its first.
+
+    Raises:
+        MissingPointError: names that the recording does not have.
+    """
+    missing = [name for name in names if name not in tracks.names]
+    if missing:
+        raise MissingPointError(f"has no {', '.join(missing)}")
+    return tracks.positions[:, [tracks.names.index(name) for name in names]]
+
+
+def marker_positions(tracks: PointTracks) -> np.ndarray:
+    """(frame, 39, 3) positions of ``MARKERS`` [m].
+
+    Raises:
+        MissingPointError: markers that the recording does not have.
+    """
+    names = (name if name in tracks.names else _OTHER_NAMES.get(name, name) for name in MARKERS)
+    return point_positions(tracks, *names)
+
+
+def interpolate_frames(values: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """Interpolate linearly: (frame, ...) at fractional frames (time,), counted from 0, to (time, ...).
+
+    NaN beyond the ends, and where one of the two neighbours is NaN; a whole frame has one neighbour only.
+    """
+    lower, upper = np.floor(position).astype(int), np.ceil(position).astype(int)
+    inside = (lower >= 0) & (upper < len(values))
+    lower, upper = np.where(inside, lower, 0), np.where(inside, upper, 0)
+    share = np.where(inside, position - lower, np.nan).reshape(-1, *[1] * (values.ndim - 1))
+    return (1 - share) * values[lower] + share * values[upper]
+
+
+def without_invalid_frames(markers: np.ndarray) -> np.ndarray:
+    """(time, marker, 3) with every marker of a frame NaN in which one is: HumanEva trusts no part of it."""
+    valid = np.isfinite(markers).all(axis=(1, 2))
+    return np.where(valid[:, None, None], markers, np.nan)
+
 
 JOINT_NAMES: tuple[str, ...] = (
     *("Root", "Neck", "HeadTop"),
@@ -54,24 +106,28 @@ def torso_radius(static: PointTracks) -> float:
     Raises:
         MissingPointError: the trial lacks these markers.
     """
-    left, right = np.moveaxis(points_named(static, "LSHO", "RSHO"), 1, 0)
+    left, right = np.moveaxis(point_positions(static, "LSHO", "RSHO"), 1, 0)
     span = np.linalg.norm(left - right, axis=1)
     seen = span[np.isfinite(span)]
     return float(seen.mean()) / 2 - _MARKER_RADIUS if len(seen) else np.nan
 
 
-def joints_at(tracks: PointTracks, position: np.ndarray, subject: SubjectMeasures) -> np.ndarray:
+def joint_positions(tracks: PointTracks, position: np.ndarray, subject: SubjectMeasures) -> np.ndarray:
     """(time, 15, 3) positions of ``JOINT_NAMES`` at fractional frames counted from 0 [m]; NaN where not known.
 
     Raises:
         MissingPointError: the recording lacks points of Vicon's segments.
     """
-    point, turn = partial(_point, tracks, position), partial(_rotation, tracks, position)
+    turn = partial(_rotation, tracks, position)
+
+    def point(name: str) -> np.ndarray:
+        return interpolate_frames(point_positions(tracks, name)[:, 0], position)
+
     pelvis, thorax = point("PELO"), point("TRXO")
     trunk = np.linalg.norm(thorax - pelvis, axis=1)
     lean = np.arctan2(subject.torso_radius / 2, trunk)
     root = pelvis + turn("PEL") @ [-_PELVIS_BACK, 0.0, 0.0]
-    trunk_top = root + _along(turn("PEL"), trunk, lean)
+    trunk_top = root + _segment_vector(turn("PEL"), trunk, lean)
     joints = {
         "Root": root,
         "Neck": (trunk_top + thorax) / 2,
@@ -93,27 +149,23 @@ def _arm(
     upper_length = np.linalg.norm(elbow - shoulder, axis=1)
     lower_length = np.linalg.norm(wrist - elbow, axis=1)
     angle = np.arctan2(offset / 2, upper_length)
-    upper_end = shoulder - _along(upper, upper_length, -angle)
-    lower_start = upper_end + elbow - (shoulder - _along(upper, upper_length, 0 * angle))
-    return shoulder, (upper_end + lower_start) / 2, lower_start - _along(lower, lower_length, angle)
+    upper_end = shoulder - _segment_vector(upper, upper_length, -angle)
+    lower_start = upper_end + elbow - (shoulder - _segment_vector(upper, upper_length, 0 * angle))
+    return shoulder, (upper_end + lower_start) / 2, lower_start - _segment_vector(lower, lower_length, angle)
 
 
-def _along(rotation: np.ndarray, length: np.ndarray, lean: np.ndarray) -> np.ndarray:
+def _segment_vector(rotation: np.ndarray, length: np.ndarray, lean: np.ndarray) -> np.ndarray:
     """(time, 3): a segment's z axis of a length, after leaning back (toward -x) by an angle [rad]."""
     local = np.stack([-np.sin(lean), np.zeros_like(lean), np.cos(lean)], axis=-1)
     return np.einsum("tij,tj->ti", rotation, local * length[:, None])
 
 
-def _point(tracks: PointTracks, position: np.ndarray, name: str) -> np.ndarray:
-    return between_frames(points_named(tracks, name)[:, 0], position)
-
-
 def _rotation(tracks: PointTracks, position: np.ndarray, segment: str) -> np.ndarray:
     """(time, 3, 3), world from the segment's axes; between two frames the rotation nearest to their mix."""
-    origin, *ends = np.moveaxis(points_named(tracks, *(segment + letter for letter in "OALP")), 1, 0)
+    origin, *ends = np.moveaxis(point_positions(tracks, *(segment + letter for letter in "OALP")), 1, 0)
     axes = np.stack([end - origin for end in ends], axis=-1)
     axes /= np.linalg.norm(axes, axis=-2, keepdims=True)
-    mixed = between_frames(axes, position)
+    mixed = interpolate_frames(axes, position)
     known = np.isfinite(mixed).all(axis=(1, 2))
     u, _, vt = np.linalg.svd(mixed[known])
     rotation = np.full_like(mixed, np.nan)

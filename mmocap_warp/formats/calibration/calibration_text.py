@@ -1,0 +1,62 @@
+"""Reading a calibration's text, and what the text may leave open: the unit of lengths and the images' sizes."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+from mmocap_warp.errors import InputError
+from mmocap_warp.whole_file import read_text
+
+_MAX_BYTES = 2**20
+
+
+def refuse_huge(path: str | Path, most: int = _MAX_BYTES) -> None:
+    """Raise InputError for a file of more bytes than a calibration has; one that is not there is for its reader."""
+    try:
+        size = os.stat(path).st_size
+    except (OSError, ValueError):
+        return
+    if size > most:
+        raise InputError(path, f"has over {most >> 20} MB", "give a calibration of cameras")
+
+
+def read_short_text(path: str | Path, kind: str, most: int = _MAX_BYTES) -> str:
+    """A file's text; ``kind`` says what it should be, for the remedy."""
+    refuse_huge(path, most)
+    return read_text(path, f"give {kind}", missing=f"give {kind}")
+
+
+METRES = {"m": 1.0, "mm": 0.001}
+"""Metres per unit of length."""
+
+
+def stated_metres(units: str | None, source: object) -> float:
+    """Metres per unit of length of a file whose format has no unit of its own.
+
+    Raises:
+        InputError: the unit is not known.
+    """
+    if units is None:
+        remedy = 'say which: units = "m" or "mm" under [cameras] of the scene, or --units'
+        raise InputError(source, "does not state the unit of its lengths", remedy)
+    return METRES[units]
+
+
+EVERY_OTHER = ""
+"""Stands for all cameras that are not named."""
+
+
+def image_size_of(
+    sizes: Mapping[str, tuple[int, int]] | None, name: str, source: object, problem: str
+) -> tuple[int, int]:
+    """Width and height [px] of a camera's images, from elsewhere than its file.
+
+    Raises:
+        InputError: the size is not known; ``problem`` says what the file lacks.
+    """
+    stated = sizes or {}
+    if name not in stated and EVERY_OTHER not in stated:
+        raise InputError(source, problem, "add the image size in pixels, or name the camera's video in the scene")
+    return stated.get(name) or stated[EVERY_OTHER]

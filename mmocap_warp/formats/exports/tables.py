@@ -1,0 +1,237 @@
+"""A result as tables of numbers, a row a frame: ``.csv``, ``.parquet``, ``.trc``, ``.mot``, ``.c3d`` and ``.npz``.
+
+Columns of ``.csv`` and ``.parquet`` say their unit: ``LKnee.x_m`` is a joint's or a marker's place, ``LKnee.Rx_deg`` an
+angle of the pose, and ``Ball_place.Tx_m`` a shift of a joint that slides. A function raises InputError for a folder
+that cannot be written to, or a package that is not installed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mmocap_warp.body.bind_transforms import bind_transforms, rest_transforms
+from mmocap_warp.body.model import Subject
+from mmocap_warp.body.rotations import applied, near_zyx_angles, zyx_rotation
+from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION
+from mmocap_warp.errors import missing_package
+from mmocap_warp.result.excerpt import evenly
+from mmocap_warp.result.positions import skin_positions
+from mmocap_warp.result.result import STATUS, Result
+from mmocap_warp.whole_file import whole_file, write_whole
+
+
+def write_csv(result: Result, path: Path) -> None:
+    """Write the table as text; places to 1e-6 m, angles to 1e-6 degrees."""
+    columns = _columns(result)
+    cells = [[f"{v:.6f}" if isinstance(v, float) else str(v) for v in column] for column in columns.values()]
+    write_whole(path, "".join(",".join(row) + "\n" for row in [list(columns), *zip(*cells, strict=True)]).encode())
+
+
+def write_parquet(result: Result, path: Path) -> None:
+    """Write the table with Arrow, in double precision."""
+    try:
+        import pyarrow
+        from pyarrow import parquet
+    except ImportError:
+        raise missing_package(path, "pyarrow", "written", "formats", "write a .csv") from None
+    table = pyarrow.table(_columns(result))
+    with whole_file(path) as unfinished:
+        parquet.write_table(table, str(unfinished))
+
+
+def _columns(result: Result) -> dict[str, list]:
+    tracks = best_run_tracks(result)
+    names, points = tracks.points()
+    skeleton = tracks.subject.body.skeleton
+    values = np.where(skeleton.is_length, tracks.pose, np.degrees(tracks.pose))[:, TRANSLATION:]
+    units = np.where(skeleton.is_length, "m", "deg")[TRANSLATION:]
+    coordinates = skeleton.coordinate_names[TRANSLATION:]
+    columns = {"frame": tracks.number.tolist(), "time_s": tracks.time.tolist(), "status": list(tracks.status)}
+    for i, name in enumerate(names):
+        columns |= {f"{name}.{axis}_m": points[:, i, k].tolist() for k, axis in enumerate("xyz")}
+    own = zip(coordinates, units, values.T, strict=True)
+    return columns | {f"{name}_{unit}": value.tolist() for name, unit, value in own}
+
+
+def write_trc(result: Result, path: Path) -> None:
+    """Write OpenSim's markers of a result, which is Y up: joint centres and virtual markers in metres, to 1e-6 m.
+
+    Times are the recording's, and its frame 0 is the file's frame 1.
+    """
+    tracks = best_run_tracks(result)
+    names, points = tracks.points()
+    first, frames, rate = tracks.row_number[0], len(points), f"{tracks.rate:.6f}"
+    about = {"DataRate": rate, "CameraRate": rate, "NumFrames": frames, "NumMarkers": len(names), "Units": "m"}
+    about |= {"OrigDataRate": rate, "OrigDataStartFrame": first, "OrigNumFrames": frames}
+    rows = [
+        ["PathFileType", "4", "(X/Y/Z)", path.name],
+        [*about],
+        [str(value) for value in about.values()],
+        ["Frame#", "Time", *(cell for name in names for cell in (name, "", ""))],
+        ["", "", *(f"{axis}{number}" for number in range(1, len(names) + 1) for axis in "XYZ")],
+        [],
+    ]
+    for number, time, values in zip(tracks.row_number, tracks.time, points.reshape(frames, -1), strict=True):
+        rows.append([str(number), f"{time:.6f}", *(f"{value:.6f}" for value in values)])
+    write_whole(path, "".join("\t".join(row) + "\n" for row in rows).encode())
+
+
+def write_mot(result: Result, path: Path) -> None:
+    """Write OpenSim's motion of a result, which is Y up: angles to 1e-6 degrees, the root's place to 1e-6 m.
+
+    The angles are this body's own: joint ``j`` turns by ``Rz @ Ry @ Rx`` from its bind pose in the axes of its frame.
+    At zero, the root stands with its left along x, upright along y and facing along z, so that the file alone says how
+    the body stands in the world. They are no angles of an OpenSim model: these come out of OpenSim's inverse
+    kinematics, from the ``.trc``. Times are the recording's.
+    """
+    tracks = best_run_tracks(result)
+    names = [name.replace(".", "_") for name in tracks.subject.body.skeleton.coordinate_names]
+    # The root's angles begin at the world's axes here, and in the result at the subject's heading.
+    pose, last = tracks.pose.copy(), np.zeros(3)
+    for frame, rotation in enumerate(tracks.bind[0, :3, :3].T @ tracks.world[:, 0, :3, :3]):
+        last = pose[frame, ROOT_ANGLES] = near_zyx_angles(rotation, last)
+    pose = np.where(tracks.subject.body.skeleton.is_length, pose, np.degrees(pose))
+    header = [path.stem, "version=1", f"nRows={len(pose)}", f"nColumns={1 + len(names)}", "inDegrees=yes", "endheader"]
+    rows = ["\t".join(f"{value:.6f}" for value in row) for row in np.column_stack([tracks.time, pose])]
+    write_whole(path, "\n".join([*header, "\t".join(["time", *names]), *rows, ""]).encode())
+
+
+def write_c3d(result: Result, path: Path) -> None:
+    """Write joint centres and virtual markers in the result's own world, in millimetres; no analog channels.
+
+    They have single precision, about 1e-7 m. The recording's frame 0 is the file's frame 1. ``POINT:X_SCREEN`` and
+    ``Y_SCREEN`` say which way is up, for programs that ask.
+    """
+    try:
+        import ezc3d
+    except ImportError:
+        raise missing_package(path, "ezc3d", "written", "formats", "write a .trc") from None
+    tracks = best_run_tracks(result)
+    names, points = tracks.points()
+    up = result.cameras.up
+    file = ezc3d.c3d()
+    about = file["parameters"]["POINT"]
+    about["UNITS"]["value"], about["RATE"]["value"], about["LABELS"]["value"] = ["mm"], [tracks.rate], list(names)
+    file.add_parameter("POINT", "X_SCREEN", ["+Y" if up[1] == "x" else "+X"])
+    file.add_parameter("POINT", "Y_SCREEN", [up.upper()])
+    file["header"]["points"]["first_frame"] = int(tracks.row_number[0]) - 1  # ezc3d counts from 0
+    file["data"]["points"] = np.ones((4, len(names), len(points)))
+    file["data"]["points"][:3] = 1000 * points.transpose(2, 1, 0)  # [mm]
+    with whole_file(path) as unfinished:
+        file.write(str(unfinished))
+
+
+def write_npz(result: Result, path: Path) -> None:
+    """Write all that is needed to pose the skin again; ``np.load`` reads it, and docs/formats.md names its arrays.
+
+    A vertex is at ``sum(weight * world[frame, joint] @ inverse(bind[joint]) @ rest)``.
+    """
+    tracks = best_run_tracks(result)
+    body = tracks.subject.body
+    names, points = tracks.points()
+    joints = len(body.skeleton.joints)
+    with whole_file(path) as unfinished:
+        np.savez_compressed(
+            unfinished,
+            frame=tracks.number,
+            time=tracks.time,
+            rate=tracks.rate,
+            up=result.cameras.up,
+            status=tracks.status,
+            joint_names=names[:joints],
+            parent=body.skeleton.parent,
+            joints=points[:, :joints],
+            marker_names=np.array(names[joints:], str),
+            markers=points[:, joints:],
+            coordinate_names=body.skeleton.coordinate_names,
+            pose=tracks.pose,
+            root_base=tracks.subject.root_base,
+            world=tracks.world,
+            bind=tracks.bind,
+            rest=body.skin.rest,
+            face=body.skin.face,
+            skin_joint=body.skin.joint,
+            skin_weight=body.skin.weight,
+            attribution=body.attribution,
+        )
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """One run at even times, posed in double precision.
+
+    Attributes:
+        subject: who moves.
+        rate: frames per second.
+        time: (frame,) [s] since the recording's frame 0.
+        number: (frame,) int, the recording's frame, as the time codes of USD have it.
+        pose: (frame, coordinate) [m, rad].
+        status: one per frame, of ``STATUS``.
+        bind: (joint, 4, 4), body space from joint in the bind pose; all transforms are for column vectors.
+        local: (frame, joint, 4, 4), parent from joint; the root's is world from root.
+        world: (frame, joint, 4, 4), world from joint.
+    """
+
+    subject: Subject
+    rate: float
+    time: np.ndarray
+    number: np.ndarray
+    pose: np.ndarray
+    status: tuple[str, ...]
+    bind: np.ndarray
+    local: np.ndarray
+    world: np.ndarray
+
+    @property
+    def row_number(self) -> np.ndarray:
+        """(frame,) int: numbers by ones from 1 at the recording's start, for formats that cannot pass frames over."""
+        return int(np.round(self.time[0] * self.rate)) + 1 + np.arange(len(self.time))
+
+    def points(self) -> tuple[tuple[str, ...], np.ndarray]:
+        """Joint centres, then the virtual markers on the skin: their names, and (frame, point, 3) [m].
+
+        A marker that is called like a joint gets the ending ``_marker``.
+        """
+        body = self.subject.body
+        joints = body.skeleton.joints
+        markers = tuple(f"{name}_marker" if name in joints else name for name in body.marker_names)
+        skin = skin_positions(self.subject, self.pose, body.marker_vertex)
+        return joints + markers, np.concatenate([self.world[:, :, :3, 3], skin], axis=1)
+
+
+def best_run_tracks(result: Result) -> Tracks:
+    """The best run of a result; frames that are not evenly spaced are resampled at the result's rate."""
+    result = evenly(result)
+    subject, pose = result.subject, result.pose[result.best_run]
+    local, world = joint_transforms(subject, pose)
+    return Tracks(
+        subject=subject,
+        rate=result.rate,
+        time=result.frame_numbers / result.fps,
+        number=result.frame_numbers,
+        pose=pose,
+        status=tuple(STATUS[status] for status in result.status[result.best_run]),
+        bind=bind_transforms(subject.body),
+        local=local,
+        world=world,
+    )
+
+
+def joint_transforms(subject: Subject, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Transforms of the joints in poses (frame, coordinate), local and world as :class:`Tracks` has them."""
+    local = np.tile(rest_transforms(subject.body), (len(pose), 1, 1, 1))
+    local[:, 0, :3, :3] = subject.root_base @ local[:, 0, :3, :3]
+    local[:, 0, :3, 3] = pose[:, :TRANSLATION]
+    slides, own = subject.body.skeleton.slides, pose[:, TRANSLATION:].reshape(len(pose), -1, 3)
+    for number in np.flatnonzero(slides):
+        local[:, number, :3, 3] += applied(local[:, number, :3, :3], own[:, number])
+    turned = zyx_rotation(np.where(slides[:, None], 0.0, own))
+    local[..., :3, :3] = local[..., :3, :3] @ turned
+    world = local.copy()
+    for joint, parent in enumerate(subject.body.skeleton.parent):
+        if parent >= 0:
+            world[:, joint] = world[:, parent] @ local[:, joint]
+    return local, world

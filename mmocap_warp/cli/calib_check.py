@@ -14,7 +14,7 @@ from mmocap_warp.cli.exit_codes import CHECK_FAILED, OK
 from mmocap_warp.cli.identity import Identity, note_others
 
 if TYPE_CHECKING:
-    from mmocap_warp.calibration.camera_check import Check, Finding
+    from mmocap_warp.calibration.camera_check import CameraCheck, Finding
 
 _BEFORE, _AFTER = (60, 60, 230), (80, 200, 60)  # BGR
 _SEEN = 110  # gray of a mask
@@ -89,7 +89,7 @@ def check(
     return CHECK_FAILED if found.findings else OK
 
 
-def _line(finding: Finding, found: Check, k: int) -> str:
+def _line(finding: Finding, found: CameraCheck, k: int) -> str:
     """A finding in words."""
     if finding.cause == "mirrored":
         return f"{finding.camera}: its pictures are mirrored"
@@ -100,20 +100,22 @@ def _line(finding: Finding, found: Check, k: int) -> str:
     changes = ", ".join(f"{what} {by:+.2f} {unit}" for what, by, unit in _changes(finding, found, k))
     others = "".join(f", or else its {other}" for other in finding.others)
     said = f"probably its {finding.cause}, to be changed by {changes}{others}"
-    return f"{finding.camera}: {said}; explains {100 * finding.worth:.0f} % of what is wrong"
+    return f"{finding.camera}: {said}; explains {100 * finding.explained:.0f} % of what is wrong"
 
 
-def _changes(finding: Finding, found: Check, k: int) -> list[tuple[str, float, str]]:
+def _changes(finding: Finding, found: CameraCheck, k: int) -> list[tuple[str, float, str]]:
     from mmocap_warp.calibration.adjust.camera_changes import KINDS
     from mmocap_warp.calibration.camera_check import CAUSES
 
-    if finding.by is None:
+    if finding.change is None:
         return []
     own = range(len(KINDS))[CAUSES[finding.cause]]
-    return [(KINDS[kind].replace("_", " "), *in_units(KINDS[kind], finding.by[k, kind], found.scale)) for kind in own]
+    return [
+        (KINDS[kind].replace("_", " "), *in_units(KINDS[kind], finding.change[k, kind], found.scale)) for kind in own
+    ]
 
 
-def _value(finding: Finding, found: Check, k: int) -> dict[str, Any]:
+def _value(finding: Finding, found: CameraCheck, k: int) -> dict[str, Any]:
     by = {what: {"by": value, "unit": unit} for what, value, unit in _changes(finding, found, k)}
     return {
         "camera": finding.camera,
@@ -122,11 +124,11 @@ def _value(finding: Finding, found: Check, k: int) -> dict[str, Any]:
         "by": by,
         "or": finding.others,
         "size": finding.size,
-        "explains": finding.worth,
+        "explains": finding.explained,
     }
 
 
-def _pictures(found: Check, folder: Path) -> list[Path]:
+def _pictures(found: CameraCheck, folder: Path) -> list[Path]:
     """A picture of each camera for which the body is known as it is calibrated and as it would be put right."""
     import cv2
     import numpy as np

@@ -47,8 +47,8 @@ def solve(
     force
         Replace a file that exists.
     """
+    from mmocap_warp.calibration.solve import UnsolvableError
     from mmocap_warp.calibration.solve.solution import solve_cameras
-    from mmocap_warp.calibration.solve.unsolvable import UnsolvableError
     from mmocap_warp.cli.flag_settings import as_flag
     from mmocap_warp.cli.outputs import new_file
     from mmocap_warp.errors import InputError

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 import pytest
 
+from mmocap_warp.calibration.solve import UnsolvableError
 from mmocap_warp.calibration.solve.solution import SolvedCameras, solve_cameras
-from mmocap_warp.calibration.solve.unsolvable import UnsolvableError
 from mmocap_warp.cameras.rig import CameraRig, project
 from mmocap_warp.cli import exit_codes, main
 from mmocap_warp.errors import InputError

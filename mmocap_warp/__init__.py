@@ -14,15 +14,16 @@ from mmocap_warp.version import __version__
 
 if TYPE_CHECKING:
     from mmocap_warp.body.model import BodyModel, Subject
+    from mmocap_warp.commands.evaluate import evaluate
+    from mmocap_warp.commands.reporter import Reporter
     from mmocap_warp.display.page.viewer import view
     from mmocap_warp.display.result_video import overlay
-    from mmocap_warp.errors import InputError
+    from mmocap_warp.errors import InputError, UsageError
     from mmocap_warp.fitting.subject_fit import FitConfig, fit
     from mmocap_warp.formats.truth_file import load_truth
     from mmocap_warp.formats.usd.usd_result import read_result as load_result
     from mmocap_warp.formats.usd.usd_result import write_result
     from mmocap_warp.optimizers.minimize import minimize
-    from mmocap_warp.result.evaluation import evaluate
     from mmocap_warp.result.result import Result
     from mmocap_warp.rigging.shipped import load_body
     from mmocap_warp.scene.recording import Scene
@@ -36,11 +37,13 @@ _HOME = {
     "FitConfig": ("fitting.subject_fit", "FitConfig"),
     "InputError": ("errors", "InputError"),
     "LiveFrame": ("tracking.live", "LiveFrame"),
+    "Reporter": ("commands.reporter", "Reporter"),
     "Result": ("result.result", "Result"),
     "Scene": ("scene.recording", "Scene"),
     "Subject": ("body.model", "Subject"),
     "TrackConfig": ("tracking.track_config", "TrackConfig"),
-    "evaluate": ("result.evaluation", "evaluate"),
+    "UsageError": ("errors", "UsageError"),
+    "evaluate": ("commands.evaluate", "evaluate"),
     "fit": ("fitting.subject_fit", "fit"),
     "load_body": ("rigging.shipped", "load_body"),
     "load_result": ("formats.usd.usd_result", "read_result"),
@@ -59,10 +62,12 @@ __all__ = [
     "FitConfig",
     "InputError",
     "LiveFrame",
+    "Reporter",
     "Result",
     "Scene",
     "Subject",
     "TrackConfig",
+    "UsageError",
     "__version__",
     "evaluate",
     "fit",

@@ -12,29 +12,21 @@ import os
 import signal
 import sys
 import threading
+import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 
 from cyclopts import App, CycloptsError, Parameter
 
-from mmocap_warp.cli import output_locks as claims
-from mmocap_warp.cli.exit_codes import (
-    BAD_INPUT,
-    BROKEN_PIPE,
-    FAILURE,
-    INTERRUPTED,
-    OK,
-    TERMINATED,
-    USAGE,
-    Terminated,
-    UsageError,
-)
-from mmocap_warp.cli.kernel_cache import kernel_cache_at_fault
-from mmocap_warp.errors import InputError
+from mmocap_warp.cli.console import BAD_INPUT, BROKEN_PIPE, FAILURE, INTERRUPTED, OK, TERMINATED, USAGE
+from mmocap_warp.commands.outputs import release_locks
+from mmocap_warp.errors import InputError, UsageError
 
 _REFERENCES = "MMOCAP_ALLOW_REFERENCES"
 _NO_ROOM = (errno.EPIPE, errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """Errors of what is written to, be it stdout or a file."""
+_LOADING = {("context.py", "load"), ("build.py", "init_kernel_cache")}
+"""Warp's functions, by file, that read and write its kernel cache."""
 
 app = App(
     name="mmocap",
@@ -110,6 +102,10 @@ for _order, (_name, _target, _help) in enumerate(_COMMANDS):
     app.command(f"mmocap_warp.cli.{_target}", name=_name, help=_help, sort_key=_order)
 
 
+class Terminated(KeyboardInterrupt):
+    """SIGTERM: whatever saves its work on Ctrl-C saves it on this too."""
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code; errors become one line on stderr.
 
@@ -142,7 +138,7 @@ def _run(tokens: list[str]) -> int:
     except CycloptsError as error:
         return _fail(f"{error} (mmocap --help lists what is possible)", USAGE)
     except UsageError as error:
-        return _fail(str(error), USAGE)
+        return _fail(error.flags, USAGE)
     except InputError as error:
         if debug:
             raise
@@ -158,11 +154,11 @@ def _run(tokens: list[str]) -> int:
     except Exception as error:
         if debug or (isinstance(error, OSError) and error.errno in _NO_ROOM):
             raise
-        if cache := kernel_cache_at_fault(error):
+        if cache := _kernel_cache_at_fault(error):
             return _fail(cache, BAD_INPUT)
         return _fail(f"unexpected {type(error).__name__}: {error} (repeat with --debug to see where)", FAILURE)
     finally:
-        claims.release()
+        release_locks()
     return code if isinstance(code, int) else OK
 
 
@@ -196,6 +192,23 @@ def _references_as_asked(tokens: Sequence[str]) -> Iterator[None]:
             os.environ.pop(_REFERENCES, None)
         else:
             os.environ[_REFERENCES] = before
+
+
+def _kernel_cache_at_fault(error: Exception) -> str | None:
+    """What is wrong with the kernel cache and how to move it, if an error came from there; else None.
+
+    Warp raises a plain ``Exception`` for a kernel that cannot be loaded, ``OSError`` where it cannot write, and
+    ``ValueError`` for a damaged description. An error in a kernel's own code is of other types.
+    """
+    places = {(os.path.basename(frame.filename), frame.name) for frame in traceback.extract_tb(error.__traceback__)}
+    of_a_file = isinstance(error, (OSError, ValueError)) or str(error).startswith("Failed to load")
+    if not (places & _LOADING and of_a_file and "warp" in sys.modules):
+        return None
+    import warp as wp
+
+    folder = wp.config.kernel_cache_dir or os.environ.get("WARP_CACHE_PATH", "")
+    remedy = "delete that folder, or name another in the environment's variable WARP_CACHE_PATH"
+    return f"{folder}: the compiled kernels kept there cannot be used ({error}); {remedy}"
 
 
 def _drop_output() -> None:

@@ -8,8 +8,8 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 
-from mmocap_warp.cli.console import Console, Switch
-from mmocap_warp.cli.exit_codes import CHECK_FAILED, OK, UsageError
+from mmocap_warp.cli.console import CHECK_FAILED, OK, Console, Switch
+from mmocap_warp.errors import UsageError
 
 app = App(name="bench", version_flags=[])
 app.command(
@@ -49,8 +49,8 @@ def bench(
     force
         Replace a file that exists.
     """
-    from mmocap_warp.cli.devices import start_warp
-    from mmocap_warp.cli.outputs import new_file
+    from mmocap_warp.commands.outputs import new_file
+    from mmocap_warp.commands.settings import start_warp
 
     console = console or Console()
     if threads is not None and threads < 1:

@@ -29,8 +29,8 @@ def pages(
     """
     from mmocap_warp.bench.pages import write_pages
     from mmocap_warp.bench.report_file import read_report
-    from mmocap_warp.cli.exit_codes import UsageError
-    from mmocap_warp.cli.outputs import new_folder
+    from mmocap_warp.commands.outputs import new_folder
+    from mmocap_warp.errors import UsageError
 
     console = console or Console()
     if not reports:

@@ -8,8 +8,7 @@ from typing import Annotated
 from cyclopts import App, Parameter
 
 from mmocap_warp.cli.console import Console, Switch
-from mmocap_warp.cli.exit_codes import UsageError
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, UsageError
 
 app = App(name="body", help="Make a body, import another program's, learn its limits, or draw it.", version_flags=[])
 app.command(
@@ -60,8 +59,7 @@ def make(
     force
         Replace a file that exists.
     """
-    from mmocap_warp.cli.flag_settings import as_flag
-    from mmocap_warp.cli.outputs import new_file
+    from mmocap_warp.commands.outputs import new_file
     from mmocap_warp.formats.usd.usd_body import write_body
     from mmocap_warp.formats.usd.usd_file import USD_SUFFIXES
     from mmocap_warp.rigging.making import make_body
@@ -74,7 +72,7 @@ def make(
     except InputError:
         raise
     except ValueError as error:
-        raise UsageError(as_flag(error)) from None
+        raise UsageError.of_setting(error) from None
     write_body(output, body)
     values = {
         "body": body.name,

@@ -29,7 +29,7 @@ def export_body(
     force
         Replace a file that exists.
     """
-    from mmocap_warp.cli.outputs import new_file
+    from mmocap_warp.commands.outputs import new_file
     from mmocap_warp.formats.exports.glb import write_body_glb
     from mmocap_warp.formats.usd.usd_body import read_body, read_motions
     from mmocap_warp.rigging.shipped import body_file

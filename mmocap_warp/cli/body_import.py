@@ -71,7 +71,7 @@ def import_body(
     force
         Replace files that exist.
     """
-    from mmocap_warp.cli.outputs import new_file
+    from mmocap_warp.commands.outputs import new_file
     from mmocap_warp.formats.usd.usd_body import write_body
     from mmocap_warp.formats.usd.usd_file import USD_SUFFIXES
     from mmocap_warp.rigging.importing.joints_file import write_joints_file
@@ -106,8 +106,7 @@ def _made(
         InputError: no body can be made of it.
         UsageError: a flag that cannot be.
     """
-    from mmocap_warp.cli.exit_codes import UsageError
-    from mmocap_warp.cli.flag_settings import as_flag
+    from mmocap_warp.errors import UsageError
     from mmocap_warp.rigging.importing.body_axes import body_from_file
     from mmocap_warp.rigging.importing.imported import imported
     from mmocap_warp.rigging.importing.joints_file import read_joints_file
@@ -117,7 +116,7 @@ def _made(
     try:
         body_from_file(up or mesh.up, facing or mesh.facing)
     except ValueError as error:
-        raise UsageError(as_flag(error)) from None
+        raise UsageError.of_setting(error) from None
     if not scale > 0 or triangles < 4 or skin_triangles < triangles:
         raise UsageError(
             "--scale must be positive, --triangles at least 4 and --skin-triangles as many at least, "

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from mmocap_warp.cli.console import Console, Switch
-from mmocap_warp.cli.exit_codes import UsageError
-from mmocap_warp.errors import InputError
+from mmocap_warp.errors import InputError, UsageError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -50,7 +49,7 @@ def learn(
     import numpy as np
 
     from mmocap_warp.body.body_motion import motion_named
-    from mmocap_warp.cli.outputs import new_file
+    from mmocap_warp.commands.outputs import new_file
     from mmocap_warp.formats.usd.usd_body import read_body, read_motions, write_body
     from mmocap_warp.formats.usd.usd_file import USD_SUFFIXES
     from mmocap_warp.rigging.learning import learnt

@@ -33,7 +33,7 @@ def show_body(
     force
         Replace a file that exists.
     """
-    from mmocap_warp.cli.outputs import new_file
+    from mmocap_warp.commands.outputs import new_file
     from mmocap_warp.display.body_picture import draw_body
     from mmocap_warp.formats.usd.usd_body import read_body, read_motions
     from mmocap_warp.rigging.shipped import body_file

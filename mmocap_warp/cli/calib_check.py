@@ -9,9 +9,7 @@ from cyclopts import Parameter
 
 from mmocap_warp.cli.calib_adjusting import AdjustFlags
 from mmocap_warp.cli.calib_units import in_units
-from mmocap_warp.cli.console import Console, Switch, table
-from mmocap_warp.cli.exit_codes import CHECK_FAILED, OK
-from mmocap_warp.cli.identity import Identity, note_others
+from mmocap_warp.cli.console import CHECK_FAILED, OK, Console, Identity, Switch, table
 
 if TYPE_CHECKING:
     from mmocap_warp.calibration.camera_check import CameraCheck, Finding
@@ -44,24 +42,22 @@ def check(
     """
     from mmocap_warp.calibration.adjust.adjustment import AdjustConfig
     from mmocap_warp.calibration.camera_check import check as checked
-    from mmocap_warp.cli.devices import start_warp
-    from mmocap_warp.cli.exit_codes import UsageError
-    from mmocap_warp.cli.flag_settings import as_flag
-    from mmocap_warp.cli.outputs import new_folder
-    from mmocap_warp.cli.progress import Progress
-    from mmocap_warp.cli.result_report import scene_for
+    from mmocap_warp.commands.inputs import note_others, scene_from
+    from mmocap_warp.commands.outputs import new_folder
+    from mmocap_warp.commands.settings import start_warp
+    from mmocap_warp.errors import UsageError
 
     console, flags = console or Console(), flags or AdjustFlags()
-    loaded = scene_for(scene, flags.frames, identity)
+    loaded = scene_from(scene, flags.frames, identity)
     folder = None if output is None else new_folder(output, force=force)
     note_others(loaded, console)
     try:
         config = AdjustConfig(**flags.settings)
     except ValueError as error:
-        raise UsageError(as_flag(error)) from None
+        raise UsageError.of_setting(error) from None
     start = flags.generic_body(loaded)
     start_warp(config.device)
-    with Progress("check", None, quiet=console.quiet) as progress:
+    with console.stage("check", None) as progress:
         found = checked(loaded, start, config, lambda stage, done: progress(round(100 * done), 100))
     names = loaded.calibrated.names
     pictures = [] if folder is None else _pictures(found, folder)

@@ -9,7 +9,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from mmocap_warp.cli.console import Console, Switch
-from mmocap_warp.cli.exit_codes import UsageError
+from mmocap_warp.errors import UsageError
 
 
 def convert(
@@ -42,7 +42,7 @@ def convert(
         Replace files that exist.
     """
     from mmocap_warp.cameras.rig import UP_AXES
-    from mmocap_warp.cli.outputs import new_file
+    from mmocap_warp.commands.outputs import new_file
     from mmocap_warp.formats.calibration.image_size import EVERY_OTHER
     from mmocap_warp.formats.calibration.units import METRES
     from mmocap_warp.formats.table import calibration_export, read_calibration, write_calibration

@@ -10,9 +10,8 @@ from cyclopts import Parameter
 
 from mmocap_warp.cli.calib_adjusting import AdjustFlags
 from mmocap_warp.cli.calib_units import in_units
-from mmocap_warp.cli.console import Console, Switch, table
-from mmocap_warp.cli.exit_codes import CHECK_FAILED, OK, UsageError
-from mmocap_warp.cli.identity import Identity, note_others
+from mmocap_warp.cli.console import CHECK_FAILED, OK, Console, Identity, Switch, table
+from mmocap_warp.errors import UsageError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -75,16 +74,14 @@ def refine(
     from mmocap_warp.calibration.adjust.adjustment import AdjustConfig
     from mmocap_warp.calibration.adjust.camera_changes import Deviations
     from mmocap_warp.calibration.refine.refinement import refine as refined
-    from mmocap_warp.cli.devices import start_warp
-    from mmocap_warp.cli.flag_settings import as_flag
-    from mmocap_warp.cli.outputs import new_file
-    from mmocap_warp.cli.progress import Progress
-    from mmocap_warp.cli.result_report import scene_for
+    from mmocap_warp.commands.inputs import note_others, scene_from
+    from mmocap_warp.commands.outputs import new_file
+    from mmocap_warp.commands.settings import start_warp
     from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 
     console, flags = console or Console(), flags or AdjustFlags()
     new_file(output, ".toml", force=force)
-    loaded = scene_for(scene, flags.frames, identity)
+    loaded = scene_from(scene, flags.frames, identity)
     note_others(loaded, console)
     doubts = {name: value for name, value in asdict(doubt or DoubtFlags()).items() if value is not None}
     try:
@@ -93,10 +90,10 @@ def refine(
         )
         _check_cameras(config, loaded)
     except ValueError as error:
-        raise UsageError(as_flag(error)) from None
+        raise UsageError.of_setting(error) from None
     start = flags.generic_body(loaded)
     start_warp(config.device)
-    with Progress("refine", None, quiet=console.quiet) as progress:
+    with console.stage("refine", None) as progress:
         found = refined(loaded, start, config, lambda stage, done: progress(round(100 * done), 100))
     values = _values(found, loaded) | {"file": output if found.better else None}
     lines = [*_lines(found, loaded)]

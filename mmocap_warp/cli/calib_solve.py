@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from mmocap_warp.cli.console import Console, Switch, table
-from mmocap_warp.cli.exit_codes import CHECK_FAILED, OK, UsageError
-from mmocap_warp.cli.identity import Identity
+from mmocap_warp.cli.console import CHECK_FAILED, OK, Console, Identity, Switch, table
+from mmocap_warp.errors import UsageError
 
 if TYPE_CHECKING:
     from mmocap_warp.calibration.solve.solution import SolvedCameras
@@ -49,8 +48,7 @@ def solve(
     """
     from mmocap_warp.calibration.solve import UnsolvableError
     from mmocap_warp.calibration.solve.solution import solve_cameras
-    from mmocap_warp.cli.flag_settings import as_flag
-    from mmocap_warp.cli.outputs import new_file
+    from mmocap_warp.commands.outputs import new_file
     from mmocap_warp.errors import InputError
     from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
     from mmocap_warp.scene.scene_toml import load_scene
@@ -68,7 +66,7 @@ def solve(
         console.result({"solved": False, "reason": str(error)}, f"check failed: {error}")
         return CHECK_FAILED
     except ValueError as error:
-        raise UsageError(as_flag(error)) from None
+        raise UsageError.of_setting(error) from None
     write_toml_rig(output, found.rig)
     if picture is not None:
         _write_picture(picture, loaded, found)
@@ -114,7 +112,7 @@ def _text(scene: Scene, found: SolvedCameras, height: float, output: Path, pictu
     import numpy as np
 
     from mmocap_warp.cameras.rig import describe_rig
-    from mmocap_warp.cli.next_step import command
+    from mmocap_warp.cli.console import next_step
     from mmocap_warp.formats.toml_table import quoted_path
 
     rows: list[tuple[str, ...]] = [
@@ -166,7 +164,7 @@ def _text(scene: Scene, found: SolvedCameras, height: float, output: Path, pictu
         lines.append(f"{picture}: floor, way and body's axis in {len(found.rig)} views")
     lines.append(
         f"next: set calibration = {named} under [cameras], then "
-        f"{command('calib', 'refine', scene.path, '--height', f'{height:g}', '-o', refined)}"
+        f"{next_step('calib', 'refine', scene.path, '--height', f'{height:g}', '-o', refined)}"
     )
     return "\n".join(lines)
 

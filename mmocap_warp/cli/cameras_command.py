@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from mmocap_warp.cli.console import Console, Switch
-from mmocap_warp.cli.exit_codes import CHECK_FAILED, OK
+from mmocap_warp.cli.console import CHECK_FAILED, OK, Console, Switch
 
 if TYPE_CHECKING:
     from mmocap_warp.scene.recording import Scene
@@ -39,8 +38,8 @@ def cameras(
     import numpy as np
 
     from mmocap_warp.cameras.rig import describe_rig
-    from mmocap_warp.cli.next_step import mask_command, track_command
-    from mmocap_warp.cli.outputs import new_folder
+    from mmocap_warp.cli.console import mask_step, track_step
+    from mmocap_warp.commands.outputs import new_folder
     from mmocap_warp.scene.scene_toml import load_scene
 
     console = console or Console()
@@ -50,7 +49,7 @@ def cameras(
     drawn = [] if output is None else _draw_axes(loaded, new_folder(output, force=force))
     good = mean_height > 0
     have_masks = all(source.masks is not None for source in loaded.cameras)
-    step = track_command(loaded.path) if have_masks else mask_command(loaded.path)
+    step = track_step(loaded.path) if have_masks else mask_step(loaded.path)
     values = {
         "cameras": [
             {

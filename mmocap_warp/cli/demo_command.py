@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from mmocap_warp.cli.console import Console, Switch
-from mmocap_warp.cli.exit_codes import CHECK_FAILED, OK
+from mmocap_warp.cli.console import CHECK_FAILED, OK, Console, Switch, given
 
 if TYPE_CHECKING:
     from mmocap_warp.cli.track_command import Start
@@ -67,7 +66,7 @@ def demo(
     paper
         Track the walk with the paper's best tracker too, from the same fit, and put both beside each other.
     """
-    from mmocap_warp.cli.exit_codes import UsageError
+    from mmocap_warp.errors import UsageError
 
     console = console or Console()
     if example == "walk":
@@ -78,24 +77,24 @@ def demo(
 
 
 def _walk(output: Path, paper: bool, console: Console) -> int:
-    from mmocap_warp.cli.flag_settings import effective
-    from mmocap_warp.cli.outputs import new_folder
     from mmocap_warp.cli.result_report import beside, summary
     from mmocap_warp.cli.track_command import Start, TrackFlags
+    from mmocap_warp.commands.outputs import new_folder
+    from mmocap_warp.commands.settings import effective
     from mmocap_warp.scene.scene_toml import load_scene
     from mmocap_warp.scenes import ROOT
     from mmocap_warp.tracking.track_config import TrackConfig
 
     folder = new_folder(output, force=True)
     scene = load_scene(ROOT / "walk")
-    config = effective(TrackConfig, scene.settings("track"), TrackFlags())
+    config = effective(TrackConfig, scene.settings("track"), given(TrackFlags()))
     report, files = _tracked(scene, config, folder, "walk", Start(force=True), console)
     values, written = {**report, **files}, list(files.items())
     lines = [summary(report)]
     if paper:
         flags = TrackFlags(algorithm=PAPERS)
         same = Start(subject=scene.subject or folder / "walk.subject.usdc", flags=flags, force=True)
-        other = effective(TrackConfig, scene.settings("track"), flags)
+        other = effective(TrackConfig, scene.settings("track"), given(flags))
         papers, its_files = _tracked(scene, other, folder, f"walk-{PAPERS}", same, console)
         values["paper"] = {**papers, **its_files}
         written += its_files.items()
@@ -112,11 +111,10 @@ def _made_example(name: str, output: Path, console: Console) -> int:
     """Make a scene of another body, and track it from its true first pose."""
     import numpy as np
 
-    from mmocap_warp.cli.flag_settings import effective
-    from mmocap_warp.cli.outputs import new_folder
-    from mmocap_warp.cli.progress import Progress
     from mmocap_warp.cli.result_report import summary
     from mmocap_warp.cli.track_command import Start, TrackFlags
+    from mmocap_warp.commands.outputs import new_folder
+    from mmocap_warp.commands.settings import effective
     from mmocap_warp.formats.usd.usd_body import read_body, read_motions
     from mmocap_warp.rigging.shipped import body_file
     from mmocap_warp.scene.scene_toml import load_scene
@@ -127,10 +125,10 @@ def _made_example(name: str, output: Path, console: Console) -> int:
     file = body_file(example.body)
     body = read_body(file)
     recording = recorded(body, read_motions(file)[example.motion], example.cameras)
-    with Progress("synth", quiet=console.quiet) as progress:
+    with console.stage("synth") as progress:
         made = write_recorded(folder / f"{name}-scene", recording, faulty=True, file=file, progress=progress)
     scene = load_scene(made)
-    config = effective(TrackConfig, scene.settings("track"), TrackFlags())
+    config = effective(TrackConfig, scene.settings("track"), given(TrackFlags()))
     report, files = _tracked(scene, config, folder, name, Start(force=True), console)
     size = float(np.ptp(body.skin.rest[np.unique(body.skin.face)], axis=0).max())
     share = report["mpjpe_mm"] / 1000 / size
@@ -148,8 +146,9 @@ def _tracked(
     scene: Scene, config: TrackConfig, folder: Path, name: str, start: Start, console: Console
 ) -> tuple[dict[str, Any], dict[str, Path]]:
     """Track, judge and draw: the report and the files."""
-    from mmocap_warp.cli.result_report import draw_result, truth_of
+    from mmocap_warp.cli.result_report import draw_result
     from mmocap_warp.cli.track_command import track_scene
+    from mmocap_warp.commands.inputs import truth_of
     from mmocap_warp.display.plot import plot_report
     from mmocap_warp.result.evaluation import evaluate
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mmocap_warp.cli.console import Console
-from mmocap_warp.cli.exit_codes import CHECK_FAILED, OK
+from mmocap_warp.cli.console import CHECK_FAILED, OK, Console
 
 
 def evaluate(
@@ -36,21 +35,10 @@ def evaluate(
         Which of the result's frames: first:end or first:end:stride by the recording's numbers, or a count. All by
         default.
     """
-    from mmocap_warp.cli.devices import start_warp
-    from mmocap_warp.cli.result_report import other_world_line, positions_of, report_of, scene_of, summary, truth_of
-    from mmocap_warp.formats.truth_file import load_truth
-    from mmocap_warp.formats.usd.usd_result import read_result
+    from mmocap_warp.cli.result_report import summary
+    from mmocap_warp.commands.evaluate import evaluate
 
     console = console or Console()
-    tracked = read_result(result)
-    positions = positions_of(tracked, frames)
-    of_scene = scene_of(tracked, result, scene) if truth is None else None
-    known = load_truth(truth, truth_axes) if truth else truth_of(of_scene)
-    start_warp()
-    file, axes = (truth, truth_axes) if of_scene is None else (of_scene.truth, of_scene.truth_axes)
-    report = report_of(tracked.at(positions), known, file)
+    report = evaluate(result, truth, truth_axes=truth_axes, scene=scene, frames=frames, reporter=console)
     console.result(report, summary(report))
-    if report.get("other_world") is None:
-        return OK
-    console.warn(f"check failed: {other_world_line(report, file, axes, 'truth' if truth else 'scene')}")
-    return CHECK_FAILED
+    return OK if report.get("other_world") is None else CHECK_FAILED

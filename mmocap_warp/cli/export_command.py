@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 
 from mmocap_warp.cli.console import Console, Switch
-from mmocap_warp.cli.exit_codes import UsageError
+from mmocap_warp.errors import UsageError
 from mmocap_warp.formats.table import EXPORT_SUFFIXES, POINT_CACHES, export_format, export_point_cache
 from mmocap_warp.formats.table import export as write_export
 
@@ -61,8 +61,8 @@ def export(
     force
         Replace files that exist.
     """
-    from mmocap_warp.cli.devices import start_warp
-    from mmocap_warp.cli.outputs import new_file
+    from mmocap_warp.commands.outputs import new_file
+    from mmocap_warp.commands.settings import start_warp
     from mmocap_warp.formats.usd.usd_result import read_result
     from mmocap_warp.result.excerpt import of_run
 
@@ -126,8 +126,7 @@ def _chosen(
     Raises:
         UsageError: it has no such track, frames or rate, or is not for the rig.
     """
-    from mmocap_warp.cli.flag_settings import as_flag
-    from mmocap_warp.cli.result_report import positions_of
+    from mmocap_warp.commands.inputs import positions_of
     from mmocap_warp.formats.exports.rigs import rigged
     from mmocap_warp.result.excerpt import at_rate, before_smoothing
     from mmocap_warp.result.turning import stood_up
@@ -140,5 +139,5 @@ def _chosen(
         result = result if fps is None else at_rate(result, fps)
         result = result if rig is None else rigged(result, rig)
     except ValueError as error:
-        raise UsageError(as_flag(error)) from None
+        raise UsageError.of_setting(error) from None
     return result if up is None else stood_up(result, f"+{up}")

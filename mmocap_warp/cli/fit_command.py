@@ -9,8 +9,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from mmocap_warp.cli.console import Console, Switch
-from mmocap_warp.cli.identity import Identity, note_others
+from mmocap_warp.cli.console import Console, Identity, Switch, given
 
 
 @Parameter(name="*")
@@ -66,11 +65,10 @@ def fit(
     force
         Replace a file that exists.
     """
-    from mmocap_warp.cli.devices import start_warp
-    from mmocap_warp.cli.flag_settings import describe, effective
-    from mmocap_warp.cli.outputs import new_file
-    from mmocap_warp.cli.result_report import scene_for
     from mmocap_warp.cli.subjects import fit_subject
+    from mmocap_warp.commands.inputs import note_others, scene_from
+    from mmocap_warp.commands.outputs import new_file
+    from mmocap_warp.commands.settings import describe, effective, start_warp
     from mmocap_warp.fitting.subject_fit import FitConfig
     from mmocap_warp.formats.usd.usd_file import USD_SUFFIXES
     from mmocap_warp.rigging.shipped import DEFAULT_BODY, body_file, load_body
@@ -78,14 +76,14 @@ def fit(
 
     console, flags = console or Console(), flags or FitFlags()
     new_file(output, *USD_SUFFIXES, force=force)
-    loaded = scene_for(scene, frames, identity)
+    loaded = scene_from(scene, frames, identity)
     note_others(loaded, console)
-    config = effective(FitConfig, loaded.settings("fit"), flags)
+    config = effective(FitConfig, loaded.settings("fit"), given(flags))
     named = body or loaded.body or DEFAULT_BODY, "--body" if body else loaded.path
     start = load_body(*named)
     poses = start_poses(body_file(*named), start_pose) if start_pose else None
     start_warp(config.device)
-    console.note(f"fit: {describe(config, loaded.fit, flags)}")
+    console.note(f"fit: {describe(config, loaded.fit, given(flags))}")
     subject = fit_subject(loaded, start, config, output, console, poses)
     values = {"file": output, "body": start.name, "height_m": subject.provenance["body.height"], **subject.provenance}
     console.result(values, f"{output}: {start.name}, {_measures(subject.provenance)}")

@@ -48,7 +48,7 @@ def humaneva(
     """
     import numpy as np
 
-    from mmocap_warp.cli.outputs import new_folder
+    from mmocap_warp.commands.outputs import new_folder
     from mmocap_warp.formats.humaneva.scene_folder import write_scene
     from mmocap_warp.formats.humaneva.sequence import FIRST_FRAME, read_sequence
 

@@ -18,8 +18,8 @@ def init(folder: Path, /, *, force: Switch = False, console: Console | None = No
     force
         Replace a scene.toml that exists.
     """
-    from mmocap_warp.cli.next_step import command
-    from mmocap_warp.cli.outputs import new_file
+    from mmocap_warp.cli.console import next_step
+    from mmocap_warp.commands.outputs import new_file
     from mmocap_warp.errors import InputError
     from mmocap_warp.scene.drafting import draft_scene
     from mmocap_warp.scene.scene_toml import load_scene
@@ -36,7 +36,7 @@ def init(folder: Path, /, *, force: Switch = False, console: Console | None = No
             load_scene(scene, masks=False)
         except InputError as error:
             draft.missing.append(str(error))
-    step = command("cameras", scene, "-o", folder / "axes")
+    step = next_step("cameras", scene, "-o", folder / "axes")
     kind = f"a {draft.project} project, " if draft.project else ""
     lines = [f"{scene}: {kind}{len(draft.cameras)} cameras ({', '.join(draft.cameras)})"]
     lines += [f"found: {line}" for line in draft.found] + [f"missing: {line}" for line in draft.missing]

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from mmocap_warp.cli.console import Console, Switch
-from mmocap_warp.cli.exit_codes import CHECK_FAILED, OK, UsageError
-from mmocap_warp.cli.identity import Identity, note_others
+from mmocap_warp.cli.console import CHECK_FAILED, OK, Console, Identity, Switch
+from mmocap_warp.errors import UsageError
 
 if TYPE_CHECKING:
     from mmocap_warp.masks.mask_check import MaskReport
@@ -46,30 +45,29 @@ def mask(
     force
         Write into a folder that holds files.
     """
-    from mmocap_warp.cli.next_step import command
-    from mmocap_warp.cli.outputs import new_folder
-    from mmocap_warp.cli.progress import Progress
+    from mmocap_warp.cli.console import next_step
     from mmocap_warp.cli.refine_masks import masks_around_body
-    from mmocap_warp.cli.result_report import scene_for
+    from mmocap_warp.commands.inputs import note_others, scene_from
+    from mmocap_warp.commands.outputs import new_folder
     from mmocap_warp.masks.mask_check import MaskJudge
     from mmocap_warp.scene.mask_writing import write_masks
 
     console = console or Console()
     if not 0 < scale <= 1:
         raise UsageError(f"--scale must be in (0, 1], got {scale:g}")
-    loaded = scene_for(scene, frames, identity)
+    loaded = scene_from(scene, frames, identity)
     note_others(loaded, console)
     refine = None if from_body is None else masks_around_body(loaded, from_body, scale)
     folder = new_folder(output, force=force)
     judge = MaskJudge(loaded.rig(scale), loaded.frame_count, _body_volume(loaded))
-    with Progress("mask", quiet=console.quiet) as progress:
+    with console.stage("mask") as progress:
         total = loaded.frame_count
         written = write_masks(
             loaded, folder, scale, progress=lambda done: progress(done, total), look=judge.add, refine=refine
         )
     report = judge.report()
     failed = bool(report.faults)
-    step = command("track", written, "-o", loaded.directory / "result.usdc")
+    step = next_step("track", written, "-o", loaded.directory / "result.usdc")
     values = {
         "scene": written,
         "overlay": folder / "overlay.webm",

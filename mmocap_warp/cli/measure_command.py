@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 
 from mmocap_warp.cli.console import Console, Switch, table
-from mmocap_warp.cli.exit_codes import UsageError
+from mmocap_warp.errors import UsageError
 
 if TYPE_CHECKING:
     from mmocap_warp.biomechanics.measure_all import Measures
@@ -50,10 +50,9 @@ def measure(
     """
     from mmocap_warp.biomechanics.measure_all import measure
     from mmocap_warp.biomechanics.measure_report import report
-    from mmocap_warp.cli.devices import start_warp
-    from mmocap_warp.cli.flag_settings import as_flag
-    from mmocap_warp.cli.outputs import new_folder
-    from mmocap_warp.cli.result_report import positions_of
+    from mmocap_warp.commands.inputs import positions_of
+    from mmocap_warp.commands.outputs import new_folder
+    from mmocap_warp.commands.settings import start_warp
     from mmocap_warp.formats.usd.usd_result import read_result
 
     console = console or Console()
@@ -66,7 +65,7 @@ def measure(
     try:
         measures = measure(tracked, run, raw, sex)
     except ValueError as error:
-        raise UsageError(as_flag(error)) from None
+        raise UsageError.of_setting(error) from None
     values = report(measures)
     if folder is not None:
         values["files"] = [str(file) for file in _write(folder, measures)]

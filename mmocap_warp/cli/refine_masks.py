@@ -24,7 +24,7 @@ def masks_around_body(scene: Scene, path: Path, scale: float) -> Refine:
         InputError: a file that is no result, a result of another recording or of a part of it, or a camera without
             video.
     """
-    from mmocap_warp.cli.devices import start_warp
+    from mmocap_warp.commands.settings import start_warp
     from mmocap_warp.display.result_video import check_same_recording
     from mmocap_warp.formats.usd.usd_result import holds_result, read_result
 

@@ -8,7 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from mmocap_warp.cli.console import Console, Switch
-from mmocap_warp.cli.exit_codes import UsageError
+from mmocap_warp.errors import UsageError
 
 
 def show(
@@ -40,9 +40,10 @@ def show(
     force
         Replace files that exist.
     """
-    from mmocap_warp.cli.devices import start_warp
-    from mmocap_warp.cli.outputs import new_file
-    from mmocap_warp.cli.result_report import draw_result, draw_subject, positions_of, recorded_scene, scene_of
+    from mmocap_warp.cli.result_report import draw_result, draw_subject
+    from mmocap_warp.commands.inputs import positions_of, recorded_scene, scene_of
+    from mmocap_warp.commands.outputs import new_file
+    from mmocap_warp.commands.settings import start_warp
     from mmocap_warp.formats.usd.usd_body import read_subject
     from mmocap_warp.formats.usd.usd_result import holds_result, read_result
 

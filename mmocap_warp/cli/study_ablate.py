@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from mmocap_warp.cli.console import Console
-from mmocap_warp.cli.exit_codes import UsageError
+from mmocap_warp.errors import UsageError
 
 if TYPE_CHECKING:
     from mmocap_warp.study.source import Clip
@@ -98,8 +98,8 @@ def ablate(
     threads
         CPU threads. All by default.
     """
-    from mmocap_warp.cli.devices import start_warp
-    from mmocap_warp.cli.output_locks import claim
+    from mmocap_warp.commands.outputs import lock
+    from mmocap_warp.commands.settings import start_warp
     from mmocap_warp.study.ablation import STARTS, AblationCell, run_ablation, track_with_seed
     from mmocap_warp.study.degradations import NONE, parse
     from mmocap_warp.study.store import open_folder
@@ -136,7 +136,7 @@ def ablate(
         console.note(f"{len(done)} of {len(cells)}: {cell}: " + ", ".join(_shown(measures)))
 
     done: list[AblationCell] = []
-    claim(open_folder(folder))
+    lock(open_folder(folder))
     try:
         rows = run_ablation(folder, cells, told, track_with_seed)
     except ValueError as error:  # such as more views than a clip has, or no such model of its body

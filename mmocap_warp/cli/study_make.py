@@ -8,7 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from mmocap_warp.cli.console import Console, Switch
-from mmocap_warp.cli.exit_codes import UsageError
+from mmocap_warp.errors import UsageError
 
 
 def make(
@@ -50,8 +50,7 @@ def make(
     force
         Write among files that are there.
     """
-    from mmocap_warp.cli.outputs import new_folder
-    from mmocap_warp.cli.progress import Progress
+    from mmocap_warp.commands.outputs import new_folder
     from mmocap_warp.study.degradations import parse
     from mmocap_warp.study.further_clips import CLIPS
     from mmocap_warp.study.sequence_scene import write_sequence
@@ -77,7 +76,7 @@ def make(
     for name in sequence or tuple(SEQUENCES):
         made = CLIPS[name] if clip is None else clip_sequence(name, clip, skeleton, markers)
         made = made.first(min(frames or made.frame_count, made.frame_count))
-        with Progress(f"make {name}", quiet=console.quiet) as progress:
+        with console.stage(f"make {name}") as progress:
             try:
                 written[name] = write_sequence(folder / name, made, progress, degradation=degrade, seed=seed)
             except ValueError as error:

@@ -49,8 +49,8 @@ def report(
     force
         Replace files that exist.
     """
-    from mmocap_warp.cli.devices import start_warp
-    from mmocap_warp.cli.outputs import new_file
+    from mmocap_warp.commands.outputs import new_file
+    from mmocap_warp.commands.settings import start_warp
     from mmocap_warp.errors import InputError
     from mmocap_warp.study.baselines import baselines
     from mmocap_warp.study.definition import load_study

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from mmocap_warp.cli.console import Console, table
-from mmocap_warp.cli.exit_codes import FAILURE, OK, UsageError
-from mmocap_warp.cli.flag_settings import as_flag
+from mmocap_warp.cli.console import FAILURE, OK, Console, table
+from mmocap_warp.errors import UsageError
 
 if TYPE_CHECKING:
     from mmocap_warp.study.engines.engine import Engine
@@ -74,9 +73,9 @@ def run(
         What is kept of them: all, or typical, those of the run in the middle, which a report draws. Numbers are kept of
         all runs.
     """
-    from mmocap_warp.cli.devices import start_warp
-    from mmocap_warp.cli.output_locks import claim
     from mmocap_warp.cli.study_progress import StudyProgress
+    from mmocap_warp.commands.outputs import lock
+    from mmocap_warp.commands.settings import start_warp
     from mmocap_warp.study.definition import load_study
     from mmocap_warp.study.run import run_study
     from mmocap_warp.study.store import open_folder
@@ -99,7 +98,7 @@ def run(
     folder = output or Path(loaded.name)
     tasks = plan_tasks(loaded, folder, kind)  # a study that is wrong leaves no folder
     open_folder(folder)
-    claim(folder)
+    lock(folder)
     with _ray_messages(console), StudyProgress(loaded.name, quiet=console.quiet) as progress:
         keep = {"keep": with_typical_pose} if poses == "typical" else {}
         seconds = None if minutes is None else 60.0 * minutes
@@ -124,7 +123,7 @@ def _local(device: str, threads: int | None) -> tuple[str, Callable[[], Engine]]
     try:
         devices = local_devices(device)
     except ValueError as error:
-        raise UsageError(as_flag(error)) from None
+        raise UsageError.of_setting(error) from None
     return device_kind(devices[0]), lambda: LocalEngine(devices, threads)
 
 
@@ -136,7 +135,7 @@ def _ray(address: str, workers: int | None, gpus: float) -> tuple[str, Callable[
     try:
         shares = share_cluster(workers, gpus)
     except ValueError as error:
-        raise UsageError(as_flag(error)) from None
+        raise UsageError.of_setting(error) from None
     return shares.device_kind, lambda: RayEngine(head, shares)
 
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mmocap_warp.cli.console import Console
-from mmocap_warp.cli.exit_codes import CHECK_FAILED, OK
+from mmocap_warp.cli.console import CHECK_FAILED, OK, Console
 
 
 def show(folder: Path, /, *, console: Console | None = None) -> int:

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mmocap_warp.cli.console import Console
-from mmocap_warp.cli.progress import Progress
 
 if TYPE_CHECKING:
     import numpy as np
@@ -34,7 +33,7 @@ def fit_subject(
     """
     import numpy as np
 
-    from mmocap_warp.cli.result_report import scene_reference
+    from mmocap_warp.commands.inputs import scene_reference
     from mmocap_warp.fitting.subject_fit import fit
     from mmocap_warp.formats.usd.usd_body import write_subject
     from mmocap_warp.rigging.attaching import carrying
@@ -45,7 +44,7 @@ def fit_subject(
     poses = start_poses
     if poses is not None:  # what is attached begins as it is carried; its joints come last
         poses = np.pad(poses, ((0, 0), (0, carried.body.skeleton.coordinates - poses.shape[1])))
-    with Progress("fit", None, quiet=console.quiet) as progress:
+    with console.stage("fit", None) as progress:
         subject = fit(scene, carried.body, config, lambda stage, done, cost: progress(round(100 * done), 100), poses)
     if subject.provenance["fit.decided"] == "no":
         name = str(subject.provenance["fit.alternative"])

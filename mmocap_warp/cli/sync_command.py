@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mmocap_warp.cli.console import Console, Switch, table
-from mmocap_warp.cli.exit_codes import CHECK_FAILED, OK, UsageError
+from mmocap_warp.cli.console import CHECK_FAILED, OK, Console, Switch, table
+from mmocap_warp.errors import UsageError
 
 if TYPE_CHECKING:
     from mmocap_warp.calibration.sync.synchronise import Synchronisation, ViewOffset
@@ -37,22 +37,20 @@ def sync(
         Put the offsets into the scene file, and leave everything else in it as it is.
     """
     from mmocap_warp.calibration.sync.synchronise import synchronise
-    from mmocap_warp.cli.flag_settings import as_flag
-    from mmocap_warp.cli.next_step import command
-    from mmocap_warp.cli.progress import Progress
-    from mmocap_warp.cli.result_report import scene_for
+    from mmocap_warp.cli.console import next_step
+    from mmocap_warp.commands.inputs import scene_from
     from mmocap_warp.errors import InputError
     from mmocap_warp.scene.offset_writing import write_timing
 
     console = console or Console()
-    loaded = scene_for(scene, frames, calibrated=False)
+    loaded = scene_from(scene, frames, calibrated=False)
     try:
-        with Progress("sync", quiet=console.quiet) as progress:
+        with console.stage("sync") as progress:
             found = synchronise(loaded, progress, within)
     except InputError:
         raise
     except ValueError as error:
-        raise UsageError(as_flag(error)) from None
+        raise UsageError.of_setting(error) from None
     timing = {
         source.name: _timing(found.views[source.name], found, found.fps * source.rate) for source in loaded.cameras
     }
@@ -60,7 +58,7 @@ def sync(
     faults = [_doubt(name, found.views[name], timing[name]) for name in doubted]
     if write and found.sure:
         write_timing(loaded.path, timing)
-    step = command("cameras", loaded.path) if loaded.calibration and loaded.calibrated.placed else None
+    step = next_step("cameras", loaded.path) if loaded.calibration and loaded.calibrated.placed else None
     values = {
         "scene": loaded.path,
         "fps": found.fps,

@@ -47,11 +47,9 @@ def synth(
         Write into a folder that holds files.
     """
     from mmocap_warp.body.body_motion import motion_named
-    from mmocap_warp.cli.exit_codes import UsageError
-    from mmocap_warp.cli.next_step import track_command
-    from mmocap_warp.cli.outputs import new_folder
-    from mmocap_warp.cli.progress import Progress
-    from mmocap_warp.errors import InputError
+    from mmocap_warp.cli.console import track_step
+    from mmocap_warp.commands.outputs import new_folder
+    from mmocap_warp.errors import InputError, UsageError
     from mmocap_warp.formats.usd.usd_body import read_body, read_motions
     from mmocap_warp.rigging.shipped import body_file
     from mmocap_warp.synthesis.any_body import recorded, write_recorded
@@ -67,9 +65,9 @@ def synth(
         raise UsageError(f"--cameras and --size must be at least 1, got {cameras} and {size[0]} {size[1]}")
     folder = new_folder(output, force=force)
     recording = recorded(read, chosen, cameras, size=size, faulty=not perfect, seed=seed)
-    with Progress("synth", quiet=console.quiet) as progress:
+    with console.stage("synth") as progress:
         scene = write_recorded(folder, recording, not perfect, file=file, progress=progress)
-    step = track_command(scene)
+    step = track_step(scene)
     values = {"scene": scene, "body": read.name, "motion": name, "frames": len(recording), "cameras": cameras}
     text = f"{scene}: {len(recording)} frames of {name} at {recording.fps:g} a second, {cameras} cameras"
     console.result({**values, "next": step}, f"{text}\nnext: {step}")

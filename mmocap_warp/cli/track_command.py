@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from mmocap_warp.cli.console import Console, Switch
-from mmocap_warp.cli.exit_codes import UsageError
-from mmocap_warp.cli.identity import Identity, note_others
-from mmocap_warp.errors import InputError
+from mmocap_warp.cli.console import Console, Identity, Switch, given
+from mmocap_warp.errors import InputError, UsageError
 
 if TYPE_CHECKING:
     from mmocap_warp.body.model import BodyModel, Subject
@@ -99,10 +98,12 @@ def track(
     force
         Replace a result that exists.
     """
-    from mmocap_warp.cli.flag_settings import effective
-    from mmocap_warp.cli.next_step import command
-    from mmocap_warp.cli.outputs import new_file
-    from mmocap_warp.cli.result_report import other_world_line, report_of, scene_for, summary, truth_of
+    from mmocap_warp.cli.console import next_step
+    from mmocap_warp.cli.result_report import summary
+    from mmocap_warp.commands.evaluate import other_world_line, report_of
+    from mmocap_warp.commands.inputs import note_others, scene_from, truth_of
+    from mmocap_warp.commands.outputs import new_file
+    from mmocap_warp.commands.settings import effective
     from mmocap_warp.formats.usd.usd_file import USD_SUFFIXES
     from mmocap_warp.tracking.track_config import TrackConfig
 
@@ -110,9 +111,9 @@ def track(
     if resume and force:
         raise UsageError("--resume continues what --force would replace; give one of them")
     new_file(output, *USD_SUFFIXES, force=force or resume)
-    loaded = scene_for(scene, frames, identity)
+    loaded = scene_from(scene, frames, identity)
     note_others(loaded, console)
-    config = effective(TrackConfig, loaded.settings("track"), flags)
+    config = effective(TrackConfig, loaded.settings("track"), given(flags))
     truth = truth_of(loaded)
     start = Start(subject, body, rigid, flags, resume, force)
     tracked = track_scene(loaded, config, output, start, console)
@@ -122,7 +123,7 @@ def track(
         console.warn(f"{output} is written, but cannot be compared with the scene's truth:")
         raise
     del report["series"]
-    step = command("show", output)
+    step = next_step("show", output)
     values = {"result": output, **report, "config": tracked.config, "next": step}
     console.result(values, f"{output}\n{summary(report)}\nnext: {step}")
     if report.get("other_world") is not None:
@@ -157,10 +158,8 @@ def track_scene(scene: Scene, config: TrackConfig, output: Path, start: Start, c
         InputError: anything wrong with the scene's images, the subject or the body; an interrupted run lies there and
             ``start`` does not say what to do with it.
     """
-    from mmocap_warp.cli.devices import start_warp
-    from mmocap_warp.cli.flag_settings import describe
-    from mmocap_warp.cli.progress import Progress
-    from mmocap_warp.cli.result_report import scene_reference
+    from mmocap_warp.commands.inputs import scene_reference
+    from mmocap_warp.commands.settings import describe, start_warp
     from mmocap_warp.formats.usd.usd_result import read_result, write_result
     from mmocap_warp.result.result import FrameAnswer
     from mmocap_warp.rigging.attaching import subject_carrying
@@ -180,18 +179,21 @@ def track_scene(scene: Scene, config: TrackConfig, output: Path, start: Start, c
         console.note(f"attach: {note}")
     _check_model(subject.body, scene, config, start.flags)
     config = replace(config, dof=subject.body.skeleton.model_number(config.dof))
-    console.note(f"track: {describe(config, scene.track, start.flags)}")
+    console.note(f"track: {describe(config, scene.track, given(start.flags))}")
     total, evaluations = scene.frame_count, 0
+    progress: Any = None
 
     def report(frame: int, answer: FrameAnswer) -> None:
-        nonlocal evaluations
+        nonlocal evaluations, progress
         evaluations += answer.evaluations * config.runs
         progress(frame + 1, total, evaluations)
 
         if config.acceleration and frame + 1 == total:
-            progress.next("smooth")
+            stages.close()
+            progress = stages.enter_context(console.stage("smooth"))
 
-    with Progress("track", quiet=console.quiet) as progress:
+    with ExitStack() as stages:
+        progress = stages.enter_context(console.stage("track"))
         tracked = track_frames(
             scene,
             subject,
@@ -236,17 +238,17 @@ def _named_subject(scene: Scene, output: Path, start: Start) -> Subject | None:
 def _fitted_subject(scene: Scene, config: TrackConfig, output: Path, start: Start, console: Console) -> Subject:
     """A subject fitted to the scene and kept beside the result."""
     from mmocap_warp.cli.fit_command import FitFlags
-    from mmocap_warp.cli.flag_settings import describe, effective
     from mmocap_warp.cli.subjects import fit_subject
+    from mmocap_warp.commands.settings import describe, effective
     from mmocap_warp.fitting.subject_fit import FitConfig
     from mmocap_warp.formats.usd.usd_body import read_subject
     from mmocap_warp.rigging.shipped import DEFAULT_BODY, load_body
 
     flags = FitFlags(rigid=start.rigid, device=config.device, threads=config.threads)
-    fit = effective(FitConfig, scene.settings("fit"), flags)
+    fit = effective(FitConfig, scene.settings("fit"), given(flags))
     body = load_body(start.body or scene.body or DEFAULT_BODY, "--body" if start.body else scene.path)
     _check_model(body, scene, config, start.flags)
-    given = FitFlags(rigid=start.rigid, device=start.flags.device, threads=start.flags.threads)
-    console.note(f"fit: {describe(fit, scene.fit, given)}")
+    told = FitFlags(rigid=start.rigid, device=start.flags.device, threads=start.flags.threads)
+    console.note(f"fit: {describe(fit, scene.fit, given(told))}")
     fit_subject(scene, body, fit, _kept_subject(output), console)
     return read_subject(_kept_subject(output))  # as --resume will find it, to the last bit

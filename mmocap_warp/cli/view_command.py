@@ -38,10 +38,9 @@ def view(
     force
         Replace a file that exists.
     """
-    from mmocap_warp.cli.devices import start_warp
-    from mmocap_warp.cli.outputs import new_file
-    from mmocap_warp.cli.progress import Progress
-    from mmocap_warp.cli.result_report import scene_of, truth_of
+    from mmocap_warp.commands.inputs import scene_of, truth_of
+    from mmocap_warp.commands.outputs import new_file
+    from mmocap_warp.commands.settings import start_warp
     from mmocap_warp.display.page.rerun_file import write_rerun
     from mmocap_warp.display.page.viewer import view
     from mmocap_warp.formats.usd.usd_result import read_result
@@ -57,7 +56,7 @@ def view(
     if rerun is not None:
         write_rerun(rerun, tracked, recorded, truth)
     frames = len(tracked.frame_numbers)
-    with Progress("view", quiet=console.quiet) as progress:
+    with console.stage("view") as progress:
         name = recorded.name if recorded is not None else result.stem
         shown = view(tracked, recorded, truth=truth, images=images, name=name, progress=progress)
     shown.write(page)

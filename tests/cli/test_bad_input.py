@@ -17,7 +17,7 @@ from calibration_files import write_easymocap
 from synthetic import ring_rig, synthetic_body, synthetic_result, synthetic_subject
 
 from mmocap_warp import cli
-from mmocap_warp.cli.exit_codes import BAD_INPUT, OK
+from mmocap_warp.cli.console import BAD_INPUT, OK
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.usd.usd_body import write_body, write_subject
 from mmocap_warp.formats.usd.usd_result import write_result

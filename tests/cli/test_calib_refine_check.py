@@ -18,7 +18,7 @@ from mmocap_warp.calibration.refine import refinement as refining
 from mmocap_warp.calibration.refine.held_out import Overlaps
 from mmocap_warp.calibration.refine.refinement import Refinement
 from mmocap_warp.cli import main
-from mmocap_warp.cli.exit_codes import BAD_INPUT, CHECK_FAILED, OK, USAGE
+from mmocap_warp.cli.console import BAD_INPUT, CHECK_FAILED, OK, USAGE
 from mmocap_warp.formats.table import read_calibration
 
 CAMERAS = len(RIG)

@@ -12,15 +12,15 @@ from pathlib import Path
 
 import pytest
 
-from mmocap_warp.cli import output_locks as claims
-from mmocap_warp.cli.outputs import new_file, new_folder
+from mmocap_warp.commands import outputs
+from mmocap_warp.commands.outputs import new_file, new_folder
 from mmocap_warp.errors import InputError
 
 OTHER = """
 import sys
 from pathlib import Path
-from mmocap_warp.cli.output_locks import claim
-claim(Path(sys.argv[1]))
+from mmocap_warp.commands.outputs import lock
+lock(Path(sys.argv[1]))
 print("claimed", flush=True)
 sys.stdin.read()
 """
@@ -30,7 +30,7 @@ sys.stdin.read()
 def released() -> Iterator[None]:
     """A test's claims end with it."""
     yield
-    claims.release()
+    outputs.release_locks()
 
 
 @contextmanager
@@ -70,7 +70,7 @@ def test_what_a_killed_process_claimed_can_be_claimed(tmp_path):
         other.send_signal(signal.SIGKILL)
         other.wait()
     new_file(tmp_path / "r.usdc", ".usdc")
-    claims.release()
+    outputs.release_locks()
     assert os.listdir(tmp_path) == []
 
 
@@ -79,7 +79,7 @@ def test_a_folder_whose_writer_was_killed_is_still_empty(tmp_path):
     with claimed_elsewhere(tmp_path / "out") as other:
         other.send_signal(signal.SIGKILL)
         other.wait()
-    assert os.listdir(tmp_path / "out") == [claims.FOLDER_CLAIM]
+    assert os.listdir(tmp_path / "out") == [outputs.FOLDER_LOCK]
     new_folder(tmp_path / "out")
 
 
@@ -87,7 +87,7 @@ def test_what_is_released_is_free_and_gone(tmp_path):
     for _ in range(2):
         new_file(tmp_path / "r.usdc", ".usdc")
         new_file(tmp_path / "r.usdc", ".usdc")  # a command may ask twice
-        claims.release()
+        outputs.release_locks()
         assert os.listdir(tmp_path) == []
     with claimed_elsewhere(tmp_path / "r.usdc"):
         pass
@@ -95,14 +95,14 @@ def test_what_is_released_is_free_and_gone(tmp_path):
 
 def test_a_lock_that_was_removed_while_it_was_opened_is_none(tmp_path, monkeypatch):
     """Whoever had it removes it between our opening and our locking: a third process would make another."""
-    lock, locked, removed = tmp_path / ".r.usdc.lock", claims._locked, []
+    lock, locked, removed = tmp_path / ".r.usdc.lock", outputs._lock_opened, []
 
     def removing(file: int) -> bool:
         if not removed:
             removed.append(lock.unlink())
         return locked(file)
 
-    monkeypatch.setattr(claims, "_locked", removing)
+    monkeypatch.setattr(outputs, "_lock_opened", removing)
     new_file(tmp_path / "r.usdc", ".usdc")
     with pytest.raises(AssertionError), claimed_elsewhere(tmp_path / "r.usdc"):
         pytest.fail("the other one got it too")

@@ -15,7 +15,7 @@ import pytest
 from mmocap_warp import cli
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.rig import project
-from mmocap_warp.cli.exit_codes import OK
+from mmocap_warp.cli.console import OK
 from mmocap_warp.formats.humaneva.background import nearest_background
 from mmocap_warp.formats.humaneva.markers import MARKERS
 from mmocap_warp.formats.humaneva.sequence import CAMERAS, FIRST_FRAME, SEQUENCES, HumanEvaSequence, read_sequence

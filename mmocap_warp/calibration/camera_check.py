@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import combinations
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -93,6 +94,7 @@ class CameraCheck:
         findings: what is wrong, the worst first.
         scale: of the images whose pixels the changes count.
         views: of the cameras with small errors.
+        pictures: the files into which these views were drawn.
     """
 
     names: tuple[str, ...]
@@ -101,6 +103,7 @@ class CameraCheck:
     findings: tuple[Finding, ...]
     scale: float
     views: tuple[BodyInView, ...] = ()
+    pictures: tuple[Path, ...] = ()
 
     def __repr__(self) -> str:
         wrong = ", ".join(f"{finding.camera} ({finding.cause})" for finding in self.findings)

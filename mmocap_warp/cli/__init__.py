@@ -71,7 +71,7 @@ _BENCH = (
     "From the pose of a body to its cost, in seven cameras of 640x480: each kernel, the whole evaluation, the "
     "optimizers, and frames. Exits with 4 if an answer is wrong."
 )
-_CHECK = (
+_VALIDATE = (
     "Say what is wrong with a USD file.\n\n"
     "By OpenUSD's validators, and what they miss in bodies that move: weights, lengths, joints, scales, numbers that "
     "are none, files that are needed and lie elsewhere. Exits with 4 where anything is."
@@ -79,24 +79,24 @@ _CHECK = (
 _MEASURE = "Print a result's joint angles, heel strikes, steps, centre of mass and bone lengths."
 _COMMANDS = (  # a command's help is here and not in its docstring, so that the list of commands loads none of them
     ("demo", "demo_command:demo", _DEMO),
-    ("init", "init_command:init", _INIT),
+    ("init", "scene_commands:init", _INIT),
     ("track", "track_command:track", "Track a scene: from videos or masks to an animated USD body."),
     ("fit", "fit_command:fit", "Find the body, its place and its first pose in a scene."),
     ("mask", "mask_command:mask", _MASK),
-    ("cameras", "cameras_command:cameras", _CAMERAS),
+    ("cameras", "scene_commands:cameras", _CAMERAS),
     ("calib", "calib:app", "Calibrations: convert, check, refine or find them."),
-    ("sync", "sync_command:sync", _SYNC),
+    ("sync", "scene_commands:sync", _SYNC),
     ("eval", "evaluate_command:evaluate", "Print a result's IoU, and its errors where the truth is known."),
     ("show", "show_command:show", "Write a result's overlay video and contact sheet."),
     ("view", "view_command:view", "Write a result as one page for a browser: body, cameras, masks and curves."),
     ("export", "export_command:export", "Write a result's animation alone, for other programs."),
-    ("check", "check_command:check", _CHECK),
+    ("validate", "scene_commands:validate", _VALIDATE),
     ("measure", "measure_command:measure", _MEASURE),
     ("body", "body_command:app", "Bodies: import, draw, export or make one, or learn its limits."),
-    ("synth", "synth_command:synth", "Write a made-up scene of a body in motion, with its truth."),
+    ("synth", "scene_commands:synth", "Write a made-up scene of a body in motion, with its truth."),
     ("study", "study_command:app", "Compare trackers: run a grid of them, and report on it."),
     ("bench", "bench_command:app", _BENCH),
-    ("humaneva", "humaneva_command:humaneva", "Write a sequence of your own copy of HumanEva-I as a scene."),
+    ("humaneva", "scene_commands:humaneva", "Write a sequence of your own copy of HumanEva-I as a scene."),
 )
 for _order, (_name, _target, _help) in enumerate(_COMMANDS):
     app.command(f"mmocap_warp.cli.{_target}", name=_name, help=_help, sort_key=_order)

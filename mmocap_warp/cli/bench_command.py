@@ -9,12 +9,8 @@ from typing import Annotated
 from cyclopts import App, Parameter
 
 from mmocap_warp.cli.console import CHECK_FAILED, OK, Console, Switch
-from mmocap_warp.errors import UsageError
 
 app = App(name="bench", version_flags=[])
-app.command(
-    "mmocap_warp.cli.bench_pages:pages", name="pages", help="Write reports as a page of tables, and plots of growth."
-)
 
 
 @app.default
@@ -49,44 +45,44 @@ def bench(
     force
         Replace a file that exists.
     """
-    from mmocap_warp.commands.outputs import new_file
-    from mmocap_warp.commands.settings import start_warp
+    from mmocap_warp.bench.report_file import read_report
+    from mmocap_warp.bench.terminal import rendered, to_text
+    from mmocap_warp.commands.benchmarks import benchmark
 
     console = console or Console()
-    if threads is not None and threads < 1:
-        raise UsageError(f"--threads must be at least 1, got {threads}")
-    if output is not None:
-        new_file(output, ".json", force=force)
-    peers = _peers(against)
-    start_warp(device)
-
-    from mmocap_warp.bench.report_file import read_report, write_report
-    from mmocap_warp.bench.suite import Plan, run_suite
-    from mmocap_warp.bench.terminal import rendered, to_text
-    from mmocap_warp.device.cores import available_threads
-    from mmocap_warp.device.resolve import resolve_device
-
     old = None if compare is None else read_report(compare)
-    plan = Plan.usual(resolve_device(device), threads or available_threads(), peers, growth)
-    report = run_suite(plan, lambda step: console.note(f"bench: {step}"))
-    if output is not None:
-        write_report(output, report)
+    report = benchmark(
+        output,
+        device=device,
+        threads=threads,
+        against=() if against is None else [name.strip() for name in against.split(",")],
+        growth=growth,
+        force=force,
+        reporter=console,
+    )
     console.result(report, to_text(rendered(report, old), colours=sys.stdout.isatty()))
     return OK if report["ok"] else CHECK_FAILED
 
 
-def _peers(names: str | None) -> tuple[str, ...]:
-    """The peers of a list, all known and installed."""
-    if names is None:
-        return ()
-    from mmocap_warp.bench.against import PEERS, missing
+@app.command(help="Write reports as a page of tables, and plots of growth.")
+def pages(
+    *reports: Path,
+    output: Annotated[Path, Parameter(name=["--output", "-o"])],
+    force: Switch = False,
+    console: Console | None = None,
+) -> None:
+    """Write reports as a page of tables, and plots of growth.
 
-    wanted = tuple(name.strip() for name in names.split(","))
-    unknown = [name for name in wanted if name not in PEERS]
-    if unknown:
-        raise UsageError(f"--against must name {', '.join(PEERS)}, got '{', '.join(unknown)}'")
-    absent = missing(wanted)
-    if absent:
-        module, extra = PEERS[absent[0]]
-        raise UsageError(f"--against {absent[0]} needs the package {module}: pip install 'mmocap-warp[{extra}]'")
-    return wanted
+    Parameters
+    ----------
+    reports
+        What 'mmocap bench -o' wrote: of a CPU, of a GPU, or both.
+    output
+        Folder, made if it does not exist: results.md, and growth-*.svg where growth was measured.
+    force
+        Write among files that are there.
+    """
+    from mmocap_warp.commands.benchmarks import write_benchmark_pages
+
+    files = write_benchmark_pages(reports, output, force=force)
+    (console or Console()).result({"files": files}, "\n".join(map(str, files)))

@@ -35,7 +35,7 @@ def test_import_says_what_was_done(tmp_path: Path, capsys: pytest.CaptureFixture
     np.testing.assert_allclose(told["size"], (0.5, 1.59, 0.7), atol=1e-3)
     assert any("armature" in note for note in told["notes"])
     assert read_body(body).attribution == "Made up for tests."
-    assert cli.main(["check", str(body)]) == console.OK
+    assert cli.main(["validate", str(body)]) == console.OK
     again = run(capsys, "body", "import", source, "-o", tmp_path / "b.usdc", "--joints", tmp_path / "joints.toml")
     assert again["degrees_of_freedom"] == 19
 
@@ -54,7 +54,7 @@ def test_there_and_back_as_glb_and_usd_all_stays(tmp_path: Path, creature: Path,
         np.testing.assert_allclose(back.skeleton.frame, body.skeleton.frame, atol=1e-5)
         np.testing.assert_array_equal(back.skeleton.searched(), body.skeleton.searched())
         np.testing.assert_allclose(np.sort(back.skin.rest, axis=0), np.sort(body.skin.rest, axis=0), atol=1e-6)
-        assert cli.main(["check", str(tmp_path / file)]) == console.OK
+        assert cli.main(["validate", str(tmp_path / file)]) == console.OK
     np.testing.assert_allclose(read_motions(tmp_path / "back.usdc")["Nod"].pose, motions["Nod"].pose, atol=1e-5)
 
 

@@ -21,7 +21,7 @@ from mmocap_warp.cli.console import Console, table
 from mmocap_warp.cli.progress import Progress
 from mmocap_warp.errors import InputError
 
-COMMANDS = ("demo", "init", "track", "fit", "mask", "cameras", "eval", "show", "view", "export", "check", "body")
+COMMANDS = ("demo", "init", "track", "fit", "mask", "cameras", "eval", "show", "view", "export", "validate", "body")
 
 
 def run(*arguments: str, **options) -> subprocess.CompletedProcess:

@@ -1,4 +1,4 @@
-"""``mmocap export`` and ``mmocap check`` from the command line: which part of a result, and in which format."""
+"""``mmocap export`` and ``mmocap validate`` from the command line: which part of a result, and in which format."""
 
 from __future__ import annotations
 
@@ -141,12 +141,12 @@ def test_no_run_of_all_is_replaced_unasked(file, capsys):
 
 
 def test_check_says_what_is_wrong_and_exits_with_4(file, capsys):
-    assert cli.main(["check", str(file)]) == console.OK
+    assert cli.main(["validate", str(file)]) == console.OK
     assert capsys.readouterr().out == f"{file}: nothing wrong\n"
     stage = Usd.Stage.Open(str(file))
     stage.GetPrimAtPath("/World/Boxes/Animation").RemoveProperty("scales")
     stage.Export(str(file.with_name("spoilt.usdc")))
-    assert cli.main(["check", str(file.with_name("spoilt.usdc")), "--json"]) == console.CHECK_FAILED
+    assert cli.main(["validate", str(file.with_name("spoilt.usdc")), "--json"]) == console.CHECK_FAILED
     found = json.loads(capsys.readouterr().out)["faults"]
     assert found == ["/World/Boxes/Animation: has no scales, so it shows the rest pose"]
-    assert cli.main(["check", str(file.with_name("none.usda"))]) == console.BAD_INPUT
+    assert cli.main(["validate", str(file.with_name("none.usda"))]) == console.BAD_INPUT

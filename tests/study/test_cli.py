@@ -12,8 +12,9 @@ from study_workers import DYING_ALWAYS, ScriptedEngine
 from tiny_study import CELLS
 
 from mmocap_warp import cli
-from mmocap_warp.cli import console, study_run
+from mmocap_warp.cli import console
 from mmocap_warp.cli.study_progress import StudyProgress, headline
+from mmocap_warp.commands import studies
 from mmocap_warp.study import tasks
 from mmocap_warp.study.cell import Cell
 from mmocap_warp.study.job import Advance, Job
@@ -48,9 +49,9 @@ def test_a_complete_study_prints_its_table(study, copied, capsys):
 
 
 def test_the_table_is_aligned_however_trackers_are_called():
-    from mmocap_warp.cli.study_run import _COLUMNS, _text
+    from mmocap_warp.cli.study_command import _COLUMNS, _text
 
-    measured = {key: 0.5 for key, *_ in _COLUMNS.values()}
+    measured = dict.fromkeys(_COLUMNS, 0.5)
     rows = [
         {"preset": preset, "evaluations": 100, "dof": 39, "algorithm": algorithm} | measured
         for preset, algorithm in (("recording", "pso"), ("recording-restart", "search-contour+solved"))
@@ -84,7 +85,7 @@ def test_cells_that_fail_are_told_and_the_run_fails(study, copied, capsys, monke
 
 def test_workers_that_are_killed_are_told_in_one_line_and_the_run_fails(study, tmp_path, capsys, monkeypatch):
     engine = ScriptedEngine(1, {Cell("Walk", "pso", 39, 12): DYING_ALWAYS})
-    monkeypatch.setattr(study_run, "_local", lambda *_: ("cpu", lambda: engine))
+    monkeypatch.setattr(studies, "_local_engine", lambda *_: ("cpu", lambda: engine))
     assert run(study, tmp_path / "r") == console.FAILURE
     out, err = capsys.readouterr()
     assert f"{CELLS - 1} of {CELLS} cells" in out

@@ -105,6 +105,16 @@ class AdjustConfig:
             if metres is not None and not 0.0 < metres < 100.0:
                 raise ValueError(f"{name} must be in (0, 100) m, got {metres}")
 
+    def check_names(self, cameras: tuple[str, ...]) -> None:
+        """See that the named cameras are among those of the scene.
+
+        Raises:
+            ValueError: one is not.
+        """
+        for setting, name in (("fixed", self.fixed), *(("distance", name) for name in (self.distance or ())[:2])):
+            if name is not None and name not in cameras:
+                raise ValueError(f"{setting} must name one of {', '.join(cameras)}, got {name}")
+
 
 @dataclass(frozen=True, eq=False)
 class CameraSolution:
@@ -155,9 +165,7 @@ class Adjustment:
         self.space = RestSpace(body)
         self.sigma = config.deviations.of(self.given)
         names, distance = self.given.names, config.distance
-        for name in (config.fixed, *(distance or ())[:2]):
-            if name is not None and name not in names:
-                raise ValueError(f"camera must be one of {list(names)}, got {name!r}")
+        config.check_names(names)
         self._stated_fixed = None if config.fixed is None else names.index(config.fixed)
         # Lengths that give the scale.
         self._known: list[KnownLength] = []

@@ -18,7 +18,7 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.calibration.adjust.adjustment import AdjustConfig, Adjustment, Person, Progress, moved_subject
-from mmocap_warp.calibration.adjust.camera_changes import CENTRE, RESPECT, changed
+from mmocap_warp.calibration.adjust.camera_changes import CENTRE, OFFSET, RESPECT, changed
 from mmocap_warp.calibration.refine.held_out import HeldOutFrames, Overlaps
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.scene.recording import Scene
@@ -64,6 +64,19 @@ class Refinement:
             for before, after in ((self.before.together, self.after.together), (self.before.apart, self.after.apart))
         ]
         return bool(self.moved.any()) and min(gains) > 0
+
+    def offsets(self, scene: Scene) -> dict[str, float]:
+        """The delay of each camera with the changes, as a scene file states it [s].
+
+        Args:
+            scene: the recording that was refined.
+        """
+        stated = [(source.frame_offset + source.fraction) / (scene.fps * source.rate) for source in scene.cameras]
+        names, changes = self.rig.names, self.change[:, OFFSET]
+        return {
+            name: round(seconds + float(change), 6)
+            for name, seconds, change in zip(names, stated, changes, strict=True)
+        }
 
     def __repr__(self) -> str:
         moved = [name for name, kinds in zip(self.rig.names, self.moved, strict=True) if kinds.any()]

@@ -55,6 +55,31 @@ class ViewOffset:
     sure: bool
     course: LagCourse = field(default_factory=LagCourse)
 
+    def doubt(self, name: str, fps: float | None) -> str | None:
+        """Why the offset of the camera ``name``, which runs at ``fps``, is not reliable; None where it is."""
+        if self.sure and self.course.jump:
+            what = f"dropped {-self.course.jump}" if self.course.jump < 0 else f"has {self.course.jump} too many"
+            where = f"{name} {what} of its frames near frame {self.course.at}"
+            return f"{where}: its offset changes there; cut or mend the video"
+        if self.sure and self.course.slope:
+            runs = f"{100 * abs(self.course.slope):.1f} % {'faster' if self.course.slope > 0 else 'slower'}"
+            return (
+                f"{name} runs {runs} than it says, or dropped frames here and there: set fps = {fps:g} under "
+                f"[cameras.{name}] and run sync again; if it still changes, mend the video"
+            )
+        if self.sure:
+            return None
+        if self.rival == float("inf"):
+            why = "the person stands still, or it is another recording"
+            return f"{name} shows no motion that the other views share: {why}"
+        if self.rival >= _MAX_RIVAL:
+            lag = self.other - self.frames
+            return (
+                f"{name} fits as well {lag:+d} frames later: the motion repeats itself every {abs(lag)} frames, as "
+                "steps do, or there is too little of it; record a clap, a jump or a turn too"
+            )
+        return f"{name} agrees with {100 * self.agreeing:.0f} % of the other views: too little motion, or poor masks"
+
 
 @dataclass(frozen=True, repr=False)
 class Synchronisation:
@@ -74,6 +99,22 @@ class Synchronisation:
     def sure(self) -> bool:
         """Whether all offsets are reliable throughout the recording."""
         return all(view.sure and not view.course.changes for view in self.views.values())
+
+    def timing(self, scene: Scene) -> dict[str, dict[str, float]]:
+        """What each camera's table in the scene file has to say: ``offset`` [s], and ``fps`` where the rate differs."""
+        timing = {}
+        for source in scene.cameras:
+            view = self.views[source.name]
+            timing[source.name] = {"offset": round((view.frames + view.course.start) / self.fps, 6)}
+            if view.course.slope:
+                timing[source.name]["fps"] = round(self.fps * source.rate * (1 + view.course.slope), 4)
+        return timing
+
+    def faults(self, scene: Scene) -> list[str]:
+        """Why offsets are not reliable, a line for each camera that is in doubt."""
+        timing = self.timing(scene)
+        doubts = (view.doubt(name, timing[name].get("fps")) for name, view in self.views.items())
+        return [doubt for doubt in doubts if doubt is not None]
 
     def __repr__(self) -> str:
         lags = ", ".join(f"{name} {view.frames:+d}{'' if view.sure else '?'}" for name, view in self.views.items())

@@ -2,5 +2,6 @@
 
 The command line parses, calls one of these functions and prints; ``import mmocap_warp as mm`` has the same functions.
 
-May import: device, body, masks, result, formats, scene, rigging.
+May import: device, body, cameras, masks, result, biomechanics, formats, scene, rigging, tracking, fitting, display,
+synthesis.
 """

@@ -1,4 +1,4 @@
-"""How commands talk: results on stdout, everything else on stderr, and an exit code."""
+"""How commands talk: the parameters that they share; results on stdout, everything else on stderr; an exit code."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ import math
 import shlex
 import sys
 from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, fields, make_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 from cyclopts import Parameter
 
 from mmocap_warp.commands import reporter
+from mmocap_warp.formats.toml_table import setting_line
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -46,6 +47,38 @@ Identity = Annotated[
     ),
 ]
 """A flag of all commands that look at a scene's masks."""
+
+SceneFile = Annotated[Path, Parameter(help="The scene file, or its folder.")]
+ResultFile = Annotated[Path, Parameter(help="What 'mmocap track' wrote.")]
+Output = Parameter(name=["--output", "-o"])
+SceneFrames = Annotated[
+    str | None,
+    Parameter(
+        help="Which of the recording's frames: first:end or first:end:stride, such as 120:480:2, which leaves out the "
+        "end; or a count of those that the scene names. [default: those that the scene names]"
+    ),
+]
+ResultFrames = Annotated[
+    str | None,
+    Parameter(
+        help="Which of the result's frames: first:end or first:end:stride by the recording's numbers, or a count. All "
+        "by default."
+    ),
+]
+MovedScene = Annotated[Path | None, Parameter(help="The scene, if it is no longer where the result says.")]
+
+
+def flags_of(config: type[DataclassInstance]) -> type[DataclassInstance]:
+    """Flags for the settings of a configuration, each with its one statement as help; None where one is not given."""
+    hints = get_type_hints(config)
+    flags = [
+        (each.name, Annotated[hints[each.name] | None, Parameter(help=setting_line(each))], field(default=None))
+        for each in fields(config)
+        if each.metadata["flag"]
+    ]
+    namespace = {"__module__": __name__}  # the parser does not look into a class of Python's own module "types"
+    kind = make_dataclass(f"{config.__name__}Flags", flags, namespace=namespace, frozen=True, kw_only=True)
+    return Parameter(name="*")(kind)
 
 
 @Parameter(name="*")

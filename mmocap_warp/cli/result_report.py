@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mmocap_warp.cli.console import Console, table
+from mmocap_warp.cli.console import table
 
 if TYPE_CHECKING:
-    from mmocap_warp.body.model import Subject
-    from mmocap_warp.result.result import Result
-    from mmocap_warp.scene.recording import Scene
+    pass
 
 _DRAWN_LENGTH = 800
 """The longer side of the images that a result is drawn over, at least, where the recording has it [px]."""
@@ -80,44 +77,3 @@ def _error(report: dict[str, Any], key: str) -> str:
 
 def _number(value: float | None, form: str) -> str:
     return "-" if value is None else format(value, form)
-
-
-def draw_result(
-    result: Result, scene: Scene | None, video: Path, sheet: Path, console: Console, positions: list[int] | None = None
-) -> None:
-    """Write the overlay video and the contact sheet, over the scene's images and masks where there is a scene.
-
-    Of all frames, or of those at ``positions`` in the result.
-
-    Masks are those that were tracked; images may be larger, so that a result of small masks can still be judged.
-    """
-    from mmocap_warp.display.result_video import check_same_recording, show
-    from mmocap_warp.scene.frame_choice import as_range
-    from mmocap_warp.tracking.body_masks import tracked_masks
-
-    positions = list(range(len(result.frame_numbers))) if positions is None else positions
-    drawn_frames = result.at(positions)
-    frames = len(positions)
-    images = masks = None
-    if scene is not None:
-        tracked = float(result.config.get("scale", 1.0))
-        drawn = min(1.0, max(tracked, _DRAWN_LENGTH / int(scene.calibrated.size.max())))
-        check_same_recording(result, scene)
-        seen = scene.of_frames(as_range(drawn_frames.frame_numbers.tolist()))
-        images, masks = seen.images(drawn), tracked_masks(scene, result, positions)
-    with console.stage("show") as progress:
-        show(drawn_frames, images, masks, video=video, sheet=sheet, progress=lambda done: progress(done, frames))
-
-
-def draw_subject(subject: Subject, scene: Scene | None, sheet: Path) -> None:
-    """Draw a subject over the frame of its scene that it was fitted to, or alone where there is no scene."""
-    from mmocap_warp.display.result_video import show_subject
-
-    if scene is None:
-        show_subject(subject, sheet)
-        return
-    drawn = min(1.0, _DRAWN_LENGTH / int(scene.calibrated.size.max()))
-    number = int(subject.provenance.get("fit.first_frame", 0))
-    fitted = scene.of_frames(range(number, number + 1))
-    images, masks = next(fitted.images(drawn)), next(fitted.masks(drawn))
-    show_subject(subject, sheet, scene.rig(drawn), images, masks)

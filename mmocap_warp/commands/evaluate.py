@@ -68,6 +68,22 @@ def _truth_in(
     return truth_of(scene), *((None, axes) if scene is None else (scene.truth, scene.truth_axes))
 
 
+def evaluate_in_scene(result: Result, scene: Scene) -> tuple[dict[str, Any], str | None]:
+    """How good a result is, beside the truth that its scene names, and what is wrong with that truth.
+
+    Returns:
+        As :func:`evaluate`, without what it says of each frame; a line, or None where nothing is wrong.
+
+    Raises:
+        InputError: the truth is of other frames, or of a body with other joints.
+    """
+    report = report_of(result, truth_of(scene), scene.truth)
+    del report["series"]
+    if report.get("other_world") is None:
+        return report, None
+    return report, other_world_line(report, scene.truth, scene.truth_axes, "scene")
+
+
 def report_of(result: Result, truth: Truth | None, file: Path | None) -> dict[str, Any]:
     """How good a result is, beside the truth that ``file`` holds.
 

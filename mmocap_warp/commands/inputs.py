@@ -8,6 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypeAlias
 
+import numpy as np
+
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.commands.reporter import Reporter
 from mmocap_warp.commands.settings import arguments_checked
@@ -215,6 +217,6 @@ def _others(scene: Scene, source: CameraSource) -> str | None:
     )
 
 
-def span(frames: Sequence[int]) -> str:
+def span(frames: Sequence[int] | np.ndarray) -> str:
     """Frame numbers for people: the first, the last and how many there are."""
     return f"{frames[0]} to {frames[-1]} ({len(frames)})"

@@ -19,10 +19,8 @@ from mmocap_warp.kernels.silhouettes.raycast import Tree
 from mmocap_warp.kernels.silhouettes.raycast_wide import Leaves
 from mmocap_warp.kernels.structs import filled
 from mmocap_warp.kernels.views.projection import Views
+from mmocap_warp.silhouettes import RENDERERS
 from mmocap_warp.silhouettes.mesh_bvh import build_bvh
-
-RENDERERS = ("raycast", "raster")
-"""How silhouettes are drawn; the counts are the same."""
 
 _LEAF = 16  # triangles: with large packets, going down further costs more than it saves
 

@@ -65,13 +65,15 @@ def counted(begin: str, *, contours: bool, recorded: bool) -> set[str]:
 
 @cache
 def _imports(name: str) -> frozenset[str]:
-    """The modules of the package that a module imports anywhere in it."""
+    """The modules of the package that a module imports anywhere in it, or names to be imported."""
     named = set()
     for node in ast.walk(ast.parse(_sources()[name].read_bytes())):
         if isinstance(node, ast.ImportFrom) and node.module:
             named |= {node.module, *(f"{node.module}.{imported.name}" for imported in node.names)}
         elif isinstance(node, ast.Import):
             named |= {imported.name for imported in node.names}
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and ":" in node.value:
+            named.add(node.value.partition(":")[0])  # "module:function" of a table that imports when it is asked
     return frozenset(name for name in (each.removeprefix("mmocap_warp.") for each in named) if name in _sources())
 
 

@@ -9,8 +9,9 @@ from planted import Planted, swung
 from synthetic import synthetic_body
 
 from mmocap_warp.body.rotations import turn
+from mmocap_warp.contour import ACCELERATION
 from mmocap_warp.contour.clip import clip_problem as clip
-from mmocap_warp.contour.clip.clip_problem import ACCELERATION, ClipProblem, Pass, coarse_then_fine
+from mmocap_warp.contour.clip.clip_problem import ClipProblem, Pass, coarse_then_fine
 from mmocap_warp.contour.clip.fixed_lag import LAG, FixedLag
 from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
 

@@ -18,7 +18,7 @@ from mmocap_warp.optimizers.annealed_filter import AnnealedFilter
 from mmocap_warp.optimizers.cma_es import CmaEs
 from mmocap_warp.optimizers.de import De
 from mmocap_warp.optimizers.pso import Pso
-from mmocap_warp.silhouettes.renderers import RENDERERS
+from mmocap_warp.silhouettes import RENDERERS
 from mmocap_warp.tracking import smoothing
 from mmocap_warp.tracking.algorithms import ALGORITHMS
 from mmocap_warp.tracking.contour_tracker import ContourTracker

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mmocap_warp.contour.clip.clip_problem import ACCELERATION, ClipProblem, ClipSolution, Pass, SolvedWindow
+from mmocap_warp.contour import ACCELERATION
+from mmocap_warp.contour.clip.clip_problem import ClipProblem, ClipSolution, Pass, SolvedWindow
 from mmocap_warp.contour.clip.motion_penalty import HELD
 from mmocap_warp.contour.frame.rooted import RootedPoses
 

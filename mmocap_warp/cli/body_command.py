@@ -8,23 +8,24 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter
 
-from mmocap_warp.cli.console import Console, Switch
+from mmocap_warp.cli.command_help import documented_by
+from mmocap_warp.cli.console import Console, Output, Switch
 
 if TYPE_CHECKING:
     from mmocap_warp.body.skeleton import Skeleton
     from mmocap_warp.rigging.importing.freedom import Freedom
     from mmocap_warp.rigging.importing.imported import Imported
 
-Output = Annotated[Path, Parameter(name=["--output", "-o"])]
 _Axis = Annotated[Literal["+x", "-x", "+y", "-y", "+z", "-z"] | None, Parameter(show_choices=False)]
 
 app = App(name="body", help="Make a body, import another program's, learn its limits, or draw it.", version_flags=[])
 
 
 @app.command
+@documented_by("bodies:make_body")
 def make(
     *,
-    output: Output,
+    output: Annotated[Path, Output],
     data: Path,
     gender: float,
     age: float,
@@ -36,31 +37,6 @@ def make(
     force: Switch = False,
     console: Console | None = None,
 ) -> None:
-    """Write a body of the given build as USD.
-
-    Parameters
-    ----------
-    output
-        The body's file: .usdc, .usda or .usd.
-    data
-        MakeHuman's data folder as MPFB2 ships it; docs/bodies.md says where to get it.
-    gender
-        0 woman to 1 man.
-    age
-        Years, 1 to 90.
-    height
-        Of the standing body, in metres.
-    weight
-        0 thin, 0.5 average, 1 heavy, for the height.
-    muscle
-        0 slack, 0.5 average, 1 muscular.
-    proportions
-        0 uncommon, 0.5 average, 1 ideal.
-    name
-        The body's name; the file's name without ending by default.
-    force
-        Replace a file that exists.
-    """
     from mmocap_warp.commands.bodies import make_body
 
     build = {"gender": gender, "age": age, "height": height, "weight": weight, "muscle": muscle}
@@ -79,11 +55,12 @@ def make(
 
 
 @app.command(name="import", help="Write a body of a rigged character or a robot.")
+@documented_by("bodies:import_body")
 def import_body(
     file: Path,
     /,
     *,
-    output: Output,
+    output: Annotated[Path, Output],
     up: _Axis = None,
     facing: _Axis = None,
     scale: float = 1.0,
@@ -97,39 +74,6 @@ def import_body(
     force: Switch = False,
     console: Console | None = None,
 ) -> None:
-    """Write a body of a rigged character (.glb, .gltf, .usd, .usda, .usdc) or a robot (.urdf).
-
-    What was done to it is printed: joints left out, holes closed, triangles and weights reduced.
-
-    Parameters
-    ----------
-    file
-        The character or robot.
-    output
-        The body's file: .usdc, .usda or .usd.
-    up
-        The file's axis that points up, such as +z. [default: what its format says]
-    facing
-        The file's axis along which the body faces. [default: +z of glTF, +x of URDF, +z or -y of USD]
-    scale
-        What lengths are multiplied by, besides the unit that the file states.
-    triangles
-        At most, of the mesh that is tracked.
-    skin_triangles
-        At most, of the mesh that is shown.
-    joints
-        A file that says how joints turn, .toml; what it leaves out is derived.
-    write_joints
-        Write how joints turn to this file, .toml, to be edited and given as --joints.
-    meshes
-        The folder of a robot's meshes; its file's own by default.
-    name
-        The body's name; the output's name without ending by default.
-    attribution
-        Who made it, and under which licence; what the file says by default.
-    force
-        Replace files that exist.
-    """
     from mmocap_warp.commands.bodies import import_body
 
     made = import_body(
@@ -191,18 +135,10 @@ def _kind(how: Freedom) -> str:
 
 
 @app.command(name="export", help="Write a body as glTF, with its motions.")
-def export_body(body: str, /, *, output: Output, force: Switch = False, console: Console | None = None) -> None:
-    """Write a body in its bind pose as glTF, with its own motions. As USD it is for other programs already.
-
-    Parameters
-    ----------
-    body
-        A body's USD file, or a shipped body's name.
-    output
-        The file: .glb.
-    force
-        Replace a file that exists.
-    """
+@documented_by("bodies:export_body")
+def export_body(
+    body: str, /, *, output: Annotated[Path, Output], force: Switch = False, console: Console | None = None
+) -> None:
     from mmocap_warp.commands.bodies import export_body
 
     written = export_body(body, output, force=force)
@@ -211,34 +147,18 @@ def export_body(body: str, /, *, output: Output, force: Switch = False, console:
 
 
 @app.command(help="Write a body that turns as far as it was seen to.")
+@documented_by("bodies:learn_body", motion="motions", result="results")
 def learn(
     body: str,
     /,
     *,
-    output: Output,
+    output: Annotated[Path, Output],
     motion: list[str] | None = None,
     result: list[Path] | None = None,
     margin: float = 10.0,
     force: Switch = False,
     console: Console | None = None,
 ) -> None:
-    """Write a body whose joints turn as far as motions and results show, and no farther.
-
-    Parameters
-    ----------
-    body
-        A body's USD file, or a shipped body's name.
-    output
-        The new body's file: .usdc, .usda or .usd.
-    motion
-        One of the body's motions. May be given more than once. [default: all, unless results are given]
-    result
-        A track of the same joints, of which all frames that were not lost count. May be given more than once.
-    margin
-        By which limits are wider than the angles seen, at either end, in degrees.
-    force
-        Replace a file that exists.
-    """
     from mmocap_warp.commands.bodies import learn_body
 
     written = learn_body(body, output, motions=motion or (), results=result or (), margin=margin, force=force)
@@ -263,25 +183,15 @@ def _mean_ranges(skeleton: Skeleton) -> dict[str, float]:
 
 
 @app.command(name="show", help="Draw a body, its joints and how they turn.")
+@documented_by("bodies:show_body")
 def show_body(
     body: str,
     /,
     *,
-    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    output: Annotated[Path | None, Output] = None,
     force: Switch = False,
     console: Console | None = None,
 ) -> None:
-    """Draw a body: tracking mesh, joints by name, the axes about which they turn or along which they slide, limits.
-
-    Parameters
-    ----------
-    body
-        A body's USD file, or a shipped body's name.
-    output
-        The picture's file, .png; named after the body by default.
-    force
-        Replace a file that exists.
-    """
     from mmocap_warp.commands.bodies import show_body
 
     shown = show_body(body, output, force=force)

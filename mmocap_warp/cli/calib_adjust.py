@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
-from cyclopts import Parameter
-
-from mmocap_warp.cli.console import CHECK_FAILED, OK, Console, Identity, Switch, given, table
+from mmocap_warp.calibration.adjust.adjust_config import AdjustConfig
+from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, Deviations
+from mmocap_warp.cli.command_help import documented_by
+from mmocap_warp.cli.console import (
+    CHECK_FAILED,
+    OK,
+    Console,
+    Identity,
+    Output,
+    SceneFile,
+    Switch,
+    flags_of,
+    given,
+    table,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -16,6 +27,12 @@ if TYPE_CHECKING:
     from mmocap_warp.calibration.camera_check import CameraCheck, Finding
     from mmocap_warp.calibration.refine.refinement import Refinement
     from mmocap_warp.scene.recording import Scene
+
+if TYPE_CHECKING:
+    AdjustFlags: TypeAlias = AdjustConfig
+    DeviationFlags: TypeAlias = Deviations
+else:
+    AdjustFlags, DeviationFlags = flags_of(AdjustConfig), flags_of(Deviations)
 
 _DEGREES, _MILLIMETRES = ("deg", 57.29577951308232), ("mm", 1000.0)
 _UNITS: dict[str, tuple[str, float]] = {
@@ -28,66 +45,19 @@ _UNITS: dict[str, tuple[str, float]] = {
 """The unit in which each of ``camera_changes.KINDS`` is shown, and its value in the parameter's own unit."""
 
 
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class AdjustFlags:
-    """The settings of an adjustment that both commands have."""
-
-    scale: float | None = None
-    """Of masks and cameras, up to 1. [default: images 640 pixels long]"""
-    seed: int | None = None
-    """Of the random numbers. [default: 0]"""
-    device: str | None = None
-    """auto, cpu or a CUDA device such as cuda:0. [default: auto]"""
-    threads: int | None = None
-    """CPU threads. [default: all]"""
-
-
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class DeviationFlags:
-    """How far each camera may be from its calibration, as standard deviations; 0 keeps it as it is."""
-
-    rotation: float | None = None
-    """How far a camera may be turned about each of its axes [degrees]; 0 holds it. [default: 5]"""
-    position: float | None = None
-    """How far it may be off along each of its axes [m]; 0 holds it. [default: 0.2]"""
-    focal: float | None = None
-    """How far its focal length may be off, as a share of it; 0 holds it. [default: 0.02]"""
-    centre: float | None = None
-    """How far its principal point may be off, as a share of the image's larger side; 0 holds it. [default: 0.01]"""
-    offset: float | None = None
-    """How far it may lag or lead [s]; 0 holds it. [default: 0.05]"""
-
-
-_BODY = "The generic body that the person's is near to: shipped, or a USD file. [default: the scene's, or adult_man]"
-_FRAMES = "Of the recording: first:end or first:end:stride; 20 s of them are used. [default: those of the scene]"
-
-
+@documented_by("calibrate:check_cameras", output="pictures")
 def check(
-    scene: Path,
+    scene: SceneFile,
     /,
     *,
-    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    output: Annotated[Path | None, Output] = None,
     identity: Identity = None,
-    body: Annotated[str | None, Parameter(help=_BODY)] = None,
-    frames: Annotated[str | None, Parameter(help=_FRAMES)] = None,
+    body: str | None = None,
+    frames: str | None = None,
     flags: AdjustFlags | None = None,
     force: Switch = False,
     console: Console | None = None,
 ) -> int:
-    """Say which camera of a scene disagrees with the others, by how much, and what is probably wrong with it.
-
-    Parameters
-    ----------
-    scene
-        The scene file, or its folder.
-    output
-        Folder for a picture of each camera that disagrees: its mask, and the outline of the body of the other views
-        as it is calibrated (red) and as it would be put right (green).
-    force
-        Write into a folder that holds files.
-    """
     from mmocap_warp.commands.calibrate import check_cameras
 
     console = console or Console()
@@ -150,7 +120,6 @@ def _finding_values(finding: Finding, result: CameraCheck) -> dict[str, Any]:
 
 def _changes(finding: Finding, result: CameraCheck) -> list[tuple[str, float, str]]:
     """The parameters that put a camera right: name, value and unit."""
-    from mmocap_warp.calibration.adjust.camera_changes import KINDS
     from mmocap_warp.calibration.camera_check import CAUSES
 
     if finding.change is None:
@@ -166,39 +135,23 @@ def _in_units(kind: str, value: float, scale: float = 1.0) -> tuple[float, str]:
     return float(value) * size / (scale if unit == "px" else 1.0), unit
 
 
+@documented_by("calibrate:refine_cameras")
 def refine(
-    scene: Path,
+    scene: SceneFile,
     /,
     *,
-    output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("calibration.toml"),
+    output: Annotated[Path, Output] = Path("calibration.toml"),
     fixed: str | None = None,
     height: float | None = None,
     distance: tuple[str, str, float] | None = None,
     identity: Identity = None,
     deviations: DeviationFlags | None = None,
-    body: Annotated[str | None, Parameter(help=_BODY)] = None,
-    frames: Annotated[str | None, Parameter(help=_FRAMES)] = None,
+    body: str | None = None,
+    frames: str | None = None,
     flags: AdjustFlags | None = None,
     force: Switch = False,
     console: Console | None = None,
 ) -> int:
-    """Refine a scene's cameras and their times together with the body and the poses of the person before them.
-
-    Parameters
-    ----------
-    scene
-        The scene file, or its folder.
-    output
-        The refined calibration: a .toml file.
-    fixed
-        The camera that stands still and tells the time. [default: the one beside which the others move least]
-    height
-        Of the person [m]: gives the scale.
-    distance
-        Two cameras and the metres between their centres, such as cam01 cam02 3.20: gives the scale.
-    force
-        Replace a file that exists.
-    """
     from mmocap_warp.commands.calibrate import refine_cameras
     from mmocap_warp.commands.inputs import scene_from
 
@@ -229,8 +182,6 @@ def refine(
 
 
 def _refinement_values(result: Refinement, scene: Scene) -> dict[str, Any]:
-    from mmocap_warp.calibration.adjust.camera_changes import KINDS
-
     names = result.rig.names
     cameras = {
         name: {
@@ -267,8 +218,6 @@ def _refinement_lines(result: Refinement) -> list[str]:
     """What moved, what did not, and what that is worth, for people."""
     import numpy as np
 
-    from mmocap_warp.calibration.adjust.camera_changes import KINDS
-
     # The parameters that moved.
     names = result.rig.names
     rows: list[tuple[str, ...]] = [("camera", "moved", "by", "+-", "")]
@@ -298,8 +247,6 @@ def _mean(values: np.ndarray) -> float:
 
 def _scene_lines(result: Refinement, scene: Scene) -> list[str]:
     """What is to be changed in the scene file."""
-    from mmocap_warp.calibration.adjust.camera_changes import OFFSET
-
     lines = []
     if any(source.centre_shift != (0.0, 0.0) for source in scene.cameras):
         lines.append("its principal points hold the scene's centre_shift: leave that out with this calibration")

@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from cyclopts import Parameter
-
-from mmocap_warp.cli.console import CHECK_FAILED, OK, Console, Identity, Switch, next_step, table
+from mmocap_warp.cli.command_help import documented_by
+from mmocap_warp.cli.console import CHECK_FAILED, OK, Console, Identity, Output, Switch, next_step, table
 
 if TYPE_CHECKING:
     from mmocap_warp.calibration.solve.solution import SolvedCameras
@@ -19,37 +18,19 @@ _COLUMNS = (
 )  # fmt: skip
 
 
+@documented_by("calibrate:solve_cameras")
 def solve(
     scene: Path,
     /,
     *,
     height: float,
-    output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("calibration.toml"),
+    output: Annotated[Path, Output] = Path("calibration.toml"),
     picture: Path | None = None,
     frames: str | None = None,
     identity: Identity = None,
     force: Switch = False,
     console: Console | None = None,
 ) -> int:
-    """Find cameras from the silhouettes of one person who walks about, in metres, with the floor at zero.
-
-    Parameters
-    ----------
-    scene
-        The scene file, or its folder. Of a calibration that it names only the intrinsics are taken; without one, focal
-        lengths are guessed from the images' sizes and found if the walk tells them.
-    height
-        Of the person, standing, in shoes, in metres.
-    output
-        The calibration's file: .toml.
-    picture
-        A .png of the views with the floor, the person's way and the body's axis.
-    frames
-        Which of the recording's frames: first:end or first:end:stride, such as 120:480:2, which leaves out the end; or
-        a count of those that the scene names. [default: those that the scene names]
-    force
-        Replace a file that exists.
-    """
     from mmocap_warp.calibration.solve import UnsolvableError
     from mmocap_warp.commands.calibrate import solve_cameras
     from mmocap_warp.commands.inputs import scene_from
@@ -150,35 +131,18 @@ def _tilt(cameras: SolvedCameras, k: int) -> float:
     return float(np.degrees(np.arcsin(-cameras.rig.R[k, 2] @ cameras.rig.up_vector)))
 
 
+@documented_by("calibrate:convert_cameras")
 def convert(
     calibration: Path,
     /,
     *,
-    output: Annotated[Path, Parameter(name=["--output", "-o"])],
+    output: Annotated[Path, Output],
     units: str | None = None,
     up: str = "+z",
     size: str | None = None,
     force: Switch = False,
     console: Console | None = None,
 ) -> None:
-    """Write a calibration in the format that the output's name tells, lengths in metres.
-
-    Parameters
-    ----------
-    calibration
-        What is read, known by its ending: a file, or a folder where the format has one.
-    output
-        NAME.toml (Pose2Sim, aniposelib), intri.yml (EasyMocap, OpenCV; with extri.yml), cameras.txt (COLMAP; with
-        images.txt and points3D.txt) or NAME.usda, NAME.usdc, NAME.usd.
-    units
-        m or mm: of the lengths that are read, where the format leaves that open.
-    up
-        The vertical of the calibration's world, such as +y; it is written to USD, the other formats do not have it.
-    size
-        Such as 1920x1080: of the images of cameras for which the calibration tells none.
-    force
-        Replace files that exist.
-    """
     from mmocap_warp.commands.calibrate import calibration_files, convert_cameras
     from mmocap_warp.formats.table import calibration_export
 

@@ -5,27 +5,26 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from cyclopts import Parameter
-
-from mmocap_warp.cli.console import CHECK_FAILED, OK, Console, Switch, mask_step, next_step, table, track_step
+from mmocap_warp.cli.command_help import documented_by
+from mmocap_warp.cli.console import (
+    CHECK_FAILED,
+    OK,
+    Console,
+    Output,
+    SceneFile,
+    Switch,
+    mask_step,
+    next_step,
+    table,
+    track_step,
+)
 
 if TYPE_CHECKING:
     from mmocap_warp.calibration.sync.synchronise import Synchronisation
 
-Output = Annotated[Path, Parameter(name=["--output", "-o"])]
 
-
+@documented_by("new_scenes:init")
 def init(folder: Path, /, *, force: Switch = False, console: Console | None = None) -> None:
-    """Write a scene.toml for the videos, images, masks and calibration in a folder, and say what is missing.
-
-    Parameters
-    ----------
-    folder
-        Where the videos lie, in folders of their own or not; projects of Pose2Sim, EasyMocap, Caliscope and OpenCap
-        are known.
-    force
-        Replace a scene.toml that exists.
-    """
     from mmocap_warp.commands.new_scenes import init
 
     draft, scene = init(folder, force=force), folder / "scene.toml"
@@ -46,25 +45,15 @@ def init(folder: Path, /, *, force: Switch = False, console: Console | None = No
     (console or Console()).result(values, "\n".join(lines))
 
 
+@documented_by("calibrate:show_cameras", output="pictures")
 def cameras(
-    scene: Path,
+    scene: SceneFile,
     /,
     *,
-    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    output: Annotated[Path | None, Output] = None,
     force: Switch = False,
     console: Console | None = None,
 ) -> int:
-    """Print a scene's cameras and draw the world axes into their views; masks need not be there yet.
-
-    Parameters
-    ----------
-    scene
-        The scene file, or its folder.
-    output
-        Folder for one picture per camera with the world's x, y and z axis in red, green and blue.
-    force
-        Write into a folder that holds files.
-    """
     from mmocap_warp.commands.calibrate import show_cameras
     from mmocap_warp.scene.scene_toml import load_scene
 
@@ -101,8 +90,9 @@ def cameras(
     return OK if shown.plausible else CHECK_FAILED
 
 
+@documented_by("calibrate:sync")
 def sync(
-    scene: Path,
+    scene: SceneFile,
     /,
     *,
     frames: str | None = None,
@@ -110,21 +100,6 @@ def sync(
     write: Switch = False,
     console: Console | None = None,
 ) -> int:
-    """Find how far a scene's cameras lag one another, from the motion of the person; a calibration need not be there.
-
-    Parameters
-    ----------
-    scene
-        The scene file, or its folder.
-    frames
-        Which of the cameras' frames are looked at: first:end, such as 120:900, or a count. [default: those that the
-        scene names]
-    within
-        By how many seconds one camera lags another at most. Steps repeat themselves every half second, so of somebody
-        who only walks motion tells lags of less than half of that.
-    write
-        Put the offsets into the scene file, and leave everything else in it as it is.
-    """
     from mmocap_warp.commands.calibrate import sync
     from mmocap_warp.commands.inputs import scene_from
 
@@ -193,11 +168,12 @@ def _scene_lines(timing: dict[str, dict[str, float]]) -> list[str]:
     return lines or ["all cameras are in step: offsets need not be given"]
 
 
+@documented_by("new_scenes:synthesize")
 def synth(
     body: str,
     /,
     *,
-    output: Output,
+    output: Annotated[Path, Output],
     motion: str | None = None,
     cameras: int = 6,
     size: tuple[int, int] = (640, 480),
@@ -206,29 +182,6 @@ def synth(
     force: Switch = False,
     console: Console | None = None,
 ) -> None:
-    """Write a scene of a body in one of its own motions, with made masks and known truth.
-
-    Cameras stand evenly around it and see all of it. Track the scene to find out how many of them a recording needs.
-
-    Parameters
-    ----------
-    body
-        A body's USD file with motions, such as 'mmocap body import' writes, or a shipped body's name, such as fox.
-    output
-        The scene's folder.
-    motion
-        Which of its motions. [default: the first]
-    cameras
-        How many.
-    size
-        Width and height of their images, in pixels.
-    perfect
-        Masks without faults. By default they have ragged contours, holes and specks.
-    seed
-        Of the faults.
-    force
-        Write into a folder that holds files.
-    """
     from mmocap_warp.commands.new_scenes import synthesize
 
     console = console or Console()
@@ -255,37 +208,19 @@ def synth(
     console.result(values, f"{made!r}\nnext: {step}")
 
 
+@documented_by("new_scenes:import_humaneva")
 def humaneva(
     root: Path,
     subject: str,
     action: str,
     /,
     *,
-    output: Output,
+    output: Annotated[Path, Output],
     first: int | None = None,
     last: int | None = None,
     force: Switch = False,
     console: Console | None = None,
 ) -> None:
-    """Write a sequence of your own copy of HumanEva-I as a scene.
-
-    Parameters
-    ----------
-    root
-        The folder that holds S1, S2, S3 and Background.
-    subject
-        S1, S2 or S3.
-    action
-        Walking, Gestures or Box, the paper's; also Jog and ThrowCatch.
-    output
-        The folder to write.
-    first
-        First frame in HumanEva's own numbers, which count from 1. [default: 6, the first usable one]
-    last
-        Last frame, included. [default: the last of HumanEva's own list]
-    force
-        Write into a folder that holds files.
-    """
     import numpy as np
 
     from mmocap_warp.commands.new_scenes import import_humaneva

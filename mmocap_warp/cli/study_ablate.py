@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from mmocap_warp.cli.command_help import documented_by
 from mmocap_warp.cli.console import Console
 
 if TYPE_CHECKING:
@@ -44,6 +45,7 @@ _LEGEND = (
 _ROW = ("clip", "purpose", "degradation", "start", "tracker")  # what a line of the table is about
 
 
+@documented_by("clips:ablate", clip="clips", degrade="degradations", start="starts", tracker="trackers")
 def ablate(
     folder: Path,
     /,
@@ -60,38 +62,6 @@ def ablate(
     threads: int | None = None,
     console: Console | None = None,
 ) -> None:
-    """Track clips, made worse in several ways, with several trackers.
-
-    Parameters
-    ----------
-    folder
-        Of the results, made if it does not exist: a JSON file per cell, which is not tracked again, and ablation.csv.
-    clip
-        A shipped sequence or further clip by name, a scene.toml, or all clips for 'tuning' (choose settings on them)
-        or for 'reporting' (choose nothing on them); may be given several times. [default: tuning]
-    degrade
-        none, passer-by, furniture, fps=15, views=3, cut=2 (or all), calibration=10 (pixels), or several joined by +;
-        may be given several times. [default: none]
-    start
-        Body and first pose: given (the clip's own), solved (the body from the clip, with the given pose to begin
-        with), or both found in the masks: first-frame (the body from that frame alone) or fitted (as 'mmocap fit'
-        does); may be given several times. [default: given]
-    tracker
-        An algorithm and settings of 'mmocap track', such as h-cmaes,evaluations=300; may be given several times.
-        [default: h-cmaes]
-    seeds
-        How many, from 0 on.
-    frames
-        At most so many of each clip. [default: all]
-    scale
-        Of masks and cameras; shipped sequences have 1.
-    subject
-        File of the subject to start from. [default: the clip's own]
-    device
-        auto, cpu, or a CUDA device such as cuda:0.
-    threads
-        CPU threads. All by default.
-    """
     from mmocap_warp.commands.clips import ablate
 
     console, done = console or Console(), 0

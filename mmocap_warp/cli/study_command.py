@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
-from mmocap_warp.cli.console import CHECK_FAILED, FAILURE, OK, Console, Switch, table
+from mmocap_warp.cli.command_help import documented_by
+from mmocap_warp.cli.console import CHECK_FAILED, FAILURE, OK, Console, Output, Switch, table
 
 if TYPE_CHECKING:
     from mmocap_warp.commands.studies import StudyRun
@@ -37,6 +38,7 @@ _MAX_NAMED = 3  # cells that are missing for one reason; of more, only the numbe
 
 
 @app.command(help="Write shipped sequences as scenes, to look at or to track on their own.", sort_key=0)
+@documented_by("clips:make_sequences", sequence="sequences")
 def make(
     folder: Path,
     /,
@@ -51,31 +53,6 @@ def make(
     force: Switch = False,
     console: Console | None = None,
 ) -> None:
-    """Write shipped sequences as scenes, to look at or to track on their own.
-
-    Parameters
-    ----------
-    folder
-        The folder to write; each sequence gets its own in it, such as S1/Walking.
-    sequence
-        Which: S1, S2 or S3 with /Walking, /Gestures or /Box, or one of the further clips: S1/Spin, S2/Spin,
-        Uneven/Walking, Skirt/Walking, Child/Walking; may be given several times. [default: the nine of S1 to S3]
-    frames
-        At most so many of each. [default: all]
-    degrade
-        What makes them worse: passer-by, furniture, fps=15, views=3, cut=2 (or all), calibration=10 (pixels), or
-        several joined by +.
-    seed
-        Of what is random in that.
-    clip
-        A .bvh or .amc file whose motion takes the place of the one sequence's own.
-    skeleton
-        The .asf of an .amc. [default: beside it, named as the .amc up to '_']
-    markers
-        The .c3d of the same take as an .amc; its marker paths become the truth.
-    force
-        Write among files that are there.
-    """
     from mmocap_warp.commands.clips import make_sequences
 
     console = console or Console()
@@ -95,11 +72,12 @@ def make(
 
 
 @app.command(help=_RUN, sort_key=1)
+@documented_by("studies:run_study")
 def run(
     study: Path,
     /,
     *,
-    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    output: Annotated[Path | None, Output] = None,
     engine: str = "local",
     device: str = "auto",
     threads: int | None = None,
@@ -110,34 +88,6 @@ def run(
     poses: str = "all",
     console: Console | None = None,
 ) -> int:
-    """Track every cell of a study whose result is missing.
-
-    Parameters
-    ----------
-    study
-        The study's TOML file.
-    output
-        Folder of the results, made if it does not exist; the study's name by default.
-    engine
-        local: the devices of this machine, a process each. ray: a Ray cluster that is running.
-    device
-        local: auto (all CUDA devices, or the CPU), cpu, or a list such as cuda:0,cuda:2; a device that is listed
-        twice gets two processes.
-    threads
-        local: CPU threads. All by default.
-    address
-        ray: of the cluster; auto finds the one that this machine belongs to.
-    workers
-        ray: how many. One per GPU by default, or one per machine without any.
-    gpus
-        ray: of each worker; 0.5 puts two workers on a GPU, 0 none.
-    minutes
-        Of the run, from when its workers are started. A cell that would not be finished in time is not begun; the same
-        command goes on.
-    poses
-        What is kept of them: all, or typical, those of the run in the middle, which a report draws. Numbers are kept of
-        all runs.
-    """
     from mmocap_warp.cli.study_progress import StudyProgress
     from mmocap_warp.commands.studies import run_study
     from mmocap_warp.study.definition import load_study
@@ -254,37 +204,17 @@ def show(folder: Path, /, *, console: Console | None = None) -> int:
 
 
 @app.command(help="Write a study's results as one HTML page.", sort_key=4)
+@documented_by("studies:report_study", study="studies")
 def report(
     results: Path,
     /,
-    *more: Path,
-    output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("report.html"),
+    *more: Annotated[Path, Parameter(help="Further folders of results, of the same page.")],
+    output: Annotated[Path, Output] = Path("report.html"),
     study: Several = (),
     alone: Path | None = None,
     force: Switch = False,
     console: Console | None = None,
 ) -> None:
-    """Write a study's results as one HTML page that needs no network.
-
-    Beside the page go tables.md, the tables as text, and results.csv, a line per cell.
-
-    Parameters
-    ----------
-    results
-        What 'mmocap study run' wrote.
-    more
-        Further folders of results, of the same page.
-    output
-        The page, .html.
-    study
-        The study's TOML file: says what should be there, so that what is missing is listed, and where sequences of
-        your own are, for pictures of the tracked body over them; may be given several times.
-    alone
-        A folder of results of one seed, tracked one at a time: what a frame takes. They stand in no table but the
-        times.
-    force
-        Replace files that exist.
-    """
     from mmocap_warp.commands.studies import report_study
 
     console = console or Console()

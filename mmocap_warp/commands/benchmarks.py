@@ -24,7 +24,7 @@ def benchmark(
     *,
     device: str = "auto",
     threads: int | None = None,
-    against: Sequence[str] = (),
+    against: str | Sequence[str] = (),
     growth: bool = False,
     force: bool = False,
     reporter: Reporter | None = None,
@@ -32,10 +32,11 @@ def benchmark(
     """Measure each kernel, the whole evaluation, the optimizers and frames, and check every answer.
 
     Args:
-        output: write the report, ``.json``.
-        device: ``auto`` (the first CUDA device, or the CPU), ``cpu`` or a CUDA device.
-        threads: CPU threads beside one; None for all.
-        against: other programs to run beside it on the CPU, of ``PEERS``.
+        output: write the report, .json.
+        device: auto (the first CUDA device, or the CPU), cpu, or a CUDA device such as cuda:0.
+        threads: CPU threads beside one. [default: all]
+        against: others to run beside it on the CPU: embree, trimesh (Embree as trimesh offers it) and opencv draw;
+            evosax, cmaes and cma have a CMA-ES; several are joined by commas.
         growth: also measure how time grows with candidates, cameras, pixels, triangles and runs.
         force: replace a file that exists.
         reporter: who is told of each step.
@@ -51,13 +52,14 @@ def benchmark(
         raise UsageError(f"--threads must be at least 1, got {threads}")
     file = None if output is None else new_file(output, ".json", force=force)
     # Other programs must be known and installed.
-    if unknown := [name for name in against if name not in PEERS]:
+    others = [name.strip() for name in against.split(",")] if isinstance(against, str) else list(against)
+    if unknown := [name for name in others if name not in PEERS]:
         raise UsageError(f"--against must name {', '.join(PEERS)}, got '{', '.join(unknown)}'")
-    if absent := missing(tuple(against)):
+    if absent := missing(tuple(others)):
         module, extra = PEERS[absent[0]]
         raise UsageError(f"--against {absent[0]} needs the package {module}: pip install 'mmocap-warp[{extra}]'")
     start_warp(device)
-    plan = suite.Plan.usual(resolve_device(device), threads or available_threads(), tuple(against), growth)
+    plan = suite.Plan.usual(resolve_device(device), threads or available_threads(), tuple(others), growth)
     report = suite.run_suite(plan, lambda step: (reporter or Reporter()).note(f"bench: {step}"))
     if file is not None:
         write_report(file, report)

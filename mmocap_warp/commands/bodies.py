@@ -81,15 +81,15 @@ def make_body(
     """Write a body of the given build as USD.
 
     Args:
-        output: the body's file: ``.usdc``, ``.usda`` or ``.usd``.
+        output: the body's file: .usdc, .usda or .usd.
         data: MakeHuman's data folder as MPFB2 ships it; docs/bodies.md says where to get it.
         gender: 0 woman to 1 man.
         age: years, 1 to 90.
-        height: of the standing body [m].
+        height: of the standing body, in metres.
         weight: 0 thin, 0.5 average, 1 heavy, for the height.
         muscle: 0 slack, 0.5 average, 1 muscular.
         proportions: 0 uncommon, 0.5 average, 1 ideal.
-        name: the body's name; None for the file's name without ending.
+        name: the body's name. [default: the file's name without ending]
         force: replace a file that exists.
 
     Raises:
@@ -125,17 +125,17 @@ def import_body(
 
     Args:
         file: the character or robot.
-        output: the body's file: ``.usdc``, ``.usda`` or ``.usd``.
-        up: its vertical, such as ``+z``; None for what the file says.
-        facing: the axis that it faces along; None for what the file says.
-        scale: of its lengths.
+        output: the body's file: .usdc, .usda or .usd.
+        up: the file's axis that points up, such as +z. [default: what its format says]
+        facing: the file's axis along which the body faces. [default: +z of glTF, +x of URDF, +z or -y of USD]
+        scale: what lengths are multiplied by, besides the unit that the file states.
         triangles: at most, of the mesh that is tracked.
         skin_triangles: at most, of the mesh that is shown.
-        joints: a ``.toml`` file that says how joints turn; what it leaves out is derived.
-        write_joints: write how joints turn to this ``.toml`` file, to be edited and given as ``joints``.
-        meshes: the folder of a robot's meshes; None for its file's own.
-        name: the body's name; None for the output's name without ending.
-        attribution: who made it, and under which licence; None for what the file says.
+        joints: a .toml file that says how joints turn; what it leaves out is derived.
+        write_joints: write how joints turn to this .toml file, to be edited and given as joints.
+        meshes: the folder of a robot's meshes. [default: its file's own]
+        name: the body's name. [default: the output's name without ending]
+        attribution: who made it, and under which licence. [default: what the file says]
         force: replace files that exist.
 
     Returns:
@@ -203,7 +203,7 @@ def export_body(body: str | Path, output: str | Path, *, force: bool = False) ->
 
     Args:
         body: a body's USD file, or a shipped body's name.
-        output: the file: ``.glb``.
+        output: the file: .glb.
         force: replace a file that exists.
 
     Raises:
@@ -230,10 +230,10 @@ def learn_body(
 
     Args:
         body: a body's USD file, or a shipped body's name.
-        output: the new body's file: ``.usdc``, ``.usda`` or ``.usd``.
-        motions: names of the body's motions; none for all of them, unless results are given.
+        output: the new body's file: .usdc, .usda or .usd.
+        motions: some of the body's motions. [default: all, unless results are given]
         results: tracks of the same joints, of which all frames that were not lost count.
-        margin: by which limits are wider than the angles seen, at either end [degrees].
+        margin: by which limits are wider than the angles seen, at either end, in degrees.
         force: replace a file that exists.
 
     Raises:
@@ -276,7 +276,7 @@ def show_body(body: str | Path, output: str | Path | None = None, *, force: bool
 
     Args:
         body: a body's USD file, or a shipped body's name.
-        output: the picture's file, ``.png``; None to name it after the body.
+        output: the picture's file, .png. [default: named after the body]
         force: replace a file that exists.
 
     Raises:

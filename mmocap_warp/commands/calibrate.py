@@ -15,7 +15,7 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.calibration import camera_check
-from mmocap_warp.calibration.adjust.adjustment import AdjustConfig
+from mmocap_warp.calibration.adjust.adjust_config import AdjustConfig
 from mmocap_warp.calibration.adjust.camera_changes import Deviations
 from mmocap_warp.calibration.camera_check import CameraCheck
 from mmocap_warp.calibration.refine import refinement
@@ -85,8 +85,8 @@ def show_cameras(scene: Scene | str | Path, pictures: str | Path | None = None, 
     """Describe a scene's cameras, and draw the world's axes into their views; masks need not be there yet.
 
     Args:
-        scene: the recording, or its file or folder.
-        pictures: folder for one picture of each camera, with the world's x, y and z axis in red, green and blue.
+        scene: the scene, or its file or folder.
+        pictures: folder for one picture of each camera with the world's x, y and z axis in red, green and blue.
         force: write into a folder that holds files.
 
     Raises:
@@ -128,10 +128,12 @@ def sync(
     """Find how far a scene's cameras lag one another, from the motion of the person; it needs no calibration.
 
     Args:
-        scene: the recording, or its file or folder.
-        frames: which of the cameras' frames are used; None for those that the scene names.
-        within: the largest lag between two cameras [s].
-        write: put the offsets into the scene file if all of them are sure, and leave everything else as it is.
+        scene: the scene, or its file or folder.
+        frames: which of the cameras' frames are used: first:end, such as 120:900, or a count. [default: those that the
+            scene names]
+        within: the largest lag between two cameras, in seconds. Steps repeat themselves every half second, so for
+            somebody who only walks, motion determines lags of less than half of that.
+        write: put the offsets into the scene file if all of them are sure, and leave everything else in it as it is.
         reporter: who is told of progress.
 
     Raises:
@@ -161,9 +163,11 @@ def check_cameras(
     """Say which camera of a scene disagrees with the others, by how much, and what is probably wrong with it.
 
     Args:
-        scene: the recording, or its file or folder.
-        body: the generic body that the person's is near to; None for the scene's, or the default.
-        frames: which of the recording's frames; 20 s of them are used.
+        scene: the scene, or its file or folder.
+        body: the generic body that the person's is near to: a shipped one's name or a USD file. [default: the scene's,
+            or adult_man]
+        frames: which of the recording's frames: first:end or first:end:stride; 20 s of them are used. [default: those
+            that the scene names]
         identity: of the person who is meant, where masks show several.
         pictures: folder for a picture of each camera that disagrees: its mask, and the outline of the body of the other
             views as the camera is calibrated (red) and as it would be put right (green).
@@ -206,6 +210,9 @@ def refine_cameras(
     scene: Scene | str | Path,
     output: str | Path | None = None,
     *,
+    fixed: str | None = None,
+    height: float | None = None,
+    distance: tuple[str, str, float] | None = None,
     body: BodyModel | str | Path | None = None,
     frames: Frames = None,
     identity: int | None = None,
@@ -216,15 +223,20 @@ def refine_cameras(
     """Refine a scene's cameras and their times together with the body and the poses of the person before them.
 
     Args:
-        scene: the recording, or its file or folder.
-        output: the refined calibration, ``.toml``; it is written only where held-out frames agree that it is better.
-        body: the generic body that the person's is near to; None for the scene's, or the default.
-        frames: which of the recording's frames; 20 s of them are used.
+        scene: the scene, or its file or folder.
+        output: the refined calibration, .toml; it is written only if held-out frames agree that it is better.
+        fixed: the camera that stands still and gives the time. [default: the one beside which the others move least]
+        height: of the person, in metres: gives the scale.
+        distance: two cameras and the metres between their centres, such as cam01 cam02 3.20: gives the scale.
+        body: the generic body that the person's is near to: a shipped one's name or a USD file. [default: the scene's,
+            or adult_man]
+        frames: which of the recording's frames: first:end or first:end:stride; 20 s of them are used. [default: those
+            that the scene names]
         identity: of the person who is meant, where masks show several.
         force: replace a file that exists.
         reporter: who is told of notes and progress.
-        settings: of an ``AdjustConfig``: ``fixed``, ``height``, ``distance``, ``scale``, ``seed``, ``device``,
-            ``threads``; and of ``Deviations``: ``rotation``, ``position``, ``focal``, ``centre``, ``offset``.
+        settings: of an ``AdjustConfig``: ``scale``, ``seed``, ``device``, ``threads``; and of ``Deviations``:
+            ``rotation``, ``position``, ``focal``, ``centre``, ``offset``.
 
     Raises:
         UsageError: a setting that cannot be.
@@ -236,7 +248,9 @@ def refine_cameras(
     note_others(loaded, reporter)
     with arguments_checked():
         doubts = {each.name: settings.pop(each.name) for each in fields(Deviations) if each.name in settings}
-        config = AdjustConfig(deviations=Deviations(**doubts), **settings)
+        config = AdjustConfig(
+            deviations=Deviations(**doubts), fixed=fixed, height=height, distance=distance, **settings
+        )
         config.check_names(loaded.calibrated.names)
     generic = body_from(body, loaded)
     start_warp(config.device)
@@ -261,11 +275,13 @@ def solve_cameras(
     """Find cameras from the silhouettes of one person who walks about, in metres, with the floor at zero.
 
     Args:
-        scene: the recording, or its file or folder. Of a calibration that it names only the intrinsics are used.
-        height: of the person, standing, in shoes [m].
-        output: the calibration's file, ``.toml``.
-        picture: a ``.png`` of the views with the floor, the person's path and the body's axis.
-        frames: which of the recording's frames; None for those that the scene names.
+        scene: the scene, or its file or folder. Of a calibration that it names only the intrinsics are used; without
+            one, focal lengths are guessed from the images' sizes, and solved for if the walk determines them.
+        height: of the person, standing, in shoes, in metres.
+        output: the calibration's file, .toml.
+        picture: a .png of the views with the floor, the person's path and the body's axis.
+        frames: which of the recording's frames: first:end or first:end:stride, such as 120:480:2, which leaves out the
+            end; or a count of those that the scene names. [default: those that the scene names]
         identity: of the person who is meant, where masks show several.
         force: replace files that exist.
 
@@ -311,12 +327,12 @@ def convert_cameras(
     """Write a calibration in the format that the output's name tells, lengths in metres.
 
     Args:
-        calibration: cameras, or their file in any format that is read, or a folder where the format has one.
-        output: ``NAME.toml`` (Pose2Sim, aniposelib), ``intri.yml`` (EasyMocap, OpenCV; with ``extri.yml``),
-            ``cameras.txt`` (COLMAP; with ``images.txt`` and ``points3D.txt``) or ``NAME.usda``, ``.usdc``, ``.usd``.
-        units: ``m`` or ``mm``, of the lengths that are read, where the format leaves that open.
-        up: the vertical of the calibration's world, where the format does not have it.
-        size: such as ``1920x1080``, of images for which the calibration has none.
+        calibration: cameras, or their file, known by its ending, or a folder where the format has one.
+        output: NAME.toml (Pose2Sim, aniposelib), intri.yml (EasyMocap, OpenCV; with extri.yml), cameras.txt (COLMAP;
+            with images.txt and points3D.txt) or NAME.usda, NAME.usdc, NAME.usd.
+        units: m or mm, of the lengths that are read, where the format leaves that open.
+        up: the vertical of the calibration's world, such as +y; it is written to USD, the other formats do not have it.
+        size: such as 1920x1080, of the images of cameras for which the calibration has none.
         force: replace files that exist.
 
     Raises:

@@ -47,13 +47,15 @@ def make_sequences(
 
     Args:
         folder: the folder to write; each sequence gets its own in it, such as S1/Walking.
-        sequences: their names; none for the nine of S1 to S3.
-        frames: at most so many of each; None for all.
-        degrade: what makes them worse, such as ``passer-by`` or ``fps=15+views=3``.
+        sequences: which: S1, S2 or S3 with /Walking, /Gestures or /Box, or further clips: S1/Spin, S2/Spin,
+            Uneven/Walking, Skirt/Walking, Child/Walking. [default: the nine of S1 to S3]
+        frames: at most so many of each. [default: all]
+        degrade: what makes them worse: passer-by, furniture, fps=15, views=3, cut=2 (or all), calibration=10 (pixels),
+            or several joined by +.
         seed: of what is random in that.
-        clip: a ``.bvh`` or ``.amc`` file whose motion takes the place of the one sequence's own.
-        skeleton: the ``.asf`` of an ``.amc``; None for the one beside it.
-        markers: the ``.c3d`` of the same take as an ``.amc``; its marker paths become the truth.
+        clip: a .bvh or .amc file whose motion takes the place of the one sequence's own.
+        skeleton: the .asf of an .amc. [default: beside it, named as the .amc up to '_']
+        markers: the .c3d of the same take as an .amc; its marker paths become the truth.
         force: write among files that are there.
         reporter: who is told of progress.
 
@@ -114,18 +116,22 @@ def ablate(
     """Track clips, made worse in several ways, with several trackers, and write ``ablation.csv``.
 
     Args:
-        folder: of the results, made if it does not exist: a JSON file for each cell, which is not tracked again.
-        clips: shipped sequences or further clips by name, ``scene.toml`` files, or ``tuning`` or ``reporting`` for all
-            clips of that purpose; none for ``tuning``.
-        degradations: such as ``none``, ``passer-by`` or ``fps=15+views=3``; none for ``none``.
-        starts: of ``STARTS``; none for ``given``.
-        trackers: an algorithm and settings, such as ``h-cmaes,evaluations=300``; none for ``h-cmaes``.
+        folder: of the results, made if it does not exist: a JSON file for each cell, which is not tracked again, and
+            ablation.csv.
+        clips: shipped sequences or further clips by name, scene.toml files, or all clips for 'tuning' (choose settings
+            on them) or for 'reporting' (choose nothing on them). [default: tuning]
+        degradations: none, passer-by, furniture, fps=15, views=3, cut=2 (or all), calibration=10 (pixels), or several
+            joined by +. [default: none]
+        starts: body and first pose: given (the clip's own), solved (the body from the clip, with the given pose to
+            begin with), or both found in the masks: first-frame (the body from that frame alone) or fitted (as
+            'mmocap fit' does). [default: given]
+        trackers: an algorithm and settings of 'mmocap track', such as h-cmaes,evaluations=300. [default: h-cmaes]
         seeds: how many, from 0 on.
-        frames: at most so many of each clip; None for all.
-        scale: of masks and cameras.
-        subject: file of the subject to start from; None for the clip's own.
-        device: ``auto``, ``cpu`` or a CUDA device.
-        threads: CPU threads; None for all.
+        frames: at most so many of each clip. [default: all]
+        scale: of masks and cameras; shipped sequences have 1.
+        subject: file of the subject to start from. [default: the clip's own]
+        device: auto, cpu, or a CUDA device such as cuda:0.
+        threads: CPU threads. [default: all]
         show: called with each cell that is done, its measures, and how many cells there are.
 
     Returns:

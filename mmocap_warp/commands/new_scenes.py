@@ -89,12 +89,12 @@ def synthesize(
     """Write a scene of a body in one of its own motions, with made masks and known truth.
 
     Args:
-        body: a body's USD file with motions, or a shipped body's name, such as ``fox``.
+        body: a body's USD file with motions, such as 'mmocap body import' writes, or a shipped one's name, such as fox.
         output: the scene's folder.
-        motion: which of its motions; None for the first.
-        cameras: how many, evenly around it.
-        size: width and height of their images [px].
-        perfect: masks without faults; otherwise they have ragged contours, holes and specks.
+        motion: which of its motions. [default: the first]
+        cameras: how many; they stand evenly around the body and see all of it.
+        size: width and height of their images, in pixels.
+        perfect: masks without faults; by default they have ragged contours, holes and specks.
         seed: of the faults.
         force: write into a folder that holds files.
         reporter: who is told of progress.
@@ -136,9 +136,9 @@ def import_humaneva(
         root: the folder that holds S1, S2, S3 and Background.
         subject: S1, S2 or S3.
         action: Walking, Gestures or Box, the paper's; also Jog and ThrowCatch.
-        output: the folder to write; the scene's file is ``scene.toml`` there.
-        first: first frame in HumanEva's own numbers, which count from 1; None for the first usable one.
-        last: last frame, included; None for the last of HumanEva's own list.
+        output: the folder to write; the scene's file is scene.toml there.
+        first: first frame in HumanEva's own numbers, which count from 1. [default: 6, the first usable one]
+        last: last frame, included. [default: the last of HumanEva's own list]
         force: write into a folder that holds files.
         reporter: who is told of warnings.
 

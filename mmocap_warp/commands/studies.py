@@ -74,15 +74,18 @@ def run_study(
 
     Args:
         study: the study, or its TOML file.
-        output: folder of the results, made if it does not exist; None for one of the study's name.
-        engine: ``local`` for the devices of this machine, a process each; ``ray`` for a Ray cluster that is running.
-        device: of the local engine: ``auto``, ``cpu``, or a list such as ``cuda:0,cuda:2``.
-        threads: CPU threads of the local engine; None for all.
-        address: of the Ray cluster; ``auto`` finds the one that this machine belongs to.
-        workers: of Ray; None for one on each GPU, or on each machine without any.
-        gpus: of each Ray worker; 0.5 puts two workers on a GPU, 0 none.
-        minutes: of the run; a cell that would not be finished in time is not begun.
-        poses: what is kept of them: ``all``, or ``typical``, those of the run in the middle.
+        output: folder of the results, made if it does not exist. [default: the study's name]
+        engine: local: the devices of this machine, a process each; ray: a Ray cluster that is running.
+        device: local: auto (all CUDA devices, or the CPU), cpu, or a list such as cuda:0,cuda:2; a device that is
+            listed twice gets two processes.
+        threads: local: CPU threads. [default: all]
+        address: ray: of the cluster; auto finds the one that this machine belongs to.
+        workers: ray: how many. [default: one on each GPU, or on each machine without any]
+        gpus: ray: of each worker; 0.5 puts two workers on a GPU, 0 none.
+        minutes: of the run, from when its workers are started. A cell that would not be finished in time is not begun;
+            the same command goes on.
+        poses: what is kept of them: all, or typical, those of the run in the middle, which a report draws. Numbers are
+            kept of all runs.
         show: called with the study's status, at least twice a second.
         reporter: who is warned of cells that are given up.
 
@@ -183,9 +186,11 @@ def report_study(
 
     Args:
         results: what :func:`run_study` wrote: one folder or several.
-        output: the page, ``.html``.
-        studies: studies, or their TOML files: they say what should be there, and where sequences of your own are.
-        alone: a folder of results of one seed, tracked one at a time, for the time that a frame takes.
+        output: the page, .html; beside it go tables.md, the tables as text, and results.csv, a line for each cell.
+        studies: studies, or their TOML files: they say what should be there, so that what is missing is listed, and
+            where sequences of your own are, for pictures of the tracked body over them.
+        alone: a folder of results of one seed, tracked one at a time: what a frame takes. They stand in no table but
+            the times.
         force: replace files that exist.
         reporter: who is told of results that are left out, and of mixed code.
 

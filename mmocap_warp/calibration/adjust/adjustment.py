@@ -8,22 +8,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.skeleton import ROOT_ANGLES
-from mmocap_warp.calibration.adjust.camera_changes import (
-    CENTRE,
-    OFFSET,
-    POSITION,
-    ROTATION,
-    Deviations,
-    changed,
-    difference,
-)
+from mmocap_warp.calibration.adjust.adjust_config import AdjustConfig
+from mmocap_warp.calibration.adjust.camera_changes import CENTRE, OFFSET, POSITION, ROTATION, changed, difference
 from mmocap_warp.calibration.adjust.camera_problem import (
     CameraProblem,
     KnownLength,
@@ -63,57 +56,6 @@ _TURN_UNIT, _SHIFT_UNIT = np.radians(1.0), 0.04  # radians and metres: below the
 
 Progress = Callable[[str, float], None]
 """Called with the name of the stage that is done, and the share of all work."""
-
-
-@dataclass(frozen=True)
-class AdjustConfig:
-    """Settings of an adjustment of cameras.
-
-    Attributes:
-        deviations: how far cameras may be from their calibration; zero holds a parameter.
-        fixed: the camera that stands still; None for the one beside which the others move least.
-        height: of the person, where it is known [m].
-        distance: between the centres of two cameras, where it is known: their names and metres.
-        frames: number of frames that the cameras are solved from.
-        judges: number of further frames that judge the cameras.
-        scale: of masks and cameras; None for images at most 640 pixels long.
-        seed: of the random numbers.
-        device: ``auto``, ``cpu`` or a CUDA device.
-        threads: CPU threads; None for all that this process may use.
-        subject: the person in the pose of the first frame, where that is known; otherwise a body is fitted.
-    """
-
-    deviations: Deviations = field(default_factory=Deviations)
-    fixed: str | None = None
-    height: float | None = None
-    distance: tuple[str, str, float] | None = None
-    frames: int = 20
-    judges: int = 10
-    scale: float | None = None
-    seed: int = 0
-    device: str = "auto"
-    threads: int | None = None
-    subject: Subject | None = None
-
-    def __post_init__(self) -> None:
-        for name in ("frames", "judges"):
-            if getattr(self, name) < 2:
-                raise ValueError(f"{name} must be at least 2, got {getattr(self, name)}")
-        if self.scale is not None and not 0.0 < self.scale <= 1.0:
-            raise ValueError(f"scale must be in (0, 1], got {self.scale}")
-        for name, metres in (("height", self.height), ("distance", self.distance and self.distance[2])):
-            if metres is not None and not 0.0 < metres < 100.0:
-                raise ValueError(f"{name} must be in (0, 100) m, got {metres}")
-
-    def check_names(self, cameras: tuple[str, ...]) -> None:
-        """See that the named cameras are among those of the scene.
-
-        Raises:
-            ValueError: one is not.
-        """
-        for setting, name in (("fixed", self.fixed), *(("distance", name) for name in (self.distance or ())[:2])):
-            if name is not None and name not in cameras:
-                raise ValueError(f"{setting} must name one of {', '.join(cameras)}, got {name}")
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,6 +17,7 @@ import numpy as np
 
 from mmocap_warp.body.rotations import transposed
 from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.formats.toml_table import describes_settings, setting
 
 KINDS: tuple[str, ...] = (
     "tilt", "pan", "roll", "right", "down", "ahead", "focal", "centre_x", "centre_y", "offset",
@@ -30,23 +31,18 @@ RESPECT = np.repeat(np.arange(5), (3, 3, 1, 2, 1))
 time."""
 
 
+@describes_settings
 @dataclass(frozen=True)
 class Deviations:
-    """How far a camera may be from its calibration, as standard deviations; zero holds a parameter.
+    """How far a camera may be from its calibration, as standard deviations; 0 holds a parameter."""
 
-    Attributes:
-        rotation: about each axis [degrees].
-        position: along each axis [m].
-        focal: of the focal lengths, as a share.
-        centre: of the principal point along each axis, as a share of the larger side of the image.
-        offset: of the time [s].
-    """
-
-    rotation: float = 5.0
-    position: float = 0.2
-    focal: float = 0.02
-    centre: float = 0.01
-    offset: float = 0.05
+    rotation: float = setting(5.0, "Deviation of a camera's rotation about each of its axes, in degrees; 0 holds it.")
+    position: float = setting(0.2, "Deviation of its position along each of its axes, in metres; 0 holds it.")
+    focal: float = setting(0.02, "Deviation of its focal length, as a share of it; 0 holds it.")
+    centre: float = setting(
+        0.01, "Deviation of its principal point, as a share of the image's larger side; 0 holds it."
+    )
+    offset: float = setting(0.05, "Deviation of its time offset, in seconds; 0 holds it.")
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():

@@ -32,7 +32,7 @@ PAPERS = "h-cmaes"
 
 
 @dataclass(frozen=True)
-class _Example:
+class Example:
     """A scene that is made when it is asked for: a shipped body, a motion of its, and how many cameras there are."""
 
     body: str
@@ -41,10 +41,10 @@ class _Example:
 
 
 EXAMPLES = {
-    "fox": _Example("fox", "Walk", 6),
-    "hand": _Example("hand", "Opening", 4),
-    "quadruped": _Example("anymal", "Trot", 6),
-    "arm": _Example("panda", "Pick", 4),
+    "fox": Example("fox", "Walk", 6),
+    "hand": Example("hand", "Opening", 4),
+    "quadruped": Example("anymal", "Trot", 6),
+    "arm": Example("panda", "Pick", 4),
 }
 
 

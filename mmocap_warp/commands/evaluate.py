@@ -47,7 +47,7 @@ def evaluate(
     """
     tracked, path = result_from(result)
     positions = positions_of(tracked, frames)
-    recorded = scene_of(tracked, path, scene) if truth is None else None
+    recorded = scene_of(tracked, path, scene, reporter) if truth is None else None
     known, file, axes = _truth_in(truth, truth_axes, recorded)
     start_warp()
     report = report_of(tracked.at(positions), known, file)

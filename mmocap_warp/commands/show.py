@@ -75,7 +75,7 @@ def show(
     tracked, path = result_from(result)
     positions = positions_of(tracked, frames)
     start_warp()
-    draw_result(tracked, scene_of(tracked, path, scene), video, sheet, reporter, positions)
+    draw_result(tracked, scene_of(tracked, path, scene, reporter), video, sheet, reporter, positions)
     return Drawing(video, sheet)
 
 
@@ -180,7 +180,7 @@ def view(
     page = None if output is None else new_file(output, ".html", force=force)
     recording = None if rerun is None else new_file(rerun, ".rrd", force=force)
     tracked, path = result_from(result)
-    recorded = scene_of(tracked, path, scene)
+    recorded = scene_of(tracked, path, scene, reporter)
     known = truth if isinstance(truth, Truth) else truth_of(recorded) if truth is None else load_truth(truth)
     start_warp()
     if recording is not None:

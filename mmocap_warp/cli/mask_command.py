@@ -9,11 +9,11 @@ from mmocap_warp.cli.console import (
     CHECK_FAILED,
     OK,
     Console,
+    Force,
     Identity,
     Output,
     SceneFile,
     SceneFrames,
-    Switch,
     next_step,
 )
 
@@ -30,7 +30,7 @@ def mask(
     frames: SceneFrames = None,
     from_body: Path | None = None,
     identity: Identity = None,
-    force: Switch = False,
+    force: Force = False,
     console: Console | None = None,
 ) -> int:
     """Write a scene's foreground masks and an overlay of them, and judge whether they show one whole subject.
@@ -43,8 +43,6 @@ def mask(
         Of the masks relative to the recording, up to 1.
     from_body
         A result of this scene: draw the masks anew around its body, by the images' colours (GrabCut).
-    force
-        Write into a folder that holds files.
     """
     from mmocap_warp.commands.mask import mask
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from mmocap_warp.cli.console import Console, Output, ResultFile, ResultFrames, Switch, table
+from mmocap_warp.cli.console import Console, Force, Output, ResultFile, ResultFrames, Switch, table
 
 
 def measure(
@@ -17,7 +17,7 @@ def measure(
     raw: Switch = False,
     frames: ResultFrames = None,
     sex: Literal["female", "male"] | None = None,
-    force: Switch = False,
+    force: Force = False,
     console: Console | None = None,
 ) -> None:
     """Print joint angles, heel strikes, steps, the centre of mass and the lengths of the bones.
@@ -34,8 +34,6 @@ def measure(
         Measure the track before it was smoothed.
     sex
         Whose shares of mass the body's segments have: female or male; the mean of both by default.
-    force
-        Write into a folder that holds something.
     """
     from mmocap_warp.biomechanics.measure_report import report
     from mmocap_warp.commands.measure import measure

@@ -11,6 +11,7 @@ from mmocap_warp.cli.console import (
     CHECK_FAILED,
     OK,
     Console,
+    Force,
     MovedScene,
     Output,
     ResultFile,
@@ -58,7 +59,7 @@ def show(
     output: Annotated[Path | None, Output] = None,
     scene: MovedScene = None,
     frames: ResultFrames = None,
-    force: Switch = False,
+    force: Force = False,
     console: Console | None = None,
 ) -> None:
     """Write an overlay video of all cameras, and a contact sheet beside it: mask against model, skin and skeleton.
@@ -72,8 +73,6 @@ def show(
     output
         The video's file, .webm; beside the result and named after it by default. The sheet, and a subject's picture,
         have the ending .png.
-    force
-        Replace files that exist.
     """
     from mmocap_warp.commands.show import show
 
@@ -91,7 +90,7 @@ def view(
     images: Switch = False,
     rerun: Path | None = None,
     scene: MovedScene = None,
-    force: Switch = False,
+    force: Force = False,
     console: Console | None = None,
 ) -> None:
     """Write one page that shows a result in any browser, without a network: body, cameras, masks, curves, all runs.
@@ -104,8 +103,6 @@ def view(
         Show the recording's images too, not its masks alone.
     rerun
         Also write the best run as a recording of Rerun's, .rrd; needs the package rerun-sdk.
-    force
-        Replace a file that exists.
     """
     from mmocap_warp.commands.show import view
 
@@ -129,7 +126,7 @@ def export(
     up: Annotated[Literal["y", "z"] | None, Parameter(show_choices=False)] = None,
     rig: Literal["mixamo"] | None = None,
     bake: Switch = False,
-    force: Switch = False,
+    force: Force = False,
     console: Console | None = None,
 ) -> None:
     """Write a result's animation alone, for other programs: the best run's motion, in the format of the file's ending.
@@ -152,8 +149,6 @@ def export(
         Name and bind the body as this rig, in its rest pose.
     bake
         USD only: the skin's points at every frame instead of a skeleton that moves it.
-    force
-        Replace files that exist.
     """
     from mmocap_warp.commands.export import export
 

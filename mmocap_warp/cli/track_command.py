@@ -10,6 +10,7 @@ from mmocap_warp.cli.console import (
     CHECK_FAILED,
     OK,
     Console,
+    Force,
     Identity,
     Output,
     SceneFile,
@@ -42,7 +43,7 @@ def track(
     identity: Identity = None,
     flags: TrackFlags | None = None,
     resume: Switch = False,
-    force: Switch = False,
+    force: Force = False,
     console: Console | None = None,
 ) -> None:
     """Track a scene: from videos or masks to an animated USD body.
@@ -59,8 +60,6 @@ def track(
         That body's bones' lengths, girths and scale are known: fit the pose alone. [default: what the body says]
     resume
         Continue an interrupted run; it ends with the same bits as one that was not interrupted.
-    force
-        Replace a result that exists.
     """
     from mmocap_warp.cli.result_report import summary
     from mmocap_warp.commands.evaluate import evaluate_in_scene
@@ -102,7 +101,7 @@ def fit(
     frames: SceneFrames = None,
     identity: Identity = None,
     flags: FitFlags | None = None,
-    force: Switch = False,
+    force: Force = False,
     console: Console | None = None,
 ) -> None:
     """Find the body's place, heading and first pose in a scene's first frame, and its shape in the first seconds.
@@ -117,8 +116,6 @@ def fit(
     start_pose
         In which the recording starts, about: the name of one of the body's motions, of which some frames are tried, or
         a .toml file of angles in degrees such as 'LKnee.Rx = 40', shifts in metres. May be given more than once.
-    force
-        Replace a file that exists.
     """
     from mmocap_warp.commands.fit import fit
 

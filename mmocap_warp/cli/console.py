@@ -65,10 +65,6 @@ ResultFrames = Annotated[
         "by default."
     ),
 ]
-Force = Annotated[
-    bool, Parameter(negative="", show_default=False, help="Write where files exist already, and replace them.")
-]
-MovedScene = Annotated[Path | None, Parameter(help="The scene, if it is no longer where the result says.")]
 
 
 def flags_of(config: type[DataclassInstance]) -> type[DataclassInstance]:

@@ -86,9 +86,10 @@ def demo(
     demo.
 
     Args:
-        example: what to track: a person who walks, a fox, a hand, or a robot with four legs or an arm.
+        example: what to track: the built-in walk of a person, or a made scene of a fox, a hand, or a robot with four
+            legs or an arm.
         output: the folder to write, made if it does not exist.
-        paper: track the walk with the paper's best tracker too, from the same fit.
+        paper: track the walk with the paper's best tracker too, from the same fit, and put both beside each other.
         reporter: who is told of notes and progress.
 
     Raises:

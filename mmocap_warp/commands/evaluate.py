@@ -32,10 +32,10 @@ def evaluate(
 
     Args:
         result: what was tracked, or its file.
-        truth: true markers or joints, or their file; None for the scene's own.
-        truth_axes: of a ``.trc`` file: which of its axes are the world's x, y and z, such as ``zxy``.
-        scene: the recording; None for the one that the result names.
-        frames: which of the result's frames; None for all.
+        truth: true markers or joints: .usdc, .usda or .trc. [default: the scene's own]
+        truth_axes: of a .trc: which of its axes are the world's x, y and z, such as zxy.
+        scene: the scene, if it is no longer where the result says.
+        frames: which of the result's frames. [default: all]
         reporter: who is told of warnings.
 
     Returns:

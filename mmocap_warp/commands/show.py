@@ -56,10 +56,10 @@ def show(
 
     Args:
         result: what was tracked or fitted, or its file.
-        scene: the recording; None for the one that the result names.
-        output: the video's file, ``.webm``; None for beside the result's file, named after it. The sheet, and a
-            subject's picture, end in ``.png``.
-        frames: which of the result's frames; None for all.
+        scene: the scene, if it is no longer where the result says.
+        output: the video's file, .webm. The sheet, and a subject's picture, have the ending .png. [default: beside the
+            result and named after it]
+        frames: which of the result's frames. [default: all]
         force: replace files that exist.
         reporter: who is told of progress.
 
@@ -164,12 +164,12 @@ def view(
 
     Args:
         result: what was tracked, or its file.
-        scene: the recording; None for the one that the result names.
-        truth: what errors are measured from; None for the scene's own.
+        scene: the scene, if it is no longer where the result says.
+        truth: what errors are measured from. [default: the scene's own]
         images: show the recording's images too, not its masks alone.
-        name: the page's title; None for the scene's name.
-        output: the page's file, ``.html``; None writes none.
-        rerun: also write the best run as a recording of Rerun's, ``.rrd``; it needs the package rerun-sdk.
+        name: the page's title. [default: the scene's name]
+        output: the page's file, .html. The command writes it beside the result unless it is named.
+        rerun: also write the best run as a recording of Rerun's, .rrd; it needs the package rerun-sdk.
         force: replace files that exist.
         reporter: who is told of progress.
 

@@ -65,7 +65,6 @@ ResultFrames = Annotated[
         "by default."
     ),
 ]
-MovedScene = Annotated[Path | None, Parameter(help="The scene, if it is no longer where the result says.")]
 
 
 def flags_of(config: type[DataclassInstance]) -> type[DataclassInstance]:

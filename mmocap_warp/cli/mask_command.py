@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from mmocap_warp.cli.command_help import documented_by
 from mmocap_warp.cli.console import (
     CHECK_FAILED,
     OK,
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from mmocap_warp.masks.mask_check import MaskReport
 
 
+@documented_by("mask:mask")
 def mask(
     scene: SceneFile,
     /,
@@ -33,19 +35,6 @@ def mask(
     force: Switch = False,
     console: Console | None = None,
 ) -> int:
-    """Write a scene's foreground masks and an overlay of them, and judge whether they show one whole subject.
-
-    Parameters
-    ----------
-    output
-        The folder to write.
-    scale
-        Of the masks relative to the recording, up to 1.
-    from_body
-        A result of this scene: draw the masks anew around its body, by the images' colours (GrabCut).
-    force
-        Write into a folder that holds files.
-    """
     from mmocap_warp.commands.mask import mask
 
     console = console or Console()

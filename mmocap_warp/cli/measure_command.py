@@ -5,9 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+from mmocap_warp.cli.command_help import documented_by
 from mmocap_warp.cli.console import Console, Output, ResultFile, ResultFrames, Switch, table
 
 
+@documented_by("measure:measure")
 def measure(
     result: ResultFile,
     /,
@@ -20,23 +22,6 @@ def measure(
     force: Switch = False,
     console: Console | None = None,
 ) -> None:
-    """Print joint angles, heel strikes, steps, the centre of mass and the lengths of the bones.
-
-    The table is of the run that is animated, or of the one that is named; docs/measures.md defines every figure.
-
-    Parameters
-    ----------
-    output
-        A folder for every frame's figures as .csv, and plots of angles and feet as .svg.
-    run
-        The number of one run; all by default.
-    raw
-        Measure the track before it was smoothed.
-    sex
-        Whose shares of mass the body's segments have: female or male; the mean of both by default.
-    force
-        Write into a folder that holds something.
-    """
     from mmocap_warp.biomechanics.measure_report import report
     from mmocap_warp.commands.measure import measure
 

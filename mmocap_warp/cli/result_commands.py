@@ -7,11 +7,11 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from mmocap_warp.cli.command_help import documented_by
 from mmocap_warp.cli.console import (
     CHECK_FAILED,
     OK,
     Console,
-    MovedScene,
     Output,
     ResultFile,
     ResultFrames,
@@ -21,27 +21,17 @@ from mmocap_warp.formats.table import EXPORT_SUFFIXES
 from mmocap_warp.formats.toml_table import listed
 
 
+@documented_by("evaluate:evaluate")
 def evaluate(
     result: ResultFile,
     /,
     *,
     truth: Path | None = None,
     truth_axes: str = "xyz",
-    scene: MovedScene = None,
+    scene: Path | None = None,
     frames: ResultFrames = None,
     console: Console | None = None,
 ) -> int:
-    """Print a result's IoU, and its errors in millimetres where the truth is known.
-
-    Exits with 4 where the truth is in another world than the result, and says how to mend that.
-
-    Parameters
-    ----------
-    truth
-        True markers or joints: .usdc, .usda or .trc. The scene's own by default.
-    truth_axes
-        Of a .trc: which of its axes are the world's x, y and z, such as zxy.
-    """
     from mmocap_warp.cli.result_report import summary
     from mmocap_warp.commands.evaluate import evaluate
 
@@ -51,30 +41,17 @@ def evaluate(
     return OK if report.get("other_world") is None else CHECK_FAILED
 
 
+@documented_by("show:show")
 def show(
     result: Path,
     /,
     *,
     output: Annotated[Path | None, Output] = None,
-    scene: MovedScene = None,
+    scene: Path | None = None,
     frames: ResultFrames = None,
     force: Switch = False,
     console: Console | None = None,
 ) -> None:
-    """Write an overlay video of all cameras, and a contact sheet beside it: mask against model, skin and skeleton.
-
-    Of a subject it is a picture: the fit over the first frame, or the body alone where the scene is not known.
-
-    Parameters
-    ----------
-    result
-        What 'mmocap track' or 'mmocap fit' wrote.
-    output
-        The video's file, .webm; beside the result and named after it by default. The sheet, and a subject's picture,
-        have the ending .png.
-    force
-        Replace files that exist.
-    """
     from mmocap_warp.commands.show import show
 
     console = console or Console()
@@ -83,6 +60,7 @@ def show(
     console.result(files, "\n".join(map(str, files.values())))
 
 
+@documented_by("show:view")
 def view(
     result: ResultFile,
     /,
@@ -90,23 +68,10 @@ def view(
     output: Annotated[Path | None, Output] = None,
     images: Switch = False,
     rerun: Path | None = None,
-    scene: MovedScene = None,
+    scene: Path | None = None,
     force: Switch = False,
     console: Console | None = None,
 ) -> None:
-    """Write one page that shows a result in any browser, without a network: body, cameras, masks, curves, all runs.
-
-    Parameters
-    ----------
-    output
-        The page's file, .html; beside the result and named after it by default.
-    images
-        Show the recording's images too, not its masks alone.
-    rerun
-        Also write the best run as a recording of Rerun's, .rrd; needs the package rerun-sdk.
-    force
-        Replace a file that exists.
-    """
     from mmocap_warp.commands.show import view
 
     console = console or Console()
@@ -117,6 +82,7 @@ def view(
     console.result({"file": page, "rerun": rerun, "frames": shown.frames, "bytes": size}, text)
 
 
+@documented_by("export:export")
 def export(
     result: ResultFile,
     /,
@@ -132,29 +98,6 @@ def export(
     force: Switch = False,
     console: Console | None = None,
 ) -> None:
-    """Write a result's animation alone, for other programs: the best run's motion, in the format of the file's ending.
-
-    The world is the result's, which is the calibration's: its up axis, its heading and its origin. Formats that are
-    Y up always (.glb, .bvh, .trc, .mot) have it turned.
-
-    Parameters
-    ----------
-    run
-        Which run: its number from 0, or "all" for a file a run, such as walk-run0.bvh. [default: the best]
-    raw
-        The track as it was before it was smoothed.
-    fps
-        Frames per second, resampled by time. [default: the result's own]
-    up
-        Turn the world so that y or z is up: (x, y, z) becomes (x, z, -y) from z up to y up, and (x, -z, y) back.
-        [default: the result's own, or the format's]
-    rig
-        Name and bind the body as this rig, in its rest pose.
-    bake
-        USD only: the skin's points at every frame instead of a skeleton that moves it.
-    force
-        Replace files that exist.
-    """
     from mmocap_warp.commands.export import export
 
     console = console or Console()

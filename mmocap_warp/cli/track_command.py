@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
+from mmocap_warp.cli.command_help import documented_by
 from mmocap_warp.cli.console import (
     CHECK_FAILED,
     OK,
@@ -30,6 +31,7 @@ else:
     TrackFlags, FitFlags = flags_of(TrackConfig), flags_of(FitConfig)
 
 
+@documented_by("track:track")
 def track(
     scene: SceneFile,
     /,
@@ -45,23 +47,6 @@ def track(
     force: Switch = False,
     console: Console | None = None,
 ) -> None:
-    """Track a scene: from videos or masks to an animated USD body.
-
-    Parameters
-    ----------
-    output
-        The result's file: .usdc, .usda or .usd. A checkpoint lies beside it until the run is complete.
-    subject
-        The fitted subject to track. The scene's, or else one is fitted first and kept beside the result.
-    body
-        Where that fit starts: a shipped body's name or a USD file. The scene's, or else adult_man.
-    rigid
-        That body's bones' lengths, girths and scale are known: fit the pose alone. [default: what the body says]
-    resume
-        Continue an interrupted run; it ends with the same bits as one that was not interrupted.
-    force
-        Replace a result that exists.
-    """
     from mmocap_warp.cli.result_report import summary
     from mmocap_warp.commands.evaluate import evaluate_in_scene
     from mmocap_warp.commands.inputs import scene_from
@@ -92,6 +77,7 @@ def track(
         console.warn(warning)
 
 
+@documented_by("fit:fit", start_pose="start_poses")
 def fit(
     scene: SceneFile,
     /,
@@ -105,21 +91,6 @@ def fit(
     force: Switch = False,
     console: Console | None = None,
 ) -> None:
-    """Find the body's place, heading and first pose in a scene's first frame, and its shape in the first seconds.
-
-    Parameters
-    ----------
-    output
-        The subject's file: .usdc, .usda or .usd. Name it as 'subject' in the scene to track with it.
-    body
-        The generic body that the subject's is near to: a shipped one's name or a USD file. The scene's, or else
-        adult_man.
-    start_pose
-        In which the recording starts, about: the name of one of the body's motions, of which some frames are tried, or
-        a .toml file of angles in degrees such as 'LKnee.Rx = 40', shifts in metres. May be given more than once.
-    force
-        Replace a file that exists.
-    """
     from mmocap_warp.commands.fit import fit
 
     console, flags = console or Console(), flags or FitFlags()
@@ -151,6 +122,7 @@ def _measures(provenance: dict[str, str | float | int]) -> str:
     return f"{size}, known to {of_size:.0f} mm{bones} from {frames} frames"
 
 
+@documented_by("demo:demo")
 def demo(
     example: Literal["walk", "fox", "hand", "quadruped", "arm"] = "walk",
     /,
@@ -159,18 +131,6 @@ def demo(
     paper: Switch = False,
     console: Console | None = None,
 ) -> int:
-    """Track the built-in scene and compare with its truth.
-
-    Parameters
-    ----------
-    example
-        What to track: the built-in walk of a person, or a made scene of a fox, a hand, or a robot with four legs or
-        an arm.
-    output
-        Folder to write, made if it does not exist.
-    paper
-        Track the walk with the paper's best tracker too, from the same fit, and put both beside each other.
-    """
     from mmocap_warp.cli.result_report import beside, summary
     from mmocap_warp.commands.demo import EXAMPLES, MOST_ERROR_MM, MOST_SHARE, PAPERS, demo
 

@@ -32,7 +32,7 @@ PAPERS = "h-cmaes"
 
 
 @dataclass(frozen=True)
-class _Example:
+class Example:
     """A scene that is made when it is asked for: a shipped body, a motion of its, and how many cameras there are."""
 
     body: str
@@ -41,10 +41,10 @@ class _Example:
 
 
 EXAMPLES = {
-    "fox": _Example("fox", "Walk", 6),
-    "hand": _Example("hand", "Opening", 4),
-    "quadruped": _Example("anymal", "Trot", 6),
-    "arm": _Example("panda", "Pick", 4),
+    "fox": Example("fox", "Walk", 6),
+    "hand": Example("hand", "Opening", 4),
+    "quadruped": Example("anymal", "Trot", 6),
+    "arm": Example("panda", "Pick", 4),
 }
 
 
@@ -86,9 +86,10 @@ def demo(
     demo.
 
     Args:
-        example: what to track: a person who walks, a fox, a hand, or a robot with four legs or an arm.
+        example: what to track: the built-in walk of a person, or a made scene of a fox, a hand, or a robot with four
+            legs or an arm.
         output: the folder to write, made if it does not exist.
-        paper: track the walk with the paper's best tracker too, from the same fit.
+        paper: track the walk with the paper's best tracker too, from the same fit, and put both beside each other.
         reporter: who is told of notes and progress.
 
     Raises:

@@ -32,10 +32,10 @@ def evaluate(
 
     Args:
         result: what was tracked, or its file.
-        truth: true markers or joints, or their file; None for the scene's own.
-        truth_axes: of a ``.trc`` file: which of its axes are the world's x, y and z, such as ``zxy``.
-        scene: the recording; None for the one that the result names.
-        frames: which of the result's frames; None for all.
+        truth: true markers or joints: .usdc, .usda or .trc. [default: the scene's own]
+        truth_axes: of a .trc: which of its axes are the world's x, y and z, such as zxy.
+        scene: the scene, if it is no longer where the result says.
+        frames: which of the result's frames. [default: all]
         reporter: who is told of warnings.
 
     Returns:
@@ -47,7 +47,7 @@ def evaluate(
     """
     tracked, path = result_from(result)
     positions = positions_of(tracked, frames)
-    recorded = scene_of(tracked, path, scene) if truth is None else None
+    recorded = scene_of(tracked, path, scene, reporter) if truth is None else None
     known, file, axes = _truth_in(truth, truth_axes, recorded)
     start_warp()
     report = report_of(tracked.at(positions), known, file)

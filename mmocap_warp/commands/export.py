@@ -54,13 +54,14 @@ def export(
 
     Args:
         result: what was tracked, or its file.
-        output: the animation's file, with an ending of :data:`mmocap_warp.formats.table.EXPORT_SUFFIXES`.
-        run: which run: its number from 0, or ``"all"`` for a file a run, such as ``walk-run0.bvh``; None for the best.
+        output: the animation's file, known by its ending.
+        run: which run: its number from 0, or "all" for a file a run, such as walk-run0.bvh. [default: the best]
         raw: the track as it was before it was smoothed.
-        frames: which of the result's frames; None for all.
-        fps: frames per second, resampled by time; None for the result's own.
-        up: turn the world so that y or z is up; None for the result's own, or the format's.
-        rig: name and bind the body as this rig, such as ``"mixamo"``.
+        frames: which of the result's frames. [default: all]
+        fps: frames per second, resampled by time. [default: the result's own]
+        up: turn the world so that y or z is up: (x, y, z) becomes (x, z, -y) from z up to y up, and (x, -z, y) back.
+            [default: the result's own, or the format's]
+        rig: name and bind the body as this rig, in its rest pose.
         bake: USD only: the skin's points at every frame instead of a skeleton that moves it.
         force: replace files that exist.
 

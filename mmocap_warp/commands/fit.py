@@ -53,14 +53,15 @@ def fit(
 
     Args:
         scene: the recording, or its file or folder.
-        body: the generic body that the subject's is near to, the name of a shipped one, or a USD file. None for the
-            scene's, or else ``adult_man``. It gets what the scene says is attached.
-        config: settings; None for those of the scene's [fit] table.
-        start_poses: in which the recording starts, about: (pose, coordinate), or names of the body's motions and
-            files of angles. None for the body's usual ones.
-        output: the subject's file, which is written.
-        frames: which of the recording's frames: ``"first:end"``, ``"first:end:stride"`` or a range. A number is the
-            setting of that name.
+        body: the generic body that the subject's is near to: a shipped one's name or a USD file. It gets what the scene
+            says is attached. [default: the scene's, or adult_man]
+        config: settings. [default: those of the scene's [fit] table]
+        start_poses: in which the recording starts, about: names of the body's motions, of which some frames are tried,
+            or .toml files of angles in degrees such as 'LKnee.Rx = 40', shifts in metres; one or several. From Python
+            also an array (pose, coordinate). [default: the body's usual ones]
+        output: the subject's file: .usdc, .usda or .usd. Name it as 'subject' in the scene to track with it.
+        frames: which of the recording's frames: first:end or first:end:stride. A number is the setting of that name.
+            [default: those that the scene names]
         identity: of the person who is meant, where masks show several.
         force: replace a file that exists.
         reporter: who is told of notes and progress.

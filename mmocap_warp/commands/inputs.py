@@ -135,13 +135,20 @@ def scene_reference(scene: Path, file: Path | None) -> str:
     return scene.as_posix() if file is None else Path(os.path.relpath(scene, file.resolve().parent)).as_posix()
 
 
-def scene_of(result: Result, path: Path | None, named: Scene | str | Path | None) -> Scene | None:
+def scene_of(
+    result: Result, path: Path | None, named: Scene | str | Path | None, reporter: Reporter | None = None
+) -> Scene | None:
     """The scene that was tracked: the one named now, or else the one that the result names; None if neither is.
 
     Raises:
         InputError: the scene is wrong, or is no longer where the result says.
     """
-    return recorded_scene(result.config.get("scene"), path, named, result.config.get("identity"))
+    reference = result.config.get("scene")
+    if named is None and reference is not None and path is None and not Path(reference).is_absolute():
+        line = f"the scene {reference} is named from the result's file, which is not known: give scene, or that file"
+        (reporter or Reporter()).warn(line)
+        return None
+    return recorded_scene(reference, path, named, result.config.get("identity"))
 
 
 def recorded_scene(

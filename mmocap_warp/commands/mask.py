@@ -65,7 +65,7 @@ def mask(
         scene: the recording, or its file or folder.
         output: the folder to write.
         scale: of the masks relative to the recording, up to 1.
-        frames: which of the recording's frames; None for those that the scene names.
+        frames: which of the recording's frames. [default: those that the scene names]
         from_body: a result of this scene: draw the masks anew around its body, by the images' colours (GrabCut).
         identity: of the person who is meant, where masks show several.
         force: write into a folder that holds files.

@@ -32,11 +32,11 @@ def measure(
 
     Args:
         result: what was tracked, or its file.
-        run: the number of one run; None for all.
+        run: the number of one run. [default: all]
         raw: measure the track before it was smoothed.
-        sex: whose shares of mass the body's segments have; None for the mean of both.
-        output: a folder for every frame's figures as ``.csv``, and plots of angles and feet as ``.svg``.
-        frames: which of the result's frames; None for all.
+        sex: whose shares of mass the body's segments have: female or male. [default: the mean of both]
+        output: a folder for every frame's figures as .csv, and plots of angles and feet as .svg.
+        frames: which of the result's frames. [default: all]
         force: write into a folder that holds something.
 
     Returns:

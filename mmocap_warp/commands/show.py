@@ -56,10 +56,10 @@ def show(
 
     Args:
         result: what was tracked or fitted, or its file.
-        scene: the recording; None for the one that the result names.
-        output: the video's file, ``.webm``; None for beside the result's file, named after it. The sheet, and a
-            subject's picture, end in ``.png``.
-        frames: which of the result's frames; None for all.
+        scene: the scene, if it is no longer where the result says.
+        output: the video's file, .webm. The sheet, and a subject's picture, have the ending .png. [default: beside the
+            result and named after it]
+        frames: which of the result's frames. [default: all]
         force: replace files that exist.
         reporter: who is told of progress.
 
@@ -75,7 +75,7 @@ def show(
     tracked, path = result_from(result)
     positions = positions_of(tracked, frames)
     start_warp()
-    draw_result(tracked, scene_of(tracked, path, scene), video, sheet, reporter, positions)
+    draw_result(tracked, scene_of(tracked, path, scene, reporter), video, sheet, reporter, positions)
     return Drawing(video, sheet)
 
 
@@ -164,12 +164,12 @@ def view(
 
     Args:
         result: what was tracked, or its file.
-        scene: the recording; None for the one that the result names.
-        truth: what errors are measured from; None for the scene's own.
+        scene: the scene, if it is no longer where the result says.
+        truth: what errors are measured from. [default: the scene's own]
         images: show the recording's images too, not its masks alone.
-        name: the page's title; None for the scene's name.
-        output: the page's file, ``.html``; None writes none.
-        rerun: also write the best run as a recording of Rerun's, ``.rrd``; it needs the package rerun-sdk.
+        name: the page's title. [default: the scene's name]
+        output: the page's file, .html. The command writes it beside the result unless it is named.
+        rerun: also write the best run as a recording of Rerun's, .rrd; it needs the package rerun-sdk.
         force: replace files that exist.
         reporter: who is told of progress.
 
@@ -180,7 +180,7 @@ def view(
     page = None if output is None else new_file(output, ".html", force=force)
     recording = None if rerun is None else new_file(rerun, ".rrd", force=force)
     tracked, path = result_from(result)
-    recorded = scene_of(tracked, path, scene)
+    recorded = scene_of(tracked, path, scene, reporter)
     known = truth if isinstance(truth, Truth) else truth_of(recorded) if truth is None else load_truth(truth)
     start_warp()
     if recording is not None:

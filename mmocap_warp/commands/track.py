@@ -53,14 +53,13 @@ def track(
 
     Args:
         scene: the recording, or its file or folder.
-        subject: the fitted subject to start from, or its file. A body, or the name of a shipped one, is fitted first.
-            None for the scene's subject, or else its body, or ``adult_man``.
-        config: settings; None for those of the scene's [track] table.
-        output: the result's file. A checkpoint lies beside it until the run is complete, and a subject that was
-            fitted stays beside it. None writes nothing.
-        body: where the fit starts, as another way to name it.
-        rigid: for the fit: the body's bones, girths and scale are known. None for what the body says.
-        frames: which of the recording's frames; None for those that the scene names.
+        subject: the fitted subject to track, or its file. From Python also a body, or a shipped one's name, which is
+            fitted first. [default: the scene's, or else one is fitted first and kept beside the result]
+        config: settings. [default: those of the scene's [track] table]
+        output: the result's file: .usdc, .usda or .usd. A checkpoint lies beside it until the run is complete.
+        body: where that fit starts: a shipped body's name or a USD file. [default: the scene's, or adult_man]
+        rigid: that body's bones' lengths, girths and scale are known: fit the pose alone. [default: what the body says]
+        frames: which of the recording's frames. [default: those that the scene names]
         identity: of the person who is meant, where masks show several.
         resume: continue an interrupted run; it ends with the same bits as one that was not interrupted.
         force: replace a result that exists.

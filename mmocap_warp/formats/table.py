@@ -115,7 +115,7 @@ EXPORTS: tuple[Format, ...] = (
     Format("BVH", (".bvh",), "exports.write_bvh:write_bvh", up="+y"),
     Format("OpenSim markers", (".trc",), "exports.write_trc:write_trc", up="+y"),
     Format("OpenSim motion", (".mot",), "exports.mot:write_mot", up="+y"),
-    Format("C3D", (".c3d",), "exports.c3d:write_c3d"),
+    Format("C3D", (".c3d",), "exports.write_c3d:write_c3d"),
     Format("CSV", (".csv",), "exports.columns:write_csv"),
     Format("Parquet", (".parquet",), "exports.columns:write_parquet"),
     Format("NumPy", (".npz",), "exports.npz:write_npz"),

@@ -23,7 +23,7 @@ from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.rig import project
 from mmocap_warp.cameras.silhouette import silhouette
 from mmocap_warp.cli import console
-from mmocap_warp.cli.demo_command import EXAMPLES, Example
+from mmocap_warp.commands.demo import EXAMPLES, Example
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.usd.usd_body import read_body, read_motions, write_body, write_subject
 from mmocap_warp.formats.usd.usd_check import faults
@@ -417,8 +417,8 @@ def test_demo_checks_itself_and_writes_all_it_names(most, code, scene, tmp_path,
     shipped = tmp_path / "scenes"
     shipped.mkdir()
     (shipped / "walk").symlink_to(scene.parent)
-    monkeypatch.setattr("mmocap_warp.scenes.ROOT", shipped)
-    monkeypatch.setattr("mmocap_warp.cli.demo_command.MOST_ERROR_MM", most)
+    monkeypatch.setattr("mmocap_warp.commands.demo.ROOT", shipped)
+    monkeypatch.setattr("mmocap_warp.commands.demo.MOST_ERROR_MM", most)
     assert cli.main(["demo", "-o", str(tmp_path / "out"), "--json", "--quiet"]) == code
     report = json.loads(capsys.readouterr().out)
     assert all(report[key] is not None for key in (*PROMISED, *PROMISED_WITH_TRUTH))
@@ -445,7 +445,7 @@ def test_demo_puts_the_papers_tracker_beside_it(scene, tmp_path, monkeypatch, ca
     shipped = tmp_path / "scenes"
     shipped.mkdir()
     (shipped / "walk").symlink_to(scene.parent)
-    monkeypatch.setattr("mmocap_warp.scenes.ROOT", shipped)
+    monkeypatch.setattr("mmocap_warp.commands.demo.ROOT", shipped)
     assert cli.main(["demo", "-o", str(tmp_path / "out"), "--paper", "--quiet"]) in (
         console.OK,
         console.CHECK_FAILED,

@@ -28,7 +28,7 @@ sys.stdin.read()
 
 @pytest.fixture(autouse=True)
 def released() -> Iterator[None]:
-    """A test's claims end with it."""
+    """A test's locks end with it."""
     yield
     outputs.release_locks()
 
@@ -106,3 +106,16 @@ def test_a_lock_that_was_removed_while_it_was_opened_is_none(tmp_path, monkeypat
     new_file(tmp_path / "r.usdc", ".usdc")
     with pytest.raises(AssertionError), claimed_elsewhere(tmp_path / "r.usdc"):
         pytest.fail("the other one got it too")
+
+
+def test_a_function_releases_what_it_locked_and_nothing_else(tmp_path):
+    @outputs.releases_locks
+    def write(name: str) -> list[str]:
+        new_file(tmp_path / name, ".usdc")
+        return sorted(os.listdir(tmp_path))
+
+    new_file(tmp_path / "outer.usdc", ".usdc")
+    assert write("r.usdc") == [".outer.usdc.lock", ".r.usdc.lock"]
+    with pytest.raises(InputError):
+        write("r.txt")
+    assert os.listdir(tmp_path) == [".outer.usdc.lock"]

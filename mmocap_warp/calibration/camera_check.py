@@ -107,7 +107,7 @@ class CameraCheck:
 
     def __repr__(self) -> str:
         wrong = ", ".join(f"{finding.camera} ({finding.cause})" for finding in self.findings)
-        return f"<CameraCheck: {f'{wrong} disagrees' if wrong else f'all {len(self.names)} cameras agree'}>"
+        return f"CameraCheck: {f'{wrong} disagrees' if wrong else f'all {len(self.names)} cameras agree'}"
 
 
 def check(

@@ -83,7 +83,7 @@ class Refinement:
         before, after = (float(np.nanmean(each.together)) for each in (self.before, self.after))
         verdict = "better" if self.better else "not better"
         names = ", ".join(moved) or "no camera"
-        return f"<Refinement: {names} moved, held-out IoU {before:.3f} to {after:.3f}, {verdict}>"
+        return f"Refinement: {names} moved, held-out IoU {before:.3f} to {after:.3f}, {verdict}"
 
 
 def refine(

@@ -77,7 +77,7 @@ class SolvedCameras:
 
     def __repr__(self) -> str:
         sigma = 1000 * float(self.centre_sigma.max())
-        return f"<SolvedCameras: {', '.join(self.rig.names)}, centres within {sigma:.0f} mm, {len(self.frames)} frames>"
+        return f"SolvedCameras: {', '.join(self.rig.names)}, centres within {sigma:.0f} mm, {len(self.frames)} frames"
 
 
 def solve_cameras(scene: Scene, height: float) -> SolvedCameras:

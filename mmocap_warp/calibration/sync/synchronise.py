@@ -119,7 +119,7 @@ class Synchronisation:
     def __repr__(self) -> str:
         lags = ", ".join(f"{name} {view.frames:+d}{'' if view.sure else '?'}" for name, view in self.views.items())
         by = "the visual hull" if self.hull else "motion"
-        return f"<Synchronisation by {by}, {self.fps:g} frames/s: {lags}>"
+        return f"Synchronisation by {by}, {self.fps:g} frames/s: {lags}"
 
 
 def synchronise(scene: Scene, progress: Progress | None = None, within: float = WITHIN) -> Synchronisation:

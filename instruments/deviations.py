@@ -22,7 +22,8 @@ from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.rotations import applied
 from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION
-from mmocap_warp.contour.clip.clip_problem import ACCELERATION, ClipProblem, SolvedWindow
+from mmocap_warp.contour import ACCELERATION
+from mmocap_warp.contour.clip.clip_problem import ClipProblem, SolvedWindow
 from mmocap_warp.contour.clip.motion_points import POINTS_A_JOINT, MotionPoints
 from mmocap_warp.contour.clip.uncertainty import (
     BodyDeviations,

@@ -126,7 +126,7 @@ def _subject(sound: Scene, body: BodyModel, config: AdjustConfig) -> Subject:
     if sound.subject is not None:
         return read_subject(sound.subject)
     adjustment = Adjustment(sound, body, config)
-    return adjustment.fitted(np.zeros(adjustment.sigma.shape))
+    return adjustment.fit_body(np.zeros(adjustment.sigma.shape))
 
 
 def _cases(sound: Scene, faults: Sequence[str], config: AdjustConfig) -> Iterator[Planted]:

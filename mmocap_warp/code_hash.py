@@ -96,13 +96,14 @@ def _code(source: str) -> str:
     return "\n".join(line.rstrip() for line in "".join(kept).split("\n") if line.strip())
 
 
+_LAZY = re.compile(r'"([a-z][\w.]*):\w+"')  # "module:name" in a table that imports what is asked for
 _IMPORT = re.compile(r"^\s*from mmocap_warp\.?([\w.]*) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
 
 
 @cache
 def _imports(name: str) -> frozenset[str]:
     """The modules of the package that a module imports anywhere in it, and the packages that these are in."""
-    names = set()
+    names = set(_LAZY.findall(_source(name)))
     for module, imported in _IMPORT.findall(_source(name)):
         rooms = module.split(".")
         names |= {".".join(rooms[: depth + 1]) for depth in range(len(rooms))}

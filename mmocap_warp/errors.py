@@ -1,6 +1,8 @@
-"""The one exception for input that a user can mend."""
+"""The exceptions for what a user can mend: the input, or the arguments of a command."""
 
 from __future__ import annotations
+
+import re
 
 _MOST = 400  # characters of a source, a problem or a remedy that are shown
 
@@ -19,6 +21,25 @@ class InputError(ValueError):
         self.problem = problem
         self.remedy = remedy
         super().__init__(f"{_readable(self.source)}: {_readable(problem)}; {_readable(remedy)}")
+
+
+class UsageError(ValueError):
+    """An argument of a command is wrong, or its arguments contradict each other. The command line exits with 2.
+
+    Args:
+        flags: what is wrong, with arguments written as on the command line, such as ``--truth-axes``; the text of the
+            exception has them as in Python, ``truth_axes``.
+    """
+
+    def __init__(self, flags: str) -> None:
+        self.flags = flags
+        super().__init__(re.sub(r"--([a-z]+(?:-[a-z]+)*)", lambda flag: flag[1].replace("-", "_"), flags))
+
+    @classmethod
+    def of_setting(cls, error: ValueError) -> UsageError:
+        """The error of a setting, whose name its text begins with."""
+        name, _, rest = str(error).partition(" ")
+        return cls(f"--{name.replace('_', '-')} {rest}")
 
 
 def missing_package(path: object, package: str, purpose: str, extra: str, otherwise: str) -> InputError:

@@ -10,8 +10,8 @@ import warp as wp
 
 from mmocap_warp.bench.workload import Workload
 from mmocap_warp.kernels.benchmarks.case import Case, Check
+from mmocap_warp.silhouettes import RENDERERS
 from mmocap_warp.silhouettes.objective import Objective
-from mmocap_warp.silhouettes.renderers import RENDERERS
 from mmocap_warp.tracking.pose_search import Part, hierarchical
 
 EVALUATION, MOVING = "whole evaluation", "moving part"

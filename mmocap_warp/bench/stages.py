@@ -15,7 +15,7 @@ from mmocap_warp.kernels.benchmarks.case import Case, Check
 from mmocap_warp.kernels.body.skinning import pose_vertices
 from mmocap_warp.kernels.silhouettes.cost import PAPER, cost_of_counts
 from mmocap_warp.masks.view_arrays import ViewArrays
-from mmocap_warp.silhouettes.renderers import RENDERERS
+from mmocap_warp.silhouettes import RENDERERS
 from mmocap_warp.silhouettes.silhouettes import FrozenArrays, Silhouettes
 from mmocap_warp.tracking.pose_search import hierarchical
 

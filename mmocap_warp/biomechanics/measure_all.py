@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
@@ -53,6 +54,7 @@ class Measures:
         sex: whose shares of mass were taken; None for the mean of both.
         runs: the runs that were measured.
         left_out: what the body has no joints for.
+        files: the tables and plots that were written.
     """
 
     result: Result
@@ -60,6 +62,7 @@ class Measures:
     sex: Sex | None
     runs: tuple[RunMeasures, ...]
     left_out: tuple[str, ...]
+    files: tuple[Path, ...] = ()
 
     @property
     def seconds(self) -> np.ndarray:

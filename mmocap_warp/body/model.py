@@ -72,6 +72,11 @@ class BodyModel:
     attribution: str
     rigid: bool = False
 
+    def __repr__(self) -> str:
+        joints, models = len(self.skeleton.joints), " or ".join(map(str, self.skeleton.models))
+        rigid = ", rigid" if self.rigid else ""
+        return f"BodyModel {self.name}: {joints} joints, {models} DOF, {len(self.skin.rest)} vertices{rigid}"
+
     @cached_property
     def tracking(self) -> SkinMesh:
         """The tracking mesh: about 2,000 to 5,000 triangles over a subset of the full mesh's vertices."""
@@ -150,3 +155,10 @@ class Subject:
     root_base: np.ndarray
     pose: np.ndarray
     provenance: dict[str, str | float | int]
+
+    def __repr__(self) -> str:
+        measure, adjective = ("length", "long") if "body.length" in self.provenance else ("height", "tall")
+        size = self.provenance.get(f"body.{measure}")
+        known = "" if size is None else f", {float(size):.2f} m {adjective}"
+        place = ", ".join(f"{value:.2f}" for value in self.pose[:3])
+        return f"Subject {self.body.name}{known}, starts at ({place}) m"

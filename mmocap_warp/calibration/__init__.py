@@ -1,4 +1,4 @@
 """Calibration from the person: which camera is wrong, cameras made better or found from nothing, and their times.
 
-May import: device, body, cameras, masks, result, scene, contour, tracking, fitting.
+May import: device, body, cameras, masks, result, formats, scene, contour, tracking, fitting.
 """

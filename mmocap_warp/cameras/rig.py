@@ -46,6 +46,13 @@ class CameraRig:
     def __len__(self) -> int:
         return len(self.names)
 
+    def __repr__(self) -> str:
+        rows = [
+            f"{name}  {width}x{height} px  focal {K[0, 0]:.0f} px  at ({x:.2f}, {y:.2f}, {z:.2f}) m"
+            for name, (width, height), K, (x, y, z) in zip(self.names, self.size, self.K, self.centres, strict=True)
+        ]
+        return "\n".join([f"CameraRig: {len(self)} cameras, {self.up} up", *rows])
+
     @property
     def centres(self) -> np.ndarray:
         """(camera, 3), optical centres in the world [m]."""

@@ -12,29 +12,21 @@ import os
 import signal
 import sys
 import threading
+import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 
 from cyclopts import App, CycloptsError, Parameter
 
-from mmocap_warp.cli import output_locks as claims
-from mmocap_warp.cli.exit_codes import (
-    BAD_INPUT,
-    BROKEN_PIPE,
-    FAILURE,
-    INTERRUPTED,
-    OK,
-    TERMINATED,
-    USAGE,
-    Terminated,
-    UsageError,
-)
-from mmocap_warp.cli.kernel_cache import kernel_cache_at_fault
-from mmocap_warp.errors import InputError
+from mmocap_warp.cli.console import BAD_INPUT, BROKEN_PIPE, FAILURE, INTERRUPTED, OK, TERMINATED, USAGE
+from mmocap_warp.commands.outputs import release_locks
+from mmocap_warp.errors import InputError, UsageError
 
 _REFERENCES = "MMOCAP_ALLOW_REFERENCES"
 _NO_ROOM = (errno.EPIPE, errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """Errors of what is written to, be it stdout or a file."""
+_LOADING = {("context.py", "load"), ("build.py", "init_kernel_cache")}
+"""Warp's functions, by file, that read and write its kernel cache."""
 
 app = App(
     name="mmocap",
@@ -79,35 +71,39 @@ _BENCH = (
     "From the pose of a body to its cost, in seven cameras of 640x480: each kernel, the whole evaluation, the "
     "optimizers, and frames. Exits with 4 if an answer is wrong."
 )
-_CHECK = (
+_VALIDATE = (
     "Say what is wrong with a USD file.\n\n"
     "By OpenUSD's validators, and what they miss in bodies that move: weights, lengths, joints, scales, numbers that "
     "are none, files that are needed and lie elsewhere. Exits with 4 where anything is."
 )
 _MEASURE = "Print a result's joint angles, heel strikes, steps, centre of mass and bone lengths."
 _COMMANDS = (  # a command's help is here and not in its docstring, so that the list of commands loads none of them
-    ("demo", "demo_command:demo", _DEMO),
-    ("init", "init_command:init", _INIT),
+    ("demo", "track_command:demo", _DEMO),
+    ("init", "scene_commands:init", _INIT),
     ("track", "track_command:track", "Track a scene: from videos or masks to an animated USD body."),
-    ("fit", "fit_command:fit", "Find the body, its place and its first pose in a scene."),
+    ("fit", "track_command:fit", "Find the body, its place and its first pose in a scene."),
     ("mask", "mask_command:mask", _MASK),
-    ("cameras", "cameras_command:cameras", _CAMERAS),
+    ("cameras", "scene_commands:cameras", _CAMERAS),
     ("calib", "calib:app", "Calibrations: convert, check, refine or find them."),
-    ("sync", "sync_command:sync", _SYNC),
-    ("eval", "evaluate_command:evaluate", "Print a result's IoU, and its errors where the truth is known."),
-    ("show", "show_command:show", "Write a result's overlay video and contact sheet."),
-    ("view", "view_command:view", "Write a result as one page for a browser: body, cameras, masks and curves."),
-    ("export", "export_command:export", "Write a result's animation alone, for other programs."),
-    ("check", "check_command:check", _CHECK),
+    ("sync", "scene_commands:sync", _SYNC),
+    ("eval", "result_commands:evaluate", "Print a result's IoU, and its errors where the truth is known."),
+    ("show", "result_commands:show", "Write a result's overlay video and contact sheet."),
+    ("view", "result_commands:view", "Write a result as one page for a browser: body, cameras, masks and curves."),
+    ("export", "result_commands:export", "Write a result's animation alone, for other programs."),
+    ("validate", "scene_commands:validate", _VALIDATE),
     ("measure", "measure_command:measure", _MEASURE),
     ("body", "body_command:app", "Bodies: import, draw, export or make one, or learn its limits."),
-    ("synth", "synth_command:synth", "Write a made-up scene of a body in motion, with its truth."),
+    ("synth", "scene_commands:synth", "Write a made-up scene of a body in motion, with its truth."),
     ("study", "study_command:app", "Compare trackers: run a grid of them, and report on it."),
     ("bench", "bench_command:app", _BENCH),
-    ("humaneva", "humaneva_command:humaneva", "Write a sequence of your own copy of HumanEva-I as a scene."),
+    ("humaneva", "scene_commands:humaneva", "Write a sequence of your own copy of HumanEva-I as a scene."),
 )
 for _order, (_name, _target, _help) in enumerate(_COMMANDS):
     app.command(f"mmocap_warp.cli.{_target}", name=_name, help=_help, sort_key=_order)
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM: whatever saves its work on Ctrl-C saves it on this too."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -142,7 +138,7 @@ def _run(tokens: list[str]) -> int:
     except CycloptsError as error:
         return _fail(f"{error} (mmocap --help lists what is possible)", USAGE)
     except UsageError as error:
-        return _fail(str(error), USAGE)
+        return _fail(error.flags, USAGE)
     except InputError as error:
         if debug:
             raise
@@ -158,11 +154,11 @@ def _run(tokens: list[str]) -> int:
     except Exception as error:
         if debug or (isinstance(error, OSError) and error.errno in _NO_ROOM):
             raise
-        if cache := kernel_cache_at_fault(error):
+        if cache := _kernel_cache_at_fault(error):
             return _fail(cache, BAD_INPUT)
         return _fail(f"unexpected {type(error).__name__}: {error} (repeat with --debug to see where)", FAILURE)
     finally:
-        claims.release()
+        release_locks()
     return code if isinstance(code, int) else OK
 
 
@@ -196,6 +192,23 @@ def _references_as_asked(tokens: Sequence[str]) -> Iterator[None]:
             os.environ.pop(_REFERENCES, None)
         else:
             os.environ[_REFERENCES] = before
+
+
+def _kernel_cache_at_fault(error: Exception) -> str | None:
+    """What is wrong with the kernel cache and how to move it, if an error came from there; else None.
+
+    Warp raises a plain ``Exception`` for a kernel that cannot be loaded, ``OSError`` where it cannot write, and
+    ``ValueError`` for a damaged description. An error in a kernel's own code is of other types.
+    """
+    places = {(os.path.basename(frame.filename), frame.name) for frame in traceback.extract_tb(error.__traceback__)}
+    of_a_file = isinstance(error, (OSError, ValueError)) or str(error).startswith("Failed to load")
+    if not (places & _LOADING and of_a_file and "warp" in sys.modules):
+        return None
+    import warp as wp
+
+    folder = wp.config.kernel_cache_dir or os.environ.get("WARP_CACHE_PATH", "")
+    remedy = "delete that folder, or name another in the environment's variable WARP_CACHE_PATH"
+    return f"{folder}: the compiled kernels kept there cannot be used ({error}); {remedy}"
 
 
 def _drop_output() -> None:

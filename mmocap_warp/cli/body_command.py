@@ -2,28 +2,30 @@
 
 from __future__ import annotations
 
+from math import inf
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter
 
-from mmocap_warp.cli.console import Console, Switch
-from mmocap_warp.cli.exit_codes import UsageError
-from mmocap_warp.errors import InputError
+from mmocap_warp.cli.command_help import documented_by
+from mmocap_warp.cli.console import Console, Output, Switch
+
+if TYPE_CHECKING:
+    from mmocap_warp.body.skeleton import Skeleton
+    from mmocap_warp.rigging.importing.freedom import Freedom
+    from mmocap_warp.rigging.importing.imported import Imported
+
+_Axis = Annotated[Literal["+x", "-x", "+y", "-y", "+z", "-z"] | None, Parameter(show_choices=False)]
 
 app = App(name="body", help="Make a body, import another program's, learn its limits, or draw it.", version_flags=[])
-app.command(
-    "mmocap_warp.cli.body_import:import_body", name="import", help="Write a body of a rigged character or a robot."
-)
-app.command("mmocap_warp.cli.body_export:export_body", name="export", help="Write a body as glTF, with its motions.")
-app.command("mmocap_warp.cli.body_learn:learn", name="learn", help="Write a body that turns as far as it was seen to.")
-app.command("mmocap_warp.cli.body_show:show_body", name="show", help="Draw a body, its joints and how they turn.")
 
 
 @app.command
+@documented_by("bodies:make_body")
 def make(
     *,
-    output: Annotated[Path, Parameter(name=["--output", "-o"])],
+    output: Annotated[Path, Output],
     data: Path,
     gender: float,
     age: float,
@@ -35,47 +37,10 @@ def make(
     force: Switch = False,
     console: Console | None = None,
 ) -> None:
-    """Write a body of the given build as USD.
+    from mmocap_warp.commands.bodies import make_body
 
-    Parameters
-    ----------
-    output
-        The body's file: .usdc, .usda or .usd.
-    data
-        MakeHuman's data folder as MPFB2 ships it; docs/bodies.md says where to get it.
-    gender
-        0 woman to 1 man.
-    age
-        Years, 1 to 90.
-    height
-        Of the standing body, in metres.
-    weight
-        0 thin, 0.5 average, 1 heavy, for the height.
-    muscle
-        0 slack, 0.5 average, 1 muscular.
-    proportions
-        0 uncommon, 0.5 average, 1 ideal.
-    name
-        The body's name; the file's name without ending by default.
-    force
-        Replace a file that exists.
-    """
-    from mmocap_warp.cli.flag_settings import as_flag
-    from mmocap_warp.cli.outputs import new_file
-    from mmocap_warp.formats.usd.usd_body import write_body
-    from mmocap_warp.formats.usd.usd_file import USD_SUFFIXES
-    from mmocap_warp.rigging.making import make_body
-
-    console = console or Console()
-    new_file(output, *USD_SUFFIXES, force=force)
     build = {"gender": gender, "age": age, "height": height, "weight": weight, "muscle": muscle}
-    try:
-        body = make_body(data, name or output.stem, **build, proportions=proportions)
-    except InputError:
-        raise
-    except ValueError as error:
-        raise UsageError(as_flag(error)) from None
-    write_body(output, body)
+    body = make_body(output, data, **build, proportions=proportions, name=name, force=force).body
     values = {
         "body": body.name,
         "file": output,
@@ -85,6 +50,188 @@ def make(
         "markers": body.marker_names,
     }
     triangles, targets = values["tracking_triangles"], len(body.shape_names)
-    console.result(
-        values, f"{output}: {values['vertices']} vertices, {triangles} tracking triangles, {targets} shape targets"
+    text = f"{output}: {values['vertices']} vertices, {triangles} tracking triangles, {targets} shape targets"
+    (console or Console()).result(values, text)
+
+
+@app.command(name="import", help="Write a body of a rigged character or a robot.")
+@documented_by("bodies:import_body")
+def import_body(
+    file: Path,
+    /,
+    *,
+    output: Annotated[Path, Output],
+    up: _Axis = None,
+    facing: _Axis = None,
+    scale: float = 1.0,
+    triangles: int = 2600,
+    skin_triangles: int = 60_000,
+    joints: Path | None = None,
+    write_joints: Path | None = None,
+    meshes: Path | None = None,
+    name: str | None = None,
+    attribution: str | None = None,
+    force: Switch = False,
+    console: Console | None = None,
+) -> None:
+    from mmocap_warp.commands.bodies import import_body
+
+    made = import_body(
+        file,
+        output,
+        up=up,
+        facing=facing,
+        scale=scale,
+        triangles=triangles,
+        skin_triangles=skin_triangles,
+        joints=joints,
+        write_joints=write_joints,
+        meshes=meshes,
+        name=name,
+        attribution=attribution,
+        force=force,
     )
+    _print_import(made, output, console or Console())
+
+
+def _print_import(made: Imported, output: Path, console: Console) -> None:
+    import numpy as np
+
+    body, skeleton = made.body, made.body.skeleton
+    size = np.ptp(body.skin.rest[np.unique(body.skin.face)], axis=0).astype(float)
+    values = {
+        "body": body.name,
+        "file": output,
+        "joints": skeleton.joints,
+        "degrees_of_freedom": len(skeleton.searched()),
+        "rigid": body.rigid,
+        "stands": skeleton.stands,
+        "size": size.round(4).tolist(),
+        "vertices": len(body.skin.rest),
+        "tracking_triangles": len(body.tracking_face),
+        "motions": list(made.motions),
+        "notes": made.notes,
+    }
+    kinds = [_kind(how) for how in made.freedom[1:]]
+    counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
+    wide, tall, long = size
+    lines = [
+        f"{output}: {len(skeleton.joints)} joints ({counts}), "
+        f"{len(skeleton.searched())} degrees of freedom, {len(skeleton.pairs)} left-right pairs"
+        + (", rigid" if body.rigid else "")
+        + ("" if skeleton.stands else ", lies anyhow")
+        + ("" if made.freedom[0].free else ", on a base that stands still"),
+        f"  {wide:.3g} m wide, {tall:.3g} m tall, {long:.3g} m long; {len(body.tracking_face)} tracking triangles",
+        *(f"  {note}" for note in made.notes),
+        f"  {body.attribution}",
+    ]
+    console.result(values, "\n".join(lines))
+
+
+def _kind(how: Freedom) -> str:
+    if not how.free:
+        return "fixed"
+    return "slider" if how.slides else "hinge" if len(how.free) == 1 else "ball"
+
+
+@app.command(name="export", help="Write a body as glTF, with its motions.")
+@documented_by("bodies:export_body")
+def export_body(
+    body: str, /, *, output: Annotated[Path, Output], force: Switch = False, console: Console | None = None
+) -> None:
+    from mmocap_warp.commands.bodies import export_body
+
+    written = export_body(body, output, force=force)
+    values = {"file": output, "joints": written.body.skeleton.joints, "motions": list(written.motions)}
+    (console or Console()).result(values, repr(written))
+
+
+@app.command(help="Write a body that turns as far as it was seen to.")
+@documented_by("bodies:learn_body", motion="motions", result="results")
+def learn(
+    body: str,
+    /,
+    *,
+    output: Annotated[Path, Output],
+    motion: list[str] | None = None,
+    result: list[Path] | None = None,
+    margin: float = 10.0,
+    force: Switch = False,
+    console: Console | None = None,
+) -> None:
+    from mmocap_warp.commands.bodies import learn_body
+
+    written = learn_body(body, output, motions=motion or (), results=result or (), margin=margin, force=force)
+    before, after = _mean_ranges(written.before), _mean_ranges(written.body.skeleton)
+    values: dict[str, object] = {"body": written.body.name, "file": output, "frames": written.frames}
+    parts = []
+    for unit, move, form, word in (("deg", "angles turn", ".0f", "degrees"), ("m", "joints slide", ".3g", "m")):
+        if unit in before:
+            values |= {f"mean_range_{unit}": after[unit], f"before_{unit}": before[unit]}
+            parts.append(f"{move} by {after[unit]:{form}} {word} on average, {before[unit]:{form}} before")
+    (console or Console()).result(values, f"{output}: {'; '.join([*parts, f'{written.frames} frames'])}")
+
+
+def _mean_ranges(skeleton: Skeleton) -> dict[str, float]:
+    """Mean width of the limits of searched coordinates, by unit: angles [``deg``] and shifts [``m``]."""
+    import numpy as np
+
+    searched = skeleton.searched()
+    width, is_length = np.ptp(skeleton.coordinate_limits[searched], axis=1), skeleton.is_length[searched]
+    ranges = {"deg": np.degrees(width[np.isfinite(width) & ~is_length]), "m": width[np.isfinite(width) & is_length]}
+    return {unit: float(each.mean()) for unit, each in ranges.items() if len(each)}
+
+
+@app.command(name="show", help="Draw a body, its joints and how they turn.")
+@documented_by("bodies:show_body")
+def show_body(
+    body: str,
+    /,
+    *,
+    output: Annotated[Path | None, Output] = None,
+    force: Switch = False,
+    console: Console | None = None,
+) -> None:
+    from mmocap_warp.commands.bodies import show_body
+
+    shown = show_body(body, output, force=force)
+    skeleton = shown.body.skeleton
+    turning = {name: _freedom(skeleton, name) for name in skeleton.joints if name not in skeleton.sliding}
+    sliding = {name: _freedom(skeleton, name) for name in skeleton.sliding}
+    parents = zip(skeleton.joints, skeleton.parent, strict=True)
+    values = {
+        "picture": shown.file,
+        "parent": {name: skeleton.joints[above] for name, above in parents if above >= 0},
+        "limits_deg": turning,
+        "limits_m": sliding,
+        "sliding": skeleton.sliding,
+        "attached": skeleton.attached,
+        "parts": skeleton.parts,
+        "pairs": [pair[1:] for pair in skeleton.pairs],
+        "motions": {name: len(motion.pose) for name, motion in shown.motions.items()},
+    }
+    width = max(map(len, skeleton.joints))
+    ranges = {name: f"slides {_ranges(free, '.3g')} m" for name, free in sliding.items() if free}
+    ranges |= {name: _ranges(free, ".0f") for name, free in turning.items()}
+    lines = [f"{name:<{width}}  {ranges.get(name) or 'fixed'}" for name in (*sliding, *turning)]
+    text = "\n".join([f"{shown.file}; degrees that each joint turns about its axes:", *lines])
+    (console or Console()).result(values, text)
+
+
+def _ranges(free: dict[str, tuple[float, float]], form: str) -> str:
+    """Limits about each axis in words."""
+    return "   ".join(
+        f"{axis} " + (f"{low:{form}} to {high:{form}}" if low > -inf or high < inf else "freely")
+        for axis, (low, high) in free.items()
+    )
+
+
+def _freedom(skeleton: Skeleton, joint: str) -> dict[str, tuple[float, float]]:
+    """Lowest and highest angle about each axis that is searched [degrees], or shift along it [m]."""
+    import numpy as np
+
+    first = skeleton.angles(joint).start
+    searched = [int(coordinate) - first for coordinate in skeleton.searched()]
+    limits = skeleton.limits[skeleton.index(joint)].astype(float)
+    values = (limits if joint in skeleton.sliding else np.degrees(limits)).tolist()
+    return {"xyz"[axis]: tuple(values[axis]) for axis in searched if 0 <= axis < 3}

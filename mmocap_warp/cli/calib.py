@@ -26,9 +26,9 @@ _SOLVE = (
 )
 _COMMANDS: tuple[tuple[str, str, str], ...] = (
     # (name, module:function, help): the help is here and not in a docstring, so that the list of commands loads none
-    ("convert", "calib_convert:convert", _CONVERT),
-    ("check", "calib_check:check", _CHECK),
-    ("refine", "calib_refine:refine", _REFINE),
+    ("convert", "calib_solve:convert", _CONVERT),
+    ("check", "calib_adjust:check", _CHECK),
+    ("refine", "calib_adjust:refine", _REFINE),
     ("solve", "calib_solve:solve", _SOLVE),
 )
 for _order, (_name, _target, _help) in enumerate(_COMMANDS):

@@ -1,87 +1,57 @@
-"""``mmocap calib solve``: cameras from nothing but a person who walks before them."""
+"""``mmocap calib solve`` and ``convert``: cameras from nothing but a walking person, and in other programs' formats."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from cyclopts import Parameter
-
-from mmocap_warp.cli.console import Console, Switch, table
-from mmocap_warp.cli.exit_codes import CHECK_FAILED, OK, UsageError
-from mmocap_warp.cli.identity import Identity
+from mmocap_warp.cli.command_help import documented_by
+from mmocap_warp.cli.console import CHECK_FAILED, OK, Console, Identity, Output, Switch, next_step, table
 
 if TYPE_CHECKING:
     from mmocap_warp.calibration.solve.solution import SolvedCameras
     from mmocap_warp.scene.recording import Scene
 
+_COLUMNS = (
+    "camera", "frames", "agree", "x [m]", "y [m]", "z [m]", "+-", "over the floor [m]", "looks down [deg]", "+-",
+    "view [deg]", "focal",
+)  # fmt: skip
 
+
+@documented_by("calibrate:solve_cameras")
 def solve(
     scene: Path,
     /,
     *,
     height: float,
-    output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("calibration.toml"),
+    output: Annotated[Path, Output] = Path("calibration.toml"),
     picture: Path | None = None,
     frames: str | None = None,
     identity: Identity = None,
     force: Switch = False,
     console: Console | None = None,
 ) -> int:
-    """Find cameras from the silhouettes of one person who walks about, in metres, with the floor at zero.
-
-    Parameters
-    ----------
-    scene
-        The scene file, or its folder. Of a calibration that it names only the intrinsics are taken; without one, focal
-        lengths are guessed from the images' sizes and found if the walk tells them.
-    height
-        Of the person, standing, in shoes, in metres.
-    output
-        The calibration's file: .toml.
-    picture
-        A .png of the views with the floor, the person's way and the body's axis.
-    frames
-        Which of the recording's frames: first:end or first:end:stride, such as 120:480:2, which leaves out the end; or
-        a count of those that the scene names. [default: those that the scene names]
-    force
-        Replace a file that exists.
-    """
-    from mmocap_warp.calibration.solve.solution import solve_cameras
-    from mmocap_warp.calibration.solve.unsolvable import UnsolvableError
-    from mmocap_warp.cli.flag_settings import as_flag
-    from mmocap_warp.cli.outputs import new_file
-    from mmocap_warp.errors import InputError
-    from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
-    from mmocap_warp.scene.scene_toml import load_scene
+    from mmocap_warp.calibration.solve import UnsolvableError
+    from mmocap_warp.commands.calibrate import solve_cameras
+    from mmocap_warp.commands.inputs import scene_from
 
     console = console or Console()
+    loaded = scene_from(scene, frames, identity, calibrated=False)
     try:
-        loaded = load_scene(scene, frames, identity, calibrated=False)
-        new_file(output, ".toml", force=force)
-        if picture is not None:
-            new_file(picture, ".png", force=force)
-        found = solve_cameras(loaded, height)
-    except InputError:
-        raise
+        cameras = solve_cameras(loaded, height, output, picture=picture, force=force)
     except UnsolvableError as error:
         console.result({"solved": False, "reason": str(error)}, f"check failed: {error}")
         return CHECK_FAILED
-    except ValueError as error:
-        raise UsageError(as_flag(error)) from None
-    write_toml_rig(output, found.rig)
-    if picture is not None:
-        _write_picture(picture, loaded, found)
-    console.result(_values(loaded, found, output, picture), _text(loaded, found, height, output, picture))
+    console.result(_values(loaded, cameras, output, picture), _text(loaded, cameras, height, output, picture))
     return OK
 
 
-def _values(scene: Scene, found: SolvedCameras, output: Path, picture: Path | None) -> dict[str, Any]:
+def _values(scene: Scene, cameras: SolvedCameras, output: Path, picture: Path | None) -> dict[str, Any]:
     import numpy as np
 
     from mmocap_warp.cameras.rig import describe_rig
 
-    rig = found.rig
+    rig = cameras.rig
     return {
         "solved": True,
         "calibration": output,
@@ -92,112 +62,95 @@ def _values(scene: Scene, found: SolvedCameras, output: Path, picture: Path | No
             {
                 "name": row.name,
                 "centre_m": row.centre,
-                "centre_sigma_m": found.centre_sigma[k],
+                "centre_sigma_m": cameras.centre_sigma[k],
                 "height_m": row.height,
-                "tilt_deg": _tilt(found, k),
-                "tilt_sigma_deg": np.degrees(found.tilt_sigma[k]),
+                "tilt_deg": _tilt(cameras, k),
+                "tilt_sigma_deg": np.degrees(cameras.tilt_sigma[k]),
                 "field_of_view_deg": row.field_of_view,
                 "focal_px": rig.K[k, 0, 0],
-                "focal_sigma": found.focal_sigma[k],
-                "focal": found.focal[k],
-                "whole_frames": found.whole[k],
-                "agreed": found.agreed[k],
+                "focal_sigma": cameras.focal_sigma[k],
+                "focal": cameras.focal[k],
+                "whole_frames": cameras.whole[k],
+                "agreed": cameras.agreed[k],
             }
             for k, row in enumerate(describe_rig(rig))
         ],
-        "frames": [found.frames.start, found.frames.stop, found.frames.step],
-        "disagreement_px": found.missed / found.scale,
+        "frames": [cameras.frames.start, cameras.frames.stop, cameras.frames.step],
+        "disagreement_px": cameras.missed / cameras.scale,
     }
 
 
-def _text(scene: Scene, found: SolvedCameras, height: float, output: Path, picture: Path | None) -> str:
+def _text(scene: Scene, cameras: SolvedCameras, height: float, output: Path, picture: Path | None) -> str:
     import numpy as np
 
     from mmocap_warp.cameras.rig import describe_rig
-    from mmocap_warp.cli.next_step import command
     from mmocap_warp.formats.toml_table import quoted_path
 
-    rows: list[tuple[str, ...]] = [
-        (
-            "camera",
-            "frames",
-            "agree",
-            "x [m]",
-            "y [m]",
-            "z [m]",
-            "+-",
-            "over the floor [m]",
-            "looks down [deg]",
-            "+-",
-            "view [deg]",
-            "focal",
-        )
-    ]
-    for k, row in enumerate(describe_rig(found.rig)):
-        focal = f"{found.rig.K[k, 0, 0]:.0f} px, {found.focal[k]}"
-        if found.focal[k] == "found":
-            focal += f" +- {100 * found.focal_sigma[k]:.1f} %"
-        place = (*(f"{value:.2f}" for value in row.centre), f"{found.centre_sigma[k]:.2f}", f"{row.height:.2f}")
-        tilt = f"{_tilt(found, k):.1f}", f"{np.degrees(found.tilt_sigma[k]):.1f}"
+    # A row for each camera.
+    rows: list[tuple[str, ...]] = [_COLUMNS]
+    for k, row in enumerate(describe_rig(cameras.rig)):
+        focal = f"{cameras.rig.K[k, 0, 0]:.0f} px, {cameras.focal[k]}"
+        if cameras.focal[k] == "found":
+            focal += f" +- {100 * cameras.focal_sigma[k]:.1f} %"
+        place = (*(f"{value:.2f}" for value in row.centre), f"{cameras.centre_sigma[k]:.2f}", f"{row.height:.2f}")
+        tilt = f"{_tilt(cameras, k):.1f}", f"{np.degrees(cameras.tilt_sigma[k]):.1f}"
         view = "{:.0f}x{:.0f}".format(*row.field_of_view)
-        rows.append((row.name, str(found.whole[k]), f"{100 * found.agreed[k]:.0f} %", *place, *tilt, view, focal))
-    way = found.heads[np.isfinite(found.heads[:, 0])]
-    extent = np.sort(np.ptp(way, axis=0))[:0:-1]
+        rows.append((row.name, str(cameras.whole[k]), f"{100 * cameras.agreed[k]:.0f} %", *place, *tilt, view, focal))
+    # Where the lenses are from, and how well the views agree.
     if scene.calibration is None:
         lenses = "no calibration is named: lenses without distortion, focal lengths guessed from the images' sizes"
-        if "guessed" in found.focal:
+        if "guessed" in cameras.focal:
             lenses += "; the walk does not determine those marked 'guessed', so they stay"
     else:
         lenses = f"intrinsics as given in {scene.calibration}"
         lenses += "; the places in it were not looked at" if scene.calibrated.placed else ", which has no places"
+    extent = np.sort(np.ptp(cameras.heads[np.isfinite(cameras.heads[:, 0])], axis=0))[:0:-1]
     lines = [
         table(rows),
         lenses,
-        f"{len(found.frames)} frames of a walk over {extent[0]:.1f} x {extent[1]:.1f} m; the outlines' "
-        f"tangents agree between views to {found.missed / found.scale:.1f} px in the median ('agree': share within "
+        f"{len(cameras.frames)} frames of a walk over {extent[0]:.1f} x {extent[1]:.1f} m; the outlines' "
+        f"tangents agree between views to {cameras.missed / cameras.scale:.1f} px in the median ('agree': share within "
         "3 px of images at most 960 long)",
         "+- are standard deviations over parts of the recording; they do not see what all frames have in common, such "
         "as shadows at the feet, or a camera that lags: run mmocap sync first where cameras are not triggered together",
-        f'{output}: metres, the floor at zero, up = "{found.rig.up}"',
+        f'{output}: metres, the floor at zero, up = "{cameras.rig.up}"',
     ]
+    # What was written, and what to do next.
+    if picture is not None:
+        lines.append(f"{picture}: floor, way and body's axis in {len(cameras.rig)} views")
     named = quoted_path(output, scene.path.resolve().parent)
     refined = output.with_stem(f"{output.stem}-refined")
-    if picture is not None:
-        lines.append(f"{picture}: floor, way and body's axis in {len(found.rig)} views")
-    lines.append(
-        f"next: set calibration = {named} under [cameras], then "
-        f"{command('calib', 'refine', scene.path, '--height', f'{height:g}', '-o', refined)}"
-    )
+    step = next_step("calib", "refine", scene.path, "--height", f"{height:g}", "-o", refined)
+    lines.append(f"next: set calibration = {named} under [cameras], then {step}")
     return "\n".join(lines)
 
 
-def _tilt(found: SolvedCameras, k: int) -> float:
+def _tilt(cameras: SolvedCameras, k: int) -> float:
     import numpy as np
 
-    return float(np.degrees(np.arcsin(-found.rig.R[k, 2] @ found.rig.up_vector)))
+    return float(np.degrees(np.arcsin(-cameras.rig.R[k, 2] @ cameras.rig.up_vector)))
 
 
-def _write_picture(path: Path, scene: Scene, found: SolvedCameras) -> None:
-    from dataclasses import replace
+@documented_by("calibrate:convert_cameras")
+def convert(
+    calibration: Path,
+    /,
+    *,
+    output: Annotated[Path, Output],
+    units: str | None = None,
+    up: str = "+z",
+    size: str | None = None,
+    force: Switch = False,
+    console: Console | None = None,
+) -> None:
+    from mmocap_warp.commands.calibrate import calibration_files, convert_cameras
+    from mmocap_warp.formats.table import calibration_export
 
-    import numpy as np
-
-    from mmocap_warp.display.floor_picture import floor_picture
-    from mmocap_warp.formats.png import write_png
-
-    known = np.flatnonzero(np.isfinite(found.heads[:, 0]))
-    frame = int(known[len(known) // 2])
-    there = scene.frames.index(found.frames[frame])
-    solved = replace(scene, calibrated=found.rig, foreground=replace(scene.foreground, repair=False))
-    images = next(solved.images(found.scale, there, 1))
-    masks = next(solved.masks(found.scale, there, 1))
-    drawn = [
-        np.where(mask[..., None], _SEEN, _UNSEEN).astype(np.uint8).repeat(3, axis=2) if image is None else image
-        for image, mask in zip(images, masks, strict=True)
+    rig = convert_cameras(calibration, output, units=units, up=up, size=size, force=force)
+    kind = calibration_export(output).name
+    rows = [
+        {"name": name, "size": rig.size[k], "fisheye": name in rig.fisheye, "centre_m": rig.centres[k]}
+        for k, name in enumerate(rig.names)
     ]
-    title = f"floor in squares of 0.5 m, the person's way, and the body's axis; frame {found.frames[frame]}"
-    write_png(path, floor_picture(drawn, solved.rig(found.scale), found.heads, frame, title))
-
-
-_SEEN, _UNSEEN = 128, 64
-"""Gray of foreground and background where a camera has no image."""
+    values = {"file": output, "files": calibration_files(output), "format": kind, "cameras": rows}
+    (console or Console()).result(values, f"{output}: {', '.join(rig.names)} as {kind}")

@@ -1,22 +1,88 @@
-"""How commands talk: results on stdout, everything else on stderr."""
+"""How commands talk: the parameters that they share; results on stdout, everything else on stderr; an exit code."""
 
 from __future__ import annotations
 
 import json as json_format
 import math
+import shlex
 import sys
-from dataclasses import dataclass
-from typing import Annotated, Any
+from contextlib import AbstractContextManager
+from dataclasses import asdict, dataclass, field, fields, make_dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 from cyclopts import Parameter
+
+from mmocap_warp.commands import reporter
+from mmocap_warp.formats.toml_table import setting_line
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+OK = 0
+FAILURE = 1
+"""Something broke that is no fault of the input."""
+USAGE = 2
+"""The command line itself is wrong: :class:`mmocap_warp.errors.UsageError`."""
+BAD_INPUT = 3
+"""A file or value that the user can mend: :class:`mmocap_warp.errors.InputError`."""
+CHECK_FAILED = 4
+"""The command ran, and what it checked does not hold."""
+BROKEN_PIPE = 141
+"""Whoever was to read the output has closed it, as ``head`` does; nothing is said."""
+INTERRUPTED = 130
+"""Stopped by Ctrl-C."""
+TERMINATED = 143
+"""Stopped by SIGTERM, as by a scheduler or a machine that shuts down."""
 
 Switch = Annotated[bool, Parameter(negative="", show_default=False)]
 """An option that is given or not: it takes no value and has no opposite."""
 
+Identity = Annotated[
+    int | None,
+    Parameter(
+        name="--identity",
+        help="Of the person that is meant, where the masks show several: the index in their palette, or their gray "
+        "level.",
+    ),
+]
+"""A flag of all commands that look at a scene's masks."""
+
+SceneFile = Annotated[Path, Parameter(help="The scene file, or its folder.")]
+ResultFile = Annotated[Path, Parameter(help="What 'mmocap track' wrote.")]
+Output = Parameter(name=["--output", "-o"])
+SceneFrames = Annotated[
+    str | None,
+    Parameter(
+        help="Which of the recording's frames: first:end or first:end:stride, such as 120:480:2, which leaves out the "
+        "end; or a count of those that the scene names. [default: those that the scene names]"
+    ),
+]
+ResultFrames = Annotated[
+    str | None,
+    Parameter(
+        help="Which of the result's frames: first:end or first:end:stride by the recording's numbers, or a count. All "
+        "by default."
+    ),
+]
+
+
+def flags_of(config: type[DataclassInstance]) -> type[DataclassInstance]:
+    """Flags for the settings of a configuration, each with its one statement as help; None where one is not given."""
+    hints = get_type_hints(config)
+    flags = [
+        (each.name, Annotated[hints[each.name] | None, Parameter(help=setting_line(each))], field(default=None))
+        for each in fields(config)
+        if each.metadata["flag"]
+    ]
+    namespace = {"__module__": __name__}  # the parser does not look into a class of Python's own module "types"
+    kind = make_dataclass(f"{config.__name__}Flags", flags, namespace=namespace, frozen=True, kw_only=True)
+    return Parameter(name="*")(kind)
+
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class Console:
+class Console(reporter.Reporter):
     """The options that every command has."""
 
     json: Switch = False
@@ -36,6 +102,12 @@ class Console:
     def warn(self, line: str) -> None:
         """Say what is wrong, on stderr."""
         print(line, file=sys.stderr, flush=True)
+
+    def stage(self, name: str, unit: str | None = "frames") -> AbstractContextManager[reporter.Progress]:
+        """Show how far a stage is, on stderr."""
+        from mmocap_warp.cli.progress import Progress
+
+        return Progress(name, unit, quiet=self.quiet)
 
     def result(self, values: dict[str, Any], text: str) -> None:
         """Print the command's answer on stdout: ``values`` as JSON where that is asked for, else ``text``."""
@@ -63,3 +135,23 @@ def table(rows: list[tuple[str, ...]]) -> str:
     return "\n".join(
         "  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
     )
+
+
+def given(flags: DataclassInstance) -> dict[str, Any]:
+    """The flags that were given, by the name of their setting."""
+    return {name: value for name, value in asdict(flags).items() if value is not None}
+
+
+def next_step(name: str, *arguments: str | Path) -> str:
+    """A command of ``mmocap`` as a shell takes it, so that it can be copied to the next prompt."""
+    return shlex.join(["mmocap", name, *map(str, arguments)])
+
+
+def mask_step(scene: Path) -> str:
+    """To make masks of a scene's videos."""
+    return next_step("mask", scene, "-o", scene.parent / "masks")
+
+
+def track_step(scene: Path) -> str:
+    """To track a scene."""
+    return next_step("track", scene, "-o", scene.parent / "result.usdc")

@@ -5,75 +5,55 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from cyclopts import Parameter
-
-from mmocap_warp.cli.console import Console, Switch
-from mmocap_warp.cli.exit_codes import CHECK_FAILED, OK, UsageError
-from mmocap_warp.cli.identity import Identity, note_others
+from mmocap_warp.cli.command_help import documented_by
+from mmocap_warp.cli.console import (
+    CHECK_FAILED,
+    OK,
+    Console,
+    Identity,
+    Output,
+    SceneFile,
+    SceneFrames,
+    Switch,
+    next_step,
+)
 
 if TYPE_CHECKING:
     from mmocap_warp.masks.mask_check import MaskReport
-    from mmocap_warp.scene.recording import Scene
 
 
+@documented_by("mask:mask")
 def mask(
-    scene: Path,
+    scene: SceneFile,
     /,
     *,
-    output: Annotated[Path, Parameter(name=["--output", "-o"])],
+    output: Annotated[Path, Output],
     scale: float = 1.0,
-    frames: str | None = None,
+    frames: SceneFrames = None,
     from_body: Path | None = None,
     identity: Identity = None,
     force: Switch = False,
     console: Console | None = None,
 ) -> int:
-    """Write a scene's foreground masks and an overlay of them, and judge whether they show one whole subject.
-
-    Parameters
-    ----------
-    scene
-        The scene file, or its folder.
-    output
-        The folder to write.
-    scale
-        Of the masks relative to the recording, up to 1.
-    frames
-        Which of the recording's frames: first:end or first:end:stride, such as 120:480:2, which leaves out the end; or
-        a count of those that the scene names. [default: those that the scene names]
-    from_body
-        A result of this scene: draw the masks anew around its body, by the images' colours (GrabCut).
-    force
-        Write into a folder that holds files.
-    """
-    from mmocap_warp.cli.next_step import command
-    from mmocap_warp.cli.outputs import new_folder
-    from mmocap_warp.cli.progress import Progress
-    from mmocap_warp.cli.refine_masks import masks_around_body
-    from mmocap_warp.cli.result_report import scene_for
-    from mmocap_warp.masks.mask_check import MaskJudge
-    from mmocap_warp.scene.mask_writing import write_masks
+    from mmocap_warp.commands.mask import mask
 
     console = console or Console()
-    if not 0 < scale <= 1:
-        raise UsageError(f"--scale must be in (0, 1], got {scale:g}")
-    loaded = scene_for(scene, frames, identity)
-    note_others(loaded, console)
-    refine = None if from_body is None else masks_around_body(loaded, from_body, scale)
-    folder = new_folder(output, force=force)
-    judge = MaskJudge(loaded.rig(scale), loaded.frame_count, _body_volume(loaded))
-    with Progress("mask", quiet=console.quiet) as progress:
-        total = loaded.frame_count
-        written = write_masks(
-            loaded, folder, scale, progress=lambda done: progress(done, total), look=judge.add, refine=refine
-        )
-    report = judge.report()
-    failed = bool(report.faults)
-    step = command("track", written, "-o", loaded.directory / "result.usdc")
+    masks = mask(
+        scene,
+        output,
+        scale=scale,
+        frames=frames,
+        from_body=from_body,
+        identity=identity,
+        force=force,
+        reporter=console,
+    )
+    report = masks.report
+    step = next_step("track", masks.scene, "-o", masks.source.parent / "result.usdc")
     values = {
-        "scene": written,
-        "overlay": folder / "overlay.webm",
-        "frames": loaded.frame_count,
+        "scene": masks.scene,
+        "overlay": masks.overlay,
+        "frames": masks.frames,
         "views": {
             name: {
                 "area_px": view.area,
@@ -84,27 +64,17 @@ def mask(
             for name, view in report.views.items()
         },
         "hull_litres": 1000 * report.volume,
-        "masks_ok": not failed,
+        "masks_ok": masks.remedy is None,
         "faults": list(report.faults),
-        "next": None if failed else step,
+        "next": step if masks.remedy is None else None,
     }
-    lines = [f"{written}: {loaded.frame_count} frames, {len(loaded.cameras)} cameras", *_table(report)]
-    if failed:
-        lines += [f"check failed: {fault}" for fault in report.faults] + [_remedy(loaded, folder)]
+    lines = [f"{masks.scene}: {masks.frames} frames, {len(report.views)} cameras", *_table(report)]
+    if masks.remedy is not None:
+        lines += [f"check failed: {fault}" for fault in report.faults] + [masks.remedy]
     else:
         lines.append(f"next: {step}")
     console.result(values, "\n".join(lines))
-    return CHECK_FAILED if failed else OK
-
-
-def _body_volume(scene: Scene) -> float:
-    """What the scene's subject holds, or else the body that a fit would start from [m^3]."""
-    from mmocap_warp.formats.usd.usd_body import read_subject
-    from mmocap_warp.rigging.shipped import DEFAULT_BODY, load_body
-
-    if scene.subject is not None:
-        return read_subject(scene.subject).body.volume
-    return load_body(scene.body or DEFAULT_BODY, scene.path).volume
+    return OK if masks.remedy is None else CHECK_FAILED
 
 
 def _table(report: MaskReport) -> list[str]:
@@ -124,20 +94,3 @@ def _table(report: MaskReport) -> list[str]:
 
 def _percent(share: float) -> str:
     return f"{100 * share:.0f}" if share == share else "-"
-
-
-def _remedy(scene: Scene, folder: Path) -> str:
-    """What to do about masks that are not good enough."""
-    look = f"look at {folder / 'overlay.webm'}; "
-    if scene.foreground.source == "recording":
-        return (
-            look + 'source = "recording" takes for background what does not move for most of the recording. Where the'
-            " subject never leaves its place, name an image without it (clean_plate), a recording without it"
-            " (background), or masks made with a segmentation program (docs/masks.md). Masks that can just be tracked"
-            " are refined with --from-body RESULT"
-        )
-    if scene.foreground.source == "masks":
-        return (
-            look + "are they of the right subject, all of it, and in step? docs/masks.md tells how to make better ones"
-        )
-    return look + "docs/scene.md has the settings of [foreground], docs/masks.md other ways to make masks"

@@ -3,89 +3,34 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
-from cyclopts import Parameter
-
-from mmocap_warp.cli.console import Console, Switch, table
-from mmocap_warp.cli.exit_codes import UsageError
-
-if TYPE_CHECKING:
-    from mmocap_warp.biomechanics.measure_all import Measures
+from mmocap_warp.cli.command_help import documented_by
+from mmocap_warp.cli.console import Console, Output, ResultFile, ResultFrames, Switch, table
 
 
+@documented_by("measure:measure")
 def measure(
-    result: Path,
+    result: ResultFile,
     /,
     *,
-    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    output: Annotated[Path | None, Output] = None,
     run: int | None = None,
     raw: Switch = False,
-    frames: str | None = None,
+    frames: ResultFrames = None,
     sex: Literal["female", "male"] | None = None,
     force: Switch = False,
     console: Console | None = None,
 ) -> None:
-    """Print joint angles, heel strikes, steps, the centre of mass and the lengths of the bones.
-
-    The table is of the run that is animated, or of the one that is named; docs/measures.md defines every figure.
-
-    Parameters
-    ----------
-    result
-        What 'mmocap track' wrote.
-    output
-        A folder for every frame's figures as .csv, and plots of angles and feet as .svg.
-    run
-        The number of one run; all by default.
-    raw
-        Measure the track before it was smoothed.
-    frames
-        Which of the result's frames: first:end or first:end:stride by the recording's numbers, or a count. All by
-        default.
-    sex
-        Whose shares of mass the body's segments have: female or male; the mean of both by default.
-    force
-        Write into a folder that holds something.
-    """
-    from mmocap_warp.biomechanics.measure_all import measure
     from mmocap_warp.biomechanics.measure_report import report
-    from mmocap_warp.cli.devices import start_warp
-    from mmocap_warp.cli.flag_settings import as_flag
-    from mmocap_warp.cli.outputs import new_folder
-    from mmocap_warp.cli.result_report import positions_of
-    from mmocap_warp.formats.usd.usd_result import read_result
+    from mmocap_warp.commands.measure import measure
 
     console = console or Console()
-    tracked = read_result(result)
-    tracked = tracked.at(positions_of(tracked, frames))
-    if raw and tracked.raw_pose is None:
-        raise UsageError("--raw needs a result that was smoothed; this one was not")
-    folder = None if output is None else new_folder(output, force=force)
-    start_warp()
-    try:
-        measures = measure(tracked, run, raw, sex)
-    except ValueError as error:
-        raise UsageError(as_flag(error)) from None
+    measures = measure(result, run, raw, sex, output=output, frames=frames, force=force)
     values = report(measures)
-    if folder is not None:
-        values["files"] = [str(file) for file in _write(folder, measures)]
+    if output is not None:
+        values["files"] = [str(file) for file in measures.files]
     console.result(values, _text(values))
-
-
-def _write(folder: Path, measures: Measures) -> list[Path]:
-    from mmocap_warp.biomechanics.measure_tables import write_tables
-    from mmocap_warp.display.measure_plots import plot_angles, plot_feet
-
-    written = write_tables(folder, measures)
-    for name, plot, has_any in (
-        ("angles.svg", plot_angles, measures.shown.angles),
-        ("feet.svg", plot_feet, measures.shown.feet),
-    ):
-        if has_any:
-            plot(folder / name, measures)
-            written.append(folder / name)
-    return written
 
 
 def _text(values: dict[str, Any]) -> str:

@@ -51,12 +51,6 @@ class Progress:
         if self._bar is not None:
             self._bar.stop()
 
-    def next(self, task: str) -> None:
-        """Show another task from now on."""
-        self._task, self._first = task, None
-        if self._bar is not None:
-            self._bar.reset(self._bar.task_ids[0], description=task, total=None, state="")
-
     def __call__(self, done: int, total: int, evaluations: int = 0) -> None:
         """Report that ``done`` of ``total`` steps are finished, after ``evaluations`` evaluations in all.
 

@@ -1,8 +1,23 @@
-"""``mmocap study``: trackers compared over a grid of sequences, models and budgets."""
+"""``mmocap study``: trackers compared over a grid of sequences, models and budgets, and what it prints of a run."""
 
 from __future__ import annotations
 
-from cyclopts import App
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import App, Parameter
+
+from mmocap_warp.cli.command_help import documented_by
+from mmocap_warp.cli.console import CHECK_FAILED, FAILURE, OK, Console, Output, Switch, table
+
+if TYPE_CHECKING:
+    from mmocap_warp.commands.studies import StudyRun
+
+Several = Annotated[tuple[Path, ...], Parameter(negative="", show_default=False)]
 
 app = App(name="study", help="Compare trackers: run a grid of them, and report on it.", version_flags=[])
 _RUN = (
@@ -11,12 +26,205 @@ _RUN = (
     "command goes on and repeats no finished cell; so it does after cells were added, or results of another machine "
     "copied into the folder. Exits with 1 if cells are missing in the end."
 )
-_COMMANDS = (  # a command's help is here and not in its docstring, so that the list of commands loads none of them
-    ("make", "study_make:make", "Write shipped sequences as scenes, to look at or to track on their own."),
-    ("run", "study_run:run", _RUN),
-    ("ablate", "study_ablate:ablate", "Track clips, made worse in several ways, with several trackers."),
-    ("show", "study_show:show", "List a folder's results, checking every byte. Exits with 4 if one is damaged."),
-    ("report", "study_report:report", "Write a study's results as one HTML page."),
+_COLUMNS = {  # of the table of a run, by key: title, format and unit
+    "mpjpe_mm": ("MPJPE", ".1f", " mm"),
+    "eq20_as_printed_mm": ("Eq. 20 as printed", ".1f", " mm"),
+    "marker_error_mm": ("from own answer", ".1f", " mm"),
+    "iou": ("IoU", ".3f", ""),
+    "shake_mm": ("shake", ".1f", " mm"),
+    "growth": ("growth", ".2f", ""),
+}
+_MAX_NAMED = 3  # cells that are missing for one reason; of more, only the number is printed
+
+
+@app.command(help="Write shipped sequences as scenes, to look at or to track on their own.", sort_key=0)
+@documented_by("clips:make_sequences", sequence="sequences")
+def make(
+    folder: Path,
+    /,
+    *,
+    sequence: Annotated[tuple[str, ...], Parameter(negative="", show_default=False)] = (),
+    frames: int | None = None,
+    degrade: str = "none",
+    seed: int = 0,
+    clip: Path | None = None,
+    skeleton: Path | None = None,
+    markers: Path | None = None,
+    force: Switch = False,
+    console: Console | None = None,
+) -> None:
+    from mmocap_warp.commands.clips import make_sequences
+
+    console = console or Console()
+    scenes = make_sequences(
+        folder,
+        sequence,
+        frames=frames,
+        degrade=degrade,
+        seed=seed,
+        clip=clip,
+        skeleton=skeleton,
+        markers=markers,
+        force=force,
+        reporter=console,
+    )
+    console.result(scenes, "\n".join(str(path) for path in scenes.values()))
+
+
+@app.command(help=_RUN, sort_key=1)
+@documented_by("studies:run_study")
+def run(
+    study: Path,
+    /,
+    *,
+    output: Annotated[Path | None, Output] = None,
+    engine: str = "local",
+    device: str = "auto",
+    threads: int | None = None,
+    address: str = "auto",
+    workers: int | None = None,
+    gpus: float = 1.0,
+    minutes: float | None = None,
+    poses: str = "all",
+    console: Console | None = None,
+) -> int:
+    from mmocap_warp.cli.study_progress import StudyProgress
+    from mmocap_warp.commands.studies import run_study
+    from mmocap_warp.study.definition import load_study
+
+    console, loaded = console or Console(), load_study(study)
+    with _ray_messages(console), StudyProgress(loaded.name, quiet=console.quiet) as progress:
+        done = run_study(
+            loaded,
+            output,
+            engine=engine,
+            device=device,
+            threads=threads,
+            address=address,
+            workers=workers,
+            gpus=gpus,
+            minutes=minutes,
+            poses=poses,
+            show=progress.show,
+            reporter=progress,
+        )
+    values = _values(done)
+    console.result(values, _text(values))
+    return FAILURE if done.status.failures else OK
+
+
+@contextmanager
+def _ray_messages(console: Console) -> Iterator[None]:
+    """Ray prints the last lines of its logs to stdout when something of it dies; the run says so in one line."""
+    with open(os.devnull, "w") as nowhere, redirect_stdout(sys.stderr if console.debug else nowhere):
+        yield
+
+
+def _values(done: StudyRun) -> dict[str, Any]:
+    from mmocap_warp.study.paper import GRID_EVALUATIONS
+
+    status = done.status
+    return {
+        "study": done.name,
+        "folder": done.folder,
+        "cells": status.cells,
+        "finished_before": status.reused,
+        "finished_now": status.finished,
+        "failed": [{"cell": str(cell), "problem": problem} for cell, problem in sorted(status.failures.items())],
+        "seconds": status.seconds,
+        "evaluations": status.evaluations,
+        "evaluations_per_second": status.rate,
+        "paper_grid_hours": GRID_EVALUATIONS / status.rate / 3600.0 if status.rate else None,
+        "results": done.results,
+    }
+
+
+def _text(values: dict[str, Any]) -> str:
+    done, before = values["finished_now"], values["finished_before"]
+    lines = [f"{values['folder']}: {done + before} of {values['cells']} cells, {done} of them new"]
+    if values["evaluations_per_second"]:
+        rate, hours = values["evaluations_per_second"], values["paper_grid_hours"]
+        lines.append(f"{rate:,.0f} evaluations/s; at that rate the paper's study (2.0e10) takes {hours:,.1f} hours")
+    rows: list[tuple[str, ...]] = [
+        ("preset", "evaluations", "DOF", "algorithm", *(title for title, *_ in _COLUMNS.values()))
+    ]
+    for row in values["results"]:
+        shown = (
+            "-" if row[key] is None else format(row[key], form) + unit for key, (_, form, unit) in _COLUMNS.items()
+        )
+        rows.append((row["preset"], str(row["evaluations"]), str(row["dof"]), row["algorithm"], *shown))
+    lines += ["", table(rows)] if values["results"] else []
+    # What is missing and why, a line for each reason.
+    cells: dict[str, list[str]] = {}
+    for failure in values["failed"]:
+        cells.setdefault(failure["problem"], []).append(failure["cell"])
+    missing = [
+        f"missing: {', '.join(names) if len(names) <= _MAX_NAMED else f'{len(names)} cells'}: {problem}"
+        for problem, names in cells.items()
+    ]
+    return "\n".join([*lines, *(["", *missing, "run the study again to track what is missing"] if missing else [])])
+
+
+app.command(
+    "mmocap_warp.cli.study_ablate:ablate",
+    help="Track clips, made worse in several ways, with several trackers.",
+    name="ablate",
+    sort_key=2,
 )
-for _order, (_name, _target, _help) in enumerate(_COMMANDS):
-    app.command(f"mmocap_warp.cli.{_target}", name=_name, help=_help, sort_key=_order)
+
+
+@app.command(help="List a folder's results, checking every byte. Exits with 4 if one is damaged.", sort_key=3)
+def show(folder: Path, /, *, console: Console | None = None) -> int:
+    """List a folder's results.
+
+    Parameters
+    ----------
+    folder
+        What 'mmocap study run' wrote, or several such folders copied into one.
+    """
+    from mmocap_warp.errors import InputError
+    from mmocap_warp.study.store import read_results
+
+    rows, damaged = [], []
+    for result in read_results(folder):
+        if isinstance(result, InputError):
+            damaged.append(str(result))
+            continue
+        runs, frames = len(result.seeds), len(result.frames)
+        names = ("study", "host", "device", "started", "wall_seconds", "versions", "code")
+        made = {name: result.meta.get(name) for name in names}
+        rows.append({"cell": str(result.cell), "runs": runs, "frames": frames} | made)
+    lines = [
+        f"{row['cell']}, {row['runs']} runs of {row['frames']} frames, {row['device']}, {row['host']}" for row in rows
+    ]
+    lines += [f"damaged: {problem}" for problem in damaged]
+    lines.append(f"{folder}: {len(rows)} results, {len(damaged)} damaged")
+    (console or Console()).result({"folder": folder, "results": rows, "damaged": damaged}, "\n".join(lines))
+    return CHECK_FAILED if damaged else OK
+
+
+@app.command(help="Write a study's results as one HTML page.", sort_key=4)
+@documented_by("studies:report_study", study="studies")
+def report(
+    results: Path,
+    /,
+    *more: Annotated[Path, Parameter(help="Further folders of results, of the same page.")],
+    output: Annotated[Path, Output] = Path("report.html"),
+    study: Several = (),
+    alone: Path | None = None,
+    force: Switch = False,
+    console: Console | None = None,
+) -> None:
+    from mmocap_warp.commands.studies import report_study
+
+    console = console or Console()
+    written = report_study([results, *more], output, studies=study, alone=alone, force=force, reporter=console)
+    values = {
+        "page": written.page,
+        "tables": written.tables,
+        "cells": written.cells,
+        "results": written.count,
+        "left_out": written.left_out,
+        "mixed_code": written.mixed_code or None,
+    }
+    console.result(values, f"{written.page}\n{written.tables}\n{written.cells}")

@@ -15,12 +15,13 @@ from rich.table import Table
 from rich.text import Text
 
 from mmocap_warp.cli.progress import SECONDS_BETWEEN_LINES, clock
+from mmocap_warp.commands.reporter import Reporter
 
 if TYPE_CHECKING:
     from mmocap_warp.study.run import Status
 
 
-class StudyProgress:
+class StudyProgress(Reporter):
     """Shows what every worker does, cells done, the rate and the time left; used as a context.
 
     Args:
@@ -55,6 +56,8 @@ class StudyProgress:
             self._live.console.print(Text(line))
         else:
             print(line, file=self._stream, flush=True)
+
+    warn = note
 
     def show(self, status: Status) -> None:
         """Show where the study stands."""

@@ -1,252 +1,155 @@
-"""``mmocap track``: from a scene to a result."""
+"""``mmocap track``, ``fit`` and ``demo``: from a scene to a subject and a result."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
-from cyclopts import Parameter
-
-from mmocap_warp.cli.console import Console, Switch
-from mmocap_warp.cli.exit_codes import UsageError
-from mmocap_warp.cli.identity import Identity, note_others
+from mmocap_warp.cli.command_help import documented_by
+from mmocap_warp.cli.console import (
+    CHECK_FAILED,
+    OK,
+    Console,
+    Identity,
+    Output,
+    SceneFile,
+    SceneFrames,
+    Switch,
+    flags_of,
+    given,
+    next_step,
+)
 from mmocap_warp.errors import InputError
+from mmocap_warp.fitting.fit_config import FitConfig
+from mmocap_warp.tracking.track_config import TrackConfig
 
 if TYPE_CHECKING:
-    from mmocap_warp.body.model import BodyModel, Subject
-    from mmocap_warp.result.result import Result
-    from mmocap_warp.scene.recording import Scene
-    from mmocap_warp.tracking.track_config import TrackConfig
+    TrackFlags: TypeAlias = TrackConfig
+    FitFlags: TypeAlias = FitConfig
+else:
+    TrackFlags, FitFlags = flags_of(TrackConfig), flags_of(FitConfig)
 
 
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class TrackFlags:
-    """Settings of a ``TrackConfig``; what is not given comes from the scene's [track] table."""
-
-    algorithm: str | None = None
-    """search-contour, or contour, which does without a search; or the paper's: cmaes, de, pso, apf, and h-cmaes, h-de,
-    h-pso, psapf, which search part by part. [default: search-contour]"""
-    dof: int | None = None
-    """Degrees of freedom that are searched, one of the body's models: of a person 39, 28 or 51. [default: 39]"""
-    evaluations: int | None = None
-    """Budget of a frame's search, for each run. [default: 500; 120 with search-contour, where a search is needed]"""
-    polish: bool | None = None
-    """Finish each frame of one of the paper's algorithms by its contours. [default: no]"""
-    smooth: float | None = None
-    """What a joint's acceleration may be, as a standard deviation in m/s^2, when the clip's frames are solved together;
-    0 leaves each frame as it was tracked. [default: 5.4 with contours, 0 with the paper's algorithms]"""
-    seed: int | None = None
-    """Of the first run; run r uses seed + r. [default: 0]"""
-    runs: int | None = None
-    """Independent runs, tracked at once. [default: 1]"""
-    preset: str | None = None
-    """Where the search radii come from: recording, recording-restart, common, paper, paper-rotation, paper-translation
-    or authors. [default: recording]"""
-    rotation_radius: float | None = None
-    """In radians, instead of the preset's."""
-    translation_radius: float | None = None
-    """In metres, instead of the preset's."""
-    cost: str | None = None
-    """paper (Eq. 4-5), xor or iou. [default: paper]"""
-    renderer: str | None = None
-    """raycast or raster; the counts are the same. [default: raycast]"""
-    limits: bool | None = None
-    """Keep joints within their anatomical limits. [default: yes]"""
-    scale: float | None = None
-    """Of masks and cameras, up to 1. [default: 1]"""
-    device: str | None = None
-    """auto, cpu or a CUDA device such as cuda:0. [default: auto]"""
-    threads: int | None = None
-    """CPU threads. [default: all]"""
-
-
+@documented_by("track:track")
 def track(
-    scene: Path,
+    scene: SceneFile,
     /,
     *,
-    output: Annotated[Path, Parameter(name=["--output", "-o"])],
+    output: Annotated[Path, Output],
     subject: Path | None = None,
     body: str | None = None,
     rigid: bool | None = None,
-    frames: str | None = None,
+    frames: SceneFrames = None,
     identity: Identity = None,
     flags: TrackFlags | None = None,
     resume: Switch = False,
     force: Switch = False,
     console: Console | None = None,
 ) -> None:
-    """Track a scene: from videos or masks to an animated USD body.
-
-    Parameters
-    ----------
-    scene
-        The scene file, or its folder.
-    output
-        The result's file: .usdc, .usda or .usd. A checkpoint lies beside it until the run is complete.
-    subject
-        The fitted subject to track. The scene's, or else one is fitted first and kept beside the result.
-    body
-        Where that fit starts: a shipped body's name or a USD file. The scene's, or else adult_man.
-    rigid
-        That body's bones' lengths, girths and scale are known: fit the pose alone. [default: what the body says]
-    frames
-        Which of the recording's frames: first:end or first:end:stride, such as 120:480:2, which leaves out the end; or
-        a count of those that the scene names. [default: those that the scene names]
-    resume
-        Continue an interrupted run; it ends with the same bits as one that was not interrupted.
-    force
-        Replace a result that exists.
-    """
-    from mmocap_warp.cli.flag_settings import effective
-    from mmocap_warp.cli.next_step import command
-    from mmocap_warp.cli.outputs import new_file
-    from mmocap_warp.cli.result_report import other_world_line, report_of, scene_for, summary, truth_of
-    from mmocap_warp.formats.usd.usd_file import USD_SUFFIXES
-    from mmocap_warp.tracking.track_config import TrackConfig
+    from mmocap_warp.cli.result_report import summary
+    from mmocap_warp.commands.evaluate import evaluate_in_scene
+    from mmocap_warp.commands.inputs import scene_from
+    from mmocap_warp.commands.track import track
 
     console, flags = console or Console(), flags or TrackFlags()
-    if resume and force:
-        raise UsageError("--resume continues what --force would replace; give one of them")
-    new_file(output, *USD_SUFFIXES, force=force or resume)
-    loaded = scene_for(scene, frames, identity)
-    note_others(loaded, console)
-    config = effective(TrackConfig, loaded.settings("track"), flags)
-    truth = truth_of(loaded)
-    start = Start(subject, body, rigid, flags, resume, force)
-    tracked = track_scene(loaded, config, output, start, console)
+    loaded = scene_from(scene, frames, identity)
+    tracked = track(
+        loaded,
+        subject,
+        output=output,
+        body=body,
+        rigid=rigid,
+        resume=resume,
+        force=force,
+        reporter=console,
+        **given(flags),
+    )
     try:
-        report = report_of(tracked, truth, loaded.truth)
+        report, warning = evaluate_in_scene(tracked, loaded)
     except InputError:
         console.warn(f"{output} is written, but cannot be compared with the scene's truth:")
         raise
-    del report["series"]
-    step = command("show", output)
+    step = next_step("show", output)
     values = {"result": output, **report, "config": tracked.config, "next": step}
     console.result(values, f"{output}\n{summary(report)}\nnext: {step}")
-    if report.get("other_world") is not None:
-        console.warn(other_world_line(report, loaded.truth, loaded.truth_axes, "scene"))
+    if warning:
+        console.warn(warning)
 
 
-@dataclass(frozen=True)
-class Start:
-    """How a run starts.
+@documented_by("fit:fit", start_pose="start_poses")
+def fit(
+    scene: SceneFile,
+    /,
+    *,
+    output: Annotated[Path, Output] = Path("subject.usdc"),
+    body: str | None = None,
+    start_pose: list[str] | None = None,
+    frames: SceneFrames = None,
+    identity: Identity = None,
+    flags: FitFlags | None = None,
+    force: Switch = False,
+    console: Console | None = None,
+) -> None:
+    from mmocap_warp.commands.fit import fit
 
-    Attributes:
-        subject: the subject's file; None for the scene's, or one that is fitted.
-        body: where that fit starts; None for the scene's, or the default.
-        rigid: whether that body's shape is known; None for what the scene or the body says.
-        flags: what was given on the command line, to say where settings come from.
-        resume: continue an interrupted run.
-        force: replace an earlier run.
-    """
-
-    subject: Path | None = None
-    body: str | None = None
-    rigid: bool | None = None
-    flags: TrackFlags = field(default_factory=TrackFlags)
-    resume: bool = False
-    force: bool = False
-
-
-def track_scene(scene: Scene, config: TrackConfig, output: Path, start: Start, console: Console) -> Result:
-    """Track a scene and write the result, fitting a subject first where none is named.
-
-    Raises:
-        InputError: anything wrong with the scene's images, the subject or the body; an interrupted run lies there and
-            ``start`` does not say what to do with it.
-    """
-    from mmocap_warp.cli.devices import start_warp
-    from mmocap_warp.cli.flag_settings import describe
-    from mmocap_warp.cli.progress import Progress
-    from mmocap_warp.cli.result_report import scene_reference
-    from mmocap_warp.formats.usd.usd_result import read_result, write_result
-    from mmocap_warp.result.result import FrameAnswer
-    from mmocap_warp.rigging.attaching import subject_carrying
-    from mmocap_warp.tracking.frame_loop import track as track_frames
-
-    checkpoint = output.with_name(f"{output.name}.checkpoint")
-    if start.resume and output.exists() and not checkpoint.exists():
-        console.note(f"{output} is complete")
-        return read_result(output)
-    if checkpoint.exists() and not (start.resume or start.force):
-        raise InputError(checkpoint, "an interrupted run lies here", "continue it with --resume, or --force a new one")
-    start_warp(config.device)
-    scene.rig(config.scale)  # a scale that cannot be is told before a fit of minutes
-    subject = _named_subject(scene, output, start) or _fitted_subject(scene, config, output, start, console)
-    subject, notes = subject_carrying(subject, scene.attached)
-    for note in notes:
-        console.note(f"attach: {note}")
-    _check_model(subject.body, scene, config, start.flags)
-    config = replace(config, dof=subject.body.skeleton.model_number(config.dof))
-    console.note(f"track: {describe(config, scene.track, start.flags)}")
-    total, evaluations = scene.frame_count, 0
-
-    def report(frame: int, answer: FrameAnswer) -> None:
-        nonlocal evaluations
-        evaluations += answer.evaluations * config.runs
-        progress(frame + 1, total, evaluations)
-
-        if config.acceleration and frame + 1 == total:
-            progress.next("smooth")
-
-    with Progress("track", quiet=console.quiet) as progress:
-        tracked = track_frames(
-            scene,
-            subject,
-            config,
-            checkpoint=checkpoint,
-            resume=start.resume,
-            progress=report,
-            smooth_progress=lambda frames: progress(frames, total),
-        )
-    chosen = {"identity": scene.foreground.identity} if scene.foreground.identity else {}
-    tracked = replace(tracked, config=tracked.config | {"scene": scene_reference(scene.path, output)} | chosen)
-    write_result(output, tracked)
-    checkpoint.unlink(missing_ok=True)
-    return tracked
+    console, flags = console or Console(), flags or FitFlags()
+    subject = fit(
+        scene,
+        body,
+        output=output,
+        start_poses=start_pose,
+        frames=frames,
+        identity=identity,
+        force=force,
+        reporter=console,
+        **given(flags),
+    )
+    known, name = subject.provenance, subject.body.name
+    values = {"file": output, "body": name, "height_m": known["body.height"], **known}
+    console.result(values, f"{output}: {name}, {_measures(known)}")
 
 
-def _check_model(body: BodyModel, scene: Scene, config: TrackConfig, flags: TrackFlags) -> None:
-    """See that the body has a model with as many degrees of freedom as a flag or the scene asks for."""
-    try:
-        body.skeleton.searched(config.dof)
-    except ValueError as error:
-        if flags.dof is not None:
-            raise UsageError(f"--{error}") from None
-        raise InputError(f"{scene.path}: [track]", str(error), "correct that value") from None
+def _measures(provenance: dict[str, str | float | int]) -> str:
+    """How large the body is, and its bones, with their standard deviations, for people."""
+    measure, adjective = ("length", "long") if "body.length" in provenance else ("height", "tall")
+    size, frames = f"{float(provenance[f'body.{measure}']):.2f} m {adjective}", provenance["fit.frames"]
+    of_size = 1000 * float(provenance[f"body.{measure}.sigma"])
+    if of_size == 0:
+        return f"{size}, as given; seen in {frames} frames"
+    sigma = [1000 * float(value) for name, value in provenance.items() if re.fullmatch(r"body\.bone\..*\.sigma", name)]
+    bones = f", bones to {min(sigma):.0f} to {max(sigma):.0f} mm" if sigma else ""
+    return f"{size}, known to {of_size:.0f} mm{bones} from {frames} frames"
 
 
-def _kept_subject(output: Path) -> Path:
-    """Where a subject that was fitted for this result lies."""
-    return output.with_name(f"{output.stem}.subject.usdc")
+@documented_by("demo:demo")
+def demo(
+    example: Literal["walk", "fox", "hand", "quadruped", "arm"] = "walk",
+    /,
+    *,
+    output: Annotated[Path, Output] = Path("mmocap-out"),
+    paper: Switch = False,
+    console: Console | None = None,
+) -> int:
+    from mmocap_warp.cli.result_report import beside, summary
+    from mmocap_warp.commands.demo import EXAMPLES, MOST_ERROR_MM, MOST_SHARE, PAPERS, demo
 
-
-def _named_subject(scene: Scene, output: Path, start: Start) -> Subject | None:
-    """The subject that a flag or the scene names, or that the run to be resumed has fitted."""
-    from mmocap_warp.formats.usd.usd_body import read_subject
-
-    named = start.subject or (None if start.body else scene.subject)
-    if named is None and start.resume and _kept_subject(output).exists():
-        named = _kept_subject(output)
-    return None if named is None else read_subject(named)
-
-
-def _fitted_subject(scene: Scene, config: TrackConfig, output: Path, start: Start, console: Console) -> Subject:
-    """A subject fitted to the scene and kept beside the result."""
-    from mmocap_warp.cli.fit_command import FitFlags
-    from mmocap_warp.cli.flag_settings import describe, effective
-    from mmocap_warp.cli.subjects import fit_subject
-    from mmocap_warp.fitting.subject_fit import FitConfig
-    from mmocap_warp.formats.usd.usd_body import read_subject
-    from mmocap_warp.rigging.shipped import DEFAULT_BODY, load_body
-
-    flags = FitFlags(rigid=start.rigid, device=config.device, threads=config.threads)
-    fit = effective(FitConfig, scene.settings("fit"), flags)
-    body = load_body(start.body or scene.body or DEFAULT_BODY, "--body" if start.body else scene.path)
-    _check_model(body, scene, config, start.flags)
-    given = FitFlags(rigid=start.rigid, device=start.flags.device, threads=start.flags.threads)
-    console.note(f"fit: {describe(fit, scene.fit, given)}")
-    fit_subject(scene, body, fit, _kept_subject(output), console)
-    return read_subject(_kept_subject(output))  # as --resume will find it, to the last bit
+    console = console or Console()
+    shown = demo(example, output, paper=paper, reporter=console)
+    values = {**shown.report, **shown.files}
+    files, lines = list(shown.files.items()), [summary(shown.report)]
+    if shown.paper is not None:
+        report, its_files = shown.paper
+        values["paper"] = {**report, **its_files}
+        files += its_files.items()
+        lines += ["", beside({TrackConfig().algorithm: shown.report, PAPERS: report}), ""]
+    failure = f"Eq. 20 from own answer is over {MOST_ERROR_MM:.0f} mm"
+    if example != "walk":
+        values |= {"size_m": shown.size, "mpjpe_share": shown.share}
+        lines += [f"MPJPE is {100 * shown.share:.2f} % of the {EXAMPLES[example].body}'s {shown.size:.2f} m", ""]
+        failure = f"joints are off by over {100 * MOST_SHARE:.0f} % of its size"
+    lines += [f"{name:<8} {path}" for name, path in files]
+    if not shown.good:
+        lines.append(f"check failed: {failure}")
+    console.result({**values, "error_ok": shown.good}, "\n".join(lines))
+    return OK if shown.good else CHECK_FAILED

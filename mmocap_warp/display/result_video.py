@@ -118,6 +118,9 @@ def overlay(
     names = result.cameras.names
     if camera not in (*names, *range(len(names))):
         raise ValueError(f"camera must be one of {list(names)} or a number below {len(names)}, got {camera!r}")
+    count, (first, last) = len(result.frame_numbers), result.frame_numbers[[0, -1]].tolist()
+    if not -count <= frame < count:
+        raise IndexError(f"frame must be 0 to {count - 1}, for the recording's {first} to {last}, got {frame}")
     k = names.index(camera) if isinstance(camera, str) else camera
     number = int(result.frame_numbers[frame])
     images: Sequence[np.ndarray | None] = [None] * len(names)

@@ -29,6 +29,7 @@ from mmocap_warp.device.cores import available_threads
 from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.errors import InputError
 from mmocap_warp.fitting.clip_body import frames_to_follow, solve_body_in_clip, with_base_still
+from mmocap_warp.fitting.fit_config import LONGEST_IMAGE, FitConfig
 from mmocap_warp.fitting.frame_fit import FrameFit, Guess
 from mmocap_warp.fitting.screening import screened_starts, usual_poses
 from mmocap_warp.fitting.standing_search import (
@@ -46,7 +47,6 @@ from mmocap_warp.tracking.track_config import TrackConfig
 if TYPE_CHECKING:
     from mmocap_warp.scene.recording import Scene
 
-_IMAGE_LENGTH = 480  # width or height of the largest image that is fitted, unless the scale is given [px]
 _WINNERS = 2  # finalists whose limbs are searched until nothing is gained
 _ROUNDS = 6  # rounds over the limbs, at most
 _CLEAR_MARGIN = 0.03  # one frame decides by this difference of costs
@@ -55,40 +55,6 @@ _SAME_PLACE = 0.1  # joints that are nearer to each other are in the same place 
 _LEAST_MARGIN = 0.005  # a smaller difference of costs decides nothing
 _LEAST_CLIP_MARGIN = 0.02  # a smaller difference over a clip decides nothing, as a share of the contours' cost
 _HEADINGS_SHARE, _LIMBS_SHARE = 0.4, 0.6  # shares of the work that are done after these stages, for the progress
-
-
-@dataclass(frozen=True)
-class FitConfig:
-    """Settings of a fit.
-
-    Attributes:
-        seed: of the random numbers.
-        scale: of masks and cameras; None makes the largest image 480 pixels long, which is plenty for a shape.
-        headings: evenly spread starting directions; of a body that may lie any way, the best of many starts.
-        evaluations: spent on each.
-        finalists: headings whose limbs are searched.
-        frames: of the clip's first seconds that the body is solved from; 1 takes it from the first frame alone.
-        rigid: whether bones' lengths, girths and scale are known; None for what the body says.
-        device: ``auto``, ``cpu`` or a CUDA device.
-        threads: CPU threads; None for all that this process may use.
-    """
-
-    seed: int = 0
-    scale: float | None = None
-    headings: int = 8
-    evaluations: int = 1000
-    finalists: int = 4
-    frames: int = 16
-    rigid: bool | None = None
-    device: str = "auto"
-    threads: int | None = None
-
-    def __post_init__(self) -> None:
-        if self.scale is not None and not 0.0 < self.scale <= 1.0:
-            raise ValueError(f"scale must be in (0, 1], got {self.scale}")
-        for name in ("headings", "evaluations", "finalists", "frames"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
 
 
 FitProgress = Callable[[str, float, float], None]
@@ -120,7 +86,7 @@ def fit(
     """
     config = replace(config or config_from_table(FitConfig, scene.settings("fit")), **settings)
     body = carrying(body, scene.attached).body
-    scale = config.scale or min(1.0, _IMAGE_LENGTH / float(scene.rig().size.max()))
+    scale = config.scale or min(1.0, LONGEST_IMAGE / float(scene.rig().size.max()))
     numbers = frames_to_follow(scene.rate, scene.frame_count if config.frames > 1 else 1)
     observations = islice(scene.observations(scale, count=numbers[-1] + 1), 0, None, numbers.step)
     try:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import difflib
+import inspect
 import math
 import os
 import tomllib
 import types
-from dataclasses import fields
+from collections.abc import Iterable
+from dataclasses import Field, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_type_hints
 
@@ -179,6 +181,42 @@ class Table:
         raise self.error(f"unknown key '{key}'", remedy)
 
 
+def setting(default: Any, meaning: str, otherwise: str = "", *, flag: bool = True) -> Any:
+    """A field of a configuration: its default, and the one statement of what it means, for help and documents.
+
+    Args:
+        default: its value unless another one is given.
+        meaning: sentences.
+        otherwise: the default in words, where the value does not tell it.
+        flag: whether the command line has a flag of its name.
+    """
+    return field(default=default, metadata={"meaning": meaning, "otherwise": otherwise, "flag": flag})
+
+
+def describes_settings(kind: type[Config]) -> type[Config]:
+    """Let the docstring of a configuration tell what each :func:`setting` means."""
+    lines = [f"    {each.name}: {setting_line(each)}" for each in fields(kind)]
+    kind.__doc__ = "\n".join([inspect.cleandoc(kind.__doc__ or ""), "", "Attributes:", *lines])
+    return kind
+
+
+def setting_line(each: Field) -> str:
+    """What a setting means, and its default."""
+    default: Any = each.default
+    if isinstance(default, bool):
+        default = "yes" if default else "no"
+    elif isinstance(default, float):
+        default = f"{default:g}"
+    default = each.metadata["otherwise"] or default
+    return f"{each.metadata['meaning']} [default: {default}]"
+
+
+def listed(names: Iterable[str]) -> str:
+    """Names that one may choose from: ``a, b or c``."""
+    *most, last = names
+    return f"{', '.join(most)} or {last}" if most else last
+
+
 def config_from_table(kind: type[Config], table: Table) -> Config:
     """The settings that a table holds, with defaults for the others; the table is emptied.
 
@@ -186,11 +224,11 @@ def config_from_table(kind: type[Config], table: Table) -> Config:
     """
     hints = get_type_hints(kind)
     values = {}
-    for field in fields(kind):
-        hint = hints[field.name]
+    for each in fields(kind):
+        hint = hints[each.name]
         if isinstance(hint, types.UnionType):  # a setting that may also be None
             hint = next(arm for arm in get_args(hint) if arm is not type(None))
-        values[field.name] = table.take(field.name, hint, field.default)
+        values[each.name] = table.take(each.name, hint, each.default)
     table.finish()
     try:
         return kind(**values)

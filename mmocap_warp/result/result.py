@@ -85,6 +85,20 @@ class Result:
     joint_sigma: np.ndarray | None = None
     left_out_before: int = 0
 
+    def __repr__(self) -> str:
+        first, last = self.frame_numbers[[0, -1]].tolist()
+        best = self.best_run
+        counts = np.bincount(self.status[best], minlength=len(STATUS))
+        statuses = ", ".join(f"{count} {name}" for name, count in zip(STATUS, counts, strict=True) if count)
+        known = self.iou[best][np.isfinite(self.iou[best])]
+        overlap = f"mean IoU {known.mean():.3f}" if len(known) else "no IoU"
+        runs = f"{len(self.pose)} runs, best {best}" if len(self.pose) > 1 else "1 run"
+        return (
+            f"Result of {self.subject.body.name} by {self.config.get('algorithm', 'an unknown tracker')}: "
+            f"{len(self.frame_numbers)} frames, {first} to {last} ({statuses}), {len(self.cameras)} cameras, {runs}, "
+            f"{overlap}"
+        )
+
     def __post_init__(self) -> None:
         runs, frames, cameras = len(self.pose), len(self.frame_numbers), len(self.cameras)
         skeleton = self.subject.body.skeleton

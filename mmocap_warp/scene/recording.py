@@ -166,6 +166,12 @@ class Scene:
     named_frames: range | None = None
     attached: tuple[Attachment, ...] = ()
 
+    def __repr__(self) -> str:
+        names = ", ".join(self.calibrated.names)
+        last = self.frames[-1] if self.frame_count else self.first_frame
+        frames = f"{self.frame_count} frames, {self.first_frame} to {last}, at {self.rate:g} a second"
+        return f"Scene {self.name}: {frames}; cameras {names}; foreground from {self.foreground.source}; {self.path}"
+
     @cached_property
     def directory(self) -> Path:
         """The folder of the scene file."""

@@ -23,10 +23,8 @@ from mmocap_warp.kernels.silhouettes.cost import cost_of_counts
 from mmocap_warp.kernels.silhouettes.raster import Outline
 from mmocap_warp.kernels.structs import filled
 from mmocap_warp.masks.observation import Observation
+from mmocap_warp.silhouettes import COSTS
 from mmocap_warp.silhouettes.silhouettes import FrozenArrays, Silhouettes
-
-COSTS: dict[str, int] = {"paper": cost_kernels.PAPER, "xor": cost_kernels.XOR, "iou": cost_kernels.IOU}
-"""The named costs; ``paper`` is Eq. 4-5."""
 
 _SMALLEST_BATCH = 4  # candidates of a batch: for fewer, starting a thread costs more than it saves
 
@@ -81,7 +79,7 @@ class Objective:
         rig: undistorted cameras, at the masks' size.
         candidates: the most candidates in one evaluation.
         cost: a name in ``COSTS``.
-        renderer: a name in ``renderers.RENDERERS``.
+        renderer: a name in ``RENDERERS``.
         shapes: for fitting: ``pose`` has further columns, from which every candidate's rest body and heading are read.
         bases: root bases in ``body.root_base``, of as many candidates each; with ``shapes`` every candidate has one.
         device: a Warp device.
@@ -106,7 +104,7 @@ class Objective:
             raise ValueError(f"cost must be one of {list(COSTS)}, got {cost!r}")
         self.device, self.candidates, self.rig = device, candidates, rig
         self._skeleton = body.skeleton
-        self._kind = COSTS[cost]
+        self._kind: int = getattr(cost_kernels, cost.upper())
         mesh = body.tracking
         vertices, joints = len(mesh.rest), len(body.joint_rest)
         copies, bases = (candidates, candidates) if shapes else (1, bases)

@@ -19,9 +19,7 @@ from mmocap_warp.kernels.silhouettes.raycast import Tree
 from mmocap_warp.kernels.silhouettes.raycast_wide import Leaves
 from mmocap_warp.kernels.structs import filled
 from mmocap_warp.kernels.views.projection import Views
-
-RENDERERS = ("raycast", "raster")
-"""How silhouettes are drawn; the counts are the same."""
+from mmocap_warp.silhouettes import RENDERERS
 
 _LEAF = 16  # triangles of a leaf: with large packets, smaller leaves cost more than they save
 

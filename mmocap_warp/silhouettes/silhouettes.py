@@ -53,7 +53,7 @@ class Silhouettes:
         mesh: the tracking mesh.
         rig: undistorted cameras, at the masks' size.
         candidates: the most candidates at a time.
-        renderer: a name in :data:`~mmocap_warp.silhouettes.renderers.RENDERERS`.
+        renderer: a name in ``RENDERERS``.
         device: a Warp device.
     """
 

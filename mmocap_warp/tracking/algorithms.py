@@ -1,18 +1,18 @@
 """Trackers by name. The paper's: an optimizer, and whether it searches the body's parts one after the other.
 
-A ninth needs its optimizer's file and a line here; see docs/algorithms.md.
+A ninth needs its optimizer's file and a line here; see docs/algorithms.md. An optimizer is imported when a search
+begins, so that the list costs nothing to import.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-from mmocap_warp.optimizers.annealed_filter import AnnealedFilter
-from mmocap_warp.optimizers.cma_es import CmaEs
-from mmocap_warp.optimizers.de import De
-from mmocap_warp.optimizers.protocol import Optimizer
-from mmocap_warp.optimizers.pso import Pso
+if TYPE_CHECKING:
+    from mmocap_warp.kernels.optimizers.populations import SearchSpace
+    from mmocap_warp.optimizers.protocol import Optimizer
 
 
 @dataclass(frozen=True)
@@ -20,28 +20,38 @@ class Algorithm:
     """A tracker.
 
     Attributes:
-        optimizer: makes an optimizer from what it searches and the budget of the whole search.
+        function: ``module:class`` within this package, its optimizer.
         label: its name for people.
         hierarchical: the body's parts one after the other, instead of all degrees of freedom at once.
         partitioned: of one that is hierarchical, whether a single optimizer searches all parts, whose sizes it is given
             as ``partitions``, instead of one optimizer each.
+        settings: of the optimizer, where they are not its own.
     """
 
-    optimizer: Callable[..., Optimizer]
+    function: str
     label: str
     hierarchical: bool
     partitioned: bool = False
+    settings: dict[str, Any] = field(default_factory=dict)
+
+    def optimizer(self, space: SearchSpace, evaluations: int, **partitions: Any) -> Optimizer:
+        """An optimizer of what is searched, with the budget of the whole search."""
+        module_name, _, class_name = self.function.partition(":")
+        module = import_module(f"mmocap_warp.{module_name}")
+        config = {"config": getattr(module, f"{class_name}Config")(**self.settings)} if self.settings else {}
+        optimizer: Optimizer = getattr(module, class_name)(space, evaluations, **config, **partitions)
+        return optimizer
 
 
 ALGORITHMS: dict[str, Algorithm] = {
-    "cmaes": Algorithm(CmaEs, "CMAES", hierarchical=False),
-    "h-cmaes": Algorithm(CmaEs, "H-CMAES", hierarchical=True),
-    "de": Algorithm(De, "DE", hierarchical=False),
-    "h-de": Algorithm(De, "H-DE", hierarchical=True),
-    "pso": Algorithm(Pso, "PSO", hierarchical=False),
-    "h-pso": Algorithm(Pso, "H-PSO", hierarchical=True),
-    "apf": Algorithm(AnnealedFilter, "APF", hierarchical=False),
-    "psapf": Algorithm(AnnealedFilter, "PSAPF", hierarchical=True, partitioned=True),
+    "cmaes": Algorithm("optimizers.cma_es:CmaEs", "CMAES", hierarchical=False),
+    "h-cmaes": Algorithm("optimizers.cma_es:CmaEs", "H-CMAES", hierarchical=True),
+    "de": Algorithm("optimizers.de:De", "DE", hierarchical=False),
+    "h-de": Algorithm("optimizers.de:De", "H-DE", hierarchical=True),
+    "pso": Algorithm("optimizers.pso:Pso", "PSO", hierarchical=False),
+    "h-pso": Algorithm("optimizers.pso:Pso", "H-PSO", hierarchical=True),
+    "apf": Algorithm("optimizers.annealed_filter:AnnealedFilter", "APF", hierarchical=False),
+    "psapf": Algorithm("optimizers.annealed_filter:AnnealedFilter", "PSAPF", hierarchical=True, partitioned=True),
 }
 """The labels in lower case are the paper's names; ``h-`` is the six-step hierarchy."""
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import partial
+from typing import Any
 
-from mmocap_warp.optimizers.annealed_filter import AnnealedFilterConfig
 from mmocap_warp.tracking.algorithms import ALGORITHMS, Algorithm
 
 
@@ -23,7 +22,7 @@ class Preset:
     radius: tuple[float, float]
     own: dict[str, tuple[float, float]] = field(default_factory=dict)
     fps: float | None = None
-    filters: dict[str, AnnealedFilterConfig] = field(default_factory=dict)
+    filters: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     def at(self, algorithm: str, fps: float) -> tuple[float, float]:
         """Rotation [rad] and translation [m] radius of an algorithm at a frame rate."""
@@ -34,9 +33,7 @@ class Preset:
     def algorithm(self, name: str) -> Algorithm:
         """An algorithm with the preset's settings."""
         algorithm = ALGORITHMS[name]
-        if name not in self.filters:
-            return algorithm
-        return replace(algorithm, optimizer=partial(algorithm.optimizer, config=self.filters[name]))
+        return replace(algorithm, settings=self.filters[name]) if name in self.filters else algorithm
 
 
 # The best of a scan on a real recording at 500 evaluations, see docs/accuracy.md. CMA-ES wants to start small; DE and
@@ -58,7 +55,7 @@ PRESETS: dict[str, Preset] = {
     # APF begins each frame at its last answer, and its layers choose their own exponents. The particles that the paper
     # carries over are spread already, and the first layer spreads them again: with the same radii that is less
     # accurate, see docs/accuracy.md.
-    "recording-restart": replace(_RECORDING, filters={"apf": AnnealedFilterConfig(carries=False)}),
+    "recording-restart": replace(_RECORDING, filters={"apf": {"carries": False}}),
     # One radius for all algorithms, where `recording` has each one's own.
     "common": Preset(_RECORDING.radius, fps=60.0),
     # Section 5.2: one radius for everything; and that of the angles or of the translation alone.

@@ -6,55 +6,55 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from mmocap_warp.contour.clip.clip_problem import ACCELERATION
-from mmocap_warp.silhouettes.objective import COSTS
-from mmocap_warp.silhouettes.renderers import RENDERERS
+from mmocap_warp.contour import ACCELERATION
+from mmocap_warp.formats.toml_table import describes_settings, listed, setting
+from mmocap_warp.silhouettes import COSTS, RENDERERS
 from mmocap_warp.tracking.algorithms import ALGORITHMS, BUDGET, BUDGETS, CONTOUR_TRACKERS
 from mmocap_warp.tracking.presets import PRESETS
 
+_FLAT, _BY_PARTS = (
+    [name for name, each in ALGORITHMS.items() if each.hierarchical == parts] for parts in (False, True)
+)
 
+
+@describes_settings
 @dataclass(frozen=True)
 class TrackConfig:
-    """Settings of a tracking run.
+    """Settings of a tracking run."""
 
-    Attributes:
-        algorithm: one of ``ALGORITHMS`` or ``CONTOUR_TRACKERS``.
-        dof: degrees of freedom that are searched, by one of the body's models; None for its default. People have 39,
-            28 and 51 (Table 1).
-        evaluations: budget of a frame's search, never exceeded; None for the algorithm's own. A contour tracker may
-            search again where a frame was lost.
-        polish: finish each frame of one of ``ALGORITHMS`` by its contours.
-        smooth: standard deviation that a point's acceleration may have, for the clip as one problem [m/s^2]; 0 leaves
-            the frames as they were tracked. None: ``ACCELERATION`` with contours, else 0.
-        seed: of the first run; run r uses ``seed + r``.
-        runs: independent runs, tracked at once.
-        preset: where the radii come from.
-        rotation_radius: [rad], over the preset's.
-        translation_radius: [m], over the preset's.
-        cost: ``paper`` (Eq. 4-5), ``xor`` or ``iou``.
-        renderer: ``raycast`` or ``raster``; the counts, and so the results, are the same.
-        limits: keep joints within their anatomical limits.
-        scale: of masks and cameras, in (0, 1].
-        device: ``auto``, ``cpu`` or a CUDA device.
-        threads: CPU threads; None for all that this process may use.
-    """
-
-    algorithm: str = "search-contour"
-    dof: int | None = None
-    evaluations: int | None = None
-    polish: bool = False
-    smooth: float | None = None
-    seed: int = 0
-    runs: int = 1
-    preset: str = "recording"
-    rotation_radius: float | None = None
-    translation_radius: float | None = None
-    cost: str = "paper"
-    renderer: str = "raycast"
-    limits: bool = True
-    scale: float = 1.0
-    device: str = "auto"
-    threads: int | None = None
+    algorithm: str = setting(
+        next(iter(CONTOUR_TRACKERS)),
+        f"{' or '.join(CONTOUR_TRACKERS)}, which fit contours, the last one without a search; or the paper's: "
+        f"{', '.join(_FLAT)}, and {', '.join(_BY_PARTS)}, which search part by part.",
+    )
+    dof: int | None = setting(
+        None,
+        "Degrees of freedom that are searched, one of the body's models: of a person 39, 28 or 51 (Table 1).",
+        "the body's; of a person 39",
+    )
+    evaluations: int | None = setting(
+        None,
+        "Budget of a frame's search, for each run; it is never exceeded.",
+        f"{BUDGET}; {BUDGETS['search-contour']} with search-contour, where a search is needed",
+    )
+    polish: bool = setting(False, "Finish each frame of one of the paper's algorithms by its contours.")
+    smooth: float | None = setting(
+        None,
+        "What a joint's acceleration may be, as a standard deviation in m/s^2, when the clip's frames are solved "
+        "together; 0 leaves each frame as it was tracked.",
+        f"{ACCELERATION:g} with contours, 0 with the paper's algorithms",
+    )
+    seed: int = setting(0, "Of the first run; run r uses seed + r.")
+    runs: int = setting(1, "Independent runs, tracked at once.")
+    preset: str = setting(next(iter(PRESETS)), f"Where the search radii come from: {listed(PRESETS)}.")
+    rotation_radius: float | None = setting(None, "In radians, instead of the preset's.", "the preset's")
+    translation_radius: float | None = setting(None, "In metres, instead of the preset's.", "the preset's")
+    cost: str = setting(COSTS[0], f"{listed(COSTS)}; the first is Eq. 4-5.")
+    renderer: str = setting(RENDERERS[0], f"{listed(RENDERERS)}; the counts, and so the results, are the same.")
+    limits: bool = setting(True, "Keep joints within their anatomical limits.")
+    scale: float = setting(1.0, "Of masks and cameras, up to 1.")
+    device: str = setting("auto", "auto, cpu or a CUDA device such as cuda:0.")
+    threads: int | None = setting(None, "CPU threads.", "all that this process may use")
 
     def __post_init__(self) -> None:
         _one_of("algorithm", self.algorithm, (*CONTOUR_TRACKERS, *ALGORITHMS))

@@ -24,7 +24,7 @@ from mmocap_warp.bench.report_file import rendered, to_text, write_pages
 from mmocap_warp.bench.suite import Plan, run_suite
 from mmocap_warp.bench.workload import workload
 from mmocap_warp.body.mesh_pieces import is_closed
-from mmocap_warp.cli import exit_codes
+from mmocap_warp.cli import console
 from mmocap_warp.kernels.benchmarks import timing
 from mmocap_warp.kernels.benchmarks.case import Case, Check
 from mmocap_warp.kernels.benchmarks.timing import time_together
@@ -215,15 +215,15 @@ def test_digits_are_in_the_unit_of_another_duration():
 def test_the_command_writes_a_report_and_compares(monkeypatch, report, tmp_path, capsys):
     monkeypatch.setattr("mmocap_warp.bench.suite.run_suite", lambda plan, tell: report)
     path = tmp_path / "report.json"
-    assert cli.main(["bench", "--device", "cpu", "-o", str(path)]) == exit_codes.OK
+    assert cli.main(["bench", "--device", "cpu", "-o", str(path)]) == console.OK
     assert json.loads(path.read_text()) == report
-    assert cli.main(["bench", "--device", "cpu", "--json", "--compare", str(path)]) == exit_codes.OK
+    assert cli.main(["bench", "--device", "cpu", "--json", "--compare", str(path)]) == console.OK
     shown = capsys.readouterr().out
     assert "whole evaluation" in shown
     assert json.loads(shown[shown.index("\n{\n") :]) == report
     monkeypatch.setattr("mmocap_warp.bench.suite.run_suite", lambda plan, tell: report | {"ok": False})
-    assert cli.main(["bench", "--device", "cpu"]) == exit_codes.CHECK_FAILED
-    assert cli.main(["bench", "pages", str(path), "-o", str(tmp_path / "pages")]) == exit_codes.OK
+    assert cli.main(["bench", "--device", "cpu"]) == console.CHECK_FAILED
+    assert cli.main(["bench", "pages", str(path), "-o", str(tmp_path / "pages")]) == console.OK
     assert (tmp_path / "pages" / "results.md").is_file()
 
 
@@ -232,14 +232,14 @@ def test_the_command_writes_a_report_and_compares(monkeypatch, report, tmp_path,
     [
         (
             ["--against", "povray"],
-            exit_codes.USAGE,
+            console.USAGE,
             "--against must name embree, trimesh, opencv, evosax, cmaes, cma, got 'povray'",
         ),
-        (["--threads", "0"], exit_codes.USAGE, "--threads must be at least 1"),
-        (["--device", "cuda:99"], exit_codes.USAGE, "--device must be auto or one of"),
-        (["--compare", "absent.json"], exit_codes.BAD_INPUT, "absent.json: cannot be read"),
-        (["-o", "report.txt"], exit_codes.BAD_INPUT, "end it in .json"),
-        (["pages", "-o", "pages"], exit_codes.USAGE, "name at least one report"),
+        (["--threads", "0"], console.USAGE, "--threads must be at least 1"),
+        (["--device", "cuda:99"], console.USAGE, "--device must be auto or one of"),
+        (["--compare", "absent.json"], console.BAD_INPUT, "absent.json: cannot be read"),
+        (["-o", "report.txt"], console.BAD_INPUT, "end it in .json"),
+        (["pages", "-o", "pages"], console.USAGE, "name at least one report"),
     ],
 )
 def test_wrong_use_is_said_in_a_line(arguments, code, words, capsys, monkeypatch, tmp_path):
@@ -289,7 +289,7 @@ def test_functions_are_lowest_where_they_say():
 @pytest.mark.parametrize(("name", "extra"), [("embree", "bench"), ("evosax", "peers")])
 def test_a_peer_that_is_not_installed_is_named(name, extra, monkeypatch, capsys):
     monkeypatch.setattr("mmocap_warp.bench.against.find_spec", lambda name: None)
-    assert cli.main(["bench", "--against", name]) == exit_codes.USAGE
+    assert cli.main(["bench", "--against", name]) == console.USAGE
     assert f"pip install 'mmocap-warp[{extra}]'" in capsys.readouterr().err
 
 

@@ -9,7 +9,14 @@ from synthetic import ring_rig, synthetic_body
 
 from mmocap_warp.body.rotations import turn
 from mmocap_warp.body.skeleton import ROOT_ANGLES
-from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, Deviations, by_body, changed, difference
+from mmocap_warp.calibration.adjust.camera_changes import (
+    KINDS,
+    OFFSET,
+    Deviations,
+    camera_jacobian,
+    changed,
+    difference,
+)
 from mmocap_warp.cameras.silhouette import silhouettes
 from mmocap_warp.kernels.contour.jacobian import OWN
 from mmocap_warp.synthesis.exact_posing import ExactPoser
@@ -67,7 +74,7 @@ def test_columns_are_finite_differences_of_where_edges_are_seen(device, far):
     axes = np.repeat(posed.axes.numpy()[:, None, 0], len(rig), axis=1).astype(float)
     origin = np.repeat(posed.joints.transform.numpy()[:, None, 0, :3, 3], len(rig), axis=1).astype(float)
     root = int(np.searchsorted(case.index, 0)), int(np.searchsorted(case.index, ROOT_ANGLES.start))
-    motion = by_body(RIG, change, axes, origin, velocity, root)
+    motion = camera_jacobian(RIG, change, axes, origin, velocity, root)
     for k in range(len(rig)):
         counts = case.outline.count.numpy()[0, k]
         used = np.flatnonzero(case.residuals.weighted.numpy()[0, k, :counts, 1] > 0)

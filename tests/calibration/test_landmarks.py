@@ -6,8 +6,7 @@ import numpy as np
 from moving_person import FPS, RIG, masks_at
 
 from mmocap_warp.calibration.adjust.camera_changes import KINDS, ROTATION, Deviations, changed, difference
-from mmocap_warp.calibration.adjust.coherence import coherence
-from mmocap_warp.calibration.adjust.landmarks import LandmarkProblem, landmarks
+from mmocap_warp.calibration.adjust.silhouette_agreement import LandmarkProblem, coherence, landmarks
 from mmocap_warp.masks.observation import Observation, unpack_masks
 
 FRAMES = np.arange(0, 60, 2)
@@ -29,7 +28,7 @@ def test_ten_degrees_are_brought_to_three_and_silhouettes_agree():
     sigma = np.zeros((len(RIG), len(KINDS)))
     sigma[1:, ROTATION] = np.radians(15)
     problem = LandmarkProblem(wrong, landmarks(wrong, SEEN), FPS, sigma)
-    change = problem.solved()
+    change = problem.solve()
     left = difference(RIG, changed(wrong, change))
     assert np.degrees(np.linalg.norm(left[:, ROTATION], axis=1)).max() < 3.0
     assert coherence(changed(wrong, change), SEEN[:4]).min() > 0.9
@@ -44,7 +43,7 @@ def test_a_camera_that_is_late_is_found_by_points_alone():
     consecutive = masks_at(RIG, np.arange(8, 56), late)
     sigma = np.zeros((len(RIG), len(KINDS)))
     sigma[1, -1] = Deviations(offset=0.1).offset
-    change = LandmarkProblem(RIG, landmarks(RIG, consecutive), FPS, sigma).solved()
+    change = LandmarkProblem(RIG, landmarks(RIG, consecutive), FPS, sigma).solve()
     assert abs(change[1, -1] * FPS - 3.0) < 1.0
 
 

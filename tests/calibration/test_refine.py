@@ -11,8 +11,8 @@ from moving_person import BODY, FPS, RIG, subject, write_scene
 from mmocap_warp.body.model import Subject
 from mmocap_warp.calibration.adjust.adjustment import AdjustConfig, Adjustment, Person
 from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, ROTATION, Deviations, changed, difference
-from mmocap_warp.calibration.adjust.landmarks import landmarks
-from mmocap_warp.calibration.camera_check import Check, at_large, check
+from mmocap_warp.calibration.adjust.silhouette_agreement import landmarks
+from mmocap_warp.calibration.camera_check import CameraCheck, check, gross_mistake
 from mmocap_warp.calibration.refine.refinement import Refinement, refine
 
 CONFIG = AdjustConfig(frames=12, judges=5, scale=0.5, device="cpu")
@@ -23,10 +23,10 @@ WRONG = 2
 def known_subject(monkeypatch):
     """The first pose is known: fitting it is tested elsewhere."""
 
-    def fitted(self: Adjustment, change: np.ndarray) -> Subject:
+    def fit_body(self: Adjustment, change: np.ndarray) -> Subject:
         return subject()
 
-    monkeypatch.setattr(Adjustment, "fitted", fitted)
+    monkeypatch.setattr(Adjustment, "fit_body", fit_body)
 
 
 def planted(**by: float) -> np.ndarray:
@@ -81,7 +81,7 @@ def test_a_late_camera_is_found_by_whole_frames_and_the_rest(tmp_path):
     assert found.better
 
 
-def checked(tmp_path, change: np.ndarray) -> Check:
+def checked(tmp_path, change: np.ndarray) -> CameraCheck:
     return check(write_scene(tmp_path, changed(RIG, change)), BODY, CONFIG)
 
 
@@ -108,14 +108,14 @@ def test_no_camera_of_a_sound_rig_disagrees(tmp_path):
 def test_mirrored_swapped_and_wrongly_sized_pictures_are_told_by_points(tmp_path):
     scene = write_scene(tmp_path)
     seen = landmarks(RIG, list(scene.observations()))
-    assert at_large(RIG, seen, FPS) is None
+    assert gross_mistake(RIG, seen, FPS) is None
     flipped = seen.copy()
     flipped[:, 1, :, 0] = RIG.size[1, 0] - 1 - flipped[:, 1, :, 0]
-    mirrored = at_large(RIG, flipped, FPS)
-    swapped = at_large(RIG, seen[:, [0, 3, 2, 1]], FPS)
+    mirrored = gross_mistake(RIG, flipped, FPS)
+    swapped = gross_mistake(RIG, seen[:, [0, 3, 2, 1]], FPS)
     K = RIG.K.copy()
     K[0, :2] *= 2
-    sized = at_large(replace(RIG, K=K), seen, FPS)
+    sized = gross_mistake(replace(RIG, K=K), seen, FPS)
     assert mirrored is not None
     assert (mirrored.camera, mirrored.cause) == (RIG.names[1], "mirrored")
     assert swapped is not None

@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 
-from mmocap_warp.calibration.refine.significance import CLEAR, UNDETERMINED, selected
+from mmocap_warp.calibration.refine.refinement import CLEAR, UNDETERMINED, select_parameters
 
 PRIOR = np.ones(4)
 ALONE = np.arange(4)
 
 
 def test_what_is_far_from_where_it_was_moves_and_what_is_near_stays():
-    found = selected(np.array([0.5, 0.01, -0.4, 0.0]), np.diag([0.01, 0.02, 0.01, 0.05]) ** 2, PRIOR, ALONE)
+    found = select_parameters(np.array([0.5, 0.01, -0.4, 0.0]), np.diag([0.01, 0.02, 0.01, 0.05]) ** 2, PRIOR, ALONE)
     np.testing.assert_array_equal(found.moved, [True, False, True, False])
     assert found.determined.all()
     np.testing.assert_allclose(found.sigma, [0.01, 0.02, 0.01, 0.05])
 
 
 def test_what_the_data_do_not_tell_stays_and_is_named():
-    found = selected(np.array([0.5, 0.9, 0.0, 0.0]), np.diag([0.01, UNDETERMINED + 0.1, 0.01, 0.01]) ** 2, PRIOR, ALONE)
+    found = select_parameters(
+        np.array([0.5, 0.9, 0.0, 0.0]), np.diag([0.01, UNDETERMINED + 0.1, 0.01, 0.01]) ** 2, PRIOR, ALONE
+    )
     np.testing.assert_array_equal(found.moved, [True, False, False, False])
     np.testing.assert_array_equal(found.determined, [True, False, True, True])
 
@@ -29,7 +31,7 @@ def test_of_two_that_do_alike_one_is_enough():
     turn = np.array([[1, 1], [1, -1]]) / np.sqrt(2)
     covariance = np.eye(4) * 0.01**2
     covariance[:2, :2] = turn @ np.diag([sum_known, difference_known]) ** 2 @ turn
-    found = selected(np.array([0.3, 0.1, 0.0, 0.0]), covariance, PRIOR, ALONE)
+    found = select_parameters(np.array([0.3, 0.1, 0.0, 0.0]), covariance, PRIOR, ALONE)
     np.testing.assert_array_equal(found.moved, [True, False, False, False])
     assert found.sigma[0] < 2 * sum_known
     assert CLEAR * found.sigma[0] < 0.4
@@ -41,6 +43,6 @@ def test_what_belongs_together_stays_or_moves_together():
     turn = np.array([[1, 1], [1, -1]]) / np.sqrt(2)
     covariance[2:, 2:] = turn @ np.diag([0.01, 2.0]) ** 2 @ turn
     value = np.array([0.3, 0.2, 0.1, 0.2])
-    together = selected(value, covariance, PRIOR, np.array([0, 0, 0, 1]))
+    together = select_parameters(value, covariance, PRIOR, np.array([0, 0, 0, 1]))
     np.testing.assert_array_equal(together.moved, [True, True, True, False])
-    np.testing.assert_array_equal(selected(value, covariance, PRIOR, ALONE).moved, [True, True, False, True])
+    np.testing.assert_array_equal(select_parameters(value, covariance, PRIOR, ALONE).moved, [True, True, False, True])

@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 import pytest
 
+from mmocap_warp.calibration.solve import UnsolvableError
 from mmocap_warp.calibration.solve.solution import SolvedCameras, solve_cameras
-from mmocap_warp.calibration.solve.unsolvable import UnsolvableError
 from mmocap_warp.cameras.rig import CameraRig, project
-from mmocap_warp.cli import exit_codes, main
+from mmocap_warp.cli import console, main
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.opencv_yaml import write_opencv_yaml
 from mmocap_warp.formats.calibration.toml_rig import read_toml_rig, write_toml_rig
@@ -240,7 +240,7 @@ def test_the_command_writes_a_calibration_and_a_picture(uncalibrated, guessed, t
         "--picture",
         str(picture),
     ]
-    assert main([*arguments, "--json"]) == exit_codes.OK
+    assert main([*arguments, "--json"]) == console.OK
     values = json.loads(capsys.readouterr().out)
     assert (values["solved"], values["intrinsics"], values["up"]) == (True, "guessed", "+z")
     assert [camera["focal"] for camera in values["cameras"]] == ["found"] * 4
@@ -248,8 +248,8 @@ def test_the_command_writes_a_calibration_and_a_picture(uncalibrated, guessed, t
     assert rig.names == CAMERAS
     np.testing.assert_allclose(rig.centres, guessed.rig.centres, atol=1e-9)
     assert picture.read_bytes().startswith(b"\x89PNG")
-    assert main(arguments) == exit_codes.BAD_INPUT  # they are there now
-    assert main([*arguments, "--force"]) == exit_codes.OK
+    assert main(arguments) == console.BAD_INPUT  # they are there now
+    assert main([*arguments, "--force"]) == console.OK
     out = capsys.readouterr().out
     for words in ("over the floor", "focal lengths guessed", "px, found +-", "next: set calibration", "calib refine"):
         assert words in out
@@ -263,18 +263,16 @@ def test_the_command_writes_nothing_where_nobody_walks(walk, tmp_path, capsys):
             if image.name != "0000.png":
                 shutil.copyfile(folder / "0000.png", image)
     output = tmp_path / "found.toml"
-    assert main(["calib", "solve", str(still), "--height", "1.75", "-o", str(output)]) == exit_codes.CHECK_FAILED
+    assert main(["calib", "solve", str(still), "--height", "1.75", "-o", str(output)]) == console.CHECK_FAILED
     out = capsys.readouterr().out
     assert out.count("\n") == 1
     assert out.startswith("check failed: ")
     assert not output.exists()
-    assert (
-        main(["calib", "solve", str(still), "--height", "1.75", "-o", str(output), "--json"]) == exit_codes.CHECK_FAILED
-    )
+    assert main(["calib", "solve", str(still), "--height", "1.75", "-o", str(output), "--json"]) == console.CHECK_FAILED
     assert json.loads(capsys.readouterr().out)["solved"] is False
 
 
 def test_the_command_refuses_a_height_in_centimetres(walk, tmp_path, capsys):
     output = tmp_path / "found.toml"
-    assert main(["calib", "solve", str(walk), "--height", "178", "-o", str(output)]) == exit_codes.USAGE
+    assert main(["calib", "solve", str(walk), "--height", "178", "-o", str(output)]) == console.USAGE
     assert "--height must be a person's in metres, got 178" in capsys.readouterr().err

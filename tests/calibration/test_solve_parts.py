@@ -9,12 +9,17 @@ import numpy as np
 import pytest
 
 from mmocap_warp.body.rotations import turn
-from mmocap_warp.calibration.solve.floor_alignment import placed_on_floor, rigid_motion
-from mmocap_warp.calibration.solve.level import levelled
+from mmocap_warp.calibration.solve import UnsolvableError
+from mmocap_warp.calibration.solve.floor_views import (
+    FEWEST_FRAMES,
+    StandingView,
+    place_on_floor,
+    rigid_motion,
+    standing_view,
+)
+from mmocap_warp.calibration.solve.level import level_world
 from mmocap_warp.calibration.solve.person_axis import CORNERS, PersonInView, person_in_views
-from mmocap_warp.calibration.solve.single_view import FEWEST_FRAMES, StandingView, standing_view
-from mmocap_warp.calibration.solve.tangents import Pinholes, adjusted, residuals, touching
-from mmocap_warp.calibration.solve.unsolvable import UnsolvableError
+from mmocap_warp.calibration.solve.tangents import Pinholes, find_tangents, residuals, solve_tangents
 from mmocap_warp.cameras.rig import CameraRig, project
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.synthesis.footage.made_cameras import placed_camera
@@ -128,7 +133,7 @@ def test_one_walk_places_all_views_on_one_floor():
     feet = way()
     people = people_before(RIG, polytopes(feet))
     views = [standing_view(name, person, K, STATURE) for name, person, K in zip(RIG.names, people, RIG.K, strict=True)]
-    R, t = placed_on_floor(RIG.names, views)
+    R, t = place_on_floor(RIG.names, views)
     relative = R @ R[0].T, RIG.R @ RIG.R[0].T
     np.testing.assert_allclose(*relative, atol=1e-4)
     centres = [-np.einsum("kji,kj->ki", *pair) for pair in ((R, t), (RIG.R, RIG.t))]
@@ -144,7 +149,7 @@ def test_a_view_that_shares_no_frames_with_the_others_is_named():
         np.where(np.arange(40)[:, None] < 15, np.nan, track),
     )
     with pytest.raises(UnsolvableError, match="camera 'b' shows the whole person together with another in 5 frames"):
-        placed_on_floor(("a", "b"), [StandingView(np.eye(3), 1.0, each) for each in (late, early)])
+        place_on_floor(("a", "b"), [StandingView(np.eye(3), 1.0, each) for each in (late, early)])
 
 
 def test_a_rigid_motion_is_found_in_spite_of_outliers():
@@ -164,7 +169,7 @@ def test_a_straight_walk_has_one_rigid_motion():
 
 def test_tangents_of_true_cameras_agree():
     seen = hulls(people_before(RIG, polytopes(way())))
-    tangents = touching(pinholes(RIG), seen)
+    tangents = find_tangents(pinholes(RIG), seen)
     assert len(tangents.first) + tangents.missing == 2 * 6 * 40
     assert np.abs(residuals(pinholes(RIG), tangents)).max() < 1e-3
 
@@ -172,7 +177,7 @@ def test_tangents_of_true_cameras_agree():
 def test_residuals_are_pixels():
     """A view raised by two pixels misses another, as sharp and as far, by what both share of it."""
     cameras = pinholes(RIG)
-    tangents = touching(cameras, hulls(people_before(RIG, polytopes(way()))))
+    tangents = find_tangents(cameras, hulls(people_before(RIG, polytopes(way()))))
     raised = replace(tangents, pixel=tangents.pixel + np.array([0.0, 2.0])[:, None, None] * [0.0, 1.0])
     missed = np.abs(residuals(cameras, raised))
     assert 1.0 < np.median(missed) < 1.5  # 2 / sqrt(2), less where the person stands off the middle
@@ -186,9 +191,9 @@ def test_cameras_are_adjusted_to_their_tangents(guessed):
     step[:, :3], step[:, 3:6] = rng.normal(0, 0.03, (4, 3)), rng.normal(0, 0.1, (4, 3))
     step[:, 6] = rng.normal(0.06, 0.02, 4) if guessed else 0.0
     start = pinholes(RIG).moved(step)
-    found = adjusted(start, hulls(people), np.full(4, guessed))
-    assert np.median(np.abs(residuals(start, touching(start, hulls(people))))) > 3.0
-    assert np.abs(residuals(found, touching(found, hulls(people)))).max() < (0.3 if guessed else 0.01)
+    found = solve_tangents(start, hulls(people), np.full(4, guessed))
+    assert np.median(np.abs(residuals(start, find_tangents(start, hulls(people))))) > 3.0
+    assert np.abs(residuals(found, find_tangents(found, hulls(people)))).max() < (0.3 if guessed else 0.01)
     between = [each.R[1:] @ each.R[0].T for each in (found, pinholes(RIG))]
     np.testing.assert_allclose(*between, atol=0.01 if guessed else 1e-4)
     if guessed:
@@ -201,8 +206,8 @@ def test_heads_and_feet_give_metres_and_the_floor():
     people = people_before(RIG, polytopes(way()))
     tilted = turn("x", 0.03) @ turn("y", -0.02)
     elsewhere = replace(pinholes(RIG), R=RIG.R @ tilted.T, centre=0.9 * (RIG.centres @ tilted.T + [1.0, 2.0, 0.3]))
-    tangents = touching(elsewhere, hulls(people))
-    found = levelled(elsewhere, tangents, residuals(elsewhere, tangents), people, STATURE)
+    tangents = find_tangents(elsewhere, hulls(people))
+    found = level_world(elsewhere, tangents, residuals(elsewhere, tangents), people, STATURE)
     np.testing.assert_allclose(found.R[:, :, 2], RIG.R[:, :, 2], atol=5e-3)
     np.testing.assert_allclose(found.centre[:, 2], RIG.centres[:, 2], atol=0.03)  # feet are taken for round soles
     between = [np.linalg.norm(each[:, None] - each[None], axis=-1) for each in (found.centre, RIG.centres)]

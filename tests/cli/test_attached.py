@@ -12,7 +12,7 @@ from other_bodies import burdened, quadruped, things
 from mmocap_warp import cli
 from mmocap_warp.body.body_motion import BodyMotion
 from mmocap_warp.body.model import Subject
-from mmocap_warp.cli import exit_codes
+from mmocap_warp.cli import console
 from mmocap_warp.formats.attachments import attachment_lines
 from mmocap_warp.formats.usd.usd_body import write_subject
 from mmocap_warp.formats.usd.usd_check import faults
@@ -57,7 +57,7 @@ def scene(tmp_path: Path) -> Path:
 def tracked(scene: Path, output: Path, capsys: pytest.CaptureFixture[str]) -> dict:
     capsys.readouterr()
     flags = ["--device", "cpu", "--json"]
-    assert cli.main(["track", str(scene), "-o", str(output), *flags]) == exit_codes.OK
+    assert cli.main(["track", str(scene), "-o", str(output), *flags]) == console.OK
     return json.loads(capsys.readouterr().out)
 
 
@@ -94,6 +94,6 @@ def test_what_cannot_be_attached_names_the_table(
 ) -> None:
     text = (scene / "scene.toml").read_text()
     (scene / "scene.toml").write_text(text.replace('joint = "Head"', 'joint = "Nose"'))
-    assert cli.main(["track", str(scene), "-o", str(tmp_path / "result.usdc")]) == exit_codes.BAD_INPUT
+    assert cli.main(["track", str(scene), "-o", str(tmp_path / "result.usdc")]) == console.BAD_INPUT
     (line,) = capsys.readouterr().err.splitlines()[-1:]
     assert "scene.toml: [attach 1]: 'Stick': the body has no joint 'Nose'" in line

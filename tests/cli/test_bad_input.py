@@ -17,7 +17,7 @@ from calibration_files import write_easymocap
 from synthetic import ring_rig, synthetic_body, synthetic_result, synthetic_subject
 
 from mmocap_warp import cli
-from mmocap_warp.cli.exit_codes import BAD_INPUT, OK
+from mmocap_warp.cli.console import BAD_INPUT, OK
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.truth_file import write_truth
 from mmocap_warp.formats.usd.usd_body import write_body, write_subject
@@ -337,8 +337,8 @@ def test_a_truth_that_does_not_fit_leaves_what_was_tracked(tmp_path, capsys, mon
     truth_of_another_body(folder)
     scene = folder / "scene.toml"
     scene.write_text(f'{scene.read_text()}\n[truth]\nfile = "t.usda"\n')
-    monkeypatch.setattr("mmocap_warp.cli.track_command.track_scene", lambda *_: synthetic_result(3, 1))
-    assert cli.main(["track", str(scene), "-o", str(folder / "r.usdc")]) == BAD_INPUT
+    monkeypatch.setattr("mmocap_warp.commands.track._tracked", lambda *_: synthetic_result(3, 1))
+    assert cli.main(["track", str(scene), "-o", str(folder / "r.usdc"), "--quiet"]) == BAD_INPUT
     written, wrong = capsys.readouterr().err.splitlines()
     assert written.startswith(f"{folder / 'r.usdc'} is written")
     assert wrong.startswith(f"mmocap: {folder / 't.usda'}: no markers")

@@ -10,14 +10,14 @@ import pytest
 from made_up_rigs import ROBOT, write_creature
 
 from mmocap_warp import cli
-from mmocap_warp.cli import exit_codes
+from mmocap_warp.cli import console
 from mmocap_warp.formats.usd.usd_body import read_body, read_motions
 from mmocap_warp.scene.scene_toml import load_scene
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict:
     capsys.readouterr()
-    assert cli.main([*map(str, arguments), "--json"]) == exit_codes.OK
+    assert cli.main([*map(str, arguments), "--json"]) == console.OK
     return json.loads(capsys.readouterr().out)
 
 
@@ -35,7 +35,7 @@ def test_import_says_what_was_done(tmp_path: Path, capsys: pytest.CaptureFixture
     np.testing.assert_allclose(told["size"], (0.5, 1.59, 0.7), atol=1e-3)
     assert any("armature" in note for note in told["notes"])
     assert read_body(body).attribution == "Made up for tests."
-    assert cli.main(["check", str(body)]) == exit_codes.OK
+    assert cli.main(["validate", str(body)]) == console.OK
     again = run(capsys, "body", "import", source, "-o", tmp_path / "b.usdc", "--joints", tmp_path / "joints.toml")
     assert again["degrees_of_freedom"] == 19
 
@@ -54,7 +54,7 @@ def test_there_and_back_as_glb_and_usd_all_stays(tmp_path: Path, creature: Path,
         np.testing.assert_allclose(back.skeleton.frame, body.skeleton.frame, atol=1e-5)
         np.testing.assert_array_equal(back.skeleton.searched(), body.skeleton.searched())
         np.testing.assert_allclose(np.sort(back.skin.rest, axis=0), np.sort(body.skin.rest, axis=0), atol=1e-6)
-        assert cli.main(["check", str(tmp_path / file)]) == exit_codes.OK
+        assert cli.main(["validate", str(tmp_path / file)]) == console.OK
     np.testing.assert_allclose(read_motions(tmp_path / "back.usdc")["Nod"].pose, motions["Nod"].pose, atol=1e-5)
 
 
@@ -65,13 +65,13 @@ def test_a_robots_meshes_and_wrong_flags(tmp_path: Path, capsys: pytest.CaptureF
     assert told["joints"] == ["base", "slew", "luff", "hoist"]
     robot.write_text(ROBOT.replace('<box size="0.4 0.4 0.2"/>', '<mesh filename="a.stl"/>'))
     other = str(tmp_path / "other.usdc")
-    assert cli.main(["body", "import", str(robot), "-o", other]) == exit_codes.BAD_INPUT
+    assert cli.main(["body", "import", str(robot), "-o", other]) == console.BAD_INPUT
     assert "--meshes" in capsys.readouterr().err
     for flags in (["--scale", "0"], ["--triangles", "2"], ["--up", "+z", "--facing", "-z"]):
         robot.write_text(ROBOT)
-        assert cli.main(["body", "import", str(robot), "-o", other, *flags]) == exit_codes.USAGE
+        assert cli.main(["body", "import", str(robot), "-o", other, *flags]) == console.USAGE
     (tmp_path / "a.fbx").write_bytes(b"")
-    assert cli.main(["body", "import", str(tmp_path / "a.fbx"), "-o", other]) == exit_codes.BAD_INPUT
+    assert cli.main(["body", "import", str(tmp_path / "a.fbx"), "-o", other]) == console.BAD_INPUT
     assert ".glb" in capsys.readouterr().err
 
 

@@ -11,7 +11,7 @@ from calibration_files import humaneva, write_colmap_model
 from synthetic import ring_rig
 
 from mmocap_warp.cli import main
-from mmocap_warp.cli.exit_codes import BAD_INPUT, OK, USAGE
+from mmocap_warp.cli.console import BAD_INPUT, OK, USAGE
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.table import read_calibration
 

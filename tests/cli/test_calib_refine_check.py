@@ -13,12 +13,12 @@ from moving_person import RIG, write_scene
 from mmocap_warp.calibration import camera_check as checking
 from mmocap_warp.calibration.adjust.adjustment import AdjustConfig
 from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, Deviations, changed
-from mmocap_warp.calibration.camera_check import Check, Finding, View
+from mmocap_warp.calibration.camera_check import BodyInView, CameraCheck, Finding
 from mmocap_warp.calibration.refine import refinement as refining
-from mmocap_warp.calibration.refine.held_out import Explained
+from mmocap_warp.calibration.refine.held_out import Overlaps
 from mmocap_warp.calibration.refine.refinement import Refinement
 from mmocap_warp.cli import main
-from mmocap_warp.cli.exit_codes import BAD_INPUT, CHECK_FAILED, OK, USAGE
+from mmocap_warp.cli.console import BAD_INPUT, CHECK_FAILED, OK, USAGE
 from mmocap_warp.formats.table import read_calibration
 
 CAMERAS = len(RIG)
@@ -38,7 +38,7 @@ def refinement(gain: float) -> Refinement:
     moved = change != 0
     undetermined = np.zeros(change.shape, bool)
     undetermined[2, KINDS.index("centre_x")] = True
-    before, after = (Explained(np.full(CAMERAS, iou), np.full(CAMERAS, iou - 0.1)) for iou in (0.8, 0.8 + gain))
+    before, after = (Overlaps(np.full(CAMERAS, iou), np.full(CAMERAS, iou - 0.1)) for iou in (0.8, 0.8 + gain))
     return Refinement(changed(RIG, change), change, 0.01 * np.ones(change.shape), moved, undetermined, 0, before, after)
 
 
@@ -102,12 +102,14 @@ def test_findings_are_told_and_drawn(scene: Path, tmp_path: Path, capsys, monkey
     mask = np.zeros((40, 60), bool)
     mask[10:30, 20:40] = True
     findings = (
-        Finding("cam03", "rotation", by=refinement(0.0).change, worth=0.9, others=("principal point",)),
+        Finding("cam03", "rotation", change=refinement(0.0).change, explained=0.9, others=("principal point",)),
         Finding("cam01", "mirrored"),
         Finding("cam02", "wrong file", other="cam04"),
         Finding("cam04", "image size", size=1.5),
     )
-    found = Check(np.full(4, 0.8), np.full(4, 0.7), findings, 0.5, (View("cam03", mask, mask, ~mask),))
+    found = CameraCheck(
+        RIG.names, np.full(4, 0.8), np.full(4, 0.7), findings, 0.5, (BodyInView("cam03", mask, mask, ~mask),)
+    )
     monkeypatch.setattr(checking, "check", lambda scene, body, config, progress: found)
     assert main(["calib", "check", str(scene), "-o", str(tmp_path / "views"), "--quiet"]) == CHECK_FAILED
     told = capsys.readouterr().out
@@ -121,7 +123,9 @@ def test_findings_are_told_and_drawn(scene: Path, tmp_path: Path, capsys, monkey
 
 def test_a_sound_rig_passes(scene: Path, capsys, monkeypatch) -> None:
     monkeypatch.setattr(
-        checking, "check", lambda scene, body, config, progress: Check(np.full(4, 0.9), np.full(4, 0.8), (), 1.0)
+        checking,
+        "check",
+        lambda scene, body, config, progress: CameraCheck(RIG.names, np.full(4, 0.9), np.full(4, 0.8), (), 1.0),
     )
     assert main(["calib", "check", str(scene), "--quiet", "--json"]) == OK
     told = json.loads(capsys.readouterr().out)

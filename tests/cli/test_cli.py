@@ -16,12 +16,12 @@ import pytest
 from cyclopts import App, Argument
 
 from mmocap_warp import cli
-from mmocap_warp.cli import exit_codes
+from mmocap_warp.cli import console
 from mmocap_warp.cli.console import Console, table
 from mmocap_warp.cli.progress import Progress
 from mmocap_warp.errors import InputError
 
-COMMANDS = ("demo", "init", "track", "fit", "mask", "cameras", "eval", "show", "view", "export", "check", "body")
+COMMANDS = ("demo", "init", "track", "fit", "mask", "cameras", "eval", "show", "view", "export", "validate", "body")
 
 
 def run(*arguments: str, **options) -> subprocess.CompletedProcess:
@@ -30,14 +30,14 @@ def run(*arguments: str, **options) -> subprocess.CompletedProcess:
 
 def test_help_names_every_command():
     answer = run("--help")
-    assert answer.returncode == exit_codes.OK
+    assert answer.returncode == console.OK
     assert answer.stderr == ""
     assert all(f" {command} " in answer.stdout for command in COMMANDS)
 
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_explains_itself(command, capsys):
-    assert cli.main([command, "--help"]) == exit_codes.OK
+    assert cli.main([command, "--help"]) == console.OK
     assert f"mmocap {command}" in capsys.readouterr().out
 
 
@@ -67,7 +67,7 @@ def test_no_command_imports_warp_usd_or_opencv_to_show_its_help():
 
 
 def test_version_names_what_results_depend_on(capsys):
-    assert cli.main(["--version"]) == exit_codes.OK
+    assert cli.main(["--version"]) == console.OK
     shown = capsys.readouterr().out
     assert all(name in shown for name in ("mmocap-warp", "warp-lang", "usd-core", "opencv-python", "numpy", "Python"))
 
@@ -76,7 +76,7 @@ def test_version_names_what_results_depend_on(capsys):
     "arguments", [["dance"], ["track"], ["track", "--evaluations", "many", "scene.toml"], ["export", "--shout"]]
 )
 def test_wrong_usage_is_one_line_and_exit_2(arguments, capsys):
-    assert cli.main(arguments) == exit_codes.USAGE
+    assert cli.main(arguments) == console.USAGE
     shown = capsys.readouterr()
     assert shown.out == ""
     assert shown.err.startswith("mmocap: ")
@@ -86,10 +86,10 @@ def test_wrong_usage_is_one_line_and_exit_2(arguments, capsys):
 @pytest.mark.parametrize(
     ("error", "code", "words"),
     [
-        (InputError("scene.toml", "no cameras", "add [cameras]"), exit_codes.BAD_INPUT, "scene.toml: no cameras; add"),
-        (KeyboardInterrupt(), exit_codes.INTERRUPTED, "interrupted"),
-        (RuntimeError("first\nsecond"), exit_codes.FAILURE, "unexpected RuntimeError: first second"),
-        (PermissionError(13, "Permission denied", "elsewhere/x"), exit_codes.FAILURE, "Permission denied"),
+        (InputError("scene.toml", "no cameras", "add [cameras]"), console.BAD_INPUT, "scene.toml: no cameras; add"),
+        (KeyboardInterrupt(), console.INTERRUPTED, "interrupted"),
+        (RuntimeError("first\nsecond"), console.FAILURE, "unexpected RuntimeError: first second"),
+        (PermissionError(13, "Permission denied", "elsewhere/x"), console.FAILURE, "Permission denied"),
     ],
 )
 def test_an_error_is_one_line_and_its_own_exit_code(error, code, words, monkeypatch, capsys):
@@ -167,8 +167,7 @@ def test_table_aligns_its_values():
 
 
 def test_every_setting_of_a_run_is_a_flag_and_every_flag_of_a_fit_a_setting():
-    from mmocap_warp.cli.fit_command import FitFlags
-    from mmocap_warp.cli.track_command import TrackFlags
+    from mmocap_warp.cli.track_command import FitFlags, TrackFlags
     from mmocap_warp.fitting.subject_fit import FitConfig
     from mmocap_warp.tracking.track_config import TrackConfig
 

@@ -1,4 +1,4 @@
-"""``mmocap export`` and ``mmocap check`` from the command line: which part of a result, and in which format."""
+"""``mmocap export`` and ``mmocap validate`` from the command line: which part of a result, and in which format."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pxr import Usd
 from synthetic import synthetic_result
 
 from mmocap_warp import cli
-from mmocap_warp.cli import exit_codes
+from mmocap_warp.cli import console
 from mmocap_warp.formats.motion.captured_points import read_c3d, read_trc
 from mmocap_warp.formats.motion.motion_clip import read_bvh
 from mmocap_warp.formats.usd.usd_result import write_result
@@ -36,7 +36,7 @@ def file(smoothed: Result, tmp_path: Path) -> Path:
 
 def export(capsys, file: Path, name: str, *flags: str) -> dict:
     arguments = ["export", str(file), "-o", str(file.with_name(name)), *flags, "--json"]
-    assert cli.main(arguments) == exit_codes.OK
+    assert cli.main(arguments) == console.OK
     return json.loads(capsys.readouterr().out)
 
 
@@ -120,7 +120,7 @@ def test_a_rig_has_its_own_names_and_the_same_motion(file, smoothed, capsys):
 )
 def test_what_cannot_be_exported(file, capsys, monkeypatch, flags, words):
     monkeypatch.chdir(file.parent)
-    assert cli.main(["export", str(file), *flags]) == exit_codes.USAGE
+    assert cli.main(["export", str(file), *flags]) == console.USAGE
     assert words in capsys.readouterr().err
     assert [path.name for path in file.parent.iterdir()] == [file.name]
 
@@ -128,24 +128,24 @@ def test_what_cannot_be_exported(file, capsys, monkeypatch, flags, words):
 def test_a_track_that_was_not_smoothed_has_no_other(tmp_path, capsys):
     write_result(tmp_path / "walk.usdc", synthetic_result())
     flags = ["-o", str(tmp_path / "a.bvh"), "--raw"]
-    assert cli.main(["export", str(tmp_path / "walk.usdc"), *flags]) == exit_codes.USAGE
+    assert cli.main(["export", str(tmp_path / "walk.usdc"), *flags]) == console.USAGE
     assert "--raw: the track was not smoothed" in capsys.readouterr().err
 
 
 def test_no_run_of_all_is_replaced_unasked(file, capsys):
     file.with_name("a-run1.bvh").write_text("mine")
-    assert cli.main(["export", str(file), "-o", str(file.with_name("a.bvh")), "--run", "all"]) == exit_codes.BAD_INPUT
+    assert cli.main(["export", str(file), "-o", str(file.with_name("a.bvh")), "--run", "all"]) == console.BAD_INPUT
     assert "a-run1.bvh: exists already" in capsys.readouterr().err
     assert not file.with_name("a-run0.bvh").exists()
 
 
 def test_check_says_what_is_wrong_and_exits_with_4(file, capsys):
-    assert cli.main(["check", str(file)]) == exit_codes.OK
+    assert cli.main(["validate", str(file)]) == console.OK
     assert capsys.readouterr().out == f"{file}: nothing wrong\n"
     stage = Usd.Stage.Open(str(file))
     stage.GetPrimAtPath("/World/Boxes/Animation").RemoveProperty("scales")
     stage.Export(str(file.with_name("spoilt.usdc")))
-    assert cli.main(["check", str(file.with_name("spoilt.usdc")), "--json"]) == exit_codes.CHECK_FAILED
+    assert cli.main(["validate", str(file.with_name("spoilt.usdc")), "--json"]) == console.CHECK_FAILED
     found = json.loads(capsys.readouterr().out)["faults"]
     assert found == ["/World/Boxes/Animation: has no scales, so it shows the rest pose"]
-    assert cli.main(["check", str(file.with_name("none.usda"))]) == exit_codes.BAD_INPUT
+    assert cli.main(["validate", str(file.with_name("none.usda"))]) == console.BAD_INPUT

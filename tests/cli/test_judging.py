@@ -13,7 +13,7 @@ from synthetic import ring_rig, synthetic_poses, synthetic_subject
 from mmocap_warp import cli
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.silhouette import silhouettes
-from mmocap_warp.cli import exit_codes
+from mmocap_warp.cli import console
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.usd.usd_body import write_subject
 from mmocap_warp.masks.observation import Observation
@@ -55,8 +55,8 @@ def test_the_masks_that_are_drawn_are_those_that_were_tracked(keep, tmp_path, mo
 
     monkeypatch.setattr(Tracker, "step", lambda self, seen: tracked.append(seen) or step(self, seen))
     monkeypatch.setattr("mmocap_warp.display.result_video.show", show)
-    assert cli.main(["track", str(scene), "-o", str(tmp_path / "r.usdc"), "--quiet"]) == exit_codes.OK
-    assert cli.main(["show", str(tmp_path / "r.usdc"), "--quiet"]) == exit_codes.OK
+    assert cli.main(["track", str(scene), "-o", str(tmp_path / "r.usdc"), "--quiet"]) == console.OK
+    assert cli.main(["show", str(tmp_path / "r.usdc"), "--quiet"]) == console.OK
     assert len(drawn) == FRAMES
     for mine, theirs in zip(drawn, tracked, strict=True):
         np.testing.assert_array_equal(mine.words, theirs.words)
@@ -64,9 +64,9 @@ def test_the_masks_that_are_drawn_are_those_that_were_tracked(keep, tmp_path, mo
 
 def test_show_subtracts_nothing_that_was_tracked(tmp_path, monkeypatch):
     scene = write_scene(tmp_path, 'source = "clean_plate"')
-    assert cli.main(["track", str(scene), "-o", str(tmp_path / "r.usdc"), "--quiet"]) == exit_codes.OK
+    assert cli.main(["track", str(scene), "-o", str(tmp_path / "r.usdc"), "--quiet"]) == console.OK
     monkeypatch.delattr("mmocap_warp.masks.subtraction.GaussianBackground.foreground")
-    assert cli.main(["show", str(tmp_path / "r.usdc"), "--quiet"]) == exit_codes.OK
+    assert cli.main(["show", str(tmp_path / "r.usdc"), "--quiet"]) == console.OK
     assert (tmp_path / "r.webm").is_file()
 
 
@@ -82,7 +82,7 @@ def test_a_recording_of_which_only_a_leg_was_segmented_fails_the_check(tmp_path,
             cv2.imwrite(str(tmp_path / name / f"{frame:03d}.png"), image)
     code = cli.main(["mask", str(scene), "-o", str(tmp_path / "made"), "--quiet"])
     told = capsys.readouterr().out
-    assert code == exit_codes.CHECK_FAILED
+    assert code == console.CHECK_FAILED
     assert "check failed: what all views agree on holds" in told
     assert "only a part of it was segmented, such as a moving leg" in told
     assert "name an image without it (clean_plate)" in told
@@ -94,7 +94,7 @@ def test_masks_of_a_whole_subject_pass_the_check(tmp_path, capsys):
         image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
         image[:, :30] = image[:, 130:] = 0
         cv2.imwrite(str(file), image)
-    assert cli.main(["mask", str(scene), "-o", str(tmp_path / "made"), "--quiet", "--json"]) == exit_codes.OK
+    assert cli.main(["mask", str(scene), "-o", str(tmp_path / "made"), "--quiet", "--json"]) == console.OK
     report = json.loads(capsys.readouterr().out)
     assert report["masks_ok"]
     assert report["faults"] == []
@@ -124,19 +124,19 @@ def test_the_person_of_an_identity_is_tracked_and_drawn(tmp_path, monkeypatch, c
     flags = ("--quiet", "--json")
     reports = []
     for path, identity in ((scene, ("--identity", "1")), (alone, ())):
-        assert cli.main(["track", str(path), "-o", str(path.with_name("r.usdc")), *identity, *flags]) == exit_codes.OK
+        assert cli.main(["track", str(path), "-o", str(path.with_name("r.usdc")), *identity, *flags]) == console.OK
         reports.append(json.loads(capsys.readouterr().out))
     assert reports[0]["mean_iou"] == reports[1]["mean_iou"]
     drawn = []
     monkeypatch.setattr("mmocap_warp.display.result_video.show", lambda result, images, masks, **_: drawn.extend(masks))
-    assert cli.main(["show", str(tmp_path / "r.usdc"), "--quiet"]) == exit_codes.OK
+    assert cli.main(["show", str(tmp_path / "r.usdc"), "--quiet"]) == console.OK
     first = cv2.imread(str(tmp_path / "cam01" / "000.png"), cv2.IMREAD_GRAYSCALE)
     np.testing.assert_array_equal(drawn[0][0], first == 1)
 
 
 def test_an_identity_that_is_not_there_is_one_line(tmp_path, capsys):
     scene = two_people(tmp_path)
-    assert cli.main(["fit", str(scene), "--identity", "2", "--quiet"]) == exit_codes.BAD_INPUT
+    assert cli.main(["fit", str(scene), "--identity", "2", "--quiet"]) == console.BAD_INPUT
     assert "cam01: no mask shows identity 2; set one that is there: 1, 5" in capsys.readouterr().err
 
 
@@ -172,7 +172,7 @@ def test_masks_are_drawn_anew_around_a_tracked_body(tmp_path, capsys):
         cv2.imwrite(str(coarse), cv2.dilate(image, np.ones((7, 7), np.uint8)))
     scene.write_text(scene.read_text().replace('masks = "cam', 'masks = "coarse/cam'))
     result = tmp_path / "r.usdc"
-    assert cli.main(["track", str(scene), "-o", str(result), "--quiet"]) == exit_codes.OK
+    assert cli.main(["track", str(scene), "-o", str(result), "--quiet"]) == console.OK
     made = ["mask", str(scene), "-o", str(tmp_path / "made"), "--quiet", "--from-body"]
     cli.main([*made, str(result)])
     overlap = {"coarse": [], "made": []}
@@ -184,5 +184,5 @@ def test_masks_are_drawn_anew_around_a_tracked_body(tmp_path, capsys):
     assert np.mean(overlap["made"]) > 0.8
     capsys.readouterr()
     made[3] = str(tmp_path / "again")
-    assert cli.main([*made, str(tmp_path / "subject.usdc")]) == exit_codes.BAD_INPUT
+    assert cli.main([*made, str(tmp_path / "subject.usdc")]) == console.BAD_INPUT
     assert "is no result; name what mmocap track wrote" in capsys.readouterr().err

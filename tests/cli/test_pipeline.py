@@ -22,8 +22,8 @@ from mmocap_warp import cli
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.rig import project
 from mmocap_warp.cameras.silhouette import silhouette
-from mmocap_warp.cli import exit_codes
-from mmocap_warp.cli.demo_command import EXAMPLES, Example
+from mmocap_warp.cli import console
+from mmocap_warp.commands.demo import EXAMPLES, Example
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.truth_file import read_truth, write_truth
 from mmocap_warp.formats.usd.usd_body import read_body, read_motions, write_body, write_subject
@@ -97,14 +97,14 @@ def scene(tmp_path_factory) -> Path:
 def result(scene) -> Path:
     """The scene, tracked once."""
     path = scene.parent / "result.usdc"
-    assert cli.main(["track", str(scene), "-o", str(path), "--quiet", "--seed", "3"]) == exit_codes.OK
+    assert cli.main(["track", str(scene), "-o", str(path), "--quiet", "--seed", "3"]) == console.OK
     return path
 
 
 def answer(capsys, *arguments: object) -> dict:
     """The JSON of a command that must succeed."""
     capsys.readouterr()
-    assert cli.main([*map(str, arguments), "--json", "--quiet"]) == exit_codes.OK
+    assert cli.main([*map(str, arguments), "--json", "--quiet"]) == console.OK
     shown = capsys.readouterr()
     assert shown.err == ""
     return json.loads(shown.out)
@@ -134,7 +134,7 @@ def test_a_flag_wins_over_the_scene(scene, tmp_path, capsys):
 
 
 def test_settings_are_shown_with_where_they_come_from(scene, tmp_path, capsys):
-    assert cli.main(["track", str(scene), "-o", str(tmp_path / "r.usdc"), "--seed", "5"]) == exit_codes.OK
+    assert cli.main(["track", str(scene), "-o", str(tmp_path / "r.usdc"), "--seed", "5"]) == console.OK
     shown = capsys.readouterr().err
     assert "evaluations 60 (scene.toml)" in shown
     assert "seed 5 (flag)" in shown
@@ -143,7 +143,7 @@ def test_settings_are_shown_with_where_they_come_from(scene, tmp_path, capsys):
 
 def test_wrong_flags_are_wrong_usage(scene, tmp_path, capsys):
     for flags in (["--evaluations", "0"], ["--device", "tpu"], ["--algorithm", "sgd"], ["--resume", "--force"]):
-        assert cli.main(["track", str(scene), "-o", str(tmp_path / "r.usdc"), *flags]) == exit_codes.USAGE
+        assert cli.main(["track", str(scene), "-o", str(tmp_path / "r.usdc"), *flags]) == console.USAGE
         shown = capsys.readouterr()
         assert flags[0] in shown.err
         assert shown.err.count("\n") == 1
@@ -152,12 +152,12 @@ def test_wrong_flags_are_wrong_usage(scene, tmp_path, capsys):
 
 def test_a_result_is_replaced_only_by_force(scene, tmp_path, capsys):
     command = ["track", str(scene), "-o", str(tmp_path / "r.usdc"), "--quiet"]
-    assert cli.main(command) == exit_codes.OK
+    assert cli.main(command) == console.OK
     before = (tmp_path / "r.usdc").stat().st_mtime_ns
-    assert cli.main(command) == exit_codes.BAD_INPUT
-    assert cli.main([*command, "--resume"]) == exit_codes.OK  # complete: nothing to do
+    assert cli.main(command) == console.BAD_INPUT
+    assert cli.main([*command, "--resume"]) == console.OK  # complete: nothing to do
     assert (tmp_path / "r.usdc").stat().st_mtime_ns == before
-    assert cli.main([*command, "--force"]) == exit_codes.OK
+    assert cli.main([*command, "--force"]) == console.OK
     assert (tmp_path / "r.usdc").stat().st_mtime_ns > before
 
 
@@ -184,8 +184,8 @@ sys.exit(cli.main(sys.argv[1:]))
 LONG = ("--quiet", "--evaluations", "6000")  # so that it is not over before it is stopped
 STOPS = {
     signal.SIGKILL: (-signal.SIGKILL, ""),
-    signal.SIGINT: (exit_codes.INTERRUPTED, "mmocap: interrupted\n"),
-    signal.SIGTERM: (exit_codes.TERMINATED, "mmocap: terminated\n"),
+    signal.SIGINT: (console.INTERRUPTED, "mmocap: interrupted\n"),
+    signal.SIGTERM: (console.TERMINATED, "mmocap: terminated\n"),
 }
 """Each with the exit code and the words that it ends with."""
 
@@ -194,7 +194,7 @@ STOPS = {
 def whole(scene) -> Path:
     """The result of a long run that nothing stopped."""
     path = scene.parent / "whole.usdc"
-    assert cli.main(["track", str(scene), "-o", str(path), *LONG]) == exit_codes.OK
+    assert cli.main(["track", str(scene), "-o", str(path), *LONG]) == console.OK
     return path
 
 
@@ -205,15 +205,15 @@ def test_a_stopped_run_resumes_to_the_same_bits(how, scene, whole, tmp_path, cap
     checkpoint = stopped.with_name("stopped.usdc.checkpoint")
     run = subprocess.Popen([sys.executable, "-c", EAGER, *command])
     os.waitpid(run.pid, os.WUNTRACED)  # until it stands at its first checkpoint
-    assert cli.main([*command, "--resume"]) == exit_codes.BAD_INPUT
+    assert cli.main([*command, "--resume"]) == console.BAD_INPUT
     assert "stopped.usdc: another mmocap is writing it" in capfd.readouterr().err
     run.send_signal(how)
     run.send_signal(signal.SIGCONT)
     assert (run.wait(), capfd.readouterr().err) == STOPS[how]
     assert checkpoint.exists()
     assert not stopped.exists()
-    assert cli.main(command) == exit_codes.BAD_INPUT
-    assert cli.main([*command, "--resume"]) == exit_codes.OK
+    assert cli.main(command) == console.BAD_INPUT
+    assert cli.main([*command, "--resume"]) == console.OK
     assert same_bits(whole, stopped)
     assert not checkpoint.exists()
 
@@ -238,7 +238,7 @@ def write_trc(path: Path, joints: np.ndarray, units: str = "m") -> Path:
 def test_eval_names_the_axes_of_a_truth_in_other_axes(result, scene, tmp_path, capsys, order, axes):
     joints = read_truth(scene.parent / "truth.usdc").joints[..., order] * ([1, -1, 1] if "-" in axes else 1)
     truth = write_trc(tmp_path / "t.trc", joints)
-    assert cli.main(["eval", str(result), "--truth", str(truth), "--json"]) == exit_codes.CHECK_FAILED
+    assert cli.main(["eval", str(result), "--truth", str(truth), "--json"]) == console.CHECK_FAILED
     told = capsys.readouterr()
     report = json.loads(told.out)
     assert report["mpjpe_mm"] > 1000
@@ -247,7 +247,7 @@ def test_eval_names_the_axes_of_a_truth_in_other_axes(result, scene, tmp_path, c
     right = answer(capsys, "eval", result, "--truth", truth, f"--truth-axes={axes}")
     assert right["mpjpe_mm"] == pytest.approx(report["other_world"]["mpjpe_mm"])
     assert right["other_world"] is None
-    assert cli.main(["eval", str(result), "--truth", str(truth), "--truth-axes", "zxy"]) == exit_codes.CHECK_FAILED
+    assert cli.main(["eval", str(result), "--truth", str(truth), "--truth-axes", "zxy"]) == console.CHECK_FAILED
     assert f"give --truth-axes={axes}" in capsys.readouterr().err  # of the file's own axes, whatever was given
 
 
@@ -263,7 +263,7 @@ def test_eval_names_other_origins_and_units(result, scene, tmp_path, capsys):
             r"than the result: about 1000 times as large; give it in metres",
         ),
     ):
-        assert cli.main(["eval", str(result), "--truth", str(truth)]) == exit_codes.CHECK_FAILED
+        assert cli.main(["eval", str(result), "--truth", str(truth)]) == console.CHECK_FAILED
         assert words in capsys.readouterr().err
 
 
@@ -299,17 +299,17 @@ def test_commands_take_some_frames(scene, result, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [
-        (["track", "SCENE", "-o", "r.usdc", "--frames", "4:9"], exit_codes.USAGE, "--frames = 4:9 is not in 0:8"),
-        (["track", "SCENE", "-o", "r.usdc", "--frames", "first"], exit_codes.USAGE, "--frames = first is neither"),
+        (["track", "SCENE", "-o", "r.usdc", "--frames", "4:9"], console.USAGE, "--frames = 4:9 is not in 0:8"),
+        (["track", "SCENE", "-o", "r.usdc", "--frames", "first"], console.USAGE, "--frames = first is neither"),
         (
             ["track", "SCENE", "-o", "r.usdc", "--frames", "4:"],
-            exit_codes.BAD_INPUT,
+            console.BAD_INPUT,
             "stands as in frame 0, these frames",
         ),
-        (["fit", "SCENE", "-o", "r.usdc", "--frames", "9"], exit_codes.USAGE, "--frames = 9 is not in 1 to 8"),
-        (["eval", "RESULT", "--frames", "9:12"], exit_codes.USAGE, "holds none of the result's frames, 0 to 7"),
-        (["show", "RESULT", "--frames", "2:1"], exit_codes.USAGE, "--frames = 2:1 holds no frame"),
-        (["show", "SUBJECT", "--frames", "2"], exit_codes.USAGE, "--frames belongs to a result"),
+        (["fit", "SCENE", "-o", "r.usdc", "--frames", "9"], console.USAGE, "--frames = 9 is not in 1 to 8"),
+        (["eval", "RESULT", "--frames", "9:12"], console.USAGE, "holds none of the result's frames, 0 to 7"),
+        (["show", "RESULT", "--frames", "2:1"], console.USAGE, "--frames = 2:1 holds no frame"),
+        (["show", "SUBJECT", "--frames", "2"], console.USAGE, "--frames belongs to a result"),
     ],
 )
 def test_frames_that_cannot_be(scene, result, tmp_path, capsys, monkeypatch, arguments, code, words):
@@ -375,7 +375,7 @@ def test_cameras_draws_into_every_view(scene, tmp_path, capsys):
     report = answer(capsys, "cameras", scene, "-o", tmp_path / "axes")
     assert sorted(os.listdir(tmp_path / "axes")) == ["cam01.png", "cam02.png", "cam03.png"]
     assert report["pictures"] == [str(tmp_path / "axes" / f"cam0{k}.png") for k in (1, 2, 3)]
-    assert cli.main(["cameras", str(scene), "-o", str(tmp_path / "axes"), "--force"]) == exit_codes.OK
+    assert cli.main(["cameras", str(scene), "-o", str(tmp_path / "axes"), "--force"]) == console.OK
     assert str(tmp_path / "axes" / "cam03.png") in capsys.readouterr().out
     assert report["mean_height_m"] == pytest.approx(1.4)
 
@@ -383,7 +383,7 @@ def test_cameras_draws_into_every_view(scene, tmp_path, capsys):
 def test_cameras_below_the_floor_fail_the_check(scene, capsys):
     turned = scene.with_name("turned.toml")
     turned.write_text(SCENE.replace('"+y"', '"-y"'))
-    assert cli.main(["cameras", str(turned)]) == exit_codes.CHECK_FAILED
+    assert cli.main(["cameras", str(turned)]) == console.CHECK_FAILED
     assert "mean height -1.40 m" in capsys.readouterr().out
 
 
@@ -412,13 +412,13 @@ def test_track_fits_first_where_no_subject_is_named(scene, tmp_path, capsys):
     assert read_result(tmp_path / "r.usdc").subject.body.name == "adult_woman"
 
 
-@pytest.mark.parametrize(("most", "code"), [(1000.0, exit_codes.OK), (1e-6, exit_codes.CHECK_FAILED)])
+@pytest.mark.parametrize(("most", "code"), [(1000.0, console.OK), (1e-6, console.CHECK_FAILED)])
 def test_demo_checks_itself_and_writes_all_it_names(most, code, scene, tmp_path, monkeypatch, capsys):
     shipped = tmp_path / "scenes"
     shipped.mkdir()
     (shipped / "walk").symlink_to(scene.parent)
-    monkeypatch.setattr("mmocap_warp.scenes.ROOT", shipped)
-    monkeypatch.setattr("mmocap_warp.cli.demo_command.MOST_ERROR_MM", most)
+    monkeypatch.setattr("mmocap_warp.commands.demo.ROOT", shipped)
+    monkeypatch.setattr("mmocap_warp.commands.demo.MOST_ERROR_MM", most)
     assert cli.main(["demo", "-o", str(tmp_path / "out"), "--json", "--quiet"]) == code
     report = json.loads(capsys.readouterr().out)
     assert all(report[key] is not None for key in (*PROMISED, *PROMISED_WITH_TRUTH))
@@ -431,24 +431,24 @@ def test_demo_of_another_body_makes_its_scene(tmp_path, monkeypatch, capsys):
     short = replace(motions["Opening"], pose=motions["Opening"].pose[:2])
     write_body(tmp_path / "hand.usdc", read_body(hand), {"Short": short})
     monkeypatch.setitem(EXAMPLES, "hand", Example(str(tmp_path / "hand.usdc"), "Short", 3))
-    assert cli.main(["demo", "hand", "-o", str(tmp_path / "out"), "--json", "--quiet"]) == exit_codes.OK
+    assert cli.main(["demo", "hand", "-o", str(tmp_path / "out"), "--json", "--quiet"]) == console.OK
     report = json.loads(capsys.readouterr().out)
     assert report["mpjpe_share"] < 0.01
     assert report["size_m"] == pytest.approx(0.212, abs=1e-3)
     assert report["median_angle_deg"] < 3
     files = {"hand-error.svg", "hand.png", "hand.usdc", "hand.webm"}
     assert set(os.listdir(tmp_path / "out")) == files | {"hand-scene"}
-    assert cli.main(["demo", "hand", "-o", str(tmp_path / "out"), "--paper", "--quiet"]) == exit_codes.USAGE
+    assert cli.main(["demo", "hand", "-o", str(tmp_path / "out"), "--paper", "--quiet"]) == console.USAGE
 
 
 def test_demo_puts_the_papers_tracker_beside_it(scene, tmp_path, monkeypatch, capsys):
     shipped = tmp_path / "scenes"
     shipped.mkdir()
     (shipped / "walk").symlink_to(scene.parent)
-    monkeypatch.setattr("mmocap_warp.scenes.ROOT", shipped)
+    monkeypatch.setattr("mmocap_warp.commands.demo.ROOT", shipped)
     assert cli.main(["demo", "-o", str(tmp_path / "out"), "--paper", "--quiet"]) in (
-        exit_codes.OK,
-        exit_codes.CHECK_FAILED,
+        console.OK,
+        console.CHECK_FAILED,
     )
     told = capsys.readouterr().out
     rows = [line.split() for line in told.splitlines() if line.startswith(("search-contour", "h-cmaes"))]

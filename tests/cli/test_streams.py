@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from mmocap_warp.cli.exit_codes import BAD_INPUT, BROKEN_PIPE, FAILURE, USAGE
+from mmocap_warp.cli.console import BAD_INPUT, BROKEN_PIPE, FAILURE, USAGE
 from mmocap_warp.scenes import ROOT
 
 WALK = str(ROOT / "walk")

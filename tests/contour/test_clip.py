@@ -9,8 +9,9 @@ from planted import Planted, swung
 from synthetic import synthetic_body
 
 from mmocap_warp.body.rotations import turn
+from mmocap_warp.contour import ACCELERATION
 from mmocap_warp.contour.clip import clip_problem as clip
-from mmocap_warp.contour.clip.clip_problem import ACCELERATION, LAG, ClipProblem, FixedLag, Pass, coarse_then_fine
+from mmocap_warp.contour.clip.clip_problem import LAG, ClipProblem, FixedLag, Pass, coarse_then_fine
 from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
 
 HOME = turn("x", 1.3) @ turn("z", 0.4)

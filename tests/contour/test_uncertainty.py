@@ -8,9 +8,10 @@ from planted import Planted, dense, swung
 from synthetic import synthetic_body
 
 from mmocap_warp.body.rotations import turn
+from mmocap_warp.contour import ACCELERATION
 from mmocap_warp.contour.clip import clip_problem as clip
 from mmocap_warp.contour.clip import uncertainty
-from mmocap_warp.contour.clip.clip_problem import ACCELERATION, ClipProblem, SolvedWindow
+from mmocap_warp.contour.clip.clip_problem import ClipProblem, SolvedWindow
 from mmocap_warp.contour.clip.motion_penalty import MotionPenalty
 from mmocap_warp.contour.clip.uncertainty import (
     NOISE,

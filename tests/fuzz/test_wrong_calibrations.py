@@ -13,7 +13,7 @@ from calibration_readers import READERS
 from worker import damaged
 
 from mmocap_warp.cli import main
-from mmocap_warp.cli.exit_codes import BAD_INPUT, OK
+from mmocap_warp.cli.console import BAD_INPUT, OK
 
 WRONG, MOST_CASES, LONGEST_LINE = 100, 2000, 1250
 CALIBRATIONS = [reader for reader in READERS if not reader.name.startswith("draft-")]

@@ -21,7 +21,7 @@ from synthetic import synthetic_body
 from mmocap_warp import cli
 from mmocap_warp.body.mesh_pieces import is_closed
 from mmocap_warp.body.model import BodyModel, SkinMesh
-from mmocap_warp.cli import exit_codes
+from mmocap_warp.cli import console
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.usd_body import read_body
 from mmocap_warp.rigging.human import JOINTS
@@ -219,7 +219,7 @@ def test_documented_commands_are_those_of_the_shipped_bodies(data: Path, tmp_pat
     command = documented_command(name)
     command[command.index("-o") + 1] = str(tmp_path / f"{name}.usdc")
     command[command.index("--data") + 1] = str(data)
-    assert cli.main(command) == exit_codes.OK
+    assert cli.main(command) == console.OK
     made, shipped = read_body(tmp_path / f"{name}.usdc"), read_body(BODIES / f"{name}.usdc")
     assert made.attribution == shipped.attribution
     assert (made.name, made.marker_names) == (shipped.name, shipped.marker_names)
@@ -233,5 +233,5 @@ if "MMOCAP_MAKEHUMAN" in os.environ:  # MakeHuman's data is no part of the proje
         command, path = documented_command(name), tmp_path / f"{name}.usdc"
         command[command.index("-o") + 1] = str(path)
         command[command.index("--data") + 1] = os.environ["MMOCAP_MAKEHUMAN"]
-        assert cli.main(command) == exit_codes.OK
+        assert cli.main(command) == console.OK
         assert path.read_bytes() == (BODIES / path.name).read_bytes()

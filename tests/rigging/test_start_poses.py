@@ -10,7 +10,7 @@ from other_bodies import quadruped
 
 from mmocap_warp.body.body_motion import BodyMotion
 from mmocap_warp.cli import main
-from mmocap_warp.cli.exit_codes import BAD_INPUT
+from mmocap_warp.cli.console import BAD_INPUT
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.usd_body import write_body
 from mmocap_warp.rigging.start_poses import start_poses

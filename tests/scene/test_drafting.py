@@ -15,7 +15,7 @@ from ball_scene import FRAMES, HEIGHT, RIG, WIDTH, ball_mask, ball_scene, write_
 from calibration_files import caliscope, humaneva, multical, write_colmap_model, write_easymocap
 
 from mmocap_warp import cli
-from mmocap_warp.cli import exit_codes
+from mmocap_warp.cli import console
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.usd.usd_camera import write_usd_cameras
@@ -364,7 +364,7 @@ def test_init_says_what_to_run_next_to_the_end_of_the_masks(videos: Path, capsys
     ran = []
     for _ in range(2):
         ran.append(shlex.split(step)[1])
-        assert cli.main(shlex.split(step)[1:]) == exit_codes.OK
+        assert cli.main(shlex.split(step)[1:]) == console.OK
         step = capsys.readouterr().out.splitlines()[-1].removeprefix("next: ")
     assert ran == ["init", "cameras"]
     assert shlex.split(step) == ["mmocap", "mask", str(folder / "scene.toml"), "-o", str(folder / "masks")]
@@ -374,16 +374,16 @@ def test_init_says_what_to_run_next_to_the_end_of_the_masks(videos: Path, capsys
 def test_init_overwrites_only_when_told(videos: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_toml_rig(videos / "calibration.toml", RIG)
     (videos / "scene.toml").write_text("mine")
-    assert cli.main(["init", str(videos)]) == exit_codes.BAD_INPUT
+    assert cli.main(["init", str(videos)]) == console.BAD_INPUT
     assert "scene.toml: exists already; give --force" in capsys.readouterr().err
     assert (videos / "scene.toml").read_text() == "mine"
-    assert cli.main(["init", str(videos), "--force", "--json"]) == exit_codes.OK
+    assert cli.main(["init", str(videos), "--force", "--json"]) == console.OK
     told = json.loads(capsys.readouterr().out)
     assert told["cameras"] == list(RIG.names)
     assert told["missing"] == []
     assert told["next"].startswith("mmocap cameras ")
     assert load_scene(videos, masks=False).frame_count == FRAMES
-    assert cli.main(["init", str(videos / "none")]) == exit_codes.BAD_INPUT
+    assert cli.main(["init", str(videos / "none")]) == console.BAD_INPUT
 
 
 def test_cameras_needs_no_masks(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -392,12 +392,12 @@ def test_cameras_needs_no_masks(folder: Path, tmp_path: Path, capsys: pytest.Cap
     shutil.rmtree(folder / "masks")
     no_masks = "\n".join(line for line in text.splitlines() if not line.startswith("masks"))
     (folder / "scene.toml").write_text(no_masks)
-    assert cli.main(["cameras", str(folder), "-o", str(tmp_path / "axes")]) == exit_codes.OK
+    assert cli.main(["cameras", str(folder), "-o", str(tmp_path / "axes")]) == console.OK
     assert capsys.readouterr().out.splitlines()[-1].startswith("next: mmocap mask ")
-    assert cli.main(["track", str(folder), "-o", str(tmp_path / "r.usdc")]) == exit_codes.BAD_INPUT
+    assert cli.main(["track", str(folder), "-o", str(tmp_path / "r.usdc")]) == console.BAD_INPUT
     told = capsys.readouterr().err
     assert all(word in told for word in ("'masks' is missing", "three ways", "mmocap mask", "SAM 2", "that you have"))
     bare = "\n".join(line for line in no_masks.splitlines() if not line.startswith(("video", "clean_plate")))
     (folder / "scene.toml").write_text(bare)
-    assert cli.main(["cameras", str(folder), "-o", str(tmp_path / "gray")]) == exit_codes.OK
+    assert cli.main(["cameras", str(folder), "-o", str(tmp_path / "gray")]) == console.OK
     assert len(list((tmp_path / "gray").iterdir())) == 3

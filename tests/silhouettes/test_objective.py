@@ -10,8 +10,8 @@ from synthetic import COORDINATES, SKELETON, ring_rig, synthetic_body, synthetic
 from mmocap_warp.body.shape_space import ShapeSpace, heading_rotation, upright_base
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.rigging.human import JOINTS
-from mmocap_warp.silhouettes.objective import COSTS, Objective
-from mmocap_warp.silhouettes.renderers import RENDERERS
+from mmocap_warp.silhouettes import COSTS, RENDERERS
+from mmocap_warp.silhouettes.objective import Objective
 from mmocap_warp.tracking.pose_search import hierarchical
 
 FLOAT32 = 1e-6

@@ -21,8 +21,8 @@ from mmocap_warp.kernels.views.projection import BEHIND, SUBPIXEL
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.rigging.human import PARENT
 from mmocap_warp.scenes import ROOT
+from mmocap_warp.silhouettes import RENDERERS
 from mmocap_warp.silhouettes.objective import Objective
-from mmocap_warp.silhouettes.renderers import RENDERERS
 from mmocap_warp.tracking.pose_search import hierarchical
 
 PEOPLE = 25  # bodies in a room, with six cameras each

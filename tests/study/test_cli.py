@@ -12,8 +12,9 @@ from study_workers import DYING_ALWAYS, ScriptedEngine
 from tiny_study import CELLS
 
 from mmocap_warp import cli
-from mmocap_warp.cli import exit_codes, study_run
+from mmocap_warp.cli import console
 from mmocap_warp.cli.study_progress import StudyProgress, headline
+from mmocap_warp.commands import studies
 from mmocap_warp.study import tasks
 from mmocap_warp.study.cell import Cell
 from mmocap_warp.study.job import Advance, Job
@@ -27,7 +28,7 @@ def run(study: Path, folder: Path, *flags: str) -> int:
 
 def test_what_is_missing_is_tracked_and_summed_up(study, copied, capsys):
     next(copied.glob("*-pso-*")).unlink()
-    assert run(study, copied, "--json") == exit_codes.OK
+    assert run(study, copied, "--json") == console.OK
     out, err = capsys.readouterr()
     answer = json.loads(out)
     assert (answer["cells"], answer["finished_before"], answer["finished_now"]) == (CELLS, CELLS - 1, 1)
@@ -40,7 +41,7 @@ def test_what_is_missing_is_tracked_and_summed_up(study, copied, capsys):
 
 
 def test_a_complete_study_prints_its_table(study, copied, capsys):
-    assert run(study, copied, "--quiet") == exit_codes.OK
+    assert run(study, copied, "--quiet") == console.OK
     out, err = capsys.readouterr()
     assert out.startswith(f"{copied}: 12 of 12 cells, 0 of them new\n")
     assert len([line for line in out.splitlines() if line.startswith("recording")]) == CELLS
@@ -48,9 +49,9 @@ def test_a_complete_study_prints_its_table(study, copied, capsys):
 
 
 def test_the_table_is_aligned_however_trackers_are_called():
-    from mmocap_warp.cli.study_run import _COLUMNS, _text
+    from mmocap_warp.cli.study_command import _COLUMNS, _text
 
-    measured = {key: 0.5 for key, *_ in _COLUMNS.values()}
+    measured = dict.fromkeys(_COLUMNS, 0.5)
     rows = [
         {"preset": preset, "evaluations": 100, "dof": 39, "algorithm": algorithm} | measured
         for preset, algorithm in (("recording", "pso"), ("recording-restart", "search-contour+solved"))
@@ -63,7 +64,7 @@ def test_the_table_is_aligned_however_trackers_are_called():
 
 def test_a_wrong_study_leaves_no_folder(tmp_path, capsys):
     (tmp_path / "s.toml").write_text('[[grid]]\nsequences = ["S9/Fly"]\nalgorithms = ["pso"]\ndof = [39]\n')
-    assert run(tmp_path / "s.toml", tmp_path / "results") == exit_codes.BAD_INPUT
+    assert run(tmp_path / "s.toml", tmp_path / "results") == console.BAD_INPUT
     assert "no sequence 'S9/Fly'" in capsys.readouterr().err
     assert not (tmp_path / "results").exists()
 
@@ -73,7 +74,7 @@ def test_cells_that_fail_are_told_and_the_run_fails(study, copied, capsys, monke
         path.unlink()
     # The sequence has changed between the planning and the tracking.
     monkeypatch.setattr(tasks, "Job", lambda cell, clip, identity, *rest: Job(cell, clip, "as it was", *rest))
-    assert run(study, copied) == exit_codes.FAILURE
+    assert run(study, copied) == console.FAILURE
     out, err = capsys.readouterr()
     assert "9 of 12 cells, 0 of them new" in out
     assert "missing: Walk pso 28 DOF 12 evaluations recording, " in out
@@ -84,8 +85,8 @@ def test_cells_that_fail_are_told_and_the_run_fails(study, copied, capsys, monke
 
 def test_workers_that_are_killed_are_told_in_one_line_and_the_run_fails(study, tmp_path, capsys, monkeypatch):
     engine = ScriptedEngine(1, {Cell("Walk", "pso", 39, 12): DYING_ALWAYS})
-    monkeypatch.setattr(study_run, "_local", lambda *_: ("cpu", lambda: engine))
-    assert run(study, tmp_path / "r") == exit_codes.FAILURE
+    monkeypatch.setattr(studies, "_local_engine", lambda *_: ("cpu", lambda: engine))
+    assert run(study, tmp_path / "r") == console.FAILURE
     out, err = capsys.readouterr()
     assert f"{CELLS - 1} of {CELLS} cells" in out
     reason = "seat 0 died (lightning), as workers did 3 times at this cell; stand elsewhere"
@@ -96,8 +97,8 @@ def test_workers_that_are_killed_are_told_in_one_line_and_the_run_fails(study, t
 @pytest.mark.parametrize(
     ("flags", "code", "message"),
     [
-        (["--engine", "cloud"], exit_codes.USAGE, "--engine must be local or ray"),
-        (["--device", "cuda:99"], exit_codes.USAGE, "--device must be"),
+        (["--engine", "cloud"], console.USAGE, "--engine must be local or ray"),
+        (["--device", "cuda:99"], console.USAGE, "--device must be"),
     ],
 )
 def test_wrong_flags_are_told(flags, code, message, study, tmp_path, capsys):
@@ -108,23 +109,23 @@ def test_wrong_flags_are_told(flags, code, message, study, tmp_path, capsys):
 
 def test_a_folder_that_cannot_be_is_told(study, tmp_path, capsys):
     (tmp_path / "file").touch()
-    assert run(study, tmp_path / "file") == exit_codes.BAD_INPUT
+    assert run(study, tmp_path / "file") == console.BAD_INPUT
     assert "cannot be used (File exists); name a folder for results" in capsys.readouterr().err
 
 
 def test_show_lists_and_checks(copied, capsys):
-    assert cli.main(["study", "show", str(copied), "--json"]) == exit_codes.OK
+    assert cli.main(["study", "show", str(copied), "--json"]) == console.OK
     assert len(json.loads(capsys.readouterr().out)["results"]) == CELLS
     damaged = next(copied.glob("*.npz"))
     damaged.write_bytes(damaged.read_bytes()[:-9])
-    assert cli.main(["study", "show", str(copied)]) == exit_codes.CHECK_FAILED
+    assert cli.main(["study", "show", str(copied)]) == console.CHECK_FAILED
     out = capsys.readouterr().out
     assert f"damaged: {damaged}: is damaged" in out
     assert out.endswith("11 results, 1 damaged\n")
 
 
 def test_show_needs_a_folder(tmp_path, capsys):
-    assert cli.main(["study", "show", str(tmp_path / "none")]) == exit_codes.BAD_INPUT
+    assert cli.main(["study", "show", str(tmp_path / "none")]) == console.BAD_INPUT
     assert "no such folder" in capsys.readouterr().err
 
 

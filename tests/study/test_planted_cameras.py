@@ -9,7 +9,7 @@ from planted_cameras import FAULTS, Planted, left_over, line, planted
 
 from mmocap_warp.calibration.adjust.adjustment import AdjustConfig
 from mmocap_warp.calibration.adjust.camera_changes import FOCAL, KINDS, OFFSET, POSITION, ROTATION, changed, difference
-from mmocap_warp.calibration.refine.held_out import Explained
+from mmocap_warp.calibration.refine.held_out import Overlaps
 from mmocap_warp.calibration.refine.refinement import Refinement
 
 OTHERS = np.arange(1, len(RIG))
@@ -22,7 +22,7 @@ def scene(tmp_path_factory):
 
 def refined(case: Planted, change: np.ndarray) -> Refinement:
     """As if so much had been found and nothing else."""
-    explained = Explained(np.full(len(RIG), 0.9), np.full(len(RIG), 0.8))
+    explained = Overlaps(np.full(len(RIG), 0.9), np.full(len(RIG), 0.8))
     rig = changed(case.scene.calibrated, np.where(np.arange(len(KINDS)) == OFFSET, 0.0, change))
     sigma = np.full(change.shape, 1e-3)
     return Refinement(rig, change, sigma, change != 0, np.zeros(change.shape, bool), 0, explained, explained)

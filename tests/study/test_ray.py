@@ -15,7 +15,7 @@ from ray.cluster_utils import Cluster
 from tiny_study import STUDY, answer_members, run_quietly, tasks_of, write_study
 
 from mmocap_warp import cli
-from mmocap_warp.cli import exit_codes
+from mmocap_warp.cli import console
 from mmocap_warp.errors import InputError
 from mmocap_warp.study.engines.engine import Death
 from mmocap_warp.study.engines.ray import Shares, _how_it_ended, join_cluster, share_cluster
@@ -53,7 +53,7 @@ def test_two_workers_give_the_files_of_a_local_run_though_a_machine_dies(cluster
     run = started(cluster, study, tmp_path / "ray")
     cluster.remove_node(cluster.list_all_nodes()[-1], allow_graceful=False)
     output, notes = run.communicate(timeout=PATIENCE)
-    assert run.returncode == exit_codes.OK, notes
+    assert run.returncode == console.OK, notes
     assert "died" in notes
     assert "the cell is tried again" in notes
     assert json.loads(output)["finished_now"] == CELLS
@@ -69,7 +69,7 @@ def test_a_cluster_that_vanishes_is_told_and_what_is_finished_stays(cluster, tmp
     run, address = started(cluster, study, tmp_path / "ray"), cluster.address
     cluster.shutdown()
     output, notes = run.communicate(timeout=PATIENCE)
-    assert run.returncode == exit_codes.FAILURE
+    assert run.returncode == console.FAILURE
     answer = json.loads(output)
     assert f"the Ray cluster at {address} has vanished" in notes
     assert 1 <= answer["finished_now"] == CELLS - len(answer["failed"])
@@ -84,7 +84,7 @@ def test_a_cluster_without_a_machine_left_is_told_and_what_is_missing(cluster, t
     for node in cluster.list_all_nodes()[1:]:
         cluster.remove_node(node, allow_graceful=False)
     output, notes = run.communicate(timeout=PATIENCE)
-    assert run.returncode == exit_codes.FAILURE
+    assert run.returncode == console.FAILURE
     answer = json.loads(output)
     assert f"the Ray cluster at {address} has no machine left that a worker fits on; waiting 4 s for one" in notes
     assert "no worker has started yet" not in notes.partition("waiting")[2]
@@ -97,7 +97,7 @@ def test_a_cluster_without_a_machine_left_is_told_and_what_is_missing(cluster, t
 def test_without_a_cluster_the_remedy_is_told(address, tmp_path, capsys):
     study = write_study(tmp_path)
     code = cli.main(["study", "run", str(study), "-o", str(tmp_path / "r"), "--engine", "ray", "--address", address])
-    assert code == exit_codes.BAD_INPUT
+    assert code == console.BAD_INPUT
     assert "there is no Ray cluster" in (told := capsys.readouterr().err)
     assert "start one with 'ray start --head'" in told
     assert told.count("\n") == 1

@@ -14,7 +14,7 @@ import pytest
 from study_results import SEQUENCES, made_up_result, made_up_study
 
 from mmocap_warp.cli import main
-from mmocap_warp.cli.exit_codes import BAD_INPUT, OK
+from mmocap_warp.cli.console import BAD_INPUT, OK
 from mmocap_warp.optimizers.cma_es import CmaEs
 from mmocap_warp.study.cell import Cell, read_cell, write_cell
 from mmocap_warp.study.claims import AGREES, FAILS, UNTESTED, check_claims

@@ -14,7 +14,7 @@ from tracked_motion import FPS, RIG, motion
 
 from mmocap_warp.device.resolve import free_memory
 from mmocap_warp.errors import InputError
-from mmocap_warp.silhouettes.renderers import RENDERERS
+from mmocap_warp.silhouettes import RENDERERS
 from mmocap_warp.tracking import smoothing
 from mmocap_warp.tracking.algorithms import ALGORITHMS
 from mmocap_warp.tracking.contour_tracker import ContourTracker

@@ -16,7 +16,7 @@ from synthetic import COORDINATES
 
 from mmocap_warp import cli
 from mmocap_warp.body.model import Subject
-from mmocap_warp.cli import exit_codes
+from mmocap_warp.cli import console
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.usd_body import write_subject
 from mmocap_warp.formats.usd.usd_result import read_result
@@ -88,7 +88,7 @@ def same_bits(left: Path, right: Path) -> bool:
 def test_stopped_at_ten_random_moments_it_ends_with_the_same_bits(scene, tmp_path):
     whole, stopped = tmp_path / "whole.usdc", tmp_path / "stopped.usdc"
     left = stopped.with_name("stopped.usdc.checkpoint")
-    assert cli.main(["track", str(scene), "-o", str(whole), *FLAGS]) == exit_codes.OK
+    assert cli.main(["track", str(scene), "-o", str(whole), *FLAGS]) == console.OK
 
     def started(output: Path) -> subprocess.Popen:
         command = ["track", str(scene), "-o", str(output), *FLAGS, "--resume"]
@@ -101,7 +101,7 @@ def test_stopped_at_ten_random_moments_it_ends_with_the_same_bits(scene, tmp_pat
     timed = started(tmp_path / "timed.usdc")
     begun = time.monotonic()
     timed.communicate()
-    assert timed.returncode == exit_codes.OK
+    assert timed.returncode == console.OK
     longest = time.monotonic() - begun
 
     random = np.random.default_rng(0)
@@ -114,7 +114,7 @@ def test_stopped_at_ten_random_moments_it_ends_with_the_same_bits(scene, tmp_pat
         run = started(stopped)
         if stops >= STOPS and continued >= STOPS // 4:  # enough of the moments came while it tracked
             run.communicate()
-            assert run.returncode == exit_codes.OK
+            assert run.returncode == console.OK
             break
         # Most are stopped before they are done, as one that was done costs a start. What is resumed goes on from
         # anywhere, so all of a run is stopped at, its last frame and the writing of its result too.
@@ -131,13 +131,13 @@ def test_a_run_that_replaces_a_result_is_resumed_too(scene, tmp_path, monkeypatc
     """The result that was there belongs to the run before."""
     command = ["track", str(scene), "-o", str(tmp_path / "r.usdc"), *FLAGS]
     other = [*command, "--seed", "1"]
-    assert cli.main(command) == exit_codes.OK
+    assert cli.main(command) == console.OK
     with monkeypatch.context() as patched:
         patched.setattr("mmocap_warp.tracking.tracker.Tracker.step", stopping_step(after=5))
-        assert cli.main([*other, "--force"]) == exit_codes.INTERRUPTED
-    assert cli.main([*other, "--resume"]) == exit_codes.OK
+        assert cli.main([*other, "--force"]) == console.INTERRUPTED
+    assert cli.main([*other, "--resume"]) == console.OK
     assert read_result(tmp_path / "r.usdc").config["seed"] == 1
-    assert cli.main(["track", str(scene), "-o", str(tmp_path / "whole.usdc"), *FLAGS, "--seed", "1"]) == exit_codes.OK
+    assert cli.main(["track", str(scene), "-o", str(tmp_path / "whole.usdc"), *FLAGS, "--seed", "1"]) == console.OK
     assert same_bits(tmp_path / "whole.usdc", tmp_path / "r.usdc")
 
 

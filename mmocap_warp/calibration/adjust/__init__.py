@@ -1,1 +1,1 @@
-"""What checking and refining share: cameras and body as one least-squares problem over the outlines."""
+"""Cameras and body as one least-squares problem over the outlines, for checking and refining."""

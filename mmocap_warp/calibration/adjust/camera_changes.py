@@ -1,11 +1,12 @@
-"""Cameras that may not be quite what their calibration says, as parameters that can be solved for.
+"""The parameters by which cameras may differ from their calibration, so that they can be solved for.
 
-A camera that turns by a small rotation a about its centre C, or moves by d, sees what it would see of the opposite
-motion of the body. With a point x, its gradient g in an image, and the root joint's origin o,
+A camera that turns by a small rotation a about its centre C, or moves by d, sees what it would see if the body moved
+the opposite way. With a point x, its gradient g in an image, and the root joint's origin o,
 
     - a . ((x - C) x g)  =  - a . ((x - o) x g)  -  g . (a x (o - C))        and        - d . g
 
-are combinations of what the root's three angles and its translation do. So cameras' columns need no kernels.
+are combinations of what the root's three angles and its translation do. So the cameras' columns of the Jacobian follow
+from the body's, and need no kernels.
 """
 
 from __future__ import annotations
@@ -16,35 +17,32 @@ import numpy as np
 
 from mmocap_warp.body.rotations import transposed
 from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.formats.toml_table import describes_settings, setting
 
 KINDS: tuple[str, ...] = (
     "tilt", "pan", "roll", "right", "down", "ahead", "focal", "centre_x", "centre_y", "offset",
 )  # fmt: skip
-"""Parameters of a camera: turned about its own x, y and z axis [rad], moved along them [m], the logarithm of its focal
-lengths, its principal point [px], and how much later in its own frames than said it shows what happens [s]."""
+"""Parameters of a camera: rotations about its own x, y and z axis [rad], shifts along them [m], the logarithm of its
+focal lengths, its principal point [px], and its delay beyond the stated one [s]."""
 ROTATION, POSITION, LENS = slice(0, 3), slice(3, 6), slice(6, 9)
 FOCAL, CENTRE, OFFSET = 6, slice(7, 9), 9
 RESPECT = np.repeat(np.arange(5), (3, 3, 1, 2, 1))
-"""(parameter,) numbers of what changes together: rotation, position, focal length, principal point, time."""
+"""(parameter,) the same number for parameters that belong together: rotation, position, focal length, principal point,
+time."""
 
 
+@describes_settings
 @dataclass(frozen=True)
 class Deviations:
-    """How far a camera may be from its calibration, as standard deviations; what is zero is held.
+    """How far a camera may be from its calibration, as standard deviations; 0 holds a parameter."""
 
-    Attributes:
-        rotation: about each axis [degrees].
-        position: along each axis [m].
-        focal: of the focal lengths, as a share.
-        centre: of the principal point along each axis, as a share of the larger side of the image.
-        offset: of the time [s].
-    """
-
-    rotation: float = 5.0
-    position: float = 0.2
-    focal: float = 0.02
-    centre: float = 0.01
-    offset: float = 0.05
+    rotation: float = setting(5.0, "Deviation of a camera's rotation about each of its axes, in degrees; 0 holds it.")
+    position: float = setting(0.2, "Deviation of its position along each of its axes, in metres; 0 holds it.")
+    focal: float = setting(0.02, "Deviation of its focal length, as a share of it; 0 holds it.")
+    centre: float = setting(
+        0.01, "Deviation of its principal point, as a share of the image's larger side; 0 holds it."
+    )
+    offset: float = setting(0.05, "Deviation of its time offset, in seconds; 0 holds it.")
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -52,7 +50,7 @@ class Deviations:
                 raise ValueError(f"{name} must be finite and not negative, got {value}")
 
     def of(self, rig: CameraRig) -> np.ndarray:
-        """(camera, parameter) in the parameters' units, for images of a rig's sizes."""
+        """(camera, parameter) these deviations in the parameters' units, for images of a rig's sizes."""
         sigma = np.zeros((len(rig), len(KINDS)))
         sigma[:, ROTATION] = np.radians(self.rotation)
         sigma[:, POSITION] = self.position
@@ -63,7 +61,7 @@ class Deviations:
 
 
 def changed(rig: CameraRig, change: np.ndarray) -> CameraRig:
-    """Cameras changed by parameters (camera, parameter)."""
+    """The cameras after a change (camera, parameter)."""
     from scipy.spatial.transform import Rotation
 
     turned = Rotation.from_rotvec(-change[:, ROTATION]).as_matrix()
@@ -87,7 +85,7 @@ def difference(rig: CameraRig, other: CameraRig) -> np.ndarray:
     return change
 
 
-def by_body(
+def camera_jacobian(
     rig: CameraRig,
     change: np.ndarray,
     axes: np.ndarray,
@@ -95,7 +93,7 @@ def by_body(
     velocity: np.ndarray,
     root: tuple[int, int],
 ) -> np.ndarray:
-    """What each camera's parameters do to its view, as steps of the body and of the camera's lens.
+    """What each camera's parameters do to its view, expressed as steps of the body and of the camera's lens.
 
     Args:
         rig: the cameras before they are changed.
@@ -107,18 +105,20 @@ def by_body(
         root: where the translation and the root's angles begin in the searched coordinates.
 
     Returns:
-        (frame, camera, dof + 3, parameter): by each parameter, the step of the searched coordinates, then of the lens.
+        (frame, camera, dof + 3, parameter) derivatives of the searched coordinates, then of the lens.
     """
     frames, cameras = axes.shape[:2]
     dof = velocity.shape[1]
     now = changed(rig, change)
-    # Of the axes that the rotation's parameters turn about now, in the world, in the columns.
+    # Columns of `turn` are the axes in the world that the rotation parameters turn about at this change.
     turn = transposed(now.R) @ _left_jacobian(-change[:, ROTATION])
     arm = origin[:, :, :, None] - now.centres[:, :, None]  # (frame, camera, 3, 1)
     step = np.zeros((frames, cameras, dof + 3, len(KINDS)))
     shift, angle = (slice(first, first + 3) for first in root)
+    # A rotation about the camera's centre turns the body, and shifts it because the root is elsewhere.
     step[:, :, shift, ROTATION] = -np.cross(np.broadcast_to(turn, axes.shape), arm, axis=2)
     step[:, :, angle, ROTATION] = -np.linalg.solve(axes, np.broadcast_to(turn, axes.shape))
+    # Position, lens and time act on their own.
     step[:, :, shift, POSITION] = -transposed(rig.R)
     step[:, :, dof:, LENS] = np.eye(3)
     step[:, :, :dof, OFFSET] = -velocity[:, None]
@@ -126,7 +126,7 @@ def by_body(
 
 
 def _left_jacobian(vector: np.ndarray) -> np.ndarray:
-    """(..., 3, 3): a rotation vector's small change turns the rotation by it times that, about fixed axes."""
+    """(..., 3, 3) the left Jacobian of a rotation vector: its small changes as rotations about fixed axes."""
     angle = np.linalg.norm(vector, axis=-1)[..., None, None]
     x, y, z = np.moveaxis(vector, -1, 0)
     zero = np.zeros_like(x)

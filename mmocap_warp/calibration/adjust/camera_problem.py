@@ -1,7 +1,7 @@
 """Cameras, body and poses as one least-squares problem over the contours of some frames.
 
-To the body's parameters, which all frames share, come those of the cameras and their times; the poses are eliminated
-as in :mod:`mmocap_warp.contour.body_problem`.
+All frames share the parameters of the body, of the cameras and of their times; the poses are eliminated as in
+:mod:`mmocap_warp.contour.body_problem`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.skeleton import ROOT_ANGLES
-from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, POSITION, by_body, changed
+from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, POSITION, camera_jacobian, changed
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.contour.body_problem import BodyProblem
 from mmocap_warp.contour.frame.fitter import ContourFitter, MatchingConfig
@@ -21,9 +21,9 @@ from mmocap_warp.contour.frame.normal_equations import NormalEquations, ViewEqua
 from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
 from mmocap_warp.masks.observation import Observation
 
-_LENGTH_SIGMA = 0.002  # [m], of a length that is known
+_LENGTH_SIGMA = 0.002  # metres: standard deviation of a length that is known
 LARGER = 1.0
-"""Standard deviation of by how much a camera's masks are larger, or smaller, than what they show [px]."""
+"""Standard deviation of the margin by which a camera's masks are larger than what they show [px]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class KnownLength:
 
     Attributes:
         metres: its value.
-        at: from the body's parameters and the cameras', its value there [m] and its derivative by all of them.
+        at: from the body's parameters and the cameras' changes, the length [m] and its derivative by all of them.
     """
 
     metres: float
@@ -41,10 +41,10 @@ class KnownLength:
 
 @dataclass(frozen=True, eq=False)
 class CameraProblem:
-    """What is known of cameras and of the person before them.
+    """The problem of cameras and the person before them.
 
-    Each camera's masks may be larger or smaller all around than what they show, by an amount of its own: what is taken
-    for the person depends on the background. It would be taken for a camera that is nearer, or a longer lens.
+    Each camera's masks may be larger all around than what they show by a margin of its own, because segmentation
+    depends on the background. Without this parameter the margin would look like a nearer camera or a longer lens.
 
     Attributes:
         fitter: of the space's body, with its parameters and with lenses, observing the frames.
@@ -53,9 +53,9 @@ class CameraProblem:
         space: bodies around the one that is expected.
         rooting: moves poses; it searches the root's translation and all its angles.
         share: of the space's standard deviations, how far from the expected body the person may be.
-        sigma: (camera, parameter) how far cameras may be from ``rig``; zero for what is held.
+        sigma: (camera, parameter) how far cameras may be from ``rig``; zero holds a parameter.
         known: lengths that are known.
-        larger: standard deviation of by how much each camera's masks are larger than what they show [px]; 0 holds it.
+        larger: standard deviation of each camera's margin [px]; 0 holds it.
     """
 
     fitter: ContourFitter
@@ -79,70 +79,73 @@ class CameraProblem:
         return free
 
     @property
-    def _own(self) -> np.ndarray:
-        """(camera, parameter + 1) bool: likewise, then whether by how much its masks are larger is."""
+    def _free_with_margin(self) -> np.ndarray:
+        """(camera, parameter + 1) bool: the same, and in the last column whether the masks' margin is solved for."""
         return np.concatenate([self.free, np.full((len(self.rig), 1), self.larger > 0)], axis=1)
 
     @property
     def of_cameras(self) -> np.ndarray:
-        """(parameter,) bool: which of the problem's parameters are those of the cameras that are free."""
-        own = self._own
-        masks = np.arange(own.shape[1]) == len(KINDS)
-        return np.concatenate([np.zeros(len(self.space.names), bool), ~np.broadcast_to(masks, own.shape)[own]])
+        """(parameter,) bool: which of the problem's parameters are cameras' changes, neither body nor margins."""
+        free = self._free_with_margin
+        margin = np.arange(free.shape[1]) == len(KINDS)
+        return np.concatenate([np.zeros(len(self.space.names), bool), ~np.broadcast_to(margin, free.shape)[free]])
 
     def problem(self, velocity: np.ndarray) -> BodyProblem:
-        """The problem whose parameters are the body's, then each camera's: what of it is free, and its masks' size.
+        """The problem whose parameters are the body's, then each camera's free ones and its margin.
 
         Args:
             velocity: (frame, dof) of the searched coordinates in the frames [m/s, rad/s].
         """
 
         def linearise(frames: np.ndarray, rooted: RootedPoses, parameters: np.ndarray) -> NormalEquations:
-            return self._linearised(frames, rooted, velocity, parameters)
+            return self._linearise(frames, rooted, velocity, parameters)
 
         own = np.concatenate([self.sigma, np.full((len(self.rig), 1), self.larger)], axis=1)
-        sigma = np.concatenate([self.share * self.space.sigma, own[self._own]])
+        sigma = np.concatenate([self.share * self.space.sigma, own[self._free_with_margin]])
         return BodyProblem(linearise, self.rooting, np.zeros(len(sigma)), sigma)
 
     def start(self, beta: np.ndarray, change: np.ndarray) -> np.ndarray:
-        """The problem's parameters of a body (parameter,), and of cameras that are changed (camera, parameter)."""
+        """The problem's parameters for a body (parameter,) and changes of the cameras (camera, parameter)."""
         own = np.concatenate([change, np.zeros((len(change), 1))], axis=1)
-        return np.concatenate([beta, own[self._own]])
+        return np.concatenate([beta, own[self._free_with_margin]])
 
     def change(self, parameters: np.ndarray) -> np.ndarray:
-        """(camera, parameter) by which cameras are changed, of the problem's parameters."""
-        return self._changes(parameters)[0]
+        """(camera, parameter) the cameras' changes among the problem's parameters."""
+        return self._unpack(parameters)[0]
 
-    def _changes(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """By what cameras are changed (camera, parameter), and by how much their masks are larger (camera,) [px]."""
-        own = np.zeros(self._own.shape)
-        own[self._own] = parameters[len(self.space.names) :]
+    def _unpack(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The cameras' changes (camera, parameter), and their masks' margins (camera,) [px]."""
+        own = np.zeros(self._free_with_margin.shape)
+        own[self._free_with_margin] = parameters[len(self.space.names) :]
         return own[:, :-1], own[:, -1]
 
-    def _linearised(
+    def _linearise(
         self, frames: np.ndarray, rooted: RootedPoses, velocity: np.ndarray, parameters: np.ndarray
     ) -> NormalEquations:
+        # Give the fitter the body and the cameras of these parameters.
         vertex, beta = self.space.body.tracking_vertex, parameters[: len(self.space.names)]
-        change, larger = self._changes(parameters)
+        change, larger = self._unpack(parameters)
         self.fitter.reshape(*self.space.at(beta, vertex))
         self.fitter.set_change(*self.space.basis(beta, vertex))
         self.fitter.set_cameras(changed(self.rig, change))
         self.fitter.set_larger(larger)
+        # Each view's equations in steps of body and lens, and these steps by the camera's parameters.
         views = self._views(frames, rooted, velocity, self.lag + change[:, OFFSET])
         dof, shared = velocity.shape[1], velocity.shape[1] + len(beta)
         searched = self.rooting.searched
         root = int(np.searchsorted(searched, 0)), int(np.searchsorted(searched, ROOT_ANGLES.start))
-        motion = by_body(self.rig, change, views.axes, views.origin, velocity, root)
+        motion = camera_jacobian(self.rig, change, views.axes, views.origin, velocity, root)
         by_camera = np.zeros((*views.matrix.shape[:3], len(KINDS) + 1))
         by_camera[:, :, :dof, :-1], by_camera[:, :, shared:-1, :-1] = motion[:, :, :dof], motion[:, :, dof:]
         by_camera[:, :, -1, -1] = 1.0
-        equations = _joined(views, by_camera, shared, self._own)
+        # All views together, and the lengths that are known.
+        equations = _join_views(views, by_camera, shared, self._free_with_margin)
         for length in self.known:
-            _hold(equations, length, dof, beta, change, self._own)
+            _add_length(equations, length, dof, beta, change, self._free_with_margin)
         return equations
 
     def _views(self, frames: np.ndarray, rooted: RootedPoses, velocity: np.ndarray, lag: np.ndarray) -> ViewEquations:
-        """Each view against the body as it was so much earlier as the view lags, ``lag`` (camera,) [s]."""
+        """Each view against the body as it was when the view's images were taken, with ``lag`` (camera,) [s]."""
         first, *others = np.unique(lag)
         views = self._at_time(frames, rooted, -first * velocity)
         for seconds in others:
@@ -161,7 +164,7 @@ def camera_fitter(
     device: str,
     threads: int,
 ) -> ContourFitter:
-    """A fitter with the space's parameters and with lenses, which observes some frames, a candidate for each."""
+    """A fitter of the space's body with lenses, which observes some frames, one candidate for each."""
     skeleton = space.body.skeleton
     fitter = ContourFitter(
         space.body, rig, skeleton.searched(), skeleton.coordinate_limits,
@@ -172,14 +175,16 @@ def camera_fitter(
     return fitter
 
 
-def _joined(views: ViewEquations, by_camera: np.ndarray, shared: int, own: np.ndarray) -> NormalEquations:
-    """All views together: poses and body, then of each camera what is its own and sought."""
+def _join_views(views: ViewEquations, by_camera: np.ndarray, shared: int, own: np.ndarray) -> NormalEquations:
+    """The equations of all views: poses and body first, then each camera's parameters that are solved for."""
     frames, cameras = views.cost.shape
     kinds = by_camera.shape[-1]
     size = shared + cameras * kinds
     matrix, gradient = np.zeros((frames, size, size)), np.zeros((frames, size))
+    # All views share poses and body.
     matrix[:, :shared, :shared] = views.matrix[:, :, :shared, :shared].sum(axis=1)
     gradient[:, :shared] = views.gradient[:, :, :shared].sum(axis=1)
+    # Each camera has a block of its own, and one beside poses and body.
     moved = views.matrix @ by_camera
     square = np.swapaxes(by_camera, 2, 3) @ moved
     toward = np.einsum("fkni,fkn->fki", by_camera, views.gradient)
@@ -189,14 +194,15 @@ def _joined(views: ViewEquations, by_camera: np.ndarray, shared: int, own: np.nd
         matrix[:, place, :shared] = np.swapaxes(moved[:, k, :shared], 1, 2)
         matrix[:, place, place] = square[:, k]
         gradient[:, place] = toward[:, k]
+    # Only parameters that are solved for stay.
     kept = np.concatenate([np.ones(shared, bool), own.ravel()])
     return NormalEquations(matrix[:, kept][:, :, kept], gradient[:, kept], views.cost.sum(axis=1))
 
 
-def _hold(
+def _add_length(
     equations: NormalEquations, length: KnownLength, dof: int, beta: np.ndarray, change: np.ndarray, own: np.ndarray
 ) -> None:
-    """Add what is known of a length to the first frame's equations, in place: it belongs to all alike."""
+    """Add a known length to the first frame's equations, in place; it counts once for all frames."""
     value, derivative = length.at(beta, change)
     by_camera = np.concatenate([derivative[len(beta) :].reshape(change.shape), np.zeros((len(change), 1))], axis=1)
     row = np.concatenate([np.zeros(dof), derivative[: len(beta)], by_camera[own]]) / _LENGTH_SIGMA

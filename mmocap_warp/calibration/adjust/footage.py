@@ -11,16 +11,16 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.scene.recording import Scene
 
-_RATE = 30.0  # frames a second that are enough to follow a person
-_LONGEST = 20.0  # [s] of a recording
-_LARGEST = 640  # px, the longer side of images that are enough for outlines
+_RATE = 30.0  # frames a second: more are not needed to follow a person
+_MAX_SECONDS = 20.0  # seconds of a recording that are used
+_MAX_PIXELS = 640  # pixels of an image's longer side: more are not needed for outlines
 
 
 @dataclass(frozen=True)
 class Footage:
-    """A recording's masks, read as often as its cameras' times change.
+    """A recording's masks, read again whenever its cameras' times change.
 
-    Masks are as they were given: repairing them would need the calibration that is in doubt.
+    The masks are read without repair, because repairing them would need the calibration that is in doubt.
 
     Attributes:
         scene: the recording.
@@ -34,7 +34,7 @@ class Footage:
     def of(cls, scene: Scene, scale: float | None = None) -> Footage:
         """The footage of a scene, by default in images at most 640 pixels long."""
         unrepaired = replace(scene, foreground=replace(scene.foreground, repair=False))
-        return cls(unrepaired, scale or min(1.0, _LARGEST / float(scene.calibrated.size.max())))
+        return cls(unrepaired, scale or min(1.0, _MAX_PIXELS / float(scene.calibrated.size.max())))
 
     @property
     def rig(self) -> CameraRig:
@@ -43,34 +43,35 @@ class Footage:
 
     @property
     def fps(self) -> float:
-        """Of the frames that are followed."""
+        """Frames per second of the frames that are used."""
         return self.scene.rate / self._step
 
     @property
     def _step(self) -> int:
         return max(1, int(self.scene.rate / _RATE))
 
-    def whole(self, offset: np.ndarray) -> np.ndarray:
-        """(camera,) which of its frames each camera has for the recording's first, with offsets (camera,) [s] more."""
-        return np.rint(self._total(offset) * self._own_fps).astype(int)
-
-    def rest(self, offset: np.ndarray) -> np.ndarray:
-        """(camera,) what is left of all offsets beside whole frames [s]."""
-        left: np.ndarray = self._total(offset) - self.whole(offset) / self._own_fps
-        return left
-
-    def _total(self, offset: np.ndarray) -> np.ndarray:
-        said = np.array([source.frame_offset + source.fraction for source in self.scene.cameras])
-        total: np.ndarray = offset + said / self._own_fps
-        return total
-
     @property
-    def _own_fps(self) -> np.ndarray:
-        """(camera,) frames a second."""
+    def _camera_fps(self) -> np.ndarray:
+        """(camera,) each camera's own frames per second."""
         return self.scene.fps * np.array([source.rate for source in self.scene.cameras])
 
+    def _total(self, offset: np.ndarray) -> np.ndarray:
+        """(camera,) the scene's offsets and ``offset`` together [s]."""
+        stated = np.array([source.frame_offset + source.fraction for source in self.scene.cameras])
+        total: np.ndarray = offset + stated / self._camera_fps
+        return total
+
+    def whole(self, offset: np.ndarray) -> np.ndarray:
+        """(camera,) the number of each camera's first frame, if offsets grow by ``offset`` (camera,) [s]."""
+        return np.rint(self._total(offset) * self._camera_fps).astype(int)
+
+    def rest(self, offset: np.ndarray) -> np.ndarray:
+        """(camera,) the part of these offsets that whole frames leave over [s]."""
+        left: np.ndarray = self._total(offset) - self.whole(offset) / self._camera_fps
+        return left
+
     def observations(self, offset: np.ndarray) -> list[Observation]:
-        """The masks of the frames that are followed, each camera's of the whole frame that is nearest.
+        """The masks of the frames that are used; each camera gives its nearest whole frame.
 
         Args:
             offset: (camera,) by how much more cameras lag than the scene says [s].
@@ -80,6 +81,6 @@ class Footage:
             for source, frames in zip(self.scene.cameras, self.whole(offset), strict=True)
         )
         scene = replace(self.scene, cameras=shifted)
-        count = min(scene.frame_count, max(1, round(_LONGEST * scene.rate)))
+        count = min(scene.frame_count, max(1, round(_MAX_SECONDS * scene.rate)))
         masks = islice(scene.masks(self.scale, count=count), 0, None, self._step)
         return [Observation.from_masks(views) for views in masks]

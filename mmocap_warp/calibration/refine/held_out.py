@@ -8,20 +8,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mmocap_warp.body.posing import Poser
-from mmocap_warp.body.rest_space import RestSpace
-from mmocap_warp.calibration.adjust.camera_changes import KINDS
+from mmocap_warp.calibration.adjust.adjustment import Adjustment
+from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, changed
 from mmocap_warp.calibration.adjust.camera_problem import CameraProblem, camera_fitter
+from mmocap_warp.calibration.adjust.person_motion import Motion, Person
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.cameras.silhouette import intersection_over_union, silhouettes
 from mmocap_warp.contour.frame.fitter import WIDE, MatchingConfig
-from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
+from mmocap_warp.contour.frame.rooted import RootedPoses
+from mmocap_warp.fitting.frame_fit import PRIOR
 from mmocap_warp.masks.observation import Observation, unpack_masks
 
-_STEPS = (4, 8)  # with wide matching, then with the usual one
+_STAGES = ((WIDE, 4), (MatchingConfig(), 8))  # how contours are matched, and the steps of each stage
 
 
 @dataclass(frozen=True, eq=False)
-class Explained:
+class Overlaps:
     """Intersection over union of masks and the body.
 
     Attributes:
@@ -33,72 +35,55 @@ class Explained:
     apart: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
-class HeldOut:
+class HeldOutFrames:
     """Frames that judge cameras.
 
-    Attributes:
-        space: bodies around the one that is expected.
-        rooting: moves poses.
-        share: of the space's standard deviations, how far from the expected body the person may be.
-        device: a Warp device.
-        threads: CPU threads.
+    Args:
+        adjustment: of the cameras.
+        person: whose frames that the cameras are solved from are left out.
+        beta: (parameter,) body to start from.
     """
 
-    space: RestSpace
-    rooting: Rooting
-    share: float
-    device: str
-    threads: int
+    def __init__(self, adjustment: Adjustment, person: Person, beta: np.ndarray) -> None:
+        config = adjustment.config
+        self._adjustment, self._beta = adjustment, beta
+        self._frames = person.between(config.judges, person.spread(config.frames))
+        motion: Motion = person.motion
+        self._rooting, self._start = motion.rooting, motion.rooted[self._frames]
+        self._velocity = motion.velocity(self._frames)
 
-    def explained(
-        self,
-        rig: CameraRig,
-        lag: np.ndarray,
-        observations: Sequence[Observation],
-        start: RootedPoses,
-        beta: np.ndarray,
-        velocity: np.ndarray,
-    ) -> Explained:
-        """How well a rig explains frames, whose body and poses are solved with it.
-
-        Args:
-            rig: the cameras.
-            lag: (camera,) how much later in its own frames each shows what happens [s].
-            observations: the masks of the frames.
-            start: poses to start from.
-            beta: (parameter,) body to start from.
-            velocity: (frame, dof) of the searched coordinates.
-        """
+    def overlaps(self, change: np.ndarray) -> Overlaps:
+        """How well cameras changed by (camera, parameter) explain the frames; body and poses are solved with them."""
+        footage = self._adjustment.footage
+        rig, lag = changed(self._adjustment.given, change), footage.rest(change[:, OFFSET])
+        read = footage.observations(change[:, OFFSET])
+        observations = [read[frame] for frame in self._frames]
+        # Each view is judged by a body and poses that it had no part in.
         apart = np.full(len(rig), np.nan)
         for k in range(len(rig)):
-            others = [_without(observation, k) for observation in observations]
-            solved = self._solved(rig, lag, others, start, beta, velocity)
-            apart[k] = self._overlap(rig, k, lag[k], observations, *solved, velocity)
-        solved = self._solved(rig, lag, observations, start, beta, velocity)
-        together = [self._overlap(rig, k, lag[k], observations, *solved, velocity) for k in range(len(rig))]
-        return Explained(np.array(together), apart)
+            solution = self._solve(rig, lag, [_without_view(observation, k) for observation in observations])
+            apart[k] = self._mean_overlap(rig, k, lag[k], observations, *solution)
+        solution = self._solve(rig, lag, observations)
+        together = [self._mean_overlap(rig, k, lag[k], observations, *solution) for k in range(len(rig))]
+        return Overlaps(np.array(together), apart)
 
-    def _solved(
-        self,
-        rig: CameraRig,
-        lag: np.ndarray,
-        observations: Sequence[Observation],
-        rooted: RootedPoses,
-        beta: np.ndarray,
-        velocity: np.ndarray,
+    def _solve(
+        self, rig: CameraRig, lag: np.ndarray, observations: Sequence[Observation]
     ) -> tuple[RootedPoses, np.ndarray]:
-        """Poses and the body's parameters."""
-        frames = np.arange(len(rooted))
-        for matching, steps in zip((WIDE, MatchingConfig()), _STEPS, strict=True):
-            fitter = camera_fitter(self.space, rig, observations, matching, self.device, self.threads)
-            held = np.zeros((len(rig), len(KINDS)))
-            problem = CameraProblem(fitter, rig, lag, self.space, self.rooting, self.share, held, larger=0)
-            solution = problem.problem(velocity).solved(frames, rooted, problem.start(beta, held), steps)
+        """Poses and the body's parameters, with cameras held."""
+        rooted, beta, space = self._start, self._beta, self._adjustment.space
+        held = np.zeros((len(rig), len(KINDS)))
+        for matching, steps in _STAGES:
+            fitter = camera_fitter(
+                space, rig, observations, matching, self._adjustment.device, self._adjustment.threads
+            )
+            problem = CameraProblem(fitter, rig, lag, space, self._rooting, PRIOR, held, larger=0)
+            start = problem.start(beta, held)
+            solution = problem.problem(self._velocity).solved(np.arange(len(rooted)), rooted, start, steps)
             rooted, beta = solution.rooted, solution.beta[: len(beta)]
         return rooted, beta
 
-    def _overlap(
+    def _mean_overlap(
         self,
         rig: CameraRig,
         k: int,
@@ -106,24 +91,23 @@ class HeldOut:
         observations: Sequence[Observation],
         rooted: RootedPoses,
         beta: np.ndarray,
-        velocity: np.ndarray,
     ) -> float:
         """Mean overlap of a view's masks with the body; NaN where it sees nobody."""
-        solved, camera = self.space.model(beta), rig.select((rig.names[k],))
-        there = self.rooting.stepped(rooted, -lag * velocity)
-        pose = self.rooting.leave(there, np.zeros(3))
-        vertices = Poser(solved, self.rooting.root_base).tracking_vertices(pose)
+        # The body as it was when the view's images were taken.
+        body, camera = self._adjustment.space.model(beta), rig.select((rig.names[k],))
+        pose = self._rooting.leave(self._rooting.stepped(rooted, -lag * self._velocity), np.zeros(3))
+        vertices = Poser(body, self._rooting.root_base).tracking_vertices(pose)
         overlaps = []
         for observation, posed in zip(observations, vertices, strict=True):
             if observation.foreground[k]:
-                drawn = silhouettes(camera, posed, solved.tracking_face)[0]
+                drawn = silhouettes(camera, posed, body.tracking_face)[0]
                 mask = unpack_masks(observation.words[k : k + 1], camera.size)[0]
                 overlaps.append(intersection_over_union(drawn, mask))
         return float(np.mean(overlaps)) if overlaps else float("nan")
 
 
-def _without(observation: Observation, k: int) -> Observation:
-    """The frame with a view of which nothing was seen."""
+def _without_view(observation: Observation, k: int) -> Observation:
+    """The frame as if one view had seen nothing."""
     words, foreground = observation.words.copy(), observation.foreground.copy()
     words[k], foreground[k] = 0, 0
     return replace(observation, words=words, foreground=foreground)

@@ -1,7 +1,13 @@
 """Cameras and their times made better by the person before them.
 
-Cameras, times, body and poses are adjusted, the person is followed again with what was found, and so on. Of all
-parameters only those change that have to. Frames that had no part in it judge whether that is better than before.
+Cameras, times, body and poses are adjusted, the person is tracked again with the result, and so on. Frames that had no
+part in it judge whether that is better than before.
+
+**Only those parameters change that have to.** Every camera that may turn, move and zoom explains masks a little better,
+and is a little wrong by that. So the parameters that matter least return to where they were and the others follow, as
+long as they matter less than chance does (backward elimination). What belongs together, such as a position along three
+axes, returns together: a camera that was moved has moved along its view too, and a longer lens, which looks nearly like
+that alone, is not needed beside it.
 """
 
 from __future__ import annotations
@@ -13,27 +19,30 @@ import numpy as np
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.calibration.adjust.adjustment import AdjustConfig, Adjustment, Person, Progress, moved_subject
 from mmocap_warp.calibration.adjust.camera_changes import CENTRE, OFFSET, RESPECT, changed
-from mmocap_warp.calibration.refine.held_out import Explained, HeldOut
-from mmocap_warp.calibration.refine.significance import selected
+from mmocap_warp.calibration.refine.held_out import HeldOutFrames, Overlaps
 from mmocap_warp.cameras.rig import CameraRig
-from mmocap_warp.fitting.frame_fit import PRIOR
 from mmocap_warp.scene.recording import Scene
 
 _ROUNDS = 2
-STATED = 0.5  # of what one frame leaves unsure: what all frames together do on made people, moving or standing
+STATED = 0.5
+"""Share of one frame's standard deviations that is stated for all frames: measured on made people, moving or not."""
+CLEAR = 4.0
+"""Standard deviations by which parameters that belong together must differ from where they were, in the mean."""
+UNDETERMINED = 0.7
+"""A parameter known no better than this share of its prior standard deviation is not determined."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Refinement:
-    """Cameras as they were found.
+    """Refined cameras.
 
     Attributes:
-        rig: as calibrated, at full size, with what was found.
+        rig: the calibrated cameras at full size, with the changes.
         change: (camera, parameter) by which they differ from the calibration, see
             :data:`~mmocap_warp.calibration.adjust.camera_changes.KINDS`; pixels are those of the calibrated images.
-        sigma: (camera, parameter) standard deviations; of those that stayed, as they would be known.
+        sigma: (camera, parameter) standard deviations; for parameters that stayed, what they would be.
         moved: (camera, parameter) bool: those that changed; all others are exactly what they were.
-        undetermined: (camera, parameter) bool: those that the masks do not tell.
+        undetermined: (camera, parameter) bool: those that the masks do not determine.
         fixed: number of the camera that stood still.
         before, after: how well frames that had no part are explained.
     """
@@ -44,8 +53,8 @@ class Refinement:
     moved: np.ndarray
     undetermined: np.ndarray
     fixed: int
-    before: Explained
-    after: Explained
+    before: Overlaps
+    after: Overlaps
 
     @property
     def better(self) -> bool:
@@ -55,6 +64,26 @@ class Refinement:
             for before, after in ((self.before.together, self.after.together), (self.before.apart, self.after.apart))
         ]
         return bool(self.moved.any()) and min(gains) > 0
+
+    def offsets(self, scene: Scene) -> dict[str, float]:
+        """The delay of each camera with the changes, as a scene file states it [s].
+
+        Args:
+            scene: the recording that was refined.
+        """
+        stated = [(source.frame_offset + source.fraction) / (scene.fps * source.rate) for source in scene.cameras]
+        names, changes = self.rig.names, self.change[:, OFFSET]
+        return {
+            name: round(seconds + float(change), 6)
+            for name, seconds, change in zip(names, stated, changes, strict=True)
+        }
+
+    def __repr__(self) -> str:
+        moved = [name for name, kinds in zip(self.rig.names, self.moved, strict=True) if kinds.any()]
+        before, after = (float(np.nanmean(each.together)) for each in (self.before, self.after))
+        verdict = "better" if self.better else "not better"
+        names = ", ".join(moved) or "no camera"
+        return f"Refinement: {names} moved, held-out IoU {before:.3f} to {after:.3f}, {verdict}"
 
 
 def refine(
@@ -66,69 +95,104 @@ def refine(
         scene: the recording.
         body: the generic body that the person's is expected to be near to.
         config: settings.
-        progress: told after every stage.
+        progress: called after every stage.
 
     Raises:
         ValueError: a camera that the scene does not have.
-        InputError: masks that show nobody, too few frames in which the person could be followed.
+        InputError: masks that show nobody, too few frames in which the person could be tracked.
     """
     adjustment = Adjustment(scene, body, config or AdjustConfig())
-    told = progress or (lambda stage, done: None)
-    change = adjustment.started()
-    fixed = adjustment.stillest(change)
-    change, _ = adjustment.seen_from(change, fixed)
-    told("silhouettes", 0.05)
-    subject = adjustment.fitted(change)
-    told("body", 0.3)
-    change, person = adjustment.with_lags(change, adjustment.followed(change, subject))
+    report = progress or (lambda stage, done: None)
+    # A rough start, in the world of the camera that moved least.
+    change = adjustment.start()
+    fixed = adjustment.stillest_camera(change)
+    change, _, _ = adjustment.relative_to(change, fixed)
+    report("silhouettes", 0.05)
+    subject = adjustment.fit_body(change)
+    report("body", 0.3)
+    change, person = adjustment.add_whole_lags(change, adjustment.track_person(change, subject))
+    # Solve and track in turns; the camera that stands still is chosen anew each time.
     for number in range(_ROUNDS):
-        adjusted = adjustment.solved(change, person, adjustment.with_fixed(fixed), again=number > 0)
-        fixed = adjustment.stillest(adjusted.change)
-        change, motion = adjustment.seen_from(adjusted.change, fixed)
-        body_found = replace(person.subject, body=adjustment.space.model(adjusted.beta), pose=adjusted.pose)
-        person = adjustment.followed(change, moved_subject(body_found, *motion))
-        told("cameras", 0.5 + 0.15 * number)
-    found = _chosen(adjustment, change, person, fixed)
-    told("judged", 1.0)
-    return found
+        solution = adjustment.solve(change, person, adjustment.sigma_with_fixed(fixed), again=number > 0)
+        fixed = adjustment.stillest_camera(solution.change)
+        change, *motion = adjustment.relative_to(solution.change, fixed)
+        subject = replace(person.subject, body=adjustment.space.model(solution.beta), pose=solution.pose)
+        person = adjustment.track_person(change, moved_subject(subject, *motion))
+        report("cameras", 0.5 + 0.15 * number)
+    refinement = _select_and_judge(adjustment, change, person, fixed)
+    report("judged", 1.0)
+    return refinement
 
 
-def _chosen(adjustment: Adjustment, change: np.ndarray, person: Person, fixed: int) -> Refinement:
-    """Only what has to change, and what that is worth."""
-    sigma = adjustment.with_fixed(fixed)
-    adjusted = adjustment.solved(change, person, sigma, again=True)
-    free = adjusted.free
+def _select_and_judge(adjustment: Adjustment, change: np.ndarray, person: Person, fixed: int) -> Refinement:
+    """The refinement in which only those parameters change that have to, judged by held-out frames."""
+    # Which parameters have to change.
+    sigma = adjustment.sigma_with_fixed(fixed)
+    solution = adjustment.solve(change, person, sigma, again=True)
+    free = solution.free
     group = RESPECT + (RESPECT.max() + 1) * np.arange(len(free))[:, None]
-    selection = selected(adjusted.change[free], adjusted.covariance, sigma[free], group[free])
+    selection = select_parameters(solution.change[free], solution.covariance, sigma[free], group[free])
     moved, determined, deviation = np.zeros(free.shape, bool), ~free, np.zeros(free.shape)
     moved[free], determined[free], deviation[free] = selection.moved, selection.determined, selection.sigma
-    change, beta = np.where(moved, adjusted.change, 0.0), adjusted.beta
+    # Solve once more for these alone.
+    change, beta = np.where(moved, solution.change, 0.0), solution.beta
     if moved.any():
-        adjusted = adjustment.solved(change, person, np.where(moved, sigma, 0.0), again=True)
-        change, beta = adjusted.change, adjusted.beta
-    before, after = _judged(adjustment, change, person, beta)
+        solution = adjustment.solve(change, person, np.where(moved, sigma, 0.0), again=True)
+        change, beta = solution.change, solution.beta
+    held_out = HeldOutFrames(adjustment, person, beta)
+    before, after = held_out.overlaps(np.zeros(change.shape)), held_out.overlaps(change)
+    # Principal points are given in pixels of the calibrated images.
     full = np.ones(change.shape)
-    full[:, CENTRE] = 1.0 / adjustment.footage.scale  # pixels of the calibrated images
+    full[:, CENTRE] = 1.0 / adjustment.footage.scale
     rig = changed(adjustment.scene.calibrated, full * change)
     return Refinement(rig, full * change, STATED * full * deviation, moved, ~determined, fixed, before, after)
 
 
-def _judged(
-    adjustment: Adjustment, change: np.ndarray, person: Person, beta: np.ndarray
-) -> tuple[Explained, Explained]:
-    frames = person.between(adjustment.config.judges, person.spread(adjustment.config.frames))
-    judge = HeldOut(adjustment.space, person.motion.rooting, PRIOR, adjustment.device, adjustment.threads)
-    explained = []
-    for each in (np.zeros(change.shape), change):
-        observations = adjustment.footage.observations(each[:, OFFSET])
-        explained.append(
-            judge.explained(
-                changed(adjustment.given, each),
-                adjustment.footage.rest(each[:, OFFSET]),
-                [observations[frame] for frame in frames],
-                person.motion.rooted[frames],
-                beta,
-                person.motion.velocity(frames),
-            )
-        )
-    return explained[0], explained[1]
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """Which parameters have to change.
+
+    Attributes:
+        moved: (parameter,) bool: those that have to change.
+        determined: (parameter,) bool: those that the data determine, each with those that moved unknown beside it.
+        sigma: (parameter,) their standard deviations, likewise.
+    """
+
+    moved: np.ndarray
+    determined: np.ndarray
+    sigma: np.ndarray
+
+
+def select_parameters(value: np.ndarray, covariance: np.ndarray, prior: np.ndarray, group: np.ndarray) -> Selection:
+    """Choose among parameters.
+
+    Args:
+        value: (parameter,) how far each is from where it was.
+        covariance: (parameter, parameter) of all.
+        prior: (parameter,) standard deviations before anything was seen.
+        group: (parameter,) int, the same for those that belong together.
+    """
+    information = np.linalg.inv(covariance)
+    moved = np.ones(len(value), bool)
+    while moved.any():
+        # The best values of the parameters that are left, once the others are back at zero.
+        at = np.flatnonzero(moved)
+        own = np.linalg.inv(information[np.ix_(at, at)])
+        best = value[at] - own @ (information[np.ix_(at, np.flatnonzero(~moved))] @ -value[~moved])
+        # The group with the shortest mean Mahalanobis distance from zero returns there, unless it is clearly away.
+        distance = {}
+        for number in np.unique(group[at]):
+            together = group[at] == number
+            squared = best[together] @ np.linalg.solve(own[np.ix_(together, together)], best[together])
+            distance[number] = np.sqrt(squared / together.sum())
+        least = min(distance, key=lambda number: distance[number])
+        if distance[least] >= CLEAR:
+            break
+        moved[group == least] = False
+    # Each parameter's standard deviation, with those that moved unknown beside it.
+    sigma = np.empty(len(value))
+    for parameter in range(len(value)):
+        unknown = np.flatnonzero(moved | (np.arange(len(value)) == parameter))
+        own = np.linalg.inv(information[np.ix_(unknown, unknown)])
+        sigma[parameter] = np.sqrt(own[unknown == parameter][:, unknown == parameter][0, 0])
+    return Selection(moved, sigma <= UNDETERMINED * prior, sigma)

@@ -1,7 +1,7 @@
-"""Metres, the floor and the vertical for cameras that know how they stand to each other, from a person of known height.
+"""Metres, the floor and the vertical for cameras whose relative poses are known, from a person of known height.
 
-Where a plane through two cameras touches the head, or a foot, is a point of the body itself. Heads that walk about lie
-in a plane, but for the bobbing of the gait, and feet on the floor in another.
+Where a plane through two cameras touches the head, or a foot, is a point of the body itself. The heads of all frames
+lie in a plane, apart from the bobbing of the gait, and the feet on the floor lie in another.
 """
 
 from __future__ import annotations
@@ -10,21 +10,21 @@ from dataclasses import replace
 
 import numpy as np
 
+from mmocap_warp.calibration.solve import UnsolvableError
 from mmocap_warp.calibration.solve.person_axis import PersonInView
 from mmocap_warp.calibration.solve.tangents import Pinholes, Tangents
-from mmocap_warp.calibration.solve.unsolvable import UnsolvableError
 
-_END = 0.07  # of the person's length in a view, within which a point belongs to the head or to a foot
-_AGREED = 3.0  # [px], of a tangent that both views agree on
-_STEEP = 0.2  # sine of the angle between two rays that say where they meet
-_SOLE = 0.010  # [m], height over the floor of a foot's point that such a plane touches: soles are round, and roll
-_OUTLIER = 0.02  # of the person's height: where heights begin to count for less
-_AXIS = 0.05  # of the person's height: the body's axis tells the vertical as points do that lie so far about the middle
+_END_SHARE = 0.07  # share of the person's length in a view at either end that belongs to the head or to a foot
+_MAX_MISS = 3.0  # pixels: residual of a tangent that both views agree on, at most
+_MIN_SINE = 0.2  # sine of the angle between two rays that meet in a definite point, at least
+_SOLE = 0.010  # metres over the floor of the foot's point that a plane touches: soles are round, and roll
+_OUTLIER = 0.02  # share of the person's height: points that lie farther from their plane begin to count less
+_AXIS = 0.05  # share of the person's height: the body's axis weighs as much as points at this distance from the middle
 _REWEIGHTINGS = 30
-_FEWEST = 20  # points of heads, and of feet
+_MIN_POINTS = 20  # points of heads, and of feet
 
 
-def levelled(
+def level_world(
     cameras: Pinholes, tangents: Tangents, missed: np.ndarray, people: list[PersonInView], stature: float
 ) -> Pinholes:
     """The cameras in a world in metres, whose floor is at z = 0 and whose z points up; its origin is below the heads.
@@ -39,15 +39,19 @@ def levelled(
     Raises:
         UnsolvableError: too few points of heads or of feet.
     """
+    # Points of heads and feet.
     heads, head_frame = head_points(cameras, tangents, missed, people)
-    feet, foot_frame = _points(cameras, tangents, missed, np.all(_along(tangents, people) < _END, axis=0))
-    if min(len(heads), len(feet)) < _FEWEST:
+    at_feet = np.all(_along_person(tangents, people) < _END_SHARE, axis=0)
+    feet, foot_frame = _points(cameras, tangents, missed, at_feet)
+    if min(len(heads), len(feet)) < _MIN_POINTS:
         raise UnsolvableError(
             f"only {len(heads)} points of the head and {len(feet)} of the feet are seen by two cameras that agree, and "
-            f"{_FEWEST} of each are needed for the floor; record more steps, or check that the cameras are synchronous"
+            f"{_MIN_POINTS} of each are needed for the floor; record more steps, or check that the cameras are "
+            "synchronous"
         )
-    upright = _upright(heads, head_frame, feet, foot_frame)
-    turn, feet_height, top = _two_planes(heads, feet, upright)
+    # The rotation that makes both planes level, and the scale that puts the heads at their height over the floor.
+    upright = _person_axis(heads, head_frame, feet, foot_frame)
+    turn, feet_height, top = _fit_two_planes(heads, feet, upright)
     scale = (stature - _SOLE) / (top - feet_height)
     floor = feet_height - _SOLE / scale
     middle = np.append(np.median((heads @ turn.T)[:, :2], axis=0), floor)
@@ -57,20 +61,18 @@ def levelled(
 def head_points(
     cameras: Pinholes, tangents: Tangents, missed: np.ndarray, people: list[PersonInView]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Points of the head that two views agree on, (n, 3) in the cameras' world, and their frames (n,); as above."""
-    return _points(cameras, tangents, missed, np.all(_along(tangents, people) > 1 - _END, axis=0))
+    """Points of the head that two views agree on, (n, 3) in the cameras' world, and their frames (n,).
+
+    The arguments are those of :func:`level_world`.
+    """
+    return _points(cameras, tangents, missed, np.all(_along_person(tangents, people) > 1 - _END_SHARE, axis=0))
 
 
 def _points(
     cameras: Pinholes, tangents: Tangents, missed: np.ndarray, wanted: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    points, meet = _meeting(cameras, tangents)
-    use = wanted & meet & (np.abs(missed) < _AGREED)
-    return points[use], tangents.frame[use]
-
-
-def _meeting(cameras: Pinholes, tangents: Tangents) -> tuple[np.ndarray, np.ndarray]:
-    """(n, 3), the middle between the two rays of each tangent; (n,) bool, whether they say where they meet."""
+    """The wanted (n,) tangents' points (m, 3) that two views agree on, and their frames (m,)."""
+    # The middle between the two rays of each tangent.
     a, b = cameras.rays(tangents.first, tangents.pixel[0]), cameras.rays(tangents.second, tangents.pixel[1])
     from_a, from_b = cameras.centre[tangents.first], cameras.centre[tangents.second]
     line = from_b - from_a
@@ -78,21 +80,24 @@ def _meeting(cameras: Pinholes, tangents: Tangents) -> tuple[np.ndarray, np.ndar
     sine = np.maximum(1 - cosine**2, 1e-12)
     far_a, far_b = (on_a - cosine * on_b) / sine, (cosine * on_a - on_b) / sine
     middle = 0.5 * (from_a + far_a[:, None] * a + from_b + far_b[:, None] * b)
-    return middle, (sine > _STEEP**2) & (far_a > 0) & (far_b > 0)
+    # Rays must meet before both cameras, and at an angle that is not too small.
+    meet = (sine > _MIN_SINE**2) & (far_a > 0) & (far_b > 0)
+    use = wanted & meet & (np.abs(missed) < _MAX_MISS)
+    return middle[use], tangents.frame[use]
 
 
-def _along(tangents: Tangents, people: list[PersonInView]) -> np.ndarray:
-    """(2, n), where on the way from foot to head each view's point lies: 0 at the foot's height, 1 at the head's."""
+def _along_person(tangents: Tangents, people: list[PersonInView]) -> np.ndarray:
+    """(2, n), where between foot and head each view's point lies: 0 at the foot's height, 1 at the head's."""
     head, foot = (np.stack([getattr(each, end) for each in people]) for end in ("head", "foot"))
-    found = []
+    shares = []
     for pixel, camera in zip(tangents.pixel, (tangents.first, tangents.second), strict=True):
         top, bottom = head[camera, tangents.frame], foot[camera, tangents.frame]
         length = ((top - bottom) ** 2).sum(axis=1)
-        found.append(((pixel - bottom) * (top - bottom)).sum(axis=1) / length)
-    return np.stack(found)
+        shares.append(((pixel - bottom) * (top - bottom)).sum(axis=1) / length)
+    return np.stack(shares)
 
 
-def _upright(heads: np.ndarray, head_frame: np.ndarray, feet: np.ndarray, foot_frame: np.ndarray) -> np.ndarray:
+def _person_axis(heads: np.ndarray, head_frame: np.ndarray, feet: np.ndarray, foot_frame: np.ndarray) -> np.ndarray:
     """(3,), from feet to head in the mean over frames that show both; upwards where none does."""
     both = np.intersect1d(head_frame, foot_frame)
     if not len(both):
@@ -102,10 +107,10 @@ def _upright(heads: np.ndarray, head_frame: np.ndarray, feet: np.ndarray, foot_f
     return axis
 
 
-def _two_planes(heads: np.ndarray, feet: np.ndarray, upright: np.ndarray) -> tuple[np.ndarray, float, float]:
-    """The rotation (3, 3) that makes both planes level, and the heights of the feet's and of the heads'.
+def _fit_two_planes(heads: np.ndarray, feet: np.ndarray, upright: np.ndarray) -> tuple[np.ndarray, float, float]:
+    """The rotation (3, 3) that makes both planes level, and the heights of the feet's plane and of the heads'.
 
-    A walk along a line does not say how the planes lie across it: there the person's own axis counts.
+    A walk along a line does not determine the planes' tilt across it; there the person's own axis decides.
     """
     from scipy.spatial.transform import Rotation
 
@@ -115,11 +120,13 @@ def _two_planes(heads: np.ndarray, feet: np.ndarray, upright: np.ndarray) -> tup
     middle = points.mean(axis=0)
     top, floor = np.median(heads[:, 2]), np.median(feet[:, 2])
     for _ in range(_REWEIGHTINGS):
+        # Each point's distance from its plane gives its weight; heads and feet weigh alike in sum.
         x, y, z = ((points - middle) @ turn.T + middle).T
         outlier = _OUTLIER * (top - floor)
         missed = z - np.where(is_head, top, floor)
         weight = 1 / (1 + (missed / outlier) ** 2) / np.where(is_head, len(heads), len(feet)) * len(points)
-        rows = np.stack([y - middle[1], middle[0] - x, is_head - 0.0, 1.0 - is_head], axis=1)  # tilts and heights
+        # Normal equations for two tilts and two heights, with the person's axis as a prior of the tilts.
+        rows = np.stack([y - middle[1], middle[0] - x, is_head - 0.0, 1.0 - is_head], axis=1)
         trust = (_AXIS * (top - floor)) ** 2 * weight.sum()
         lean_x, lean_y, length = turn @ upright
         matrix = rows.T @ (weight[:, None] * rows)

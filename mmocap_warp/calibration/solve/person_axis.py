@@ -12,13 +12,13 @@ from mmocap_warp.masks.observation import Observation, unpack_masks
 CORNERS = 96
 """Points that a convex hull is given by; one with fewer repeats its last."""
 
-_FEWEST_PIXELS = 200  # of a silhouette that shows how a person stands
-_SPECK = 0.02  # of a silhouette's pixels: smaller pieces are none of the person
-_MARGIN = 0.01  # of an image's longer side: a silhouette that comes so near the border may be cut off by it
-_HEAD = 0.06  # of the person's length: the part at the top whose middle is the head's
-_END = 0.12  # of the person's length, by whose width head and feet are told apart
-_ON_ITS_SIDE = 0.5  # sine of the person's angle to the image's rows, below which up in the image says nothing
-_SLENDER = 1.6  # of the silhouette's standard deviations, along over across: less is no person seen from the side
+_MIN_PIXELS = 200  # pixels of a silhouette that shows how a person stands
+_SPECK_SHARE = 0.02  # pieces below this share of a silhouette's pixels are no part of the person
+_MARGIN_SHARE = 0.01  # share of an image's longer side: silhouettes so near the border may be cut off
+_HEAD_SHARE = 0.06  # share of the person's length at the top that belongs to the head
+_END_SHARE = 0.12  # share of the person's length at either end, whose width tells head from feet
+_LYING_SINE = 0.5  # sine of the person's angle to the image's rows; below it the camera lies on its side
+_MIN_SLENDERNESS = 1.6  # standard deviation of a standing person's pixels along over that across, at least
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +56,7 @@ def person_in_views(observations: Sequence[Observation], sizes: np.ndarray) -> l
         sizes: (camera, 2), width and height of the images [px].
     """
     frames = [[_whole_silhouette(mask) for mask in unpack_masks(each.words, sizes)] for each in observations]
-    return [_in_view([frame[k] for frame in frames], float(max(size))) for k, size in enumerate(sizes)]
+    return [_in_view([frame[k] for frame in frames]) for k in range(len(sizes))]
 
 
 def _whole_silhouette(mask: np.ndarray) -> np.ndarray | None:
@@ -64,29 +64,30 @@ def _whole_silhouette(mask: np.ndarray) -> np.ndarray | None:
     import cv2
 
     _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.view(np.uint8), connectivity=8)
-    large = stats[:, cv2.CC_STAT_AREA] >= _SPECK * int(mask.sum())
+    large = stats[:, cv2.CC_STAT_AREA] >= _SPECK_SHARE * int(mask.sum())
     large[0] = False  # the background
     y, x = np.nonzero(large[labels])
-    if len(x) < _FEWEST_PIXELS:
+    if len(x) < _MIN_PIXELS:
         return None
     height, width = mask.shape
-    margin = _MARGIN * max(height, width)
+    margin = _MARGIN_SHARE * max(height, width)
     inside = x.min() >= margin and y.min() >= margin and x.max() < width - margin and y.max() < height - margin
     return np.stack([x, y], axis=1).astype(float) if inside else None
 
 
-def _in_view(silhouettes: list[np.ndarray | None], size: float) -> PersonInView:
+def _in_view(silhouettes: list[np.ndarray | None]) -> PersonInView:
+    """The person in one view, of the silhouette's pixels in each frame."""
     frames = len(silhouettes)
     head, foot = np.full((frames, 2), np.nan), np.full((frames, 2), np.nan)
     hull = np.full((frames, CORNERS, 2), np.nan)
+    # A standing person's silhouette is longer than wide; its principal axis is the person's, up to the sign.
     spreads = [None if pixels is None else np.linalg.eigh(np.cov(pixels.T)) for pixels in silhouettes]
-    upright = [each is not None and each.eigenvalues[1] > _SLENDER**2 * each.eigenvalues[0] for each in spreads]
+    upright = [each is not None and each.eigenvalues[1] > _MIN_SLENDERNESS**2 * each.eigenvalues[0] for each in spreads]
     if not any(upright):
         return PersonInView(head, foot, hull)
     axes = np.array([each.eigenvectors[:, 1] for each, good in zip(spreads, upright, strict=True) if good and each])
-    up = _upwards(
-        axes, [pixels for pixels, good in zip(silhouettes, upright, strict=True) if good and pixels is not None]
-    )
+    standing = [pixels for pixels, good in zip(silhouettes, upright, strict=True) if good and pixels is not None]
+    up = _up_direction(axes, standing)
     for frame, pixels in enumerate(silhouettes):
         if pixels is not None and upright[frame]:
             head[frame], foot[frame] = _axis(pixels, up)
@@ -94,13 +95,13 @@ def _in_view(silhouettes: list[np.ndarray | None], size: float) -> PersonInView:
     return PersonInView(head, foot, hull)
 
 
-def _upwards(axes: np.ndarray, silhouettes: list[np.ndarray]) -> np.ndarray:
-    """(2,), where up is in the image for a person with axes (n, 2) of either sign.
+def _up_direction(axes: np.ndarray, silhouettes: list[np.ndarray]) -> np.ndarray:
+    """(2,), the direction from feet to head in the image, for a person with axes (n, 2) of either sign.
 
-    It is up in the image, too, unless the camera lies on its side: there it is where the silhouettes are narrower,
+    It points up in the image unless the camera lies on its side. There it points where silhouettes are narrower,
     because feet step apart and heads do not.
     """
-    lying = np.median(np.abs(axes[:, 1])) < _ON_ITS_SIDE
+    lying = np.median(np.abs(axes[:, 1])) < _LYING_SINE
     towards = -axes[:, 0] if lying else axes[:, 1]
     up = np.median(axes * np.where(towards > 0, -1, 1)[:, None], axis=0)
     up /= np.linalg.norm(up)
@@ -112,7 +113,7 @@ def _upwards(axes: np.ndarray, silhouettes: list[np.ndarray]) -> np.ndarray:
 def _end_width(pixels: np.ndarray, way: np.ndarray) -> float:
     """Standard deviation across a way, of a silhouette's pixels at the end that lies there [px]."""
     along, across = pixels @ way, pixels @ [-way[1], way[0]]
-    end = along > along.max() - _END * np.ptp(along)
+    end = along > along.max() - _END_SHARE * np.ptp(along)
     return float(across[end].std())
 
 
@@ -122,18 +123,19 @@ def _axis(pixels: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     height, side = pixels @ up, pixels @ across
     top, bottom = height.max() + 0.5, height.min() - 0.5  # a pixel reaches half its size beyond its centre
     length = top - bottom
-    head_side = side[height > top - _HEAD * length].mean()
-    slope = (head_side - side.mean()) / (top - 0.5 * _HEAD * length - height.mean())
+    head_side = side[height > top - _HEAD_SHARE * length].mean()
+    slope = (head_side - side.mean()) / (top - 0.5 * _HEAD_SHARE * length - height.mean())
     foot_side = head_side + slope * (bottom - top)
     return up * top + across * head_side, up * bottom + across * foot_side
 
 
 def _hull(pixels: np.ndarray) -> np.ndarray:
+    """(CORNERS, 2), the convex hull's corners, moved outward by half a pixel as the axis' ends are."""
     import cv2
 
     corners = cv2.convexHull(pixels.astype(np.int32))[:, 0].astype(float)
     outward = corners - pixels.mean(axis=0)
-    corners += 0.5 * outward / np.linalg.norm(outward, axis=1, keepdims=True)  # as above
+    corners += 0.5 * outward / np.linalg.norm(outward, axis=1, keepdims=True)
     if len(corners) > CORNERS:
         return corners[np.linspace(0, len(corners) - 1, CORNERS).round().astype(int)]
     return np.concatenate([corners, np.repeat(corners[-1:], CORNERS - len(corners), axis=0)])

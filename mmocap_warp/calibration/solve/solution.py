@@ -1,9 +1,9 @@
 """Cameras from scratch: nothing is known of where they stand, and a person of known height walks before them.
 
-1. Each view alone says how its camera stands over the floor, and the person's way over it (``single_view``).
-2. The way is the same in all views, so these are turned and shifted onto one floor (``floor_alignment``).
-3. Planes through two cameras that touch the person touch both silhouettes: these equations know no model of the person,
-   and settle how cameras lie to each other (``tangents``).
+1. Each view alone gives its camera's tilt, roll and height over the floor, and the person's path (``floor_views``).
+2. The path is the same in all views, so these are turned and shifted onto one floor (``floor_views``).
+3. Planes through two cameras that touch the person touch both silhouettes. These equations need no model of the person,
+   and determine the cameras' relative poses (``tangents``).
 4. Heads and feet that two cameras see in one place give metres, floor and vertical (``level``).
 """
 
@@ -14,52 +14,51 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from mmocap_warp.calibration.solve.floor_alignment import placed_on_floor, rigid_motion
-from mmocap_warp.calibration.solve.level import head_points, levelled
+from mmocap_warp.calibration.solve import UnsolvableError
+from mmocap_warp.calibration.solve.floor_views import place_on_floor, rigid_motion, standing_view
+from mmocap_warp.calibration.solve.level import head_points, level_world
 from mmocap_warp.calibration.solve.person_axis import PersonInView, person_in_views
-from mmocap_warp.calibration.solve.single_view import standing_view
 from mmocap_warp.calibration.solve.tangents import (
     FOCAL_SIGMA,
     OUTLIERS,
     Pinholes,
     Tangents,
-    adjusted,
+    find_tangents,
     residuals,
-    touching,
+    solve_tangents,
 )
-from mmocap_warp.calibration.solve.unsolvable import UnsolvableError
 from mmocap_warp.cameras.rig import CameraRig
 
 if TYPE_CHECKING:
     from mmocap_warp.scene.recording import Scene
 
-_FRAMES = 100  # of the recording, evenly spread
-_LONGEST = 960  # pixels of an image
+_FRAMES = 100  # frames of the recording that are used, evenly spread
+_MAX_PIXELS = 960  # pixels of an image's longer side
 _GUESS = 1.2  # focal length over the image's longer side, as COLMAP guesses it: 45 degrees across
-_WALKING = 0.986  # height of the head's top over the floor while walking, of that while standing: knees stay bent
-_AGREED = 3.0  # [px], of a tangent that two views agree on
-_ENOUGH = 0.6  # of a view's tangents, that must agree with others
-_BLOCKS = 5  # of consecutive frames, each left out once for the standard deviations
-_VAGUE_PLACE, _VAGUE_TILT = 1.0, np.radians(10.0)  # [m, rad], standard deviations of cameras that are not determined
-_VAGUE_FOCAL = 0.5  # of a guess's standard deviation; what is known no better stays as guessed
+_WALKING = 0.986  # height of a walking person over that of a standing one: knees stay bent
+_MAX_MISS = 3.0  # pixels: residual of a tangent that two views agree on, at most
+_MIN_AGREED = 0.6  # share of a view's tangents that must agree with other views
+_BLOCKS = 5  # blocks of consecutive frames, each left out once for the standard deviations
+_MAX_PLACE_SIGMA, _MAX_TILT_SIGMA = 1.0, np.radians(10.0)  # metres and radians of a camera that is determined
+_MAX_FOCAL_RATIO = 0.5  # a focal length known no better than this share of the guess's sigma stays as guessed
 
 FocalSource = Literal["given", "found", "guessed"]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SolvedCameras:
     """Cameras found from a walking person.
 
     Attributes:
         rig: at full size, with the distortion that was given; the floor is at zero along ``rig.up``.
-        focal: where each camera's focal length is from.
+        focal: the source of each camera's focal length.
         centre_sigma: (camera,) float64, standard deviation of the centres, in all directions together [m].
-        tilt_sigma: (camera,) float64, of how far down they look [rad].
-        focal_sigma: (camera,) float64, of the focal lengths, over their values; zero where given or guessed.
+        tilt_sigma: (camera,) float64, standard deviation of their tilts [rad].
+        focal_sigma: (camera,) float64, relative standard deviation of focal lengths; zero where given or guessed.
         whole: (camera,) int, frames in which the whole person was seen.
         frames: the recording's numbers of the frames that were used.
         heads: (frame, 3) float64, the top of the head [m]; NaN where no two cameras agreed on it.
-        missed: median over tangents of what two views disagree by [px], in images of ``scale``.
+        missed: median of the tangents' residuals [px], in images of ``scale``.
         agreed: (camera,) float64, share of each view's tangents that the other views agree on.
         scale: of the images that were used.
     """
@@ -76,27 +75,31 @@ class SolvedCameras:
     agreed: np.ndarray
     scale: float
 
+    def __repr__(self) -> str:
+        sigma = 1000 * float(self.centre_sigma.max())
+        return f"SolvedCameras: {', '.join(self.rig.names)}, centres within {sigma:.0f} mm, {len(self.frames)} frames"
+
 
 def solve_cameras(scene: Scene, height: float) -> SolvedCameras:
     """Find a scene's cameras from the silhouettes of one person who walks.
 
     Args:
-        scene: the recording; where it names a calibration, its intrinsics are taken as given, its places are not looked
-            at.
+        scene: the recording. Of a calibration that it names, only the intrinsics are used.
         height: of the person, standing, in shoes [m].
 
     Raises:
         ValueError: a height that is no person's, or a single camera.
-        UnsolvableError: the recording does not tell where the cameras are.
+        UnsolvableError: the recording does not determine the cameras.
         InputError: masks that turn out unreadable.
     """
     if not 0.5 < height < 2.6:
         raise ValueError(f"height must be a person's in metres, got {height:g}")
     if len(scene.cameras) < 2:
         raise ValueError("cameras are solved from two views at least; this scene has one")
+    # The person in every view, in at most a hundred frames.
     every = max(1, -(-scene.frame_count // _FRAMES))
     thinned = replace(scene.of_frames(scene.frames[::every]), foreground=replace(scene.foreground, repair=False))
-    scale = min(1.0, _LONGEST / float(scene.calibrated.size.max()))
+    scale = min(1.0, _MAX_PIXELS / float(scene.calibrated.size.max()))
     start = _pinholes(scene, scale)
     sizes = thinned.rig(scale).size
     people = person_in_views(list(thinned.observations(scale)), sizes)
@@ -104,31 +107,36 @@ def solve_cameras(scene: Scene, height: float) -> SolvedCameras:
     guessed = scene.calibration is None
     names = scene.calibrated.names
 
+    # Rough cameras: each over its own floor, then all over one.
     views = [
         standing_view(name, person, _matrix(start, k), stature)
         for k, (name, person) in enumerate(zip(names, people, strict=True))
     ]
-    R, t = placed_on_floor(names, views)
+    R, t = place_on_floor(names, views)
     rough = replace(start, R=R, centre=-np.einsum("kji,kj->ki", R, t))
+    # Exact cameras, with free focal lengths where these are guesses.
     free = np.full(len(names), guessed)
-    cameras = _in_metres(adjusted(rough, _hulls(people), free), people, stature)
+    cameras = _in_metres(solve_tangents(rough, _hulls(people), free), people, stature)
     sigma = _sigmas(cameras, people, stature, free)
-    vague = free & (sigma[2] > _VAGUE_FOCAL * FOCAL_SIGMA)
-    if vague.any():  # what is not determined stays where it was
+    # Focal lengths that the walk does not determine are held at their guesses, and the rest is solved again.
+    vague = free & (sigma[2] > _MAX_FOCAL_RATIO * FOCAL_SIGMA)
+    if vague.any():
         rough = replace(rough, focal=np.where(vague[:, None], rough.focal, cameras.focal))
         free &= ~vague
-        cameras = _in_metres(adjusted(rough, _hulls(people), free), people, stature)
+        cameras = _in_metres(solve_tangents(rough, _hulls(people), free), people, stature)
         sigma = _sigmas(cameras, people, stature, free)
-    tangents = touching(cameras, _hulls(people))
+    # Views must agree, and determine the cameras.
+    tangents = find_tangents(cameras, _hulls(people))
     missed = np.abs(residuals(cameras, tangents))
     agreed = _agreed(tangents, missed, len(names))
     _check(names, agreed, sigma)
 
+    # The head's path, and everything in the scene's world.
     heads, frame = head_points(cameras, tangents, missed, people)
-    way = np.full((thinned.frame_count, 3), np.nan)
+    path = np.full((thinned.frame_count, 3), np.nan)
     for each in np.unique(frame):
-        way[each] = np.median(heads[frame == each], axis=0)
-    rig, way = _rig(scene, cameras, start, way)
+        path[each] = np.median(heads[frame == each], axis=0)
+    rig, path = _scene_rig(scene, cameras, start, path)
     return SolvedCameras(
         rig=rig,
         focal=tuple("given" if not guessed else "guessed" if kept else "found" for kept in vague),
@@ -137,7 +145,7 @@ def solve_cameras(scene: Scene, height: float) -> SolvedCameras:
         focal_sigma=np.where(free, sigma[2], 0.0),
         whole=np.array([int(person.whole.sum()) for person in people]),
         frames=thinned.frames,
-        heads=way,
+        heads=path,
         missed=float(np.median(missed)),
         agreed=agreed,
         scale=scale,
@@ -145,7 +153,7 @@ def solve_cameras(scene: Scene, height: float) -> SolvedCameras:
 
 
 def _pinholes(scene: Scene, scale: float) -> Pinholes:
-    """The lenses, at ``scale`` and nowhere yet; of a usual focal length where no calibration is named."""
+    """The lenses at ``scale``, all at the origin; with a usual focal length where no calibration is named."""
     rig = scene.rig(scale)
     count = len(rig)
     focal = rig.K[:, [0, 1], [0, 1]]
@@ -155,6 +163,7 @@ def _pinholes(scene: Scene, scale: float) -> Pinholes:
 
 
 def _matrix(cameras: Pinholes, k: int) -> np.ndarray:
+    """(3, 3), a camera's intrinsics."""
     (fx, fy), (cx, cy) = cameras.focal[k], cameras.middle[k]
     return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
 
@@ -164,8 +173,8 @@ def _hulls(people: list[PersonInView]) -> np.ndarray:
 
 
 def _in_metres(cameras: Pinholes, people: list[PersonInView], stature: float) -> Pinholes:
-    tangents = touching(cameras, _hulls(people))
-    return levelled(cameras, tangents, residuals(cameras, tangents), people, stature)
+    tangents = find_tangents(cameras, _hulls(people))
+    return level_world(cameras, tangents, residuals(cameras, tangents), people, stature)
 
 
 def _sigmas(
@@ -173,17 +182,18 @@ def _sigmas(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Standard deviations (camera,) of centres [m], tilts [rad] and logarithms of focal lengths.
 
-    By the jackknife over blocks of consecutive frames: neighbours err alike, and residuals do not say how much. What
-    all frames have in common, such as shadows, it does not see.
+    They come from the jackknife over blocks of consecutive frames, because neighbouring frames err alike. Errors that
+    all frames share, such as shadows, do not show in them.
     """
     centres, tilts, zooms = [], [], []
     for block in np.array_split(np.arange(len(people[0].head)), _BLOCKS):
         rest = [person.without(block) for person in people]
-        found = _in_metres(adjusted(cameras, _hulls(rest), free_focal, OUTLIERS[-1:]), rest, stature)
-        turn, shift = rigid_motion(found.centre[:, :2], cameras.centre[:, :2])
-        centres.append(np.column_stack([found.centre[:, :2] @ turn.T + shift, found.centre[:, 2]]))
-        tilts.append(np.arcsin(-found.R[:, 2, 2]))
-        zooms.append(np.log(found.focal[:, 0]))
+        # The cameras without this block, moved over the floor onto those with it.
+        solved = _in_metres(solve_tangents(cameras, _hulls(rest), free_focal, OUTLIERS[-1:]), rest, stature)
+        turn, shift = rigid_motion(solved.centre[:, :2], cameras.centre[:, :2])
+        centres.append(np.column_stack([solved.centre[:, :2] @ turn.T + shift, solved.centre[:, 2]]))
+        tilts.append(np.arcsin(-solved.R[:, 2, 2]))
+        zooms.append(np.log(solved.focal[:, 0]))
     spread = [np.sqrt((_BLOCKS - 1) * np.var(each, axis=0)) for each in (centres, tilts, zooms)]
     return np.linalg.norm(spread[0], axis=1), spread[1], spread[2]
 
@@ -195,14 +205,14 @@ def _check(names: tuple[str, ...], agreed: np.ndarray, sigma: tuple[np.ndarray, 
         UnsolvableError: they are not.
     """
     worst = int(np.argmin(agreed))
-    if agreed[worst] < _ENOUGH:
+    if agreed[worst] < _MIN_AGREED:
         raise UnsolvableError(
             f"only {100 * agreed[worst]:.0f} % of the outlines' tangents of camera '{names[worst]}' agree with other "
-            f"views within {_AGREED:g} px; is it synchronous (mmocap sync), its lens without much distortion, and do "
+            f"views within {_MAX_MISS:g} px; is it synchronous (mmocap sync), its lens without much distortion, and do "
             "all masks show one and the same person?"
         )
     for k, name in enumerate(names):
-        if sigma[0][k] > _VAGUE_PLACE or sigma[1][k] > _VAGUE_TILT:
+        if sigma[0][k] > _MAX_PLACE_SIGMA or sigma[1][k] > _MAX_TILT_SIGMA:
             raise UnsolvableError(
                 f"the recording does not determine camera '{name}': its place is known to {sigma[0][k]:.2f} m and its "
                 f"tilt to {np.degrees(sigma[1][k]):.1f} degrees; record somebody who walks longer ways, with turns"
@@ -211,7 +221,7 @@ def _check(names: tuple[str, ...], agreed: np.ndarray, sigma: tuple[np.ndarray, 
 
 def _agreed(tangents: Tangents, missed: np.ndarray, cameras: int) -> np.ndarray:
     """(camera,) share of each view's tangents that the other views agree on; zero where it has none."""
-    agrees = missed < _AGREED
+    agrees = missed < _MAX_MISS
     shares = []
     for k in range(cameras):
         mine = (tangents.first == k) | (tangents.second == k)
@@ -219,26 +229,29 @@ def _agreed(tangents: Tangents, missed: np.ndarray, cameras: int) -> np.ndarray:
     return np.array(shares)
 
 
-def _rig(scene: Scene, cameras: Pinholes, start: Pinholes, way: np.ndarray) -> tuple[CameraRig, np.ndarray]:
-    """The scene's rig, found, in a world with the scene's vertical, and places (n, 3) in it.
+def _scene_rig(scene: Scene, cameras: Pinholes, start: Pinholes, path: np.ndarray) -> tuple[CameraRig, np.ndarray]:
+    """The solved rig at full size, in a world with the scene's vertical, and the path (n, 3) in that world.
 
-    The origin lies on the floor amid the person's way; the axis before the vertical's (y before z) points where the
+    The origin lies on the floor amid the person's path; the axis before the vertical's (y before z) points where the
     first camera looks.
     """
+    # Right, ahead and up, in rows, as the first camera looks.
     calibrated = scene.calibrated
     ahead = cameras.R[0, 2] * [1.0, 1.0, 0.0]
     ahead /= np.linalg.norm(ahead)
-    own = np.stack([np.cross(ahead, [0.0, 0.0, 1.0]), ahead, [0.0, 0.0, 1.0]])  # right, ahead and up, in rows
+    own = np.stack([np.cross(ahead, [0.0, 0.0, 1.0]), ahead, [0.0, 0.0, 1.0]])
+    # The columns of `world` are where these point in the scene's world.
     up = calibrated.up_vector
     axis = "xyz".index(calibrated.up[1])
-    world = np.zeros((3, 3))  # its columns are where right, ahead and up point
+    world = np.zeros((3, 3))
     world[:, 2], world[(axis + 2) % 3, 1] = up, 1.0
     world[:, 0] = np.cross(world[:, 1], up)
     turn = world @ own
+    # Focal lengths at full size.
     K = calibrated.K.copy()
     if scene.calibration is None:
         K[:, 0, 0] = K[:, 1, 1] = _GUESS * calibrated.size.max(axis=1)
     K[:, [0, 1], [0, 1]] *= cameras.focal / start.focal
     R = cameras.R @ turn.T
     centre = cameras.centre @ turn.T
-    return replace(calibrated, K=K, R=R, t=-np.einsum("kij,kj->ki", R, centre)), way @ turn.T
+    return replace(calibrated, K=K, R=R, t=-np.einsum("kij,kj->ki", R, centre)), path @ turn.T

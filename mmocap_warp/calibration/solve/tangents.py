@@ -14,21 +14,21 @@ from itertools import combinations
 import numpy as np
 
 OUTLIERS = (20.0, 5.0, 1.5)
-"""[px], one after the other: where residuals begin to count for less."""
-
-_STEPS = 30  # at each of these, at most
-_DONE = 1e-6  # of the cost, a gain that is none
-_WIDEST = 2.5  # [rad], of a silhouette about the line through two cameras; wider, and that line may pierce it
-_MISSING = 50.0  # [px], the residual of a tangent that should be there and is not
-_ALIKE = 10  # residuals that err alike, and count as one beside what is expected of focal lengths
-_NUDGE = 1e-6  # [rad, m, 1], for derivatives
+"""Residuals beyond these begin to count less, one stage after the other [px]."""
 FOCAL_SIGMA, LIKE_SIGMA = 0.25, 0.04
-"""Standard deviations of the logarithms of guessed focal lengths: of their mean, and of each from it."""
+"""Standard deviations of the logarithms of guessed focal lengths: of their mean, and of each from the mean."""
+
+_MAX_STEPS = 30  # steps of each stage
+_MIN_GAIN = 1e-6  # share of the cost: a stage ends at a smaller gain
+_MAX_ANGLE = 2.5  # radians that a silhouette spans about the line through two cameras: a wider one may be pierced by it
+_MISSING = 50.0  # pixels: the residual of a tangent that should be there and is not
+_CORRELATED = 10  # residuals that err alike, and count as one beside the prior of focal lengths
+_NUDGE = 1e-6  # step for derivatives by differences [rad, m, 1]
 
 
 @dataclass(frozen=True, eq=False)
 class Pinholes:
-    """Cameras as the equations know them.
+    """Pinhole cameras as arrays.
 
     Attributes:
         R: (camera, 3, 3), rotation, world to camera.
@@ -43,7 +43,7 @@ class Pinholes:
     middle: np.ndarray
 
     def moved(self, step: np.ndarray) -> Pinholes:
-        """The cameras after a step (camera, 7): a turn [rad], a shift [m] and the logarithm of a zoom each."""
+        """The cameras after a step (camera, 7): rotation [rad], shift [m] and logarithm of the zoom."""
         from scipy.spatial.transform import Rotation
 
         turned = Rotation.from_rotvec(step[:, :3]).as_matrix() @ self.R
@@ -65,7 +65,7 @@ class Tangents:
         first, second: (n,) int, the cameras.
         frame: (n,) int.
         pixel: (2, n, 2), the point in the first and the second view [px].
-        missing: how many more there would be if no silhouette lay about the line through two cameras.
+        missing: tangents that do not exist because a silhouette surrounds the line through two cameras.
     """
 
     first: np.ndarray
@@ -75,24 +75,27 @@ class Tangents:
     missing: int = 0
 
 
-def touching(cameras: Pinholes, hulls: np.ndarray) -> Tangents:
-    """Both tangents of every pair of views and frame, as the cameras stand.
+def find_tangents(cameras: Pinholes, hulls: np.ndarray) -> Tangents:
+    """Both tangents of every pair of views in every frame, for the cameras where they are.
 
     Args:
         cameras: where they are.
         hulls: (camera, frame, corner, 2), convex hulls of the silhouettes [px]; NaN where there is none.
     """
+    # A ray through each corner of each hull, and the mean ray of each hull.
     seen = np.isfinite(hulls[:, :, 0, 0])
     filled = np.where(seen[..., None, None], hulls, 0.0)
     rays = np.stack([cameras.rays(np.full(one.shape[:2], k), one) for k, one in enumerate(filled)])
     towards = rays.mean(axis=2)
-    found, missing = [], 0
+    parts, missing = [], 0
     for i, j in combinations(range(len(hulls)), 2):
         frames = np.flatnonzero(seen[i] & seen[j])
         if not len(frames):
             continue
         line = cameras.centre[j] - cameras.centre[i]
         line /= np.linalg.norm(line)
+        # Planes through the line are numbered by their angle about it, counted from the person; the silhouette's first
+        # and last planes touch it.
         ends, narrow = [], np.ones(len(frames), bool)
         for k in (i, j):
             ahead = towards[i, frames] + towards[j, frames]
@@ -101,41 +104,43 @@ def touching(cameras: Pinholes, hulls: np.ndarray) -> Tangents:
             angle = np.arctan2(
                 np.einsum("fci,fi->fc", rays[k, frames], aside), np.einsum("fci,fi->fc", rays[k, frames], ahead)
             )
-            narrow &= np.ptp(angle, axis=1) < _WIDEST
+            narrow &= np.ptp(angle, axis=1) < _MAX_ANGLE
             ends.append(np.stack([angle.argmin(axis=1), angle.argmax(axis=1)]))  # (end, frame)
+        # A silhouette that surrounds the line has no tangents.
         missing += 2 * int(np.sum(~narrow))
         frames, ends = frames[narrow], [each[:, narrow] for each in ends]
         pixel = np.stack([hulls[k][np.tile(frames, 2), each.ravel()] for k, each in zip((i, j), ends, strict=True)])
         count = 2 * len(frames)
-        found.append(Tangents(np.full(count, i), np.full(count, j), np.tile(frames, 2), pixel))
+        parts.append(Tangents(np.full(count, i), np.full(count, j), np.tile(frames, 2), pixel))
     first, second, frame = (
-        np.concatenate([getattr(each, name) for each in found]) for name in ("first", "second", "frame")
+        np.concatenate([getattr(each, name) for each in parts]) for name in ("first", "second", "frame")
     )
-    return Tangents(first, second, frame, np.concatenate([each.pixel for each in found], axis=1), missing)
+    return Tangents(first, second, frame, np.concatenate([each.pixel for each in parts], axis=1), missing)
 
 
 def residuals(cameras: Pinholes, tangents: Tangents) -> np.ndarray:
-    """(n,), the angle between the planes through either view's point, as pixels that both views share."""
+    """(n,), the angle between the planes through the two views' points, in pixels that both views share."""
     i, j = tangents.first, tangents.second
     a, b = cameras.rays(i, tangents.pixel[0]), cameras.rays(j, tangents.pixel[1])
     line = cameras.centre[j] - cameras.centre[i]
     line = line / np.linalg.norm(line, axis=-1, keepdims=True)
     along_a, along_b = (np.einsum("ni,ni->n", each, line) for each in (a, b))
     sine = np.einsum("ni,ni->n", line, np.cross(a, b))
+    # The angle between the planes.
     angle = np.arctan2(sine, np.einsum("ni,ni->n", a, b) - along_a * along_b)
-    # A turn of the plane by an angle moves its trace in a view by that angle times the sine between ray and line.
+    # A plane that turns by an angle moves its trace in a view by that angle times the sine between ray and line.
     share = [
         1 / np.maximum(cameras.focal[k, 0] ** 2 * (1 - along**2), 1e-12) for k, along in ((i, along_a), (j, along_b))
     ]
     return angle / np.sqrt(share[0] + share[1])
 
 
-def adjusted(
+def solve_tangents(
     cameras: Pinholes, hulls: np.ndarray, free_focal: np.ndarray, outliers: tuple[float, ...] = OUTLIERS
 ) -> Pinholes:
-    """The cameras that the tangents agree on best, near to those given; Levenberg and Marquardt, Cauchy's weights.
+    """The cameras near the given ones on which tangents agree best, by Levenberg-Marquardt with Cauchy's weights.
 
-    Where the world lies, how it is turned and its scale are not determined and stay about as they were.
+    The world's origin, rotation and scale are not determined, and stay nearly as they were.
 
     Args:
         cameras: to start with.
@@ -146,46 +151,51 @@ def adjusted(
     guess = np.log(cameras.focal[:, 0])
     for outlier in outliers:
         damping = 1e-3
-        cost = _cost(cameras, touching(cameras, hulls), outlier, guess)
-        for _ in range(_STEPS):
-            tangents = touching(cameras, hulls)
+        cost = _cost(cameras, find_tangents(cameras, hulls), outlier, guess)
+        for _ in range(_MAX_STEPS):
+            tangents = find_tangents(cameras, hulls)
             information, gradient = _normal_equations(cameras, tangents, outlier, guess, free_focal)
+            # Parameters that are held have an empty column. Damping grows until a step lowers the cost.
             held = np.diag(information) == 0
             while True:
                 damped = information + np.diag(damping * np.diag(information) + np.where(held, 1.0, 1e-9))
-                tried = cameras.moved(-np.linalg.solve(damped, gradient).reshape(-1, 7))
-                better = _cost(tried, touching(tried, hulls), outlier, guess)
+                trial = cameras.moved(-np.linalg.solve(damped, gradient).reshape(-1, 7))
+                better = _cost(trial, find_tangents(trial, hulls), outlier, guess)
                 if better < cost or damping > 1e6:
                     break
                 damping *= 8
             if better >= cost:
                 break
-            gain, cameras, cost, damping = cost - better, tried, better, max(damping / 8, 1e-6)
-            if gain < _DONE * cost:
+            # A good step lowers the damping.
+            gain, cameras, cost, damping = cost - better, trial, better, max(damping / 8, 1e-6)
+            if gain < _MIN_GAIN * cost:
                 break
     return cameras
 
 
 def _cost(cameras: Pinholes, tangents: Tangents, outlier: float, guess: np.ndarray) -> float:
+    """The robust cost of all tangents, of those that are missing, and of the prior of focal lengths."""
     prior = _prior(np.log(cameras.focal[:, 0]) - guess, outlier)
     losses = np.log1p((residuals(cameras, tangents) / outlier) ** 2)
-    missing = tangents.missing * np.log1p((_MISSING / outlier) ** 2)  # a pair of views is not to be turned out of use
+    # Missing tangents cost, or cameras would turn until no pair of views has any.
+    missing = tangents.missing * np.log1p((_MISSING / outlier) ** 2)
     return 0.5 * outlier**2 * float(losses.sum() + missing) + 0.5 * float(prior @ prior)
 
 
 def _prior(zoom: np.ndarray, outlier: float) -> np.ndarray:
-    """(camera + 1,), by how much focal lengths differ from their guesses, and from each other's, as residuals [px]."""
-    weight = outlier * np.sqrt(_ALIKE)
+    """(camera + 1,), residuals of focal lengths: of each from their mean, and of the mean from the guess [px]."""
+    weight = outlier * np.sqrt(_CORRELATED)
     return np.append((zoom - zoom.mean()) / LIKE_SIGMA, zoom.mean() / FOCAL_SIGMA) * weight
 
 
 def _normal_equations(
     cameras: Pinholes, tangents: Tangents, outlier: float, guess: np.ndarray, free_focal: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Gauss' and Newton's matrix and gradient, (7 camera, 7 camera) and (7 camera,)."""
+    """The Gauss-Newton matrix and gradient, (7 camera, 7 camera) and (7 camera,)."""
     count = len(cameras.R)
     now = residuals(cameras, tangents)
     weight = 1 / (1 + (now / outlier) ** 2)
+    # Derivatives of each residual by the parameters of its two cameras, by differences.
     rows = np.zeros((len(now), count, 7))
     place = np.arange(len(now))
     for k in range(count):
@@ -195,6 +205,7 @@ def _normal_equations(
             mine = (tangents.first == k) | (tangents.second == k)
             part = Tangents(tangents.first[mine], tangents.second[mine], tangents.frame[mine], tangents.pixel[:, mine])
             rows[place[mine], k, column] = (residuals(cameras.moved(step), part) - now[mine]) / _NUDGE
+    # The normal equations, with the prior of the free focal lengths.
     flat = rows.reshape(len(now), -1)
     information = flat.T @ (weight[:, None] * flat)
     gradient = flat.T @ (weight * now)

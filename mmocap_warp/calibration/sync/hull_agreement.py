@@ -1,11 +1,11 @@
 """Common time from calibrated views: silhouettes of one moment fit into one visual hull.
 
-At each judged frame points are strewn about the person. Of a view at some lag and the hull of the others, the points
-that both hold are counted against all that either holds: what a silhouette of another moment lacks and what it has too
-much count alike, and one with a hole is not taken for a late one.
+At each judged frame random points are drawn about the person. Of a view at some lag and the hull of the others, the
+points that both contain are counted against all that either contains. A silhouette of another moment then loses by what
+it lacks and by what it has too much, and one with a hole is not taken for a late one.
 
-This ranks the lags of one view: the others' hull is the same at all of them, so what it has too much tells them apart.
-How well a camera agrees with the others is judged by ``coherence``, which counts pixels that the hull leaves uncovered.
+This ranks the lags of one view, because the others' hull is the same at all of them. ``coherence`` judges how well a
+camera agrees with the others; it counts pixels that the hull leaves uncovered.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from mmocap_warp.masks.visual_hull import meeting_point
 
 @dataclass(frozen=True)
 class Sampling:
-    """How closely hulls are looked at.
+    """How densely hulls are sampled.
 
     Attributes:
-        frames: that are judged.
-        points: strewn at each.
-        starts: from which offsets are sought.
+        frames: number of frames that are judged.
+        points: number of random points at each.
+        starts: number of starts of the search for offsets.
     """
 
     frames: int
@@ -45,25 +45,25 @@ class Silhouettes(Protocol):
         """(frame, height, width) bool."""
 
 
-_SPREAD = 1.1  # [m] of the points about the person, to each side
-_ROUNDS = 10
+_REACH = 1.1  # metres that points reach to each side of the person
+_ROUNDS = 10  # rounds of a search, at most
 _FAR = Sampling(frames=30, points=8_000, starts=12)
 _NEAR = Sampling(frames=120, points=25_000, starts=3)
-_NEAR_REACH = 6  # [frames]
-_FAR_SPREAD = 2  # [frames] between the ends of far starts, of a hull that tells by itself
-_STRETCHES, _OF_A_STRETCH = 6, 15  # of a recording, and frames judged in one at least
-_FEWEST = 3  # stretches that say how far they disagree
+_NEAR_REACH = 6  # frames to either side in the second search
+_MAX_FAR_SPREAD = 2  # frames between the ends of far starts, where hulls determine the offsets alone
+_STRETCHES, _MIN_STRETCH = 6, 15  # stretches of a recording, and frames judged in one at least
+_MIN_STRETCHES = 3  # stretches from which a standard deviation is estimated
 
 
 @dataclass(frozen=True, eq=False)
 class HullOffsets:
-    """What hulls say of the views.
+    """Offsets of views from their hulls.
 
     Attributes:
         offsets: (view,) [frames] at which they fit best.
-        spread: how far the ends of other starts are from these [frames].
+        spread: distance of the ends of other starts from these [frames].
         courses: (view,) of their lags.
-        sigma: (view,) standard deviations of the offsets, by how far the recording's stretches disagree [frames].
+        sigma: (view,) standard deviations of the offsets, from the scatter of the recording's stretches [frames].
     """
 
     offsets: np.ndarray
@@ -73,34 +73,37 @@ class HullOffsets:
 
 
 def offsets_by_hull(rig: CameraRig, views: Sequence[Silhouettes], about: np.ndarray, reach: int) -> HullOffsets | None:
-    """Look for offsets by the hulls of a recording.
+    """Search for offsets by the hulls of a recording.
 
     Args:
         rig: undistorted pinholes, as the masks.
         views: the masks of each.
         about: (view,) offsets about which they are looked for.
-        reach: how far from these [frames]; 0 where they are nearly right.
+        reach: distance from these [frames]; 0 where they are nearly right.
 
     Returns:
         None where there is no frame in which all views see somebody, or where hulls fit about as well elsewhere.
     """
+    # A coarse search where offsets are not known.
     length = min(len(view) for view in views)
     if reach:
         far = HullAgreement(rig, views, about, min(reach, length // 4), _FAR)
         if not far.judged:
             return None
         about, spread = far.offsets()
-        if spread > _FAR_SPREAD:
+        if spread > _MAX_FAR_SPREAD:
             return None
+    # A fine search about the result.
     near = HullAgreement(rig, views, about, min(_NEAR_REACH, length // 4), _NEAR)
     if not near.judged:
         return None
     offsets, spread = near.offsets()
-    stretches = min(_STRETCHES, near.judged // _OF_A_STRETCH)
+    # The lags of each view in stretches of the recording.
+    stretches = min(_STRETCHES, near.judged // _MIN_STRETCH)
     lags = [near.lags(view, offsets, stretches) for view in range(len(views))]
     courses = [lag_course(middle, lag - offset) for (middle, lag), offset in zip(lags, offsets, strict=True)]
     scatter = np.array([course.scatter for course in courses])
-    sigma = scatter / np.sqrt(stretches - 1) if stretches >= _FEWEST else np.full(len(views), np.inf)
+    sigma = scatter / np.sqrt(stretches - 1) if stretches >= _MIN_STRETCHES else np.full(len(views), np.inf)
     return HullOffsets(offsets, spread, courses, sigma)
 
 
@@ -111,47 +114,51 @@ class HullAgreement:
         rig: undistorted pinholes, as the masks.
         views: the masks of each.
         offsets: (view,) about which lags are tried: the view's frame ``f + offset`` belongs to frame ``f``.
-        reach: how far from these [frames].
-        sampling: how closely.
+        reach: distance from these [frames].
+        sampling: density of the samples.
     """
 
     def __init__(
         self, rig: CameraRig, views: Sequence[Silhouettes], offsets: np.ndarray, reach: int, sampling: Sampling
     ) -> None:
         self._about, self._reach, self._starts = np.asarray(offsets), reach, sampling.starts
+        # Frames that all views have at all lags, evenly spread.
         first = int(max(0, (reach - self._about).max()))
         end = int(min(len(view) - offset for view, offset in zip(views, self._about, strict=True))) - reach
         frames = np.unique(np.linspace(first, max(first, end - 1), sampling.frames).round().astype(int))
         frames = frames[frames < end]
         lags = np.arange(-reach, reach + 1)
-        strewn = np.random.default_rng(0).uniform(-_SPREAD, _SPREAD, (sampling.points, 3))
-        held, seen, judged = [], [], []
+        # Of each frame in which all views see somebody: which points each view contains at each lag, as bits.
+        offsets_of_points = np.random.default_rng(0).uniform(-_REACH, _REACH, (sampling.points, 3))
+        inside, seen, judged = [], [], []
         for frame in frames:
             some = [view.at(frame + offset + lags) for view, offset in zip(views, self._about, strict=True)]
             at = [masks[reach] for masks in some]
             if all(mask.any() for mask in at):
-                pixels = project(rig, strewn + meeting_point(rig, at))
-                held.append([np.packbits(_held(*each), axis=1) for each in zip(some, pixels, strict=True)])
+                pixels = project(rig, offsets_of_points + meeting_point(rig, at))
+                inside.append([np.packbits(_inside(*each), axis=1) for each in zip(some, pixels, strict=True)])
                 seen.append([masks.any(axis=(1, 2)) for masks in some])
                 judged.append(frame)
-        self._held = np.array(held, np.uint8).reshape(len(held), len(rig), len(lags), -1)  # (frame, view, lag, byte)
-        self._seen = np.array(seen, bool).reshape(len(held), len(rig), len(lags))
-        self._own = _counted(self._held)  # (frame, view, lag)
+        self._inside = np.array(inside, np.uint8).reshape(
+            len(inside), len(rig), len(lags), -1
+        )  # (frame, view, lag, byte)
+        self._seen = np.array(seen, bool).reshape(len(inside), len(rig), len(lags))
+        self._own = _count(self._inside)  # (frame, view, lag)
         self._frame = np.array(judged, int)
 
     @property
     def judged(self) -> int:
         """How many frames could be judged: those in which all views see somebody."""
-        return len(self._held)
+        return len(self._inside)
 
     def of_view(self, view: int, offsets: np.ndarray) -> np.ndarray:
-        """(lag,) share of points held by a view or by the others' hull that both hold, others being at ``offsets``."""
+        """(lag,) overlap of a view with the hull of the others, which are at ``offsets``."""
         return _smooth_mean(self._shares(view, offsets))
 
     def lags(self, view: int, offsets: np.ndarray, stretches: int) -> tuple[np.ndarray, np.ndarray]:
-        """The middle frames of stretches of the recording, and the lags [frames] at which the view fits best in each.
+        """The middle frames of stretches of the recording, and the best lag of the view in each [frames].
 
-        Fractions are those of a parabola through the best lag and its neighbours.
+        A parabola through the best lag and its neighbours gives fractions.
         """
         shares, middles, lags = self._shares(view, offsets), [], []
         for part in np.array_split(np.arange(self.judged), min(stretches, max(1, self.judged))):
@@ -167,21 +174,22 @@ class HullAgreement:
     def _shares(self, view: int, offsets: np.ndarray) -> np.ndarray:
         """(frame, lag), NaN where the view or the others' hull shows nobody."""
         others = [other for other in range(len(offsets)) if other != view]
+        # The points that the hull of the others contains, and those that the view contains too.
         place = offsets - self._about + self._reach
-        hull = np.bitwise_and.reduce([self._held[:, other, place[other]] for other in others])
-        both, alone, own = _counted(self._held[:, view] & hull[:, None]), _counted(hull), self._own[:, view]
-        # A view alone holds a whole cone of points: it counts as much as the others' hull does.
+        hull = np.bitwise_and.reduce([self._inside[:, other, place[other]] for other in others])
+        both, alone, own = _count(self._inside[:, view] & hull[:, None]), _count(hull), self._own[:, view]
+        # A view alone contains a whole cone of points, so it is scaled to weigh as much as the others' hull.
         scaled = own * (np.median(alone) / max(np.median(own), 1.0))
         usable = self._seen[:, view] & (alone > 0)[:, None]
         return np.where(usable, 2.0 * both / np.maximum(alone[:, None] + scaled, 1.0), np.nan)
 
     def fit(self, offsets: np.ndarray) -> float:
-        """How well all views fit at offsets (view,): the mean of what each says of the others."""
+        """How well all views fit at offsets (view,): the mean of their overlaps."""
         place = offsets - self._about + self._reach
         return float(np.mean([self.of_view(view, offsets)[place[view]] for view in range(len(offsets))]))
 
     def offsets(self) -> tuple[np.ndarray, int]:
-        """The offsets (view,) at which the views fit best, and how far [frames] the ends of other starts are from it.
+        """The offsets (view,) at which the views fit best, and the distance of other starts' ends from them [frames].
 
         Each view is moved in turn while the others stay. Where motion is slow or the calibration poor, the end depends
         on the start.
@@ -189,19 +197,20 @@ class HullAgreement:
         random, views, reach = np.random.default_rng(0), len(self._about), self._reach // 2
         starts = random.integers(-reach, reach + 1, (self._starts, views))
         starts[0] = 0
-        ends = [self._settled(self._about + start) for start in starts]
+        ends = [self._settle(self._about + start) for start in starts]
         best = max(ends, key=self.fit)
         return best, max(int(np.abs(_centred(end) - _centred(best)).max()) for end in ends)
 
-    def _settled(self, offsets: np.ndarray) -> np.ndarray:
-        """Where a start ends, with all ends shifted alike: which frames they are judged by depends on that."""
+    def _settle(self, offsets: np.ndarray) -> np.ndarray:
+        """The end of a start, shifted so that all ends lie alike: the frames that judge depend on that."""
         for _ in range(2):
-            end = self._improved(offsets)
+            end = self._improve(offsets)
             common = int(np.median(end - self._about))
             offsets = np.clip(end - common, self._about - self._reach, self._about + self._reach)
-        return self._improved(offsets)
+        return self._improve(offsets)
 
-    def _improved(self, offsets: np.ndarray) -> np.ndarray:
+    def _improve(self, offsets: np.ndarray) -> np.ndarray:
+        """Offsets after each view in turn has moved to its best lag, until none moves."""
         for _ in range(_ROUNDS):
             before = offsets.copy()
             for view in range(len(offsets)):
@@ -213,21 +222,21 @@ class HullAgreement:
         return offsets
 
 
-def _held(masks: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """(frame, point) bool: points that fall onto the foreground of a view's frames."""
+def _inside(masks: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """(frame, point) bool: the points whose pixels are foreground in a view's frames."""
     _, height, width = masks.shape
-    inside = np.all((pixels > -0.5) & (pixels < (width - 0.5, height - 0.5)), axis=1)
-    column, row = np.rint(np.where(inside[:, None], pixels, 0.0)).astype(int).T
-    held: np.ndarray = masks.reshape(len(masks), -1)[:, row * width + column] & inside
-    return held
+    in_image = np.all((pixels > -0.5) & (pixels < (width - 0.5, height - 0.5)), axis=1)
+    column, row = np.rint(np.where(in_image[:, None], pixels, 0.0)).astype(int).T
+    inside: np.ndarray = masks.reshape(len(masks), -1)[:, row * width + column] & in_image
+    return inside
 
 
-def _counted(bits: np.ndarray) -> np.ndarray:
+def _count(bits: np.ndarray) -> np.ndarray:
     return np.bitwise_count(bits).sum(axis=-1, dtype=np.int64).astype(float)
 
 
 def _smooth_mean(shares: np.ndarray) -> np.ndarray:
-    """(lag,) of shares (frame, lag); 0 where none is known."""
+    """(lag,) the smoothed mean of shares (frame, lag); 0 where none is known."""
     known = np.isfinite(shares)
     mean = np.where(known, shares, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
     return np.convolve(np.pad(mean, 1, mode="edge"), (0.25, 0.5, 0.25), "valid")

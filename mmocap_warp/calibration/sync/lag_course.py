@@ -6,19 +6,19 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-_LEAST_JUMP, _LEAST_DRIFT = 1.5, 2.5  # [frames] of a change; less is chance
-_BETTER = 2.5  # times as far must the lags be from a steady one as from the change
-_SIDE = 2  # stretches before and after a jump, at least
+_MIN_JUMP, _MIN_DRIFT = 1.5, 2.5  # frames: smaller changes happen by chance
+_MIN_RATIO = 2.5  # scatter about a steady lag over the scatter about the change, at least
+_MIN_SIDE = 2  # stretches before and after a jump, at least
 
 
 @dataclass(frozen=True)
 class LagCourse:
-    """What became of a view's lag; neither jump nor slope for a steady one.
+    """The course of a view's lag; a steady one has neither jump nor slope.
 
     Attributes:
         jump: frames by which it changes at once: 1 less for each frame that the camera dropped.
         at: the frame before which it changes.
-        slope: the camera's frames more than its rate says, to one of the scene's.
+        slope: frames that the camera has beyond its stated rate, for each of the scene's frames.
         start: its lag at the scene's frame 0 beyond its offset, where it has a slope [frames].
         scatter: root mean square of the lags about this course [frames].
     """
@@ -36,32 +36,34 @@ class LagCourse:
 
 
 def lag_course(frame: np.ndarray, lag: np.ndarray) -> LagCourse:
-    """What a view's lags in stretches of a recording say.
+    """The course of a view's lag, from its lags in stretches of a recording.
 
     Args:
         frame: (stretch,) the scene's frame in their middle, ascending.
         lag: (stretch,) beyond the view's offset [frames].
     """
-    steady = _scatter(lag - lag.mean())
-    if len(lag) < 2 * _SIDE:
+    # Three models: steady, a line, and a step at the best place.
+    steady = _rms(lag - lag.mean())
+    if len(lag) < 2 * _MIN_SIDE:
         return LagCourse(scatter=steady)
     slope, start = np.polyfit(frame, lag, 1)
-    line = _scatter(lag - start - slope * frame)
-    splits = range(_SIDE, len(lag) - _SIDE + 1)
+    line = _rms(lag - start - slope * frame)
+    splits = range(_MIN_SIDE, len(lag) - _MIN_SIDE + 1)
     sides = [(lag[:split], lag[split:]) for split in splits]
-    stepped = [_scatter(np.concatenate([side - side.mean() for side in both])) for both in sides]
-    best = int(np.argmin(stepped))
-    before, after = sides[best]
-    jump = float(after.mean() - before.mean())
-    if line <= stepped[best]:
-        changes = abs(slope) * (frame[-1] - frame[0]) > _LEAST_DRIFT and steady > _BETTER * line
+    steps = [_rms(np.concatenate([side - side.mean() for side in both])) for both in sides]
+    best = int(np.argmin(steps))
+    # The better of line and step counts where it is large, and clearly better than a steady lag.
+    if line <= steps[best]:
+        changes = abs(slope) * (frame[-1] - frame[0]) > _MIN_DRIFT and steady > _MIN_RATIO * line
         drift = LagCourse(slope=float(slope), start=float(start), scatter=line)
         return drift if changes else LagCourse(scatter=steady)
-    if abs(jump) < _LEAST_JUMP or steady < _BETTER * stepped[best]:
+    before, after = sides[best]
+    jump = float(after.mean() - before.mean())
+    if abs(jump) < _MIN_JUMP or steady < _MIN_RATIO * steps[best]:
         return LagCourse(scatter=steady)
     split = splits[best]
-    return LagCourse(jump=round(jump), at=int(frame[split - 1] + frame[split]) // 2, scatter=stepped[best])
+    return LagCourse(jump=round(jump), at=int(frame[split - 1] + frame[split]) // 2, scatter=steps[best])
 
 
-def _scatter(off: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(off**2)))
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,13 +1,13 @@
-"""Common time from motion alone: by how many frames views must be shifted to tell most about each other.
+"""Common time from motion alone: the shifts of views at which they share most information.
 
 The measure of a pair at a lag is the mutual information of their signals, taken to be jointly Gaussian:
 ``-1/2 sum log(1 - rho^2)`` over their canonical correlations ``rho``, regularised, times the frames that overlap. It
 needs no calibration, because it asks for no particular relation between two views, only that there is one. Few frames
-show a relation by chance too: what one view tells about the other run backwards is subtracted.
+show a relation by chance too, so the information about the other view run backwards is subtracted.
 
-Any relation is too little where motion repeats itself: of a walk's signals some combination fits at every lag. So
-those signals that all views show alike, such as the head going up and down, count once more: each compared with
-itself in the other view, and only where it goes the same way.
+This is too little where motion repeats itself: of a walk's signals some combination fits at every lag. So those
+signals that all views show alike, such as the head's height, count once more. Each is compared with itself in the other
+view, and counts only where the correlation is positive.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from itertools import combinations
 
 import numpy as np
 
-_NOISE = 1.0  # variance that is added to each signal's own: as much noise as signal
-_LIKE_NOISE = 0.1  # the same of a signal that is compared with itself in another view
-_NEAR = 0.1  # [s], lags that belong to one peak
-_STARTS = 8
-_ROUNDS = 50
+_NOISE = 1.0  # variance that regularises each signal, over its own variance
+_LIKE_NOISE = 0.1  # the same for a signal that is compared with itself in another view
+_PEAK_WIDTH = 0.1  # seconds between lags that belong to one peak
+_STARTS = 8  # random starts of the search for common offsets
+_ROUNDS = 50  # rounds of a search, at most
 
 
 @dataclass(frozen=True, eq=False)
 class PairScores:
-    """How well views go together at each lag.
+    """How much information pairs of views share at each lag.
 
     Attributes:
         score: (view, view, lag) float64, of the second view's frame ``f + lag`` with the first view's frame ``f``.
@@ -43,13 +43,13 @@ class PairScores:
         return PairScores(self.score[:, :, self.reach - reach : self.reach + reach + 1], reach, self.near)
 
     def total(self, offsets: np.ndarray) -> float:
-        """What all pairs score at offsets (view,); a lag out of reach counts nothing."""
+        """The sum over all pairs at offsets (view,); a lag out of reach counts nothing."""
         pairs = combinations(range(len(offsets)), 2)
         lags = [(one, other, int(offsets[other] - offsets[one])) for one, other in pairs]
         return float(sum(self.score[i, j, lag + self.reach] for i, j, lag in lags if abs(lag) <= self.reach))
 
     def best_lag(self, one: int, other: int) -> int:
-        """The lag at which two views alone go together best [frames]."""
+        """The best lag of two views alone [frames]."""
         return int(np.argmax(self.score[one, other])) - self.reach
 
     def of_view(self, view: int, offsets: np.ndarray) -> np.ndarray:
@@ -73,7 +73,7 @@ def pair_scores(signals: list[np.ndarray], like: np.ndarray, fps: float, reach: 
 
     Args:
         signals: of each view (frame, signal); frames are numbered alike, their number may differ.
-        like: (signal,) how much each counts as one that views show alike.
+        like: (signal,) weight of each as one that views show alike.
         fps: frames per second.
         reach: the largest lag [frames].
     """
@@ -81,23 +81,25 @@ def pair_scores(signals: list[np.ndarray], like: np.ndarray, fps: float, reach: 
     score = np.zeros((views, views, 2 * reach + 1))
     longest = max(map(len, signals))
     for one, other in combinations(range(views), 2):
-        told, by_chance, alike, frames = (np.zeros(2 * reach + 1) for _ in range(4))
+        # Information at each lag, the same by chance, and that of signals compared with themselves.
+        shared, by_chance, alike, frames = (np.zeros(2 * reach + 1) for _ in range(4))
         for place, lag in enumerate(range(-reach, reach + 1)):
-            first, second = _together(signals[one], signals[other], lag)
+            first, second = _overlapping(signals[one], signals[other], lag)
             frames[place] = len(first)
             if len(first) > 2:
-                told[place] = len(first) * _information(first, second)
+                shared[place] = len(first) * _information(first, second)
                 by_chance[place] = len(first) * _information(first, second[::-1])
-                alike[place] = len(first) * _alike(first, second) @ like
+                alike[place] = len(first) * _self_information(first, second) @ like
+        # What chance gives is linear in the number of frames.
         line = np.stack([np.ones_like(frames), frames / longest], axis=1)
         expected = line @ np.linalg.lstsq(line, by_chance, rcond=None)[0]
-        score[one, other] = (told - expected + alike) / longest
+        score[one, other] = (shared - expected + alike) / longest
         score[other, one] = score[one, other, ::-1]
-    return PairScores(score, reach, max(2, round(_NEAR * fps)))
+    return PairScores(score, reach, max(2, round(_PEAK_WIDTH * fps)))
 
 
-def _together(one: np.ndarray, other: np.ndarray, lag: int) -> tuple[np.ndarray, np.ndarray]:
-    """Frames of one view, and those of the other that are ``lag`` later by their numbers."""
+def _overlapping(one: np.ndarray, other: np.ndarray, lag: int) -> tuple[np.ndarray, np.ndarray]:
+    """The frames of one view that have a partner ``lag`` later in the other, and these partners."""
     first, end = max(0, -lag), min(len(one), len(other) - lag)
     end = max(first, end)
     return one[first:end], other[first + lag : end + lag]
@@ -116,8 +118,8 @@ def _information(one: np.ndarray, other: np.ndarray) -> float:
     return float(-0.5 * np.log1p(-(np.minimum(correlation, 1 - 1e-9) ** 2)).sum())
 
 
-def _alike(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """(signal,) nats a frame that each signal tells of itself in the other view; 0 where the two go opposite ways."""
+def _self_information(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """(signal,) information of each signal about itself in the other view [nats a frame]; 0 where anticorrelated."""
     first, second = one - one.mean(axis=0), other - other.mean(axis=0)
     size = np.sqrt((first**2).sum(axis=0) * (second**2).sum(axis=0))
     correlation = (first * second).sum(axis=0) / np.where(size > 0, size, 1.0) / (1 + _LIKE_NOISE)
@@ -127,19 +129,20 @@ def _alike(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 def common_offsets(scores: PairScores) -> np.ndarray:
     """(view,) offsets [frames] at which all pairs together score highest; the first view's is 0.
 
-    Offsets are improved one view at a time from several starts. All pairs vote with their whole curve, not with the
-    place of its peak: a pair whose peak is at a period too many is outvoted.
+    Offsets are improved one view at a time from several starts. Each pair votes with its whole curve, not with the
+    place of its peak, so that a pair whose peak is one period off is outvoted.
     """
     views = len(scores.score)
     random = np.random.default_rng(0)
     starts = [np.zeros(views, int), np.array([0, *(scores.best_lag(0, view) for view in range(1, views))])]
     starts += [random.integers(-scores.reach // 2, scores.reach // 2 + 1, views) for _ in range(_STARTS)]
-    found = [_improved(scores, np.clip(each, -scores.reach, scores.reach)) for each in starts]
-    best = max(found, key=scores.total)
+    ends = [_improve(scores, np.clip(each, -scores.reach, scores.reach)) for each in starts]
+    best = max(ends, key=scores.total)
     return best - best[0]
 
 
-def _improved(scores: PairScores, offsets: np.ndarray) -> np.ndarray:
+def _improve(scores: PairScores, offsets: np.ndarray) -> np.ndarray:
+    """Offsets after each view in turn has moved to its best lag, until none moves."""
     offsets = offsets.copy()
     for _ in range(_ROUNDS):
         before = offsets.copy()

@@ -1,37 +1,41 @@
-"""How a silhouette moves, in numbers that other views of the same person share.
+"""How a silhouette moves, as signals that other views of the same person share.
 
 Left and right differ between views, and so do sizes. What views share is *when* something moves. A view's signals are
 the speeds of its silhouette's outline, place and spread, and how much of it changes from one frame to the next at each
-relative height. That some combination of one view's signals goes with some combination of another's is what tells two
-views' common time; see :mod:`mmocap_warp.calibration.sync.shared_motion`.
+relative height. Two views have a common time where some combination of one view's signals is correlated with some
+combination of the other's; see :mod:`mmocap_warp.calibration.sync.shared_motion`.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-_ENDS = (0.01, 0.99)  # shares of the foreground beyond which a speck may lie
-_BANDS = 6  # of relative height
-_BEYOND = 0.05  # of the height: how far the bands reach beyond the silhouette
-_PART = 0.3  # of the usual area; a smaller silhouette is a fault
-_SMOOTHING = 0.042  # [s], standard deviation of the filter
-_LEAST_SMOOTHING = 1.0  # [frames]
+_ENDS = (0.01, 0.99)  # quantiles of the foreground that bound the silhouette: beyond them specks may lie
+_BANDS = 6  # bands of relative height
+_BEYOND = 0.05  # share of the height that the bands reach beyond the silhouette
+_MIN_AREA = 0.3  # share of the usual area: a smaller silhouette is a fault
+_SMOOTHING = 0.042  # seconds: standard deviation of the filter
+_MIN_SMOOTHING = 1.0  # frames
+_MIN_RANGE = 1e-9  # body heights a frame: a signal that varies less does not move, but for rounding
+_SHAPE, _TOP, _BOTTOM = 10, 2, 3  # numbers of a silhouette's shape, and the places of its top and bottom among them
+LIKE = np.array([float(signal == _TOP) for signal in range(_SHAPE)] + _BANDS * [0.5])
+"""(signal,) weight of what all views show alike: the head's height, and the movement of limbs at each height."""
 
 
 class SilhouetteMotion:
-    """A view's masks, looked at in the order in which its camera took them."""
+    """The movement in a view's masks, which are added in the order in which its camera took them."""
 
     def __init__(self) -> None:
-        self._shape: list[np.ndarray] = []  # per frame: place, outline, size and spread [px]
+        self._shape: list[np.ndarray] = []  # of each frame: place, outline, size and spread [px]
         self._area: list[int] = []
-        self._change: list[np.ndarray] = []  # per frame but the first, per band [px^2]
+        self._change: list[np.ndarray] = []  # of each frame but the first, in each band [px^2]
         self._before: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self._area)
 
     def add(self, mask: np.ndarray) -> None:
-        """Look at the next frame's mask, (height, width) bool; an empty one is a frame without a silhouette."""
+        """Add the next frame's mask, (height, width) bool; an empty one is a frame without a silhouette."""
         rows, columns = mask.sum(axis=1).astype(float), mask.sum(axis=0).astype(float)
         area = int(rows.sum())
         shape = _shape(mask, rows, columns) if area else np.zeros(_SHAPE)
@@ -47,10 +51,10 @@ class SilhouetteMotion:
         """(frame,) bool: frames with a whole silhouette."""
         area = np.array(self._area)
         some = area[area > 0]
-        return area > _PART * np.median(some) if len(some) else np.zeros(len(area), bool)
+        return area > _MIN_AREA * np.median(some) if len(some) else np.zeros(len(area), bool)
 
     def signals(self, fps: float) -> np.ndarray:
-        """(frame - 1, signal) float64: between a frame and the next, in body heights; frames without one are bridged.
+        """(frame - 1, signal) float64 between each frame and the next, in body heights; gaps are interpolated.
 
         Args:
             fps: the camera's frames per second.
@@ -61,21 +65,14 @@ class SilhouetteMotion:
         seen = self.seen
         if seen.sum() < 2:
             raise ValueError("two frames with a silhouette are needed")
-        smoothing = max(_LEAST_SMOOTHING, _SMOOTHING * fps)
+        smoothing = max(_MIN_SMOOTHING, _SMOOTHING * fps)
         shape = np.array(self._shape)
         height = float(np.median(shape[seen, _BOTTOM] - shape[seen, _TOP]))
-        speed = _filtered(_bridged(shape / height, seen), smoothing, slope=True)
-        change = _filtered(_bridged(np.sqrt(np.array(self._change)) / height, seen[1:] & seen[:-1]), smoothing)
+        # Speeds of the shape, and the smoothed changes of its bands, at the times between frames.
+        speed = _filter(_interpolate_gaps(shape / height, seen), smoothing, slope=True)
+        change = _filter(_interpolate_gaps(np.sqrt(np.array(self._change)) / height, seen[1:] & seen[:-1]), smoothing)
         signals = np.concatenate([0.5 * (speed[1:] + speed[:-1]), change], axis=1)
-        return np.where(np.ptp(signals, axis=0) > _ROUNDING, signals, 0.0)
-
-
-_SHAPE, _TOP, _BOTTOM = 10, 2, 3
-LIKE = np.array([float(signal == _TOP) for signal in range(_SHAPE)] + _BANDS * [0.5])
-"""(signal,) how much each says that all views show alike: heads go up and down, and limbs at a height move, for all."""
-
-_ROUNDING = 1e-9
-"""Of a silhouette's height a frame: what does not move leaves less, alike in all views that see the same."""
+        return np.where(np.ptp(signals, axis=0) > _MIN_RANGE, signals, 0.0)
 
 
 def _shape(mask: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
@@ -89,9 +86,9 @@ def _shape(mask: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarra
 
 
 def _places(sums: np.ndarray) -> np.ndarray:
-    """(2,) between which almost all of the foreground lies, of the sums of rows or columns."""
-    gathered = np.concatenate([[0.0], np.cumsum(sums)])
-    return np.interp(_ENDS, gathered / gathered[-1], np.arange(len(gathered)))
+    """(2,) the positions between which almost all foreground lies, from the sums of rows or columns."""
+    cumulative = np.concatenate([[0.0], np.cumsum(sums)])
+    return np.interp(_ENDS, cumulative / cumulative[-1], np.arange(len(cumulative)))
 
 
 def _changes(before: np.ndarray, mask: np.ndarray, shape_before: np.ndarray, shape: np.ndarray) -> np.ndarray:
@@ -99,19 +96,19 @@ def _changes(before: np.ndarray, mask: np.ndarray, shape_before: np.ndarray, sha
     top, bottom = min(shape_before[_TOP], shape[_TOP]), max(shape_before[_BOTTOM], shape[_BOTTOM])
     beyond = _BEYOND * (bottom - top)
     edges = np.linspace(top - beyond, bottom + beyond, _BANDS + 1)
-    gathered = np.concatenate([[0.0], np.cumsum((before ^ mask).sum(axis=1))])
-    return np.diff(np.interp(edges, np.arange(len(gathered)), gathered))
+    cumulative = np.concatenate([[0.0], np.cumsum((before ^ mask).sum(axis=1))])
+    return np.diff(np.interp(edges, np.arange(len(cumulative)), cumulative))
 
 
-def _bridged(values: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Values (frame, signal) with those that are not known (frame,) on the line between their neighbours."""
+def _interpolate_gaps(values: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Values (frame, signal) with unknown frames on the line between their known neighbours."""
     at = np.flatnonzero(known)
     frames = np.arange(len(values))
     return np.stack([np.interp(frames, at, column[at]) for column in values.T], axis=1) if len(at) else 0.0 * values
 
 
-def _filtered(values: np.ndarray, smoothing: float, slope: bool = False) -> np.ndarray:
-    """Values (frame, signal) smoothed by a Gaussian [frames], or the slope of what it leaves."""
+def _filter(values: np.ndarray, smoothing: float, slope: bool = False) -> np.ndarray:
+    """Values (frame, signal) smoothed by a Gaussian [frames], or the slope of the smoothed values."""
     reach = int(3 * smoothing + 1)
     x = np.arange(-reach, reach + 1)
     gauss = np.exp(-0.5 * (x / smoothing) ** 2)

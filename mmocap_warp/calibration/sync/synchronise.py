@@ -14,37 +14,37 @@ from mmocap_warp.calibration.sync.silhouette_motion import LIKE, SilhouetteMotio
 from mmocap_warp.errors import InputError
 from mmocap_warp.scene.recording import Scene
 
-_LENGTH = 320  # [px] of the masks' longer side
+_MAX_PIXELS = 320  # pixels of the masks' longer side
 WITHIN = 1.0
-"""Of a lag that is looked for [s], unless somebody knows better."""
+"""The largest lag that is looked for by default [s]."""
 
-_SHARE = 1 / 3  # of a clip, at most
-_SHORT = 0.25  # [s], within which a lag is believed more than a longer one
-_CLEARLY = 3.0  # times as high must a score be to take a longer lag
-_HALF = 0.5  # of the other views must say the same
-_HULL_REACH = 0.4  # [s] by which the hull may correct what motion found
-_HULL_CORRECTS = 3  # [frames], what motion is sure of, at most
-_HULL_SPREAD = 1  # [frames] between the ends of several starts, of a hull that can be trusted
-_HULL_SIGMA = 0.5  # [frames], standard deviation of an offset, of such a hull
-_STRETCHES, _OF_A_STRETCH = 6, 80  # of a recording, and frames of one at least, that motion tells changes by
-_CHANGE = 0.2  # [s] of a lag that changes, at most
-_RIVAL = 0.75  # of the best score: another lag that scores more makes a view's offset unsure
-_ALIKE = 2  # [frames] within which a pair alone agrees with what all pairs say
+_MAX_SHARE = 1 / 3  # share of a clip that a lag may be
+_SHORT = 0.25  # seconds: shorter lags are more plausible than longer ones
+_LONG_SCORE_RATIO = 3.0  # score of a long lag over that of a short one, at least
+_MIN_AGREEING = 0.5  # share of the other views that must agree alone
+_HULL_REACH = 0.4  # seconds to either side in which the hull looks for offsets that motion is not sure of
+_MAX_HULL_CORRECTION = 3  # frames by which the hull may correct offsets that motion is sure of
+_MAX_HULL_SPREAD = 1  # frames between the ends of several starts of a hull that can be trusted
+_MAX_HULL_SIGMA = 0.5  # frames: standard deviation of an offset from such a hull
+_STRETCHES, _MIN_STRETCH = 6, 80  # stretches of a recording, and frames of one at least
+_MAX_CHANGE = 0.2  # seconds by which a lag may change
+_MAX_RIVAL = 0.75  # score of another lag over the best, from which on a view's offset is unsure
+_PAIR_TOLERANCE = 2  # frames within which a pair alone agrees with all pairs
 
 Progress = Callable[[int, int], None]
-"""Called with the frames that have been looked at, and all of them."""
+"""Called with the number of frames that have been read, and of all."""
 
 
 @dataclass(frozen=True)
 class ViewOffset:
-    """What was found of one camera.
+    """The time offset of one camera.
 
     Attributes:
-        frames: its offset [the scene's frames]: it lags by so many.
+        frames: by how many of the scene's frames it lags.
         rival: score of the best other lag over that of this one; below ``0.75`` the offset is sure.
         other: that other lag [frames].
-        agreeing: share of the other views that, compared with this one alone, say the same within two frames.
-        sure: whether the offset can be relied on.
+        agreeing: share of the other views that, compared with this one alone, agree within two frames.
+        sure: whether the offset is reliable.
         course: how it changes.
     """
 
@@ -55,15 +55,40 @@ class ViewOffset:
     sure: bool
     course: LagCourse = field(default_factory=LagCourse)
 
+    def doubt(self, name: str, fps: float | None) -> str | None:
+        """Why the offset of the camera ``name``, which runs at ``fps``, is not reliable; None where it is."""
+        if self.sure and self.course.jump:
+            what = f"dropped {-self.course.jump}" if self.course.jump < 0 else f"has {self.course.jump} too many"
+            where = f"{name} {what} of its frames near frame {self.course.at}"
+            return f"{where}: its offset changes there; cut or mend the video"
+        if self.sure and self.course.slope:
+            runs = f"{100 * abs(self.course.slope):.1f} % {'faster' if self.course.slope > 0 else 'slower'}"
+            return (
+                f"{name} runs {runs} than it says, or dropped frames here and there: set fps = {fps:g} under "
+                f"[cameras.{name}] and run sync again; if it still changes, mend the video"
+            )
+        if self.sure:
+            return None
+        if self.rival == float("inf"):
+            why = "the person stands still, or it is another recording"
+            return f"{name} shows no motion that the other views share: {why}"
+        if self.rival >= _MAX_RIVAL:
+            lag = self.other - self.frames
+            return (
+                f"{name} fits as well {lag:+d} frames later: the motion repeats itself every {abs(lag)} frames, as "
+                "steps do, or there is too little of it; record a clap, a jump or a turn too"
+            )
+        return f"{name} agrees with {100 * self.agreeing:.0f} % of the other views: too little motion, or poor masks"
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, repr=False)
 class Synchronisation:
-    """What was found of all cameras.
+    """The time offsets of all cameras.
 
     Attributes:
         fps: of the scene's frames.
         views: by camera name.
-        hull: whether calibrated views decided by the hull; None without a calibration, False where it could not tell.
+        hull: whether the visual hull decided; None without a calibration, False where hulls could not decide.
     """
 
     fps: float
@@ -72,66 +97,90 @@ class Synchronisation:
 
     @property
     def sure(self) -> bool:
-        """Whether all offsets can be relied on, all along."""
+        """Whether all offsets are reliable throughout the recording."""
         return all(view.sure and not view.course.changes for view in self.views.values())
+
+    def timing(self, scene: Scene) -> dict[str, dict[str, float]]:
+        """What each camera's table in the scene file has to say: ``offset`` [s], and ``fps`` where the rate differs."""
+        timing = {}
+        for source in scene.cameras:
+            view = self.views[source.name]
+            timing[source.name] = {"offset": round((view.frames + view.course.start) / self.fps, 6)}
+            if view.course.slope:
+                timing[source.name]["fps"] = round(self.fps * source.rate * (1 + view.course.slope), 4)
+        return timing
+
+    def faults(self, scene: Scene) -> list[str]:
+        """Why offsets are not reliable, a line for each camera that is in doubt."""
+        timing = self.timing(scene)
+        doubts = (view.doubt(name, timing[name].get("fps")) for name, view in self.views.items())
+        return [doubt for doubt in doubts if doubt is not None]
+
+    def __repr__(self) -> str:
+        lags = ", ".join(f"{name} {view.frames:+d}{'' if view.sure else '?'}" for name, view in self.views.items())
+        by = "the visual hull" if self.hull else "motion"
+        return f"Synchronisation by {by}, {self.fps:g} frames/s: {lags}"
 
 
 def synchronise(scene: Scene, progress: Progress | None = None, within: float = WITHIN) -> Synchronisation:
-    """Find the offsets of a scene's cameras; what the scene says about them is not looked at.
+    """Find the offsets of a scene's cameras; the offsets that the scene states are not used.
 
     Args:
-        scene: its ``calibration`` is used where there is one that says where cameras stand.
+        scene: its ``calibration`` is used where it has the cameras' places.
         progress: called while masks are read.
-        within: by how much one camera lags another at most [s].
+        within: the largest lag between two cameras [s].
 
     Raises:
         InputError: a single camera, or one that shows nobody.
-        ValueError: a ``within`` that is no time.
+        ValueError: ``within`` is not in (0, 1000).
     """
     if not 0 < within < 1000:
         raise ValueError(f"within must be a time in seconds, got {within:g}")
     if len(scene.cameras) < 2:
         raise InputError(scene.path, "one camera has nothing to be in step with", "name at least two cameras")
+    # Read all masks once, each camera's in its own frames.
     recorded = scene.as_recorded()
-    scale = min(1.0, _LENGTH / int(scene.calibrated.size.max()))
+    scale = min(1.0, _MAX_PIXELS / int(scene.calibrated.size.max()))
     motions = [SilhouetteMotion() for _ in scene.cameras]
-    masks = [_Masks(source.rate) for source in scene.cameras]
+    masks = [_PackedMasks(source.rate) for source in scene.cameras]
     for number, views in enumerate(recorded.masks(scale)):
         for motion, kept, mask in zip(motions, masks, views, strict=True):
             motion.add(mask)
             kept.add(mask)
         if progress:
             progress(number + 1, recorded.frame_count)
+    # Offsets by motion.
     signals = [_in_scene_frames(_signals(motion, scene, k), scene.cameras[k].rate) for k, motion in enumerate(motions)]
     scores, offsets = _offsets_by_motion(signals, scene.fps, within)
     courses, hull = _courses_by_motion(signals, offsets, scene.fps), None
+    # With a calibration the visual hull decides where it can be trusted.
     if scene.calibration is not None and scene.calibrated.placed:
-        told = all(_judged(scores, k, offsets, False).sure for k in range(len(masks)))
-        about, reach = (offsets, 0) if told else (np.zeros_like(offsets), round(min(_HULL_REACH, within) * scene.fps))
+        sure = all(_judge(scores, k, offsets, False).sure for k in range(len(masks)))
+        about, reach = (offsets, 0) if sure else (np.zeros_like(offsets), round(min(_HULL_REACH, within) * scene.fps))
         by_hull = offsets_by_hull(scene.rig(scale), masks, about, reach)
-        hull = by_hull is not None and _trusted(by_hull, offsets if told else None)
+        hull = by_hull is not None and _can_trust(by_hull, offsets if sure else None)
         if by_hull and hull:
             offsets = by_hull.offsets
             courses = [one if one.changes else other for one, other in zip(by_hull.courses, courses, strict=True)]
-    found = {
-        source.name: replace(_judged(scores, k, offsets, hull is True), course=courses[k])
+    views_by_name = {
+        source.name: replace(_judge(scores, k, offsets, hull is True), course=courses[k])
         for k, source in enumerate(scene.cameras)
     }
-    return Synchronisation(scene.fps, found, hull)
+    return Synchronisation(scene.fps, views_by_name, hull)
 
 
-def _trusted(hull: HullOffsets, motion: np.ndarray | None) -> bool:
-    """Whether hulls tell the offsets, given those that motion is sure of, if it is."""
-    if hull.spread > _HULL_SPREAD or hull.sigma.max() > _HULL_SIGMA:
+def _can_trust(hull: HullOffsets, motion: np.ndarray | None) -> bool:
+    """Whether hulls determine the offsets; ``motion`` are those that motion is sure of, if any."""
+    if hull.spread > _MAX_HULL_SPREAD or hull.sigma.max() > _MAX_HULL_SIGMA:
         return False
     if motion is None:
         return True
     apart = hull.offsets - motion
-    return bool(np.abs(apart - np.median(apart)).max() <= _HULL_CORRECTS)
+    return bool(np.abs(apart - np.median(apart)).max() <= _MAX_HULL_CORRECTION)
 
 
-class _Masks:
-    """A camera's masks as bits, by the scene's frames."""
+class _PackedMasks:
+    """A camera's masks as bits, indexed by the scene's frames."""
 
     def __init__(self, rate: float) -> None:
         self._rate = rate
@@ -152,6 +201,7 @@ class _Masks:
 
 
 def _signals(motion: SilhouetteMotion, scene: Scene, k: int) -> np.ndarray:
+    """The signals of camera ``k`` in its own frames; an InputError where it shows nobody."""
     try:
         return motion.signals(scene.fps * scene.cameras[k].rate)
     except ValueError:
@@ -163,7 +213,7 @@ def _signals(motion: SilhouetteMotion, scene: Scene, k: int) -> np.ndarray:
 
 
 def _in_scene_frames(signals: np.ndarray, rate: float) -> np.ndarray:
-    """A camera's signals between its frames as between the scene's, of which it has ``rate`` to one."""
+    """A camera's signals at the scene's frames, of which it has ``rate`` to one."""
     if rate == 1.0:
         return signals
     frames = np.arange(int(len(signals) / rate))
@@ -172,21 +222,23 @@ def _in_scene_frames(signals: np.ndarray, rate: float) -> np.ndarray:
 
 
 def _offsets_by_motion(signals: list[np.ndarray], fps: float, within: float) -> tuple[PairScores, np.ndarray]:
-    """Scores of all lags, and the offsets; of two that score much alike the shorter ones."""
-    most = max(1, min(round(within * fps), int(_SHARE * min(map(len, signals)))))
+    """Scores of all lags, and the offsets; short ones unless long ones score much higher."""
+    most = max(1, min(round(within * fps), int(_MAX_SHARE * min(map(len, signals)))))
     scores = pair_scores(signals, LIKE, fps, most)
     near = scores.within(min(most, round(_SHORT * fps)))
     short, long = common_offsets(near), common_offsets(scores)
-    return scores, long if scores.total(long) > _CLEARLY * scores.total(short) else short
+    return scores, long if scores.total(long) > _LONG_SCORE_RATIO * scores.total(short) else short
 
 
 def _courses_by_motion(signals: list[np.ndarray], offsets: np.ndarray, fps: float) -> list[LagCourse]:
-    """How the views' lags change from a stretch of the recording to the next."""
+    """The courses of the views' lags, from stretches of the recording."""
+    # Frames that all views have at these offsets.
     begin = offsets - offsets.min()
     length = min(len(each) - first for each, first in zip(signals, begin, strict=True))
-    reach = round(_CHANGE * fps)
+    reach = round(_MAX_CHANGE * fps)
+    # The best lag of each view in each stretch.
     middles, lags = [], []
-    for part in np.array_split(np.arange(length), max(1, min(_STRETCHES, length // _OF_A_STRETCH))):
+    for part in np.array_split(np.arange(length), max(1, min(_STRETCHES, length // _MIN_STRETCH))):
         there = [each[first + part] for each, first in zip(signals, begin, strict=True)]
         scores = pair_scores(there, LIKE, fps, reach)
         none = np.zeros(len(signals), int)
@@ -196,20 +248,23 @@ def _courses_by_motion(signals: list[np.ndarray], offsets: np.ndarray, fps: floa
 
 
 def _most_common(offsets: np.ndarray) -> int:
-    """The offset that most views have, of several the first: their frames are the scene's."""
+    """The offset that most views have, or the first of several: the frames of these views are the scene's."""
     values = offsets.tolist()
     return int(max(values, key=lambda value: (values.count(value), -values.index(value))))
 
 
-def _judged(scores: PairScores, view: int, offsets: np.ndarray, by_hull: bool) -> ViewOffset:
-    found = offsets - _most_common(offsets)
+def _judge(scores: PairScores, view: int, offsets: np.ndarray, by_hull: bool) -> ViewOffset:
+    """A view's offset and whether it is reliable: always if found by the hull, else by its rival and the pairs."""
+    frames = offsets - _most_common(offsets)
+    # The best lag elsewhere, and its score over that of the chosen one.
     curve, at = scores.of_view(view, offsets - offsets[view]), scores.reach
     elsewhere = np.abs(np.arange(len(curve)) - at) > scores.near
     other = int(np.argmax(np.where(elsewhere, curve, -np.inf)))
     best = float(curve[at - 1 : at + 2].max())
     rival = float(max(curve[other], 0.0)) / best if best > 0 else float("inf")
+    # The pairs that alone agree with the chosen lag.
     others = [each for each in range(len(offsets)) if each != view]
-    same = [abs(scores.best_lag(each, view) - (offsets[view] - offsets[each])) <= _ALIKE for each in others]
+    same = [abs(scores.best_lag(each, view) - (offsets[view] - offsets[each])) <= _PAIR_TOLERANCE for each in others]
     agreeing = float(np.mean(same))
-    sure = by_hull or (rival < _RIVAL and agreeing > _HALF)
-    return ViewOffset(int(found[view]), rival, int(found[view]) + other - at, agreeing, sure)
+    sure = by_hull or (rival < _MAX_RIVAL and agreeing > _MIN_AGREEING)
+    return ViewOffset(int(frames[view]), rival, int(frames[view]) + other - at, agreeing, sure)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mmocap_warp.contour import ACCELERATION
 from mmocap_warp.contour.clip.backward_pass import AHEAD, BackwardPass
 from mmocap_warp.contour.clip.motion_penalty import HELD, MotionCost, MotionPenalty
 from mmocap_warp.contour.clip.motion_points import MotionPoints
@@ -14,10 +15,8 @@ from mmocap_warp.contour.frame.descent import LARGEST_STEP, RAISE, STOP, Trust
 from mmocap_warp.contour.frame.normal_equations import LineariseFrames, NormalEquations
 from mmocap_warp.contour.frame.rooted import FrameArrays, RootedPoses, Rooting
 
-ACCELERATION = 5.4
-"""Standard deviation of a point's acceleration [m/s^2]: 1.5 mm of second difference at 60 frames/s."""
 COARSE_ACCELERATION = 72.0
-"""The same for a first pass, in which the frames still find the contours that they belong to."""
+"""``ACCELERATION`` for a first pass, in which the frames still find the contours that they belong to."""
 
 WINDOW = 2.0
 """What is solved together [s]."""

@@ -32,9 +32,11 @@ class Page:
 
     Attributes:
         html: the whole file.
+        frames: how many frames the result has.
     """
 
     html: str
+    frames: int
 
     def write(self, path: str | Path) -> None:
         """Write it as a file, whole or not at all.
@@ -83,7 +85,7 @@ def view(
             seen = scene.of_frames(as_range(shown.frame_numbers.tolist()))
             pictures = small_images(seen.images(scale), cameras)
     holds = sentence(shown.rate, step, masks, pictures)
-    return Page(_html(name, _summary(result), holds, content(shown, truth, masks, pictures)))
+    return Page(_html(name, _summary(result), holds, content(shown, truth, masks, pictures)), len(result.frame_numbers))
 
 
 def _told(views: Views, count: int, progress: Callable[[int, int], None] | None) -> Iterator[Any]:

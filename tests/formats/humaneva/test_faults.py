@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from mmocap_warp import cli
-from mmocap_warp.cli.exit_codes import BAD_INPUT, OK
+from mmocap_warp.cli.console import BAD_INPUT, OK
 
 CAL, OFS = "S1/Calibration_Data/BW2.cal", "S1/Sync_Data/Walking_1_(C3).ofs"
 AVI, C3D = "S1/Image_Data/Walking_1_(BW1).avi", "S1/Mocap_Data/Walking_1.c3d"

@@ -15,7 +15,7 @@ import pytest
 from mmocap_warp import cli
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.rig import project
-from mmocap_warp.cli.exit_codes import OK
+from mmocap_warp.cli.console import OK
 from mmocap_warp.formats.humaneva.humaneva_files import StreamOffset, synchronise
 from mmocap_warp.formats.humaneva.sequence import (
     CAMERAS,

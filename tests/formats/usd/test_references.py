@@ -6,7 +6,7 @@ import pytest
 from synthetic import synthetic_body
 
 from mmocap_warp import cli
-from mmocap_warp.cli.exit_codes import BAD_INPUT
+from mmocap_warp.cli.console import BAD_INPUT
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.usd_body import read_body, write_body
 

@@ -12,7 +12,7 @@ from synthetic import ring_rig, synthetic_body, synthetic_subject
 
 from mmocap_warp.kernels.silhouettes.coverage import crossing, edge
 from mmocap_warp.kernels.views.projection import BEHIND, SUBPIXEL
-from mmocap_warp.silhouettes.renderers import RENDERERS
+from mmocap_warp.silhouettes import RENDERERS
 
 SQUARE = np.array([[0, 2, 1], [0, 3, 2]], np.int32)  # facing: counter-clockwise for the eye, y down
 LIMIT = 2**20  # cells

@@ -8,7 +8,7 @@ from random_scenes import posed_vertices, random_masks, random_poses
 from synthetic import ring_rig, synthetic_body, synthetic_subject
 
 from mmocap_warp.kernels.views.projection import SUBPIXEL
-from mmocap_warp.silhouettes.renderers import RENDERERS
+from mmocap_warp.silhouettes import RENDERERS
 
 # A band of 4,000 px wide rows has 10 of them, one of 70 px 409; the last one is ten words and one row.
 LARGE = ((4000, 45), (70, 2000), (289, 1))

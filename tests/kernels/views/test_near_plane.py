@@ -8,7 +8,7 @@ from random_scenes import random_masks
 from synthetic import ring_rig
 
 from mmocap_warp.kernels.views.projection import NEAR
-from mmocap_warp.silhouettes.renderers import RENDERERS
+from mmocap_warp.silhouettes import RENDERERS
 
 CUBE = np.array(
     [[0, 2, 1], [0, 3, 2], [4, 5, 6], [4, 6, 7], [0, 1, 5], [0, 5, 4],

@@ -1,0 +1,187 @@
+"""What silhouettes alone say about cameras, without a body: how well they agree, and which rough changes they ask for.
+
+**Coherence.** Whatever casts the silhouettes lies within the visual hull of any views. So the hull of the other views,
+seen by a camera, covers its silhouette; how much of it is covered says how well the camera agrees with them, as in
+C. Hernandez, F. Schmitt and R. Cipolla, *Silhouette coherence for camera calibration under circular motion* (2007).
+It judges cameras, by masks of one moment. A hull that reaches beyond the silhouette costs nothing, since the hull of a
+few views is larger than the body anyway. ``hull_agreement`` judges times, and also counts what the hull has too much.
+
+**Landmarks.** The centroid of a silhouette is seen nearly where the body's centroid is, and its highest point is nearly
+the body's, in every view alike. Over frames these are points that several cameras follow. A small bundle adjustment of
+them turns and moves cameras that contours cannot, because their outlines do not meet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mmocap_warp.calibration.adjust.camera_changes import OFFSET, changed
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.masks.observation import Observation, unpack_masks
+from mmocap_warp.masks.visual_hull import meeting_point, seen_at
+
+_SPACING = 0.03  # metres between the hull's voxels
+_REACH = 1.0  # metres that the voxels reach along each axis from the point where the silhouettes meet
+_TOP_SHARE = 0.02  # share of a silhouette's pixels that count as its highest
+_SIGMA = 0.04  # metres by which a silhouette's centroid and highest point differ from those of the body
+_MIN_PIXELS = 50  # a view with fewer foreground pixels shows nobody
+_BORDER = 2  # pixels: a silhouette that comes so near an image's edge may go on beyond it
+_MIN_DEPTH = 0.1  # metres before a camera that a point is at least
+
+
+def coherence(rig: CameraRig, observations: Sequence[Observation]) -> np.ndarray:
+    """(camera,) share of each silhouette that the hull of the other views covers, the mean over frames.
+
+    Frames in which fewer than three views see anybody do not count; NaN where no frame counts.
+
+    Args:
+        rig: undistorted cameras at the masks' size.
+        observations: masks.
+    """
+    shares = [_covered_shares(rig, observation) for observation in observations]
+    known = [share for share in shares if share is not None]
+    if not known:
+        return np.full(len(rig), np.nan)
+    stacked = np.stack(known)
+    count = np.isfinite(stacked).sum(axis=0)
+    mean: np.ndarray = np.where(count > 0, np.nansum(stacked, axis=0) / np.maximum(count, 1), np.nan)
+    return mean
+
+
+def _covered_shares(rig: CameraRig, observation: Observation) -> np.ndarray | None:
+    """(camera,) the shares in one frame; None where fewer than three views see anybody."""
+    seeing = np.flatnonzero(observation.foreground > 0).tolist()
+    if len(seeing) < 3:
+        return None
+    # Voxels fill a cube about the point where the silhouettes meet.
+    masks = unpack_masks(observation.words, rig.size)
+    centre = meeting_point(rig.select(tuple(rig.names[k] for k in seeing)), [masks[k] for k in seeing])
+    axis = np.arange(-_REACH, _REACH + _SPACING, _SPACING)
+    points = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3) + centre
+    # Voxels outside two silhouettes are in no hull of all views but one, so they are dropped. For the others `misses`
+    # is 0 or 1, and `outside_of` names the view that misses them.
+    pixels, misses = [], np.zeros(len(points), int)
+    outside_of = np.full(len(points), -1)
+    for k in seeing:
+        pixel, inside = seen_at(rig, k, points, masks[k])
+        misses += ~inside
+        outside_of[~inside] = k
+        alive = misses <= 1
+        points, misses, outside_of = points[alive], misses[alive], outside_of[alive]
+        pixels = [each[alive] for each in pixels] + [pixel[alive]]
+    # The hull of the others is what nobody misses, and what this view alone misses.
+    share = np.full(len(rig), np.nan)
+    for number, k in enumerate(seeing):
+        hull = (outside_of == k) | (misses == 0)
+        share[k] = _covered_share(rig, k, centre, pixels[number][hull], masks[k])
+    return share
+
+
+def _covered_share(rig: CameraRig, k: int, centre: np.ndarray, pixels: np.ndarray, mask: np.ndarray) -> float:
+    """The share of a mask that voxels at these pixels cover; each voxel is drawn as a disc of its size."""
+    import cv2
+
+    height, width = mask.shape
+    within = (pixels >= 0).all(axis=1) & (pixels[:, 0] < width) & (pixels[:, 1] < height)
+    drawn = np.zeros(mask.shape, np.uint8)
+    drawn[pixels[within, 1], pixels[within, 0]] = 1
+    depth = max(float((rig.R[k] @ centre + rig.t[k])[2]), 0.1)
+    radius = max(1, int(np.ceil(0.5 * np.sqrt(2) * _SPACING * rig.K[k, 0, 0] / depth)))
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+    covered = cv2.dilate(drawn, kernel).astype(bool)
+    return float((covered & mask).sum() / mask.sum())
+
+
+def landmarks(rig: CameraRig, observations: Sequence[Observation]) -> np.ndarray:
+    """Centroid and highest point of every silhouette, (frame, camera, 2, 2) float64 [px]; NaN where there is none.
+
+    Silhouettes that touch the edge of their image have none, because what lies beyond it is unknown.
+
+    Args:
+        rig: the cameras, for which way is up in their images.
+        observations: masks.
+    """
+    points = np.full((len(observations), len(rig), 2, 2), np.nan)
+    up = rig.R @ rig.up_vector
+    for frame, observation in enumerate(observations):
+        for k, mask in enumerate(unpack_masks(observation.words, rig.size)):
+            rows, columns = np.nonzero(mask)
+            if len(rows) < _MIN_PIXELS or int(mask[_BORDER:-_BORDER, _BORDER:-_BORDER].sum()) < int(mask.sum()):
+                continue
+            pixels = np.stack([columns, rows], axis=1).astype(float)
+            height = pixels @ up[k, :2]
+            highest = height >= np.quantile(height, 1 - _TOP_SHARE)
+            points[frame, k] = pixels.mean(axis=0), pixels[highest].mean(axis=0)
+    return points
+
+
+@dataclass(frozen=True, eq=False)
+class LandmarkProblem:
+    """A bundle adjustment of cameras and moving points.
+
+    Attributes:
+        rig: cameras to start from.
+        seen: (frame, camera, point, 2) in consecutive frames [px], NaN where a point is not seen.
+        fps: of these frames.
+        sigma: (camera, parameter) standard deviations of the cameras about ``rig``; zero holds a parameter.
+    """
+
+    rig: CameraRig
+    seen: np.ndarray
+    fps: float
+    sigma: np.ndarray
+
+    def solve(self) -> np.ndarray:
+        """(camera, parameter) changes of the cameras after which points are seen where they meet."""
+        from scipy.optimize import least_squares
+
+        free = self.sigma > 0
+
+        def change(standardised: np.ndarray) -> np.ndarray:
+            values = np.zeros(self.sigma.shape)
+            values[free] = standardised * self.sigma[free]
+            return values
+
+        def residuals(standardised: np.ndarray) -> np.ndarray:
+            error = self.errors(change(standardised)) / _SIGMA
+            # The prior weighs as much as in a single frame, because neighbouring frames err alike.
+            prior = np.sqrt(np.isfinite(error).sum() / error.shape[0]) * standardised
+            return np.concatenate([np.nan_to_num(error).ravel(), prior])
+
+        return change(least_squares(residuals, np.zeros(int(free.sum())), loss="soft_l1", x_scale=1.0, max_nfev=50).x)
+
+    def errors(self, change: np.ndarray) -> np.ndarray:
+        """(frame, camera, point, 2) reprojection errors of points that all cameras triangulate [m at the body].
+
+        NaN where a point is seen by fewer than two cameras.
+        """
+        rig = changed(self.rig, change)
+        # A ray through each pixel.
+        focal, centre = rig.K[:, [0, 1], [0, 1]][:, None], rig.K[:, :2, 2][:, None]
+        plane = (self._seen_later(change[:, OFFSET]) - centre) / focal
+        ray = np.einsum("kji,fkpj->fkpi", rig.R, np.concatenate([plane, np.ones_like(plane[..., :1])], axis=-1))
+        ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
+        known = np.isfinite(ray).all(axis=-1)
+        known &= known.sum(axis=1, keepdims=True) > 1
+        # The point nearest to all rays in the least-squares sense.
+        across = np.where(known[..., None, None], np.eye(3) - ray[..., :, None] * ray[..., None, :], 0.0)
+        toward = np.einsum("fkpij,kj->fpi", across, rig.centres)
+        point = np.linalg.solve(across.sum(axis=1) + 1e-9 * np.eye(3), toward[..., None])[..., 0]
+        # Its distance from each ray, across the camera's axis.
+        inside = np.einsum("kij,fpj->fkpi", rig.R, point) + rig.t[:, None]
+        depth = np.maximum(inside[..., 2:], _MIN_DEPTH)
+        error = inside[..., :2] - plane * depth
+        return np.where(known[..., None], error, np.nan)
+
+    def _seen_later(self, offset: np.ndarray) -> np.ndarray:
+        """What each camera saw at the frames' times, if its images were taken ``offset`` (camera,) later [s]."""
+        frames, cameras = self.seen.shape[:2]
+        at = np.arange(frames)[:, None] + offset * self.fps
+        before = np.clip(np.floor(at).astype(int), 0, frames - 2)
+        share = (at - before)[..., None, None]
+        own = np.arange(cameras)
+        between = (1 - share) * self.seen[before, own] + share * self.seen[before + 1, own]
+        return np.where((share >= -1e-9) & (share <= 1 + 1e-9), between, np.nan)

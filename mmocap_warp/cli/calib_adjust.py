@@ -1,0 +1,257 @@
+"""``mmocap calib check`` and ``refine``: cameras judged and made better by the person before them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+
+from mmocap_warp.calibration.adjust.adjust_config import AdjustConfig
+from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, Deviations
+from mmocap_warp.cli.command_help import documented_by
+from mmocap_warp.cli.console import (
+    CHECK_FAILED,
+    OK,
+    Console,
+    Identity,
+    Output,
+    SceneFile,
+    Switch,
+    flags_of,
+    given,
+    table,
+)
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from mmocap_warp.calibration.camera_check import CameraCheck, Finding
+    from mmocap_warp.calibration.refine.refinement import Refinement
+    from mmocap_warp.scene.recording import Scene
+
+if TYPE_CHECKING:
+    AdjustFlags: TypeAlias = AdjustConfig
+    DeviationFlags: TypeAlias = Deviations
+else:
+    AdjustFlags, DeviationFlags = flags_of(AdjustConfig), flags_of(Deviations)
+
+_DEGREES, _MILLIMETRES = ("deg", 57.29577951308232), ("mm", 1000.0)
+_UNITS: dict[str, tuple[str, float]] = {
+    **dict.fromkeys(("tilt", "pan", "roll"), _DEGREES),
+    **dict.fromkeys(("right", "down", "ahead"), _MILLIMETRES),
+    "focal": ("%", 100.0),
+    **dict.fromkeys(("centre_x", "centre_y"), ("px", 1.0)),
+    "offset": ("ms", 1000.0),
+}
+"""The unit in which each of ``camera_changes.KINDS`` is shown, and its value in the parameter's own unit."""
+
+
+@documented_by("calibrate:check_cameras", output="pictures")
+def check(
+    scene: SceneFile,
+    /,
+    *,
+    output: Annotated[Path | None, Output] = None,
+    identity: Identity = None,
+    body: str | None = None,
+    frames: str | None = None,
+    flags: AdjustFlags | None = None,
+    force: Switch = False,
+    console: Console | None = None,
+) -> int:
+    from mmocap_warp.commands.calibrate import check_cameras
+
+    console = console or Console()
+    result = check_cameras(
+        scene,
+        body=body,
+        frames=frames,
+        identity=identity,
+        pictures=output,
+        force=force,
+        reporter=console,
+        **given(flags or AdjustFlags()),
+    )
+    overlaps = [None] * len(result.names) if result.overlap is None else result.overlap.tolist()
+    rows: list[tuple[str, ...]] = [("camera", "covered by the others' hull", "IoU with the body")]
+    for name, covered, overlap in zip(result.names, result.covered, overlaps, strict=True):
+        rows.append((name, f"{covered:.3f}", "" if overlap is None else f"{overlap:.3f}"))
+    lines = [table(rows), *(_finding_line(finding, result) for finding in result.findings)]
+    lines += [str(picture) for picture in result.pictures]
+    if not result.findings:
+        lines.append("no camera disagrees with the others")
+    values = {
+        "cameras": {
+            name: {"covered_by_the_others": covered, "iou": overlap}
+            for name, covered, overlap in zip(result.names, result.covered, overlaps, strict=True)
+        },
+        "findings": [_finding_values(finding, result) for finding in result.findings],
+        "pictures": result.pictures,
+    }
+    console.result(values, "\n".join(lines))
+    return CHECK_FAILED if result.findings else OK
+
+
+def _finding_line(finding: Finding, result: CameraCheck) -> str:
+    """A finding in words."""
+    if finding.cause == "mirrored":
+        return f"{finding.camera}: its pictures are mirrored"
+    if finding.cause == "wrong file":
+        return f"{finding.camera} and {finding.other}: one has the other's masks, or its calibration"
+    if finding.size is not None:
+        return f"{finding.camera}: its pictures are {finding.size:.3g} times as large as those it was calibrated for"
+    changes = ", ".join(f"{what} {by:+.2f} {unit}" for what, by, unit in _changes(finding, result))
+    others = "".join(f", or else its {other}" for other in finding.others)
+    cause = f"probably its {finding.cause}, to be changed by {changes}{others}"
+    return f"{finding.camera}: {cause}; explains {100 * finding.explained:.0f} % of what is wrong"
+
+
+def _finding_values(finding: Finding, result: CameraCheck) -> dict[str, Any]:
+    """A finding for programs."""
+    return {
+        "camera": finding.camera,
+        "cause": finding.cause,
+        "other": finding.other,
+        "by": {what: {"by": value, "unit": unit} for what, value, unit in _changes(finding, result)},
+        "or": finding.others,
+        "size": finding.size,
+        "explains": finding.explained,
+    }
+
+
+def _changes(finding: Finding, result: CameraCheck) -> list[tuple[str, float, str]]:
+    """The parameters that put a camera right: name, value and unit."""
+    from mmocap_warp.calibration.camera_check import CAUSES
+
+    if finding.change is None:
+        return []
+    own = finding.change[result.names.index(finding.camera)]
+    kinds = range(len(KINDS))[CAUSES[finding.cause]]
+    return [(KINDS[kind].replace("_", " "), *_in_units(KINDS[kind], own[kind], result.scale)) for kind in kinds]
+
+
+def _in_units(kind: str, value: float, scale: float = 1.0) -> tuple[float, str]:
+    """A parameter's value and its unit; pixels of images at ``scale`` become those of the calibrated ones."""
+    unit, size = _UNITS[kind]
+    return float(value) * size / (scale if unit == "px" else 1.0), unit
+
+
+@documented_by("calibrate:refine_cameras")
+def refine(
+    scene: SceneFile,
+    /,
+    *,
+    output: Annotated[Path, Output] = Path("calibration.toml"),
+    fixed: str | None = None,
+    height: float | None = None,
+    distance: tuple[str, str, float] | None = None,
+    identity: Identity = None,
+    deviations: DeviationFlags | None = None,
+    body: str | None = None,
+    frames: str | None = None,
+    flags: AdjustFlags | None = None,
+    force: Switch = False,
+    console: Console | None = None,
+) -> int:
+    from mmocap_warp.commands.calibrate import refine_cameras
+    from mmocap_warp.commands.inputs import scene_from
+
+    console = console or Console()
+    loaded = scene_from(scene, frames, identity)
+    result = refine_cameras(
+        loaded,
+        output,
+        body=body,
+        force=force,
+        reporter=console,
+        fixed=fixed,
+        height=height,
+        distance=distance,
+        **given(deviations or DeviationFlags()),
+        **given(flags or AdjustFlags()),
+    )
+    lines = _refinement_lines(result)
+    if result.better:
+        lines.append(f"{output}: {int(result.moved.any(axis=1).sum())} of {len(result.rig)} cameras changed")
+        lines += _scene_lines(result, loaded)
+    else:
+        why = "frames that had no part are explained no better than before" if result.moved.any() else "nothing moved"
+        lines.append(f"not written, and the scene's calibration stays as it is: {why}")
+    values = _refinement_values(result, loaded) | {"file": output if result.better else None}
+    console.result(values, "\n".join(lines))
+    return OK if result.better else CHECK_FAILED
+
+
+def _refinement_values(result: Refinement, scene: Scene) -> dict[str, Any]:
+    names = result.rig.names
+    cameras = {
+        name: {
+            kind: {
+                "by": _in_units(kind, value)[0],
+                "sigma": _in_units(kind, sigma)[0],
+                "unit": _in_units(kind, value)[1],
+                "moved": moved,
+                "determined": not undetermined,
+            }
+            for kind, value, sigma, moved, undetermined in zip(
+                KINDS, result.change[k], result.sigma[k], result.moved[k], result.undetermined[k], strict=True
+            )
+        }
+        for k, name in enumerate(names)
+    }
+    overlaps = {
+        when: {
+            "iou": dict(zip(names, each.together, strict=True)),
+            "iou_by_the_others": dict(zip(names, each.apart, strict=True)),
+        }
+        for when, each in (("before", result.before), ("after", result.after))
+    }
+    return {
+        "better": result.better,
+        "fixed": names[result.fixed],
+        "cameras": cameras,
+        "offset_s": result.offsets(scene),
+        **overlaps,
+    }
+
+
+def _refinement_lines(result: Refinement) -> list[str]:
+    """What moved, what did not, and what that is worth, for people."""
+    import numpy as np
+
+    # The parameters that moved.
+    names = result.rig.names
+    rows: list[tuple[str, ...]] = [("camera", "moved", "by", "+-", "")]
+    for k, kind in np.argwhere(result.moved):
+        by, unit = _in_units(KINDS[kind], result.change[k, kind])
+        sigma, _ = _in_units(KINDS[kind], result.sigma[k, kind])
+        rows.append((names[k], KINDS[kind].replace("_", " "), f"{by:+.2f}", f"{sigma:.2f}", unit))
+    lines = [table(rows)] if len(rows) > 1 else ["no camera has to change"]
+    lines.append(f"fixed: {names[result.fixed]}; what is not named stayed exactly as it was")
+    unknown = [f"{names[k]} {KINDS[kind].replace('_', ' ')}" for k, kind in np.argwhere(result.undetermined)]
+    if unknown:
+        lines.append(f"not determined by these masks: {', '.join(unknown)}")
+    # How well held-out frames are explained.
+    held_out: list[tuple[str, ...]] = [("held-out frames", "IoU before", "after", "by the others before", "after")]
+    columns = (result.before.together, result.after.together, result.before.apart, result.after.apart)
+    for k, name in enumerate(names):
+        held_out.append((name, *(f"{column[k]:.3f}" for column in columns)))
+    held_out.append(("mean", *(f"{_mean(column):.3f}" for column in columns)))
+    return [*lines, table(held_out)]
+
+
+def _mean(values: np.ndarray) -> float:
+    import numpy as np
+
+    return float(np.nanmean(values))
+
+
+def _scene_lines(result: Refinement, scene: Scene) -> list[str]:
+    """What is to be changed in the scene file."""
+    lines = []
+    if any(source.centre_shift != (0.0, 0.0) for source in scene.cameras):
+        lines.append("its principal points hold the scene's centre_shift: leave that out with this calibration")
+    offsets = result.offsets(scene)
+    for k, source in enumerate(scene.cameras):
+        if result.moved[k, OFFSET]:
+            lines.append(f"in the scene, [cameras.{source.name}] offset = {offsets[source.name]:g}")
+    return lines

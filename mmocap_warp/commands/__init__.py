@@ -1,0 +1,7 @@
+"""One function for each command: it takes objects or paths, does all of the work, and gives back what it made.
+
+The command line parses, calls one of these functions and prints; ``import mmocap_warp as mm`` has the same functions.
+
+May import: device, body, cameras, masks, result, biomechanics, formats, scene, rigging, tracking, fitting, calibration,
+display, synthesis, study, bench.
+"""

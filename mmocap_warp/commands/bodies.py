@@ -1,0 +1,289 @@
+"""Bodies that are made, imported, exported, given limits and drawn: ``mmocap body``."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from mmocap_warp.body.body_motion import BodyMotion, motion_named
+from mmocap_warp.body.model import BodyModel
+from mmocap_warp.body.skeleton import Skeleton
+from mmocap_warp.commands.inputs import result_from
+from mmocap_warp.commands.outputs import new_file, releases_locks
+from mmocap_warp.commands.settings import arguments_checked
+from mmocap_warp.display.body_picture import draw_body
+from mmocap_warp.errors import InputError, UsageError
+from mmocap_warp.formats.exports.glb import write_body_glb
+from mmocap_warp.formats.rigged.gltf import read_gltf
+from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh
+from mmocap_warp.formats.rigged.urdf import read_urdf
+from mmocap_warp.formats.rigged.usd_skel import read_usd_skel
+from mmocap_warp.formats.usd.usd_body import read_body, read_motions, write_body
+from mmocap_warp.formats.usd.usd_file import USD_SUFFIXES
+from mmocap_warp.result.result import STATUS, Result
+from mmocap_warp.rigging import making
+from mmocap_warp.rigging.importing.body_axes import body_from_file
+from mmocap_warp.rigging.importing.imported import Imported, imported
+from mmocap_warp.rigging.importing.joints_file import read_joints_file, write_joints_file
+from mmocap_warp.rigging.learning import learnt
+from mmocap_warp.rigging.shipped import body_file
+
+
+@dataclass(frozen=True, repr=False)
+class BodyFile:
+    """A body and what was written of it.
+
+    Attributes:
+        body: the body.
+        file: what was written: the body, or a picture of it.
+        motions: the body's own motions, by name.
+    """
+
+    body: BodyModel
+    file: Path
+    motions: dict[str, BodyMotion] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return f"{self.file}: {len(self.body.skeleton.joints)} joints, {len(self.motions)} motions"
+
+
+@dataclass(frozen=True, repr=False)
+class LearntBody(BodyFile):
+    """A body with limits as its joints were seen to turn.
+
+    Attributes:
+        before: the skeleton with its earlier limits.
+        frames: how many poses were seen.
+    """
+
+    before: Skeleton = field(kw_only=True)
+    frames: int = field(kw_only=True)
+
+
+@releases_locks
+def make_body(
+    output: str | Path,
+    data: str | Path,
+    *,
+    gender: float,
+    age: float,
+    height: float,
+    weight: float = 0.5,
+    muscle: float = 0.5,
+    proportions: float = 0.5,
+    name: str | None = None,
+    force: bool = False,
+) -> BodyFile:
+    """Write a body of the given build as USD.
+
+    Args:
+        output: the body's file: .usdc, .usda or .usd.
+        data: MakeHuman's data folder as MPFB2 ships it; docs/bodies.md says where to get it.
+        gender: 0 woman to 1 man.
+        age: years, 1 to 90.
+        height: of the standing body, in metres.
+        weight: 0 thin, 0.5 average, 1 heavy, for the height.
+        muscle: 0 slack, 0.5 average, 1 muscular.
+        proportions: 0 uncommon, 0.5 average, 1 ideal.
+        name: the body's name. [default: the file's name without ending]
+        force: replace a file that exists.
+
+    Raises:
+        UsageError: a build that cannot be.
+        InputError: data that are missing.
+    """
+    file = new_file(output, *USD_SUFFIXES, force=force)
+    build = {"gender": gender, "age": age, "height": height, "weight": weight, "muscle": muscle}
+    with arguments_checked():
+        body = making.make_body(data, name or file.stem, **build, proportions=proportions)
+    write_body(file, body)
+    return BodyFile(body, file)
+
+
+@releases_locks
+def import_body(
+    file: str | Path,
+    output: str | Path,
+    *,
+    up: str | None = None,
+    facing: str | None = None,
+    scale: float = 1.0,
+    triangles: int = 2600,
+    skin_triangles: int = 60_000,
+    joints: str | Path | None = None,
+    write_joints: str | Path | None = None,
+    meshes: str | Path | None = None,
+    name: str | None = None,
+    attribution: str | None = None,
+    force: bool = False,
+) -> Imported:
+    """Write a body of a rigged character (.glb, .gltf, .usd, .usda, .usdc) or a robot (.urdf).
+
+    Args:
+        file: the character or robot.
+        output: the body's file: .usdc, .usda or .usd.
+        up: the file's axis that points up, such as +z. [default: what its format says]
+        facing: the file's axis along which the body faces. [default: +z of glTF, +x of URDF, +z or -y of USD]
+        scale: what lengths are multiplied by, besides the unit that the file states.
+        triangles: at most, of the mesh that is tracked.
+        skin_triangles: at most, of the mesh that is shown.
+        joints: a .toml file that says how joints turn; what it leaves out is derived.
+        write_joints: write how joints turn to this .toml file, to be edited and given as joints.
+        meshes: the folder of a robot's meshes. [default: its file's own]
+        name: the body's name. [default: the output's name without ending]
+        attribution: who made it, and under which licence. [default: what the file says]
+        force: replace files that exist.
+
+    Returns:
+        The body, its motions, and notes of what was done to it.
+
+    Raises:
+        UsageError: axes, a scale or numbers of triangles that cannot be.
+        InputError: no body can be made of the file.
+    """
+    target = new_file(output, *USD_SUFFIXES, force=force)
+    joints_target = None if write_joints is None else new_file(write_joints, ".toml", force=force)
+    # Read the file, and check what was said of it.
+    stated_joints = None if joints is None else read_joints_file(Path(joints))
+    mesh = _read_rigged(Path(file), None if meshes is None else Path(meshes))
+    with arguments_checked():
+        body_from_file(up or mesh.up, facing or mesh.facing)
+    if not scale > 0 or triangles < 4 or skin_triangles < triangles:
+        raise UsageError(
+            "--scale must be positive, --triangles at least 4 and --skin-triangles as many at least, "
+            f"got {scale:g}, {triangles} and {skin_triangles}"
+        )
+    # A body's name must be an identifier.
+    identifier = re.sub(r"\W", "_", name or target.stem, flags=re.ASCII)
+    identifier = identifier if identifier[:1].isalpha() else f"_{identifier}"
+    try:
+        made = imported(
+            mesh,
+            identifier,
+            up=up,
+            facing=facing,
+            scale=scale,
+            triangles=triangles,
+            skin_triangles=skin_triangles,
+            joints=stated_joints,
+        )
+    except InputError:
+        raise
+    except ValueError as error:
+        raise InputError(file, str(error), "change the file, or say how joints are with --joints") from None
+    if attribution is not None:
+        made = replace(made, body=replace(made.body, attribution=attribution))
+    write_body(target, made.body, made.motions)
+    if joints_target is not None:
+        write_joints_file(joints_target, made.body, made.freedom)
+    return made
+
+
+def _read_rigged(file: Path, meshes: Path | None) -> RiggedMesh:
+    suffix = file.suffix.lower()
+    if not file.is_file():
+        raise InputError(file, "no such file", "check the path")
+    if suffix in (".glb", ".gltf"):
+        return read_gltf(file)
+    if suffix == ".urdf":
+        return read_urdf(file, meshes)
+    if suffix in USD_SUFFIXES:
+        return read_usd_skel(file)
+    known = ", ".join((".glb", ".gltf", ".urdf", *USD_SUFFIXES))
+    raise InputError(file, "is of a kind that is not read", f"give a file that ends in {known}")
+
+
+@releases_locks
+def export_body(body: str | Path, output: str | Path, *, force: bool = False) -> BodyFile:
+    """Write a body in its bind pose as glTF, with its own motions. As USD it is for other programs already.
+
+    Args:
+        body: a body's USD file, or a shipped body's name.
+        output: the file: .glb.
+        force: replace a file that exists.
+
+    Raises:
+        InputError: there is no such body, or the file cannot be written.
+    """
+    target = new_file(output, ".glb", force=force)
+    file = body_file(str(body))
+    read, motions = read_body(file), read_motions(file)
+    write_body_glb(read, motions, target)
+    return BodyFile(read, target, motions)
+
+
+@releases_locks
+def learn_body(
+    body: str | Path,
+    output: str | Path,
+    *,
+    motions: Sequence[str] = (),
+    results: Sequence[Result | str | Path] = (),
+    margin: float = 10.0,
+    force: bool = False,
+) -> LearntBody:
+    """Write a body whose joints turn as far as motions and results show, and no farther.
+
+    Args:
+        body: a body's USD file, or a shipped body's name.
+        output: the new body's file: .usdc, .usda or .usd.
+        motions: some of the body's motions. [default: all, unless results are given]
+        results: tracks of the same joints, of which all frames that were not lost count.
+        margin: by which limits are wider than the angles seen, at either end, in degrees.
+        force: replace a file that exists.
+
+    Raises:
+        UsageError: a margin that cannot be.
+        InputError: there is nothing to learn from, or a result of another body.
+    """
+    if not 0 <= margin <= 180:
+        raise UsageError(f"--margin must be from 0 to 180 degrees, got {margin:g}")
+    target = new_file(output, *USD_SUFFIXES, force=force)
+    file = body_file(str(body))
+    read, own = read_body(file), read_motions(file)
+    # All poses of the motions and results that are wanted.
+    wanted = motions or ([] if results else list(own))
+    poses = [motion_named(name, own, file).pose for name in wanted]
+    poses += [_tracked_poses(result, read.skeleton) for result in results]
+    if not poses:
+        raise InputError(file, "has no motions", "give a --result to learn from")
+    seen = np.concatenate(poses)
+    body_learnt = replace(read, skeleton=learnt(read.skeleton, seen, float(np.radians(margin))))
+    write_body(target, body_learnt, own)
+    return LearntBody(body_learnt, target, own, before=read.skeleton, frames=len(seen))
+
+
+def _tracked_poses(given: Result | str | Path, skeleton: Skeleton) -> np.ndarray:
+    """(frame, coordinate) of a result's best run, where it was not lost."""
+    result, path = result_from(given)
+    source = path or "result"
+    if result.subject.body.skeleton.joints != skeleton.joints:
+        raise InputError(source, "is a track of other joints than the body's", "give a track of this body")
+    lost = np.isin(result.status[result.best_run], [STATUS.index("lost"), STATUS.index("interpolated")])
+    poses = result.pose[result.best_run][~lost]
+    if not len(poses):
+        raise InputError(source, "has no frame that was not lost", "give another track")
+    return poses.astype(float)
+
+
+@releases_locks
+def show_body(body: str | Path, output: str | Path | None = None, *, force: bool = False) -> BodyFile:
+    """Draw a body: tracking mesh, joints by name, the axes about which they turn or along which they slide, limits.
+
+    Args:
+        body: a body's USD file, or a shipped body's name.
+        output: the picture's file, .png. [default: named after the body]
+        force: replace a file that exists.
+
+    Raises:
+        InputError: there is no such body, or the picture cannot be written.
+    """
+    file = body_file(str(body))
+    picture = new_file(output or Path(file.stem).with_suffix(".png"), ".png", force=force)
+    read, motions = read_body(file), read_motions(file)
+    draw_body(read, picture)
+    return BodyFile(read, picture, motions)

@@ -1,0 +1,154 @@
+"""A scene's masks, made once and judged: ``mmocap mask``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mmocap_warp.body.posing import Poser
+from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.cameras.silhouette import silhouettes
+from mmocap_warp.commands.inputs import Frames, note_others, result_from, scene_from, span
+from mmocap_warp.commands.outputs import new_folder, releases_locks
+from mmocap_warp.commands.reporter import Reporter
+from mmocap_warp.commands.settings import start_warp
+from mmocap_warp.display.result_video import check_same_recording
+from mmocap_warp.errors import InputError, UsageError
+from mmocap_warp.formats.usd.usd_body import read_subject
+from mmocap_warp.formats.usd.usd_result import holds_result
+from mmocap_warp.masks.mask_check import MaskJudge, MaskReport
+from mmocap_warp.masks.subtraction import mask_around_body
+from mmocap_warp.result.result import Result
+from mmocap_warp.rigging.shipped import DEFAULT_BODY, load_body
+from mmocap_warp.scene.mask_writing import Refine, write_masks
+from mmocap_warp.scene.recording import Scene
+
+
+@dataclass(frozen=True)
+class WrittenMasks:
+    """Masks that were written, as a scene of their own.
+
+    Attributes:
+        source: the file of the scene that they were made of.
+        scene: their own scene's file.
+        overlay: the video of the masks over the images.
+        frames: how many frames have masks.
+        report: what the masks show, and what is wrong with them.
+        remedy: what to do where something is wrong; None where nothing is.
+    """
+
+    source: Path
+    scene: Path
+    overlay: Path
+    frames: int
+    report: MaskReport
+    remedy: str | None
+
+
+@releases_locks
+def mask(
+    scene: Scene | str | Path,
+    output: str | Path,
+    *,
+    scale: float = 1.0,
+    frames: Frames = None,
+    from_body: Result | str | Path | None = None,
+    identity: int | None = None,
+    force: bool = False,
+    reporter: Reporter | None = None,
+) -> WrittenMasks:
+    """Write a scene's foreground masks and an overlay of them, and judge whether they show one whole subject.
+
+    Args:
+        scene: the recording, or its file or folder.
+        output: the folder to write.
+        scale: of the masks relative to the recording, up to 1.
+        frames: which of the recording's frames. [default: those that the scene names]
+        from_body: a result of this scene: draw the masks anew around its body, by the images' colours (GrabCut).
+        identity: of the person who is meant, where masks show several.
+        force: write into a folder that holds files.
+        reporter: who is told of notes and progress.
+
+    Raises:
+        UsageError: a scale or frames that cannot be.
+        InputError: anything wrong with the scene's images, or a result of another recording.
+    """
+    reporter = reporter or Reporter()
+    if not 0 < scale <= 1:
+        raise UsageError(f"--scale must be in (0, 1], got {scale:g}")
+    loaded = scene_from(scene, frames, identity)
+    note_others(loaded, reporter)
+    refine = None if from_body is None else _around_body(loaded, from_body, scale)
+    folder = new_folder(output, force=force)
+    judge = MaskJudge(loaded.rig(scale), loaded.frame_count, _body_volume(loaded))
+    total = loaded.frame_count
+    with reporter.stage("mask") as progress:
+        written = write_masks(
+            loaded, folder, scale, progress=lambda done: progress(done, total), look=judge.add, refine=refine
+        )
+    report = judge.report()
+    remedy = _remedy(loaded, folder) if report.faults else None
+    return WrittenMasks(loaded.path, written, folder / "overlay.webm", total, report, remedy)
+
+
+def _body_volume(scene: Scene) -> float:
+    """What the scene's subject holds, or else the body that a fit would start from [m^3]."""
+    if scene.subject is not None:
+        return read_subject(scene.subject).body.volume
+    return load_body(scene.body or DEFAULT_BODY, scene.path).volume
+
+
+def _remedy(scene: Scene, folder: Path) -> str:
+    """What to do about masks that are not good enough."""
+    look = f"look at {folder / 'overlay.webm'}; "
+    if scene.foreground.source == "recording":
+        return (
+            look + 'source = "recording" takes for background what does not move for most of the recording. Where the'
+            " subject never leaves its place, name an image without it (clean_plate), a recording without it"
+            " (background), or masks made with a segmentation program (docs/masks.md). Masks that can just be tracked"
+            " are refined with --from-body RESULT"
+        )
+    if scene.foreground.source == "masks":
+        return (
+            look + "are they of the right subject, all of it, and in step? docs/masks.md tells how to make better ones"
+        )
+    return look + "docs/scene.md has the settings of [foreground], docs/masks.md other ways to make masks"
+
+
+def _around_body(scene: Scene, result: Result | str | Path, scale: float) -> Refine:
+    """How a scene's masks are drawn around the body of a result, frame after frame.
+
+    Raises:
+        InputError: a file that is no result, a result of another recording or of a part of it, or a camera without
+            video.
+    """
+    if isinstance(result, str | Path) and not holds_result(result):
+        raise InputError(result, "is no result", "name what mmocap track wrote; a subject has the first pose alone")
+    tracked, path = result_from(result)
+    check_same_recording(tracked, scene)
+    if tracked.frame_numbers.tolist() != list(scene.frames):
+        problem = f"has frames {span(tracked.frame_numbers)}, not the {span(scene.frames)} of the scene"
+        raise InputError(path or "result", problem, "track the same frames first, or name its frames with --frames")
+    if any(source.video is None for source in scene.cameras):
+        raise InputError(scene.path, "--from-body needs the video of every camera", "name them as video")
+    start_warp()
+    return _refine(tracked, scene.rig(scale))
+
+
+def _refine(result: Result, rig: CameraRig) -> Refine:
+    """Takes the best run's frames in turn; a camera without an image keeps its mask."""
+    poser, faces = Poser(result.subject.body, result.subject.root_base), result.subject.body.tracking_face
+    poses = iter(result.pose[result.best_run])
+
+    def refine(masks: list[np.ndarray], images: list[np.ndarray | None]) -> list[np.ndarray]:
+        (vertices,) = poser.tracking_vertices(next(poses))
+        depth = (rig.R @ vertices.mean(axis=0) + rig.t)[:, 2].clip(min=0.1)
+        body = silhouettes(rig, vertices, faces)
+        return [
+            mask if image is None else mask_around_body(image, body[k], float(rig.K[k, 0, 0] / depth[k]))
+            for k, (mask, image) in enumerate(zip(masks, images, strict=True))
+        ]
+
+    return refine

@@ -1,0 +1,163 @@
+"""Scenes that are written: of a folder of videos, of a body that moves, of HumanEva-I.
+
+``mmocap init``, ``mmocap synth`` and ``mmocap humaneva``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from mmocap_warp.body.body_motion import motion_named
+from mmocap_warp.commands.outputs import new_file, new_folder, releases_locks
+from mmocap_warp.commands.reporter import Reporter
+from mmocap_warp.errors import InputError, UsageError
+from mmocap_warp.formats.humaneva.sequence import FIRST_FRAME, HumanEvaSequence, read_sequence, write_scene
+from mmocap_warp.formats.usd.usd_body import read_body, read_motions
+from mmocap_warp.rigging.shipped import body_file
+from mmocap_warp.scene.drafting import Draft, draft_scene
+from mmocap_warp.scene.scene_toml import load_scene
+from mmocap_warp.synthesis.any_body import recorded, write_recorded
+from mmocap_warp.synthesis.footage.made_recording import Recording
+from mmocap_warp.whole_file import write_whole
+
+
+@dataclass(frozen=True, repr=False)
+class MadeScene:
+    """A made recording that was written as a scene.
+
+    Attributes:
+        scene: its file.
+        recording: the body, its poses and the cameras.
+        motion: the name of its motion.
+    """
+
+    scene: Path
+    recording: Recording
+    motion: str
+
+    def __repr__(self) -> str:
+        made = self.recording
+        return f"{self.scene}: {len(made)} frames of {self.motion} at {made.fps:g} a second, {len(made.rig)} cameras"
+
+
+@releases_locks
+def init(folder: str | Path, *, force: bool = False) -> Draft:
+    """Write a scene.toml for the videos, images, masks and calibration in a folder.
+
+    Args:
+        folder: where the videos lie, in folders of their own or not; projects of Pose2Sim, EasyMocap, Caliscope and
+            OpenCap are known.
+        force: replace a scene.toml that exists.
+
+    Returns:
+        What was found, and what is missing before the scene can be tracked.
+
+    Raises:
+        InputError: no such folder, or no videos in it.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise InputError(folder, "no such folder", "give the folder that the videos lie in")
+    scene = new_file(folder / "scene.toml", ".toml", force=force)
+    draft = draft_scene(folder)
+    write_whole(scene, draft.text.encode())
+    # What reading the scene finds wrong is missing too.
+    if not draft.missing:
+        try:
+            load_scene(scene, masks=False)
+        except InputError as error:
+            draft.missing.append(str(error))
+    return draft
+
+
+@releases_locks
+def synthesize(
+    body: str | Path,
+    output: str | Path,
+    *,
+    motion: str | None = None,
+    cameras: int = 6,
+    size: tuple[int, int] = (640, 480),
+    perfect: bool = False,
+    seed: int = 0,
+    force: bool = False,
+    reporter: Reporter | None = None,
+) -> MadeScene:
+    """Write a scene of a body in one of its own motions, with made masks and known truth.
+
+    Args:
+        body: a body's USD file with motions, such as 'mmocap body import' writes, or a shipped one's name, such as fox.
+        output: the scene's folder.
+        motion: which of its motions. [default: the first]
+        cameras: how many; they stand evenly around the body and see all of it.
+        size: width and height of their images, in pixels.
+        perfect: masks without faults; by default they have ragged contours, holes and specks.
+        seed: of the faults.
+        force: write into a folder that holds files.
+        reporter: who is told of progress.
+
+    Raises:
+        UsageError: no camera, or images of no size.
+        InputError: a body without such a motion, or a folder that cannot be written to.
+    """
+    file = body_file(str(body))
+    read, motions = read_body(file), read_motions(file)
+    if not motions:
+        raise InputError(file, "has no motions", "import a file with animations, or name another body")
+    name = motion or next(iter(motions))
+    chosen = motion_named(name, motions, file)
+    if cameras < 1 or min(size) < 1:
+        raise UsageError(f"--cameras and --size must be at least 1, got {cameras} and {size[0]} {size[1]}")
+    folder = new_folder(output, force=force)
+    recording = recorded(read, chosen, cameras, size=size, faulty=not perfect, seed=seed)
+    with (reporter or Reporter()).stage("synth") as progress:
+        scene = write_recorded(folder, recording, not perfect, file=file, progress=progress)
+    return MadeScene(scene, recording, name)
+
+
+@releases_locks
+def import_humaneva(
+    root: str | Path,
+    subject: str,
+    action: str,
+    output: str | Path,
+    *,
+    first: int | None = None,
+    last: int | None = None,
+    force: bool = False,
+    reporter: Reporter | None = None,
+) -> HumanEvaSequence:
+    """Write a sequence of your own copy of HumanEva-I as a scene.
+
+    Args:
+        root: the folder that holds S1, S2, S3 and Background.
+        subject: S1, S2 or S3.
+        action: Walking, Gestures or Box, the paper's; also Jog and ThrowCatch.
+        output: the folder to write; the scene's file is scene.toml there.
+        first: first frame in HumanEva's own numbers, which count from 1. [default: 6, the first usable one]
+        last: last frame, included. [default: the last of HumanEva's own list]
+        force: write into a folder that holds files.
+        reporter: who is told of warnings.
+
+    Raises:
+        InputError: data that are missing or cannot be read.
+    """
+    sequence = read_sequence(root, subject, action, FIRST_FRAME if first is None else first, last)
+    write_scene(new_folder(output, force=force), sequence)
+    for warning in _oddities(sequence):
+        (reporter or Reporter()).warn(warning)
+    return sequence
+
+
+def _oddities(sequence: HumanEvaSequence) -> Iterator[str]:
+    """What is odd in the data but may be so."""
+    if not sequence.starts_as_published:
+        starts = ", ".join(str(start) for start in sequence.sync.start[:3])
+        yield (
+            f"videos C1, C2, C3 start at their frames {starts}, others who use the data found other ones; "
+            "has its Critical_Update_OFS_files been applied?"
+        )
+    if sequence.no_joints:
+        yield f"the truth has markers but no joints: {sequence.no_joints}"

@@ -1,0 +1,194 @@
+"""A result to look at: ``mmocap show`` draws a video and a contact sheet, ``mmocap view`` makes a page."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from mmocap_warp.body.model import Subject
+from mmocap_warp.commands.inputs import Frames, positions_of, recorded_scene, result_from, scene_of, truth_of
+from mmocap_warp.commands.outputs import new_file, releases_locks
+from mmocap_warp.commands.reporter import Reporter
+from mmocap_warp.commands.settings import start_warp
+from mmocap_warp.display import result_video
+from mmocap_warp.display.page import viewer
+from mmocap_warp.display.page.rerun_file import write_rerun
+from mmocap_warp.errors import UsageError
+from mmocap_warp.formats.truth_file import load_truth
+from mmocap_warp.formats.usd.usd_body import read_subject
+from mmocap_warp.formats.usd.usd_result import holds_result
+from mmocap_warp.result.result import Result
+from mmocap_warp.result.truth import Truth
+from mmocap_warp.scene.frame_choice import as_range
+from mmocap_warp.scene.recording import Scene
+from mmocap_warp.tracking.body_masks import tracked_masks
+
+_DRAWN_LENGTH = 800
+"""The longer side of the images that a result is drawn over, at least, where the recording has it [px]."""
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """What was drawn.
+
+    Attributes:
+        video: all frames; None of a subject, which has one.
+        sheet: some frames of all cameras, or the subject.
+    """
+
+    video: Path | None
+    sheet: Path
+
+
+@releases_locks
+def show(
+    result: Result | Subject | str | Path,
+    scene: Scene | str | Path | None = None,
+    *,
+    output: str | Path | None = None,
+    frames: Frames = None,
+    force: bool = False,
+    reporter: Reporter | None = None,
+) -> Drawing:
+    """Write an overlay video of all cameras, and a contact sheet beside it: mask against model, skin and skeleton.
+
+    Of a subject it is a picture: the fit over the first frame, or the body alone where the scene is not known.
+
+    Args:
+        result: what was tracked or fitted, or its file.
+        scene: the scene, if it is no longer where the result says.
+        output: the video's file, .webm. The sheet, and a subject's picture, have the ending .png. [default: beside the
+            result and named after it]
+        frames: which of the result's frames. [default: all]
+        force: replace files that exist.
+        reporter: who is told of progress.
+
+    Raises:
+        UsageError: frames that the result does not have, or no ``output`` for what has no file.
+        InputError: the scene is another recording or not there, or a file cannot be written.
+    """
+    reporter = reporter or Reporter()
+    if isinstance(result, Subject) or (isinstance(result, str | Path) and not holds_result(result)):
+        return _show_subject(result, scene, output, frames, force)
+    video = new_file(_beside(result, output, ".webm"), ".webm", force=force)
+    sheet = new_file(video.with_suffix(".png"), ".png", force=force)
+    tracked, path = result_from(result)
+    positions = positions_of(tracked, frames)
+    start_warp()
+    draw_result(tracked, scene_of(tracked, path, scene, reporter), video, sheet, reporter, positions)
+    return Drawing(video, sheet)
+
+
+def _beside(result: object, output: str | Path | None, suffix: str) -> Path:
+    """Where to write: the output, or beside the result's file."""
+    if output is not None:
+        return Path(output)
+    if isinstance(result, str | Path):
+        return Path(result).with_suffix(suffix)
+    raise UsageError("--output must be named for what is in memory")
+
+
+def _show_subject(
+    given: Subject | str | Path,
+    scene: Scene | str | Path | None,
+    output: str | Path | None,
+    frames: Frames,
+    force: bool,
+) -> Drawing:
+    """Draw a subject over the frame of its scene that it was fitted to, or alone where there is no scene."""
+    if frames is not None:
+        raise UsageError("--frames belongs to a result; a subject is drawn over the frame that it was fitted to")
+    picture = new_file(_beside(given, output, ".png"), ".png", force=force)
+    subject, path = (given, None) if isinstance(given, Subject) else (read_subject(given), Path(given))
+    start_warp()
+    reference, identity = (subject.provenance.get(key) for key in ("fit.scene", "fit.identity"))
+    recorded = recorded_scene(
+        None if reference is None else str(reference), path, scene, None if identity is None else int(identity)
+    )
+    if recorded is None:
+        result_video.show_subject(subject, picture)
+        return Drawing(None, picture)
+    scale = min(1.0, _DRAWN_LENGTH / int(recorded.calibrated.size.max()))
+    number = int(subject.provenance.get("fit.first_frame", 0))
+    fitted = recorded.of_frames(range(number, number + 1))
+    images, masks = next(fitted.images(scale)), next(fitted.masks(scale))
+    result_video.show_subject(subject, picture, recorded.rig(scale), images, masks)
+    return Drawing(None, picture)
+
+
+def draw_result(
+    result: Result,
+    scene: Scene | None,
+    video: Path,
+    sheet: Path,
+    reporter: Reporter,
+    positions: list[int] | None = None,
+) -> None:
+    """Write the overlay video and the contact sheet, over the scene's images and masks where there is a scene.
+
+    They show all frames, or those at ``positions`` in the result. Masks are those that were tracked; images may be
+    larger, so that a result of small masks can still be judged.
+    """
+    positions = list(range(len(result.frame_numbers))) if positions is None else positions
+    drawn_frames = result.at(positions)
+    frames = len(positions)
+    images = masks = None
+    if scene is not None:
+        tracked = float(result.config.get("scale", 1.0))
+        scale = min(1.0, max(tracked, _DRAWN_LENGTH / int(scene.calibrated.size.max())))
+        result_video.check_same_recording(result, scene)
+        part = scene.of_frames(as_range(drawn_frames.frame_numbers.tolist()))
+        images, masks = part.images(scale), tracked_masks(scene, result, positions)
+    with reporter.stage("show") as progress:
+        result_video.show(
+            drawn_frames, images, masks, video=video, sheet=sheet, progress=lambda done: progress(done, frames)
+        )
+
+
+@releases_locks
+def view(
+    result: Result | str | Path,
+    scene: Scene | str | Path | None = None,
+    *,
+    truth: Truth | str | Path | None = None,
+    images: bool = False,
+    name: str | None = None,
+    output: str | Path | None = None,
+    rerun: str | Path | None = None,
+    force: bool = False,
+    reporter: Reporter | None = None,
+) -> viewer.Page:
+    """A page that shows a result in any browser, without a network: body, cameras, masks, curves, all runs.
+
+    A notebook shows it below its cell.
+
+    Args:
+        result: what was tracked, or its file.
+        scene: the scene, if it is no longer where the result says.
+        truth: what errors are measured from. [default: the scene's own]
+        images: show the recording's images too, not its masks alone.
+        name: the page's title. [default: the scene's name]
+        output: the page's file, .html. The command writes it beside the result unless it is named.
+        rerun: also write the best run as a recording of Rerun's, .rrd; it needs the package rerun-sdk.
+        force: replace files that exist.
+        reporter: who is told of progress.
+
+    Raises:
+        InputError: the scene or the truth is of another recording, an image cannot be read, or a file not written.
+    """
+    reporter = reporter or Reporter()
+    page = None if output is None else new_file(output, ".html", force=force)
+    recording = None if rerun is None else new_file(rerun, ".rrd", force=force)
+    tracked, path = result_from(result)
+    recorded = scene_of(tracked, path, scene, reporter)
+    known = truth if isinstance(truth, Truth) else truth_of(recorded) if truth is None else load_truth(truth)
+    start_warp()
+    if recording is not None:
+        write_rerun(recording, tracked, recorded, known)
+    if name is None:
+        name = recorded.name if recorded is not None else "Tracked motion" if path is None else path.stem
+    with reporter.stage("view") as progress:
+        shown = viewer.view(tracked, recorded, truth=known, images=images, name=name, progress=progress)
+    if page is not None:
+        shown.write(page)
+    return shown

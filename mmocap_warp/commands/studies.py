@@ -1,0 +1,232 @@
+"""Studies that are run and reported: ``mmocap study run`` and ``report``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+from mmocap_warp.commands.outputs import lock, new_file, releases_locks
+from mmocap_warp.commands.reporter import Reporter
+from mmocap_warp.commands.settings import arguments_checked, start_warp
+from mmocap_warp.errors import InputError, UsageError
+from mmocap_warp.study import run
+from mmocap_warp.study.baselines import baselines
+from mmocap_warp.study.cell import CellResult, read_cell
+from mmocap_warp.study.definition import Study, load_study
+from mmocap_warp.study.engines.engine import Engine
+from mmocap_warp.study.job import device_kind
+from mmocap_warp.study.report_build import clips_of, write_report
+from mmocap_warp.study.report_setting import mixture
+from mmocap_warp.study.run import Status
+from mmocap_warp.study.store import open_folder, read_results
+from mmocap_warp.study.summary import StudySummary, seconds_alone, summarise, with_typical_pose
+from mmocap_warp.study.tasks import Task, plan_tasks
+
+SUMMARY = {
+    "mpjpe": "mpjpe_mm",
+    "eq20_as_printed": "eq20_as_printed_mm",
+    "marker_error": "marker_error_mm",
+    "iou": "iou",
+    "shake": "shake_mm",
+    "growth": "growth",
+}
+"""The measures of a tracker's summary, and their keys there."""
+
+
+@dataclass(frozen=True)
+class StudyRun:
+    """Where a study stands after a run.
+
+    Attributes:
+        name: the study's.
+        folder: of its results.
+        status: what was tracked, and what is missing.
+        results: of every tracker whose sequences are all there: its preset, evaluations, dof, algorithm, and the means
+            over sequences, seeds and frames of the measures in ``SUMMARY``.
+    """
+
+    name: str
+    folder: Path
+    status: Status
+    results: list[dict[str, Any]]
+
+
+@releases_locks
+def run_study(
+    study: Study | str | Path,
+    output: str | Path | None = None,
+    *,
+    engine: str = "local",
+    device: str = "auto",
+    threads: int | None = None,
+    address: str = "auto",
+    workers: int | None = None,
+    gpus: float = 1.0,
+    minutes: float | None = None,
+    poses: str = "all",
+    show: Callable[[Status], None] | None = None,
+    reporter: Reporter | None = None,
+) -> StudyRun:
+    """Track every cell of a study whose result is missing.
+
+    Args:
+        study: the study, or its TOML file.
+        output: folder of the results, made if it does not exist. [default: the study's name]
+        engine: local: the devices of this machine, a process each; ray: a Ray cluster that is running.
+        device: local: auto (all CUDA devices, or the CPU), cpu, or a list such as cuda:0,cuda:2; a device that is
+            listed twice gets two processes.
+        threads: local: CPU threads. [default: all]
+        address: ray: of the cluster; auto finds the one that this machine belongs to.
+        workers: ray: how many. [default: one on each GPU, or on each machine without any]
+        gpus: ray: of each worker; 0.5 puts two workers on a GPU, 0 none.
+        minutes: of the run, from when its workers are started. A cell that would not be finished in time is not begun;
+            the same command goes on.
+        poses: what is kept of them: all, or typical, those of the run in the middle, which a report draws. Numbers are
+            kept of all runs.
+        show: called with the study's status, at least twice a second.
+        reporter: who is warned of cells that are given up.
+
+    Raises:
+        UsageError: arguments that cannot be.
+        InputError: a study that is wrong, or a folder that cannot be used.
+    """
+    loaded = study if isinstance(study, Study) else load_study(Path(study))
+    if engine not in ("local", "ray"):
+        raise UsageError(f"--engine must be local or ray, got '{engine}'")
+    if poses not in ("all", "typical"):
+        raise UsageError(f"--poses must be all or typical, got '{poses}'")
+    if minutes is not None and not minutes > 0:
+        raise UsageError(f"--minutes must be positive, got {minutes:g}")
+    start_warp()
+    kind, start = _local_engine(device, threads) if engine == "local" else _ray_engine(address, workers, gpus)
+    # A study that is wrong leaves no folder.
+    folder = Path(output or loaded.name)
+    tasks = plan_tasks(loaded, folder, kind)
+    open_folder(folder)
+    lock(folder)
+    keep = {"keep": with_typical_pose} if poses == "typical" else {}
+    seconds = None if minutes is None else 60.0 * minutes
+    status = run.run_study(tasks, start, show or (lambda status: None), (reporter or Reporter()).warn, seconds, **keep)
+    return StudyRun(loaded.name, folder, status, _summaries(tasks))
+
+
+def _local_engine(device: str, threads: int | None) -> tuple[str, Callable[[], Engine]]:
+    """The kind of this machine's devices, and what starts a process on each."""
+    from mmocap_warp.study.engines.local import LocalEngine, local_devices
+
+    with arguments_checked():
+        devices = local_devices(device)
+    return device_kind(devices[0]), lambda: LocalEngine(devices, threads)
+
+
+def _ray_engine(address: str, workers: int | None, gpus: float) -> tuple[str, Callable[[], Engine]]:
+    """The kind of a cluster's devices, and what starts its workers."""
+    from mmocap_warp.study.engines.ray import RayEngine, join_cluster, share_cluster
+
+    head = join_cluster(address)
+    with arguments_checked():
+        shares = share_cluster(workers, gpus)
+    return shares.device_kind, lambda: RayEngine(head, shares)
+
+
+def _summaries(tasks: list[Task]) -> list[dict[str, Any]]:
+    """Means over sequences, seeds and frames, for every tracker whose sequences are all there."""
+    groups: dict[tuple, list[Task]] = {}
+    for task in tasks:
+        cell = task.cell
+        groups.setdefault((cell.preset, cell.evaluations, cell.dof, cell.algorithm), []).append(task)
+    rows = []
+    for (preset, evaluations, dof, algorithm), members in groups.items():
+        if not all(task.path.exists() for task in members):
+            continue
+        runs = [summarise(read_cell(task.path)).runs for task in members]
+        row = {"preset": preset, "evaluations": evaluations, "dof": dof, "algorithm": algorithm}
+        for measure, key in SUMMARY.items():
+            means = [float(of[measure].mean()) for of in runs if measure in of]
+            row[key] = sum(means) / len(means) if len(means) == len(runs) else None
+        rows.append(row)
+    return rows
+
+
+@dataclass(frozen=True)
+class StudyReport:
+    """A study's report that was written.
+
+    Attributes:
+        page: the HTML page.
+        tables: its tables as text.
+        cells: a ``.csv`` with a line for each cell.
+        count: of the results in it.
+        left_out: results that could not be read, a sentence each.
+        mixed_code: what the results' code has in it that differs; empty if all are of one state.
+    """
+
+    page: Path
+    tables: Path
+    cells: Path
+    count: int
+    left_out: list[str]
+    mixed_code: str
+
+
+@releases_locks
+def report_study(
+    results: str | Path | Sequence[str | Path],
+    output: str | Path = "report.html",
+    *,
+    studies: Sequence[Study | str | Path] = (),
+    alone: str | Path | None = None,
+    force: bool = False,
+    reporter: Reporter | None = None,
+) -> StudyReport:
+    """Write a study's results as one HTML page that needs no network, with ``tables.md`` and ``results.csv`` beside it.
+
+    Args:
+        results: what :func:`run_study` wrote: one folder or several.
+        output: the page, .html; beside it go tables.md, the tables as text, and results.csv, a line for each cell.
+        studies: studies, or their TOML files: they say what should be there, so that what is missing is listed, and
+            where sequences of your own are, for pictures of the tracked body over them.
+        alone: a folder of results of one seed, tracked one at a time: what a frame takes. They stand in no table but
+            the times.
+        force: replace files that exist.
+        reporter: who is told of results that are left out, and of mixed code.
+
+    Raises:
+        InputError: no results, or files that cannot be written.
+    """
+    reporter = reporter or Reporter()
+    folders = [Path(each) for each in ([results] if isinstance(results, str | Path) else results)]
+    page = new_file(output, ".html", force=force)
+    tables = new_file(page.with_name("tables.md"), ".md", force=force)
+    cells = new_file(page.with_name("results.csv"), ".csv", force=force)
+    loaded = [study if isinstance(study, Study) else load_study(Path(study)) for study in studies]
+    start_warp()
+    notes: list[str] = []
+
+    def sound_results(*folders: Path) -> Iterator[CellResult]:
+        for result in chain.from_iterable(map(read_results, folders)):
+            if isinstance(result, InputError):
+                reporter.note(f"left out: {result}")
+                notes.append(f"Left out: {Path(result.source).name} {result.problem}.")
+            else:
+                yield result
+
+    # Everything that the page needs.
+    tracked = StudySummary.of(sound_results(*folders))
+    if not tracked.measures:
+        raise InputError(folders[0], "holds no result", "run 'mmocap study run' first, or name its folder")
+    clips = clips_of(tracked, {clip.name: clip for each in loaded for clip in each.clips})
+    summary = replace(
+        tracked,
+        baselines=baselines(tracked, clips),
+        alone={} if alone is None else seconds_alone(sound_results(Path(alone))),
+        planned=frozenset(plan.cell for each in loaded for plan in each.plans),
+    )
+    mixed = mixture(summary)
+    if mixed:
+        reporter.note(f"{folders[0]}: {mixed}")
+    write_report(summary, clips, notes, page, tables, cells)
+    return StudyReport(page, tables, cells, len(summary.cells), notes, mixed)

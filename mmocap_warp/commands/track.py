@@ -1,0 +1,194 @@
+"""From a scene to a result: ``mmocap track``."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from mmocap_warp.body.model import BodyModel, Subject
+from mmocap_warp.commands.fit import fit_subject
+from mmocap_warp.commands.inputs import (
+    Frames,
+    body_from,
+    note_others,
+    scene_from,
+    scene_reference,
+    subject_from,
+    truth_of,
+)
+from mmocap_warp.commands.outputs import new_file, releases_locks
+from mmocap_warp.commands.reporter import Progress, Reporter
+from mmocap_warp.commands.settings import describe, effective, start_warp
+from mmocap_warp.errors import InputError, UsageError
+from mmocap_warp.fitting.fit_config import FitConfig
+from mmocap_warp.formats.usd.usd_body import read_subject
+from mmocap_warp.formats.usd.usd_file import USD_SUFFIXES
+from mmocap_warp.formats.usd.usd_result import read_result, write_result
+from mmocap_warp.result.result import FrameAnswer, Result
+from mmocap_warp.rigging.attaching import subject_carrying
+from mmocap_warp.scene.recording import Scene
+from mmocap_warp.tracking import frame_loop
+from mmocap_warp.tracking.track_config import TrackConfig
+
+
+@releases_locks
+def track(
+    scene: Scene | str | Path,
+    subject: Subject | BodyModel | str | Path | None = None,
+    config: TrackConfig | None = None,
+    *,
+    output: str | Path | None = None,
+    body: BodyModel | str | Path | None = None,
+    rigid: bool | None = None,
+    frames: Frames = None,
+    identity: int | None = None,
+    resume: bool = False,
+    force: bool = False,
+    reporter: Reporter | None = None,
+    **settings: Any,
+) -> Result:
+    """Track a scene from its first frame to its last; where no subject is named, one is fitted first.
+
+    Args:
+        scene: the recording, or its file or folder.
+        subject: the fitted subject to track, or its file. From Python also a body, or a shipped one's name, which is
+            fitted first. [default: the scene's, or else one is fitted first and kept beside the result]
+        config: settings. [default: those of the scene's [track] table]
+        output: the result's file: .usdc, .usda or .usd. A checkpoint lies beside it until the run is complete.
+        body: where that fit starts: a shipped body's name or a USD file. [default: the scene's, or adult_man]
+        rigid: that body's bones' lengths, girths and scale are known: fit the pose alone. [default: what the body says]
+        frames: which of the recording's frames. [default: those that the scene names]
+        identity: of the person who is meant, where masks show several.
+        resume: continue an interrupted run; it ends with the same bits as one that was not interrupted.
+        force: replace a result that exists.
+        reporter: who is told of notes and progress.
+        settings: fields of :class:`TrackConfig` that replace those of ``config``, such as ``evaluations=200``.
+
+    Raises:
+        UsageError: a setting that cannot be. TypeError: one that does not exist, or what is no subject and no body.
+        InputError: anything wrong with the scene's images, the subject or the body; an interrupted run lies there and
+            neither ``resume`` nor ``force`` says what to do with it.
+    """
+    reporter = reporter or Reporter()
+    if resume and force:
+        raise UsageError("--resume continues what --force would replace; give one of them")
+    if resume and output is None:
+        raise UsageError("--resume continues the run of an --output; name that")
+    subject, body = _starts_from(subject, body)
+    file = None if output is None else new_file(output, *USD_SUFFIXES, force=force or resume)
+    loaded = scene_from(scene, frames, identity)
+    note_others(loaded, reporter)
+    chosen = effective(TrackConfig, loaded.settings("track"), settings, config)
+    truth_of(loaded)  # a truth that cannot be read is an error now, and not after hours
+    given = settings if config is None else {name: getattr(chosen, name) for name in vars(chosen)}
+
+    # An interrupted run, or one that is complete.
+    checkpoint = None if file is None else file.with_name(f"{file.name}.checkpoint")
+    if checkpoint is not None and file is not None:
+        if resume and file.exists() and not checkpoint.exists():
+            reporter.note(f"{file} is complete")
+            return read_result(file)
+        if checkpoint.exists() and not (resume or force):
+            raise InputError(
+                checkpoint, "an interrupted run lies here", "continue it with --resume, or --force a new one"
+            )
+    start_warp(chosen.device)
+    loaded.rig(chosen.scale)  # a scale that cannot be is an error before a fit of minutes
+
+    # The subject: named, kept by the run that is resumed, or fitted.
+    kept = None if file is None else file.with_name(f"{file.stem}.subject.usdc")
+    if subject is None and body is None:
+        subject = loaded.subject
+    if subject is None and resume and kept is not None and kept.exists():
+        subject = kept
+    if subject is None:
+        subject = _fitted(loaded, body, chosen, given, rigid, kept, reporter)
+    start, notes = subject_carrying(subject_from(subject), loaded.attached)
+    for note in notes:
+        reporter.note(f"attach: {note}")
+    _check_model(start.body, loaded, chosen, given)
+    chosen = replace(chosen, dof=start.body.skeleton.model_number(chosen.dof))
+    reporter.note(f"track: {describe(chosen, loaded.track, given)}")
+
+    tracked = _tracked(loaded, start, chosen, checkpoint, resume, reporter)
+    identified = {"identity": loaded.foreground.identity} if loaded.foreground.identity else {}
+    reference = {"scene": scene_reference(loaded.path, file)}
+    tracked = replace(tracked, config=tracked.config | reference | identified)
+    if file is not None and checkpoint is not None:
+        write_result(file, tracked)
+        checkpoint.unlink(missing_ok=True)
+    return tracked
+
+
+def _starts_from(
+    subject: Subject | BodyModel | str | Path | None, body: BodyModel | str | Path | None
+) -> tuple[Subject | str | Path | None, BodyModel | str | Path | None]:
+    """The subject to track, or the body to fit; a name without an ending is a shipped body's."""
+    if isinstance(subject, BodyModel) or (isinstance(subject, str) and not Path(subject).suffix):
+        return None, subject
+    if isinstance(subject, Subject | str | Path | None):
+        return subject, body
+    raise TypeError(
+        f"subject must be a Subject, which is tracked, or a BodyModel, which is fitted first, not a "
+        f"{type(subject).__name__}"
+    )
+
+
+def _fitted(
+    scene: Scene,
+    body: BodyModel | str | Path | None,
+    config: TrackConfig,
+    given: dict[str, Any],
+    rigid: bool | None,
+    output: Path | None,
+    reporter: Reporter,
+) -> Subject:
+    """A subject fitted to the scene, and kept beside the result."""
+    settings = {"rigid": rigid, "device": config.device, "threads": config.threads}
+    settings = {name: value for name, value in settings.items() if value is not None}
+    fit = effective(FitConfig, scene.settings("fit"), settings)
+    told = {name: value for name, value in settings.items() if name == "rigid" or name in given}
+    generic = body_from(body, scene)
+    _check_model(generic, scene, config, given)
+    reporter.note(f"fit: {describe(fit, scene.fit, told)}")
+    subject = fit_subject(scene, generic, fit, output, reporter)
+    return subject if output is None else read_subject(output)  # as a resumed run will find it, to the last bit
+
+
+def _check_model(body: BodyModel, scene: Scene, config: TrackConfig, given: dict[str, Any]) -> None:
+    """See that the body has a model with as many degrees of freedom as the caller or the scene asks for."""
+    try:
+        body.skeleton.searched(config.dof)
+    except ValueError as error:
+        if given.get("dof") is not None:
+            raise UsageError(f"--{error}") from None
+        raise InputError(f"{scene.path}: [track]", str(error), "correct that value") from None
+
+
+def _tracked(
+    scene: Scene, subject: Subject, config: TrackConfig, checkpoint: Path | None, resume: bool, reporter: Reporter
+) -> Result:
+    """Track, and tell of progress: first of the frames, then of the frames whose smoothed poses are final."""
+    total, evaluations = scene.frame_count, 0
+    with ExitStack() as stages:
+        progress: Progress = stages.enter_context(reporter.stage("track"))
+
+        def report(frame: int, answer: FrameAnswer) -> None:
+            nonlocal evaluations, progress
+            evaluations += answer.evaluations * config.runs
+            progress(frame + 1, total, evaluations)
+            if config.acceleration and frame + 1 == total:
+                stages.close()
+                progress = stages.enter_context(reporter.stage("smooth"))
+
+        return frame_loop.track(
+            scene,
+            subject,
+            config,
+            checkpoint=checkpoint,
+            resume=resume,
+            progress=report,
+            smooth_progress=lambda done: progress(done, total),
+        )

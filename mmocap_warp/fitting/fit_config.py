@@ -1,0 +1,45 @@
+"""What a fit is told: its settings, checked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mmocap_warp.formats.toml_table import describes_settings, setting
+
+LONGEST_IMAGE = 480
+"""The longer side of the images that a fit looks at unless a scale is given [px]: plenty for a shape."""
+
+
+@describes_settings
+@dataclass(frozen=True)
+class FitConfig:
+    """Settings of a fit."""
+
+    seed: int = setting(0, "Of the random numbers.")
+    scale: float | None = setting(
+        None, "Of masks and cameras, up to 1.", f"images {LONGEST_IMAGE} pixels long, which is plenty for a shape"
+    )
+    headings: int = setting(
+        8, "Evenly spread starting directions; of a body that starts anyhow, the best of many starts."
+    )
+    evaluations: int = setting(1000, "Spent on each heading.", flag=False)
+    finalists: int = setting(4, "Headings whose limbs are searched.", flag=False)
+    frames: int = setting(
+        16,
+        "Of the clip's first seconds that the body is solved from; 1 takes it from the first frame alone.",
+        flag=False,
+    )
+    rigid: bool | None = setting(
+        None,
+        "Bones' lengths, girths and scale are known, as a robot's are: find the pose alone.",
+        "what the body says",
+    )
+    device: str = setting("auto", "auto, cpu or a CUDA device such as cuda:0.")
+    threads: int | None = setting(None, "CPU threads.", "all that this process may use")
+
+    def __post_init__(self) -> None:
+        if self.scale is not None and not 0.0 < self.scale <= 1.0:
+            raise ValueError(f"scale must be in (0, 1], got {self.scale}")
+        for name in ("headings", "evaluations", "finalists", "frames"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")

@@ -25,7 +25,7 @@ def filled(template: str, *, title: str, script: str, style: str, **parts: str) 
         script, style: all that the page runs and looks like.
         parts: what else the template names, as markup.
     """
-    head = Template(resource("mmocap_warp.pages", "head.html")).substitute(
+    head = Template(resource("mmocap_warp.display.page", "head.html")).substitute(
         title=escape(title), style=style, style_hash=_hash(style), script_hash=_hash(script)
     )
     return Template(template).substitute(parts, head=head, title=escape(title), script=script)

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from synthetic import synthetic_result
+from walk_scene import walking
 
 import mmocap_warp as mm
 from mmocap_warp.scenes import ROOT
-from mmocap_warp.synthesis.walk import walking
 
 
 def names_for_type_checkers() -> set[str]:

@@ -1,4 +1,4 @@
-"""Who moves: the walker of the built-in scene, and three people with the bodies that a tracker is given for them.
+"""Who moves: three people, and the bodies that a tracker is given for them.
 
 The true bodies are shipped bodies with other shape weights, then stretched unequally, so that no shape of the
 tracker's body equals them. The tracker's bodies have the main proportions right, as a person who sets sliders by hand
@@ -12,24 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel, Subject
-from mmocap_warp.formats.usd.usd_body import read_body
-from mmocap_warp.scenes import ROOT
+from mmocap_warp.rigging.shipped import load_body
 from mmocap_warp.synthesis.exact_posing import ExactPoser
-
-_WALKER_SHAPE: dict[str, float] = {
-    "weight_incr": 0.35,
-    "muscle_incr": 0.25,
-    "leg_length_incr": 0.30,
-    "arm_length_decr": 0.20,
-    "shoulder_width_incr": 0.40,
-    "waist_incr": 0.30,
-}
-_WALKER_STRETCH = (1.02, 0.99, 1.03)
-
-
-def walker() -> BodyModel:
-    """The shipped woman, heavier, stronger, longer of leg, broader of shoulder, then stretched unequally."""
-    return _stretched(_shipped("adult_woman").shaped(_WALKER_SHAPE), "walker", _WALKER_STRETCH)
 
 
 @dataclass(frozen=True)
@@ -54,7 +38,7 @@ class Person:
 
     def true_body(self) -> BodyModel:
         """Who is seen."""
-        return _stretched(self._shaped(self.shape), f"{self.name}_true", self.stretch)
+        return stretched(self._shaped(self.shape), f"{self.name}_true", self.stretch)
 
     def tracked_body(self) -> BodyModel:
         """Who is tracked."""
@@ -67,7 +51,7 @@ class Person:
 
     def _shaped(self, weights: dict[str, float]) -> BodyModel:
         """The shipped body with one target after the other: sums of several are rounded differently by CPUs' makes."""
-        body = _shipped(self.base)
+        body = load_body(self.base)
         for name, weight in weights.items():
             body = body.shaped({name: weight})
         return body
@@ -132,11 +116,7 @@ PEOPLE: dict[str, Person] = {
 """By name."""
 
 
-def _shipped(name: str) -> BodyModel:
-    return read_body(ROOT / "bodies" / f"{name}.usdc")
-
-
-def _stretched(body: BodyModel, name: str, stretch: tuple[float, float, float]) -> BodyModel:
+def stretched(body: BodyModel, name: str, stretch: tuple[float, float, float]) -> BodyModel:
     """A body, named anew, that is ``stretch`` times as wide, as tall and as deep; its joints keep their axes."""
     factors = np.array(stretch, np.float32)
     return replace(

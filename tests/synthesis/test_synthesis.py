@@ -8,6 +8,7 @@ import pytest
 import warp as wp
 from drawn import cast_bits
 from synthetic import COORDINATES
+from walk_scene import FRAMES, walking, write_walk
 
 from mmocap_warp.body.rotations import turn, zyx_angles
 from mmocap_warp.body.skin_points import triangulated
@@ -26,7 +27,6 @@ from mmocap_warp.synthesis.motion import gait_curves
 from mmocap_warp.synthesis.motion.gait import Walk
 from mmocap_warp.synthesis.motion.limb_motion import Leg, hanging_arm
 from mmocap_warp.synthesis.motion.sole import Sole
-from mmocap_warp.synthesis.walk import FRAMES, walking, write_walk
 
 MOST_SLIDE = 1e-3  # [m] between two frames, of the point that a foot stands on
 FLOOR = 1e-4  # [m]

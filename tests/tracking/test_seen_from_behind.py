@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from random_scenes import perfect_masks
 from synthetic import ring_rig
+from walk_scene import walking
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
@@ -13,7 +14,6 @@ from mmocap_warp.fitting.subject_fit import FitConfig, fit_observation
 from mmocap_warp.formats.usd.usd_body import read_body
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.scenes import ROOT
-from mmocap_warp.synthesis.walk import walking
 
 
 def left(subject: Subject) -> np.ndarray:

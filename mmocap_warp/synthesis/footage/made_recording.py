@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -14,9 +14,6 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.synthesis.exact_posing import ExactPoser
-
-if TYPE_CHECKING:
-    from mmocap_warp.body.posing import Poser
 
 
 class Segmentation(Protocol):
@@ -49,7 +46,7 @@ class Recording:
     fps: float
     rig: CameraRig
     segmentation: Segmentation
-    posed_by: type[ExactPoser] | type[Poser] = ExactPoser
+    posed_by: type[ExactPoser] = ExactPoser
 
     def __len__(self) -> int:
         return len(self.poses)
@@ -97,5 +94,5 @@ class Recording:
         )
 
     @cached_property
-    def _poser(self) -> ExactPoser | Poser:
+    def _poser(self) -> ExactPoser:
         return self.posed_by(self.body, self.root_base)

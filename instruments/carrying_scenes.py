@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from walk_scene import FOREGROUND, FPS, camera_ring, segmentation, walker, walking
 
-from mmocap_warp.body.bind_transforms import bind_transforms
+from mmocap_warp.body.model import bind_transforms
 from mmocap_warp.body.rotations import applied, transposed, turn, zyx_angles
 from mmocap_warp.body.shape_space import heading_rotation, upright_base
 from mmocap_warp.errors import InputError

@@ -19,12 +19,10 @@ from pathlib import Path
 
 import numpy as np
 
-from mmocap_warp.body.body_motion import BodyMotion
-from mmocap_warp.body.model import BodyModel
+from mmocap_warp.body.model import BodyModel, BodyMotion
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.usd_body import read_body, write_body
-from mmocap_warp.synthesis.motion.key_poses import through_poses
-from mmocap_warp.synthesis.motion.motion_tracks import minimum_jerk
+from mmocap_warp.synthesis.motion.key_poses import minimum_jerk, through_poses
 
 _HAND_FPS = 30.0
 

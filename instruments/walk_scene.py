@@ -17,8 +17,7 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.errors import InputError
 from mmocap_warp.rigging.shipped import load_body
 from mmocap_warp.synthesis.footage.faults import Faults, SpoiltMasks
-from mmocap_warp.synthesis.footage.made_cameras import placed_camera
-from mmocap_warp.synthesis.footage.made_recording import Recording
+from mmocap_warp.synthesis.footage.made_recording import Recording, placed_camera
 from mmocap_warp.synthesis.motion.gait import Walk
 from mmocap_warp.synthesis.motion.gait_curves import CADENCE
 from mmocap_warp.synthesis.walkers import stretched

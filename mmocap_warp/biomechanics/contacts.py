@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel, Subject
-from mmocap_warp.result.positions import blocks, skin_positions
+from mmocap_warp.body.posing import blocks, skin_positions
 
 _PEOPLES = {"left": "LAnkle", "right": "RAnkle"}  # the joints that a person's feet follow
 _REACH = 0.1  # of a body's height: feet reach as low as this over its lowest skin in the bind pose

@@ -14,7 +14,7 @@ from mmocap_warp.biomechanics.joint_angles import joint_angles, joints_left_out,
 from mmocap_warp.biomechanics.segments import skin_place
 from mmocap_warp.biomechanics.steps import Walking, walking
 from mmocap_warp.body.model import BodyModel
-from mmocap_warp.result.positions import joint_transforms
+from mmocap_warp.body.posing import Poser
 from mmocap_warp.result.result import Result
 
 
@@ -109,7 +109,7 @@ def _left_out(body: BodyModel, measured: RunMeasures) -> list[str]:
 
 def _of_run(result: Result, pose: np.ndarray, run: int, raw: bool, sex: Sex | None) -> RunMeasures:
     subject, body = result.subject, result.subject.body
-    transforms = joint_transforms(subject, pose)
+    transforms = Poser(body, subject.root_base).joint_transforms(pose)
     joints = transforms[:, :, :3, 3].astype(float)
     seconds, up = result.frame_numbers / result.fps, result.cameras.up_vector
     feet = feet_on_floor(subject, pose, seconds, up)

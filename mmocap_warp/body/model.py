@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
 from mmocap_warp.body.skeleton import Skeleton
+from mmocap_warp.errors import InputError
 
 _PERSON = 1.2  # [m], what is as large as a person
 
@@ -150,3 +153,44 @@ class Subject:
     root_base: np.ndarray
     pose: np.ndarray
     provenance: dict[str, str | float | int]
+
+
+def bind_transforms(body: BodyModel) -> np.ndarray:
+    """(joint, 4, 4) float64: body space from joint in the bind pose, for column vectors."""
+    bind = np.tile(np.eye(4), (len(body.joint_rest), 1, 1))
+    bind[:, :3, :3] = body.skeleton.frame
+    bind[:, :3, 3] = body.joint_rest
+    return bind
+
+
+def rest_transforms(body: BodyModel) -> np.ndarray:
+    """(joint, 4, 4) float64: parent from joint in the bind pose; the root's is body space from root."""
+    bind = bind_transforms(body)
+    return np.stack(
+        [m if p < 0 else np.linalg.inv(bind[p]) @ m for m, p in zip(bind, body.skeleton.parent, strict=True)]
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class BodyMotion:
+    """Poses of a body at even times, in the body's own space: its root's base is the identity.
+
+    Attributes:
+        fps: frames per second.
+        pose: (frame, coordinate) float64 [m, rad].
+    """
+
+    fps: float
+    pose: np.ndarray
+
+
+def motion_named(name: str, motions: Mapping[str, BodyMotion], body_file: Path) -> BodyMotion:
+    """One of the motions that came with the body of a file.
+
+    Raises:
+        InputError: none has that name.
+    """
+    if name not in motions:
+        known = f"name one of {', '.join(motions)}" if motions else "it came without any: give a file instead"
+        raise InputError(body_file, f"has no motion '{name}'", known)
+    return motions[name]

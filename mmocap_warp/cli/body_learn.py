@@ -49,7 +49,7 @@ def learn(
 
     import numpy as np
 
-    from mmocap_warp.body.body_motion import motion_named
+    from mmocap_warp.body.model import motion_named
     from mmocap_warp.cli.outputs import new_file
     from mmocap_warp.formats.usd.usd_body import read_body, read_motions, write_body
     from mmocap_warp.formats.usd.usd_file import USD_SUFFIXES

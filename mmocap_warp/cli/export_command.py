@@ -129,8 +129,7 @@ def _chosen(
     from mmocap_warp.cli.flag_settings import as_flag
     from mmocap_warp.cli.result_report import positions_of
     from mmocap_warp.formats.exports.rigs import rigged
-    from mmocap_warp.result.excerpt import at_rate, before_smoothing
-    from mmocap_warp.result.turning import stood_up
+    from mmocap_warp.result.excerpt import at_rate, before_smoothing, stood_up
 
     if raw and result.raw_pose is None:
         raise UsageError("--raw: the track was not smoothed; without the flag it is as it was tracked")

@@ -46,7 +46,7 @@ def synth(
     force
         Write into a folder that holds files.
     """
-    from mmocap_warp.body.body_motion import motion_named
+    from mmocap_warp.body.model import motion_named
     from mmocap_warp.cli.exit_codes import UsageError
     from mmocap_warp.cli.next_step import track_command
     from mmocap_warp.cli.outputs import new_folder

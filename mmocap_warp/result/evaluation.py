@@ -7,17 +7,18 @@ from typing import Any
 import numpy as np
 
 from mmocap_warp.result.marker_errors import marker_errors
-from mmocap_warp.result.offsets import offset_free_distance
 from mmocap_warp.result.other_world import other_world
-from mmocap_warp.result.over_time import growth, second_differences
 from mmocap_warp.result.pose_errors import (
     LOST_LIMB,
     NEAR,
     aligned_error,
     common_frames,
     farthest,
+    growth,
     nanmean,
+    offset_free_distance,
     on_all_frames,
+    second_differences,
 )
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.result.truth import Truth, at_rate

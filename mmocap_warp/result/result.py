@@ -126,7 +126,7 @@ class Result:
 
     def joints(self) -> np.ndarray:
         """Joint centres in the world: (run, frame, joint, 3) float64 [m], the joints in the order of the body's."""
-        from mmocap_warp.result.positions import joint_positions  # Warp, which reading a result does not need
+        from mmocap_warp.body.posing import joint_positions  # Warp, which reading a result does not need
 
         centres = joint_positions(self.subject, self.pose.reshape(-1, self.pose.shape[2]))
         return centres.reshape(*self.pose.shape[:2], -1, 3)
@@ -142,7 +142,7 @@ class Result:
         Raises:
             IndexError: no such run or frame.
         """
-        from mmocap_warp.result.positions import skin_positions
+        from mmocap_warp.body.posing import skin_positions
 
         pose = self.pose[self.best_run if run is None else run]
         chosen = pose if frames is None else pose[np.asarray(frames, int)]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mmocap_warp.body.body_motion import BodyMotion, motion_named
+from mmocap_warp.body.model import BodyMotion, motion_named
 from mmocap_warp.body.skeleton import Skeleton
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import load_toml

@@ -6,14 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from mmocap_warp.body.body_motion import BodyMotion
-from mmocap_warp.body.model import BodyModel, Subject
+from mmocap_warp.body.model import BodyModel, BodyMotion, Subject
 from mmocap_warp.body.shape_space import upright_base
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.synthesis.exact_posing import ExactPoser
 from mmocap_warp.synthesis.footage.faults import Faults, SpoiltMasks
-from mmocap_warp.synthesis.footage.made_cameras import placed_camera
-from mmocap_warp.synthesis.footage.made_recording import Recording
+from mmocap_warp.synthesis.footage.made_recording import Recording, placed_camera
 from mmocap_warp.synthesis.writing import FAULTY_MASKS, Progress, write_made_scene
 
 SIZE = (640, 480)

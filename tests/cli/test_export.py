@@ -17,8 +17,8 @@ from mmocap_warp.formats.motion.read_bvh import read_bvh
 from mmocap_warp.formats.motion.read_c3d import read_c3d
 from mmocap_warp.formats.motion.read_trc import read_trc
 from mmocap_warp.formats.usd.usd_result import write_result
+from mmocap_warp.result.excerpt import stood_up
 from mmocap_warp.result.result import Result
-from mmocap_warp.result.turning import stood_up
 
 SAME = 2e-6  # [m]
 

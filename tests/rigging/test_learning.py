@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from other_bodies import quadruped
 
-from mmocap_warp.body.body_motion import BodyMotion
+from mmocap_warp.body.model import BodyMotion
 from mmocap_warp.cli import main
 from mmocap_warp.formats.usd.usd_body import read_body, read_motions, write_body
 from mmocap_warp.rigging.learning import learnt

@@ -13,10 +13,10 @@ from synthetic import SKELETON, ring_rig, synthetic_subject
 from walk_scene import walking
 
 from mmocap_warp.body.model import Subject
+from mmocap_warp.body.posing import joint_positions
 from mmocap_warp.body.shape_space import upright_base
 from mmocap_warp.contour.clip import clip_problem as clip
 from mmocap_warp.masks.observation import Observation
-from mmocap_warp.result.positions import joint_positions
 from mmocap_warp.result.result import STATUS, FrameAnswer, Result
 from mmocap_warp.rigging.shipped import load_body
 from mmocap_warp.scene.scene_toml import load_scene

@@ -11,7 +11,6 @@ from mmocap_warp.body.posing import Poser
 from mmocap_warp.display.page.curves import Curve, curves, tracks
 from mmocap_warp.display.page.packing import packed, packed_numbers, packed_places, packed_rotations, packed_values
 from mmocap_warp.display.page.thinning import Pictures
-from mmocap_warp.result.positions import POSES_AT_ONCE, blocks
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.result.truth import Truth
 
@@ -105,7 +104,6 @@ def _curve(curve: Curve, run: int) -> dict[str, Any]:
 def _motion(result: Result, pose: np.ndarray) -> dict[str, Any]:
     """How each joint takes the body's rest into the world: ``turn @ (rest - joint_rest) + place``, (frame, joint)."""
     subject = result.subject
-    poser = Poser(subject.body, subject.root_base)
-    transforms = np.concatenate([poser.joint_transforms(pose[block]) for block in blocks(len(pose), POSES_AT_ONCE)])
+    transforms = Poser(subject.body, subject.root_base).joint_transforms(pose)
     turns = transforms[..., :3, :3].astype(float) @ np.swapaxes(subject.body.skeleton.frame, 1, 2)
     return {"turn": packed_rotations(turns), "place": packed_places(transforms[..., :3, 3].astype(float))}

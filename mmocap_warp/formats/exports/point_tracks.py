@@ -6,12 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmocap_warp.body.bind_transforms import bind_transforms, rest_transforms
-from mmocap_warp.body.model import Subject
+from mmocap_warp.body.model import Subject, bind_transforms, rest_transforms
+from mmocap_warp.body.posing import skin_positions
 from mmocap_warp.body.rotations import applied, zyx_rotation
 from mmocap_warp.body.skeleton import TRANSLATION
 from mmocap_warp.result.excerpt import evenly
-from mmocap_warp.result.positions import skin_positions
 from mmocap_warp.result.result import STATUS, Result
 
 

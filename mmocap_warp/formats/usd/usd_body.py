@@ -23,10 +23,8 @@ from pathlib import Path
 import numpy as np
 from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdSkel, Vt
 
-from mmocap_warp.body.bind_transforms import bind_transforms, rest_transforms
-from mmocap_warp.body.body_motion import BodyMotion
 from mmocap_warp.body.mesh_pieces import is_closed
-from mmocap_warp.body.model import BodyModel, SkinMesh, Subject
+from mmocap_warp.body.model import BodyModel, BodyMotion, SkinMesh, Subject, bind_transforms, rest_transforms
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.usd_file import PrimReader, author, read_stage, reads_usd, write_stage
 from mmocap_warp.formats.usd.usd_motions import define_motions, motions_of

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom, Vt
 
-from mmocap_warp.body.body_motion import BodyMotion
+from mmocap_warp.body.model import BodyMotion
 from mmocap_warp.formats.usd.usd_file import PrimReader, author
 
 _NAME = "Motions"

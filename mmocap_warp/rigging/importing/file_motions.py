@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mmocap_warp.body.body_motion import BodyMotion
-from mmocap_warp.body.model import BodyModel
+from mmocap_warp.body.model import BodyModel, BodyMotion
 from mmocap_warp.body.rotations import applied, continuous_zyx_angles, transposed
 from mmocap_warp.formats.rigged.rigged_mesh import RiggedMotion
 

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmocap_warp.body.body_motion import BodyMotion
-from mmocap_warp.body.model import BodyModel, SkinMesh
+from mmocap_warp.body.model import BodyModel, BodyMotion, SkinMesh
 from mmocap_warp.body.skeleton import TRANSLATION, Pair, Skeleton
 from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh
 from mmocap_warp.rigging.decimation import decimate

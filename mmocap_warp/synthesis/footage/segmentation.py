@@ -16,7 +16,7 @@ import numpy as np
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.synthesis.exact_posing import led_by
-from mmocap_warp.synthesis.footage.blemishes import Ellipse, distance_inside, on_floor
+from mmocap_warp.synthesis.footage.faults import Ellipse, distance_inside, on_floor
 from mmocap_warp.synthesis.footage.outlines import Surface, draw_outlines, on_image
 
 

@@ -22,8 +22,8 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import turn
+from mmocap_warp.synthesis.motion.key_poses import Track, sway
 from mmocap_warp.synthesis.motion.limb_motion import leg_length
-from mmocap_warp.synthesis.motion.motion_tracks import Track, sway
 from mmocap_warp.synthesis.motion.posture import Foot, Posture
 
 Point = tuple[float, float, float]

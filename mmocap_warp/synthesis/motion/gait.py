@@ -18,8 +18,7 @@ import numpy as np
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import applied, transposed, turn, zyx_angles, zyx_rotation
 from mmocap_warp.synthesis.motion import gait_curves as curves
-from mmocap_warp.synthesis.motion.limb_motion import SIGN, TRUNK, Leg, hanging_arm, trunk_angles
-from mmocap_warp.synthesis.motion.sole import Sole
+from mmocap_warp.synthesis.motion.limb_motion import SIGN, TRUNK, Leg, Sole, hanging_arm, trunk_angles
 
 _AHEAD = {"L": 0.0, "R": 0.5}  # of a leg's phase before the left one's
 _BELOW_HIP = 0.22  # phase at which a standing foot is below the pelvis

@@ -1,7 +1,7 @@
 """Hand signals of a person who stands still: waving, beckoning, halting, pointing.
 
 Hands go from sign to sign along paths of least jerk in about 0.7 s, as free reaches of half a metre do (see
-``tracks.py``); a hand waves two to three times a second. The rest of the body is as near to still as people are when
+``key_poses.py``); a hand waves two to three times a second. The rest of the body is as near to still as people are when
 they stand: the centre of mass wanders by about 5 mm (Winter, *Human balance and posture control during standing and
 walking*, Gait & Posture 3, 1995), weight moves from foot to foot now and then, and both feet stay where they are.
 """
@@ -14,8 +14,8 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import turn
+from mmocap_warp.synthesis.motion.key_poses import Track, minimum_jerk, sway
 from mmocap_warp.synthesis.motion.limb_motion import SIGN, rest_place
-from mmocap_warp.synthesis.motion.motion_tracks import Track, minimum_jerk, sway
 from mmocap_warp.synthesis.motion.posture import Foot, Posture
 
 

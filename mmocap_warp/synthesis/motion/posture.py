@@ -12,9 +12,7 @@ import numpy as np
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import applied, continuous_zyx_angles, transposed, turn, zyx_angles, zyx_rotation
 from mmocap_warp.synthesis.exact_posing import ExactPoser
-from mmocap_warp.synthesis.motion.arm import Arm
-from mmocap_warp.synthesis.motion.limb_motion import TRUNK, Leg, about, trunk_angles
-from mmocap_warp.synthesis.motion.sole import Sole
+from mmocap_warp.synthesis.motion.limb_motion import TRUNK, Arm, Leg, Sole, about, trunk_angles
 
 _SLIGHTLY = 0.05
 _MOST_STRAIGHT = 0.999  # of an arm's length: the elbow stays bent by 5 degrees

@@ -15,8 +15,8 @@ from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import applied, turn, zyx_angles, zyx_rotation
 from mmocap_warp.synthesis.motion.gait import Walk
 from mmocap_warp.synthesis.motion.gait_curves import CADENCE
+from mmocap_warp.synthesis.motion.key_poses import minimum_jerk, sway
 from mmocap_warp.synthesis.motion.limb_motion import SIGN
-from mmocap_warp.synthesis.motion.motion_tracks import minimum_jerk, sway
 from mmocap_warp.synthesis.motion.posture import Posture
 
 

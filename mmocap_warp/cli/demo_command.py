@@ -150,7 +150,7 @@ def _tracked(
     """Track, judge and draw: the report and the files."""
     from mmocap_warp.cli.result_report import draw_result, truth_of
     from mmocap_warp.cli.track_command import track_scene
-    from mmocap_warp.display.plot import plot_report
+    from mmocap_warp.display.result_plots import plot_report
     from mmocap_warp.result.evaluation import evaluate
 
     files = {

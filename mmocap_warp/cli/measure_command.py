@@ -49,7 +49,7 @@ def measure(
         Write into a folder that holds something.
     """
     from mmocap_warp.biomechanics.measure_all import measure
-    from mmocap_warp.biomechanics.measure_report import report
+    from mmocap_warp.biomechanics.measure_tables import report
     from mmocap_warp.cli.devices import start_warp
     from mmocap_warp.cli.flag_settings import as_flag
     from mmocap_warp.cli.outputs import new_folder
@@ -75,7 +75,7 @@ def measure(
 
 def _write(folder: Path, measures: Measures) -> list[Path]:
     from mmocap_warp.biomechanics.measure_tables import write_tables
-    from mmocap_warp.display.measure_plots import plot_angles, plot_feet
+    from mmocap_warp.display.result_plots import plot_angles, plot_feet
 
     written = write_tables(folder, measures)
     for name, plot, has_any in (

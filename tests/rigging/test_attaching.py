@@ -13,7 +13,7 @@ import trimesh
 from other_bodies import burdened, quadruped, things
 from synthetic import ring_rig
 
-from mmocap_warp.biomechanics.bone_lengths import bone_lengths
+from mmocap_warp.biomechanics.measure_all import bone_lengths
 from mmocap_warp.body.mesh_pieces import is_closed
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.posing import Poser

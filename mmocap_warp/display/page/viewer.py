@@ -10,8 +10,7 @@ from typing import Any
 
 from mmocap_warp.display.page.html import embedded, filled, resource
 from mmocap_warp.display.page.page_content import content
-from mmocap_warp.display.page.pictures import Views, small_images, small_masks
-from mmocap_warp.display.page.thinning import pose_step, sentence
+from mmocap_warp.display.page.pictures import Views, pose_step, sentence, small_images, small_masks
 from mmocap_warp.display.result_video import check_same_recording
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth

@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 from shown import Recording, made_result
 from synthetic import ring_rig
 
-from mmocap_warp.display.page import thinning
-from mmocap_warp.display.page.thinning import Pictures, pose_step
+from mmocap_warp.display.page.pictures import Pictures, pose_step
 from mmocap_warp.display.page.viewer import view
 from mmocap_warp.errors import InputError
 from mmocap_warp.result.truth import Truth

@@ -1,4 +1,4 @@
-"""Curves of a result as SVG files: joint angles, feet over the floor, and the error against frame (the paper's Fig. 10)."""
+"""Curves of a result as SVG files: joint angles, feet over the floor, and errors by frame (Fig. 10 of the paper)."""
 
 from __future__ import annotations
 

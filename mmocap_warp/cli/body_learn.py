@@ -53,8 +53,8 @@ def learn(
     from mmocap_warp.cli.outputs import new_file
     from mmocap_warp.formats.usd.usd_body import read_body, read_motions, write_body
     from mmocap_warp.formats.usd.usd_file import USD_SUFFIXES
-    from mmocap_warp.rigging.learning import learnt
     from mmocap_warp.rigging.shipped import body_file
+    from mmocap_warp.rigging.start_poses import learnt
 
     console = console or Console()
     if not 0 <= margin <= 180:

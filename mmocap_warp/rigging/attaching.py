@@ -19,8 +19,7 @@ from mmocap_warp.formats.attachments import ALL, FIXED, Attachment
 from mmocap_warp.formats.rigged.part_meshes import part_mesh
 from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh
 from mmocap_warp.rigging.decimation import decimate
-from mmocap_warp.rigging.importing.closing import closed
-from mmocap_warp.rigging.importing.welding import welded
+from mmocap_warp.rigging.importing.closing import closed, welded
 
 _TRIANGLES = 600  # of a thing's tracking mesh, at most
 _LONGEST, _SHORTEST = 3.0, 0.01  # of the body's extent: what is longer or shorter is in another unit

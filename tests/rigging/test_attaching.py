@@ -28,8 +28,7 @@ from mmocap_warp.formats.usd.usd_body import local_transforms, read_body, write_
 from mmocap_warp.result.excerpt import at_rate
 from mmocap_warp.result.result import Result
 from mmocap_warp.rigging.attaching import carrying, subject_carrying
-from mmocap_warp.rigging.deviation_factors import deviation_factors
-from mmocap_warp.rigging.shipped import load_body
+from mmocap_warp.rigging.shipped import deviation_factors, load_body
 from mmocap_warp.synthesis.exact_posing import ExactPoser
 from mmocap_warp.tracking.limb_pairs import limb_pairs, limbs
 

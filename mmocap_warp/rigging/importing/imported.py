@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel, BodyMotion, SkinMesh
+from mmocap_warp.body.rotations import applied, continuous_zyx_angles, transposed
 from mmocap_warp.body.skeleton import TRANSLATION, Pair, Skeleton
-from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh
+from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, RiggedMotion
 from mmocap_warp.rigging.decimation import decimate
 from mmocap_warp.rigging.importing.body_axes import in_body_axes
-from mmocap_warp.rigging.importing.closing import ClosedMesh, closed
-from mmocap_warp.rigging.importing.file_motions import body_motion
+from mmocap_warp.rigging.importing.closing import ClosedMesh, closed, four_influences, welded
 from mmocap_warp.rigging.importing.freedom import Freedom, freedom_of
 from mmocap_warp.rigging.importing.joint_tree import (
     mirrored_pairs,
@@ -23,7 +23,6 @@ from mmocap_warp.rigging.importing.joint_tree import (
     with_parents,
 )
 from mmocap_warp.rigging.importing.joints_file import GivenJoints, parents_given, with_given
-from mmocap_warp.rigging.importing.welding import four_influences, welded
 
 TRIANGLES = 2600
 """Of a tracking mesh, by default; as many as a shipped person's has."""
@@ -225,3 +224,38 @@ def _closed_parts(mesh: RiggedMesh) -> tuple[ClosedMesh, list[str]]:
         told += [name] if part.done else []
     notes = [f"tracking mesh: parts closed or wrapped in new surfaces: {', '.join(told)}"] if told else []
     return ClosedMesh(np.concatenate(added), np.concatenate(beside), np.concatenate(faces), ""), notes
+
+
+def body_motion(body: BodyModel, bind: np.ndarray, motion: RiggedMotion) -> tuple[BodyMotion, float]:
+    """Poses of a body whose joints turn and slide as a file's do, and how far joints are from the file's at most [m].
+
+    All three coordinates of every joint are taken, whether they are searched or not. Bones keep their lengths but for
+    joints that slide; a file's may change.
+
+    Args:
+        body: the body.
+        bind: (joint, 4, 4), the body's space from the file's joints in the bind pose.
+        motion: in the body's axes and metres.
+    """
+    skeleton = body.skeleton
+    frame, rest = skeleton.frame.astype(np.float64), body.joint_rest.astype(np.float64)
+    turned = motion.world[..., :3, :3] @ transposed(bind[:, :3, :3])  # from the bind pose, in the body's axes
+    frames, free = len(turned), np.tile([-np.inf, np.inf], (3, 1))
+    pose = np.zeros((frames, skeleton.coordinates))
+    pose[:, :3] = motion.world[:, 0, :3, 3]
+    place = np.zeros((frames, len(rest), 3))
+    for joint, parent in enumerate(skeleton.parent):
+        above = np.eye(3) if parent < 0 else turned[:, parent]
+        coordinates = skeleton.angles(skeleton.joints[joint])
+        place[:, joint] = pose[:, :3] if parent < 0 else place[:, parent] + above @ (rest[joint] - rest[parent])
+        if skeleton.slides[joint]:
+            held = above @ frame[joint]
+            shift = motion.world[:, joint, :3, 3] - place[:, joint]
+            pose[:, coordinates] = applied(transposed(held), shift)
+            place[:, joint] += shift
+            turned[:, joint] = above
+            continue
+        own = frame[joint].T @ np.swapaxes(above, -1, -2) @ turned[:, joint] @ frame[joint]
+        pose[:, coordinates] = continuous_zyx_angles(own, free)
+    apart = float(np.linalg.norm(place - motion.world[:, :, :3, 3], axis=2).max())
+    return BodyMotion(motion.fps, pose), apart

@@ -26,8 +26,7 @@ from mmocap_warp.synthesis.motion.boxing import ROUNDS, boxing
 from mmocap_warp.synthesis.motion.gait import Walk
 from mmocap_warp.synthesis.motion.gestures import SCRIPTS, gesturing
 from mmocap_warp.synthesis.motion.retarget import read_clip, retargeted
-from mmocap_warp.synthesis.strangers import STRANGERS
-from mmocap_warp.synthesis.walkers import PEOPLE, Person, fitted_start
+from mmocap_warp.synthesis.walkers import PEOPLE, STRANGERS, Person, fitted_start
 
 FPS = 60.0
 MARKER_NOISE = 0.002

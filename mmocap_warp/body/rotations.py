@@ -8,6 +8,11 @@ _PSI = 1.533751168755204288118041  # the real root of psi^4 = psi + 4
 _PLANE = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}
 
 
+def axis_vector(axis: str) -> np.ndarray:
+    """(3,) unit vector of a signed axis, such as ``-x``."""
+    return np.eye(3)["xyz".index(axis[1])] * (1.0 if axis[0] == "+" else -1.0)
+
+
 def turn(axis: str, angle: np.ndarray | float) -> np.ndarray:
     """(..., 3, 3) rotations about one axis by angles (...) [rad]."""
     a, b = _PLANE[axis]

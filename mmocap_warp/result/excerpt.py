@@ -6,12 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from mmocap_warp.body.rotations import between, near_zyx_angles, zyx_rotation
+from mmocap_warp.body.rotations import axis_vector, between, near_zyx_angles, zyx_rotation
 from mmocap_warp.body.skeleton import TRANSLATION
 from mmocap_warp.cameras.rig import UP_AXES
 from mmocap_warp.result.result import Result
 
-_OF_RUNS = ("pose", "cost", "iou", "evaluations", "status", "raw_pose", "angle_sigma", "joint_sigma")
 _SAME_TIME = 1e-6
 """[frames], by how much a time may lie outside the result and still be its first or last one."""
 
@@ -24,8 +23,7 @@ def of_run(result: Result, run: int) -> Result:
     """
     if not 0 <= run < len(result.pose):
         raise ValueError(f"run must be in 0 to {len(result.pose) - 1}, got {run}")
-    arrays = {name: array[run : run + 1] for name in _OF_RUNS if (array := getattr(result, name)) is not None}
-    return replace(result, **arrays)
+    return replace(result, **{name: array[run : run + 1] for name, array in result.arrays.items()})
 
 
 def before_smoothing(result: Result) -> Result:
@@ -130,13 +128,9 @@ def stood_up(result: Result, up: str) -> Result:
 
 def _turn(up: str, new: str) -> np.ndarray:
     """(3, 3) rotation by quarter turns that takes one signed axis to another."""
-    source, target = _unit(up), _unit(new)
+    source, target = axis_vector(up), axis_vector(new)
     across = np.cross(source, target)
     if across.any():  # a quarter turn
         return np.outer(target, source) - np.outer(source, target) + np.outer(across, across)
-    about = _unit("+z" if up[1] == "x" else "+x")
+    about = axis_vector("+z" if up[1] == "x" else "+x")
     return 2 * np.outer(about, about) - np.eye(3)
-
-
-def _unit(axis: str) -> np.ndarray:
-    return np.eye(3)["xyz".index(axis[1])] * (1 if axis[0] == "+" else -1)

@@ -138,13 +138,12 @@ def allowed_skin(body: BodyModel, names: tuple[str, ...]) -> np.ndarray:
     On what is attached to the body there are none.
     """
     skin = body.skin
-    leading = skin.joint[np.arange(len(skin.joint)), skin.weight.argmax(axis=1)]
     own = dict(zip(body.marker_names, body.marker_vertex, strict=True))
     allowed = np.tile(body.own_vertex, (len(names), 1))
     for row, name in enumerate(names):
         if name in own:
             moved_by = skin.joint[own[name]][skin.weight[own[name]] >= _MOVES]
-            allowed[row] = np.isin(leading, moved_by)
+            allowed[row] = np.isin(skin.heaviest_joint, moved_by)
     return allowed
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -106,6 +107,12 @@ class Result:
                 raise ValueError(f"{name} must be {shape}, got {array.shape}")
 
     @property
+    def arrays(self) -> dict[str, Any]:
+        """The arrays (run, frame, ...) that there are, by name."""
+        names = ("pose", "cost", "iou", "evaluations", "status", "raw_pose", "angle_sigma", "joint_sigma")
+        return {name: array for name in names if (array := getattr(self, name)) is not None}
+
+    @property
     def best_run(self) -> int:
         """The run with the lowest mean cost: the one that is animated."""
         return int(np.argmin(np.nanmean(self.cost, axis=1))) if np.isfinite(self.cost).any() else 0
@@ -119,8 +126,7 @@ class Result:
     def at(self, positions: Sequence[int]) -> Result:
         """Some of its frames alone, by their positions in ``frame_numbers``, ascending."""
         chosen = np.asarray(positions, int)
-        of_frames = ("pose", "cost", "iou", "evaluations", "status", "raw_pose", "angle_sigma", "joint_sigma")
-        arrays = {name: array[:, chosen] for name in of_frames if (array := getattr(self, name)) is not None}
+        arrays = {name: array[:, chosen] for name, array in self.arrays.items()}
         before = self.left_out_before + int(chosen[0])
         return replace(self, frame_numbers=self.frame_numbers[chosen], left_out_before=before, **arrays)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 
@@ -15,16 +14,8 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.synthesis.exact_posing import ExactPoser
-
-
-class Segmentation(Protocol):
-    """How masks of a posed body come about."""
-
-    def silhouettes(self, rig: CameraRig, vertices: np.ndarray) -> list[np.ndarray]:
-        """Per camera (height, width) bool: what a faultless segmentation would give."""
-
-    def masks(self, rig: CameraRig, vertices: np.ndarray, frame: int) -> list[np.ndarray]:
-        """Per camera (height, width) bool, with faults; chance depends on camera and frame alone."""
+from mmocap_warp.synthesis.footage.faults import SpoiltMasks
+from mmocap_warp.synthesis.footage.segmentation import SegmentedMasks
 
 
 @dataclass(frozen=True)
@@ -46,7 +37,7 @@ class Recording:
     poses: np.ndarray
     fps: float
     rig: CameraRig
-    segmentation: Segmentation
+    segmentation: SpoiltMasks | SegmentedMasks
     posed_by: type[ExactPoser] = ExactPoser
 
     def __len__(self) -> int:

@@ -73,12 +73,12 @@ def joint_angles(body: BodyModel, transforms: np.ndarray) -> dict[str, dict[str,
         transforms: (frame, joint, 4, 4), of its joints in the world.
     """
     angles = {}
-    for joint, (upper, lower) in _measured(body):
+    for joint, (upper, lower) in _available_joints(body):
         definition = _PAIRED.get(joint[1:]) or _MIDDLE[joint]
         between = transposed(segment_axes(body, transforms, upper)) @ segment_axes(body, transforms, lower)
         if lower.startswith("L "):
             between = between * _MIRROR
-        first, second, third = map(_continuous, _DECOMPOSED[definition.order](between))
+        first, second, third = map(_unwrap_degrees, _ANGLES_BY_ORDER[definition.order](between))
         angles[joint] = dict(zip(definition.names, (definition.sign * first, second, third), strict=True))
     return angles
 
@@ -96,7 +96,7 @@ def own_angles(skeleton: Skeleton, pose: np.ndarray, model: int | None = None) -
     angles: dict[str, dict[str, np.ndarray]] = {}
     for number in skeleton.searched_angles(model):
         joint, axis = divmod(int(number) - TRANSLATION, 3)
-        angles.setdefault(skeleton.joints[joint], {})["xyz"[axis]] = _continuous(pose[:, number])
+        angles.setdefault(skeleton.joints[joint], {})["xyz"[axis]] = _unwrap_degrees(pose[:, number])
     return angles
 
 
@@ -114,11 +114,11 @@ def own_shifts(skeleton: Skeleton, pose: np.ndarray, model: int | None = None) -
 
 def joints_left_out(body: BodyModel) -> list[str]:
     """The joints of a person whose angles a body does not have; none of a body that has no such angles at all."""
-    has = {joint for joint, _ in _measured(body)}
-    return [joint for joint, _ in _defined() if joint not in has] if has else []
+    has = {joint for joint, _ in _available_joints(body)}
+    return [joint for joint, _ in _all_joints() if joint not in has] if has else []
 
 
-def _defined() -> Iterator[tuple[str, tuple[str, str]]]:
+def _all_joints() -> Iterator[tuple[str, tuple[str, str]]]:
     """All joints, with the names of their two segments."""
     for joint, each in _MIDDLE.items():
         yield joint, (each.upper, each.lower)
@@ -128,8 +128,8 @@ def _defined() -> Iterator[tuple[str, tuple[str, str]]]:
             yield side + joint, (upper, f"{side} {each.lower}")
 
 
-def _measured(body: BodyModel) -> Iterator[tuple[str, tuple[str, str]]]:
-    for joint, names in _defined():
+def _available_joints(body: BodyModel) -> Iterator[tuple[str, tuple[str, str]]]:
+    for joint, names in _all_joints():
         if has_joints(body.skeleton, [needed for name in names for needed in SEGMENTS[name].joints]):
             yield joint, names
 
@@ -154,7 +154,7 @@ def _yxy(rotation: np.ndarray) -> np.ndarray:
     return np.stack([plane * known, np.arctan2(sine, r[1, 1]), turn * known])
 
 
-def _continuous(angle: np.ndarray) -> np.ndarray:
+def _unwrap_degrees(angle: np.ndarray) -> np.ndarray:
     """Angles (frame,) in degrees, each as near to the last known one as whole turns bring it."""
     degrees = np.degrees(angle)
     known = np.isfinite(degrees)
@@ -162,4 +162,4 @@ def _continuous(angle: np.ndarray) -> np.ndarray:
     return degrees
 
 
-_DECOMPOSED = {"zxy": _zxy, "yxy": _yxy}
+_ANGLES_BY_ORDER = {"zxy": _zxy, "yxy": _yxy}

@@ -26,7 +26,7 @@ class Length(NamedTuple):
 def bone_lengths(subject: Subject) -> dict[str, Length]:
     """From each joint's centre to that of the joint above it, named after both, such as ``LHip to LKnee``."""
     skeleton, place = subject.body.skeleton, subject.body.joint_rest.astype(float)
-    sigma = _told_sigma(subject)
+    sigma = _bone_sigmas(subject)
     lengths = {}
     for parent, number in skeleton.bones:
         joint = skeleton.joints[number]
@@ -36,7 +36,7 @@ def bone_lengths(subject: Subject) -> dict[str, Length]:
     return lengths
 
 
-def _told_sigma(subject: Subject) -> dict[str, float]:
+def _bone_sigmas(subject: Subject) -> dict[str, float]:
     """By the joint at a bone's lower end. A fit names left and right together: ``body.bone.LKnee+RKnee.sigma``."""
     start, end = "body.bone.", ".sigma"
     return {
@@ -125,18 +125,18 @@ def measure(result: Result, run: int | None = None, raw: bool = False, sex: Sex 
     if poses is None:
         raise ValueError("raw must be False for a track that was not smoothed")
     chosen = range(len(poses)) if run is None else [run]
-    measured = tuple(_of_run(result, poses[number], number, raw, sex) for number in chosen)
-    return Measures(result, raw, sex, measured, tuple(_left_out(result.subject.body, measured[0])))
+    measured = tuple(_measure_run(result, poses[number], number, raw, sex) for number in chosen)
+    return Measures(result, raw, sex, measured, tuple(_missing_measures(result.subject.body, measured[0])))
 
 
-def _left_out(body: BodyModel, measured: RunMeasures) -> list[str]:
+def _missing_measures(body: BodyModel, measured: RunMeasures) -> list[str]:
     """What a body has no joints for."""
     left_out = [f"angles of {joint}" for joint in joints_left_out(body)]
     left_out += [f"contacts of the {name} foot" for name in feet_of(body) if name not in measured.feet]
     return left_out + (["centre of mass"] if measured.centre_of_mass is None else [])
 
 
-def _of_run(result: Result, pose: np.ndarray, run: int, raw: bool, sex: Sex | None) -> RunMeasures:
+def _measure_run(result: Result, pose: np.ndarray, run: int, raw: bool, sex: Sex | None) -> RunMeasures:
     subject, body = result.subject, result.subject.body
     transforms = Poser(body, subject.root_base).joint_transforms(pose)
     joints = transforms[:, :, :3, 3].astype(float)

@@ -47,7 +47,7 @@ def tables(measures: Measures) -> dict[str, tuple[list[str], list[Row]]]:
     events = [row for run in measures.runs for row in _events(measures, run)]
     return {
         "lengths": (["bone", "length_m", "sigma_m"], lengths),
-        **{name: _of_frames(measures, columns) for name, columns in _COLUMNS.items()},
+        **{name: _frame_table(measures, columns) for name, columns in _COLUMNS.items()},
         "events": (["run", "foot", "event", "frame", "seconds", *_OF_STRIKES], events),
     }
 
@@ -56,7 +56,7 @@ Columns = dict[str, np.ndarray]
 """(frame,) each, by name."""
 
 
-def _of_frames(
+def _frame_table(
     measures: Measures, columns_of: Callable[[Measures, RunMeasures], Columns]
 ) -> tuple[list[str], list[Row]]:
     head: list[str] = []

@@ -11,7 +11,7 @@ import numpy as np
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.posing import blocks, skin_positions
 
-_PEOPLES = {"left": "LAnkle", "right": "RAnkle"}  # the joints that a person's feet follow
+_HUMAN_FEET = {"left": "LAnkle", "right": "RAnkle"}  # the joints that a person's feet follow
 _REACH = 0.1  # of a body's height: feet reach as low as this over its lowest skin in the bind pose
 
 NEAR_FLOOR = 0.03
@@ -58,8 +58,8 @@ def feet_of(body: BodyModel) -> dict[str, str]:
     ground that it stands on in its bind pose, such as paws.
     """
     skeleton, rest = body.skeleton, body.skin.rest
-    if any(joint in skeleton.joints for joint in _PEOPLES.values()):
-        return _PEOPLES
+    if any(joint in skeleton.joints for joint in _HUMAN_FEET.values()):
+        return _HUMAN_FEET
     low = rest[:, 1].min() + _REACH * float(np.ptp(rest[:, 1]))
     ends = [joint for pair in skeleton.pairs for joint in pair[1:] if skeleton.index(joint) not in skeleton.parent]
     return {joint: joint for joint in ends if rest[_skin_of(body, joint), 1].min(initial=np.inf) < low}
@@ -88,7 +88,7 @@ def feet_on_floor(subject: Subject, pose: np.ndarray, seconds: np.ndarray, up: n
     feet = {}
     for name, (height, speed) in tracks.items():
         over = height - floor
-        feet[name] = Foot(over, speed, _lasting((over < NEAR_FLOOR) & (speed < SLOW), seconds))
+        feet[name] = Foot(over, speed, _without_short_changes((over < NEAR_FLOOR) & (speed < SLOW), seconds))
     return feet
 
 
@@ -125,7 +125,7 @@ def _lowest_skin(
     return lowest, speed
 
 
-def _lasting(on_floor: np.ndarray, seconds: np.ndarray) -> np.ndarray:
+def _without_short_changes(on_floor: np.ndarray, seconds: np.ndarray) -> np.ndarray:
     """Contacts without gaps that are too short, then without contacts that are; the clip's ends cut none short."""
     lasting = on_floor.copy()
     for kind in (False, True):
@@ -204,7 +204,12 @@ def walking(
     heel, root = {side: places @ level for side, places in heel.items()}, root @ level
     strikes = sorted((int(frame), side) for side, foot in feet.items() for frame in foot.strikes)
     steps = [
-        Step(side, frame, float(seconds[frame] - seconds[before]), _along(heel[side][frame] - heel[other][before], way))
+        Step(
+            side,
+            frame,
+            float(seconds[frame] - seconds[before]),
+            _length_along(heel[side][frame] - heel[other][before], way),
+        )
         for (before, other), (frame, side) in pairwise(strikes)
         if side != other and len(feet) == 2
         for way in [root[frame] - root[before]]
@@ -213,7 +218,7 @@ def walking(
     return Walking(steps, strides)
 
 
-def _along(reach: np.ndarray, way: np.ndarray) -> float:
+def _length_along(reach: np.ndarray, way: np.ndarray) -> float:
     length = float(np.linalg.norm(way))
     return float(reach @ way) / length if length >= _LEAST_WAY else np.nan
 

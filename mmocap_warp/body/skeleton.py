@@ -183,7 +183,7 @@ class Skeleton:
         return below
 
     @cached_property
-    def judged(self) -> dict[str, tuple[str, ...]]:
+    def evaluation_groups(self) -> dict[str, tuple[str, ...]]:
         """Groups of joints that errors are taken over: the pairs, or each joint on its own where there are none.
 
         Of a person these are the joints that every source of truth defines alike. Attached joints are none of them.
@@ -195,7 +195,9 @@ class Skeleton:
     def ends(self) -> tuple[str, ...]:
         """Judged joints that no other joint of the body hangs on, such as wrists and ankles."""
         above = {parent for joint, parent in enumerate(self.parent) if not self.is_attached[joint]}
-        return tuple(name for group in self.judged.values() for name in group if self.joints.index(name) not in above)
+        return tuple(
+            name for group in self.evaluation_groups.values() for name in group if self.joints.index(name) not in above
+        )
 
     def index(self, joint: str) -> int:
         """Number of a joint.

@@ -122,11 +122,11 @@ def axes(x: Axis, y: Axis, x_label: str = "", y_label: str = "") -> str:
     parts = []
     for tick in y.ticks:
         parts.append(line((x.start, y.at(tick)), (x.stop, y.at(tick)), "grid"))
-        parts.append(text((x.start - 8, y.at(tick) + 4), y.word(tick), _kind(y), "end"))
+        parts.append(text((x.start - 8, y.at(tick) + 4), y.word(tick), _class_of_words(y), "end"))
     lines = 1
-    for tick in _apart(x):
+    for tick in _separate_ticks(x):
         rows = x.word(tick).split("\n")
-        parts += [text((x.at(tick), bottom + 17 + _LINE * i), row, _kind(x)) for i, row in enumerate(rows)]
+        parts += [text((x.at(tick), bottom + 17 + _LINE * i), row, _class_of_words(x)) for i, row in enumerate(rows)]
         lines = max(lines, len(rows))
     if x_label:
         parts.append(text(((x.start + x.stop) / 2, bottom + 21 + _LINE * lines), x_label))
@@ -135,11 +135,11 @@ def axes(x: Axis, y: Axis, x_label: str = "", y_label: str = "") -> str:
     return "".join(parts)
 
 
-def _kind(words_of: Axis) -> str:
+def _class_of_words(words_of: Axis) -> str:
     return "name" if words_of.names else ""
 
 
-def _apart(x: Axis) -> list[float]:
+def _separate_ticks(x: Axis) -> list[float]:
     """Ticks whose words do not touch, from the largest down; names are all kept."""
     kept: list[float] = []
     for tick in sorted(x.ticks, reverse=True):

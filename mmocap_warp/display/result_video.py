@@ -70,14 +70,14 @@ def show(
         InputError: another ending, a folder that cannot be written, or fewer images or masks than frames.
     """
     run = result.best_run
-    body = _projected(result, run)
+    body = _project_run(result, run)
     columns, windows = _video_layout(result.cameras)
     on_sheet = np.unique(np.linspace(0, len(result.frame_numbers) - 1, _SHEET_FRAMES).round().astype(int)).tolist()
     crops = [_crop(body, k, on_sheet) for k in range(len(result.cameras))]
     cells: list[list[np.ndarray]] = []
     with contextlib.ExitStack() as stack:
         writer = stack.enter_context(WebmFile(video, result.rate)) if video else None
-        for frame, (seen, masked) in enumerate(_in_step(result, images, masks)):
+        for frame, (seen, masked) in enumerate(_frames_in_step(result, images, masks)):
             if writer:
                 views = body.views(frame, seen, masked, windows)
                 writer.write(_video_frame(result, run, frame, views, columns))
@@ -130,7 +130,7 @@ def overlay(
         Window((0, 0), (width, height), (width, height) if image is None else (image.shape[1], image.shape[0]))
         for (width, height), image in zip(result.cameras.size.tolist(), images, strict=True)
     ]
-    body = _projected(result, result.best_run if run is None else run)
+    body = _project_run(result, result.best_run if run is None else run)
     view = body.views(frame, images, masks, windows)[k]
     return view[:, :, ::-1].copy()  # OpenCV draws blue first
 
@@ -162,7 +162,7 @@ def show_subject(
     for name, view in zip(rig.names, views, strict=True):
         write_text(view, name, (6, 6), size=0.4)
     columns = math.ceil(len(views) / math.ceil(len(views) / _STILL_COLUMNS))  # rows as long as each other, or nearly
-    canvas, _ = _tiled([views[first : first + columns] for first in range(0, len(views), columns)])
+    canvas, _ = _tile([views[first : first + columns] for first in range(0, len(views), columns)])
     write_text(canvas, _title(subject), (6, 9))
     write_png(sheet, canvas)
 
@@ -269,13 +269,13 @@ class _ProjectedBody:
         return spread
 
 
-def _projected(result: Result, run: int) -> _ProjectedBody:
+def _project_run(result: Result, run: int) -> _ProjectedBody:
     """One of a result's runs."""
     sigma = None if result.joint_sigma is None else result.joint_sigma[run]
     return _ProjectedBody(result.subject, result.cameras, result.pose[run], sigma)
 
 
-def _in_step(result: Result, images: Images | None, masks: Images | None) -> Iterator[tuple]:
+def _frames_in_step(result: Result, images: Images | None, masks: Images | None) -> Iterator[tuple]:
     """Images and masks of each frame of the result."""
     nothing = repeat([None] * len(result.cameras))
     streams = zip(images if images is not None else nothing, masks if masks is not None else nothing, strict=False)
@@ -319,7 +319,7 @@ def _video_frame(result: Result, run: int, frame: int, views: list[np.ndarray], 
     """All cameras at one frame, each with its overlap, below a line that says what the frame cost."""
     for k, view in enumerate(views):
         write_text(view, f"{result.cameras.names[k]}   {_number('IoU', result.iou[run, frame, k], 'no mask')}", (8, 8))
-    canvas, _ = _tiled([views[i : i + columns] for i in range(0, len(views), columns)])
+    canvas, _ = _tile([views[i : i + columns] for i in range(0, len(views), columns)])
     end = write_text(
         canvas,
         f"frame {result.frame_numbers[frame]}   {_number('cost', result.cost[run, frame], 'no cost')}   "
@@ -342,13 +342,13 @@ def _contact_sheet(result: Result, run: int, frames: list[int], cells: list[list
             write_text(view, _number("", result.iou[run, frame, k], "no mask"), (6, 6), size=0.4)
     for name, view in zip(result.cameras.names, cells[0], strict=True):
         write_text(view, name, (6, view.shape[0] - 18), size=0.4)
-    canvas, lefts = _tiled([[views[k] for views in cells] for k in range(len(result.cameras))])
+    canvas, lefts = _tile([[views[k] for views in cells] for k in range(len(result.cameras))])
     for frame, left in zip(frames, lefts, strict=True):
         write_text(canvas, f"frame {result.frame_numbers[frame]}", (left + 6, 9))
     return canvas
 
 
-def _tiled(rows: list[list[np.ndarray]]) -> tuple[np.ndarray, list[int]]:
+def _tile(rows: list[list[np.ndarray]]) -> tuple[np.ndarray, list[int]]:
     """A canvas of views in rows below a free header, and where its columns begin [px]."""
     columns = len(rows[0])
     widths = [max(row[c].shape[1] for row in rows if c < len(row)) for c in range(columns)]

@@ -87,7 +87,7 @@ def attach(
     return SkinPoints(triangles[nearest], weights / weights.sum(axis=1, keepdims=True))
 
 
-_MOVES = 0.01
+_MIN_SHARE = 0.01
 """A joint moves a marker that follows it by this share or more."""
 
 
@@ -142,7 +142,7 @@ def allowed_skin(body: BodyModel, names: tuple[str, ...]) -> np.ndarray:
     allowed = np.tile(body.own_vertex, (len(names), 1))
     for row, name in enumerate(names):
         if name in own:
-            moved_by = skin.joint[own[name]][skin.weight[own[name]] >= _MOVES]
+            moved_by = skin.joint[own[name]][skin.weight[own[name]] >= _MIN_SHARE]
             allowed[row] = np.isin(skin.heaviest_joint, moved_by)
     return allowed
 

@@ -32,7 +32,7 @@ def common_frames(result: Result, truth: Truth) -> tuple[np.ndarray, np.ndarray]
     """Positions in the result and in the truth of the frames that both have.
 
     Raises:
-        InputError: they share no frame, or the truth has neither markers nor a joint that is judged.
+        InputError: they share no frame, or the truth has neither markers nor a joint that is evaluated.
     """
     _, mine, theirs = np.intersect1d(result.frame_numbers, truth.frame_numbers, return_indices=True)
     if not len(mine):
@@ -41,11 +41,11 @@ def common_frames(result: Result, truth: Truth) -> tuple[np.ndarray, np.ndarray]
             f"its frames {_span(truth.frame_numbers)} share none with the result's {_span(result.frame_numbers)}",
             "give the truth of this recording, numbered as its frames are",
         )
-    judged = [name for group in result.subject.body.skeleton.judged.values() for name in group]
-    if not truth.marker_names and not set(judged) & set(truth.joint_names):
+    evaluated = [name for group in result.subject.body.skeleton.evaluation_groups.values() for name in group]
+    if not truth.marker_names and not set(evaluated) & set(truth.joint_names):
         raise InputError(
             "truth",
-            f"no markers, and none of its joints ({_some(truth.joint_names)}) is one that is judged ({_some(judged)})",
+            f"no markers, and none of its joints ({_some(truth.joint_names)}) is one that is judged ({_some(evaluated)})",
             "give the truth of the body that was tracked, its joints named as the body's",
         )
     return mine, theirs
@@ -130,8 +130,8 @@ def offset_free_distance(result: Result, mine: np.ndarray, names: list[str], kno
 
     Args:
         result: what was tracked; every run has offsets of its own.
-        mine: positions of the frames to judge.
-        names: joints of the body to judge.
+        mine: positions of the frames to evaluate.
+        names: joints of the body to evaluate.
         known: (len(mine), joint, 3), where these really were [m], NaN where that is unknown.
 
     Returns:
@@ -155,7 +155,7 @@ def offset_free_distance(result: Result, mine: np.ndarray, names: list[str], kno
 
 
 _SHAKE_RATE = 60.0
-"""Shake is told at this many frames a second: a smooth motion's is then the same at any rate."""
+"""Shake is given as at this many frames a second, so that a smooth motion's is the same at any rate."""
 
 
 def second_differences(joints: np.ndarray, frame_numbers: np.ndarray, fps: float) -> np.ndarray:

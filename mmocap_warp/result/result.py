@@ -43,7 +43,7 @@ class FrameAnswer:
 
 @dataclass(frozen=True)
 class Result:
-    """Poses of every frame of every run, with what is needed to judge and repeat them.
+    """Poses of every frame of every run, with what is needed to evaluate and repeat them.
 
     Attributes:
         subject: the body that was tracked; its pose is where tracking started.
@@ -60,7 +60,7 @@ class Result:
         versions: package versions and device.
         raw_pose: like ``pose``, the track before it was smoothed; None if it was not.
         angle_sigma: like ``pose``, standard deviation of each coordinate [m, rad], NaN where it is unknown; None if
-            the tracker does not tell.
+            the tracker does not give it.
         joint_sigma: (run, frame, joint, 3) float64, standard deviation of each joint's place along the world's axes
             [m]; likewise.
         left_out_before: how many frames of the track were before the first, where this is a part of it.

@@ -1,4 +1,4 @@
-"""Known positions of markers and joints, which a result is judged against."""
+"""Known positions of markers and joints, which a result is compared with."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ def carrying(body: BodyModel, things: Iterable[Attachment]) -> Carrying:
     notes: list[str] = []
     for thing in things:
         if thing.name not in body.skeleton.attached:
-            body, told = _with(body, thing)
+            body, told = _attach(body, thing)
             notes += told
     return Carrying(body, tuple(notes))
 
@@ -61,7 +61,7 @@ def subject_carrying(subject: Subject, things: Iterable[Attachment]) -> tuple[Su
     return replace(subject, body=made.body, pose=pose), made.notes
 
 
-def _with(body: BodyModel, thing: Attachment) -> tuple[BodyModel, list[str]]:
+def _attach(body: BodyModel, thing: Attachment) -> tuple[BodyModel, list[str]]:
     skeleton = body.skeleton
     if thing.joint is not None and thing.joint not in skeleton.joints:
         known = ", ".join(get_close_matches(thing.joint, skeleton.joints, 3, 0.5) or skeleton.joints)
@@ -72,7 +72,7 @@ def _with(body: BodyModel, thing: Attachment) -> tuple[BodyModel, list[str]]:
     carrier = 0 if thing.joint is None else skeleton.index(thing.joint)
     frame = zyx_rotation(np.radians(thing.rotation))
     origin = body.joint_rest[carrier].astype(float) + thing.position
-    return _joined(body, thing, carrier, frame, origin, surface), [f"{thing.name}: {note}" for note in notes]
+    return _join(body, thing, carrier, frame, origin, surface), [f"{thing.name}: {note}" for note in notes]
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +95,7 @@ def _surface(thing: Attachment, body: BodyModel) -> tuple[_Surface, list[str]]:
     if not _SHORTEST * of_body < extent < _LONGEST * of_body:
         problem = f"{thing.mesh.name} is {extent:.3g} m long, the body {of_body:.3g} m"
         raise thing.wrong(problem, "set scale to its unit in metres, such as 0.001")
-    vertex, face = _welded(vertex, face)
+    vertex, face = _weld(vertex, face)
     if not len(face):
         raise thing.wrong(f"{thing.mesh.name} has no triangles of any area", "write it again as .stl")
     whole = closed(vertex, face)
@@ -110,13 +110,13 @@ def _surface(thing: Attachment, body: BodyModel) -> tuple[_Surface, list[str]]:
     return _Surface(vertex, face, tracking_vertex, tracking_face), notes
 
 
-def _welded(vertex: np.ndarray, face: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _weld(vertex: np.ndarray, face: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     follows, weight = np.zeros((len(vertex), 1), int), np.ones((len(vertex), 1))
     mesh = welded(RiggedMesh("", ("",), (-1,), np.eye(4)[None], vertex, face, follows, weight))
     return mesh.vertex, mesh.face
 
 
-def _joined(
+def _join(
     body: BodyModel, thing: Attachment, carrier: int, frame: np.ndarray, origin: np.ndarray, surface: _Surface
 ) -> BodyModel:
     """The body with the thing's joints at ``origin`` (3,), whose axes are the columns of ``frame``."""
@@ -124,7 +124,7 @@ def _joined(
     more = len(skeleton.joints) - len(body.joint_rest)
     vertex, face = origin + surface.vertex @ frame.T, surface.face
     if body.skin.face.shape[1] == 4:
-        vertex, face = _in_quads(vertex, face)
+        vertex, face = _as_quads(vertex, face)
     before, count = len(body.skin.rest), len(vertex)
     joint = np.zeros((count, 4), np.int32)
     joint[:, 0] = len(skeleton.joints) - 1
@@ -181,7 +181,7 @@ def _place(thing: Attachment) -> str:
     return f"{thing.name}_place"
 
 
-def _in_quads(vertex: np.ndarray, face: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _as_quads(vertex: np.ndarray, face: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Each triangle as three quads, for skin whose faces have four corners; the vertices come first, as they were."""
     side = np.sort(np.stack([face, np.roll(face, -1, axis=1)], axis=-1), axis=-1)
     edge, of_side = np.unique(side.reshape(-1, 2), axis=0, return_inverse=True)

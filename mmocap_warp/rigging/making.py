@@ -308,12 +308,12 @@ def place_markers(
         joint_frame: (joint, 3, 3), joint axes in columns.
     """
     sites = dict(_SITES)
-    sites |= {f"R{name[1:]}": _mirrored(site) for name, site in _SITES.items() if name.startswith("L")}
+    sites |= {f"R{name[1:]}": _mirror_site(site) for name, site in _SITES.items() if name.startswith("L")}
     vertex = [_ray_exit(site, skin, joint_rest, joint_frame) for site in sites.values()]
     return tuple(sites), np.array(vertex, np.int32)
 
 
-def _mirrored(site: _Site) -> _Site:
+def _mirror_site(site: _Site) -> _Site:
     """The same site on the other side. A right joint's axes mirror the left one's, but for x, which is turned over."""
 
     def other(joint: str) -> str:

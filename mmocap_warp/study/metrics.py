@@ -168,7 +168,7 @@ def _judge_joints(
 ) -> np.ndarray:
     """Fill in the joint errors of the frames ``mine``; returns how many of them have lost a limb, (run,)."""
     skeleton = result.subject.body.skeleton
-    judged = [name for group in skeleton.judged.values() for name in group]
+    judged = [name for group in skeleton.evaluation_groups.values() for name in group]
     names = [name for name in (*TRUNK, *judged) if name in truth.joint_names]
     if not names:
         return np.full(len(joints), np.nan)

@@ -45,7 +45,7 @@ class PasserBy:
             return [np.zeros((height, width), bool) for width, height in self.rig.size]
         poses[:, 0] += self.aside
         poses[:, :3] = poses[:, :3] @ self._base.T + self.middle
-        return _seen(self.rig, self._poser.vertices(poses)[0], self._surface)
+        return _silhouettes_before(self.rig, self._poser.vertices(poses)[0], self._surface)
 
     @cached_property
     def _base(self) -> np.ndarray:
@@ -69,7 +69,7 @@ def furniture(rig: CameraRig, middle: np.ndarray, aside: float) -> list[np.ndarr
     """Silhouettes of a chest that stands ``aside`` of ``middle`` [m]: per camera (height, width) bool."""
     turned = upright_base(rig.up) @ heading_rotation(_BEARING)
     corners = (_corners() + np.array([0.0, 0.0, aside])) @ turned.T + middle
-    return _seen(rig, corners, Surface.of(_BOX))
+    return _silhouettes_before(rig, corners, Surface.of(_BOX))
 
 
 def _corners() -> np.ndarray:
@@ -79,7 +79,7 @@ def _corners() -> np.ndarray:
     return (digits - (0.5, 0.0, 0.5)) * (wide, high, deep)
 
 
-def _seen(rig: CameraRig, vertices: np.ndarray, surface: Surface) -> list[np.ndarray]:
+def _silhouettes_before(rig: CameraRig, vertices: np.ndarray, surface: Surface) -> list[np.ndarray]:
     """Silhouettes in the cameras that the whole of it is in front of; the others see nothing."""
     depth = (np.einsum("kj,vj->kv", rig.R[:, 2], vertices) + rig.t[:, 2:]).min(axis=1)
     masks = [np.zeros((height, width), bool) for width, height in rig.size]

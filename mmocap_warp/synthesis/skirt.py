@@ -17,7 +17,7 @@ from mmocap_warp.synthesis.exact_posing import ExactPoser, led_by
 
 _LEVELS, _SIDES = 16, 48
 _VERTICES = _LEVELS * _SIDES + 2  # of the rings from the waist down, and the middles of the first and the last
-_COVERED = ("Root", "BottomSpine", "LHip", "RHip", "LKnee", "RKnee")  # joints that lead the skin under it
+_JOINTS_UNDER = ("Root", "BottomSpine", "LHip", "RHip", "LKnee", "RKnee")  # joints that lead the skin under it
 _HEM = 0.92  # of the way from the root joint down to the knee
 _BAND = 1.5  # half the height around a level whose skin counts there, in spacings of levels
 _LOOSE, _FLARE = 0.008, 0.10  # how far it stands off at the waist, and at the hem more than that [m]
@@ -56,10 +56,10 @@ class SkirtPoser(ExactPoser):
             place, axes = root[:, 3], self._root_base.T @ root[:, :3]
             heading = np.arctan2(axes[0, 2], axes[2, 2])
             under = (vertices[:-_VERTICES][self._covered] - place) @ self._root_base
-            vertices[-_VERTICES:] = place + self._hanging(under, heading) @ self._root_base.T
+            vertices[-_VERTICES:] = place + self._skirt_vertices(under, heading) @ self._root_base.T
         return posed
 
-    def _hanging(self, under: np.ndarray, heading: float) -> np.ndarray:
+    def _skirt_vertices(self, under: np.ndarray, heading: float) -> np.ndarray:
         """The skirt's vertices from the root, in upright axes; of the skin ``under`` it likewise (vertex, 3)."""
         heights = self._heights
         angle = heading + np.arange(_SIDES) * (2 * np.pi / _SIDES)
@@ -67,7 +67,7 @@ class SkirtPoser(ExactPoser):
         reach = under[:, [0, 2]] @ directions  # (vertex, side)
         near = np.abs(under[:, 1] - heights[:, None]) < _BAND * (heights[0] - heights[1])
         band = np.stack([reach[each].max(axis=0, initial=0.0) for each in near])
-        radius = _convex(np.maximum.accumulate(band, axis=0))
+        radius = _convex_band(np.maximum.accumulate(band, axis=0))
         depth = np.linspace(0.0, 1.0, _LEVELS)[:, None]
         radius += _LOOSE + depth * (_FLARE + _FOLD * np.cos(_FOLDS * (angle - heading)))
         rings = np.empty((_LEVELS, _SIDES, 3))
@@ -79,7 +79,7 @@ class SkirtPoser(ExactPoser):
     @cached_property
     def _covered(self) -> np.ndarray:
         """(vertex,) bool, of the body's own skin."""
-        return led_by(self._body, *_COVERED)[:-_VERTICES]
+        return led_by(self._body, *_JOINTS_UNDER)[:-_VERTICES]
 
     @cached_property
     def _heights(self) -> np.ndarray:
@@ -89,7 +89,7 @@ class SkirtPoser(ExactPoser):
         return np.linspace(waist, _HEM * knee, _LEVELS)
 
 
-def _convex(reach: np.ndarray) -> np.ndarray:
+def _convex_band(reach: np.ndarray) -> np.ndarray:
     """How far from the middle (level, side) a convex band is that reaches so far along each direction."""
     apart = np.arange(_SIDES) * (2 * np.pi / _SIDES)
     cosine = np.cos(apart[:, None] - apart)

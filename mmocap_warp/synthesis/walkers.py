@@ -58,21 +58,21 @@ class Person:
 
     def true_body(self) -> BodyModel:
         """Who is seen; without shape targets where segments were resized."""
-        body = stretched(self._shaped(self.shape), f"{self.name}_true", self.stretch)
+        body = stretched(self._shaped_body(self.shape), f"{self.name}_true", self.stretch)
         if self.segments is not None:
             body = resized(body, self.segments)
         return skirted(body) if self.skirt else body
 
     def tracked_body(self) -> BodyModel:
         """Who is tracked."""
-        return self._shaped(self.modelled).shaped({}, self.scale)
+        return self._shaped_body(self.modelled).shaped({}, self.scale)
 
     @property
     def posed_by(self) -> type[ExactPoser]:
         """What poses the true body."""
         return SkirtPoser if self.skirt else ExactPoser
 
-    def _shaped(self, weights: dict[str, float]) -> BodyModel:
+    def _shaped_body(self, weights: dict[str, float]) -> BodyModel:
         """The shipped body with one target after the other: sums of several are rounded differently by CPUs' makes."""
         body = load_body(self.base)
         for name, weight in weights.items():
@@ -80,7 +80,7 @@ class Person:
         return body
 
 
-def _both(sizes: dict[str, Size]) -> dict[str, Size]:
+def _both_sides(sizes: dict[str, Size]) -> dict[str, Size]:
     """The same on both sides."""
     return {side + joint: size for side in "LR" for joint, size in sizes.items()}
 
@@ -190,7 +190,7 @@ STRANGERS: dict[str, Person] = {
             "UpperSpine": (0.70, 0.68),
             "Neck": (0.98, 0.98),
         }
-        | _both(
+        | _both_sides(
             {
                 "Shoulder": (0.63, 0.63),
                 "Elbow": (0.62, 0.64),

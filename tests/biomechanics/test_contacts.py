@@ -8,7 +8,7 @@ from character_motions import anymal_motions
 from measured import answer, known_events, made_walk
 from walk_scene import walker
 
-from mmocap_warp.biomechanics import contacts
+from mmocap_warp.biomechanics import steps as contacts
 from mmocap_warp.biomechanics.measure_all import measure
 from mmocap_warp.biomechanics.steps import feet_of, feet_on_floor, walking
 from mmocap_warp.rigging.shipped import load_body

@@ -64,7 +64,7 @@ def test_what_the_skeleton_gets() -> None:
     added = [skeleton.coordinate_names[i] for i in skeleton.searched()][number:]
     assert added == ["Wheel.Rz", *(f"Block_place.T{axis}" for axis in "xyz"), *(f"Block.R{axis}" for axis in "xyz")]
     assert list(skeleton.searched_by_part())[-2:] == ["Wheel", "Block"]
-    assert (skeleton.judged, skeleton.ends) == (plain.judged, plain.ends)
+    assert (skeleton.evaluation_groups, skeleton.ends) == (plain.evaluation_groups, plain.ends)
     before, after = ({limb.name: limb for limb in limbs(each)} for each in (plain, skeleton))
     assert [name for name in after if name not in before] == ["Wheel", "Block"]
     for name, limb in before.items():

@@ -10,7 +10,7 @@ from other_bodies import quadruped
 
 from mmocap_warp.body.mirroring import mirrored_joints
 from mmocap_warp.body.rest_space import RestSpace
-from mmocap_warp.rigging import deviation_factors as module
+from mmocap_warp.rigging import shipped as module
 from mmocap_warp.rigging.shipped import DEFAULT_BODY, DeviationFactors, deviation_factors, factors_toml, load_body
 
 

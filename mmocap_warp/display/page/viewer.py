@@ -76,7 +76,7 @@ def view(
     if scene is not None:
         check_same_recording(result, scene)
         cameras = len(result.cameras)
-        masks = small_masks(_told(tracked_masks(scene, result, positions), len(positions), progress), cameras)
+        masks = small_masks(_with_progress(tracked_masks(scene, result, positions), len(positions), progress), cameras)
         if images:
             scale = min(1.0, _IMAGE_SIDE / int(scene.calibrated.size.max()))
             seen = scene.of_frames(as_range(shown.frame_numbers.tolist()))
@@ -85,7 +85,7 @@ def view(
     return Page(_html(name, _summary(result), holds, content(shown, truth, masks, pictures)))
 
 
-def _told(views: Views, count: int, progress: Callable[[int, int], None] | None) -> Iterator[Any]:
+def _with_progress(views: Views, count: int, progress: Callable[[int, int], None] | None) -> Iterator[Any]:
     """The same ``count`` views, telling how far it is."""
     for done, view in enumerate(views, 1):
         yield view

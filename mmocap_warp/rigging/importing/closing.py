@@ -116,21 +116,21 @@ def closed(vertex: np.ndarray, face: np.ndarray, most: int = MOST_TRIANGLES, cel
         cells: of the grid in which it is wrapped, along its longest side.
     """
     if len(face) > most:
-        return _wrapped(vertex, face, cells, f"it has {len(face)} triangles")
+        return _wrap(vertex, face, cells, f"it has {len(face)} triangles")
     wound = face if is_closed(face) else consistently_wound(face)
-    rims = None if wound is None else _rims(wound)
+    rims = None if wound is None else _hole_rims(wound)
     if wound is None or rims is None or len(rims) > _MOST_HOLES:
-        return _wrapped(vertex, face, cells, "it is not a surface with a few holes")
+        return _wrap(vertex, face, cells, "it is not a surface with a few holes")
     middle = np.array([vertex[rim].mean(axis=0) for rim in rims]).reshape(-1, 3)
-    whole = _filled(wound, rims, len(vertex))
+    whole = _with_filled_holes(wound, rims, len(vertex))
     if not is_closed(whole):
-        return _wrapped(vertex, face, cells, "it is open")
+        return _wrap(vertex, face, cells, "it is open")
     beside = np.array([rim[0] for rim in rims], int)
     done = "" if not rims else f"{len(rims)} hole{'s' if len(rims) > 1 else ''} filled"
     return ClosedMesh(middle, beside, outward(np.concatenate([vertex, middle]), whole), done)
 
 
-def _wrapped(vertex: np.ndarray, face: np.ndarray, cells: int, why: str) -> ClosedMesh:
+def _wrap(vertex: np.ndarray, face: np.ndarray, cells: int, why: str) -> ClosedMesh:
     corner, triangle, beside = wrapped(vertex, face, cells)
     return ClosedMesh(corner, beside, triangle + len(vertex), f"wrapped in a new surface, for {why}")
 
@@ -143,7 +143,7 @@ def consistently_wound(face: np.ndarray) -> np.ndarray | None:
     neighbours = _neighbours(face)
     if neighbours is None:
         return None
-    turned = np.where(_turned(len(face), *neighbours)[:, None], face[:, ::-1], face)
+    turned = np.where(_faces_to_turn(len(face), *neighbours)[:, None], face[:, ::-1], face)
     directed = np.concatenate([turned[:, [0, 1]], turned[:, [1, 2]], turned[:, [2, 0]]])
     return turned if len(np.unique(directed, axis=0)) == len(directed) else None
 
@@ -163,7 +163,7 @@ def _neighbours(face: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray] |
     return owner[first], owner[second], directed[first, 0] == directed[second, 0]
 
 
-def _turned(faces: int, first: np.ndarray, second: np.ndarray, alike: np.ndarray) -> np.ndarray:
+def _faces_to_turn(faces: int, first: np.ndarray, second: np.ndarray, alike: np.ndarray) -> np.ndarray:
     """(face,) bool: which triangles to turn round so that each agrees with the one that it is reached from."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import breadth_first_order
@@ -194,7 +194,7 @@ def outward(vertex: np.ndarray, face: np.ndarray) -> np.ndarray:
     return np.where((volume[piece] < 0)[:, None], face[:, ::-1], face)
 
 
-def _rims(face: np.ndarray) -> list[list[int]] | None:
+def _hole_rims(face: np.ndarray) -> list[list[int]] | None:
     """The rims of holes as rings of vertices, in the sense of the triangles that fill them; None if they touch."""
     edges = mesh_edges(face)
     after: dict[int, int] = {}
@@ -215,7 +215,7 @@ def _rims(face: np.ndarray) -> list[list[int]] | None:
     return rims
 
 
-def _filled(face: np.ndarray, rims: list[list[int]], middle: int) -> np.ndarray:
+def _with_filled_holes(face: np.ndarray, rims: list[list[int]], middle: int) -> np.ndarray:
     """Triangles with each hole filled by a fan; vertices in the holes' middles are numbered from ``middle``."""
     fans = [face]
     for hole, ring in enumerate(rims):

@@ -83,7 +83,7 @@ def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
             free = "" if mesh.rigid and _is_one_chain(mesh) else "xyz"
             found.append(Freedom(np.eye(3), free, np.tile([-np.inf, np.inf], (3, 1)), "derived"))
         elif joint in mesh.axes:
-            found.append(_said(mesh.axes[joint], ends[joint] - place[joint], least_travel))
+            found.append(_freedom_of_file_joint(mesh.axes[joint], ends[joint] - place[joint], least_travel))
         else:
             found.append(freedom if below[joint] > 0 else Freedom(freedom.frame, "", np.zeros((3, 2)), "derived"))
     return found
@@ -170,7 +170,7 @@ def _ball(at: np.ndarray, end: np.ndarray, swing: float, twist: float) -> Freedo
     return Freedom(np.stack([x, y, np.cross(x, y)], axis=1), "xyz", limits, "derived")
 
 
-def _said(how: JointAxis, bone: np.ndarray, least_travel: float) -> Freedom:
+def _freedom_of_file_joint(how: JointAxis, bone: np.ndarray, least_travel: float) -> Freedom:
     limits = np.zeros((3, 2))
     limits[0] = how.lower, how.upper
     searched = not how.slides or least_travel <= how.upper - how.lower < np.inf

@@ -170,19 +170,19 @@ def _skin(mesh: RiggedMesh, triangles: int, skin_triangles: int) -> tuple[SkinMe
     joint, weight, dropped = four_influences(mesh)
     if dropped > _NEGLIGIBLE:
         notes.append(f"vertices follow at most four joints: up to {100 * dropped:.1f} % of one's weight was dropped")
-    surface, told = _closed_parts(mesh) if mesh.rigid else _closed_whole(mesh)
+    surface, told = _close_parts(mesh) if mesh.rigid else _close_whole(mesh)
     notes += told
     vertex = np.concatenate([mesh.vertex, surface.added])
     beside = np.concatenate([np.arange(len(mesh.vertex)), surface.beside])
     face, shown = surface.face, mesh.face
     too_fine = len(shown) > skin_triangles
     if too_fine and len(face) > skin_triangles:
-        face = _decimated(vertex, face, skin_triangles)
+        face = _decimate_face(vertex, face, skin_triangles)
     if too_fine:
         notes.append(f"skin: {len(shown)} triangles are too many to show; {len(face)} of the closed mesh stand in")
         shown = face
     if len(face) > triangles:
-        face = _decimated(vertex, face, triangles)
+        face = _decimate_face(vertex, face, triangles)
         notes.append(f"tracking mesh: {len(surface.face)} triangles made {len(face)}")
     kept = np.unique(face)
     own = np.unique(shown) if too_fine else np.arange(len(mesh.vertex))
@@ -197,18 +197,18 @@ def _skin(mesh: RiggedMesh, triangles: int, skin_triangles: int) -> tuple[SkinMe
     return skin, tracking, np.searchsorted(kept, face).astype(np.int32), notes
 
 
-def _decimated(vertex: np.ndarray, face: np.ndarray, triangles: int) -> np.ndarray:
+def _decimate_face(vertex: np.ndarray, face: np.ndarray, triangles: int) -> np.ndarray:
     """(face, 3) a coarser closed mesh over some of the vertices of a closed one."""
     kept, coarser = decimate(vertex, face, triangles)
     return kept[coarser]
 
 
-def _closed_whole(mesh: RiggedMesh) -> tuple[ClosedMesh, list[str]]:
+def _close_whole(mesh: RiggedMesh) -> tuple[ClosedMesh, list[str]]:
     surface = closed(mesh.vertex, mesh.face)
     return surface, [f"tracking mesh: {surface.done}"] if surface.done else []
 
 
-def _closed_parts(mesh: RiggedMesh) -> tuple[ClosedMesh, list[str]]:
+def _close_parts(mesh: RiggedMesh) -> tuple[ClosedMesh, list[str]]:
     """Each rigid part closed by itself: a robot's are hollow, and meet in joints."""
     follows = mesh.influence[mesh.face[:, 0], mesh.weight[mesh.face[:, 0]].argmax(axis=1)]
     added, beside, faces, told = [np.zeros((0, 3))], [np.zeros(0, int)], [], []

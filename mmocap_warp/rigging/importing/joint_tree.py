@@ -55,7 +55,7 @@ def with_parents(mesh: RiggedMesh, parents: dict[str, str]) -> RiggedMesh:
             if name not in number:
                 raise ValueError(f"there is no joint {name!r}; there are {', '.join(mesh.joints)}")
         parent[number[joint]] = number[above]
-    return _reordered(replace(mesh, parent=tuple(parent)), parents_first(parent))
+    return _reorder(replace(mesh, parent=tuple(parent)), parents_first(parent))
 
 
 def with_one_root(mesh: RiggedMesh) -> RiggedMesh:
@@ -86,7 +86,7 @@ def with_one_root(mesh: RiggedMesh) -> RiggedMesh:
         shown[main], main = False, children[0]
     stray = [joint for joint in roots if shown[joint] and below[joint] > 0 and joint != main]
     if stray:
-        notes.append(f"{_listed(mesh, stray)} hang on no joint: hung on {mesh.joints[main]}")
+        notes.append(f"{_name_list(mesh, stray)} hang on no joint: hung on {mesh.joints[main]}")
     parent = list(mesh.parent)
     for joint in (main, *stray):
         parent[joint] = -1 if joint == main else main
@@ -94,11 +94,11 @@ def with_one_root(mesh: RiggedMesh) -> RiggedMesh:
     order.remove(main)
     left_out = [joint for joint in range(len(parent)) if not shown[joint]]
     if left_out:
-        notes.append(f"{_listed(mesh, left_out)} move no skin: left out")
-    return _reordered(replace(mesh, parent=tuple(parent), notes=tuple(notes)), [main, *order])
+        notes.append(f"{_name_list(mesh, left_out)} move no skin: left out")
+    return _reorder(replace(mesh, parent=tuple(parent), notes=tuple(notes)), [main, *order])
 
 
-def _listed(mesh: RiggedMesh, joints: list[int]) -> str:
+def _name_list(mesh: RiggedMesh, joints: list[int]) -> str:
     names = [mesh.joints[joint] for joint in joints]
     return ", ".join(names) if len(names) <= 6 else f"{', '.join(names[:5])} and {len(names) - 5} more"
 
@@ -114,7 +114,7 @@ def _chains_by_name(joints: tuple[str, ...]) -> dict[str, str]:
     return parents
 
 
-def _reordered(mesh: RiggedMesh, order: list[int]) -> RiggedMesh:
+def _reorder(mesh: RiggedMesh, order: list[int]) -> RiggedMesh:
     """The mesh with some of its joints in another order; skin that follows one left out must not be there."""
     rank = {joint: i for i, joint in enumerate(order)}
     number = np.array([rank.get(joint, 0) for joint in range(len(mesh.joints))])
@@ -200,7 +200,7 @@ def mirrored_pairs(joints: tuple[str, ...], parent: tuple[int, ...], place: np.n
         if candidates:
             right = min(candidates, key=lambda right: float(np.linalg.norm(image[left] - place[right])))
             other |= {left: right, right: left}
-            pairs.append((_both(joints[left], joints[right]), joints[left], joints[right]))
+            pairs.append((_common_name(joints[left], joints[right]), joints[left], joints[right]))
     names = [name for name, *_ in pairs]
     return tuple((n if names.count(n) == 1 else f"{left}+{right}", left, right) for n, left, right in pairs)
 
@@ -211,34 +211,34 @@ def sides_crossed(pairs: tuple[Pair, ...]) -> bool:
     return sum(side == "rl" for side in sides) > sum(side == "lr" for side in sides)
 
 
-def _plain(joint: str) -> str:
+def _without_number(joint: str) -> str:
     """A joint's name without a number at its end."""
     return re.sub(r"[_.\-: ]*\d+$", "", joint) or joint
 
 
-def _parted(one: str, other: str) -> tuple[str, str, str, str]:
+def _differing_parts(one: str, other: str) -> tuple[str, str, str, str]:
     """How two names begin alike, how they end alike, and what is between in each."""
-    one, other = _plain(one), _plain(other)
-    first = _alike(one, other)
-    last = _alike(one[first:][::-1], other[first:][::-1])
+    one, other = _without_number(one), _without_number(other)
+    first = _common_length(one, other)
+    last = _common_length(one[first:][::-1], other[first:][::-1])
     return one[:first], one[len(one) - last :], one[first : len(one) - last], other[first : len(other) - last]
 
 
-def _alike(one: str, other: str) -> int:
+def _common_length(one: str, other: str) -> int:
     """How many letters two texts begin with alike."""
     return next((i for i, (a, b) in enumerate(zip(one, other, strict=False)) if a != b), min(len(one), len(other)))
 
 
 def _sides(one: str, other: str) -> str:
     """``lr`` or ``rl`` where two names differ in the side alone, ``same`` where they do not differ, else nothing."""
-    *_, mine, others = _parted(one, other)
+    *_, mine, others = _differing_parts(one, other)
     return {("l", "r"): "lr", ("lef", "righ"): "lr", ("r", "l"): "rl", ("righ", "lef"): "rl", ("", ""): "same"}.get(
         (mine.lower(), others.lower()), ""
     )
 
 
-def _both(one: str, other: str) -> str:
+def _common_name(one: str, other: str) -> str:
     """What two joints are called together: their name without its side."""
-    begin, end, mine, _ = _parted(one, other)
+    begin, end, mine, _ = _differing_parts(one, other)
     end = end[1:] if mine.lower() in ("lef", "righ") else end
     return re.sub(r"_+", "_", f"{begin}{end}").strip("_.-: ") or f"{one}+{other}"

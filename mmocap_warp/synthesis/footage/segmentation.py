@@ -49,7 +49,7 @@ class Contrast:
 
 
 _MOST_SHADOW = 0.95
-_CASTING = ("LKnee", "LAnkle", "RKnee", "RAnkle")  # shanks and feet
+_SHADOW_JOINTS = ("LKnee", "LAnkle", "RKnee", "RAnkle")  # shanks and feet
 _PATCH_LIFE = 24  # frames in which a patch that looks like the background comes and goes
 _PATCH_RADIUS = (0.015, 0.06)  # [m]
 _DROPOUT_EVERY, _DROPOUT_FRAMES = 100, (6, 19)  # at most one in so many frames, and how long it lasts
@@ -105,7 +105,7 @@ class SegmentedMasks:
     def _casting_surface(self) -> Surface:
         """Of the mesh, what casts the shadow at the feet."""
         face = self.body.skin.face
-        return Surface.of(face[led_by(self.body, *_CASTING)[face].all(axis=1)])
+        return Surface.of(face[led_by(self.body, *_SHADOW_JOINTS)[face].all(axis=1)])
 
     @cached_property
     def _share_of_skin(self) -> np.ndarray:
@@ -155,11 +155,11 @@ def segment(
         return spoilt
     depth = distance_inside(mask[box], 3)
     steady = contrast.halo + contrast.flicker * rng.standard_normal()
-    shift = steady + contrast.ragged * _grain(depth.shape, _GRAIN, rng)
+    shift = steady + contrast.ragged * _noise(depth.shape, _GRAIN, rng)
     seen = (depth + shift > 0).view(np.uint8)
     if contrast.shadow > 0:
         bound = NormalDist().inv_cdf(1.0 - contrast.shadow)
-        seen |= (shadow[box] & (_grain(depth.shape, _SHADOW_GRAIN, rng) > bound)).view(np.uint8)
+        seen |= (shadow[box] & (_noise(depth.shape, _SHADOW_GRAIN, rng) > bound)).view(np.uint8)
     corner = np.array([box[1].start, box[0].start])
     for patch in patches:
         patch._replace(centre=patch.centre - corner).draw(seen, 0)
@@ -178,7 +178,7 @@ def _surroundings(mask: np.ndarray) -> tuple[slice, slice] | None:
     return slice(low[0], int(rows[-1]) + _MARGIN + 1), slice(low[1], int(columns[-1]) + _MARGIN + 1)
 
 
-def _grain(shape: tuple[int, ...], size: int, rng: np.random.Generator) -> np.ndarray:
+def _noise(shape: tuple[int, ...], size: int, rng: np.random.Generator) -> np.ndarray:
     """Noise of mean 0 and about variance 1 that is alike over about ``size`` pixels."""
     coarse = rng.standard_normal((shape[0] // size + 3, shape[1] // size + 3), np.float32) * np.float32(_SPREAD)
     fine = cv2.resize(coarse, None, fx=size, fy=size, interpolation=cv2.INTER_LINEAR)

@@ -99,8 +99,8 @@ class Walk:
         own = phase + _AHEAD[side]
         step = np.floor(own)
         s = np.clip((own - step - curves.TOE_OFF) / (1.0 - curves.TOE_OFF), 0.0, 1.0)[:, None]
-        standing = self._standing(side, step, np.minimum(own, step + curves.TOE_OFF))
-        swinging = self._published(side, own) + self._correction(side, step, s)
+        standing = self._standing_angles(side, step, np.minimum(own, step + curves.TOE_OFF))
+        swinging = self._published_angles(side, own) + self._correction(side, step, s)
         leg = np.where(s > 0, swinging, standing)
         yaw = self._yaw(side, step) * (1 - _ease(s[:, 0])) + self._yaw(side, step + 1) * _ease(s[:, 0])
         foot = turn("y", yaw) @ turn("x", -curves.foot_pitch(own))
@@ -120,14 +120,14 @@ class Walk:
         forward, up = self._soles[side].ankle(curves.foot_pitch(own))
         return footprint + applied(turn("y", self._yaw(side, step)), np.stack([0 * up, up, forward], axis=-1))
 
-    def _standing(self, side: str, step: np.ndarray, own: np.ndarray) -> np.ndarray:
+    def _standing_angles(self, side: str, step: np.ndarray, own: np.ndarray) -> np.ndarray:
         """Angles (frame, 4) of hip and knee that leave the foot on its footprint of a step."""
         leg = self._legs[side]
         root, pelvis = self._pelvis(own - _AHEAD[side])
         sideways = turn("y", self._yaw(side, step))[:, :, 0]
         return leg.angles(root + applied(pelvis, leg.hip), self._on_floor(side, step, own), pelvis, sideways)
 
-    def _published(self, side: str, own: np.ndarray) -> np.ndarray:
+    def _published_angles(self, side: str, own: np.ndarray) -> np.ndarray:
         """The published angles (frame, 4) of hip and knee."""
         leg = self._legs[side]
         hip, knee = leg.lean - curves.hip_flexion(own), leg.straight + curves.knee_flexion(own)
@@ -141,7 +141,7 @@ class Walk:
         """
 
         def missed(step: np.ndarray, own: np.ndarray) -> np.ndarray:
-            return self._standing(side, step, own) - self._published(side, own)
+            return self._standing_angles(side, step, own) - self._published_angles(side, own)
 
         leave, land, ease = step + curves.TOE_OFF, step + 1.0, _ease(s)
         start, end = missed(step, leave), missed(step + 1, land)

@@ -112,18 +112,18 @@ def _hand(
     ends = [*(begin for begin, *_ in script), np.inf][1:]
     for (begin, _, name, hold), following in zip(script, ends, strict=True):
         sign = SIGNS[name]
-        _go(wrist, elbow, begin, _MOVE, now, sign)
+        _move_hand(wrist, elbow, begin, _MOVE, now, sign)
         held, now = begin + _MOVE, sign
         until = held + hold
         envelope = minimum_jerk((time - held + _EASE) / _EASE) * minimum_jerk((until + _EASE - time) / _EASE)
         swing += (envelope * np.sin(2 * np.pi * sign.rate * (time - held)))[:, None] * sign.swing
         if following > until + _FLOW:
-            _go(wrist, elbow, until, _RETURN, sign, HANGING)
+            _move_hand(wrist, elbow, until, _RETURN, sign, HANGING)
             now = HANGING
     tremor = np.stack([0.01 * sway(time, (0.4, 0.7, 1.1), rng) for _ in range(3)], axis=-1)
     return wrist.at(time) + swing + tremor, elbow.at(time)
 
 
-def _go(wrist: Track, elbow: Track, begin: float, duration: float, start: Sign, end: Sign) -> None:
+def _move_hand(wrist: Track, elbow: Track, begin: float, duration: float, start: Sign, end: Sign) -> None:
     wrist.move(begin, duration, np.subtract(end.wrist, start.wrist))
     elbow.move(begin, duration, np.subtract(end.elbow, start.elbow))

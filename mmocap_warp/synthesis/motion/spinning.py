@@ -67,7 +67,7 @@ def spinning(body: BodyModel, frames: int, fps: float, spin: Spin, seed: int) ->
     _sway_chest(posture, body, out, time, rng)
     for side in "LR":
         _spread_arm(posture, side, out, time, rng)
-    return _turned(posture.poses, np.radians(spin.rate) * (_ramp(time, spin.begin) - _ramp(time, spin.end)))
+    return _turn_poses(posture.poses, np.radians(spin.rate) * (_ramp(time, spin.begin) - _ramp(time, spin.end)))
 
 
 def _phase(time: np.ndarray, spin: Spin) -> np.ndarray:
@@ -116,7 +116,7 @@ def _spread_arm(posture: Posture, side: str, out: np.ndarray, time: np.ndarray, 
     posture.reach(side, shoulder + (1 - share) * (wrist - shoulder) + share * spread, points)
 
 
-def _turned(poses: np.ndarray, angle: np.ndarray) -> np.ndarray:
+def _turn_poses(poses: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """Poses turned about the vertical through the origin by angles (frame,), to the left [rad]."""
     moved = poses.copy()
     about = turn("y", angle)

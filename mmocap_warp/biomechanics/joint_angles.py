@@ -21,7 +21,7 @@ from mmocap_warp.body.rotations import transposed
 from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
 
 _LEAST_ELEVATION = 5.0
-"""Of an arm that hangs (or points up) as straight as this, the plane of elevation is not told [degrees]."""
+"""An arm that hangs, or points up, within this angle has no plane of elevation [degrees]."""
 
 _MIRROR = np.array([[1.0, 1.0, -1.0], [1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
 """A rotation times this, element by element, is the one that its mirror image across the xy plane makes."""
@@ -29,13 +29,13 @@ _MIRROR = np.array([[1.0, 1.0, -1.0], [1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
 
 @dataclass(frozen=True)
 class JointAngles:
-    """How the angles of a joint are told.
+    """How the angles of a joint are defined.
 
     Attributes:
         upper, lower: the segments that it joins, without their side.
         names: of the three angles.
         sign: of the first angle, from the right-handed rotation about the first axis; the others are as they are.
-        order: of the rotations that angles are told of, ``zxy`` or ``yxy``.
+        order: the order of the three rotations, ``zxy`` or ``yxy``.
     """
 
     upper: str

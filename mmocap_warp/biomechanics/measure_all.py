@@ -17,7 +17,7 @@ from mmocap_warp.result.result import Result
 
 
 class Length(NamedTuple):
-    """Of a bone [m]; its standard deviation is NaN where the body's fit does not tell."""
+    """Of a bone [m]; its standard deviation is NaN where the body's fit does not give it."""
 
     length: float
     sigma: float

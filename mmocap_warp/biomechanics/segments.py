@@ -32,7 +32,7 @@ class Segment:
         joint: that carries it.
         upper, lower: joints whose centres lie on its long axis, which points up to the first; empty where its axes are
             those of the bind pose.
-        across: the joint whose frame tells where z points, and the signed column of that frame, such as ``-x``.
+        across: the joint whose frame says where z points, and the signed column of that frame, such as ``-x``.
     """
 
     joint: str

@@ -12,7 +12,7 @@ from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.posing import blocks, skin_positions
 
 _HUMAN_FEET = {"left": "LAnkle", "right": "RAnkle"}  # the joints that a person's feet follow
-_REACH = 0.1  # of a body's height: feet reach as low as this over its lowest skin in the bind pose
+_REACH = 0.1  # feet reach down to this share of a body's height over its lowest skin in the bind pose
 
 NEAR_FLOOR = 0.03
 """Height of a standing foot's lowest skin over the floor, at most [m]."""
@@ -21,8 +21,8 @@ SLOW = 0.5
 SHORTEST = 0.05
 """Contacts and gaps between them that are shorter than this do not count [s]."""
 
-_SOLE = 0.03  # skin that is as low as this over the foot's lowest in the bind pose, in which it stands flat [m]
-_LOWEST = 0.005  # skin as near as this to the lowest tells the speed [m]
+_SOLE = 0.03  # height of the sole over the foot's lowest skin in the bind pose, in which the foot stands flat [m]
+_LOWEST = 0.005  # a foot's speed is that of the skin within this height of its lowest [m]
 _FRAMES_AT_ONCE = 1024
 
 
@@ -136,7 +136,7 @@ def _without_short_changes(on_floor: np.ndarray, seconds: np.ndarray) -> np.ndar
     return lasting
 
 
-_LEAST_WAY = 0.05  # the way of the root during a step from which its direction is told [m]
+_LEAST_WAY = 0.05  # way of the root during a step that is long enough to have a direction [m]
 
 
 @dataclass(frozen=True)

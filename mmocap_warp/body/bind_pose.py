@@ -1,7 +1,7 @@
 """How bind poses differ from person to person: one's arms hang a little lower than another's.
 
 An angle counts from the bind pose. A part that is turned in it looks like the same part with another angle: no outline
-tells them apart, and nothing can be solved for. By about how much parts are turned is known.
+tells them apart, and the turn cannot be solved for. Its usual size is known.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ import numpy as np
 from mmocap_warp.body.mirroring import mirrored_joints, mirrored_weights
 from mmocap_warp.body.model import BodyModel
 
-_TURN = 0.022  # how far a part that is as thick as long is turned about each axis [rad]
-_ON_PLANE = 0.02  # how far from the plane of symmetry a joint in it may be, as a share of the skeleton's extent
+_TURN = 0.022  # standard deviation of the turn, about each axis, of a part that is as thick as long [rad]
+_ON_PLANE = 0.02  # a joint this near to the plane of symmetry lies in it, as a share of the skeleton's extent
 _REFLECTED = np.array([1.0, -1.0, -1.0])  # what a turn's axis becomes in the mirror
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from mmocap_warp.body.skeleton import Skeleton
 from mmocap_warp.errors import InputError
 
-_PERSON = 1.2  # [m], what is as large as a person
+_PERSON = 1.2  # extent of a body that counts as large as a person [m]
 
 
 @dataclass(frozen=True)

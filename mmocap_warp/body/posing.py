@@ -13,8 +13,8 @@ from mmocap_warp.kernels.body.kinematics import Affine, Body, Joints, pose_joint
 from mmocap_warp.kernels.body.skinning import skin
 from mmocap_warp.kernels.structs import filled
 
-POSES_AT_ONCE = 4096  # a pose's joints take 1.4 KB while they are found
-_VERTICES_AT_ONCE = 1 << 20  # 12 MB
+POSES_AT_ONCE = 4096  # poses whose joints are computed together; each takes 1.4 KB
+_VERTICES_AT_ONCE = 1 << 20  # vertices that are posed together; they take 12 MB
 
 
 class BodyArrays:

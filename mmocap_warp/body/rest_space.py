@@ -14,11 +14,11 @@ from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.shape_space import paired_targets
 
 _SLIDER_SIGMA = 0.5
-_BONE_SIGMA = 0.02  # [m]
-_GIRTH_SIGMA = 0.01  # [m]
+_BONE_SIGMA = 0.02  # prior standard deviation of a bone's length [m]
+_GIRTH_SIGMA = 0.01  # prior standard deviation of how far the skin lies out [m]
 _LOG_SCALE_SIGMA = 0.3
-_MIN_COSINE = 0.9  # least squared cosine between the displacements of parameters of which one is enough
-_SKIN_SIGMA = 1e-3  # [m], how closely `nearest` follows each vertex before it gives way to the prior
+_MIN_COSINE = 0.9  # squared; a slider whose displacement is as near as this to another's is left out
+_SKIN_SIGMA = 1e-3  # standard deviation of a vertex in `nearest` [m]: small against the prior's
 
 
 class _Column(NamedTuple):

@@ -193,7 +193,7 @@ class Skeleton:
 
     @cached_property
     def ends(self) -> tuple[str, ...]:
-        """Judged joints that no other joint of the body hangs on, such as wrists and ankles."""
+        """Evaluated joints that no other joint of the body hangs on, such as wrists and ankles."""
         above = {parent for joint, parent in enumerate(self.parent) if not self.is_attached[joint]}
         return tuple(
             name for group in self.evaluation_groups.values() for name in group if self.joints.index(name) not in above

@@ -21,8 +21,8 @@ from mmocap_warp.display.overlay import (
 )
 from mmocap_warp.formats.png import write_png
 
-_HEIGHT, _WIDTH = 900, 1000  # [px], of a view at most
-_MARGIN, _HEADER = 60, 30  # [px]
+_HEIGHT, _WIDTH = 900, 1000  # size of a view, at most [px]
+_MARGIN, _HEADER = 60, 30  # margin of a view, and height of the line above the views [px]
 _VIEWS = {
     "front": ((1.0, 0, 0), (0, 1.0, 0)),
     "left": ((0, 0, -1.0), (0, 1.0, 0)),
@@ -31,7 +31,7 @@ _VIEWS = {
 _MESH: Colour = (74, 66, 58)
 _AXIS_COLOURS: dict[str, Colour] = {"x": (90, 90, 255), "y": (110, 220, 110), "z": (255, 150, 70)}
 _SIDES = {"left": LEFT_COLOUR, "right": RIGHT_COLOUR, "middle": MIDDLE_COLOUR}
-_AXIS, _ARC = 0.03, 0.045  # of the body's extent: half an axis, and the radius of the arc of its limits
+_AXIS, _ARC = 0.03, 0.045  # half an axis, and the radius of the arc of its limits, as shares of the extent
 _WHOLE_TURN = np.pi  # a joint that may turn farther is drawn with a whole circle
 _BITS = 4  # binary digits of OpenCV's places
 

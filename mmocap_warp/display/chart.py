@@ -40,8 +40,8 @@ svg > rect { fill: var(--paper); }
 """
 """What a picture on its own needs beside ``MARKS``."""
 
-_LINE = 15.0  # from a line of words to the next
-_DIGIT = 8.0  # width that a digit of an axis has, room around it included
+_LINE = 15.0  # distance from a line of words to the next
+_DIGIT = 8.0  # width of a digit on an axis, with the room around it
 
 Place = tuple[float, float]
 

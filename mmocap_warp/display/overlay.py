@@ -23,10 +23,10 @@ _COLOUR_OF_SIDE = {"left": LEFT_COLOUR, "right": RIGHT_COLOUR, "middle": MIDDLE_
 INK: Colour = (235, 235, 235)
 PAPER: Colour = (28, 28, 28)
 _SEEN: Colour = (105, 105, 105)  # foreground where there is no image
-_TINT = 0.35  # how much of the skin's colour covers the image
+_TINT = 0.35  # share of the skin's colour over the image
 ELLIPSE = 10
 """Standard deviations from a joint to the rim of its ellipse: one or two are less than a pixel in most recordings."""
-_PLATE = 0.6  # how much a plate behind text covers
+_PLATE = 0.6  # share of the plate's colour behind text
 _SUBPIXEL_BITS = 4
 
 

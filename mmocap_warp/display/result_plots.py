@@ -18,9 +18,9 @@ from mmocap_warp.whole_file import write_whole
 _WIDTH, _LEFT, _RIGHT = 960.0, 46.0, 14.0
 _ROW, _TOP, _BOTTOM = 170.0, 30.0, 46.0  # height of a row of panels, and of what is around a panel's axes
 _LEGEND = 20.0  # height of the line above the rows
-_LEAST_RANGE = 10.0  # of an axis of angles, so that what hardly moves looks so [degrees]
-_MOST_POINTS = 1000  # of a curve, more than its panel has pixels; of a longer clip every second frame, third ...
-_LEAST_HEIGHT = 100.0  # of the axis of the feet's heights [mm]
+_LEAST_RANGE = 10.0  # least range of an axis of angles, so that what hardly moves looks so [degrees]
+_MOST_POINTS = 1000  # points of a curve, at most: more than its panel has pixels
+_LEAST_HEIGHT = 100.0  # least range of the axis of the feet's heights [mm]
 _COLOUR = {"left": "first", "right": "second", "middle": "first"}
 
 Curves = dict[str, np.ndarray]

@@ -32,15 +32,15 @@ from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking.body_masks import tracked_masks
 
-_VIDEO_AREA = (1440, 900)  # [px], what the tiled views of a video frame fill at most
-_HEADER = 30  # [px]
-_GAP = 4  # [px], between tiles
+_VIDEO_AREA = (1440, 900)  # size that the tiled views of a video frame fill at most [px]
+_HEADER = 30  # height of the line above the views [px]
+_GAP = 4  # gap between tiles [px]
 _SHEET_FRAMES = 8
-_SHEET_ROW = 260  # [px], height of a view in a contact sheet
+_SHEET_ROW = 260  # height of a view in a contact sheet [px]
 _STILL_COLUMNS = 4
-_STILL_SIZE = (600, 600)  # [px], of views from four sides
-_STILL_DISTANCE = 3.0  # of these from the body, in its sizes
-_CROP_MARGIN = 0.12  # around the body in a contact sheet, of its size
+_STILL_SIZE = (600, 600)  # size of the views from four sides [px]
+_STILL_DISTANCE = 3.0  # distance of the four views from the body, in its sizes
+_CROP_MARGIN = 0.12  # margin around the body in a contact sheet, as a share of its size
 
 Images = Iterable[Sequence[np.ndarray | None]]
 """Per frame, an image for each camera."""

@@ -37,14 +37,14 @@ def evaluate(result: Result, truth: Truth | None = None) -> dict[str, Any]:
     and frame). Where the result has standard deviations, their medians over frames and runs: ``sigma_mm_by_joint`` (the
     length of a joint's three), ``sigma_deg_by_angle`` and, where joints slide, ``sigma_mm_by_shift``.
 
-    With truth also, over the frames that have it at their time: ``truth_frames``; over the skeleton's evaluated joints, of
-    a person the limbs' twelve: ``mpjpe_mm`` the mean distance, ``pa_mpjpe_mm`` the same after the best similarity
-    transform of each frame, ``median_joint_mm`` (all), ``median_mm_by_joint`` and ``median_mm_by_group`` over frames
-    and runs, ``median_joint_offsets_removed_mm`` the median once each joint's constant offset in its parent's axes is
-    taken out, ``growth`` the mean distance of the last third of these frames over that of the first, and
-    ``limb_lost_frames``: frames in which a limb's end, wrist or ankle, of some run is over 200 mm off.
-    ``wrongly_tracked``: frames in which this holds, or the root is that far off, for a run that calls them tracked.
-    ``median_mm_by_attached``: of things that are attached and that the truth names, where there are any.
+    With truth also, over the frames that have it at their time: ``truth_frames``; over the joints of the skeleton's
+    ``evaluation_groups``, of a person the limbs' twelve: ``mpjpe_mm`` the mean distance, ``pa_mpjpe_mm`` the same after
+    the best similarity transform of each frame, ``median_joint_mm`` (all), ``median_mm_by_joint`` and
+    ``median_mm_by_group`` over frames and runs, ``median_joint_offsets_removed_mm`` the median once each joint's
+    constant offset in its parent's axes is taken out, ``growth`` the mean distance of the last third of these frames
+    over that of the first, and ``limb_lost_frames``: frames in which a limb's end, wrist or ankle, of some run is over
+    200 mm off. ``wrongly_tracked``: frames in which this holds, or the root is that far off, for a run that calls them
+    tracked. ``median_mm_by_attached``: of things that are attached and that the truth names, where there are any.
     ``near_tracked``: of the frames in which all of these joints are within 50 mm, the share that is called tracked or
     partial.
 

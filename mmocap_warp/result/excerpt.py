@@ -12,7 +12,7 @@ from mmocap_warp.cameras.rig import UP_AXES
 from mmocap_warp.result.result import Result
 
 _SAME_TIME = 1e-6
-"""[frames], by how much a time may lie outside the result and still be its first or last one."""
+"""A time that lies outside the result by less than this is its first or last frame [frames]."""
 
 
 def of_run(result: Result, run: int) -> Result:

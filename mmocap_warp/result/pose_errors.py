@@ -45,7 +45,7 @@ def common_frames(result: Result, truth: Truth) -> tuple[np.ndarray, np.ndarray]
     if not truth.marker_names and not set(evaluated) & set(truth.joint_names):
         raise InputError(
             "truth",
-            f"no markers, and none of its joints ({_some(truth.joint_names)}) is one that is judged ({_some(evaluated)})",
+            f"no markers, and none of its joints ({_some(truth.joint_names)}) is evaluated ({_some(evaluated)} are)",
             "give the truth of the body that was tracked, its joints named as the body's",
         )
     return mine, theirs

@@ -21,9 +21,9 @@ from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh
 from mmocap_warp.rigging.decimation import decimate
 from mmocap_warp.rigging.importing.closing import closed, welded
 
-_TRIANGLES = 600  # of a thing's tracking mesh, at most
-_LONGEST, _SHORTEST = 3.0, 0.01  # of the body's extent: what is longer or shorter is in another unit
-_PLACE_SPREAD, _TURN_SPREAD = 0.3, 0.5  # how far a free thing is from where it is said to be [m, rad]
+_TRIANGLES = 600  # number of triangles of a thing's tracking mesh, at most
+_LONGEST, _SHORTEST = 3.0, 0.01  # shares of the body's extent: a thing that is longer or shorter is in another unit
+_PLACE_SPREAD, _TURN_SPREAD = 0.3, 0.5  # how far a free thing is from its given place, as standard deviations [m, rad]
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ import numpy as np
 
 from mmocap_warp.body.mesh_pieces import is_closed
 
-_LEAST_COSINE = 0.2  # between a triangle's normals before and after a collapse: it may tilt, not fold over
+_LEAST_COSINE = 0.2  # a collapse may turn a triangle's normal this far: a triangle may tilt, not fold over
 
 
 def decimate(vertex: np.ndarray, face: np.ndarray, triangles: int) -> tuple[np.ndarray, np.ndarray]:

@@ -17,7 +17,7 @@ from mmocap_warp.formats.toml_table import load_toml
 from mmocap_warp.formats.usd.usd_body import read_body
 from mmocap_warp.scenes import ROOT
 
-_FOLDERS = ("bodies", "characters")  # people, and others
+_FOLDERS = ("bodies", "characters")  # folders of people, and of other bodies
 
 DEFAULT_BODY = "adult_man"
 """Where a fit starts if nobody says."""

@@ -17,7 +17,7 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import load_toml
 from mmocap_warp.formats.usd.usd_body import read_body, read_motions
 
-_FRAMES = 8  # of a motion, evenly spread
+_FRAMES = 8  # number of a motion's frames that are taken, evenly spread
 
 
 def start_poses(body_file: Path, named: Iterable[str]) -> np.ndarray:
@@ -65,7 +65,7 @@ def read_pose(path: str | Path, skeleton: Skeleton) -> np.ndarray:
 
 
 _OUTLIERS = 0.005  # share of the frames, at either end, that may be wrong
-_LEAST_SPREAD = 0.05  # [rad]
+_LEAST_SPREAD = 0.05  # spread of a joint that turns, at least [rad]
 _LEAST_SHIFT = 0.001  # spread of a joint that slides, at least [m]
 _SHIFT_MARGIN = 0.1  # share of the travel seen by which limits of a slide are wider, at either end
 

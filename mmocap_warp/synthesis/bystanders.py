@@ -15,12 +15,12 @@ from mmocap_warp.synthesis.motion.gait import Walk
 from mmocap_warp.synthesis.motion.gait_curves import CADENCE
 from mmocap_warp.synthesis.walkers import PEOPLE
 
-_NEAREST = 0.3  # to a camera's plane; what comes nearer is not seen by it [m]
-_STRAIGHT = 200.0  # radius of a circle that is walked along as if it were a line [m]
-_HEADING = 0.7  # of who walks by [rad]
-_HALF_WAY = 2.6  # so far before and after the middle of the way somebody is seen [m]
-_SIZE = (0.7, 0.75, 0.45)  # of the furniture: wide, high and deep [m]
-_BEARING = 2.0  # of the furniture from the middle of the room [rad]
+_NEAREST = 0.3  # a camera does not see what is nearer to its plane [m]
+_STRAIGHT = 200.0  # radius of the circle that is walked along: nearly a line [m]
+_HEADING = 0.7  # direction of the passer-by [rad]
+_HALF_WAY = 2.6  # the passer-by is seen this far before and after the middle of the way [m]
+_SIZE = (0.7, 0.75, 0.45)  # width, height and depth of the furniture [m]
+_BEARING = 2.0  # direction of the furniture from the middle of the room [rad]
 _BOX = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])  # of _corners
 
 

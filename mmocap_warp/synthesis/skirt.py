@@ -16,11 +16,13 @@ from mmocap_warp.body.model import BodyModel
 from mmocap_warp.synthesis.exact_posing import ExactPoser, led_by
 
 _LEVELS, _SIDES = 16, 48
-_VERTICES = _LEVELS * _SIDES + 2  # of the rings from the waist down, and the middles of the first and the last
-_JOINTS_UNDER = ("Root", "BottomSpine", "LHip", "RHip", "LKnee", "RKnee")  # joints that lead the skin under it
-_HEM = 0.92  # of the way from the root joint down to the knee
-_BAND = 1.5  # half the height around a level whose skin counts there, in spacings of levels
-_LOOSE, _FLARE = 0.008, 0.10  # how far it stands off at the waist, and at the hem more than that [m]
+_VERTICES = (
+    _LEVELS * _SIDES + 2
+)  # vertices of the rings from waist to hem, and of the middles of the first and the last
+_JOINTS_UNDER = ("Root", "BottomSpine", "LHip", "RHip", "LKnee", "RKnee")  # joints that move the skin under the skirt
+_HEM = 0.92  # height of the hem, as a share of the way from the root joint down to the knee
+_BAND = 1.5  # skin this far above or below a level counts there, in spacings of levels
+_LOOSE, _FLARE = 0.008, 0.10  # how far the skirt stands off at the waist, and by how much more at the hem [m]
 _FOLD, _FOLDS = 0.016, 7  # half the depth of its folds at the hem [m], and their number
 
 

@@ -258,8 +258,8 @@ def stretched(body: BodyModel, name: str, stretch: tuple[float, float, float]) -
     )
 
 
-_ANGLE_ERROR = np.radians(1.5)
-_PLACE_ERROR = 0.005  # [m]
+_ANGLE_ERROR = np.radians(1.5)  # standard deviation of the angles with which tracking starts
+_PLACE_ERROR = 0.005  # standard deviation of the place where tracking starts [m]
 
 
 def fitted_start(person: Person, root_base: np.ndarray, true_pose: np.ndarray, seed: int) -> Subject:

@@ -112,7 +112,7 @@ def _motion(result: Result, pose: np.ndarray) -> dict[str, Any]:
 Packed = dict[str, Any]
 """What JSON can say."""
 
-_ROTATION_STEPS = 32767  # to a unit, of a quaternion's components
+_ROTATION_STEPS = 32767  # steps of a quaternion's component from 0 to 1
 
 
 def packed(array: np.ndarray) -> Packed:

@@ -12,10 +12,10 @@ import numpy as np
 from mmocap_warp.formats.png import encode_png
 from mmocap_warp.result.result import Result
 
-_LONGER_SIDE = 240  # [px]
+_LONGER_SIDE = 240  # longer side of a picture [px]
 _JPEG_QUALITY = 60
-_MASK_CHARACTERS = 1_600_000  # of all masks, at about half a kilobyte each
-_IMAGE_CHARACTERS = 2_000_000  # of all images, at about six kilobytes each
+_MASK_CHARACTERS = 1_600_000  # room for all masks, at about half a kilobyte each
+_IMAGE_CHARACTERS = 2_000_000  # room for all images, at about six kilobytes each
 
 Views = Iterable[Sequence[np.ndarray | None]]
 """Per frame, a picture for each camera."""
@@ -55,8 +55,8 @@ def _small(picture: np.ndarray) -> np.ndarray:
     return cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
 
 
-_POSE_BYTES = 2_400_000  # of all poses, base64 left out; a joint takes 14
-_JOINT_BYTES = 14
+_POSE_BYTES = 2_400_000  # room for all poses before they are base64
+_JOINT_BYTES = 14  # a joint's turn and place in one frame
 
 
 @dataclass(frozen=True)
@@ -80,14 +80,14 @@ class Pictures:
 
 
 def pose_step(result: Result) -> int:
-    """A page has room for the poses of every so manieth frame."""
+    """The stride of the frames whose poses a page has room for."""
     runs, frames, _ = result.pose.shape
     tracks = runs * (1 if result.raw_pose is None else 2)
     return max(1, -(-frames * tracks * len(result.subject.body.skeleton.joints) * _JOINT_BYTES // _POSE_BYTES))
 
 
 def sentence(rate: float, step: int, masks: Pictures | None, images: Pictures | None) -> str:
-    """What a page says that it holds: every so manieth frame, ``rate`` a second."""
+    """What a page says that it holds: one frame in ``step``, which are ``rate`` a second."""
     parts = [f"poses of {_frames(step)} ({rate:.3g} a second)"]
     if masks is not None:
         parts.append(f"masks of {_frames(step * masks.every)}")

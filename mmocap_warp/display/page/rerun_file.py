@@ -69,7 +69,7 @@ def _log_cameras(rr: Any, recording: Any, result: Result) -> None:
 
 
 def _log_frames(rr: Any, recording: Any, result: Result, scene: Scene | None) -> None:
-    """What moves; parts of the body that stay, such as the mesh's triangles, are told once."""
+    """What moves; what stays, such as the mesh's triangles, is logged once."""
     subject, run = result.subject, result.best_run
     body = subject.body
     poser = Poser(body, subject.root_base)

@@ -22,7 +22,7 @@ from mmocap_warp.whole_file import write_whole
 
 _HERE = "mmocap_warp.display.page"
 _SCRIPTS = ("data.js", "pinhole.js", "stage.js", "curves.js", "page.js")
-_IMAGE_SIDE = 320  # [px], the longer side that images are read at, where they are larger
+_IMAGE_SIDE = 320  # larger images are read with this longer side [px]
 
 
 @dataclass(frozen=True)

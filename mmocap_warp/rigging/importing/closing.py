@@ -14,7 +14,7 @@ from mmocap_warp.body.mesh_pieces import is_closed, mesh_edges
 from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh
 from mmocap_warp.rigging.importing.wrapping import wrapped
 
-_SAME = 1e-5  # of the mesh's extent, how near vertices are one
+_SAME = 1e-5  # vertices as near as this are one, as a share of the mesh's extent
 
 
 def welded(mesh: RiggedMesh) -> RiggedMesh:
@@ -36,7 +36,7 @@ def welded(mesh: RiggedMesh) -> RiggedMesh:
     tolerance = _SAME * extent
     apart = mesh.influence[:, :1].astype(float) if mesh.rigid else np.zeros((len(mesh.vertex), 0))
     scaled = np.concatenate([mesh.vertex / tolerance, 2 * apart], axis=1)
-    # cells first: what lies in one is joined anyhow, and pairs stay few wherever vertices crowd
+    # Vertices of one cell are joined first: where many crowd, few pairs are left to look at.
     _, first, cell = np.unique(np.round(2 * scaled), axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first)  # as the file has them
     first, cell = first[order], np.argsort(order)[cell]
@@ -85,9 +85,9 @@ def four_influences(mesh: RiggedMesh) -> tuple[np.ndarray, np.ndarray, float]:
     return np.where(weight > 0, joint, 0).astype(np.int32), weight.astype(np.float32), max(dropped, 0.0)
 
 
-_MOST_HOLES = 200  # skin with more of them is no surface with holes
+_MOST_HOLES = 200  # skin with more holes is wrapped instead of closed
 MOST_TRIANGLES, CELLS = 20_000, 40
-"""A mesh of more triangles is wrapped, which is quicker than making it coarser; on a grid of so many cells."""
+"""A mesh of more triangles is wrapped, which is quicker than making it coarser; and the grid's cells along its side."""
 
 
 class ClosedMesh(NamedTuple):

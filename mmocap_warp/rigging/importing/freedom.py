@@ -11,16 +11,16 @@ from mmocap_warp.body.skeleton import Pair
 from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh
 from mmocap_warp.rigging.importing.joint_tree import chains, skin_below, skin_of
 
-_FLAT = 0.2  # of how far a limb's bones leave a line, how far they may leave a plane
-_BENT, _BENT_ALONE = 0.05, 0.1  # of a limb's length, how far its bones must leave a line to have a plane
-_STRAIGHT = np.radians(10.0)  # how far a hinge is thought to open beyond a straight limb
-_CLOSED = np.radians(150.0)  # how far it closes
-_EITHER_WAY = np.radians(10.0)  # a limb less bent than that may bend either way
-_HINGE = np.radians(120.0)
-_END = np.radians(150.0)  # of a hinge at a limb's end, such as a paw's, which folds either way
-_SWING, _TWIST = np.radians(80.0), np.radians(45.0)  # of the joint at which a limb begins
-_SPINE = np.radians(45.0)  # of spines, necks and tails, about each axis
-_TRAVEL = 0.02  # of the mesh's extent: what slides by less is not searched
+_FLAT = 0.2  # bones lie in a plane if they leave it by less than this share of what they leave a line by
+_BENT, _BENT_ALONE = 0.05, 0.1  # a limb that leaves a line by this share of its length has a plane
+_STRAIGHT = np.radians(10.0)  # a hinge opens this far beyond a straight limb
+_CLOSED = np.radians(150.0)  # a hinge closes this far from a straight limb
+_EITHER_WAY = np.radians(10.0)  # a limb that is bent by less may bend either way
+_HINGE = np.radians(120.0)  # limit of a hinge that may bend either way
+_END = np.radians(150.0)  # limit of a hinge at a limb's end, such as a paw's, which folds either way
+_SWING, _TWIST = np.radians(80.0), np.radians(45.0)  # limits of the joint at which a limb begins
+_SPINE = np.radians(45.0)  # limit of spines, necks and tails, about each axis
+_TRAVEL = 0.02  # a joint that slides by less is not searched, as a share of the mesh's extent
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
 
     Where the file says nothing: the joints of a limb after its first are hinges about the normal of the plane in which
     its bones lie, and bend on from there; the first joint of a limb, and all of those in the plane of symmetry, turn
-    about three axes. A limb whose bones lie on a line tells no plane: all its joints turn about three axes.
+    about three axes. A limb whose bones lie on a line has no plane: all its joints turn about three axes.
 
     A joint that slides is searched if its file gives it a travel that masks can show; else it is held, and its frame
     and limits are those that it has once it is freed.
@@ -70,7 +70,7 @@ def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
             continue
         derived[chain[0]] = _ball(place[chain[0]], ends[chain[0]], _SWING, _TWIST)
         points = np.concatenate([place[chain], ends[chain[-1]][None]])
-        paired = mesh.joints[chain[0]] in in_pairs  # a bend that both sides have is no chance
+        paired = mesh.joints[chain[0]] in in_pairs  # a bend that both sides have is not there by chance
         normal = _plane_normal(points, _BENT if paired else _BENT_ALONE)
         for before, joint in pairwise(chain):
             if normal is None:

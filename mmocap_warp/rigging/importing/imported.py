@@ -29,12 +29,12 @@ TRIANGLES = 2600
 SKIN_TRIANGLES = 60_000
 """Of the mesh that is shown, by default: finer skin slows everything that poses it."""
 
-_SPREAD = 0.2  # how far joints are expected from the bind pose when a recording starts [rad]
-_WIDEST_SPREAD = 1.0  # likewise, of what may begin anywhere
-_LEAST_SHIFT, _WIDEST_SHIFT = 0.001, 1.0  # likewise, of what slides [m]
-_NEGLIGIBLE = 5e-4  # share of a vertex's weight that may be dropped without a word
-_PART_TRIANGLES, _PART_CELLS = 500, 16  # a robot's part of more triangles has an inside; it is wrapped on such a grid
-_LEAST_SKIN = 4  # triangles, the least that can close
+_SPREAD = 0.2  # how far a joint is from the bind pose when a recording starts, as a standard deviation [rad]
+_WIDEST_SPREAD = 1.0  # the same of a joint that may begin anywhere, at most [rad]
+_LEAST_SHIFT, _WIDEST_SHIFT = 0.001, 1.0  # the same of a joint that slides, at least and at most [m]
+_NEGLIGIBLE = 5e-4  # share of a vertex's weight that may be dropped without a note
+_PART_TRIANGLES, _PART_CELLS = 500, 16  # a robot's part of more triangles is wrapped, on a grid of so many cells
+_LEAST_SKIN = 4  # number of triangles that a closed mesh has at least
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +126,7 @@ def _held_notes(joints: tuple[str, ...], freedom: list[Freedom]) -> list[str]:
 def _skeleton(mesh: RiggedMesh, pairs: tuple[Pair, ...], freedom: list[Freedom], stands: bool | None) -> Skeleton:
     """A robot stands, on legs or a base, and so does what has a left and a right; a hand does not.
 
-    What stands begins near its bind pose. Robots, and what lies anyhow, begin anywhere within their limits.
+    A body that stands begins near its bind pose. Robots, and bodies that do not stand, begin anywhere in their limits.
     """
     stands = (mesh.rigid or bool(pairs)) if stands is None else stands
     near_bind = stands and not mesh.rigid

@@ -11,7 +11,7 @@ import numpy as np
 from mmocap_warp.body.skeleton import Pair
 from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, RiggedMotion, parents_first
 
-_LONGEST_CHAIN = 5  # joints that are searched together
+_LONGEST_CHAIN = 5  # number of joints that are searched together, at most
 _MIRRORED = 0.02  # how far mirrored joints may be apart, as a share of the skeleton's extent
 
 
@@ -67,7 +67,7 @@ def with_one_root(mesh: RiggedMesh) -> RiggedMesh:
     4. Other joints that hang on none are hung on the root.
 
     Raises:
-        ValueError: all joints hang on none, and their names tell no chains.
+        ValueError: all joints hang on none, and their names do not show chains.
     """
     notes = list(mesh.notes)
     if len(mesh.joints) > 1 and all(parent < 0 for parent in mesh.parent):

@@ -6,9 +6,9 @@ from itertools import permutations
 
 import numpy as np
 
-_SKIN = 1.2  # cells between the triangles and the surface that is laid around them
-_BACK = 0.85  # of that distance, how far the surface is drawn back to them
-_CORNER = 0.04  # of a cell's edge, how near to its ends the surface may cut it: slivers have no normal
+_SKIN = 1.2  # distance of the surface from the triangles that it is laid around, in cells
+_BACK = 0.85  # share of that distance by which the surface is drawn back to the triangles
+_CORNER = 0.04  # the surface cuts a cell's edge this share of it from its ends: slivers have no normal
 _MOST_SAMPLES = 4_000_000
 
 

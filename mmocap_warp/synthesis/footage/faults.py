@@ -73,7 +73,7 @@ class SpoiltMasks:
 
 _HOLE_RADIUS = (2.0, 5.0)
 _SPECK_RADIUS = (1.5, 5.0)
-_FIELD_MARGIN = 3.0  # smoothing lengths that a field is made larger by, so that its edges are like its middle
+_FIELD_MARGIN = 3.0  # margin of a field in smoothing lengths, so that its edges are like its middle
 
 
 def spoil(mask: np.ndarray, shadow: np.ndarray, faults: Faults, rng: np.random.Generator) -> np.ndarray:

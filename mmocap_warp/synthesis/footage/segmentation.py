@@ -49,11 +49,11 @@ class Contrast:
 
 
 _MOST_SHADOW = 0.95
-_SHADOW_JOINTS = ("LKnee", "LAnkle", "RKnee", "RAnkle")  # shanks and feet
+_SHADOW_JOINTS = ("LKnee", "LAnkle", "RKnee", "RAnkle")  # joints of shanks and feet, whose shadow is seen
 _PATCH_LIFE = 24  # frames in which a patch that looks like the background comes and goes
 _PATCH_RADIUS = (0.015, 0.06)  # [m]
-_DROPOUT_EVERY, _DROPOUT_FRAMES = 100, (6, 19)  # at most one in so many frames, and how long it lasts
-_MASK, _PATCHES, _DROPOUT = range(3)  # what chance is drawn for
+_DROPOUT_EVERY, _DROPOUT_FRAMES = 100, (6, 19)  # frames in which there is one dropout at most, and its length in frames
+_MASK, _PATCHES, _DROPOUT = range(3)  # numbers of the sequences of random draws
 
 
 @dataclass(frozen=True)
@@ -131,9 +131,9 @@ class SegmentedMasks:
 
 
 _GRAIN = 9  # distance over which the contour's shift changes [px]
-_SPREAD = 1.4  # interpolating between independent draws takes this from their deviation
+_SPREAD = 1.4  # interpolating between independent draws divides their deviation by this
 _SHADOW_GRAIN = 14  # size of the pieces in which a shadow is seen [px]
-_MARGIN = 24  # around the body, in which shadow and specks are seen [px]
+_MARGIN = 24  # distance around the body within which shadow and specks are seen [px]
 _SPECK_RADIUS = (1.0, 4.0)
 
 

@@ -71,7 +71,10 @@ PUNCHES: dict[str, Punch] = {
     "body jab": Punch("lead", (0.06, -0.62, 1.16), _NO_VIA, (0.8, -0.6, 0.0), -0.10, -0.25, 0.05, 0.05, 0.20, 0.28),
 }
 
-_GUARD: dict[str, Point] = {"lead": (0.16, -0.16, 0.60), "rear": (-0.20, -0.18, 0.40)}  # of the wrists, from the neck
+_GUARD: dict[str, Point] = {
+    "lead": (0.16, -0.16, 0.60),
+    "rear": (-0.20, -0.18, 0.40),
+}  # places of the wrists from the neck
 _GUARD_ELBOW: dict[str, Point] = {"lead": (0.45, -1.0, -0.2), "rear": (-0.45, -1.0, -0.2)}
 
 
@@ -136,17 +139,17 @@ ROUNDS: dict[str, Round] = {
     ),
 }
 
-_PELVIS, _CHEST = -0.60, -0.70  # turns of the guard, rear side back [rad]
-_CROUCH, _LEAN = 0.06, 0.14  # of the leg's length; of the chest, ahead [rad]
+_PELVIS, _CHEST = -0.60, -0.70  # turns of pelvis and chest in the guard, the rear side back [rad]
+_CROUCH, _LEAN = 0.06, 0.14  # share of the leg's length that the hips are lower; lean of the chest [rad]
 _FEET: dict[str, tuple[float, float, float]] = {"lead": (0.12, 0.23, -0.35), "rear": (-0.16, -0.24, -0.85)}  # and yaw
-_REAR_HEEL = np.radians(12.0)  # always raised a little
+_REAR_HEEL = np.radians(12.0)  # the rear heel is always raised by this
 _PIVOT = 0.7  # turn of the rear foot for the rise of its heel
-_STEP, _STEP_LIFT = 0.24, 0.03  # of each foot, one after the other [s], [m]
-_AIRBORNE = 0.7  # of a step's time, in which the foot goes ahead
-_SLIP = (0.22, 0.08, 0.30)  # out, hold, back [s]
-_BOUNCE, _BOUNCE_RATE = 0.010, 56.0 / 60.0  # [m], [Hz]
-_HOLD = 0.02  # of a punch at its end [s]
-_TRUNK_FIRST = 0.04  # by which the hips are ahead of the hand [s]
+_STEP, _STEP_LIFT = 0.24, 0.03  # time and height of a foot's step; the feet step one after the other [s, m]
+_AIRBORNE = 0.7  # share of a step's time in which the foot goes ahead
+_SLIP = (0.22, 0.08, 0.30)  # times of a slip: out, hold, back [s]
+_BOUNCE, _BOUNCE_RATE = 0.010, 56.0 / 60.0  # height and rate at which the hips bounce [m, Hz]
+_HOLD = 0.02  # time for which a punch is held at its end [s]
+_TRUNK_FIRST = 0.04  # time by which the hips are ahead of the hand [s]
 _LEAST_KNEE = np.radians(8.0)
 _STANCE_SCALE = 0.86  # leg length that the stance is written for [m]
 

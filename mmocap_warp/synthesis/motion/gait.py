@@ -20,12 +20,12 @@ from mmocap_warp.body.rotations import applied, transposed, turn, zyx_angles, zy
 from mmocap_warp.synthesis.motion import gait_curves as curves
 from mmocap_warp.synthesis.motion.limb_motion import SIGN, TRUNK, Leg, Sole, hanging_arm, trunk_angles
 
-_AHEAD = {"L": 0.0, "R": 0.5}  # of a leg's phase before the left one's
+_AHEAD = {"L": 0.0, "R": 0.5}  # how far a leg's phase is ahead of the left one's
 _BELOW_HIP = 0.22  # phase at which a standing foot is below the pelvis
-_LEAST_KNEE = np.radians(6.0)  # of a standing leg
+_LEAST_KNEE = np.radians(6.0)  # flexion that the knee of a standing leg keeps
 _CHEST_LEAN = np.radians(3.0)
 _ARM_SPREAD, _ARM_INWARD = np.radians(9.0), np.radians(10.0)
-_NUDGE = 0.005  # of the phase, for slopes
+_NUDGE = 0.005  # difference of the phase from which slopes are taken
 
 
 @dataclass(frozen=True)

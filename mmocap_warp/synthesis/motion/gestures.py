@@ -55,12 +55,12 @@ SCRIPTS: dict[str, Script] = {
     "S3": ((0.2, "R", "high wave", 1.1), (1.9, "L", "halt", 0.5), (2.0, "R", "go on", 1.2), (3.9, "L", "wave", 1.0)),
 }
 
-_MOVE, _RETURN = 0.7, 0.8  # [s]
+_MOVE, _RETURN = 0.7, 0.8  # time of a hand's way to a sign, and back down [s]
 _FLOW = 0.4  # a hand that has less time than this before its next sign does not go down first [s]
-_EASE = 0.25  # in which a swing grows and fades [s]
+_EASE = 0.25  # time in which a swing grows, and in which it fades [s]
 _FOOT_AHEAD, _FOOT_ASIDE, _TOE_OUT = 0.02, 0.02, 0.10  # half of what separates the feet [m], [rad]
 _SWAY_RATES = (0.12, 0.21, 0.34, 0.55)
-_SWAY_ASIDE, _SWAY_AHEAD, _SHIFT = 0.004, 0.005, 0.02  # [m]
+_SWAY_ASIDE, _SWAY_AHEAD, _SHIFT = 0.004, 0.005, 0.02  # sway of the root, and how far the weight shifts [m]
 _LEAST_KNEE = np.radians(5.0)
 
 

@@ -166,8 +166,8 @@ def trunk_angles(pelvis: np.ndarray, chest: np.ndarray, head: np.ndarray) -> tup
     return half, zyx_angles(transposed(zyx_rotation(half)) @ between), zyx_angles(transposed(chest) @ head)
 
 
-_FULL_REACH = 0.985  # of the arm's length: elbows stay bent by 20 degrees
-_SOFT = 0.12  # from this far before it, a reach is shortened smoothly
+_FULL_REACH = 0.985  # longest reach as a share of the arm's length: elbows stay bent by 20 degrees
+_SOFT = 0.12  # a reach is shortened smoothly from this far before the longest one
 
 
 @dataclass(frozen=True)
@@ -237,7 +237,7 @@ class Arm:
 
 
 _STEEPEST = np.radians(75.0)
-_GRID = 1201  # 1/8 of a degree apart
+_GRID = 1201  # number of pitches, 1/8 of a degree apart
 
 
 @dataclass(frozen=True)

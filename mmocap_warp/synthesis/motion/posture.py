@@ -15,7 +15,7 @@ from mmocap_warp.synthesis.exact_posing import ExactPoser
 from mmocap_warp.synthesis.motion.limb_motion import TRUNK, Arm, Leg, Sole, about, trunk_angles
 
 _ELBOW_BIAS = 0.05
-_MOST_STRAIGHT = 0.999  # of an arm's length: the elbow stays bent by 5 degrees
+_MOST_STRAIGHT = 0.999  # longest reach as a share of an arm's length: the elbow stays bent by 5 degrees
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ _NAMES: dict[str, tuple[str, ...]] = {
     "LElbow": ("lradius", "leftforearm", "leftlowarm", "leftelbow", "lforearm"),
     "LWrist": ("lwrist", "lefthand", "leftwrist", "lhand"),
 }
-_REACH = 1.3  # how far from where it is in the middle the body may be [m]
+_REACH = 1.3  # distance that the body may have from its place in the clip's middle frame [m]
 _HALF_STRAIGHT = np.radians(3.0)  # knees stay bent by at least this
 
 

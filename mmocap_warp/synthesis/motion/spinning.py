@@ -43,15 +43,15 @@ class Spin:
 SPINS: dict[str, Spin] = {"S1": Spin(1.1), "S2": Spin(1.25, rate=360.0)}
 """By person."""
 
-_OVER_LEFT_FOOT = 0.22  # phase of the left leg
-_RADIUS = 8.0  # of the walk's circle: nearly straight [m]
-_SETTLE = 0.6  # in which the walk comes to rest, and gets going again [s]
-_RAMP = 0.3  # in which the turns get going, and come to rest [s]
-_ARMS = 0.5  # in which the arms go out, and come down [s]
-_ARM_OUT = (0.94, 0.03, 0.18)  # of a wrist: outward, up and ahead of the shoulder, in arm lengths
+_OVER_LEFT_FOOT = 0.22  # phase of the left leg at which the walker is over its foot
+_RADIUS = 8.0  # radius of the walk's circle: nearly straight [m]
+_SETTLE = 0.6  # time in which the walk comes to rest, and in which it goes on [s]
+_RAMP = 0.3  # time in which the turns begin, and in which they come to rest [s]
+_ARMS = 0.5  # time in which the arms go out, and in which they come down [s]
+_ARM_OUT = (0.94, 0.03, 0.18)  # place of a wrist outward, up and ahead of the shoulder, in arm lengths
 _ELBOW_OUT = (0.0, -0.5, -1.0)
-_THIGH_UP, _SHANK_BACK = 0.35, 0.40  # of the free leg, more than in a step [rad]
-_BALL = 0.09  # of the foot, ahead of the ankle [m]
+_THIGH_UP, _SHANK_BACK = 0.35, 0.40  # by how much more the free leg bends than in a step [rad]
+_BALL = 0.09  # distance of the foot's ball ahead of the ankle [m]
 
 
 def spinning(body: BodyModel, frames: int, fps: float, spin: Spin, seed: int) -> np.ndarray:

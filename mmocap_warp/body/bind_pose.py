@@ -44,13 +44,15 @@ def bind_pose_turns(body: BodyModel) -> BindPoseTurns:
     groups = list(mirrored_joints(body).values())
     symmetric = any(len(group) > 1 for group in groups)
     near = _ON_PLANE * np.ptp(place, axis=0).max()
+    # Each group of joints that mirror each other turns about each of the body's axes.
     sigma, turned, moved = [], [], []
     for group in groups:
         first = group[0]
         if not thick[first]:
             continue
         in_plane = symmetric and len(group) == 1 and abs(place[first, 0] - place[0, 0]) <= near
-        for axis in np.eye(3)[: 1 if in_plane else 3]:  # what is its own mirror image turns about the axis across alone
+        # A part that is its own mirror image turns about the axis across alone.
+        for axis in np.eye(3)[: 1 if in_plane else 3]:
             skin, centre = np.zeros_like(rest), np.zeros_like(place)
             for joint, about in zip(group, (axis, axis * _REFLECTED), strict=False):
                 follows = weight[:, below[joint]].sum(axis=1)

@@ -48,14 +48,15 @@ def at_rate(result: Result, fps: float) -> Result:
     """
     if not 0 < fps < np.inf:
         raise ValueError(f"fps must be positive, got {fps:g}")
+    # The new frames lie within the result's own, but for rounding.
     known = result.frame_numbers / result.fps
     slack = _SAME_TIME / result.fps
     numbers = np.arange(np.ceil((known[0] - slack) * fps), np.floor((known[-1] + slack) * fps) + 1).astype(int)
     if not len(numbers):
         raise ValueError(f"fps = {fps:g} has no frame in the {known[-1] - known[0]:.3g} s of the result")
+    # Where they lie among the result's frames: poses are interpolated, the rest is the nearest frame's.
     place = np.interp(numbers / fps, known, np.arange(len(known)))
     nearest = np.round(place).astype(int)
-
     is_length = result.subject.body.skeleton.is_length
 
     def resampled(pose: np.ndarray) -> np.ndarray:

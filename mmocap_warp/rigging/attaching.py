@@ -48,8 +48,8 @@ def carrying(body: BodyModel, things: Iterable[Attachment]) -> Carrying:
     notes: list[str] = []
     for thing in things:
         if thing.name not in body.skeleton.attached:
-            body, told = _attach(body, thing)
-            notes += told
+            body, done = _attach(body, thing)
+            notes += done
     return Carrying(body, tuple(notes))
 
 
@@ -122,6 +122,7 @@ def _join(
     """The body with the thing's joints at ``origin`` (3,), whose axes are the columns of ``frame``."""
     skeleton = _skeleton(body.skeleton, thing, carrier, frame)
     more = len(skeleton.joints) - len(body.joint_rest)
+    # The thing's skin stands after the body's, in faces of as many corners, and follows the last of its joints.
     vertex, face = origin + surface.vertex @ frame.T, surface.face
     if body.skin.face.shape[1] == 4:
         vertex, face = _as_quads(vertex, face)
@@ -134,6 +135,7 @@ def _join(
         joint=np.concatenate([body.skin.joint, joint]),
         weight=np.concatenate([body.skin.weight, np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1))]),
     )
+    # Where a shape target moves the carrier, it moves the whole thing along.
     carried = body.shape_joint[:, carrier : carrier + 1]
     return replace(
         body,
@@ -154,6 +156,7 @@ def _skeleton(skeleton: Skeleton, thing: Attachment, carrier: int, frame: np.nda
     slides = (_place(thing),) if thing.free == ALL else ()
     joints = (*slides, thing.name)
     free = {FIXED: "", ALL: "xyz"}.get(thing.free, thing.free)
+    # A free thing is searched along all axes of the joint that slides, then about the free axes of the one that turns.
     first = TRANSLATION + 3 * count
     searched = [first + i for i in range(3) if slides]
     searched += [first + 3 * len(slides) + "xyz".index(axis) for axis in free]

@@ -218,6 +218,7 @@ def resized(body: BodyModel, segments: Mapping[str, Size]) -> BodyModel:
         ValueError: a joint that the body does not have.
     """
     skeleton, rest = body.skeleton, body.joint_rest.astype(float)
+    # Each segment is stretched along its bone by its length, and across it by its girth.
     factors = np.tile(np.eye(3), (len(rest), 1, 1))
     for name, (length, girth) in segments.items():
         j, along = skeleton.index(name), _UP
@@ -225,6 +226,7 @@ def resized(body: BodyModel, segments: Mapping[str, Size]) -> BodyModel:
             bone = rest[skeleton.index(_LIMBS[name])] - rest[j]
             along = bone / np.linalg.norm(bone)
         factors[j] = girth * np.eye(3) + (length - girth) * np.outer(along, along)
+    # Joints from the root on, then the skin, which follows several segments by their weights.
     place = rest.copy()
     for j, parent in enumerate(skeleton.parent):
         if parent >= 0:
@@ -234,6 +236,7 @@ def resized(body: BodyModel, segments: Mapping[str, Size]) -> BodyModel:
     moved = place[skin.joint] + np.einsum("viab,vib->via", factors[skin.joint], away)
     weight = skin.weight.astype(float)
     vertex = (weight[..., None] * moved).sum(axis=1) / weight.sum(axis=1, keepdims=True)
+    # The feet stay on the floor.
     floor = (0.0, vertex[:, 1].min() - skin.rest[:, 1].min(), 0.0)
     return replace(
         body,

@@ -33,22 +33,24 @@ def welded(mesh: RiggedMesh) -> RiggedMesh:
     extent = float(np.ptp(mesh.vertex, axis=0).max())
     if not 0 < extent < np.inf:
         raise ValueError("the mesh has no extent")
+    # Places in units of the tolerance; parts of a rigid mesh are kept apart by a further coordinate.
     tolerance = _SAME * extent
     apart = mesh.influence[:, :1].astype(float) if mesh.rigid else np.zeros((len(mesh.vertex), 0))
     scaled = np.concatenate([mesh.vertex / tolerance, 2 * apart], axis=1)
     # Vertices of one cell are joined first: where many crowd, few pairs are left to look at.
     _, first, cell = np.unique(np.round(2 * scaled), axis=0, return_index=True, return_inverse=True)
-    order = np.argsort(first)  # as the file has them
+    order = np.argsort(first)  # the file's own order
     first, cell = first[order], np.argsort(order)[cell]
     near = cKDTree(scaled[first]).query_pairs(1.0, output_type="ndarray")
     joined = coo_matrix((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(len(first), len(first)))
     place = connected_components(joined, directed=False)[1][cell.ravel()]
+    # Triangles over the joined vertices, without those of no area and those that are there twice.
     face = place[mesh.face]
     face = face[(face[:, 0] != face[:, 1]) & (face[:, 1] != face[:, 2]) & (face[:, 2] != face[:, 0])]
     _, whole = np.unique(np.sort(face, axis=1), axis=0, return_index=True)
     kept, face = np.unique(face[np.sort(whole)], return_inverse=True)
 
-    # of vertices at one place all influences are taken, by the mean
+    # A joined vertex has the mean of its vertices' influences and places.
     dense = np.zeros((place.max() + 1, len(mesh.joints)))
     np.add.at(dense, (place[:, None], mesh.influence), mesh.weight)
     dense = dense[kept] / np.bincount(place)[kept, None]

@@ -63,6 +63,7 @@ def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
     extent = float(np.ptp(place, axis=0).max())
     least_travel = _TRAVEL * float(np.ptp(mesh.vertex, axis=0).max())
     in_pairs = {joint for _, *sides in pairs for joint in sides}
+    # What bones suggest: limbs by their chains; all other joints turn as those of a spine do.
     derived: list[Freedom] = [_ball(place[j], ends[j], _SPINE, _SPINE) for j in range(len(mesh.joints))]
     for chain in chains(mesh.parent):
         in_middle = bool(pairs) and bool((np.abs(place[chain, 0] - place[0, 0]) < 0.02 * extent).all())
@@ -77,6 +78,7 @@ def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
                 derived[joint] = _ball(place[joint], ends[joint], _SWING, _TWIST)
             else:
                 derived[joint] = _hinge(place[before], place[joint], ends[joint], normal, joint not in mesh.parent)
+    # What the file says comes first, and joints without skin are held.
     found = []
     for joint, freedom in enumerate(derived):
         if joint == 0:

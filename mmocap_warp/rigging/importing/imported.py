@@ -84,11 +84,13 @@ def imported(
         raise ValueError(
             f"triangles must be at least {_LEAST_SKIN} and at most skin_triangles, got {triangles} and {skin_triangles}"
         )
+    # The mesh in the body's axes, with one tree of named joints and one vertex for each place.
     given = joints or GivenJoints("")
     mesh = in_body_axes(with_named_joints(mesh), up or mesh.up, facing or mesh.facing, scale)
     mesh = welded(with_one_root(with_parents(mesh, parents_given(given))))
     if len(mesh.face) < _LEAST_SKIN:
         raise ValueError("the mesh has no triangles of any area")
+    # How its joints move, and the closed mesh that is tracked.
     place = mesh.bind[:, :3, 3]
     pairs = mirrored_pairs(mesh.joints, mesh.parent, place)
     freedom = with_given(freedom_of(mesh, pairs), mesh.joints, given)
@@ -111,6 +113,7 @@ def imported(
         attribution=mesh.attribution or "The file that it was imported from states no makers and no licence.",
         rigid=mesh.rigid if given.rigid is None else given.rigid,
     )
+    # The file's animations as poses of that body.
     motions = {}
     for label, motion in mesh.motions.items():
         motions[label], apart = body_motion(body, mesh.bind, motion)
@@ -170,10 +173,12 @@ def _skin(mesh: RiggedMesh, triangles: int, skin_triangles: int) -> tuple[SkinMe
     joint, weight, dropped = four_influences(mesh)
     if dropped > _NEGLIGIBLE:
         notes.append(f"vertices follow at most four joints: up to {100 * dropped:.1f} % of one's weight was dropped")
-    surface, told = _close_parts(mesh) if mesh.rigid else _close_whole(mesh)
-    notes += told
+    # A closed surface; its new vertices follow the joints of a vertex beside them.
+    surface, closing_notes = _close_parts(mesh) if mesh.rigid else _close_whole(mesh)
+    notes += closing_notes
     vertex = np.concatenate([mesh.vertex, surface.added])
     beside = np.concatenate([np.arange(len(mesh.vertex)), surface.beside])
+    # Skin that is too fine to show is replaced by the closed surface, which is made coarser to be tracked.
     face, shown = surface.face, mesh.face
     too_fine = len(shown) > skin_triangles
     if too_fine and len(face) > skin_triangles:
@@ -184,6 +189,7 @@ def _skin(mesh: RiggedMesh, triangles: int, skin_triangles: int) -> tuple[SkinMe
     if len(face) > triangles:
         face = _decimate_face(vertex, face, triangles)
         notes.append(f"tracking mesh: {len(surface.face)} triangles made {len(face)}")
+    # The full mesh has the vertices of both.
     kept = np.unique(face)
     own = np.unique(shown) if too_fine else np.arange(len(mesh.vertex))
     chosen = np.union1d(own, kept)
@@ -211,7 +217,7 @@ def _close_whole(mesh: RiggedMesh) -> tuple[ClosedMesh, list[str]]:
 def _close_parts(mesh: RiggedMesh) -> tuple[ClosedMesh, list[str]]:
     """Each rigid part closed by itself: a robot's are hollow, and meet in joints."""
     follows = mesh.influence[mesh.face[:, 0], mesh.weight[mesh.face[:, 0]].argmax(axis=1)]
-    added, beside, faces, told = [np.zeros((0, 3))], [np.zeros(0, int)], [], []
+    added, beside, faces, changed = [np.zeros((0, 3))], [np.zeros(0, int)], [], []
     for joint, name in enumerate(mesh.joints):
         face = mesh.face[follows == joint]
         if not len(face):
@@ -221,8 +227,8 @@ def _close_parts(mesh: RiggedMesh) -> tuple[ClosedMesh, list[str]]:
         faces.append(np.where(part.face < len(mesh.vertex), part.face, part.face + before))
         added.append(part.added)
         beside.append(part.beside)
-        told += [name] if part.done else []
-    notes = [f"tracking mesh: parts closed or wrapped in new surfaces: {', '.join(told)}"] if told else []
+        changed += [name] if part.done else []
+    notes = [f"tracking mesh: parts closed or wrapped in new surfaces: {', '.join(changed)}"] if changed else []
     return ClosedMesh(np.concatenate(added), np.concatenate(beside), np.concatenate(faces), ""), notes
 
 

@@ -73,23 +73,27 @@ def with_one_root(mesh: RiggedMesh) -> RiggedMesh:
     if len(mesh.joints) > 1 and all(parent < 0 for parent in mesh.parent):
         mesh = with_parents(mesh, _chains_by_name(mesh.joints))
         notes.append(f"its joints hang side by side: chains are taken from their names and hang on {mesh.joints[0]}")
+    # Which joints skin could show: those with skin at or below them, and the ends of joints that have skin.
     below, own = skin_below(mesh), skin_of(mesh)
     if not below.any():
         raise ValueError("no joint moves any skin")
     shown = (below > 0) | np.array([parent >= 0 and own[parent] > 0 for parent in mesh.parent])
     roots = [joint for joint, parent in enumerate(mesh.parent) if parent < 0 and below[joint] > 0]
+    # The root is found from the top of the largest tree, past joints without skin from which one branch goes on.
     main = max(roots, key=lambda joint: below[joint])
     while own[main] == 0:
         children = [joint for joint, parent in enumerate(mesh.parent) if parent == main and below[joint] > 0]
         if len(children) != 1:
             break
         shown[main], main = False, children[0]
+    # Further trees hang on it.
     stray = [joint for joint in roots if shown[joint] and below[joint] > 0 and joint != main]
     if stray:
         notes.append(f"{_name_list(mesh, stray)} hang on no joint: hung on {mesh.joints[main]}")
     parent = list(mesh.parent)
     for joint in (main, *stray):
         parent[joint] = -1 if joint == main else main
+    # The root comes first, then the others that are shown.
     order = [joint for joint in parents_first(parent) if shown[joint]]
     order.remove(main)
     left_out = [joint for joint in range(len(parent)) if not shown[joint]]

@@ -164,6 +164,7 @@ def boxing(body: BodyModel, frames: int, fps: float, script: Round, seed: int) -
     leg = leg_length(body)
     size = leg / _STANCE_SCALE
 
+    # Feet, hips and pelvis, from which the legs follow.
     turns, heel = _turns(script, time)
     feet = {hand: _foot(posture, side, hand, script, time, heel, sign, size) for hand, side in sides.items()}
     root = _root(script, time, size, rng) * (sign, 1.0, 1.0)
@@ -171,6 +172,7 @@ def boxing(body: BodyModel, frames: int, fps: float, script: Round, seed: int) -
     pelvis = turn("y", sign * turns[:, 0]) @ turn("x", np.full(frames, 0.5 * _LEAN))
     posture.stand(root, pelvis, {sides[hand]: foot for hand, foot in feet.items()}, _LEAST_KNEE)
 
+    # Chest and head, which lean aside in slips.
     aside = _slips(script, time) + 0.02 * sway(time, (0.4, 0.7, 1.1), rng)
     chest = (
         turn("z", -sign * aside) @ turn("y", sign * turns[:, 1]) @ turn("x", _LEAN + 0.02 * sway(time, (0.5, 0.9), rng))
@@ -182,6 +184,7 @@ def boxing(body: BodyModel, frames: int, fps: float, script: Round, seed: int) -
     )
     posture.bend(chest, head)
 
+    # Hands, from the neck.
     for hand, side in sides.items():
         wrist, elbow = _hand(hand, script, time, rng)
         posture.reach(

@@ -69,6 +69,7 @@ def gesturing(body: BodyModel, frames: int, fps: float, script: Script, seed: in
     rng = np.random.default_rng([seed, 3])
     time = np.arange(frames) / fps
     posture = Posture(body, frames)
+    # Feet stand still, hips sway, and weight shifts away from the hand that is raised.
     aside = sway(time, _SWAY_RATES, rng)
     shift = Track(np.zeros(1))  # of the weight, from foot to foot
     for begin, side, _, hold in script:
@@ -82,13 +83,15 @@ def gesturing(body: BodyModel, frames: int, fps: float, script: Script, seed: in
     feet = {side: _foot(frames, sign, half_width) for side, sign in SIGN.items()}
     posture.stand(root, pelvis, feet, _LEAST_KNEE)
 
-    turned = Track(np.zeros(1))  # of the chest, toward the hand that is raised
+    # The chest turns toward the hand that is raised; the head looks about.
+    turned = Track(np.zeros(1))
     for begin, side, _, hold in script:
         turned.out_and_back(begin, _MOVE, hold, _RETURN, -SIGN[side] * 0.05)
     chest = turn("y", turned.at(time)[:, 0] + 0.015 * sway(time, _SWAY_RATES, rng)) @ turn("x", np.full(frames, 0.02))
     look = turn("y", 0.08 * sway(time, (0.2, 0.37, 0.6), rng)) @ turn("x", 0.04 * sway(time, (0.3, 0.5), rng) + 0.03)
     posture.bend(chest, look)
 
+    # Hands, from the shoulders.
     for side, sign in SIGN.items():
         wrist, elbow = _hand(time, [entry for entry in script if entry[1] == side], rng)
         outward = np.array([sign, 1.0, 1.0])

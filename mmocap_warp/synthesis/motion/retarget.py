@@ -90,9 +90,11 @@ def retargeted(clip: MotionClip, body: BodyModel, fps: float, source: object) ->
     Raises:
         InputError: a skeleton whose joints are not known by any of their usual names, or that does not rest upright.
     """
+    # The clip in this project's axes and the body's size, as far as it stays near.
     actor = _Actor.of(clip.at_rate(fps), source)
     scale = leg_length(body) / actor.leg_length
     actor = actor.part(_frames_in_reach(actor.place_of("pelvis") * scale))
+    # Root and legs: the body's hips are where the actor's are, moved to the middle.
     posture = Posture(body, len(actor.place))
     pelvis, hips = actor.rotation["pelvis"], (actor.place_of("LHip") + actor.place_of("RHip")) / 2 * scale
     hips_rest = (rest_place(body, "LHip") + rest_place(body, "RHip")) / 2
@@ -106,10 +108,12 @@ def retargeted(clip: MotionClip, body: BodyModel, fps: float, source: object) ->
         {side: actor.rotation[f"{side}Ankle"] for side in "LR"},
         _HALF_STRAIGHT,
     )
+    # Trunk and arms.
     posture.bend(actor.rotation["chest"], actor.rotation["head"])
     for side in "LR":
         upper, fore = actor.bone(f"{side}Shoulder", f"{side}Elbow"), actor.bone(f"{side}Elbow", f"{side}Wrist")
         posture.point_arm(side, upper, fore)
+    # Angles within the limits, and the floor at zero.
     poses = np.clip(posture.poses, *body.skeleton.coordinate_limits.T)
     shift[1] = _floor_height(body, poses)
     poses[:, 1] -= shift[1]

@@ -84,7 +84,7 @@ def joint_angles(body: BodyModel, transforms: np.ndarray) -> dict[str, dict[str,
 
 
 def own_angles(skeleton: Skeleton, pose: np.ndarray, model: int | None = None) -> dict[str, dict[str, np.ndarray]]:
-    """Of each joint but the root the angles that a model searches, by axis of its frame: each (frame,) [degrees].
+    """The angles that a model searches of each joint but the root, by axis of its frame: each (frame,) [degrees].
 
     They count from the bind pose, in which a robot's joints are at zero, and go on over half a turn.
 
@@ -101,7 +101,7 @@ def own_angles(skeleton: Skeleton, pose: np.ndarray, model: int | None = None) -
 
 
 def own_shifts(skeleton: Skeleton, pose: np.ndarray, model: int | None = None) -> dict[str, dict[str, np.ndarray]]:
-    """Of each joint that slides how far, by axis of its frame: each (frame,) [m], from the bind pose.
+    """The shift of each joint that slides, by axis of its frame: each (frame,) [m], from the bind pose.
 
     Those that a model searches, as :func:`own_angles`.
     """
@@ -113,7 +113,7 @@ def own_shifts(skeleton: Skeleton, pose: np.ndarray, model: int | None = None) -
 
 
 def joints_left_out(body: BodyModel) -> list[str]:
-    """The joints of a person whose angles a body does not have; none of a body that has no such angles at all."""
+    """The joints of a person whose angles a body lacks; none where it lacks all of them."""
     has = {joint for joint, _ in _available_joints(body)}
     return [joint for joint, _ in _all_joints() if joint not in has] if has else []
 

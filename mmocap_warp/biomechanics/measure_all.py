@@ -17,7 +17,7 @@ from mmocap_warp.result.result import Result
 
 
 class Length(NamedTuple):
-    """Of a bone [m]; its standard deviation is NaN where the body's fit does not give it."""
+    """The length of a bone [m]; its standard deviation is NaN where the body's fit does not give it."""
 
     length: float
     sigma: float
@@ -37,7 +37,7 @@ def bone_lengths(subject: Subject) -> dict[str, Length]:
 
 
 def _bone_sigmas(subject: Subject) -> dict[str, float]:
-    """By the joint at a bone's lower end. A fit names left and right together: ``body.bone.LKnee+RKnee.sigma``."""
+    """Standard deviations by a bone's lower joint. A fit names both sides: ``body.bone.LKnee+RKnee.sigma``."""
     start, end = "body.bone.", ".sigma"
     return {
         joint: float(value)
@@ -103,7 +103,7 @@ class Measures:
 
     @cached_property
     def lengths(self) -> dict[str, Length]:
-        """Of the bones, from joint centre to joint centre, named after both."""
+        """Lengths of the bones from joint centre to joint centre, named after both."""
         return bone_lengths(self.result.subject)
 
 
@@ -161,10 +161,10 @@ def _measure_run(result: Result, pose: np.ndarray, run: int, raw: bool, sex: Sex
 
 
 def _rearmost(away: np.ndarray) -> np.ndarray:
-    """How far out a heel is on a foot."""
+    """How far to the rear skin is: the heel of a foot is furthest."""
     return -away[:, 2]
 
 
 def _lowest(away: np.ndarray) -> np.ndarray:
-    """The same of what strikes first of a paw or a shank without a foot."""
+    """How low skin is: of a paw or a shank without a foot, the lowest strikes first."""
     return -away[:, 1]

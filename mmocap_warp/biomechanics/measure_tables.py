@@ -42,7 +42,7 @@ def _cells(row: Row) -> list[str]:
 
 
 def tables(measures: Measures) -> dict[str, tuple[list[str], list[Row]]]:
-    """Head and rows of each table, by name; one of which nothing is known has no rows."""
+    """Head and rows of each table, by name; a table without known values has no rows."""
     lengths: list[Row] = [(bone, *length) for bone, length in measures.lengths.items()]
     events = [row for run in measures.runs for row in _events(measures, run)]
     return {

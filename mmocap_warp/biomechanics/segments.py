@@ -65,7 +65,7 @@ class Segment:
 
 
 def _of_side(side: str) -> dict[str, Segment]:
-    """A left knee bends about its frame's x, as a right one does; a left elbow about -y, a right one about y.
+    """The segments of one side. Knees bend about their frame's x, a left elbow about -y, a right one about y.
 
     The thumb points to where the elbow bends, along z of the elbow's frame, which on the right is the outer side of a
     forearm whose palm is turned forward.
@@ -138,7 +138,7 @@ Sex = Literal["female", "male"]
 
 
 class _Share(NamedTuple):
-    """Of a segment: female and male mass as shares of the body's, and where its centre is on the way to ``end``.
+    """A segment's female and male mass, as shares of the body's, and where its centre is on the way to ``end``.
 
     Ends are joints, ``Mid...`` of a left and a right one, or places on the skin.
     """

@@ -42,7 +42,7 @@ class Foot:
 
     @property
     def strikes(self) -> np.ndarray:
-        """Frames with which a contact begins, but for one that the first frame shows already."""
+        """Frames in which a contact begins; one that is there in the first frame does not count."""
         return 1 + np.flatnonzero(self.on_floor[1:] & ~self.on_floor[:-1])
 
     @property
@@ -126,7 +126,7 @@ def _lowest_skin(
 
 
 def _without_short_changes(on_floor: np.ndarray, seconds: np.ndarray) -> np.ndarray:
-    """Contacts without gaps that are too short, then without contacts that are; the clip's ends cut none short."""
+    """Contacts without short gaps, then without short contacts; what reaches the clip's ends counts as long."""
     lasting = on_floor.copy()
     for kind in (False, True):
         changes = 1 + np.flatnonzero(np.diff(lasting))
@@ -191,7 +191,7 @@ class Walking:
 def walking(
     feet: dict[str, Foot], heel: dict[str, np.ndarray], root: np.ndarray, seconds: np.ndarray, up: np.ndarray
 ) -> Walking:
-    """Steps and strides that lie whole within the clip; steps of who has two feet alone.
+    """Steps and strides that lie wholly within the clip; there are steps only where there are two feet.
 
     Args:
         feet: by side, or by name.

@@ -33,7 +33,7 @@ class BindPoseTurns(NamedTuple):
 
 
 def bind_pose_turns(body: BodyModel) -> BindPoseTurns:
-    """How parts may be turned about the body's axes at their joints, with all that hangs on them.
+    """How parts, with all that hangs on them, may be turned at their joints about the body's axes.
 
     The centre of a joint in a thick limb may lie anywhere in it, and a bone is the line between two centres: so a part
     turns in proportion to how thick it is for its length. Where no skin bends (:func:`thickness`) nothing is turned.
@@ -78,7 +78,7 @@ def thickness(body: BodyModel) -> np.ndarray:
 
 
 def _mean_distance(body: BodyModel, weight: np.ndarray) -> np.ndarray:
-    """(joint,) from each joint's centre, of skin that counts with a weight (vertex, joint); zero where none does."""
+    """(joint,) mean distance of the skin from each joint's centre by weights (vertex, joint); zero without weight."""
     distance = np.linalg.norm(body.skin.rest[:, None].astype(float) - body.joint_rest.astype(float), axis=2)
     total = weight.sum(axis=0)
     mean: np.ndarray = (weight * distance).sum(axis=0) / np.where(total > 0, total, 1.0)

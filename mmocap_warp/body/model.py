@@ -89,7 +89,7 @@ class BodyModel:
 
     @cached_property
     def unscaled(self) -> tuple[np.ndarray, np.ndarray]:
-        """(vertex, 3) and (joint, 3) float32, of each place in the bind pose what does not grow with the body [m].
+        """(vertex, 3) and (joint, 3) float32, the part of each bind place that does not grow with the body [m].
 
         Attached things have the size that they have: their skin and joints keep their way from the joint that carries
         them. It is zero for all else.
@@ -101,7 +101,7 @@ class BodyModel:
 
     @cached_property
     def relative_size(self) -> float:
-        """Its largest extent over a person's, at most 1: what lengths that hold for people are multiplied by."""
+        """Its largest extent over a person's, at most 1: a factor for lengths that hold for people."""
         return min(1.0, float(np.ptp(self.skin.rest[self.own_vertex], axis=0).max()) / _PERSON)
 
     @property

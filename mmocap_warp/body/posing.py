@@ -52,7 +52,7 @@ class BodyArrays:
 
 
 class JointArrays:
-    """Where the joints of candidates are written to as Warp arrays, and the ``struct`` of them that kernels take."""
+    """Warp arrays to which the joints of candidates are written, and the ``struct`` of them that kernels take."""
 
     def __init__(self, candidates: int, joints: int, device: str) -> None:
         self.transform = wp.zeros((candidates, joints), dtype=Affine, device=device)
@@ -130,6 +130,6 @@ def skin_positions(subject: Subject, pose: np.ndarray, vertex: np.ndarray) -> np
 
 
 def blocks(count: int, size: int) -> Iterator[slice]:
-    """``count`` things in slices of at most ``size``."""
+    """Slices of at most ``size`` that cover ``count`` things."""
     for start in range(0, count, size):
         yield slice(start, min(start + size, count))

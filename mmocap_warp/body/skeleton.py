@@ -18,7 +18,7 @@ Pair = tuple[str, str, str]
 
 
 def coordinate_names(joints: tuple[str, ...], sliding: tuple[str, ...] = ()) -> tuple[str, ...]:
-    """Of a pose: ``Tx``, ``Ty``, ``Tz``, then ``<joint>.Rx`` and so on; of a sliding joint ``<joint>.Tx``."""
+    """Names of a pose's values: ``Tx``, ``Ty``, ``Tz``, then ``<joint>.Rx`` ..., or ``<joint>.Tx`` ... if it slides."""
     own = (f"{joint}.{'T' if joint in sliding else 'R'}{axis}" for joint in joints for axis in "xyz")
     return ("Tx", "Ty", "Tz", *own)
 
@@ -148,7 +148,7 @@ class Skeleton:
 
     @cached_property
     def carrier(self) -> np.ndarray:
-        """(joint,) int, the joint of the body on which each attached one hangs; of the body's own it is the joint."""
+        """(joint,) int, the body's joint on which each attached joint hangs; of the body's own joints, itself."""
         carrier: list[int] = []
         for joint, parent in enumerate(self.parent):
             carrier.append(carrier[parent] if self.is_attached[joint] else joint)
@@ -162,7 +162,7 @@ class Skeleton:
 
     @cached_property
     def bones(self) -> tuple[tuple[int, int], ...]:
-        """A joint and one that hangs on it, by their numbers, for each of a fixed length: sliding ones have none."""
+        """Bones of a fixed length, as the numbers of the upper and the lower joint; sliding joints have none."""
         pairs = zip(self.parent, range(len(self.parent)), self.slides, strict=True)
         return tuple((parent, joint) for parent, joint, slides in pairs if parent >= 0 and not slides)
 
@@ -184,7 +184,7 @@ class Skeleton:
 
     @cached_property
     def evaluation_groups(self) -> dict[str, tuple[str, ...]]:
-        """Groups of joints that errors are taken over: the pairs, or each joint on its own where there are none.
+        """Groups of joints whose errors are evaluated: the pairs, or each joint alone where there are no pairs.
 
         Of a person these are the joints that every source of truth defines alike. Attached joints are none of them.
         """
@@ -237,13 +237,13 @@ class Skeleton:
         return self.models[model]
 
     def searched_angles(self, model: int | None = None) -> np.ndarray:
-        """Of what a model searches, the angles of joints but the root's, (angle,) int32, ascending."""
+        """The angles that a model searches, without the root's: (angle,) int32, ascending."""
         searched = self.searched(model)
         angles: np.ndarray = searched[(searched >= ROOT_ANGLES.stop) & ~self.is_length[searched]]
         return angles
 
     def searched_shifts(self, model: int | None = None) -> np.ndarray:
-        """Of what a model searches, the shifts of the body's own joints that slide, (shift,) int32, ascending."""
+        """The shifts of the body's own joints that a model searches: (shift,) int32, ascending."""
         searched = self.searched(model)
         joint = np.maximum((searched - TRANSLATION) // 3, 0)
         shifts: np.ndarray = searched[self.slides[joint] & ~self.is_attached[joint]]
@@ -260,7 +260,7 @@ class Skeleton:
         return own
 
     def searched_by_part(self, model: int | None = None) -> dict[str, np.ndarray]:
-        """Of what a model searches, what each part does, by name and in order; parts of which it searches nothing miss.
+        """The coordinates that a model searches, by part and in order; parts without any are left out.
 
         Raises:
             ValueError: no such model.

@@ -137,7 +137,7 @@ def _draw_freedom(sheet: _Sheet, body: BodyModel, joint: int, axis: int, extent:
 
 
 def _slides(body: BodyModel) -> dict[tuple[int, int], np.ndarray]:
-    """Of joint and axis, for each searched slide that has limits: its lowest and its highest place (2, 3)."""
+    """The lowest and the highest place (2, 3) of each searched slide that has limits, by joint and axis."""
     skeleton, found = body.skeleton, {}
     for coordinate in skeleton.searched_shifts():
         joint, axis = divmod(int(coordinate) - TRANSLATION, 3)

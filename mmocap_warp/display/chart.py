@@ -74,14 +74,14 @@ class Axis:
     names: bool = False
 
     def at(self, value: float) -> float:
-        """Where a value lies; what is beyond an end lies on it, and NaN is nowhere (NaN)."""
+        """The coordinate of a value; a value beyond an end lies on the end, and NaN gives NaN."""
         low, high, value = (math.log(v) if self.logarithmic else v for v in (self.low, self.high, value))
         share = (min(max(value, low), high) - low) / (high - low)
         return self.start + share * (self.stop - self.start)
 
 
 def axis(low: float, high: float, start: float, stop: float, ticks: int = 5) -> Axis:
-    """An axis whose ticks are about so many multiples of 1, 2 or 5 times a power of ten."""
+    """An axis with about so many ticks, at multiples of 1, 2 or 5 times a power of ten."""
     if not high > low:
         high = low + 1.0
     raw = (high - low) / ticks

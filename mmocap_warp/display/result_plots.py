@@ -110,7 +110,7 @@ def _bars(foot: Foot, seconds: np.ndarray, x: Axis, height: float) -> str:
 
 
 def _legend() -> str:
-    """Which colour is which side, above the right end."""
+    """The colours of the sides, above the right end."""
     names = (("first", "left, or middle", 66.0), ("second", "right", 0.0))
     return "".join(
         f'<g class="{colour}">{text((_WIDTH - _RIGHT - back, _LEGEND - 5), word, "series", "end")}</g>'
@@ -154,7 +154,7 @@ def plot_report(path: str | Path, report: dict[str, Any]) -> None:
 
 
 def _top_of(values: np.ndarray) -> float:
-    """Where an axis ends that has room for all values."""
+    """The end of an axis that has room for all values."""
     return 1.05 * float(values[np.isfinite(values)].max()) or 1.0
 
 

@@ -168,7 +168,7 @@ def show_subject(
 
 
 def _title(subject: Subject) -> str:
-    """What is drawn, and how tall a fit made it, or how long what lies or goes on four legs."""
+    """The body's name, and its fitted height; its length if it lies or goes on four legs."""
     measure, adjective = ("length", "long") if "body.length" in subject.provenance else ("height", "tall")
     size, sigma = (subject.provenance.get(key) for key in (f"body.{measure}", f"body.{measure}.sigma"))
     if size is None or sigma is None:
@@ -198,7 +198,7 @@ def _rig_around(subject: Subject) -> CameraRig:
 
 
 def check_same_recording(result: Result, scene: Scene) -> None:
-    """See that a result is drawn over the recording that it is of.
+    """Check that a result is drawn over its own recording.
 
     Raises:
         InputError: the scene has other cameras, or fewer frames.
@@ -214,7 +214,7 @@ def check_same_recording(result: Result, scene: Scene) -> None:
 
 
 class _ProjectedBody:
-    """A subject in the cameras' pixels in poses (frame, coordinate), one at a time: all skin would fill the memory."""
+    """A subject in the cameras' pixels, one pose of (frame, coordinate) at a time: all skin would fill the memory."""
 
     def __init__(
         self, subject: Subject, rig: CameraRig, pose: np.ndarray, joint_sigma: np.ndarray | None = None

@@ -90,7 +90,7 @@ def evaluate(result: Result, truth: Truth | None = None) -> dict[str, Any]:
 
 
 def _overlap(result: Result, iou: np.ndarray) -> dict[str, Any]:
-    """What needs no truth; ``iou`` is (run, frame)."""
+    """The numbers that need no truth; ``iou`` is (run, frame)."""
     worst = np.where(np.isfinite(iou), iou, np.inf).min(axis=0)
     total = int(result.evaluations.sum())
     return {
@@ -213,7 +213,7 @@ def _angle_errors(result: Result, truth: Truth, mine: np.ndarray, theirs: np.nda
 
 
 def _evaluate_statuses(status: np.ndarray, off: np.ndarray, of_runs: dict[str, np.ndarray]) -> dict[str, Any]:
-    """What the statuses are worth; adds the same of each run to ``of_runs``.
+    """How far statuses agree with the truth; adds the same of each run to ``of_runs``.
 
     Args:
         status: (run, common frame).
@@ -233,7 +233,7 @@ def _evaluate_statuses(status: np.ndarray, off: np.ndarray, of_runs: dict[str, n
 
 
 def _per_run(result: Result, series: dict[str, np.ndarray], of_runs: dict[str, np.ndarray]) -> list[dict[str, Any]]:
-    """A line a run: what distinguishes the seeds."""
+    """The numbers of each run by itself, which show the spread of the seeds."""
     seed = result.config.get("seed")
     return [
         {"run": run, "seed": None if seed is None else seed + run, "worst_iou": _min(series["iou"][run])}

@@ -16,7 +16,7 @@ _SAME_TIME = 1e-6
 
 
 def of_run(result: Result, run: int) -> Result:
-    """One run alone.
+    """A result of one of the runs.
 
     Raises:
         ValueError: no such run.
@@ -27,7 +27,7 @@ def of_run(result: Result, run: int) -> Result:
 
 
 def before_smoothing(result: Result) -> Result:
-    """The track as it was before it was smoothed; without the standard deviations, which are the smoothed one's.
+    """The track before it was smoothed, without standard deviations: those are of the smoothed track.
 
     Raises:
         ValueError: it was not smoothed.
@@ -75,7 +75,7 @@ def at_rate(result: Result, fps: float) -> Result:
 
 
 def evenly(result: Result) -> Result:
-    """The result with as much time between any two of its frames; itself where it is so already."""
+    """The result with its frames at equal times; the result itself where they are already."""
     even = len(set(np.diff(result.frame_numbers).tolist())) <= 1
     return result if even else at_rate(result, result.rate)
 

@@ -133,7 +133,7 @@ def marker_errors(result: Result, truth: Truth, mine: np.ndarray, theirs: np.nda
 
 
 def allowed_skin(body: BodyModel, names: tuple[str, ...]) -> np.ndarray:
-    """Where on a body's skin markers of these names may be: (marker, vertex) bool, anywhere for an unknown name.
+    """Where on a body's skin markers of these names may be: (marker, vertex) bool, everywhere for an unknown name.
 
     On what is attached to the body there are none.
     """

@@ -24,7 +24,7 @@ NEAR = 0.05
 
 
 def head_top(body: BodyModel) -> int:
-    """The body's own skin's highest vertex in the bind pose."""
+    """The highest vertex of the body's own skin in the bind pose."""
     return int(np.where(body.own_vertex, body.skin.rest[:, 1], -np.inf).argmax())
 
 

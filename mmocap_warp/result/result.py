@@ -119,12 +119,12 @@ class Result:
 
     @property
     def rate(self) -> float:
-        """How many of the result's frames there are in a second: fewer than ``fps`` where frames were passed over."""
+        """The result's frames in a second: fewer than ``fps`` where frames were passed over."""
         step = np.diff(self.frame_numbers)
         return self.fps / int(step.min()) if len(step) else self.fps
 
     def at(self, positions: Sequence[int]) -> Result:
-        """Some of its frames alone, by their positions in ``frame_numbers``, ascending."""
+        """The result of some of its frames, by their positions in ``frame_numbers``, ascending."""
         chosen = np.asarray(positions, int)
         arrays = {name: array[:, chosen] for name, array in self.arrays.items()}
         before = self.left_out_before + int(chosen[0])

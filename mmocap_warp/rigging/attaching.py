@@ -40,7 +40,7 @@ class Carrying:
 
 
 def carrying(body: BodyModel, things: Iterable[Attachment]) -> Carrying:
-    """A body with things attached; those that it has already, by their names, it keeps as they are.
+    """A body with things attached. A thing whose name the body has already is left as it is.
 
     Raises:
         InputError: a mesh that cannot be read, no such joint, a name that is taken, or a size that cannot be.
@@ -54,7 +54,7 @@ def carrying(body: BodyModel, things: Iterable[Attachment]) -> Carrying:
 
 
 def subject_carrying(subject: Subject, things: Iterable[Attachment]) -> tuple[Subject, tuple[str, ...]]:
-    """A subject with things attached where they are said to be, and notes; see :func:`carrying`."""
+    """A subject with things attached at their given places, and notes; see :func:`carrying`."""
     made = carrying(subject.body, things)
     pose = np.zeros(made.body.skeleton.coordinates)
     pose[: len(subject.pose)] = subject.pose
@@ -185,7 +185,7 @@ def _place(thing: Attachment) -> str:
 
 
 def _as_quads(vertex: np.ndarray, face: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Each triangle as three quads, for skin whose faces have four corners; the vertices come first, as they were."""
+    """Each triangle as three quads, for skin whose faces have four corners; the given vertices come first."""
     side = np.sort(np.stack([face, np.roll(face, -1, axis=1)], axis=-1), axis=-1)
     edge, of_side = np.unique(side.reshape(-1, 2), axis=0, return_inverse=True)
     middle = len(vertex) + of_side.reshape(-1, 3)  # of the side from each corner to the next

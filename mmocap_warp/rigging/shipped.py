@@ -54,7 +54,7 @@ def body_file(name: str | Path, source: object = "body") -> Path:
 
 @dataclass(frozen=True, eq=False)
 class DeviationFactors:
-    """What stated standard deviations are multiplied by.
+    """Factors of stated standard deviations.
 
     Attributes:
         joint: (joint, 3) of the joints' centres along the body's axes: to its left, up, and ahead.
@@ -66,12 +66,12 @@ class DeviationFactors:
 
     @property
     def coordinate(self) -> np.ndarray:
-        """(coordinate,) of a pose; one for its translation, which is the root's centre."""
+        """(coordinate,) the factors of a pose; 1 for its translation, which is the root's centre."""
         return np.concatenate([np.ones(TRANSLATION), self.angle.ravel()])
 
 
 def deviation_factors(body: BodyModel) -> DeviationFactors | None:
-    """Those of a shipped body, and of what was fitted from it; None for one that they were not learnt for.
+    """The factors of a shipped body, and of bodies that were fitted from it; None where none were learned.
 
     They stand beside the shipped bodies, in ``<name>.deviations.toml``, which says what it was made with.
     """
@@ -90,7 +90,7 @@ def deviation_factors(body: BodyModel) -> DeviationFactors | None:
 
 
 def factors_toml(skeleton: Skeleton, factors: DeviationFactors, made_with: str) -> str:
-    """The text of such a file; ``made_with`` is its first line, a comment."""
+    """The text of a file of factors; ``made_with`` is its first line, a comment."""
     lines = [f"# {made_with}"]
     for name, values, what in (
         ("joint", factors.joint, "of the centres, along the body's axes: to its left, up, ahead"),

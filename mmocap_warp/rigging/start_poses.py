@@ -71,7 +71,7 @@ _SHIFT_MARGIN = 0.1  # share of the travel seen by which limits of a slide are w
 
 
 def learnt(skeleton: Skeleton, poses: np.ndarray, margin: float) -> Skeleton:
-    """The skeleton with limits and spreads of the angles that it searches, but the root's, as poses have them.
+    """The skeleton with limits and spreads of the angles that it searches, but the root's, as they were in poses.
 
     Limits leave out the most extreme frames, half a percent at either end. A joint's spread is the root mean square of
     the angle that strays most from the zero pose. Limits of a joint that slides are a tenth of the travel seen wider,

@@ -73,14 +73,14 @@ def furniture(rig: CameraRig, middle: np.ndarray, aside: float) -> list[np.ndarr
 
 
 def _corners() -> np.ndarray:
-    """(8, 3), standing on the floor about the origin; in the order of the binary digits of their number."""
+    """(8, 3), corners of the furniture on the floor about the origin, in the order of their numbers' binary digits."""
     wide, high, deep = _SIZE
     digits = np.array([[i >> 2 & 1, i >> 1 & 1, i & 1] for i in range(8)])
     return (digits - (0.5, 0.0, 0.5)) * (wide, high, deep)
 
 
 def _silhouettes_before(rig: CameraRig, vertices: np.ndarray, surface: Surface) -> list[np.ndarray]:
-    """Silhouettes in the cameras that the whole of it is in front of; the others see nothing."""
+    """Silhouettes in each camera; a camera sees nothing if the surface is not wholly in front of it."""
     depth = (np.einsum("kj,vj->kv", rig.R[:, 2], vertices) + rig.t[:, 2:]).min(axis=1)
     masks = [np.zeros((height, width), bool) for width, height in rig.size]
     for k in np.flatnonzero(depth > _NEAREST):

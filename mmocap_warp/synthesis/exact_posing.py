@@ -11,7 +11,7 @@ from mmocap_warp.body.rotations import applied, zyx_rotation
 
 
 class ExactPoser:
-    """Poses a body in the world; to be used as :class:`mmocap_warp.body.posing.Poser` is.
+    """Poses a body in the world; it is used as :class:`mmocap_warp.body.posing.Poser`.
 
     Args:
         body: the body.

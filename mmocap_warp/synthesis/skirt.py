@@ -62,7 +62,7 @@ class SkirtPoser(ExactPoser):
         return posed
 
     def _skirt_vertices(self, under: np.ndarray, heading: float) -> np.ndarray:
-        """The skirt's vertices from the root, in upright axes; of the skin ``under`` it likewise (vertex, 3)."""
+        """The skirt's vertices, from the skin ``under`` it (vertex, 3); both from the root, in upright axes."""
         heights = self._heights
         angle = heading + np.arange(_SIDES) * (2 * np.pi / _SIDES)
         directions = np.stack([np.sin(angle), np.cos(angle)])  # (axis, side)
@@ -92,7 +92,7 @@ class SkirtPoser(ExactPoser):
 
 
 def _convex_band(reach: np.ndarray) -> np.ndarray:
-    """How far from the middle (level, side) a convex band is that reaches so far along each direction."""
+    """Distances from the middle (level, side) of a convex band around what reaches so far in each direction."""
     apart = np.arange(_SIDES) * (2 * np.pi / _SIDES)
     cosine = np.cos(apart[:, None] - apart)
     bound = np.where(cosine > 0.1, reach[:, None, :] / np.where(cosine > 0.1, cosine, 1.0), np.inf)

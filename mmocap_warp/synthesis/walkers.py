@@ -73,7 +73,7 @@ class Person:
         return SkirtPoser if self.skirt else ExactPoser
 
     def _shaped_body(self, weights: dict[str, float]) -> BodyModel:
-        """The shipped body with one target after the other: sums of several are rounded differently by CPUs' makes."""
+        """The shipped body with one target after the other: CPUs round sums of several differently."""
         body = load_body(self.base)
         for name, weight in weights.items():
             body = body.shaped({name: weight})
@@ -81,7 +81,7 @@ class Person:
 
 
 def _both_sides(sizes: dict[str, Size]) -> dict[str, Size]:
-    """The same on both sides."""
+    """The sizes of a joint's segment on both sides."""
     return {side + joint: size for side in "LR" for joint, size in sizes.items()}
 
 
@@ -249,7 +249,7 @@ def resized(body: BodyModel, segments: Mapping[str, Size]) -> BodyModel:
 
 
 def stretched(body: BodyModel, name: str, stretch: tuple[float, float, float]) -> BodyModel:
-    """A body, named anew, that is ``stretch`` times as wide, as tall and as deep; its joints keep their axes."""
+    """A body with a new name, ``stretch`` times as wide, tall and deep; its joints keep their axes."""
     factors = np.array(stretch, np.float32)
     return replace(
         body,

@@ -35,7 +35,7 @@ def tracks(result: Result) -> dict[str, np.ndarray]:
 
 
 def curves(result: Result, truth: Truth | None) -> list[Curve]:
-    """All that are known of a result.
+    """The curves that are known of a result.
 
     Raises:
         InputError: the truth is of another recording.
@@ -49,7 +49,7 @@ def curves(result: Result, truth: Truth | None) -> list[Curve]:
 
 
 def _error(result: Result, truth: Truth) -> Curve:
-    """Of joints where the truth names them, else of markers; of each track."""
+    """The error of joints where the truth names them, else of markers, for each track."""
     series = {name: evaluate(replace(result, pose=pose), truth)["series"] for name, pose in tracks(result).items()}
     errors = [
         Curve(name, "mm", {track: np.array(each[key], float) for track, each in series.items()})  # None becomes NaN
@@ -59,7 +59,7 @@ def _error(result: Result, truth: Truth) -> Curve:
 
 
 def _mean(values: np.ndarray) -> np.ndarray:
-    """Over the last axis, of what is known; NaN where nothing is."""
+    """Mean of the known values over the last axis; NaN where none is known."""
     known = np.isfinite(values)
     total, count = np.where(known, values, 0.0).sum(axis=-1), known.sum(axis=-1)
     return np.divide(total, count, out=np.full(count.shape, np.nan), where=count > 0)

@@ -73,7 +73,7 @@ class Pictures:
 
     @classmethod
     def within(cls, characters: int, of: list[list[str | None]]) -> Pictures:
-        """As many of a picture for each frame as have room."""
+        """Pictures of as many frames as have room."""
         total = sum(len(picture or "") for pictures in of for picture in pictures)
         every = max(1, -(-total // characters))
         return cls([pictures[::every] for pictures in of], every)

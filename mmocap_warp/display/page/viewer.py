@@ -86,7 +86,7 @@ def view(
 
 
 def _with_progress(views: Views, count: int, progress: Callable[[int, int], None] | None) -> Iterator[Any]:
-    """The same ``count`` views, telling how far it is."""
+    """The same ``count`` views; ``progress`` is called after each."""
     for done, view in enumerate(views, 1):
         yield view
         if progress is not None:

@@ -28,7 +28,7 @@ def body_from_file(up: str, facing: str) -> np.ndarray:
 
 
 def in_body_axes(mesh: RiggedMesh, up: str, facing: str, scale: float) -> RiggedMesh:
-    """The same in metres times ``scale``, +Y up and facing +Z; bind transforms and motions lose their own scale.
+    """The mesh in metres times ``scale``, +Y up and facing +Z; bind transforms and motions lose their own scale.
 
     Args:
         mesh: as the file has it.

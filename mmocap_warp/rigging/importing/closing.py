@@ -18,7 +18,7 @@ _SAME = 1e-5  # vertices as near as this are one, as a share of the mesh's exten
 
 
 def welded(mesh: RiggedMesh) -> RiggedMesh:
-    """The mesh with one vertex for each place, and without triangles that have no area or are there twice.
+    """The mesh with one vertex for each place, and without triangles that have no area or occur twice.
 
     Of vertices that are joined the weights are averaged; rigid parts are not joined to each other. Vertices of no
     triangle are left out.
@@ -151,7 +151,7 @@ def consistently_wound(face: np.ndarray) -> np.ndarray | None:
 
 
 def _neighbours(face: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Triangles that share an edge, (edge,) and (edge,), and (edge,) bool whether both run along it alike.
+    """The two triangles at each edge, (edge,) and (edge,), and (edge,) bool whether both run along it in one sense.
 
     None where an edge has more than two triangles.
     """
@@ -166,7 +166,7 @@ def _neighbours(face: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray] |
 
 
 def _faces_to_turn(faces: int, first: np.ndarray, second: np.ndarray, alike: np.ndarray) -> np.ndarray:
-    """(face,) bool: which triangles to turn round so that each agrees with the one that it is reached from."""
+    """(face,) bool: which triangles to turn round so that neighbours agree."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import breadth_first_order
 

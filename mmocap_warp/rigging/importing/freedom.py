@@ -116,7 +116,7 @@ def hinge_frame(axis: np.ndarray, along: np.ndarray) -> np.ndarray:
 
 
 def _ends(mesh: RiggedMesh, place: np.ndarray, skin: np.ndarray) -> np.ndarray:
-    """(joint, 3) where each joint's bone ends: at the mean of what hangs on it, at its skin's where nothing does."""
+    """(joint, 3) where each joint's bone ends: at the mean of its child joints; without any, at the end of its skin."""
     ends = place.copy()
     for joint in range(len(place)):
         children = [child for child, parent in enumerate(mesh.parent) if parent == joint]
@@ -130,9 +130,9 @@ def _ends(mesh: RiggedMesh, place: np.ndarray, skin: np.ndarray) -> np.ndarray:
 
 
 def _plane_normal(points: np.ndarray, bent: float) -> np.ndarray | None:
-    """(3,) normal of the plane in which points (n, 3) lie; None where they lie on a line, or all about.
+    """(3,) normal of the plane in which points (n, 3) lie; None where they lie on a line, or in no plane.
 
-    Off a line they have to be by ``bent``, as a share of its length.
+    They must leave a line by the share ``bent`` of its length.
     """
     if len(points) < 3:
         return None

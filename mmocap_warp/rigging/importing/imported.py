@@ -39,7 +39,7 @@ _LEAST_SKIN = 4  # number of triangles that a closed mesh has at least
 
 @dataclass(frozen=True, eq=False)
 class Imported:
-    """What came of a file.
+    """A body that was made of a file.
 
     Attributes:
         body: the body.
@@ -127,7 +127,7 @@ def _held_notes(joints: tuple[str, ...], freedom: list[Freedom]) -> list[str]:
 
 
 def _skeleton(mesh: RiggedMesh, pairs: tuple[Pair, ...], freedom: list[Freedom], stands: bool | None) -> Skeleton:
-    """A robot stands, on legs or a base, and so does what has a left and a right; a hand does not.
+    """The body's skeleton. A robot stands, and so does a body with a left and a right side; a hand does not.
 
     A body that stands begins near its bind pose. Robots, and bodies that do not stand, begin anywhere in their limits.
     """
@@ -156,9 +156,9 @@ def _skeleton(mesh: RiggedMesh, pairs: tuple[Pair, ...], freedom: list[Freedom],
 
 
 def _spread(freedom: Freedom, near_bind: bool) -> float:
-    """Of a joint that begins near the bind pose, or anywhere within its limits: then of its widest [rad, m].
+    """How far a joint begins from the bind pose [rad, m]: a little, or anywhere within its widest limits.
 
-    What slides begins anywhere.
+    A joint that slides begins anywhere.
     """
     if near_bind and not freedom.slides:
         return _SPREAD
@@ -215,7 +215,7 @@ def _close_whole(mesh: RiggedMesh) -> tuple[ClosedMesh, list[str]]:
 
 
 def _close_parts(mesh: RiggedMesh) -> tuple[ClosedMesh, list[str]]:
-    """Each rigid part closed by itself: a robot's are hollow, and meet in joints."""
+    """Each rigid part closed by itself: a robot's parts are hollow, and meet in joints."""
     follows = mesh.influence[mesh.face[:, 0], mesh.weight[mesh.face[:, 0]].argmax(axis=1)]
     added, beside, faces, changed = [np.zeros((0, 3))], [np.zeros(0, int)], [], []
     for joint, name in enumerate(mesh.joints):

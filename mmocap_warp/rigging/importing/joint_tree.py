@@ -59,7 +59,7 @@ def with_parents(mesh: RiggedMesh, parents: dict[str, str]) -> RiggedMesh:
 
 
 def with_one_root(mesh: RiggedMesh) -> RiggedMesh:
-    """The mesh with one root and no joints that no skin could show, with notes of what was done.
+    """The mesh with one root, without joints that move no skin, and with notes of what was done.
 
     1. Where all joints hang on none, those whose names share a beginning are chains that hang on the first joint.
     2. Branches that no skin follows are left out, but for the end of a joint that skin follows.
@@ -119,7 +119,7 @@ def _chains_by_name(joints: tuple[str, ...]) -> dict[str, str]:
 
 
 def _reorder(mesh: RiggedMesh, order: list[int]) -> RiggedMesh:
-    """The mesh with some of its joints in another order; skin that follows one left out must not be there."""
+    """The mesh with some of its joints in another order; no skin may follow a joint that is left out."""
     rank = {joint: i for i, joint in enumerate(order)}
     number = np.array([rank.get(joint, 0) for joint in range(len(mesh.joints))])
     return replace(
@@ -154,7 +154,7 @@ def chains(parent: tuple[int, ...]) -> list[list[int]]:
 def parts_of(
     joints: tuple[str, ...], parent: tuple[int, ...], sliding: tuple[str, ...] = ()
 ) -> tuple[tuple[str, ...], tuple[int, ...]]:
-    """Steps of a hierarchical search: the root, then each chain, long ones in halves; their names, and each joint's.
+    """Names of the steps of a hierarchical search (the root, each chain, long ones in parts) and each joint's step.
 
     What slides at the end of a chain, as a gripper's fingers, is searched with the joint that carries it: the arm stays
     a limb, on which nothing hangs, and limbs are what the first frame's search draws anew.
@@ -221,7 +221,7 @@ def _without_number(joint: str) -> str:
 
 
 def _differing_parts(one: str, other: str) -> tuple[str, str, str, str]:
-    """How two names begin alike, how they end alike, and what is between in each."""
+    """The common beginning and the common end of two names, and what is between in each."""
     one, other = _without_number(one), _without_number(other)
     first = _common_length(one, other)
     last = _common_length(one[first:][::-1], other[first:][::-1])
@@ -229,7 +229,7 @@ def _differing_parts(one: str, other: str) -> tuple[str, str, str, str]:
 
 
 def _common_length(one: str, other: str) -> int:
-    """How many letters two texts begin with alike."""
+    """The length of the common beginning of two texts."""
     return next((i for i, (a, b) in enumerate(zip(one, other, strict=False)) if a != b), min(len(one), len(other)))
 
 

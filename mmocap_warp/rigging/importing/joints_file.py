@@ -28,7 +28,7 @@ _FREE = ("", "x", "y", "z", "xy", "xz", "yz", "xyz")
 
 @dataclass(frozen=True, eq=False)
 class GivenJoint:
-    """What a joints file says of a joint; None where it is silent.
+    """What a joints file says of a joint; None where it says nothing.
 
     Attributes:
         free: axes that are searched.
@@ -98,12 +98,12 @@ def _read_joint(entry: Table) -> GivenJoint:
 
 
 def parents_given(given: GivenJoints) -> dict[str, str]:
-    """What joints hang on, by name, where the file says so."""
+    """The names of parents that the file gives, by joint."""
     return {name: joint.parent for name, joint in given.joints.items() if joint.parent is not None}
 
 
 def with_given(freedom: list[Freedom], joints: tuple[str, ...], given: GivenJoints) -> list[Freedom]:
-    """The freedom of joints, with what a file says in its place.
+    """The freedom of joints, changed where a file says otherwise.
 
     Raises:
         InputError: the file names a joint that there is not, or lets one slide without limits.

@@ -13,7 +13,7 @@ _MOST_SAMPLES = 4_000_000
 
 
 def wrapped(vertex: np.ndarray, face: np.ndarray, cells: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A closed surface around triangles: what lies a little outside of them, drawn back to them.
+    """A closed surface around triangles: it is laid a little outside of them, then drawn back to them.
 
     Gaps of less than a few cells are closed, and hollows that cannot be reached from outside are filled. Single sheets
     get two sides.
@@ -110,7 +110,7 @@ def _level_set(field: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _triangles_of(inside: np.ndarray) -> list[list[tuple[int, int]]]:
-    """Triangles that part the nodes of a tetrahedron of positive volume, each corner on an edge (inside, outside)."""
+    """Triangles between the inner and the outer nodes of a tetrahedron; each corner is an edge (inside, outside)."""
     within, without = np.flatnonzero(inside).tolist(), np.flatnonzero(~inside).tolist()
     even = round(np.linalg.det(np.eye(4)[within + without])) > 0
     if len(within) == 1:

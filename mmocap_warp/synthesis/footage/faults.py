@@ -171,7 +171,7 @@ class Ellipse(NamedTuple):
     angle: float
 
     def draw(self, image: np.ndarray, value: int) -> None:
-        """Fill it."""
+        """Fill the ellipse with a value."""
         x, y, across, along = (round(float(length) * 2**_SUBPIXEL) for length in (*self.centre, *self.radii))
         cv2.ellipse(image, (x, y), (across, along), float(self.angle), 0, 360, value, -1, cv2.LINE_8, _SUBPIXEL)
 

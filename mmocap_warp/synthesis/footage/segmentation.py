@@ -103,7 +103,7 @@ class SegmentedMasks:
 
     @cached_property
     def _casting_surface(self) -> Surface:
-        """Of the mesh, what casts the shadow at the feet."""
+        """The part of the mesh that casts the shadow at the feet."""
         face = self.body.skin.face
         return Surface.of(face[led_by(self.body, *_SHADOW_JOINTS)[face].all(axis=1)])
 
@@ -115,7 +115,7 @@ class SegmentedMasks:
         return np.cumsum(area) / area.sum()
 
     def _patches(self, rig: CameraRig, k: int, frame: int, vertices: np.ndarray) -> list[Ellipse]:
-        """What of the body looks like the background to camera ``k``: stays on the skin for a fraction of a second."""
+        """Patches of the body that look like the background to camera ``k``, each for a fraction of a second."""
         block = frame // _PATCH_LIFE
         rng = np.random.default_rng([self.seed, _PATCHES, k, block])
         patches = []

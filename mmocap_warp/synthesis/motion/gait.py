@@ -73,7 +73,7 @@ class Walk:
         return root, pelvis
 
     def _low_pelvis(self, phase: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The same, with heights from their mean."""
+        """The same as :meth:`_pelvis`, with heights from their mean."""
         root = self._path(phase, curves.sway(phase))
         root[:, 1] = curves.rise(phase, self.stride)
         return root, turn("y", self._heading(phase) - curves.pelvis_turn(phase)) @ turn("z", curves.pelvis_list(phase))

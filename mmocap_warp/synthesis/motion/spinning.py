@@ -71,7 +71,7 @@ def spinning(body: BodyModel, frames: int, fps: float, spin: Spin, seed: int) ->
 
 
 def _phase(time: np.ndarray, spin: Spin) -> np.ndarray:
-    """Of the left leg: the walk rests above the left foot from the beginning of the turns to their end."""
+    """The left leg's phase: the walk rests above the left foot from the beginning of the turns to their end."""
     cycles = CADENCE / 120.0
     halt = spin.begin - _SETTLE
     walked = time - _ramp(time, halt, _SETTLE) + _ramp(time, spin.end, _SETTLE)
@@ -99,14 +99,14 @@ def _lift_free_leg(posture: Posture, body: BodyModel, out: np.ndarray) -> None:
 
 
 def _sway_chest(posture: Posture, body: BodyModel, out: np.ndarray, time: np.ndarray, rng: np.random.Generator) -> None:
-    """Keeping one's balance, by the lower spine and the neck."""
+    """Keep the balance with the lower spine and the neck."""
     for joint in ("BottomSpine", "Neck"):
         wander = np.stack([0.05 * sway(time, (0.6, 1.1, 1.7), rng) for _ in range(3)], axis=-1)
         posture.poses[:, body.skeleton.angles(joint)] += out[:, None] * wander
 
 
 def _spread_arm(posture: Posture, side: str, out: np.ndarray, time: np.ndarray, rng: np.random.Generator) -> None:
-    """From where the arm is in the walk to the side, and back."""
+    """Move an arm from its place in the walk to the side, and back."""
     shoulder, elbow, wrist = (posture.place(side + joint) for joint in ("Shoulder", "Elbow", "Wrist"))
     outward = np.array([SIGN[side], 1.0, 1.0])
     wander = np.stack([0.02 * sway(time, (0.5, 0.9, 1.5), rng) for _ in range(3)], axis=-1)

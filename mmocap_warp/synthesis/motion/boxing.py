@@ -16,6 +16,7 @@ A stance is written for someone who leads with the left and mirrored for one who
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -95,6 +96,12 @@ class Round:
     steps: tuple[tuple[float, float, float], ...]
     slips: tuple[tuple[float, float], ...]
     pace: float = 1.0
+
+    def timed_punches(self) -> Iterator[tuple[float, Punch, float, float]]:
+        """When each punch begins, the punch, and how long its ways out and back take [s]."""
+        for begin, name in self.punches:
+            punch = PUNCHES[name]
+            yield begin, punch, punch.out / self.pace, punch.back / self.pace
 
 
 ROUNDS: dict[str, Round] = {
@@ -196,9 +203,7 @@ def boxing(body: BodyModel, frames: int, fps: float, script: Round, seed: int) -
 def _turns(script: Round, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The pelvis' and the chest's turn (frame, 2), and the rise of the rear heel (frame,), for a left lead [rad]."""
     turns, heel = Track(np.array([_PELVIS, _CHEST])), Track(np.array([_REAR_HEEL]))
-    for begin, name in script.punches:
-        punch = PUNCHES[name]
-        out, back = punch.out / script.pace, punch.back / script.pace
+    for begin, punch, out, back in script.timed_punches():
         turns.out_and_back(begin - _TRUNK_FIRST, out, _HOLD, back, (punch.pelvis, punch.chest))
         heel.out_and_back(begin - _TRUNK_FIRST, out, _HOLD, back, punch.heel)
     return turns.at(time), heel.at(time)[:, 0]
@@ -207,9 +212,8 @@ def _turns(script: Round, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _root(script: Round, time: np.ndarray, size: float, rng: np.random.Generator) -> np.ndarray:
     """The root's path for a left lead: to the lead's side, up, ahead."""
     root = Track(np.zeros(3))
-    for begin, name in script.punches:
-        punch = PUNCHES[name]
-        root.out_and_back(begin, punch.out / script.pace, _HOLD, punch.back / script.pace, (0.0, 0.0, punch.ahead))
+    for begin, punch, out, back in script.timed_punches():
+        root.out_and_back(begin, out, _HOLD, back, (0.0, 0.0, punch.ahead))
     for begin, aside, ahead in script.steps:
         root.move(begin, 2 * _STEP, (aside * size, 0.0, ahead * size))
     for begin, aside in script.slips:
@@ -251,11 +255,9 @@ def _foot(
 def _hand(hand: str, script: Round, time: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """The wrist from the neck in arm lengths, and where the elbow points, each (frame, 3), for a left lead."""
     wrist, elbow = Track(np.array(_GUARD[hand])), Track(np.array(_GUARD_ELBOW[hand]))
-    for begin, name in script.punches:
-        punch = PUNCHES[name]
+    for begin, punch, out, back in script.timed_punches():
         if punch.hand != hand:
             continue
-        out, back = punch.out / script.pace, punch.back / script.pace
         wrist.out_and_back(begin, out, _HOLD, back, np.subtract(punch.wrist, _GUARD[hand]))
         wrist.out_and_back(begin - 0.5 * out, 0.8 * out, 0.0, 0.7 * out, punch.via)
         elbow.out_and_back(begin - 0.6 * out, 1.5 * out, _HOLD, back, np.subtract(punch.elbow, _GUARD_ELBOW[hand]))

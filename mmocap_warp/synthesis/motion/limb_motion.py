@@ -222,7 +222,7 @@ class Arm:
         return self.frame.T @ transposed(chest) @ arm, flexion
 
     def within_reach(self, wrist: np.ndarray) -> np.ndarray:
-        """The wrist's places from the shoulder (frame, 3), drawn in smoothly where they are near the arm's length or beyond."""
+        """The wrist's places from the shoulder (frame, 3), drawn in smoothly near the arm's length and beyond."""
         share = np.linalg.norm(wrist, axis=-1, keepdims=True) / self.length
         bound = _FULL_REACH - _SOFT
         return wrist * np.where(share < bound, 1.0, (bound + _SOFT * np.tanh((share - bound) / _SOFT)) / share)

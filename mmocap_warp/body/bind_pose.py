@@ -81,5 +81,4 @@ def _mean_distance(body: BodyModel, weight: np.ndarray) -> np.ndarray:
     """(joint,) mean distance of the skin from each joint's centre by weights (vertex, joint); zero without weight."""
     distance = np.linalg.norm(body.skin.rest[:, None].astype(float) - body.joint_rest.astype(float), axis=2)
     total = weight.sum(axis=0)
-    mean: np.ndarray = (weight * distance).sum(axis=0) / np.where(total > 0, total, 1.0)
-    return mean
+    return (weight * distance).sum(axis=0) / np.where(total > 0, total, 1.0)

@@ -84,8 +84,7 @@ class BodyModel:
     @cached_property
     def own_vertex(self) -> np.ndarray:
         """(vertex,) bool, which of the full mesh's vertices are the body's own, not those of attached things."""
-        own: np.ndarray = ~self.skeleton.is_attached[self.skin.heaviest_joint]
-        return own
+        return ~self.skeleton.is_attached[self.skin.heaviest_joint]
 
     @cached_property
     def unscaled(self) -> tuple[np.ndarray, np.ndarray]:

@@ -239,15 +239,13 @@ class Skeleton:
     def searched_angles(self, model: int | None = None) -> np.ndarray:
         """The angles that a model searches, without the root's: (angle,) int32, ascending."""
         searched = self.searched(model)
-        angles: np.ndarray = searched[(searched >= ROOT_ANGLES.stop) & ~self.is_length[searched]]
-        return angles
+        return searched[(searched >= ROOT_ANGLES.stop) & ~self.is_length[searched]]
 
     def searched_shifts(self, model: int | None = None) -> np.ndarray:
         """The shifts of the body's own joints that a model searches: (shift,) int32, ascending."""
         searched = self.searched(model)
         joint = np.maximum((searched - TRANSLATION) // 3, 0)
-        shifts: np.ndarray = searched[self.slides[joint] & ~self.is_attached[joint]]
-        return shifts
+        return searched[self.slides[joint] & ~self.is_attached[joint]]
 
     def model_number(self, model: int | None = None) -> int:
         """The number of a model, the default one where omitted."""
@@ -256,8 +254,7 @@ class Skeleton:
     def _own(self, index: np.ndarray) -> np.ndarray:
         """(n,) bool: which coordinates ``index`` are the body's own."""
         attached = np.concatenate([np.zeros(TRANSLATION, bool), np.repeat(self.is_attached, 3)])
-        own: np.ndarray = ~attached[index]
-        return own
+        return ~attached[index]
 
     def searched_by_part(self, model: int | None = None) -> dict[str, np.ndarray]:
         """The coordinates that a model searches, by part and in order; parts without any are left out.

@@ -53,8 +53,7 @@ class Window:
     def covariances(self, pixels: np.ndarray) -> np.ndarray:
         """Covariances (n, 2, 2) of image points, in the drawing."""
         scale = np.divide(self.size, self.extent)
-        scaled: np.ndarray = pixels * np.outer(scale, scale)
-        return scaled
+        return pixels * np.outer(scale, scale)
 
     def picture(self, image: np.ndarray, image_size: tuple[int, int], interpolation: int) -> np.ndarray:
         """The part of an image, resized; the image may have another resolution than the camera's ``image_size``."""
@@ -118,8 +117,7 @@ def write_text(canvas: np.ndarray, text: str, corner: tuple[int, int], colour: C
 
 def fixed_point(values: np.ndarray) -> np.ndarray:
     """Coordinates [px] as OpenCV takes them, int32 with ``SUBPIXEL_BITS`` binary digits after the point."""
-    fixed: np.ndarray = np.rint(values * (1 << SUBPIXEL_BITS)).astype(np.int32)
-    return fixed
+    return np.rint(values * (1 << SUBPIXEL_BITS)).astype(np.int32)
 
 
 def _background(

@@ -39,8 +39,7 @@ def start_poses(body_file: Path, named: Iterable[str]) -> np.ndarray:
 def frames_of(motion: BodyMotion) -> np.ndarray:
     """(pose, coordinate) some of a motion's frames, evenly spread."""
     last = len(motion.pose) - 1
-    frames: np.ndarray = motion.pose[np.unique(np.linspace(0, last, _FRAMES).round().astype(int))]
-    return frames
+    return motion.pose[np.unique(np.linspace(0, last, _FRAMES).round().astype(int))]
 
 
 def read_pose(path: str | Path, skeleton: Skeleton) -> np.ndarray:

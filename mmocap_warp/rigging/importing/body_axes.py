@@ -70,5 +70,4 @@ def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
     """(..., 3, 3) the rotations nearest to some matrices, which may be scaled or mirrored."""
     u, _, vt = np.linalg.svd(matrix)
     u[..., :, 2] *= np.linalg.det(u @ vt)[..., None]
-    rotation: np.ndarray = u @ vt
-    return rotation
+    return u @ vt

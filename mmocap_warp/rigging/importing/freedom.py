@@ -140,8 +140,7 @@ def _plane_normal(points: np.ndarray, bent: float) -> np.ndarray | None:
     spread = np.append(spread, 0.0)[:3]
     if spread[1] < bent * spread[0] or spread[2] > _FLAT * spread[1]:
         return None
-    normal: np.ndarray = axes[2]
-    return normal
+    return axes[2]
 
 
 def _hinge(before: np.ndarray, at: np.ndarray, end: np.ndarray, normal: np.ndarray, last: bool) -> Freedom:

@@ -31,7 +31,7 @@ from mmocap_warp.formats.usd.usd_motions import define_motions, motions_of
 from mmocap_warp.formats.usd.usd_skeleton import define_freedom, is_rotation, joint_paths, read_skeleton
 from mmocap_warp.formats.usd.world import set_world_up
 
-_REMAKE = "write the body again with `mmocap body make`, or start from one that comes with the project"
+_REMAKE = "import the body again with `mmocap body import`, or start from one that comes with the project"
 _WEIGHT_SUM_TOLERANCE = 1e-3  # Files by other programs round their weights.
 
 

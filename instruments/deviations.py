@@ -37,8 +37,7 @@ from mmocap_warp.contour.clip.uncertainty import (
 from mmocap_warp.contour.frame.normal_equations import NormalEquations
 from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
 from mmocap_warp.fitting.clip_body import Followed, solve_body
-from mmocap_warp.rigging.deviation_factors import DeviationFactors, factors_toml
-from mmocap_warp.rigging.shipped import DEFAULT_BODY, load_body
+from mmocap_warp.rigging.shipped import DEFAULT_BODY, DeviationFactors, factors_toml, load_body
 from mmocap_warp.study.sequences import SEQUENCES, StudySequence
 from mmocap_warp.synthesis.exact_posing import ExactPoser
 from mmocap_warp.tracking.from_settings import make_fitter

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from mmocap_warp.calibration.sync.synchronise import Synchronisation
     from mmocap_warp.cameras.rig import CameraRig
     from mmocap_warp.commands.benchmarks import benchmark, write_benchmark_pages
-    from mmocap_warp.commands.bodies import export_body, import_body, learn_body, make_body, show_body
+    from mmocap_warp.commands.bodies import export_body, import_body, learn_body, show_body
     from mmocap_warp.commands.calibrate import (
         check_cameras,
         convert_cameras,
@@ -92,7 +92,6 @@ _HOMES = {
     "load_result": "formats.usd.usd_result:read_result",
     "load_scene": "scene.scene_toml:load_scene",
     "load_truth": "formats.truth_file:load_truth",
-    "make_body": "commands.bodies:make_body",
     "make_sequences": "commands.clips:make_sequences",
     "mask": "commands.mask:mask",
     "measure": "commands.measure:measure",
@@ -122,7 +121,7 @@ __all__ = [
     "Result", "Scene", "SolvedCameras", "Subject", "Synchronisation", "TrackConfig", "UnsolvableError",
     "UsageError", "__version__", "ablate", "benchmark", "check_cameras", "convert_cameras", "demo", "evaluate",
     "export", "export_body", "fit", "import_body", "import_humaneva", "init", "learn_body", "load_body",
-    "load_result", "load_scene", "load_truth", "make_body", "make_sequences", "mask", "measure", "minimize",
+    "load_result", "load_scene", "load_truth", "make_sequences", "mask", "measure", "minimize",
     "overlay", "refine_cameras", "report_study", "run_study", "show", "show_body", "show_cameras", "solve_cameras",
     "study_results", "sync", "synthesize", "track", "track_live", "validate_usd", "view", "write_benchmark_pages",
     "write_result",

@@ -19,7 +19,7 @@ from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.rigging.human import JOINTS
-from mmocap_warp.synthesis.footage.polygons import draw_silhouettes
+from mmocap_warp.synthesis.footage.faults import draw_silhouettes
 
 SIZE = (160, 120)
 CAMERAS = ("C1", "C2", "C3", "BW1", "BW2", "BW3", "BW4")

@@ -8,11 +8,11 @@ import json
 from pathlib import Path
 
 import numpy as np
+from make_body import _BONE, _LOCAL_TARGETS
+from makehuman import MacroSliders, macro_weights
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.rigging.human import JOINTS, PARENT
-from mmocap_warp.rigging.makehuman import MacroSliders, macro_weights
-from mmocap_warp.rigging.making import _BONE, _LOCAL_TARGETS
 
 UNITS_PER_METRE = 10.0
 FINGERS = "LeftHandIndex1"

@@ -38,7 +38,7 @@ class Recipe:
         shutil.copytree(
             ROOT / "mmocap_warp", self.folder / "mmocap_warp", ignore=shutil.ignore_patterns("__pycache__", *linked)
         )
-        for name in ("kernels", "tests"):
+        for name in ("kernels", "tests", "instruments"):
             shutil.copytree(ROOT / name, self.folder / name, ignore=only_code)
         shutil.copy(ROOT / "pyproject.toml", self.folder)
         (self.folder / "mmocap_warp" / "kernels").symlink_to(self.folder / "kernels")

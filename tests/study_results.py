@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 from synthetic import COORDINATES
 
-from mmocap_warp.result.over_time import growth
+from mmocap_warp.result.pose_errors import growth
 from mmocap_warp.study.cell import Cell, CellResult
 from mmocap_warp.study.paper import ALGORITHM_ORDER
 from mmocap_warp.tracking.presets import PRESETS

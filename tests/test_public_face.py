@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from synthetic import synthetic_result
+from walk_scene import walking
 
 import mmocap_warp as mm
 from mmocap_warp.formats.usd.usd_body import read_subject
 from mmocap_warp.scenes import ROOT
 from mmocap_warp.silhouettes import COSTS, RENDERERS
-from mmocap_warp.synthesis.walk import walking
 from mmocap_warp.tracking.algorithms import ALGORITHMS, CONTOUR_TRACKERS
 from mmocap_warp.tracking.presets import PRESETS
 

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from study_workers import DirectEngine
+from walk_scene import walking
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.formats.usd.usd_body import write_subject
@@ -16,7 +17,6 @@ from mmocap_warp.study.definition import load_study
 from mmocap_warp.study.engines.engine import Engine
 from mmocap_warp.study.run import Status, run_study
 from mmocap_warp.study.tasks import Task, plan_tasks
-from mmocap_warp.synthesis.walk import walking
 
 FRAMES = 3
 STUDY = """

@@ -36,7 +36,9 @@ def recording(frames: int):
     from mmocap_warp.body.posing import Poser
     from mmocap_warp.cameras.rig import CameraRig, project
     from mmocap_warp.cameras.silhouette import silhouette
-    from mmocap_warp.synthesis.walk import walking
+
+    sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "instruments"))
+    from walk_scene import walking
 
     walk = walking()
     angle = 2 * np.pi * np.arange(CAMERAS) / CAMERAS

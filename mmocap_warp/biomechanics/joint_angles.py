@@ -21,7 +21,7 @@ from mmocap_warp.body.rotations import transposed
 from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
 
 _LEAST_ELEVATION = 5.0
-"""Of an arm that hangs (or points up) as straight as this, the plane of elevation is not told [degrees]."""
+"""An arm that hangs, or points up, within this angle has no plane of elevation [degrees]."""
 
 _MIRROR = np.array([[1.0, 1.0, -1.0], [1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
 """A rotation times this, element by element, is the one that its mirror image across the xy plane makes."""
@@ -29,13 +29,13 @@ _MIRROR = np.array([[1.0, 1.0, -1.0], [1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
 
 @dataclass(frozen=True)
 class JointAngles:
-    """How the angles of a joint are told.
+    """How the angles of a joint are defined.
 
     Attributes:
         upper, lower: the segments that it joins, without their side.
         names: of the three angles.
         sign: of the first angle, from the right-handed rotation about the first axis; the others are as they are.
-        order: of the rotations that angles are told of, ``zxy`` or ``yxy``.
+        order: the order of the three rotations, ``zxy`` or ``yxy``.
     """
 
     upper: str
@@ -73,18 +73,18 @@ def joint_angles(body: BodyModel, transforms: np.ndarray) -> dict[str, dict[str,
         transforms: (frame, joint, 4, 4), of its joints in the world.
     """
     angles = {}
-    for joint, (upper, lower) in _measured(body):
+    for joint, (upper, lower) in _available_joints(body):
         definition = _PAIRED.get(joint[1:]) or _MIDDLE[joint]
         between = transposed(segment_axes(body, transforms, upper)) @ segment_axes(body, transforms, lower)
         if lower.startswith("L "):
             between = between * _MIRROR
-        first, second, third = map(_continuous, _DECOMPOSED[definition.order](between))
+        first, second, third = map(_unwrap_degrees, _ANGLES_BY_ORDER[definition.order](between))
         angles[joint] = dict(zip(definition.names, (definition.sign * first, second, third), strict=True))
     return angles
 
 
 def own_angles(skeleton: Skeleton, pose: np.ndarray, model: int | None = None) -> dict[str, dict[str, np.ndarray]]:
-    """Of each joint but the root the angles that a model searches, by axis of its frame: each (frame,) [degrees].
+    """The angles that a model searches of each joint but the root, by axis of its frame: each (frame,) [degrees].
 
     They count from the bind pose, in which a robot's joints are at zero, and go on over half a turn.
 
@@ -96,12 +96,12 @@ def own_angles(skeleton: Skeleton, pose: np.ndarray, model: int | None = None) -
     angles: dict[str, dict[str, np.ndarray]] = {}
     for number in skeleton.searched_angles(model):
         joint, axis = divmod(int(number) - TRANSLATION, 3)
-        angles.setdefault(skeleton.joints[joint], {})["xyz"[axis]] = _continuous(pose[:, number])
+        angles.setdefault(skeleton.joints[joint], {})["xyz"[axis]] = _unwrap_degrees(pose[:, number])
     return angles
 
 
 def own_shifts(skeleton: Skeleton, pose: np.ndarray, model: int | None = None) -> dict[str, dict[str, np.ndarray]]:
-    """Of each joint that slides how far, by axis of its frame: each (frame,) [m], from the bind pose.
+    """The shift of each joint that slides, by axis of its frame: each (frame,) [m], from the bind pose.
 
     Those that a model searches, as :func:`own_angles`.
     """
@@ -113,12 +113,12 @@ def own_shifts(skeleton: Skeleton, pose: np.ndarray, model: int | None = None) -
 
 
 def joints_left_out(body: BodyModel) -> list[str]:
-    """The joints of a person whose angles a body does not have; none of a body that has no such angles at all."""
-    has = {joint for joint, _ in _measured(body)}
-    return [joint for joint, _ in _defined() if joint not in has] if has else []
+    """The joints of a person whose angles a body lacks; none where it lacks all of them."""
+    has = {joint for joint, _ in _available_joints(body)}
+    return [joint for joint, _ in _all_joints() if joint not in has] if has else []
 
 
-def _defined() -> Iterator[tuple[str, tuple[str, str]]]:
+def _all_joints() -> Iterator[tuple[str, tuple[str, str]]]:
     """All joints, with the names of their two segments."""
     for joint, each in _MIDDLE.items():
         yield joint, (each.upper, each.lower)
@@ -128,8 +128,8 @@ def _defined() -> Iterator[tuple[str, tuple[str, str]]]:
             yield side + joint, (upper, f"{side} {each.lower}")
 
 
-def _measured(body: BodyModel) -> Iterator[tuple[str, tuple[str, str]]]:
-    for joint, names in _defined():
+def _available_joints(body: BodyModel) -> Iterator[tuple[str, tuple[str, str]]]:
+    for joint, names in _all_joints():
         if has_joints(body.skeleton, [needed for name in names for needed in SEGMENTS[name].joints]):
             yield joint, names
 
@@ -154,7 +154,7 @@ def _yxy(rotation: np.ndarray) -> np.ndarray:
     return np.stack([plane * known, np.arctan2(sine, r[1, 1]), turn * known])
 
 
-def _continuous(angle: np.ndarray) -> np.ndarray:
+def _unwrap_degrees(angle: np.ndarray) -> np.ndarray:
     """Angles (frame,) in degrees, each as near to the last known one as whole turns bring it."""
     degrees = np.degrees(angle)
     known = np.isfinite(degrees)
@@ -162,4 +162,4 @@ def _continuous(angle: np.ndarray) -> np.ndarray:
     return degrees
 
 
-_DECOMPOSED = {"zxy": _zxy, "yxy": _yxy}
+_ANGLES_BY_ORDER = {"zxy": _zxy, "yxy": _yxy}

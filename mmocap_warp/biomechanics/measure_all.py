@@ -5,18 +5,47 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from mmocap_warp.biomechanics.bone_lengths import Length, bone_lengths
-from mmocap_warp.biomechanics.centre_of_mass import Sex, centre_of_mass
-from mmocap_warp.biomechanics.contacts import Foot, feet_of, feet_on_floor
 from mmocap_warp.biomechanics.joint_angles import joint_angles, joints_left_out, own_angles, own_shifts
-from mmocap_warp.biomechanics.segments import skin_place
-from mmocap_warp.biomechanics.steps import Walking, walking
-from mmocap_warp.body.model import BodyModel
-from mmocap_warp.result.positions import joint_transforms
+from mmocap_warp.biomechanics.segments import Sex, centre_of_mass, skin_place
+from mmocap_warp.biomechanics.steps import Foot, Walking, feet_of, feet_on_floor, walking
+from mmocap_warp.body.model import BodyModel, Subject
+from mmocap_warp.body.posing import Poser
 from mmocap_warp.result.result import Result
+
+
+class Length(NamedTuple):
+    """The length of a bone [m]; its standard deviation is NaN where the body's fit does not give it."""
+
+    length: float
+    sigma: float
+
+
+def bone_lengths(subject: Subject) -> dict[str, Length]:
+    """From each joint's centre to that of the joint above it, named after both, such as ``LHip to LKnee``."""
+    skeleton, place = subject.body.skeleton, subject.body.joint_rest.astype(float)
+    sigma = _bone_sigmas(subject)
+    lengths = {}
+    for parent, number in skeleton.bones:
+        joint = skeleton.joints[number]
+        if joint not in skeleton.attached:
+            length = float(np.linalg.norm(place[number] - place[parent]))
+            lengths[f"{skeleton.joints[parent]} to {joint}"] = Length(length, sigma.get(joint, np.nan))
+    return lengths
+
+
+def _bone_sigmas(subject: Subject) -> dict[str, float]:
+    """Standard deviations by a bone's lower joint. A fit names both sides: ``body.bone.LKnee+RKnee.sigma``."""
+    start, end = "body.bone.", ".sigma"
+    return {
+        joint: float(value)
+        for name, value in subject.provenance.items()
+        if name.startswith(start) and name.endswith(end)
+        for joint in name.removeprefix(start).removesuffix(end).split("+")
+    }
 
 
 @dataclass(frozen=True)
@@ -77,7 +106,7 @@ class Measures:
 
     @cached_property
     def lengths(self) -> dict[str, Length]:
-        """Of the bones, from joint centre to joint centre, named after both."""
+        """Lengths of the bones from joint centre to joint centre, named after both."""
         return bone_lengths(self.result.subject)
 
 
@@ -99,20 +128,20 @@ def measure(result: Result, run: int | None = None, raw: bool = False, sex: Sex 
     if poses is None:
         raise ValueError("raw must be False for a track that was not smoothed")
     chosen = range(len(poses)) if run is None else [run]
-    measured = tuple(_of_run(result, poses[number], number, raw, sex) for number in chosen)
-    return Measures(result, raw, sex, measured, tuple(_left_out(result.subject.body, measured[0])))
+    measured = tuple(_measure_run(result, poses[number], number, raw, sex) for number in chosen)
+    return Measures(result, raw, sex, measured, tuple(_missing_measures(result.subject.body, measured[0])))
 
 
-def _left_out(body: BodyModel, measured: RunMeasures) -> list[str]:
+def _missing_measures(body: BodyModel, measured: RunMeasures) -> list[str]:
     """What a body has no joints for."""
     left_out = [f"angles of {joint}" for joint in joints_left_out(body)]
     left_out += [f"contacts of the {name} foot" for name in feet_of(body) if name not in measured.feet]
     return left_out + (["centre of mass"] if measured.centre_of_mass is None else [])
 
 
-def _of_run(result: Result, pose: np.ndarray, run: int, raw: bool, sex: Sex | None) -> RunMeasures:
+def _measure_run(result: Result, pose: np.ndarray, run: int, raw: bool, sex: Sex | None) -> RunMeasures:
     subject, body = result.subject, result.subject.body
-    transforms = joint_transforms(subject, pose)
+    transforms = Poser(body, subject.root_base).joint_transforms(pose)
     joints = transforms[:, :, :3, 3].astype(float)
     seconds, up = result.frame_numbers / result.fps, result.cameras.up_vector
     feet = feet_on_floor(subject, pose, seconds, up)
@@ -135,10 +164,10 @@ def _of_run(result: Result, pose: np.ndarray, run: int, raw: bool, sex: Sex | No
 
 
 def _rearmost(away: np.ndarray) -> np.ndarray:
-    """How far out a heel is on a foot."""
+    """How far to the rear skin is: the heel of a foot is furthest."""
     return -away[:, 2]
 
 
 def _lowest(away: np.ndarray) -> np.ndarray:
-    """The same of what strikes first of a paw or a shank without a foot."""
+    """How low skin is: of a paw or a shank without a foot, the lowest strikes first."""
     return -away[:, 1]

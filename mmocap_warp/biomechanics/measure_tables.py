@@ -1,4 +1,4 @@
-"""Measures as tables: of every frame, of every heel strike and toe off, of every bone; and as CSV files."""
+"""Measures as CSV files of every frame, heel strike, toe off and bone, and as a report of all frames together."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import csv
 import io
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -41,12 +42,12 @@ def _cells(row: Row) -> list[str]:
 
 
 def tables(measures: Measures) -> dict[str, tuple[list[str], list[Row]]]:
-    """Head and rows of each table, by name; one of which nothing is known has no rows."""
+    """Head and rows of each table, by name; a table without known values has no rows."""
     lengths: list[Row] = [(bone, *length) for bone, length in measures.lengths.items()]
     events = [row for run in measures.runs for row in _events(measures, run)]
     return {
         "lengths": (["bone", "length_m", "sigma_m"], lengths),
-        **{name: _of_frames(measures, columns) for name, columns in _COLUMNS.items()},
+        **{name: _frame_table(measures, columns) for name, columns in _COLUMNS.items()},
         "events": (["run", "foot", "event", "frame", "seconds", *_OF_STRIKES], events),
     }
 
@@ -55,7 +56,7 @@ Columns = dict[str, np.ndarray]
 """(frame,) each, by name."""
 
 
-def _of_frames(
+def _frame_table(
     measures: Measures, columns_of: Callable[[Measures, RunMeasures], Columns]
 ) -> tuple[list[str], list[Row]]:
     head: list[str] = []
@@ -127,3 +128,57 @@ def _events(measures: Measures, run: RunMeasures) -> Iterator[Row]:
         found = steps.get((side, frame), unknown[:2]) + strides.get((side, frame), unknown[2:])
         moment = int(measures.result.frame_numbers[frame]), float(measures.seconds[frame])
         yield run.run, side, event, *moment, *(found if event == "heel strike" else unknown)
+
+
+def report(measures: Measures) -> dict[str, Any]:
+    """What ``mmocap measure --json`` prints; a value that is not known is NaN or None."""
+    result = measures.result
+    return {
+        "frames": len(result.frame_numbers),
+        "fps": result.fps,
+        "track": "raw" if measures.raw else "as tracked" if result.raw_pose is None else "smoothed",
+        "shown_run": measures.shown.run,
+        "shares_of_mass": measures.sex or "mean of female and male",
+        "left_out": list(measures.left_out),
+        "lengths_mm": {
+            bone: {"length": 1000 * length, "sigma": 1000 * sigma} for bone, (length, sigma) in measures.lengths.items()
+        },
+        "per_run": [_summary(measures, run) for run in measures.runs],
+    }
+
+
+def _summary(measures: Measures, run: RunMeasures) -> dict[str, Any]:
+    numbers, gait = measures.result.frame_numbers, run.walking
+    up, centre = measures.result.cameras.up_vector, run.centre_of_mass
+
+    def mean_by_side(values: list[tuple[str, float]]) -> dict[str, float]:
+        return {side: _spread([value for foot, value in values if foot == side])["mean"] for side in run.feet}
+
+    return {
+        "run": run.run,
+        "angles_deg": {
+            joint: {name: _spread(angle) for name, angle in angles.items()} for joint, angles in run.angles.items()
+        },
+        **({"shifts_mm": _shift_spreads(run)} if run.shifts else {}),
+        "on_floor_share": {side: float(foot.on_floor.mean()) for side, foot in run.feet.items()},
+        "strike_frames": {side: numbers[foot.strikes].tolist() for side, foot in run.feet.items()},
+        "off_frames": {side: numbers[foot.offs].tolist() for side, foot in run.feet.items()},
+        "cadence_per_minute": gait.cadence,
+        "step_length_m": mean_by_side([(step.side, step.length) for step in gait.steps]),
+        "stride_length_m": mean_by_side([(stride.side, stride.length) for stride in gait.strides]),
+        "stance_share": mean_by_side([(stride.side, stride.stance_share) for stride in gait.strides]),
+        "centre_of_mass_height_m": None if centre is None else _spread(centre @ up),
+    }
+
+
+def _shift_spreads(run: RunMeasures) -> dict[str, Any]:
+    return {joint: {axis: _spread(1000 * shift) for axis, shift in own.items()} for joint, own in run.shifts.items()}
+
+
+def _spread(values: np.ndarray | list[float]) -> dict[str, float]:
+    """Least, mean and greatest of the values that are known."""
+    known = np.asarray(values, float)
+    known = known[np.isfinite(known)]
+    if not len(known):
+        return {"min": np.nan, "mean": np.nan, "max": np.nan}
+    return {"min": float(known.min()), "mean": float(known.mean()), "max": float(known.max())}

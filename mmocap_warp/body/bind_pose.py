@@ -1,7 +1,7 @@
 """How bind poses differ from person to person: one's arms hang a little lower than another's.
 
 An angle counts from the bind pose. A part that is turned in it looks like the same part with another angle: no outline
-tells them apart, and nothing can be solved for. By about how much parts are turned is known.
+tells them apart, and the turn cannot be solved for. Its usual size is known.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ import numpy as np
 from mmocap_warp.body.mirroring import mirrored_joints, mirrored_weights
 from mmocap_warp.body.model import BodyModel
 
-_TURN = 0.022  # how far a part that is as thick as long is turned about each axis [rad]
-_ON_PLANE = 0.02  # how far from the plane of symmetry a joint in it may be, as a share of the skeleton's extent
+_TURN = 0.022  # standard deviation of the turn, about each axis, of a part that is as thick as long [rad]
+_ON_PLANE = 0.02  # a joint this near to the plane of symmetry lies in it, as a share of the skeleton's extent
 _REFLECTED = np.array([1.0, -1.0, -1.0])  # what a turn's axis becomes in the mirror
 
 
@@ -33,7 +33,7 @@ class BindPoseTurns(NamedTuple):
 
 
 def bind_pose_turns(body: BodyModel) -> BindPoseTurns:
-    """How parts may be turned about the body's axes at their joints, with all that hangs on them.
+    """How parts, with all that hangs on them, may be turned at their joints about the body's axes.
 
     The centre of a joint in a thick limb may lie anywhere in it, and a bone is the line between two centres: so a part
     turns in proportion to how thick it is for its length. Where no skin bends (:func:`thickness`) nothing is turned.
@@ -44,13 +44,15 @@ def bind_pose_turns(body: BodyModel) -> BindPoseTurns:
     groups = list(mirrored_joints(body).values())
     symmetric = any(len(group) > 1 for group in groups)
     near = _ON_PLANE * np.ptp(place, axis=0).max()
+    # Each group of joints that mirror each other turns about each of the body's axes.
     sigma, turned, moved = [], [], []
     for group in groups:
         first = group[0]
         if not thick[first]:
             continue
         in_plane = symmetric and len(group) == 1 and abs(place[first, 0] - place[0, 0]) <= near
-        for axis in np.eye(3)[: 1 if in_plane else 3]:  # what is its own mirror image turns about the axis across alone
+        # A part that is its own mirror image turns about the axis across alone.
+        for axis in np.eye(3)[: 1 if in_plane else 3]:
             skin, centre = np.zeros_like(rest), np.zeros_like(place)
             for joint, about in zip(group, (axis, axis * _REFLECTED), strict=False):
                 follows = weight[:, below[joint]].sum(axis=1)
@@ -76,8 +78,7 @@ def thickness(body: BodyModel) -> np.ndarray:
 
 
 def _mean_distance(body: BodyModel, weight: np.ndarray) -> np.ndarray:
-    """(joint,) from each joint's centre, of skin that counts with a weight (vertex, joint); zero where none does."""
+    """(joint,) mean distance of the skin from each joint's centre by weights (vertex, joint); zero without weight."""
     distance = np.linalg.norm(body.skin.rest[:, None].astype(float) - body.joint_rest.astype(float), axis=2)
     total = weight.sum(axis=0)
-    mean: np.ndarray = (weight * distance).sum(axis=0) / np.where(total > 0, total, 1.0)
-    return mean
+    return (weight * distance).sum(axis=0) / np.where(total > 0, total, 1.0)

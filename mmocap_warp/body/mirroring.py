@@ -13,7 +13,7 @@ _MIRROR = np.array([-1.0, 1.0, 1.0])
 
 
 def mirrored_joints(body: BodyModel) -> dict[str, tuple[int, ...]]:
-    """The body's joints by number, those that mirror each other together; each stands in one group.
+    """The body's joints by number in groups: joints that mirror each other, or a joint alone.
 
     Joints mirror each other if the skeleton's pairs say so, or if their names differ in a prefix or suffix of the side
     (``L`` and ``R``, ``left`` and ``right``) and their rest places are mirrored. A group is named after its joints,

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
 from mmocap_warp.body.skeleton import Skeleton
+from mmocap_warp.errors import InputError
 
-_PERSON = 1.2  # [m], what is as large as a person
+_PERSON = 1.2  # extent of a body that counts as large as a person [m]
 
 
 @dataclass(frozen=True)
@@ -86,12 +89,11 @@ class BodyModel:
     @cached_property
     def own_vertex(self) -> np.ndarray:
         """(vertex,) bool, which of the full mesh's vertices are the body's own, not those of attached things."""
-        own: np.ndarray = ~self.skeleton.is_attached[self.skin.heaviest_joint]
-        return own
+        return ~self.skeleton.is_attached[self.skin.heaviest_joint]
 
     @cached_property
     def unscaled(self) -> tuple[np.ndarray, np.ndarray]:
-        """(vertex, 3) and (joint, 3) float32, of each place in the bind pose what does not grow with the body [m].
+        """(vertex, 3) and (joint, 3) float32, the part of each bind place that does not grow with the body [m].
 
         Attached things have the size that they have: their skin and joints keep their way from the joint that carries
         them. It is zero for all else.
@@ -103,7 +105,7 @@ class BodyModel:
 
     @cached_property
     def relative_size(self) -> float:
-        """Its largest extent over a person's, at most 1: what lengths that hold for people are multiplied by."""
+        """Its largest extent over a person's, at most 1: a factor for lengths that hold for people."""
         return min(1.0, float(np.ptp(self.skin.rest[self.own_vertex], axis=0).max()) / _PERSON)
 
     @property
@@ -162,3 +164,44 @@ class Subject:
         known = "" if size is None else f", {float(size):.2f} m {adjective}"
         place = ", ".join(f"{value:.2f}" for value in self.pose[:3])
         return f"Subject {self.body.name}{known}, starts at ({place}) m"
+
+
+def bind_transforms(body: BodyModel) -> np.ndarray:
+    """(joint, 4, 4) float64: body space from joint in the bind pose, for column vectors."""
+    bind = np.tile(np.eye(4), (len(body.joint_rest), 1, 1))
+    bind[:, :3, :3] = body.skeleton.frame
+    bind[:, :3, 3] = body.joint_rest
+    return bind
+
+
+def rest_transforms(body: BodyModel) -> np.ndarray:
+    """(joint, 4, 4) float64: parent from joint in the bind pose; the root's is body space from root."""
+    bind = bind_transforms(body)
+    return np.stack(
+        [m if p < 0 else np.linalg.inv(bind[p]) @ m for m, p in zip(bind, body.skeleton.parent, strict=True)]
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class BodyMotion:
+    """Poses of a body at even times, in the body's own space: its root's base is the identity.
+
+    Attributes:
+        fps: frames per second.
+        pose: (frame, coordinate) float64 [m, rad].
+    """
+
+    fps: float
+    pose: np.ndarray
+
+
+def motion_named(name: str, motions: Mapping[str, BodyMotion], body_file: Path) -> BodyMotion:
+    """One of the motions that came with the body of a file.
+
+    Raises:
+        InputError: none has that name.
+    """
+    if name not in motions:
+        known = f"name one of {', '.join(motions)}" if motions else "it came without any: give a file instead"
+        raise InputError(body_file, f"has no motion '{name}'", known)
+    return motions[name]

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
+
 import numpy as np
 import warp as wp
 
-from mmocap_warp.body.model import BodyModel, SkinMesh
+from mmocap_warp.body.model import BodyModel, SkinMesh, Subject
 from mmocap_warp.kernels.body.kinematics import Affine, Body, Joints, pose_joints
 from mmocap_warp.kernels.body.skinning import skin
 from mmocap_warp.kernels.structs import filled
+
+POSES_AT_ONCE = 4096  # poses whose joints are computed together; each takes 1.4 KB
+_VERTICES_AT_ONCE = 1 << 20  # vertices that are posed together; they take 12 MB
 
 
 class BodyArrays:
@@ -46,7 +52,7 @@ class BodyArrays:
 
 
 class JointArrays:
-    """Where the joints of candidates are written to as Warp arrays, and the ``struct`` of them that kernels take."""
+    """Warp arrays to which the joints of candidates are written, and the ``struct`` of them that kernels take."""
 
     def __init__(self, candidates: int, joints: int, device: str) -> None:
         self.transform = wp.zeros((candidates, joints), dtype=Affine, device=device)
@@ -75,9 +81,10 @@ class Poser:
 
     def joint_transforms(self, pose: np.ndarray) -> np.ndarray:
         """World transforms of the joints for poses (n, coordinate): (n, joint, 4, 4) float32, for column vectors."""
-        transforms = self._pose(pose).transform.numpy()
-        square = np.zeros((*transforms.shape[:2], 4, 4), np.float32)
-        square[..., :3, :] = transforms
+        poses = np.atleast_2d(np.asarray(pose, np.float32))
+        square = np.zeros((len(poses), len(self._full.parent), 4, 4), np.float32)
+        for block in blocks(len(poses), POSES_AT_ONCE):
+            square[block, :, :3] = self._pose(poses[block]).transform.numpy()
         square[..., 3, 3] = 1.0
         return square
 
@@ -100,3 +107,29 @@ class Poser:
         joints = JointArrays(len(poses), len(self._full.parent), self._device)
         pose_joints(self._full.struct, wp.array(poses, dtype=wp.float32, device=self._device), joints.struct)
         return joints
+
+
+def joint_positions(subject: Subject, pose: np.ndarray) -> np.ndarray:
+    """Joint centres in the world for full poses (n, coordinate): (n, joint, 3) float64 [m]."""
+    poser = Poser(subject.body, subject.root_base)
+    centres = np.empty((len(pose), len(subject.body.joint_rest), 3))
+    for block in blocks(len(pose), POSES_AT_ONCE):
+        centres[block] = poser.joint_transforms(pose[block])[:, :, :3, 3]
+    return centres
+
+
+def skin_positions(subject: Subject, pose: np.ndarray, vertex: np.ndarray) -> np.ndarray:
+    """Some of the skin's vertices (m,) int in the world for full poses (n, coordinate): (n, m, 3) float32 [m]."""
+    skin = subject.body.skin
+    some = SkinMesh(skin.rest[vertex], skin.face[:0], skin.joint[vertex], skin.weight[vertex])
+    poser = Poser(replace(subject.body, skin=some), subject.root_base)
+    positions = np.empty((len(pose), len(vertex), 3), np.float32)
+    for block in blocks(len(pose), max(_VERTICES_AT_ONCE // max(len(vertex), 1), 1)):
+        positions[block] = poser.vertices(pose[block])
+    return positions
+
+
+def blocks(count: int, size: int) -> Iterator[slice]:
+    """Slices of at most ``size`` that cover ``count`` things."""
+    for start in range(0, count, size):
+        yield slice(start, min(start + size, count))

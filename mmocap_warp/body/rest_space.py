@@ -14,11 +14,11 @@ from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.shape_space import paired_targets
 
 _SLIDER_SIGMA = 0.5
-_BONE_SIGMA = 0.02  # [m]
-_GIRTH_SIGMA = 0.01  # [m]
+_BONE_SIGMA = 0.02  # prior standard deviation of a bone's length [m]
+_GIRTH_SIGMA = 0.01  # prior standard deviation of how far the skin lies out [m]
 _LOG_SCALE_SIGMA = 0.3
-_SAME = 0.9  # least squared cosine between the displacements of parameters of which one is enough
-_SKIN_SIGMA = 1e-3  # [m], how closely `nearest` follows each vertex before it gives way to the prior
+_MIN_COSINE = 0.9  # squared; a slider whose displacement is as near as this to another's is left out
+_SKIN_SIGMA = 1e-3  # standard deviation of a vertex in `nearest` [m]: small against the prior's
 
 
 class _Column(NamedTuple):
@@ -107,11 +107,11 @@ class RestSpace:
         if vertex is not None:
             skin, rest, by_vertex = skin[:, vertex], rest[vertex], by_vertex[vertex]
         return (
-            self._combined(beta, rest, skin, by_vertex),
-            self._combined(beta, self.body.joint_rest, self._joint, by_joint),
+            self._combine(beta, rest, skin, by_vertex),
+            self._combine(beta, self.body.joint_rest, self._joint, by_joint),
         )
 
-    def _combined(self, beta: np.ndarray, rest: np.ndarray, column: np.ndarray, unscaled: np.ndarray) -> np.ndarray:
+    def _combine(self, beta: np.ndarray, rest: np.ndarray, column: np.ndarray, unscaled: np.ndarray) -> np.ndarray:
         scale = np.exp(beta[-1])
         grown = scale * (rest.astype(np.float64) + np.tensordot(beta[:-1], column, 1))
         return grown + (1 - scale) * unscaled if self.body.skeleton.attached else grown
@@ -186,7 +186,7 @@ def _sliders(body: BodyModel) -> Iterator[_Column]:
         if negative is not None:
             skin, centre = (skin - vertex[number[negative]]) / 2, (centre - joint[number[negative]]) / 2
         moved = skin - centre[0]
-        if any(np.vdot(moved, one) ** 2 > _SAME * np.vdot(moved, moved) * np.vdot(one, one) for one in known):
+        if any(np.vdot(moved, one) ** 2 > _MIN_COSINE * np.vdot(moved, moved) * np.vdot(one, one) for one in known):
             continue
         known.append(moved)
         yield _Column(name, _SLIDER_SIGMA, skin, centre)

@@ -8,6 +8,11 @@ _PSI = 1.533751168755204288118041  # the real root of psi^4 = psi + 4
 _PLANE = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}
 
 
+def axis_vector(axis: str) -> np.ndarray:
+    """(3,) unit vector of a signed axis, such as ``-x``."""
+    return np.eye(3)["xyz".index(axis[1])] * (1.0 if axis[0] == "+" else -1.0)
+
+
 def turn(axis: str, angle: np.ndarray | float) -> np.ndarray:
     """(..., 3, 3) rotations about one axis by angles (...) [rad]."""
     a, b = _PLANE[axis]
@@ -64,7 +69,7 @@ def applied(rotation: np.ndarray, vector: np.ndarray) -> np.ndarray:
 
 
 def continuous_zyx_angles(rotation: np.ndarray, limits: np.ndarray) -> np.ndarray:
-    """(frame, 3) angles Rx, Ry, Rz [rad] of rotations (frame, 3, 3), each frame's as near as can be to the last's.
+    """(frame, 3) angles Rx, Ry, Rz [rad] of rotations (frame, 3, 3), each frame's as near to the last's as possible.
 
     A rotation has two such triples, and each angle may have whole turns added: of those within ``limits`` (3, 2)
     the nearest is taken, in the first frame to zero; where none is within, the nearest of all.
@@ -83,7 +88,7 @@ def continuous_zyx_angles(rotation: np.ndarray, limits: np.ndarray) -> np.ndarra
 
 
 def near_zyx_angles(rotation: np.ndarray, near: np.ndarray) -> np.ndarray:
-    """(..., 3) angles Rx, Ry, Rz [rad] of rotations (..., 3, 3): of those that turn alike the nearest to ``near``.
+    """(..., 3) angles Rx, Ry, Rz [rad] of rotations (..., 3, 3): of each one's triples the nearest to ``near``.
 
     They are right everywhere: where Ry is 90 degrees, and only the sum or difference of the others is known, Rx is
     what rounding makes of it, and Rz follows from it.

@@ -8,16 +8,12 @@ from functools import cached_property
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel, Subject
-
-_AXIS = {"x": 0, "y": 1, "z": 2}
+from mmocap_warp.body.rotations import axis_vector
 
 
 def upright_base(up: str) -> np.ndarray:
     """(3, 3) rotation, world from body axes, that stands a body up along ``up`` (such as ``+z``), heading anywhere."""
-    axis = _AXIS[up[1]]
-    sign = 1.0 if up[0] == "+" else -1.0
-    y = sign * np.eye(3)[axis]
-    z = np.eye(3)[(axis + 1) % 3]
+    y, z = axis_vector(up), np.eye(3)[("xyz".index(up[1]) + 1) % 3]
     return np.stack([np.cross(y, z), y, z], axis=1)
 
 

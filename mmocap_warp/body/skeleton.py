@@ -18,7 +18,7 @@ Pair = tuple[str, str, str]
 
 
 def coordinate_names(joints: tuple[str, ...], sliding: tuple[str, ...] = ()) -> tuple[str, ...]:
-    """Of a pose: ``Tx``, ``Ty``, ``Tz``, then ``<joint>.Rx`` and so on; of a sliding joint ``<joint>.Tx``."""
+    """Names of a pose's values: ``Tx``, ``Ty``, ``Tz``, then ``<joint>.Rx`` ..., or ``<joint>.Tx`` ... if it slides."""
     own = (f"{joint}.{'T' if joint in sliding else 'R'}{axis}" for joint in joints for axis in "xyz")
     return ("Tx", "Ty", "Tz", *own)
 
@@ -148,7 +148,7 @@ class Skeleton:
 
     @cached_property
     def carrier(self) -> np.ndarray:
-        """(joint,) int, the joint of the body on which each attached one hangs; of the body's own it is the joint."""
+        """(joint,) int, the body's joint on which each attached joint hangs; of the body's own joints, itself."""
         carrier: list[int] = []
         for joint, parent in enumerate(self.parent):
             carrier.append(carrier[parent] if self.is_attached[joint] else joint)
@@ -162,7 +162,7 @@ class Skeleton:
 
     @cached_property
     def bones(self) -> tuple[tuple[int, int], ...]:
-        """A joint and one that hangs on it, by their numbers, for each of a fixed length: sliding ones have none."""
+        """Bones of a fixed length, as the numbers of the upper and the lower joint; sliding joints have none."""
         pairs = zip(self.parent, range(len(self.parent)), self.slides, strict=True)
         return tuple((parent, joint) for parent, joint, slides in pairs if parent >= 0 and not slides)
 
@@ -183,8 +183,8 @@ class Skeleton:
         return below
 
     @cached_property
-    def judged(self) -> dict[str, tuple[str, ...]]:
-        """Groups of joints that errors are taken over: the pairs, or each joint on its own where there are none.
+    def evaluation_groups(self) -> dict[str, tuple[str, ...]]:
+        """Groups of joints whose errors are evaluated: the pairs, or each joint alone where there are no pairs.
 
         Of a person these are the joints that every source of truth defines alike. Attached joints are none of them.
         """
@@ -193,9 +193,11 @@ class Skeleton:
 
     @cached_property
     def ends(self) -> tuple[str, ...]:
-        """Judged joints that no other joint of the body hangs on, such as wrists and ankles."""
+        """Evaluated joints that no other joint of the body hangs on, such as wrists and ankles."""
         above = {parent for joint, parent in enumerate(self.parent) if not self.is_attached[joint]}
-        return tuple(name for group in self.judged.values() for name in group if self.joints.index(name) not in above)
+        return tuple(
+            name for group in self.evaluation_groups.values() for name in group if self.joints.index(name) not in above
+        )
 
     def index(self, joint: str) -> int:
         """Number of a joint.
@@ -235,17 +237,15 @@ class Skeleton:
         return self.models[model]
 
     def searched_angles(self, model: int | None = None) -> np.ndarray:
-        """Of what a model searches, the angles of joints but the root's, (angle,) int32, ascending."""
+        """The angles that a model searches, without the root's: (angle,) int32, ascending."""
         searched = self.searched(model)
-        angles: np.ndarray = searched[(searched >= ROOT_ANGLES.stop) & ~self.is_length[searched]]
-        return angles
+        return searched[(searched >= ROOT_ANGLES.stop) & ~self.is_length[searched]]
 
     def searched_shifts(self, model: int | None = None) -> np.ndarray:
-        """Of what a model searches, the shifts of the body's own joints that slide, (shift,) int32, ascending."""
+        """The shifts of the body's own joints that a model searches: (shift,) int32, ascending."""
         searched = self.searched(model)
         joint = np.maximum((searched - TRANSLATION) // 3, 0)
-        shifts: np.ndarray = searched[self.slides[joint] & ~self.is_attached[joint]]
-        return shifts
+        return searched[self.slides[joint] & ~self.is_attached[joint]]
 
     def model_number(self, model: int | None = None) -> int:
         """The number of a model, the default one where omitted."""
@@ -254,11 +254,10 @@ class Skeleton:
     def _own(self, index: np.ndarray) -> np.ndarray:
         """(n,) bool: which coordinates ``index`` are the body's own."""
         attached = np.concatenate([np.zeros(TRANSLATION, bool), np.repeat(self.is_attached, 3)])
-        own: np.ndarray = ~attached[index]
-        return own
+        return ~attached[index]
 
     def searched_by_part(self, model: int | None = None) -> dict[str, np.ndarray]:
-        """Of what a model searches, what each part does, by name and in order; parts of which it searches nothing miss.
+        """The coordinates that a model searches, by part and in order; parts without any are left out.
 
         Raises:
             ValueError: no such model.

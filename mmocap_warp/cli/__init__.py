@@ -92,7 +92,7 @@ _COMMANDS = (  # a command's help is here and not in its docstring, so that the 
     ("export", "result_commands:export", "Write a result's animation alone, for other programs."),
     ("validate", "scene_commands:validate", _VALIDATE),
     ("measure", "measure_command:measure", _MEASURE),
-    ("body", "body_command:app", "Bodies: import, draw, export or make one, or learn its limits."),
+    ("body", "body_command:app", "Bodies: import, draw or export one, or learn its limits."),
     ("synth", "scene_commands:synth", "Write a made-up scene of a body in motion, with its truth."),
     ("study", "study_command:app", "Compare trackers: run a grid of them, and report on it."),
     ("bench", "bench_command:app", _BENCH),

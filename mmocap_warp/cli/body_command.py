@@ -1,4 +1,4 @@
-"""``mmocap body``: bodies from MakeHuman's data, and of other programs' characters and robots."""
+"""``mmocap body``: bodies of other programs' characters and robots, and what is done with bodies."""
 
 from __future__ import annotations
 
@@ -18,40 +18,7 @@ if TYPE_CHECKING:
 
 _Axis = Annotated[Literal["+x", "-x", "+y", "-y", "+z", "-z"] | None, Parameter(show_choices=False)]
 
-app = App(name="body", help="Make a body, import another program's, learn its limits, or draw it.", version_flags=[])
-
-
-@app.command
-@documented_by("bodies:make_body")
-def make(
-    *,
-    output: Annotated[Path, Output],
-    data: Path,
-    gender: float,
-    age: float,
-    height: float,
-    weight: float = 0.5,
-    muscle: float = 0.5,
-    proportions: float = 0.5,
-    name: str | None = None,
-    force: Switch = False,
-    console: Console | None = None,
-) -> None:
-    from mmocap_warp.commands.bodies import make_body
-
-    build = {"gender": gender, "age": age, "height": height, "weight": weight, "muscle": muscle}
-    body = make_body(output, data, **build, proportions=proportions, name=name, force=force).body
-    values = {
-        "body": body.name,
-        "file": output,
-        "vertices": len(body.skin.rest),
-        "tracking_triangles": len(body.tracking_face),
-        "shape_targets": body.shape_names,
-        "markers": body.marker_names,
-    }
-    triangles, targets = values["tracking_triangles"], len(body.shape_names)
-    text = f"{output}: {values['vertices']} vertices, {triangles} tracking triangles, {targets} shape targets"
-    (console or Console()).result(values, text)
+app = App(name="body", help="Import another program's body, export, draw it, or learn its limits.", version_flags=[])
 
 
 @app.command(name="import", help="Write a body of a rigged character or a robot.")

@@ -22,7 +22,7 @@ def measure(
     force: Switch = False,
     console: Console | None = None,
 ) -> None:
-    from mmocap_warp.biomechanics.measure_report import report
+    from mmocap_warp.biomechanics.measure_tables import report
     from mmocap_warp.commands.measure import measure
 
     console = console or Console()

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mmocap_warp.body.body_motion import BodyMotion, motion_named
-from mmocap_warp.body.model import BodyModel
+from mmocap_warp.body.model import BodyModel, BodyMotion, motion_named
 from mmocap_warp.body.skeleton import Skeleton
 from mmocap_warp.commands.inputs import result_from
 from mmocap_warp.commands.outputs import new_file, releases_locks
@@ -25,12 +24,11 @@ from mmocap_warp.formats.rigged.usd_skel import read_usd_skel
 from mmocap_warp.formats.usd.usd_body import read_body, read_motions, write_body
 from mmocap_warp.formats.usd.usd_file import USD_SUFFIXES
 from mmocap_warp.result.result import STATUS, Result
-from mmocap_warp.rigging import making
 from mmocap_warp.rigging.importing.body_axes import body_from_file
 from mmocap_warp.rigging.importing.imported import Imported, imported
 from mmocap_warp.rigging.importing.joints_file import read_joints_file, write_joints_file
-from mmocap_warp.rigging.learning import learnt
 from mmocap_warp.rigging.shipped import body_file
+from mmocap_warp.rigging.start_poses import learnt
 
 
 @dataclass(frozen=True, repr=False)
@@ -62,46 +60,6 @@ class LearntBody(BodyFile):
 
     before: Skeleton = field(kw_only=True)
     frames: int = field(kw_only=True)
-
-
-@releases_locks
-def make_body(
-    output: str | Path,
-    data: str | Path,
-    *,
-    gender: float,
-    age: float,
-    height: float,
-    weight: float = 0.5,
-    muscle: float = 0.5,
-    proportions: float = 0.5,
-    name: str | None = None,
-    force: bool = False,
-) -> BodyFile:
-    """Write a body of the given build as USD.
-
-    Args:
-        output: the body's file: .usdc, .usda or .usd.
-        data: MakeHuman's data folder as MPFB2 ships it; docs/bodies.md says where to get it.
-        gender: 0 woman to 1 man.
-        age: years, 1 to 90.
-        height: of the standing body, in metres.
-        weight: 0 thin, 0.5 average, 1 heavy, for the height.
-        muscle: 0 slack, 0.5 average, 1 muscular.
-        proportions: 0 uncommon, 0.5 average, 1 ideal.
-        name: the body's name. [default: the file's name without ending]
-        force: replace a file that exists.
-
-    Raises:
-        UsageError: a build that cannot be.
-        InputError: data that are missing.
-    """
-    file = new_file(output, *USD_SUFFIXES, force=force)
-    build = {"gender": gender, "age": age, "height": height, "weight": weight, "muscle": muscle}
-    with arguments_checked():
-        body = making.make_body(data, name or file.stem, **build, proportions=proportions)
-    write_body(file, body)
-    return BodyFile(body, file)
 
 
 @releases_locks

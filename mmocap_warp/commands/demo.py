@@ -13,7 +13,7 @@ from mmocap_warp.commands.outputs import new_folder, releases_locks
 from mmocap_warp.commands.reporter import Reporter
 from mmocap_warp.commands.show import draw_result
 from mmocap_warp.commands.track import track
-from mmocap_warp.display.plot import plot_report
+from mmocap_warp.display.result_plots import plot_report
 from mmocap_warp.errors import UsageError
 from mmocap_warp.formats.usd.usd_body import read_body, read_motions
 from mmocap_warp.result.evaluation import evaluate

@@ -12,9 +12,8 @@ from mmocap_warp.commands.settings import arguments_checked, start_warp
 from mmocap_warp.errors import UsageError
 from mmocap_warp.formats import table
 from mmocap_warp.formats.exports.rigs import with_rig
-from mmocap_warp.result.excerpt import at_rate, before_smoothing, of_run
+from mmocap_warp.result.excerpt import at_rate, before_smoothing, of_run, stood_up
 from mmocap_warp.result.result import Result
-from mmocap_warp.result.turning import stood_up
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from mmocap_warp.body.body_motion import motion_named
+from mmocap_warp.body.model import motion_named
 from mmocap_warp.commands.outputs import new_file, new_folder, releases_locks
 from mmocap_warp.commands.reporter import Reporter
 from mmocap_warp.errors import InputError, UsageError

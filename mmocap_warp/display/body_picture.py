@@ -10,19 +10,11 @@ import numpy as np
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import turn
 from mmocap_warp.body.skeleton import TRANSLATION
-from mmocap_warp.display.overlay import (
-    INK,
-    LEFT_COLOUR,
-    MIDDLE_COLOUR,
-    PAPER,
-    RIGHT_COLOUR,
-    Colour,
-    write_text,
-)
+from mmocap_warp.display.overlay import COLOUR_OF_SIDE, INK, PAPER, SUBPIXEL_BITS, Colour, fixed_point, write_text
 from mmocap_warp.formats.png import write_png
 
-_HEIGHT, _WIDTH = 900, 1000  # [px], of a view at most
-_MARGIN, _HEADER = 60, 30  # [px]
+_HEIGHT, _WIDTH = 900, 1000  # size of a view, at most [px]
+_MARGIN, _HEADER = 60, 30  # margin of a view, and height of the line above the views [px]
 _VIEWS = {
     "front": ((1.0, 0, 0), (0, 1.0, 0)),
     "left": ((0, 0, -1.0), (0, 1.0, 0)),
@@ -30,10 +22,8 @@ _VIEWS = {
 }  # where the picture's right and its top lie in the body's axes
 _MESH: Colour = (74, 66, 58)
 _AXIS_COLOURS: dict[str, Colour] = {"x": (90, 90, 255), "y": (110, 220, 110), "z": (255, 150, 70)}
-_SIDES = {"left": LEFT_COLOUR, "right": RIGHT_COLOUR, "middle": MIDDLE_COLOUR}
-_AXIS, _ARC = 0.03, 0.045  # of the body's extent: half an axis, and the radius of the arc of its limits
+_AXIS, _ARC = 0.03, 0.045  # half an axis, and the radius of the arc of its limits, as shares of the extent
 _WHOLE_TURN = np.pi  # a joint that may turn farther is drawn with a whole circle
-_BITS = 4  # binary digits of OpenCV's places
 
 
 def draw_body(body: BodyModel, file: str | Path) -> None:
@@ -62,7 +52,7 @@ def draw_body(body: BodyModel, file: str | Path) -> None:
     end = write_text(canvas, f"{text}{len(skeleton.searched())} degrees of freedom", (8, 9))
     moves = "turns about, slides along" if skeleton.sliding else "turns about"
     legend = {f"{moves} {axis}": colour for axis, colour in _AXIS_COLOURS.items()}
-    for label, colour in {**legend, **_SIDES}.items():
+    for label, colour in {**legend, **COLOUR_OF_SIDE}.items():
         end = write_text(canvas, label, (end + 18, 9), colour)
     write_png(file, canvas)
 
@@ -91,23 +81,21 @@ class _Sheet:
 
     def line(self, points: np.ndarray, colour: Colour, width: int = 1) -> None:
         """A line through points (n, 3)."""
-        fixed = np.rint(self.pixels(points) * (1 << _BITS)).astype(np.int32)
-        cv2.polylines(self.image, [fixed], False, colour, width, cv2.LINE_AA, _BITS)
+        cv2.polylines(self.image, [fixed_point(self.pixels(points))], False, colour, width, cv2.LINE_AA, SUBPIXEL_BITS)
 
     def dot(self, point: np.ndarray, colour: Colour) -> None:
         """A dot at a point (3,)."""
-        (centre,) = np.rint(self.pixels(point[None]) * (1 << _BITS)).astype(int).tolist()
-        cv2.circle(self.image, centre, 3 << _BITS, colour, -1, cv2.LINE_AA, _BITS)
+        (centre,) = fixed_point(self.pixels(point[None])).tolist()
+        cv2.circle(self.image, centre, 3 << SUBPIXEL_BITS, colour, -1, cv2.LINE_AA, SUBPIXEL_BITS)
 
 
 def _view(body: BodyModel, name: str, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     sheet, skeleton = _Sheet(name, low, high), body.skeleton
     corner = sheet.pixels(body.tracking.rest.astype(float))[body.tracking_face]
-    ring = np.rint(corner * (1 << _BITS)).astype(np.int32)
-    cv2.polylines(sheet.image, list(ring), True, _MESH, 1, cv2.LINE_AA, _BITS)
+    cv2.polylines(sheet.image, list(fixed_point(corner)), True, _MESH, 1, cv2.LINE_AA, SUBPIXEL_BITS)
     place = body.joint_rest.astype(float)
     for parent, joint in skeleton.bones:
-        sheet.line(place[[parent, joint]], _SIDES[skeleton.side(skeleton.joints[joint])], 2)
+        sheet.line(place[[parent, joint]], COLOUR_OF_SIDE[skeleton.side(skeleton.joints[joint])], 2)
     extent = float((high - low).max())
     for coordinate in skeleton.searched():
         joint, axis = divmod(int(coordinate) - 3, 3)
@@ -116,7 +104,7 @@ def _view(body: BodyModel, name: str, low: np.ndarray, high: np.ndarray) -> np.n
     for (joint, axis), ends in _slides(body).items():
         _draw_slide(sheet, skeleton.frame[joint].astype(float), axis, ends, extent)
     for joint, side in enumerate(map(skeleton.side, skeleton.joints)):
-        sheet.dot(place[joint], _SIDES[side])
+        sheet.dot(place[joint], COLOUR_OF_SIDE[side])
     _write_names(sheet, skeleton.joints, place)
     return sheet.image
 
@@ -137,7 +125,7 @@ def _draw_freedom(sheet: _Sheet, body: BodyModel, joint: int, axis: int, extent:
 
 
 def _slides(body: BodyModel) -> dict[tuple[int, int], np.ndarray]:
-    """Of joint and axis, for each searched slide that has limits: its lowest and its highest place (2, 3)."""
+    """The lowest and the highest place (2, 3) of each searched slide that has limits, by joint and axis."""
     skeleton, found = body.skeleton, {}
     for coordinate in skeleton.searched_shifts():
         joint, axis = divmod(int(coordinate) - TRANSLATION, 3)

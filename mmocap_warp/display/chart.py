@@ -40,8 +40,8 @@ svg > rect { fill: var(--paper); }
 """
 """What a picture on its own needs beside ``MARKS``."""
 
-_LINE = 15.0  # from a line of words to the next
-_DIGIT = 8.0  # width that a digit of an axis has, room around it included
+_LINE = 15.0  # distance from a line of words to the next
+_DIGIT = 8.0  # width of a digit on an axis, with the room around it
 
 Place = tuple[float, float]
 
@@ -74,14 +74,14 @@ class Axis:
     names: bool = False
 
     def at(self, value: float) -> float:
-        """Where a value lies; what is beyond an end lies on it, and NaN is nowhere (NaN)."""
+        """The coordinate of a value; a value beyond an end lies on the end, and NaN gives NaN."""
         low, high, value = (math.log(v) if self.logarithmic else v for v in (self.low, self.high, value))
         share = (min(max(value, low), high) - low) / (high - low)
         return self.start + share * (self.stop - self.start)
 
 
 def axis(low: float, high: float, start: float, stop: float, ticks: int = 5) -> Axis:
-    """An axis whose ticks are about so many multiples of 1, 2 or 5 times a power of ten."""
+    """An axis with about so many ticks, at multiples of 1, 2 or 5 times a power of ten."""
     if not high > low:
         high = low + 1.0
     raw = (high - low) / ticks
@@ -122,11 +122,11 @@ def axes(x: Axis, y: Axis, x_label: str = "", y_label: str = "") -> str:
     parts = []
     for tick in y.ticks:
         parts.append(line((x.start, y.at(tick)), (x.stop, y.at(tick)), "grid"))
-        parts.append(text((x.start - 8, y.at(tick) + 4), y.word(tick), _kind(y), "end"))
+        parts.append(text((x.start - 8, y.at(tick) + 4), y.word(tick), _class_of_words(y), "end"))
     lines = 1
-    for tick in _apart(x):
+    for tick in _separate_ticks(x):
         rows = x.word(tick).split("\n")
-        parts += [text((x.at(tick), bottom + 17 + _LINE * i), row, _kind(x)) for i, row in enumerate(rows)]
+        parts += [text((x.at(tick), bottom + 17 + _LINE * i), row, _class_of_words(x)) for i, row in enumerate(rows)]
         lines = max(lines, len(rows))
     if x_label:
         parts.append(text(((x.start + x.stop) / 2, bottom + 21 + _LINE * lines), x_label))
@@ -135,11 +135,11 @@ def axes(x: Axis, y: Axis, x_label: str = "", y_label: str = "") -> str:
     return "".join(parts)
 
 
-def _kind(words_of: Axis) -> str:
+def _class_of_words(words_of: Axis) -> str:
     return "name" if words_of.names else ""
 
 
-def _apart(x: Axis) -> list[float]:
+def _separate_ticks(x: Axis) -> list[float]:
     """Ticks whose words do not touch, from the largest down; names are all kept."""
     kept: list[float] = []
     for tick in sorted(x.ticks, reverse=True):

@@ -11,12 +11,12 @@ import numpy as np
 from mmocap_warp.cameras.rig import CameraRig, project
 from mmocap_warp.display.overlay import MODEL_COLOUR, PAPER, Colour, write_text
 
-_SQUARE = 0.5  # [m], of the grid
-_AROUND = 0.75  # [m] of floor around the person's way
-_PIECE = 0.05  # [m], of a line: one that leaves the view or passes behind the camera is drawn as far as it is seen
+_SQUARE = 0.5  # side of a square of the grid [m]
+_AROUND = 0.75  # width of the floor around the person's way [m]
+_PIECE = 0.05  # lines are drawn in pieces of this length, as far as they are seen [m]
 _GRID: Colour = (150, 190, 90)
 _WAY: Colour = (60, 60, 240)
-_ROW_HEIGHT = 480  # px
+_ROW_HEIGHT = 480  # height of a row of views [px]
 
 
 def floor_picture(

@@ -19,15 +19,16 @@ LEFT_COLOUR: Colour = (80, 220, 60)
 RIGHT_COLOUR: Colour = (60, 60, 240)
 MIDDLE_COLOUR: Colour = (245, 245, 245)
 SIGMA_COLOUR: Colour = (255, 80, 255)  # of no limb: an ellipse is often smaller than the joint's dot that it lies on
-_COLOUR_OF_SIDE = {"left": LEFT_COLOUR, "right": RIGHT_COLOUR, "middle": MIDDLE_COLOUR}
+COLOUR_OF_SIDE = {"left": LEFT_COLOUR, "right": RIGHT_COLOUR, "middle": MIDDLE_COLOUR}
 INK: Colour = (235, 235, 235)
 PAPER: Colour = (28, 28, 28)
 _SEEN: Colour = (105, 105, 105)  # foreground where there is no image
-_TINT = 0.35  # how much of the skin's colour covers the image
+_TINT = 0.35  # share of the skin's colour over the image
 ELLIPSE = 10
 """Standard deviations from a joint to the rim of its ellipse: one or two are less than a pixel in most recordings."""
-_PLATE = 0.6  # how much a plate behind text covers
-_SUBPIXEL_BITS = 4
+_PLATE = 0.6  # share of the plate's colour behind text
+SUBPIXEL_BITS = 4
+"""Binary digits after the point of OpenCV's coordinates."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +53,7 @@ class Window:
     def covariances(self, pixels: np.ndarray) -> np.ndarray:
         """Covariances (n, 2, 2) of image points, in the drawing."""
         scale = np.divide(self.size, self.extent)
-        scaled: np.ndarray = pixels * np.outer(scale, scale)
-        return scaled
+        return pixels * np.outer(scale, scale)
 
     def picture(self, image: np.ndarray, image_size: tuple[int, int], interpolation: int) -> np.ndarray:
         """The part of an image, resized; the image may have another resolution than the camera's ``image_size``."""
@@ -115,6 +115,11 @@ def write_text(canvas: np.ndarray, text: str, corner: tuple[int, int], colour: C
     return left + width
 
 
+def fixed_point(values: np.ndarray) -> np.ndarray:
+    """Coordinates [px] as OpenCV takes them, int32 with ``SUBPIXEL_BITS`` binary digits after the point."""
+    return np.rint(values * (1 << SUBPIXEL_BITS)).astype(np.int32)
+
+
 def _background(
     window: Window, image_size: tuple[int, int], image: np.ndarray | None, seen: np.ndarray | None
 ) -> np.ndarray:
@@ -134,14 +139,14 @@ def _draw_contour(canvas: np.ndarray, filled: np.ndarray, colour: Colour) -> Non
 
 def _draw_skeleton(canvas: np.ndarray, joints: np.ndarray, skeleton: Skeleton) -> None:
     drawable = np.isfinite(joints).all(axis=1) & (np.abs(joints) < 8.0 * max(canvas.shape)).all(axis=1)
-    fixed = np.rint(np.where(drawable[:, None], joints, 0.0) * (1 << _SUBPIXEL_BITS)).astype(int).tolist()
-    colours = [_COLOUR_OF_SIDE[skeleton.side(name)] for name in skeleton.joints]
+    fixed = fixed_point(np.where(drawable[:, None], joints, 0.0)).tolist()
+    colours = [COLOUR_OF_SIDE[skeleton.side(name)] for name in skeleton.joints]
     for parent, joint in skeleton.bones:
         if drawable[joint] and drawable[parent]:
-            cv2.line(canvas, fixed[parent], fixed[joint], colours[joint], 2, cv2.LINE_AA, _SUBPIXEL_BITS)
+            cv2.line(canvas, fixed[parent], fixed[joint], colours[joint], 2, cv2.LINE_AA, SUBPIXEL_BITS)
     for colour, centre, seen in zip(colours, fixed, drawable, strict=True):
         if seen:
-            cv2.circle(canvas, centre, 2 << _SUBPIXEL_BITS, colour, -1, cv2.LINE_AA, _SUBPIXEL_BITS)
+            cv2.circle(canvas, centre, 2 << SUBPIXEL_BITS, colour, -1, cv2.LINE_AA, SUBPIXEL_BITS)
 
 
 def _draw_ellipses(canvas: np.ndarray, joints: np.ndarray, covariances: np.ndarray) -> None:
@@ -152,6 +157,6 @@ def _draw_ellipses(canvas: np.ndarray, joints: np.ndarray, covariances: np.ndarr
             continue
         variance, axes = np.linalg.eigh(covariance)
         radii = np.minimum(ELLIPSE * np.sqrt(np.maximum(variance, 0.0)), max(canvas.shape) / 2)
-        middle, half = (np.rint(values * (1 << _SUBPIXEL_BITS)).astype(int).tolist() for values in (centre, radii))
+        middle, half = (fixed_point(values).tolist() for values in (centre, radii))
         angle = float(np.degrees(np.arctan2(axes[1, 0], axes[0, 0])))
-        cv2.ellipse(canvas, middle, half, angle, 0.0, 360.0, SIGMA_COLOUR, 1, cv2.LINE_AA, _SUBPIXEL_BITS)
+        cv2.ellipse(canvas, middle, half, angle, 0.0, 360.0, SIGMA_COLOUR, 1, cv2.LINE_AA, SUBPIXEL_BITS)

@@ -32,15 +32,15 @@ from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking.body_masks import tracked_masks
 
-_VIDEO_AREA = (1440, 900)  # [px], what the tiled views of a video frame fill at most
-_HEADER = 30  # [px]
-_GAP = 4  # [px], between tiles
+_VIDEO_AREA = (1440, 900)  # size that the tiled views of a video frame fill at most [px]
+_HEADER = 30  # height of the line above the views [px]
+_GAP = 4  # gap between tiles [px]
 _SHEET_FRAMES = 8
-_SHEET_ROW = 260  # [px], height of a view in a contact sheet
+_SHEET_ROW = 260  # height of a view in a contact sheet [px]
 _STILL_COLUMNS = 4
-_STILL_SIZE = (600, 600)  # [px], of views from four sides
-_STILL_DISTANCE = 3.0  # of these from the body, in its sizes
-_CROP_MARGIN = 0.12  # around the body in a contact sheet, of its size
+_STILL_SIZE = (600, 600)  # size of the views from four sides [px]
+_STILL_DISTANCE = 3.0  # distance of the four views from the body, in its sizes
+_CROP_MARGIN = 0.12  # margin around the body in a contact sheet, as a share of its size
 
 Images = Iterable[Sequence[np.ndarray | None]]
 """Per frame, an image for each camera."""
@@ -70,14 +70,14 @@ def show(
         InputError: another ending, a folder that cannot be written, or fewer images or masks than frames.
     """
     run = result.best_run
-    body = _projected(result, run)
+    body = _project_run(result, run)
     columns, windows = _video_layout(result.cameras)
     on_sheet = np.unique(np.linspace(0, len(result.frame_numbers) - 1, _SHEET_FRAMES).round().astype(int)).tolist()
     crops = [_crop(body, k, on_sheet) for k in range(len(result.cameras))]
     cells: list[list[np.ndarray]] = []
     with contextlib.ExitStack() as stack:
         writer = stack.enter_context(WebmFile(video, result.rate)) if video else None
-        for frame, (seen, masked) in enumerate(_in_step(result, images, masks)):
+        for frame, (seen, masked) in enumerate(_frames_in_step(result, images, masks)):
             if writer:
                 views = body.views(frame, seen, masked, windows)
                 writer.write(_video_frame(result, run, frame, views, columns))
@@ -133,7 +133,7 @@ def overlay(
         Window((0, 0), (width, height), (width, height) if image is None else (image.shape[1], image.shape[0]))
         for (width, height), image in zip(result.cameras.size.tolist(), images, strict=True)
     ]
-    body = _projected(result, result.best_run if run is None else run)
+    body = _project_run(result, result.best_run if run is None else run)
     view = body.views(frame, images, masks, windows)[k]
     return view[:, :, ::-1].copy()  # OpenCV draws blue first
 
@@ -165,13 +165,13 @@ def show_subject(
     for name, view in zip(rig.names, views, strict=True):
         write_text(view, name, (6, 6), size=0.4)
     columns = math.ceil(len(views) / math.ceil(len(views) / _STILL_COLUMNS))  # rows as long as each other, or nearly
-    canvas, _ = _tiled([views[first : first + columns] for first in range(0, len(views), columns)])
+    canvas, _ = _tile([views[first : first + columns] for first in range(0, len(views), columns)])
     write_text(canvas, _title(subject), (6, 9))
     write_png(sheet, canvas)
 
 
 def _title(subject: Subject) -> str:
-    """What is drawn, and how tall a fit made it, or how long what lies or goes on four legs."""
+    """The body's name, and its fitted height; its length if it lies or goes on four legs."""
     measure, adjective = ("length", "long") if "body.length" in subject.provenance else ("height", "tall")
     size, sigma = (subject.provenance.get(key) for key in (f"body.{measure}", f"body.{measure}.sigma"))
     if size is None or sigma is None:
@@ -201,7 +201,7 @@ def _rig_around(subject: Subject) -> CameraRig:
 
 
 def check_same_recording(result: Result, scene: Scene) -> None:
-    """See that a result is drawn over the recording that it is of.
+    """Check that a result is drawn over its own recording.
 
     Raises:
         InputError: the scene has other cameras, or fewer frames.
@@ -217,7 +217,7 @@ def check_same_recording(result: Result, scene: Scene) -> None:
 
 
 class _ProjectedBody:
-    """A subject in the cameras' pixels in poses (frame, coordinate), one at a time: all skin would fill the memory."""
+    """A subject in the cameras' pixels, one pose of (frame, coordinate) at a time: all skin would fill the memory."""
 
     def __init__(
         self, subject: Subject, rig: CameraRig, pose: np.ndarray, joint_sigma: np.ndarray | None = None
@@ -272,13 +272,13 @@ class _ProjectedBody:
         return spread
 
 
-def _projected(result: Result, run: int) -> _ProjectedBody:
+def _project_run(result: Result, run: int) -> _ProjectedBody:
     """One of a result's runs."""
     sigma = None if result.joint_sigma is None else result.joint_sigma[run]
     return _ProjectedBody(result.subject, result.cameras, result.pose[run], sigma)
 
 
-def _in_step(result: Result, images: Images | None, masks: Images | None) -> Iterator[tuple]:
+def _frames_in_step(result: Result, images: Images | None, masks: Images | None) -> Iterator[tuple]:
     """Images and masks of each frame of the result."""
     nothing = repeat([None] * len(result.cameras))
     streams = zip(images if images is not None else nothing, masks if masks is not None else nothing, strict=False)
@@ -322,7 +322,7 @@ def _video_frame(result: Result, run: int, frame: int, views: list[np.ndarray], 
     """All cameras at one frame, each with its overlap, below a line that says what the frame cost."""
     for k, view in enumerate(views):
         write_text(view, f"{result.cameras.names[k]}   {_number('IoU', result.iou[run, frame, k], 'no mask')}", (8, 8))
-    canvas, _ = _tiled([views[i : i + columns] for i in range(0, len(views), columns)])
+    canvas, _ = _tile([views[i : i + columns] for i in range(0, len(views), columns)])
     end = write_text(
         canvas,
         f"frame {result.frame_numbers[frame]}   {_number('cost', result.cost[run, frame], 'no cost')}   "
@@ -345,13 +345,13 @@ def _contact_sheet(result: Result, run: int, frames: list[int], cells: list[list
             write_text(view, _number("", result.iou[run, frame, k], "no mask"), (6, 6), size=0.4)
     for name, view in zip(result.cameras.names, cells[0], strict=True):
         write_text(view, name, (6, view.shape[0] - 18), size=0.4)
-    canvas, lefts = _tiled([[views[k] for views in cells] for k in range(len(result.cameras))])
+    canvas, lefts = _tile([[views[k] for views in cells] for k in range(len(result.cameras))])
     for frame, left in zip(frames, lefts, strict=True):
         write_text(canvas, f"frame {result.frame_numbers[frame]}", (left + 6, 9))
     return canvas
 
 
-def _tiled(rows: list[list[np.ndarray]]) -> tuple[np.ndarray, list[int]]:
+def _tile(rows: list[list[np.ndarray]]) -> tuple[np.ndarray, list[int]]:
     """A canvas of views in rows below a free header, and where its columns begin [px]."""
     columns = len(rows[0])
     widths = [max(row[c].shape[1] for row in rows if c < len(row)) for c in range(columns)]

@@ -181,7 +181,7 @@ def calibration_export(path: Path) -> Format:
 def export(result: Result, path: Path) -> None:
     """Write the animation of a result's best run in the format of ``EXPORTS`` that the file's ending names.
 
-    A format with a vertical of its own has the world turned to it, as :func:`mmocap_warp.result.turning.stood_up` does.
+    A format with a vertical of its own has the world turned to it, as :func:`mmocap_warp.result.excerpt.stood_up` does.
 
     Raises:
         InputError: an unknown ending, or a file that cannot be written.
@@ -204,7 +204,7 @@ def export_format(path: Path) -> Format:
 
 
 def _write(format: Format, result: Result, path: Path) -> None:
-    from mmocap_warp.result.turning import stood_up
+    from mmocap_warp.result.excerpt import stood_up
 
     format.load()(result if format.up is None else stood_up(result, format.up), path)
 

@@ -7,17 +7,18 @@ from typing import Any
 import numpy as np
 
 from mmocap_warp.result.marker_errors import marker_errors
-from mmocap_warp.result.offsets import offset_free_distance
 from mmocap_warp.result.other_world import other_world
-from mmocap_warp.result.over_time import growth, second_differences
 from mmocap_warp.result.pose_errors import (
     LOST_LIMB,
     NEAR,
     aligned_error,
     common_frames,
     farthest,
+    growth,
     nanmean,
+    offset_free_distance,
     on_all_frames,
+    second_differences,
 )
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.result.truth import Truth, at_rate
@@ -27,7 +28,7 @@ _COUNTED = ("lost", "partial", "rescued", "interpolated")
 
 
 def evaluate(result: Result, truth: Truth | None = None) -> dict[str, Any]:
-    """Judge a result; numbers over several runs are means of the runs' numbers, except the worst and the medians.
+    """Evaluate a result; numbers over several runs are means of the runs' numbers, except the worst and the medians.
 
     Without truth: ``frames``, ``runs``, the frames in which some run is ``lost``, ``partial``, ``rescued`` or
     ``interpolated``, ``evaluations`` (all runs), ``evaluations_per_second``, ``mean_cost``, ``mean_iou``, ``worst_iou``
@@ -36,14 +37,14 @@ def evaluate(result: Result, truth: Truth | None = None) -> dict[str, Any]:
     and frame). Where the result has standard deviations, their medians over frames and runs: ``sigma_mm_by_joint`` (the
     length of a joint's three), ``sigma_deg_by_angle`` and, where joints slide, ``sigma_mm_by_shift``.
 
-    With truth also, over the frames that have it at their time: ``truth_frames``; over the skeleton's judged joints, of
-    a person the limbs' twelve: ``mpjpe_mm`` the mean distance, ``pa_mpjpe_mm`` the same after the best similarity
-    transform of each frame, ``median_joint_mm`` (all), ``median_mm_by_joint`` and ``median_mm_by_group`` over frames
-    and runs, ``median_joint_offsets_removed_mm`` the median once each joint's constant offset in its parent's axes is
-    taken out, ``growth`` the mean distance of the last third of these frames over that of the first, and
-    ``limb_lost_frames``: frames in which a limb's end, wrist or ankle, of some run is over 200 mm off.
-    ``wrongly_tracked``: frames in which this holds, or the root is that far off, for a run that calls them tracked.
-    ``median_mm_by_attached``: of things that are attached and that the truth names, where there are any.
+    With truth also, over the frames that have it at their time: ``truth_frames``; over the joints of the skeleton's
+    ``evaluation_groups``, of a person the limbs' twelve: ``mpjpe_mm`` the mean distance, ``pa_mpjpe_mm`` the same after
+    the best similarity transform of each frame, ``median_joint_mm`` (all), ``median_mm_by_joint`` and
+    ``median_mm_by_group`` over frames and runs, ``median_joint_offsets_removed_mm`` the median once each joint's
+    constant offset in its parent's axes is taken out, ``growth`` the mean distance of the last third of these frames
+    over that of the first, and ``limb_lost_frames``: frames in which a limb's end, wrist or ankle, of some run is over
+    200 mm off. ``wrongly_tracked``: frames in which this holds, or the root is that far off, for a run that calls them
+    tracked. ``median_mm_by_attached``: of things that are attached and that the truth names, where there are any.
     ``near_tracked``: of the frames in which all of these joints are within 50 mm, the share that is called tracked or
     partial.
 
@@ -82,14 +83,14 @@ def evaluate(result: Result, truth: Truth | None = None) -> dict[str, Any]:
         report |= _angle_errors(result, truth, mine, theirs)
         of_runs["growth"] = growth(series["mpjpe_mm"][:, mine])
         report["growth"] = _mean(of_runs["growth"])
-        report |= _statuses_judged(result.status[:, mine], farthest(result, truth, mine, theirs, joints), of_runs)
+        report |= _evaluate_statuses(result.status[:, mine], farthest(result, truth, mine, theirs, joints), of_runs)
     report["per_run"] = _per_run(result, series, of_runs)
     report["series"] = {"frame": result.frame_numbers} | series
     return _jsonable(report)
 
 
 def _overlap(result: Result, iou: np.ndarray) -> dict[str, Any]:
-    """What needs no truth; ``iou`` is (run, frame)."""
+    """The numbers that need no truth; ``iou`` is (run, frame)."""
     worst = np.where(np.isfinite(iou), iou, np.inf).min(axis=0)
     total = int(result.evaluations.sum())
     return {
@@ -108,7 +109,7 @@ def _overlap(result: Result, iou: np.ndarray) -> dict[str, Any]:
 
 
 def _sigmas(result: Result) -> dict[str, Any]:
-    """How sure the tracker was, as far as it told."""
+    """How sure the tracker was, as far as the result says."""
     skeleton = result.subject.body.skeleton
     report: dict[str, Any] = {}
     if result.joint_sigma is not None:
@@ -152,9 +153,9 @@ def _joint_errors(
     result: Result,
     series: dict[str, np.ndarray],
 ) -> dict[str, Any]:
-    """Errors over the judged joints that the truth names; adds the per-frame errors to ``series``."""
+    """Errors of the evaluated joints that the truth names; adds the per-frame errors to ``series``."""
     skeleton = result.subject.body.skeleton
-    names = [name for group in skeleton.judged.values() for name in group if name in truth.joint_names]
+    names = [name for group in skeleton.evaluation_groups.values() for name in group if name in truth.joint_names]
     tracked = joints[:, mine][:, :, [skeleton.index(name) for name in names]]
     known = truth.joints[theirs][:, [truth.joint_names.index(name) for name in names]]
     distance = np.linalg.norm(tracked - known, axis=-1) * _METRES_TO_MM  # (run, common frame, joint)
@@ -173,7 +174,7 @@ def _joint_errors(
         "median_joint_mm": median_of(*names),
         "median_joint_offsets_removed_mm": _median(offset_free_distance(result, mine, names, known)) * _METRES_TO_MM,
         "median_mm_by_joint": {name: median_of(name) for name in names},
-        "median_mm_by_group": {group: median_of(*joints) for group, joints in skeleton.judged.items()},
+        "median_mm_by_group": {group: median_of(*joints) for group, joints in skeleton.evaluation_groups.items()},
         "limb_lost_frames": result.frame_numbers[mine[lost]],
         "other_world": other_world(tracked[result.best_run], known),
     }
@@ -211,8 +212,8 @@ def _angle_errors(result: Result, truth: Truth, mine: np.ndarray, theirs: np.nda
     }
 
 
-def _statuses_judged(status: np.ndarray, off: np.ndarray, of_runs: dict[str, np.ndarray]) -> dict[str, Any]:
-    """What the statuses are worth; adds the same of each run to ``of_runs``.
+def _evaluate_statuses(status: np.ndarray, off: np.ndarray, of_runs: dict[str, np.ndarray]) -> dict[str, Any]:
+    """How far statuses agree with the truth; adds the same of each run to ``of_runs``.
 
     Args:
         status: (run, common frame).
@@ -221,10 +222,10 @@ def _statuses_judged(status: np.ndarray, off: np.ndarray, of_runs: dict[str, np.
     """
     tracked = status == STATUS.index("tracked")
     wrong, near = tracked & (off > LOST_LIMB), off <= NEAR
-    told = near & (tracked | (status == STATUS.index("partial")))
+    reported = near & (tracked | (status == STATUS.index("partial")))
     known = np.isfinite(off).any()
     of_runs["wrongly_tracked"] = np.where(known, wrong.sum(axis=1), np.nan)
-    of_runs["near_tracked"] = nanmean(np.where(near, told, np.nan), axis=1)
+    of_runs["near_tracked"] = nanmean(np.where(near, reported, np.nan), axis=1)
     return {
         "wrongly_tracked": int(wrong.any(axis=0).sum()) if known else None,
         "near_tracked": _mean(of_runs["near_tracked"]),
@@ -232,7 +233,7 @@ def _statuses_judged(status: np.ndarray, off: np.ndarray, of_runs: dict[str, np.
 
 
 def _per_run(result: Result, series: dict[str, np.ndarray], of_runs: dict[str, np.ndarray]) -> list[dict[str, Any]]:
-    """A line a run: what distinguishes the seeds."""
+    """The numbers of each run by itself, which show the spread of the seeds."""
     seed = result.config.get("seed")
     return [
         {"run": run, "seed": None if seed is None else seed + run, "worst_iou": _min(series["iou"][run])}

@@ -6,29 +6,28 @@ from dataclasses import replace
 
 import numpy as np
 
-from mmocap_warp.body.rotations import between, near_zyx_angles, zyx_rotation
+from mmocap_warp.body.rotations import axis_vector, between, near_zyx_angles, zyx_rotation
 from mmocap_warp.body.skeleton import TRANSLATION
+from mmocap_warp.cameras.rig import UP_AXES
 from mmocap_warp.result.result import Result
 
-_OF_RUNS = ("pose", "cost", "iou", "evaluations", "status", "raw_pose", "angle_sigma", "joint_sigma")
 _SAME_TIME = 1e-6
-"""[frames], by how much a time may lie outside the result and still be its first or last one."""
+"""A time that lies outside the result by less than this is its first or last frame [frames]."""
 
 
 def of_run(result: Result, run: int) -> Result:
-    """One run alone.
+    """A result of one of the runs.
 
     Raises:
         ValueError: no such run.
     """
     if not 0 <= run < len(result.pose):
         raise ValueError(f"run must be in 0 to {len(result.pose) - 1}, got {run}")
-    arrays = {name: array[run : run + 1] for name in _OF_RUNS if (array := getattr(result, name)) is not None}
-    return replace(result, **arrays)
+    return replace(result, **{name: array[run : run + 1] for name, array in result.arrays.items()})
 
 
 def before_smoothing(result: Result) -> Result:
-    """The track as it was before it was smoothed; without the standard deviations, which are the smoothed one's.
+    """The track before it was smoothed, without standard deviations: those are of the smoothed track.
 
     Raises:
         ValueError: it was not smoothed.
@@ -49,14 +48,15 @@ def at_rate(result: Result, fps: float) -> Result:
     """
     if not 0 < fps < np.inf:
         raise ValueError(f"fps must be positive, got {fps:g}")
+    # The new frames lie within the result's own, but for rounding.
     known = result.frame_numbers / result.fps
     slack = _SAME_TIME / result.fps
     numbers = np.arange(np.ceil((known[0] - slack) * fps), np.floor((known[-1] + slack) * fps) + 1).astype(int)
     if not len(numbers):
         raise ValueError(f"fps = {fps:g} has no frame in the {known[-1] - known[0]:.3g} s of the result")
+    # Where they lie among the result's frames: poses are interpolated, the rest is the nearest frame's.
     place = np.interp(numbers / fps, known, np.arange(len(known)))
     nearest = np.round(place).astype(int)
-
     is_length = result.subject.body.skeleton.is_length
 
     def resampled(pose: np.ndarray) -> np.ndarray:
@@ -75,7 +75,7 @@ def at_rate(result: Result, fps: float) -> Result:
 
 
 def evenly(result: Result) -> Result:
-    """The result with as much time between any two of its frames; itself where it is so already."""
+    """The result with its frames at equal times; the result itself where they are already."""
     even = len(set(np.diff(result.frame_numbers).tolist())) <= 1
     return result if even else at_rate(result, result.rate)
 
@@ -94,3 +94,44 @@ def _poses_at(pose: np.ndarray, place: np.ndarray, is_length: np.ndarray) -> np.
     angles = near_zyx_angles(between(first, second, share), near)
     turned = np.concatenate([straight[:, :TRANSLATION], angles.reshape(len(place), -1)], axis=1)
     return np.where(is_length, straight, turned)
+
+
+def stood_up(result: Result, up: str) -> Result:
+    """The same motion before the same cameras, in a world whose up axis is ``up``, such as ``"+y"``.
+
+    The world is turned about the axis that is neither its vertical nor the new one, or about x (z where x is the
+    vertical) where it is to stand on its head: from +z to +y, (x, y, z) becomes (x, z, -y). Heights stay; the joints'
+    standard deviations, which are along the axes of the world as it was, are dropped.
+
+    Raises:
+        ValueError: no such axis.
+    """
+    if up not in UP_AXES:
+        raise ValueError(f"up must be one of {UP_AXES}, got {up!r}")
+    if up == result.cameras.up:
+        return result
+    turn = _turn(result.cameras.up, up)
+
+    def turned(pose: np.ndarray) -> np.ndarray:
+        """Poses (..., coordinate): the root's place is in the world's axes, its angles are in the body's."""
+        return np.concatenate([pose[..., :3] @ turn.T, pose[..., 3:]], axis=-1)
+
+    subject, cameras = result.subject, result.cameras
+    return replace(
+        result,
+        subject=replace(subject, root_base=turn @ subject.root_base, pose=turned(subject.pose)),
+        cameras=replace(cameras, R=cameras.R @ turn.T, up=up),
+        pose=turned(result.pose),
+        raw_pose=None if result.raw_pose is None else turned(result.raw_pose),
+        joint_sigma=None,
+    )
+
+
+def _turn(up: str, new: str) -> np.ndarray:
+    """(3, 3) rotation by quarter turns that takes one signed axis to another."""
+    source, target = axis_vector(up), axis_vector(new)
+    across = np.cross(source, target)
+    if across.any():  # a quarter turn
+        return np.outer(target, source) - np.outer(source, target) + np.outer(across, across)
+    about = axis_vector("+z" if up[1] == "x" else "+x")
+    return 2 * np.outer(about, about) - np.eye(3)

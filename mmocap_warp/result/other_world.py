@@ -62,7 +62,7 @@ def axes_turn(axes: str) -> np.ndarray:
 
 
 def axes_after(axes: str, others: str) -> str:
-    """The axes that are taken at once where ``others`` were taken first and then ``axes`` of what that gave."""
+    """The axes that have the effect of taking ``others`` first, and then ``axes`` of the outcome."""
     return _axes_of(axes_turn(axes) @ axes_turn(others))
 
 

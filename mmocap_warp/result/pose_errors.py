@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel
+from mmocap_warp.body.posing import POSES_AT_ONCE, Poser, blocks
 from mmocap_warp.errors import InputError
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
@@ -23,7 +24,7 @@ NEAR = 0.05
 
 
 def head_top(body: BodyModel) -> int:
-    """The body's own skin's highest vertex in the bind pose."""
+    """The highest vertex of the body's own skin in the bind pose."""
     return int(np.where(body.own_vertex, body.skin.rest[:, 1], -np.inf).argmax())
 
 
@@ -31,7 +32,7 @@ def common_frames(result: Result, truth: Truth) -> tuple[np.ndarray, np.ndarray]
     """Positions in the result and in the truth of the frames that both have.
 
     Raises:
-        InputError: they share no frame, or the truth has neither markers nor a joint that is judged.
+        InputError: they share no frame, or the truth has neither markers nor a joint that is evaluated.
     """
     _, mine, theirs = np.intersect1d(result.frame_numbers, truth.frame_numbers, return_indices=True)
     if not len(mine):
@@ -40,11 +41,11 @@ def common_frames(result: Result, truth: Truth) -> tuple[np.ndarray, np.ndarray]
             f"its frames {_span(truth.frame_numbers)} share none with the result's {_span(result.frame_numbers)}",
             "give the truth of this recording, numbered as its frames are",
         )
-    judged = [name for group in result.subject.body.skeleton.judged.values() for name in group]
-    if not truth.marker_names and not set(judged) & set(truth.joint_names):
+    evaluated = [name for group in result.subject.body.skeleton.evaluation_groups.values() for name in group]
+    if not truth.marker_names and not set(evaluated) & set(truth.joint_names):
         raise InputError(
             "truth",
-            f"no markers, and none of its joints ({_some(truth.joint_names)}) is one that is judged ({_some(judged)})",
+            f"no markers, and none of its joints ({_some(truth.joint_names)}) is evaluated ({_some(evaluated)} are)",
             "give the truth of the body that was tracked, its joints named as the body's",
         )
     return mine, theirs
@@ -122,3 +123,64 @@ def on_all_frames(values: np.ndarray, mine: np.ndarray, result: Result) -> np.nd
 
 def _span(numbers: np.ndarray) -> str:
     return f"{numbers[0]}-{numbers[-1]}" if len(numbers) else "(none)"
+
+
+def offset_free_distance(result: Result, mine: np.ndarray, names: list[str], known: np.ndarray) -> np.ndarray:
+    """Distances once each joint's median offset over the frames, in the axes of its parent, is taken out.
+
+    Args:
+        result: what was tracked; every run has offsets of its own.
+        mine: positions of the frames to evaluate.
+        names: joints of the body to evaluate.
+        known: (len(mine), joint, 3), where these really were [m], NaN where that is unknown.
+
+    Returns:
+        (run, len(mine), joint) [m]; NaN where a joint is unknown.
+    """
+    skeleton = result.subject.body.skeleton
+    joint = np.array([skeleton.index(name) for name in names], int)
+    axes = np.maximum(np.array(skeleton.parent)[joint], 0)  # the root's own where it has no parent
+    poser = Poser(result.subject.body, result.subject.root_base)
+    distance = np.full((len(result.pose), *known.shape[:2]), np.nan)
+    for run, pose in enumerate(result.pose[:, mine]):
+        local = np.empty(known.shape)
+        for block in blocks(len(pose), POSES_AT_ONCE):
+            place = poser.joint_transforms(pose[block]).astype(np.float64)
+            away = known[block] - place[:, joint][..., :3, 3]
+            local[block] = np.einsum("fjba,fjb->fja", place[:, axes][..., :3, :3], away)
+        seen = np.isfinite(local).any(axis=(0, 2))
+        offset = np.nanmedian(local[:, seen], axis=0)
+        distance[run][:, seen] = np.linalg.norm(local[:, seen] - offset, axis=-1)
+    return distance
+
+
+_SHAKE_RATE = 60.0
+"""Shake is given as at this many frames a second, so that a smooth motion's is the same at any rate."""
+
+
+def second_differences(joints: np.ndarray, frame_numbers: np.ndarray, fps: float) -> np.ndarray:
+    """Lengths of the second differences of the joints' paths, as at 60 Hz: (run, three frames in a row, joint) [m].
+
+    Args:
+        joints: (run, frame, joint, 3) [m].
+        frame_numbers: (frame,); where frames are missing between two, no difference reaches across.
+        fps: frames per second of the numbering.
+    """
+    step = np.diff(frame_numbers)
+    consecutive = (step[1:] == step.min()) & (step[:-1] == step.min()) if len(step) > 1 else np.zeros(0, bool)
+    second = np.diff(joints, n=2, axis=1)[:, consecutive]
+    rate = fps / step.min() if len(step) else fps
+    return np.linalg.norm(second, axis=-1) * (rate / _SHAKE_RATE) ** 2
+
+
+def growth(error: np.ndarray) -> np.ndarray:
+    """Mean error of the last third over that of the first third: (run,), NaN with fewer than three frames.
+
+    Args:
+        error: (run, frame) of the frames that have a truth, NaN where it is unknown.
+    """
+    third = error.shape[1] // 3
+    if not third:
+        return np.full(len(error), np.nan)
+    first, last = nanmean(error[:, :third], axis=1), nanmean(error[:, -third:], axis=1)
+    return np.divide(last, first, out=np.full(len(error), np.nan), where=first > 0)

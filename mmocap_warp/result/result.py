@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -42,7 +43,7 @@ class FrameAnswer:
 
 @dataclass(frozen=True)
 class Result:
-    """Poses of every frame of every run, with what is needed to judge and repeat them.
+    """Poses of every frame of every run, with what is needed to evaluate and repeat them.
 
     Attributes:
         subject: the body that was tracked; its pose is where tracking started.
@@ -59,7 +60,7 @@ class Result:
         versions: package versions and device.
         raw_pose: like ``pose``, the track before it was smoothed; None if it was not.
         angle_sigma: like ``pose``, standard deviation of each coordinate [m, rad], NaN where it is unknown; None if
-            the tracker does not tell.
+            the tracker does not give it.
         joint_sigma: (run, frame, joint, 3) float64, standard deviation of each joint's place along the world's axes
             [m]; likewise.
         left_out_before: how many frames of the track were before the first, where this is a part of it.
@@ -120,27 +121,32 @@ class Result:
                 raise ValueError(f"{name} must be {shape}, got {array.shape}")
 
     @property
+    def arrays(self) -> dict[str, Any]:
+        """The arrays (run, frame, ...) that there are, by name."""
+        names = ("pose", "cost", "iou", "evaluations", "status", "raw_pose", "angle_sigma", "joint_sigma")
+        return {name: array for name in names if (array := getattr(self, name)) is not None}
+
+    @property
     def best_run(self) -> int:
         """The run with the lowest mean cost: the one that is animated."""
         return int(np.argmin(np.nanmean(self.cost, axis=1))) if np.isfinite(self.cost).any() else 0
 
     @property
     def rate(self) -> float:
-        """How many of the result's frames there are in a second: fewer than ``fps`` where frames were passed over."""
+        """The result's frames in a second: fewer than ``fps`` where frames were passed over."""
         step = np.diff(self.frame_numbers)
         return self.fps / int(step.min()) if len(step) else self.fps
 
     def at(self, positions: Sequence[int]) -> Result:
-        """Some of its frames alone, by their positions in ``frame_numbers``, ascending."""
+        """The result of some of its frames, by their positions in ``frame_numbers``, ascending."""
         chosen = np.asarray(positions, int)
-        of_frames = ("pose", "cost", "iou", "evaluations", "status", "raw_pose", "angle_sigma", "joint_sigma")
-        arrays = {name: array[:, chosen] for name in of_frames if (array := getattr(self, name)) is not None}
+        arrays = {name: array[:, chosen] for name, array in self.arrays.items()}
         before = self.left_out_before + int(chosen[0])
         return replace(self, frame_numbers=self.frame_numbers[chosen], left_out_before=before, **arrays)
 
     def joints(self) -> np.ndarray:
         """Joint centres in the world: (run, frame, joint, 3) float64 [m], the joints in the order of the body's."""
-        from mmocap_warp.result.positions import joint_positions  # Warp, which reading a result does not need
+        from mmocap_warp.body.posing import joint_positions  # Warp, which reading a result does not need
 
         centres = joint_positions(self.subject, self.pose.reshape(-1, self.pose.shape[2]))
         return centres.reshape(*self.pose.shape[:2], -1, 3)
@@ -156,7 +162,7 @@ class Result:
         Raises:
             IndexError: no such run or frame.
         """
-        from mmocap_warp.result.positions import skin_positions
+        from mmocap_warp.body.posing import skin_positions
 
         pose = self.pose[self.best_run if run is None else run]
         chosen = pose if frames is None else pose[np.asarray(frames, int)]

@@ -1,4 +1,4 @@
-"""Known positions of markers and joints, which a result is judged against."""
+"""Known positions of markers and joints, which a result is compared with."""
 
 from __future__ import annotations
 
@@ -86,10 +86,12 @@ def at_rate(truth: Truth, fps: float) -> Truth:
             f"has {truth.fps:g} frames a second, the recording {fps:g}",
             "give a truth of at least the recording's rate",
         )
+    # The recording's frames that lie within the truth, and their places among its frame numbers.
     ratio, known = truth.fps / fps, truth.frame_numbers
     first, last = np.round(known[[0, -1]] / ratio, _DECIMALS) if len(known) else (0, -1)
     numbers = np.arange(int(np.ceil(first)), int(np.floor(last)) + 1)
     place = np.round(numbers * ratio, _DECIMALS)
+    # Each is interpolated between two frames of the truth, which must be next to each other.
     before, after = np.searchsorted(known, place, side="right") - 1, np.searchsorted(known, place)
     neighbours = known[after] - known[before] <= 1
     before, after, along = before[neighbours], after[neighbours], (place - known[before])[neighbours]

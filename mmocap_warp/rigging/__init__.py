@@ -1,4 +1,4 @@
-"""The shipped bodies: found by name, and made from MakeHuman's data; others are made by the subroom ``importing``.
+"""The shipped bodies, found by name; bodies of other programs are made by the subroom ``importing``.
 
 May import: body, formats.
 """

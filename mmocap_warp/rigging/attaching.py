@@ -19,12 +19,11 @@ from mmocap_warp.formats.attachments import ALL, FIXED, Attachment
 from mmocap_warp.formats.rigged.part_meshes import part_mesh
 from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh
 from mmocap_warp.rigging.decimation import decimate
-from mmocap_warp.rigging.importing.closing import closed
-from mmocap_warp.rigging.importing.welding import welded
+from mmocap_warp.rigging.importing.closing import closed, welded
 
-_TRIANGLES = 600  # of a thing's tracking mesh, at most
-_LONGEST, _SHORTEST = 3.0, 0.01  # of the body's extent: what is longer or shorter is in another unit
-_PLACE_SPREAD, _TURN_SPREAD = 0.3, 0.5  # how far a free thing is from where it is said to be [m, rad]
+_TRIANGLES = 600  # number of triangles of a thing's tracking mesh, at most
+_LONGEST, _SHORTEST = 3.0, 0.01  # shares of the body's extent: a thing that is longer or shorter is in another unit
+_PLACE_SPREAD, _TURN_SPREAD = 0.3, 0.5  # how far a free thing is from its given place, as standard deviations [m, rad]
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +40,7 @@ class Carrying:
 
 
 def carrying(body: BodyModel, things: Iterable[Attachment]) -> Carrying:
-    """A body with things attached; those that it has already, by their names, it keeps as they are.
+    """A body with things attached. A thing whose name the body has already is left as it is.
 
     Raises:
         InputError: a mesh that cannot be read, no such joint, a name that is taken, or a size that cannot be.
@@ -49,20 +48,20 @@ def carrying(body: BodyModel, things: Iterable[Attachment]) -> Carrying:
     notes: list[str] = []
     for thing in things:
         if thing.name not in body.skeleton.attached:
-            body, told = _with(body, thing)
-            notes += told
+            body, done = _attach(body, thing)
+            notes += done
     return Carrying(body, tuple(notes))
 
 
 def subject_carrying(subject: Subject, things: Iterable[Attachment]) -> tuple[Subject, tuple[str, ...]]:
-    """A subject with things attached where they are said to be, and notes; see :func:`carrying`."""
+    """A subject with things attached at their given places, and notes; see :func:`carrying`."""
     made = carrying(subject.body, things)
     pose = np.zeros(made.body.skeleton.coordinates)
     pose[: len(subject.pose)] = subject.pose
     return replace(subject, body=made.body, pose=pose), made.notes
 
 
-def _with(body: BodyModel, thing: Attachment) -> tuple[BodyModel, list[str]]:
+def _attach(body: BodyModel, thing: Attachment) -> tuple[BodyModel, list[str]]:
     skeleton = body.skeleton
     if thing.joint is not None and thing.joint not in skeleton.joints:
         known = ", ".join(get_close_matches(thing.joint, skeleton.joints, 3, 0.5) or skeleton.joints)
@@ -73,7 +72,7 @@ def _with(body: BodyModel, thing: Attachment) -> tuple[BodyModel, list[str]]:
     carrier = 0 if thing.joint is None else skeleton.index(thing.joint)
     frame = zyx_rotation(np.radians(thing.rotation))
     origin = body.joint_rest[carrier].astype(float) + thing.position
-    return _joined(body, thing, carrier, frame, origin, surface), [f"{thing.name}: {note}" for note in notes]
+    return _join(body, thing, carrier, frame, origin, surface), [f"{thing.name}: {note}" for note in notes]
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +95,7 @@ def _surface(thing: Attachment, body: BodyModel) -> tuple[_Surface, list[str]]:
     if not _SHORTEST * of_body < extent < _LONGEST * of_body:
         problem = f"{thing.mesh.name} is {extent:.3g} m long, the body {of_body:.3g} m"
         raise thing.wrong(problem, "set scale to its unit in metres, such as 0.001")
-    vertex, face = _welded(vertex, face)
+    vertex, face = _weld(vertex, face)
     if not len(face):
         raise thing.wrong(f"{thing.mesh.name} has no triangles of any area", "write it again as .stl")
     whole = closed(vertex, face)
@@ -111,21 +110,22 @@ def _surface(thing: Attachment, body: BodyModel) -> tuple[_Surface, list[str]]:
     return _Surface(vertex, face, tracking_vertex, tracking_face), notes
 
 
-def _welded(vertex: np.ndarray, face: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _weld(vertex: np.ndarray, face: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     follows, weight = np.zeros((len(vertex), 1), int), np.ones((len(vertex), 1))
     mesh = welded(RiggedMesh("", ("",), (-1,), np.eye(4)[None], vertex, face, follows, weight))
     return mesh.vertex, mesh.face
 
 
-def _joined(
+def _join(
     body: BodyModel, thing: Attachment, carrier: int, frame: np.ndarray, origin: np.ndarray, surface: _Surface
 ) -> BodyModel:
     """The body with the thing's joints at ``origin`` (3,), whose axes are the columns of ``frame``."""
     skeleton = _skeleton(body.skeleton, thing, carrier, frame)
     more = len(skeleton.joints) - len(body.joint_rest)
+    # The thing's skin stands after the body's, in faces of as many corners, and follows the last of its joints.
     vertex, face = origin + surface.vertex @ frame.T, surface.face
     if body.skin.face.shape[1] == 4:
-        vertex, face = _in_quads(vertex, face)
+        vertex, face = _as_quads(vertex, face)
     before, count = len(body.skin.rest), len(vertex)
     joint = np.zeros((count, 4), np.int32)
     joint[:, 0] = len(skeleton.joints) - 1
@@ -135,6 +135,7 @@ def _joined(
         joint=np.concatenate([body.skin.joint, joint]),
         weight=np.concatenate([body.skin.weight, np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1))]),
     )
+    # Where a shape target moves the carrier, it moves the whole thing along.
     carried = body.shape_joint[:, carrier : carrier + 1]
     return replace(
         body,
@@ -155,6 +156,7 @@ def _skeleton(skeleton: Skeleton, thing: Attachment, carrier: int, frame: np.nda
     slides = (_place(thing),) if thing.free == ALL else ()
     joints = (*slides, thing.name)
     free = {FIXED: "", ALL: "xyz"}.get(thing.free, thing.free)
+    # A free thing is searched along all axes of the joint that slides, then about the free axes of the one that turns.
     first = TRANSLATION + 3 * count
     searched = [first + i for i in range(3) if slides]
     searched += [first + 3 * len(slides) + "xyz".index(axis) for axis in free]
@@ -182,8 +184,8 @@ def _place(thing: Attachment) -> str:
     return f"{thing.name}_place"
 
 
-def _in_quads(vertex: np.ndarray, face: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Each triangle as three quads, for skin whose faces have four corners; the vertices come first, as they were."""
+def _as_quads(vertex: np.ndarray, face: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Each triangle as three quads, for skin whose faces have four corners; the given vertices come first."""
     side = np.sort(np.stack([face, np.roll(face, -1, axis=1)], axis=-1), axis=-1)
     edge, of_side = np.unique(side.reshape(-1, 2), axis=0, return_inverse=True)
     middle = len(vertex) + of_side.reshape(-1, 3)  # of the side from each corner to the next

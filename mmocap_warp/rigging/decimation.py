@@ -8,7 +8,7 @@ import numpy as np
 
 from mmocap_warp.body.mesh_pieces import is_closed
 
-_LEAST_COSINE = 0.2  # between a triangle's normals before and after a collapse: it may tilt, not fold over
+_LEAST_COSINE = 0.2  # a collapse may turn a triangle's normal this far: a triangle may tilt, not fold over
 
 
 def decimate(vertex: np.ndarray, face: np.ndarray, triangles: int) -> tuple[np.ndarray, np.ndarray]:
@@ -38,7 +38,7 @@ def decimate(vertex: np.ndarray, face: np.ndarray, triangles: int) -> tuple[np.n
         at = homogeneous[kept]
         return float(at @ (quadric[gone] + quadric[kept]) @ at)
 
-    # Entries of changed vertices stay in the heap and are recognised by their age.
+    # All edges wait in the order of their errors. Entries of changed vertices stay there; their age shows them.
     age = [0] * len(vertex)
     heap = [(error(u, v), u, v, 0, 0) for u, around in enumerate(mesh.neighbours) for v in sorted(around)]
     heapq.heapify(heap)
@@ -48,6 +48,7 @@ def decimate(vertex: np.ndarray, face: np.ndarray, triangles: int) -> tuple[np.n
         _, gone, kept, age_gone, age_kept = heapq.heappop(heap)
         if age[gone] != age_gone or age[kept] != age_kept or not mesh.may_collapse(gone, kept):
             continue
+        # The vertex that is kept takes over the planes of the one that goes, and its edges are put in anew.
         mesh.collapse(gone, kept)
         quadric[kept] += quadric[gone]
         age[gone] = -1

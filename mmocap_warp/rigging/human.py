@@ -39,19 +39,19 @@ _FREE_39: dict[str, str] = dict.fromkeys(JOINTS, "xyz") | {
     "LAnkle": "xy",
     "RAnkle": "xy",
 }  # Table 1, the 39-DOF model
-_STARRED = ("UpperSpine", "LWrist", "RWrist", "LAnkle", "RAnkle")  # Table 1: absent from the 28-DOF model
+_NOT_IN_28 = ("UpperSpine", "LWrist", "RWrist", "LAnkle", "RAnkle")  # Table 1: absent from the 28-DOF model
 
 
-def _searched(free: dict[str, str]) -> np.ndarray:
+def _coordinates_of(free: dict[str, str]) -> np.ndarray:
     """(dof,) int32, the translation and the free angles."""
     angles = [TRANSLATION + 3 * j + "xyz".index(axis) for j, joint in enumerate(JOINTS) for axis in free[joint]]
     return np.array([*range(TRANSLATION), *angles], np.int32)
 
 
 MODELS: dict[int, np.ndarray] = {
-    39: _searched(_FREE_39),
-    28: _searched(_FREE_39 | dict.fromkeys(_STARRED, "")),
-    51: _searched(dict.fromkeys(JOINTS, "xyz")),
+    39: _coordinates_of(_FREE_39),
+    28: _coordinates_of(_FREE_39 | dict.fromkeys(_NOT_IN_28, "")),
+    51: _coordinates_of(dict.fromkeys(JOINTS, "xyz")),
 }
 """Searched coordinates by number of degrees of freedom; the default first."""
 

@@ -1,15 +1,23 @@
-"""Bodies by name: those that ship with the package, or a file of one's own."""
+"""Bodies by name: those that ship with the package, or a file of one's own; and how sure a shipped one's fits are.
+
+By how much a body's stated standard deviations are too large or too small was learned on made people.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from mmocap_warp.body.model import BodyModel
+from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
 from mmocap_warp.errors import InputError
+from mmocap_warp.formats.toml_table import load_toml
 from mmocap_warp.formats.usd.usd_body import read_body
 from mmocap_warp.scenes import ROOT
 
-_FOLDERS = ("bodies", "characters")  # people, and others
+_FOLDERS = ("bodies", "characters")  # folders of people, and of other bodies
 
 DEFAULT_BODY = "adult_man"
 """Where a fit starts if nobody says."""
@@ -42,3 +50,55 @@ def body_file(name: str | Path, source: object = "body") -> Path:
         known = ", ".join(file.stem for file in shipped)
         raise InputError(source, f"there is no body '{name}'", f"name a USD file, or one of {known}")
     return found
+
+
+@dataclass(frozen=True, eq=False)
+class DeviationFactors:
+    """Factors of stated standard deviations.
+
+    Attributes:
+        joint: (joint, 3) of the joints' centres along the body's axes: to its left, up, and ahead.
+        angle: (joint, 3) of the joints' angles.
+    """
+
+    joint: np.ndarray
+    angle: np.ndarray
+
+    @property
+    def coordinate(self) -> np.ndarray:
+        """(coordinate,) the factors of a pose; 1 for its translation, which is the root's centre."""
+        return np.concatenate([np.ones(TRANSLATION), self.angle.ravel()])
+
+
+def deviation_factors(body: BodyModel) -> DeviationFactors | None:
+    """The factors of a shipped body, and of bodies that were fitted from it; None where none were learned.
+
+    They stand beside the shipped bodies, in ``<name>.deviations.toml``, which says what it was made with.
+    """
+    path = ROOT / "bodies" / f"{body.name}.deviations.toml"
+    if not path.is_file():
+        return None
+    table = load_toml(path)
+    joint, angle = (table.take(name, dict) for name in ("joint", "angle"))
+    skeleton = body.skeleton
+    if set(joint) != set(skeleton.joints) - set(skeleton.attached) or set(angle) != set(joint):
+        return None  # another body of that name
+    as_stated = {name: [1.0, 1.0, 1.0] for name in skeleton.attached}  # of what is attached nothing was learnt
+    return DeviationFactors(
+        *(np.array([(of | as_stated)[name] for name in skeleton.joints], float) for of in (joint, angle))
+    )
+
+
+def factors_toml(skeleton: Skeleton, factors: DeviationFactors, made_with: str) -> str:
+    """The text of a file of factors; ``made_with`` is its first line, a comment."""
+    lines = [f"# {made_with}"]
+    for name, values, what in (
+        ("joint", factors.joint, "of the centres, along the body's axes: to its left, up, ahead"),
+        ("angle", factors.angle, "of Rx, Ry, Rz"),
+    ):
+        lines += ["", f"[{name}] # {what}"]
+        lines += [
+            f"{joint} = [{', '.join(f'{value:.2f}' for value in of_joint)}]"
+            for joint, of_joint in zip(skeleton.joints, values, strict=True)
+        ]
+    return "\n".join(lines) + "\n"

@@ -1,19 +1,23 @@
-"""Poses in which a recording may start: frames of a motion that came with a body, or a TOML file of angles."""
+"""What known poses of a body tell: poses in which a recording may start, and limits and spreads of its joints.
+
+A recording may start in a frame of a motion that came with the body, or in a pose of a TOML file of angles.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from mmocap_warp.body.body_motion import BodyMotion, motion_named
-from mmocap_warp.body.skeleton import Skeleton
+from mmocap_warp.body.model import BodyMotion, motion_named
+from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import load_toml
 from mmocap_warp.formats.usd.usd_body import read_body, read_motions
 
-_FRAMES = 8  # of a motion, evenly spread
+_FRAMES = 8  # number of a motion's frames that are taken, evenly spread
 
 
 def start_poses(body_file: Path, named: Iterable[str]) -> np.ndarray:
@@ -35,8 +39,7 @@ def start_poses(body_file: Path, named: Iterable[str]) -> np.ndarray:
 def frames_of(motion: BodyMotion) -> np.ndarray:
     """(pose, coordinate) some of a motion's frames, evenly spread."""
     last = len(motion.pose) - 1
-    frames: np.ndarray = motion.pose[np.unique(np.linspace(0, last, _FRAMES).round().astype(int))]
-    return frames
+    return motion.pose[np.unique(np.linspace(0, last, _FRAMES).round().astype(int))]
 
 
 def read_pose(path: str | Path, skeleton: Skeleton) -> np.ndarray:
@@ -58,3 +61,35 @@ def read_pose(path: str | Path, skeleton: Skeleton) -> np.ndarray:
         entry.finish()
     table.finish()
     return pose
+
+
+_OUTLIERS = 0.005  # share of the frames, at either end, that may be wrong
+_LEAST_SPREAD = 0.05  # spread of a joint that turns, at least [rad]
+_LEAST_SHIFT = 0.001  # spread of a joint that slides, at least [m]
+_SHIFT_MARGIN = 0.1  # share of the travel seen by which limits of a slide are wider, at either end
+
+
+def learnt(skeleton: Skeleton, poses: np.ndarray, margin: float) -> Skeleton:
+    """The skeleton with limits and spreads of the angles that it searches, but the root's, as they were in poses.
+
+    Limits leave out the most extreme frames, half a percent at either end. A joint's spread is the root mean square of
+    the angle that strays most from the zero pose. Limits of a joint that slides are a tenth of the travel seen wider,
+    but not wider than they were: those are where the hardware stops. What is attached stays as it is.
+
+    Args:
+        skeleton: the joints.
+        poses: (frame, coordinate).
+        margin: by how much limits of angles are wider than what was seen, at either end [rad].
+    """
+    limits, spread = skeleton.limits.copy(), skeleton.spread.copy()
+    seen = np.where(skeleton.slides, _LEAST_SHIFT, _LEAST_SPREAD)
+    for coordinate in (*skeleton.searched_angles(), *skeleton.searched_shifts()):
+        joint, axis = divmod(int(coordinate) - TRANSLATION, 3)
+        values, slides = poses[:, coordinate], skeleton.slides[joint]
+        low, high = np.quantile(values, [_OUTLIERS, 1 - _OUTLIERS])
+        wider = _SHIFT_MARGIN * (high - low) if slides else margin
+        bounds = [low - wider, high + wider]
+        limits[joint, axis] = np.clip(bounds, *skeleton.limits[joint, axis]) if slides else bounds
+        seen[joint] = max(seen[joint], float(np.sqrt(np.mean(values**2))))
+        spread[joint] = seen[joint]
+    return replace(skeleton, limits=limits, spread=spread)

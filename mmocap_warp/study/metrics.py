@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
+from mmocap_warp.body.posing import skin_positions
 from mmocap_warp.result.marker_errors import marker_errors
-from mmocap_warp.result.over_time import growth, second_differences
 from mmocap_warp.result.pose_errors import (
     HEAD_TOP,
     LOST_LIMB,
     aligned_error,
     common_frames,
+    growth,
     head_top,
     nanmean,
     on_all_frames,
+    second_differences,
 )
-from mmocap_warp.result.positions import skin_positions
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.result.truth import Truth, at_rate
 
@@ -167,7 +168,7 @@ def _judge_joints(
 ) -> np.ndarray:
     """Fill in the joint errors of the frames ``mine``; returns how many of them have lost a limb, (run,)."""
     skeleton = result.subject.body.skeleton
-    judged = [name for group in skeleton.judged.values() for name in group]
+    judged = [name for group in skeleton.evaluation_groups.values() for name in group]
     names = [name for name in (*TRUNK, *judged) if name in truth.joint_names]
     if not names:
         return np.full(len(joints), np.nan)

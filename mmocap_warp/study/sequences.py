@@ -20,16 +20,14 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.pose_errors import HEAD_TOP, head_top
 from mmocap_warp.result.truth import Truth
-from mmocap_warp.synthesis.footage.made_cameras import placed_camera
-from mmocap_warp.synthesis.footage.made_recording import Recording
+from mmocap_warp.synthesis.footage.made_recording import Recording, placed_camera
 from mmocap_warp.synthesis.footage.segmentation import Contrast, SegmentedMasks
 from mmocap_warp.synthesis.motion.boxing import ROUNDS, boxing
 from mmocap_warp.synthesis.motion.gait import Walk
 from mmocap_warp.synthesis.motion.gestures import SCRIPTS, gesturing
 from mmocap_warp.synthesis.motion.retarget import read_clip, retargeted
 from mmocap_warp.synthesis.motion.spinning import SPINS, spinning
-from mmocap_warp.synthesis.strangers import STRANGERS
-from mmocap_warp.synthesis.walkers import PEOPLE, Person, fitted_start
+from mmocap_warp.synthesis.walkers import PEOPLE, STRANGERS, Person, fitted_start
 
 FPS = 60.0
 MARKER_NOISE = 0.002

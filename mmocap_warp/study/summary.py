@@ -13,7 +13,7 @@ from mmocap_warp.result.pose_errors import nanmean, nanmedian
 from mmocap_warp.study.cell import Cell, CellResult
 from mmocap_warp.study.paper import ALGORITHM_ORDER
 from mmocap_warp.study.sequences import FURTHER_PLANS
-from mmocap_warp.synthesis.strangers import STRANGERS
+from mmocap_warp.synthesis.walkers import STRANGERS
 from mmocap_warp.tracking.algorithms import ALGORITHMS, CONTOUR_TRACKERS
 
 

@@ -6,23 +6,27 @@ from pathlib import Path
 
 import numpy as np
 
-from mmocap_warp.body.body_motion import BodyMotion
-from mmocap_warp.body.model import BodyModel, Subject
+from mmocap_warp.body.model import BodyModel, BodyMotion, Subject
 from mmocap_warp.body.shape_space import upright_base
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.synthesis.exact_posing import ExactPoser
 from mmocap_warp.synthesis.footage.faults import Faults, SpoiltMasks
-from mmocap_warp.synthesis.footage.made_cameras import placed_camera
-from mmocap_warp.synthesis.footage.made_recording import Recording
+from mmocap_warp.synthesis.footage.made_recording import Recording, placed_camera
 from mmocap_warp.synthesis.writing import FAULTY_MASKS, Progress, write_made_scene
 
 SIZE = (640, 480)
 """Of the cameras' images, by default [px]."""
 
-_FILLED = 0.85  # of the image, what the motion takes at most
-_FOCAL = 1.4  # of the image's width
-_ELEVATIONS = (4.0, 20.0, 10.0, 30.0, 15.0)  # of the cameras over the middle of what moves, in turn [degrees]
-_FIRST_BEARING = 14.0  # [degrees]: no camera looks along an axis of the world
+_FILLED = 0.85  # share of the image that the motion takes at most
+_FOCAL = 1.4  # focal length, in widths of the image
+_ELEVATIONS = (
+    4.0,
+    20.0,
+    10.0,
+    30.0,
+    15.0,
+)  # elevations of the cameras over the middle of the motion, in turn [degrees]
+_FIRST_BEARING = 14.0  # direction of the first camera [degrees]: none looks along an axis of the world
 _FAULTS = (
     Faults(grow=-0.2, ragged=0.5, holes=1.5, specks=2.0, salt=5e-5),
     Faults(grow=0.2, ragged=0.6, holes=1.5, specks=3.0, salt=5e-5),

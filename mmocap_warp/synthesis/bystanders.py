@@ -15,12 +15,12 @@ from mmocap_warp.synthesis.motion.gait import Walk
 from mmocap_warp.synthesis.motion.gait_curves import CADENCE
 from mmocap_warp.synthesis.walkers import PEOPLE
 
-_NEAREST = 0.3  # to a camera's plane; what comes nearer is not seen by it [m]
-_STRAIGHT = 200.0  # radius of a circle that is walked along as if it were a line [m]
-_HEADING = 0.7  # of who walks by [rad]
-_HALF_WAY = 2.6  # so far before and after the middle of the way somebody is seen [m]
-_SIZE = (0.7, 0.75, 0.45)  # of the furniture: wide, high and deep [m]
-_BEARING = 2.0  # of the furniture from the middle of the room [rad]
+_NEAREST = 0.3  # a camera does not see what is nearer to its plane [m]
+_STRAIGHT = 200.0  # radius of the circle that is walked along: nearly a line [m]
+_HEADING = 0.7  # direction of the passer-by [rad]
+_HALF_WAY = 2.6  # the passer-by is seen this far before and after the middle of the way [m]
+_SIZE = (0.7, 0.75, 0.45)  # width, height and depth of the furniture [m]
+_BEARING = 2.0  # direction of the furniture from the middle of the room [rad]
 _BOX = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])  # of _corners
 
 
@@ -45,7 +45,7 @@ class PasserBy:
             return [np.zeros((height, width), bool) for width, height in self.rig.size]
         poses[:, 0] += self.aside
         poses[:, :3] = poses[:, :3] @ self._base.T + self.middle
-        return _seen(self.rig, self._poser.vertices(poses)[0], self._surface)
+        return _silhouettes_before(self.rig, self._poser.vertices(poses)[0], self._surface)
 
     @cached_property
     def _base(self) -> np.ndarray:
@@ -69,18 +69,18 @@ def furniture(rig: CameraRig, middle: np.ndarray, aside: float) -> list[np.ndarr
     """Silhouettes of a chest that stands ``aside`` of ``middle`` [m]: per camera (height, width) bool."""
     turned = upright_base(rig.up) @ heading_rotation(_BEARING)
     corners = (_corners() + np.array([0.0, 0.0, aside])) @ turned.T + middle
-    return _seen(rig, corners, Surface.of(_BOX))
+    return _silhouettes_before(rig, corners, Surface.of(_BOX))
 
 
 def _corners() -> np.ndarray:
-    """(8, 3), standing on the floor about the origin; in the order of the binary digits of their number."""
+    """(8, 3), corners of the furniture on the floor about the origin, in the order of their numbers' binary digits."""
     wide, high, deep = _SIZE
     digits = np.array([[i >> 2 & 1, i >> 1 & 1, i & 1] for i in range(8)])
     return (digits - (0.5, 0.0, 0.5)) * (wide, high, deep)
 
 
-def _seen(rig: CameraRig, vertices: np.ndarray, surface: Surface) -> list[np.ndarray]:
-    """Silhouettes in the cameras that the whole of it is in front of; the others see nothing."""
+def _silhouettes_before(rig: CameraRig, vertices: np.ndarray, surface: Surface) -> list[np.ndarray]:
+    """Silhouettes in each camera; a camera sees nothing if the surface is not wholly in front of it."""
     depth = (np.einsum("kj,vj->kv", rig.R[:, 2], vertices) + rig.t[:, 2:]).min(axis=1)
     masks = [np.zeros((height, width), bool) for width, height in rig.size]
     for k in np.flatnonzero(depth > _NEAREST):

@@ -11,7 +11,7 @@ from mmocap_warp.body.rotations import applied, zyx_rotation
 
 
 class ExactPoser:
-    """Poses a body in the world; to be used as :class:`mmocap_warp.body.posing.Poser` is.
+    """Poses a body in the world; it is used as :class:`mmocap_warp.body.posing.Poser`.
 
     Args:
         body: the body.
@@ -49,9 +49,9 @@ class ExactPoser:
 
     def vertices(self, poses: np.ndarray) -> np.ndarray:
         """The full mesh's vertices in the world for full poses (n, 51): (n, vertex, 3) float64 [m]."""
-        return np.stack([self._skinned(transforms) for transforms in self.joint_transforms(poses)[:, :, :3]])
+        return np.stack([self._skin_vertices(transforms) for transforms in self.joint_transforms(poses)[:, :, :3]])
 
-    def _skinned(self, transforms: np.ndarray) -> np.ndarray:
+    def _skin_vertices(self, transforms: np.ndarray) -> np.ndarray:
         """(vertex, 3), from one frame's joint transforms (joint, 3, 4)."""
         moved = transforms[:, :, :3] @ self._from_bind
         moved[:, :, 3] += transforms[:, :, 3]

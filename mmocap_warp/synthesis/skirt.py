@@ -16,11 +16,13 @@ from mmocap_warp.body.model import BodyModel
 from mmocap_warp.synthesis.exact_posing import ExactPoser, led_by
 
 _LEVELS, _SIDES = 16, 48
-_VERTICES = _LEVELS * _SIDES + 2  # of the rings from the waist down, and the middles of the first and the last
-_COVERED = ("Root", "BottomSpine", "LHip", "RHip", "LKnee", "RKnee")  # joints that lead the skin under it
-_HEM = 0.92  # of the way from the root joint down to the knee
-_BAND = 1.5  # half the height around a level whose skin counts there, in spacings of levels
-_LOOSE, _FLARE = 0.008, 0.10  # how far it stands off at the waist, and at the hem more than that [m]
+_VERTICES = (
+    _LEVELS * _SIDES + 2
+)  # vertices of the rings from waist to hem, and of the middles of the first and the last
+_JOINTS_UNDER = ("Root", "BottomSpine", "LHip", "RHip", "LKnee", "RKnee")  # joints that move the skin under the skirt
+_HEM = 0.92  # height of the hem, as a share of the way from the root joint down to the knee
+_BAND = 1.5  # skin this far above or below a level counts there, in spacings of levels
+_LOOSE, _FLARE = 0.008, 0.10  # how far the skirt stands off at the waist, and by how much more at the hem [m]
 _FOLD, _FOLDS = 0.016, 7  # half the depth of its folds at the hem [m], and their number
 
 
@@ -56,18 +58,18 @@ class SkirtPoser(ExactPoser):
             place, axes = root[:, 3], self._root_base.T @ root[:, :3]
             heading = np.arctan2(axes[0, 2], axes[2, 2])
             under = (vertices[:-_VERTICES][self._covered] - place) @ self._root_base
-            vertices[-_VERTICES:] = place + self._hanging(under, heading) @ self._root_base.T
+            vertices[-_VERTICES:] = place + self._skirt_vertices(under, heading) @ self._root_base.T
         return posed
 
-    def _hanging(self, under: np.ndarray, heading: float) -> np.ndarray:
-        """The skirt's vertices from the root, in upright axes; of the skin ``under`` it likewise (vertex, 3)."""
+    def _skirt_vertices(self, under: np.ndarray, heading: float) -> np.ndarray:
+        """The skirt's vertices, from the skin ``under`` it (vertex, 3); both from the root, in upright axes."""
         heights = self._heights
         angle = heading + np.arange(_SIDES) * (2 * np.pi / _SIDES)
         directions = np.stack([np.sin(angle), np.cos(angle)])  # (axis, side)
         reach = under[:, [0, 2]] @ directions  # (vertex, side)
         near = np.abs(under[:, 1] - heights[:, None]) < _BAND * (heights[0] - heights[1])
         band = np.stack([reach[each].max(axis=0, initial=0.0) for each in near])
-        radius = _convex(np.maximum.accumulate(band, axis=0))
+        radius = _convex_band(np.maximum.accumulate(band, axis=0))
         depth = np.linspace(0.0, 1.0, _LEVELS)[:, None]
         radius += _LOOSE + depth * (_FLARE + _FOLD * np.cos(_FOLDS * (angle - heading)))
         rings = np.empty((_LEVELS, _SIDES, 3))
@@ -79,7 +81,7 @@ class SkirtPoser(ExactPoser):
     @cached_property
     def _covered(self) -> np.ndarray:
         """(vertex,) bool, of the body's own skin."""
-        return led_by(self._body, *_COVERED)[:-_VERTICES]
+        return led_by(self._body, *_JOINTS_UNDER)[:-_VERTICES]
 
     @cached_property
     def _heights(self) -> np.ndarray:
@@ -89,8 +91,8 @@ class SkirtPoser(ExactPoser):
         return np.linspace(waist, _HEM * knee, _LEVELS)
 
 
-def _convex(reach: np.ndarray) -> np.ndarray:
-    """How far from the middle (level, side) a convex band is that reaches so far along each direction."""
+def _convex_band(reach: np.ndarray) -> np.ndarray:
+    """Distances from the middle (level, side) of a convex band around what reaches so far in each direction."""
     apart = np.arange(_SIDES) * (2 * np.pi / _SIDES)
     cosine = np.cos(apart[:, None] - apart)
     bound = np.where(cosine > 0.1, reach[:, None, :] / np.where(cosine > 0.1, cosine, 1.0), np.inf)

@@ -1,35 +1,35 @@
-"""Who moves: the walker of the built-in scene, and three people with the bodies that a tracker is given for them.
+"""Who moves: three people, three strangers, and the bodies that a tracker is given for them.
 
 The true bodies are shipped bodies with other shape weights, then stretched unequally, so that no shape of the
 tracker's body equals them. The tracker's bodies have the main proportions right, as a person who sets sliders by hand
 (or a fit to a first frame) gets them, and lack the rest. S3, the worst tracked subject of the paper, is modelled worst.
+
+Of the strangers each segment has a length and a girth of its own, or they wear what does not move with the skin: what a
+tracker does with them shows how much it owes to the family of its bodies.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel, Subject
-from mmocap_warp.formats.usd.usd_body import read_body
-from mmocap_warp.scenes import ROOT
+from mmocap_warp.rigging.shipped import load_body
 from mmocap_warp.synthesis.exact_posing import ExactPoser
+from mmocap_warp.synthesis.skirt import SkirtPoser, skirted
 
-_WALKER_SHAPE: dict[str, float] = {
-    "weight_incr": 0.35,
-    "muscle_incr": 0.25,
-    "leg_length_incr": 0.30,
-    "arm_length_decr": 0.20,
-    "shoulder_width_incr": 0.40,
-    "waist_incr": 0.30,
+Size = tuple[float, float]
+"""Of a segment, as factors: its length, and its girth."""
+
+_UP = np.array([0.0, 1.0, 0.0])
+_LIMBS: dict[str, str] = {
+    side + joint: side + end
+    for side in "LR"
+    for joint, end in (("Shoulder", "Elbow"), ("Elbow", "Wrist"), ("Hip", "Knee"), ("Knee", "Ankle"))
 }
-_WALKER_STRETCH = (1.02, 0.99, 1.03)
-
-
-def walker() -> BodyModel:
-    """The shipped woman, heavier, stronger, longer of leg, broader of shoulder, then stretched unequally."""
-    return _stretched(_shipped("adult_woman").shaped(_WALKER_SHAPE), "walker", _WALKER_STRETCH)
+"""The joint at the end of a segment that does not stand upright in the bind pose."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +43,8 @@ class Person:
         stretch: across, up and forward, of the true body.
         modelled: shape weights of the tracker's body.
         scale: of the tracker's body.
+        segments: sizes of the segments that hang on joints, where those of the true body differ; None for none.
+        skirt: whether the true body wears one, see :mod:`mmocap_warp.synthesis.skirt`.
     """
 
     name: str
@@ -51,26 +53,36 @@ class Person:
     stretch: tuple[float, float, float]
     modelled: dict[str, float]
     scale: float
+    segments: Mapping[str, Size] | None = None
+    skirt: bool = False
 
     def true_body(self) -> BodyModel:
-        """Who is seen."""
-        return _stretched(self._shaped(self.shape), f"{self.name}_true", self.stretch)
+        """Who is seen; without shape targets where segments were resized."""
+        body = stretched(self._shaped_body(self.shape), f"{self.name}_true", self.stretch)
+        if self.segments is not None:
+            body = resized(body, self.segments)
+        return skirted(body) if self.skirt else body
 
     def tracked_body(self) -> BodyModel:
         """Who is tracked."""
-        return self._shaped(self.modelled).shaped({}, self.scale)
+        return self._shaped_body(self.modelled).shaped({}, self.scale)
 
     @property
     def posed_by(self) -> type[ExactPoser]:
         """What poses the true body."""
-        return ExactPoser
+        return SkirtPoser if self.skirt else ExactPoser
 
-    def _shaped(self, weights: dict[str, float]) -> BodyModel:
-        """The shipped body with one target after the other: sums of several are rounded differently by CPUs' makes."""
-        body = _shipped(self.base)
+    def _shaped_body(self, weights: dict[str, float]) -> BodyModel:
+        """The shipped body with one target after the other: CPUs round sums of several differently."""
+        body = load_body(self.base)
         for name, weight in weights.items():
             body = body.shaped({name: weight})
         return body
+
+
+def _both_sides(sizes: dict[str, Size]) -> dict[str, Size]:
+    """The sizes of a joint's segment on both sides."""
+    return {side + joint: size for side in "LR" for joint, size in sizes.items()}
 
 
 PEOPLE: dict[str, Person] = {
@@ -131,13 +143,113 @@ PEOPLE: dict[str, Person] = {
 }
 """By name."""
 
+STRANGERS: dict[str, Person] = {
+    "Uneven": Person(
+        "Uneven",
+        "adult_man",
+        {"weight_incr": 0.20},
+        (1.0, 1.0, 1.0),
+        {"weight_incr": 0.20, "leg_length_decr": 0.20, "torso_length_incr": 0.20},
+        1.0,
+        segments={
+            "Root": (1.00, 1.06),
+            "BottomSpine": (1.08, 1.04),
+            "UpperSpine": (1.05, 1.08),
+            "Neck": (0.95, 0.95),
+            "LShoulder": (1.08, 0.95),
+            "LElbow": (1.08, 0.95),
+            "LWrist": (1.05, 1.05),
+            "RShoulder": (0.96, 1.12),
+            "RElbow": (0.97, 1.10),
+            "LHip": (0.95, 1.10),
+            "LKnee": (0.96, 1.08),
+            "RHip": (0.97, 0.95),
+            "RKnee": (0.98, 1.00),
+        },
+    ),
+    "Skirt": Person(
+        "Skirt",
+        "adult_woman",
+        {"muscle_incr": 0.15, "leg_length_incr": 0.20, "shoulder_width_incr": 0.15, "waist_decr": 0.10},
+        (1.01, 1.0, 1.015),
+        {"leg_length_incr": 0.15, "shoulder_width_incr": 0.10},
+        1.0,
+        segments={},
+        skirt=True,
+    ),
+    "Child": Person(
+        "Child",
+        "adult_woman",
+        {},
+        (1.0, 1.0, 1.0),
+        {"leg_length_decr": 0.50, "arm_length_decr": 0.50, "torso_length_incr": 0.30},
+        0.71,
+        segments={
+            "Root": (0.66, 0.68),
+            "BottomSpine": (0.70, 0.72),
+            "UpperSpine": (0.70, 0.68),
+            "Neck": (0.98, 0.98),
+        }
+        | _both_sides(
+            {
+                "Shoulder": (0.63, 0.63),
+                "Elbow": (0.62, 0.64),
+                "Wrist": (0.65, 0.65),
+                "Hip": (0.60, 0.64),
+                "Knee": (0.61, 0.65),
+                "Ankle": (0.65, 0.65),
+            }
+        ),
+    ),
+}
+"""By name, those whom no shape of the tracker's body comes near."""
 
-def _shipped(name: str) -> BodyModel:
-    return read_body(ROOT / "bodies" / f"{name}.usdc")
+
+def resized(body: BodyModel, segments: Mapping[str, Size]) -> BodyModel:
+    """A body, without shape targets, whose segments have other lengths and girths; joints keep their axes.
+
+    Where a segment goes over into the next, the skin goes over from one size to the other as its weights do.
+
+    Args:
+        body: whose sizes are 1.
+        segments: by the joint that a segment hangs on; those that are not named keep their size.
+
+    Raises:
+        ValueError: a joint that the body does not have.
+    """
+    skeleton, rest = body.skeleton, body.joint_rest.astype(float)
+    # Each segment is stretched along its bone by its length, and across it by its girth.
+    factors = np.tile(np.eye(3), (len(rest), 1, 1))
+    for name, (length, girth) in segments.items():
+        j, along = skeleton.index(name), _UP
+        if name in _LIMBS:
+            bone = rest[skeleton.index(_LIMBS[name])] - rest[j]
+            along = bone / np.linalg.norm(bone)
+        factors[j] = girth * np.eye(3) + (length - girth) * np.outer(along, along)
+    # Joints from the root on, then the skin, which follows several segments by their weights.
+    place = rest.copy()
+    for j, parent in enumerate(skeleton.parent):
+        if parent >= 0:
+            place[j] = place[parent] + factors[parent] @ (rest[j] - rest[parent])
+    skin = body.skin
+    away = skin.rest.astype(float)[:, None] - rest[skin.joint]  # (vertex, influence, 3)
+    moved = place[skin.joint] + np.einsum("viab,vib->via", factors[skin.joint], away)
+    weight = skin.weight.astype(float)
+    vertex = (weight[..., None] * moved).sum(axis=1) / weight.sum(axis=1, keepdims=True)
+    # The feet stay on the floor.
+    floor = (0.0, vertex[:, 1].min() - skin.rest[:, 1].min(), 0.0)
+    return replace(
+        body,
+        joint_rest=(place - floor).astype(np.float32),
+        skin=replace(skin, rest=(vertex - floor).astype(np.float32)),
+        shape_names=(),
+        shape_vertex=np.zeros((0, *vertex.shape), np.float32),
+        shape_joint=np.zeros((0, *rest.shape), np.float32),
+    )
 
 
-def _stretched(body: BodyModel, name: str, stretch: tuple[float, float, float]) -> BodyModel:
-    """A body, named anew, that is ``stretch`` times as wide, as tall and as deep; its joints keep their axes."""
+def stretched(body: BodyModel, name: str, stretch: tuple[float, float, float]) -> BodyModel:
+    """A body with a new name, ``stretch`` times as wide, tall and deep; its joints keep their axes."""
     factors = np.array(stretch, np.float32)
     return replace(
         body,
@@ -149,8 +261,8 @@ def _stretched(body: BodyModel, name: str, stretch: tuple[float, float, float]) 
     )
 
 
-_ANGLE_ERROR = np.radians(1.5)
-_PLACE_ERROR = 0.005  # [m]
+_ANGLE_ERROR = np.radians(1.5)  # standard deviation of the angles with which tracking starts
+_PLACE_ERROR = 0.005  # standard deviation of the place where tracking starts [m]
 
 
 def fitted_start(person: Person, root_base: np.ndarray, true_pose: np.ndarray, seed: int) -> Subject:

@@ -46,7 +46,7 @@ join = 6.0
 
 
 class Footage(Protocol):
-    """What a scene is written of: a ``made_recording.Recording``, or one made worse."""
+    """What a scene is written from: a ``made_recording.Recording``, or one that was made worse."""
 
     @property
     def fps(self) -> float:

@@ -32,7 +32,7 @@ from mmocap_warp.contour.frame.normal_equations import NormalEquations
 from mmocap_warp.contour.frame.rooted import Neighbours, RootedPoses, Rooting
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import STATUS, Result
-from mmocap_warp.rigging.deviation_factors import deviation_factors
+from mmocap_warp.rigging.shipped import deviation_factors
 from mmocap_warp.tracking.from_settings import make_fitter, make_objective, search_limits
 from mmocap_warp.tracking.limb_pairs import limb_pairs, limbs
 from mmocap_warp.tracking.track_config import TrackConfig

@@ -5,8 +5,8 @@ import pytest
 from measured import answer, mirrored
 from other_bodies import quadruped
 
-from mmocap_warp.biomechanics.centre_of_mass import _HEAD_AND_TRUNK, _LIMBS
 from mmocap_warp.biomechanics.measure_all import measure
+from mmocap_warp.biomechanics.segments import _HEAD_AND_TRUNK, _LIMBS
 from mmocap_warp.rigging.shipped import load_body
 
 BODIES = {name: load_body(name) for name in ("adult_man", "adult_woman", "tall_slim_adult")}

@@ -4,15 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from character_motions import anymal_motions
 from measured import answer, known_events, made_walk
+from walk_scene import walker
 
-from mmocap_warp.biomechanics import contacts
-from mmocap_warp.biomechanics.contacts import feet_of, feet_on_floor
+from mmocap_warp.biomechanics import steps as contacts
 from mmocap_warp.biomechanics.measure_all import measure
-from mmocap_warp.biomechanics.steps import walking
+from mmocap_warp.biomechanics.steps import feet_of, feet_on_floor, walking
 from mmocap_warp.rigging.shipped import load_body
-from mmocap_warp.synthesis.motion.robot_tasks import anymal_motions
-from mmocap_warp.synthesis.walkers import walker
 
 BODY = walker()
 

@@ -11,8 +11,7 @@ from other_bodies import arm_robot
 from synthetic import synthetic_result
 
 from mmocap_warp.biomechanics.measure_all import measure
-from mmocap_warp.biomechanics.measure_report import report
-from mmocap_warp.biomechanics.measure_tables import tables, write_tables
+from mmocap_warp.biomechanics.measure_tables import report, tables, write_tables
 from mmocap_warp.rigging.shipped import load_body
 
 

@@ -60,12 +60,12 @@ def test_sides_and_ends() -> None:
         "middle",
     ]
     assert SKELETON.ends == ("LWrist", "RWrist", "LAnkle", "RAnkle")
-    assert SKELETON.judged["wrists"] == ("LWrist", "RWrist")
+    assert SKELETON.evaluation_groups["wrists"] == ("LWrist", "RWrist")
 
 
 def test_without_pairs_every_joint_is_judged() -> None:
     skeleton = chain()
-    assert skeleton.judged == {"base": ("base",), "upper": ("upper",), "lower": ("lower",)}
+    assert skeleton.evaluation_groups == {"base": ("base",), "upper": ("upper",), "lower": ("lower",)}
     assert skeleton.ends == ("lower",)
 
 

@@ -22,7 +22,7 @@ from mmocap_warp.calibration.solve.person_axis import CORNERS, PersonInView, per
 from mmocap_warp.calibration.solve.tangents import Pinholes, find_tangents, residuals, solve_tangents
 from mmocap_warp.cameras.rig import CameraRig, project
 from mmocap_warp.masks.observation import Observation
-from mmocap_warp.synthesis.footage.made_cameras import placed_camera
+from mmocap_warp.synthesis.footage.made_recording import placed_camera
 
 SIZE = (640, 480)
 STATURE = 1.7

@@ -10,8 +10,7 @@ import pytest
 from other_bodies import burdened, quadruped, things
 
 from mmocap_warp import cli
-from mmocap_warp.body.body_motion import BodyMotion
-from mmocap_warp.body.model import Subject
+from mmocap_warp.body.model import BodyMotion, Subject
 from mmocap_warp.cli import console
 from mmocap_warp.formats.attachments import attachment_lines
 from mmocap_warp.formats.usd.usd_body import write_subject

@@ -198,7 +198,6 @@ SHOW_OTHER = ("show", "{folder}/result.usda", "--scene", "{scene}")
 RESUME = (*TRACK, "--quiet", "--resume", "--subject", "{folder}/s.usdc")
 EVAL = ("eval", "{folder}/result.usda")
 EVAL_TRUTH = (*EVAL, "--truth", "{folder}/t.usda")
-MAKE = ("body", "make", "-o", "{folder}/b.usdc", "--data={folder}", "--gender=1", "--age=30", "--height=1.8")
 
 
 @dataclass(frozen=True)
@@ -304,7 +303,6 @@ CASES = (
     Case("scene shorter than the result", result_file, "has 3 frames, the result goes to frame 12", SHOW_OTHER),
     Case("animation of unknown kind", result_file, "a.fbx", ("export", "{folder}/result.usda", "-o", "{folder}/a.fbx")),
     Case("page of unknown kind", result_file, "a.htm", ("view", "{folder}/result.usda", "-o", "{folder}/a.htm")),
-    Case("MakeHuman's data missing", nothing, "3dobjs/base.obj is missing", MAKE),
 )
 
 

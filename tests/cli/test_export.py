@@ -16,8 +16,8 @@ from mmocap_warp.cli import console
 from mmocap_warp.formats.motion.captured_points import read_c3d, read_trc
 from mmocap_warp.formats.motion.motion_clip import read_bvh
 from mmocap_warp.formats.usd.usd_result import write_result
+from mmocap_warp.result.excerpt import stood_up
 from mmocap_warp.result.result import Result
-from mmocap_warp.result.turning import stood_up
 
 SAME = 2e-6  # [m]
 

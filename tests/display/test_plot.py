@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from synthetic import synthetic_result
 
-from mmocap_warp.display.plot import plot_report
+from mmocap_warp.display.result_plots import plot_report
 from mmocap_warp.errors import InputError
 from mmocap_warp.result.evaluation import evaluate
 

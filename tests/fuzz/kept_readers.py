@@ -83,7 +83,7 @@ def _write_makehuman(folder: Path) -> None:
 
 
 def _read_makehuman(folder: Path) -> None:
-    from mmocap_warp.rigging.makehuman import MakeHuman
+    from makehuman import MakeHuman
 
     data = MakeHuman(folder)
     data.target("some")

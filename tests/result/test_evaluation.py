@@ -7,10 +7,10 @@ import trimesh
 from synthetic import synthetic_body, synthetic_poses, synthetic_result
 
 from mmocap_warp.body.posing import Poser
-from mmocap_warp.body.skin_points import attach, triangulated
 from mmocap_warp.cli.result_report import summary
 from mmocap_warp.errors import InputError
 from mmocap_warp.result.evaluation import evaluate
+from mmocap_warp.result.marker_errors import attach, triangulated
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.rigging.human import JOINTS
 

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from synthetic import synthetic_result
 
+from mmocap_warp.body import posing
 from mmocap_warp.body.posing import Poser
-from mmocap_warp.result import positions
 
 
 @pytest.fixture
 def result(monkeypatch):
     """Two runs of six frames; its positions are found in blocks of less than a run."""
-    monkeypatch.setattr(positions, "POSES_AT_ONCE", 5)
-    monkeypatch.setattr(positions, "_VERTICES_AT_ONCE", 4 * len(synthetic_result().subject.body.skin.rest))
+    monkeypatch.setattr(posing, "POSES_AT_ONCE", 5)
+    monkeypatch.setattr(posing, "_VERTICES_AT_ONCE", 4 * len(synthetic_result().subject.body.skin.rest))
     return synthetic_result()
 
 

@@ -13,7 +13,7 @@ import trimesh
 from other_bodies import burdened, quadruped, things
 from synthetic import ring_rig
 
-from mmocap_warp.biomechanics.bone_lengths import bone_lengths
+from mmocap_warp.biomechanics.measure_all import bone_lengths
 from mmocap_warp.body.mesh_pieces import is_closed
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.posing import Poser
@@ -28,8 +28,7 @@ from mmocap_warp.formats.usd.usd_body import local_transforms, read_body, write_
 from mmocap_warp.result.excerpt import at_rate
 from mmocap_warp.result.result import Result
 from mmocap_warp.rigging.attaching import carrying, subject_carrying
-from mmocap_warp.rigging.deviation_factors import deviation_factors
-from mmocap_warp.rigging.shipped import load_body
+from mmocap_warp.rigging.shipped import deviation_factors, load_body
 from mmocap_warp.synthesis.exact_posing import ExactPoser
 from mmocap_warp.tracking.limb_pairs import limb_pairs, limbs
 
@@ -65,7 +64,7 @@ def test_what_the_skeleton_gets() -> None:
     added = [skeleton.coordinate_names[i] for i in skeleton.searched()][number:]
     assert added == ["Wheel.Rz", *(f"Block_place.T{axis}" for axis in "xyz"), *(f"Block.R{axis}" for axis in "xyz")]
     assert list(skeleton.searched_by_part())[-2:] == ["Wheel", "Block"]
-    assert (skeleton.judged, skeleton.ends) == (plain.judged, plain.ends)
+    assert (skeleton.evaluation_groups, skeleton.ends) == (plain.evaluation_groups, plain.ends)
     before, after = ({limb.name: limb for limb in limbs(each)} for each in (plain, skeleton))
     assert [name for name in after if name not in before] == ["Wheel", "Block"]
     for name, limb in before.items():

@@ -10,9 +10,8 @@ from other_bodies import quadruped
 
 from mmocap_warp.body.mirroring import mirrored_joints
 from mmocap_warp.body.rest_space import RestSpace
-from mmocap_warp.rigging import deviation_factors as module
-from mmocap_warp.rigging.deviation_factors import DeviationFactors, deviation_factors, factors_toml
-from mmocap_warp.rigging.shipped import DEFAULT_BODY, load_body
+from mmocap_warp.rigging import shipped as module
+from mmocap_warp.rigging.shipped import DEFAULT_BODY, DeviationFactors, deviation_factors, factors_toml, load_body
 
 
 @pytest.fixture(scope="module")

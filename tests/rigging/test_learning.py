@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from other_bodies import quadruped
 
-from mmocap_warp.body.body_motion import BodyMotion
+from mmocap_warp.body.model import BodyMotion
 from mmocap_warp.cli import main
 from mmocap_warp.formats.usd.usd_body import read_body, read_motions, write_body
-from mmocap_warp.rigging.learning import learnt
+from mmocap_warp.rigging.start_poses import learnt
 
 DOG = quadruped()
 KNEE = DOG.skeleton.angles("LForeKnee").start

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from other_bodies import quadruped
 
-from mmocap_warp.body.body_motion import BodyMotion
+from mmocap_warp.body.model import BodyMotion
 from mmocap_warp.cli import main
 from mmocap_warp.cli.console import BAD_INPUT
 from mmocap_warp.errors import InputError

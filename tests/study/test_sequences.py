@@ -17,11 +17,11 @@ from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.study.sequence_scene import write_sequence
 from mmocap_warp.study.sequences import FPS, MARKER_NOISE, PLANS, SEQUENCES, make_sequence
 from mmocap_warp.synthesis.exact_posing import ExactPoser, led_by
+from mmocap_warp.synthesis.footage.faults import draw_silhouettes
 from mmocap_warp.synthesis.footage.outlines import Surface, fill
-from mmocap_warp.synthesis.footage.polygons import draw_silhouettes
 from mmocap_warp.synthesis.footage.segmentation import Contrast, segment
+from mmocap_warp.synthesis.motion.key_poses import Track, minimum_jerk
 from mmocap_warp.synthesis.motion.limb_motion import Leg
-from mmocap_warp.synthesis.motion.motion_tracks import Track, minimum_jerk
 
 MOST_SLIDE = 2e-3  # [m/s], mean over a sequence, of the foot that stands
 FLOOR = 2e-3  # [m]

@@ -8,8 +8,7 @@ import pytest
 from mmocap_warp.synthesis.exact_posing import ExactPoser
 from mmocap_warp.synthesis.footage.outlines import Surface
 from mmocap_warp.synthesis.skirt import SkirtPoser, skirted
-from mmocap_warp.synthesis.strangers import STRANGERS, resized
-from mmocap_warp.synthesis.walkers import PEOPLE
+from mmocap_warp.synthesis.walkers import PEOPLE, STRANGERS, resized
 
 
 @pytest.fixture(scope="module")

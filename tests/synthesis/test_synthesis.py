@@ -8,25 +8,23 @@ import pytest
 import warp as wp
 from drawn import cast_bits
 from synthetic import COORDINATES
+from walk_scene import FRAMES, walking, write_walk
 
 from mmocap_warp.body.rotations import turn, zyx_angles
-from mmocap_warp.body.skin_points import triangulated
 from mmocap_warp.cameras.rig import check_rig, project
 from mmocap_warp.formats.truth_file import load_truth
 from mmocap_warp.formats.usd.usd_body import local_transforms, read_body
 from mmocap_warp.masks.observation import Observation, unpack_masks
+from mmocap_warp.result.marker_errors import triangulated
 from mmocap_warp.rigging.human import JOINTS
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
 from mmocap_warp.silhouettes.objective import Objective
 from mmocap_warp.synthesis.exact_posing import led_by
-from mmocap_warp.synthesis.footage.faults import Faults, spoil
-from mmocap_warp.synthesis.footage.polygons import draw_silhouettes
+from mmocap_warp.synthesis.footage.faults import Faults, draw_silhouettes, spoil
 from mmocap_warp.synthesis.motion import gait_curves
 from mmocap_warp.synthesis.motion.gait import Walk
-from mmocap_warp.synthesis.motion.limb_motion import Leg, hanging_arm
-from mmocap_warp.synthesis.motion.sole import Sole
-from mmocap_warp.synthesis.walk import FRAMES, walking, write_walk
+from mmocap_warp.synthesis.motion.limb_motion import Leg, Sole, hanging_arm
 
 MOST_SLIDE = 1e-3  # [m] between two frames, of the point that a foot stands on
 FLOOR = 1e-4  # [m]

@@ -6,13 +6,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from walk_scene import walking
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.fitting import clip_body
 from mmocap_warp.result.result import STATUS, FrameAnswer
 from mmocap_warp.rigging.shipped import load_body
-from mmocap_warp.synthesis.walk import walking
 from mmocap_warp.tracking.track_config import TrackConfig
 
 THERE, BACK = 0.1, 0.2  # where the root is on the way there, and back [m]

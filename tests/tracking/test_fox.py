@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mmocap_warp.body.body_motion import BodyMotion
-from mmocap_warp.body.model import Subject
+from mmocap_warp.body.model import BodyMotion, Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.formats.usd.usd_body import read_body, read_motions
 from mmocap_warp.rigging.shipped import body_file

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from synthetic import COORDINATES
+from walk_scene import walking
 
 from mmocap_warp import cli
 from mmocap_warp.body.model import Subject
@@ -24,7 +25,6 @@ from mmocap_warp.result.result import FrameAnswer
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
-from mmocap_warp.synthesis.walk import walking
 from mmocap_warp.tracking import checkpoint
 from mmocap_warp.tracking.frame_loop import track
 from mmocap_warp.tracking.track_config import TrackConfig

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from walk_scene import walking
 
 from mmocap_warp.body.model import BodyModel, SkinMesh, Subject
 from mmocap_warp.body.skeleton import Skeleton
@@ -23,7 +24,6 @@ from mmocap_warp.masks.mask_settings import ForegroundSettings
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
-from mmocap_warp.synthesis.walk import walking
 from mmocap_warp.tracking.checkpoint import check_same_run, with_code_of
 from mmocap_warp.tracking.frame_loop import track
 from mmocap_warp.tracking.run_identity import run_identity

@@ -6,6 +6,7 @@ import numpy as np
 from one_frame import fit_observation
 from random_scenes import perfect_masks
 from synthetic import ring_rig
+from walk_scene import walking
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
@@ -14,7 +15,6 @@ from mmocap_warp.fitting.subject_fit import FitConfig
 from mmocap_warp.formats.usd.usd_body import read_body
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.scenes import ROOT
-from mmocap_warp.synthesis.walk import walking
 
 
 def left(subject: Subject) -> np.ndarray:

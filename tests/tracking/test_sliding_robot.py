@@ -11,7 +11,7 @@ import pytest
 from made_up_rigs import ROBOT
 
 from mmocap_warp import cli
-from mmocap_warp.body.body_motion import BodyMotion
+from mmocap_warp.body.model import BodyMotion
 from mmocap_warp.formats.rigged.urdf import read_urdf
 from mmocap_warp.formats.usd.usd_body import read_subject, write_body
 from mmocap_warp.formats.usd.usd_result import read_result

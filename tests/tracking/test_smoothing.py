@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 from random_scenes import perfect_masks
 from synthetic import SKELETON, ring_rig, synthetic_subject
+from walk_scene import walking
 
 from mmocap_warp.body.model import Subject
+from mmocap_warp.body.posing import joint_positions
 from mmocap_warp.body.shape_space import upright_base
 from mmocap_warp.contour.clip import clip_problem as clip
 from mmocap_warp.masks.observation import Observation
-from mmocap_warp.result.positions import joint_positions
 from mmocap_warp.result.result import STATUS, FrameAnswer, Result
 from mmocap_warp.rigging.shipped import load_body
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
-from mmocap_warp.synthesis.walk import walking
 from mmocap_warp.tracking import smoothing
 from mmocap_warp.tracking.algorithms import ALGORITHMS
 from mmocap_warp.tracking.frame_loop import collect, track, track_observations

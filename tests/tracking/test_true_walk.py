@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from random_scenes import perfect_masks
+from walk_scene import walking
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.evaluation import evaluate
 from mmocap_warp.result.result import STATUS
-from mmocap_warp.synthesis.walk import walking
 from mmocap_warp.tracking.frame_loop import collect, track_observations
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import Tracker

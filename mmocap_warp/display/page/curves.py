@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mmocap_warp.result.evaluation import evaluate
+from mmocap_warp.result.pose_errors import nanmean
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
 
@@ -35,31 +36,24 @@ def tracks(result: Result) -> dict[str, np.ndarray]:
 
 
 def curves(result: Result, truth: Truth | None) -> list[Curve]:
-    """All that are known of a result.
+    """The curves that are known of a result.
 
     Raises:
         InputError: the truth is of another recording.
     """
     known = [] if truth is None else [_error(result, truth)]
-    known.append(Curve("IoU, mean over views", "", {"final": _mean(result.iou)}))
+    known.append(Curve("IoU, mean over views", "", {"final": nanmean(result.iou, axis=-1)}))
     if result.joint_sigma is not None:
         sigma = 1000.0 * np.linalg.norm(result.joint_sigma, axis=-1)
-        known.append(Curve("Uncertainty of a joint, mean", "mm", {"final": _mean(sigma)}))
+        known.append(Curve("Uncertainty of a joint, mean", "mm", {"final": nanmean(sigma, axis=-1)}))
     return [curve for curve in known if any(np.isfinite(values).any() for values in curve.values.values())]
 
 
 def _error(result: Result, truth: Truth) -> Curve:
-    """Of joints where the truth names them, else of markers; of each track."""
+    """The error of joints where the truth names them, else of markers, for each track."""
     series = {name: evaluate(replace(result, pose=pose), truth)["series"] for name, pose in tracks(result).items()}
     errors = [
         Curve(name, "mm", {track: np.array(each[key], float) for track, each in series.items()})  # None becomes NaN
         for key, name in _ERRORS
     ]
     return next((error for error in errors if np.isfinite(error.values["final"]).any()), errors[0])
-
-
-def _mean(values: np.ndarray) -> np.ndarray:
-    """Over the last axis, of what is known; NaN where nothing is."""
-    known = np.isfinite(values)
-    total, count = np.where(known, values, 0.0).sum(axis=-1), known.sum(axis=-1)
-    return np.divide(total, count, out=np.full(count.shape, np.nan), where=count > 0)

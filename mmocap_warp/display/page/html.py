@@ -37,5 +37,5 @@ def embedded(data: dict[str, Any]) -> str:
 
 
 def _hash(text: str) -> str:
-    """As a content security policy names what it allows."""
+    """The hash by which a content security policy names a text that it allows."""
     return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()

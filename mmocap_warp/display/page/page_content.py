@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from typing import Any
 
 import numpy as np
@@ -9,9 +10,7 @@ import numpy as np
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.display.page.curves import Curve, curves, tracks
-from mmocap_warp.display.page.packing import packed, packed_numbers, packed_places, packed_rotations, packed_values
-from mmocap_warp.display.page.thinning import Pictures
-from mmocap_warp.result.positions import POSES_AT_ONCE, blocks
+from mmocap_warp.display.page.pictures import Pictures
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.result.truth import Truth
 
@@ -105,7 +104,45 @@ def _curve(curve: Curve, run: int) -> dict[str, Any]:
 def _motion(result: Result, pose: np.ndarray) -> dict[str, Any]:
     """How each joint takes the body's rest into the world: ``turn @ (rest - joint_rest) + place``, (frame, joint)."""
     subject = result.subject
-    poser = Poser(subject.body, subject.root_base)
-    transforms = np.concatenate([poser.joint_transforms(pose[block]) for block in blocks(len(pose), POSES_AT_ONCE)])
+    transforms = Poser(subject.body, subject.root_base).joint_transforms(pose)
     turns = transforms[..., :3, :3].astype(float) @ np.swapaxes(subject.body.skeleton.frame, 1, 2)
     return {"turn": packed_rotations(turns), "place": packed_places(transforms[..., :3, 3].astype(float))}
+
+
+Packed = dict[str, Any]
+"""What JSON can say."""
+
+_ROTATION_STEPS = 32767  # steps of a quaternion's component from 0 to 1
+
+
+def packed(array: np.ndarray) -> Packed:
+    """An array of a plain kind: ``kind`` (such as ``f4``) and ``data``; its shape is for the reader to know."""
+    little = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
+    return {"kind": f"{array.dtype.kind}{array.dtype.itemsize}", "data": base64.b64encode(little.tobytes()).decode()}
+
+
+def packed_numbers(numbers: np.ndarray) -> Packed:
+    """Natural numbers, in 2 bytes each where that is enough, else in 4."""
+    return packed(numbers.astype(np.uint16 if numbers.max(initial=0) < 1 << 16 else np.uint32))
+
+
+def packed_values(values: np.ndarray) -> Packed:
+    """Measured values, NaN among them, in 4 bytes each."""
+    return packed(values.astype(np.float32))
+
+
+def packed_places(places: np.ndarray) -> Packed:
+    """Points (..., 3) [m] in 6 bytes each: ``low + step * values``, off by half a ``step`` at most along an axis."""
+    flat = places.reshape(-1, 3)
+    low = flat.min(axis=0)
+    step = max(float((flat.max(axis=0) - low).max()), 1e-3) / 65535
+    values = np.rint((places - low) / step).clip(0, 65535).astype(np.uint16)
+    return {"low": low.tolist(), "step": step, "values": packed(values)}
+
+
+def packed_rotations(rotations: np.ndarray) -> Packed:
+    """Rotations (..., 3, 3) as quaternions x, y, z, w in 8 bytes each, in steps of 1/32767."""
+    from scipy.spatial.transform import Rotation
+
+    quaternion = Rotation.from_matrix(rotations.reshape(-1, 3, 3)).as_quat()
+    return packed(np.rint(quaternion * _ROTATION_STEPS).astype(np.int16))

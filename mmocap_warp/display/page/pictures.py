@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from mmocap_warp.display.page.thinning import Pictures
 from mmocap_warp.formats.png import encode_png
+from mmocap_warp.result.result import Result
 
-_LONGER_SIDE = 240  # [px]
+_LONGER_SIDE = 240  # longer side of a picture [px]
 _JPEG_QUALITY = 60
-_MASK_CHARACTERS = 1_600_000  # of all masks, at about half a kilobyte each
-_IMAGE_CHARACTERS = 2_000_000  # of all images, at about six kilobytes each
+_MASK_CHARACTERS = 1_600_000  # room for all masks, at about half a kilobyte each
+_IMAGE_CHARACTERS = 2_000_000  # room for all images, at about six kilobytes each
 
 Views = Iterable[Sequence[np.ndarray | None]]
 """Per frame, a picture for each camera."""
@@ -52,3 +53,49 @@ def _small(picture: np.ndarray) -> np.ndarray:
     scale = min(1.0, _LONGER_SIDE / max(height, width))
     size = max(1, round(width * scale)), max(1, round(height * scale))
     return cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+
+
+_POSE_BYTES = 2_400_000  # room for all poses before they are base64
+_JOINT_BYTES = 14  # a joint's turn and place in one frame
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """What the cameras saw in some of a page's frames.
+
+    Attributes:
+        of: per camera, base64 of the pictures; None where there is none.
+        every: in how many of the page's frames there is one, the first always among them.
+    """
+
+    of: list[list[str | None]]
+    every: int
+
+    @classmethod
+    def within(cls, characters: int, of: list[list[str | None]]) -> Pictures:
+        """Pictures of as many frames as have room."""
+        total = sum(len(picture or "") for pictures in of for picture in pictures)
+        every = max(1, -(-total // characters))
+        return cls([pictures[::every] for pictures in of], every)
+
+
+def pose_step(result: Result) -> int:
+    """The stride of the frames whose poses a page has room for."""
+    runs, frames, _ = result.pose.shape
+    tracks = runs * (1 if result.raw_pose is None else 2)
+    return max(1, -(-frames * tracks * len(result.subject.body.skeleton.joints) * _JOINT_BYTES // _POSE_BYTES))
+
+
+def sentence(rate: float, step: int, masks: Pictures | None, images: Pictures | None) -> str:
+    """What a page says that it holds: one frame in ``step``, which are ``rate`` a second."""
+    parts = [f"poses of {_frames(step)} ({rate:.3g} a second)"]
+    if masks is not None:
+        parts.append(f"masks of {_frames(step * masks.every)}")
+    if images is not None:
+        parts.append(f"images of {_frames(step * images.every)}")
+    between = "" if step == 1 else " Between them, the body moves evenly."
+    return f"This page holds {', '.join(parts)}.{between}"
+
+
+def _frames(step: int) -> str:
+    return "every frame" if step == 1 else f"one frame in {step}"

@@ -10,7 +10,7 @@ import numpy as np
 
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.skeleton import Skeleton
-from mmocap_warp.display.overlay import LEFT_COLOUR, MIDDLE_COLOUR, MODEL_COLOUR, RIGHT_COLOUR
+from mmocap_warp.display.overlay import COLOUR_OF_SIDE, MODEL_COLOUR
 from mmocap_warp.display.page.curves import curves, tracks
 from mmocap_warp.display.result_video import check_same_recording
 from mmocap_warp.errors import missing_package
@@ -21,7 +21,6 @@ from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking.body_masks import tracked_masks
 from mmocap_warp.whole_file import write_whole
 
-_COLOURS = {"left": LEFT_COLOUR[::-1], "right": RIGHT_COLOUR[::-1], "middle": MIDDLE_COLOUR[::-1]}
 _UP = {"+x": "RIGHT_HAND_X_UP", "-x": "RIGHT_HAND_X_DOWN"} | {
     f"{sign}{axis}": f"RIGHT_HAND_{axis.upper()}_{way}" for axis in "yz" for sign, way in (("+", "UP"), ("-", "DOWN"))
 }
@@ -69,7 +68,7 @@ def _log_cameras(rr: Any, recording: Any, result: Result) -> None:
 
 
 def _log_frames(rr: Any, recording: Any, result: Result, scene: Scene | None) -> None:
-    """What moves; parts of the body that stay, such as the mesh's triangles, are told once."""
+    """What moves; what stays, such as the mesh's triangles, is logged once."""
     subject, run = result.subject, result.best_run
     body = subject.body
     poser = Poser(body, subject.root_base)
@@ -90,7 +89,7 @@ def _log_frames(rr: Any, recording: Any, result: Result, scene: Scene | None) ->
 
 def _bones(rr: Any, skeleton: Skeleton, joints: np.ndarray) -> Any:
     """Lines from joint to joint; joints (joint, 3) [m]."""
-    colours = [_COLOURS[skeleton.side(skeleton.joints[joint])] for _, joint in skeleton.bones]
+    colours = [COLOUR_OF_SIDE[skeleton.side(skeleton.joints[joint])][::-1] for _, joint in skeleton.bones]
     return rr.LineStrips3D(
         [joints[list(pair)] for pair in skeleton.bones], colors=colours, radii=rr.Radius.ui_points(2.0)
     )

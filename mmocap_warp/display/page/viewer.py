@@ -10,8 +10,7 @@ from typing import Any
 
 from mmocap_warp.display.page.html import embedded, filled, resource
 from mmocap_warp.display.page.page_content import content
-from mmocap_warp.display.page.pictures import Views, small_images, small_masks
-from mmocap_warp.display.page.thinning import pose_step, sentence
+from mmocap_warp.display.page.pictures import Views, pose_step, sentence, small_images, small_masks
 from mmocap_warp.display.result_video import check_same_recording
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
@@ -23,7 +22,7 @@ from mmocap_warp.whole_file import write_whole
 
 _HERE = "mmocap_warp.display.page"
 _SCRIPTS = ("data.js", "pinhole.js", "stage.js", "curves.js", "page.js")
-_IMAGE_SIDE = 320  # [px], the longer side that images are read at, where they are larger
+_IMAGE_SIDE = 320  # larger images are read with this longer side [px]
 
 
 @dataclass(frozen=True)
@@ -79,7 +78,7 @@ def view(
     if scene is not None:
         check_same_recording(result, scene)
         cameras = len(result.cameras)
-        masks = small_masks(_told(tracked_masks(scene, result, positions), len(positions), progress), cameras)
+        masks = small_masks(_with_progress(tracked_masks(scene, result, positions), len(positions), progress), cameras)
         if images:
             scale = min(1.0, _IMAGE_SIDE / int(scene.calibrated.size.max()))
             seen = scene.of_frames(as_range(shown.frame_numbers.tolist()))
@@ -88,8 +87,8 @@ def view(
     return Page(_html(name, _summary(result), holds, content(shown, truth, masks, pictures)), len(result.frame_numbers))
 
 
-def _told(views: Views, count: int, progress: Callable[[int, int], None] | None) -> Iterator[Any]:
-    """The same ``count`` views, telling how far it is."""
+def _with_progress(views: Views, count: int, progress: Callable[[int, int], None] | None) -> Iterator[Any]:
+    """The same ``count`` views; ``progress`` is called after each."""
     for done, view in enumerate(views, 1):
         yield view
         if progress is not None:

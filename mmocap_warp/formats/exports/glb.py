@@ -18,9 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mmocap_warp.body.bind_transforms import bind_transforms
-from mmocap_warp.body.body_motion import BodyMotion
-from mmocap_warp.body.model import BodyModel, SkinMesh, Subject
+from mmocap_warp.body.model import BodyModel, BodyMotion, SkinMesh, Subject, bind_transforms
 from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
 from mmocap_warp.formats.exports.tables import best_run_tracks, joint_transforms
 from mmocap_warp.result.result import Result

@@ -12,13 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from mmocap_warp.body.bind_transforms import bind_transforms, rest_transforms
-from mmocap_warp.body.model import Subject
+from mmocap_warp.body.model import Subject, bind_transforms, rest_transforms
+from mmocap_warp.body.posing import skin_positions
 from mmocap_warp.body.rotations import applied, near_zyx_angles, zyx_rotation
 from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION
 from mmocap_warp.errors import missing_package
 from mmocap_warp.result.excerpt import evenly
-from mmocap_warp.result.positions import skin_positions
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.whole_file import whole_file, write_whole
 

@@ -23,10 +23,8 @@ from pathlib import Path
 import numpy as np
 from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdSkel, Vt
 
-from mmocap_warp.body.bind_transforms import bind_transforms, rest_transforms
-from mmocap_warp.body.body_motion import BodyMotion
 from mmocap_warp.body.mesh_pieces import is_closed
-from mmocap_warp.body.model import BodyModel, SkinMesh, Subject
+from mmocap_warp.body.model import BodyModel, BodyMotion, SkinMesh, Subject, bind_transforms, rest_transforms
 from mmocap_warp.body.rotations import turn
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.usd_file import (
@@ -40,7 +38,7 @@ from mmocap_warp.formats.usd.usd_file import (
 )
 from mmocap_warp.formats.usd.usd_skeleton import define_freedom, is_rotation, joint_paths, read_skeleton
 
-_REMEDY = "write the body again with `mmocap body make`, or start from one that comes with the project"
+_REMEDY = "import the body again with `mmocap body import`, or start from one that comes with the project"
 _WEIGHT_SUM_TOLERANCE = 1e-3  # Files by other programs round their weights.
 
 

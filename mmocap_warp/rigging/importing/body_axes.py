@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from mmocap_warp.body.rotations import axis_vector
 from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh, RiggedMotion
 
 AXES: tuple[str, ...] = ("+x", "-x", "+y", "-y", "+z", "-z")
@@ -22,12 +23,12 @@ def body_from_file(up: str, facing: str) -> np.ndarray:
             raise ValueError(f"{name} must be one of {', '.join(AXES)}, got {axis!r}")
     if up[1] == facing[1]:
         raise ValueError(f"facing must be across up, got facing {facing} and up {up}")
-    upward, ahead = _direction(up), _direction(facing)
+    upward, ahead = axis_vector(up) + 0.0, axis_vector(facing) + 0.0  # 0.0 makes zeros of negative zeros
     return np.stack([np.cross(upward, ahead), upward, ahead])
 
 
 def in_body_axes(mesh: RiggedMesh, up: str, facing: str, scale: float) -> RiggedMesh:
-    """The same in metres times ``scale``, +Y up and facing +Z; bind transforms and motions lose their own scale.
+    """The mesh in metres times ``scale``, +Y up and facing +Z; bind transforms and motions lose their own scale.
 
     Args:
         mesh: as the file has it.
@@ -69,11 +70,4 @@ def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
     """(..., 3, 3) the rotations nearest to some matrices, which may be scaled or mirrored."""
     u, _, vt = np.linalg.svd(matrix)
     u[..., :, 2] *= np.linalg.det(u @ vt)[..., None]
-    rotation: np.ndarray = u @ vt
-    return rotation
-
-
-def _direction(axis: str) -> np.ndarray:
-    direction = np.zeros(3)
-    direction["xyz".index(axis[1])] = 1.0 if axis[0] == "+" else -1.0
-    return direction
+    return u @ vt

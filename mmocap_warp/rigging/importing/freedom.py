@@ -11,16 +11,16 @@ from mmocap_warp.body.skeleton import Pair
 from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh
 from mmocap_warp.rigging.importing.joint_tree import chains, skin_below, skin_of
 
-_FLAT = 0.2  # of how far a limb's bones leave a line, how far they may leave a plane
-_BENT, _BENT_ALONE = 0.05, 0.1  # of a limb's length, how far its bones must leave a line to have a plane
-_STRAIGHT = np.radians(10.0)  # how far a hinge is thought to open beyond a straight limb
-_CLOSED = np.radians(150.0)  # how far it closes
-_EITHER_WAY = np.radians(10.0)  # a limb less bent than that may bend either way
-_HINGE = np.radians(120.0)
-_END = np.radians(150.0)  # of a hinge at a limb's end, such as a paw's, which folds either way
-_SWING, _TWIST = np.radians(80.0), np.radians(45.0)  # of the joint at which a limb begins
-_SPINE = np.radians(45.0)  # of spines, necks and tails, about each axis
-_TRAVEL = 0.02  # of the mesh's extent: what slides by less is not searched
+_FLAT = 0.2  # bones lie in a plane if they leave it by less than this share of what they leave a line by
+_BENT, _BENT_ALONE = 0.05, 0.1  # a limb that leaves a line by this share of its length has a plane
+_STRAIGHT = np.radians(10.0)  # a hinge opens this far beyond a straight limb
+_CLOSED = np.radians(150.0)  # a hinge closes this far from a straight limb
+_EITHER_WAY = np.radians(10.0)  # a limb that is bent by less may bend either way
+_HINGE = np.radians(120.0)  # limit of a hinge that may bend either way
+_END = np.radians(150.0)  # limit of a hinge at a limb's end, such as a paw's, which folds either way
+_SWING, _TWIST = np.radians(80.0), np.radians(45.0)  # limits of the joint at which a limb begins
+_SPINE = np.radians(45.0)  # limit of spines, necks and tails, about each axis
+_TRAVEL = 0.02  # a joint that slides by less is not searched, as a share of the mesh's extent
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
 
     Where the file says nothing: the joints of a limb after its first are hinges about the normal of the plane in which
     its bones lie, and bend on from there; the first joint of a limb, and all of those in the plane of symmetry, turn
-    about three axes. A limb whose bones lie on a line tells no plane: all its joints turn about three axes.
+    about three axes. A limb whose bones lie on a line has no plane: all its joints turn about three axes.
 
     A joint that slides is searched if its file gives it a travel that masks can show; else it is held, and its frame
     and limits are those that it has once it is freed.
@@ -63,6 +63,7 @@ def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
     extent = float(np.ptp(place, axis=0).max())
     least_travel = _TRAVEL * float(np.ptp(mesh.vertex, axis=0).max())
     in_pairs = {joint for _, *sides in pairs for joint in sides}
+    # What bones suggest: limbs by their chains; all other joints turn as those of a spine do.
     derived: list[Freedom] = [_ball(place[j], ends[j], _SPINE, _SPINE) for j in range(len(mesh.joints))]
     for chain in chains(mesh.parent):
         in_middle = bool(pairs) and bool((np.abs(place[chain, 0] - place[0, 0]) < 0.02 * extent).all())
@@ -70,20 +71,21 @@ def freedom_of(mesh: RiggedMesh, pairs: tuple[Pair, ...]) -> list[Freedom]:
             continue
         derived[chain[0]] = _ball(place[chain[0]], ends[chain[0]], _SWING, _TWIST)
         points = np.concatenate([place[chain], ends[chain[-1]][None]])
-        paired = mesh.joints[chain[0]] in in_pairs  # a bend that both sides have is no chance
+        paired = mesh.joints[chain[0]] in in_pairs  # a bend that both sides have is not there by chance
         normal = _plane_normal(points, _BENT if paired else _BENT_ALONE)
         for before, joint in pairwise(chain):
             if normal is None:
                 derived[joint] = _ball(place[joint], ends[joint], _SWING, _TWIST)
             else:
                 derived[joint] = _hinge(place[before], place[joint], ends[joint], normal, joint not in mesh.parent)
+    # What the file says comes first, and joints without skin are held.
     found = []
     for joint, freedom in enumerate(derived):
         if joint == 0:
             free = "" if mesh.rigid and _is_one_chain(mesh) else "xyz"
             found.append(Freedom(np.eye(3), free, np.tile([-np.inf, np.inf], (3, 1)), "derived"))
         elif joint in mesh.axes:
-            found.append(_said(mesh.axes[joint], ends[joint] - place[joint], least_travel))
+            found.append(_freedom_of_file_joint(mesh.axes[joint], ends[joint] - place[joint], least_travel))
         else:
             found.append(freedom if below[joint] > 0 else Freedom(freedom.frame, "", np.zeros((3, 2)), "derived"))
     return found
@@ -114,7 +116,7 @@ def hinge_frame(axis: np.ndarray, along: np.ndarray) -> np.ndarray:
 
 
 def _ends(mesh: RiggedMesh, place: np.ndarray, skin: np.ndarray) -> np.ndarray:
-    """(joint, 3) where each joint's bone ends: at the mean of what hangs on it, at its skin's where nothing does."""
+    """(joint, 3) where each joint's bone ends: at the mean of its child joints; without any, at the end of its skin."""
     ends = place.copy()
     for joint in range(len(place)):
         children = [child for child, parent in enumerate(mesh.parent) if parent == joint]
@@ -128,9 +130,9 @@ def _ends(mesh: RiggedMesh, place: np.ndarray, skin: np.ndarray) -> np.ndarray:
 
 
 def _plane_normal(points: np.ndarray, bent: float) -> np.ndarray | None:
-    """(3,) normal of the plane in which points (n, 3) lie; None where they lie on a line, or all about.
+    """(3,) normal of the plane in which points (n, 3) lie; None where they lie on a line, or in no plane.
 
-    Off a line they have to be by ``bent``, as a share of its length.
+    They must leave a line by the share ``bent`` of its length.
     """
     if len(points) < 3:
         return None
@@ -138,8 +140,7 @@ def _plane_normal(points: np.ndarray, bent: float) -> np.ndarray | None:
     spread = np.append(spread, 0.0)[:3]
     if spread[1] < bent * spread[0] or spread[2] > _FLAT * spread[1]:
         return None
-    normal: np.ndarray = axes[2]
-    return normal
+    return axes[2]
 
 
 def _hinge(before: np.ndarray, at: np.ndarray, end: np.ndarray, normal: np.ndarray, last: bool) -> Freedom:
@@ -170,7 +171,7 @@ def _ball(at: np.ndarray, end: np.ndarray, swing: float, twist: float) -> Freedo
     return Freedom(np.stack([x, y, np.cross(x, y)], axis=1), "xyz", limits, "derived")
 
 
-def _said(how: JointAxis, bone: np.ndarray, least_travel: float) -> Freedom:
+def _freedom_of_file_joint(how: JointAxis, bone: np.ndarray, least_travel: float) -> Freedom:
     limits = np.zeros((3, 2))
     limits[0] = how.lower, how.upper
     searched = not how.slides or least_travel <= how.upper - how.lower < np.inf

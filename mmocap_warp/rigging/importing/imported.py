@@ -6,14 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmocap_warp.body.body_motion import BodyMotion
-from mmocap_warp.body.model import BodyModel, SkinMesh
+from mmocap_warp.body.model import BodyModel, BodyMotion, SkinMesh
+from mmocap_warp.body.rotations import applied, continuous_zyx_angles, transposed
 from mmocap_warp.body.skeleton import TRANSLATION, Pair, Skeleton
-from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh
+from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, RiggedMotion
 from mmocap_warp.rigging.decimation import decimate
 from mmocap_warp.rigging.importing.body_axes import in_body_axes
-from mmocap_warp.rigging.importing.closing import ClosedMesh, closed
-from mmocap_warp.rigging.importing.file_motions import body_motion
+from mmocap_warp.rigging.importing.closing import ClosedMesh, closed, four_influences, welded
 from mmocap_warp.rigging.importing.freedom import Freedom, freedom_of
 from mmocap_warp.rigging.importing.joint_tree import (
     mirrored_pairs,
@@ -24,24 +23,23 @@ from mmocap_warp.rigging.importing.joint_tree import (
     with_parents,
 )
 from mmocap_warp.rigging.importing.joints_file import GivenJoints, parents_given, with_given
-from mmocap_warp.rigging.importing.welding import four_influences, welded
 
 TRIANGLES = 2600
 """Of a tracking mesh, by default; as many as a shipped person's has."""
 SKIN_TRIANGLES = 60_000
 """Of the mesh that is shown, by default: finer skin slows everything that poses it."""
 
-_SPREAD = 0.2  # how far joints are expected from the bind pose when a recording starts [rad]
-_WIDEST_SPREAD = 1.0  # likewise, of what may begin anywhere
-_LEAST_SHIFT, _WIDEST_SHIFT = 0.001, 1.0  # likewise, of what slides [m]
-_NEGLIGIBLE = 5e-4  # share of a vertex's weight that may be dropped without a word
-_PART_TRIANGLES, _PART_CELLS = 500, 16  # a robot's part of more triangles has an inside; it is wrapped on such a grid
-_LEAST_SKIN = 4  # triangles, the least that can close
+_SPREAD = 0.2  # how far a joint is from the bind pose when a recording starts, as a standard deviation [rad]
+_WIDEST_SPREAD = 1.0  # the same of a joint that may begin anywhere, at most [rad]
+_LEAST_SHIFT, _WIDEST_SHIFT = 0.001, 1.0  # the same of a joint that slides, at least and at most [m]
+_NEGLIGIBLE = 5e-4  # share of a vertex's weight that may be dropped without a note
+_PART_TRIANGLES, _PART_CELLS = 500, 16  # a robot's part of more triangles is wrapped, on a grid of so many cells
+_LEAST_SKIN = 4  # number of triangles that a closed mesh has at least
 
 
 @dataclass(frozen=True, eq=False)
 class Imported:
-    """What came of a file.
+    """A body that was made of a file.
 
     Attributes:
         body: the body.
@@ -86,11 +84,13 @@ def imported(
         raise ValueError(
             f"triangles must be at least {_LEAST_SKIN} and at most skin_triangles, got {triangles} and {skin_triangles}"
         )
+    # The mesh in the body's axes, with one tree of named joints and one vertex for each place.
     given = joints or GivenJoints("")
     mesh = in_body_axes(with_named_joints(mesh), up or mesh.up, facing or mesh.facing, scale)
     mesh = welded(with_one_root(with_parents(mesh, parents_given(given))))
     if len(mesh.face) < _LEAST_SKIN:
         raise ValueError("the mesh has no triangles of any area")
+    # How its joints move, and the closed mesh that is tracked.
     place = mesh.bind[:, :3, 3]
     pairs = mirrored_pairs(mesh.joints, mesh.parent, place)
     freedom = with_given(freedom_of(mesh, pairs), mesh.joints, given)
@@ -113,6 +113,7 @@ def imported(
         attribution=mesh.attribution or "The file that it was imported from states no makers and no licence.",
         rigid=mesh.rigid if given.rigid is None else given.rigid,
     )
+    # The file's animations as poses of that body.
     motions = {}
     for label, motion in mesh.motions.items():
         motions[label], apart = body_motion(body, mesh.bind, motion)
@@ -126,9 +127,9 @@ def _held_notes(joints: tuple[str, ...], freedom: list[Freedom]) -> list[str]:
 
 
 def _skeleton(mesh: RiggedMesh, pairs: tuple[Pair, ...], freedom: list[Freedom], stands: bool | None) -> Skeleton:
-    """A robot stands, on legs or a base, and so does what has a left and a right; a hand does not.
+    """The body's skeleton. A robot stands, and so does a body with a left and a right side; a hand does not.
 
-    What stands begins near its bind pose. Robots, and what lies anyhow, begin anywhere within their limits.
+    A body that stands begins near its bind pose. Robots, and bodies that do not stand, begin anywhere in their limits.
     """
     stands = (mesh.rigid or bool(pairs)) if stands is None else stands
     near_bind = stands and not mesh.rigid
@@ -155,9 +156,9 @@ def _skeleton(mesh: RiggedMesh, pairs: tuple[Pair, ...], freedom: list[Freedom],
 
 
 def _spread(freedom: Freedom, near_bind: bool) -> float:
-    """Of a joint that begins near the bind pose, or anywhere within its limits: then of its widest [rad, m].
+    """How far a joint begins from the bind pose [rad, m]: a little, or anywhere within its widest limits.
 
-    What slides begins anywhere.
+    A joint that slides begins anywhere.
     """
     if near_bind and not freedom.slides:
         return _SPREAD
@@ -172,20 +173,23 @@ def _skin(mesh: RiggedMesh, triangles: int, skin_triangles: int) -> tuple[SkinMe
     joint, weight, dropped = four_influences(mesh)
     if dropped > _NEGLIGIBLE:
         notes.append(f"vertices follow at most four joints: up to {100 * dropped:.1f} % of one's weight was dropped")
-    surface, told = _closed_parts(mesh) if mesh.rigid else _closed_whole(mesh)
-    notes += told
+    # A closed surface; its new vertices follow the joints of a vertex beside them.
+    surface, closing_notes = _close_parts(mesh) if mesh.rigid else _close_whole(mesh)
+    notes += closing_notes
     vertex = np.concatenate([mesh.vertex, surface.added])
     beside = np.concatenate([np.arange(len(mesh.vertex)), surface.beside])
+    # Skin that is too fine to show is replaced by the closed surface, which is made coarser to be tracked.
     face, shown = surface.face, mesh.face
     too_fine = len(shown) > skin_triangles
     if too_fine and len(face) > skin_triangles:
-        face = _decimated(vertex, face, skin_triangles)
+        face = _decimate_face(vertex, face, skin_triangles)
     if too_fine:
         notes.append(f"skin: {len(shown)} triangles are too many to show; {len(face)} of the closed mesh stand in")
         shown = face
     if len(face) > triangles:
-        face = _decimated(vertex, face, triangles)
+        face = _decimate_face(vertex, face, triangles)
         notes.append(f"tracking mesh: {len(surface.face)} triangles made {len(face)}")
+    # The full mesh has the vertices of both.
     kept = np.unique(face)
     own = np.unique(shown) if too_fine else np.arange(len(mesh.vertex))
     chosen = np.union1d(own, kept)
@@ -199,21 +203,21 @@ def _skin(mesh: RiggedMesh, triangles: int, skin_triangles: int) -> tuple[SkinMe
     return skin, tracking, np.searchsorted(kept, face).astype(np.int32), notes
 
 
-def _decimated(vertex: np.ndarray, face: np.ndarray, triangles: int) -> np.ndarray:
+def _decimate_face(vertex: np.ndarray, face: np.ndarray, triangles: int) -> np.ndarray:
     """(face, 3) a coarser closed mesh over some of the vertices of a closed one."""
     kept, coarser = decimate(vertex, face, triangles)
     return kept[coarser]
 
 
-def _closed_whole(mesh: RiggedMesh) -> tuple[ClosedMesh, list[str]]:
+def _close_whole(mesh: RiggedMesh) -> tuple[ClosedMesh, list[str]]:
     surface = closed(mesh.vertex, mesh.face)
     return surface, [f"tracking mesh: {surface.done}"] if surface.done else []
 
 
-def _closed_parts(mesh: RiggedMesh) -> tuple[ClosedMesh, list[str]]:
-    """Each rigid part closed by itself: a robot's are hollow, and meet in joints."""
+def _close_parts(mesh: RiggedMesh) -> tuple[ClosedMesh, list[str]]:
+    """Each rigid part closed by itself: a robot's parts are hollow, and meet in joints."""
     follows = mesh.influence[mesh.face[:, 0], mesh.weight[mesh.face[:, 0]].argmax(axis=1)]
-    added, beside, faces, told = [np.zeros((0, 3))], [np.zeros(0, int)], [], []
+    added, beside, faces, changed = [np.zeros((0, 3))], [np.zeros(0, int)], [], []
     for joint, name in enumerate(mesh.joints):
         face = mesh.face[follows == joint]
         if not len(face):
@@ -223,6 +227,41 @@ def _closed_parts(mesh: RiggedMesh) -> tuple[ClosedMesh, list[str]]:
         faces.append(np.where(part.face < len(mesh.vertex), part.face, part.face + before))
         added.append(part.added)
         beside.append(part.beside)
-        told += [name] if part.done else []
-    notes = [f"tracking mesh: parts closed or wrapped in new surfaces: {', '.join(told)}"] if told else []
+        changed += [name] if part.done else []
+    notes = [f"tracking mesh: parts closed or wrapped in new surfaces: {', '.join(changed)}"] if changed else []
     return ClosedMesh(np.concatenate(added), np.concatenate(beside), np.concatenate(faces), ""), notes
+
+
+def body_motion(body: BodyModel, bind: np.ndarray, motion: RiggedMotion) -> tuple[BodyMotion, float]:
+    """Poses of a body whose joints turn and slide as a file's do, and how far joints are from the file's at most [m].
+
+    All three coordinates of every joint are taken, whether they are searched or not. Bones keep their lengths but for
+    joints that slide; a file's may change.
+
+    Args:
+        body: the body.
+        bind: (joint, 4, 4), the body's space from the file's joints in the bind pose.
+        motion: in the body's axes and metres.
+    """
+    skeleton = body.skeleton
+    frame, rest = skeleton.frame.astype(np.float64), body.joint_rest.astype(np.float64)
+    turned = motion.world[..., :3, :3] @ transposed(bind[:, :3, :3])  # from the bind pose, in the body's axes
+    frames, free = len(turned), np.tile([-np.inf, np.inf], (3, 1))
+    pose = np.zeros((frames, skeleton.coordinates))
+    pose[:, :3] = motion.world[:, 0, :3, 3]
+    place = np.zeros((frames, len(rest), 3))
+    for joint, parent in enumerate(skeleton.parent):
+        above = np.eye(3) if parent < 0 else turned[:, parent]
+        coordinates = skeleton.angles(skeleton.joints[joint])
+        place[:, joint] = pose[:, :3] if parent < 0 else place[:, parent] + above @ (rest[joint] - rest[parent])
+        if skeleton.slides[joint]:
+            held = above @ frame[joint]
+            shift = motion.world[:, joint, :3, 3] - place[:, joint]
+            pose[:, coordinates] = applied(transposed(held), shift)
+            place[:, joint] += shift
+            turned[:, joint] = above
+            continue
+        own = frame[joint].T @ np.swapaxes(above, -1, -2) @ turned[:, joint] @ frame[joint]
+        pose[:, coordinates] = continuous_zyx_angles(own, free)
+    apart = float(np.linalg.norm(place - motion.world[:, :, :3, 3], axis=2).max())
+    return BodyMotion(motion.fps, pose), apart

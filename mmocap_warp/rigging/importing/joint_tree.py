@@ -11,7 +11,7 @@ import numpy as np
 from mmocap_warp.body.skeleton import Pair
 from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, RiggedMotion, parents_first
 
-_LONGEST_CHAIN = 5  # joints that are searched together
+_LONGEST_CHAIN = 5  # number of joints that are searched together, at most
 _MIRRORED = 0.02  # how far mirrored joints may be apart, as a share of the skeleton's extent
 
 
@@ -55,11 +55,11 @@ def with_parents(mesh: RiggedMesh, parents: dict[str, str]) -> RiggedMesh:
             if name not in number:
                 raise ValueError(f"there is no joint {name!r}; there are {', '.join(mesh.joints)}")
         parent[number[joint]] = number[above]
-    return _reordered(replace(mesh, parent=tuple(parent)), parents_first(parent))
+    return _reorder(replace(mesh, parent=tuple(parent)), parents_first(parent))
 
 
 def with_one_root(mesh: RiggedMesh) -> RiggedMesh:
-    """The mesh with one root and no joints that no skin could show, with notes of what was done.
+    """The mesh with one root, without joints that move no skin, and with notes of what was done.
 
     1. Where all joints hang on none, those whose names share a beginning are chains that hang on the first joint.
     2. Branches that no skin follows are left out, but for the end of a joint that skin follows.
@@ -67,38 +67,42 @@ def with_one_root(mesh: RiggedMesh) -> RiggedMesh:
     4. Other joints that hang on none are hung on the root.
 
     Raises:
-        ValueError: all joints hang on none, and their names tell no chains.
+        ValueError: all joints hang on none, and their names do not show chains.
     """
     notes = list(mesh.notes)
     if len(mesh.joints) > 1 and all(parent < 0 for parent in mesh.parent):
         mesh = with_parents(mesh, _chains_by_name(mesh.joints))
         notes.append(f"its joints hang side by side: chains are taken from their names and hang on {mesh.joints[0]}")
+    # Which joints skin could show: those with skin at or below them, and the ends of joints that have skin.
     below, own = skin_below(mesh), skin_of(mesh)
     if not below.any():
         raise ValueError("no joint moves any skin")
     shown = (below > 0) | np.array([parent >= 0 and own[parent] > 0 for parent in mesh.parent])
     roots = [joint for joint, parent in enumerate(mesh.parent) if parent < 0 and below[joint] > 0]
+    # The root is found from the top of the largest tree, past joints without skin from which one branch goes on.
     main = max(roots, key=lambda joint: below[joint])
     while own[main] == 0:
         children = [joint for joint, parent in enumerate(mesh.parent) if parent == main and below[joint] > 0]
         if len(children) != 1:
             break
         shown[main], main = False, children[0]
+    # Further trees hang on it.
     stray = [joint for joint in roots if shown[joint] and below[joint] > 0 and joint != main]
     if stray:
-        notes.append(f"{_listed(mesh, stray)} hang on no joint: hung on {mesh.joints[main]}")
+        notes.append(f"{_name_list(mesh, stray)} hang on no joint: hung on {mesh.joints[main]}")
     parent = list(mesh.parent)
     for joint in (main, *stray):
         parent[joint] = -1 if joint == main else main
+    # The root comes first, then the others that are shown.
     order = [joint for joint in parents_first(parent) if shown[joint]]
     order.remove(main)
     left_out = [joint for joint in range(len(parent)) if not shown[joint]]
     if left_out:
-        notes.append(f"{_listed(mesh, left_out)} move no skin: left out")
-    return _reordered(replace(mesh, parent=tuple(parent), notes=tuple(notes)), [main, *order])
+        notes.append(f"{_name_list(mesh, left_out)} move no skin: left out")
+    return _reorder(replace(mesh, parent=tuple(parent), notes=tuple(notes)), [main, *order])
 
 
-def _listed(mesh: RiggedMesh, joints: list[int]) -> str:
+def _name_list(mesh: RiggedMesh, joints: list[int]) -> str:
     names = [mesh.joints[joint] for joint in joints]
     return ", ".join(names) if len(names) <= 6 else f"{', '.join(names[:5])} and {len(names) - 5} more"
 
@@ -114,8 +118,8 @@ def _chains_by_name(joints: tuple[str, ...]) -> dict[str, str]:
     return parents
 
 
-def _reordered(mesh: RiggedMesh, order: list[int]) -> RiggedMesh:
-    """The mesh with some of its joints in another order; skin that follows one left out must not be there."""
+def _reorder(mesh: RiggedMesh, order: list[int]) -> RiggedMesh:
+    """The mesh with some of its joints in another order; no skin may follow a joint that is left out."""
     rank = {joint: i for i, joint in enumerate(order)}
     number = np.array([rank.get(joint, 0) for joint in range(len(mesh.joints))])
     return replace(
@@ -150,7 +154,7 @@ def chains(parent: tuple[int, ...]) -> list[list[int]]:
 def parts_of(
     joints: tuple[str, ...], parent: tuple[int, ...], sliding: tuple[str, ...] = ()
 ) -> tuple[tuple[str, ...], tuple[int, ...]]:
-    """Steps of a hierarchical search: the root, then each chain, long ones in halves; their names, and each joint's.
+    """Names of the steps of a hierarchical search (the root, each chain, long ones in parts) and each joint's step.
 
     What slides at the end of a chain, as a gripper's fingers, is searched with the joint that carries it: the arm stays
     a limb, on which nothing hangs, and limbs are what the first frame's search draws anew.
@@ -200,7 +204,7 @@ def mirrored_pairs(joints: tuple[str, ...], parent: tuple[int, ...], place: np.n
         if candidates:
             right = min(candidates, key=lambda right: float(np.linalg.norm(image[left] - place[right])))
             other |= {left: right, right: left}
-            pairs.append((_both(joints[left], joints[right]), joints[left], joints[right]))
+            pairs.append((_common_name(joints[left], joints[right]), joints[left], joints[right]))
     names = [name for name, *_ in pairs]
     return tuple((n if names.count(n) == 1 else f"{left}+{right}", left, right) for n, left, right in pairs)
 
@@ -211,34 +215,34 @@ def sides_crossed(pairs: tuple[Pair, ...]) -> bool:
     return sum(side == "rl" for side in sides) > sum(side == "lr" for side in sides)
 
 
-def _plain(joint: str) -> str:
+def _without_number(joint: str) -> str:
     """A joint's name without a number at its end."""
     return re.sub(r"[_.\-: ]*\d+$", "", joint) or joint
 
 
-def _parted(one: str, other: str) -> tuple[str, str, str, str]:
-    """How two names begin alike, how they end alike, and what is between in each."""
-    one, other = _plain(one), _plain(other)
-    first = _alike(one, other)
-    last = _alike(one[first:][::-1], other[first:][::-1])
+def _differing_parts(one: str, other: str) -> tuple[str, str, str, str]:
+    """The common beginning and the common end of two names, and what is between in each."""
+    one, other = _without_number(one), _without_number(other)
+    first = _common_length(one, other)
+    last = _common_length(one[first:][::-1], other[first:][::-1])
     return one[:first], one[len(one) - last :], one[first : len(one) - last], other[first : len(other) - last]
 
 
-def _alike(one: str, other: str) -> int:
-    """How many letters two texts begin with alike."""
+def _common_length(one: str, other: str) -> int:
+    """The length of the common beginning of two texts."""
     return next((i for i, (a, b) in enumerate(zip(one, other, strict=False)) if a != b), min(len(one), len(other)))
 
 
 def _sides(one: str, other: str) -> str:
     """``lr`` or ``rl`` where two names differ in the side alone, ``same`` where they do not differ, else nothing."""
-    *_, mine, others = _parted(one, other)
+    *_, mine, others = _differing_parts(one, other)
     return {("l", "r"): "lr", ("lef", "righ"): "lr", ("r", "l"): "rl", ("righ", "lef"): "rl", ("", ""): "same"}.get(
         (mine.lower(), others.lower()), ""
     )
 
 
-def _both(one: str, other: str) -> str:
+def _common_name(one: str, other: str) -> str:
     """What two joints are called together: their name without its side."""
-    begin, end, mine, _ = _parted(one, other)
+    begin, end, mine, _ = _differing_parts(one, other)
     end = end[1:] if mine.lower() in ("lef", "righ") else end
     return re.sub(r"_+", "_", f"{begin}{end}").strip("_.-: ") or f"{one}+{other}"

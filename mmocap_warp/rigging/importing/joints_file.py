@@ -28,7 +28,7 @@ _FREE = ("", "x", "y", "z", "xy", "xz", "yz", "xyz")
 
 @dataclass(frozen=True, eq=False)
 class GivenJoint:
-    """What a joints file says of a joint; None where it is silent.
+    """What a joints file says of a joint; None where it says nothing.
 
     Attributes:
         free: axes that are searched.
@@ -73,12 +73,12 @@ def read_joints_file(path: str | Path) -> GivenJoints:
     table = load_toml(path)
     root = table.take_choice("root", ("free", "fixed"), None)
     rigid, stands = (table.take(key, bool, None) for key in ("rigid", "stands"))
-    joints = {name: _joint(entry) for name, entry in table.take_table("joints").take_tables().items()}
+    joints = {name: _read_joint(entry) for name, entry in table.take_table("joints").take_tables().items()}
     table.finish()
     return GivenJoints(str(path), None if root is None else root == "fixed", rigid, stands, joints)
 
 
-def _joint(entry: Table) -> GivenJoint:
+def _read_joint(entry: Table) -> GivenJoint:
     free = entry.take_choice("free", _FREE) if entry.has("free") else None
     hinge = np.array(entry.take_numbers("hinge", (3,))) if entry.has("hinge") else None
     if hinge is not None and not hinge.any():
@@ -98,12 +98,12 @@ def _joint(entry: Table) -> GivenJoint:
 
 
 def parents_given(given: GivenJoints) -> dict[str, str]:
-    """What joints hang on, by name, where the file says so."""
+    """The names of parents that the file gives, by joint."""
     return {name: joint.parent for name, joint in given.joints.items() if joint.parent is not None}
 
 
 def with_given(freedom: list[Freedom], joints: tuple[str, ...], given: GivenJoints) -> list[Freedom]:
-    """The freedom of joints, with what a file says in its place.
+    """The freedom of joints, changed where a file says otherwise.
 
     Raises:
         InputError: the file names a joint that there is not, or lets one slide without limits.
@@ -114,7 +114,7 @@ def with_given(freedom: list[Freedom], joints: tuple[str, ...], given: GivenJoin
             known = ", ".join(joints[:8]) + (" ..." if len(joints) > 8 else "")
             raise InputError(given.source, f"there is no joint '{name}'", f"name one of {known}")
         try:
-            found[joints.index(name)] = _given(freedom[joints.index(name)], joint)
+            found[joints.index(name)] = _with_given_joint(freedom[joints.index(name)], joint)
         except ValueError as error:
             raise InputError(given.source, f"joint '{name}' {error}", "give its limits, in metres") from None
     if given.fixed_root is not None:
@@ -122,7 +122,7 @@ def with_given(freedom: list[Freedom], joints: tuple[str, ...], given: GivenJoin
     return found
 
 
-def _given(freedom: Freedom, joint: GivenJoint) -> Freedom:
+def _with_given_joint(freedom: Freedom, joint: GivenJoint) -> Freedom:
     frame = freedom.frame if joint.hinge is None else hinge_frame(joint.hinge, freedom.frame[:, 1])
     free = freedom.free if joint.free is None else joint.free
     slides = freedom.slides if joint.slides is None else joint.slides

@@ -6,14 +6,14 @@ from itertools import permutations
 
 import numpy as np
 
-_SKIN = 1.2  # cells between the triangles and the surface that is laid around them
-_BACK = 0.85  # of that distance, how far the surface is drawn back to them
-_CORNER = 0.04  # of a cell's edge, how near to its ends the surface may cut it: slivers have no normal
+_SKIN = 1.2  # distance of the surface from the triangles that it is laid around, in cells
+_BACK = 0.85  # share of that distance by which the surface is drawn back to the triangles
+_CORNER = 0.04  # the surface cuts a cell's edge this share of it from its ends: slivers have no normal
 _MOST_SAMPLES = 4_000_000
 
 
 def wrapped(vertex: np.ndarray, face: np.ndarray, cells: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A closed surface around triangles: what lies a little outside of them, drawn back to them.
+    """A closed surface around triangles: it is laid a little outside of them, then drawn back to them.
 
     Gaps of less than a few cells are closed, and hollows that cannot be reached from outside are filled. Single sheets
     get two sides.
@@ -110,7 +110,7 @@ def _level_set(field: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _triangles_of(inside: np.ndarray) -> list[list[tuple[int, int]]]:
-    """Triangles that part the nodes of a tetrahedron of positive volume, each corner on an edge (inside, outside)."""
+    """Triangles between the inner and the outer nodes of a tetrahedron; each corner is an edge (inside, outside)."""
     within, without = np.flatnonzero(inside).tolist(), np.flatnonzero(~inside).tolist()
     even = round(np.linalg.det(np.eye(4)[within + without])) > 0
     if len(within) == 1:

@@ -1,15 +1,17 @@
-"""Masks of which each is spoilt on its own: ragged contours, holes, specks, and shadows at the feet."""
+"""Masks with faults: ragged contours, holes, specks, and shadows at the feet, in each mask by itself.
+
+Silhouettes are what a real camera would see, lens and all. OpenCV draws them: they share nothing with the tracker.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 
-from mmocap_warp.cameras.rig import CameraRig
-from mmocap_warp.synthesis.footage.blemishes import Ellipse, distance_inside, on_floor
-from mmocap_warp.synthesis.footage.polygons import draw_silhouettes
+from mmocap_warp.cameras.rig import CameraRig, project
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,7 @@ class SpoiltMasks:
 
 _HOLE_RADIUS = (2.0, 5.0)
 _SPECK_RADIUS = (1.5, 5.0)
-_FIELD_MARGIN = 3.0  # smoothing lengths that a field is made larger by, so that its edges are like its middle
+_FIELD_MARGIN = 3.0  # margin of a field in smoothing lengths, so that its edges are like its middle
 
 
 def spoil(mask: np.ndarray, shadow: np.ndarray, faults: Faults, rng: np.random.Generator) -> np.ndarray:
@@ -106,3 +108,74 @@ def _blobs(
     for _ in range(count if len(places) else 0):
         centre, radii = places[rng.integers(len(places))][::-1], np.rint(rng.uniform(*radius, 2))
         Ellipse(centre, radii, rng.uniform(0, 180)).draw(mask, value)
+
+
+_FINER = 16  # subpixels per pixel and axis; OpenCV fills all that an outline touches, up to a subpixel too much
+_SHIFT = 6  # binary digits after the point of OpenCV's polygon corners
+
+
+def draw_silhouettes(rig: CameraRig, vertices: np.ndarray, faces: np.ndarray) -> list[np.ndarray]:
+    """Per camera (height, width) bool: pixels of which the mesh covers more than half.
+
+    Args:
+        rig: the cameras, with their distortion.
+        vertices: (vertex, 3), posed, in the world [m]; all in front of every camera.
+        faces: (face, 3) or (face, 4), convex.
+
+    Raises:
+        ValueError: a vertex behind a camera.
+    """
+    image = project(rig, vertices)
+    if not np.isfinite(image).all():
+        raise ValueError("a vertex lies behind a camera")
+    return [_draw(corners[faces], *rig.size[k]) for k, corners in enumerate(image)]
+
+
+def _draw(polygons: np.ndarray, width: int, height: int) -> np.ndarray:
+    """Fill all polygons (face, corner, 2) [px] on a finer grid, and see how much of each pixel they cover."""
+    flat = polygons.reshape(-1, 2)
+    left, top = np.clip(np.floor(flat.min(axis=0)) - 1, 0, (width, height)).astype(int)
+    right, bottom = np.clip(np.ceil(flat.max(axis=0)) + 2, 0, (width, height)).astype(int)
+    mask = np.zeros((height, width), bool)
+    if left < right and top < bottom:
+        fine = (polygons - (left, top) + 0.5) * _FINER - 0.5
+        canvas = np.zeros(((bottom - top) * _FINER, (right - left) * _FINER), np.uint8)
+        for corners in np.rint(fine * 2**_SHIFT).astype(np.int32):
+            cv2.fillConvexPoly(canvas, corners, 255, cv2.LINE_8, _SHIFT)
+        mask[top:bottom, left:right] = (
+            cv2.resize(canvas, (right - left, bottom - top), interpolation=cv2.INTER_AREA) > 127
+        )
+    return mask
+
+
+_SUBPIXEL = 4  # binary digits of OpenCV's ellipses
+
+
+def distance_inside(mask: np.ndarray, reach: int) -> np.ndarray:
+    """(height, width) float32, how far inside the contour each pixel's centre is [px]; outside is negative.
+
+    Args:
+        mask: (height, width) bool.
+        reach: 3 or 5, width of the neighbourhood that OpenCV looks at: quicker or nearer to the truth.
+    """
+    seen = mask.view(np.uint8)
+    inside, outside = (cv2.distanceTransform(side, cv2.DIST_L2, reach) for side in (seen, 1 - seen))
+    return np.where(mask, inside - 0.5, 0.5 - outside)
+
+
+class Ellipse(NamedTuple):
+    """Centre (column, row) and radii (2,) [px], and the angle of the first radius [degrees]."""
+
+    centre: np.ndarray
+    radii: np.ndarray
+    angle: float
+
+    def draw(self, image: np.ndarray, value: int) -> None:
+        """Fill the ellipse with a value."""
+        x, y, across, along = (round(float(length) * 2**_SUBPIXEL) for length in (*self.centre, *self.radii))
+        cv2.ellipse(image, (x, y), (across, along), float(self.angle), 0, 360, value, -1, cv2.LINE_8, _SUBPIXEL)
+
+
+def on_floor(vertices: np.ndarray, up: np.ndarray, light: np.ndarray) -> np.ndarray:
+    """Where the shadows of vertices (vertex, 3) lie on the floor, at height zero: moved along ``light`` (3,)."""
+    return vertices - np.outer(vertices @ up / (light @ up), light)

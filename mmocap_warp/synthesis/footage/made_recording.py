@@ -5,28 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel
+from mmocap_warp.body.rotations import turn
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.synthesis.exact_posing import ExactPoser
-
-if TYPE_CHECKING:
-    from mmocap_warp.body.posing import Poser
-
-
-class Segmentation(Protocol):
-    """How masks of a posed body come about."""
-
-    def silhouettes(self, rig: CameraRig, vertices: np.ndarray) -> list[np.ndarray]:
-        """Per camera (height, width) bool: what a faultless segmentation would give."""
-
-    def masks(self, rig: CameraRig, vertices: np.ndarray, frame: int) -> list[np.ndarray]:
-        """Per camera (height, width) bool, with faults; chance depends on camera and frame alone."""
+from mmocap_warp.synthesis.footage.faults import SpoiltMasks
+from mmocap_warp.synthesis.footage.segmentation import SegmentedMasks
 
 
 @dataclass(frozen=True)
@@ -40,7 +29,7 @@ class Recording:
         fps: frames per second.
         rig: the cameras.
         segmentation: how their masks come about.
-        posed_by: what poses the body.
+        posed_by: what poses the body: ``ExactPoser``, or a class that is used as it is.
     """
 
     body: BodyModel
@@ -48,8 +37,8 @@ class Recording:
     poses: np.ndarray
     fps: float
     rig: CameraRig
-    segmentation: Segmentation
-    posed_by: type[ExactPoser] | type[Poser] = ExactPoser
+    segmentation: SpoiltMasks | SegmentedMasks
+    posed_by: type[ExactPoser] = ExactPoser
 
     def __len__(self) -> int:
         return len(self.poses)
@@ -97,5 +86,39 @@ class Recording:
         )
 
     @cached_property
-    def _poser(self) -> ExactPoser | Poser:
+    def _poser(self) -> ExactPoser:
         return self.posed_by(self.body, self.root_base)
+
+
+def placed_camera(
+    bearing: float,
+    distance: float,
+    height: float,
+    aim: float,
+    roll: float,
+    focal: float,
+    offset: tuple[float, float],
+    size: tuple[int, int],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """K, R and t of a camera that looks at the vertical through the origin of a world with +Z up.
+
+    Args:
+        bearing: direction from the origin, from +X toward +Y [degrees].
+        distance: of the centre from the vertical [m].
+        height: of the centre [m].
+        aim: height of the point looked at [m].
+        roll: about the direction of view [degrees].
+        focal: length [px].
+        offset: of the principal point from the image's middle [px].
+        size: width and height of the image [px].
+    """
+    angle = np.radians(bearing)
+    centre = np.array([distance * np.cos(angle), distance * np.sin(angle), height])
+    forward = np.array([0.0, 0.0, aim]) - centre
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    R = turn("z", np.radians(-roll)) @ np.stack([right, np.cross(forward, right), forward])
+    (x, y), (width, height_px) = offset, size
+    K = np.array([[focal, 0.0, (width - 1) / 2 + x], [0.0, focal, (height_px - 1) / 2 + y], [0.0, 0.0, 1.0]])
+    return K, R, -R @ centre

@@ -16,7 +16,7 @@ import numpy as np
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.synthesis.exact_posing import led_by
-from mmocap_warp.synthesis.footage.blemishes import Ellipse, distance_inside, on_floor
+from mmocap_warp.synthesis.footage.faults import Ellipse, distance_inside, on_floor
 from mmocap_warp.synthesis.footage.outlines import Surface, draw_outlines, on_image
 
 
@@ -49,11 +49,11 @@ class Contrast:
 
 
 _MOST_SHADOW = 0.95
-_CASTING = ("LKnee", "LAnkle", "RKnee", "RAnkle")  # shanks and feet
+_SHADOW_JOINTS = ("LKnee", "LAnkle", "RKnee", "RAnkle")  # joints of shanks and feet, whose shadow is seen
 _PATCH_LIFE = 24  # frames in which a patch that looks like the background comes and goes
 _PATCH_RADIUS = (0.015, 0.06)  # [m]
-_DROPOUT_EVERY, _DROPOUT_FRAMES = 100, (6, 19)  # at most one in so many frames, and how long it lasts
-_MASK, _PATCHES, _DROPOUT = range(3)  # what chance is drawn for
+_DROPOUT_EVERY, _DROPOUT_FRAMES = 100, (6, 19)  # frames in which there is one dropout at most, and its length in frames
+_MASK, _PATCHES, _DROPOUT = range(3)  # numbers of the sequences of random draws
 
 
 @dataclass(frozen=True)
@@ -103,9 +103,9 @@ class SegmentedMasks:
 
     @cached_property
     def _casting_surface(self) -> Surface:
-        """Of the mesh, what casts the shadow at the feet."""
+        """The part of the mesh that casts the shadow at the feet."""
         face = self.body.skin.face
-        return Surface.of(face[led_by(self.body, *_CASTING)[face].all(axis=1)])
+        return Surface.of(face[led_by(self.body, *_SHADOW_JOINTS)[face].all(axis=1)])
 
     @cached_property
     def _share_of_skin(self) -> np.ndarray:
@@ -115,7 +115,7 @@ class SegmentedMasks:
         return np.cumsum(area) / area.sum()
 
     def _patches(self, rig: CameraRig, k: int, frame: int, vertices: np.ndarray) -> list[Ellipse]:
-        """What of the body looks like the background to camera ``k``: stays on the skin for a fraction of a second."""
+        """Patches of the body that look like the background to camera ``k``, each for a fraction of a second."""
         block = frame // _PATCH_LIFE
         rng = np.random.default_rng([self.seed, _PATCHES, k, block])
         patches = []
@@ -131,9 +131,9 @@ class SegmentedMasks:
 
 
 _GRAIN = 9  # distance over which the contour's shift changes [px]
-_SPREAD = 1.4  # interpolating between independent draws takes this from their deviation
+_SPREAD = 1.4  # interpolating between independent draws divides their deviation by this
 _SHADOW_GRAIN = 14  # size of the pieces in which a shadow is seen [px]
-_MARGIN = 24  # around the body, in which shadow and specks are seen [px]
+_MARGIN = 24  # distance around the body within which shadow and specks are seen [px]
 _SPECK_RADIUS = (1.0, 4.0)
 
 
@@ -155,11 +155,11 @@ def segment(
         return spoilt
     depth = distance_inside(mask[box], 3)
     steady = contrast.halo + contrast.flicker * rng.standard_normal()
-    shift = steady + contrast.ragged * _grain(depth.shape, _GRAIN, rng)
+    shift = steady + contrast.ragged * _noise(depth.shape, _GRAIN, rng)
     seen = (depth + shift > 0).view(np.uint8)
     if contrast.shadow > 0:
         bound = NormalDist().inv_cdf(1.0 - contrast.shadow)
-        seen |= (shadow[box] & (_grain(depth.shape, _SHADOW_GRAIN, rng) > bound)).view(np.uint8)
+        seen |= (shadow[box] & (_noise(depth.shape, _SHADOW_GRAIN, rng) > bound)).view(np.uint8)
     corner = np.array([box[1].start, box[0].start])
     for patch in patches:
         patch._replace(centre=patch.centre - corner).draw(seen, 0)
@@ -178,7 +178,7 @@ def _surroundings(mask: np.ndarray) -> tuple[slice, slice] | None:
     return slice(low[0], int(rows[-1]) + _MARGIN + 1), slice(low[1], int(columns[-1]) + _MARGIN + 1)
 
 
-def _grain(shape: tuple[int, ...], size: int, rng: np.random.Generator) -> np.ndarray:
+def _noise(shape: tuple[int, ...], size: int, rng: np.random.Generator) -> np.ndarray:
     """Noise of mean 0 and about variance 1 that is alike over about ``size`` pixels."""
     coarse = rng.standard_normal((shape[0] // size + 3, shape[1] // size + 3), np.float32) * np.float32(_SPREAD)
     fine = cv2.resize(coarse, None, fx=size, fy=size, interpolation=cv2.INTER_LINEAR)

@@ -16,14 +16,15 @@ A stance is written for someone who leads with the left and mirrored for one who
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import turn
+from mmocap_warp.synthesis.motion.key_poses import Track, sway
 from mmocap_warp.synthesis.motion.limb_motion import leg_length
-from mmocap_warp.synthesis.motion.motion_tracks import Track, sway
 from mmocap_warp.synthesis.motion.posture import Foot, Posture
 
 Point = tuple[float, float, float]
@@ -71,7 +72,10 @@ PUNCHES: dict[str, Punch] = {
     "body jab": Punch("lead", (0.06, -0.62, 1.16), _NO_VIA, (0.8, -0.6, 0.0), -0.10, -0.25, 0.05, 0.05, 0.20, 0.28),
 }
 
-_GUARD: dict[str, Point] = {"lead": (0.16, -0.16, 0.60), "rear": (-0.20, -0.18, 0.40)}  # of the wrists, from the neck
+_GUARD: dict[str, Point] = {
+    "lead": (0.16, -0.16, 0.60),
+    "rear": (-0.20, -0.18, 0.40),
+}  # places of the wrists from the neck
 _GUARD_ELBOW: dict[str, Point] = {"lead": (0.45, -1.0, -0.2), "rear": (-0.45, -1.0, -0.2)}
 
 
@@ -92,6 +96,12 @@ class Round:
     steps: tuple[tuple[float, float, float], ...]
     slips: tuple[tuple[float, float], ...]
     pace: float = 1.0
+
+    def timed_punches(self) -> Iterator[tuple[float, Punch, float, float]]:
+        """When each punch begins, the punch, and how long its ways out and back take [s]."""
+        for begin, name in self.punches:
+            punch = PUNCHES[name]
+            yield begin, punch, punch.out / self.pace, punch.back / self.pace
 
 
 ROUNDS: dict[str, Round] = {
@@ -136,17 +146,17 @@ ROUNDS: dict[str, Round] = {
     ),
 }
 
-_PELVIS, _CHEST = -0.60, -0.70  # turns of the guard, rear side back [rad]
-_CROUCH, _LEAN = 0.06, 0.14  # of the leg's length; of the chest, ahead [rad]
+_PELVIS, _CHEST = -0.60, -0.70  # turns of pelvis and chest in the guard, the rear side back [rad]
+_CROUCH, _LEAN = 0.06, 0.14  # share of the leg's length that the hips are lower; lean of the chest [rad]
 _FEET: dict[str, tuple[float, float, float]] = {"lead": (0.12, 0.23, -0.35), "rear": (-0.16, -0.24, -0.85)}  # and yaw
-_REAR_HEEL = np.radians(12.0)  # always raised a little
+_REAR_HEEL = np.radians(12.0)  # the rear heel is always raised by this
 _PIVOT = 0.7  # turn of the rear foot for the rise of its heel
-_STEP, _STEP_LIFT = 0.24, 0.03  # of each foot, one after the other [s], [m]
-_AIRBORNE = 0.7  # of a step's time, in which the foot goes ahead
-_SLIP = (0.22, 0.08, 0.30)  # out, hold, back [s]
-_BOUNCE, _BOUNCE_RATE = 0.010, 56.0 / 60.0  # [m], [Hz]
-_HOLD = 0.02  # of a punch at its end [s]
-_TRUNK_FIRST = 0.04  # by which the hips are ahead of the hand [s]
+_STEP, _STEP_LIFT = 0.24, 0.03  # time and height of a foot's step; the feet step one after the other [s, m]
+_AIRBORNE = 0.7  # share of a step's time in which the foot goes ahead
+_SLIP = (0.22, 0.08, 0.30)  # times of a slip: out, hold, back [s]
+_BOUNCE, _BOUNCE_RATE = 0.010, 56.0 / 60.0  # height and rate at which the hips bounce [m, Hz]
+_HOLD = 0.02  # time for which a punch is held at its end [s]
+_TRUNK_FIRST = 0.04  # time by which the hips are ahead of the hand [s]
 _LEAST_KNEE = np.radians(8.0)
 _STANCE_SCALE = 0.86  # leg length that the stance is written for [m]
 
@@ -161,6 +171,7 @@ def boxing(body: BodyModel, frames: int, fps: float, script: Round, seed: int) -
     leg = leg_length(body)
     size = leg / _STANCE_SCALE
 
+    # Feet, hips and pelvis, from which the legs follow.
     turns, heel = _turns(script, time)
     feet = {hand: _foot(posture, side, hand, script, time, heel, sign, size) for hand, side in sides.items()}
     root = _root(script, time, size, rng) * (sign, 1.0, 1.0)
@@ -168,6 +179,7 @@ def boxing(body: BodyModel, frames: int, fps: float, script: Round, seed: int) -
     pelvis = turn("y", sign * turns[:, 0]) @ turn("x", np.full(frames, 0.5 * _LEAN))
     posture.stand(root, pelvis, {sides[hand]: foot for hand, foot in feet.items()}, _LEAST_KNEE)
 
+    # Chest and head, which lean aside in slips.
     aside = _slips(script, time) + 0.02 * sway(time, (0.4, 0.7, 1.1), rng)
     chest = (
         turn("z", -sign * aside) @ turn("y", sign * turns[:, 1]) @ turn("x", _LEAN + 0.02 * sway(time, (0.5, 0.9), rng))
@@ -179,6 +191,7 @@ def boxing(body: BodyModel, frames: int, fps: float, script: Round, seed: int) -
     )
     posture.bend(chest, head)
 
+    # Hands, from the neck.
     for hand, side in sides.items():
         wrist, elbow = _hand(hand, script, time, rng)
         posture.reach(
@@ -190,9 +203,7 @@ def boxing(body: BodyModel, frames: int, fps: float, script: Round, seed: int) -
 def _turns(script: Round, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The pelvis' and the chest's turn (frame, 2), and the rise of the rear heel (frame,), for a left lead [rad]."""
     turns, heel = Track(np.array([_PELVIS, _CHEST])), Track(np.array([_REAR_HEEL]))
-    for begin, name in script.punches:
-        punch = PUNCHES[name]
-        out, back = punch.out / script.pace, punch.back / script.pace
+    for begin, punch, out, back in script.timed_punches():
         turns.out_and_back(begin - _TRUNK_FIRST, out, _HOLD, back, (punch.pelvis, punch.chest))
         heel.out_and_back(begin - _TRUNK_FIRST, out, _HOLD, back, punch.heel)
     return turns.at(time), heel.at(time)[:, 0]
@@ -201,9 +212,8 @@ def _turns(script: Round, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _root(script: Round, time: np.ndarray, size: float, rng: np.random.Generator) -> np.ndarray:
     """The root's path for a left lead: to the lead's side, up, ahead."""
     root = Track(np.zeros(3))
-    for begin, name in script.punches:
-        punch = PUNCHES[name]
-        root.out_and_back(begin, punch.out / script.pace, _HOLD, punch.back / script.pace, (0.0, 0.0, punch.ahead))
+    for begin, punch, out, back in script.timed_punches():
+        root.out_and_back(begin, out, _HOLD, back, (0.0, 0.0, punch.ahead))
     for begin, aside, ahead in script.steps:
         root.move(begin, 2 * _STEP, (aside * size, 0.0, ahead * size))
     for begin, aside in script.slips:
@@ -245,11 +255,9 @@ def _foot(
 def _hand(hand: str, script: Round, time: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """The wrist from the neck in arm lengths, and where the elbow points, each (frame, 3), for a left lead."""
     wrist, elbow = Track(np.array(_GUARD[hand])), Track(np.array(_GUARD_ELBOW[hand]))
-    for begin, name in script.punches:
-        punch = PUNCHES[name]
+    for begin, punch, out, back in script.timed_punches():
         if punch.hand != hand:
             continue
-        out, back = punch.out / script.pace, punch.back / script.pace
         wrist.out_and_back(begin, out, _HOLD, back, np.subtract(punch.wrist, _GUARD[hand]))
         wrist.out_and_back(begin - 0.5 * out, 0.8 * out, 0.0, 0.7 * out, punch.via)
         elbow.out_and_back(begin - 0.6 * out, 1.5 * out, _HOLD, back, np.subtract(punch.elbow, _GUARD_ELBOW[hand]))

@@ -18,15 +18,14 @@ import numpy as np
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import applied, transposed, turn, zyx_angles, zyx_rotation
 from mmocap_warp.synthesis.motion import gait_curves as curves
-from mmocap_warp.synthesis.motion.limb_motion import SIGN, TRUNK, Leg, hanging_arm, trunk_angles
-from mmocap_warp.synthesis.motion.sole import Sole
+from mmocap_warp.synthesis.motion.limb_motion import SIGN, TRUNK, Leg, Sole, hanging_arm, trunk_angles
 
-_AHEAD = {"L": 0.0, "R": 0.5}  # of a leg's phase before the left one's
+_AHEAD = {"L": 0.0, "R": 0.5}  # how far a leg's phase is ahead of the left one's
 _BELOW_HIP = 0.22  # phase at which a standing foot is below the pelvis
-_LEAST_KNEE = np.radians(6.0)  # of a standing leg
+_LEAST_KNEE = np.radians(6.0)  # flexion that the knee of a standing leg keeps
 _CHEST_LEAN = np.radians(3.0)
 _ARM_SPREAD, _ARM_INWARD = np.radians(9.0), np.radians(10.0)
-_NUDGE = 0.005  # of the phase, for slopes
+_NUDGE = 0.005  # difference of the phase from which slopes are taken
 
 
 @dataclass(frozen=True)
@@ -74,7 +73,7 @@ class Walk:
         return root, pelvis
 
     def _low_pelvis(self, phase: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The same, with heights from their mean."""
+        """The same as :meth:`_pelvis`, with heights from their mean."""
         root = self._path(phase, curves.sway(phase))
         root[:, 1] = curves.rise(phase, self.stride)
         return root, turn("y", self._heading(phase) - curves.pelvis_turn(phase)) @ turn("z", curves.pelvis_list(phase))
@@ -100,8 +99,8 @@ class Walk:
         own = phase + _AHEAD[side]
         step = np.floor(own)
         s = np.clip((own - step - curves.TOE_OFF) / (1.0 - curves.TOE_OFF), 0.0, 1.0)[:, None]
-        standing = self._standing(side, step, np.minimum(own, step + curves.TOE_OFF))
-        swinging = self._published(side, own) + self._correction(side, step, s)
+        standing = self._standing_angles(side, step, np.minimum(own, step + curves.TOE_OFF))
+        swinging = self._published_angles(side, own) + self._correction(side, step, s)
         leg = np.where(s > 0, swinging, standing)
         yaw = self._yaw(side, step) * (1 - _ease(s[:, 0])) + self._yaw(side, step + 1) * _ease(s[:, 0])
         foot = turn("y", yaw) @ turn("x", -curves.foot_pitch(own))
@@ -121,14 +120,14 @@ class Walk:
         forward, up = self._soles[side].ankle(curves.foot_pitch(own))
         return footprint + applied(turn("y", self._yaw(side, step)), np.stack([0 * up, up, forward], axis=-1))
 
-    def _standing(self, side: str, step: np.ndarray, own: np.ndarray) -> np.ndarray:
+    def _standing_angles(self, side: str, step: np.ndarray, own: np.ndarray) -> np.ndarray:
         """Angles (frame, 4) of hip and knee that leave the foot on its footprint of a step."""
         leg = self._legs[side]
         root, pelvis = self._pelvis(own - _AHEAD[side])
         sideways = turn("y", self._yaw(side, step))[:, :, 0]
         return leg.angles(root + applied(pelvis, leg.hip), self._on_floor(side, step, own), pelvis, sideways)
 
-    def _published(self, side: str, own: np.ndarray) -> np.ndarray:
+    def _published_angles(self, side: str, own: np.ndarray) -> np.ndarray:
         """The published angles (frame, 4) of hip and knee."""
         leg = self._legs[side]
         hip, knee = leg.lean - curves.hip_flexion(own), leg.straight + curves.knee_flexion(own)
@@ -142,7 +141,7 @@ class Walk:
         """
 
         def missed(step: np.ndarray, own: np.ndarray) -> np.ndarray:
-            return self._standing(side, step, own) - self._published(side, own)
+            return self._standing_angles(side, step, own) - self._published_angles(side, own)
 
         leave, land, ease = step + curves.TOE_OFF, step + 1.0, _ease(s)
         start, end = missed(step, leave), missed(step + 1, land)

@@ -1,7 +1,7 @@
 """Hand signals of a person who stands still: waving, beckoning, halting, pointing.
 
 Hands go from sign to sign along paths of least jerk in about 0.7 s, as free reaches of half a metre do (see
-``tracks.py``); a hand waves two to three times a second. The rest of the body is as near to still as people are when
+``key_poses.py``); a hand waves two to three times a second. The rest of the body is as near to still as people are when
 they stand: the centre of mass wanders by about 5 mm (Winter, *Human balance and posture control during standing and
 walking*, Gait & Posture 3, 1995), weight moves from foot to foot now and then, and both feet stay where they are.
 """
@@ -14,8 +14,8 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import turn
+from mmocap_warp.synthesis.motion.key_poses import Track, minimum_jerk, sway
 from mmocap_warp.synthesis.motion.limb_motion import SIGN, rest_place
-from mmocap_warp.synthesis.motion.motion_tracks import Track, minimum_jerk, sway
 from mmocap_warp.synthesis.motion.posture import Foot, Posture
 
 
@@ -55,12 +55,12 @@ SCRIPTS: dict[str, Script] = {
     "S3": ((0.2, "R", "high wave", 1.1), (1.9, "L", "halt", 0.5), (2.0, "R", "go on", 1.2), (3.9, "L", "wave", 1.0)),
 }
 
-_MOVE, _RETURN = 0.7, 0.8  # [s]
+_MOVE, _RETURN = 0.7, 0.8  # time of a hand's way to a sign, and back down [s]
 _FLOW = 0.4  # a hand that has less time than this before its next sign does not go down first [s]
-_EASE = 0.25  # in which a swing grows and fades [s]
+_EASE = 0.25  # time in which a swing grows, and in which it fades [s]
 _FOOT_AHEAD, _FOOT_ASIDE, _TOE_OUT = 0.02, 0.02, 0.10  # half of what separates the feet [m], [rad]
 _SWAY_RATES = (0.12, 0.21, 0.34, 0.55)
-_SWAY_ASIDE, _SWAY_AHEAD, _SHIFT = 0.004, 0.005, 0.02  # [m]
+_SWAY_ASIDE, _SWAY_AHEAD, _SHIFT = 0.004, 0.005, 0.02  # sway of the root, and how far the weight shifts [m]
 _LEAST_KNEE = np.radians(5.0)
 
 
@@ -69,6 +69,7 @@ def gesturing(body: BodyModel, frames: int, fps: float, script: Script, seed: in
     rng = np.random.default_rng([seed, 3])
     time = np.arange(frames) / fps
     posture = Posture(body, frames)
+    # Feet stand still, hips sway, and weight shifts away from the hand that is raised.
     aside = sway(time, _SWAY_RATES, rng)
     shift = Track(np.zeros(1))  # of the weight, from foot to foot
     for begin, side, _, hold in script:
@@ -82,13 +83,15 @@ def gesturing(body: BodyModel, frames: int, fps: float, script: Script, seed: in
     feet = {side: _foot(frames, sign, half_width) for side, sign in SIGN.items()}
     posture.stand(root, pelvis, feet, _LEAST_KNEE)
 
-    turned = Track(np.zeros(1))  # of the chest, toward the hand that is raised
+    # The chest turns toward the hand that is raised; the head looks about.
+    turned = Track(np.zeros(1))
     for begin, side, _, hold in script:
         turned.out_and_back(begin, _MOVE, hold, _RETURN, -SIGN[side] * 0.05)
     chest = turn("y", turned.at(time)[:, 0] + 0.015 * sway(time, _SWAY_RATES, rng)) @ turn("x", np.full(frames, 0.02))
     look = turn("y", 0.08 * sway(time, (0.2, 0.37, 0.6), rng)) @ turn("x", 0.04 * sway(time, (0.3, 0.5), rng) + 0.03)
     posture.bend(chest, look)
 
+    # Hands, from the shoulders.
     for side, sign in SIGN.items():
         wrist, elbow = _hand(time, [entry for entry in script if entry[1] == side], rng)
         outward = np.array([sign, 1.0, 1.0])
@@ -112,18 +115,18 @@ def _hand(
     ends = [*(begin for begin, *_ in script), np.inf][1:]
     for (begin, _, name, hold), following in zip(script, ends, strict=True):
         sign = SIGNS[name]
-        _go(wrist, elbow, begin, _MOVE, now, sign)
+        _move_hand(wrist, elbow, begin, _MOVE, now, sign)
         held, now = begin + _MOVE, sign
         until = held + hold
         envelope = minimum_jerk((time - held + _EASE) / _EASE) * minimum_jerk((until + _EASE - time) / _EASE)
         swing += (envelope * np.sin(2 * np.pi * sign.rate * (time - held)))[:, None] * sign.swing
         if following > until + _FLOW:
-            _go(wrist, elbow, until, _RETURN, sign, HANGING)
+            _move_hand(wrist, elbow, until, _RETURN, sign, HANGING)
             now = HANGING
     tremor = np.stack([0.01 * sway(time, (0.4, 0.7, 1.1), rng) for _ in range(3)], axis=-1)
     return wrist.at(time) + swing + tremor, elbow.at(time)
 
 
-def _go(wrist: Track, elbow: Track, begin: float, duration: float, start: Sign, end: Sign) -> None:
+def _move_hand(wrist: Track, elbow: Track, begin: float, duration: float, start: Sign, end: Sign) -> None:
     wrist.move(begin, duration, np.subtract(end.wrist, start.wrist))
     elbow.move(begin, duration, np.subtract(end.elbow, start.elbow))

@@ -1,4 +1,4 @@
-"""Angles that put a foot where it stands, bend a trunk and let an arm hang: closed forms for a body's own bones."""
+"""Angles of legs, arms and trunk from where feet, hands and chest shall be: closed forms for a body's own bones."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import applied, transposed, turn, zyx_angles, zyx_rotation
+from mmocap_warp.synthesis.exact_posing import led_by
 
 SIGN: dict[str, float] = {"L": 1.0, "R": -1.0}
 """Of a side's x."""
@@ -163,3 +164,121 @@ def trunk_angles(pelvis: np.ndarray, chest: np.ndarray, head: np.ndarray) -> tup
     between = transposed(pelvis) @ chest
     half = zyx_angles(between) / 2
     return half, zyx_angles(transposed(zyx_rotation(half)) @ between), zyx_angles(transposed(chest) @ head)
+
+
+_FULL_REACH = 0.985  # longest reach as a share of the arm's length: elbows stay bent by 20 degrees
+_SOFT = 0.12  # a reach is shortened smoothly from this far before the longest one
+
+
+@dataclass(frozen=True)
+class Arm:
+    """An arm's bones in the bind pose.
+
+    Attributes:
+        sign: 1 of the left arm, -1 of the right.
+        frame: (3, 3), the shoulder's axes from the chest's.
+        elbow: (3, 3), the elbow's axes from the shoulder's; their y is the hinge.
+        upper: (3,), shoulder to elbow, in the shoulder's axes [m].
+        fore: (3,), elbow to wrist, in the elbow's axes [m].
+    """
+
+    sign: float
+    frame: np.ndarray
+    elbow: np.ndarray
+    upper: np.ndarray
+    fore: np.ndarray
+
+    @classmethod
+    def of(cls, body: BodyModel, side: str) -> Arm:
+        """The arm of one side, ``L`` or ``R``."""
+        chest, shoulder, elbow = (rest_axes(body, name) for name in ("UpperSpine", f"{side}Shoulder", f"{side}Elbow"))
+        at = {name: rest_place(body, side + name) for name in ("Shoulder", "Elbow", "Wrist")}
+        return cls(
+            sign=SIGN[side],
+            frame=chest.T @ shoulder,
+            elbow=shoulder.T @ elbow,
+            upper=shoulder.T @ (at["Elbow"] - at["Shoulder"]),
+            fore=elbow.T @ (at["Wrist"] - at["Elbow"]),
+        )
+
+    @property
+    def length(self) -> float:
+        """The length of both bones [m]."""
+        return float(np.linalg.norm(self.upper) + np.linalg.norm(self.fore))
+
+    def rotations(self, chest: np.ndarray, wrist: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The shoulder's rotations (frame, 3, 3) and the elbow's Ry (frame,) [rad].
+
+        Args:
+            chest: (frame, 3, 3), world from the chest's axes.
+            wrist: (frame, 3), where the wrist is to be, from the shoulder, in the world [m]; one that is out of reach
+                is drawn in along its line, to a straight arm.
+            points: (frame, 3), where the elbow points, as nearly as the line allows.
+        """
+        flexion = self._flexion(np.linalg.norm(wrist, axis=-1))
+        reached = self.upper + applied(self.elbow @ turn("y", flexion), self.fore)
+        hinge = self.sign * np.cross(wrist, points)
+        arm = basis(wrist, hinge) @ transposed(basis(reached, np.broadcast_to(self.elbow[:, 1], reached.shape)))
+        return self.frame.T @ transposed(chest) @ arm, flexion
+
+    def within_reach(self, wrist: np.ndarray) -> np.ndarray:
+        """The wrist's places from the shoulder (frame, 3), drawn in smoothly near the arm's length and beyond."""
+        share = np.linalg.norm(wrist, axis=-1, keepdims=True) / self.length
+        bound = _FULL_REACH - _SOFT
+        return wrist * np.where(share < bound, 1.0, (bound + _SOFT * np.tanh((share - bound) / _SOFT)) / share)
+
+    def _flexion(self, distance: np.ndarray) -> np.ndarray:
+        """The elbow's Ry at which the wrist is that far from the shoulder."""
+        (gx, gy, gz), (fx, fy, fz) = self.elbow.T @ self.upper, self.fore
+        along, across = gx * fx + gz * fz, gx * fz - gz * fx  # upper . elbow Ry(angle) fore = along cos + across sin
+        fixed = self.upper @ self.upper + self.fore @ self.fore + 2 * gy * fy
+        cosine = np.clip((distance**2 - fixed) / (2 * np.hypot(along, across)), -1.0, 1.0)
+        return np.arctan2(across, along) - self.sign * np.arccos(cosine)
+
+
+_STEEPEST = np.radians(75.0)
+_GRID = 1201  # number of pitches, 1/8 of a degree apart
+
+
+@dataclass(frozen=True)
+class Sole:
+    """Where the ankle is over the floor while the foot rolls from heel to toes on the outline of its sole.
+
+    Attributes:
+        pitch: (pitch,), of the foot, toes up positive, ascending [rad].
+        forward: (pitch,), of the ankle from where it is when the foot is flat [m].
+        up: (pitch,), of the ankle from the floor [m].
+        contact: (pitch, 2), to the left and forward, of the point that touches, from where the ankle is when flat [m].
+    """
+
+    pitch: np.ndarray
+    forward: np.ndarray
+    up: np.ndarray
+    contact: np.ndarray
+
+    @classmethod
+    def of(cls, body: BodyModel, side: str) -> Sole:
+        """The sole of one side, ``L`` or ``R``, of a body that stands flat in its bind pose."""
+        joint = body.skeleton.index(f"{side}Ankle")
+        foot = (body.skin.rest[led_by(body, f"{side}Ankle")] - body.joint_rest[joint]).astype(float)
+        x, y, z = foot.T
+        pitch = np.linspace(-_STEEPEST, _STEEPEST, _GRID)
+        sine, cosine = np.sin(pitch)[:, None], np.cos(pitch)[:, None]
+        height = cosine * y + sine * z
+        touching = height.argmin(axis=1)
+        reach = np.take_along_axis(cosine * z - sine * y, touching[:, None], axis=1)[:, 0]
+        # From one pitch to the next the foot turns about the vertex that touches, which stays where it is.
+        rows = np.arange(_GRID - 1)
+        next_reach = (cosine * z - sine * y)[rows + 1, touching[:-1]]
+        moved = np.concatenate([[0.0], np.cumsum(reach[:-1] - next_reach)])
+        flat = _GRID // 2
+        forward = moved - moved[flat]
+        return cls(pitch, forward, -height.min(axis=1), np.stack([x[touching], forward + reach], axis=-1))
+
+    def ankle(self, pitch: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How far forward and up the ankle is at the given pitches [m]."""
+        return np.interp(pitch, self.pitch, self.forward), np.interp(pitch, self.pitch, self.up)
+
+    def touching(self, pitch: np.ndarray) -> np.ndarray:
+        """Where the foot touches the floor at the given pitches, (..., 2) as in ``contact``."""
+        return self.contact[np.searchsorted(self.pitch, pitch)]

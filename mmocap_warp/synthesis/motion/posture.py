@@ -12,12 +12,10 @@ import numpy as np
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import applied, continuous_zyx_angles, transposed, turn, zyx_angles, zyx_rotation
 from mmocap_warp.synthesis.exact_posing import ExactPoser
-from mmocap_warp.synthesis.motion.arm import Arm
-from mmocap_warp.synthesis.motion.limb_motion import TRUNK, Leg, about, trunk_angles
-from mmocap_warp.synthesis.motion.sole import Sole
+from mmocap_warp.synthesis.motion.limb_motion import TRUNK, Arm, Leg, Sole, about, trunk_angles
 
-_SLIGHTLY = 0.05
-_MOST_STRAIGHT = 0.999  # of an arm's length: the elbow stays bent by 5 degrees
+_ELBOW_BIAS = 0.05
+_MOST_STRAIGHT = 0.999  # longest reach as a share of an arm's length: the elbow stays bent by 5 degrees
 
 
 @dataclass(frozen=True)
@@ -137,7 +135,7 @@ class Posture:
         wrist = np.linalg.norm(arm.upper) * upper + np.linalg.norm(arm.fore) * fore
         down_and_back = -self._axes("UpperSpine")[:, :, 1] - self._axes("UpperSpine")[:, :, 2]
         bent = np.minimum(1.0, _MOST_STRAIGHT * arm.length / np.linalg.norm(wrist, axis=1, keepdims=True))
-        self._set_arm(side, wrist * bent, upper - fore + _SLIGHTLY * down_and_back)
+        self._set_arm(side, wrist * bent, upper - fore + _ELBOW_BIAS * down_and_back)
 
     def _set_arm(self, side: str, wrist: np.ndarray, points: np.ndarray) -> None:
         rotation, flexion = self._arms[side].rotations(self._axes("UpperSpine"), wrist, points)

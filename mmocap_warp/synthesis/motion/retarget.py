@@ -33,7 +33,7 @@ _NAMES: dict[str, tuple[str, ...]] = {
     "LElbow": ("lradius", "leftforearm", "leftlowarm", "leftelbow", "lforearm"),
     "LWrist": ("lwrist", "lefthand", "leftwrist", "lhand"),
 }
-_REACH = 1.3  # how far from where it is in the middle the body may be [m]
+_REACH = 1.3  # distance that the body may have from its place in the clip's middle frame [m]
 _HALF_STRAIGHT = np.radians(3.0)  # knees stay bent by at least this
 
 
@@ -89,9 +89,11 @@ def retargeted(clip: MotionClip, body: BodyModel, fps: float, source: object) ->
     Raises:
         InputError: a skeleton whose joints are not known by any of their usual names, or that does not rest upright.
     """
+    # The clip in this project's axes and the body's size, as far as it stays near.
     actor = _Actor.of(clip.at_rate(fps), source)
     scale = leg_length(body) / actor.leg_length
-    actor = actor.part(_in_reach(actor.place_of("pelvis") * scale))
+    actor = actor.part(_frames_in_reach(actor.place_of("pelvis") * scale))
+    # Root and legs: the body's hips are where the actor's are, moved to the middle.
     posture = Posture(body, len(actor.place))
     pelvis, hips = actor.rotation["pelvis"], (actor.place_of("LHip") + actor.place_of("RHip")) / 2 * scale
     hips_rest = (rest_place(body, "LHip") + rest_place(body, "RHip")) / 2
@@ -105,12 +107,14 @@ def retargeted(clip: MotionClip, body: BodyModel, fps: float, source: object) ->
         {side: actor.rotation[f"{side}Ankle"] for side in "LR"},
         _HALF_STRAIGHT,
     )
+    # Trunk and arms.
     posture.bend(actor.rotation["chest"], actor.rotation["head"])
     for side in "LR":
         upper, fore = actor.bone(f"{side}Shoulder", f"{side}Elbow"), actor.bone(f"{side}Elbow", f"{side}Wrist")
         posture.point_arm(side, upper, fore)
+    # Angles within the limits, and the floor at zero.
     poses = np.clip(posture.poses, *body.skeleton.coordinate_limits.T)
-    shift[1] = _floor(body, poses)
+    shift[1] = _floor_height(body, poses)
     poses[:, 1] -= shift[1]
     return Retargeted(poses, clip.marker_names, actor.markers * scale - shift)
 
@@ -168,7 +172,7 @@ _THIGH, _SHANK = ("Hip", "Knee"), ("Knee", "Ankle")
 
 
 def _find_joints(clip: MotionClip, source: object) -> dict[str, int]:
-    plain = [_plain(name) for name in clip.joint_names]
+    plain = [_plain_name(name) for name in clip.joint_names]
     found = {}
     for role, names in _NAMES.items():
         sides = ("L", "R") if role[0] == "L" else ("",)
@@ -185,7 +189,7 @@ def _find_joints(clip: MotionClip, source: object) -> dict[str, int]:
     return found
 
 
-def _plain(name: str) -> str:
+def _plain_name(name: str) -> str:
     """A joint's name in small letters, without a prefix such as Mixamo's and without separators."""
     return name.split(":")[-1].lower().removeprefix("mixamorig").replace("_", "").replace(" ", "")
 
@@ -210,7 +214,7 @@ def _nearest_axis(direction: np.ndarray) -> np.ndarray:
     return axis
 
 
-def _in_reach(root: np.ndarray) -> slice:
+def _frames_in_reach(root: np.ndarray) -> slice:
     """The frames about the middle one in which the root stays near to where it is then."""
     middle = len(root) // 2
     away = np.hypot(*(root - root[middle])[:, [0, 2]].T)
@@ -220,7 +224,7 @@ def _in_reach(root: np.ndarray) -> slice:
     return slice(int(first), int(last))
 
 
-def _floor(body: BodyModel, poses: np.ndarray) -> float:
+def _floor_height(body: BodyModel, poses: np.ndarray) -> float:
     """Height of the floor that the body is on in most frames [m]."""
     every = max(1, len(poses) // 100)
     return float(np.median(ExactPoser(body, np.eye(3)).vertices(poses[::every])[..., 1].min(axis=1)))

@@ -15,8 +15,8 @@ from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import applied, turn, zyx_angles, zyx_rotation
 from mmocap_warp.synthesis.motion.gait import Walk
 from mmocap_warp.synthesis.motion.gait_curves import CADENCE
+from mmocap_warp.synthesis.motion.key_poses import minimum_jerk, sway
 from mmocap_warp.synthesis.motion.limb_motion import SIGN
-from mmocap_warp.synthesis.motion.motion_tracks import minimum_jerk, sway
 from mmocap_warp.synthesis.motion.posture import Posture
 
 
@@ -43,15 +43,15 @@ class Spin:
 SPINS: dict[str, Spin] = {"S1": Spin(1.1), "S2": Spin(1.25, rate=360.0)}
 """By person."""
 
-_OVER_LEFT_FOOT = 0.22  # phase of the left leg
-_RADIUS = 8.0  # of the walk's circle: nearly straight [m]
-_SETTLE = 0.6  # in which the walk comes to rest, and gets going again [s]
-_RAMP = 0.3  # in which the turns get going, and come to rest [s]
-_ARMS = 0.5  # in which the arms go out, and come down [s]
-_ARM_OUT = (0.94, 0.03, 0.18)  # of a wrist: outward, up and ahead of the shoulder, in arm lengths
+_OVER_LEFT_FOOT = 0.22  # phase of the left leg at which the walker is over its foot
+_RADIUS = 8.0  # radius of the walk's circle: nearly straight [m]
+_SETTLE = 0.6  # time in which the walk comes to rest, and in which it goes on [s]
+_RAMP = 0.3  # time in which the turns begin, and in which they come to rest [s]
+_ARMS = 0.5  # time in which the arms go out, and in which they come down [s]
+_ARM_OUT = (0.94, 0.03, 0.18)  # place of a wrist outward, up and ahead of the shoulder, in arm lengths
 _ELBOW_OUT = (0.0, -0.5, -1.0)
-_THIGH_UP, _SHANK_BACK = 0.35, 0.40  # of the free leg, more than in a step [rad]
-_BALL = 0.09  # of the foot, ahead of the ankle [m]
+_THIGH_UP, _SHANK_BACK = 0.35, 0.40  # by how much more the free leg bends than in a step [rad]
+_BALL = 0.09  # distance of the foot's ball ahead of the ankle [m]
 
 
 def spinning(body: BodyModel, frames: int, fps: float, spin: Spin, seed: int) -> np.ndarray:
@@ -67,11 +67,11 @@ def spinning(body: BodyModel, frames: int, fps: float, spin: Spin, seed: int) ->
     _sway_chest(posture, body, out, time, rng)
     for side in "LR":
         _spread_arm(posture, side, out, time, rng)
-    return _turned(posture.poses, np.radians(spin.rate) * (_ramp(time, spin.begin) - _ramp(time, spin.end)))
+    return _turn_poses(posture.poses, np.radians(spin.rate) * (_ramp(time, spin.begin) - _ramp(time, spin.end)))
 
 
 def _phase(time: np.ndarray, spin: Spin) -> np.ndarray:
-    """Of the left leg: the walk rests above the left foot from the beginning of the turns to their end."""
+    """The left leg's phase: the walk rests above the left foot from the beginning of the turns to their end."""
     cycles = CADENCE / 120.0
     halt = spin.begin - _SETTLE
     walked = time - _ramp(time, halt, _SETTLE) + _ramp(time, spin.end, _SETTLE)
@@ -99,14 +99,14 @@ def _lift_free_leg(posture: Posture, body: BodyModel, out: np.ndarray) -> None:
 
 
 def _sway_chest(posture: Posture, body: BodyModel, out: np.ndarray, time: np.ndarray, rng: np.random.Generator) -> None:
-    """Keeping one's balance, by the lower spine and the neck."""
+    """Keep the balance with the lower spine and the neck."""
     for joint in ("BottomSpine", "Neck"):
         wander = np.stack([0.05 * sway(time, (0.6, 1.1, 1.7), rng) for _ in range(3)], axis=-1)
         posture.poses[:, body.skeleton.angles(joint)] += out[:, None] * wander
 
 
 def _spread_arm(posture: Posture, side: str, out: np.ndarray, time: np.ndarray, rng: np.random.Generator) -> None:
-    """From where the arm is in the walk to the side, and back."""
+    """Move an arm from its place in the walk to the side, and back."""
     shoulder, elbow, wrist = (posture.place(side + joint) for joint in ("Shoulder", "Elbow", "Wrist"))
     outward = np.array([SIGN[side], 1.0, 1.0])
     wander = np.stack([0.02 * sway(time, (0.5, 0.9, 1.5), rng) for _ in range(3)], axis=-1)
@@ -116,7 +116,7 @@ def _spread_arm(posture: Posture, side: str, out: np.ndarray, time: np.ndarray, 
     posture.reach(side, shoulder + (1 - share) * (wrist - shoulder) + share * spread, points)
 
 
-def _turned(poses: np.ndarray, angle: np.ndarray) -> np.ndarray:
+def _turn_poses(poses: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """Poses turned about the vertical through the origin by angles (frame,), to the left [rad]."""
     moved = poses.copy()
     about = turn("y", angle)

@@ -20,8 +20,8 @@ from mmocap_warp.formats.motion.captured_points import read_c3d, read_trc
 from mmocap_warp.formats.motion.motion_clip import read_bvh
 from mmocap_warp.formats.table import EXPORT_SUFFIXES, export, export_format, export_point_cache
 from mmocap_warp.formats.usd.usd_check import faults
+from mmocap_warp.result.excerpt import stood_up
 from mmocap_warp.result.result import Result
-from mmocap_warp.result.turning import stood_up
 
 SAME = 2e-6  # [m]: text of six decimals, and single precision, of places some metres from the origin
 SAME_TIME = 1e-6  # [s]

@@ -53,7 +53,9 @@ def joints_of(points: dict[str, np.ndarray], subject: SubjectMeasures, position:
 
 
 def test_the_names_are_the_ones_that_results_are_judged_by():
-    assert sorted(JOINT_NAMES) == sorted((*TRUNK, *(name for pair in SKELETON.judged.values() for name in pair)))
+    assert sorted(JOINT_NAMES) == sorted(
+        (*TRUNK, *(name for pair in SKELETON.evaluation_groups.values() for name in pair))
+    )
 
 
 def test_a_straight_figure_by_hand():

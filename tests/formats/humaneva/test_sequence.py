@@ -33,7 +33,7 @@ from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
-from mmocap_warp.synthesis.footage.polygons import draw_silhouettes
+from mmocap_warp.synthesis.footage.faults import draw_silhouettes
 
 FRAMES = made.LAST - FIRST_FRAME + 1
 HALF_FRAME = 0.5 + 0.05  # of video; scales differ by a thousandth from camera to camera

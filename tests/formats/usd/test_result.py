@@ -13,8 +13,8 @@ from mmocap_warp.formats.usd.usd_body import write_body
 from mmocap_warp.formats.usd.usd_check import faults
 from mmocap_warp.formats.usd.usd_file import read_stage
 from mmocap_warp.formats.usd.usd_result import export_animation, read_result, write_result
+from mmocap_warp.result.excerpt import stood_up
 from mmocap_warp.result.result import STATUS
-from mmocap_warp.result.turning import stood_up
 
 SKINNING_M = 1e-5
 

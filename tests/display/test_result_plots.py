@@ -10,7 +10,7 @@ from measured import answer, made_walk
 from other_bodies import quadruped
 
 from mmocap_warp.biomechanics.measure_all import measure
-from mmocap_warp.display.measure_plots import plot_angles, plot_feet
+from mmocap_warp.display.result_plots import plot_angles, plot_feet
 from mmocap_warp.errors import InputError
 from mmocap_warp.rigging.shipped import load_body
 

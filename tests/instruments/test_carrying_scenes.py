@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from carrying_scenes import CARRIED, Mesh, case, racket
 
 from mmocap_warp.body.mesh_pieces import is_closed
 from mmocap_warp.rigging.importing.closing import outward
-from mmocap_warp.synthesis.carried import CARRIED, Mesh, case, racket
 from mmocap_warp.synthesis.exact_posing import ExactPoser
 
 

@@ -1,17 +1,22 @@
-"""The walker of the built-in scene, or boxing, with something in the right hand: a racket, or a case that is let go.
+"""Make a scene of somebody who carries something: ``python instruments/carrying_scenes.py FOLDER NAME``.
+
+NAME is ``walker-with-racket``, ``walker-with-case``, ``boxer`` or ``boxer-with-racket``: the walker of the built-in
+scene, or somebody who boxes, with a racket in the right hand, or with a case that is let go.
 
 The things are made here and written beside the masks as ``.obj`` files, as people have them.
 """
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from walk_scene import FOREGROUND, FPS, camera_ring, segmentation, walker, walking
 
-from mmocap_warp.body.bind_transforms import bind_transforms
+from mmocap_warp.body.model import bind_transforms
 from mmocap_warp.body.rotations import applied, transposed, turn, zyx_angles
 from mmocap_warp.body.shape_space import heading_rotation, upright_base
 from mmocap_warp.errors import InputError
@@ -20,8 +25,6 @@ from mmocap_warp.rigging.attaching import carrying
 from mmocap_warp.synthesis.exact_posing import ExactPoser
 from mmocap_warp.synthesis.footage.made_recording import Recording
 from mmocap_warp.synthesis.motion.boxing import ROUNDS, boxing
-from mmocap_warp.synthesis.walk import FOREGROUND, FPS, camera_ring, segmentation, walking
-from mmocap_warp.synthesis.walkers import walker
 from mmocap_warp.synthesis.writing import write_made_scene
 from mmocap_warp.whole_file import write_whole
 
@@ -191,3 +194,13 @@ def _prism(radii: np.ndarray, height: float) -> Mesh:
     below, above = np.full(_SIDES, 2 * _SIDES), np.full(_SIDES, 2 * _SIDES + 1)
     corners = [(low, after, high), (after, high_after, high), (after, low, below), (high, high_after, above)]
     return Mesh(vertex, np.concatenate([np.stack(corner, axis=1) for corner in corners]))
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 3 or sys.argv[2] not in CARRIED:
+        raise SystemExit(f"usage: python instruments/carrying_scenes.py FOLDER {'|'.join(CARRIED)}")
+    try:
+        print(f"wrote {write_carried(Path(sys.argv[1]), sys.argv[2])}")
+    except InputError as error:
+        print(error, file=sys.stderr)
+        raise SystemExit(3) from None

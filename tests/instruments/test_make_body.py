@@ -16,17 +16,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from made_up_makehuman import MACROS, local_stretch, write_makehuman, write_target
+from make_body import main, make_body
+from makehuman import MacroSliders, MakeHuman, age_slider, macro_weights
 from synthetic import synthetic_body
 
-from mmocap_warp import cli
 from mmocap_warp.body.mesh_pieces import is_closed
 from mmocap_warp.body.model import BodyModel, SkinMesh
-from mmocap_warp.cli import console
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.usd_body import read_body
 from mmocap_warp.rigging.human import JOINTS
-from mmocap_warp.rigging.makehuman import MacroSliders, MakeHuman, age_slider, macro_weights
-from mmocap_warp.rigging.making import make_body
 from mmocap_warp.scenes import ROOT
 
 BODIES = Path(ROOT) / "bodies"
@@ -203,23 +201,36 @@ def test_height_out_of_reach(data: Path) -> None:
         make_body(data, "giant", gender=1, age=30, height=3.0)
 
 
+def test_missing_data_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    build = ["--gender=1", "--age=30", "--height=1.8"]
+    monkeypatch.setattr("sys.argv", ["make_body.py", "-o", str(tmp_path / "b.usdc"), f"--data={tmp_path}", *build])
+    assert main() == 3
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "3dobjs/base.obj is missing" in line
+
+
 SHIPPED = ("adult_man", "adult_woman", "tall_slim_adult")
 
 
 def documented_command(name: str) -> list[str]:
     """How LICENSE.md says that a shipped body was made, without the program's name."""
     text = (BODIES / "LICENSE.md").read_text()
-    (command,) = re.findall(rf"^mmocap (body make .*/{name}\.usdc .*)$", text, re.MULTILINE)
+    (command,) = re.findall(rf"^python (instruments/make_body.py .*/{name}\.usdc .*)$", text, re.MULTILINE)
     return shlex.split(command)
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_documented_commands_are_those_of_the_shipped_bodies(data: Path, tmp_path: Path, name: str) -> None:
+def test_documented_commands_are_those_of_the_shipped_bodies(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
     """Given the made-up data they make another body of the same build: a body says of what build it is."""
     command = documented_command(name)
     command[command.index("-o") + 1] = str(tmp_path / f"{name}.usdc")
     command[command.index("--data") + 1] = str(data)
-    assert cli.main(command) == console.OK
+    monkeypatch.setattr("sys.argv", command)
+    assert main() == 0
     made, shipped = read_body(tmp_path / f"{name}.usdc"), read_body(BODIES / f"{name}.usdc")
     assert made.attribution == shipped.attribution
     assert (made.name, made.marker_names) == (shipped.name, shipped.marker_names)
@@ -229,9 +240,12 @@ def test_documented_commands_are_those_of_the_shipped_bodies(data: Path, tmp_pat
 if "MMOCAP_MAKEHUMAN" in os.environ:  # MakeHuman's data is no part of the project: see scenes/bodies/LICENSE.md
 
     @pytest.mark.parametrize("name", SHIPPED)
-    def test_documented_commands_make_the_shipped_bodies(tmp_path: Path, name: str) -> None:
+    def test_documented_commands_make_the_shipped_bodies(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+    ) -> None:
         command, path = documented_command(name), tmp_path / f"{name}.usdc"
         command[command.index("-o") + 1] = str(path)
         command[command.index("--data") + 1] = os.environ["MMOCAP_MAKEHUMAN"]
-        assert cli.main(command) == console.OK
+        monkeypatch.setattr("sys.argv", command)
+        assert main() == 0
         assert path.read_bytes() == (BODIES / path.name).read_bytes()

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from make_body import joint_limits
 from reference import rotation
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.formats.usd.usd_body import read_body
-from mmocap_warp.rigging.anatomy import joint_limits
 from mmocap_warp.rigging.human import JOINTS
 from mmocap_warp.scenes import ROOT
 

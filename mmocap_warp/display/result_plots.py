@@ -1,23 +1,26 @@
-"""Joint angles, and feet over the floor, against time."""
+"""Curves of a result as SVG files: joint angles, feet over the floor, and errors by frame (Fig. 10 of the paper)."""
 
 from __future__ import annotations
 
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from mmocap_warp.biomechanics.contacts import Foot
 from mmocap_warp.biomechanics.measure_all import Measures
+from mmocap_warp.biomechanics.steps import Foot
 from mmocap_warp.display.chart import Axis, axes, axis, curve, line, picture, text
+from mmocap_warp.errors import InputError
+from mmocap_warp.result.pose_errors import nanmedian
 from mmocap_warp.whole_file import write_whole
 
 _WIDTH, _LEFT, _RIGHT = 960.0, 46.0, 14.0
 _ROW, _TOP, _BOTTOM = 170.0, 30.0, 46.0  # height of a row of panels, and of what is around a panel's axes
 _LEGEND = 20.0  # height of the line above the rows
-_LEAST_RANGE = 10.0  # of an axis of angles, so that what hardly moves looks so [degrees]
-_MOST_POINTS = 1000  # of a curve, more than its panel has pixels; of a longer clip every second frame, third ...
-_LEAST_HEIGHT = 100.0  # of the axis of the feet's heights [mm]
+_LEAST_RANGE = 10.0  # least range of an axis of angles, so that what hardly moves looks so [degrees]
+_MOST_POINTS = 1000  # points of a curve, at most: more than its panel has pixels
+_LEAST_HEIGHT = 100.0  # least range of the axis of the feet's heights [mm]
 _COLOUR = {"left": "first", "right": "second", "middle": "first"}
 
 Curves = dict[str, np.ndarray]
@@ -107,9 +110,60 @@ def _bars(foot: Foot, seconds: np.ndarray, x: Axis, height: float) -> str:
 
 
 def _legend() -> str:
-    """Which colour is which side, above the right end."""
+    """The colours of the sides, above the right end."""
     names = (("first", "left, or middle", 66.0), ("second", "right", 0.0))
     return "".join(
         f'<g class="{colour}">{text((_WIDTH - _RIGHT - back, _LEGEND - 5), word, "series", "end")}</g>'
         for colour, word, back in names
     )
+
+
+_ERROR_HEIGHT, _ERROR_LEFT = 260.0, 58.0  # of a panel against frame: its height, and the room for the words of y
+
+# What the first panel may show, best first: key in a report's series, label.
+_ERRORS = (
+    ("mpjpe_mm", "MPJPE [mm]"),
+    ("eq20_as_printed_mm", "Eq. 20 as printed [mm]"),
+    ("marker_error_mm", "Eq. 20 from own first answer [mm]"),
+    ("cost", "cost"),
+)
+
+
+def plot_report(path: str | Path, report: dict[str, Any]) -> None:
+    """Plot a report of ``evaluation.evaluate`` against frame: the error where truth is known, else the cost; and IoU.
+
+    Every run is a thin line, their median a thick one; frames without a value are gaps.
+
+    Raises:
+        InputError: the name does not end in ``.svg``, or its folder cannot be written.
+    """
+    path = Path(path)
+    if path.suffix != ".svg":
+        raise InputError(path, "is not an SVG file name", "end it in .svg")
+    series = {name: np.array(values, float) for name, values in report["series"].items()}  # None becomes NaN
+    known = [(label, series[name]) for name, label in _ERRORS if name in series and np.isfinite(series[name]).any()]
+    panels = [
+        *((label, values, _top_of(values)) for label, values in known[:1]),
+        ("IoU, mean over views", series["iou"], 1.0),
+    ]
+    parts = []
+    for i, (label, values, high) in enumerate(panels):
+        parts += _frame_panel(label, series["frame"], values, high, i * _ERROR_HEIGHT)
+    words = f"{' and '.join(label for label, *_ in panels)} against frame"
+    write_whole(path, picture((_WIDTH, len(panels) * _ERROR_HEIGHT), words, parts).encode())
+
+
+def _top_of(values: np.ndarray) -> float:
+    """The end of an axis that has room for all values."""
+    return 1.05 * float(values[np.isfinite(values)].max()) or 1.0
+
+
+def _frame_panel(label: str, frame: np.ndarray, values: np.ndarray, high: float, top: float) -> list[str]:
+    """A pair of axes, up to ``high``, with ``values`` (run, frame)."""
+    x = axis(frame[0], max(frame[-1], frame[0] + 6), _ERROR_LEFT, _WIDTH - _RIGHT, 8)
+    y = axis(0.0, high, top + _ERROR_HEIGHT - _BOTTOM, top + _TOP)
+    curves = [curve(x, y, zip(frame, nanmedian(values), strict=True))]
+    if len(values) > 1:
+        curves += [curve(x, y, zip(frame, run, strict=True), "thin") for run in values]
+        curves.append(text((x.stop, y.stop - 9), f"median of {len(values)} runs", "series", "end"))
+    return [axes(x, y, "frame", label), '<g class="first">', *curves, "</g>"]

@@ -1,7 +1,11 @@
-"""The built-in scene: a person walks nearly a stride, seen by five cameras whose masks have faults."""
+"""Make the built-in scene again: ``python instruments/walk_scene.py FOLDER``.
+
+A person walks nearly a stride, seen by five cameras whose masks have faults.
+"""
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -10,12 +14,13 @@ from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.shape_space import heading_rotation, upright_base
 from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.errors import InputError
+from mmocap_warp.rigging.shipped import load_body
 from mmocap_warp.synthesis.footage.faults import Faults, SpoiltMasks
-from mmocap_warp.synthesis.footage.made_cameras import placed_camera
-from mmocap_warp.synthesis.footage.made_recording import Recording
+from mmocap_warp.synthesis.footage.made_recording import Recording, placed_camera
 from mmocap_warp.synthesis.motion.gait import Walk
 from mmocap_warp.synthesis.motion.gait_curves import CADENCE
-from mmocap_warp.synthesis.walkers import walker
+from mmocap_warp.synthesis.walkers import stretched
 from mmocap_warp.synthesis.writing import FAULTY_MASKS, write_made_scene
 
 FRAMES, FPS = 64, 60.0
@@ -41,6 +46,22 @@ _FAULTS = (
 _LIGHT = np.array([0.6, -0.35, -1.0])
 
 FOREGROUND = f"# The masks have ragged contours, holes, specks and shadows.\n{FAULTY_MASKS}"
+
+
+_WALKER_SHAPE: dict[str, float] = {
+    "weight_incr": 0.35,
+    "muscle_incr": 0.25,
+    "leg_length_incr": 0.30,
+    "arm_length_decr": 0.20,
+    "shoulder_width_incr": 0.40,
+    "waist_incr": 0.30,
+}
+_WALKER_STRETCH = (1.02, 0.99, 1.03)
+
+
+def walker() -> BodyModel:
+    """The shipped woman, heavier, stronger, longer of leg, broader of shoulder, then stretched unequally."""
+    return stretched(load_body("adult_woman").shaped(_WALKER_SHAPE), "walker", _WALKER_STRETCH)
 
 
 def walking(frames: int = FRAMES, seed: int = 0) -> Recording:
@@ -84,3 +105,13 @@ def write_walk(folder: str | Path, recording: Recording) -> Path:
         about="A person walking along part of a circle, made up with known truth. See README.md.",
         foreground=FOREGROUND,
     )
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 2:
+        raise SystemExit("usage: python instruments/walk_scene.py FOLDER")
+    try:
+        print(f"wrote {write_walk(sys.argv[1], walking())}")
+    except InputError as error:
+        print(error, file=sys.stderr)
+        raise SystemExit(3) from None

@@ -41,6 +41,8 @@ class Recipe:
         for name in ("kernels", "tests", "instruments"):
             shutil.copytree(ROOT / name, self.folder / name, ignore=only_code)
         shutil.copy(ROOT / "pyproject.toml", self.folder)
+        for name in ("docs", "scenes"):
+            (self.folder / name).symlink_to(ROOT / name)
         (self.folder / "mmocap_warp" / "kernels").symlink_to(self.folder / "kernels")
         (self.folder / "mmocap_warp" / "scenes").symlink_to(ROOT / "scenes")
         scene = write_scene(self.folder)

@@ -12,6 +12,9 @@ from mmocap_warp.body.posing import Poser
 from mmocap_warp.formats.usd.usd_result import read_result
 from mmocap_warp.scene.scene_toml import load_scene
 
+EVERY_RECIPE = ("tests/test_architecture.py", "tests/test_public_face.py")
+"""Tests that hold of any change; each recipe has those of what it touches too."""
+
 MINIMISE = """
 import sys, numpy
 from mmocap_warp.optimizers.minimize import minimize
@@ -37,6 +40,7 @@ def test_an_optimizer(tmp_path: Path, device: str) -> None:
     assert (result.evaluations == 60).all()
     assert result.iou.mean() > 0.7
     recipe.run("python", "-c", MINIMISE, device)
+    recipe.run("pytest", *EVERY_RECIPE, "tests/tracking/test_presets.py", "tests/cli/test_cli.py")
 
 
 def test_a_calibration_format(tmp_path: Path) -> None:
@@ -52,6 +56,7 @@ def test_a_calibration_format(tmp_path: Path) -> None:
     scene.write_text(scene.read_text().replace('"calibration.toml"', '"cameras.rig.json"\nunits = "m"'))
     (shown,) = recipe.run_commands()
     assert json.loads(shown) == expected
+    recipe.run("pytest", *EVERY_RECIPE, "tests/formats/test_table.py", "tests/cameras/test_rig.py")
 
 
 def test_a_cost(tmp_path: Path) -> None:
@@ -62,6 +67,7 @@ def test_a_cost(tmp_path: Path) -> None:
     assert result.config["cost"] == "dice"
     expected = (1 - 2 * result.iou / (1 + result.iou)).mean(axis=2)  # Dice from intersection over union
     np.testing.assert_allclose(result.cost, expected, rtol=0, atol=1e-6)
+    recipe.run("pytest", *EVERY_RECIPE, "tests/cli/test_cli.py")
 
 
 def test_an_export_format(tmp_path: Path) -> None:
@@ -75,3 +81,4 @@ def test_an_export_format(tmp_path: Path) -> None:
         found = np.stack([table[f"{name}.{axis}"] for axis in "xyz"], axis=1)
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)
     assert ".tsv" in recipe.run("mmocap", "export", "--help")
+    recipe.run("pytest", *EVERY_RECIPE, "tests/formats/test_table.py", "tests/formats/exports/test_exports.py")

@@ -18,7 +18,7 @@ from mmocap_warp.body.posing import Poser
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.motion.captured_points import read_c3d, read_trc
 from mmocap_warp.formats.motion.motion_clip import read_bvh
-from mmocap_warp.formats.table import EXPORT_SUFFIXES, export, export_format, export_point_cache
+from mmocap_warp.formats.table import export, export_format, export_point_cache
 from mmocap_warp.formats.usd.usd_check import faults
 from mmocap_warp.result.excerpt import stood_up
 from mmocap_warp.result.result import Result
@@ -130,7 +130,7 @@ def written(folder: Path, result: Result, suffix: str) -> Path:
     return path
 
 
-@pytest.mark.parametrize("suffix", EXPORT_SUFFIXES)
+@pytest.mark.parametrize("suffix", READERS)
 @pytest.mark.parametrize("up", ["+y", "+z", "-x"])
 def test_the_joints_are_read_back(tmp_path: Path, suffix: str, up: str) -> None:
     result = synthetic_result(frames=7, up=up)
@@ -144,7 +144,7 @@ def test_the_joints_are_read_back(tmp_path: Path, suffix: str, up: str) -> None:
     np.testing.assert_allclose(joints, expected, rtol=0, atol=SAME)
 
 
-@pytest.mark.parametrize("suffix", EXPORT_SUFFIXES)
+@pytest.mark.parametrize("suffix", READERS)
 def test_a_thing_that_slides_is_read_back(tmp_path: Path, suffix: str) -> None:
     plain, body = synthetic_result(frames=7, up="+y"), burdened()
     pose = np.random.default_rng(1).normal(0, 0.2, (2, 7, body.skeleton.coordinates))
@@ -155,7 +155,7 @@ def test_a_thing_that_slides_is_read_back(tmp_path: Path, suffix: str) -> None:
     np.testing.assert_allclose(places, result.joints()[result.best_run], atol=SAME)
 
 
-@pytest.mark.parametrize("suffix", EXPORT_SUFFIXES)
+@pytest.mark.parametrize("suffix", READERS)
 def test_a_turn_through_every_pole_is_read_back(tmp_path: Path, suffix: str) -> None:
     """Angles about Y of 90 degrees, exactly and nearly, where the other two are one."""
     result = synthetic_result(frames=17, runs=1)
@@ -168,7 +168,7 @@ def test_a_turn_through_every_pole_is_read_back(tmp_path: Path, suffix: str) -> 
     np.testing.assert_allclose(joints, result.joints()[0], rtol=0, atol=SAME)
 
 
-@pytest.mark.parametrize("suffix", EXPORT_SUFFIXES)
+@pytest.mark.parametrize("suffix", READERS)
 def test_a_single_frame_and_one_in_five(tmp_path: Path, suffix: str) -> None:
     result = synthetic_result(frames=16)
     for positions in ([3], range(0, 16, 5)):

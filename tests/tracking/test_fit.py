@@ -18,7 +18,7 @@ from mmocap_warp.fitting.standing_search import NoSubjectError, _prior, _spread,
 from mmocap_warp.fitting.subject_fit import (
     FitConfig,
     _first_frame,
-    _found,
+    _verdict,
     _headings,
     _Task,
     fit,
@@ -157,12 +157,12 @@ def test_the_best_finalist_is_the_answer(planned):
 
 def test_the_margin_is_how_far_the_next_explanation_is_behind(planned):
     best, rivals = planned({0: 0.3, 1: 0.2, 2: 0.4, 3: 0.5}, {0: 0.11, 1: 0.12, 2: 0.15})
-    found = _found(best, rivals)
+    found = _verdict(best, rivals)
     assert found["fit.alternative"] == "turned"  # the second heading differs too little to be a rival
     assert found["fit.margin"] == pytest.approx(0.04)
     best, rivals = planned({0: 0.3, 1: 0.2, 2: 0.4, 3: 0.5}, {0: 0.11, 1: 0.12, 2: 0.15}, swapped=0.13)
-    assert _found(best, rivals)["fit.alternative"] == "swapped"
-    assert np.isnan(_found(best, {})["fit.margin"])
+    assert _verdict(best, rivals)["fit.alternative"] == "swapped"
+    assert np.isnan(_verdict(best, {})["fit.margin"])
 
 
 def test_sides_that_fit_better_swapped_are_swapped(planned):

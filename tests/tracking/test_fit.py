@@ -18,9 +18,9 @@ from mmocap_warp.fitting.standing_search import NoSubjectError, _prior, _spread,
 from mmocap_warp.fitting.subject_fit import (
     FitConfig,
     _first_frame,
-    _verdict,
     _headings,
     _Task,
+    _verdict,
     fit,
     fit_clip,
 )

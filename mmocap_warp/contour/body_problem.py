@@ -42,7 +42,7 @@ class BodyProblem:
         rooting: moves poses.
         generic: (parameter,) the body that is expected before anything is seen.
         sigma: (parameter,) how far it is from that, as standard deviations.
-        still: of the searched coordinates, the first so many are the same in all frames: those of a base that stands.
+        still: how many of the first searched coordinates are the same in all frames: those of a base that is fixed.
     """
 
     linearise: LineariseBody
@@ -127,7 +127,7 @@ class _Equations:
         return self.prior[2]
 
     def without_poses(self, pose_matrix: np.ndarray) -> _Reduced:
-        """Schur's complement: the poses eliminated, of which each frame has the matrix ``pose_matrix``."""
+        """Schur's complement: eliminates the poses, whose matrices ``pose_matrix`` (frame, dof, dof) are."""
         dof = pose_matrix.shape[1]
         across = self.contour.matrix[:, :dof, dof:]
         pose_gradient, gradient = self.contour.gradient[:, :dof], self.contour.gradient[:, dof:]
@@ -159,7 +159,7 @@ class _Descent:
         return _Equations(self._base_with_body(contour) if self._still else contour, prior)
 
     def _base_with_body(self, contour: NormalEquations) -> NormalEquations:
-        """The coordinates of a base that stands still behind those of each frame, before the body's parameters."""
+        """The equations with the coordinates of a fixed base moved behind those of each frame."""
         still, dof = self._still, len(self._problem.rooting.searched)
         order = np.concatenate([np.arange(still, dof), np.arange(still), np.arange(dof, contour.gradient.shape[1])])
         return NormalEquations(contour.matrix[:, order][:, :, order], contour.gradient[:, order], contour.cost)

@@ -28,7 +28,7 @@ class SharedWork:
         self._batches: dict[tuple[int, int], list[Batch]] = {}
 
     def batches(self, candidates: int, threads: int | None = None) -> list[Batch]:
-        """The candidates in a batch for each thread, of so many or of all; made once."""
+        """The candidates, one batch for each of ``threads`` or of all threads; made once."""
         count = min(threads or self._threads, max(1, candidates // self._smallest))
         if (candidates, count) not in self._batches:
             bounds = np.linspace(0, candidates, count + 1).round().astype(int).tolist()

@@ -100,7 +100,7 @@ def solve_body_in_clip(
 def follow(
     subject: Subject, rig: CameraRig, observations: Iterable[Observation], fps: float, config: TrackConfig
 ) -> Followed:
-    """Follow a subject through frames, as far as that holds, and back again.
+    """Follow a subject through frames until it is lost, and back again.
 
     A limb that the first frame did not show is found when it moves; on the way back it is known where it comes from.
 

@@ -61,8 +61,8 @@ class Guess:
 class FrameFit:
     """Improves guesses at a frame.
 
-    Contours alone do not tell that a limb hides in the trunk: it has no outline there, and so no error. What mask
-    is left unexplained tells it. So limbs are drawn anew, anywhere within their limits, and judged by areas.
+    A limb that hides in the trunk has no outline there, and so no error that contours could show. But it leaves a part
+    of the masks unexplained. So limbs are drawn at random within their limits and judged by areas.
 
     Args:
         space: bodies around the generic one.
@@ -100,7 +100,7 @@ class FrameFit:
         self._objective.prior.assign(prior)
 
     def polished(self, guess: Guess) -> Guess:
-        """Body and pose at the bottom of the contours' cost, with what areas then cost."""
+        """The guess with body and pose where the contours cost least; its cost is that of the areas there."""
         return self._solved(self._solved(guess, self._rough), self._fine)
 
     def _solved(self, guess: Guess, fitter: ContourFitter) -> Guess:
@@ -111,7 +111,7 @@ class FrameFit:
         return Guess(found.beta, guess.root_base, pose[0], float(self._judged(pose)[0]))
 
     def with_limbs_found(self, guess: Guess, rounds: int) -> Guess:
-        """The guess with every limb where it explains the masks best, after at most so many rounds over the limbs."""
+        """The guess with every limb where it explains the masks best, after at most ``rounds`` rounds over all."""
         fruitless = 0
         for _ in range(rounds):
             before = guess.cost
@@ -126,7 +126,7 @@ class FrameFit:
         return guess
 
     def with_sides_swapped(self, guess: Guess) -> list[Guess]:
-        """For each pair of limbs, what is found from where they have each other's place."""
+        """A guess for each pair of limbs, fitted from the mirrored pose of the pair."""
         exchanged = mirrored(self._skeleton, guess.pose)
         found = []
         for pair in self._pairs:
@@ -136,9 +136,9 @@ class FrameFit:
         return found
 
     def with_places_exchanged(self, guess: Guess) -> list[Guess]:
-        """For each pair of limbs, what is found from where each lies in the other's place: crossed arms uncross.
+        """A guess for each pair of limbs, fitted from where each limb lies in the other's place: crossed arms uncross.
 
-        Of a body that has no pairs, for each two limbs that are alike.
+        In a body without pairs, any two limbs that are alike make a pair.
         """
         body = self.space.model(guess.beta)
         rooting = Rooting(self._skeleton, guess.root_base, self._skeleton.searched())
@@ -153,17 +153,17 @@ class FrameFit:
         return found
 
     def with_pairs_anew(self, guess: Guess) -> list[Guess]:
-        """For each pair of limbs, what is found from where both are at rest.
+        """A guess for each pair of limbs, fitted from where both are at rest.
 
-        Crossed arms, each of which explains the other's mask, are left neither by a limb alone nor by exchanging
-        angles: mirrored, crossed arms are crossed.
+        Crossed arms may each explain the other's mask. Neither moving one of them nor exchanging their angles uncrosses
+        them: mirrored, crossed arms are crossed.
         """
         rest = np.zeros_like(guess.pose)
         starts = [replace(guess, pose=_with_limbs(guess.pose, pair, rest)) for pair in self._pairs]
         return [self.with_limbs_found(self.polished(start), 1) for start in starts]
 
     def _drawn(self, guess: Guess, limb: Limb) -> np.ndarray:
-        """Poses (candidate, coordinate) of which the limb's angles are drawn: those that cost least.
+        """The best poses (candidate, coordinate) among many whose limb is drawn.
 
         Half of the draws are anywhere within the limits. Half are nearer to the rest pose, the limb's last joint at
         rest: an arm with a folded hand explains the masks from elsewhere, and stays there while the hand is folded.
@@ -184,7 +184,7 @@ class FrameFit:
         return best
 
     def _better(self, guess: Guess, starts: np.ndarray) -> Guess:
-        """The guess, or what is found from starts (candidate, coordinate) if that costs less."""
+        """The guess, or the best fit from starts (candidate, coordinate) if that costs less."""
         near = self._descended(self._rough_pose, guess, starts)[:_FINE]
         found = self._descended(self._fine_pose, guess, near)
         pose, cost = found[0], float(self._judged(found[:1])[0])

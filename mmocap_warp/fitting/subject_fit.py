@@ -4,8 +4,8 @@
 2. Several headings, evenly spread, are each fitted by a short search over pose, shape and scale together. A body
    that need not stand as in its bind pose, such as a hand or a robot, is turned and bent in many ways instead, and the
    best of these are fitted.
-3. Contours take each to the bottom of its basin, body included. Of the best few, limbs are drawn anew until nothing
-   is gained.
+3. Contours take each to the bottom of its basin, body included. The limbs of the best few are drawn at random
+   until nothing is gained.
 4. The first seconds of the clip are followed by contours, and some of their frames solved for the body together.
 """
 
@@ -76,8 +76,8 @@ def fit(
         body: the generic body that the subject's is expected to be near to; it gets what the scene says is attached.
         config: settings; None for those of the scene's [fit] table.
         progress: told after every stage.
-        start_poses: (pose, coordinate) in one of which, about, the recording starts; None for the body's usual ones.
-            Where they lie and head is looked for.
+        start_poses: (pose, coordinate); the recording starts in about one of them. None for the body's usual ones.
+            Their place and heading are searched.
         settings: fields of :class:`FitConfig` to replace those of ``config``, such as ``headings=4``.
 
     Raises:

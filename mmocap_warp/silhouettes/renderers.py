@@ -31,7 +31,7 @@ class Renderer:
     Attributes:
         module: where its kernel is.
         draw: fills the canvas's counts from ``posed`` (candidate, vertex), a piece, views, what is frozen, and a batch.
-        piece: what ``draw`` wants of a piece of the mesh: a struct whose ``vertex`` are those that it needs.
+        piece: makes of a piece of the mesh the struct that ``draw`` takes; its ``vertex`` are the vertices needed.
         boxes: boxes of the largest piece, for a candidate and camera.
         groups: boxes around groups of these.
     """

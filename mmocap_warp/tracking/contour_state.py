@@ -83,7 +83,7 @@ class ContourState(TrackState):
 
     @property
     def _usual_overlap(self) -> np.ndarray:
-        """(run,) float32 median of the overlaps that there are; infinite where there are none."""
+        """(run,) float32 median of the remembered overlaps; infinite where none is remembered."""
         levels = self.overlap_levels
         ordered = np.sort(np.where(levels > 0, levels, np.float32(np.inf)), axis=1)
         count = (levels > 0).sum(axis=1)

@@ -34,7 +34,7 @@ class LiveFrame:
     Attributes:
         number: of the frame, from 0.
         pose: (run, coordinate) float64, smoothed with the frames around it [m, rad].
-        raw_pose: likewise, as it was tracked.
+        raw_pose: (run, coordinate), as it was tracked.
         joints: (run, joint, 3) float64, joint centres of ``pose`` in the world [m].
         iou: (run, camera) float64, overlap of ``raw_pose`` with the masks; NaN for a lost view.
         status: a name of ``STATUS`` for each run. A frame that was lost is ``interpolated`` if the body is seen both
@@ -130,7 +130,7 @@ class _Window:
         return is_tracked
 
     def _final(self, solved: list[RootedPoses]) -> Iterator[LiveFrame]:
-        """The first frames, of which each run's poses are solved."""
+        """The oldest frames, with the poses that were solved for each run."""
         if not solved:
             return
         poses = np.stack([self._rooting.leave(*each) for each in zip(solved, self._last_angles, strict=True)])

@@ -2,7 +2,7 @@
 
 The way of a frame: its masks become distance fields (``_MaskWindow``). Its pose is solved together with the window of
 frames around it (:class:`ClipProblem`), where a second opinion from following the window backwards may replace it
-(:class:`BackwardPass`). Then its standard deviations are told and its overlap with the masks is judged.
+(:class:`BackwardPass`). Then its standard deviations and its overlap with the masks are computed.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _STEPS = 5  # descent steps of a pose while a window is followed backwards
 
 
 def frames_held(rate: float) -> int:
-    """Frames whose masks are held: those that are solved together, and those from which they are followed back."""
+    """Number of frames whose masks are held: a window, and the frames beyond it that it is followed back from."""
     return max(1, round(WINDOW * rate) + round(AHEAD * rate))
 
 
@@ -199,7 +199,7 @@ class _RunSmoother:
     Attributes:
         windows: solved when they are asked for.
         pose: (frame, coordinate) float64, as far as windows were finished.
-        sigma: standard deviations, likewise.
+        sigma: standard deviations of the same frames.
     """
 
     def __init__(self, raw: Result, config: TrackConfig, masks: _MaskWindow, judge: _AreaJudge, run: int) -> None:
@@ -254,7 +254,7 @@ class _RunSmoother:
         self._finished = frames.stop
 
     def _linearise(self, frames: np.ndarray, rooted: RootedPoses) -> NormalEquations:
-        """What the contours say about frames around poses; nothing about those that were lost."""
+        """What the contours say about frames around poses. Frames that were lost say nothing."""
         self._known.base[frames], self._known.pose[frames] = rooted.base, rooted.pose
         return self._masks.linearise(frames, rooted, self._tracked[frames], self._neighbours(frames))
 

@@ -104,7 +104,7 @@ class ClipProblem:
     backward: BackwardPass | None = None
 
     def solved(self, rooted: RootedPoses, passes: tuple[Pass, ...] = coarse_then_fine()) -> ClipSolution:
-        """The clip's poses, from a pose for every frame; those of frames that show nothing don't matter."""
+        """The clip's poses, from a pose for every frame. Frames that show nothing may have any pose."""
         done = [window.solution for window in self.windows(rooted, passes)]
         return done[0].followed_by(*done[1:])
 
@@ -121,7 +121,7 @@ class ClipProblem:
         Args:
             rooted: a pose for every frame.
             passes: how each window is solved.
-            shows: (frame,) bool, frames that a window may end after; None for those that show anything.
+            shows: (frame,) bool, frames that a window may end after; None for frames that show anything.
         """
         window, overlap, ahead = (round(time * self.rate) for time in (WINDOW, OVERLAP, AHEAD))
         first, held = 0, self.rooting.none

@@ -18,7 +18,7 @@ UNSEEN = 14.4
 AROUND = np.array([1, 4, 6, 4, 1]) / 16
 """Of errors of consecutive frames in the mean that says how far the middle one is."""
 HELD = 2 + len(AROUND) // 2
-"""Frames back to which the penalty of a frame looks: those that an acceleration couples, and their mean's."""
+"""How many frames back the penalty of a frame looks: an acceleration couples three, and their mean needs two more."""
 
 
 @dataclass(frozen=True, eq=False)

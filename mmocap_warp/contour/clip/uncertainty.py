@@ -129,7 +129,7 @@ class BodyChanges:
 
     Attributes:
         vertex: (parameter, tracking vertex, 3) of the skin in the bind pose by each [m].
-        joint: (parameter, joint, 3) of the joints' centres likewise [m].
+        joint: (parameter, joint, 3) of the joints' centres by each [m].
         sigma: (parameter,) prior standard deviations.
     """
 
@@ -206,7 +206,7 @@ class BodyDeviations:
 
 
 def misfit(contour: NormalEquations, searched: np.ndarray, usual: float = USUAL_MISFIT) -> float:
-    """Root mean square of contours' distances, those that found no contour as far as they looked [m].
+    """Root mean square of contours' distances [m]; where no contour was found, the distance that was searched counts.
 
     It is what the cost is for each unit of information about the translation, in metres; the usual one where no
     translation is searched, or nothing is seen.

@@ -62,7 +62,7 @@ def descend(
     """The state after some steps, none of which raised the objective beyond its noise, and the problem around it.
 
     A step that would raise it is not taken; the next is damped ten times as much in the frames whose own cost rose,
-    and in all frames where that is not enough. A step taken lowers the damping again, as far as 1.
+    and in all frames where that is not enough. A step that is taken lowers the damping again, at least to 1.
 
     Args:
         problem: what is minimised.

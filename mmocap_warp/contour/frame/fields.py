@@ -131,7 +131,7 @@ class DistanceFields:
         self._replays = Replays(self._device)
 
     def _reserve(self, room: int, frames: int) -> None:
-        """Make room for frames of so many values, and to work on some at a time; what there was is kept."""
+        """Make room for frames of ``room`` values, and to work on some frames at a time; earlier fields stay."""
         old = self._workings.room
         if room > old:
             places = self.box.shape[0]

@@ -21,7 +21,7 @@ _BANDS_OF_AN_EDGE = 2  # bands that a contour edge reaches into, on average, tha
 
 
 def contour_room(edges: int) -> int:
-    """For how many contour edges of a view there is room, of a mesh of so many edges."""
+    """Number of contour edges of a view that there is room for, by the number of the mesh's edges."""
     return min(edges, max(_LEAST_ROOM, edges // 2))
 
 
@@ -70,7 +70,7 @@ def make_tree(skeleton: Skeleton, index: np.ndarray, device: str) -> Tree:
 
 
 def make_outline(view: tuple[int, int], mesh: SkinMesh, edges: int, device: str) -> Outline:
-    """Room for the contour edges of views (candidate, camera) of a mesh of so many edges."""
+    """Room for the contour edges of views (candidate, camera), by the number of the mesh's edges."""
     size = contour_room(edges)
     return filled(
         Outline,
@@ -90,7 +90,7 @@ def make_outline(view: tuple[int, int], mesh: SkinMesh, edges: int, device: str)
 def make_descent(
     index: np.ndarray, is_length: np.ndarray, limits: np.ndarray, view: tuple[int, int], width: int, device: str
 ) -> Descent:
-    """For a search of the coordinates in ``index`` (dof,), of which some are lengths (dof,), within ``limits``.
+    """Arrays of a descent in the coordinates ``index`` (dof,), some of them lengths (dof,), within ``limits``.
 
     Args:
         index: the searched coordinates of a pose.

@@ -62,7 +62,7 @@ class RootedPoses(FrameArrays):
         return RootedPoses(base, pose)
 
     def interpolated(self, known: np.ndarray) -> RootedPoses:
-        """Poses with those that are not ``known`` (frame,) put evenly between the known ones around them.
+        """These poses, where those that are not ``known`` (frame,) are interpolated between the known ones around them.
 
         Before the first and after the last known frame its pose is repeated; where none is known nothing changes.
         """
@@ -110,8 +110,8 @@ class Neighbours:
 class Rooting:
     """Turns poses into rooted ones, moves them and turns them back.
 
-    A root of which a model does not search all three angles keeps the one base: to count from elsewhere would change
-    what is held.
+    If a model does not search all three angles of the root, all frames keep the one base: from another base, the angles
+    that are held would be others.
 
     Args:
         skeleton: the joints.

@@ -65,12 +65,12 @@ def load_study(path: str | Path) -> Study:
     path = Path(path)
     file = load_toml(path)
     table = file.take_table("study")
-    common = _Common(
-        seeds=_whole(table, "seeds", 1),
-        first_seed=_whole(table, "first_seed", 0, 0),
-        frames=_whole(table, "frames", None),
-        scale=table.take("scale", float, 1.0),
-    )
+    common = {
+        "seeds": _whole(table, "seeds", 1),
+        "first_seed": _whole(table, "first_seed", 0, 0),
+        "frames": _whole(table, "frames", None),
+        "scale": table.take("scale", float, 1.0),
+    }
     name = table.take("name", str, path.stem)
     table.finish()
     scenes = _scenes(file.take_table("sequences"), path.parent)
@@ -87,23 +87,13 @@ def load_study(path: str | Path) -> Study:
     return Study(path, name, tuple(plans.values()))
 
 
-@dataclass(frozen=True)
-class _Common:
-    """What grids inherit from [study]."""
-
-    seeds: int
-    first_seed: int
-    frames: int | None
-    scale: float
-
-
 def _scenes(table: Table, folder: Path) -> dict[str, Path]:
     """The user's own sequences: name to scene file."""
     return {name: folder / _text(table, name, value) for name, value in table.take_rest().items()}
 
 
-def _grid(grid: Table, number: int, common: _Common, scenes: dict[str, Path]) -> list[Plan]:
-    """The plans of one [[grid]]: every combination of what it lists."""
+def _grid(grid: Table, number: int, common: dict[str, Any], scenes: dict[str, Path]) -> list[Plan]:
+    """The plans of one [[grid]]: every combination of what it lists; ``common`` is what it inherits from [study]."""
     axes = (
         _values(grid, "sequences", str),
         _values(grid, "presets", str, ["recording"]),
@@ -111,9 +101,9 @@ def _grid(grid: Table, number: int, common: _Common, scenes: dict[str, Path]) ->
         _values(grid, "dof", int),
         _values(grid, "algorithms", str),
     )
-    seeds = _whole(grid, "seeds", common.seeds)
-    first_seed = _whole(grid, "first_seed", common.first_seed, 0)
-    frames = _whole(grid, "frames", common.frames)
+    seeds = _whole(grid, "seeds", common["seeds"])
+    first_seed = _whole(grid, "first_seed", common["first_seed"], 0)
+    frames = _whole(grid, "frames", common["frames"])
     grid.finish()
     plans = []
     for sequence, preset, evaluations, dof, algorithm in product(*axes):
@@ -129,13 +119,13 @@ def _grid(grid: Table, number: int, common: _Common, scenes: dict[str, Path]) ->
                 seed=first_seed,
                 runs=seeds,
                 preset=preset,
-                scale=common.scale,
+                scale=common["scale"],
             )
         except ValueError as error:
             raise grid.error(str(error), "correct that value") from None
         if sequence not in scenes and dof not in MODELS:  # who is in a scene of one's own is not known yet
             raise grid.error(f"dof must be one of {list(MODELS)}, got {dof}", "correct that value")
-        clip = Clip(sequence, scenes.get(sequence), frames, common.scale)
+        clip = Clip(sequence, scenes.get(sequence), frames, common["scale"])
         cell = Cell(sequence, algorithm, dof, config.budget, preset)
         plans.append(Plan(cell, clip, config, "solved" in extras, number))
     return plans

@@ -45,7 +45,7 @@ def all_trackers(study: StudySummary) -> Table:
         means = [shown(study.level(who, measure), measure) for measure in measures]
         rows.append([str(who), *means, _time(study.milliseconds(who)), DASH if is_baseline else listed(seeds)])
     caption = (
-        f"All that has tracked {over(study.sequences)}, best first; mean over the sequences. "
+        f"All trackers that have tracked {over(study.sequences)}, best first; mean over the sequences. "
         f"{extent(cells) if cells else ''}. Time: of a single run, where it was measured."
     )
     head = ["Tracker", *(f"{measure.label}{in_unit(measure)}" for measure in measures), "ms a frame, alone", "seeds"]
@@ -143,7 +143,7 @@ def lead_table(study: StudySummary, sequences: Sequence[str]) -> Table | None:
     head += [f"{measure.label}{in_unit(measure)}, both" for measure in readings] + ["ms a frame, both", "a tenth"]
     caption = (
         f"{algorithm_label(found[0].ours.algorithm)}, against the best of the others at its largest budget, on each "
-        f"sequence. {extent(cells)}. Time: of a single run; solving the body comes to it, once."
+        f"sequence. {extent(cells)}. Time: of a single run; solving the body takes more, once."
     )
     return Table(caption, head, rows)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from html import escape
+from itertools import product
 
 import numpy as np
 
@@ -250,13 +251,11 @@ def budget_figure(study: StudySummary, measure: Measure, dof: int) -> str:
 
 def time_figure(study: StudySummary, dof: int) -> str:
     """Milliseconds per frame and run against the budget, a curve per algorithm."""
-    points = {
-        name: [
-            (budget, _mean_of([1000 * seconds_per_frame(cell) for cell in _all(study, name, dof, budget)]))
-            for budget in study.budgets
-        ]
-        for name in study.algorithms
-    }
+    points: dict[str, list[tuple[int, float]]] = {name: [] for name in study.algorithms}
+    for name, budget in product(study.algorithms, study.budgets):
+        found = (study.find(sequence, name, dof, budget) for sequence in study.sequences)
+        times = [1000 * seconds_per_frame(cell) for cell in found if cell is not None]
+        points[name].append((budget, float(np.mean(times)) if times else np.nan))
     return _by_budget(study, points, "ms per frame and run", f"Time per frame by budget, {dof} DOF")
 
 
@@ -333,12 +332,3 @@ def _unit_label(measure: Measure) -> str:
 
 def _diamond(x: float, y: float) -> str:
     return f'<path class="paper" d="M{number(x - 6)} {number(y)}l6 -6 6 6 -6 6z"/>'
-
-
-def _all(study: StudySummary, algorithm: str, dof: int, budget: int) -> list[CellSummary]:
-    found = (study.find(sequence, algorithm, dof, budget) for sequence in study.sequences)
-    return [cell for cell in found if cell is not None]
-
-
-def _mean_of(values: list[float]) -> float:
-    return float(np.mean(values)) if values else np.nan

@@ -173,6 +173,14 @@ def test_superiority_counts_pairs():
     assert superiority(runs, runs) == 0.5
 
 
+def test_superiority_against_scipy():
+    """Mann and Whitney's U over the number of pairs, mean over blocks."""
+    rng = np.random.default_rng(9)
+    runs, others = rng.integers(0, 9, (3, 12)).astype(float), rng.integers(0, 9, (3, 7)).astype(float)
+    shares = [stats.mannwhitneyu(theirs, mine).statistic / 84 for mine, theirs in zip(runs, others, strict=True)]
+    assert superiority(runs, others) == pytest.approx(np.mean(shares), rel=1e-12)
+
+
 def test_bootstrap_intervals_hold_the_truth_as_often_as_they_say():
     """Known normal runs: the interval of a mean holds it in about 95 of 100 studies (4 standard errors of slack)."""
     rng = np.random.default_rng(5)

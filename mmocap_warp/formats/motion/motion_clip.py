@@ -73,7 +73,7 @@ class _Words:
     def take(self, *expected: str) -> str:
         """The next word; one of ``expected``, in any case of letters, where some are given."""
         if self._next >= len(self._words):
-            raise InputError(self.path, f"ends before {' or '.join(expected) or 'its frames are complete'}", _REMEDY)
+            raise InputError(self.path, f"ends before {' or '.join(expected) or 'the next value'}", _REMEDY)
         word = self._words[self._next][0]
         self._next += 1
         if expected and word.lower() not in (e.lower() for e in expected):

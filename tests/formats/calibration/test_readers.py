@@ -208,7 +208,7 @@ WRONG = {
     "no unit of COLMAP": (
         "images.txt",
         replaced("", ""),
-        r'images\.txt: has lengths in a unit .*say which: units = "m"',
+        r'images\.txt: does not state the unit .*say which: units = "m"',
     ),
     "lens model": (
         "cameras.txt",

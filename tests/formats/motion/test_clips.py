@@ -150,7 +150,7 @@ def test_bvh_places_and_turns(tmp_path):
         ("1 11 2 90", "1 11 2 ninety", "not numbers"),
         ("OFFSET 0 2 0", "OFFSET 0 two 0", "line 8.*two"),
         ("MOTION", "", "MOTION"),
-        (BVH[BVH.index("MOTION") :], "", "ends where MOTION"),
+        (BVH[BVH.index("MOTION") :], "", "ends before MOTION"),
     ],
 )
 def test_a_wrong_bvh_says_where(tmp_path, old, new, says):

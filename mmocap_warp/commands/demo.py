@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -31,9 +31,8 @@ PAPERS = "h-cmaes"
 """The tracker that the paper found best."""
 
 
-@dataclass(frozen=True)
-class Example:
-    """A scene that is made when it is asked for: a shipped body, a motion of its, and how many cameras there are."""
+class Example(NamedTuple):
+    """A scene that is made when it is asked for: a shipped body, one of its motions, and how many cameras there are."""
 
     body: str
     motion: str
@@ -64,7 +63,7 @@ class Demo:
     files: dict[str, Path]
     good: bool
     paper: tuple[dict[str, Any], dict[str, Path]] | None = None
-    size: float = field(default=float("nan"))
+    size: float = float("nan")
 
     @property
     def share(self) -> float:

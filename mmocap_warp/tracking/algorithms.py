@@ -11,6 +11,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from mmocap_warp.kernels.optimizers.populations import SearchSpace
     from mmocap_warp.optimizers.protocol import Optimizer
 
@@ -20,7 +22,7 @@ class Algorithm:
     """A tracker.
 
     Attributes:
-        function: ``module:class`` within this package, its optimizer.
+        source: its optimizer: ``module:class`` within this package, or what makes one.
         label: its name for people.
         hierarchical: the body's parts one after the other, instead of all degrees of freedom at once.
         partitioned: of one that is hierarchical, whether a single optimizer searches all parts, whose sizes it is given
@@ -28,7 +30,7 @@ class Algorithm:
         settings: of the optimizer, where they are not its own.
     """
 
-    function: str
+    source: str | Callable[..., Optimizer]
     label: str
     hierarchical: bool
     partitioned: bool = False
@@ -36,10 +38,13 @@ class Algorithm:
 
     def optimizer(self, space: SearchSpace, evaluations: int, **partitions: Any) -> Optimizer:
         """An optimizer of what is searched, with the budget of the whole search."""
-        module_name, _, class_name = self.function.partition(":")
-        module = import_module(f"mmocap_warp.{module_name}")
-        config = {"config": getattr(module, f"{class_name}Config")(**self.settings)} if self.settings else {}
-        optimizer: Optimizer = getattr(module, class_name)(space, evaluations, **config, **partitions)
+        make, config = self.source, {}
+        if isinstance(make, str):
+            module_name, _, class_name = make.partition(":")
+            module = import_module(f"mmocap_warp.{module_name}")
+            make = getattr(module, class_name)
+            config = {"config": getattr(module, f"{class_name}Config")(**self.settings)} if self.settings else {}
+        optimizer: Optimizer = make(space, evaluations, **config, **partitions)
         return optimizer
 
 

@@ -34,8 +34,8 @@ class StudyProgress(Reporter):
         self._name, self._quiet = name, quiet
         self._stream = sys.stderr if stream is None else stream
         self._live: Live | None = None
-        self._spoke = time.monotonic()
-        self._told = -1
+        self._printed_at = time.monotonic()
+        self._printed_done = -1
 
     def __enter__(self) -> StudyProgress:
         if not self._quiet and self._stream.isatty():
@@ -65,9 +65,9 @@ class StudyProgress(Reporter):
             self._live.update(Group(_seats(status), Text(f"{self._name}: {headline(status)}")))
             return
         now, done = time.monotonic(), status.reused + status.finished
-        last = done == status.cells and self._told != done
-        if not self._quiet and (last or now - self._spoke >= SECONDS_BETWEEN_LINES):
-            self._spoke, self._told = now, done
+        last = done == status.cells and self._printed_done != done
+        if not self._quiet and (last or now - self._printed_at >= SECONDS_BETWEEN_LINES):
+            self._printed_at, self._printed_done = now, done
             print(f"{self._name}: {headline(status)}", file=self._stream, flush=True)
 
 

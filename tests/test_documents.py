@@ -101,9 +101,10 @@ def test_the_sites_page_of_times_is_made_from_the_reports_beside_it():
     assert [plot for plot in plots if not (folder / plot).is_file()] == []
 
 
-def test_the_notebook_is_stored_without_what_it_prints():
+@pytest.mark.parametrize("notebook", ["notebook.ipynb", "functions.ipynb"])
+def test_a_notebook_is_stored_without_what_it_prints(notebook):
     """It is run when the site is built."""
-    cells = json.loads((ROOT / "docs" / "notebook.ipynb").read_text(encoding="utf-8"))["cells"]
+    cells = json.loads((ROOT / "docs" / notebook).read_text(encoding="utf-8"))["cells"]
     ran = [cell for cell in cells if cell["cell_type"] == "code"]
     assert ran
     assert [cell["source"] for cell in ran if cell["outputs"] or cell["execution_count"] is not None] == []

@@ -44,6 +44,7 @@ def track(
     identity: Identity = None,
     flags: TrackFlags | None = None,
     resume: Switch = False,
+    accept_changed_code: Switch = False,
     force: Switch = False,
     console: Console | None = None,
 ) -> None:
@@ -61,6 +62,7 @@ def track(
         body=body,
         rigid=rigid,
         resume=resume,
+        accept_changed_code=accept_changed_code,
         force=force,
         reporter=console,
         **given(flags),

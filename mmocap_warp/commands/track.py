@@ -45,6 +45,7 @@ def track(
     frames: Frames = None,
     identity: int | None = None,
     resume: bool = False,
+    accept_changed_code: bool = False,
     force: bool = False,
     reporter: Reporter | None = None,
     **settings: Any,
@@ -62,6 +63,7 @@ def track(
         frames: which of the recording's frames. [default: those that the scene names]
         identity: of the person who is meant, where masks show several.
         resume: continue an interrupted run; it ends with the same bits as one that was not interrupted.
+        accept_changed_code: resume also where another version of the program began; its frames stay as they are.
         force: replace a result that exists.
         reporter: who is told of notes and progress.
         settings: fields of :class:`TrackConfig` that replace those of ``config``, such as ``evaluations=200``.
@@ -112,7 +114,7 @@ def track(
     chosen = replace(chosen, dof=start.body.skeleton.model_number(chosen.dof))
     reporter.note(f"track: {describe(chosen, loaded.track, given)}")
 
-    tracked = _tracked(loaded, start, chosen, checkpoint, resume, reporter)
+    tracked = _tracked(loaded, start, chosen, checkpoint, resume, accept_changed_code, reporter)
     identified = {"identity": loaded.foreground.identity} if loaded.foreground.identity else {}
     reference = {"scene": scene_reference(loaded.path, file)}
     tracked = replace(tracked, config=tracked.config | reference | identified)
@@ -168,7 +170,13 @@ def _check_model(body: BodyModel, scene: Scene, config: TrackConfig, given: dict
 
 
 def _tracked(
-    scene: Scene, subject: Subject, config: TrackConfig, checkpoint: Path | None, resume: bool, reporter: Reporter
+    scene: Scene,
+    subject: Subject,
+    config: TrackConfig,
+    checkpoint: Path | None,
+    resume: bool,
+    accept_changed_code: bool,
+    reporter: Reporter,
 ) -> Result:
     """Track, and tell of progress: first of the frames, then of the frames whose smoothed poses are final."""
     total, evaluations = scene.frame_count, 0
@@ -189,6 +197,7 @@ def _tracked(
             config,
             checkpoint=checkpoint,
             resume=resume,
+            accept_changed_code=accept_changed_code,
             progress=report,
             smooth_progress=lambda done: progress(done, total),
         )

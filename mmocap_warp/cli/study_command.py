@@ -86,6 +86,7 @@ def run(
     gpus: float = 1.0,
     minutes: float | None = None,
     poses: str = "all",
+    accept_changed_code: Switch = False,
     console: Console | None = None,
 ) -> int:
     from mmocap_warp.cli.study_progress import StudyProgress
@@ -105,6 +106,7 @@ def run(
             gpus=gpus,
             minutes=minutes,
             poses=poses,
+            accept_changed_code=accept_changed_code,
             show=progress.show,
             reporter=progress,
         )

@@ -16,6 +16,7 @@ from mmocap_warp.study import run
 from mmocap_warp.study.baselines import baselines
 from mmocap_warp.study.cell import CellResult, read_cell
 from mmocap_warp.study.definition import Study, load_study
+from mmocap_warp.study.earlier_code import keep_earlier_cells
 from mmocap_warp.study.engines.engine import Engine
 from mmocap_warp.study.job import device_kind
 from mmocap_warp.study.report_build import clips_of, write_report
@@ -67,6 +68,7 @@ def run_study(
     gpus: float = 1.0,
     minutes: float | None = None,
     poses: str = "all",
+    accept_changed_code: bool = False,
     show: Callable[[Status], None] | None = None,
     reporter: Reporter | None = None,
 ) -> StudyRun:
@@ -86,6 +88,8 @@ def run_study(
             the same command goes on.
         poses: what is kept of them: all, or typical, those of the run in the middle, which a report draws. Numbers are
             kept of all runs.
+        accept_changed_code: keep what another version of the program has finished, where three cells of the algorithm
+            that are tracked again have the same bits.
         show: called with the study's status, at least twice a second.
         reporter: who is warned of cells that are given up.
 
@@ -109,7 +113,14 @@ def run_study(
     lock(folder)
     keep = {"keep": with_typical_pose} if poses == "typical" else {}
     seconds = None if minutes is None else 60.0 * minutes
-    status = run.run_study(tasks, start, show or (lambda status: None), (reporter or Reporter()).warn, seconds, **keep)
+    warn = (reporter or Reporter()).warn
+
+    def track(chosen: list[Task]) -> Status:
+        return run.run_study(chosen, start, show or (lambda status: None), warn, seconds, **keep)
+
+    if accept_changed_code:
+        keep_earlier_cells(loaded, tasks, kind, track, (reporter or Reporter()).note)
+    status = track(tasks)
     return StudyRun(loaded.name, folder, status, _summaries(tasks))
 
 

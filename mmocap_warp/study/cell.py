@@ -20,8 +20,11 @@ from mmocap_warp.whole_file import write_whole
 PROVENANCE: tuple[str, ...] = ("study", "host", "started", "wall_seconds", "versions", "code", "code_covers")
 """The parts of ``meta`` that say where and when a result was made: with the seconds, all that a repetition changes."""
 
+PROVENANCE_FILE = "provenance.json"
+"""The member of a result's file that holds these."""
+
 _VERSION = 1
-_ANSWER, _PROVENANCE = "cell.json", "provenance.json"
+_ANSWER = "cell.json"
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the date of all members, so that equal results are equal bytes
 _MOST_BYTES = 2**30  # largest size of a result's members together; a study's have about 2**20
 _DAMAGE = (
@@ -110,7 +113,7 @@ def write_cell(path: Path, result: CellResult) -> None:
     arrays |= {f"per_run.{name}": (array, np.float64) for name, array in per_run.items()}
     members = {_ANSWER: _json({"version": _VERSION, "cell": asdict(result.cell), "meta": known})}
     members |= {f"{name}.npy": _npy(np.asarray(array, kind)) for name, (array, kind) in arrays.items()}
-    members[_PROVENANCE] = _json(measured)
+    members[PROVENANCE_FILE] = _json(measured)
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w") as file:
         for name, data in members.items():
@@ -138,7 +141,7 @@ def read_cell(path: Path) -> CellResult:
 
 
 def _assemble(members: dict[str, bytes]) -> CellResult:
-    answer, measured = json.loads(members[_ANSWER]), json.loads(members[_PROVENANCE])
+    answer, measured = json.loads(members[_ANSWER]), json.loads(members[PROVENANCE_FILE])
     if answer["version"] != _VERSION:
         raise ValueError(f"version {answer['version']}, this program reads {_VERSION}")
     arrays = {

@@ -20,11 +20,12 @@ _KEY_DIGITS = 20  # of 64; in a folder of a million results two keys are alike w
 _ABANDONED = 60.0  # a file that has been half written for so long will not be finished [s]
 
 
-def content_key(plan: Plan, clip_identity: str, device_kind: str) -> str:
+def content_key(plan: Plan, clip_identity: str, device_kind: str, code: str | None = None) -> str:
     """A hash of all that a cell's result depends on, the same on any machine.
 
     That is: what is tracked and what it is judged against (``clip_identity``), the cell and its settings, the code that
-    this kind of cell runs, and ``cpu`` or ``cuda``, whose arithmetic differs in the last bits.
+    this kind of cell runs (``code``; by default the present one), and ``cpu`` or ``cuda``, whose arithmetic differs in
+    the last bits.
     """
     settings = asdict(plan.config)
     del settings["device"], settings["threads"]
@@ -32,7 +33,7 @@ def content_key(plan: Plan, clip_identity: str, device_kind: str) -> str:
         "cell": asdict(plan.cell),
         "clip": clip_identity,
         "config": settings,
-        "code": code_of(plan.config, plan.clip, plan.solved),
+        "code": code or code_of(plan.config, plan.clip, plan.solved),
         "device": device_kind,
     }
     if plan.solved:

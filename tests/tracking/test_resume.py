@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -290,17 +290,18 @@ def test_a_checkpoint_that_cannot_be_written_is_wrong_input(tmp_path):
 def test_a_filters_particles_are_saved_with_its_last_frame(algorithm, loaded, subject, tmp_path, monkeypatch):
     """The run is stopped twice; every frame is saved, and in between the frames saved do not grow by the particles."""
     monkeypatch.setattr(checkpoint, "_INTERVAL", 0)
+    begun = replace(loaded, frame_count=12)
     config = TrackConfig(algorithm, scale=0.1, evaluations=240, runs=2, device="cpu")
     path, sizes = tmp_path / "r.checkpoint", []
     for after in (4, 6):
         with monkeypatch.context() as patched:
             patched.setattr("mmocap_warp.tracking.tracker.Tracker.step", stopping_step(after))
             with pytest.raises(KeyboardInterrupt):
-                track(loaded, subject, config, checkpoint=path, resume=True)
+                track(begun, subject, config, checkpoint=path, resume=True)
         sizes.append(path.stat().st_size)
     assert sizes[1] - sizes[0] < 6 * 2 * 4 * (COORDINATES + 40)
-    resumed = track(loaded, subject, config, checkpoint=path, resume=True)
-    whole = track(loaded, subject, config)
+    resumed = track(begun, subject, config, checkpoint=path, resume=True)
+    whole = track(begun, subject, config)
     np.testing.assert_array_equal(resumed.pose, whole.pose)
     np.testing.assert_array_equal(resumed.cost, whole.cost)
 

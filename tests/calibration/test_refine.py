@@ -15,7 +15,8 @@ from mmocap_warp.calibration.adjust.silhouette_agreement import landmarks
 from mmocap_warp.calibration.camera_check import CameraCheck, check, gross_mistake
 from mmocap_warp.calibration.refine.refinement import Refinement, refine
 
-CONFIG = AdjustConfig(frames=12, judges=5, scale=0.5, device="cpu")
+CONFIG = AdjustConfig(frames=9, judges=4, scale=0.5, device="cpu")
+FRAMES = 16
 WRONG = 2
 
 
@@ -37,7 +38,7 @@ def planted(**by: float) -> np.ndarray:
 
 
 def refined(tmp_path, change: np.ndarray, **settings) -> Refinement:
-    scene = write_scene(tmp_path, changed(RIG, change))
+    scene = write_scene(tmp_path, changed(RIG, change), FRAMES)
     return refine(scene, BODY, replace(CONFIG, **settings))
 
 
@@ -73,7 +74,7 @@ def test_a_sound_rig_is_left_alone_and_not_called_better(tmp_path):
 
 
 def test_a_late_camera_is_found_by_whole_frames_and_the_rest(tmp_path):
-    scene = write_scene(tmp_path, late=(0, 0, 3, 0))
+    scene = write_scene(tmp_path, frames=FRAMES, late=(0, 0, 3, 0))
     held = Deviations(rotation=0.0, position=0.0, focal=0.0, centre=0.0)
     found = refine(scene, BODY, replace(CONFIG, deviations=held))
     assert found.change[WRONG, OFFSET] * FPS == pytest.approx(3.0, abs=0.25)
@@ -82,7 +83,7 @@ def test_a_late_camera_is_found_by_whole_frames_and_the_rest(tmp_path):
 
 
 def checked(tmp_path, change: np.ndarray) -> CameraCheck:
-    return check(write_scene(tmp_path, changed(RIG, change)), BODY, CONFIG)
+    return check(write_scene(tmp_path, changed(RIG, change), FRAMES), BODY, CONFIG)
 
 
 @pytest.mark.parametrize(

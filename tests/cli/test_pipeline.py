@@ -85,6 +85,7 @@ def scene(tmp_path_factory) -> Path:
             cv2.imwrite(str(folder / "masks" / name / f"{frame:03d}.png"), mask)
     write_toml_rig(folder / "calibration.toml", rig)
     write_subject(folder / "subject.usdc", subject)
+    write_body(folder / "boxes.usdc", subject.body)
     markers = vertices[:, subject.body.marker_vertex].astype(np.float64)
     joints = poser.joint_transforms(poses)[:, :, :3, 3].astype(np.float64)
     truth = Truth(60.0, np.arange(FRAMES), subject.body.marker_names, markers, JOINTS, joints)
@@ -390,7 +391,7 @@ def test_cameras_below_the_floor_fail_the_check(scene, capsys):
 def test_fit_writes_a_subject_that_can_be_tracked(scene, tmp_path, capsys):
     quick = scene.with_name("quick.toml")
     fit = "[fit]\nevaluations = 48\nfinalists = 1\nframes = 3\n"
-    quick.write_text(SCENE + fit)
+    quick.write_text(SCENE.replace("[scene]", '[scene]\nbody = "boxes.usdc"') + fit)
     fitted = answer(capsys, "fit", quick, "-o", tmp_path / "s.usdc", "--headings", 2, "--device", "cpu")
     assert fitted["fit.headings"] == 2
     assert fitted["fit.frames"] == 3
@@ -403,13 +404,16 @@ def test_fit_writes_a_subject_that_can_be_tracked(scene, tmp_path, capsys):
     assert report["frames"] == FRAMES
 
 
-def test_track_fits_first_where_no_subject_is_named(scene, tmp_path, capsys):
+@pytest.mark.parametrize(
+    ("body", "name"), [("boxes.usdc", "Boxes"), pytest.param(*["adult_woman"] * 2, marks=pytest.mark.nightly)]
+)
+def test_track_fits_first_where_no_subject_is_named(body, name, scene, tmp_path, capsys):
     quick = scene.with_name("unfitted.toml")
     fit = "[fit]\nheadings = 2\nevaluations = 48\nfinalists = 1\nframes = 3\n"
-    quick.write_text(SCENE.replace('subject = "subject.usdc"', 'body = "adult_woman"') + fit)
+    quick.write_text(SCENE.replace('subject = "subject.usdc"', f'body = "{body}"') + fit)
     answer(capsys, "track", quick, "-o", tmp_path / "r.usdc", "--evaluations", 12)
     assert sorted(os.listdir(tmp_path)) == ["r.subject.usdc", "r.usdc"]
-    assert read_result(tmp_path / "r.usdc").subject.body.name == "adult_woman"
+    assert read_result(tmp_path / "r.usdc").subject.body.name == name
 
 
 @pytest.mark.parametrize(("most", "code"), [(1000.0, console.OK), (1e-6, console.CHECK_FAILED)])

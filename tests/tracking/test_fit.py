@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from one_frame import fit_observation
 from other_bodies import things
+from synthetic import synthetic_body
 
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.rest_space import RestSpace
@@ -46,9 +47,12 @@ def man():
     return read_body(ROOT / "bodies" / "adult_man.usdc")
 
 
-@pytest.fixture(scope="module")
-def subject(walk, man):
-    return fit(walk, man, QUICK)
+@pytest.fixture(scope="module", params=["begun", pytest.param("whole", marks=pytest.mark.nightly)])
+def subject(request, walk, man):
+    """The man fitted to the walk, or to as much of it as tells his heading and height."""
+    if request.param == "whole":
+        return fit(walk, man, QUICK)
+    return fit(replace(walk, frame_count=12), man, replace(QUICK, headings=4, evaluations=300, finalists=1, frames=5))
 
 
 def test_a_stranger_is_found_with_the_right_heading(walk, subject):
@@ -63,14 +67,27 @@ def test_a_stranger_is_found_with_the_right_heading(walk, subject):
     assert subject.provenance["fit.decided"] == "yes"
 
 
-def test_one_frame_is_enough(walk, man):
+BODIES = ("boxes", pytest.param("adult_man", marks=pytest.mark.nightly))
+"""A figure of boxes is posed sooner than a person."""
+
+
+@pytest.fixture
+def generic(request, monkeypatch):
+    """A body of :data:`BODIES`, whose limbs are searched once."""
+    monkeypatch.setattr("mmocap_warp.fitting.subject_fit._ROUNDS", 1)
+    return synthetic_body() if request.param == "boxes" else request.getfixturevalue("man")
+
+
+@pytest.mark.parametrize("generic", BODIES, indirect=True)
+def test_one_frame_is_enough(walk, generic):
     short = replace(QUICK, headings=2, evaluations=100, finalists=1)
-    assert fit(replace(walk, frame_count=1), man, short).provenance["fit.frames"] == 1
+    assert fit(replace(walk, frame_count=1), generic, short).provenance["fit.frames"] == 1
 
 
-def test_a_fit_repeats_bit_by_bit_at_any_number_of_threads(walk, man):
+@pytest.mark.parametrize("generic", BODIES, indirect=True)
+def test_a_fit_repeats_bit_by_bit_at_any_number_of_threads(walk, generic):
     short, begun = replace(QUICK, headings=2, evaluations=100, finalists=1, frames=3), replace(walk, frame_count=12)
-    first, second = (fit(begun, man, replace(short, threads=threads)) for threads in (1, 2))
+    first, second = (fit(begun, generic, replace(short, threads=threads)) for threads in (1, 2))
     np.testing.assert_array_equal(first.pose, second.pose)
     np.testing.assert_array_equal(first.body.skin.rest, second.body.skin.rest)
     np.testing.assert_array_equal(first.root_base, second.root_base)

@@ -27,7 +27,7 @@ def seen(rig: CameraRig, boxes: tuple[np.ndarray, ...], along: float = 0.0) -> l
 
 
 def rig_of(cameras: int) -> CameraRig:
-    return ring_rig(cameras, distance=4.0).undistorted(0.5)
+    return ring_rig(cameras, distance=4.0).undistorted(0.25)
 
 
 def judged(rig: CameraRig, frames: list[list[np.ndarray]]) -> MaskReport:
@@ -74,7 +74,7 @@ def test_a_view_that_shows_something_else_as_well_is_named() -> None:
     rig = rig_of(4)
     frames = walking(rig)
     for masks in frames:
-        masks[2][:, :60] = True
+        masks[2][:, :30] = True
     (fault,) = judged(rig, frames).faults
     assert f"of what {rig.names[2]} shows is seen by no other view" in fault
 

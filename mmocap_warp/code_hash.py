@@ -26,7 +26,7 @@ _CONTOUR_MODULES: tuple[str, ...] = (
 """Modules, and packages with all their modules, that only fitting contours needs."""
 
 _RECORDING_MODULES: tuple[str, ...] = (
-    "formats", "masks.cleanup", "masks.frames", "masks.mask_files", "masks.repair", "masks.subtraction", "scene",
+    "formats", "masks.cleanup", "masks.frames", "masks.mask_files", "masks.subtraction", "scene",
 )  # fmt: skip
 """Modules that only recordings need. A shipped sequence reads only shipped bodies, and their content counts itself."""
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from synthetic import synthetic_result
 from tracked_motion import FRAMES, TRACKED, standing_still, track_motion
+from walk_scene import walking
 
 import mmocap_warp
 from mmocap_warp.bench.report_file import report_page
@@ -36,17 +37,43 @@ def test_the_optimizers_example_finds_the_minimum(tmp_path):
     assert min(costs) < 1e-6
 
 
-def test_the_public_face_goes_from_masks_to_a_picture(tmp_path):
-    shapes = "print(joints.shape, skin.shape, picture.shape)\n"
-    (tmp_path / "example.py").write_text(example("python.md") + shapes + example("python.md", 1))
-    command = [sys.executable, "example.py"]
-    answer = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
-    *_, numbers, shapes = answer.stdout.splitlines()[:-64]
-    assert all(re.match(rf" *{i} tracked  hands at", line) for i, line in enumerate(answer.stdout.splitlines()[-64:]))
+PYTHON_EXAMPLE = example("python.md") + "print(joints.shape, skin.shape, picture.shape)\n" + example("python.md", 1)
+
+
+def check_python_example(output: str, frames: int) -> None:
+    """What the example of the page on Python prints: live frames last, before them the shapes and the errors."""
+    lines = output.splitlines()
+    assert all(re.match(rf" *{i} tracked  hands at", line) for i, line in enumerate(lines[-frames:]))
+    *_, numbers, shapes = lines[:-frames]
     overlap, error = map(float, re.findall(r"\d[\d.]*", numbers))
     assert overlap > 0.75
     assert error < 20
-    assert shapes == "(1, 64, 16, 3) (2, 13380, 3) (240, 320, 3)"
+    assert shapes == f"(1, {frames}, 16, 3) (2, 13380, 3) (240, 320, 3)"
+
+
+@pytest.mark.nightly
+def test_the_public_face_goes_from_masks_to_a_picture(tmp_path):
+    (tmp_path / "example.py").write_text(PYTHON_EXAMPLE)
+    command = [sys.executable, "example.py"]
+    answer = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    check_python_example(answer.stdout, 64)
+    assert (tmp_path / "walk.usdc").is_file()
+
+
+def test_the_public_face_goes_from_a_subject_to_a_picture(tmp_path, monkeypatch, capsys):
+    """The same example of fewer frames, with the walk's own subject: tests/tracking has fits of it."""
+    made = walking()
+
+    def fit(scene, body, **settings):
+        assert isinstance(body, mmocap_warp.BodyModel)
+        mmocap_warp.FitConfig(**settings)
+        return mmocap_warp.Subject(made.body, made.root_base, made.poses[0], {"body.height": 1.75})
+
+    monkeypatch.setattr(mmocap_warp, "fit", fit)
+    monkeypatch.chdir(tmp_path)
+    assert PYTHON_EXAMPLE.count('ROOT / "walk")') == 1
+    exec(PYTHON_EXAMPLE.replace('ROOT / "walk")', 'ROOT / "walk", frames="0:16")'), {})
+    check_python_example(capsys.readouterr().out, 16)
     assert (tmp_path / "walk.usdc").is_file()
 
 

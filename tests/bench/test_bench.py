@@ -14,6 +14,8 @@ import warp as wp
 import mmocap_warp
 from mmocap_warp import cli
 from mmocap_warp.bench import growth as growth_module
+from mmocap_warp.bench import optimizer_peers as peers_module
+from mmocap_warp.bench import searches as searches_module
 from mmocap_warp.bench import suite as suite_module
 from mmocap_warp.bench.against import OPTIMIZING, missing
 from mmocap_warp.bench.bench_tables import digits, duration, report_tables
@@ -43,6 +45,8 @@ def report(small):
     """All that is measured, as it comes back from JSON."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(timing, "_SAMPLE_SECONDS", {"cpu": 0.0, "cuda": 0.0})  # a work is called once in a sample
+        patch.setattr(searches_module, "_BUDGET", 90)
+        patch.setattr(peers_module, "_DOFS", 10)
         patch.setattr(growth_module, "_CANDIDATES", {"cpu": (1, 4), "cuda": (1, 4)})
         patch.setattr(growth_module, "BATCH", {"cpu": 2, "cuda": 2})
         patch.setattr(growth_module, "_CAMERAS", (1, 2))

@@ -16,9 +16,10 @@ ESCAPES = sorted(path for path in (FOLDER / "escapes").glob("*/*"))
 _WORKER = "import sys; sys.path[:0] = sys.argv[1:3]; import worker; worker.replay(sys.argv[3])"
 
 
-def test_damaged_files_do_not_escape():
+@pytest.mark.parametrize("cases", [40, pytest.param(300, marks=pytest.mark.nightly)])
+def test_damaged_files_do_not_escape(cases):
     """Another process, since a file may end it; the command of docs/testing.md does the same with more."""
-    options = ["--cases", "300", "--seed", "0", "--memory", "0.5"]
+    options = ["--cases", str(cases), "--seed", "0", "--memory", "0.5"]
     fuzz = subprocess.run([sys.executable, str(FOLDER), *options], capture_output=True, text=True)
     assert fuzz.returncode == 0, fuzz.stdout + fuzz.stderr
 

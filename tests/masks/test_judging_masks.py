@@ -8,12 +8,19 @@ import pytest
 from synthetic import ring_rig
 
 from mmocap_warp.cameras.rig import CameraRig, project
+from mmocap_warp.masks import mask_check
 from mmocap_warp.masks.mask_check import MaskJudge, MaskReport
 
 LEG = np.array([[0.04, 0.0, -0.08], [0.2, 0.85, 0.08]])
 FIGURE = (LEG, LEG * (-1, 1, 1), np.array([[-0.2, 0.8, -0.12], [0.2, 1.75, 0.12]]))
 VOLUME = sum(np.abs(np.diff(box, axis=0)).prod() for box in FIGURE)
 FRAMES = 15
+
+
+@pytest.fixture(autouse=True)
+def _few_compared_frames(monkeypatch) -> None:
+    """A quarter of the usual number: in these frames the figure is the same."""
+    monkeypatch.setattr(mask_check, "_COMPARED_FRAMES", 3)
 
 
 def seen(rig: CameraRig, boxes: tuple[np.ndarray, ...], along: float = 0.0) -> list[np.ndarray]:

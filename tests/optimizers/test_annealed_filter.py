@@ -19,6 +19,7 @@ from scipy import optimize, stats
 from tracked_motion import motion, track_motion, tracker_of
 
 from mmocap_warp.optimizers.annealed_filter import AnnealedFilter, AnnealedFilterConfig
+from mmocap_warp.tracking.tracker import TrackState
 
 TWIN = 1e-5  # of coordinates about 1, over a whole search in single precision
 SURVIVAL = 1e-3
@@ -545,5 +546,5 @@ def test_the_answer_is_the_estimate_within_the_limits_and_its_own_cost(device):
     np.testing.assert_array_equal(answer.pose[0][index], np.clip(estimate, lower[index], upper[index]))
     assert np.any(estimate != answer.pose[0][index])
     other, _calls = tracker_of("h-cmaes", device, evaluations=1)
-    other.state = answer.pose, np.zeros(1, np.int32)
+    other.state = TrackState(answer.pose, np.zeros(1, np.int32))
     assert other.step(seen[1]).cost[0] == answer.cost[0]

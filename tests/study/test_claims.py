@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import product
 
 import numpy as np
 import pytest
 from study_results import SEQUENCES
 
+from mmocap_warp.study import statistics, study_tables
 from mmocap_warp.study.cell import Cell
 from mmocap_warp.study.claims import AGREES, DIFFERS, EVOLUTIONARY, FAILS, MOSTLY, TIED, TOO_FEW, UNTESTED, check_claims
 from mmocap_warp.study.paper import ALGORITHM_ORDER, EVALUATIONS
@@ -17,6 +19,22 @@ MEASURE = {measure.key: measure for measure in MEASURES}
 _BY_SUBJECT = {"S1": 0.0, "S2": 1.0, "S3": 2.0}
 _BY_ACTION = {"Gestures": 0.0, "Box": 1.0, "Walking": 2.0}
 _SPREAD = {"Gestures": 50.0, "Walking": 60.0, "Box": 70.0}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _remembered_signed_ranks() -> Iterator[None]:
+    """Most tables have pairs in common, and each exact test takes long."""
+    p_values: dict[tuple[tuple[int, ...], bytes], float] = {}
+
+    def remembered(pairs: np.ndarray) -> float:
+        key = pairs.shape, pairs.tobytes()
+        if key not in p_values:
+            p_values[key] = statistics.signed_rank(pairs)
+        return p_values[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(study_tables, "signed_rank", remembered)
+        yield
 
 
 def error(cell: Cell) -> float:

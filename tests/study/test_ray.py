@@ -17,27 +17,38 @@ from tiny_study import STUDY, answer_members, run_quietly, tasks_of, write_study
 from mmocap_warp import cli
 from mmocap_warp.cli import console
 from mmocap_warp.errors import InputError
-from mmocap_warp.study.engines.engine import Death
-from mmocap_warp.study.engines.ray import Shares, _how_it_ended, join_cluster, share_cluster
+from mmocap_warp.study.engines import ray as engine_module
+from mmocap_warp.study.engines.engine import Death, EngineLost, Notice
+from mmocap_warp.study.engines.ray import RayEngine, Shares, _how_it_ended, join_cluster, share_cluster
 from mmocap_warp.study.job import LESS_MEMORY
 
 CELLS = 12
 PATIENCE = 120.0  # for whatever a cluster does [s]
 
 
-@pytest.fixture
-def cluster() -> Iterator[Cluster]:
-    """A head and two machines with room for a worker each; all are processes of this machine."""
-    made = Cluster(initialize_head=True, head_node_args={"num_cpus": 0, "include_dashboard": False})
-    for _ in range(2):
-        made.add_node(num_cpus=1)
+@pytest.fixture(scope="module")
+def clusters() -> Iterator[list[Cluster]]:
+    """The cluster that tests share, last in the list; one that a test has shut down is followed by another."""
+    made: list[Cluster] = []
     yield made
-    made.shutdown()
+    for cluster in made:
+        cluster.shutdown()
+
+
+@pytest.fixture
+def cluster(clusters) -> Cluster:
+    """A head and two machines with room for a worker each; all are processes of this machine."""
+    if not clusters or clusters[-1].head_node is None:
+        clusters.append(Cluster(initialize_head=True, head_node_args={"num_cpus": 0, "include_dashboard": False}))
+    for _ in range(3 - len(clusters[-1].list_all_nodes())):
+        clusters[-1].add_node(num_cpus=1)
+    return clusters[-1]
 
 
 def started(cluster: Cluster, study: Path, results: Path, patience: float = 60.0) -> subprocess.Popen:
     """A run on the cluster's two machines that has stored its first result."""
     main = f"import sys; from mmocap_warp.study.engines import ray; ray._PATIENCE = {patience}; "
+    main += "ray._SECONDS_BETWEEN_PROBES = 1.0; "
     main += "from mmocap_warp.cli import main; sys.exit(main(sys.argv[1:]))"
     where = ["--engine", "ray", "--address", cluster.address, "--workers", "2", "--json"]
     command = [sys.executable, "-c", main, "study", "run", str(study), "-o", str(results), *where]
@@ -64,6 +75,7 @@ def test_two_workers_give_the_files_of_a_local_run_though_a_machine_dies(cluster
         assert answer_members(tmp_path / "ray" / task.path.name) == answer_members(task.path)
 
 
+@pytest.mark.nightly
 def test_a_cluster_that_vanishes_is_told_and_what_is_finished_stays(cluster, tmp_path):
     study = write_study(tmp_path, STUDY.replace("seeds = 2", "seeds = 10").replace("[12]", "[100]"))
     run, address = started(cluster, study, tmp_path / "ray"), cluster.address
@@ -77,6 +89,7 @@ def test_a_cluster_that_vanishes_is_told_and_what_is_finished_stays(cluster, tmp
     assert len(list((tmp_path / "ray").glob("*.npz"))) == answer["finished_now"]
 
 
+@pytest.mark.nightly
 def test_a_cluster_without_a_machine_left_is_told_and_what_is_missing(cluster, tmp_path):
     """Its head lives on; Ray would wait for another machine for ever."""
     study = write_study(tmp_path, STUDY.replace("seeds = 2", "seeds = 10").replace("[12]", "[100]"))
@@ -140,6 +153,25 @@ def test_a_cluster_is_shared_out(workers, gpus, shares, monkeypatch):
     machines(monkeypatch, {"CPU": 64.0, "GPU": 8.0}, {"CPU": 32.0, "GPU": 2.0}, {})
     assert share_cluster(workers, gpus) == shares
     assert shares.device_kind == ("cuda" if gpus else "cpu")
+
+
+def test_a_head_that_does_not_answer_has_vanished():
+    with pytest.raises(EngineLost, match=r"the Ray cluster at 127\.0\.0\.1:1 has vanished"):
+        RayEngine("127.0.0.1:1", Shares(0, 0.0, 2))._check_head()
+
+
+def test_a_machine_that_a_worker_fits_on_is_waited_for(monkeypatch):
+    monkeypatch.setattr(engine_module, "_PATIENCE", 0.0)
+    engine = RayEngine("head:1", Shares(0, 0.0, 2))
+    for _ in range(2):  # once it is there again, the next wait is a new one
+        machines(monkeypatch, {"CPU": 1.0}, {"CPU": 2.0})
+        assert engine._check_machines() == []
+        machines(monkeypatch, {"CPU": 1.0})
+        (notice,) = engine._check_machines()
+        problem = "the Ray cluster at head:1 has no machine left that a worker fits on; waiting 0 s for one"
+        assert notice == Notice(problem)
+    with pytest.raises(EngineLost, match="the Ray cluster at head:1 has had no machine that a worker fits on for 0 s"):
+        engine._check_machines()
 
 
 @pytest.mark.parametrize(

@@ -48,10 +48,11 @@ def speeds(sequence, *joints):
     return np.linalg.norm(np.diff(places, axis=0), axis=2).max(axis=0) * FPS
 
 
-def feet(sequence, side):
-    """(frame, vertex, 3) of a foot."""
-    of = led_by(sequence.recording.body, f"{side}Ankle")
-    return np.stack([sequence.recording.vertices(frame)[of] for frame in range(sequence.frame_count)])
+def feet(sequence):
+    """(frame, vertex, 3) of the left and of the right foot."""
+    left, right = (led_by(sequence.recording.body, f"{side}Ankle") for side in "LR")
+    frames = [sequence.recording.vertices(frame) for frame in range(sequence.frame_count)]
+    return [np.stack([vertices[of] for vertices in frames]) for of in (left, right)]
 
 
 def flexion(sequence, joint, straight):
@@ -86,8 +87,7 @@ def test_joint_limits_hold_and_no_knee_or_elbow_is_overstretched(sequence):
 
 def test_feet_stand_on_the_floor_and_do_not_slide(sequence):
     speed, lowest = [], []
-    for side in "LR":
-        foot = feet(sequence, side)
+    for foot in feet(sequence):
         low = foot[..., 2].argmin(axis=1)[:-1]
         frame = np.arange(len(low))
         speed.append(np.linalg.norm((foot[frame + 1, low] - foot[frame, low])[:, :2], axis=1) * FPS)

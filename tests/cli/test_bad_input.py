@@ -295,7 +295,10 @@ CASES = (
     Case("truth missing", result_file, "t.trc: no such file", (*EVAL, "--truth", "{folder}/t.trc")),
     Case("truth of another recording", truth_of_another_recording, "t.usda: its frames 900-901 share none", EVAL_TRUTH),
     Case(
-        "truth of another body", truth_of_another_body, "of its joints (Snout, Tail, Paw, Ear, ...) is one", EVAL_TRUTH
+        "truth of another body",
+        truth_of_another_body,
+        "of its joints (Snout, Tail, Paw, Ear, ...) is evaluated",
+        EVAL_TRUTH,
     ),
     Case("truth of unknown kind", result_file, "scene.toml", (*EVAL, "--truth", "{scene}")),
     Case("scene of a result gone", lost_scene, "name the scene with --scene", ("show", "{folder}/result.usda")),

@@ -38,17 +38,21 @@ if not importlib.util.find_spec("rerun"):  # 170 MB for one file format
 
 LONGEST = (
     "test_tutorial.py",
-    "bench/test_bench.py",
     "study/test_ray.py",
+    "calibration/test_refine.py",
+    "recipes/test_recipes.py",
+    "study/test_sequences.py",
     "tracking/test_resume.py",
+    "tracking/test_fit.py",
     "study/test_run.py",
     "cli/test_pipeline.py",
-    "cli/test_bad_input.py",
-    "study/test_cli.py",
-    "tracking/test_fit.py",
-    "study/test_report.py",
-    "test_documents.py",
-    "recipes/test_recipes.py",
+    "calibration/test_solve.py",
+    "cli/test_streams.py",
+    "scene/test_scene.py",
+    "tracking/test_every_tracker.py",
+    "study/test_code_hash.py",
+    "bench/test_bench.py",
+    "fuzz/test_fuzz.py",
 )
 """Files that take more than ten seconds of a core, by how long they take."""
 

@@ -115,8 +115,14 @@ def run_study(
     seconds = None if minutes is None else 60.0 * minutes
     warn = (reporter or Reporter()).warn
 
+    spent = 0.0  # seconds that earlier calls took of those that the run may take
+
     def track(chosen: list[Task]) -> Status:
-        return run.run_study(chosen, start, show or (lambda status: None), warn, seconds, **keep)
+        nonlocal spent
+        left = None if seconds is None else max(0.0, seconds - spent)
+        status = run.run_study(chosen, start, show or (lambda status: None), warn, left, **keep)
+        spent += status.seconds
+        return status
 
     if accept_changed_code:
         keep_earlier_cells(loaded, tasks, kind, track, (reporter or Reporter()).note)

@@ -39,6 +39,8 @@ def keep_earlier_cells(
     for task, plan in zip(tasks, study.plans, strict=True):
         if not task.path.exists() and (file := _earlier_result(task, plan, device_kind)):
             earlier.setdefault(task.cell.algorithm, []).append((task, file))
+    if not earlier:
+        return
     samples = {algorithm: sample_of(cells) for algorithm, cells in earlier.items()}
 
     # What the sample gives now decides about the rest.

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from mmocap_warp.bench.evaluations import EVALUATION
 from mmocap_warp.bench.optimizer_peers import ASK_AND_TELL, FUNCTION, OURS
@@ -19,34 +18,17 @@ Report = dict[str, Any]
 Row = dict[str, Any]
 
 _ON_THE_CPU = (PEER, ASK_AND_TELL, FUNCTION)  # always
+_IN_WORDS = {"dof": "{} DOF", "budget": "{} evaluations", "function": "{}", "moving": "all but the {}"}
 _MEASURE = ("cameras", "pixels", "triangles", "vertices", "renderer")  # the same for all, or said elsewhere
 
 
-@dataclass(frozen=True)
-class Table:
-    """Words in columns.
-
-    Attributes:
-        title: what it is about.
-        columns: heads.
-        rows: a word for each column.
-        notes: lines below it.
-    """
+class Table(NamedTuple):
+    """Words in columns, with lines below."""
 
     title: str
-    columns: tuple[str, ...]
-    rows: Sequence[tuple[str, ...]]
-    notes: tuple[str, ...]
-
-    @classmethod
-    def of(cls, title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], notes: Iterable[str]) -> Table:
-        """A table without the columns that hold no word."""
-        kept = [i for i in range(len(columns)) if any(row[i] for row in rows)]
-
-        def left(line: Sequence[str]) -> tuple[str, ...]:
-            return tuple(line[i] for i in kept)
-
-        return cls(title, left(columns), [left(row) for row in rows], tuple(notes))
+    columns: list[str]
+    rows: list[list[str]]
+    notes: list[str]
 
 
 def report_tables(report: Report, old: Report | None = None, answers: bool = False) -> list[Table]:
@@ -86,14 +68,15 @@ def _group_table(group: str, rows: list[Row], gpu: bool, before: dict[str, Row] 
             same = before.get(_key(row))
             line.append(f"{same['median'] / row['median']:.2f}x" if same else "")
         mark = "✓" if row["ok"] else "✗"
-        lines.append((*line, f"{mark} {row['check']}" if answers else mark))
+        lines.append([*line, f"{mark} {row['check']}" if answers else mark])
     shared = sizes_in_words({name: rows[0]["sizes"][name] for name in common})
-    title = f"{group}: {shared}" if shared else group
-    return Table.of(title, columns, lines, (*_notes(group, rows), *_failures(rows)))
-
-
-def _failures(rows: list[Row]) -> Iterable[str]:
-    return [f"wrong: {case_name(row)}, {sizes_in_words(row['sizes'])}: {row['check']}" for row in rows if not row["ok"]]
+    wrong = [row for row in rows if not row["ok"]]
+    notes = [*_notes(group, rows)]
+    notes += [f"wrong: {case_name(row)}, {sizes_in_words(row['sizes'])}: {row['check']}" for row in wrong]
+    # A column that holds no word is left out.
+    kept = [i for i in range(len(columns)) if any(line[i] for line in lines)]
+    columns, *lines = ([line[i] for i in kept] for line in (columns, *lines))
+    return Table(f"{group}: {shared}" if shared else group, columns, lines, notes)
 
 
 def _notes(group: str, rows: list[Row]) -> Iterable[str]:
@@ -145,14 +128,8 @@ def sizes_in_words(sizes: dict[str, Any], leave: Sequence[str] = ()) -> str:
     for name, value in sizes.items():
         if name in _MEASURE or name in leave:
             continue
-        if name == "dof":
-            words.append(f"{value} DOF")
-        elif name == "budget":
-            words.append(f"{value} evaluations")
-        elif name == "function":
-            words.append(str(value))
-        elif name == "moving":
-            words.append(f"all but the {value}")
+        if name in _IN_WORDS:
+            words.append(_IN_WORDS[name].format(value))
         else:
             words.append(f"{value:,} {name if value != 1 else name.removesuffix('s')}")
     return ", ".join(words)
@@ -160,9 +137,7 @@ def sizes_in_words(sizes: dict[str, Any], leave: Sequence[str] = ()) -> str:
 
 def duration(seconds: float | None) -> str:
     """Three digits, in the unit that suits."""
-    if seconds is None:
-        return ""
-    return f"{digits(seconds, seconds)} {_unit(seconds)[1]}"
+    return "" if seconds is None else f"{digits(seconds, seconds)} {_unit(seconds)[1]}"
 
 
 def digits(seconds: float, like: float) -> str:

@@ -39,9 +39,7 @@ def _evaluation(
     group: str, load: Workload, objective: Objective, renderer: str, threads: int, expected: partial
 ) -> Case:
     candidates, device = objective.candidates, objective.device
-    sizes = {"renderer": renderer, "candidates": candidates} | load.sizes
-    if device == "cpu":
-        sizes["threads"] = threads
+    sizes = {"renderer": renderer, "candidates": candidates} | load.sizes_on(device, threads)
 
     def check() -> Check:
         objective.count.zero_()
@@ -74,24 +72,23 @@ def _moving(load: Workload, part: Part, renderer: str, device: str) -> list[Case
     poses = np.repeat(load.poses(1), candidates, axis=0)
     poses[:, part.index] = load.poses(candidates)[:, part.index]
     base = wp.array(poses[:1], dtype=wp.float32, device=device)
-    objective.hold(base, part.index)
-    objective.pose.assign(poses)
 
-    def check() -> Check:
+    def hold_poses() -> None:
         objective.hold(base, part.index)
         objective.pose.assign(poses)
+
+    def check() -> Check:
+        hold_poses()
         objective.evaluate(candidates)
         moved = objective.count.numpy().copy()
         objective.release()
         objective.evaluate(candidates)
         apart = int((moved != objective.count.numpy()).any(axis=-1).sum())
-        objective.hold(base, part.index)
-        objective.pose.assign(poses)
+        hold_poses()
         return Check(f"{apart} of {moved.shape[0] * moved.shape[1]} counts differ from the whole body's", apart == 0)
 
-    sizes = {"renderer": renderer, "candidates": candidates} | load.sizes
-    if device == "cpu":
-        sizes["threads"] = 1
+    hold_poses()
+    sizes = {"renderer": renderer, "candidates": candidates} | load.sizes_on(device, 1)
     evaluate = Case(MOVING, part.name, sizes, partial(objective.evaluate, candidates), check, candidates)
     if renderer != RENDERERS[-1] or load.body.skeleton.moved_by(part.index).all():
         return [evaluate]

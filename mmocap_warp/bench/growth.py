@@ -17,7 +17,8 @@ from mmocap_warp.display.chart import Axis, axes, curve, decades, dots, names_of
 from mmocap_warp.kernels.benchmarks.case import Case
 
 AXES = ("candidates", "cameras", "pixels", "triangles", "runs")
-"""The sizes that are varied; a measurement's group is ``growth: `` and one of them."""
+"""The sizes that are varied; a measurement's group is ``GROUP`` and one of them."""
+GROUP = "growth: "
 BATCH = {"cpu": 14, "cuda": 2048}
 """Candidates where something else is varied."""
 BUDGET = 60
@@ -30,25 +31,20 @@ _TRIANGLES = (650, 1300, None, 10400, 41600)  # None is the body's own mesh
 _RUNS = {"cpu": (1, 2, 4, 8, 16), "cuda": (1, 3, 10, 30, 100, 300)}
 
 
-def group(axis: str) -> str:
-    """The group of measurements along an axis."""
-    return f"growth: {axis}"
-
-
 def growth(load: Workload, device: str) -> Iterator[list[Case]]:
     """The sweeps; a CPU uses one thread."""
     kind = "cpu" if device == "cpu" else "cuda"
     batch = (BATCH[kind],)
-    yield from evaluations(load, _CANDIDATES[kind], (1,), device, group("candidates"))
+    yield from evaluations(load, _CANDIDATES[kind], (1,), device, GROUP + "candidates")
     for cameras in _CAMERAS:
-        yield from evaluations(workload(cameras=cameras), batch, (1,), device, group("cameras"))
+        yield from evaluations(workload(cameras=cameras), batch, (1,), device, GROUP + "cameras")
     for scale in _SCALES:
         width, height = (round(scale * extent) for extent in SIZE)
-        yield from evaluations(workload(size=(width, height)), batch, (1,), device, group("pixels"))
+        yield from evaluations(workload(size=(width, height)), batch, (1,), device, GROUP + "pixels")
     for triangles in _TRIANGLES:
-        yield from evaluations(workload(triangles=triangles), batch, (1,), device, group("triangles"))
+        yield from evaluations(workload(triangles=triangles), batch, (1,), device, GROUP + "triangles")
     for runs in _RUNS[kind]:
-        yield from same_frames(load, (runs,), BUDGET, device, 1, group("runs"))
+        yield from same_frames(load, (runs,), BUDGET, device, 1, GROUP + "runs")
 
 
 _WIDTH, _HEIGHT = 640.0, 400.0
@@ -91,7 +87,7 @@ def growth_lines(reports: Sequence[Report], axis: str) -> list[Line]:
     for report in reports:
         is_gpu = report["kind"] == "cuda"
         for row in report["measurements"]:
-            if row["group"] != group(axis):
+            if row["group"] != GROUP + axis:
                 continue
             each = 1 if axis in ("candidates", "runs") else row["evaluations"]
             # One thread's time of the processor is what it took, whatever else the machine did.

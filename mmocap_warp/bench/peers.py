@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import pairwise
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -29,21 +28,13 @@ _SUBPIXEL_BITS = 4
 _ALLOWED = {"embree": 0.1, "trimesh": 0.1, "opencv": 4.0}  # difference of |M|, in pixels a row of the body
 
 
-class Box(NamedTuple):
-    """The pixels of a camera within which a body lies: columns and rows, each first and one past the last."""
-
-    left: int
-    right: int
-    top: int
-    bottom: int
-
-    def of(self, image: np.ndarray) -> np.ndarray:
-        """That part of an image."""
-        return image[self.top : self.bottom, self.left : self.right]
+Box = tuple[slice, slice]
+"""The pixels of a camera within which a body lies: rows and columns."""
 
 
 def peers(load: Workload, names: Sequence[str]) -> Iterator[list[Case]]:
     """The named peers and our whole evaluation with one thread, taking turns."""
+    names = [name for name in names if name in _ALLOWED]
     if not names:
         return
     (ours,) = evaluations(load, (_CANDIDATES,), (1,), "cpu", group=PEER)
@@ -72,15 +63,19 @@ def _boxes(load: Workload, pixels: np.ndarray) -> list[Box]:
     """The box in each camera of projected vertices (camera, vertex, 2)."""
     low, high = np.floor(pixels.min(axis=1)).astype(int), np.ceil(pixels.max(axis=1)).astype(int) + 1
     low, high = np.maximum(low, 0), np.minimum(high, load.rig.size)
-    return [Box(a[0], b[0], a[1], b[1]) for a, b in zip(low, high, strict=True)]
+    return [np.s_[a[1] : b[1], a[0] : b[0]] for a, b in zip(low, high, strict=True)]
 
 
 Cast = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Origins and directions (ray, 3) float32 to hits (ray,) bool."""
 
 
-def _embree(posed: np.ndarray, faces: np.ndarray) -> Cast:
-    """Embree as it is."""
+def _caster(name: str, posed: np.ndarray, faces: np.ndarray) -> Cast:
+    """Embree as it is, or as trimesh offers it."""
+    if name == "trimesh":
+        import trimesh
+
+        return trimesh.Trimesh(posed, faces, process=False).ray.intersects_any
     from embreex.mesh_construction import TriangleMesh
     from embreex.rtcore_scene import EmbreeScene
 
@@ -89,30 +84,22 @@ def _embree(posed: np.ndarray, faces: np.ndarray) -> Cast:
     return lambda origin, direction: scene.run(origin, direction, query="OCCLUDED") >= 0
 
 
-def _trimesh(posed: np.ndarray, faces: np.ndarray) -> Cast:
-    """Embree as trimesh offers it."""
-    import trimesh
-
-    return trimesh.Trimesh(posed, faces, process=False).ray.intersects_any
-
-
 def _rays(load: Workload, vertices: np.ndarray, name: str) -> Callable[[np.ndarray], None]:
     """A scene a candidate, built anew, and a ray for each pixel of the body's boxes that ends at any hit."""
-    build = _embree if name == "embree" else _trimesh
     faces, directions = load.body.tracking_face, _directions(load.rig)
     masks = unpack_masks(load.observation.words, load.rig.size)
     eyes = load.rig.centres.astype(np.float32)
 
     def work(count: np.ndarray) -> None:
         for c, posed in enumerate(vertices):
-            cast = build(posed, faces)
+            cast = _caster(name, posed, faces)
             boxes = _boxes(load, project(load.rig, posed))
-            rays = [box.of(image).reshape(-1, 3) for box, image in zip(boxes, directions, strict=True)]
+            rays = [image[box].reshape(-1, 3) for box, image in zip(boxes, directions, strict=True)]
             ends = np.cumsum([0, *map(len, rays)])
             hit = cast(np.repeat(eyes, np.diff(ends), axis=0), np.concatenate(rays))
             for k, (first, end) in enumerate(pairwise(ends)):
                 model = hit[first:end]
-                count[c, k] = np.count_nonzero(model), np.count_nonzero(model & boxes[k].of(masks[k]).ravel())
+                count[c, k] = np.count_nonzero(model), np.count_nonzero(model & masks[k][boxes[k]].ravel())
 
     return work
 
@@ -138,10 +125,10 @@ def _opencv(load: Workload, vertices: np.ndarray) -> Callable[[np.ndarray], None
             pixels = project(load.rig, posed)
             corners = np.rint(pixels * 2**_SUBPIXEL_BITS).astype(np.int32)
             for k, (image, box) in enumerate(zip(images, _boxes(load, pixels), strict=True)):
-                model = box.of(image)
+                model = image[box]
                 model[:] = 0
                 for triangle in corners[k][faces]:
                     cv2.fillConvexPoly(image, triangle, 1, cv2.LINE_8, _SUBPIXEL_BITS)
-                count[c, k] = cv2.countNonZero(model), cv2.countNonZero(model & box.of(masks[k]))
+                count[c, k] = cv2.countNonZero(model), cv2.countNonZero(model & masks[k][box])
 
     return work

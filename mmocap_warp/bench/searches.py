@@ -29,7 +29,24 @@ COST_APART = 1e-5
 
 _BUDGET = 500
 _LONGER_BY = 5  # by which the longer of two searches exceeds the shorter
-_SPHERE_GENERATIONS = 40  # after which an optimizer must be nearer to the minimum of a sphere
+_SPHERE_GENERATIONS = 40  # after these an optimizer must be nearer to the minimum of a sphere
+
+
+def minimises_sphere(
+    ask: Callable[[], np.ndarray],
+    tell: Callable[[np.ndarray], None],
+    cost_of: Callable[[np.ndarray], np.ndarray],
+    generations: int,
+    allowed: float,
+) -> Check:
+    """Whether an optimizer leaves less than the share ``allowed`` of its first generation's mean cost."""
+    means = []
+    for _ in range(generations):
+        cost = cost_of(ask())
+        means.append(cost.mean(axis=1))
+        tell(cost)
+    share = float(np.max(means[-1] / means[0]))
+    return Check(f"a sphere's cost falls to {share:.2g} in {generations} generations", share < allowed)
 
 
 def ask_and_tell(load: Workload, runs: Sequence[int], device: str) -> Iterator[list[Case]]:
@@ -48,7 +65,7 @@ def _optimizer(name: str, part: Part, radius: float, runs: int, evaluations: int
 
 def _ask_and_tell(load: Workload, name: str, part: Part, runs: int, device: str) -> Case:
     optimizer = _optimizer(name, part, 0.5, runs, _BUDGET, device)
-    particles, dofs = optimizer.particles, len(part.index)
+    particles = optimizer.particles
     start = wp.array(np.ones((runs, load.body.skeleton.coordinates)), dtype=wp.float32, device=device)
     made_up = np.random.default_rng(0).uniform(0.1, 0.9, runs * particles)
     cost = wp.array(made_up, dtype=wp.float32, device=device)
@@ -59,20 +76,18 @@ def _ask_and_tell(load: Workload, name: str, part: Part, runs: int, device: str)
         optimizer.tell(cost)
 
     def check() -> Check:
-        """It minimises the squared distance from 0."""
         for array in optimizer.memory:
             array.zero_()
         optimizer.start(start)
-        means = []
-        for _ in range(_SPHERE_GENERATIONS):
-            squares = (optimizer.ask(particles).numpy() ** 2).mean(axis=2)
-            means.append(squares.mean(axis=1))
-            optimizer.tell(wp.array(squares.ravel(), dtype=wp.float32, device=device))
-        share = float(np.max(means[-1] / means[0]))
-        return Check(f"a sphere's cost falls to {share:.2g} in {_SPHERE_GENERATIONS} generations", share < 1.0)
+        return minimises_sphere(
+            lambda: optimizer.ask(particles).numpy(),
+            lambda squares: optimizer.tell(wp.array(squares.ravel(), dtype=wp.float32, device=device)),
+            lambda x: (x**2).mean(axis=2),
+            _SPHERE_GENERATIONS,
+            1.0,
+        )
 
-    sizes = {"dof": dofs, "particles": particles, "runs": runs}
-    return Case(OPTIMIZER, name, sizes, work, check)
+    return Case(OPTIMIZER, name, {"dof": len(part.index), "particles": particles, "runs": runs}, work, check)
 
 
 def measure_generations(
@@ -83,7 +98,7 @@ def measure_generations(
     It is what a search of six generations takes over a search of one, divided by five.
     """
     skeleton = load.body.skeleton
-    sizes = load.sizes | ({"threads": threads} if device == "cpu" else {})
+    sizes = load.sizes_on(device, threads)
     for renderer in RENDERERS:
         parts = [_generation(load, part, renderer, sizes, device, threads, seconds) for part in hierarchical(skeleton)]
         mean = _mean(parts, "h-cmaes: mean of the parts")
@@ -189,14 +204,11 @@ def _frame(load: Workload, algorithm: str, renderer: str, device: str, threads: 
 
 
 def _frame_case(group: str, load: Workload, tracker: Tracker, check: Callable[[], Check]) -> Case:
-    config = tracker.config
-    dof = len(load.body.skeleton.searched(config.dof))
-    sizes = {"renderer": config.renderer, "dof": dof, "budget": config.budget, "runs": config.runs}
-    if tracker.device == "cpu":
-        sizes["threads"] = config.threads
-    work = partial(tracker.step, load.observation)
-    evaluations = config.budget * config.runs
-    return Case(group, config.algorithm, sizes | load.sizes, work, check, evaluations, captured=False)
+    config, dof = tracker.config, len(load.body.skeleton.searched(tracker.config.dof))
+    sizes: dict[str, Any] = {"renderer": config.renderer, "dof": dof, "budget": config.budget, "runs": config.runs}
+    threads = {"threads": config.threads} if tracker.device == "cpu" else {}
+    work, evaluations = partial(tracker.step, load.observation), config.budget * config.runs
+    return Case(group, config.algorithm, sizes | threads | load.sizes, work, check, evaluations, captured=False)
 
 
 def _same_run(load: Workload, one: Tracker, many: Tracker) -> Check:

@@ -5,15 +5,15 @@ from __future__ import annotations
 import os
 import platform
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import warp as wp
 
-from mmocap_warp.bench.against import DRAWING, OPTIMIZING, PEERS
 from mmocap_warp.bench.bench_tables import FORMAT
 from mmocap_warp.bench.contours import contour_frames
 from mmocap_warp.bench.evaluations import evaluations, moving_parts
@@ -26,35 +26,37 @@ from mmocap_warp.bench.workload import Workload, workload
 from mmocap_warp.kernels.benchmarks.case import Case, Measurement, measure
 from mmocap_warp.versions import package_versions, versions
 
-_ASK_SECONDS = 0.1  # for each of many small works
-_GROWTH_SECONDS = 0.1
+PEERS: dict[str, tuple[str, str]] = {
+    "embree": ("embreex", "bench"),
+    "trimesh": ("embreex", "bench"),  # it casts its rays with Embree, too
+    "opencv": ("cv2", "bench"),
+    "evosax": ("evosax", "peers"),
+    "cmaes": ("cmaes", "peers"),
+    "cma": ("cma", "peers"),
+}
+"""What may be run beside us: the module that each needs, and the extra of this package that installs it."""
+
+_SMALL_WORK_SECONDS = 0.1  # for each of many small works
+
+
+def missing(names: Sequence[str]) -> list[str]:
+    """Those of ``PEERS`` that are not installed."""
+    return [name for name in names if find_spec(PEERS[name][0]) is None]
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What is measured.
+    """What is measured."""
 
-    Attributes:
-        device: a Warp device.
-        threads: of the CPU, beside one.
-        against: names in ``against.PEERS``.
-        growing: also measure how time grows with every size.
-        batches: candidates of the whole evaluation.
-        kernel_candidates: of each kernel alone.
-        runs: at once, beside one.
-        budget: evaluations of their frames.
-        seconds: to spend on each work, about; what suits it where None.
-    """
-
-    device: str
-    threads: int
-    against: tuple[str, ...]
-    growing: bool
-    batches: tuple[int, ...]
-    kernel_candidates: tuple[int, ...]
-    runs: int = 30
-    budget: int = 500
-    seconds: float | None = None
+    device: str  # a Warp device
+    threads: int  # of the CPU, beside one
+    against: tuple[str, ...]  # names in ``PEERS``
+    growing: bool  # whether the growth of times with every size is measured, too
+    batches: tuple[int, ...]  # candidates of the whole evaluation
+    kernel_candidates: tuple[int, ...]  # candidates of each kernel alone
+    runs: int = 30  # at once, beside one
+    budget: int = 500  # evaluations of these runs' frames
+    seconds: float | None = None  # to spend on each work, about; what suits it where None
 
     @classmethod
     def usual(cls, device: str, threads: int, against: tuple[str, ...] = (), growing: bool = False) -> Plan:
@@ -82,11 +84,12 @@ def run_suite(plan: Plan, tell: Callable[[str], None], load: Workload | None = N
             step = rows[0].group
             tell(step)
         measured += rows
+    peers_need = {PEERS[name][0] for name in plan.against}
     return {
         "format": FORMAT,
         "started": started.isoformat(timespec="seconds"),
         "seconds": time.perf_counter() - clock,
-        "versions": _versions(plan),
+        "versions": versions(plan.device) | package_versions(peers_need) | {"python": platform.python_version()},
         "device": wp.get_device(plan.device).name if plan.device != "cpu" else _processor(),
         "kind": "cpu" if plan.device == "cpu" else "cuda",
         "cores": os.cpu_count(),
@@ -110,21 +113,15 @@ def _steps(plan: Plan, load: Workload) -> Iterator[list[Measurement]]:
         yield from measured(stages(load, candidates, device))
     yield from measured(evaluations(load, plan.batches, threads, device))
     yield from measured(moving_parts(load, device))
-    yield from measured(ask_and_tell(load, (1, plan.runs), device), seconds=_ASK_SECONDS)
+    yield from measured(ask_and_tell(load, (1, plan.runs), device), seconds=_SMALL_WORK_SECONDS)
     yield from measure_generations(load, device, threads[0], plan.seconds)
     yield from measured(frames(load, device, threads[-1]))
     yield from measured(same_frames(load, (1, plan.runs), plan.budget, device, threads[-1]))
     yield from measured(contour_frames(load, (1, plan.runs), device))
-    yield from measured(peers(load, [name for name in plan.against if name in DRAWING]), "cpu")
-    optimizers = [name for name in plan.against if name in OPTIMIZING]
-    yield from measured(optimizer_peers(optimizers, (1, plan.runs)), "cpu")
+    yield from measured(peers(load, plan.against), "cpu")
+    yield from measured(optimizer_peers(plan.against, (1, plan.runs)), "cpu")
     if plan.growing:
-        yield from measured(growth(load, device), seconds=_GROWTH_SECONDS)
-
-
-def _versions(plan: Plan) -> dict[str, str]:
-    peers_need = {PEERS[name].module for name in plan.against}
-    return versions(plan.device) | package_versions(peers_need) | {"python": platform.python_version()}
+        yield from measured(growth(load, device), seconds=_SMALL_WORK_SECONDS)
 
 
 def _compiled_kernels() -> set[str]:

@@ -26,21 +26,20 @@ _FPS = 60.0
 
 @dataclass(frozen=True)
 class Workload:
-    """What is evaluated.
+    """What is evaluated."""
 
-    Attributes:
-        body: its tracking mesh is what is drawn.
-        rig: undistorted cameras.
-    """
-
-    body: BodyModel
-    rig: CameraRig
+    body: BodyModel  # its tracking mesh is drawn
+    rig: CameraRig  # undistorted
 
     @cached_property
     def sizes(self) -> dict[str, int]:
         """Cameras, pixels of one of them, and triangles."""
         width, height = self.rig.size[0].tolist()
         return {"cameras": len(self.rig), "pixels": width * height, "triangles": len(self.body.tracking_face)}
+
+    def sizes_on(self, device: str, threads: int | None) -> dict[str, int | None]:
+        """The sizes, with the number of threads on a CPU."""
+        return self.sizes | ({"threads": threads} if device == "cpu" else {})
 
     @cached_property
     def seen(self) -> np.ndarray:
@@ -65,11 +64,8 @@ class Workload:
 
     def poses(self, candidates: int, seed: int = 0) -> np.ndarray:
         """(candidate, coordinate) float32: standing upright, and a little different in everything."""
-        pose = (
-            np.random.default_rng(seed)
-            .normal(0.0, _SPREAD, (candidates, self.body.skeleton.coordinates))
-            .astype(np.float32)
-        )
+        rng = np.random.default_rng(seed)
+        pose = rng.normal(0.0, _SPREAD, (candidates, self.body.skeleton.coordinates)).astype(np.float32)
         pose[:, 1] += _MIDDLE
         return pose
 

@@ -17,13 +17,12 @@ from mmocap_warp.bench import growth as growth_module
 from mmocap_warp.bench import optimizer_peers as peers_module
 from mmocap_warp.bench import searches as searches_module
 from mmocap_warp.bench import suite as suite_module
-from mmocap_warp.bench.against import OPTIMIZING, missing
 from mmocap_warp.bench.bench_tables import digits, duration, report_tables
 from mmocap_warp.bench.growth import Line, growth_lines
 from mmocap_warp.bench.optimizer_peers import ENGINES, FUNCTIONS, OURS, optimizer_peers
 from mmocap_warp.bench.peers import peers
 from mmocap_warp.bench.report_file import rendered, to_text, write_pages
-from mmocap_warp.bench.suite import Plan, run_suite
+from mmocap_warp.bench.suite import Plan, missing, run_suite
 from mmocap_warp.bench.workload import workload
 from mmocap_warp.body.mesh_pieces import is_closed
 from mmocap_warp.cli import console
@@ -254,7 +253,7 @@ def test_wrong_use_is_said_in_a_line(arguments, code, words, capsys, monkeypatch
     assert shown.err.count("\n") == 1
 
 
-@pytest.mark.parametrize("name", [OURS, *OPTIMIZING])
+@pytest.mark.parametrize("name", [*ENGINES])
 def test_every_cma_es_samples_learns_and_begins_anew(name):
     if name != OURS and missing([name]):
         pytest.skip(f"{name} is not installed: pip install 'mmocap-warp[peers]'")
@@ -292,7 +291,7 @@ def test_functions_are_lowest_where_they_say():
 
 @pytest.mark.parametrize(("name", "extra"), [("embree", "bench"), ("evosax", "peers")])
 def test_a_peer_that_is_not_installed_is_named(name, extra, monkeypatch, capsys):
-    monkeypatch.setattr("mmocap_warp.bench.against.find_spec", lambda name: None)
+    monkeypatch.setattr("mmocap_warp.bench.suite.find_spec", lambda name: None)
     assert cli.main(["bench", "--against", name]) == console.USAGE
     assert f"pip install 'mmocap-warp[{extra}]'" in capsys.readouterr().err
 

@@ -21,7 +21,7 @@ from mmocap_warp.body.mirroring import mirrored_joints
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.rotations import applied
-from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION
+from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION, Skeleton
 from mmocap_warp.contour import ACCELERATION
 from mmocap_warp.contour.clip.clip_problem import ClipProblem, SolvedWindow
 from mmocap_warp.contour.clip.motion_points import POINTS_A_JOINT, MotionPoints
@@ -37,7 +37,7 @@ from mmocap_warp.contour.clip.uncertainty import (
 from mmocap_warp.contour.frame.normal_equations import NormalEquations
 from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
 from mmocap_warp.fitting.clip_body import Followed, solve_body
-from mmocap_warp.rigging.shipped import DEFAULT_BODY, DeviationFactors, factors_toml, load_body
+from mmocap_warp.rigging.shipped import DEFAULT_BODY, DeviationFactors, load_body
 from mmocap_warp.study.sequences import SEQUENCES, StudySequence
 from mmocap_warp.synthesis.exact_posing import ExactPoser
 from mmocap_warp.tracking.from_settings import make_fitter
@@ -280,6 +280,21 @@ def _kept(path: Path, sequence: Callable[[], StudySequence], first: int, body: B
         np.savez(path, error=made.error, sigma=made.sigma)
     with np.load(path) as file:
         return Stated(file["error"], file["sigma"])
+
+
+def factors_toml(skeleton: Skeleton, factors: DeviationFactors, made_with: str) -> str:
+    """The text of a file of factors; ``made_with`` is its first line, a comment."""
+    lines = [f"# {made_with}"]
+    for name, values, what in (
+        ("joint", factors.joint, "of the centres, along the body's axes: to its left, up, ahead"),
+        ("angle", factors.angle, "of Rx, Ry, Rz"),
+    ):
+        lines += ["", f"[{name}] # {what}"]
+        lines += [
+            f"{joint} = [{', '.join(f'{value:.2f}' for value in of_joint)}]"
+            for joint, of_joint in zip(skeleton.joints, values, strict=True)
+        ]
+    return "\n".join(lines) + "\n"
 
 
 def _main(folder: Path, people: int) -> None:

@@ -22,13 +22,13 @@ from pathlib import Path
 
 import numpy as np
 from makehuman import MacroSliders, MakeHuman, age_slider
+from person_skeleton import JOINTS, human_skeleton
 
 from mmocap_warp.body.model import BodyModel, SkinMesh
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.usd_body import write_body
 from mmocap_warp.formats.usd.usd_file import USD_SUFFIXES
 from mmocap_warp.rigging.decimation import decimate
-from mmocap_warp.rigging.human import JOINTS, human_skeleton
 
 ATTRIBUTION = (
     "Shape, rig and skinning weights from MakeHuman's base mesh hm08 and targets, (c) 2020 Data Collection AB, "

@@ -13,12 +13,12 @@ from pathlib import Path
 import cv2
 import ezc3d
 import numpy as np
+from person_skeleton import JOINTS
 from synthetic import synthetic_body, synthetic_subject
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.rig import CameraRig
-from mmocap_warp.rigging.human import JOINTS
 from mmocap_warp.synthesis.footage.faults import draw_silhouettes
 
 SIZE = (160, 120)

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from make_body import _BONE, _LOCAL_TARGETS
 from makehuman import MacroSliders, macro_weights
+from person_skeleton import JOINTS, PARENT
 
 from mmocap_warp.body.model import BodyModel
-from mmocap_warp.rigging.human import JOINTS, PARENT
 
 UNITS_PER_METRE = 10.0
 FINGERS = "LeftHandIndex1"

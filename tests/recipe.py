@@ -56,7 +56,8 @@ class Recipe:
     def run(self, program: str, *arguments: str) -> str:
         """Run ``mmocap``, ``pytest`` or ``python`` on the copy; what it prints."""
         module = {"mmocap": ["-m", "mmocap_warp"], "pytest": ["-m", "pytest", "-n0"], "python": []}[program]
-        paths = [str(self.folder), str(self.folder / "tests"), *filter(None, [os.environ.get("PYTHONPATH")])]
+        folders = [self.folder, self.folder / "tests", self.folder / "instruments"]
+        paths = [*map(str, folders), *filter(None, [os.environ.get("PYTHONPATH")])]
         answer = subprocess.run(
             [sys.executable, *module, *arguments],
             cwd=self.folder,

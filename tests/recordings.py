@@ -7,6 +7,7 @@ from itertools import cycle, islice
 from pathlib import Path
 
 import numpy as np
+from person_skeleton import JOINTS
 from synthetic import ring_rig, synthetic_poses, synthetic_subject
 
 from mmocap_warp.body.posing import Poser
@@ -16,7 +17,6 @@ from mmocap_warp.formats.png import write_png
 from mmocap_warp.formats.truth_file import write_truth
 from mmocap_warp.formats.usd.usd_body import write_subject
 from mmocap_warp.result.truth import Truth
-from mmocap_warp.rigging.human import JOINTS
 
 FRAMES = 8
 _STRIDE = 40  # frames in one direction

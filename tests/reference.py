@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from person_skeleton import PARENT
 
 from mmocap_warp.body.model import BodyModel, SkinMesh
-from mmocap_warp.rigging.human import PARENT
 
 
 def rotation(axis: int, angle: float) -> np.ndarray:

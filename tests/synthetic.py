@@ -5,11 +5,11 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
+from person_skeleton import JOINTS, PARENT, human_skeleton
 
 from mmocap_warp.body.model import BodyModel, SkinMesh, Subject
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.result.result import Result
-from mmocap_warp.rigging.human import JOINTS, PARENT, human_skeleton
 
 _DROOP = np.deg2rad(30.0)  # the arms are bound in an A-pose, so that joint frames matter
 

@@ -101,15 +101,14 @@ def step_eval(frames: int, evaluations: int, result: Path) -> Callable[[], objec
     from mmocap_warp.formats.usd.usd_result import read_result
     from mmocap_warp.result.evaluation import evaluate
     from mmocap_warp.result.truth import Truth
-    from mmocap_warp.rigging.human import JOINTS
 
     tracked = read_result(result)
     _, _, _, poser = recording(1)
     marker, pose = tracked.subject.body.marker_vertex, tracked.pose[0]
     markers = np.stack([poser.vertices(one)[0, marker] for one in pose]).astype(float)
     joints = poser.joint_transforms(pose)[:, :, :3, 3].astype(float)
-    names = tracked.subject.body.marker_names
-    return partial(evaluate, tracked, Truth(60.0, tracked.frame_numbers, names, markers, JOINTS, joints))
+    names, of_joints = tracked.subject.body.marker_names, tracked.subject.body.skeleton.joints
+    return partial(evaluate, tracked, Truth(60.0, tracked.frame_numbers, names, markers, of_joints, joints))
 
 
 def step_export(frames: int, evaluations: int, result: Path) -> Callable[[], object]:

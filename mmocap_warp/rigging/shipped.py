@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel
-from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
+from mmocap_warp.body.skeleton import TRANSLATION
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import load_toml
 from mmocap_warp.formats.usd.usd_body import read_body
@@ -87,18 +87,3 @@ def deviation_factors(body: BodyModel) -> DeviationFactors | None:
     return DeviationFactors(
         *(np.array([(of | as_stated)[name] for name in skeleton.joints], float) for of in (joint, angle))
     )
-
-
-def factors_toml(skeleton: Skeleton, factors: DeviationFactors, made_with: str) -> str:
-    """The text of a file of factors; ``made_with`` is its first line, a comment."""
-    lines = [f"# {made_with}"]
-    for name, values, what in (
-        ("joint", factors.joint, "of the centres, along the body's axes: to its left, up, ahead"),
-        ("angle", factors.angle, "of Rx, Ry, Rz"),
-    ):
-        lines += ["", f"[{name}] # {what}"]
-        lines += [
-            f"{joint} = [{', '.join(f'{value:.2f}' for value in of_joint)}]"
-            for joint, of_joint in zip(skeleton.joints, values, strict=True)
-        ]
-    return "\n".join(lines) + "\n"

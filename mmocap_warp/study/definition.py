@@ -9,11 +9,11 @@ from typing import Any
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import Table, load_toml
-from mmocap_warp.rigging.human import MODELS
 from mmocap_warp.study.cell import Cell
 from mmocap_warp.study.source import Clip
 from mmocap_warp.tracking.track_config import TrackConfig
 
+_PERSON_DOFS = (39, 28, 51)  # degrees of freedom that a person can have
 _EXTRAS = ("polish", "solved")  # of an algorithm, each after a plus
 
 
@@ -123,8 +123,8 @@ def _grid(grid: Table, number: int, common: dict[str, Any], scenes: dict[str, Pa
             )
         except ValueError as error:
             raise grid.error(str(error), "correct that value") from None
-        if sequence not in scenes and dof not in MODELS:  # who is in a scene of one's own is not known yet
-            raise grid.error(f"dof must be one of {list(MODELS)}, got {dof}", "correct that value")
+        if sequence not in scenes and dof not in _PERSON_DOFS:  # who is in a scene of one's own is not known yet
+            raise grid.error(f"dof must be one of {list(_PERSON_DOFS)}, got {dof}", "correct that value")
         clip = Clip(sequence, scenes.get(sequence), frames, common["scale"])
         cell = Cell(sequence, algorithm, dof, config.budget, preset)
         plans.append(Plan(cell, clip, config, "solved" in extras, number))

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from person_skeleton import JOINTS, PARENT
 from synthetic import MODELS, NAMES, SKELETON, synthetic_body
 
 from mmocap_warp.body.mesh_pieces import mesh_edges, split_mesh, whole_mesh
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.formats.usd.usd_body import read_body
-from mmocap_warp.rigging.human import JOINTS, PARENT
 from mmocap_warp.scenes import ROOT
 from mmocap_warp.tracking.pose_search import Part, hierarchical, holistic
 

@@ -7,13 +7,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from person_skeleton import JOINTS, PARENT
 from reference import joint_transforms, skin
 from synthetic import NAMES as COORDINATE_NAMES
 
 from mmocap_warp.body.mesh_pieces import is_closed
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.formats.usd.usd_body import read_body
-from mmocap_warp.rigging.human import JOINTS, PARENT
 from mmocap_warp.scenes import ROOT
 
 NAMES = ("adult_man", "adult_woman", "tall_slim_adult")

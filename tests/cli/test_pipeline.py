@@ -15,6 +15,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from person_skeleton import JOINTS
 from pxr import Usd, UsdGeom
 from synthetic import ring_rig, synthetic_poses, synthetic_subject
 
@@ -31,7 +32,6 @@ from mmocap_warp.formats.usd.usd_check import faults
 from mmocap_warp.formats.usd.usd_result import read_result
 from mmocap_warp.result.evaluation import evaluate
 from mmocap_warp.result.truth import Truth
-from mmocap_warp.rigging.human import JOINTS
 from mmocap_warp.rigging.shipped import body_file
 from mmocap_warp.scene.scene_toml import load_scene
 

@@ -13,7 +13,7 @@ TESTS = Path(__file__).parents[1]
 
 TRACK = f"""
 import sys
-sys.path.insert(0, {str(TESTS)!r})
+sys.path[:0] = [{str(TESTS)!r}, {str(TESTS.parent / "instruments")!r}]
 import warp as wp
 wp.config.log_level = wp.LOG_WARNING
 import numpy as np

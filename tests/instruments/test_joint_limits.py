@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from make_body import joint_limits
+from person_skeleton import JOINTS
 from reference import rotation
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.formats.usd.usd_body import read_body
-from mmocap_warp.rigging.human import JOINTS
 from mmocap_warp.scenes import ROOT
 
 DOWN = np.array([0.0, -1.0, 0.0])

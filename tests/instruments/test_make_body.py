@@ -18,13 +18,13 @@ import pytest
 from made_up_makehuman import MACROS, local_stretch, write_makehuman, write_target
 from make_body import main, make_body
 from makehuman import MacroSliders, MakeHuman, age_slider, macro_weights
+from person_skeleton import JOINTS
 from synthetic import synthetic_body
 
 from mmocap_warp.body.mesh_pieces import is_closed
 from mmocap_warp.body.model import BodyModel, SkinMesh
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.usd_body import read_body
-from mmocap_warp.rigging.human import JOINTS
 from mmocap_warp.scenes import ROOT
 
 BODIES = Path(ROOT) / "bodies"

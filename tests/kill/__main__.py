@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path.insert(1, str(Path(__file__).resolve().parents[2] / "instruments"))
 
 from commands import COMMANDS, run_to_end, started
 from recordings import write_recording, write_study

@@ -31,7 +31,7 @@ class Copy:
     def __init__(self, root: Path, folder: Path, cache: Path) -> None:
         self._root, self._folder = root, folder
         skipped = shutil.ignore_patterns("__pycache__", ".*")
-        for name in ("mmocap_warp", "tests"):
+        for name in ("mmocap_warp", "tests", "instruments"):
             shutil.copytree(root / name, folder / name, ignore=skipped, symlinks=True)
         shutil.copytree(root / "kernels", folder / "kernels", ignore=skipped)
         (folder / "scenes").symlink_to(root / "scenes")

@@ -4,6 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
+from person_skeleton import JOINTS
 from synthetic import synthetic_body, synthetic_poses, synthetic_result
 
 from mmocap_warp.body.posing import Poser
@@ -12,7 +13,6 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.result.evaluation import evaluate
 from mmocap_warp.result.marker_errors import attach, triangulated
 from mmocap_warp.result.truth import Truth
-from mmocap_warp.rigging.human import JOINTS
 
 SINGLE_PRECISION_MM = 2e-3
 

@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from deviations import factors_toml
 from other_bodies import quadruped
 
 from mmocap_warp.body.mirroring import mirrored_joints
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.rigging import shipped as module
-from mmocap_warp.rigging.shipped import DEFAULT_BODY, DeviationFactors, deviation_factors, factors_toml, load_body
+from mmocap_warp.rigging.shipped import DEFAULT_BODY, DeviationFactors, deviation_factors, load_body
 
 
 @pytest.fixture(scope="module")

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import reference
 import warp as wp
+from person_skeleton import JOINTS
 from random_scenes import ODD_SIZES, indoor_rig, perfect_masks, random_masks, random_poses
 from synthetic import COORDINATES, SKELETON, ring_rig, synthetic_body, synthetic_subject
 
 from mmocap_warp.body.shape_space import ShapeSpace, heading_rotation, upright_base
 from mmocap_warp.masks.observation import Observation
-from mmocap_warp.rigging.human import JOINTS
 from mmocap_warp.silhouettes import COSTS, RENDERERS
 from mmocap_warp.silhouettes.objective import Objective
 from mmocap_warp.tracking.pose_search import hierarchical

@@ -10,6 +10,7 @@ import pytest
 import reference
 import warp as wp
 from drawn import Drawing, cast_bits, counts_of, draw_bits, pictures_of
+from person_skeleton import PARENT
 from random_scenes import any_rig, indoor_rig, posed_vertices, random_masks, random_poses
 from synthetic import SKELETON, ring_rig, synthetic_body, synthetic_subject
 
@@ -19,7 +20,6 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.formats.usd.usd_body import read_body
 from mmocap_warp.kernels.views.projection import BEHIND, SUBPIXEL
 from mmocap_warp.masks.observation import Observation
-from mmocap_warp.rigging.human import PARENT
 from mmocap_warp.scenes import ROOT
 from mmocap_warp.silhouettes import RENDERERS
 from mmocap_warp.silhouettes.objective import Objective

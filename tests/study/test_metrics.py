@@ -3,6 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from person_skeleton import JOINTS
 from synthetic import SKELETON, ring_rig, synthetic_poses, synthetic_result, synthetic_subject
 
 from mmocap_warp.body.posing import Poser
@@ -10,7 +11,6 @@ from mmocap_warp.result.evaluation import evaluate
 from mmocap_warp.result.pose_errors import HEAD_TOP, aligned_error, head_top
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
-from mmocap_warp.rigging.human import JOINTS
 from mmocap_warp.study.metrics import TRUNK, foot_slide, jerk, measure
 
 SINGLE_PRECISION = 2e-6  # [m]

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from person_skeleton import JOINTS
 
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.rig import check_rig, project
 from mmocap_warp.cli import main
 from mmocap_warp.formats.truth_file import load_truth
 from mmocap_warp.formats.usd.usd_body import read_subject
-from mmocap_warp.rigging.human import JOINTS
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.study.sequence_scene import write_sequence
 from mmocap_warp.study.sequences import FPS, MARKER_NOISE, PLANS, SEQUENCES, make_sequence

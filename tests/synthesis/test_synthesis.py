@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import warp as wp
 from drawn import cast_bits
+from person_skeleton import JOINTS
 from synthetic import COORDINATES
 from walk_scene import FRAMES, walking, write_walk
 
@@ -16,7 +17,6 @@ from mmocap_warp.formats.truth_file import load_truth
 from mmocap_warp.formats.usd.usd_body import local_transforms, read_body
 from mmocap_warp.masks.observation import Observation, unpack_masks
 from mmocap_warp.result.marker_errors import triangulated
-from mmocap_warp.rigging.human import JOINTS
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
 from mmocap_warp.silhouettes.objective import Objective

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from one_frame import fit_observation
 from other_bodies import things
+from person_skeleton import JOINTS
 from synthetic import synthetic_body
 
 from mmocap_warp.body.posing import Poser
@@ -29,7 +30,6 @@ from mmocap_warp.formats.truth_file import load_truth
 from mmocap_warp.formats.usd.usd_body import read_body, read_subject, write_subject
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.rigging.attaching import carrying
-from mmocap_warp.rigging.human import JOINTS
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
 

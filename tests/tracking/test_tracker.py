@@ -3,6 +3,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from person_skeleton import JOINTS
 from random_scenes import perfect_masks
 from synthetic import COORDINATES, SKELETON, ring_rig, synthetic_poses, synthetic_subject
 from tracked_motion import TRACKED
@@ -12,7 +13,6 @@ from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.masks.mask_settings import ForegroundSettings
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import STATUS
-from mmocap_warp.rigging.human import JOINTS
 from mmocap_warp.tracking.algorithms import ALGORITHMS
 from mmocap_warp.tracking.frame_loop import collect, track, track_observations
 from mmocap_warp.tracking.track_config import TrackConfig

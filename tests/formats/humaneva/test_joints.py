@@ -5,6 +5,7 @@ from __future__ import annotations
 import humaneva_writer as made
 import numpy as np
 import pytest
+from person_skeleton import JOINTS
 from scipy.spatial.transform import Rotation, Slerp
 from synthetic import SKELETON
 
@@ -17,7 +18,6 @@ from mmocap_warp.formats.humaneva.vicon_points import (
     torso_radius,
 )
 from mmocap_warp.formats.motion.captured_points import PointTracks
-from mmocap_warp.rigging.human import JOINTS
 from mmocap_warp.study.metrics import TRUNK
 
 NO_MEASURES = SubjectMeasures(0.0, (0.0, 0.0))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from given_clips import BVH
+from person_skeleton import JOINTS
 
 from mmocap_warp.body.rotations import turn
 from mmocap_warp.cli import main
@@ -12,7 +13,6 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.formats.motion.amc import read_amc
 from mmocap_warp.formats.motion.motion_clip import MotionClip, read_bvh
 from mmocap_warp.result.marker_errors import attach
-from mmocap_warp.rigging.human import JOINTS
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.study.sequences import clip_sequence
 from mmocap_warp.synthesis.exact_posing import ExactPoser, led_by

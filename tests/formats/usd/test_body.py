@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from person_skeleton import JOINTS
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel, UsdValidation, Vt
 from reference import joint_transforms, skin
 
@@ -15,7 +16,6 @@ from mmocap_warp.body.model import BodyModel, SkinMesh, Subject
 from mmocap_warp.body.skeleton import Skeleton
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.usd_body import read_body, read_subject, write_body, write_subject
-from mmocap_warp.rigging.human import JOINTS
 from mmocap_warp.scenes import ROOT
 
 SHIPPED = sorted((Path(ROOT) / "bodies").glob("*.usdc"))

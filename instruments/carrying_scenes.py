@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from made_boxing import ROUNDS, boxing
 from walk_scene import FOREGROUND, FPS, camera_ring, segmentation, walker, walking
 
 from mmocap_warp.body.model import bind_transforms
@@ -24,7 +25,6 @@ from mmocap_warp.formats.attachments import ALL, FIXED, Attachment, attachment_l
 from mmocap_warp.rigging.attaching import carrying
 from mmocap_warp.synthesis.exact_posing import ExactPoser
 from mmocap_warp.synthesis.footage.made_recording import Recording
-from mmocap_warp.synthesis.motion.boxing import ROUNDS, boxing
 from mmocap_warp.synthesis.writing import write_made_scene
 from mmocap_warp.whole_file import write_whole
 

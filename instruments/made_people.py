@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from sequence_motions import ACTIONS
 
 from mmocap_warp.rigging.shipped import load_body
-from mmocap_warp.study.sequences import PLANS, SequencePlan, StudySequence, make_sequence, walking_around
+from mmocap_warp.study.sequences import SequencePlan, StudySequence, make_sequence, walking_around
 from mmocap_warp.synthesis.walkers import Person
 
 _BODIES = ("adult_man", "adult_woman", "tall_slim_adult")
@@ -38,6 +39,6 @@ def made_clip(number: int) -> StudySequence:
     rng = np.random.default_rng([number, 78])
     actor = ("S1", "S2", "S3")[rng.integers(3)]
     walk = walking_around(rng.uniform(0.95, 1.2), rng.uniform(1, 1.25), rng.uniform(104, 118))
-    motion = (walk, PLANS[f"{actor}/Gestures"].motion, PLANS[f"{actor}/Box"].motion)[(number // 3) % 3]
+    motion = (walk, ACTIONS[f"{actor}/Gestures"], ACTIONS[f"{actor}/Box"])[(number // 3) % 3]
     plan = SequencePlan(person.name, _FRAMES, motion, float(rng.uniform(-3, 3)), 1000 + number)
     return make_sequence(person.name, plan, person)

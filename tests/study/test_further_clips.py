@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made_spins import SPINS
 
 from mmocap_warp.cameras.rig import project
 from mmocap_warp.cli import main
@@ -13,7 +14,6 @@ from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.study.sequences import CLIP_PLANS, CLIPS, FPS, FURTHER_PLANS, SEQUENCES, make_sequence
 from mmocap_warp.study.source import Clip, clip_facts, open_clip
 from mmocap_warp.synthesis.exact_posing import ExactPoser
-from mmocap_warp.synthesis.motion.spinning import SPINS
 from mmocap_warp.synthesis.walkers import PEOPLE
 
 FLOOR = 2e-3  # [m]

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from person_skeleton import JOINTS
+from sequence_motions import ACTIONS, made_motion
+from standing_posture import Track
 
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.rig import check_rig, project
@@ -15,12 +18,21 @@ from mmocap_warp.formats.truth_file import load_truth
 from mmocap_warp.formats.usd.usd_body import read_subject
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.study.sequence_scene import write_sequence
-from mmocap_warp.study.sequences import FPS, MARKER_NOISE, PLANS, SEQUENCES, make_sequence
+from mmocap_warp.study.sequences import (
+    CLIP_PLANS,
+    FPS,
+    MARKER_NOISE,
+    MOTIONS,
+    MOTIONS_SHA256,
+    PLANS,
+    SEQUENCES,
+    make_sequence,
+)
 from mmocap_warp.synthesis.exact_posing import ExactPoser, led_by
 from mmocap_warp.synthesis.footage.faults import draw_silhouettes
 from mmocap_warp.synthesis.footage.outlines import Surface, fill
 from mmocap_warp.synthesis.footage.segmentation import Contrast, segment
-from mmocap_warp.synthesis.motion.key_poses import Track, minimum_jerk
+from mmocap_warp.synthesis.motion.key_poses import minimum_jerk
 from mmocap_warp.synthesis.motion.limb_motion import Leg
 
 MOST_SLIDE = 2e-3  # [m/s], mean over a sequence, of the foot that stands
@@ -94,6 +106,18 @@ def test_feet_stand_on_the_floor_and_do_not_slide(sequence):
         lowest.append(foot[..., 2].min(axis=1))
     assert np.min(speed, axis=0).mean() < MOST_SLIDE
     assert np.abs(np.min(lowest, axis=0)).max() < FLOOR
+
+
+@pytest.mark.parametrize("name", ACTIONS)
+def test_shipped_motions_are_those_of_the_instruments(name):
+    plan = CLIP_PLANS[name]
+    shipped = plan.motion(None, plan.frames, plan.seed)
+    np.testing.assert_allclose(shipped, made_motion(name), atol=1e-9)
+
+
+def test_the_code_names_the_content_of_the_shipped_motions():
+    assert hashlib.sha256(MOTIONS.read_bytes()).hexdigest() == MOTIONS_SHA256
+    assert sorted(np.load(MOTIONS)) == sorted(ACTIONS)
 
 
 def test_hands_are_fast_in_boxing_and_nothing_else_moves_in_gestures(sequence):

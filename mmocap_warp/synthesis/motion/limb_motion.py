@@ -166,10 +166,6 @@ def trunk_angles(pelvis: np.ndarray, chest: np.ndarray, head: np.ndarray) -> tup
     return half, zyx_angles(transposed(zyx_rotation(half)) @ between), zyx_angles(transposed(chest) @ head)
 
 
-_FULL_REACH = 0.985  # longest reach as a share of the arm's length: elbows stay bent by 20 degrees
-_SOFT = 0.12  # a reach is shortened smoothly from this far before the longest one
-
-
 @dataclass(frozen=True)
 class Arm:
     """An arm's bones in the bind pose.
@@ -220,12 +216,6 @@ class Arm:
         hinge = self.sign * np.cross(wrist, points)
         arm = basis(wrist, hinge) @ transposed(basis(reached, np.broadcast_to(self.elbow[:, 1], reached.shape)))
         return self.frame.T @ transposed(chest) @ arm, flexion
-
-    def within_reach(self, wrist: np.ndarray) -> np.ndarray:
-        """The wrist's places from the shoulder (frame, 3), drawn in smoothly near the arm's length and beyond."""
-        share = np.linalg.norm(wrist, axis=-1, keepdims=True) / self.length
-        bound = _FULL_REACH - _SOFT
-        return wrist * np.where(share < bound, 1.0, (bound + _SOFT * np.tanh((share - bound) / _SOFT)) / share)
 
     def _flexion(self, distance: np.ndarray) -> np.ndarray:
         """The elbow's Ry at which the wrist is that far from the shoulder."""
@@ -278,7 +268,3 @@ class Sole:
     def ankle(self, pitch: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """How far forward and up the ankle is at the given pitches [m]."""
         return np.interp(pitch, self.pitch, self.forward), np.interp(pitch, self.pitch, self.up)
-
-    def touching(self, pitch: np.ndarray) -> np.ndarray:
-        """Where the foot touches the floor at the given pitches, (..., 2) as in ``contact``."""
-        return self.contact[np.searchsorted(self.pitch, pitch)]

@@ -5,8 +5,6 @@ Lengths are in metres and angles in radians, in body axes over a floor at zero: 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel
@@ -16,32 +14,6 @@ from mmocap_warp.synthesis.motion.limb_motion import TRUNK, Arm, Leg, Sole, abou
 
 _ELBOW_BIAS = 0.05
 _MOST_STRAIGHT = 0.999  # longest reach as a share of an arm's length: the elbow stays bent by 5 degrees
-
-
-@dataclass(frozen=True)
-class Foot:
-    """A foot that stands, rolls over its sole, turns on its toes, or is in the air.
-
-    Attributes:
-        place: (frame, 3), on the floor, of the ankle's foot point when the foot is flat.
-        yaw: (frame,), about the vertical, from its direction in the bind pose.
-        pitch: (frame,), toes up positive.
-        lift: (frame,), of the whole foot.
-    """
-
-    place: np.ndarray
-    yaw: np.ndarray
-    pitch: np.ndarray
-    lift: np.ndarray
-
-    def axes(self) -> np.ndarray:
-        """(frame, 3, 3)."""
-        return turn("y", self.yaw) @ turn("x", -self.pitch)
-
-    def ankle(self, sole: Sole) -> np.ndarray:
-        """(frame, 3)."""
-        forward, up = sole.ankle(self.pitch)
-        return self.place + applied(turn("y", self.yaw), np.stack([0 * up, up + self.lift, forward], axis=-1))
 
 
 class Posture:
@@ -55,28 +27,6 @@ class Posture:
         self._arms = {side: Arm.of(body, side) for side in "LR"}
         self.poses = np.zeros((frames, body.skeleton.coordinates))
         """(frame, 51) full pose vectors."""
-
-    @property
-    def arm_length(self) -> float:
-        """Shoulder to wrist along the bones, mean of both sides [m]."""
-        return (self._arms["L"].length + self._arms["R"].length) / 2
-
-    def stand(self, root: np.ndarray, pelvis: np.ndarray, feet: dict[str, Foot], least_knee: float) -> None:
-        """Set the root and the legs.
-
-        Args:
-            root: (frame, 3), the root joint; its heights count from the greatest mean height at which no knee is bent
-                less than ``least_knee``, so zeros stand tall.
-            pelvis: (frame, 3, 3), its axes.
-            feet: by side.
-            least_knee: flexion from straight [rad].
-        """
-        ankles = {side: foot.ankle(self._soles[side]) for side, foot in feet.items()}
-        room = [self._legs[side].room(root, pelvis, ankle, least_knee) for side, ankle in ankles.items()]
-        root = root + np.array([0.0, np.min(room), 0.0])
-        axes = {side: foot.axes() for side, foot in feet.items()}
-        hinges = {side: turn("y", foot.yaw)[:, :, 0] for side, foot in feet.items()}
-        self._set_legs(root, pelvis, ankles, hinges, axes)
 
     def point_legs(
         self,
@@ -109,25 +59,6 @@ class Posture:
         """Set the spine, half of its bend at either joint, and the neck; their axes (frame, 3, 3) in the world."""
         for joint, angles in zip(TRUNK, trunk_angles(self._axes("Root"), chest, head), strict=True):
             self._set(joint, angles)
-
-    def place(self, joint: str) -> np.ndarray:
-        """(frame, 3), where a joint is, given what has been set so far."""
-        return self._transforms(joint)[:, :3, 3]
-
-    def pivoting(self, side: str, foot: Foot) -> Foot:
-        """The foot with its places moved so that, as it yaws, it turns about the point that touches the floor."""
-        x, z = self._soles[side].touching((foot.pitch[1:] + foot.pitch[:-1]) / 2).T
-        turned = np.diff(turn("y", foot.yaw), axis=0)
-        moved = np.cumsum(applied(turned, np.stack([x, 0 * x, z], axis=-1)), axis=0)
-        return replace(foot, place=foot.place - np.concatenate([np.zeros((1, 3)), moved]))
-
-    def reach(self, side: str, wrist: np.ndarray, points: np.ndarray) -> None:
-        """Set an arm by its wrist's place (frame, 3) in the world and where its elbow points (frame, 3).
-
-        A place that is out of reach, or nearly so, is drawn in: the elbow stays bent by 20 degrees.
-        """
-        from_shoulder = self._arms[side].within_reach(wrist - self.place(f"{side}Shoulder"))
-        self._set_arm(side, from_shoulder, points)
 
     def point_arm(self, side: str, upper: np.ndarray, fore: np.ndarray) -> None:
         """Set an arm by where its bones point, (frame, 3) in the world; a straight arm's elbow points down and back."""

@@ -10,14 +10,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from standing_posture import StandingPosture, sway
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import applied, turn, zyx_angles, zyx_rotation
 from mmocap_warp.synthesis.motion.gait import Walk
 from mmocap_warp.synthesis.motion.gait_curves import CADENCE
-from mmocap_warp.synthesis.motion.key_poses import minimum_jerk, sway
+from mmocap_warp.synthesis.motion.key_poses import minimum_jerk
 from mmocap_warp.synthesis.motion.limb_motion import SIGN
-from mmocap_warp.synthesis.motion.posture import Posture
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def spinning(body: BodyModel, frames: int, fps: float, spin: Spin, seed: int) ->
     """Full pose vectors (frame, 51), in body axes about the origin of the floor, where the turning foot stands."""
     rng = np.random.default_rng([seed, 5])
     time = np.arange(frames) / fps
-    posture = Posture(body, frames)
+    posture = StandingPosture(body, frames)
     posture.poses[:] = Walk(body, radius=_RADIUS).poses(_phase(time, spin))
     ball = _ball_of_foot(body)
     posture.poses[:, :3] -= ball
@@ -86,26 +86,30 @@ def _ramp(time: np.ndarray, begin: float, duration: float = _RAMP) -> np.ndarray
 
 def _ball_of_foot(body: BodyModel) -> np.ndarray:
     """(3,), on the floor, of the foot that the walk rests on."""
-    posture = Posture(body, 1)
+    posture = StandingPosture(body, 1)
     posture.poses[:] = Walk(body, radius=_RADIUS).poses(np.array([_OVER_LEFT_FOOT]))
     ball = posture.place("LAnkle")[0] + (0.0, 0.0, _BALL)
     return ball * (1.0, 0.0, 1.0)
 
 
-def _lift_free_leg(posture: Posture, body: BodyModel, out: np.ndarray) -> None:
+def _lift_free_leg(posture: StandingPosture, body: BodyModel, out: np.ndarray) -> None:
     angles = body.skeleton.angles
     posture.poses[:, angles("RHip").start] -= _THIGH_UP * out
     posture.poses[:, angles("RKnee").start] += _SHANK_BACK * out
 
 
-def _sway_chest(posture: Posture, body: BodyModel, out: np.ndarray, time: np.ndarray, rng: np.random.Generator) -> None:
+def _sway_chest(
+    posture: StandingPosture, body: BodyModel, out: np.ndarray, time: np.ndarray, rng: np.random.Generator
+) -> None:
     """Keep the balance with the lower spine and the neck."""
     for joint in ("BottomSpine", "Neck"):
         wander = np.stack([0.05 * sway(time, (0.6, 1.1, 1.7), rng) for _ in range(3)], axis=-1)
         posture.poses[:, body.skeleton.angles(joint)] += out[:, None] * wander
 
 
-def _spread_arm(posture: Posture, side: str, out: np.ndarray, time: np.ndarray, rng: np.random.Generator) -> None:
+def _spread_arm(
+    posture: StandingPosture, side: str, out: np.ndarray, time: np.ndarray, rng: np.random.Generator
+) -> None:
     """Move an arm from its place in the walk to the side, and back."""
     shoulder, elbow, wrist = (posture.place(side + joint) for joint in ("Shoulder", "Elbow", "Wrist"))
     outward = np.array([SIGN[side], 1.0, 1.0])

@@ -20,12 +20,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from standing_posture import Foot, StandingPosture, Track, sway
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import turn
-from mmocap_warp.synthesis.motion.key_poses import Track, sway
 from mmocap_warp.synthesis.motion.limb_motion import leg_length
-from mmocap_warp.synthesis.motion.posture import Foot, Posture
 
 Point = tuple[float, float, float]
 
@@ -165,7 +164,7 @@ def boxing(body: BodyModel, frames: int, fps: float, script: Round, seed: int) -
     """Full pose vectors (frame, 51), in body axes about the origin of the floor; the opponent is ahead, at +Z."""
     rng = np.random.default_rng([seed, 4])
     time = np.arange(frames) / fps
-    posture = Posture(body, frames)
+    posture = StandingPosture(body, frames)
     sign = 1.0 if script.lead == "L" else -1.0
     sides = {"lead": script.lead, "rear": "R" if script.lead == "L" else "L"}
     leg = leg_length(body)
@@ -233,7 +232,14 @@ def _slips(script: Round, time: np.ndarray) -> np.ndarray:
 
 
 def _foot(
-    posture: Posture, side: str, hand: str, script: Round, time: np.ndarray, heel: np.ndarray, sign: float, size: float
+    posture: StandingPosture,
+    side: str,
+    hand: str,
+    script: Round,
+    time: np.ndarray,
+    heel: np.ndarray,
+    sign: float,
+    size: float,
 ) -> Foot:
     """The lead or the rear foot. It steps from place to place; the rear one turns about its toes as its heel rises."""
     x, z, yaw = _FEET[hand]

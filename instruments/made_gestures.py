@@ -11,12 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from standing_posture import Foot, StandingPosture, Track, sway
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import turn
-from mmocap_warp.synthesis.motion.key_poses import Track, minimum_jerk, sway
+from mmocap_warp.synthesis.motion.key_poses import minimum_jerk
 from mmocap_warp.synthesis.motion.limb_motion import SIGN, rest_place
-from mmocap_warp.synthesis.motion.posture import Foot, Posture
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def gesturing(body: BodyModel, frames: int, fps: float, script: Script, seed: in
     """Full pose vectors (frame, 51), in body axes about the origin of the floor."""
     rng = np.random.default_rng([seed, 3])
     time = np.arange(frames) / fps
-    posture = Posture(body, frames)
+    posture = StandingPosture(body, frames)
     # Feet stand still, hips sway, and weight shifts away from the hand that is raised.
     aside = sway(time, _SWAY_RATES, rng)
     shift = Track(np.zeros(1))  # of the weight, from foot to foot

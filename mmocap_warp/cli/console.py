@@ -137,9 +137,9 @@ def table(rows: list[tuple[str, ...]]) -> str:
     )
 
 
-def given(flags: DataclassInstance) -> dict[str, Any]:
+def given(flags: DataclassInstance | None) -> dict[str, Any]:
     """The flags that were given, by the name of their setting."""
-    return {name: value for name, value in asdict(flags).items() if value is not None}
+    return {name: value for name, value in (asdict(flags) if flags else {}).items() if value is not None}
 
 
 def next_step(name: str, *arguments: str | Path) -> str:

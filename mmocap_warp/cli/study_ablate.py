@@ -5,17 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-from cyclopts import Parameter
-
-from mmocap_warp.cli.command_help import documented_by
+from mmocap_warp.cli.command import Answer, command, several
 from mmocap_warp.cli.console import Console
 
 if TYPE_CHECKING:
     from mmocap_warp.study.ablation import AblationCell
-
-Several = Annotated[tuple[str, ...], Parameter(negative="", show_default=False)]
 
 
 def _mean(values: list[float]) -> float:
@@ -45,47 +41,23 @@ _LEGEND = (
 _ROW = ("clip", "purpose", "degradation", "start", "tracker")  # what a line of the table is about
 
 
-@documented_by("clips:ablate", clip="clips", degrade="degradations", start="starts", tracker="trackers")
-def ablate(
-    folder: Path,
-    /,
-    *,
-    clip: Several = (),
-    degrade: Several = (),
-    start: Several = (),
-    tracker: Several = (),
-    seeds: int = 3,
-    frames: int | None = None,
-    scale: float = 1.0,
-    subject: Path | None = None,
-    device: str = "auto",
-    threads: int | None = None,
-    console: Console | None = None,
-) -> None:
-    from mmocap_warp.commands.clips import ablate
-
-    console, done = console or Console(), 0
+@command(
+    "clips:ablate",
+    clips=several("--clip"),
+    degradations=several("--degrade"),
+    starts=several("--start"),
+    trackers=several("--tracker"),
+)
+def ablate(call: Any, console: Console, folder: Path) -> Answer:
+    done = 0
 
     def show(cell: AblationCell, measures: dict[str, Any], total: int) -> None:
         nonlocal done
         done += 1
         console.note(f"{done} of {total}: {cell}: " + ", ".join(_shown(measures)))
 
-    rows = ablate(
-        folder,
-        clip,
-        degradations=degrade,
-        starts=start,
-        trackers=tracker,
-        seeds=seeds,
-        frames=frames,
-        scale=scale,
-        subject=subject,
-        device=device,
-        threads=threads,
-        show=show,
-    )
-    console.result({"folder": folder, "cells": rows}, _table(rows))
+    rows = call(show=show)
+    return Answer({"folder": folder, "cells": rows}, [_table(rows)])
 
 
 def _shown(measures: dict[str, Any]) -> list[str]:

@@ -11,13 +11,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
-from mmocap_warp.cli.command_help import documented_by
-from mmocap_warp.cli.console import CHECK_FAILED, FAILURE, OK, Console, Output, Switch, table
+from mmocap_warp.cli.command import ANY_NUMBER, Answer, Given, command, several
+from mmocap_warp.cli.console import CHECK_FAILED, FAILURE, OK, Console, table
 
 if TYPE_CHECKING:
     from mmocap_warp.commands.studies import StudyRun
-
-Several = Annotated[tuple[Path, ...], Parameter(negative="", show_default=False)]
 
 app = App(name="study", help="Compare trackers: run a grid of them, and report on it.", version_flags=[])
 _RUN = (
@@ -34,85 +32,28 @@ _COLUMNS = {  # of the table of a run, by key: title, format and unit
     "shake_mm": ("shake", ".1f", " mm"),
     "growth": ("growth", ".2f", ""),
 }
+_MORE = Parameter(help="Further folders of results, of the same page.")
 _MAX_NAMED = 3  # cells that are missing for one reason; of more, only the number is printed
 
 
 @app.command(help="Write shipped sequences as scenes, to look at or to track on their own.", sort_key=0)
-@documented_by("clips:make_sequences", sequence="sequences")
-def make(
-    folder: Path,
-    /,
-    *,
-    sequence: Annotated[tuple[str, ...], Parameter(negative="", show_default=False)] = (),
-    frames: int | None = None,
-    degrade: str = "none",
-    seed: int = 0,
-    clip: Path | None = None,
-    skeleton: Path | None = None,
-    markers: Path | None = None,
-    force: Switch = False,
-    console: Console | None = None,
-) -> None:
-    from mmocap_warp.commands.clips import make_sequences
-
-    console = console or Console()
-    scenes = make_sequences(
-        folder,
-        sequence,
-        frames=frames,
-        degrade=degrade,
-        seed=seed,
-        clip=clip,
-        skeleton=skeleton,
-        markers=markers,
-        force=force,
-        reporter=console,
-    )
-    console.result(scenes, "\n".join(str(path) for path in scenes.values()))
+@command("clips:make_sequences", sequences=several("--sequence"))
+def make(call: Any) -> Answer:
+    scenes = call()
+    return Answer(scenes, scenes.values())
 
 
 @app.command(help=_RUN, sort_key=1)
-@documented_by("studies:run_study")
-def run(
-    study: Path,
-    /,
-    *,
-    output: Annotated[Path | None, Output] = None,
-    engine: str = "local",
-    device: str = "auto",
-    threads: int | None = None,
-    address: str = "auto",
-    workers: int | None = None,
-    gpus: float = 1.0,
-    minutes: float | None = None,
-    poses: str = "all",
-    accept_changed_code: Switch = False,
-    console: Console | None = None,
-) -> int:
+@command("studies:run_study")
+def run(call: Any, console: Console, study: Path) -> Answer:
     from mmocap_warp.cli.study_progress import StudyProgress
-    from mmocap_warp.commands.studies import run_study
     from mmocap_warp.study.definition import load_study
 
-    console, loaded = console or Console(), load_study(study)
+    loaded = load_study(study)
     with _ray_messages(console), StudyProgress(loaded.name, quiet=console.quiet) as progress:
-        done = run_study(
-            loaded,
-            output,
-            engine=engine,
-            device=device,
-            threads=threads,
-            address=address,
-            workers=workers,
-            gpus=gpus,
-            minutes=minutes,
-            poses=poses,
-            accept_changed_code=accept_changed_code,
-            show=progress.show,
-            reporter=progress,
-        )
+        done = call(study=loaded, show=progress.show, reporter=progress)
     values = _values(done)
-    console.result(values, _text(values))
-    return FAILURE if done.status.failures else OK
+    return Answer(values, [_text(values)], FAILURE if done.status.failures else OK)
 
 
 @contextmanager
@@ -206,21 +147,15 @@ def show(folder: Path, /, *, console: Console | None = None) -> int:
 
 
 @app.command(help="Write a study's results as one HTML page.", sort_key=4)
-@documented_by("studies:report_study", study="studies")
-def report(
-    results: Path,
-    /,
-    *more: Annotated[Path, Parameter(help="Further folders of results, of the same page.")],
-    output: Annotated[Path, Output] = Path("report.html"),
-    study: Several = (),
-    alone: Path | None = None,
-    force: Switch = False,
-    console: Console | None = None,
-) -> None:
-    from mmocap_warp.commands.studies import report_study
-
-    console = console or Console()
-    written = report_study([results, *more], output, studies=study, alone=alone, force=force, reporter=console)
+@command(
+    "studies:report_study",
+    order="results more output",
+    results=Path,
+    more=Given(Annotated[Path, Parameter(help="Further folders of results, of the same page.")], kind=ANY_NUMBER),
+    studies=several("--study", Path),
+)
+def report(call: Any, results: Path, more: tuple[Path, ...]) -> Answer:
+    written = call(results=[results, *more])
     values = {
         "page": written.page,
         "tables": written.tables,
@@ -229,4 +164,4 @@ def report(
         "left_out": written.left_out,
         "mixed_code": written.mixed_code or None,
     }
-    console.result(values, f"{written.page}\n{written.tables}\n{written.cells}")
+    return Answer(values, [written.page, written.tables, written.cells])

@@ -22,7 +22,7 @@ from mmocap_warp.calibration.refine import refinement
 from mmocap_warp.calibration.refine.refinement import Refinement
 from mmocap_warp.calibration.solve import solution
 from mmocap_warp.calibration.solve.solution import SolvedCameras
-from mmocap_warp.calibration.sync.synchronise import WITHIN, Synchronisation, synchronise
+from mmocap_warp.calibration.sync.synchronise import Synchronisation, synchronise
 from mmocap_warp.cameras.rig import UP_AXES, CameraRig, CameraSummary, describe_rig, draw_world_axes
 from mmocap_warp.commands.inputs import Frames, body_from, note_others, scene_from
 from mmocap_warp.commands.outputs import new_file, new_folder, releases_locks
@@ -120,7 +120,7 @@ def sync(
     scene: Scene | str | Path,
     *,
     frames: Frames = None,
-    within: float = WITHIN,
+    within: float = 1.0,
     write: bool = False,
     reporter: Reporter | None = None,
 ) -> Synchronisation:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
+from itertools import groupby
 from pathlib import Path
+from statistics import fmean
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
@@ -16,6 +18,7 @@ from mmocap_warp.cli.console import CHECK_FAILED, FAILURE, OK, Console, table
 
 if TYPE_CHECKING:
     from mmocap_warp.commands.studies import StudyRun
+    from mmocap_warp.study.ablation import AblationCell
 
 app = App(name="study", help="Compare trackers: run a grid of them, and report on it.", version_flags=[])
 _RUN = (
@@ -34,6 +37,27 @@ _COLUMNS = {  # of the table of a run, by key: title, format and unit
 }
 _MORE = Parameter(help="Further folders of results, of the same page.")
 _MAX_NAMED = 3  # cells that are missing for one reason; of more, only the number is printed
+_ABLATED: dict[str, tuple[str, str, Callable[[list[float]], float]]] = {  # title, how it is shown, over seeds
+    "marker_error_mm": ("marker", ".1f", fmean),
+    "mpjpe_mm": ("MPJPE", ".1f", fmean),
+    "shake_mm": ("shake", ".1f", fmean),
+    "growth": ("growth", ".2f", fmean),
+    "mean_iou": ("IoU", ".3f", fmean),
+    "worst_iou": ("worst", ".3f", min),
+    "wrongly_tracked": ("wrong", ".0f", max),
+    "off_frames": ("off", ".0f", max),
+    "longest_off": ("in a row", ".0f", max),
+    "near_tracked": ("told", ".2f", min),
+    "ms_per_frame": ("ms", ".0f", min),
+}
+_LEGEND = (
+    "Means over seeds: marker error from the run's own first answer, MPJPE and shake at 60 Hz [mm]; growth: MPJPE of "
+    "the last third over the first's; IoU. ms: a frame of the fastest seed.\n"
+    "Of the worst seed: IoU of the worst frame; wrong: frames said to be tracked with a wrist, an ankle or the root "
+    "over 200 mm off; off: such frames whatever is said, and how many in a row; told: share said to be tracked or "
+    "partial of the frames with none of these over 50 mm off."
+)
+_ROW = ("clip", "purpose", "degradation", "start", "tracker")  # what a line of the table is about
 
 
 @app.command(help="Write shipped sequences as scenes, to look at or to track on their own.", sort_key=0)
@@ -46,7 +70,7 @@ def make(call: Any) -> Answer:
 @app.command(help=_RUN, sort_key=1)
 @command("studies:run_study")
 def run(call: Any, console: Console, study: Path) -> Answer:
-    from mmocap_warp.cli.study_progress import StudyProgress
+    from mmocap_warp.cli.progress import StudyProgress
     from mmocap_warp.study.definition import load_study
 
     loaded = load_study(study)
@@ -108,14 +132,6 @@ def _text(values: dict[str, Any]) -> str:
     return "\n".join([*lines, *(["", *missing, "run the study again to track what is missing"] if missing else [])])
 
 
-app.command(
-    "mmocap_warp.cli.study_ablate:ablate",
-    help="Track clips, made worse in several ways, with several trackers.",
-    name="ablate",
-    sort_key=2,
-)
-
-
 @app.command(help="List a folder's results, checking every byte. Exits with 4 if one is damaged.", sort_key=3)
 def show(folder: Path, /, *, console: Console | None = None) -> int:
     """List a folder's results.
@@ -165,3 +181,62 @@ def report(call: Any, results: Path, more: tuple[Path, ...]) -> Answer:
         "mixed_code": written.mixed_code or None,
     }
     return Answer(values, [written.page, written.tables, written.cells])
+
+
+@app.command(help="Track clips, made worse in several ways, with several trackers.", sort_key=2)
+@command(
+    "clips:ablate",
+    clips=several("--clip"),
+    degradations=several("--degrade"),
+    starts=several("--start"),
+    trackers=several("--tracker"),
+)
+def ablate(call: Any, console: Console, folder: Path) -> Answer:
+    done = 0
+
+    def show(cell: AblationCell, measures: dict[str, Any], total: int) -> None:
+        nonlocal done
+        done += 1
+        console.note(f"{done} of {total}: {cell}: " + ", ".join(_shown(measures)))
+
+    rows = call(show=show)
+    return Answer({"folder": folder, "cells": rows}, [_ablation_table(rows)])
+
+
+def _shown(measures: dict[str, Any]) -> list[str]:
+    """What is known of the measures, each with its title."""
+    return [
+        f"{title} {measures[name]:{kind}}"
+        for name, (title, kind, _) in _ABLATED.items()
+        if measures.get(name) is not None
+    ]
+
+
+def _ablation_table(rows: list[dict[str, Any]]) -> str:
+    """A line per clip, degradation and tracker, over the seeds."""
+
+    def which(row: dict[str, Any]) -> tuple[str, ...]:
+        return tuple(row["cell"][name] for name in _ROW)
+
+    lines = [
+        (
+            "clip",
+            "for",
+            "degradation",
+            "start",
+            "tracker",
+            "seeds",
+            *(title for title, *_ in _ABLATED.values()),
+        )
+    ]
+    place = {row: i for i, row in enumerate(dict.fromkeys(map(which, rows)))}
+    for key, group in groupby(sorted(rows, key=lambda row: place[which(row)]), which):
+        seeds = [row["measures"] for row in group]
+        values = [_over_seeds([one[name] for one in seeds], kind, how) for name, (_, kind, how) in _ABLATED.items()]
+        lines.append((*key, str(len(seeds)), *values))
+    return f"{table(lines, left=len(_ROW))}\n\n{_LEGEND}"
+
+
+def _over_seeds(values: list[float | None], kind: str, how: Callable[[list[float]], float]) -> str:
+    known = [value for value in values if value is not None]
+    return format(how(known), kind) if known else "-"

@@ -19,7 +19,7 @@ TrackFlags, FitFlags = flags_of(TrackConfig), flags_of(FitConfig)
 
 @command("track:track", output=Given(Path, REQUIRED), frames=SceneFrames, settings=TrackFlags | None)
 def track(call: Any, console: Console, scene: Path, output: Path, frames: str | None, identity: int | None) -> None:
-    from mmocap_warp.cli.result_report import summary
+    from mmocap_warp.cli.result_commands import summary
     from mmocap_warp.commands.evaluate import evaluate_in_scene
     from mmocap_warp.commands.inputs import scene_from
 
@@ -66,7 +66,7 @@ def _measures(provenance: dict[str, str | float | int]) -> str:
 
 @command("demo:demo", example=Given(Literal["walk", "fox", "hand", "quadruped", "arm"], kind=BY_PLACE))
 def demo(call: Any, example: str) -> Answer:
-    from mmocap_warp.cli.result_report import beside, summary
+    from mmocap_warp.cli.result_commands import beside, summary
     from mmocap_warp.commands.demo import EXAMPLES, MOST_ERROR_MM, MOST_SHARE, PAPERS
 
     shown = call()

@@ -71,11 +71,7 @@ def export_body(call: Any, output: Path) -> Answer:
 
 
 @app.command(help="Write a body that turns as far as it was seen to.")
-@command(
-    "bodies:learn_body",
-    motions=several("--motion"),
-    results=several("--result", Path),
-)
+@command("bodies:learn_body", motions=several("--motion"), results=several("--result", Path))
 def learn(call: Any, output: Path) -> Answer:
     written = call()
     before, after = _mean_ranges(written.before), _mean_ranges(written.body.skeleton)

@@ -53,13 +53,7 @@ app.command("mmocap_warp.cli.calib_adjust:refine", name="refine", help=_REFINE, 
     output=Given(Path, Path("calibration.toml")),
 )
 def solve(
-    call: Any,
-    scene: Path,
-    height: float,
-    output: Path,
-    picture: Path | None,
-    frames: str | None,
-    identity: int | None,
+    call: Any, scene: Path, height: float, output: Path, picture: Path | None, frames: str | None, identity: int | None
 ) -> Answer:
     from mmocap_warp.calibration.solve import UnsolvableError
     from mmocap_warp.commands.inputs import scene_from

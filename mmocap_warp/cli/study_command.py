@@ -218,17 +218,7 @@ def _ablation_table(rows: list[dict[str, Any]]) -> str:
     def which(row: dict[str, Any]) -> tuple[str, ...]:
         return tuple(row["cell"][name] for name in _ROW)
 
-    lines = [
-        (
-            "clip",
-            "for",
-            "degradation",
-            "start",
-            "tracker",
-            "seeds",
-            *(title for title, *_ in _ABLATED.values()),
-        )
-    ]
+    lines = [("clip", "for", "degradation", "start", "tracker", "seeds", *(title for title, *_ in _ABLATED.values()))]
     place = {row: i for i, row in enumerate(dict.fromkeys(map(which, rows)))}
     for key, group in groupby(sorted(rows, key=lambda row: place[which(row)]), which):
         seeds = [row["measures"] for row in group]

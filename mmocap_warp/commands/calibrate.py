@@ -34,7 +34,7 @@ from mmocap_warp.formats.calibration.calibration_text import EVERY_OTHER, METRES
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.png import write_png
 from mmocap_warp.formats.table import calibration_export, read_calibration, write_calibration
-from mmocap_warp.scene.offset_writing import write_timing
+from mmocap_warp.scene.camera_tables import write_timing
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
 

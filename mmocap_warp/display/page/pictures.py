@@ -89,10 +89,8 @@ def pose_step(result: Result) -> int:
 def sentence(rate: float, step: int, masks: Pictures | None, images: Pictures | None) -> str:
     """What a page says that it holds: one frame in ``step``, which are ``rate`` a second."""
     parts = [f"poses of {_frames(step)} ({rate:.3g} a second)"]
-    if masks is not None:
-        parts.append(f"masks of {_frames(step * masks.every)}")
-    if images is not None:
-        parts.append(f"images of {_frames(step * images.every)}")
+    for name, pictures in (("masks", masks), ("images", images)):
+        parts += [] if pictures is None else [f"{name} of {_frames(step * pictures.every)}"]
     between = "" if step == 1 else " Between them, the body moves evenly."
     return f"This page holds {', '.join(parts)}.{between}"
 

@@ -11,7 +11,7 @@ import numpy as np
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.skeleton import Skeleton
 from mmocap_warp.display.overlay import COLOUR_OF_SIDE, MODEL_COLOUR
-from mmocap_warp.display.page.curves import curves, tracks
+from mmocap_warp.display.page.page_content import curves, tracks
 from mmocap_warp.display.result_video import check_same_recording
 from mmocap_warp.errors import missing_package
 from mmocap_warp.formats.png import encode_png

@@ -127,8 +127,10 @@ def _known(value: float, form: str) -> str:
 
 def summary(report: dict[str, Any]) -> str:
     """The headline numbers of :func:`mmocap_warp.result.evaluation.evaluate` for people."""
+    statuses = [f"{report['lost']} lost", f"{report['partial']} with a view lost"]
+    statuses += [f"{report[name]} {name}" for name in ("rescued", "interpolated") if report[name]]
     rows: list[tuple[str, ...]] = [
-        ("frames", f"{report['frames']} ({_statuses(report)})"),
+        ("frames", f"{report['frames']} ({', '.join(statuses)})"),
         ("runs", str(report["runs"])),
         ("evaluations", _number(report["evaluations"], ",d")),
         ("evaluations/s", _number(report["evaluations_per_second"], ",.0f")),
@@ -171,12 +173,6 @@ def beside(reports: dict[str, dict[str, Any]]) -> str:
         for name, report in reports.items()
     ]
     return table([head, *rows])
-
-
-def _statuses(report: dict[str, Any]) -> str:
-    """How many frames were not tracked in the ordinary way."""
-    parts = [f"{report['lost']} lost", f"{report['partial']} with a view lost"]
-    return ", ".join(parts + [f"{report[name]} {name}" for name in ("rescued", "interpolated") if report[name]])
 
 
 def _error(report: dict[str, Any], key: str) -> str:

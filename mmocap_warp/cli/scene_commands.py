@@ -25,6 +25,12 @@ if TYPE_CHECKING:
     from mmocap_warp.calibration.sync.synchronise import Synchronisation
     from mmocap_warp.masks.mask_check import MaskReport
 
+_DECIDED_BY = {
+    True: "the visual hull: these silhouettes fit into one body",
+    False: "when silhouettes move: the calibration or the motion is too poor for the visual hull to tell",
+    None: "when silhouettes move: right within a frame or two, better with a calibration",
+}
+
 
 @command("new_scenes:init")
 def init(call: Any, folder: Path) -> Answer:
@@ -153,7 +159,11 @@ def sync(call: Any, scene: Path, frames: str | None, write: bool) -> Answer:
         "faults": faults,
         "next": step if offsets.sure else None,
     }
-    lines = [_offset_table(offsets, timing), _decided_by(offsets), *(f"check failed: {fault}" for fault in faults)]
+    lines = [
+        _offset_table(offsets, timing),
+        f"decided by {_DECIDED_BY[offsets.hull]}",
+        *(f"check failed: {fault}" for fault in faults),
+    ]
     if not faults:
         lines += [f"{loaded.path}: written"] if write else _scene_lines(timing)
         lines += [f"next: {step}"] if step else []
@@ -170,14 +180,6 @@ def _offset_table(offsets: Synchronisation, timing: dict[str, dict[str, float]])
         seconds = f"{timing[name]['offset']:+.4f}"
         rows.append((name, f"{view.frames:+d}", seconds, sure, rival, f"{100 * view.agreeing:.0f} %"))
     return table(rows)
-
-
-def _decided_by(offsets: Synchronisation) -> str:
-    if offsets.hull:
-        return "decided by the visual hull: these silhouettes fit into one body"
-    if offsets.hull is None:
-        return "decided by when silhouettes move: right within a frame or two, better with a calibration"
-    return "decided by when silhouettes move: the calibration or the motion is too poor for the visual hull to tell"
 
 
 def _scene_lines(timing: dict[str, dict[str, float]]) -> list[str]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, redirect_stdout
+from collections.abc import Callable
+from contextlib import redirect_stdout
 from itertools import groupby
 from pathlib import Path
 from statistics import fmean
@@ -74,17 +74,15 @@ def run(call: Any, console: Console, study: Path) -> Answer:
     from mmocap_warp.study.definition import load_study
 
     loaded = load_study(study)
-    with _ray_messages(console), StudyProgress(loaded.name, quiet=console.quiet) as progress:
+    # Ray prints the last lines of its logs to stdout when something of it dies; the run says so in one line.
+    with (
+        open(os.devnull, "w") as nowhere,
+        redirect_stdout(sys.stderr if console.debug else nowhere),
+        StudyProgress(loaded.name, quiet=console.quiet) as progress,
+    ):
         done = call(study=loaded, show=progress.show, reporter=progress)
     values = _values(done)
     return Answer(values, [_text(values)], FAILURE if done.status.failures else OK)
-
-
-@contextmanager
-def _ray_messages(console: Console) -> Iterator[None]:
-    """Ray prints the last lines of its logs to stdout when something of it dies; the run says so in one line."""
-    with open(os.devnull, "w") as nowhere, redirect_stdout(sys.stderr if console.debug else nowhere):
-        yield
 
 
 def _values(done: StudyRun) -> dict[str, Any]:
@@ -197,19 +195,12 @@ def ablate(call: Any, console: Console, folder: Path) -> Answer:
     def show(cell: AblationCell, measures: dict[str, Any], total: int) -> None:
         nonlocal done
         done += 1
-        console.note(f"{done} of {total}: {cell}: " + ", ".join(_shown(measures)))
+        known = {name: value for name, value in measures.items() if name in _ABLATED and value is not None}
+        titled = [f"{title} {known[name]:{kind}}" for name, (title, kind, _) in _ABLATED.items() if name in known]
+        console.note(f"{done} of {total}: {cell}: {', '.join(titled)}")
 
     rows = call(show=show)
     return Answer({"folder": folder, "cells": rows}, [_ablation_table(rows)])
-
-
-def _shown(measures: dict[str, Any]) -> list[str]:
-    """What is known of the measures, each with its title."""
-    return [
-        f"{title} {measures[name]:{kind}}"
-        for name, (title, kind, _) in _ABLATED.items()
-        if measures.get(name) is not None
-    ]
 
 
 def _ablation_table(rows: list[dict[str, Any]]) -> str:

@@ -45,11 +45,7 @@ class Undistortion:
 
 
 def undistortion(
-    rig: CameraRig,
-    k: int,
-    scale: float,
-    recorded_scale: float = 1.0,
-    recorded_offset: tuple[float, float] = (0.0, 0.0),
+    rig: CameraRig, k: int, scale: float, recorded_scale: float = 1.0, recorded_offset: tuple[float, float] = (0.0, 0.0)
 ) -> Undistortion:
     """Map from camera ``k``'s recorded images to its pinhole in ``rig.undistorted(scale)``.
 

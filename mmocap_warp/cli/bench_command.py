@@ -4,58 +4,35 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
-from mmocap_warp.cli.command_help import documented_by
-from mmocap_warp.cli.console import CHECK_FAILED, OK, Console, Output, Switch
+from mmocap_warp.cli.command import ANY_NUMBER, Answer, Given, command
+from mmocap_warp.cli.console import CHECK_FAILED, OK
 
 app = App(name="bench", version_flags=[])
+_COMPARE = Parameter(help="An earlier report: show how many times as quick each line is now.")
 
 
 @app.default
-@documented_by("benchmarks:benchmark")
-def bench(
-    *,
-    device: str = "auto",
-    threads: int | None = None,
-    against: str | None = None,
-    growth: Switch = False,
-    compare: Annotated[
-        Path | None, Parameter(help="An earlier report: show how many times as quick each line is now.")
-    ] = None,
-    output: Annotated[Path | None, Output] = None,
-    force: Switch = False,
-    console: Console | None = None,
-) -> int:
+@command(
+    "benchmarks:benchmark",
+    order="device threads against growth compare output",
+    against=Given(str | None, None),
+    compare=Annotated[Path | None, _COMPARE],
+)
+def bench(call: Any, against: str | None, compare: Path | None) -> Answer:
     from mmocap_warp.bench.report_file import read_report, rendered, to_text
-    from mmocap_warp.commands.benchmarks import benchmark
 
-    console = console or Console()
     old = None if compare is None else read_report(compare)
-    report = benchmark(
-        output,
-        device=device,
-        threads=threads,
-        against=() if against is None else against,
-        growth=growth,
-        force=force,
-        reporter=console,
-    )
-    console.result(report, to_text(rendered(report, old), colours=sys.stdout.isatty()))
-    return OK if report["ok"] else CHECK_FAILED
+    report = call(against=() if against is None else against)
+    text = to_text(rendered(report, old), colours=sys.stdout.isatty())
+    return Answer(report, [text], OK if report["ok"] else CHECK_FAILED)
 
 
 @app.command(help="Write reports as a page of tables, and plots of growth.")
-@documented_by("benchmarks:write_benchmark_pages")
-def pages(
-    *reports: Path,
-    output: Annotated[Path, Output],
-    force: Switch = False,
-    console: Console | None = None,
-) -> None:
-    from mmocap_warp.commands.benchmarks import write_benchmark_pages
-
-    files = write_benchmark_pages(reports, output, force=force)
-    (console or Console()).result({"files": files}, "\n".join(map(str, files)))
+@command("benchmarks:write_benchmark_pages", reports=Given(Path, kind=ANY_NUMBER))
+def pages(call: Any) -> Answer:
+    files = call()
+    return Answer({"files": files}, files)

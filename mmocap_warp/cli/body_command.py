@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import App, Parameter
 
-from mmocap_warp.cli.command_help import documented_by
-from mmocap_warp.cli.console import Console, Output, Switch
+from mmocap_warp.cli.command import Answer, command, several
 
 if TYPE_CHECKING:
     from mmocap_warp.body.skeleton import Skeleton
     from mmocap_warp.rigging.importing.freedom import Freedom
-    from mmocap_warp.rigging.importing.imported import Imported
 
 _Axis = Annotated[Literal["+x", "-x", "+y", "-y", "+z", "-z"] | None, Parameter(show_choices=False)]
 
@@ -22,48 +20,11 @@ app = App(name="body", help="Import another program's body, export, draw it, or 
 
 
 @app.command(name="import", help="Write a body of a rigged character or a robot.")
-@documented_by("bodies:import_body")
-def import_body(
-    file: Path,
-    /,
-    *,
-    output: Annotated[Path, Output],
-    up: _Axis = None,
-    facing: _Axis = None,
-    scale: float = 1.0,
-    triangles: int = 2600,
-    skin_triangles: int = 60_000,
-    joints: Path | None = None,
-    write_joints: Path | None = None,
-    meshes: Path | None = None,
-    name: str | None = None,
-    attribution: str | None = None,
-    force: Switch = False,
-    console: Console | None = None,
-) -> None:
-    from mmocap_warp.commands.bodies import import_body
-
-    made = import_body(
-        file,
-        output,
-        up=up,
-        facing=facing,
-        scale=scale,
-        triangles=triangles,
-        skin_triangles=skin_triangles,
-        joints=joints,
-        write_joints=write_joints,
-        meshes=meshes,
-        name=name,
-        attribution=attribution,
-        force=force,
-    )
-    _print_import(made, output, console or Console())
-
-
-def _print_import(made: Imported, output: Path, console: Console) -> None:
+@command("bodies:import_body", up=_Axis, facing=_Axis)
+def import_body(call: Any, output: Path) -> Answer:
     import numpy as np
 
+    made = call()
     body, skeleton = made.body, made.body.skeleton
     size = np.ptp(body.skin.rest[np.unique(body.skin.face)], axis=0).astype(float)
     values = {
@@ -92,7 +53,7 @@ def _print_import(made: Imported, output: Path, console: Console) -> None:
         *(f"  {note}" for note in made.notes),
         f"  {body.attribution}",
     ]
-    console.result(values, "\n".join(lines))
+    return Answer(values, lines)
 
 
 def _kind(how: Freedom) -> str:
@@ -102,33 +63,17 @@ def _kind(how: Freedom) -> str:
 
 
 @app.command(name="export", help="Write a body as glTF, with its motions.")
-@documented_by("bodies:export_body")
-def export_body(
-    body: str, /, *, output: Annotated[Path, Output], force: Switch = False, console: Console | None = None
-) -> None:
-    from mmocap_warp.commands.bodies import export_body
-
-    written = export_body(body, output, force=force)
-    values = {"file": output, "joints": written.body.skeleton.joints, "motions": list(written.motions)}
-    (console or Console()).result(values, repr(written))
+@command("bodies:export_body")
+def export_body(call: Any, output: Path) -> Answer:
+    written = call()
+    joints = written.body.skeleton.joints
+    return Answer({"file": output, "joints": joints, "motions": list(written.motions)}, [written])
 
 
 @app.command(help="Write a body that turns as far as it was seen to.")
-@documented_by("bodies:learn_body", motion="motions", result="results")
-def learn(
-    body: str,
-    /,
-    *,
-    output: Annotated[Path, Output],
-    motion: list[str] | None = None,
-    result: list[Path] | None = None,
-    margin: float = 10.0,
-    force: Switch = False,
-    console: Console | None = None,
-) -> None:
-    from mmocap_warp.commands.bodies import learn_body
-
-    written = learn_body(body, output, motions=motion or (), results=result or (), margin=margin, force=force)
+@command("bodies:learn_body", motions=several("--motion"), results=several("--result", Path))
+def learn(call: Any, output: Path) -> Answer:
+    written = call()
     before, after = _mean_ranges(written.before), _mean_ranges(written.body.skeleton)
     values: dict[str, object] = {"body": written.body.name, "file": output, "frames": written.frames}
     parts = []
@@ -136,7 +81,7 @@ def learn(
         if unit in before:
             values |= {f"mean_range_{unit}": after[unit], f"before_{unit}": before[unit]}
             parts.append(f"{move} by {after[unit]:{form}} {word} on average, {before[unit]:{form}} before")
-    (console or Console()).result(values, f"{output}: {'; '.join([*parts, f'{written.frames} frames'])}")
+    return Answer(values, [f"{output}: {'; '.join([*parts, f'{written.frames} frames'])}"])
 
 
 def _mean_ranges(skeleton: Skeleton) -> dict[str, float]:
@@ -150,18 +95,9 @@ def _mean_ranges(skeleton: Skeleton) -> dict[str, float]:
 
 
 @app.command(name="show", help="Draw a body, its joints and how they turn.")
-@documented_by("bodies:show_body")
-def show_body(
-    body: str,
-    /,
-    *,
-    output: Annotated[Path | None, Output] = None,
-    force: Switch = False,
-    console: Console | None = None,
-) -> None:
-    from mmocap_warp.commands.bodies import show_body
-
-    shown = show_body(body, output, force=force)
+@command("bodies:show_body")
+def show_body(call: Any) -> Answer:
+    shown = call()
     skeleton = shown.body.skeleton
     turning = {name: _freedom(skeleton, name) for name in skeleton.joints if name not in skeleton.sliding}
     sliding = {name: _freedom(skeleton, name) for name in skeleton.sliding}
@@ -181,8 +117,7 @@ def show_body(
     ranges = {name: f"slides {_ranges(free, '.3g')} m" for name, free in sliding.items() if free}
     ranges |= {name: _ranges(free, ".0f") for name, free in turning.items()}
     lines = [f"{name:<{width}}  {ranges.get(name) or 'fixed'}" for name in (*sliding, *turning)]
-    text = "\n".join([f"{shown.file}; degrees that each joint turns about its axes:", *lines])
-    (console or Console()).result(values, text)
+    return Answer(values, [f"{shown.file}; degrees that each joint turns about its axes:", *lines])
 
 
 def _ranges(free: dict[str, tuple[float, float]], form: str) -> str:

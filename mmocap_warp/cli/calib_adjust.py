@@ -3,36 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any
 
 from mmocap_warp.calibration.adjust.adjust_config import AdjustConfig
 from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, Deviations
-from mmocap_warp.cli.command_help import documented_by
-from mmocap_warp.cli.console import (
-    CHECK_FAILED,
-    OK,
-    Console,
-    Identity,
-    Output,
-    SceneFile,
-    Switch,
-    flags_of,
-    given,
-    table,
-)
+from mmocap_warp.cli.command import Answer, Given, command
+from mmocap_warp.cli.console import CHECK_FAILED, OK, Output, flags_of, given, table
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from mmocap_warp.calibration.camera_check import CameraCheck, Finding
+    from mmocap_warp.calibration.refine.held_out import Overlaps
     from mmocap_warp.calibration.refine.refinement import Refinement
     from mmocap_warp.scene.recording import Scene
 
-if TYPE_CHECKING:
-    AdjustFlags: TypeAlias = AdjustConfig
-    DeviationFlags: TypeAlias = Deviations
-else:
-    AdjustFlags, DeviationFlags = flags_of(AdjustConfig), flags_of(Deviations)
+AdjustFlags, DeviationFlags = flags_of(AdjustConfig), flags_of(Deviations)
 
 _DEGREES, _MILLIMETRES = ("deg", 57.29577951308232), ("mm", 1000.0)
 _UNITS: dict[str, tuple[str, float]] = {
@@ -45,50 +29,28 @@ _UNITS: dict[str, tuple[str, float]] = {
 """The unit in which each of ``camera_changes.KINDS`` is shown, and its value in the parameter's own unit."""
 
 
-@documented_by("calibrate:check_cameras", output="pictures")
-def check(
-    scene: SceneFile,
-    /,
-    *,
-    output: Annotated[Path | None, Output] = None,
-    identity: Identity = None,
-    body: str | None = None,
-    frames: str | None = None,
-    flags: AdjustFlags | None = None,
-    force: Switch = False,
-    console: Console | None = None,
-) -> int:
-    from mmocap_warp.commands.calibrate import check_cameras
-
-    console = console or Console()
-    result = check_cameras(
-        scene,
-        body=body,
-        frames=frames,
-        identity=identity,
-        pictures=output,
-        force=force,
-        reporter=console,
-        **given(flags or AdjustFlags()),
-    )
+@command(
+    "calibrate:check_cameras",
+    order="pictures identity body frames",
+    pictures=Annotated[Path | None, Output],
+    settings=AdjustFlags | None,
+)
+def check(call: Any) -> Answer:
+    result = call()
     overlaps = [None] * len(result.names) if result.overlap is None else result.overlap.tolist()
-    rows: list[tuple[str, ...]] = [("camera", "covered by the others' hull", "IoU with the body")]
-    for name, covered, overlap in zip(result.names, result.covered, overlaps, strict=True):
-        rows.append((name, f"{covered:.3f}", "" if overlap is None else f"{overlap:.3f}"))
-    lines = [table(rows), *(_finding_line(finding, result) for finding in result.findings)]
+    judged = list(zip(result.names, result.covered, overlaps, strict=True))
+    rows = [(name, f"{covered:.3f}", "" if iou is None else f"{iou:.3f}") for name, covered, iou in judged]
+    lines = [table([("camera", "covered by the others' hull", "IoU with the body"), *rows])]
+    lines += [_finding_line(finding, result) for finding in result.findings]
     lines += [str(picture) for picture in result.pictures]
     if not result.findings:
         lines.append("no camera disagrees with the others")
     values = {
-        "cameras": {
-            name: {"covered_by_the_others": covered, "iou": overlap}
-            for name, covered, overlap in zip(result.names, result.covered, overlaps, strict=True)
-        },
+        "cameras": {name: {"covered_by_the_others": covered, "iou": iou} for name, covered, iou in judged},
         "findings": [_finding_values(finding, result) for finding in result.findings],
         "pictures": result.pictures,
     }
-    console.result(values, "\n".join(lines))
-    return CHECK_FAILED if result.findings else OK
+    return Answer(values, lines, CHECK_FAILED if result.findings else OK)
 
 
 def _finding_line(finding: Finding, result: CameraCheck) -> str:
@@ -135,40 +97,18 @@ def _in_units(kind: str, value: float, scale: float = 1.0) -> tuple[float, str]:
     return float(value) * size / (scale if unit == "px" else 1.0), unit
 
 
-@documented_by("calibrate:refine_cameras")
-def refine(
-    scene: SceneFile,
-    /,
-    *,
-    output: Annotated[Path, Output] = Path("calibration.toml"),
-    fixed: str | None = None,
-    height: float | None = None,
-    distance: tuple[str, str, float] | None = None,
-    identity: Identity = None,
-    deviations: DeviationFlags | None = None,
-    body: str | None = None,
-    frames: str | None = None,
-    flags: AdjustFlags | None = None,
-    force: Switch = False,
-    console: Console | None = None,
-) -> int:
-    from mmocap_warp.commands.calibrate import refine_cameras
+@command(
+    "calibrate:refine_cameras",
+    order="output fixed height distance identity deviations body frames",
+    output=Given(Path, Path("calibration.toml")),
+    deviations=DeviationFlags | None,
+    settings=AdjustFlags | None,
+)
+def refine(call: Any, scene: Path, output: Path, frames: str | None, identity: int | None, deviations: Any) -> Answer:
     from mmocap_warp.commands.inputs import scene_from
 
-    console = console or Console()
     loaded = scene_from(scene, frames, identity)
-    result = refine_cameras(
-        loaded,
-        output,
-        body=body,
-        force=force,
-        reporter=console,
-        fixed=fixed,
-        height=height,
-        distance=distance,
-        **given(deviations or DeviationFlags()),
-        **given(flags or AdjustFlags()),
-    )
+    result = call(scene=loaded, frames=None, identity=None, **given(deviations))
     lines = _refinement_lines(result)
     if result.better:
         lines.append(f"{output}: {int(result.moved.any(axis=1).sum())} of {len(result.rig)} cameras changed")
@@ -177,40 +117,30 @@ def refine(
         why = "frames that had no part are explained no better than before" if result.moved.any() else "nothing moved"
         lines.append(f"not written, and the scene's calibration stays as it is: {why}")
     values = _refinement_values(result, loaded) | {"file": output if result.better else None}
-    console.result(values, "\n".join(lines))
-    return OK if result.better else CHECK_FAILED
+    return Answer(values, lines, OK if result.better else CHECK_FAILED)
 
 
 def _refinement_values(result: Refinement, scene: Scene) -> dict[str, Any]:
     names = result.rig.names
-    cameras = {
-        name: {
-            kind: {
-                "by": _in_units(kind, value)[0],
-                "sigma": _in_units(kind, sigma)[0],
-                "unit": _in_units(kind, value)[1],
-                "moved": moved,
-                "determined": not undetermined,
-            }
-            for kind, value, sigma, moved, undetermined in zip(
-                KINDS, result.change[k], result.sigma[k], result.moved[k], result.undetermined[k], strict=True
-            )
-        }
-        for k, name in enumerate(names)
-    }
-    overlaps = {
-        when: {
-            "iou": dict(zip(names, each.together, strict=True)),
-            "iou_by_the_others": dict(zip(names, each.apart, strict=True)),
-        }
-        for when, each in (("before", result.before), ("after", result.after))
-    }
+
+    def parameter(k: int, kind: int) -> dict[str, Any]:
+        (by, unit), (sigma, _) = (_in_units(KINDS[kind], values[k, kind]) for values in (result.change, result.sigma))
+        moved, determined = result.moved[k, kind], not result.undetermined[k, kind]
+        return {"by": by, "sigma": sigma, "unit": unit, "moved": moved, "determined": determined}
+
+    def overlaps(each: Overlaps) -> dict[str, Any]:
+        by_camera = (dict(zip(names, values, strict=True)) for values in (each.together, each.apart))
+        return dict(zip(("iou", "iou_by_the_others"), by_camera, strict=True))
+
     return {
         "better": result.better,
         "fixed": names[result.fixed],
-        "cameras": cameras,
+        "cameras": {
+            name: {what: parameter(k, kind) for kind, what in enumerate(KINDS)} for k, name in enumerate(names)
+        },
         "offset_s": result.offsets(scene),
-        **overlaps,
+        "before": overlaps(result.before),
+        "after": overlaps(result.after),
     }
 
 
@@ -235,14 +165,8 @@ def _refinement_lines(result: Refinement) -> list[str]:
     columns = (result.before.together, result.after.together, result.before.apart, result.after.apart)
     for k, name in enumerate(names):
         held_out.append((name, *(f"{column[k]:.3f}" for column in columns)))
-    held_out.append(("mean", *(f"{_mean(column):.3f}" for column in columns)))
+    held_out.append(("mean", *(f"{np.nanmean(column):.3f}" for column in columns)))
     return [*lines, table(held_out)]
-
-
-def _mean(values: np.ndarray) -> float:
-    import numpy as np
-
-    return float(np.nanmean(values))
 
 
 def _scene_lines(result: Refinement, scene: Scene) -> list[str]:

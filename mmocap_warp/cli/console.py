@@ -6,6 +6,7 @@ import json as json_format
 import math
 import shlex
 import sys
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, field, fields, make_dataclass
 from pathlib import Path
@@ -129,17 +130,18 @@ def _finite(value: Any) -> Any:
     return value if isinstance(value, (bool, int, str, type(None))) else str(value)
 
 
-def table(rows: list[tuple[str, ...]]) -> str:
-    """Aligned columns."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return "\n".join(
-        "  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
-    )
+def table(rows: Sequence[tuple[str, ...]], left: int | None = None) -> str:
+    """Aligned columns: the first ``left`` of them at their left ends, all if it is None, the others at their right."""
+    aligned = [
+        [f"{cell:{'<' if left is None or i < left else '>'}{max(map(len, column))}}" for cell in column]
+        for i, column in enumerate(zip(*rows, strict=True))
+    ]
+    return "\n".join("  ".join(row).rstrip() for row in zip(*aligned, strict=True))
 
 
-def given(flags: DataclassInstance) -> dict[str, Any]:
+def given(flags: DataclassInstance | None) -> dict[str, Any]:
     """The flags that were given, by the name of their setting."""
-    return {name: value for name, value in asdict(flags).items() if value is not None}
+    return {name: value for name, value in (asdict(flags) if flags else {}).items() if value is not None}
 
 
 def next_step(name: str, *arguments: str | Path) -> str:

@@ -1,15 +1,24 @@
-"""Progress of a run on stderr: a live bar on a terminal, a plain line now and then elsewhere."""
+"""Progress on stderr, of a run and of a study: live on a terminal, a plain line now and then elsewhere."""
 
 from __future__ import annotations
 
 import sys
 import time
-from types import TracebackType
-from typing import TextIO
+from typing import TYPE_CHECKING, Self, TextIO
 
 from rich.console import Console as RichConsole
+from rich.console import Group
+from rich.live import Live
 from rich.progress import BarColumn, TextColumn
 from rich.progress import Progress as RichProgress
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+from mmocap_warp.commands.reporter import Reporter
+
+if TYPE_CHECKING:
+    from mmocap_warp.study.run import Status
 
 SECONDS_BETWEEN_LINES = 10.0
 """How often a line is written where stderr is no terminal."""
@@ -18,38 +27,63 @@ NO_TIME = 1e-3
 """A step reported so soon after the one before was not worked on now [s]."""
 
 
-class Progress:
-    """Shows steps done, steps and evaluations a second, and the time left; used as a context.
+class _Display:
+    """What is shown of something that runs, while a context is open.
 
     Args:
-        task: what runs, such as ``track``.
-        unit: what a step is, such as ``frames``; None where steps are only shares of the whole.
-        quiet: show nothing.
+        name: of what runs, such as ``track``.
+        quiet: show no progress.
         stream: where to show it; stderr by default.
     """
+
+    _live: RichProgress | Live | None = None
+
+    def __init__(self, name: str, *, quiet: bool = False, stream: TextIO | None = None) -> None:
+        self._name, self._quiet = name, quiet
+        self._stream = sys.stderr if stream is None else stream
+        self._printed_at = time.monotonic()
+
+    def _on_terminal(self, console: RichConsole) -> RichProgress | Live:
+        raise NotImplementedError
+
+    def __enter__(self) -> Self:
+        if not self._quiet and self._stream.isatty():
+            self._live = self._on_terminal(RichConsole(file=self._stream))
+            self._live.start()
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        if self._live is not None:
+            self._live.stop()
+
+    def _print(self, state: str, is_last: bool) -> None:
+        """Write a line, if it is the last one or it is time for one."""
+        if not self._quiet and (is_last or time.monotonic() - self._printed_at >= SECONDS_BETWEEN_LINES):
+            self._printed_at = time.monotonic()
+            print(f"{self._name}: {state}", file=self._stream, flush=True)
+
+
+class Progress(_Display):
+    """Shows steps done, steps and evaluations a second, and the time left; used as a context.
+
+    Its ``unit`` says what a step is, such as ``frames``; it is None where steps are only shares of the whole.
+    """
+
+    _live: RichProgress | None = None
 
     def __init__(
         self, task: str, unit: str | None = "frames", *, quiet: bool = False, stream: TextIO | None = None
     ) -> None:
-        self._task, self._unit, self._quiet = task, unit, quiet
-        self._stream = sys.stderr if stream is None else stream
-        self._bar: RichProgress | None = None
+        super().__init__(task, quiet=quiet, stream=stream)
+        self._unit = unit
         self._first: tuple[float, int, int] | None = None
-        self._spoke = self._last = time.monotonic()
+        self._last = self._printed_at
 
-    def __enter__(self) -> Progress:
-        if not self._quiet and self._stream.isatty():
-            columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[state]}"))
-            self._bar = RichProgress(*columns, console=RichConsole(file=self._stream), transient=True)
-            self._bar.add_task(self._task, total=None, state="")  # it pulses until the first report
-            self._bar.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._bar is not None:
-            self._bar.stop()
+    def _on_terminal(self, console: RichConsole) -> RichProgress:
+        columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[state]}"))
+        bar = RichProgress(*columns, console=console, transient=True)
+        bar.add_task(self._name, total=None, state="")  # it pulses until the first report
+        return bar
 
     def __call__(self, done: int, total: int, evaluations: int = 0) -> None:
         """Report that ``done`` of ``total`` steps are finished, after ``evaluations`` evaluations in all.
@@ -62,11 +96,10 @@ class Progress:
             self._first = (now, done, evaluations)
         self._last = now
         state = self._state(self._first, (now, done, evaluations), total)
-        if self._bar is not None:
-            self._bar.update(self._bar.task_ids[0], completed=done, total=total, state=state)
-        elif not self._quiet and (now - self._spoke >= SECONDS_BETWEEN_LINES or done == total):
-            self._spoke = now
-            print(f"{self._task}: {state}", file=self._stream, flush=True)
+        if self._live is not None:
+            self._live.update(self._live.task_ids[0], completed=done, total=total, state=state)
+        else:
+            self._print(state, is_last=done == total)
 
     def _state(self, first: tuple[float, int, int], last: tuple[float, int, int], total: int) -> str:
         seconds, steps, evaluations = (after - before for before, after in zip(first, last, strict=True))
@@ -86,3 +119,62 @@ def clock(seconds: float) -> str:
     """A duration as minutes and seconds, with hours where there are any."""
     minutes, rest = divmod(round(seconds), 60)
     return f"{minutes // 60}:{minutes % 60:02d}:{rest:02d}" if minutes >= 60 else f"{minutes}:{rest:02d}"
+
+
+class StudyProgress(_Display, Reporter):
+    """Shows what every worker of a study does, cells done, the rate and the time left; used as a context."""
+
+    _live: Live | None = None
+    _shown_done = -1  # cells, when the study was shown before
+
+    def _on_terminal(self, console: RichConsole) -> Live:
+        return Live(console=console, transient=True, refresh_per_second=2, redirect_stdout=False)
+
+    def note(self, line: str) -> None:
+        """Write a line that stays."""
+        if self._live is not None:
+            self._live.console.print(Text(line))
+        else:
+            print(line, file=self._stream, flush=True)
+
+    warn = note
+
+    def show(self, status: Status) -> None:
+        """Show where the study stands."""
+        if self._live is not None:
+            self._live.update(Group(_seats(status), Text(f"{self._name}: {headline(status)}")))
+            return
+        done, before = status.reused + status.finished, self._shown_done
+        self._shown_done = done
+        self._print(headline(status), is_last=done == status.cells != before)
+
+
+def headline(status: Status) -> str:
+    """Cells done, rate and time left in one line."""
+    parts = [f"{status.reused + status.finished}/{status.cells} cells"]
+    if status.failures:
+        parts.append(f"{len(status.failures)} failed")
+    if status.unstored:
+        parts.append(f"{status.unstored} waiting for room on the disk")
+    if not status.seats and status.evaluations_left:
+        parts.append("no worker is left" if status.evaluations else "no worker has started yet")
+    if status.rate > 0:
+        parts.append(f"{status.rate:,.0f} evaluations/s")
+        if status.evaluations_left and status.seats:
+            parts.append(f"{clock(status.evaluations_left / status.rate)} left")
+    return ", ".join(parts)
+
+
+def _seats(status: Status) -> Table:
+    """What every worker does."""
+    table = Table(box=None, padding=(0, 1), show_header=False)
+    for seat in status.seats:
+        advance = seat.advance
+        if seat.cell is None:
+            table.add_row(seat.name, "waits", "", "")
+        elif advance is None:
+            table.add_row(seat.name, str(seat.cell), "starts", "")
+        else:
+            bar = ProgressBar(total=advance.total, completed=advance.done, width=20)
+            table.add_row(seat.name, str(seat.cell), bar, f"{advance.stage} {advance.done}/{advance.total}")
+    return table

@@ -1,107 +1,50 @@
-"""``mmocap eval``, ``show``, ``view`` and ``export``: what is done with a result."""
+"""``mmocap eval``, ``show``, ``view``, ``export`` and ``measure``: what is done with a result."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from mmocap_warp.cli.command_help import documented_by
-from mmocap_warp.cli.console import (
-    CHECK_FAILED,
-    OK,
-    Console,
-    Output,
-    ResultFile,
-    ResultFrames,
-    Switch,
-)
+from mmocap_warp.cli.command import Answer, command
+from mmocap_warp.cli.console import CHECK_FAILED, OK, ResultFrames, table
 from mmocap_warp.formats.table import EXPORT_SUFFIXES
 from mmocap_warp.formats.toml_table import listed
 
 
-@documented_by("evaluate:evaluate")
-def evaluate(
-    result: ResultFile,
-    /,
-    *,
-    truth: Path | None = None,
-    truth_axes: str = "xyz",
-    scene: Path | None = None,
-    frames: ResultFrames = None,
-    console: Console | None = None,
-) -> int:
-    from mmocap_warp.cli.result_report import summary
-    from mmocap_warp.commands.evaluate import evaluate
-
-    console = console or Console()
-    report = evaluate(result, truth, truth_axes=truth_axes, scene=scene, frames=frames, reporter=console)
-    console.result(report, summary(report))
-    return OK if report.get("other_world") is None else CHECK_FAILED
+@command("evaluate:evaluate", frames=ResultFrames)
+def evaluate(call: Any) -> Answer:
+    report = call()
+    return Answer(report, [summary(report)], OK if report.get("other_world") is None else CHECK_FAILED)
 
 
-@documented_by("show:show")
-def show(
-    result: Path,
-    /,
-    *,
-    output: Annotated[Path | None, Output] = None,
-    scene: Path | None = None,
-    frames: ResultFrames = None,
-    force: Switch = False,
-    console: Console | None = None,
-) -> None:
-    from mmocap_warp.commands.show import show
-
-    console = console or Console()
-    drawn = show(result, scene, output=output, frames=frames, force=force, reporter=console)
+@command("show:show", order="output scene", result=Path, frames=ResultFrames)
+def show(call: Any) -> Answer:
+    drawn = call()
     files = {"sheet": drawn.sheet} if drawn.video is None else {"video": drawn.video, "sheet": drawn.sheet}
-    console.result(files, "\n".join(map(str, files.values())))
+    return Answer(files, files.values())
 
 
-@documented_by("show:view")
-def view(
-    result: ResultFile,
-    /,
-    *,
-    output: Annotated[Path | None, Output] = None,
-    images: Switch = False,
-    rerun: Path | None = None,
-    scene: Path | None = None,
-    force: Switch = False,
-    console: Console | None = None,
-) -> None:
-    from mmocap_warp.commands.show import view
-
-    console = console or Console()
+@command("show:view", order="output images rerun scene", truth=None, name=None)
+def view(call: Any, result: Path, output: Path | None, rerun: Path | None) -> Answer:
     page = output or result.with_suffix(".html")
-    shown = view(result, scene, images=images, output=page, rerun=rerun, force=force, reporter=console)
+    shown = call(output=page)
     size = page.stat().st_size
-    text = f"{page}: {shown.frames} frames, {size / 1e6:.1f} MB" + (f"\n{rerun}" if rerun is not None else "")
-    console.result({"file": page, "rerun": rerun, "frames": shown.frames, "bytes": size}, text)
+    lines = [f"{page}: {shown.frames} frames, {size / 1e6:.1f} MB", *([] if rerun is None else [rerun])]
+    return Answer({"file": page, "rerun": rerun, "frames": shown.frames, "bytes": size}, lines)
 
 
-@documented_by("export:export")
-def export(
-    result: ResultFile,
-    /,
-    *,
-    output: Annotated[Path, Output, Parameter(help=f"The animation's file: {listed(EXPORT_SUFFIXES)}.")],
-    run: Annotated[str | None, Parameter(show_default=False)] = None,
-    raw: Switch = False,
-    frames: ResultFrames = None,
-    fps: float | None = None,
-    up: Annotated[Literal["y", "z"] | None, Parameter(show_choices=False)] = None,
-    rig: Literal["mixamo"] | None = None,
-    bake: Switch = False,
-    force: Switch = False,
-    console: Console | None = None,
-) -> None:
-    from mmocap_warp.commands.export import export
-
-    console = console or Console()
-    written = export(result, output, run=run, raw=raw, frames=frames, fps=fps, up=up, rig=rig, bake=bake, force=force)
+@command(
+    "export:export",
+    output=Annotated[Path, Parameter(help=f"The animation's file: {listed(EXPORT_SUFFIXES)}.")],
+    run=Annotated[str | None, Parameter(show_default=False)],
+    frames=ResultFrames,
+    up=Annotated[Literal["y", "z"] | None, Parameter(show_choices=False)],
+    rig=Literal["mixamo"] | None,
+)
+def export(call: Any, output: Path) -> Answer:
+    written = call()
     values = {
         "file": output if output in written.files else None,
         "files": list(written.files),
@@ -109,5 +52,136 @@ def export(
         "fps": written.fps,
         "up": written.up,
     }
-    lines = [f"{file}: {written.frames} frames, {written.fps:g} a second, {written.up} up" for file in written.files]
-    console.result(values, "\n".join(lines))
+    frames = f"{written.frames} frames, {written.fps:g} a second, {written.up} up"
+    return Answer(values, [f"{file}: {frames}" for file in written.files])
+
+
+@command("measure:measure", order="output run raw frames", frames=ResultFrames)
+def measure(call: Any, output: Path | None) -> Answer:
+    from mmocap_warp.biomechanics.measure_tables import report
+
+    measures = call()
+    values = report(measures)
+    if output is not None:
+        values["files"] = [str(file) for file in measures.files]
+    return Answer(values, [_measures_text(values)])
+
+
+def _measures_text(values: dict[str, Any]) -> str:
+    """The answer for people."""
+    shown = next(run for run in values["per_run"] if run["run"] == values["shown_run"])
+    parts = [f"run {values['shown_run']}, {values['frames']} frames, {values['track']}"]
+    angles = [
+        (joint, name.replace("_", " "), *(f"{spread[key]:.1f}" for key in ("min", "mean", "max")))
+        for joint, names in shown["angles_deg"].items()
+        for name, spread in names.items()
+    ]
+    if angles:
+        parts.append(table([("joint", "angle [°]", "least", "mean", "most"), *angles]))
+    shifts = [
+        (joint, axis, *(f"{spread[key]:.1f}" for key in ("min", "mean", "max")))
+        for joint, axes in shown.get("shifts_mm", {}).items()
+        for axis, spread in axes.items()
+    ]
+    if shifts:
+        parts.append(table([("joint", "shift [mm]", "least", "mean", "most"), *shifts]))
+    if shown["on_floor_share"]:
+        parts.append(_gait(shown))
+    height = shown["centre_of_mass_height_m"]
+    if height is not None:
+        spread = ", ".join(f"{word} {height[key]:.3f}" for word, key in (("least", "min"), ("most", "max")))
+        parts.append(f"centre of mass [m]: mean height {height['mean']:.3f}, {spread} ({values['shares_of_mass']})")
+    lengths = [
+        (bone, f"{length['length']:.0f}", f"{length['sigma']:.0f}" if length["sigma"] == length["sigma"] else "-")
+        for bone, length in values["lengths_mm"].items()
+    ]
+    parts.append(table([("bone", "length [mm]", "sigma [mm]"), *lengths]))
+    parts += [f"left out, for lack of such joints: {', '.join(values['left_out'])}"] if values["left_out"] else []
+    if "files" in values:
+        parts.append("\n".join(values["files"]))
+    return "\n\n".join(parts)
+
+
+def _gait(shown: dict[str, Any]) -> str:
+    """A row for each foot, then the cadence."""
+    rows: list[tuple[str, ...]] = [("foot", "heel strikes", "toe offs", "step [m]", "stride [m]", "stance", "on floor")]
+    for side in shown["on_floor_share"]:
+        events = (_frames(shown[key][side]) for key in ("strike_frames", "off_frames"))
+        means = (
+            _known(shown[key][side], form)
+            for key, form in (("step_length_m", ".3f"), ("stride_length_m", ".3f"), ("stance_share", ".0%"))
+        )
+        rows.append((side, *events, *means, f"{shown['on_floor_share'][side]:.0%}"))
+    return f"{table(rows)}\ncadence: {_known(shown['cadence_per_minute'], '.1f')} steps a minute"
+
+
+def _frames(numbers: list[int]) -> str:
+    """Frame numbers; of many the first and how many there are."""
+    first = " ".join(map(str, numbers[:6])) or "-"
+    return first + (f" ... ({len(numbers)})" if len(numbers) > 6 else "")
+
+
+def _known(value: float, form: str) -> str:
+    return "-" if value != value else format(value, form)
+
+
+def summary(report: dict[str, Any]) -> str:
+    """The headline numbers of :func:`mmocap_warp.result.evaluation.evaluate` for people."""
+    statuses = [f"{report['lost']} lost", f"{report['partial']} with a view lost"]
+    statuses += [f"{report[name]} {name}" for name in ("rescued", "interpolated") if report[name]]
+    rows: list[tuple[str, ...]] = [
+        ("frames", f"{report['frames']} ({', '.join(statuses)})"),
+        ("runs", str(report["runs"])),
+        ("evaluations", _number(report["evaluations"], ",d")),
+        ("evaluations/s", _number(report["evaluations_per_second"], ",.0f")),
+        ("mean IoU", _number(report["mean_iou"], ".3f")),
+        ("worst IoU", f"{_number(report['worst_iou'], '.3f')} (frame {report['worst_iou_frame']})"),
+        ("shake", f"{_number(report['shake_mm'], '.1f')} mm"),
+    ]
+    errors = (
+        ("MPJPE", "mpjpe_mm"),
+        ("PA-MPJPE", "pa_mpjpe_mm"),
+        ("median joint error", "median_joint_mm"),
+        ("  offsets removed", "median_joint_offsets_removed_mm"),
+        ("Eq. 20 as printed", "eq20_as_printed_mm"),
+        ("Eq. 20 from own answer", "marker_error_mm"),
+    )
+    rows += [(name, _error(report, key)) for name, key in errors if report.get(key) is not None]
+    rows += [(name, f"{_number(error, '.1f')} mm") for name, error in report.get("median_mm_by_attached", {}).items()]
+    if report.get("median_angle_deg") is not None and report.get("marker_error_mm") is None:  # of a robot or a hand
+        rows.append(("median angle error", f"{report['median_angle_deg']:.2f} degrees"))
+    rows += [(name, f"{_number(error, '.1f')} mm") for name, error in report.get("median_mm_by_shift", {}).items()]
+    if report.get("growth") is not None:
+        rows.append(("growth of MPJPE", f"{report['growth']:.2f} (last third over first)"))
+    if report.get("limb_lost_frames"):
+        rows.append(("limb lost in", f"{len(report['limb_lost_frames'])} frames"))
+    if report.get("wrongly_tracked"):
+        rows.append(("wrongly tracked", f"{report['wrongly_tracked']} frames"))
+    return table(rows)
+
+
+def beside(reports: dict[str, dict[str, Any]]) -> str:
+    """Trackers by name, a row each, with the numbers that tell them apart."""
+    head = ("", "Eq. 20", "MPJPE", "shake", "mean IoU", "worst IoU", "time")
+    rows = [
+        (
+            name,
+            *(f"{_number(report.get(key), '.1f')} mm" for key in ("marker_error_mm", "mpjpe_mm", "shake_mm")),
+            *(_number(report[key], ".3f") for key in ("mean_iou", "worst_iou")),
+            f"{report['seconds']:.1f} s",
+        )
+        for name, report in reports.items()
+    ]
+    return table([head, *rows])
+
+
+def _error(report: dict[str, Any], key: str) -> str:
+    """An error, its floor where it has one, and the markers that it leaves out."""
+    floor, left_out = (report.get(key.replace("_mm", ending)) for ending in ("_floor_mm", "_left_out"))
+    notes = [f"floor {floor:.1f}"] if floor is not None else []
+    notes += [f"markers left out: {left_out}"] if left_out else []
+    return f"{report[key]:.1f} mm" + (f" ({', '.join(notes)})" if notes else "")
+
+
+def _number(value: float | None, form: str) -> str:
+    return "-" if value is None else format(value, form)

@@ -1,18 +1,20 @@
-"""Commands that write or look at a scene: ``init``, ``cameras``, ``sync``, ``synth``, ``humaneva`` and ``validate``."""
+"""Commands that write or look at a scene: ``init``, ``mask``, ``cameras``, ``sync``, ``synth``, ``humaneva``.
+
+And ``validate``, of USD files.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
-from mmocap_warp.cli.command_help import documented_by
+from mmocap_warp.cli.command import Answer, command
 from mmocap_warp.cli.console import (
     CHECK_FAILED,
     OK,
     Console,
     Output,
-    SceneFile,
-    Switch,
+    SceneFrames,
     mask_step,
     next_step,
     table,
@@ -21,44 +23,81 @@ from mmocap_warp.cli.console import (
 
 if TYPE_CHECKING:
     from mmocap_warp.calibration.sync.synchronise import Synchronisation
+    from mmocap_warp.masks.mask_check import MaskReport
+
+_DECIDED_BY = {
+    True: "the visual hull: these silhouettes fit into one body",
+    False: "when silhouettes move: the calibration or the motion is too poor for the visual hull to tell",
+    None: "when silhouettes move: right within a frame or two, better with a calibration",
+}
 
 
-@documented_by("new_scenes:init")
-def init(folder: Path, /, *, force: Switch = False, console: Console | None = None) -> None:
-    from mmocap_warp.commands.new_scenes import init
-
-    draft, scene = init(folder, force=force), folder / "scene.toml"
+@command("new_scenes:init")
+def init(call: Any, folder: Path) -> Answer:
+    draft, scene = call(), folder / "scene.toml"
     step = next_step("cameras", scene, "-o", folder / "axes")
     kind = f"a {draft.project} project, " if draft.project else ""
     lines = [f"{scene}: {kind}{len(draft.cameras)} cameras ({', '.join(draft.cameras)})"]
     lines += [f"found: {line}" for line in draft.found] + [f"missing: {line}" for line in draft.missing]
     lines.append(f"next: {'complete ' + str(scene) + ', then ' if draft.missing else ''}{step}")
-    values = {
-        "scene": scene,
-        "project": draft.project,
-        "calibration": draft.calibration,
-        "cameras": draft.cameras,
-        "found": draft.found,
-        "missing": draft.missing,
-        "next": step,
+    names = ("project", "calibration", "cameras", "found", "missing")
+    return Answer({"scene": scene, **{name: getattr(draft, name) for name in names}, "next": step}, lines)
+
+
+@command("mask:mask", frames=SceneFrames)
+def mask(call: Any) -> Answer:
+    masks = call()
+    report, good = masks.report, masks.remedy is None
+    step = next_step("track", masks.scene, "-o", masks.source.parent / "result.usdc")
+    views = {
+        name: {
+            "area_px": view.area,
+            "empty_frames": int((view.area == 0).sum()),
+            "explained": view.explained,
+            "covered": view.covered,
+        }
+        for name, view in report.views.items()
     }
-    (console or Console()).result(values, "\n".join(lines))
+    values = {
+        "scene": masks.scene,
+        "overlay": masks.overlay,
+        "frames": masks.frames,
+        "views": views,
+        "hull_litres": 1000 * report.volume,
+        "masks_ok": good,
+        "faults": list(report.faults),
+        "next": step if good else None,
+    }
+    lines = [f"{masks.scene}: {masks.frames} frames, {len(report.views)} cameras", *_mask_table(report)]
+    lines += [f"next: {step}"] if good else [*(f"check failed: {fault}" for fault in report.faults), masks.remedy]
+    return Answer(values, lines, OK if good else CHECK_FAILED)
 
 
-@documented_by("calibrate:show_cameras", output="pictures")
-def cameras(
-    scene: SceneFile,
-    /,
-    *,
-    output: Annotated[Path | None, Output] = None,
-    force: Switch = False,
-    console: Console | None = None,
-) -> int:
-    from mmocap_warp.commands.calibrate import show_cameras
+def _mask_table(report: MaskReport) -> list[str]:
+    """Each view's areas, how many frames are empty, and how well it agrees with the others."""
+    import numpy as np
+
+    lines = [f"{'camera':<12} {'median':>8} {'least':>8} {'most':>8} {'empty':>8} {'explained':>10} {'covered':>8}"]
+    lines += [f"{'':<12} {'px':>8} {'px':>8} {'px':>8} {'frames':>8} {'%':>10} {'%':>8}"]
+    for name, view in report.views.items():
+        seen = view.area[view.area > 0]
+        areas = (np.median(seen), seen.min(), seen.max()) if len(seen) else (0, 0, 0)
+        shares = f"{_percent(view.explained):>10} {_percent(view.covered):>8}"
+        columns = " ".join(f"{area:8.0f}" for area in areas)
+        lines.append(f"{name:<12} {columns} {(view.area == 0).sum():8d} {shares}")
+    return lines
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f}" if share == share else "-"
+
+
+@command("calibrate:show_cameras", order="pictures", pictures=Annotated[Path | None, Output])
+def cameras(call: Any, scene: Path, pictures: Path | None) -> Answer:
     from mmocap_warp.scene.scene_toml import load_scene
 
     loaded = load_scene(scene, masks=False)
-    shown = show_cameras(loaded, output, force=force)
+    shown = call(scene=loaded)
     have_masks = all(source.masks is not None for source in loaded.cameras)
     step = track_step(loaded.path) if have_masks else mask_step(loaded.path)
     values = {
@@ -79,33 +118,22 @@ def cameras(
         "pictures": shown.pictures,
         "next": step if shown.plausible else None,
     }
-    lines = [repr(shown), *map(str, shown.pictures), f"mean height {shown.mean_height:.2f} m along {shown.up}"]
+    lines = [repr(shown), *shown.pictures, f"mean height {shown.mean_height:.2f} m along {shown.up}"]
     if not shown.plausible:
         lines.append("check failed: cameras at or below the world's zero; is [scene] up this calibration's vertical?")
-    if output is not None:
-        lines.append(f"{output}: the world's axes in {len(shown.rows)} pictures, x red, y green, z blue")
+    if pictures is not None:
+        lines.append(f"{pictures}: the world's axes in {len(shown.rows)} pictures, x red, y green, z blue")
     if shown.plausible:
         lines.append(f"next: {step}")
-    (console or Console()).result(values, "\n".join(lines))
-    return OK if shown.plausible else CHECK_FAILED
+    return Answer(values, lines, OK if shown.plausible else CHECK_FAILED)
 
 
-@documented_by("calibrate:sync")
-def sync(
-    scene: SceneFile,
-    /,
-    *,
-    frames: str | None = None,
-    within: float = 1.0,
-    write: Switch = False,
-    console: Console | None = None,
-) -> int:
-    from mmocap_warp.commands.calibrate import sync
+@command("calibrate:sync")
+def sync(call: Any, scene: Path, frames: str | None, write: bool) -> Answer:
     from mmocap_warp.commands.inputs import scene_from
 
-    console = console or Console()
     loaded = scene_from(scene, frames, calibrated=False)
-    offsets = sync(loaded, within=within, write=write, reporter=console)
+    offsets = call(scene=loaded, frames=None)
     timing, faults = offsets.timing(loaded), offsets.faults(loaded)
     step = next_step("cameras", loaded.path) if loaded.calibration and loaded.calibrated.placed else None
     values = {
@@ -131,12 +159,15 @@ def sync(
         "faults": faults,
         "next": step if offsets.sure else None,
     }
-    lines = [_offset_table(offsets, timing), _decided_by(offsets), *(f"check failed: {fault}" for fault in faults)]
+    lines = [
+        _offset_table(offsets, timing),
+        f"decided by {_DECIDED_BY[offsets.hull]}",
+        *(f"check failed: {fault}" for fault in faults),
+    ]
     if not faults:
         lines += [f"{loaded.path}: written"] if write else _scene_lines(timing)
         lines += [f"next: {step}"] if step else []
-    console.result(values, "\n".join(lines))
-    return OK if offsets.sure else CHECK_FAILED
+    return Answer(values, lines, OK if offsets.sure else CHECK_FAILED)
 
 
 def _offset_table(offsets: Synchronisation, timing: dict[str, dict[str, float]]) -> str:
@@ -151,14 +182,6 @@ def _offset_table(offsets: Synchronisation, timing: dict[str, dict[str, float]])
     return table(rows)
 
 
-def _decided_by(offsets: Synchronisation) -> str:
-    if offsets.hull:
-        return "decided by the visual hull: these silhouettes fit into one body"
-    if offsets.hull is None:
-        return "decided by when silhouettes move: right within a frame or two, better with a calibration"
-    return "decided by when silhouettes move: the calibration or the motion is too poor for the visual hull to tell"
-
-
 def _scene_lines(timing: dict[str, dict[str, float]]) -> list[str]:
     """The lines of the scene file that give the offsets."""
     lines = []
@@ -168,34 +191,9 @@ def _scene_lines(timing: dict[str, dict[str, float]]) -> list[str]:
     return lines or ["all cameras are in step: offsets need not be given"]
 
 
-@documented_by("new_scenes:synthesize")
-def synth(
-    body: str,
-    /,
-    *,
-    output: Annotated[Path, Output],
-    motion: str | None = None,
-    cameras: int = 6,
-    size: tuple[int, int] = (640, 480),
-    perfect: Switch = False,
-    seed: int = 0,
-    force: Switch = False,
-    console: Console | None = None,
-) -> None:
-    from mmocap_warp.commands.new_scenes import synthesize
-
-    console = console or Console()
-    made = synthesize(
-        body,
-        output,
-        motion=motion,
-        cameras=cameras,
-        size=size,
-        perfect=perfect,
-        seed=seed,
-        force=force,
-        reporter=console,
-    )
+@command("new_scenes:synthesize")
+def synth(call: Any, cameras: int) -> Answer:
+    made = call()
     step = track_step(made.scene)
     values = {
         "scene": made.scene,
@@ -205,30 +203,14 @@ def synth(
         "cameras": cameras,
         "next": step,
     }
-    console.result(values, f"{made!r}\nnext: {step}")
+    return Answer(values, [repr(made), f"next: {step}"])
 
 
-@documented_by("new_scenes:import_humaneva")
-def humaneva(
-    root: Path,
-    subject: str,
-    action: str,
-    /,
-    *,
-    output: Annotated[Path, Output],
-    first: int | None = None,
-    last: int | None = None,
-    force: Switch = False,
-    console: Console | None = None,
-) -> None:
+@command("new_scenes:import_humaneva")
+def humaneva(call: Any, console: Console, output: Path) -> Answer:
     import numpy as np
 
-    from mmocap_warp.commands.new_scenes import import_humaneva
-
-    console = console or Console()
-    sequence = import_humaneva(
-        root, subject, action, output, first=first, last=last, force=force, reporter=_Warnings(quiet=console.quiet)
-    )
+    sequence = call(reporter=_Warnings(quiet=console.quiet))
     with_truth = int(np.isfinite(sequence.truth.markers).all(axis=(1, 2)).sum())
     scene = output / "scene.toml"
     values = {
@@ -244,7 +226,8 @@ def humaneva(
         "joints": sequence.truth.joint_names,
         "backgrounds": [background.path.name for background in sequence.backgrounds],
     }
-    console.result(values, f"{scene}: {sequence.count} frames, {with_truth} with truth, {len(sequence.rig)} cameras")
+    text = f"{scene}: {sequence.count} frames, {with_truth} with truth, {len(sequence.rig)} cameras"
+    return Answer(values, [text])
 
 
 class _Warnings(Console):

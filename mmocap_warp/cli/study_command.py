@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stdout
+from collections.abc import Callable
+from contextlib import redirect_stdout
+from itertools import groupby
 from pathlib import Path
+from statistics import fmean
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
-from mmocap_warp.cli.command_help import documented_by
-from mmocap_warp.cli.console import CHECK_FAILED, FAILURE, OK, Console, Output, Switch, table
+from mmocap_warp.cli.command import ANY_NUMBER, Answer, Given, command, several
+from mmocap_warp.cli.console import CHECK_FAILED, FAILURE, OK, Console, table
 
 if TYPE_CHECKING:
     from mmocap_warp.commands.studies import StudyRun
-
-Several = Annotated[tuple[Path, ...], Parameter(negative="", show_default=False)]
+    from mmocap_warp.study.ablation import AblationCell
 
 app = App(name="study", help="Compare trackers: run a grid of them, and report on it.", version_flags=[])
 _RUN = (
@@ -34,92 +35,54 @@ _COLUMNS = {  # of the table of a run, by key: title, format and unit
     "shake_mm": ("shake", ".1f", " mm"),
     "growth": ("growth", ".2f", ""),
 }
+_MORE = Parameter(help="Further folders of results, of the same page.")
 _MAX_NAMED = 3  # cells that are missing for one reason; of more, only the number is printed
+_ABLATED: dict[str, tuple[str, str, Callable[[list[float]], float]]] = {  # title, how it is shown, over seeds
+    "marker_error_mm": ("marker", ".1f", fmean),
+    "mpjpe_mm": ("MPJPE", ".1f", fmean),
+    "shake_mm": ("shake", ".1f", fmean),
+    "growth": ("growth", ".2f", fmean),
+    "mean_iou": ("IoU", ".3f", fmean),
+    "worst_iou": ("worst", ".3f", min),
+    "wrongly_tracked": ("wrong", ".0f", max),
+    "off_frames": ("off", ".0f", max),
+    "longest_off": ("in a row", ".0f", max),
+    "near_tracked": ("told", ".2f", min),
+    "ms_per_frame": ("ms", ".0f", min),
+}
+_LEGEND = (
+    "Means over seeds: marker error from the run's own first answer, MPJPE and shake at 60 Hz [mm]; growth: MPJPE of "
+    "the last third over the first's; IoU. ms: a frame of the fastest seed.\n"
+    "Of the worst seed: IoU of the worst frame; wrong: frames said to be tracked with a wrist, an ankle or the root "
+    "over 200 mm off; off: such frames whatever is said, and how many in a row; told: share said to be tracked or "
+    "partial of the frames with none of these over 50 mm off."
+)
+_ROW = ("clip", "purpose", "degradation", "start", "tracker")  # what a line of the table is about
 
 
 @app.command(help="Write shipped sequences as scenes, to look at or to track on their own.", sort_key=0)
-@documented_by("clips:make_sequences", sequence="sequences")
-def make(
-    folder: Path,
-    /,
-    *,
-    sequence: Annotated[tuple[str, ...], Parameter(negative="", show_default=False)] = (),
-    frames: int | None = None,
-    degrade: str = "none",
-    seed: int = 0,
-    clip: Path | None = None,
-    skeleton: Path | None = None,
-    markers: Path | None = None,
-    force: Switch = False,
-    console: Console | None = None,
-) -> None:
-    from mmocap_warp.commands.clips import make_sequences
-
-    console = console or Console()
-    scenes = make_sequences(
-        folder,
-        sequence,
-        frames=frames,
-        degrade=degrade,
-        seed=seed,
-        clip=clip,
-        skeleton=skeleton,
-        markers=markers,
-        force=force,
-        reporter=console,
-    )
-    console.result(scenes, "\n".join(str(path) for path in scenes.values()))
+@command("clips:make_sequences", sequences=several("--sequence"))
+def make(call: Any) -> Answer:
+    scenes = call()
+    return Answer(scenes, scenes.values())
 
 
 @app.command(help=_RUN, sort_key=1)
-@documented_by("studies:run_study")
-def run(
-    study: Path,
-    /,
-    *,
-    output: Annotated[Path | None, Output] = None,
-    engine: str = "local",
-    device: str = "auto",
-    threads: int | None = None,
-    address: str = "auto",
-    workers: int | None = None,
-    gpus: float = 1.0,
-    minutes: float | None = None,
-    poses: str = "all",
-    accept_changed_code: Switch = False,
-    console: Console | None = None,
-) -> int:
-    from mmocap_warp.cli.study_progress import StudyProgress
-    from mmocap_warp.commands.studies import run_study
+@command("studies:run_study")
+def run(call: Any, console: Console, study: Path) -> Answer:
+    from mmocap_warp.cli.progress import StudyProgress
     from mmocap_warp.study.definition import load_study
 
-    console, loaded = console or Console(), load_study(study)
-    with _ray_messages(console), StudyProgress(loaded.name, quiet=console.quiet) as progress:
-        done = run_study(
-            loaded,
-            output,
-            engine=engine,
-            device=device,
-            threads=threads,
-            address=address,
-            workers=workers,
-            gpus=gpus,
-            minutes=minutes,
-            poses=poses,
-            accept_changed_code=accept_changed_code,
-            show=progress.show,
-            reporter=progress,
-        )
+    loaded = load_study(study)
+    # Ray prints the last lines of its logs to stdout when something of it dies; the run says so in one line.
+    with (
+        open(os.devnull, "w") as nowhere,
+        redirect_stdout(sys.stderr if console.debug else nowhere),
+        StudyProgress(loaded.name, quiet=console.quiet) as progress,
+    ):
+        done = call(study=loaded, show=progress.show, reporter=progress)
     values = _values(done)
-    console.result(values, _text(values))
-    return FAILURE if done.status.failures else OK
-
-
-@contextmanager
-def _ray_messages(console: Console) -> Iterator[None]:
-    """Ray prints the last lines of its logs to stdout when something of it dies; the run says so in one line."""
-    with open(os.devnull, "w") as nowhere, redirect_stdout(sys.stderr if console.debug else nowhere):
-        yield
+    return Answer(values, [_text(values)], FAILURE if done.status.failures else OK)
 
 
 def _values(done: StudyRun) -> dict[str, Any]:
@@ -167,14 +130,6 @@ def _text(values: dict[str, Any]) -> str:
     return "\n".join([*lines, *(["", *missing, "run the study again to track what is missing"] if missing else [])])
 
 
-app.command(
-    "mmocap_warp.cli.study_ablate:ablate",
-    help="Track clips, made worse in several ways, with several trackers.",
-    name="ablate",
-    sort_key=2,
-)
-
-
 @app.command(help="List a folder's results, checking every byte. Exits with 4 if one is damaged.", sort_key=3)
 def show(folder: Path, /, *, console: Console | None = None) -> int:
     """List a folder's results.
@@ -206,21 +161,15 @@ def show(folder: Path, /, *, console: Console | None = None) -> int:
 
 
 @app.command(help="Write a study's results as one HTML page.", sort_key=4)
-@documented_by("studies:report_study", study="studies")
-def report(
-    results: Path,
-    /,
-    *more: Annotated[Path, Parameter(help="Further folders of results, of the same page.")],
-    output: Annotated[Path, Output] = Path("report.html"),
-    study: Several = (),
-    alone: Path | None = None,
-    force: Switch = False,
-    console: Console | None = None,
-) -> None:
-    from mmocap_warp.commands.studies import report_study
-
-    console = console or Console()
-    written = report_study([results, *more], output, studies=study, alone=alone, force=force, reporter=console)
+@command(
+    "studies:report_study",
+    order="results more output",
+    results=Path,
+    more=Given(Annotated[Path, Parameter(help="Further folders of results, of the same page.")], kind=ANY_NUMBER),
+    studies=several("--study", Path),
+)
+def report(call: Any, results: Path, more: tuple[Path, ...]) -> Answer:
+    written = call(results=[results, *more])
     values = {
         "page": written.page,
         "tables": written.tables,
@@ -229,4 +178,46 @@ def report(
         "left_out": written.left_out,
         "mixed_code": written.mixed_code or None,
     }
-    console.result(values, f"{written.page}\n{written.tables}\n{written.cells}")
+    return Answer(values, [written.page, written.tables, written.cells])
+
+
+@app.command(help="Track clips, made worse in several ways, with several trackers.", sort_key=2)
+@command(
+    "clips:ablate",
+    clips=several("--clip"),
+    degradations=several("--degrade"),
+    starts=several("--start"),
+    trackers=several("--tracker"),
+)
+def ablate(call: Any, console: Console, folder: Path) -> Answer:
+    done = 0
+
+    def show(cell: AblationCell, measures: dict[str, Any], total: int) -> None:
+        nonlocal done
+        done += 1
+        known = {name: value for name, value in measures.items() if name in _ABLATED and value is not None}
+        titled = [f"{title} {known[name]:{kind}}" for name, (title, kind, _) in _ABLATED.items() if name in known]
+        console.note(f"{done} of {total}: {cell}: {', '.join(titled)}")
+
+    rows = call(show=show)
+    return Answer({"folder": folder, "cells": rows}, [_ablation_table(rows)])
+
+
+def _ablation_table(rows: list[dict[str, Any]]) -> str:
+    """A line per clip, degradation and tracker, over the seeds."""
+
+    def which(row: dict[str, Any]) -> tuple[str, ...]:
+        return tuple(row["cell"][name] for name in _ROW)
+
+    lines = [("clip", "for", "degradation", "start", "tracker", "seeds", *(title for title, *_ in _ABLATED.values()))]
+    place = {row: i for i, row in enumerate(dict.fromkeys(map(which, rows)))}
+    for key, group in groupby(sorted(rows, key=lambda row: place[which(row)]), which):
+        seeds = [row["measures"] for row in group]
+        values = [_over_seeds([one[name] for one in seeds], kind, how) for name, (_, kind, how) in _ABLATED.items()]
+        lines.append((*key, str(len(seeds)), *values))
+    return f"{table(lines, left=len(_ROW))}\n\n{_LEGEND}"
+
+
+def _over_seeds(values: list[float | None], kind: str, how: Callable[[list[float]], float]) -> str:
+    known = [value for value in values if value is not None]
+    return format(how(known), kind) if known else "-"

@@ -4,69 +4,27 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
+from typing import Annotated, Any, Literal
 
-from mmocap_warp.cli.command_help import documented_by
-from mmocap_warp.cli.console import (
-    CHECK_FAILED,
-    OK,
-    Console,
-    Identity,
-    Output,
-    SceneFile,
-    SceneFrames,
-    Switch,
-    flags_of,
-    given,
-    next_step,
-)
+from cyclopts import Parameter
+
+from mmocap_warp.cli.command import BY_PLACE, REQUIRED, Answer, Given, command
+from mmocap_warp.cli.console import CHECK_FAILED, OK, Console, SceneFrames, flags_of, next_step
 from mmocap_warp.errors import InputError
 from mmocap_warp.fitting.fit_config import FitConfig
 from mmocap_warp.tracking.track_config import TrackConfig
 
-if TYPE_CHECKING:
-    TrackFlags: TypeAlias = TrackConfig
-    FitFlags: TypeAlias = FitConfig
-else:
-    TrackFlags, FitFlags = flags_of(TrackConfig), flags_of(FitConfig)
+TrackFlags, FitFlags = flags_of(TrackConfig), flags_of(FitConfig)
 
 
-@documented_by("track:track")
-def track(
-    scene: SceneFile,
-    /,
-    *,
-    output: Annotated[Path, Output],
-    subject: Path | None = None,
-    body: str | None = None,
-    rigid: bool | None = None,
-    frames: SceneFrames = None,
-    identity: Identity = None,
-    flags: TrackFlags | None = None,
-    resume: Switch = False,
-    accept_changed_code: Switch = False,
-    force: Switch = False,
-    console: Console | None = None,
-) -> None:
-    from mmocap_warp.cli.result_report import summary
+@command("track:track", output=Given(Path, REQUIRED), frames=SceneFrames, settings=TrackFlags | None)
+def track(call: Any, console: Console, scene: Path, output: Path, frames: str | None, identity: int | None) -> None:
+    from mmocap_warp.cli.result_commands import summary
     from mmocap_warp.commands.evaluate import evaluate_in_scene
     from mmocap_warp.commands.inputs import scene_from
-    from mmocap_warp.commands.track import track
 
-    console, flags = console or Console(), flags or TrackFlags()
     loaded = scene_from(scene, frames, identity)
-    tracked = track(
-        loaded,
-        subject,
-        output=output,
-        body=body,
-        rigid=rigid,
-        resume=resume,
-        accept_changed_code=accept_changed_code,
-        force=force,
-        reporter=console,
-        **given(flags),
-    )
+    tracked = call(scene=loaded, frames=None, identity=None)
     try:
         report, warning = evaluate_in_scene(tracked, loaded)
     except InputError:
@@ -79,37 +37,19 @@ def track(
         console.warn(warning)
 
 
-@documented_by("fit:fit", start_pose="start_poses")
-def fit(
-    scene: SceneFile,
-    /,
-    *,
-    output: Annotated[Path, Output] = Path("subject.usdc"),
-    body: str | None = None,
-    start_pose: list[str] | None = None,
-    frames: SceneFrames = None,
-    identity: Identity = None,
-    flags: FitFlags | None = None,
-    force: Switch = False,
-    console: Console | None = None,
-) -> None:
-    from mmocap_warp.commands.fit import fit
-
-    console, flags = console or Console(), flags or FitFlags()
-    subject = fit(
-        scene,
-        body,
-        output=output,
-        start_poses=start_pose,
-        frames=frames,
-        identity=identity,
-        force=force,
-        reporter=console,
-        **given(flags),
-    )
+@command(
+    "fit:fit",
+    order="output body",
+    output=Given(Path, Path("subject.usdc")),
+    start_poses=Annotated[list[str] | None, Parameter(name="--start-pose")],
+    frames=SceneFrames,
+    settings=FitFlags | None,
+)
+def fit(call: Any, output: Path) -> Answer:
+    subject = call()
     known, name = subject.provenance, subject.body.name
     values = {"file": output, "body": name, "height_m": known["body.height"], **known}
-    console.result(values, f"{output}: {name}, {_measures(known)}")
+    return Answer(values, [f"{output}: {name}, {_measures(known)}"])
 
 
 def _measures(provenance: dict[str, str | float | int]) -> str:
@@ -124,20 +64,12 @@ def _measures(provenance: dict[str, str | float | int]) -> str:
     return f"{size}, known to {of_size:.0f} mm{bones} from {frames} frames"
 
 
-@documented_by("demo:demo")
-def demo(
-    example: Literal["walk", "fox", "hand", "quadruped", "arm"] = "walk",
-    /,
-    *,
-    output: Annotated[Path, Output] = Path("mmocap-out"),
-    paper: Switch = False,
-    console: Console | None = None,
-) -> int:
-    from mmocap_warp.cli.result_report import beside, summary
-    from mmocap_warp.commands.demo import EXAMPLES, MOST_ERROR_MM, MOST_SHARE, PAPERS, demo
+@command("demo:demo", example=Given(Literal["walk", "fox", "hand", "quadruped", "arm"], kind=BY_PLACE))
+def demo(call: Any, example: str) -> Answer:
+    from mmocap_warp.cli.result_commands import beside, summary
+    from mmocap_warp.commands.demo import EXAMPLES, MOST_ERROR_MM, MOST_SHARE, PAPERS
 
-    console = console or Console()
-    shown = demo(example, output, paper=paper, reporter=console)
+    shown = call()
     values = {**shown.report, **shown.files}
     files, lines = list(shown.files.items()), [summary(shown.report)]
     if shown.paper is not None:
@@ -153,5 +85,4 @@ def demo(
     lines += [f"{name:<8} {path}" for name, path in files]
     if not shown.good:
         lines.append(f"check failed: {failure}")
-    console.result({**values, "error_ok": shown.good}, "\n".join(lines))
-    return OK if shown.good else CHECK_FAILED
+    return Answer({**values, "error_ok": shown.good}, lines, OK if shown.good else CHECK_FAILED)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -142,17 +142,17 @@ def import_body(
 
 
 def _read_rigged(file: Path, meshes: Path | None) -> RiggedMesh:
-    suffix = file.suffix.lower()
+    readers: dict[str, Callable[[Path], RiggedMesh]] = {
+        ".glb": read_gltf,
+        ".gltf": read_gltf,
+        ".urdf": lambda file: read_urdf(file, meshes),
+        **dict.fromkeys(USD_SUFFIXES, read_usd_skel),
+    }
     if not file.is_file():
         raise InputError(file, "no such file", "check the path")
-    if suffix in (".glb", ".gltf"):
-        return read_gltf(file)
-    if suffix == ".urdf":
-        return read_urdf(file, meshes)
-    if suffix in USD_SUFFIXES:
-        return read_usd_skel(file)
-    known = ", ".join((".glb", ".gltf", ".urdf", *USD_SUFFIXES))
-    raise InputError(file, "is of a kind that is not read", f"give a file that ends in {known}")
+    if file.suffix.lower() not in readers:
+        raise InputError(file, "is of a kind that is not read", f"give a file that ends in {', '.join(readers)}")
+    return readers[file.suffix.lower()](file)
 
 
 @releases_locks

@@ -22,7 +22,7 @@ from mmocap_warp.calibration.refine import refinement
 from mmocap_warp.calibration.refine.refinement import Refinement
 from mmocap_warp.calibration.solve import solution
 from mmocap_warp.calibration.solve.solution import SolvedCameras
-from mmocap_warp.calibration.sync.synchronise import WITHIN, Synchronisation, synchronise
+from mmocap_warp.calibration.sync.synchronise import Synchronisation, synchronise
 from mmocap_warp.cameras.rig import UP_AXES, CameraRig, CameraSummary, describe_rig, draw_world_axes
 from mmocap_warp.commands.inputs import Frames, body_from, note_others, scene_from
 from mmocap_warp.commands.outputs import new_file, new_folder, releases_locks
@@ -34,7 +34,7 @@ from mmocap_warp.formats.calibration.calibration_text import EVERY_OTHER, METRES
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.png import write_png
 from mmocap_warp.formats.table import calibration_export, read_calibration, write_calibration
-from mmocap_warp.scene.offset_writing import write_timing
+from mmocap_warp.scene.camera_tables import write_timing
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
 
@@ -120,7 +120,7 @@ def sync(
     scene: Scene | str | Path,
     *,
     frames: Frames = None,
-    within: float = WITHIN,
+    within: float = 1.0,
     write: bool = False,
     reporter: Reporter | None = None,
 ) -> Synchronisation:

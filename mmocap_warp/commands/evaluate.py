@@ -47,25 +47,17 @@ def evaluate(
     """
     tracked, path = result_from(result)
     positions = positions_of(tracked, frames)
-    recorded = scene_of(tracked, path, scene, reporter) if truth is None else None
-    known, file, axes = _truth_in(truth, truth_axes, recorded)
+    named_by, file = "scene" if truth is None else "truth", None
+    if truth is None and (recorded := scene_of(tracked, path, scene, reporter)) is not None:
+        truth, file, truth_axes = truth_of(recorded), recorded.truth, recorded.truth_axes
+    elif isinstance(truth, str | Path):
+        file = Path(truth)
+        truth = load_truth(file, truth_axes)
     start_warp()
-    report = report_of(tracked.at(positions), known, file)
-    if report.get("other_world") is not None:
-        line = other_world_line(report, file, axes, "scene" if truth is None else "truth")
-        (reporter or Reporter()).warn(f"check failed: {line}")
+    report, fault = _judged(tracked.at(positions), truth, file, truth_axes, named_by)
+    if fault is not None:
+        (reporter or Reporter()).warn(f"check failed: {fault}")
     return report
-
-
-def _truth_in(
-    truth: Truth | str | Path | None, axes: str, scene: Scene | None
-) -> tuple[Truth | None, Path | None, str]:
-    """The truth, its file and the axes that are taken of it."""
-    if isinstance(truth, Truth):
-        return truth, None, axes
-    if truth is not None:
-        return load_truth(truth, axes), Path(truth), axes
-    return truth_of(scene), *((None, axes) if scene is None else (scene.truth, scene.truth_axes))
 
 
 def evaluate_in_scene(result: Result, scene: Scene) -> tuple[dict[str, Any], str | None]:
@@ -77,34 +69,25 @@ def evaluate_in_scene(result: Result, scene: Scene) -> tuple[dict[str, Any], str
     Raises:
         InputError: the truth is of other frames, or of a body with other joints.
     """
-    report = report_of(result, truth_of(scene), scene.truth)
+    report, fault = _judged(result, truth_of(scene), scene.truth, scene.truth_axes, "scene")
     del report["series"]
-    if report.get("other_world") is None:
-        return report, None
-    return report, other_world_line(report, scene.truth, scene.truth_axes, "scene")
+    return report, fault
 
 
-def report_of(result: Result, truth: Truth | None, file: Path | None) -> dict[str, Any]:
-    """How good a result is, beside the truth that ``file`` holds.
-
-    Raises:
-        InputError: the truth is of other frames, or of a body with other joints.
-    """
+def _judged(
+    result: Result, truth: Truth | None, file: Path | None, axes: str, named_by: str
+) -> tuple[dict[str, Any], str | None]:
+    """The report, and a line where the truth, which ``file`` holds, is in another world."""
     try:
-        return evaluation.evaluate(result, truth)
+        report = evaluation.evaluate(result, truth)
     except InputError as error:
         raise InputError(file or error.source, error.problem, error.remedy) from None
+    in_one_world = report.get("other_world") is None
+    return report, None if in_one_world else _other_world(report, file, axes, named_by)
 
 
-def other_world_line(report: dict[str, Any], truth: Path | None, axes: str, named_by: str) -> str:
-    """What is wrong where ``report`` says that the truth is in another world, and the remedy.
-
-    Args:
-        report: of :func:`mmocap_warp.result.evaluation.evaluate`.
-        truth: the truth's file; None where it has none.
-        axes: that were taken of it.
-        named_by: ``"truth"`` for the argument, ``"scene"`` for the scene file.
-    """
+def _other_world(report: dict[str, Any], truth: Path | None, axes: str, named_by: str) -> str:
+    """What is wrong with a truth in another world, whose file or scene has ``axes``, and the remedy."""
     other = report["other_world"]
     errors = f"joints are off by {other['mpjpe_mm']:,.0f} mm that way instead of {report['mpjpe_mm']:,.0f}"
     source = "the truth" if truth is None else truth

@@ -84,11 +84,7 @@ def export(
 
 
 def _check_format(output: Path, up: str | None, bake: bool) -> None:
-    """Refuse what the ending's format cannot be.
-
-    Raises:
-        UsageError: another vertical than the format's, or points of a format without.
-    """
+    """Refuse another vertical than the format's, and points in a format without."""
     format = table.export_format(output)
     if up is not None and format.up not in (None, f"+{up}"):
         raise UsageError(f"--up {up}: {format} is always {format.up[1:]} up")
@@ -97,11 +93,7 @@ def _check_format(output: Path, up: str | None, bake: bool) -> None:
 
 
 def _files(output: Path, run: int | str | None, runs: int, best: int) -> dict[Path, int]:
-    """The run that each file holds.
-
-    Raises:
-        UsageError: no such run.
-    """
+    """The run that each file holds."""
     if run == "all":
         return {output.with_name(f"{output.stem}-run{number}{output.suffix}"): number for number in range(runs)}
     if run is None:
@@ -112,11 +104,7 @@ def _files(output: Path, run: int | str | None, runs: int, best: int) -> dict[Pa
 
 
 def _chosen(result: Result, raw: bool, frames: Frames, fps: float | None, rig: str | None, up: str | None) -> Result:
-    """The part of a result that is asked for.
-
-    Raises:
-        UsageError: it has no such track, frames or rate, or is not for the rig.
-    """
+    """The part of a result that is asked for."""
     if raw and result.raw_pose is None:
         raise UsageError("--raw: the track was not smoothed; without the flag it is as it was tracked")
     result = before_smoothing(result) if raw else result

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from mmocap_warp.body.posing import Poser
-from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.cameras.silhouette import silhouettes
 from mmocap_warp.commands.inputs import Frames, note_others, result_from, scene_from, span
 from mmocap_warp.commands.outputs import new_folder, releases_locks
@@ -82,7 +81,10 @@ def mask(
     note_others(loaded, reporter)
     refine = None if from_body is None else _around_body(loaded, from_body, scale)
     folder = new_folder(output, force=force)
-    judge = MaskJudge(loaded.rig(scale), loaded.frame_count, _body_volume(loaded))
+    # The volume of the scene's subject, or else of the body that a fit would start from.
+    named = loaded.subject and read_subject(loaded.subject).body
+    body = named or load_body(loaded.body or DEFAULT_BODY, loaded.path)
+    judge = MaskJudge(loaded.rig(scale), loaded.frame_count, body.volume)
     total = loaded.frame_count
     with reporter.stage("mask") as progress:
         written = write_masks(
@@ -91,13 +93,6 @@ def mask(
     report = judge.report()
     remedy = _remedy(loaded, folder) if report.faults else None
     return WrittenMasks(loaded.path, written, folder / "overlay.webm", total, report, remedy)
-
-
-def _body_volume(scene: Scene) -> float:
-    """What the scene's subject holds, or else the body that a fit would start from [m^3]."""
-    if scene.subject is not None:
-        return read_subject(scene.subject).body.volume
-    return load_body(scene.body or DEFAULT_BODY, scene.path).volume
 
 
 def _remedy(scene: Scene, folder: Path) -> str:
@@ -118,12 +113,7 @@ def _remedy(scene: Scene, folder: Path) -> str:
 
 
 def _around_body(scene: Scene, result: Result | str | Path, scale: float) -> Refine:
-    """How a scene's masks are drawn around the body of a result, frame after frame.
-
-    Raises:
-        InputError: a file that is no result, a result of another recording or of a part of it, or a camera without
-            video.
-    """
+    """How a scene's masks are drawn around the body of its result, frame after frame, from the video of all cameras."""
     if isinstance(result, str | Path) and not holds_result(result):
         raise InputError(result, "is no result", "name what mmocap track wrote; a subject has the first pose alone")
     tracked, path = result_from(result)
@@ -134,19 +124,14 @@ def _around_body(scene: Scene, result: Result | str | Path, scale: float) -> Ref
     if any(source.video is None for source in scene.cameras):
         raise InputError(scene.path, "--from-body needs the video of every camera", "name them as video")
     start_warp()
-    return _refine(tracked, scene.rig(scale))
-
-
-def _refine(result: Result, rig: CameraRig) -> Refine:
-    """Takes the best run's frames in turn; a camera without an image keeps its mask."""
-    poser, faces = Poser(result.subject.body, result.subject.root_base), result.subject.body.tracking_face
-    poses = iter(result.pose[result.best_run])
+    rig, subject, poses = scene.rig(scale), tracked.subject, iter(tracked.pose[tracked.best_run])
+    poser, faces = Poser(subject.body, subject.root_base), subject.body.tracking_face
 
     def refine(masks: list[np.ndarray], images: list[np.ndarray | None]) -> list[np.ndarray]:
         (vertices,) = poser.tracking_vertices(next(poses))
         depth = (rig.R @ vertices.mean(axis=0) + rig.t)[:, 2].clip(min=0.1)
         body = silhouettes(rig, vertices, faces)
-        return [
+        return [  # a camera without an image keeps its mask
             mask if image is None else mask_around_body(image, body[k], float(rig.K[k, 0, 0] / depth[k]))
             for k, (mask, image) in enumerate(zip(masks, images, strict=True))
         ]

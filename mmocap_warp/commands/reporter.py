@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 
 Progress = Callable[..., None]
 """Called with the steps that are done, how many there are, and perhaps the evaluations that were spent."""
@@ -34,8 +34,4 @@ class Reporter:
             name: of the stage.
             unit: what a step is; None where steps are only shares of the whole.
         """
-        return self._stage(name)
-
-    @contextmanager
-    def _stage(self, name: str) -> Iterator[Progress]:
-        yield lambda done, total, evaluations=0: self.progress(name, done, total)
+        return nullcontext(lambda done, total, evaluations=0: self.progress(name, done, total))

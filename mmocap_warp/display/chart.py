@@ -11,33 +11,14 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
+from importlib.resources import files
 
 import numpy as np
 
-MARKS = """\
-svg text { fill: var(--soft); font: 12px var(--sans); }
-svg .name { fill: var(--ink); font-size: 13px; }
-svg .series { fill: var(--c); }
-.grid { fill: none; stroke: var(--rule); }
-.curve { fill: none; stroke: var(--c); stroke-width: 2; stroke-linejoin: round; stroke-linecap: round; }
-.dot { fill: var(--c); }
-.box { stroke: var(--c); stroke-width: 1.2; }
-.median { fill: none; stroke-width: 2; stroke: var(--paper); }
-"""
+_STYLES = files("mmocap_warp.display")
+MARKS = (_STYLES / "chart_marks.css").read_text(encoding="utf-8")
 """How parts look by their class."""
-
-_ALONE = """\
-svg { --paper: #fff; --ink: #1b1f24; --soft: #59626d; --rule: #dce0e5; --first: #0072b2; --second: #c75400;
-  --sans: system-ui, sans-serif; }
-@media (prefers-color-scheme: dark) {
-  svg { --paper: #14171b; --ink: #e8eaed; --soft: #a2abb6; --rule: #323840; --first: #56a9e6; --second: #f0883e; }
-}
-svg > rect { fill: var(--paper); }
-.first { --c: var(--first); }
-.second { --c: var(--second); }
-.curve.dashed { stroke-dasharray: 6 4; stroke-linecap: butt; }
-.curve.thin { stroke-width: 1; opacity: 0.4; }
-"""
+_ALONE = (_STYLES / "chart_alone.css").read_text(encoding="utf-8")
 """What a picture on its own needs beside ``MARKS``."""
 
 _LINE = 15.0  # distance from a line of words to the next
@@ -61,7 +42,7 @@ class Axis:
         ticks: values that are marked.
         word: of a tick.
         logarithmic: whether it is.
-        names: whether words are names of things, not values.
+        kind: the class of its words: ``name`` where they are names of things, not values.
     """
 
     low: float
@@ -71,7 +52,7 @@ class Axis:
     ticks: tuple[float, ...]
     word: Callable[[float], str] = tick_label
     logarithmic: bool = False
-    names: bool = False
+    kind: str = ""
 
     def at(self, value: float) -> float:
         """The coordinate of a value; a value beyond an end lies on the end, and NaN gives NaN."""
@@ -109,7 +90,7 @@ def logarithmic(low: float, high: float, start: float, stop: float) -> Axis:
 def categories(names: Sequence[str], start: float, stop: float) -> Axis:
     """An axis of equal stretches, from 0 to 1, 1 to 2 and so on, with a name in the middle of each."""
     ticks = tuple(i + 0.5 for i in range(len(names)))
-    return Axis(0.0, len(names), start, stop, ticks, lambda value: names[int(value)], names=True)
+    return Axis(0.0, len(names), start, stop, ticks, lambda value: names[int(value)], kind="name")
 
 
 def axes(x: Axis, y: Axis, x_label: str = "", y_label: str = "") -> str:
@@ -122,11 +103,11 @@ def axes(x: Axis, y: Axis, x_label: str = "", y_label: str = "") -> str:
     parts = []
     for tick in y.ticks:
         parts.append(line((x.start, y.at(tick)), (x.stop, y.at(tick)), "grid"))
-        parts.append(text((x.start - 8, y.at(tick) + 4), y.word(tick), _class_of_words(y), "end"))
+        parts.append(text((x.start - 8, y.at(tick) + 4), y.word(tick), y.kind, "end"))
     lines = 1
     for tick in _separate_ticks(x):
         rows = x.word(tick).split("\n")
-        parts += [text((x.at(tick), bottom + 17 + _LINE * i), row, _class_of_words(x)) for i, row in enumerate(rows)]
+        parts += [text((x.at(tick), bottom + 17 + _LINE * i), row, x.kind) for i, row in enumerate(rows)]
         lines = max(lines, len(rows))
     if x_label:
         parts.append(text(((x.start + x.stop) / 2, bottom + 21 + _LINE * lines), x_label))
@@ -135,16 +116,12 @@ def axes(x: Axis, y: Axis, x_label: str = "", y_label: str = "") -> str:
     return "".join(parts)
 
 
-def _class_of_words(words_of: Axis) -> str:
-    return "name" if words_of.names else ""
-
-
 def _separate_ticks(x: Axis) -> list[float]:
     """Ticks whose words do not touch, from the largest down; names are all kept."""
     kept: list[float] = []
     for tick in sorted(x.ticks, reverse=True):
         width = max(len(x.word(value)) for value in (tick, *kept[-1:]))
-        if not kept or x.names or x.at(kept[-1]) - x.at(tick) > _DIGIT * width:
+        if not kept or x.kind == "name" or x.at(kept[-1]) - x.at(tick) > _DIGIT * width:
             kept.append(tick)
     return kept[::-1]
 

@@ -90,12 +90,7 @@ def show(
 
 
 def overlay(
-    result: Result,
-    scene: Scene | None = None,
-    frame: int = 0,
-    camera: int | str = 0,
-    *,
-    run: int | None = None,
+    result: Result, scene: Scene | None = None, frame: int = 0, camera: int | str = 0, *, run: int | None = None
 ) -> np.ndarray:
     """Draw the tracked body over what one camera saw: skin, contours of body and mask, skeleton.
 
@@ -206,14 +201,14 @@ def check_same_recording(result: Result, scene: Scene) -> None:
     Raises:
         InputError: the scene has other cameras, or fewer frames.
     """
-    mine, theirs = result.cameras.names, scene.calibrated.names
+    mine, theirs, last = result.cameras.names, scene.calibrated.names, int(result.frame_numbers[-1])
     if mine != theirs:
         problem = f"has the cameras {', '.join(theirs)}, the result {', '.join(mine)}"
-        raise InputError(scene.path, problem, "name the scene that was tracked")
-    last = int(result.frame_numbers[-1])
-    if last >= scene.recorded_frames:
+    elif last >= scene.recorded_frames:
         problem = f"has {scene.recorded_frames} frames, the result goes to frame {last}"
-        raise InputError(scene.path, problem, "name the scene that was tracked")
+    else:
+        return
+    raise InputError(scene.path, problem, "name the scene that was tracked")
 
 
 class _ProjectedBody:
@@ -232,44 +227,25 @@ class _ProjectedBody:
         (vertices,) = self._poser.tracking_vertices(self._pose[frame])
         return project(self.rig, vertices)
 
-    def joints(self, frame: int) -> np.ndarray:
-        """(camera, joint, 2), the joints' centres [px]."""
-        (transforms,) = self._poser.joint_transforms(self._pose[frame])
-        return project(self.rig, transforms[:, :3, 3])
-
     def views(
         self, frame: int, images: Sequence[np.ndarray | None], masks: Sequence[np.ndarray | None], windows: list[Window]
     ) -> list[np.ndarray]:
         """Each camera's drawing."""
-        vertices, joints = self.vertices(frame), self.joints(frame)
-        spread = self._spread(frame, joints)
-        return [
-            draw_view(
-                windows[k],
-                tuple(size),
-                images[k],
-                masks[k],
-                vertices[k],
-                self._faces,
-                joints[k],
-                self._skeleton,
-                None if spread is None else spread[k],
-            )
-            for k, size in enumerate(self.rig.size.tolist())
-        ]
-
-    def _spread(self, frame: int, joints: np.ndarray) -> np.ndarray | None:
-        """(camera, joint, 2, 2), covariances of the joints' places [px^2]; None where the result has none."""
-        if self._joint_sigma is None:
-            return None
         (transforms,) = self._poser.joint_transforms(self._pose[frame])
-        spread = np.zeros((*joints.shape, 2))
-        for axis in range(3):
-            off = np.zeros((len(transforms), 3))
-            off[:, axis] = self._joint_sigma[frame, :, axis]
-            moved = project(self.rig, transforms[:, :3, 3] + off) - joints
-            spread += moved[..., :, None] * moved[..., None, :]
-        return spread
+        places = transforms[:, :3, 3]
+        vertices, joints = self.vertices(frame), project(self.rig, places)
+        # Covariances of the joints' places [px^2], where the result has them.
+        spread: list[np.ndarray | None] = [None] * len(self.rig)
+        if self._joint_sigma is not None:
+            off = self._joint_sigma[frame][:, None] * np.eye(3)  # (joint, axis, 3)
+            moved = [project(self.rig, places + off[:, axis]) - joints for axis in range(3)]
+            spread = list(sum(each[..., :, None] * each[..., None, :] for each in moved))
+        body, skeleton, sizes = self._faces, self._skeleton, map(tuple, self.rig.size.tolist())
+        seen = zip(windows, sizes, images, masks, vertices, joints, spread, strict=True)
+        return [
+            draw_view(window, size, image, mask, skin, body, centres, skeleton, covariances)
+            for window, size, image, mask, skin, centres, covariances in seen
+        ]
 
 
 def _project_run(result: Result, run: int) -> _ProjectedBody:

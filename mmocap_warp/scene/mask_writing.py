@@ -30,8 +30,6 @@ def write_masks(
     scene: Scene,
     folder: str | Path,
     scale: float = 1.0,
-    first: int = 0,
-    count: int | None = None,
     progress: Callable[[int], None] | None = None,
     look: Callable[[list[np.ndarray]], None] | None = None,
     refine: Refine | None = None,
@@ -47,8 +45,6 @@ def write_masks(
         scene: the recording.
         folder: made if it does not exist.
         scale: of the masks relative to the calibrated images.
-        first: first frame; it becomes frame 0 of the new scene.
-        count: number of frames; to the end without it.
         progress: called after each frame with the number of frames done.
         look: called with each frame's masks, per camera (height, width) bool.
         refine: makes a frame's masks of these and its images.
@@ -68,10 +64,9 @@ def write_masks(
         raise InputError(folder, f"cannot be written to ({error})", "choose another folder") from None
     write_toml_rig(folder / "pinholes.toml", rig)
     for k, name in enumerate(rig.names):  # before any mask, so that none is ever without
-        _mask_mark(scene, k, scale, first).write(folder / name)
-    done = 0
+        _mask_mark(scene, k, scale).write(folder / name)
     with WebmFile(folder / "overlay.webm", scene.rate) as video:
-        frames = zip(scene.masks(scale, first, count), scene.images(scale, first, count), strict=True)
+        frames = zip(scene.masks(scale), scene.images(scale), strict=True)
         for f, (masks, images) in enumerate(frames):
             if refine is not None:
                 masks = refine(masks, images)
@@ -80,23 +75,21 @@ def write_masks(
             video.write(draw_masks(masks, images))
             if look is not None:
                 look(masks)
-            done = f + 1
             if progress is not None:
-                progress(done)
-    write_whole(folder / "scene.toml", masked_scene(scene, folder, scale, first, done).encode())
+                progress(f + 1)
+    write_whole(folder / "scene.toml", masked_scene(scene, folder, scale).encode())
     return folder / "scene.toml"
 
 
-def _mask_mark(scene: Scene, k: int, scale: float, first: int) -> MaskMark:
+def _mask_mark(scene: Scene, k: int, scale: float) -> MaskMark:
     source, rig, repaired = scene.cameras[k], scene.calibrated, scene.foreground.repair
-    sizes = [tuple(int(length) for length in each.size[k]) for each in (rig.undistorted(scale), rig)]
     placed = source.recorded_scale, source.recorded_offset
     return MaskMark(
         camera=source.name,
-        size=(sizes[0][0], sizes[0][1]),
+        size=tuple(rig.undistorted(scale).size[k].tolist()),
         scale=scale,
-        calibrated_size=(sizes[1][0], sizes[1][1]),
-        first_frame=scene.frames[first],
+        calibrated_size=tuple(rig.size[k].tolist()),
+        first_frame=scene.first_frame,
         shift=source.shift,
         stride=scene.stride,
         repaired=repaired,
@@ -118,7 +111,7 @@ def draw_masks(masks: list[np.ndarray], images: list[np.ndarray | None]) -> np.n
     return np.concatenate(views, axis=1)
 
 
-def masked_scene(scene: Scene, folder: Path, scale: float, first: int, count: int) -> str:
+def masked_scene(scene: Scene, folder: Path, scale: float) -> str:
     """``scene.toml`` of a folder that holds a scene's masks, one folder a camera.
 
     It keeps all that the scene says but how masks are made: calibration, videos, truth, body, settings.
@@ -127,18 +120,15 @@ def masked_scene(scene: Scene, folder: Path, scale: float, first: int, count: in
         scene: the recorded scene.
         folder: where the text will lie; paths count from there.
         scale: of the masks; they are tracked at this scale unless the scene asks for a smaller one.
-        first: the scene's frame that the first masks are of.
-        count: number of frames.
     """
 
     def path(file: Path) -> str:
         return quoted_path(file, folder)
 
-    frames = scene.frames[first : first + count]
+    frames = scene.frames
     is_start = (frames.start, frames.step) == (0, 1)
     frames_value = str(len(frames)) if is_start else quoted(f"{frames.start}:{frames[-1] + 1}:{frames.step}")
     body = None if scene.body is None else path(scene.body) if isinstance(scene.body, Path) else quoted(scene.body)
-    calibration = [] if scene.calibration is None else [f"calibration = {path(scene.calibration)}"]
     lines = [
         f"# A recorded scene with its masks made, at scale {scale:g}. By mmocap mask.",
         "[scene]",
@@ -151,7 +141,7 @@ def masked_scene(scene: Scene, folder: Path, scale: float, first: int, count: in
         *(["", "[truth]", f"file = {path(scene.truth)}", f'axes = "{scene.truth_axes}"'] if scene.truth else []),
         "",
         "[cameras]",
-        *calibration,
+        *([f"calibration = {path(scene.calibration)}"] if scene.calibration is not None else []),
         *([f'units = "{scene.units}"'] if scene.units is not None else []),
     ]
     for source in scene.cameras:

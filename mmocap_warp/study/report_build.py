@@ -7,7 +7,7 @@ from html import escape
 from pathlib import Path
 
 from mmocap_warp.display.chart import MARKS
-from mmocap_warp.display.page.html import filled, resource
+from mmocap_warp.display.page.viewer import filled, resource
 from mmocap_warp.study.report_parts import Html, fill
 from mmocap_warp.study.report_sections import (
     Section,

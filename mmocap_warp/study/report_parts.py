@@ -7,7 +7,7 @@ from functools import cache
 from html import escape
 from string import Template
 
-from mmocap_warp.display.page.html import resource
+from mmocap_warp.display.page.viewer import resource
 
 
 class Html(str):

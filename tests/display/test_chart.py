@@ -83,7 +83,7 @@ def test_numbers_that_would_touch_are_left_out_but_the_largest():
     sizes = (1, 2, 1000, 1100, 4000)
     x = Axis(1, 4000, 0, 300, sizes, "{:,}".format, logarithmic=True)
     assert [word for word, _, y in words(axes(x, axis(0, 1, 100, 0))) if y == 117] == ["1", "2", "1,100", "4,000"]
-    x = replace(x, names=True)
+    x = replace(x, kind="name")
     assert len([word for word, _, y in words(axes(x, axis(0, 1, 100, 0))) if y == 117]) == len(sizes)
 
 

@@ -8,7 +8,7 @@ from person_skeleton import JOINTS
 from synthetic import synthetic_body, synthetic_poses, synthetic_result
 
 from mmocap_warp.body.posing import Poser
-from mmocap_warp.cli.result_report import summary
+from mmocap_warp.cli.result_commands import summary
 from mmocap_warp.errors import InputError
 from mmocap_warp.result.evaluation import evaluate
 from mmocap_warp.result.marker_errors import attach, triangulated

@@ -8,7 +8,7 @@ from synthetic import synthetic_result, synthetic_subject
 
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.rotations import zyx_angles, zyx_rotation
-from mmocap_warp.cli.result_report import summary
+from mmocap_warp.cli.result_commands import summary
 from mmocap_warp.result import marker_errors
 from mmocap_warp.result.evaluation import evaluate
 from mmocap_warp.result.marker_errors import attach

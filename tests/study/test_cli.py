@@ -13,7 +13,7 @@ from tiny_study import CELLS
 
 from mmocap_warp import cli
 from mmocap_warp.cli import console
-from mmocap_warp.cli.study_progress import StudyProgress, headline
+from mmocap_warp.cli.progress import StudyProgress, headline
 from mmocap_warp.commands import studies
 from mmocap_warp.study import tasks
 from mmocap_warp.study.cell import Cell

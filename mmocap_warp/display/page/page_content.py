@@ -1,25 +1,75 @@
-"""What a page shows of a result, as JSON-compatible values; docs/formats.md describes them."""
+"""What a page shows of a result, its curves among it, as JSON-compatible values; docs/formats.md describes them."""
 
 from __future__ import annotations
 
 import base64
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import Poser
-from mmocap_warp.display.page.curves import Curve, curves, tracks
 from mmocap_warp.display.page.pictures import Pictures
+from mmocap_warp.result.evaluation import evaluate
+from mmocap_warp.result.pose_errors import nanmean
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.result.truth import Truth
 
+_ROTATION_STEPS = 32767  # steps of a quaternion's component from 0 to 1
+Packed = dict[str, Any]
+"""What JSON can say."""
+
+_ERRORS = (("mpjpe_mm", "Joint error, mean"), ("marker_error_mm", "Marker error, mean"))
+"""Series of an evaluation, best first, and what they are called."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A measure of every frame.
+
+    Attributes:
+        name: for people.
+        unit: likewise; empty for a share.
+        values: (run, frame) float64 by track, NaN where there is none: ``final``, and ``raw`` where that has its own.
+    """
+
+    name: str
+    unit: str
+    values: dict[str, np.ndarray]
+
+
+def tracks(result: Result) -> dict[str, np.ndarray]:
+    """A result's poses (run, frame, coordinate): ``final``, and ``raw`` where it was smoothed."""
+    return {"final": result.pose} | ({} if result.raw_pose is None else {"raw": result.raw_pose})
+
+
+def curves(result: Result, truth: Truth | None) -> list[Curve]:
+    """The curves that are known of a result.
+
+    Raises:
+        InputError: the truth is of another recording.
+    """
+    known = [] if truth is None else [_error(result, truth)]
+    known.append(Curve("IoU, mean over views", "", {"final": nanmean(result.iou, axis=-1)}))
+    if result.joint_sigma is not None:
+        sigma = 1000.0 * np.linalg.norm(result.joint_sigma, axis=-1)
+        known.append(Curve("Uncertainty of a joint, mean", "mm", {"final": nanmean(sigma, axis=-1)}))
+    return [curve for curve in known if any(np.isfinite(values).any() for values in curve.values.values())]
+
+
+def _error(result: Result, truth: Truth) -> Curve:
+    """The error of joints where the truth names them, else of markers, for each track."""
+    series = {name: evaluate(replace(result, pose=pose), truth)["series"] for name, pose in tracks(result).items()}
+    errors = [
+        Curve(name, "mm", {track: np.array(each[key], float) for track, each in series.items()})  # None becomes NaN
+        for key, name in _ERRORS
+    ]
+    return next((error for error in errors if np.isfinite(error.values["final"]).any()), errors[0])
+
 
 def content(
-    result: Result,
-    truth: Truth | None = None,
-    masks: Pictures | None = None,
-    images: Pictures | None = None,
+    result: Result, truth: Truth | None = None, masks: Pictures | None = None, images: Pictures | None = None
 ) -> dict[str, Any]:
     """The page's data.
 
@@ -67,15 +117,9 @@ def _body(body: BodyModel) -> dict[str, Any]:
 def _cameras(result: Result, masks: Pictures | None, images: Pictures | None) -> list[dict[str, Any]]:
     rig = result.cameras
     return [
-        {
-            "name": name,
-            "K": rig.K[k].tolist(),
-            "R": rig.R[k].tolist(),
-            "t": rig.t[k].tolist(),
-            "size": rig.size[k].tolist(),
-            "masks": masks.of[k] if masks else [],
-            "images": images.of[k] if images else [],
-        }
+        {"name": name}
+        | {what: getattr(rig, what)[k].tolist() for what in ("K", "R", "t", "size")}
+        | {"masks": masks.of[k] if masks else [], "images": images.of[k] if images else []}
         for k, name in enumerate(rig.names)
     ]
 
@@ -107,12 +151,6 @@ def _motion(result: Result, pose: np.ndarray) -> dict[str, Any]:
     transforms = Poser(subject.body, subject.root_base).joint_transforms(pose)
     turns = transforms[..., :3, :3].astype(float) @ np.swapaxes(subject.body.skeleton.frame, 1, 2)
     return {"turn": packed_rotations(turns), "place": packed_places(transforms[..., :3, 3].astype(float))}
-
-
-Packed = dict[str, Any]
-"""What JSON can say."""
-
-_ROTATION_STEPS = 32767  # steps of a quaternion's component from 0 to 1
 
 
 def packed(array: np.ndarray) -> Packed:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -23,29 +24,22 @@ Views = Iterable[Sequence[np.ndarray | None]]
 
 def small_masks(masks: Views, cameras: int) -> Pictures:
     """Masks of all frames, or of as many as have room, as PNGs of one bit a pixel."""
-    return Pictures.within(_MASK_CHARACTERS, _per_camera(masks, cameras, _mask))
+    return _within(_MASK_CHARACTERS, masks, cameras, lambda mask: encode_png(_small(mask.astype(np.uint8) * 255) > 127))
 
 
 def small_images(images: Views, cameras: int) -> Pictures:
     """Images of all frames, or of as many as have room, as JPEGs."""
-    return Pictures.within(_IMAGE_CHARACTERS, _per_camera(images, cameras, _image))
+    quality = (cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY)
+    return _within(_IMAGE_CHARACTERS, images, cameras, lambda image: cv2.imencode(".jpg", _small(image), quality)[1])
 
 
-def _per_camera(views: Views, cameras: int, encoded: Callable[[np.ndarray], bytes]) -> list[list[str | None]]:
+def _within(characters: int, views: Views, cameras: int, encoded: Callable[[np.ndarray], Any]) -> Pictures:
+    """Encoded pictures of all frames, or of as many as have room."""
     columns: list[list[str | None]] = [[] for _ in range(cameras)]
     for seen in views:
         for column, picture in zip(columns, seen, strict=True):
             column.append(None if picture is None else base64.b64encode(encoded(picture)).decode())
-    return columns
-
-
-def _mask(mask: np.ndarray) -> bytes:
-    return encode_png(_small(mask.astype(np.uint8) * 255) > 127)
-
-
-def _image(image: np.ndarray) -> bytes:
-    _, data = cv2.imencode(".jpg", _small(image), (cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY))
-    return data.tobytes()
+    return Pictures.within(characters, columns)
 
 
 def _small(picture: np.ndarray) -> np.ndarray:
@@ -89,10 +83,8 @@ def pose_step(result: Result) -> int:
 def sentence(rate: float, step: int, masks: Pictures | None, images: Pictures | None) -> str:
     """What a page says that it holds: one frame in ``step``, which are ``rate`` a second."""
     parts = [f"poses of {_frames(step)} ({rate:.3g} a second)"]
-    if masks is not None:
-        parts.append(f"masks of {_frames(step * masks.every)}")
-    if images is not None:
-        parts.append(f"images of {_frames(step * images.every)}")
+    for name, pictures in (("masks", masks), ("images", images)):
+        parts += [] if pictures is None else [f"{name} of {_frames(step * pictures.every)}"]
     between = "" if step == 1 else " Between them, the body moves evenly."
     return f"This page holds {', '.join(parts)}.{between}"
 

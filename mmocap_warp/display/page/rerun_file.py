@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from mmocap_warp.body.posing import Poser
-from mmocap_warp.body.skeleton import Skeleton
 from mmocap_warp.display.overlay import COLOUR_OF_SIDE, MODEL_COLOUR
-from mmocap_warp.display.page.curves import curves, tracks
+from mmocap_warp.display.page.page_content import curves, tracks
 from mmocap_warp.display.result_video import check_same_recording
 from mmocap_warp.errors import missing_package
 from mmocap_warp.formats.png import encode_png
@@ -74,6 +73,8 @@ def _log_frames(rr: Any, recording: Any, result: Result, scene: Scene | None) ->
     poser = Poser(body, subject.root_base)
     mesh = rr.Mesh3D.from_fields(triangle_indices=body.tracking_face, albedo_factor=MODEL_COLOUR[::-1])
     recording.log("world/skin", mesh, static=True)
+    skeleton = body.skeleton
+    colours = [COLOUR_OF_SIDE[skeleton.side(skeleton.joints[joint])][::-1] for _, joint in skeleton.bones]
     masks = repeat([]) if scene is None else tracked_masks(scene, result)
     for frame, (number, seen) in enumerate(zip(result.frame_numbers.tolist(), masks, strict=False)):
         _set_time(recording, result, number)
@@ -81,18 +82,12 @@ def _log_frames(rr: Any, recording: Any, result: Result, scene: Scene | None) ->
         recording.log("world/skin", rr.Mesh3D.from_fields(vertex_positions=vertices))
         for track, pose in tracks(result).items():
             (transforms,) = poser.joint_transforms(pose[run, frame])
-            recording.log(["world", "skeleton", track], _bones(rr, body.skeleton, transforms[:, :3, 3]))
+            bones = [transforms[list(pair), :3, 3] for pair in skeleton.bones]
+            strips = rr.LineStrips3D(bones, colors=colours, radii=rr.Radius.ui_points(2.0))
+            recording.log(["world", "skeleton", track], strips)
         for name, mask in zip(result.cameras.names, seen, strict=False):
             picture = rr.EncodedImage(contents=encode_png(mask), media_type="image/png")
             recording.log(["world", name, "mask"], picture)
-
-
-def _bones(rr: Any, skeleton: Skeleton, joints: np.ndarray) -> Any:
-    """Lines from joint to joint; joints (joint, 3) [m]."""
-    colours = [COLOUR_OF_SIDE[skeleton.side(skeleton.joints[joint])][::-1] for _, joint in skeleton.bones]
-    return rr.LineStrips3D(
-        [joints[list(pair)] for pair in skeleton.bones], colors=colours, radii=rr.Radius.ui_points(2.0)
-    )
 
 
 def _log_curves(rr: Any, recording: Any, result: Result, truth: Truth | None) -> None:

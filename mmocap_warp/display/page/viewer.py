@@ -1,14 +1,21 @@
-"""The page: one HTML file that holds a result and all that shows it."""
+"""The page: one HTML file that holds a result and all that shows it.
+
+Its head allows its own script and style by their hashes, and nothing else.
+"""
 
 from __future__ import annotations
 
+import base64
+import hashlib
+import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from html import escape
+from importlib.resources import files
 from pathlib import Path
+from string import Template
 from typing import Any
 
-from mmocap_warp.display.page.html import embedded, filled, resource
 from mmocap_warp.display.page.page_content import content
 from mmocap_warp.display.page.pictures import Views, pose_step, sentence, small_images, small_masks
 from mmocap_warp.display.result_video import check_same_recording
@@ -113,3 +120,33 @@ def _summary(result: Result) -> str:
     parts = [f"{frames} frames, {frames / result.rate:.1f} s at {result.rate:g} a second", f"{cameras} cameras"]
     parts += [f"{runs} runs"] if runs > 1 else []
     return ", ".join([*parts, f"tracked by {result.config.get('algorithm', 'an unknown tracker')}"])
+
+
+def resource(package: str, name: str) -> str:
+    """A text file of a package."""
+    return files(package).joinpath(name).read_text(encoding="utf-8").strip()
+
+
+def filled(template: str, *, title: str, script: str, style: str, **parts: str) -> str:
+    """A page of a template that begins with ``$head`` and has its one script in ``$script``.
+
+    Args:
+        template: in which ``$title``, too, is known.
+        title: as plain text.
+        script, style: all that the page runs and looks like.
+        parts: what else the template names, as markup.
+    """
+    head = Template(resource("mmocap_warp.display.page", "head.html")).substitute(
+        title=escape(title), style=style, style_hash=_hash(style), script_hash=_hash(script)
+    )
+    return Template(template).substitute(parts, head=head, title=escape(title), script=script)
+
+
+def embedded(data: dict[str, Any]) -> str:
+    """JSON that no browser takes for markup, whatever names it holds."""
+    return json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def _hash(text: str) -> str:
+    """The hash by which a content security policy names a text that it allows."""
+    return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()

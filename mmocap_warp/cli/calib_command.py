@@ -1,49 +1,70 @@
-"""``mmocap calib solve`` and ``convert``: cameras from nothing but a walking person, and in other programs' formats."""
+"""``mmocap calib``: calibrations, found from a walking person or converted from other programs'; and its commands."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-from mmocap_warp.cli.command_help import documented_by
-from mmocap_warp.cli.console import CHECK_FAILED, OK, Console, Identity, Output, Switch, next_step, table
+from cyclopts import App
+
+from mmocap_warp.cli.command import BY_FLAG, Answer, Given, command
+from mmocap_warp.cli.console import CHECK_FAILED, next_step, table
 
 if TYPE_CHECKING:
     from mmocap_warp.calibration.solve.solution import SolvedCameras
     from mmocap_warp.scene.recording import Scene
 
+app = App(name="calib", help="Calibrations: convert, check, refine and solve them.", version_flags=[])
+_CONVERT = (
+    "Write a calibration in another program's format.\n\n"
+    "Reads TOML of Pose2Sim, aniposelib and Caliscope, Qualisys, YAML of OpenCV and EasyMocap, COLMAP text, MultiCal, "
+    "HumanEva and USD; writes TOML, YAML, COLMAP text and USD. Lengths are written in metres."
+)
+_CHECK = (
+    "Say which camera disagrees with the others, and why.\n\n"
+    "Told by the person before the cameras. Exits with 4 where one disagrees."
+)
+_REFINE = (
+    "Refine a scene's cameras and their times by the person before them.\n\n"
+    "Frames that had no part in it judge the result. Exits with 4, and writes nothing, where they are explained no "
+    "better than before."
+)
+_SOLVE = (
+    "Find a scene's cameras from nothing but one person of known height who walks about.\n\n"
+    "The scene needs no calibration. Exits with 4, and writes nothing, where the recording does not tell them: nobody "
+    "walks, too few frames show the whole person, or the views do not agree."
+)
 _COLUMNS = (
     "camera", "frames", "agree", "x [m]", "y [m]", "z [m]", "+-", "over the floor [m]", "looks down [deg]", "+-",
     "view [deg]", "focal",
 )  # fmt: skip
 
 
-@documented_by("calibrate:solve_cameras")
+app.command("mmocap_warp.cli.calib_adjust:check", name="check", help=_CHECK, sort_key=1)
+app.command("mmocap_warp.cli.calib_adjust:refine", name="refine", help=_REFINE, sort_key=2)
+
+
+@app.command(help=_SOLVE, sort_key=3)
+@command(
+    "calibrate:solve_cameras",
+    order="height output",
+    scene=Path,
+    height=Given(float, kind=BY_FLAG),
+    output=Given(Path, Path("calibration.toml")),
+)
 def solve(
-    scene: Path,
-    /,
-    *,
-    height: float,
-    output: Annotated[Path, Output] = Path("calibration.toml"),
-    picture: Path | None = None,
-    frames: str | None = None,
-    identity: Identity = None,
-    force: Switch = False,
-    console: Console | None = None,
-) -> int:
+    call: Any, scene: Path, height: float, output: Path, picture: Path | None, frames: str | None, identity: int | None
+) -> Answer:
     from mmocap_warp.calibration.solve import UnsolvableError
-    from mmocap_warp.commands.calibrate import solve_cameras
     from mmocap_warp.commands.inputs import scene_from
 
-    console = console or Console()
     loaded = scene_from(scene, frames, identity, calibrated=False)
     try:
-        cameras = solve_cameras(loaded, height, output, picture=picture, force=force)
+        cameras = call(scene=loaded, frames=None, identity=None)
     except UnsolvableError as error:
-        console.result({"solved": False, "reason": str(error)}, f"check failed: {error}")
-        return CHECK_FAILED
-    console.result(_values(loaded, cameras, output, picture), _text(loaded, cameras, height, output, picture))
-    return OK
+        return Answer({"solved": False, "reason": str(error)}, [f"check failed: {error}"], CHECK_FAILED)
+    lines = _lines(loaded, cameras, height, output, picture)
+    return Answer(_values(loaded, cameras, output, picture), lines)
 
 
 def _values(scene: Scene, cameras: SolvedCameras, output: Path, picture: Path | None) -> dict[str, Any]:
@@ -80,7 +101,7 @@ def _values(scene: Scene, cameras: SolvedCameras, output: Path, picture: Path | 
     }
 
 
-def _text(scene: Scene, cameras: SolvedCameras, height: float, output: Path, picture: Path | None) -> str:
+def _lines(scene: Scene, cameras: SolvedCameras, height: float, output: Path, picture: Path | None) -> list[str]:
     import numpy as np
 
     from mmocap_warp.cameras.rig import describe_rig
@@ -122,7 +143,7 @@ def _text(scene: Scene, cameras: SolvedCameras, height: float, output: Path, pic
     refined = output.with_stem(f"{output.stem}-refined")
     step = next_step("calib", "refine", scene.path, "--height", f"{height:g}", "-o", refined)
     lines.append(f"next: set calibration = {named} under [cameras], then {step}")
-    return "\n".join(lines)
+    return lines
 
 
 def _tilt(cameras: SolvedCameras, k: int) -> float:
@@ -131,26 +152,16 @@ def _tilt(cameras: SolvedCameras, k: int) -> float:
     return float(np.degrees(np.arcsin(-cameras.rig.R[k, 2] @ cameras.rig.up_vector)))
 
 
-@documented_by("calibrate:convert_cameras")
-def convert(
-    calibration: Path,
-    /,
-    *,
-    output: Annotated[Path, Output],
-    units: str | None = None,
-    up: str = "+z",
-    size: str | None = None,
-    force: Switch = False,
-    console: Console | None = None,
-) -> None:
-    from mmocap_warp.commands.calibrate import calibration_files, convert_cameras
+@app.command(help=_CONVERT, sort_key=0)
+@command("calibrate:convert_cameras")
+def convert(call: Any, output: Path) -> Answer:
+    from mmocap_warp.commands.calibrate import calibration_files
     from mmocap_warp.formats.table import calibration_export
 
-    rig = convert_cameras(calibration, output, units=units, up=up, size=size, force=force)
-    kind = calibration_export(output).name
+    rig, kind = call(), calibration_export(output).name
     rows = [
         {"name": name, "size": rig.size[k], "fisheye": name in rig.fisheye, "centre_m": rig.centres[k]}
         for k, name in enumerate(rig.names)
     ]
     values = {"file": output, "files": calibration_files(output), "format": kind, "cameras": rows}
-    (console or Console()).result(values, f"{output}: {', '.join(rig.names)} as {kind}")
+    return Answer(values, [f"{output}: {', '.join(rig.names)} as {kind}"])

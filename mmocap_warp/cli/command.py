@@ -1,0 +1,169 @@
+"""A command of the command line, made from the function that does its work: it has that function's parameters and help.
+
+They are read from the function's source, so that neither a help nor a list of commands imports what the work needs.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import re
+from collections.abc import Callable, Iterable
+from importlib import import_module
+from importlib.util import find_spec
+from inspect import Parameter
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple
+
+from cyclopts import Parameter as CliParameter
+
+from mmocap_warp.cli.console import OK, Console, Identity, Output, ResultFile, SceneFile, Switch, given
+
+_TYPES: dict[str, Any] = {"Path": Path, "Frames": str, "Literal": Literal}
+_KNOWN = ("str", "int", "float", "bool", "tuple", *_TYPES)  # the command line has no parameter of any other type
+_FILES: dict[str, Any] = {"scene": SceneFile, "result": ResultFile}
+REQUIRED = Parameter.empty
+"""The default of a parameter that has none."""
+BY_PLACE, BY_FLAG, ANY_NUMBER = Parameter.POSITIONAL_ONLY, Parameter.KEYWORD_ONLY, Parameter.VAR_POSITIONAL
+_LAST = ("settings", "resume", "accept_changed_code", "force")  # the flags at the end
+
+
+class Given(NamedTuple):
+    """How the command line takes a parameter in another way than the function.
+
+    Attributes:
+        type: as the parser reads it.
+        default: ``REQUIRED`` for none; the function's own where it is left out.
+        kind: ``BY_PLACE``, ``BY_FLAG`` or ``ANY_NUMBER``; where it is left out it follows from the function's.
+    """
+
+    type: Any
+    default: Any = ...
+    kind: Any = ...
+
+
+def several(flag: str, of: type = str) -> Any:
+    """Values of a flag that may be given many times."""
+    return Annotated[tuple[of, ...], CliParameter(name=flag, negative="", show_default=False)]  # type: ignore[valid-type]
+
+
+class Answer(NamedTuple):
+    """What a command prints on stdout, and its exit code.
+
+    Attributes:
+        values: for programs, as JSON.
+        lines: for people.
+        code: the exit code.
+    """
+
+    values: dict[str, Any]
+    lines: Iterable[object]
+    code: int = OK
+
+
+def command(target: str, order: str = "output", **types: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Let a function that prints the answer of another one have the other's parameters on the command line.
+
+    The printing function names those of the parameters that it needs, besides ``console`` and ``call``, which does the
+    work; arguments of ``call`` replace those of the command line. It returns an :class:`Answer`, or an exit code where
+    it has printed the answer itself.
+
+    Args:
+        target: ``module:function`` in the room of commands.
+        order: the flags that come first.
+        types: of parameters that the command line takes in another way: a type, or :class:`Given`; None leaves a
+            parameter out. One that the function does not have is for the printing function alone.
+    """
+    module, name = target.split(":")
+    stub = _stub(module, name)
+    own = dict(inspect.signature(stub).parameters)
+    changed = {name: type_ if isinstance(type_, Given) else Given(type_) for name, type_ in types.items()}
+    parameters = [_taken(each, changed.get(each.name)) for each in own.values()]
+    parameters += [_taken(_flag(name), changed[name]) for name in changed if name not in own]
+    # The order of the help: what has no flag, the flags in their order, and those that most commands have.
+    places = {name: place for place, name in enumerate(order.split(), -9)} | {n: p for p, n in enumerate(_LAST, 1)}
+    shown = [each for each in parameters if each.annotation is not None]
+    shown.sort(key=lambda each: (each.kind, places.get(each.name, 0)))
+    signature = inspect.Signature([*shown, _flag("console").replace(annotation=Console | None)])
+
+    def decorate(print_answer: Callable[..., Any]) -> Callable[..., Any]:
+        def run(*arguments: Any, **named: Any) -> Any:
+            bound = signature.bind(*arguments, **named)
+            bound.apply_defaults()
+            values = bound.arguments
+            values["console"] = values["console"] or Console()
+
+            def call(**changes: Any) -> Any:
+                passed = {name: value for name, value in values.items() if name in own and name != "settings"}
+                passed |= given(values.get("settings"))
+                passed |= {"reporter": values["console"]} if "reporter" in own else {}
+                function = getattr(import_module(f"mmocap_warp.commands.{module}"), name)
+                return function(**{**passed, **changes})
+
+            needed = inspect.signature(print_answer).parameters
+            answer = print_answer(**{name: call if name == "call" else values[name] for name in needed})
+            if not isinstance(answer, Answer):
+                return answer
+            values["console"].result(answer.values, "\n".join(map(str, answer.lines)))
+            return answer.code
+
+        run.__name__ = print_answer.__name__
+        run.__doc__ = re.sub(  # an argument's text begins a row of the help
+            r"^(    \w+: )([a-z])", lambda row: row[1] + row[2].upper(), inspect.getdoc(stub) or "", flags=re.MULTILINE
+        )
+        run.__signature__ = signature  # type: ignore[attr-defined]
+        return run
+
+    return decorate
+
+
+def _stub(module: str, name: str) -> Callable[..., Any]:
+    """A function as its source declares it, with its docstring and without its body."""
+    spec = find_spec(f"mmocap_warp.commands.{module}")
+    tree = ast.parse(Path(str(spec and spec.origin)).read_text(encoding="utf-8"))
+    (function,) = [node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == name]
+    function.decorator_list, function.body = [], function.body[:1]
+    tree.body = [ast.parse("from __future__ import annotations").body[0], function]
+    namespace: dict[str, Any] = {}
+    exec(compile(tree, module, "exec"), namespace)
+    stub: Callable[..., Any] = namespace[name]
+    return stub
+
+
+def _flag(name: str) -> Parameter:
+    return Parameter(name, Parameter.KEYWORD_ONLY, default=None)
+
+
+def _taken(parameter: Parameter, changed: Given | None) -> Parameter:
+    """A parameter as the parser takes it; its annotation is None where the command line does not have it."""
+    type_, default, kind = changed or Given(_type(parameter))
+    default = parameter.default if default is ... else default
+    kind = parameter.kind if kind is ... else kind
+    # What has no default is known by its place, but for the output.
+    if kind is Parameter.POSITIONAL_OR_KEYWORD:
+        by_place = default is REQUIRED and parameter.name != "output"
+        kind = Parameter.POSITIONAL_ONLY if by_place else Parameter.KEYWORD_ONLY
+    if kind is Parameter.VAR_KEYWORD:
+        kind, default = Parameter.KEYWORD_ONLY, None
+    if kind is Parameter.VAR_POSITIONAL:
+        default = REQUIRED
+    if parameter.name == "output":
+        type_, default = Annotated[type_, Output], Path(default) if isinstance(default, str) else default
+    return Parameter(parameter.name, kind, default=default, annotation=type_)
+
+
+def _type(parameter: Parameter) -> Any:
+    """What the command line makes of an annotation: of paths and objects the path, of other types the first."""
+    parts = str(parameter.annotation).split(" | ")
+    known = [part for part in parts if part.split("[")[0] in _KNOWN]
+    if parameter.name == "identity":
+        return Identity
+    if parameter.default is REQUIRED and parameter.name in _FILES:
+        return _FILES[parameter.name]
+    if parts == ["bool"]:
+        return Switch
+    if not known:
+        return None
+    name = "Path" if "Path" in known and parameter.name != "body" else known[0]  # a body may be a shipped one's name
+    type_ = eval(name, dict(_TYPES))
+    return type_ | None if "None" in parts or name == "Frames" else type_

@@ -23,7 +23,7 @@ from mmocap_warp.masks.observation import KeptObservations, Observation
 from mmocap_warp.result.result import FrameAnswer, Result
 from mmocap_warp.rigging.attaching import subject_carrying
 from mmocap_warp.tracking.body_masks import body_masks, tracked_masks
-from mmocap_warp.tracking.checkpoint import Checkpoint, SavedRun, check_same_run, with_code_of
+from mmocap_warp.tracking.checkpoint import Checkpoint, read_checkpoint, with_code_of
 from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.make_tracker import make_tracker
 from mmocap_warp.tracking.run_identity import run_identity
@@ -45,7 +45,7 @@ def track_frames(
     *,
     first: int = 0,
     keep: Callable[[Observation], object] | None = None,
-    saved: SavedRun | None = None,
+    saved: Checkpoint | None = None,
     progress: FrameReport | None = None,
 ) -> Iterator[FrameAnswer]:
     """Track frame after frame, and give each answer as soon as it is found.
@@ -173,15 +173,14 @@ def _track_scene(
     identity = run_identity(scene, subject, config) if checkpoint else {}
     if checkpoint and resume:
         identity = with_code_of(checkpoint, identity) if accept_changed_code else identity
-        check_same_run(checkpoint, identity)
+        read_checkpoint(checkpoint, identity)
     tracker = make_tracker(subject, rig, config, scene.rate)
 
     # Go on after the frames that were saved.
     answers: list[FrameAnswer] = []
     run = None
     if checkpoint:
-        state, coordinates = tracker.state, subject.body.skeleton.coordinates
-        run = SavedRun(Checkpoint(checkpoint, identity, config.runs, coordinates, len(rig), state.memory), state)
+        run = Checkpoint(checkpoint, identity, tracker.state, len(rig))
         if resume:
             answers, tracker.state = run.resumed()
     for number, answer in enumerate(answers):

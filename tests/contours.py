@@ -132,7 +132,7 @@ class Contours:
             tally=poisoned((n, len(self.rig)), wp.vec4, device),
         )
         self.fields = DistanceFields(self.rig, 1, n, device)
-        self.moving = moving_skin(self.late, self.fields.frame, n, vertices, device)
+        self.moving = moving_skin(self.late, self.fields.struct.frame, n, vertices, device)
         self.views = ViewArrays(self.rig, device).struct
 
     @property
@@ -160,7 +160,7 @@ class Contours:
     def matched(self, masks: list[np.ndarray]) -> Contours:
         """With residuals against masks."""
         self.found()
-        self.fields.observe(0, Observation.from_masks(masks))
+        self.fields.observe([Observation.from_masks(masks)])
         matching = filled(Matching, **self.matching)
         find_residuals(self.outline, self.fields.struct, self.views, matching, self.batch, self.residuals)
         return self

@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from mmocap_warp.body.model import BodyModel
-from mmocap_warp.body.posing import BodyArrays, JointArrays
+from mmocap_warp.body.posing import make_body_arrays, make_joint_arrays
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.contour.frame.fields import DistanceFields
 from mmocap_warp.contour.frame.fitter_arrays import make_descent, make_edges, make_outline, make_tree
@@ -106,14 +106,14 @@ class ContourFitter:
         self._device, self._work = device, SharedWork(device, threads)
 
         # The body, posed, and how its rest changes with parameters: at first not at all.
-        self.body = BodyArrays(body, np.eye(3), mesh, device, bases=candidates)
-        self._joints = JointArrays(candidates, joints, device)
+        self.body = make_body_arrays(body, np.eye(3), mesh, device, bases=candidates)
+        self._joints = make_joint_arrays(candidates, joints, device)
         self._vertex = wp.array(np.arange(vertices), dtype=wp.int32, device=device)
         self._posed = allocated(
             Posed,
             device,
-            body=self.body.struct,
-            joints=self._joints.struct,
+            body=self.body,
+            joints=self._joints,
             axes=self._joints.transform.shape,
             vertex=(candidates, vertices),
         )
@@ -212,7 +212,7 @@ class ContourFitter:
     def _skin(self, batch: Batch) -> None:
         """From the poses of a batch's candidates to their skin."""
         pose = self.descent.pose
-        pose_vertices(self.body.struct, pose, self._vertex, batch, self._joints.struct, self._posed.vertex)
+        pose_vertices(self.body, pose, self._vertex, batch, self._joints, self._posed.vertex)
 
     def reshape(self, rest: np.ndarray, joint_rest: np.ndarray) -> None:
         """Take another rest body: (vertex, 3) of the tracking mesh and (joint, 3) [m]."""

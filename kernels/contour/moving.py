@@ -62,9 +62,9 @@ def bend_skin(
     """
     wp.launch(
         _bend_skin,
-        dim=(batch.size, posed.shape[1]),
-        inputs=[posed, sides, rate, float(curved), batch],
-        outputs=[moving.velocity, moving.bend],
+        (batch.size, posed.shape[1]),
+        [posed, sides, rate, float(curved), batch],
+        [moving.velocity, moving.bend],
         device=posed.device,
     )
 
@@ -88,8 +88,8 @@ def follow_skin(posed: wp.array[wp.vec3], rate: float, batch: Batch, moving: Mov
     """Let the skin move from the pose before, ``posed`` (candidate, vertex) [m], to whatever pose is tried."""
     wp.launch(
         _follow_skin,
-        dim=(batch.size, posed.shape[1]),
-        inputs=[posed, rate, batch],
-        outputs=[moving.velocity, moving.bend],
+        (batch.size, posed.shape[1]),
+        [posed, rate, batch],
+        [moving.velocity, moving.bend],
         device=posed.device,
     )

@@ -130,9 +130,9 @@ def sum_normal_equations(outline: Outline, residuals: Residuals, rows: Rows, bat
     blocks = 1 if lanes == 1 else math.ceil(triangle_words(half) / lanes)
     wp.launch(
         _sum_normal_equations,
-        dim=(batch.size, outline.count.shape[1], blocks * lanes),
-        inputs=[outline, residuals, rows, batch, lanes],
-        outputs=[sums],
+        (batch.size, outline.count.shape[1], blocks * lanes),
+        [outline, residuals, rows, batch, lanes],
+        [sums],
         block_dim=lanes,
         device=device,
     )

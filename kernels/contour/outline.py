@@ -317,9 +317,9 @@ def find_contours(
     lanes = lanes_of(posed.device, _LANES)
     wp.launch(
         _find_contours,
-        dim=(batch.size, outline.count.shape[1], lanes),
-        inputs=[edges, posed, moving, views, batch, lanes],
-        outputs=[outline],
+        (batch.size, outline.count.shape[1], lanes),
+        [edges, posed, moving, views, batch, lanes],
+        [outline],
         block_dim=lanes,
         device=posed.device,
     )

@@ -184,9 +184,9 @@ def find_residuals(
     lanes = lanes_of(device, VIEW_LANES)
     wp.launch(
         _find_residuals,
-        dim=(batch.size, outline.count.shape[1], lanes),
-        inputs=[outline, fields, views, matching, batch, lanes],
-        outputs=[residuals],
+        (batch.size, outline.count.shape[1], lanes),
+        [outline, fields, views, matching, batch, lanes],
+        [residuals],
         block_dim=_BLOCK,
         device=device,
     )

@@ -120,7 +120,7 @@ def start(space: SearchSpace, pose: wp.array[wp.float32], state: AnnealedFilterS
     That is by nothing, unless the answer was brought within limits, or its angles are counted from elsewhere now.
     Particles that are zeros with a mean of zero all become the pose.
     """
-    wp.launch(_start, dim=state.mean.shape, inputs=[space, pose], outputs=[state], device=pose.device)
+    wp.launch(_start, state.mean.shape, [space, pose], [state], device=pose.device)
 
 
 @wp.kernel
@@ -139,7 +139,7 @@ def _sample_noise(
 def sample_noise(space: SearchSpace, particles: int, state: AnnealedFilterState) -> None:
     """Sample the random numbers of a layer's first ``particles``."""
     runs = state.layer.shape[0]
-    wp.launch(_sample_noise, dim=(runs, particles), inputs=[space], outputs=[state], device=space.seed.device)
+    wp.launch(_sample_noise, (runs, particles), [space], [state], device=space.seed.device)
     advance(space.counter, particles)
 
 
@@ -188,13 +188,7 @@ def propagate(
     step would be more than the radius, it is the radius: what no cost shows would spread without end.
     """
     runs, _particles, dofs = state.x.shape
-    wp.launch(
-        _propagate,
-        dim=(runs, particles, dofs),
-        inputs=[space, schedule, diffusion],
-        outputs=[state],
-        device=space.seed.device,
-    )
+    wp.launch(_propagate, (runs, particles, dofs), [space, schedule, diffusion], [state], device=space.seed.device)
 
 
 @wp.func
@@ -320,9 +314,9 @@ def weigh(cost: wp.array[wp.float32], schedule: Schedule, survival: float, state
     the best ones alone.
     """
     device = cost.device
-    wp.launch(_measure_distances, dim=state.distance.shape, inputs=[cost], outputs=[state], device=device)
-    wp.launch(_anneal, dim=state.layer.shape, inputs=[schedule, survival], outputs=[state], device=device)
-    wp.launch(_average, dim=state.mean.shape, inputs=[], outputs=[state], device=device)
+    wp.launch(_measure_distances, state.distance.shape, [cost], [state], device=device)
+    wp.launch(_anneal, state.layer.shape, [schedule, survival], [state], device=device)
+    wp.launch(_average, state.mean.shape, [], [state], device=device)
 
 
 @wp.kernel
@@ -366,8 +360,8 @@ def _copy_parents(
 def select(state: AnnealedFilterState) -> None:
     """Choose N whole particles with replacement, each as often as it weighs on average; and their mean and spread."""
     device = state.parent.device
-    wp.launch(_choose_parents, dim=state.parent.shape, inputs=[], outputs=[state], device=device)
-    wp.launch(_copy_parents, dim=state.center.shape, inputs=[], outputs=[state], device=device)
+    wp.launch(_choose_parents, state.parent.shape, [], [state], device=device)
+    wp.launch(_copy_parents, state.center.shape, [], [state], device=device)
 
 
 def write_mean(space: SearchSpace, state: AnnealedFilterState, pose: wp.array[wp.float32]) -> None:

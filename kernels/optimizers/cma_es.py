@@ -80,7 +80,7 @@ def _start(
 
 def start(space: SearchSpace, pose: wp.array[wp.float32], sigma_start: float, state: CmaEsState) -> None:
     """Begin anew at ``pose[:, index]``: ``C = I``, zero paths, ``sigma = sigma_start``."""
-    wp.launch(_start, dim=state.axes.shape, inputs=[space, pose, sigma_start], outputs=[state], device=pose.device)
+    wp.launch(_start, state.axes.shape, [space, pose, sigma_start], [state], device=pose.device)
 
 
 # ``x = mean + sigma radius (B D z)``. A GPU's lanes each have some coordinates i and sum over j. A CPU goes through j
@@ -145,12 +145,7 @@ def sample(space: SearchSpace, particles: int, state: CmaEsState) -> None:
     device = space.seed.device
     lanes = lanes_of(device)
     wp.launch(
-        _sample,
-        dim=(state.sigma.shape[0], lanes),
-        inputs=[particles, lanes],
-        outputs=[space, state],
-        block_dim=lanes,
-        device=device,
+        _sample, (state.sigma.shape[0], lanes), [particles, lanes], [space, state], block_dim=lanes, device=device
     )
 
 

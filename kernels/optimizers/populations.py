@@ -53,7 +53,7 @@ def _advance(
 
 def advance(counter: wp.array[wp.int32], streams: int) -> None:
     """Count random streams that were used, so that none is used again: ``counter[run] += streams``."""
-    wp.launch(_advance, dim=counter.shape, inputs=[streams], outputs=[counter], device=counter.device)
+    wp.launch(_advance, counter.shape, [streams], [counter], device=counter.device)
 
 
 @wp.struct
@@ -105,9 +105,9 @@ def place(
     lanes = lanes_of(pose.device)
     wp.launch(
         _place,
-        dim=(base.shape[0] * particles, lanes),
-        inputs=[population, index, base, limits, particles, lanes],
-        outputs=[pose],
+        (base.shape[0] * particles, lanes),
+        [population, index, base, limits, particles, lanes],
+        [pose],
         block_dim=lanes,
         device=pose.device,
     )
@@ -149,9 +149,9 @@ def keep_best(
     lanes = lanes_of(cost.device)
     wp.launch(
         _keep_best,
-        dim=(best_cost.shape[0], lanes),
-        inputs=[cost, pose, particles, lanes],
-        outputs=[best_cost, best_pose],
+        (best_cost.shape[0], lanes),
+        [cost, pose, particles, lanes],
+        [best_cost, best_pose],
         block_dim=lanes,
         device=cost.device,
     )
@@ -170,7 +170,7 @@ def _scatter(
 
 def scatter(value: wp.array[wp.float32], index: wp.array[wp.int32], pose: wp.array[wp.float32]) -> None:
     """Write searched coordinates back: ``pose[run, index[i]] = value[run, i]``."""
-    wp.launch(_scatter, dim=value.shape, inputs=[value, index], outputs=[pose], device=pose.device)
+    wp.launch(_scatter, value.shape, [value, index], [pose], device=pose.device)
 
 
 @wp.kernel
@@ -185,4 +185,4 @@ def _clamp(
 
 def clamp(limits: Limits, pose: wp.array[wp.float32]) -> None:
     """Keep every coordinate within its limits."""
-    wp.launch(_clamp, dim=pose.shape, inputs=[limits], outputs=[pose], device=pose.device)
+    wp.launch(_clamp, pose.shape, [limits], [pose], device=pose.device)

@@ -16,9 +16,12 @@ then the forced dof, the placing member, two alterations, the candidates for lea
 follows is a function of them.
 """
 
+from typing import Any
+
 import warp as wp
 
 from mmocap_warp.kernels.optimizers.populations import SearchSpace, advance, random_stream
+from mmocap_warp.kernels.structs import allocated
 
 wp.set_module_options({"enable_backward": False})
 
@@ -58,22 +61,13 @@ class DeState:
     trial: wp.array3d[wp.float32]  # (run, particle, dof)
 
 
-def make_state(population: wp.array[wp.float32]) -> DeState:
+def make_state(population: wp.array[wp.float32]) -> Any:
     """Arrays for a search that writes its candidates to ``population`` (run, particle, dof)."""
     runs, particles, dofs = population.shape
-    device = population.device
-    state = DeState()
-    state.center = wp.zeros((runs, dofs), dtype=wp.float32, device=device)
-    state.member = wp.zeros_like(population)
-    state.member_cost = wp.zeros((runs, particles), dtype=wp.float32, device=device)
-    state.alpha = wp.zeros((runs, particles), dtype=wp.vec2i, device=device)
-    state.order = wp.zeros((runs, particles), dtype=wp.int32, device=device)
-    state.generation = wp.zeros(runs, dtype=wp.int32, device=device)
-    state.uniform = wp.zeros((runs, particles, dofs + 4 + 2 * _ALPHA_MAX), dtype=wp.float32, device=device)
-    state.parents = wp.zeros((runs, particles), dtype=wp.vec3i, device=device)
-    state.altered = wp.zeros_like(state.alpha)
-    state.trial = population
-    return state
+    by_member = dict.fromkeys(("member_cost", "alpha", "order", "parents", "altered"), (runs, particles))
+    shapes = by_member | {"member": population.shape, "center": (runs, dofs), "generation": runs}
+    shapes["uniform"] = (runs, particles, dofs + 4 + 2 * _ALPHA_MAX)
+    return allocated(DeState, population.device, trial=population, **shapes)
 
 
 @wp.kernel

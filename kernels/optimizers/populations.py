@@ -1,9 +1,12 @@
 """What all optimizers share: what is searched, random numbers, and the way from candidates to full vectors."""
 
+from typing import Any
+
 import numpy as np
 import warp as wp
 
 from mmocap_warp.kernels.block import lanes_of, sync
+from mmocap_warp.kernels.structs import allocated
 
 wp.set_module_options({"enable_backward": False})
 
@@ -18,15 +21,9 @@ class SearchSpace:
     counter: wp.array[wp.int32]  # (run,) random streams used so far; the parts of one search share it
 
 
-def make_space(
-    index: np.ndarray, radius: np.ndarray, seed: wp.array[wp.int32], counter: wp.array[wp.int32]
-) -> SearchSpace:
+def make_space(index: np.ndarray, radius: np.ndarray, seed: wp.array[wp.int32], counter: wp.array[wp.int32]) -> Any:
     """A search of coordinates ``index`` (dof,) within ``radius`` (dof,), on the device of its seeds."""
-    space = SearchSpace()
-    space.index = wp.array(index, dtype=wp.int32, device=seed.device)
-    space.radius = wp.array(radius, dtype=wp.float32, device=seed.device)
-    space.seed, space.counter = seed, counter
-    return space
+    return allocated(SearchSpace, seed.device, index=index, radius=radius, seed=seed, counter=counter)
 
 
 def make_population(space: SearchSpace, particles: int) -> wp.array[wp.float32]:
@@ -64,12 +61,9 @@ class Limits:
     upper: wp.array[wp.float32]  # (coordinate,)
 
 
-def make_limits(limits: np.ndarray, device: wp.DeviceLike) -> Limits:
+def make_limits(limits: np.ndarray, device: wp.DeviceLike) -> Any:
     """From (coordinate, 2)."""
-    made = Limits()
-    made.lower = wp.array(limits[:, 0], dtype=wp.float32, device=device)
-    made.upper = wp.array(limits[:, 1], dtype=wp.float32, device=device)
-    return made
+    return allocated(Limits, device, lower=limits[:, 0], upper=limits[:, 1])
 
 
 @wp.kernel

@@ -3,9 +3,12 @@
 Equations are those of the paper's Section 4.2.3 as settled in ``docs/algorithms.md``.
 """
 
+from typing import Any
+
 import warp as wp
 
 from mmocap_warp.kernels.optimizers.populations import SearchSpace, advance, random_stream
+from mmocap_warp.kernels.structs import allocated
 
 wp.set_module_options({"enable_backward": False})
 
@@ -37,19 +40,12 @@ class PsoState:
     r_2: wp.array3d[wp.float32]  # (run, particle, dof) in [0, 1)
 
 
-def make_state(population: wp.array[wp.float32]) -> PsoState:
+def make_state(population: wp.array[wp.float32]) -> Any:
     """Arrays for a search that writes its candidates to ``population`` (run, particle, dof)."""
     runs, particles, _ = population.shape
-    device = population.device
-    state = PsoState()
-    state.x = population
-    for name in ("v", "own_best", "r_1", "r_2"):
-        setattr(state, name, wp.zeros_like(population))
-    state.own_cost = wp.zeros((runs, particles), dtype=wp.float32, device=device)
-    state.leader = wp.zeros(runs, dtype=wp.int32, device=device)
-    state.generation = wp.zeros(runs, dtype=wp.int32, device=device)
-    state.inertia = wp.zeros(runs, dtype=wp.float32, device=device)
-    return state
+    by_run = dict.fromkeys(("leader", "generation", "inertia"), runs)
+    by_dof = dict.fromkeys(("v", "own_best", "r_1", "r_2"), population.shape)
+    return allocated(PsoState, population.device, x=population, own_cost=(runs, particles), **by_run, **by_dof)
 
 
 @wp.kernel

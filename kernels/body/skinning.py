@@ -88,11 +88,7 @@ def pose_vertices(
     [m]; candidates are shared evenly by as many runs as there are root bases.
     """
     lanes = lanes_of(posed.device)
+    dim = (batch.size, lanes)
     wp.launch(
-        _pose_vertices,
-        (batch.size, lanes),
-        [body, pose, vertex, batch, lanes],
-        [joints, posed],
-        block_dim=lanes,
-        device=posed.device,
+        _pose_vertices, dim, [body, pose, vertex, batch, lanes], [joints, posed], block_dim=lanes, device=posed.device
     )

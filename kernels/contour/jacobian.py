@@ -133,12 +133,9 @@ def move_origins(posed: Posed, change: RestChange, batch: Batch) -> None:
     """By how much the joints' origins move with the rest body's parameters, of a batch's candidates."""
     parameters = change.vertex.shape[0]
     if parameters:
+        dim = (batch.size, parameters)
         wp.launch(
-            _move_origins,
-            (batch.size, parameters),
-            [change, posed.body, posed.joints, batch],
-            [change.origin],
-            device=change.origin.device,
+            _move_origins, dim, [change, posed.body, posed.joints, batch], [change.origin], device=change.origin.device
         )
 
 
@@ -325,11 +322,6 @@ def differentiate(
     cameras = outline.count.shape[1]
     shares = blocks_of(device, batch.size * cameras)
     lanes = lanes_of(device, shares * VIEW_LANES)
-    wp.launch(
-        _differentiate,
-        (batch.size, cameras, lanes),
-        [posed, tree, change, views, outline, residuals, batch, lanes, shares],
-        [rows],
-        block_dim=_BLOCK,
-        device=device,
-    )
+    dim = (batch.size, cameras, lanes)
+    inputs = [posed, tree, change, views, outline, residuals, batch, lanes, shares]
+    wp.launch(_differentiate, dim, inputs, [rows], block_dim=_BLOCK, device=device)

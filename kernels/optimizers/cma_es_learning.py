@@ -260,11 +260,7 @@ def update(space: SearchSpace, parameters: CmaEsParameters, cost: wp.array[wp.fl
     runs, dofs = state.mean.shape
     device = cost.device
     lanes = 1 if lanes_of(device) == 1 else lanes_worth(dofs)
+    dim = (runs, lanes)
     wp.launch(
-        _update,
-        (runs, lanes),
-        [space, parameters, cost, lanes, has_room(dofs, device)],
-        [state],
-        block_dim=lanes,
-        device=device,
+        _update, dim, [space, parameters, cost, lanes, has_room(dofs, device)], [state], block_dim=lanes, device=device
     )

@@ -97,13 +97,9 @@ def place(
 ) -> None:
     """Write ``particles`` candidates a run into full poses: searched ones within limits, the rest from ``base``."""
     lanes = lanes_of(pose.device)
+    dim = (base.shape[0] * particles, lanes)
     wp.launch(
-        _place,
-        (base.shape[0] * particles, lanes),
-        [population, index, base, limits, particles, lanes],
-        [pose],
-        block_dim=lanes,
-        device=pose.device,
+        _place, dim, [population, index, base, limits, particles, lanes], [pose], block_dim=lanes, device=pose.device
     )
 
 
@@ -141,13 +137,9 @@ def keep_best(
 ) -> None:
     """Let a run's best ever pose be replaced by a strictly better candidate; the first of equals wins."""
     lanes = lanes_of(cost.device)
+    dim = (best_cost.shape[0], lanes)
     wp.launch(
-        _keep_best,
-        (best_cost.shape[0], lanes),
-        [cost, pose, particles, lanes],
-        [best_cost, best_pose],
-        block_dim=lanes,
-        device=cost.device,
+        _keep_best, dim, [cost, pose, particles, lanes], [best_cost, best_pose], block_dim=lanes, device=cost.device
     )
 
 

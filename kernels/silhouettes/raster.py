@@ -253,14 +253,9 @@ def raster(
     lanes, blocks = lanes_of(posed.device), blocks_of(posed.device, batch.size * cameras)
     if blocks > 1:
         canvas.count.zero_()
-    wp.launch(
-        _raster,
-        (batch.size, cameras, blocks, lanes),
-        [posed, piece, views, frozen, batch, blocks, lanes],
-        [canvas],
-        block_dim=lanes,
-        device=posed.device,
-    )
+    dim = (batch.size, cameras, blocks, lanes)
+    inputs = [posed, piece, views, frozen, batch, blocks, lanes]
+    wp.launch(_raster, dim, inputs, [canvas], block_dim=lanes, device=posed.device)
 
 
 @wp.kernel
@@ -322,11 +317,5 @@ def freeze(
     piece is cut by the near plane, they count.
     """
     lanes = lanes_of(posed.device)
-    wp.launch(
-        _freeze,
-        (batch.size, views.size.shape[0], lanes),
-        [posed, piece, views, batch, lanes],
-        [canvas, frozen],
-        block_dim=lanes,
-        device=posed.device,
-    )
+    dim = (batch.size, views.size.shape[0], lanes)
+    wp.launch(_freeze, dim, [posed, piece, views, batch, lanes], [canvas, frozen], block_dim=lanes, device=posed.device)

@@ -260,11 +260,6 @@ def raycast_wide(
     blocks = blocks_of(posed.device, batch.size * cameras)
     if blocks > 1:
         canvas.count.zero_()
-    wp.launch(
-        _raycast_wide,
-        (batch.size, cameras, blocks, LANES),
-        [posed, leaves, views, frozen, batch, blocks],
-        [canvas],
-        block_dim=LANES,
-        device=posed.device,
-    )
+    dim = (batch.size, cameras, blocks, LANES)
+    inputs = [posed, leaves, views, frozen, batch, blocks]
+    wp.launch(_raycast_wide, dim, inputs, [canvas], block_dim=LANES, device=posed.device)

@@ -2,6 +2,8 @@
 
 from typing import Any, TypeVar
 
+import warp as wp
+
 Struct = TypeVar("Struct")
 
 
@@ -18,3 +20,17 @@ def filled(kind: type[Struct], **fields: Any) -> Struct:
     for name, value in fields.items():
         setattr(struct, name, value)
     return struct
+
+
+def allocated(kind: type, device: wp.DeviceLike, **fields: Any) -> Any:
+    """As :func:`filled`, with arrays made on a device: of a shape they are zeros, of a list or NumPy array a copy.
+
+    Other values are taken as they are. To mypy the fields of a struct are what kernels see of them, hence Any.
+    """
+    known: dict[str, Any] = kind.vars
+    for name, value in fields.items():
+        field: Any = getattr(known.get(name), "type", None)
+        if wp.types.is_array(field) and not wp.types.is_array(value):
+            make = wp.zeros if isinstance(value, int | tuple) else wp.array
+            fields[name] = make(value, dtype=field.dtype, device=device)
+    return filled(kind, **fields)

@@ -11,7 +11,7 @@ from poisoned import poisoned, poisoned_joints
 
 from mmocap_warp.body.mesh_pieces import mesh_edges
 from mmocap_warp.body.model import BodyModel
-from mmocap_warp.body.posing import BodyArrays
+from mmocap_warp.body.posing import make_body_arrays
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.contour.frame.fields import DistanceFields
 from mmocap_warp.contour.frame.fitter import ContourFitter, MatchingConfig
@@ -94,11 +94,11 @@ class Contours:
         self.edge = mesh_edges(mesh.face)
         self.size = self.size or len(self.edge)
         self.index = self.body.skeleton.searched()
-        arrays = BodyArrays(self.body, np.eye(3), mesh, device, bases=n)
+        arrays = make_body_arrays(self.body, np.eye(3), mesh, device, bases=n)
         arrays.root_base.assign(self.base.astype(np.float32))
         self.posed = filled(
             Posed,
-            body=arrays.struct,
+            body=arrays,
             joints=poisoned_joints(n, joints, device),
             axes=poisoned((n, joints), wp.mat33, device),
             vertex=poisoned((n, vertices), wp.vec3, device),
@@ -132,7 +132,7 @@ class Contours:
             tally=poisoned((n, len(self.rig)), wp.vec4, device),
         )
         self.fields = DistanceFields(self.rig, 1, n, device)
-        self.moving = moving_skin(self.late, self.fields.frame, n, vertices, device)
+        self.moving = moving_skin(self.late, self.fields.struct.frame, n, vertices, device)
         self.views = ViewArrays(self.rig, device).struct
 
     @property
@@ -160,7 +160,7 @@ class Contours:
     def matched(self, masks: list[np.ndarray]) -> Contours:
         """With residuals against masks."""
         self.found()
-        self.fields.observe(0, Observation.from_masks(masks))
+        self.fields.observe([Observation.from_masks(masks)])
         matching = filled(Matching, **self.matching)
         find_residuals(self.outline, self.fields.struct, self.views, matching, self.batch, self.residuals)
         return self

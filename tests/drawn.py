@@ -13,7 +13,7 @@ from mmocap_warp.kernels.batch import Batch, batch_of
 from mmocap_warp.kernels.views.projection import BEHIND, SUBPIXEL
 from mmocap_warp.masks.observation import pack_masks, unpack_masks
 from mmocap_warp.masks.view_arrays import ViewArrays
-from mmocap_warp.silhouettes.silhouettes import FrozenArrays, Silhouettes
+from mmocap_warp.silhouettes.silhouettes import Silhouettes
 
 
 class Drawing:
@@ -46,7 +46,7 @@ def draw_bits(mesh: SkinMesh, rig: CameraRig, posed: wp.array) -> np.ndarray:
     """(candidate, camera, row, word) uint32: closed meshes as the kernels draw them."""
     device = str(posed.device)
     drawing = Silhouettes(mesh, rig, posed.shape[0], "raster", device)
-    frozen = FrozenArrays(posed.shape[0], drawing.views, device)
+    frozen = drawing.make_frozen(posed.shape[0])
     frozen.words.assign(poisoned(frozen.words.shape, wp.uint32, device))
     drawing.freeze(posed, drawing.whole, whole_batch(posed), frozen)
     return frozen.words.numpy()

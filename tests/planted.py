@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.contour.clip.block_band import BlockBand
+from mmocap_warp.contour.clip.clip_problem import ClipProblem, Pass, coarse_then_fine
 from mmocap_warp.contour.clip.motion_points import MotionPoints
 from mmocap_warp.contour.frame.normal_equations import NormalEquations
 from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
@@ -63,3 +66,21 @@ def dense(band: BlockBand) -> np.ndarray:
             matrix[row : row + n, column : column + n] = block
             matrix[column : column + n, row : row + n] = block.T
     return matrix
+
+
+class ClipSolution(NamedTuple):
+    """Poses of consecutive frames, whether each showed anything, and what the contours cost (frame,)."""
+
+    rooted: RootedPoses
+    observed: np.ndarray
+    cost: np.ndarray
+
+
+def solved_clip(
+    problem: ClipProblem, rooted: RootedPoses, passes: tuple[Pass, ...] = coarse_then_fine()
+) -> ClipSolution:
+    """The final frames of all of a clip's windows."""
+    windows = list(problem.windows(rooted, passes))
+    poses, contours = zip(*((each.rooted[: each.final], each.contour[: each.final]) for each in windows), strict=True)
+    contour = contours[0].followed_by(*contours[1:])
+    return ClipSolution(poses[0].followed_by(*poses[1:]), contour.observed, contour.cost)

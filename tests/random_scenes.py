@@ -12,7 +12,7 @@ from poisoned import poisoned, poisoned_joints
 from synthetic import COORDINATES, ring_rig
 
 from mmocap_warp.body.model import BodyModel, Subject
-from mmocap_warp.body.posing import BodyArrays
+from mmocap_warp.body.posing import make_body_arrays
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.kernels.body.kinematics import pose_joints
 from mmocap_warp.kernels.body.skinning import skin
@@ -63,10 +63,10 @@ def random_masks(sizes: np.ndarray, seed: int = 0) -> list[np.ndarray]:
 
 def posed_vertices(body: BodyModel, root_base: np.ndarray, poses: np.ndarray, device: str) -> wp.array:
     """(candidate, tracking vertex) vec3 by the kernels [m]."""
-    arrays, joints = BodyArrays(body, root_base, body.tracking, device), poisoned_joints(len(poses), 16, device)
-    pose_joints(arrays.struct, wp.array(poses, dtype=wp.float32, device=device), joints)
+    arrays, joints = make_body_arrays(body, root_base, body.tracking, device), poisoned_joints(len(poses), 16, device)
+    pose_joints(arrays, wp.array(poses, dtype=wp.float32, device=device), joints)
     posed = poisoned((len(poses), len(body.tracking.rest)), wp.vec3, device)
-    skin(arrays.struct, joints, posed)
+    skin(arrays, joints, posed)
     return posed
 
 

@@ -127,4 +127,4 @@ def pose_joints(body: Body, pose: wp.array[wp.float32], joints: Joints) -> None:
     ``skin_matrix[j] = transform[j] @ inverse(bind[j])``; the root sits at ``pose[:, :3]`` [m] and turns in
     ``root_base``, one for all candidates or one each. ``pose`` is (candidate, 3 + 3 joint) [m, rad].
     """
-    wp.launch(_pose_joints, dim=pose.shape[0], inputs=[body, pose], outputs=[joints], device=pose.device)
+    wp.launch(_pose_joints, pose.shape[0], [body, pose], [joints], device=pose.device)

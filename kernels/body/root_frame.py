@@ -44,13 +44,7 @@ def enter(
     ``home`` is the subject's base, F the root joint's frame, ``pose`` is (run, coordinate); ``angles`` (run,) keeps
     what they were [rad].
     """
-    wp.launch(
-        _enter,
-        dim=pose.shape[0],
-        inputs=[home, frame],
-        outputs=[pose, angles, root_base],
-        device=pose.device,
-    )
+    wp.launch(_enter, pose.shape[0], [home, frame], [pose, angles, root_base], device=pose.device)
 
 
 @wp.func
@@ -101,10 +95,4 @@ def leave(
     root_base: wp.array[wp.mat33],
 ) -> None:
     """Count root angles from ``home`` again, on the branch that is nearest to ``angles``; undoes :func:`enter`."""
-    wp.launch(
-        _leave,
-        dim=pose.shape[0],
-        inputs=[home, frame, angles],
-        outputs=[pose, root_base],
-        device=pose.device,
-    )
+    wp.launch(_leave, pose.shape[0], [home, frame, angles], [pose, root_base], device=pose.device)

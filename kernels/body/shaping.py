@@ -44,13 +44,7 @@ def shape(sliders: Sliders, coordinate: wp.array[wp.float32], batch: Batch, shap
     ``coordinate`` (candidate, coordinate) holds the sliders ``w`` and then the logarithm of the scale; ``shaped`` is
     (candidate, point).
     """
-    wp.launch(
-        _shape,
-        dim=(batch.size, shaped.shape[1]),
-        inputs=[sliders, coordinate, batch],
-        outputs=[shaped],
-        device=shaped.device,
-    )
+    wp.launch(_shape, (batch.size, shaped.shape[1]), [sliders, coordinate, batch], [shaped], device=shaped.device)
 
 
 @wp.kernel
@@ -68,17 +62,7 @@ def _turn(
 
 
 def turn(
-    coordinate: wp.array[wp.float32],
-    column: int,
-    upright: wp.mat33,
-    batch: Batch,
-    root_base: wp.array[wp.mat33],
+    coordinate: wp.array[wp.float32], column: int, upright: wp.mat33, batch: Batch, root_base: wp.array[wp.mat33]
 ) -> None:
     """Head candidates: ``root_base[c] = upright @ Ry(coordinate[c, column])``, about the body's own up axis."""
-    wp.launch(
-        _turn,
-        dim=batch.size,
-        inputs=[coordinate, column, upright, batch],
-        outputs=[root_base],
-        device=root_base.device,
-    )
+    wp.launch(_turn, batch.size, [coordinate, column, upright, batch], [root_base], device=root_base.device)

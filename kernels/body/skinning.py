@@ -41,7 +41,7 @@ def skin(body: Body, joints: Joints, posed: wp.array[wp.vec3]) -> None:
 
     ``posed`` is (candidate, vertex).
     """
-    wp.launch(_skin, dim=posed.shape, inputs=[body, joints], outputs=[posed], device=posed.device)
+    wp.launch(_skin, posed.shape, [body, joints], [posed], device=posed.device)
 
 
 @wp.kernel
@@ -88,11 +88,7 @@ def pose_vertices(
     [m]; candidates are shared evenly by as many runs as there are root bases.
     """
     lanes = lanes_of(posed.device)
+    dim = (batch.size, lanes)
     wp.launch(
-        _pose_vertices,
-        dim=(batch.size, lanes),
-        inputs=[body, pose, vertex, batch, lanes],
-        outputs=[joints, posed],
-        block_dim=lanes,
-        device=posed.device,
+        _pose_vertices, dim, [body, pose, vertex, batch, lanes], [joints, posed], block_dim=lanes, device=posed.device
     )

@@ -13,16 +13,7 @@ import math
 import warp as wp
 
 from mmocap_warp.kernels.batch import Batch
-from mmocap_warp.kernels.block import (
-    WORDS,
-    LaneLayout,
-    lane_layout,
-    lanes_of,
-    matrix_at,
-    shared_words,
-    sync,
-    sync_warp,
-)
+from mmocap_warp.kernels.block import WORDS, LaneLayout, lane_layout, lanes_of, matrix_at, shared_words, sync, sync_warp
 from mmocap_warp.kernels.contour.normal_equations import Sums
 from mmocap_warp.kernels.native import native_sections
 
@@ -233,11 +224,4 @@ def descend(sums: Sums, batch: Batch, descent: Descent, steps: bool) -> None:
     """
     device = descent.pose.device
     lanes = lanes_of(device)
-    wp.launch(
-        _descend,
-        dim=(batch.size, lanes),
-        inputs=[sums, batch, lanes, steps],
-        outputs=[descent],
-        block_dim=lanes,
-        device=device,
-    )
+    wp.launch(_descend, (batch.size, lanes), [sums, batch, lanes, steps], [descent], block_dim=lanes, device=device)

@@ -94,14 +94,7 @@ def _find_boxes(
 def find_boxes(masks: Masks, scratch: wp.array[wp.uint32], box: wp.array[wp.vec4i]) -> None:
     """Boxes (frame, camera) around the foreground and what is near it; no width without foreground."""
     lanes = lanes_of(box.device)
-    wp.launch(
-        _find_boxes,
-        dim=(*box.shape, lanes),
-        inputs=[masks, lanes, scratch],
-        outputs=[box],
-        block_dim=lanes,
-        device=box.device,
-    )
+    wp.launch(_find_boxes, (*box.shape, lanes), [masks, lanes, scratch], [box], block_dim=lanes, device=box.device)
 
 
 def pixels_of(width: np.ndarray, height: np.ndarray) -> np.ndarray:
@@ -137,25 +130,14 @@ def _place_boxes(
 
 
 def place_boxes(
-    masks: Masks,
-    found: wp.array[wp.vec4i],
-    foreground: wp.array[wp.int32],
-    fewest: int,
-    room: int,
-    fields: Fields,
+    masks: Masks, found: wp.array[wp.vec4i], foreground: wp.array[wp.int32], fewest: int, room: int, fields: Fields
 ) -> None:
     """Say where the fields of frames are: each place has room for so many values.
 
     ``found`` (frame, camera) are boxes, of which those count that have so many pixels of ``foreground`` (frame, camera)
     at least.
     """
-    wp.launch(
-        _place_boxes,
-        dim=found.shape[0],
-        inputs=[masks, found, foreground, fewest, room],
-        outputs=[fields],
-        device=found.device,
-    )
+    wp.launch(_place_boxes, found.shape[0], [masks, found, foreground, fewest, room], [fields], device=found.device)
 
 
 @wp.func
@@ -281,7 +263,7 @@ def measure_distances(masks: Masks, workings: Workings, fields: Fields) -> None:
     device = fields.value.device
     lanes = _VIEW_LANES if lanes_of(device) > 1 else 1
     dim = (*masks.word.shape[:2], lanes)
-    wp.launch(_draw, dim=dim, inputs=[masks, fields, lanes], outputs=[workings], device=device)
+    wp.launch(_draw, dim, [masks, fields, lanes], [workings], device=device)
     for rows in (True, False):
-        wp.launch(_search, dim=dim, inputs=[masks, fields, lanes, rows], outputs=[workings], device=device)
-    wp.launch(_smooth, dim=dim, inputs=[masks, workings, lanes], outputs=[fields], device=device)
+        wp.launch(_search, dim, [masks, fields, lanes, rows], [workings], device=device)
+    wp.launch(_smooth, dim, [masks, workings, lanes], [fields], device=device)

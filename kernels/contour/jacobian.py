@@ -108,13 +108,7 @@ def _turn_axes(
 
 def turn_axes(pose: wp.array[wp.float32], batch: Batch, posed: Posed) -> None:
     """Find the axes that a batch's joints turn about or slide along; ``pose`` is (candidate, coordinate) [m, rad]."""
-    wp.launch(
-        _turn_axes,
-        dim=(batch.size, posed.axes.shape[1]),
-        inputs=[pose, batch],
-        outputs=[posed],
-        device=pose.device,
-    )
+    wp.launch(_turn_axes, (batch.size, posed.axes.shape[1]), [pose, batch], [posed], device=pose.device)
 
 
 @wp.kernel
@@ -139,12 +133,9 @@ def move_origins(posed: Posed, change: RestChange, batch: Batch) -> None:
     """By how much the joints' origins move with the rest body's parameters, of a batch's candidates."""
     parameters = change.vertex.shape[0]
     if parameters:
+        dim = (batch.size, parameters)
         wp.launch(
-            _move_origins,
-            dim=(batch.size, parameters),
-            inputs=[change, posed.body, posed.joints, batch],
-            outputs=[change.origin],
-            device=change.origin.device,
+            _move_origins, dim, [change, posed.body, posed.joints, batch], [change.origin], device=change.origin.device
         )
 
 
@@ -194,15 +185,7 @@ def _influences(body: Body, joints: Joints, tree: Tree, c: int, ends: wp.vec2i) 
 
 @wp.func
 def _write_pose(
-    tree: Tree,
-    posed: Posed,
-    c: int,
-    by: _Influences,
-    gradient: wp.vec3,
-    rows: Rows,
-    row: int,
-    share: int,
-    shares: int,
+    tree: Tree, posed: Posed, c: int, by: _Influences, gradient: wp.vec3, rows: Rows, row: int, share: int, shares: int
 ) -> None:
     """A share of the columns of the pose."""
     if share == 0:
@@ -339,11 +322,6 @@ def differentiate(
     cameras = outline.count.shape[1]
     shares = blocks_of(device, batch.size * cameras)
     lanes = lanes_of(device, shares * VIEW_LANES)
-    wp.launch(
-        _differentiate,
-        dim=(batch.size, cameras, lanes),
-        inputs=[posed, tree, change, views, outline, residuals, batch, lanes, shares],
-        outputs=[rows],
-        block_dim=_BLOCK,
-        device=device,
-    )
+    dim = (batch.size, cameras, lanes)
+    inputs = [posed, tree, change, views, outline, residuals, batch, lanes, shares]
+    wp.launch(_differentiate, dim, inputs, [rows], block_dim=_BLOCK, device=device)

@@ -60,12 +60,9 @@ def bend_skin(
     ``moving.velocity`` and ``moving.bend`` hold the skin of the pose before and after, ``rate`` poses a second;
     ``sides`` says which of both there are. Where there is only one, or without ``curved``, nothing bends.
     """
+    dim = (batch.size, posed.shape[1])
     wp.launch(
-        _bend_skin,
-        dim=(batch.size, posed.shape[1]),
-        inputs=[posed, sides, rate, float(curved), batch],
-        outputs=[moving.velocity, moving.bend],
-        device=posed.device,
+        _bend_skin, dim, [posed, sides, rate, float(curved), batch], [moving.velocity, moving.bend], device=posed.device
     )
 
 
@@ -86,10 +83,5 @@ def _follow_skin(
 
 def follow_skin(posed: wp.array[wp.vec3], rate: float, batch: Batch, moving: Moving) -> None:
     """Let the skin move from the pose before, ``posed`` (candidate, vertex) [m], to whatever pose is tried."""
-    wp.launch(
-        _follow_skin,
-        dim=(batch.size, posed.shape[1]),
-        inputs=[posed, rate, batch],
-        outputs=[moving.velocity, moving.bend],
-        device=posed.device,
-    )
+    dim = (batch.size, posed.shape[1])
+    wp.launch(_follow_skin, dim, [posed, rate, batch], [moving.velocity, moving.bend], device=posed.device)

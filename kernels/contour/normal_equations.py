@@ -128,11 +128,7 @@ def sum_normal_equations(outline: Outline, residuals: Residuals, rows: Rows, bat
     lanes = lanes_of(device)
     half = (rows.width + 1) // 2
     blocks = 1 if lanes == 1 else math.ceil(triangle_words(half) / lanes)
+    dim = (batch.size, outline.count.shape[1], blocks * lanes)
     wp.launch(
-        _sum_normal_equations,
-        dim=(batch.size, outline.count.shape[1], blocks * lanes),
-        inputs=[outline, residuals, rows, batch, lanes],
-        outputs=[sums],
-        block_dim=lanes,
-        device=device,
+        _sum_normal_equations, dim, [outline, residuals, rows, batch, lanes], [sums], block_dim=lanes, device=device
     )

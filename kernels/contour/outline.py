@@ -315,11 +315,6 @@ def find_contours(
     A view has none where a vertex is not before the camera, or where there are more than ``outline.size``.
     """
     lanes = lanes_of(posed.device, _LANES)
-    wp.launch(
-        _find_contours,
-        dim=(batch.size, outline.count.shape[1], lanes),
-        inputs=[edges, posed, moving, views, batch, lanes],
-        outputs=[outline],
-        block_dim=lanes,
-        device=posed.device,
-    )
+    dim = (batch.size, outline.count.shape[1], lanes)
+    inputs = [edges, posed, moving, views, batch, lanes]
+    wp.launch(_find_contours, dim, inputs, [outline], block_dim=lanes, device=posed.device)

@@ -182,11 +182,6 @@ def find_residuals(
     """Match a batch's outlines with the masks' contours."""
     device = outline.image.device
     lanes = lanes_of(device, VIEW_LANES)
-    wp.launch(
-        _find_residuals,
-        dim=(batch.size, outline.count.shape[1], lanes),
-        inputs=[outline, fields, views, matching, batch, lanes],
-        outputs=[residuals],
-        block_dim=_BLOCK,
-        device=device,
-    )
+    dim = (batch.size, outline.count.shape[1], lanes)
+    inputs = [outline, fields, views, matching, batch, lanes]
+    wp.launch(_find_residuals, dim, inputs, [residuals], block_dim=_BLOCK, device=device)

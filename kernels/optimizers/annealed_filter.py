@@ -16,9 +16,12 @@ In terms of a distance from the best particle, ``d_k = ln(1 - f_best) - ln(1 - f
 the rate falls as beta grows, so that bisection finds it.
 """
 
+from typing import Any
+
 import warp as wp
 
 from mmocap_warp.kernels.optimizers.populations import SearchSpace, advance, random_stream, scatter
+from mmocap_warp.kernels.structs import allocated
 
 wp.set_module_options({"enable_backward": False})
 
@@ -40,18 +43,14 @@ class Schedule:
     own_exponents: bool  # every layer is weighed by the exponent of its own costs
 
 
-def make_schedule(partitions: list[int], layers: list[int], own_exponents: bool, device: wp.DeviceLike) -> Schedule:
+def make_schedule(partitions: list[int], layers: list[int], own_exponents: bool, device: wp.DeviceLike) -> Any:
     """So many layers for each partition of so many dofs; a partition may have none."""
     first, end, opens = [], [], []
     for p, count in enumerate(layers):
         first += [sum(partitions[:p])] * count
         end += [sum(partitions[: p + 1])] * count
         opens += [int(layer == 0) for layer in range(count)]
-    schedule = Schedule()
-    schedule.own_exponents = own_exponents
-    for name, values in (("first", first), ("end", end), ("opens", opens)):
-        setattr(schedule, name, wp.array(values, dtype=wp.int32, device=device))
-    return schedule
+    return allocated(Schedule, device, first=first, end=end, opens=opens, own_exponents=own_exponents)
 
 
 @wp.struct
@@ -72,29 +71,18 @@ class AnnealedFilterState:
     spread: wp.array2d[wp.float32]  # (run, dof) their standard deviation
 
 
-def make_state(population: wp.array[wp.float32]) -> AnnealedFilterState:
+def make_state(population: wp.array[wp.float32]) -> Any:
     """Arrays for searches that write their candidates to ``population`` (run, particle, dof).
 
     ``selected`` and ``mean`` outlive a search; zeros are no particles yet.
     """
     runs, particles, dofs = population.shape
-    device = population.device
+    shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("layer", "exponent"), (runs,))
+    shapes |= dict.fromkeys(("mean", "center", "spread"), (runs, dofs))
+    shapes |= dict.fromkeys(("uniform", "distance", "weight", "parent"), (runs, particles))
     # The first layer needs a random number per dimension, later ones a number per particle.
-    numbers = max(dofs, particles)
-    state = AnnealedFilterState()
-    state.layer = wp.zeros(runs, dtype=wp.int32, device=device)
-    state.noise = wp.zeros((runs, particles, numbers), dtype=wp.float32, device=device)
-    state.uniform = wp.zeros((runs, particles), dtype=wp.float32, device=device)
-    state.x = population
-    state.distance = wp.zeros((runs, particles), dtype=wp.float32, device=device)
-    state.exponent = wp.zeros(runs, dtype=wp.float32, device=device)
-    state.weight = wp.zeros((runs, particles), dtype=wp.float32, device=device)
-    state.mean = wp.zeros((runs, dofs), dtype=wp.float32, device=device)
-    state.parent = wp.zeros((runs, particles), dtype=wp.int32, device=device)
-    state.selected = wp.zeros_like(population)
-    state.center = wp.zeros((runs, dofs), dtype=wp.float32, device=device)
-    state.spread = wp.zeros((runs, dofs), dtype=wp.float32, device=device)
-    return state
+    shapes |= {"noise": (runs, particles, max(dofs, particles)), "selected": population.shape}
+    return allocated(AnnealedFilterState, population.device, x=population, **shapes)
 
 
 @wp.kernel
@@ -120,7 +108,7 @@ def start(space: SearchSpace, pose: wp.array[wp.float32], state: AnnealedFilterS
     That is by nothing, unless the answer was brought within limits, or its angles are counted from elsewhere now.
     Particles that are zeros with a mean of zero all become the pose.
     """
-    wp.launch(_start, dim=state.mean.shape, inputs=[space, pose], outputs=[state], device=pose.device)
+    wp.launch(_start, state.mean.shape, [space, pose], [state], device=pose.device)
 
 
 @wp.kernel
@@ -139,7 +127,7 @@ def _sample_noise(
 def sample_noise(space: SearchSpace, particles: int, state: AnnealedFilterState) -> None:
     """Sample the random numbers of a layer's first ``particles``."""
     runs = state.layer.shape[0]
-    wp.launch(_sample_noise, dim=(runs, particles), inputs=[space], outputs=[state], device=space.seed.device)
+    wp.launch(_sample_noise, (runs, particles), [space], [state], device=space.seed.device)
     advance(space.counter, particles)
 
 
@@ -188,13 +176,7 @@ def propagate(
     step would be more than the radius, it is the radius: what no cost shows would spread without end.
     """
     runs, _particles, dofs = state.x.shape
-    wp.launch(
-        _propagate,
-        dim=(runs, particles, dofs),
-        inputs=[space, schedule, diffusion],
-        outputs=[state],
-        device=space.seed.device,
-    )
+    wp.launch(_propagate, (runs, particles, dofs), [space, schedule, diffusion], [state], device=space.seed.device)
 
 
 @wp.func
@@ -320,9 +302,9 @@ def weigh(cost: wp.array[wp.float32], schedule: Schedule, survival: float, state
     the best ones alone.
     """
     device = cost.device
-    wp.launch(_measure_distances, dim=state.distance.shape, inputs=[cost], outputs=[state], device=device)
-    wp.launch(_anneal, dim=state.layer.shape, inputs=[schedule, survival], outputs=[state], device=device)
-    wp.launch(_average, dim=state.mean.shape, inputs=[], outputs=[state], device=device)
+    wp.launch(_measure_distances, state.distance.shape, [cost], [state], device=device)
+    wp.launch(_anneal, state.layer.shape, [schedule, survival], [state], device=device)
+    wp.launch(_average, state.mean.shape, [], [state], device=device)
 
 
 @wp.kernel
@@ -366,8 +348,8 @@ def _copy_parents(
 def select(state: AnnealedFilterState) -> None:
     """Choose N whole particles with replacement, each as often as it weighs on average; and their mean and spread."""
     device = state.parent.device
-    wp.launch(_choose_parents, dim=state.parent.shape, inputs=[], outputs=[state], device=device)
-    wp.launch(_copy_parents, dim=state.center.shape, inputs=[], outputs=[state], device=device)
+    wp.launch(_choose_parents, state.parent.shape, [], [state], device=device)
+    wp.launch(_copy_parents, state.center.shape, [], [state], device=device)
 
 
 def write_mean(space: SearchSpace, state: AnnealedFilterState, pose: wp.array[wp.float32]) -> None:

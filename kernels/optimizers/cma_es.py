@@ -8,6 +8,8 @@ Only B and D are kept. This module has what a generation hands to the next, and 
 what is learnt from the costs.
 """
 
+from typing import Any
+
 import warp as wp
 
 from mmocap_warp.kernels.block import lane_layout, lanes_of, sync
@@ -15,6 +17,7 @@ from mmocap_warp.kernels.native import native_sections
 from mmocap_warp.kernels.optimizers.cma_es_workspace import has_room, workspace_words
 from mmocap_warp.kernels.optimizers.eigen import Tournament, make_tournament
 from mmocap_warp.kernels.optimizers.populations import SearchSpace, random_stream, scatter
+from mmocap_warp.kernels.structs import allocated
 
 wp.set_module_options({"enable_backward": False})
 
@@ -39,23 +42,15 @@ class CmaEsState:
     scratch: wp.array2d[wp.uint32]  # (run, word) workspaces that shared memory has no room for
 
 
-def make_state(population: wp.array[wp.float32]) -> CmaEsState:
+def make_state(population: wp.array[wp.float32]) -> Any:
     """Arrays for a search that writes its candidates to ``population`` (run, particle, dof)."""
     runs, particles, dofs = population.shape
-    device = population.device
-    state = CmaEsState()
-    for name in ("mean", "p_sigma", "p_c", "lengths"):
-        setattr(state, name, wp.zeros((runs, dofs), dtype=wp.float32, device=device))
-    state.sigma = wp.zeros(runs, dtype=wp.float32, device=device)
-    state.axes = wp.zeros((runs, dofs, dofs), dtype=wp.float32, device=device)
-    state.generation = wp.zeros(runs, dtype=wp.int32, device=device)
-    state.z = wp.zeros_like(population)
-    state.x = population
-    state.order = wp.zeros((runs, particles), dtype=wp.int32, device=device)
-    state.tournament = make_tournament(dofs, device)
-    words = 1 if has_room(dofs, device) else workspace_words(dofs)
-    state.scratch = wp.empty((runs, words), dtype=wp.uint32, device=device)
-    return state
+    device, tournament = population.device, make_tournament(dofs, population.device)
+    shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("sigma", "generation"), (runs,))
+    shapes |= dict.fromkeys(("mean", "p_sigma", "p_c", "lengths"), (runs, dofs))
+    shapes |= {"axes": (runs, dofs, dofs), "z": population.shape, "order": (runs, particles)}
+    shapes["scratch"] = (runs, 1 if has_room(dofs, device) else workspace_words(dofs))
+    return allocated(CmaEsState, device, x=population, tournament=tournament, **shapes)
 
 
 @wp.kernel
@@ -80,7 +75,7 @@ def _start(
 
 def start(space: SearchSpace, pose: wp.array[wp.float32], sigma_start: float, state: CmaEsState) -> None:
     """Begin anew at ``pose[:, index]``: ``C = I``, zero paths, ``sigma = sigma_start``."""
-    wp.launch(_start, dim=state.axes.shape, inputs=[space, pose, sigma_start], outputs=[state], device=pose.device)
+    wp.launch(_start, state.axes.shape, [space, pose, sigma_start], [state], device=pose.device)
 
 
 # ``x = mean + sigma radius (B D z)``. A GPU's lanes each have some coordinates i and sum over j. A CPU goes through j
@@ -145,12 +140,7 @@ def sample(space: SearchSpace, particles: int, state: CmaEsState) -> None:
     device = space.seed.device
     lanes = lanes_of(device)
     wp.launch(
-        _sample,
-        dim=(state.sigma.shape[0], lanes),
-        inputs=[particles, lanes],
-        outputs=[space, state],
-        block_dim=lanes,
-        device=device,
+        _sample, (state.sigma.shape[0], lanes), [particles, lanes], [space, state], block_dim=lanes, device=device
     )
 
 

@@ -158,13 +158,7 @@ def _write_covariance(
 
 @wp.func
 def _update_covariance(
-    parameters: CmaEsParameters,
-    h_sigma: float,
-    run: int,
-    lane: int,
-    lanes: int,
-    state: CmaEsState,
-    work: Workspace,
+    parameters: CmaEsParameters, h_sigma: float, run: int, lane: int, lanes: int, state: CmaEsState, work: Workspace
 ) -> None:
     share = 1.0 / parameters.mu_cov
     c_c = parameters.c_c
@@ -266,11 +260,7 @@ def update(space: SearchSpace, parameters: CmaEsParameters, cost: wp.array[wp.fl
     runs, dofs = state.mean.shape
     device = cost.device
     lanes = 1 if lanes_of(device) == 1 else lanes_worth(dofs)
+    dim = (runs, lanes)
     wp.launch(
-        _update,
-        dim=(runs, lanes),
-        inputs=[space, parameters, cost, lanes, has_room(dofs, device)],
-        outputs=[state],
-        block_dim=lanes,
-        device=device,
+        _update, dim, [space, parameters, cost, lanes, has_room(dofs, device)], [state], block_dim=lanes, device=device
     )

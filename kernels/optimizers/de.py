@@ -16,9 +16,12 @@ then the forced dof, the placing member, two alterations, the candidates for lea
 follows is a function of them.
 """
 
+from typing import Any
+
 import warp as wp
 
 from mmocap_warp.kernels.optimizers.populations import SearchSpace, advance, random_stream
+from mmocap_warp.kernels.structs import allocated
 
 wp.set_module_options({"enable_backward": False})
 
@@ -58,22 +61,13 @@ class DeState:
     trial: wp.array3d[wp.float32]  # (run, particle, dof)
 
 
-def make_state(population: wp.array[wp.float32]) -> DeState:
+def make_state(population: wp.array[wp.float32]) -> Any:
     """Arrays for a search that writes its candidates to ``population`` (run, particle, dof)."""
     runs, particles, dofs = population.shape
-    device = population.device
-    state = DeState()
-    state.center = wp.zeros((runs, dofs), dtype=wp.float32, device=device)
-    state.member = wp.zeros_like(population)
-    state.member_cost = wp.zeros((runs, particles), dtype=wp.float32, device=device)
-    state.alpha = wp.zeros((runs, particles), dtype=wp.vec2i, device=device)
-    state.order = wp.zeros((runs, particles), dtype=wp.int32, device=device)
-    state.generation = wp.zeros(runs, dtype=wp.int32, device=device)
-    state.uniform = wp.zeros((runs, particles, dofs + 4 + 2 * _ALPHA_MAX), dtype=wp.float32, device=device)
-    state.parents = wp.zeros((runs, particles), dtype=wp.vec3i, device=device)
-    state.altered = wp.zeros_like(state.alpha)
-    state.trial = population
-    return state
+    by_member = dict.fromkeys(("member_cost", "alpha", "order", "parents", "altered"), (runs, particles))
+    shapes = by_member | {"member": population.shape, "center": (runs, dofs), "generation": runs}
+    shapes["uniform"] = (runs, particles, dofs + 4 + 2 * _ALPHA_MAX)
+    return allocated(DeState, population.device, trial=population, **shapes)
 
 
 @wp.kernel
@@ -97,7 +91,7 @@ def _start(
 
 def start(space: SearchSpace, pose: wp.array[wp.float32], state: DeState) -> None:
     """Begin anew around ``center = pose[:, index]``; it stands in for members until the first ones are told."""
-    wp.launch(_start, dim=state.order.shape, inputs=[space, pose], outputs=[state], device=pose.device)
+    wp.launch(_start, state.order.shape, [space, pose], [state], device=pose.device)
 
 
 @wp.kernel
@@ -115,7 +109,7 @@ def _sample_uniform(
 def sample_uniform(space: SearchSpace, particles: int, state: DeState) -> None:
     """Sample the random numbers ``U[0, 1)`` of the first ``particles`` trials."""
     runs = state.order.shape[0]
-    wp.launch(_sample_uniform, dim=(runs, particles), inputs=[space], outputs=[state], device=space.seed.device)
+    wp.launch(_sample_uniform, (runs, particles), [space], [state], device=space.seed.device)
     advance(space.counter, particles)
 
 
@@ -228,7 +222,7 @@ def _mate(
 def mate(parameters: DeParameters, particles: int, state: DeState) -> None:
     """Choose who places, leads and corrects each of the first ``particles`` trials, Fig. 5."""
     runs, device = state.order.shape[0], state.order.device
-    wp.launch(_mate, dim=(runs, particles), inputs=[parameters], outputs=[state], device=device)
+    wp.launch(_mate, (runs, particles), [parameters], [state], device=device)
 
 
 @wp.func
@@ -273,7 +267,7 @@ def vary(space: SearchSpace, parameters: DeParameters, particles: int, state: De
     """``U = x_P + F (x_L - x_C)`` where a number < CR or the dof is forced, else ``x_R``; at first, uniform members."""
     runs, _, dofs = state.trial.shape
     device = space.seed.device
-    wp.launch(_vary, dim=(runs, particles, dofs), inputs=[space, parameters], outputs=[state], device=device)
+    wp.launch(_vary, (runs, particles, dofs), [space, parameters], [state], device=device)
 
 
 @wp.kernel
@@ -313,8 +307,8 @@ def _rank(
 def select(cost: wp.array[wp.float32], state: DeState) -> None:
     """Let a trial that is strictly better take its receiver's place, with its alphas; then rank the members."""
     members, device = state.order.shape, cost.device
-    wp.launch(_select, dim=members, inputs=[cost], outputs=[state], device=device)
-    wp.launch(_rank, dim=members, inputs=[], outputs=[state], device=device)
+    wp.launch(_select, members, [cost], [state], device=device)
+    wp.launch(_rank, members, [], [state], device=device)
 
 
 @wp.kernel
@@ -330,4 +324,4 @@ def _write_best(
 
 def write_best(space: SearchSpace, state: DeState, pose: wp.array[wp.float32]) -> None:
     """Write the best member's coordinates: ``pose[:, index] = member[:, order[:, 0]]``."""
-    wp.launch(_write_best, dim=state.center.shape, inputs=[space, state], outputs=[pose], device=pose.device)
+    wp.launch(_write_best, state.center.shape, [space, state], [pose], device=pose.device)

@@ -1,9 +1,12 @@
 """What all optimizers share: what is searched, random numbers, and the way from candidates to full vectors."""
 
+from typing import Any
+
 import numpy as np
 import warp as wp
 
 from mmocap_warp.kernels.block import lanes_of, sync
+from mmocap_warp.kernels.structs import allocated
 
 wp.set_module_options({"enable_backward": False})
 
@@ -18,15 +21,9 @@ class SearchSpace:
     counter: wp.array[wp.int32]  # (run,) random streams used so far; the parts of one search share it
 
 
-def make_space(
-    index: np.ndarray, radius: np.ndarray, seed: wp.array[wp.int32], counter: wp.array[wp.int32]
-) -> SearchSpace:
+def make_space(index: np.ndarray, radius: np.ndarray, seed: wp.array[wp.int32], counter: wp.array[wp.int32]) -> Any:
     """A search of coordinates ``index`` (dof,) within ``radius`` (dof,), on the device of its seeds."""
-    space = SearchSpace()
-    space.index = wp.array(index, dtype=wp.int32, device=seed.device)
-    space.radius = wp.array(radius, dtype=wp.float32, device=seed.device)
-    space.seed, space.counter = seed, counter
-    return space
+    return allocated(SearchSpace, seed.device, index=index, radius=radius, seed=seed, counter=counter)
 
 
 def make_population(space: SearchSpace, particles: int) -> wp.array[wp.float32]:
@@ -53,7 +50,7 @@ def _advance(
 
 def advance(counter: wp.array[wp.int32], streams: int) -> None:
     """Count random streams that were used, so that none is used again: ``counter[run] += streams``."""
-    wp.launch(_advance, dim=counter.shape, inputs=[streams], outputs=[counter], device=counter.device)
+    wp.launch(_advance, counter.shape, [streams], [counter], device=counter.device)
 
 
 @wp.struct
@@ -64,12 +61,9 @@ class Limits:
     upper: wp.array[wp.float32]  # (coordinate,)
 
 
-def make_limits(limits: np.ndarray, device: wp.DeviceLike) -> Limits:
+def make_limits(limits: np.ndarray, device: wp.DeviceLike) -> Any:
     """From (coordinate, 2)."""
-    made = Limits()
-    made.lower = wp.array(limits[:, 0], dtype=wp.float32, device=device)
-    made.upper = wp.array(limits[:, 1], dtype=wp.float32, device=device)
-    return made
+    return allocated(Limits, device, lower=limits[:, 0], upper=limits[:, 1])
 
 
 @wp.kernel
@@ -103,13 +97,9 @@ def place(
 ) -> None:
     """Write ``particles`` candidates a run into full poses: searched ones within limits, the rest from ``base``."""
     lanes = lanes_of(pose.device)
+    dim = (base.shape[0] * particles, lanes)
     wp.launch(
-        _place,
-        dim=(base.shape[0] * particles, lanes),
-        inputs=[population, index, base, limits, particles, lanes],
-        outputs=[pose],
-        block_dim=lanes,
-        device=pose.device,
+        _place, dim, [population, index, base, limits, particles, lanes], [pose], block_dim=lanes, device=pose.device
     )
 
 
@@ -147,13 +137,9 @@ def keep_best(
 ) -> None:
     """Let a run's best ever pose be replaced by a strictly better candidate; the first of equals wins."""
     lanes = lanes_of(cost.device)
+    dim = (best_cost.shape[0], lanes)
     wp.launch(
-        _keep_best,
-        dim=(best_cost.shape[0], lanes),
-        inputs=[cost, pose, particles, lanes],
-        outputs=[best_cost, best_pose],
-        block_dim=lanes,
-        device=cost.device,
+        _keep_best, dim, [cost, pose, particles, lanes], [best_cost, best_pose], block_dim=lanes, device=cost.device
     )
 
 
@@ -170,7 +156,7 @@ def _scatter(
 
 def scatter(value: wp.array[wp.float32], index: wp.array[wp.int32], pose: wp.array[wp.float32]) -> None:
     """Write searched coordinates back: ``pose[run, index[i]] = value[run, i]``."""
-    wp.launch(_scatter, dim=value.shape, inputs=[value, index], outputs=[pose], device=pose.device)
+    wp.launch(_scatter, value.shape, [value, index], [pose], device=pose.device)
 
 
 @wp.kernel
@@ -185,4 +171,4 @@ def _clamp(
 
 def clamp(limits: Limits, pose: wp.array[wp.float32]) -> None:
     """Keep every coordinate within its limits."""
-    wp.launch(_clamp, dim=pose.shape, inputs=[limits], outputs=[pose], device=pose.device)
+    wp.launch(_clamp, pose.shape, [limits], [pose], device=pose.device)

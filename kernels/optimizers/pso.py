@@ -3,9 +3,12 @@
 Equations are those of the paper's Section 4.2.3 as settled in ``docs/algorithms.md``.
 """
 
+from typing import Any
+
 import warp as wp
 
 from mmocap_warp.kernels.optimizers.populations import SearchSpace, advance, random_stream
+from mmocap_warp.kernels.structs import allocated
 
 wp.set_module_options({"enable_backward": False})
 
@@ -37,19 +40,12 @@ class PsoState:
     r_2: wp.array3d[wp.float32]  # (run, particle, dof) in [0, 1)
 
 
-def make_state(population: wp.array[wp.float32]) -> PsoState:
+def make_state(population: wp.array[wp.float32]) -> Any:
     """Arrays for a search that writes its candidates to ``population`` (run, particle, dof)."""
     runs, particles, _ = population.shape
-    device = population.device
-    state = PsoState()
-    state.x = population
-    for name in ("v", "own_best", "r_1", "r_2"):
-        setattr(state, name, wp.zeros_like(population))
-    state.own_cost = wp.zeros((runs, particles), dtype=wp.float32, device=device)
-    state.leader = wp.zeros(runs, dtype=wp.int32, device=device)
-    state.generation = wp.zeros(runs, dtype=wp.int32, device=device)
-    state.inertia = wp.zeros(runs, dtype=wp.float32, device=device)
-    return state
+    by_run = dict.fromkeys(("leader", "generation", "inertia"), runs)
+    by_dof = dict.fromkeys(("v", "own_best", "r_1", "r_2"), population.shape)
+    return allocated(PsoState, population.device, x=population, own_cost=(runs, particles), **by_run, **by_dof)
 
 
 @wp.kernel
@@ -77,7 +73,7 @@ def _start(
 def start(space: SearchSpace, parameters: PsoParameters, pose: wp.array[wp.float32], state: PsoState) -> None:
     """Begin anew: ``x ~ N(pose[:, index], radius)``, ``v`` uniform within its limit, nothing remembered."""
     particles = state.own_cost.shape
-    wp.launch(_start, dim=particles, inputs=[space, parameters, pose], outputs=[state], device=pose.device)
+    wp.launch(_start, particles, [space, parameters, pose], [state], device=pose.device)
     advance(space.counter, particles[1])
 
 
@@ -112,8 +108,8 @@ def _follow_leader(
 def remember(cost: wp.array[wp.float32], state: PsoState) -> None:
     """Keep each particle's best position, ``p``, and whose of them is the swarm's, ``b``; the first of equals."""
     device = cost.device
-    wp.launch(_remember_positions, dim=state.x.shape, inputs=[cost], outputs=[state], device=device)
-    wp.launch(_follow_leader, dim=state.leader.shape, inputs=[cost], outputs=[state], device=device)
+    wp.launch(_remember_positions, state.x.shape, [cost], [state], device=device)
+    wp.launch(_follow_leader, state.leader.shape, [cost], [state], device=device)
 
 
 @wp.kernel
@@ -132,7 +128,7 @@ def _sample_factors(
 def sample_factors(space: SearchSpace, state: PsoState) -> None:
     """Sample both random factors of Eq. 18 from [0, 1), one a dimension."""
     particles = state.own_cost.shape
-    wp.launch(_sample_factors, dim=particles, inputs=[space], outputs=[state], device=space.seed.device)
+    wp.launch(_sample_factors, particles, [space], [state], device=space.seed.device)
     advance(space.counter, particles[1])
 
 
@@ -161,7 +157,7 @@ def _move(
 
 def move(space: SearchSpace, parameters: PsoParameters, state: PsoState) -> None:
     """Fly on: ``v = w v + phi_1 r_1 (p - x) + phi_2 r_2 (b - x)`` within its limit, ``x = x + v``."""
-    wp.launch(_move, dim=state.x.shape, inputs=[space, parameters], outputs=[state], device=space.seed.device)
+    wp.launch(_move, state.x.shape, [space, parameters], [state], device=space.seed.device)
 
 
 @wp.kernel
@@ -178,4 +174,4 @@ def _write_best(
 def write_best(space: SearchSpace, state: PsoState, pose: wp.array[wp.float32]) -> None:
     """Write the swarm's best position: ``pose[:, index] = b``."""
     runs, dofs = state.leader.shape[0], space.index.shape[0]
-    wp.launch(_write_best, dim=(runs, dofs), inputs=[space, state], outputs=[pose], device=pose.device)
+    wp.launch(_write_best, (runs, dofs), [space, state], [pose], device=pose.device)

@@ -67,10 +67,4 @@ def cost_of_counts(
     ``count`` is (candidate, camera) of |M| and |M and F|, ``pose`` (candidate, coordinate), ``prior`` (coordinate,),
     ``cost`` (candidate,).
     """
-    wp.launch(
-        _cost,
-        dim=batch.size,
-        inputs=[kind, views, count, pose, prior, batch],
-        outputs=[cost],
-        device=cost.device,
-    )
+    wp.launch(_cost, batch.size, [kind, views, count, pose, prior, batch], [cost], device=cost.device)

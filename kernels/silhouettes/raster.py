@@ -18,15 +18,7 @@ import warp as wp
 from mmocap_warp.kernels.batch import Batch, run_of
 from mmocap_warp.kernels.block import CPU_FLAGS, LANES, WORDS, blocks_of, lanes_of, shared_words, sync
 from mmocap_warp.kernels.native import native_sections
-from mmocap_warp.kernels.silhouettes.counting import (
-    Bounds,
-    Canvas,
-    Frozen,
-    add_up,
-    count_word,
-    is_cut,
-    project_piece,
-)
+from mmocap_warp.kernels.silhouettes.counting import Bounds, Canvas, Frozen, add_up, count_word, is_cut, project_piece
 from mmocap_warp.kernels.silhouettes.coverage import crossing, edge, faces_camera, first_after, last_before, word_bits
 from mmocap_warp.kernels.views.near_plane import clip, corner
 from mmocap_warp.kernels.views.projection import Pinhole, Views, pinhole
@@ -149,11 +141,7 @@ def _mark_clipped(
 
 @wp.func
 def _face(
-    triangle: wp.array[wp.vec3i],
-    lane: int,
-    lanes: int,
-    points: wp.array[wp.vec2i],
-    facing: wp.array[wp.uint8],
+    triangle: wp.array[wp.vec3i], lane: int, lanes: int, points: wp.array[wp.vec2i], facing: wp.array[wp.uint8]
 ) -> None:
     """Find out which triangles face the camera."""
     for t in range(lane, triangle.shape[0], lanes):
@@ -265,14 +253,9 @@ def raster(
     lanes, blocks = lanes_of(posed.device), blocks_of(posed.device, batch.size * cameras)
     if blocks > 1:
         canvas.count.zero_()
-    wp.launch(
-        _raster,
-        dim=(batch.size, cameras, blocks, lanes),
-        inputs=[posed, piece, views, frozen, batch, blocks, lanes],
-        outputs=[canvas],
-        block_dim=lanes,
-        device=posed.device,
-    )
+    dim = (batch.size, cameras, blocks, lanes)
+    inputs = [posed, piece, views, frozen, batch, blocks, lanes]
+    wp.launch(_raster, dim, inputs, [canvas], block_dim=lanes, device=posed.device)
 
 
 @wp.kernel
@@ -334,11 +317,5 @@ def freeze(
     piece is cut by the near plane, they count.
     """
     lanes = lanes_of(posed.device)
-    wp.launch(
-        _freeze,
-        dim=(batch.size, views.size.shape[0], lanes),
-        inputs=[posed, piece, views, batch, lanes],
-        outputs=[canvas, frozen],
-        block_dim=lanes,
-        device=posed.device,
-    )
+    dim = (batch.size, views.size.shape[0], lanes)
+    wp.launch(_freeze, dim, [posed, piece, views, batch, lanes], [canvas, frozen], block_dim=lanes, device=posed.device)

@@ -60,11 +60,7 @@ class Tree:
 
 @wp.func
 def _leaf_box(
-    node: wp.vec3i,
-    tree: Tree,
-    points: wp.array[wp.vec2i],
-    cut: bool,
-    facing: wp.array[wp.uint8],
+    node: wp.vec3i, tree: Tree, points: wp.array[wp.vec2i], cut: bool, facing: wp.array[wp.uint8]
 ) -> wp.vec4i:
     """The box of a leaf's visible triangles, which are noted: those that face the camera, or all where it is cut."""
     box = wp.vec4i(_EMPTY_LOW, _EMPTY_LOW, _EMPTY_HIGH, _EMPTY_HIGH)
@@ -89,11 +85,7 @@ def _leaf_box(
 
 @wp.func
 def _refit(
-    tree: Tree,
-    points: wp.array[wp.vec2i],
-    cut: bool,
-    facing: wp.array[wp.uint8],
-    box: wp.array[wp.vec4i],
+    tree: Tree, points: wp.array[wp.vec2i], cut: bool, facing: wp.array[wp.uint8], box: wp.array[wp.vec4i]
 ) -> None:
     """Fit the boxes of a candidate and camera around its triangles, from the last node to the first."""
     for i in range(tree.node.shape[0]):
@@ -257,9 +249,5 @@ def raycast(posed: wp.array[wp.vec3], tree: Tree, views: Views, frozen: Frozen, 
     ``posed`` is (candidate, vertex) [m]; ``tree`` holds the moving piece, ``frozen`` the silhouettes of the rest.
     """
     wp.launch(
-        _raycast,
-        dim=(batch.size, views.size.shape[0]),
-        inputs=[posed, tree, views, frozen, batch],
-        outputs=[canvas],
-        device=posed.device,
+        _raycast, (batch.size, views.size.shape[0]), [posed, tree, views, frozen, batch], [canvas], device=posed.device
     )

@@ -28,14 +28,7 @@ from mmocap_warp.kernels.silhouettes.counting import (
     is_cut,
     project_piece,
 )
-from mmocap_warp.kernels.silhouettes.coverage import (
-    drop,
-    faces_camera,
-    first_after,
-    last_before,
-    row_span,
-    word_bits,
-)
+from mmocap_warp.kernels.silhouettes.coverage import drop, faces_camera, first_after, last_before, row_span, word_bits
 from mmocap_warp.kernels.views.near_plane import clip, corner
 from mmocap_warp.kernels.views.projection import Pinhole, Views, is_behind, pinhole
 
@@ -83,12 +76,7 @@ class Tile:
 
 
 @wp.func
-def _box_of(
-    t: int,
-    triangle: wp.array[wp.vec3i],
-    points: wp.array[wp.vec2i],
-    cut: bool,
-) -> wp.vec4i:
+def _box_of(t: int, triangle: wp.array[wp.vec3i], points: wp.array[wp.vec2i], cut: bool) -> wp.vec4i:
     """First and last column and row [px] of a triangle that can be seen; none for others."""
     none = wp.vec4i(_FAR, -_FAR, _FAR, -_FAR)
     if t >= triangle.shape[0]:
@@ -272,11 +260,6 @@ def raycast_wide(
     blocks = blocks_of(posed.device, batch.size * cameras)
     if blocks > 1:
         canvas.count.zero_()
-    wp.launch(
-        _raycast_wide,
-        dim=(batch.size, cameras, blocks, LANES),
-        inputs=[posed, leaves, views, frozen, batch, blocks],
-        outputs=[canvas],
-        block_dim=LANES,
-        device=posed.device,
-    )
+    dim = (batch.size, cameras, blocks, LANES)
+    inputs = [posed, leaves, views, frozen, batch, blocks]
+    wp.launch(_raycast_wide, dim, inputs, [canvas], block_dim=LANES, device=posed.device)

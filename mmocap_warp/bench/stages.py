@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import warp as wp
 
-from mmocap_warp.body.posing import BodyArrays, JointArrays
+from mmocap_warp.body.posing import make_body_arrays, make_joint_arrays
 from mmocap_warp.kernels.batch import batch_of
 from mmocap_warp.kernels.benchmarks.case import Case, Check
 from mmocap_warp.kernels.body.skinning import pose_vertices
 from mmocap_warp.kernels.silhouettes.cost import PAPER, cost_of_counts
 from mmocap_warp.masks.view_arrays import ViewArrays
 from mmocap_warp.silhouettes import RENDERERS
-from mmocap_warp.silhouettes.silhouettes import FrozenArrays, Silhouettes
+from mmocap_warp.silhouettes.silhouettes import Silhouettes
 from mmocap_warp.tracking.pose_search import hierarchical
 
 if TYPE_CHECKING:
@@ -47,13 +47,13 @@ def stages(load: Workload, candidates: int, device: str) -> Iterator[list[Case]]
 
 def _posing(load: Workload, candidates: int, device: str) -> Case:
     mesh, poses = load.body.tracking, load.poses(candidates)
-    body = BodyArrays(load.body, np.eye(3), mesh, device)
-    joints = JointArrays(candidates, len(load.body.joint_rest), device)
+    body = make_body_arrays(load.body, np.eye(3), mesh, device)
+    joints = make_joint_arrays(candidates, len(load.body.joint_rest), device)
     posed = wp.zeros((candidates, len(mesh.rest)), dtype=wp.vec3, device=device)
     pose = wp.array(poses, dtype=wp.float32, device=device)
     vertex = wp.array(np.arange(len(mesh.rest)), dtype=wp.int32, device=device)
     batch = batch_of(0, candidates, candidates, device)
-    work = partial(pose_vertices, body.struct, pose, vertex, batch, joints.struct, posed)
+    work = partial(pose_vertices, body, pose, vertex, batch, joints, posed)
 
     def check() -> Check:
         apart = float(np.abs(posed.numpy() - load.vertices(poses)).max())
@@ -90,7 +90,7 @@ def _freezing(load: Workload, posed: wp.array, device: str) -> list[Case]:
     if pieces is None:
         return []
     moving, resting = pieces
-    frozen = FrozenArrays(1, silhouettes.views, device)
+    frozen = silhouettes.make_frozen(1)
     batch, count = batch_of(0, 1, 1, device), silhouettes.canvas.count
 
     def check() -> Check:

@@ -4,60 +4,50 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import warp as wp
 
 from mmocap_warp.body.model import BodyModel, SkinMesh, Subject
-from mmocap_warp.kernels.body.kinematics import Affine, Body, Joints, pose_joints
+from mmocap_warp.kernels.body.kinematics import Body, Joints, pose_joints
 from mmocap_warp.kernels.body.skinning import skin
-from mmocap_warp.kernels.structs import filled
+from mmocap_warp.kernels.structs import allocated
 
 POSES_AT_ONCE = 4096  # poses whose joints are computed together; each takes 1.4 KB
 _VERTICES_AT_ONCE = 1 << 20  # vertices that are posed together; they take 12 MB
 
 
-class BodyArrays:
-    """A body's joints and one of its meshes as Warp arrays, and the ``struct`` of them that kernels take.
+def make_body_arrays(
+    body: BodyModel, root_base: np.ndarray, mesh: SkinMesh, device: str, copies: int = 1, bases: int | None = None
+) -> Any:
+    """A body's joints and one of its meshes on a device, in the struct that kernels take.
 
     ``joint_rest`` and ``rest`` have a leading axis of ``copies``: 1, or a body for every candidate; ``root_base`` has
     one of ``bases``, or of copies if not given.
     Influences are sorted by falling weight, because the skinning kernel always adds the first and skips zeros.
     """
-
-    def __init__(
-        self,
-        body: BodyModel,
-        root_base: np.ndarray,
-        mesh: SkinMesh,
-        device: str,
-        copies: int = 1,
-        bases: int | None = None,
-    ) -> None:
-        by_weight = np.argsort(-mesh.weight, axis=1, kind="stable")
-        joint = np.take_along_axis(mesh.joint, by_weight, axis=1)
-        weight = np.take_along_axis(mesh.weight, by_weight, axis=1)
-        skeleton = body.skeleton
-        self.parent = wp.array(skeleton.parent, dtype=wp.int32, device=device)
-        self.depth = wp.array(skeleton.depth, dtype=wp.int32, device=device)
-        self.slides = wp.array(skeleton.slides, dtype=wp.int32, device=device)
-        self.levels = int(skeleton.depth.max()) + 1
-        self.joint_frame = wp.array(skeleton.frame, dtype=wp.mat33, device=device)
-        self.joint_rest = wp.array(_repeat(body.joint_rest, copies), dtype=wp.vec3, device=device)
-        self.root_base = wp.array(_repeat(root_base, copies if bases is None else bases), dtype=wp.mat33, device=device)
-        self.rest = wp.array(_repeat(mesh.rest, copies), dtype=wp.vec3, device=device)
-        self.joint = wp.array(joint, dtype=wp.vec4i, device=device)
-        self.weight = wp.array(weight, dtype=wp.vec4, device=device)
-        self.struct = filled(Body, **vars(self))
+    by_weight = np.argsort(-mesh.weight, axis=1, kind="stable")
+    skeleton = body.skeleton
+    return allocated(
+        Body,
+        device,
+        parent=np.array(skeleton.parent),
+        depth=skeleton.depth,
+        slides=skeleton.slides,
+        levels=int(skeleton.depth.max()) + 1,
+        joint_frame=skeleton.frame,
+        joint_rest=_repeat(body.joint_rest, copies),
+        root_base=_repeat(root_base, copies if bases is None else bases),
+        rest=_repeat(mesh.rest, copies),
+        joint=np.take_along_axis(mesh.joint, by_weight, axis=1),
+        weight=np.take_along_axis(mesh.weight, by_weight, axis=1),
+    )
 
 
-class JointArrays:
-    """Warp arrays to which the joints of candidates are written, and the ``struct`` of them that kernels take."""
-
-    def __init__(self, candidates: int, joints: int, device: str) -> None:
-        self.transform = wp.zeros((candidates, joints), dtype=Affine, device=device)
-        self.skin_matrix = wp.zeros((candidates, joints), dtype=Affine, device=device)
-        self.struct = filled(Joints, **vars(self))
+def make_joint_arrays(candidates: int, joints: int, device: str) -> Any:
+    """Room for the joints of candidates, in the struct that kernels take."""
+    return allocated(Joints, device, transform=(candidates, joints), skin_matrix=(candidates, joints))
 
 
 def _repeat(values: np.ndarray, copies: int) -> np.ndarray:
@@ -75,7 +65,7 @@ class Poser:
 
     def __init__(self, body: BodyModel, root_base: np.ndarray, device: str = "cpu") -> None:
         self._device = device
-        self._full = BodyArrays(body, root_base, body.skin, device)
+        self._full = make_body_arrays(body, root_base, body.skin, device)
         self._tracking = body.tracking_vertex
         self._coordinates = body.skeleton.coordinates
 
@@ -93,19 +83,20 @@ class Poser:
         joints = self._pose(pose)
         shape = (joints.transform.shape[0], self._full.rest.shape[1])
         posed = wp.empty(shape, dtype=wp.vec3, device=self._device)
-        skin(self._full.struct, joints.struct, posed)
-        return posed.numpy()
+        skin(self._full, joints, posed)
+        vertices: np.ndarray = posed.numpy()
+        return vertices
 
     def tracking_vertices(self, pose: np.ndarray) -> np.ndarray:
         """The tracking mesh's vertices in the world for poses (n, coordinate): (n, tracking vertex, 3) float32 [m]."""
         return self.vertices(pose)[:, self._tracking]
 
-    def _pose(self, pose: np.ndarray) -> JointArrays:
+    def _pose(self, pose: np.ndarray) -> Any:
         poses = np.atleast_2d(np.asarray(pose, np.float32))
         if poses.shape[1] != self._coordinates:
             raise ValueError(f"pose must be (n, {self._coordinates}), got {poses.shape}")
-        joints = JointArrays(len(poses), len(self._full.parent), self._device)
-        pose_joints(self._full.struct, wp.array(poses, dtype=wp.float32, device=self._device), joints.struct)
+        joints = make_joint_arrays(len(poses), len(self._full.parent), self._device)
+        pose_joints(self._full, wp.array(poses, dtype=wp.float32, device=self._device), joints)
         return joints
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -11,6 +12,7 @@ import warp as wp
 from mmocap_warp.kernels.optimizers import cma_es as kernels
 from mmocap_warp.kernels.optimizers import cma_es_learning as learning
 from mmocap_warp.kernels.optimizers.populations import SearchSpace, make_population
+from mmocap_warp.kernels.structs import allocated
 from mmocap_warp.optimizers.protocol import whole_generations
 
 
@@ -111,12 +113,10 @@ class CmaEs:
         kernels.write_mean(self.space, self.state, pose)
 
 
-def _device_parameters(parameters: CmaEsParameters, device: wp.DeviceLike) -> learning.CmaEsParameters:
-    copy = learning.CmaEsParameters()
-    for name in ("mu", "mu_eff", "c_sigma", "d_sigma", "c_c", "c_cov", "mu_cov"):
-        setattr(copy, name, getattr(parameters, name))
-    copy.weight = wp.array(parameters.weights, dtype=wp.float32, device=device)
+def _device_parameters(parameters: CmaEsParameters, device: wp.DeviceLike) -> Any:
     dofs = parameters.dofs
-    copy.chi_n = math.sqrt(dofs) * (1 - 1 / (4 * dofs) + 1 / (21 * dofs**2))
-    copy.flat_rank = math.ceil(0.7 * parameters.population) - 1
-    return copy
+    names = ("mu", "mu_eff", "c_sigma", "d_sigma", "c_c", "c_cov", "mu_cov")
+    values = {name: getattr(parameters, name) for name in names}
+    values["chi_n"] = math.sqrt(dofs) * (1 - 1 / (4 * dofs) + 1 / (21 * dofs**2))
+    values["flat_rank"] = math.ceil(0.7 * parameters.population) - 1
+    return allocated(learning.CmaEsParameters, device, weight=parameters.weights, **values)

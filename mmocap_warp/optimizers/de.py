@@ -6,12 +6,13 @@ Soft Computing 15(11), 2011.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import warp as wp
 
 from mmocap_warp.kernels.optimizers import de as kernels
 from mmocap_warp.kernels.optimizers.populations import SearchSpace, make_population
+from mmocap_warp.kernels.structs import filled
 from mmocap_warp.optimizers.protocol import whole_generations
 
 
@@ -71,7 +72,8 @@ class De:
         self.config = config or DeConfig()
         self.space = space
         self.particles = self.config.population
-        self._parameters = _on_device(self.config)
+        roles = {name: value for name, value in asdict(self.config).items() if name != "population"}
+        self._parameters = filled(kernels.DeParameters, **roles)
         self.population = make_population(space, self.particles)
         self.state = kernels.make_state(self.population)
 
@@ -97,10 +99,3 @@ class De:
     def estimate(self, pose: wp.array[wp.float32]) -> None:
         """Write the best member; the start where no generation was told."""
         kernels.write_best(self.space, self.state, pose)
-
-
-def _on_device(config: DeConfig) -> kernels.DeParameters:
-    parameters = kernels.DeParameters()
-    for name in ("placing", "leading", "correcting", "crossover", "factor", "include_start"):
-        setattr(parameters, name, getattr(config, name))
-    return parameters

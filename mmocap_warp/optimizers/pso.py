@@ -13,6 +13,7 @@ import warp as wp
 
 from mmocap_warp.kernels.optimizers import pso as kernels
 from mmocap_warp.kernels.optimizers.populations import SearchSpace, make_population
+from mmocap_warp.kernels.structs import filled
 from mmocap_warp.optimizers.protocol import whole_generations
 
 
@@ -74,7 +75,9 @@ class Pso:
         self.config = config or PsoConfig()
         self.space = space
         self.particles = self.config.population
-        self._parameters = _on_device(self.config)
+        settings = {name: getattr(self.config, name) for name in ("phi_1", "phi_2", "inertia_max", "velocity_limit")}
+        fall = math.log(self.config.inertia_max / self.config.inertia_min)
+        self._parameters = filled(kernels.PsoParameters, log_inertia_fall=fall, inertia_changes=1, **settings)
         self.plan(evaluations)
         self.population = make_population(space, self.particles)
         self.state = kernels.make_state(self.population)
@@ -103,11 +106,3 @@ class Pso:
     def estimate(self, pose: wp.array[wp.float32]) -> None:
         """Write the swarm's best position."""
         kernels.write_best(self.space, self.state, pose)
-
-
-def _on_device(config: PsoConfig) -> kernels.PsoParameters:
-    parameters = kernels.PsoParameters()
-    for name in ("phi_1", "phi_2", "inertia_max", "velocity_limit"):
-        setattr(parameters, name, getattr(config, name))
-    parameters.log_inertia_fall = math.log(config.inertia_max / config.inertia_min)
-    return parameters

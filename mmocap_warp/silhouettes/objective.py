@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from mmocap_warp.body.model import BodyModel
-from mmocap_warp.body.posing import BodyArrays, JointArrays
+from mmocap_warp.body.posing import make_body_arrays, make_joint_arrays
 from mmocap_warp.body.shape_space import ShapeSpace, upright_base
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.device.shared_work import SharedWork
@@ -21,10 +21,10 @@ from mmocap_warp.kernels.body.skinning import pose_vertices
 from mmocap_warp.kernels.silhouettes import cost as cost_kernels
 from mmocap_warp.kernels.silhouettes.cost import cost_of_counts
 from mmocap_warp.kernels.silhouettes.raster import Outline
-from mmocap_warp.kernels.structs import filled
+from mmocap_warp.kernels.structs import allocated
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.silhouettes import COSTS
-from mmocap_warp.silhouettes.silhouettes import FrozenArrays, Silhouettes
+from mmocap_warp.silhouettes.silhouettes import Silhouettes
 
 _SMALLEST_BATCH = 4  # candidates of a batch: for fewer, starting a thread costs more than it saves
 
@@ -35,22 +35,17 @@ class ShapeArrays:
     def __init__(self, space: ShapeSpace, device: str) -> None:
         body = space.body
 
-        def sliders(points: np.ndarray, targets: np.ndarray) -> Sliders:
+        def sliders(points: np.ndarray, targets: np.ndarray) -> Any:
             increase, decrease = space.displacements(targets)
-            return filled(
-                Sliders,
-                first=body.skeleton.coordinates,
-                base=wp.array(points, dtype=wp.vec3, device=device),
-                increase=wp.array(increase, dtype=wp.vec3, device=device),
-                decrease=wp.array(decrease, dtype=wp.vec3, device=device),
-            )
+            first = body.skeleton.coordinates
+            return allocated(Sliders, device, first=first, base=points, increase=increase, decrease=decrease)
 
         self._vertices = sliders(body.tracking.rest, body.shape_vertex[:, body.tracking_vertex])
         self._joints = sliders(body.joint_rest, body.shape_joint)
         self._upright = wp.mat33(upright_base(space.up).astype(np.float32))
         self._heading = space.heading_index
 
-    def apply(self, coordinate: wp.array[wp.float32], batch: Batch, body: BodyArrays) -> None:
+    def apply(self, coordinate: wp.array[wp.float32], batch: Batch, body: Any) -> None:
         """Write the rest vertices, joints and base of a batch's candidates from their coordinates."""
         shape(self._vertices, coordinate, batch, body.rest)
         shape(self._joints, coordinate, batch, body.joint_rest)
@@ -63,7 +58,7 @@ class _Split:
 
     moving: Any
     resting: Outline
-    frozen: FrozenArrays
+    frozen: Any
 
 
 class Objective:
@@ -108,7 +103,7 @@ class Objective:
         mesh = body.tracking
         vertices, joints = len(mesh.rest), len(body.joint_rest)
         copies, bases = (candidates, candidates) if shapes else (1, bases)
-        self.body = BodyArrays(body, root_base, mesh, device, copies, bases)
+        self.body = make_body_arrays(body, root_base, mesh, device, copies, bases)
         self._silhouettes = Silhouettes(mesh, rig, candidates, renderer, device)
         views = self._silhouettes.views
         self._observed, self._foreground = Upload(views.observed), Upload(views.foreground)
@@ -119,7 +114,7 @@ class Objective:
         self.pose = wp.zeros((candidates, coordinates), dtype=wp.float32, device=device)
         self.cost = wp.zeros(candidates, dtype=wp.float32, device=device)
         self.count = self._silhouettes.canvas.count
-        self._joints = JointArrays(candidates, joints, device)
+        self._joints = make_joint_arrays(candidates, joints, device)
         self._posed = wp.zeros((candidates, vertices), dtype=wp.vec3, device=device)
         self._work = SharedWork(device, threads, _SMALLEST_BATCH)
         modules = [skinning, *self._silhouettes.modules, cost_kernels, *([shaping] if shapes else [])]
@@ -182,13 +177,13 @@ class Objective:
 
     def _split_at(self, runs: int, index: np.ndarray) -> _Split | None:
         pieces = None if self._shapes else self._silhouettes.split(self._skeleton, index)
-        return None if pieces is None else _Split(*pieces, FrozenArrays(runs, self._silhouettes.views, self.device))
+        return None if pieces is None else _Split(*pieces, self._silhouettes.make_frozen(runs))
 
     def _pose(self, vertex: wp.array[wp.int32], batch: Batch) -> None:
         """Pose the joints of a batch's candidates, and these vertices."""
         if self._shapes:
             self._shapes.apply(self.pose, batch, self.body)
-        pose_vertices(self.body.struct, self.pose, vertex, batch, self._joints.struct, self._posed)
+        pose_vertices(self.body, self.pose, vertex, batch, self._joints, self._posed)
 
     def _evaluate(self, batch: Batch) -> None:
         silhouettes, split = self._silhouettes, self._split

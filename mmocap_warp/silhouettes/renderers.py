@@ -17,7 +17,7 @@ from mmocap_warp.kernels.silhouettes.counting import Canvas, Frozen
 from mmocap_warp.kernels.silhouettes.raster import Outline
 from mmocap_warp.kernels.silhouettes.raycast import Tree
 from mmocap_warp.kernels.silhouettes.raycast_wide import Leaves
-from mmocap_warp.kernels.structs import filled
+from mmocap_warp.kernels.structs import allocated
 from mmocap_warp.kernels.views.projection import Views
 from mmocap_warp.silhouettes import RENDERERS
 
@@ -43,14 +43,9 @@ class Renderer:
     groups: int = 0
 
 
-def outline(piece: MeshPiece, device: str) -> Outline:
+def outline(piece: MeshPiece, device: str) -> Any:
     """A piece's triangles and their edges, for ``raster`` and for freezing."""
-    return filled(
-        Outline,
-        vertex=wp.array(piece.vertex, dtype=wp.int32, device=device),
-        triangle=wp.array(piece.face, dtype=wp.vec3i, device=device),
-        edge=wp.array(mesh_edges(piece.face), dtype=wp.vec4i, device=device),
-    )
+    return allocated(Outline, device, vertex=piece.vertex, triangle=piece.face, edge=mesh_edges(piece.face))
 
 
 def make_renderer(name: str, rest: np.ndarray, face: np.ndarray, device: str) -> Renderer:
@@ -70,21 +65,12 @@ def make_renderer(name: str, rest: np.ndarray, face: np.ndarray, device: str) ->
     if name == "raster":
         return Renderer(raster, raster.raster, lambda piece: outline(piece, device))
 
-    def tree(piece: MeshPiece) -> Tree:
+    def tree(piece: MeshPiece) -> Any:
         bvh = build_bvh(rest, piece.face, _LEAF)
-        return filled(
-            Tree,
-            vertex=wp.array(piece.vertex, dtype=wp.int32, device=device),
-            node=wp.array(bvh.node, dtype=wp.vec3i, device=device),
-            triangle=wp.array(bvh.triangle, dtype=wp.vec3i, device=device),
-        )
+        return allocated(Tree, device, vertex=piece.vertex, node=bvh.node, triangle=bvh.triangle)
 
-    def leaves(piece: MeshPiece) -> Leaves:
-        return filled(
-            Leaves,
-            vertex=wp.array(piece.vertex, dtype=wp.int32, device=device),
-            triangle=wp.array(build_bvh(rest, piece.face).triangle, dtype=wp.vec3i, device=device),
-        )
+    def leaves(piece: MeshPiece) -> Any:
+        return allocated(Leaves, device, vertex=piece.vertex, triangle=build_bvh(rest, piece.face).triangle)
 
     if wp.get_device(device).is_cpu:
         return Renderer(raycast, raycast.raycast, tree, boxes=len(build_bvh(rest, face, _LEAF).node))

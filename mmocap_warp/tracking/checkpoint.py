@@ -6,10 +6,10 @@ import json
 import os
 import time
 import zlib
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
-from typing import NoReturn, Self
+from typing import Any, NoReturn, Self
 
 import numpy as np
 
@@ -26,19 +26,6 @@ _CODE = ("version", "code")
 """What an identity says of the program; the rest is of what the user gave."""
 
 
-@dataclass(frozen=True, eq=False)
-class FinishedFrame:
-    """A frame that need not be tracked again.
-
-    Attributes:
-        answer: the frame's.
-        counter: (run,) int32, the states of the random numbers after it.
-    """
-
-    answer: FrameAnswer
-    counter: np.ndarray
-
-
 Memory = Mapping[str, np.ndarray]
 """Arrays by name that the next frame depends on besides; see ``TrackState.memory``."""
 
@@ -52,174 +39,117 @@ class Checkpoint:
     A tracker's memory, such as a filter's particles, may be large, and only the last frame's is needed. So there are
     two places for it, before the frames, and saves take turns: one of the two is always whole.
 
+    Frames are saved every few seconds, and when the ``with`` of a checkpoint ends, however it ends.
+
     Args:
         path: the file.
         identity: the run's, see :func:`~mmocap_warp.tracking.run_identity.run_identity`.
-        runs: independent runs.
-        coordinates: length of a pose.
+        state: the tracker's, before its first frame.
         cameras: number of cameras.
-        memory: arrays of the names, types and shapes that are saved with the last frame.
     """
 
-    def __init__(
-        self, path: Path, identity: Identity, runs: int, coordinates: int, cameras: int, memory: Memory | None = None
-    ) -> None:
+    def __init__(self, path: Path, identity: Identity, state: TrackState, cameras: int) -> None:
         self._path = path
         self._identity = identity
+        self._state = state
         self._header = _header(identity)
-        self._record = _record_type(runs, coordinates, cameras)
-        self._memory_record = _memory_type(memory or {})
-        self._memories = 2 if memory else 0
+        self._record = _record_type(state.pose, cameras)
+        self._memory_record = _memory_type(state.memory)
+        self._memories = 2 if state.memory else 0
         self._turn = 0  # number of the place that the next save writes
         self._first = len(self._header) + self._memories * self._memory_record.itemsize  # byte of the first frame
+        self._records: list[bytes] = []  # of all finished frames
+        # How many frames are finished, and the memory after them: set at once, so that an interruption between two
+        # lines finds both or neither.
+        self._finished: tuple[int, Memory] = (0, state.memory)
         self._saved = 0  # frames in the file
         self._due = time.monotonic() + _INTERVAL
 
-    @property
-    def due(self) -> bool:
-        """Whether the last save is long enough ago."""
-        return time.monotonic() >= self._due
-
-    def save(self, done: Sequence[FinishedFrame], memory: Memory | None = None) -> None:
-        """Add the frames that were finished since the last save; the first save replaces an earlier run's file.
-
-        Args:
-            done: all finished frames, from the recording's first.
-            memory: after the last of them.
-
-        Raises:
-            InputError: its folder cannot be written to, or the disk is full.
-        """
-        new = done[self._saved :]
-        if not new:
-            return
-        try:
-            if self._saved:
-                with self._path.open("r+b") as file:
-                    file.seek(self._first + self._saved * self._record.itemsize)
-                    file.write(self._packed(new))
-                    file.truncate()
-                    if self._memories:
-                        file.seek(len(self._header) + self._turn * self._memory_record.itemsize)
-                        file.write(self._packed_memory(len(done), memory or {}))
-            else:
-                temporary = self._path.with_name(self._path.name + ".part")
-                places = self._packed_memory(len(done), memory or {}) * self._memories
-                temporary.write_bytes(self._header + places + self._packed(new))
-                os.replace(temporary, self._path)
-        except OSError as error:
-            raise InputError(
-                self._path, f"cannot be written ({error})", "check its folder's permissions and free space"
-            ) from error
-        self._turn = 1 - self._turn
-        self._saved = len(done)
-        self._due = time.monotonic() + _INTERVAL
-
-    def load(self) -> tuple[list[FinishedFrame], Memory]:
-        """The frames that were saved, from the recording's first, and the memory after them; none without a file.
+    def resumed(self) -> tuple[list[FrameAnswer], TrackState]:
+        """The answers that were saved, from the first frame on, and the tracker's state after them.
 
         Raises:
             InputError: the file is no checkpoint, or another run's.
         """
-        content = _read(self._path, self._identity)
-        if content is None:
-            return [], {}
-        done = []
-        whole = max(0, len(content) - self._first) // self._record.itemsize
-        for record in np.frombuffer(content[self._first :], self._record, whole):
-            if record["checksum"] != _checksum(record):
-                break
-            done.append(FinishedFrame(FrameAnswer(*(record[name] for name in _ANSWER)), record["counter"]))
+        content = read_checkpoint(self._path, self._identity) or b""
+        # Frames count up to the first that a crash spoilt, and up to the last whose memory is whole.
+        frames = max(0, len(content) - self._first) // self._record.itemsize
+        records = np.frombuffer(content[self._first :], self._record, frames)
+        frames = next((i for i, record in enumerate(records) if record["checksum"] != _checksum(record)), frames)
         memory: Memory = {}
-        if self._memories:
-            frames, memory = self._latest_memory(content, len(done))
-            done = done[:frames]
-        self._saved = len(done)
-        return done, memory
+        if self._memories and frames:
+            frames, memory = self._latest_memory(content, frames)
+        if not frames:
+            return [], self._state
+        records = records[:frames]
+        self._records = [record.tobytes() for record in records]
+        self._finished = frames, memory
+        self._saved = frames
+        answers = [FrameAnswer(*(record[name] for name in _ANSWER)) for record in records]
+        return answers, self._state.restored(answers[-1].pose, records[-1]["counter"], memory)
 
     def _latest_memory(self, content: bytes, done: int) -> tuple[int, Memory]:
         """The latest memory among the frames that are done, and after how many it was; the next save spares it."""
         frames = 0
         memory: Memory = {}
-        places = self._memories if done else 0
-        for place, record in enumerate(np.frombuffer(content, self._memory_record, places, len(self._header))):
+        for place, record in enumerate(np.frombuffer(content, self._memory_record, self._memories, len(self._header))):
             if record["checksum"] == _checksum(record) and frames < record["frames"] <= done:
                 frames, saved = int(record["frames"]), record["memory"]
                 memory = {name: saved[name] for name in saved.dtype.names}
                 self._turn = 1 - place
         return frames, memory
 
-    def _packed(self, done: Sequence[FinishedFrame]) -> bytes:
-        records = np.zeros(len(done), self._record)
-        for record, frame in zip(records, done, strict=True):
-            for name in _ANSWER:
-                record[name] = getattr(frame.answer, name)
-            record["counter"] = frame.counter
-            record["checksum"] = _checksum(record)
-        return records.tobytes()
-
-    def _packed_memory(self, frames: int, memory: Memory) -> bytes:
-        record = np.zeros(1, self._memory_record)[0]
-        record["frames"] = frames
-        for name, array in memory.items():
-            record["memory"][name] = array
-        record["checksum"] = _checksum(record)
-        packed: bytes = record.tobytes()
-        return packed
-
-
-class SavedRun:
-    """A run whose finished frames are saved: every few seconds, and when the ``with`` of it ends, however it ends.
-
-    Args:
-        checkpoint: the file.
-        state: a tracker's, before its first frame.
-    """
-
-    def __init__(self, checkpoint: Checkpoint, state: TrackState) -> None:
-        self._checkpoint, self._state = checkpoint, state
-        self._done: list[FinishedFrame] = []
-        # How many frames are done, and the memory after them: set at once, so that an interruption between two lines
-        # finds both or neither.
-        self._whole: tuple[int, Memory] = (0, state.memory)
-
-    def resumed(self) -> tuple[list[FrameAnswer], TrackState]:
-        """The answers that were saved, from the first frame on, and the tracker's state after them."""
-        self._done, memory = self._checkpoint.load()
-        if self._done:
-            self._whole = len(self._done), memory
-            last = self._done[-1]
-            self._state = self._state.restored(last.answer.pose, last.counter, memory)
-        return [frame.answer for frame in self._done], self._state
-
     def add(self, answer: FrameAnswer, state: TrackState) -> None:
         """Take the next frame's answer, and the tracker's state after it."""
-        self._done.append(FinishedFrame(answer, state.counter))
-        self._whole = len(self._done), state.memory
+        values = {name: getattr(answer, name) for name in _ANSWER} | {"counter": state.counter}
+        self._records.append(_packed(self._record, values))
+        self._finished = len(self._records), state.memory
 
     def save_if_due(self) -> None:
-        """Save if that is long enough ago."""
-        if self._checkpoint.due:
-            self._save()
+        """Save if the last save is long enough ago."""
+        if time.monotonic() >= self._due:
+            self.save()
 
-    def _save(self) -> None:
-        frames, memory = self._whole
-        self._checkpoint.save(self._done[:frames], memory)
+    def save(self) -> None:
+        """Add the frames that were finished since the last save; the first save replaces an earlier run's file.
+
+        Raises:
+            InputError: its folder cannot be written to, or the disk is full.
+        """
+        frames, memory = self._finished
+        new = b"".join(self._records[self._saved : frames])
+        if not new:
+            return
+        place = (
+            _packed(self._memory_record, {"frames": frames, "memory": tuple(memory.values())})
+            if self._memories
+            else b""
+        )
+        try:
+            if self._saved:
+                with self._path.open("r+b") as file:
+                    file.seek(self._first + self._saved * self._record.itemsize)
+                    file.write(new)
+                    file.truncate()
+                    file.seek(len(self._header) + self._turn * len(place))
+                    file.write(place)
+            else:
+                temporary = self._path.with_name(self._path.name + ".part")
+                temporary.write_bytes(self._header + place * self._memories + new)
+                os.replace(temporary, self._path)
+        except OSError as error:
+            raise InputError(
+                self._path, f"cannot be written ({error})", "check its folder's permissions and free space"
+            ) from error
+        self._turn = 1 - self._turn
+        self._saved = frames
+        self._due = time.monotonic() + _INTERVAL
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._save()
-
-
-def check_same_run(path: Path, identity: Identity) -> None:
-    """See that a checkpoint, where there is one, is of this run, before anything is built for it.
-
-    Raises:
-        InputError: the file is no checkpoint, or another run's.
-    """
-    _read(path, identity)
+        self.save()
 
 
 def with_code_of(path: Path, identity: Identity) -> Identity:
@@ -230,6 +160,18 @@ def with_code_of(path: Path, identity: Identity) -> Identity:
     """
     theirs = _identity_in(_content(path) or b"") or {}
     return identity | {name: theirs[name] for name in _CODE if name in theirs}
+
+
+def read_checkpoint(path: Path, identity: Identity) -> bytes | None:
+    """The content of a run's checkpoint; None where there is no file.
+
+    Raises:
+        InputError: the file is no checkpoint, or another run's.
+    """
+    content = _content(path)
+    if content is not None and not content.startswith(_header(identity)):
+        _refuse(path, identity, _identity_in(content))
+    return content
 
 
 def _header(identity: Identity) -> bytes:
@@ -244,14 +186,6 @@ def _content(path: Path) -> bytes | None:
         return None
     except OSError as error:
         raise InputError(path, f"cannot be read ({error})", "check its permissions") from error
-
-
-def _read(path: Path, identity: Identity) -> bytes | None:
-    """The content of a run's checkpoint; None where there is no file."""
-    content = _content(path)
-    if content is not None and not content.startswith(_header(identity)):
-        _refuse(path, identity, _identity_in(content))
-    return content
 
 
 def _identity_in(content: bytes) -> Identity | None:
@@ -290,11 +224,12 @@ def _memory_type(memory: Memory) -> np.dtype:
     return np.dtype([("frames", "<i8"), ("memory", arrays), ("checksum", "<u4")])
 
 
-def _record_type(runs: int, coordinates: int, cameras: int) -> np.dtype:
-    """A finished frame in the file."""
+def _record_type(pose: np.ndarray, cameras: int) -> np.dtype:
+    """A finished frame in the file, of a run's poses (run, coordinate)."""
+    runs = len(pose)
     return np.dtype(
         [
-            ("pose", "<f4", (runs, coordinates)),
+            ("pose", "<f4", pose.shape),
             ("cost", "<f4", (runs,)),
             ("iou", "<f8", (runs, cameras)),
             ("evaluations", "<i8"),
@@ -308,3 +243,13 @@ def _record_type(runs: int, coordinates: int, cameras: int) -> np.dtype:
 
 def _checksum(record: np.void) -> int:
     return zlib.crc32(record.tobytes()[: -np.dtype(np.uint32).itemsize])
+
+
+def _packed(kind: np.dtype, values: Mapping[str, Any]) -> bytes:
+    """A record with its checksum."""
+    record = np.zeros(1, kind)[0]
+    for name, value in values.items():
+        record[name] = value
+    record["checksum"] = _checksum(record)
+    packed: bytes = record.tobytes()
+    return packed

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mmocap_warp.contour.frame.rooted import FrameArrays
 from mmocap_warp.tracking.tracker import TrackState
 
 LEVEL_FRAMES = 20
@@ -14,7 +15,7 @@ _LEAST_FRAMES = 4  # the usual overlap is known after so many frames
 
 
 @dataclass(frozen=True, eq=False)
-class Candidates:
+class Candidates(FrameArrays):
     """Poses and how well they explain the masks.
 
     Attributes:
@@ -35,18 +36,6 @@ class Candidates:
         """(n,) mean over the views that see anything: the better of two candidates has the larger one."""
         mean: np.ndarray = np.nanmean(self.iou, axis=1)
         return mean
-
-    def __getitem__(self, index: np.ndarray) -> Candidates:
-        return Candidates(self.pose[index], self.iou[index], self.exposed[index], self.cost[index])
-
-    def or_better(self, other: Candidates, better: np.ndarray) -> Candidates:
-        """The others where they are ``better`` (n,) bool."""
-        return Candidates(
-            np.where(better[:, None], other.pose, self.pose),
-            np.where(better[:, None], other.iou, self.iou),
-            np.where(better, other.exposed, self.exposed),
-            np.where(better, other.cost, self.cost),
-        )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -81,18 +70,6 @@ class ContourState(TrackState):
         known: np.ndarray = (self.overlap_levels > 0).sum(axis=1) >= _LEAST_FRAMES
         return known
 
-    @property
-    def _usual_overlap(self) -> np.ndarray:
-        """(run,) float32 median of the remembered overlaps; infinite where none is remembered."""
-        levels = self.overlap_levels
-        ordered = np.sort(np.where(levels > 0, levels, np.float32(np.inf)), axis=1)
-        count = (levels > 0).sum(axis=1)
-        run = np.arange(len(levels))
-        lower = ordered[run, np.maximum(count - 1, 0) // 2]
-        upper = ordered[run, np.minimum(count // 2, LEVEL_FRAMES - 1)]
-        median: np.ndarray = (lower + upper) / np.float32(2)
-        return median
-
     def falls_short(self, answer: Candidates, fall: float, exposed: float) -> np.ndarray:
         """(run,) bool: whether an answer overlaps less than usual, or has limbs where nobody is seen.
 
@@ -104,9 +81,11 @@ class ContourState(TrackState):
             exposed: outline of such limbs that is too long [m]. What every remembered frame has of it comes on top: a
                 wrong calibration exposes the whole body in all frames.
         """
-        level = np.where(self.level_known, self._usual_overlap, np.float32(np.inf))
-        always = np.where(self.overlap_levels > 0, self.exposed_outlines, np.float32(np.inf)).min(axis=1)
-        always = np.where(self.level_known, always, np.float32(0.0))
+        level, always = np.full(len(self.pose), np.inf, np.float32), np.zeros(len(self.pose), np.float32)
+        for run in np.flatnonzero(self.level_known):
+            remembered = self.overlap_levels[run] > 0
+            level[run] = np.median(self.overlap_levels[run, remembered])
+            always[run] = self.exposed_outlines[run, remembered].min()
         short: np.ndarray = (answer.overlap < level - fall) | (answer.exposed > exposed + always)
         return short
 

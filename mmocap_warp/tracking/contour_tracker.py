@@ -147,44 +147,28 @@ class ContourTracker:
         self, search: PoseSearch, answer: Candidates, observation: Observation
     ) -> tuple[Candidates, np.ndarray]:
         """The best answer that the ladder of recovery leads to, and which runs (run,) were rescued by it."""
-        rescued = np.zeros(self._runs, bool)
-        for rung in (self._search_again, self._scatter, self._restart):
-            short = self._falls_short(answer)
-            if not short.any():
-                break
-            answer, rescued_here = rung(search, answer, short, observation)
-            rescued |= rescued_here
-        return answer, rescued
-
-    def _search_again(
-        self, search: PoseSearch, answer: Candidates, short: np.ndarray, observation: Observation
-    ) -> tuple[Candidates, np.ndarray]:
-        """The first rung. What a search finds is no rescue: it is what the paper does in every frame."""
+        # Search from the last pose. What that finds is no rescue: it is what the paper does in every frame.
+        short, rescued = self._falls_short(answer), np.zeros(self._runs, bool)
         answer, _ = self._improved(answer, short, self._searched(search, short, observation), observation)
-        return answer, np.zeros(self._runs, bool)
 
-    def _scatter(
-        self, search: PoseSearch, answer: Candidates, short: np.ndarray, observation: Observation
-    ) -> tuple[Candidates, np.ndarray]:
-        """The second rung. It rescues where it gains as much as a frame may fall short by."""
-        before = answer.overlap
-        starts = self._starts.scattered(answer.pose, search.counter.numpy())
-        answer, better = self._improved(answer, short, starts, observation)
-        return answer, better & self._state.level_known & (answer.overlap > before + _SHORT_OVERLAP)
-
-    def _restart(
-        self, search: PoseSearch, answer: Candidates, short: np.ndarray, observation: Observation
-    ) -> tuple[Candidates, np.ndarray]:
-        """The third rung: the body is looked for anywhere, then scattered around where it was found."""
-        wanted = short & (self._state.lost_count >= _LOST_FRAMES)
-        if not wanted.any():
-            return answer, wanted
-        counter = search.counter.numpy()
-        starts = self._starts.anywhere(self._state.pose, counter, observation)
-        answer, moved = self._improved(answer, wanted, starts, observation)
+        # Scatter around the best. It rescues where it gains as much as a frame may fall short by.
+        short = self._falls_short(answer)
+        if not short.any():
+            return answer, rescued
+        before, counter = answer.overlap, search.counter.numpy()
         starts = self._starts.scattered(answer.pose, counter)
-        answer, refined = self._improved(answer, moved, starts, observation)
-        return answer, moved | refined
+        answer, better = self._improved(answer, short, starts, observation)
+        rescued |= better & self._state.level_known & (answer.overlap > before + _SHORT_OVERLAP)
+
+        # Look for a body that stayed lost anywhere, then scatter around where it was found.
+        wanted = self._falls_short(answer) & (self._state.lost_count >= _LOST_FRAMES)
+        if wanted.any():
+            starts = self._starts.anywhere(self._state.pose, counter, observation)
+            answer, moved = self._improved(answer, wanted, starts, observation)
+            starts = self._starts.scattered(answer.pose, counter)
+            answer, refined = self._improved(answer, moved, starts, observation)
+            rescued |= moved | refined
+        return answer, rescued
 
     def _improved(
         self, answer: Candidates, wanted: np.ndarray, starts: np.ndarray, observation: Observation
@@ -192,14 +176,14 @@ class ContourTracker:
         """Fit starts (run, start, coordinate); where they are wanted (run,) and better, take them: which (run,)."""
         other = self._best_fit(starts, observation, _STEPS_FAR)
         better = wanted & (other.overlap > answer.overlap + _LEAST_GAIN)
-        return answer.or_better(other, better), better
+        return other.where(better, answer), better
 
     def _searched(self, search: PoseSearch, wanted: np.ndarray, observation: Observation) -> np.ndarray:
         """What searches from the last poses find, (run, 1, coordinate).
 
         Runs (run,) that want nothing keep their random numbers, so that each is as it would be alone.
         """
-        search.observe(observation)
+        search.objective.observe(observation)
         counter = search.counter.numpy().copy()
         search.best_pose.assign(self._state.pose)
         search.run()
@@ -215,7 +199,7 @@ class ContourTracker:
         if fitter.late:
             fitter.follow(np.repeat(self._state.pose, count, axis=0), home, self._fps)
         fitter.start_at(starts.reshape(total, coordinates), home, np.zeros(total, int))
-        kind = (total, steps, fitter.fields.value.ptr, fitter.follows)
+        kind = (total, steps, fitter.fields.struct.value.ptr, fitter.follows)
         self._replays.run(kind, lambda: self._launch_fit(total, steps))
         pose, tally, cost, pixels = self._answers.read(total)
         # Of the lengths of exposed outline in the views, the second longest.

@@ -23,7 +23,7 @@ from mmocap_warp.masks.observation import KeptObservations, Observation
 from mmocap_warp.result.result import FrameAnswer, Result
 from mmocap_warp.rigging.attaching import subject_carrying
 from mmocap_warp.tracking.body_masks import body_masks, tracked_masks
-from mmocap_warp.tracking.checkpoint import Checkpoint, SavedRun, check_same_run, with_code_of
+from mmocap_warp.tracking.checkpoint import Checkpoint, read_checkpoint, with_code_of
 from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.make_tracker import make_tracker
 from mmocap_warp.tracking.run_identity import run_identity
@@ -45,7 +45,7 @@ def track_frames(
     *,
     first: int = 0,
     keep: Callable[[Observation], object] | None = None,
-    saved: SavedRun | None = None,
+    saved: Checkpoint | None = None,
     progress: FrameReport | None = None,
 ) -> Iterator[FrameAnswer]:
     """Track frame after frame, and give each answer as soon as it is found.
@@ -135,12 +135,39 @@ def track(
     _check_start(scene, subject)
     subject, _ = subject_carrying(subject, scene.attached)
     config = replace(config or config_from_table(TrackConfig, scene.settings("track")), **settings)
+    rig = scene.rig(config.scale)
+
+    # Refuse another run's checkpoint before anything is built.
+    identity = run_identity(scene, subject, config) if checkpoint else {}
+    if checkpoint and resume:
+        identity = with_code_of(checkpoint, identity) if accept_changed_code else identity
+        read_checkpoint(checkpoint, identity)
+    tracker = make_tracker(subject, rig, config, scene.rate)
+
+    # Go on after the frames that were saved.
+    answers: list[FrameAnswer] = []
+    saved = Checkpoint(checkpoint, identity, tracker.state, len(rig)) if checkpoint else None
+    if saved and resume:
+        answers, tracker.state = saved.resumed()
+    for number, answer in enumerate(answers):
+        if progress:
+            progress(number, answer)
+
+    # Track the others. What is kept of masks with several people in them follows the body.
     with KeptObservations() as kept:
-        answers = _track_scene(scene, subject, config, checkpoint, resume, accept_changed_code, progress, kept)
-        result = collect(subject, scene.rig(config.scale), scene.fps, config, answers, scene.frames)
+        follows = scene.foreground.keep == "nearest"
+        body = body_masks(subject, rig, lambda: tracker.state.pose) if follows else None
+        observations = scene.observations(config.scale, first=len(answers), body=body)
+        keep = kept.add if config.acceleration else None
+        with saved or nullcontext():
+            answers += track_frames(
+                tracker, observations, first=len(answers), keep=keep, saved=saved, progress=progress
+            )
+        result = collect(subject, rig, scene.fps, config, answers, scene.frames)
         if not config.acceleration:
             return result
-        # Frames of before a resumption, or what a full disk had no room for, are read again.
+
+        # Smooth the track. Frames of before a resumption, or what a full disk had no room for, are read again.
         all_kept = len(kept) == len(answers)
         masks = kept if all_kept else scene.observed(tracked_masks(scene, result))
         return smoothed(result, config, masks, smooth_progress)
@@ -155,47 +182,6 @@ def _check_start(scene: Scene, subject: Subject) -> None:
             f"the subject stands as in frame {fitted}, these frames begin with {scene.frames.start}",
             "fit one with mmocap fit and the same --frames, and name it with --subject",
         )
-
-
-def _track_scene(
-    scene: Scene,
-    subject: Subject,
-    config: TrackConfig,
-    checkpoint: Path | None,
-    resume: bool,
-    accept_changed_code: bool,
-    progress: FrameReport | None,
-    kept: KeptObservations,
-) -> list[FrameAnswer]:
-    """Every frame's answer; see :func:`track`. Masks that are needed again are kept."""
-    # Another run's checkpoint is refused before anything is built.
-    rig = scene.rig(config.scale)
-    identity = run_identity(scene, subject, config) if checkpoint else {}
-    if checkpoint and resume:
-        identity = with_code_of(checkpoint, identity) if accept_changed_code else identity
-        check_same_run(checkpoint, identity)
-    tracker = make_tracker(subject, rig, config, scene.rate)
-
-    # Go on after the frames that were saved.
-    answers: list[FrameAnswer] = []
-    run = None
-    if checkpoint:
-        state, coordinates = tracker.state, subject.body.skeleton.coordinates
-        run = SavedRun(Checkpoint(checkpoint, identity, config.runs, coordinates, len(rig), state.memory), state)
-        if resume:
-            answers, tracker.state = run.resumed()
-    for number, answer in enumerate(answers):
-        if progress:
-            progress(number, answer)
-
-    # Track the others. What is kept of masks with several people in them follows the body.
-    with run or nullcontext():
-        follows = scene.foreground.keep == "nearest"
-        body = body_masks(subject, rig, lambda: tracker.state.pose) if follows else None
-        observations = scene.observations(config.scale, first=len(answers), body=body)
-        keep = kept.add if config.acceleration else None
-        answers += track_frames(tracker, observations, first=len(answers), keep=keep, saved=run, progress=progress)
-    return answers
 
 
 def track_observations(

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.cameras.rig import CameraRig
-from mmocap_warp.contour.frame.fitter import ContourFitter, MatchingConfig
+from mmocap_warp.contour.frame.fitter import ContourFitter
 from mmocap_warp.device.cores import available_threads
 from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.silhouettes.objective import Objective
@@ -35,24 +37,16 @@ def make_objective(subject: Subject, rig: CameraRig, config: TrackConfig, candid
 
 
 def make_fitter(
-    subject: Subject,
-    rig: CameraRig,
-    config: TrackConfig,
-    candidates: int,
-    frames: int = 1,
-    parameters: int = 0,
-    matching: MatchingConfig | None = None,
+    subject: Subject, rig: CameraRig, config: TrackConfig, candidates: int, **options: Any
 ) -> ContourFitter:
-    """A fitter of contours of a run's settings; see :class:`~mmocap_warp.contour.frame.fitter.ContourFitter`."""
+    """A fitter of contours of a run's settings, with further options of :class:`ContourFitter`."""
     return ContourFitter(
         subject.body,
         rig,
         subject.body.skeleton.searched(config.dof),
         search_limits(subject, config),
         candidates=candidates,
-        frames=frames,
-        parameters=parameters,
-        matching=matching,
         device=resolve_device(config.device),
         threads=config.threads or available_threads(),
+        **options,
     )

@@ -113,11 +113,11 @@ class _Window:
         """Take the answer of the frame that was observed last; the frames that are final now."""
         self._answers.append(answer)
         solved = [lag.add(self._rooting.enter(pose[None])) for lag, pose in zip(self._lags, answer.pose, strict=True)]
-        yield from self._final([each.rooted for each in solved if each is not None])
+        yield from self._final([each for each in solved if each is not None])
 
     def rest(self) -> Iterator[LiveFrame]:
         """The last frames."""
-        yield from self._final([each.rooted for each in (lag.rest() for lag in self._lags) if each is not None])
+        yield from self._final([each for each in (lag.rest() for lag in self._lags) if each is not None])
 
     def _linearise(self, run: int, frames: np.ndarray, rooted: RootedPoses) -> NormalEquations:
         """What the contours say; nothing about frames that were lost."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import warp as wp
@@ -15,7 +14,6 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.kernels.body.root_frame import enter, leave
 from mmocap_warp.kernels.optimizers.populations import make_space
-from mmocap_warp.masks.observation import Observation
 from mmocap_warp.optimizers.protocol import Optimizer
 from mmocap_warp.optimizers.search import Search
 from mmocap_warp.tracking.algorithms import ALGORITHMS, CONTOUR_TRACKERS, Algorithm
@@ -75,7 +73,7 @@ class RootFrame:
             leave(self._home, self._root, self._angles, pose, base)
 
 
-class PoseSearch:
+class PoseSearch(Search):
     """Searches with one of the paper's algorithms; owns the objective, the optimizers and the random counters.
 
     Args:
@@ -87,7 +85,7 @@ class PoseSearch:
 
     Attributes:
         device: the Warp device.
-        objective: the cost.
+        objective: the cost; it observes the masks that are searched against.
         counter: (run,) int32, states of the random numbers.
 
     Raises:
@@ -96,38 +94,17 @@ class PoseSearch:
 
     def __init__(self, subject: Subject, rig: CameraRig, config: TrackConfig, algorithm: Algorithm, fps: float) -> None:
         self.device = resolve_device(config.device)
-        self._runs = runs = config.runs
+        runs = config.runs
         # Each run has a random stream of its own, so that it is as it would be alone.
         seeds = np.arange(config.seed, config.seed + runs)
         seed = wp.array(seeds, dtype=wp.int32, device=self.device)
         self.counter = wp.zeros(runs, dtype=wp.int32, device=self.device)
-        radii = config.radii(fps)
-        optimizers = _optimizers(algorithm, subject.body.skeleton, config, radii, seed, self.counter)
+        optimizers = _optimizers(algorithm, subject.body.skeleton, config, config.radii(fps), seed, self.counter)
         candidates = runs * max(optimizer.particles for optimizer in optimizers)
         self.objective = make_objective(subject, rig, config, candidates, bases=runs)
         limits = search_limits(subject, config)
         self._root_frame = RootFrame(subject, limits, runs, self.device)
-        self._search = Search(self.objective, optimizers, config.budget, limits, replays=True)
-
-    @property
-    def best_pose(self) -> wp.array[wp.float32]:
-        """(run, coordinate): where the search starts, and then its answer."""
-        return self._search.best_pose
-
-    @property
-    def best_cost(self) -> wp.array[wp.float32]:
-        """(run,) of the answer."""
-        return self._search.best_cost
-
-    @property
-    def evaluations(self) -> int:
-        """Spent on a run's search."""
-        return self._search.evaluations
-
-    @property
-    def memory(self) -> list[wp.array[Any]]:
-        """By which, beside ``best_pose`` and ``counter``, a search depends on the one before it."""
-        return self._search.memory
+        super().__init__(self.objective, optimizers, config.budget, limits, replays=True)
 
     def remember(self, memory: Sequence[np.ndarray]) -> None:
         """Take over a copy of another search's ``memory``; an empty one makes this search as a new one."""
@@ -136,15 +113,11 @@ class PoseSearch:
         for array, values in zip(self.memory, memory, strict=bool(memory)):
             array.assign(values)
 
-    def observe(self, observation: Observation) -> None:
-        """Search against these masks from now on."""
-        self.objective.observe(observation)
-
     def run(self) -> None:
         """Search, from ``best_pose``."""
         pose, base = self.best_pose, self.objective.body.root_base
         self._root_frame.enter(pose, base)
-        self._search.run()
+        super().run()
         self._root_frame.leave(pose, base)
 
     def judge(self) -> np.ndarray:
@@ -152,7 +125,7 @@ class PoseSearch:
 
         Where the answer is an estimate, this is also where its cost becomes known.
         """
-        objective, runs = self.objective, self._runs
+        objective, runs = self.objective, len(self.best_pose)
         wp.copy(objective.pose, self.best_pose, count=self.best_pose.size)
         wp.copy(self.best_cost, objective.evaluate(runs), count=runs)
         count: np.ndarray = objective.count.numpy()

@@ -88,7 +88,7 @@ class Tracker:
         if not observation.foreground.any():
             return lost_frame(self.search.best_pose.numpy().copy(), observation)
         search = self.search
-        search.observe(observation)
+        search.objective.observe(observation)
         started = time.perf_counter()
         search.run()
         pose = search.best_pose.numpy().copy()

@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from planted import Planted, swung
+from planted import Planted, solved_clip, swung
 from synthetic import synthetic_body
 
 from mmocap_warp.contour.clip.backward_pass import STARTS, BackwardPass, least_costly
@@ -101,8 +101,8 @@ def test_a_fold_that_later_frames_know_better_is_found(lost):
 def test_the_clip_is_solved_from_what_was_found(lost):
     clip, known = lost
     without = ClipProblem(clip.linearise, clip.rooting, clip.points, RATE)
-    assert clip.error(without.solved(known).rooted).max() > 0.1
-    solved = replace(without, backward=clip.backward).solved(known)
+    assert clip.error(solved_clip(without, known).rooted).max() > 0.1
+    solved = solved_clip(replace(without, backward=clip.backward), known)
     assert clip.error(solved.rooted).max() < 0.02
 
 

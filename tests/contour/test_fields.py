@@ -21,14 +21,14 @@ def frame(radius: float, shift: int = 0) -> Observation:
 
 
 def field(fields: DistanceFields, place: int, k: int) -> np.ndarray:
-    _x, _y, width, height = fields.box.numpy()[place, k]
-    start = fields.start.numpy()[place, k]
-    return fields.value.numpy()[start : start + width * height].reshape(height, width).copy()
+    _x, _y, width, height = fields.struct.box.numpy()[place, k]
+    start = fields.struct.start.numpy()[place, k]
+    return fields.struct.value.numpy()[start : start + width * height].reshape(height, width).copy()
 
 
 def of_frames(frames: list[Observation], device: str) -> DistanceFields:
     fields = DistanceFields(RIG, len(frames), 1, device)
-    fields.observe_all(frames)
+    fields.observe(frames)
     return fields
 
 
@@ -38,15 +38,14 @@ def test_growing_room_keeps_what_there_was(device, monkeypatch):
     fields = DistanceFields(RIG, 5, 1, device)
     arrays = set()
     for place, observation in enumerate(frames):
-        fields.observe(place, observation)
-        arrays.add(fields.value.ptr)
-        assert fields.struct.value is fields.value
+        fields.observe([observation], place)
+        arrays.add(fields.struct.value.ptr)
     assert len(arrays) > 2
     for place, observation in enumerate(frames):
         alone = of_frames([observation], device)
         assert fields.seen[place].all()
         for k in range(2):
-            np.testing.assert_array_equal(fields.box.numpy()[place, k], alone.box.numpy()[0, k])
+            np.testing.assert_array_equal(fields.struct.box.numpy()[place, k], alone.struct.box.numpy()[0, k])
             np.testing.assert_array_equal(field(fields, place, k), field(alone, 0, k))
 
 
@@ -54,12 +53,12 @@ def test_whole_images_have_room_on_a_gpu(device):
     if device == "cpu":
         pytest.skip("the CPU knows how much room is needed")
     fields = DistanceFields(RIG, 3, 1, device)
-    value = fields.value.ptr
+    value = fields.struct.value.ptr
     for place, radius in ((0, 9), (2, 50), (1, 30), (1, 12)):
-        fields.observe(place, frame(radius))
+        fields.observe([frame(radius)], place)
         for k in range(2):
             np.testing.assert_array_equal(field(fields, place, k), field(of_frames([frame(radius)], device), 0, k))
-    assert fields.value.ptr == value
+    assert fields.struct.value.ptr == value
 
 
 def test_frames_one_by_one_are_those_all_at_once(device):
@@ -67,11 +66,11 @@ def test_frames_one_by_one_are_those_all_at_once(device):
     rng = np.random.default_rng(0)
     frames = [frame(rng.uniform(5, 40), int(rng.integers(-20, 20))) for _ in range(70)]
     fields = DistanceFields(RIG, 72, 1, device)
-    fields.observe(0, frames[3])
-    fields.observe(71, frames[4])
-    fields.observe_all(frames, first=1)
-    fields.observe(1, frames[5])
-    fields.observe_all(frames[:2], first=10)
+    fields.observe([frames[3]], 0)
+    fields.observe([frames[4]], 71)
+    fields.observe(frames, first=1)
+    fields.observe([frames[5]], 1)
+    fields.observe(frames[:2], first=10)
     for place, number in ((0, 3), (71, 4), (1, 5), (2, 1), (10, 0), (11, 1), (12, 11), (70, 69)):
         alone = of_frames([frames[number]], device)
         for k in range(2):
@@ -80,7 +79,7 @@ def test_frames_one_by_one_are_those_all_at_once(device):
 
 def test_a_place_takes_another_frame(device):
     fields = of_frames([frame(40), frame(12)], device)
-    fields.observe(0, frame(12))
+    fields.observe([frame(12)], 0)
     for k in range(2):
         np.testing.assert_array_equal(field(fields, 0, k), field(fields, 1, k))
 
@@ -91,4 +90,4 @@ def test_a_few_pixels_show_nobody(device, pixels, seen):
     mask.ravel()[5000 : 5000 + pixels] = True
     fields = of_frames([Observation.from_masks([mask, np.zeros_like(mask)])], device)
     np.testing.assert_array_equal(fields.seen, [[seen, False]])
-    assert (fields.box.numpy()[0, :, 2] > 0).tolist() == [seen, False]
+    assert (fields.struct.box.numpy()[0, :, 2] > 0).tolist() == [seen, False]

@@ -179,7 +179,7 @@ def test_descents_are_the_same_again_and_again(device, monkeypatch):
         expected = again(observation, count, steps, fitter_of(body, device, 3, rig=near))
         for one, other in zip(again(observation, count, steps, fitter), expected, strict=True):
             np.testing.assert_array_equal(one, other)
-        arrays.add(fitter.fields.value.ptr)
+        arrays.add(fitter.fields.struct.value.ptr)
     assert len(arrays) > 1
 
 

@@ -23,29 +23,34 @@ def _read_cell(folder: Path) -> None:
     read_cell(folder / "cell.npz")
 
 
-def _checkpoint(folder: Path):
+def _state(value: float):
     import numpy as np
 
+    from mmocap_warp.tracking.tracker import TrackState
+
+    memory = (np.full((2, 4), value, np.float32),)
+    return TrackState(np.zeros((2, 6), np.float32), np.zeros(2, np.int32), memory)
+
+
+def _checkpoint(folder: Path):
     from mmocap_warp.tracking.checkpoint import Checkpoint
 
-    return Checkpoint(
-        folder / "r.checkpoint", {"seed": 1, "frames": 3}, 2, 6, 3, {"particles": np.zeros((2, 4), np.float32)}
-    )
+    return Checkpoint(folder / "r.checkpoint", {"seed": 1, "frames": 3}, _state(0), 3)
 
 
 def _write_checkpoint(folder: Path) -> None:
     import numpy as np
 
     from mmocap_warp.result.result import FrameAnswer
-    from mmocap_warp.tracking.checkpoint import FinishedFrame
 
     answer = FrameAnswer(np.ones((2, 6)), np.ones(2), np.ones((2, 3)), 9, np.array([0, 1]), 0.5)
-    done = [FinishedFrame(answer, np.zeros(2, np.int32))] * 3
-    _checkpoint(folder).save(done, {"particles": np.ones((2, 4), np.float32)})
+    with _checkpoint(folder) as checkpoint:
+        for _ in range(3):
+            checkpoint.add(answer, _state(1))
 
 
 def _read_checkpoint(folder: Path) -> None:
-    _checkpoint(folder).load()
+    _checkpoint(folder).resumed()
 
 
 def _write_report(folder: Path) -> None:

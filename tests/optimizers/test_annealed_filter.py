@@ -157,7 +157,7 @@ def test_twenty_frames_are_the_twins(device, monkeypatch, algorithm, partitions)
     With 7 and 43 particles, as half of an even number may share the best cost: then many exponents solve Eq. 8.
     """
     tracker, _calls = tracker_of(algorithm, device, evaluations=430, runs=2)
-    search = tracker.search._search
+    search = tracker.search
     search._replays = False
     (optimizer,) = search._optimizers
     index, scale = optimizer.space.index.numpy(), optimizer.space.radius.numpy().astype(float)
@@ -538,7 +538,7 @@ def test_the_answer_is_the_estimate_within_the_limits_and_its_own_cost(device):
     _truth, seen = motion(device)
     tracker.step(seen[0])
     answer = tracker.step(seen[1])
-    search = tracker.search._search
+    search = tracker.search
     optimizer = search._optimizers[0]
     estimate = optimizer.state.mean.numpy()[0]
     lower, upper = search._limits.lower.numpy(), search._limits.upper.numpy()

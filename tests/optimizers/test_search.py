@@ -92,7 +92,7 @@ def test_parts_are_held_one_after_the_other_at_the_best_so_far(device, algorithm
     tracker = Tracker(synthetic_subject(), RIG, TrackConfig(algorithm, evaluations=100, device=device), FPS)
     tracker.step(motion(device)[1][0])
     start = tracker.state.pose
-    tracker.search._search._replays = False
+    tracker.search._replays = False
     calls = calls_of(tracker)
     answer = tracker.step(motion(device)[1][1])
     parts = [part.index for part in strategy(SKELETON, 39)]

@@ -51,7 +51,7 @@ def test_a_frames_search_reads_nothing_back(device, no_readback, monkeypatch, al
     before = tracker.state.pose
     calls.clear()
     no_readback()
-    tracker.search._search._run()
+    tracker.search._run()
     monkeypatch.undo()
     assert 450 <= sum(calls) / 2 <= 500
     assert not np.array_equal(tracker.state.pose, before)
@@ -63,13 +63,13 @@ def test_a_captured_frame_replays_to_the_same_bits(device, algorithm):
     if device == "cpu":
         pytest.skip("graphs are captured on CUDA devices only")
     replayed, launched = (tracker_of(algorithm, device, runs=2)[0] for _ in range(2))
-    launched.search._search._replays = False
+    launched.search._replays = False
     _truth, seen = motion(device)
     for frame, observation in enumerate(seen[:4]):
         again, once = replayed.step(observation), launched.step(observation)
         np.testing.assert_array_equal(again.pose, once.pose, err_msg=f"frame {frame}")
         np.testing.assert_array_equal(again.cost, once.cost, err_msg=f"frame {frame}")
-    assert replayed.search._search._replays._graphs["search"] is not None
+    assert replayed.search._replays._graphs["search"] is not None
 
 
 def test_an_ordinary_frame_of_contours_waits_once(device, monkeypatch):

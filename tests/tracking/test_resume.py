@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import shutil
 import signal
 import subprocess
 import sys
 import time
 from dataclasses import fields, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +30,7 @@ from mmocap_warp.scenes import ROOT
 from mmocap_warp.tracking import checkpoint
 from mmocap_warp.tracking.frame_loop import track
 from mmocap_warp.tracking.track_config import TrackConfig
-from mmocap_warp.tracking.tracker import Tracker
+from mmocap_warp.tracking.tracker import Tracker, TrackState
 
 FRAMES = 16
 IDENTITY = {"seed": 1, "images": "a hash"}
@@ -226,64 +228,94 @@ def test_the_number_of_threads_may_change(loaded, subject, interrupted):
     np.testing.assert_array_equal(resumed.cost, whole.cost)
 
 
-def answered(frames: int) -> list[checkpoint.FinishedFrame]:
+def answered(frames: int) -> list[FrameAnswer]:
     """Made-up answers of two runs before three cameras."""
     random = np.random.default_rng(1)
     done = []
     for _ in range(frames):
         pose, cost, iou = (random.random(shape) for shape in ((2, COORDINATES), 2, (2, 3)))
-        answer = FrameAnswer(pose.astype(np.float32), cost.astype(np.float32), iou, 9, np.array([1, 3]), 0.5)
-        done.append(checkpoint.FinishedFrame(answer, random.integers(0, 99, 2, np.int32)))
+        done.append(FrameAnswer(pose.astype(np.float32), cost.astype(np.float32), iou, 9, np.array([1, 3]), 0.5))
     return done
+
+
+def made_up_state(frames: int, *memory: np.ndarray) -> TrackState:
+    """A state of two runs after so many frames."""
+    return TrackState(np.zeros((2, COORDINATES), np.float32), np.array([frames, 2 * frames], np.int32), memory)
+
+
+def made_up_checkpoint(path: Path) -> checkpoint.Checkpoint:
+    return checkpoint.Checkpoint(path, IDENTITY, made_up_state(0), 3)
+
+
+def save_up_to(store: checkpoint.Checkpoint, answers: list[FrameAnswer], first: int = 0) -> None:
+    """Add answers, the first of which is that of frame ``first``, and save."""
+    for frames, answer in enumerate(answers, first + 1):
+        store.add(answer, made_up_state(frames))
+    store.save()
 
 
 def test_a_checkpoint_gives_back_what_was_saved_however_often(tmp_path):
     done = answered(7)
-    done[3].answer.cost[:], done[3].answer.iou[:] = np.nan, np.nan  # a lost frame
-    store = checkpoint.Checkpoint(tmp_path / "c", IDENTITY, 2, COORDINATES, 3)
-    for frames in (0, 2, 2, 3, 7):
-        store.save(done[:frames])
-    loaded, _memory = checkpoint.Checkpoint(tmp_path / "c", IDENTITY, 2, COORDINATES, 3).load()
+    done[3].cost[:], done[3].iou[:] = np.nan, np.nan  # a lost frame
+    store = made_up_checkpoint(tmp_path / "c")
+    for first, end in pairwise((0, 0, 2, 2, 3, 7)):
+        save_up_to(store, done[first:end], first)
+        loaded, state = made_up_checkpoint(tmp_path / "c").resumed()
+        np.testing.assert_array_equal(state.counter, made_up_state(end).counter)
+        np.testing.assert_array_equal(state.pose, done[end - 1].pose if end else made_up_state(0).pose)
     for mine, theirs in zip(loaded, done, strict=True):
-        np.testing.assert_array_equal(mine.counter, theirs.counter)
         for field in fields(FrameAnswer):
-            np.testing.assert_array_equal(getattr(mine.answer, field.name), getattr(theirs.answer, field.name))
+            np.testing.assert_array_equal(getattr(mine, field.name), getattr(theirs, field.name))
     assert [file.name for file in tmp_path.iterdir()] == ["c"]
 
 
 def test_a_save_writes_only_what_is_new(tmp_path, monkeypatch):
     """However long the recording, a save takes no longer and wears the disk no more."""
-    packed, pack = [], checkpoint.Checkpoint._packed
-    monkeypatch.setattr(checkpoint.Checkpoint, "_packed", lambda self, new: packed.append(len(new)) or pack(self, new))
+    written = []
+
+    class WatchedFile(io.FileIO):
+        def write(self, data):
+            written.append(len(data))
+            return super().write(data)
+
+    monkeypatch.setattr(Path, "open", lambda path, mode="r", *_: WatchedFile(path, mode))
+    monkeypatch.setattr(Path, "read_bytes", lambda path: WatchedFile(path).read())
     done, path = answered(9), tmp_path / "c"
-    store = checkpoint.Checkpoint(path, IDENTITY, 2, COORDINATES, 3)
-    store.save(done[:4])
+    store = made_up_checkpoint(path)
+    save_up_to(store, done[:4])
     size = path.stat().st_size
-    store.save(done[:6])
+    save_up_to(store, done[4:6], 4)
     assert path.stat().st_size - size == (size - len(store._header)) // 2
-    resumed = checkpoint.Checkpoint(path, IDENTITY, 2, COORDINATES, 3)
-    assert len(resumed.load()[0]) == 6
-    resumed.save(done)
-    assert packed == [4, 2, 3]
+    resumed = made_up_checkpoint(path)
+    assert len(resumed.resumed()[0]) == 6
+    save_up_to(resumed, done[6:], 6)
+    frame = (size - len(store._header)) // 4
+    assert [count for count in written if count] == [size, 2 * frame, 3 * frame]
 
 
 def test_a_checkpoint_is_saved_at_most_every_few_seconds(tmp_path, monkeypatch):
     now = [100.0]
     monkeypatch.setattr(checkpoint.time, "monotonic", lambda: now[0])
-    store = checkpoint.Checkpoint(tmp_path / "c", IDENTITY, 2, COORDINATES, 3)
-    assert not store.due
+    store, (answer, later) = made_up_checkpoint(tmp_path / "c"), answered(2)
+
+    def saved_frames():
+        store.save_if_due()
+        return len(made_up_checkpoint(tmp_path / "c").resumed()[0])
+
+    store.add(answer, made_up_state(1))
+    assert saved_frames() == 0
     now[0] += 2.0
-    assert store.due
-    store.save(answered(1))
-    assert not store.due
+    assert saved_frames() == 1
+    store.add(later, made_up_state(2))
+    assert saved_frames() == 1
 
 
 def test_a_checkpoint_that_cannot_be_written_is_wrong_input(tmp_path):
-    store = checkpoint.Checkpoint(tmp_path / "c", IDENTITY, 2, COORDINATES, 3)
-    store.save(answered(1))
+    store = made_up_checkpoint(tmp_path / "c")
+    save_up_to(store, answered(1))
     (tmp_path / "c").unlink()
     with pytest.raises(InputError, match="cannot be written"):
-        store.save(answered(2))
+        save_up_to(store, answered(1), 1)
 
 
 @pytest.mark.parametrize("algorithm", ["apf", "psapf"])
@@ -306,53 +338,59 @@ def test_a_filters_particles_are_saved_with_its_last_frame(algorithm, loaded, su
     np.testing.assert_array_equal(resumed.cost, whole.cost)
 
 
-def remembered(frames: int) -> dict[str, np.ndarray]:
-    """A made-up memory after so many frames: arrays of two runs."""
-    return {"particles": np.full((2, 5, 3), frames, np.float32), "mean": np.full((2, 3), -frames, np.float32)}
+def remembered(frames: int) -> TrackState:
+    """A made-up state after so many frames: its memory are arrays of two runs."""
+    return made_up_state(frames, np.full((2, 5, 3), frames, np.float32), np.full((2, 3), -frames, np.float32))
 
 
-def spoilt(path: Path, found: bytes, times: int = 1) -> None:
-    content = path.read_bytes()
-    assert content.count(found) == times
-    path.write_bytes(content.replace(found, bytes(len(found))))
+def spoilt(path: Path, content: bytes, times: int = 1) -> None:
+    before = path.read_bytes()
+    assert before.count(content) == times
+    path.write_bytes(before.replace(content, bytes(len(content))))
+
+
+def save_remembered(store: checkpoint.Checkpoint, frames: range) -> None:
+    """Add the answers of frames, and save with the memory after the last of them."""
+    for frame in frames:
+        store.add(answered(9)[frame], remembered(frame + 1))
+    store.save()
 
 
 def test_the_last_memory_but_one_serves_where_a_crash_spoilt_the_last(tmp_path):
     """The frames after it are tracked again; it is the other one that the next save replaces."""
 
     def store():
-        return checkpoint.Checkpoint(tmp_path / "c", IDENTITY, 2, COORDINATES, 3, remembered(0))
+        return checkpoint.Checkpoint(tmp_path / "c", IDENTITY, remembered(0), 3)
 
     def kept():
-        done, memory = store().load()
-        for name, expected in remembered(len(done)).items() if done else ():
-            np.testing.assert_array_equal(memory[name], expected)
+        done, state = store().resumed()
+        for mine, expected in zip(state.search_memory, remembered(len(done)).search_memory, strict=True):
+            np.testing.assert_array_equal(mine, expected)
         return len(done)
 
-    done, first = answered(9), store()
+    first = store()
     assert kept() == 0
-    for frames in (2, 3, 5):
-        first.save(done[:frames], remembered(frames))
-        assert kept() == frames
-    spoilt(tmp_path / "c", remembered(5)["particles"].tobytes())
+    for begin, end in pairwise((0, 2, 3, 5)):
+        save_remembered(first, range(begin, end))
+        assert kept() == end
+    spoilt(tmp_path / "c", remembered(5).search_memory[0].tobytes())
     assert kept() == 3
     second = store()
-    second.load()
-    second.save(done[:4], remembered(4))
+    second.resumed()
+    save_remembered(second, range(3, 4))
     assert kept() == 4
-    spoilt(tmp_path / "c", remembered(4)["particles"].tobytes())
+    spoilt(tmp_path / "c", remembered(4).search_memory[0].tobytes())
     assert kept() == 3
-    spoilt(tmp_path / "c", remembered(3)["particles"].tobytes())
+    spoilt(tmp_path / "c", remembered(3).search_memory[0].tobytes())
     assert kept() == 0
 
 
 def test_a_memory_of_frames_that_a_crash_spoilt_is_not_used(tmp_path):
-    store = checkpoint.Checkpoint(tmp_path / "c", IDENTITY, 2, COORDINATES, 3, remembered(0))
-    done = answered(4)
-    store.save(done[:2], remembered(2))
-    store.save(done, remembered(4))
+    store = checkpoint.Checkpoint(tmp_path / "c", IDENTITY, remembered(0), 3)
+    save_remembered(store, range(2))
+    save_remembered(store, range(2, 4))
     content = (tmp_path / "c").read_bytes()
     (tmp_path / "c").write_bytes(content[:-100])
-    loaded, memory = store.load()
+    loaded, state = store.resumed()
     assert len(loaded) == 2
-    np.testing.assert_array_equal(memory["particles"], remembered(2)["particles"])
+    np.testing.assert_array_equal(state.search_memory[0], remembered(2).search_memory[0])

@@ -24,7 +24,7 @@ from mmocap_warp.masks.mask_settings import ForegroundSettings
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
-from mmocap_warp.tracking.checkpoint import check_same_run, with_code_of
+from mmocap_warp.tracking.checkpoint import read_checkpoint, with_code_of
 from mmocap_warp.tracking.frame_loop import track
 from mmocap_warp.tracking.run_identity import run_identity
 from mmocap_warp.tracking.track_config import TrackConfig
@@ -205,9 +205,9 @@ def test_accepted_code_leaves_other_differences_to_be_refused(run, left, monkeyp
     monkeypatch.setattr("mmocap_warp.tracking.run_identity.code_hash", lambda _: "changed")
     accepted = with_code_of(left, run_identity(*run))
     assert accepted == mine
-    check_same_run(left, accepted)
+    read_checkpoint(left, accepted)
     with pytest.raises(InputError, match="differs in its fps;"):
-        check_same_run(left, with_code_of(left, accepted | {"fps": 1.0}))
+        read_checkpoint(left, with_code_of(left, accepted | {"fps": 1.0}))
 
 
 def test_an_image_of_other_content_is_noticed_and_a_touched_one_is_not(run, left, tmp_path):

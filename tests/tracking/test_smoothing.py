@@ -135,7 +135,7 @@ def test_cost_and_overlap_are_those_of_the_answer():
     search = PoseSearch(SUBJECT, RIG, replace(CONFIG, evaluations=1, runs=1), ALGORITHMS["cmaes"], FPS)
     for frame in (0, 11, FRAMES - 1):
         observation = swinging()[1][frame]
-        search.observe(observation)
+        search.objective.observe(observation)
         search.best_pose.assign(result.pose[:, frame].astype(np.float32))
         count = search.judge()[0].astype(float)
         union = count[:, 0] + observation.foreground - count[:, 1]

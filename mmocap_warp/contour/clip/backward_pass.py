@@ -9,6 +9,7 @@ masks, such as crossed arms, may be wrong in all frames alike: they are fitted o
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -39,15 +40,14 @@ _MEMORY_INTERVAL = 0.25  # seconds between the frames that limbs are recalled fr
 _BEST_RECALLED = 6  # recalled limbs that are fitted: those whose areas cost least
 _LARGEST_COST_RATIO = 0.95  # a pose replaces another one if its cost is at most this share
 _NO_AREA = 1e-6  # an area that is as good as none
-_ACCELERATION = (
-    36.0  # standard deviation of a joint's acceleration [m/s^2]: fitted alone, frames shake by 10 mm at 60 Hz
-)
+_ACCELERATION = 36.0  # standard deviation of a joint's acceleration [m/s^2]: frames by themselves shake by 10 mm
 
 
+@dataclass(frozen=True, eq=False)
 class BackwardPass:
     """Follows frames from the last to the first, and chooses between what is found and what was known.
 
-    Args:
+    Attributes:
         descend: how a frame is fitted.
         linearise: the contours' equations.
         rooting: moves poses.
@@ -58,20 +58,14 @@ class BackwardPass:
         pairs_from_rest: how pairs of limbs are fitted from rest; None where there are none.
     """
 
-    def __init__(
-        self,
-        descend: DescendFrames,
-        linearise: LineariseFrames,
-        rooting: Rooting,
-        points: MotionPoints,
-        rate: float,
-        areas: AreaCost,
-        limbs: Sequence[np.ndarray],
-        pairs_from_rest: PairsFromRest | None = None,
-    ) -> None:
-        self._descend, self._linearise = descend, linearise
-        self._rooting, self._points, self._rate = rooting, points, rate
-        self._areas, self._limbs, self._pairs_from_rest = areas, limbs, pairs_from_rest
+    descend: DescendFrames
+    linearise: LineariseFrames
+    rooting: Rooting
+    points: MotionPoints
+    rate: float
+    areas: AreaCost
+    limbs: Sequence[np.ndarray]
+    pairs_from_rest: PairsFromRest | None = None
 
     def revised(self, frames: np.ndarray, known: RootedPoses, held: RootedPoses) -> RootedPoses:
         """For each frame the pose known or the one found on the way back: those that together cost least.
@@ -84,7 +78,7 @@ class BackwardPass:
             known: their poses.
             held: final poses of the frames before.
         """
-        contour = self._linearise(frames, known)
+        contour = self.linearise(frames, known)
         seen = contour.observed
         if not seen.any():
             return known
@@ -94,8 +88,8 @@ class BackwardPass:
         ahead, cost = known, contour.cost.copy()
         at = np.flatnonzero(self._differ(back, known))
         if len(at):
-            descended, cost[at] = self._descend(frames[at], known[at])
-            ahead = known.with_frames(at, self._rooting.refold(descended))
+            descended, cost[at] = self.descend(frames[at], known[at])
+            ahead = known.with_frames(at, self.rooting.refold(descended))
         different = self._differ(back, ahead)
         if not different.any():
             return known
@@ -103,11 +97,11 @@ class BackwardPass:
 
         # Each frame costs what its contours and its areas cost; jumps between the answers cost too.
         costs = np.zeros((2, len(held) + len(frames)))
-        costs[:, len(held) :] = cost, self._linearise(frames, back).cost
+        costs[:, len(held) :] = cost, self.linearise(frames, back).cost
         costs[:, len(held) + np.flatnonzero(different)] += self._area_costs(frames, ahead, back, different, cost)
-        scale = self._rate**2 / (_ACCELERATION * np.sqrt(POINTS_A_JOINT))
+        scale = self.rate**2 / (_ACCELERATION * np.sqrt(POINTS_A_JOINT))
         both = (held.followed_by(poses.interpolated(seen)) for poses in (ahead, back))
-        place = np.stack([scale * self._points.at(poses).reshape(len(poses), -1) for poses in both])
+        place = np.stack([scale * self.points.at(poses).reshape(len(poses), -1) for poses in both])
         chosen = (least_costly(costs, place)[len(held) :] == 1) & different
 
         # A stretch that gains too little keeps what was known.
@@ -121,13 +115,13 @@ class BackwardPass:
         self, frames: np.ndarray, ahead: RootedPoses, back: RootedPoses, different: np.ndarray, cost: np.ndarray
     ) -> np.ndarray:
         """What areas cost (answer, frame), scaled so that those of ``ahead`` weigh as much as its contours (frame,)."""
-        both = np.stack([self._areas(frames[different], poses[different]) for poses in (ahead, back)])
+        both = np.stack([self.areas(frames[different], poses[different]) for poses in (ahead, back)])
         scaled: np.ndarray = both * (cost[different].sum() / max(both[0].sum(), _NO_AREA))
         return scaled
 
     def _differ(self, one: RootedPoses, other: RootedPoses) -> np.ndarray:
         """(frame,) bool: whether a joint is in another place."""
-        apart = self._points.at(one) - self._points.at(other)
+        apart = self.points.at(one) - self.points.at(other)
         differ: np.ndarray = np.linalg.norm(apart[:, ::POINTS_A_JOINT], axis=2).max(axis=1) > _ANOTHER_PLACE
         return differ
 
@@ -136,7 +130,7 @@ class BackwardPass:
 
         Where what is found costs clearly more than what is known (frame,), the way goes on from what is known.
         """
-        rooting, way, end = self._rooting, known, int(np.flatnonzero(seen)[-1])
+        rooting, way, end = self.rooting, known, int(np.flatnonzero(seen)[-1])
         last = before = rooting.leave(known[end : end + 1], np.zeros(3))[0]
         for f in reversed(range(end + 1)):
             if not seen[f]:
@@ -145,10 +139,10 @@ class BackwardPass:
                 way = self._one_frame_back(frames[f], f, way, last, before, _LOST_COST * cost[f])
             # Now and then, look for limbs that are lost in both directions of time.
             there, better = way[f : f + 1], None
-            if self._limbs and (end - f) % self._recall_frames == 0:
+            if self.limbs and (end - f) % self._recall_frames == 0:
                 better = self._with_limb_recalled(int(frames[f]), there, known[seen])
-            if self._pairs_from_rest and not better and (end - f) % (_RECALLS_A_PAIR_FIT * self._recall_frames) == 0:
-                better = self._better(int(frames[f]), there, self._pairs_from_rest(int(frames[f]), there))
+            if self.pairs_from_rest and not better and (end - f) % (_RECALLS_A_PAIR_FIT * self._recall_frames) == 0:
+                better = self._better(int(frames[f]), there, self.pairs_from_rest(int(frames[f]), there))
             before, last = last, rooting.leave(better or there, last[ROOT_ANGLES])[0]
             if better:
                 before = last  # no motion led there
@@ -162,29 +156,29 @@ class BackwardPass:
 
         It stays as it is where the fit costs ``most`` or more.
         """
-        rooting = self._rooting
+        rooting = self.rooting
         starts = rooting.enter(np.stack([last, last + _MOTION_KEPT * (last - before)]))
         starts = rooting.stepped(starts, np.zeros(len(rooting.searched)))  # within the limits
-        fitted, cost = self._descend(np.full(STARTS, frame), starts)
+        fitted, cost = self.descend(np.full(STARTS, frame), starts)
         best = int(np.argmin(cost))
         return way.with_frames(np.array([f]), fitted[best : best + 1]) if cost[best] < most else way
 
     @property
     def _recall_frames(self) -> int:
         """Frames from one in which limbs are recalled to the next."""
-        return max(1, round(_RECALL_INTERVAL * self._rate))
+        return max(1, round(_RECALL_INTERVAL * self.rate))
 
     def _with_limb_recalled(self, frame: int, there: RootedPoses, known: RootedPoses) -> RootedPoses | None:
         """A pose (1,) with a limb as it was in another frame that is known, if that clearly costs less.
 
         A limb that neither direction of time finds may have come back to where it was.
         """
-        others = np.arange(len(known))[:: max(1, round(_MEMORY_INTERVAL * self._rate))]
-        pose = np.repeat(there.pose, len(others) * len(self._limbs), axis=0)
-        for changed, (other, limb) in zip(pose, product(others, self._limbs), strict=True):
+        others = np.arange(len(known))[:: max(1, round(_MEMORY_INTERVAL * self.rate))]
+        pose = np.repeat(there.pose, len(others) * len(self.limbs), axis=0)
+        for changed, (other, limb) in zip(pose, product(others, self.limbs), strict=True):
             changed[limb] = known.pose[other, limb]
         starts = RootedPoses(np.repeat(there.base, len(pose), axis=0), pose)
-        areas = self._areas(np.full(len(pose), frame), starts)
+        areas = self.areas(np.full(len(pose), frame), starts)
         return self._better(frame, there, starts[np.argsort(areas, kind="stable")[:_BEST_RECALLED]])
 
     def _followed_ahead(self, frames: np.ndarray, way: RootedPoses, f: int, seen: np.ndarray) -> RootedPoses:
@@ -203,9 +197,9 @@ class BackwardPass:
         """The best pose (1,) that contours lead to from some, if it is a different answer and clearly costs less."""
         starts = there.followed_by(starts)
         at = np.full(len(starts), frame)
-        fitted, contours = self._descend(at, starts)
-        fitted = self._rooting.refold(fitted)
-        areas = self._areas(at, fitted)
+        fitted, contours = self.descend(at, starts)
+        fitted = self.rooting.refold(fitted)
+        areas = self.areas(at, fitted)
         # Scaled so that contours and areas of the pose that is there weigh the same.
         cost = contours * areas[0] + areas * contours[0]
         limit = _LARGEST_COST_RATIO * cost[0]

@@ -13,7 +13,7 @@ from mmocap_warp.contour.clip.motion_penalty import HELD, MotionCost, MotionPena
 from mmocap_warp.contour.clip.motion_points import MotionPoints
 from mmocap_warp.contour.frame.descent import LARGEST_STEP, RAISE, STOP, Trust
 from mmocap_warp.contour.frame.normal_equations import LineariseFrames, NormalEquations
-from mmocap_warp.contour.frame.rooted import FrameArrays, RootedPoses, Rooting
+from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
 
 COARSE_ACCELERATION = 72.0
 """``ACCELERATION`` for a first pass, in which the frames still find the contours that they belong to."""
@@ -50,21 +50,6 @@ def coarse_then_fine(acceleration: float = ACCELERATION) -> tuple[Pass, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class ClipSolution(FrameArrays):
-    """Poses of consecutive frames.
-
-    Attributes:
-        rooted: the poses.
-        observed: (frame,) bool; the others showed nothing and were filled in.
-        cost: (frame,) float64, what the contours cost.
-    """
-
-    rooted: RootedPoses
-    observed: np.ndarray
-    cost: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
 class SolvedWindow:
     """Consecutive frames that were solved together.
 
@@ -77,12 +62,6 @@ class SolvedWindow:
     rooted: RootedPoses
     contour: NormalEquations
     final: int
-
-    @property
-    def solution(self) -> ClipSolution:
-        """The final frames."""
-        contour = self.contour[: self.final]
-        return ClipSolution(self.rooted[: self.final], contour.observed, contour.cost)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,11 +81,6 @@ class ClipProblem:
     points: MotionPoints
     rate: float
     backward: BackwardPass | None = None
-
-    def solved(self, rooted: RootedPoses, passes: tuple[Pass, ...] = coarse_then_fine()) -> ClipSolution:
-        """The clip's poses, from a pose for every frame. Frames that show nothing may have any pose."""
-        done = [window.solution for window in self.windows(rooted, passes)]
-        return done[0].followed_by(*done[1:])
 
     def windows(
         self,
@@ -158,61 +132,49 @@ class ClipProblem:
         known = np.concatenate([np.ones(len(held), bool), contour.observed])
         rooted = held.followed_by(rooted).interpolated(known)[len(held) :]
         for each in passes:
-            descent = _Descent(self, frames, held, MotionPenalty(each.acceleration, self.rate))
-            rooted, contour = descent.down(rooted, contour, each.steps)
+            penalty = MotionPenalty(each.acceleration, self.rate)
+            rooted, contour = self._descended(frames, rooted, held, contour, penalty, each.steps)
         return rooted, contour
 
+    def _descended(
+        self,
+        frames: np.ndarray,
+        rooted: RootedPoses,
+        held: RootedPoses,
+        contour: NormalEquations,
+        penalty: MotionPenalty,
+        steps: int,
+    ) -> tuple[RootedPoses, NormalEquations]:
+        """Poses after damped Gauss-Newton steps, fewer where one becomes tiny, and the contours' equations around them.
 
-@dataclass(frozen=True, eq=False)
-class _Equations:
-    """A stretch around its poses."""
-
-    contour: NormalEquations
-    motion: MotionCost
-
-    @property
-    def cost(self) -> np.ndarray:
-        """(frame,) what the poses cost."""
-        cost: np.ndarray = self.contour.cost + self.motion.cost
-        return cost
-
-
-class _Descent:
-    """Damped Gauss-Newton steps of a stretch, each frame with a damping of its own."""
-
-    def __init__(self, clip: ClipProblem, frames: np.ndarray, held: RootedPoses, penalty: MotionPenalty) -> None:
-        self._clip, self._frames, self._held, self._penalty = clip, frames, held, penalty
-        self._trust = Trust(clip.rooting.is_length)
-
-    def down(self, rooted: RootedPoses, contour: NormalEquations, steps: int) -> tuple[RootedPoses, NormalEquations]:
-        """Poses after some steps, fewer where one becomes tiny, and the contours' equations around them.
-
-        A frame whose own cost rose by more than matching is noisy stays where it was, and is damped ten times as much
-        in the next step: a fist before the chest has no outline, and one that is lost drags its neighbours along.
+        Each frame has a damping of its own. A frame whose own cost rose by more than matching is noisy stays where it
+        was, and is damped ten times as much in the next step: a fist before the chest has no outline, and one that is
+        lost drags its neighbours along.
         """
+        trust = Trust(self.rooting.is_length)
+
+        def motion_around(poses: RootedPoses, seen: np.ndarray) -> MotionCost:
+            points = self.points.linearised(held.followed_by(poses))
+            known = np.concatenate([np.ones(len(held), bool), seen])
+            return penalty.around(*points, known).without_first(len(held))
+
         damping = np.ones(len(rooted))
         for _ in range(steps):
-            equations = self._around(rooted, contour)
-            moved, largest = self._stepped(rooted, equations, damping)
-            there = self._clip.linearise(self._frames, moved)
-            taken = self._around(moved, there).cost <= equations.cost * (1.0 + _NOISE)
+            # Step, and judge each frame by what it costs there.
+            motion = motion_around(rooted, contour.observed)
+            band = motion.band + (contour.matrix + trust.matrix(contour, damping))
+            step = np.clip(band.solved(contour.gradient + motion.gradient), -LARGEST_STEP, LARGEST_STEP)
+            moved = self.rooting.stepped(rooted, step)
+            there = self.linearise(frames, moved)
+            cost = there.cost + motion_around(moved, there.observed).cost
+            taken = cost <= (contour.cost + motion.cost) * (1.0 + _NOISE)
+            # Take the step where it helps, and damp the next one where it does not.
             taken |= ~contour.observed
             rooted, contour = moved.where(taken, rooted), there.where(taken, contour)
             damping = np.where(taken, np.maximum(damping / RAISE, 1.0), damping * RAISE)
-            if largest < STOP:
+            if np.abs(step).max() < STOP:
                 break
         return rooted, contour
-
-    def _around(self, rooted: RootedPoses, contour: NormalEquations) -> _Equations:
-        points = self._clip.points.linearised(self._held.followed_by(rooted))
-        seen = np.concatenate([np.ones(len(self._held), bool), contour.observed])
-        return _Equations(contour, self._penalty.around(*points, seen).without_first(len(self._held)))
-
-    def _stepped(self, rooted: RootedPoses, equations: _Equations, damping: np.ndarray) -> tuple[RootedPoses, float]:
-        contour, motion = equations.contour, equations.motion
-        band = motion.band + (contour.matrix + self._trust.matrix(contour, damping))
-        step = np.clip(band.solved(contour.gradient + motion.gradient), -LARGEST_STEP, LARGEST_STEP)
-        return self._clip.rooting.stepped(rooted, step), float(np.abs(step).max())
 
 
 def _final_frames(observed: np.ndarray, overlap: int) -> int:
@@ -240,20 +202,20 @@ class FixedLag:
         self._held = self._waiting = problem.rooting.none
         self._final = 0  # frames so far
 
-    def add(self, rooted: RootedPoses) -> ClipSolution | None:
-        """Takes the next frame's pose, as it was tracked, and returns the frames that are final now, if any are."""
+    def add(self, rooted: RootedPoses) -> RootedPoses | None:
+        """Takes the next frame's pose, as it was tracked, and returns the poses that are final now, if any are."""
         self._waiting = self._waiting.followed_by(rooted)
         return self._solved(COMMIT) if len(self._waiting) >= LAG else None
 
-    def rest(self) -> ClipSolution | None:
-        """The last frames, when no more will come."""
+    def rest(self) -> RootedPoses | None:
+        """The poses of the last frames, when no more will come."""
         return self._solved(len(self._waiting)) if len(self._waiting) else None
 
-    def _solved(self, commit: int) -> ClipSolution:
+    def _solved(self, commit: int) -> RootedPoses:
         """The first ``commit`` of the waiting frames."""
         frames = np.arange(self._final, self._final + len(self._waiting))
-        rooted, contour = self._problem.solved_together(frames, self._waiting, self._held, self._passes)
+        rooted, _ = self._problem.solved_together(frames, self._waiting, self._held, self._passes)
         self._final += commit
         self._waiting = rooted[commit:]
         self._held = self._held.followed_by(rooted[:commit])[-HELD:]
-        return SolvedWindow(rooted, contour, commit).solution
+        return rooted[:commit]

@@ -21,16 +21,18 @@ from mmocap_warp.kernels.contour.distance import (
     place_boxes,
 )
 from mmocap_warp.kernels.contour.residuals import Fields
-from mmocap_warp.kernels.structs import filled
+from mmocap_warp.kernels.structs import allocated
 from mmocap_warp.masks.observation import Observation, words_per_row
 
 _LEAST_PIXELS = 50  # a view with fewer foreground pixels shows nobody
 _TOGETHER = 64  # frames whose fields a GPU computes at a time
+_WORKINGS = {"inside": wp.uint8, "across": wp.uint8, "rough": wp.float32}
+_WORKING_BYTES, _VALUE_BYTES = 6, 4  # bytes of a pixel
 _MOST_WHOLE = 2**30  # bytes on a GPU up to which there is room for whole images: then boxes need not be read back
 
 
 class DistanceFields:
-    """Fields of as many frames as there is room for, as Warp arrays, and the ``struct`` of them that kernels take.
+    """Fields of as many frames as there is room for, in the ``struct`` that kernels take.
 
     A pixel's centre is half a pixel from the contour that runs between it and a neighbour on the other side. Distances
     are slightly smoothed, and cut off a few pixels from a contour; see :mod:`mmocap_warp.kernels.contour.distance`.
@@ -44,23 +46,14 @@ class DistanceFields:
 
     _first: int | None  # place of the frames that were observed last
     _boxes: Any
-    _place: Any
     _replays: Replays
 
     def __init__(self, rig: CameraRig, frames: int, candidates: int, device: str) -> None:
         self._rig, self._device = rig, device
-        shape = (frames, len(rig))
-        self.value = wp.zeros(1, dtype=wp.float32, device=device)
-        self.box = wp.zeros(shape, dtype=wp.vec4i, device=device)
-        self.start = wp.zeros(shape, dtype=wp.int32, device=device)
-        self.frame = wp.zeros(candidates, dtype=wp.int32, device=device)
-        self.larger = wp.zeros(len(rig), dtype=wp.float32, device=device)
-        self.struct = filled(
-            Fields, value=self.value, box=self.box, start=self.start, frame=self.frame, larger=self.larger
-        )
+        view = (frames, len(rig))
+        self.struct = allocated(Fields, device, value=1, box=view, start=view, frame=candidates, larger=len(rig))
         self._scratch = block.scratch(device)
-        self._size = wp.array(rig.size, dtype=wp.vec2i, device=device)
-        self._workings: Workings = filled(Workings, room=0, **_workings(0, device))
+        self._workings = allocated(Workings, device, room=0, **dict.fromkeys(_WORKINGS, 0))
         self._allocate(1)
         whole, together = int(pixels_of(*rig.size.T).sum()), min(frames, _TOGETHER)
         needed = whole * (_VALUE_BYTES * frames + _WORKING_BYTES * together)
@@ -71,14 +64,10 @@ class DistanceFields:
     @property
     def seen(self) -> np.ndarray:
         """(frame, camera) bool: the views that show anybody."""
-        seen: np.ndarray = self.box.numpy()[..., 2] > 0
+        seen: np.ndarray = self.struct.box.numpy()[..., 2] > 0
         return seen
 
-    def observe(self, place: int, observation: Observation) -> None:
-        """Compute the fields of a frame's masks into one of the places."""
-        self.observe_all([observation], place)
-
-    def observe_all(self, observations: Sequence[Observation], first: int = 0) -> None:
+    def observe(self, observations: Sequence[Observation], first: int = 0) -> None:
         """Compute the fields of frames into as many places, from ``first`` on; on a GPU many frames at a time."""
         together = _TOGETHER if wp.get_device(self._device).is_cuda else 1
         for begin in range(0, len(observations), together):
@@ -90,7 +79,7 @@ class DistanceFields:
             self._allocate(frames)
         if first != self._first:
             self._first = first
-            self._place.assign(np.arange(first, first + frames, dtype=np.int32))
+            self._masks.place.assign(np.arange(first, first + frames, dtype=np.int32))
         words, foreground = self._word.values, self._foreground.values
         for number, observation in enumerate(observations):
             words[number] = observation.words
@@ -121,34 +110,25 @@ class DistanceFields:
         """Make what frames need that are observed at a time."""
         width, height = self._rig.size.max(axis=0).tolist()
         view = (frames, len(self._rig))
-        word = wp.zeros((*view, height, words_per_row(width)), dtype=wp.uint32, device=self._device)
+        words = (*view, height, words_per_row(width))
+        self._masks = allocated(Masks, self._device, word=words, size=self._rig.size, place=frames)
         self._pixels = wp.zeros(view, dtype=wp.int32, device=self._device)
-        self._word, self._foreground = Upload(word), Upload(self._pixels)
+        self._word, self._foreground = Upload(self._masks.word), Upload(self._pixels)
         self._first = None
-        self._place = wp.zeros(frames, dtype=wp.int32, device=self._device)
-        self._masks: Masks = filled(Masks, word=word, size=self._size, place=self._place)
         self._boxes = wp.zeros(view, dtype=wp.vec4i, device=self._device)
         self._replays = Replays(self._device)
 
     def _reserve(self, room: int, frames: int) -> None:
         """Make room for frames of ``room`` values, and to work on some frames at a time; earlier fields stay."""
-        old = self._workings.room
+        old, fields = self._workings.room, self.struct
         if room > old:
-            places = self.box.shape[0]
+            places = fields.box.shape[0]
             value = wp.zeros(places * room, dtype=wp.float32, device=self._device)
             for place in range(places if old else 0):
-                wp.copy(value, self.value, place * room, place * old, old)
-            self.start.assign(self.start.numpy() + ((room - old) * np.arange(places, dtype=np.int32))[:, None])
-            self.value = self.struct.value = value
+                wp.copy(value, fields.value, place * room, place * old, old)
+            fields.start.assign(fields.start.numpy() + ((room - old) * np.arange(places, dtype=np.int32))[:, None])
+            fields.value = value
             self._workings.room = room
         if self._workings.rough.shape[0] < self._workings.room * frames:
-            for name, array in _workings(self._workings.room * frames, self._device).items():
-                setattr(self._workings, name, array)
-
-
-_WORKINGS = {"inside": wp.uint8, "across": wp.uint8, "rough": wp.float32}
-_WORKING_BYTES, _VALUE_BYTES = 6, 4  # bytes of a pixel
-
-
-def _workings(pixels: int, device: str) -> dict[str, wp.array[Any]]:
-    return {name: wp.empty(pixels, dtype=dtype, device=device) for name, dtype in _WORKINGS.items()}
+            for name, dtype in _WORKINGS.items():
+                setattr(self._workings, name, wp.empty(self._workings.room * frames, dtype=dtype, device=self._device))

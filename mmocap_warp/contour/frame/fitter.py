@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
 
 import numpy as np
 import warp as wp
 
 from mmocap_warp.body.model import BodyModel
-from mmocap_warp.body.posing import BodyArrays, JointArrays
+from mmocap_warp.body.posing import make_body_arrays, make_joint_arrays
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.contour.frame.fields import DistanceFields
 from mmocap_warp.contour.frame.fitter_arrays import make_descent, make_edges, make_outline, make_tree
@@ -31,7 +30,7 @@ from mmocap_warp.kernels.contour.moving import Moving, bend_skin, follow_skin
 from mmocap_warp.kernels.contour.normal_equations import Sums, sum_normal_equations, triangle_words
 from mmocap_warp.kernels.contour.outline import find_contours
 from mmocap_warp.kernels.contour.residuals import Matching, Residuals, find_residuals
-from mmocap_warp.kernels.structs import filled
+from mmocap_warp.kernels.structs import allocated, filled
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.masks.view_arrays import ViewArrays
 
@@ -106,68 +105,52 @@ class ContourFitter:
         self.index, self.candidates = np.asarray(index), candidates
         self._device, self._work = device, SharedWork(device, threads)
 
-        def zeros(*shape: int, dtype: Any = wp.vec3) -> Any:
-            return wp.zeros(shape, dtype=dtype, device=device)
-
         # The body, posed, and how its rest changes with parameters: at first not at all.
-        # To mypy the fields of a struct are what kernels see of them, hence Any where they are used here too.
-        self.body = BodyArrays(body, np.eye(3), mesh, device, bases=candidates)
-        self._joints = JointArrays(candidates, joints, device)
+        self.body = make_body_arrays(body, np.eye(3), mesh, device, bases=candidates)
+        self._joints = make_joint_arrays(candidates, joints, device)
         self._vertex = wp.array(np.arange(vertices), dtype=wp.int32, device=device)
-        self._posed: Any = filled(
+        self._posed = allocated(
             Posed,
-            body=self.body.struct,
-            joints=self._joints.struct,
-            axes=zeros(*self._joints.transform.shape, dtype=wp.mat33),
-            vertex=zeros(candidates, vertices),
+            device,
+            body=self.body,
+            joints=self._joints,
+            axes=self._joints.transform.shape,
+            vertex=(candidates, vertices),
         )
         self._tree = make_tree(skeleton, self.index, device)
-        self._change: Any = filled(
+        self._change = allocated(
             RestChange,
-            vertex=zeros(parameters, vertices),
-            joint=zeros(parameters, joints),
-            origin=zeros(candidates if parameters else 0, parameters, joints),
+            device,
+            vertex=(parameters, vertices),
+            joint=(parameters, joints),
+            origin=(candidates if parameters else 0, parameters, joints),
         )
 
         # The masks of frames, the cameras, and how the body moves in the time by which a view is late.
         self.fields = DistanceFields(rig, frames, candidates, device)
         self._cameras = ViewArrays(rig, device)
-        self._views = self._cameras.struct
         self._late = np.zeros((frames, cameras), np.float32)
-        self._sides = zeros(candidates, dtype=wp.int32)
-        self._moving: Any = filled(
-            Moving,
-            late=zeros(frames, cameras, dtype=wp.float32),
-            frame=self.fields.frame,
-            own=0.0,
-            velocity=zeros(candidates, vertices),
-            bend=zeros(candidates, vertices),
+        self._sides = wp.zeros(candidates, dtype=wp.int32, device=device)
+        skin = (candidates, vertices)
+        self._moving = allocated(
+            Moving, device, late=self._late, frame=self.fields.struct.frame, own=0.0, velocity=skin, bend=skin
         )
 
         # From outlines to residuals, rows of the Jacobian, and their sums.
         config = (matching or MatchingConfig()).for_size(body.relative_size)
         self._matching = filled(Matching, **asdict(config))
-        self._edges: Any = make_edges(mesh.face, device)
-        self._outline: Any = make_outline(view, mesh, len(self._edges.edge), device)
+        self._edges = make_edges(mesh.face, device)
+        self._outline = make_outline(view, mesh, len(self._edges.edge), device)
         edge = (*view, self._outline.size)
-        self._residuals = filled(
-            Residuals,
-            normal=zeros(*edge, dtype=wp.vec2),
-            weighted=zeros(*edge, dtype=wp.vec2),
-            tally=zeros(*edge, dtype=wp.vec4),
-        )
+        self._residuals = allocated(Residuals, device, normal=edge, weighted=edge, tally=edge)
         columns = OWN if lens else 0
         self._width = width = len(self.index) + parameters + columns + 1
-        self._rows = filled(Rows, value=zeros(math.prod(edge) * width, dtype=wp.float32), width=width, own=columns)
-        self._sums: Any = filled(
-            Sums,
-            triangle=zeros(math.prod(view) * triangle_words(width), dtype=wp.float32),
-            tally=zeros(*view, dtype=wp.vec4),
-        )
-        self.descent: Any = make_descent(self.index, skeleton.is_length[self.index], limits, view, width, device)
+        self._rows = allocated(Rows, device, value=math.prod(edge) * width, width=width, own=columns)
+        self._sums = allocated(Sums, device, triangle=math.prod(view) * triangle_words(width), tally=view)
+        self.descent = make_descent(self.index, skeleton.is_length[self.index], limits, view, width, device)
         for module in (skinning, moving, outline, residuals, jacobian, normal_equations, descent_kernels):
             wp.load_module(module, device=device)  # before threads launch from them at the same time
-        self._starts = [Upload(array) for array in (self.descent.pose, self.body.root_base, self.fields.frame)]
+        self._starts = [Upload(array) for array in (self.descent.pose, self.body.root_base, self.fields.struct.frame)]
         self._replays = Replays(device)
 
     def observe(self, place: int, observation: Observation) -> None:
@@ -176,7 +159,7 @@ class ContourFitter:
 
     def observe_all(self, observations: Sequence[Observation], first: int = 0) -> None:
         """Put frames' masks into as many places, from ``first`` on."""
-        self.fields.observe_all(observations, first)
+        self.fields.observe(observations, first)
         places = slice(first, first + len(observations))
         on_time = np.zeros(self._late.shape[1])
         late = np.array([on_time if each.late is None else each.late for each in observations], np.float32)
@@ -229,7 +212,7 @@ class ContourFitter:
     def _skin(self, batch: Batch) -> None:
         """From the poses of a batch's candidates to their skin."""
         pose = self.descent.pose
-        pose_vertices(self.body.struct, pose, self._vertex, batch, self._joints.struct, self._posed.vertex)
+        pose_vertices(self.body, pose, self._vertex, batch, self._joints, self._posed.vertex)
 
     def reshape(self, rest: np.ndarray, joint_rest: np.ndarray) -> None:
         """Take another rest body: (vertex, 3) of the tracking mesh and (joint, 3) [m]."""
@@ -247,7 +230,7 @@ class ContourFitter:
 
     def set_larger(self, larger: np.ndarray) -> None:
         """Set by how much each camera's masks reach beyond what they show (camera,) [px]; at first by nothing."""
-        self.fields.larger.assign(larger.astype(np.float32))
+        self.fields.struct.larger.assign(larger.astype(np.float32))
 
     def linearise(
         self, place: np.ndarray, rooted: RootedPoses, neighbours: Neighbours | None = None
@@ -287,7 +270,7 @@ class ContourFitter:
         poses, with their ``cost`` and ``tally``. On a GPU nothing waits for them, and the second descent of a kind is
         captured as a graph that later ones replay: arrays that are looked at must stay, their values may change.
         """
-        value = self.fields.value  # a graph holds its address, which changes when more room is made
+        value = self.fields.struct.value  # a graph holds its address, which changes when more room is made
         self._replays.run((count, steps, value.ptr, self.follows), lambda: self._run(count, steps))
 
     def _run(self, count: int, steps: int) -> None:
@@ -307,10 +290,17 @@ class ContourFitter:
         self._skin(batch)
         turn_axes(self.descent.pose, batch, self._posed)
         move_origins(self._posed, self._change, batch)
-        find_contours(self._edges, self._posed.vertex, self._moving, self._views, batch, self._outline)
-        find_residuals(self._outline, self.fields.struct, self._views, self._matching, batch, self._residuals)
+        find_contours(self._edges, self._posed.vertex, self._moving, self._cameras.struct, batch, self._outline)
+        find_residuals(self._outline, self.fields.struct, self._cameras.struct, self._matching, batch, self._residuals)
         differentiate(
-            self._posed, self._tree, self._change, self._views, self._outline, self._residuals, batch, self._rows
+            self._posed,
+            self._tree,
+            self._change,
+            self._cameras.struct,
+            self._outline,
+            self._residuals,
+            batch,
+            self._rows,
         )
         sum_normal_equations(self._outline, self._residuals, self._rows, batch, self._sums)
 

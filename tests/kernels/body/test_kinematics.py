@@ -6,7 +6,7 @@ from poisoned import poisoned_joints
 from random_scenes import random_poses
 from synthetic import synthetic_body, synthetic_subject, upright
 
-from mmocap_warp.body.posing import BodyArrays
+from mmocap_warp.body.posing import make_body_arrays
 from mmocap_warp.kernels.body.kinematics import pose_joints
 
 POSITION = 1e-5  # [m]
@@ -15,12 +15,12 @@ ROTATION = 1e-5  # of a matrix entry
 
 def posed_joints(bodies, bases, poses, device):
     """Joint transforms and skinning matrices (candidate, joint, 3, 4) of the kernel."""
-    arrays = BodyArrays(bodies[0], bases[0], bodies[0].tracking, device, copies=len(bodies))
+    arrays = make_body_arrays(bodies[0], bases[0], bodies[0].tracking, device, copies=len(bodies))
     arrays.joint_rest.assign(np.stack([body.joint_rest for body in bodies]))
     arrays.root_base.assign(np.stack(bases).astype(np.float32))
     params = wp.array(poses, dtype=wp.float32, device=device)
     joints = poisoned_joints(len(poses), 16, device)
-    pose_joints(arrays.struct, params, joints)
+    pose_joints(arrays, params, joints)
     return joints.transform.numpy(), joints.skin_matrix.numpy()
 
 

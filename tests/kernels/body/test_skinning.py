@@ -6,7 +6,7 @@ from poisoned import poisoned, poisoned_joints
 from random_scenes import posed_vertices, random_poses
 from synthetic import synthetic_body, synthetic_subject
 
-from mmocap_warp.body.posing import BodyArrays
+from mmocap_warp.body.posing import make_body_arrays
 from mmocap_warp.kernels.batch import batch_of
 from mmocap_warp.kernels.body.kinematics import Affine, Body, Joints
 from mmocap_warp.kernels.body.skinning import pose_vertices, skin
@@ -55,14 +55,14 @@ def test_vertices_that_are_wanted_are_posed_in_one_go(device):
     bodies = [body.shaped({"height_incr": w}, scale) for w, scale in ((0.0, 1.0), (0.8, 0.9), (-0.5, 1.2))]
     bases = [base @ reference.rotation(1, angle) for angle in (0.0, 1.0, -2.5)]
     poses = random_poses(3)
-    arrays = BodyArrays(body, base, body.tracking, device, copies=3)
+    arrays = make_body_arrays(body, base, body.tracking, device, copies=3)
     arrays.joint_rest.assign(np.stack([one.joint_rest for one in bodies]))
     arrays.rest.assign(np.stack([one.tracking.rest for one in bodies]))
     arrays.root_base.assign(np.stack(bases).astype(np.float32))
     wanted = np.random.default_rng(2).permutation(len(body.tracking.rest))[:50]
     posed = poisoned((3, len(body.tracking.rest)), wp.vec3, device)
     pose_vertices(
-        arrays.struct,
+        arrays,
         wp.array(poses, dtype=wp.float32, device=device),
         wp.array(wanted, dtype=wp.int32, device=device),
         batch_of(0, 3, 3, device),
@@ -81,12 +81,12 @@ def test_candidates_of_a_run_share_its_base(device):
     body = synthetic_body()
     bases = [synthetic_subject().root_base @ reference.rotation(1, angle) for angle in (0.0, 1.0, -2.5)]
     first, end, poses = 2, 11, random_poses(12)
-    arrays = BodyArrays(body, bases[0], body.tracking, device, bases=3)
+    arrays = make_body_arrays(body, bases[0], body.tracking, device, bases=3)
     arrays.root_base.assign(np.stack(bases).astype(np.float32))
     vertices = len(body.tracking.rest)
     posed = poisoned((12, vertices), wp.vec3, device)
     pose_vertices(
-        arrays.struct,
+        arrays,
         wp.array(poses, dtype=wp.float32, device=device),
         wp.array(np.arange(vertices), dtype=wp.int32, device=device),
         batch_of(first, end, 12, device),

@@ -88,8 +88,8 @@ class Planted:
         self.residuals = poisoned_residuals(n, 1, size, device)
         fields = DistanceFields(rig, len(masks), n, device)
         for place, mask in enumerate(masks):
-            fields.observe(place, Observation.from_masks([mask]))
-        fields.frame.assign(np.array(frames if frames is not None else np.zeros(n), np.int32))
+            fields.observe([Observation.from_masks([mask])], place)
+        fields.struct.frame.assign(np.array(frames if frames is not None else np.zeros(n), np.int32))
         views: Views = ViewArrays(rig, device).struct
         settings = filled(Matching, **(MATCHING | matching))
         find_residuals(self.outline, fields.struct, views, settings, batch_of(0, n, n, device), self.residuals)

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from mmocap_warp.bench import suite
-from mmocap_warp.bench.suite import PEERS, missing
 from mmocap_warp.bench.report_file import read_report, write_pages, write_report
+from mmocap_warp.bench.suite import PEERS, missing
 from mmocap_warp.commands.outputs import new_file, new_folder, releases_locks
 from mmocap_warp.commands.reporter import Reporter
 from mmocap_warp.commands.settings import start_warp

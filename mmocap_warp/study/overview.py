@@ -9,7 +9,7 @@ import numpy as np
 
 from mmocap_warp.study import paper
 from mmocap_warp.study.cell import Cell
-from mmocap_warp.study.report_tables import Table
+from mmocap_warp.study.report_parts import Table
 from mmocap_warp.study.study_tables import by_algorithm
 from mmocap_warp.study.summary import (
     BASELINES,
@@ -190,6 +190,20 @@ def rank_pairs(study: StudySummary, dof: int) -> Table | None:
         f"{extent(study.cells[cell] for cell in study.grid if cell.dof == dof)}."
     )
     return Table(caption, ["Algorithm", *(title for title, _ in columns)], rows)
+
+
+def radii(study: StudySummary) -> list[str]:
+    """Each preset's search radii, as the cells used them, the main preset's first."""
+    sentences = []
+    for preset in study.presets:
+        configs = [summary.meta.get("config", {}) for cell, summary in study.cells.items() if cell.preset == preset]
+        used = [(config.get("rotation_radius"), config.get("translation_radius")) for config in configs]
+        known = [pair for pair in used if None not in pair]
+        ends = (sorted({min(values), max(values)}) for values in zip(*known, strict=True))
+        spans = [" to ".join(f"{end:.3g}" for end in each) for each in ends]
+        words = "{} rad and {} m.".format(*spans) if known else "as the software’s documentation says."
+        sentences.append(f"{preset}: {words}")
+    return sentences
 
 
 def radii_tables(study: StudySummary, measure: Measure) -> list[Table]:

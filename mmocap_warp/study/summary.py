@@ -320,6 +320,10 @@ class StudySummary:
         found = {name: self.find(name, who.algorithm, who.dof, who.evaluations) for name in sequences}
         return {name: cell for name, cell in found.items() if cell is not None and measure.key in cell.runs}
 
+    def cells_of(self, contenders: Iterable[Contender], measure: Measure) -> list[CellSummary]:
+        """What contenders have tracked of the grid's sequences, where the measure is known of it."""
+        return [cell for who in contenders for cell in self.known(who, self.sequences, measure).values()]
+
     def level(self, who: Contender, measure: Measure, sequences: Sequence[str] | None = None) -> float:
         """Mean of a measure over runs and sequences, the grid's by default; NaN unless it is known of every one."""
         sequences = self.sequences if sequences is None else sequences

@@ -14,7 +14,7 @@ from mmocap_warp.study.study_tables import by_algorithm
 from mmocap_warp.study.summary import (
     BASELINES,
     EQ_20,
-    MEASURES,
+    MEASURE_OF,
     CellSummary,
     Contender,
     Measure,
@@ -24,8 +24,7 @@ from mmocap_warp.study.summary import (
 )
 from mmocap_warp.study.wording import DASH, counted, extent, in_unit, listed, named, over, shown
 
-LOST_LIMB = next(measure for measure in MEASURES if measure.key == "limb_lost")
-FITNESS = next(measure for measure in MEASURES if measure.key == "cost")
+LOST_LIMB, FITNESS = MEASURE_OF["limb_lost"], MEASURE_OF["cost"]
 _PRESETS = ("common", "paper-rotation", "paper-translation", "paper")  # in the order of their columns
 _MIN_POINTS = 5  # smallest difference in lost limbs that is reported [percentage points]
 _COMPARED = ("mpjpe", *EQ_20, "pa_mpjpe", "cost", "iou", "limb_lost", "growth", "shake")
@@ -54,20 +53,13 @@ def all_trackers(study: StudySummary) -> Table:
 
 @dataclass(frozen=True)
 class Lead:
-    """Our tracker against the best of the grid on a sequence.
+    """Our tracker against the best of the grid on a sequence."""
 
-    Attributes:
-        sequence: which.
-        ours, best: the two.
-        error: the main measure of either.
-        seconds: of a frame of a run that is tracked alone, of either; NaN where unknown.
-    """
-
-    sequence: str
-    ours: Contender
+    sequence: str  # which
+    ours: Contender  # the two
     best: Contender
-    error: tuple[float, float]
-    seconds: tuple[float, float]
+    error: tuple[float, float]  # the main measure of either
+    seconds: tuple[float, float]  # of a frame of a run that is tracked alone, of either; NaN where unknown
 
     @property
     def half(self) -> bool:

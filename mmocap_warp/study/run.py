@@ -26,17 +26,11 @@ _SECONDS_BETWEEN_TRIES = 5.0  # to store what waits
 
 @dataclass(frozen=True)
 class Seat:
-    """A worker, as a person is told of it.
+    """A worker, as a person is told of it."""
 
-    Attributes:
-        name: its device, and its machine where there are several.
-        cell: what it is tracking; None while it waits.
-        advance: how far it is with that.
-    """
-
-    name: str
-    cell: Cell | None
-    advance: Advance | None
+    name: str  # its device, and its machine where there are several
+    cell: Cell | None  # what it is tracking; None while it waits
+    advance: Advance | None  # how far it is with that
 
 
 @dataclass(frozen=True)
@@ -168,21 +162,13 @@ class Outbox:
 
 @dataclass
 class _Worker:
-    """What is known of a worker.
+    """What is known of a worker."""
 
-    Attributes:
-        name: its device, and its machine where there are several.
-        clip: what it tracked last, whose masks it holds.
-        task: what it is tracking.
-        begun: when it began that.
-        advance: how far it is with that.
-    """
-
-    name: str
-    clip: Clip | None = None
-    task: Task | None = None
-    begun: float = 0.0
-    advance: Advance | None = None
+    name: str  # its device, and its machine where there are several
+    clip: Clip | None = None  # what it tracked last, whose masks it holds
+    task: Task | None = None  # what it is tracking
+    begun: float = 0.0  # when it began that
+    advance: Advance | None = None  # how far it is with that
 
 
 class _Run:

@@ -56,21 +56,13 @@ _WORSE = {"S1": 1.0, "S2": 0.8, "S3": 1.3}  # how much worse than these a subjec
 
 @dataclass(frozen=True)
 class StudySequence:
-    """A recording with known truth whose masks are made as they are asked for.
+    """A recording with known truth whose masks are made as they are asked for."""
 
-    Attributes:
-        name: such as ``S1/Walking``.
-        fps: frames per second.
-        subject: the tracker's body, where a fit of the first frame might have left it.
-        truth: markers on the true body's skin with 2 mm of noise, joints, and the true body's poses.
-        recording: the true body before the cameras.
-    """
-
-    name: str
-    fps: float
-    subject: Subject
-    truth: Truth
-    recording: Recording
+    name: str  # such as ``S1/Walking``
+    fps: float  # frames per second
+    subject: Subject  # the tracker's body, where a fit of the first frame might have left it
+    truth: Truth  # markers on the true body's skin with 2 mm of noise, joints, and the true body's poses
+    recording: Recording  # the true body before the cameras
 
     @property
     def rig(self) -> CameraRig:
@@ -109,23 +101,14 @@ Motion = Callable[[BodyModel, int, int], np.ndarray]
 
 @dataclass(frozen=True)
 class SequencePlan:
-    """How a sequence is made.
+    """How a sequence is made."""
 
-    Attributes:
-        person: a key of ``PEOPLE`` or ``STRANGERS``.
-        frames: its length.
-        motion: what the person does.
-        heading: of those axes in the world [rad].
-        seed: of everything in the sequence.
-        cameras: those of the ring that record it.
-    """
-
-    person: str
-    frames: int
-    motion: Motion
-    heading: float
-    seed: int
-    cameras: tuple[str, ...] = tuple(_CAMERAS)
+    person: str  # a key of ``PEOPLE`` or ``STRANGERS``
+    frames: int  # its length
+    motion: Motion  # what the person does
+    heading: float  # of those axes in the world [rad]
+    seed: int  # of everything in the sequence
+    cameras: tuple[str, ...] = tuple(_CAMERAS)  # those of the ring that record it
 
 
 def walking_around(radius: float, stride: float, cadence: float, step_width: float = Walk.step_width) -> Motion:

@@ -31,55 +31,33 @@ _RIG_DECIMALS = 9  # of a calibration that count: more differ between machines
 
 @dataclass(frozen=True)
 class Clip:
-    """Which frames of which sequence a cell tracks.
+    """Which frames of which sequence a cell tracks."""
 
-    Attributes:
-        name: of the sequence.
-        scene: its ``scene.toml``; None for a shipped sequence.
-        frames: at most so many, from the first on; None for all.
-        scale: of masks and cameras, in (0, 1]; 1 for a shipped sequence.
-        subject: file of the subject to start from; None for the sequence's own.
-    """
-
-    name: str
-    scene: Path | None = None
-    frames: int | None = None
-    scale: float = 1.0
-    subject: Path | None = None
+    name: str  # of the sequence
+    scene: Path | None = None  # its ``scene.toml``; None for a shipped sequence
+    frames: int | None = None  # at most so many, from the first on; None for all
+    scale: float = 1.0  # of masks and cameras, in (0, 1]; 1 for a shipped sequence
+    subject: Path | None = None  # file of the subject to start from; None for the sequence's own
 
 
 @dataclass(frozen=True)
 class ClipFacts:
-    """What can be said of a clip without opening it.
+    """What can be said of a clip without opening it."""
 
-    Attributes:
-        identity: a hash of what a result depends on, the same on any machine.
-        frames: how many.
-    """
-
-    identity: str
-    frames: int
+    identity: str  # a hash of what a result depends on, the same on any machine
+    frames: int  # how many
 
 
 @dataclass(frozen=True)
 class OpenClip:
-    """A clip as a tracker needs it; the frames are 0 to ``frames - 1``.
+    """A clip as a tracker needs it; the frames are 0 to ``frames - 1``."""
 
-    Attributes:
-        fps: frames per second.
-        subject: where tracking starts.
-        rig: undistorted cameras.
-        truth: what is known of these frames, if anything.
-        frames: how many.
-        observations: their masks, read or made as they are asked for, once.
-    """
-
-    fps: float
-    subject: Subject
-    rig: CameraRig
-    truth: Truth | None
-    frames: int
-    observations: Iterator[Observation]
+    fps: float  # frames per second
+    subject: Subject  # where tracking starts
+    rig: CameraRig  # undistorted cameras
+    truth: Truth | None  # what is known of these frames, if anything
+    frames: int  # how many
+    observations: Iterator[Observation]  # their masks, read or made as they are asked for, once
 
 
 def clip_facts(clip: Clip) -> ClipFacts:

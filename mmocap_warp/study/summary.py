@@ -19,25 +19,15 @@ from mmocap_warp.tracking.algorithms import ALGORITHMS, CONTOUR_TRACKERS
 
 @dataclass(frozen=True)
 class Measure:
-    """Something that results are judged by.
+    """Something that results are judged by."""
 
-    Attributes:
-        key: its name in a ``CellResult``.
-        label: its name for people.
-        unit: what it is shown in; empty for a pure number.
-        factor: from the result's unit to that.
-        decimals: that are shown.
-        higher_is_better: most are errors, for which lower is.
-        per_frame: measured in every frame, else once a run.
-    """
-
-    key: str
-    label: str
-    unit: str
-    factor: float
-    decimals: int
-    higher_is_better: bool = False
-    per_frame: bool = True
+    key: str  # its name in a ``CellResult``
+    label: str  # its name for people
+    unit: str  # what it is shown in; empty for a pure number
+    factor: float  # from the result's unit to that
+    decimals: int  # that are shown
+    higher_is_better: bool = False  # most are errors, for which lower is
+    per_frame: bool = True  # measured in every frame, else once a run
 
     @property
     def sign(self) -> int:
@@ -61,6 +51,8 @@ MEASURES: tuple[Measure, ...] = (
 )
 """The first that a study knows is the one that it is judged by: MPJPE, which needs no first pose to start from."""
 
+MEASURE_OF = {measure.key: measure for measure in MEASURES}
+
 EQ_20 = ("eq20_as_printed", "marker_error")
 """The two readings of the paper's Eq. 20, see :mod:`mmocap_warp.result.marker_errors`."""
 
@@ -83,13 +75,9 @@ def algorithm_label(name: str) -> str:
 
 @dataclass(frozen=True, order=True)
 class Contender:
-    """One of the trackers that are compared: an algorithm with a model and a budget.
+    """One of the trackers that are compared: an algorithm with a model and a budget."""
 
-    Attributes:
-        algorithm, dof, evaluations: see ``Cell``.
-    """
-
-    algorithm: str
+    algorithm: str  # see ``Cell``
     dof: int
     evaluations: int
 
@@ -103,37 +91,22 @@ class Contender:
 
 @dataclass(frozen=True)
 class CellSummary:
-    """A cell's result in short; every measure in the unit that it is shown in.
+    """A cell's result in short; every measure in the unit that it is shown in."""
 
-    Attributes:
-        cell: which one.
-        seeds: (run,).
-        frames: (frame,) frame numbers.
-        runs: (run,) by measure: the mean over frames.
-        spread: (5,) by measure of frames: minimum, quartiles and maximum over all frames of all runs.
-        curve: (frame,) by measure of frames: the median over runs.
-        floors: by measure: what the tracked body scores at the true angles, where that is known.
-        frames_lost: share of frames without a view to judge by.
-        typical_pose: (frame, 51), poses of the run whose main measure is the median of all runs.
-        typical_curve: (frame,), that run's main measure; NaN where it is unknown.
-        seconds: of the search, all runs and frames together.
-        evaluations: all runs and frames together.
-        meta: see ``CellResult``.
-    """
-
-    cell: Cell
-    seeds: np.ndarray
-    frames: np.ndarray
-    runs: dict[str, np.ndarray]
+    cell: Cell  # which one
+    seeds: np.ndarray  # (run,)
+    frames: np.ndarray  # (frame,) frame numbers
+    runs: dict[str, np.ndarray]  # (run,) by measure: the mean over frames
+    # (5,) by measure of frames: minimum, quartiles and maximum over all frames of all runs
     spread: dict[str, np.ndarray]
-    curve: dict[str, np.ndarray]
-    floors: dict[str, float]
-    frames_lost: float
-    typical_pose: np.ndarray
-    typical_curve: np.ndarray
-    seconds: float
-    evaluations: int
-    meta: dict
+    curve: dict[str, np.ndarray]  # (frame,) by measure of frames: the median over runs
+    floors: dict[str, float]  # by measure: what the tracked body scores at the true angles, where that is known
+    frames_lost: float  # share of frames without a view to judge by
+    typical_pose: np.ndarray  # (frame, 51), poses of the run whose main measure is the median of all runs
+    typical_curve: np.ndarray  # (frame,), that run's main measure; NaN where it is unknown
+    seconds: float  # of the search, all runs and frames together
+    evaluations: int  # all runs and frames together
+    meta: dict  # see ``CellResult``
 
 
 def summarise(result: CellResult) -> CellSummary:
@@ -185,19 +158,15 @@ class StudySummary:
 
     The grid is what the paper compares: searches with the body as given, of people in the family of the tracker's
     bodies. Beside it stand other trackers, strangers and baselines.
-
-    Attributes:
-        cells: summary by cell, of all presets; the grid may have gaps.
-        baselines: what needs no tracking, by sequence and a name of ``BASELINES``.
-        alone: seconds that a frame takes where a single run is tracked at a time, by contender; empty where unknown.
-        planned: the cells that should be there, as far as that is known.
-        rankings: what :func:`mmocap_warp.study.study_tables.rank` has made of it so far.
     """
 
-    cells: dict[Cell, CellSummary]
+    cells: dict[Cell, CellSummary]  # summary by cell, of all presets; the grid may have gaps
+    # what needs no tracking, by sequence and a name of ``BASELINES``
     baselines: Mapping[tuple[str, str], CellSummary] = field(default_factory=dict)
+    # seconds that a frame takes where a single run is tracked at a time, by contender; empty where unknown
     alone: Mapping[Contender, float] = field(default_factory=dict)
-    planned: frozenset[Cell] = frozenset()
+    planned: frozenset[Cell] = frozenset()  # the cells that should be there, as far as that is known
+    # what :func:`mmocap_warp.study.study_tables.rank` has made of it so far
     rankings: dict[tuple, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @classmethod

@@ -16,19 +16,12 @@ _CONTOURS = 500  # evaluations that a frame's contours take as long as, the clip
 
 @dataclass(frozen=True)
 class Task:
-    """A cell to be tracked.
+    """A cell to be tracked."""
 
-    Attributes:
-        job: what a worker is given.
-        path: where the result goes.
-        frames: of the clip.
-        grid: number of the study's grid; those of an earlier one come first.
-    """
-
-    job: Job
-    path: Path
-    frames: int
-    grid: int = 0
+    job: Job  # what a worker is given
+    path: Path  # where the result goes
+    frames: int  # of the clip
+    grid: int = 0  # number of the study's grid; those of an earlier one come first
 
     @property
     def cell(self) -> Cell:

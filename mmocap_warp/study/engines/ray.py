@@ -25,17 +25,11 @@ _PATIENCE = 60.0  # how long to wait while the cluster has no machine for a work
 
 @dataclass(frozen=True)
 class Shares:
-    """What each worker gets of a cluster.
+    """What each worker gets of a cluster."""
 
-    Attributes:
-        workers: how many.
-        gpus: of each.
-        cpus: of each.
-    """
-
-    workers: int
-    gpus: float
-    cpus: int
+    workers: int  # how many
+    gpus: float  # of each
+    cpus: int  # of each
 
     @property
     def device_kind(self) -> str:

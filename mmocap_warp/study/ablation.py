@@ -75,10 +75,10 @@ def track_with_seed(
 class AblationCell:
     """One point of an ablation."""
 
-    clip: Clip  # what is tracked
-    degradation: str  # see :mod:`mmocap_warp.study.degradations`
-    label: str  # what the tracker is called in tables
-    settings: TrackConfig  # of the tracker; its seed and runs do not count
+    clip: Clip  # it is tracked
+    degradation: str  # as :mod:`mmocap_warp.study.degradations` writes it
+    label: str  # the tracker's name in tables
+    settings: TrackConfig  # the tracker's; their seed and runs do not count
     seed: int  # of the tracker, of the fit, and of the degradation where that is random
     start: str = "given"  # one of ``STARTS``
 

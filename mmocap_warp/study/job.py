@@ -49,9 +49,9 @@ class Advance:
     """How far a worker is with its job."""
 
     stage: str  # ``masks`` while they are read or made, ``search`` after that
-    done: int  # frames
-    total: int
-    evaluations: int  # spent so far, all runs together
+    done: int  # frames that are done
+    total: int  # frames of the clip
+    evaluations: int  # that were spent so far, of all runs together
 
 
 @dataclass(frozen=True)

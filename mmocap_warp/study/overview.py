@@ -55,11 +55,11 @@ def all_trackers(study: StudySummary) -> Table:
 class Lead:
     """Our tracker against the best of the grid on a sequence."""
 
-    sequence: str  # which
-    ours: Contender  # the two
-    best: Contender
-    error: tuple[float, float]  # the main measure of either
-    seconds: tuple[float, float]  # of a frame of a run that is tracked alone, of either; NaN where unknown
+    sequence: str
+    ours: Contender
+    best: Contender  # of the grid
+    error: tuple[float, float]  # of ours and of the best, by the main measure
+    seconds: tuple[float, float]  # that a frame of a run takes either of them alone; NaN where unknown
 
     @property
     def half(self) -> bool:

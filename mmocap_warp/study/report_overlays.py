@@ -29,13 +29,13 @@ _SETTLED = 0.1  # share of a sequence that is left out of the search for extreme
 
 @dataclass(frozen=True)
 class Picture:
-    """A frame of a run, drawn."""
+    """A frame of a cell's typical run, drawn."""
 
-    sequence: str  # of the run, which is the typical one of its cell
+    sequence: str
     algorithm: str
-    frame: int  # its number
-    camera: str  # whose view it is
-    error: float  # the main measure in this frame
+    frame: int
+    camera: str  # the view's
+    error: float  # the main measure in that frame
     drawing: str  # an ``svg`` element
 
 

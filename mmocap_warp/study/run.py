@@ -14,7 +14,7 @@ from mmocap_warp.study.cell import Cell, CellResult, read_cell, write_cell
 from mmocap_warp.study.engines.engine import Death, Engine, EngineLost, Event, Notice, Ready
 from mmocap_warp.study.job import Advance, Refusal
 from mmocap_warp.study.source import Clip
-from mmocap_warp.study.tasks import Task
+from mmocap_warp.study.store import Task
 
 _ATTEMPTS = 3  # how often a cell is begun whose workers die
 _WAIT = 0.5  # longest wait for the next event [s]
@@ -28,9 +28,9 @@ _SECONDS_BETWEEN_TRIES = 5.0  # to store what waits
 class Seat:
     """A worker, as a person is told of it."""
 
-    name: str  # its device, and its machine where there are several
+    name: str  # of its device, and of its machine where there are several
     cell: Cell | None  # what it is tracking; None while it waits
-    advance: Advance | None  # how far it is with that
+    advance: Advance | None  # how far that is
 
 
 @dataclass(frozen=True)
@@ -164,11 +164,11 @@ class Outbox:
 class _Worker:
     """What is known of a worker."""
 
-    name: str  # its device, and its machine where there are several
-    clip: Clip | None = None  # what it tracked last, whose masks it holds
+    name: str  # of its device, and of its machine where there are several
+    clip: Clip | None = None  # it tracked this last, and holds its masks
     task: Task | None = None  # what it is tracking
-    begun: float = 0.0  # when it began that
-    advance: Advance | None = None  # how far it is with that
+    begun: float = 0.0  # when that was begun
+    advance: Advance | None = None  # how far that is
 
 
 class _Run:

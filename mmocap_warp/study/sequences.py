@@ -103,12 +103,12 @@ Motion = Callable[[BodyModel, int, int], np.ndarray]
 class SequencePlan:
     """How a sequence is made."""
 
-    person: str  # a key of ``PEOPLE`` or ``STRANGERS``
-    frames: int  # its length
+    person: str  # who moves: a key of ``PEOPLE`` or ``STRANGERS``
+    frames: int  # of the whole sequence
     motion: Motion  # what the person does
-    heading: float  # of those axes in the world [rad]
-    seed: int  # of everything in the sequence
-    cameras: tuple[str, ...] = tuple(_CAMERAS)  # those of the ring that record it
+    heading: float  # of the motion's axes in the world [rad]
+    seed: int  # of everything that is random in the sequence
+    cameras: tuple[str, ...] = tuple(_CAMERAS)  # of the ring, those that record it
 
 
 def walking_around(radius: float, stride: float, cadence: float, step_width: float = Walk.step_width) -> Motion:

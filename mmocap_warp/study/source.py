@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import cache
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -33,19 +33,18 @@ _RIG_DECIMALS = 9  # of a calibration that count: more differ between machines
 class Clip:
     """Which frames of which sequence a cell tracks."""
 
-    name: str  # of the sequence
+    name: str  # the sequence's
     scene: Path | None = None  # its ``scene.toml``; None for a shipped sequence
-    frames: int | None = None  # at most so many, from the first on; None for all
+    frames: int | None = None  # the most that count, from the first on; None for all
     scale: float = 1.0  # of masks and cameras, in (0, 1]; 1 for a shipped sequence
     subject: Path | None = None  # file of the subject to start from; None for the sequence's own
 
 
-@dataclass(frozen=True)
-class ClipFacts:
+class ClipFacts(NamedTuple):
     """What can be said of a clip without opening it."""
 
     identity: str  # a hash of what a result depends on, the same on any machine
-    frames: int  # how many
+    frames: int  # their number
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,7 @@ class OpenClip:
     subject: Subject  # where tracking starts
     rig: CameraRig  # undistorted cameras
     truth: Truth | None  # what is known of these frames, if anything
-    frames: int  # how many
+    frames: int  # their number
     observations: Iterator[Observation]  # their masks, read or made as they are asked for, once
 
 

@@ -28,13 +28,13 @@ def ranks(scores: np.ndarray) -> np.ndarray:
 class Omnibus:
     """Do the algorithms differ at all?"""
 
-    statistic: float  # Friedman's, distributed as chi-square with ``dof`` degrees of freedom
+    statistic: float  # Friedman's; distributed as chi-square with ``dof`` degrees of freedom
     dof: int  # algorithms less one
-    p: float  # probability of a larger statistic were all alike
+    p: float  # chance of a larger statistic, were all algorithms alike
     critical: float  # value that the statistic must exceed at level ``ALPHA``
     f: float  # Iman and Davenport's less conservative statistic, distributed as F with ``f_dof``
-    f_dof: tuple[int, int]  # its degrees of freedom
-    f_p: float  # its p-value
+    f_dof: tuple[int, int]  # degrees of freedom of ``f``
+    f_p: float  # the p-value of ``f``
     kendall_w: float  # agreement of the blocks' rankings, 0 none to 1 the same ranking in each: the effect's size
 
 
@@ -80,8 +80,8 @@ def tie_variance(rank: np.ndarray) -> float:
 class Comparison:
     """An algorithm against the control, the one with the best average rank."""
 
-    algorithm: int  # its position among the average ranks
-    rank: float  # its average rank
+    algorithm: int  # its place among the average ranks that were given
+    rank: float  # the average
     z: float  # how many standard errors it ranks behind the control
     p: float  # two-sided, unadjusted; NaN for the control itself
     threshold: float  # Holm's, which ``p`` must fall below: ``ALPHA / (place - 1)``; NaN for the control

@@ -21,13 +21,13 @@ from mmocap_warp.tracking.algorithms import ALGORITHMS, CONTOUR_TRACKERS
 class Measure:
     """Something that results are judged by."""
 
-    key: str  # its name in a ``CellResult``
-    label: str  # its name for people
-    unit: str  # what it is shown in; empty for a pure number
-    factor: float  # from the result's unit to that
-    decimals: int  # that are shown
-    higher_is_better: bool = False  # most are errors, for which lower is
-    per_frame: bool = True  # measured in every frame, else once a run
+    key: str  # the measure's name in a ``CellResult``
+    label: str  # the measure's name for people
+    unit: str  # values are shown in it; empty for a pure number
+    factor: float  # from the result's unit to ``unit``
+    decimals: int  # of a value that is shown
+    higher_is_better: bool = False  # else it is an error, and lower is better
+    per_frame: bool = True  # whether it is measured in every frame, or once a run
 
     @property
     def sign(self) -> int:
@@ -77,7 +77,7 @@ def algorithm_label(name: str) -> str:
 class Contender:
     """One of the trackers that are compared: an algorithm with a model and a budget."""
 
-    algorithm: str  # see ``Cell``
+    algorithm: str
     dof: int
     evaluations: int
 
@@ -93,7 +93,7 @@ class Contender:
 class CellSummary:
     """A cell's result in short; every measure in the unit that it is shown in."""
 
-    cell: Cell  # which one
+    cell: Cell
     seeds: np.ndarray  # (run,)
     frames: np.ndarray  # (frame,) frame numbers
     runs: dict[str, np.ndarray]  # (run,) by measure: the mean over frames
@@ -104,9 +104,9 @@ class CellSummary:
     frames_lost: float  # share of frames without a view to judge by
     typical_pose: np.ndarray  # (frame, 51), poses of the run whose main measure is the median of all runs
     typical_curve: np.ndarray  # (frame,), that run's main measure; NaN where it is unknown
-    seconds: float  # of the search, all runs and frames together
-    evaluations: int  # all runs and frames together
-    meta: dict  # see ``CellResult``
+    seconds: float  # of searching, in all runs and frames together
+    evaluations: int  # in all runs and frames together
+    meta: dict  # as in ``CellResult``
 
 
 def summarise(result: CellResult) -> CellSummary:

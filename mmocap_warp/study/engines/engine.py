@@ -20,7 +20,7 @@ class Ready:
 class Death:
     """A worker is gone, and with it what it was tracking. Another one may become ready in its place."""
 
-    reason: str  # what happened
+    reason: str  # why it is gone
     remedy: str = ""  # what the user can do if it happens again, where that is known
 
 

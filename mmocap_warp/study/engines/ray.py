@@ -27,9 +27,9 @@ _PATIENCE = 60.0  # how long to wait while the cluster has no machine for a work
 class Shares:
     """What each worker gets of a cluster."""
 
-    workers: int  # how many
-    gpus: float  # of each
-    cpus: int  # of each
+    workers: int  # their number
+    gpus: float  # of each worker
+    cpus: int  # of each worker
 
     @property
     def device_kind(self) -> str:

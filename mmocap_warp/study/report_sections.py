@@ -24,10 +24,10 @@ from mmocap_warp.study.overview import (
 from mmocap_warp.study.report_figures import (
     box_figure,
     curve_figure,
+    curves_legend,
     growth_figure,
     legend,
     rank_figure,
-    shown_others,
     time_error_figure,
     times_and_errors,
 )
@@ -191,7 +191,7 @@ def curves_section(study: StudySummary) -> Section:
                 keys = {"curve": measure.key, "sequence": sequence, "model": dof, "budget": budget}
                 parts.append(choice(study, drawn(drawing, caption), **keys))
     ours = " Of our trackers, those with the body solved where they were run; at their own budgets."
-    marks = legend([*study.algorithms, *shown_others(study)])
+    marks = curves_legend(study)
     figures = [fill("figure", content=[*curves, marks]) for curves in (grown, parts) if curves or curves is parts]
     return Section("curves", "Error over time", [fill("curves", ours=ours if study.others else ""), *figures])
 
@@ -300,6 +300,5 @@ def strangers_section(study: StudySummary) -> Section | None:
             size = extent(summary for cell, summary in study.cells.items() if cell.sequence == name)
             caption = f"{main.label}, {name}, {dof} DOF, {budget:,} evaluations per frame. {size}."
             parts.append(fill("figure", content=drawn(drawing, caption)))
-    marks = legend([*study.algorithms, *shown_others(study)])
     title = "People outside the family of bodies"
-    return Section("strangers", title, [fill("strangers"), *parts, marks]) if parts else None
+    return Section("strangers", title, [fill("strangers"), *parts, curves_legend(study)]) if parts else None

@@ -13,7 +13,7 @@ from mmocap_warp.study.report_parts import Html, Name, Table
 from mmocap_warp.study.statistics import ALPHA
 from mmocap_warp.study.study_tables import ModelDifference, Ranking, Row
 from mmocap_warp.study.summary import BASELINES, CellSummary, Contender, Measure, StudySummary, algorithm_label
-from mmocap_warp.study.wording import DASH, extent, in_unit, interval, p_value, shown, spelled, statistic, with_unit
+from mmocap_warp.study.wording import DASH, extent, interval, p_value, shown, spelled, statistic, with_unit
 
 RANK_HEAD = ["Algorithm", "Rank", "p-value"]
 
@@ -61,7 +61,7 @@ def effect_table(ranking: Ranking) -> Table:
     """A ranking's intervals, effect sizes and adjusted p-values, and the paper's ranks."""
     first = ranking.rows[0].contender
     caption = (
-        f"{first.evaluations:,} evaluations, {ranking.measure.label}{in_unit(ranking.measure)}, "
+        f"{first.evaluations:,} evaluations, {ranking.measure.title}, "
         f"{ranking.seeds} seeds, {len(ranking.sequences)} sequences"
     )
     head = ["Algorithm", "Mean", "95 %", "Rank", "95 %", "Holm-adjusted p", "A"]
@@ -93,7 +93,7 @@ def unranked_table(study: StudySummary, measure: Measure) -> Table | None:
     who = [*study.others, *study.baseline_contenders]
     cells = study.cells_of(study.others, measure)
     size = f" {extent(cells)}." if cells else ""
-    caption = f"Not ranked, {measure.label}{in_unit(measure)}, mean over {len(study.sequences)} sequences.{size}"
+    caption = f"Not ranked, {measure.title}, mean over {len(study.sequences)} sequences.{size}"
     rows = [[str(each), shown(study.level(each, measure), measure)] for each in who]
     return Table(caption, ["Tracker", "Mean"], rows, "") if rows else None
 
@@ -121,7 +121,7 @@ def sequence_table(study: StudySummary, measure: Measure, budget: int) -> Table:
     shown_cells = [study.cells[cell] for cell in study.grid if cell.evaluations == budget]
     own = "; our trackers at their own budgets" if study.others else ""
     caption = (
-        f"{measure.label}{in_unit(measure)}, mean ± standard deviation over runs, {budget:,} evaluations per frame"
+        f"{measure.title}, mean ± standard deviation over runs, {budget:,} evaluations per frame"
         f"{own}. {extent([*shown_cells, *study.cells_of(study.others, measure)])}."
     )
     return Table(caption, ["Algorithm", "DOF", *study.sequences], rows, "sequences")
@@ -153,7 +153,7 @@ def difference_table(differences: Sequence[ModelDifference], measure: Measure, m
     numbers = sorted({difference.sequences for difference in differences})
     blocks = " to ".join(map(str, dict.fromkeys((numbers[0], numbers[-1]))))
     caption = (
-        f"{measure.label}{in_unit(measure)} with {models[0]} DOF less that with {models[-1]}, mean over sequences; "
+        f"{measure.title} with {models[0]} DOF less that with {models[-1]}, mean over sequences; "
         f"A is the chance that a run with {models[0]} is better; Wilcoxon’s signed-rank test is over the sequences "
         f"({blocks}), two-sided, bold below {ALPHA:g}"
     )

@@ -6,10 +6,12 @@ long as the paper's. ``docs/sequences.md`` says what is in all of them and how t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections import UserDict
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -132,35 +134,28 @@ def walking_around(radius: float, stride: float, cadence: float, step_width: flo
     return motion
 
 
-def _gesturing(person: str) -> Motion:
-    return lambda body, frames, seed: gesturing(body, frames, FPS, SCRIPTS[person], seed)
-
-
-def _boxing(person: str) -> Motion:
-    return lambda body, frames, seed: boxing(body, frames, FPS, ROUNDS[person], seed)
-
-
-def _spinning(person: str) -> Motion:
-    return lambda body, frames, seed: spinning(body, frames, FPS, SPINS[person], seed)
+def _acting(act: Callable[..., np.ndarray], scripts: Mapping[str, Any], person: str) -> Motion:
+    """What a person's script says."""
+    return lambda body, frames, seed: act(body, frames, FPS, scripts[person], seed)
 
 
 PLANS: dict[str, SequencePlan] = {
     "S1/Walking": SequencePlan("S1", 401, walking_around(1.10, 1.15, 112.0), 0.4, 11),
-    "S1/Gestures": SequencePlan("S1", 267, _gesturing("S1"), 0.2, 12),
-    "S1/Box": SequencePlan("S1", 263, _boxing("S1"), 1.9, 13),
+    "S1/Gestures": SequencePlan("S1", 267, _acting(gesturing, SCRIPTS, "S1"), 0.2, 12),
+    "S1/Box": SequencePlan("S1", 263, _acting(boxing, ROUNDS, "S1"), 1.9, 13),
     "S2/Walking": SequencePlan("S2", 292, walking_around(1.00, 1.10, 116.0), 2.1, 21),
-    "S2/Gestures": SequencePlan("S2", 300, _gesturing("S2"), 1.1, 22),
-    "S2/Box": SequencePlan("S2", 245, _boxing("S2"), 0.6, 23),
+    "S2/Gestures": SequencePlan("S2", 300, _acting(gesturing, SCRIPTS, "S2"), 1.1, 22),
+    "S2/Box": SequencePlan("S2", 245, _acting(boxing, ROUNDS, "S2"), 0.6, 23),
     "S3/Walking": SequencePlan("S3", 313, walking_around(1.15, 1.22, 106.0), 4.0, 31),
-    "S3/Gestures": SequencePlan("S3", 367, _gesturing("S3"), -0.3, 32),
-    "S3/Box": SequencePlan("S3", 340, _boxing("S3"), 1.4, 33),
+    "S3/Gestures": SequencePlan("S3", 367, _acting(gesturing, SCRIPTS, "S3"), -0.3, 32),
+    "S3/Box": SequencePlan("S3", 340, _acting(boxing, ROUNDS, "S3"), 1.4, 33),
 }
 """The nine by name; lengths are a third of what the paper tracked."""
 
 _FIVE_CAMERAS = ("C1", "C2", "C3", "BW2", "BW4")
 FURTHER_PLANS: dict[str, SequencePlan] = {
-    "S1/Spin": SequencePlan("S1", 240, _spinning("S1"), 0.9, 41, _FIVE_CAMERAS),
-    "S2/Spin": SequencePlan("S2", 240, _spinning("S2"), 2.6, 42, _FIVE_CAMERAS),
+    "S1/Spin": SequencePlan("S1", 240, _acting(spinning, SPINS, "S1"), 0.9, 41, _FIVE_CAMERAS),
+    "S2/Spin": SequencePlan("S2", 240, _acting(spinning, SPINS, "S2"), 2.6, 42, _FIVE_CAMERAS),
     "Uneven/Walking": SequencePlan("Uneven", 240, walking_around(1.10, 1.10, 112.0), 0.4, 51),
     "Skirt/Walking": SequencePlan("Skirt", 240, walking_around(1.00, 1.10, 116.0), 2.1, 52),
     "Child/Walking": SequencePlan("Child", 240, walking_around(0.90, 0.60, 138.0, step_width=0.07), 4.0, 53),
@@ -187,7 +182,10 @@ def make_sequence(name: str, plan: SequencePlan, person: Person | None = None) -
     masks = SegmentedMasks(body, contrast, _LIGHT, plan.seed)
     recording = Recording(body, base, poses, FPS, study_rig().select(plan.cameras), masks, posed_by=person.posed_by)
     start = fitted_start(person, base, poses[0], plan.seed)
-    return StudySequence(name, FPS, start, _truth(recording, plan.seed), recording)
+    exact = recording.truth({HEAD_TOP: head_top(recording.body)})
+    noise = MARKER_NOISE * np.random.default_rng([plan.seed, 2]).standard_normal(exact.markers.shape)
+    truth = replace(exact, markers=np.round(exact.markers + noise, 7), joints=np.round(exact.joints, 7))
+    return StudySequence(name, FPS, start, truth, recording)
 
 
 def clip_sequence(
@@ -214,27 +212,12 @@ def clip_sequence(
     return replace(made, truth=replace(made.truth, marker_names=moved.marker_names, markers=np.round(paths, 7)))
 
 
-class MadeSequences(Mapping[str, StudySequence]):
-    """Sequences by name, each made when it is first asked for.
-
-    Args:
-        plans: how, by name.
-    """
-
-    def __init__(self, plans: Mapping[str, SequencePlan]) -> None:
-        self._plans = plans
+class MadeSequences(UserDict[str, Any]):
+    """Sequences by name, each made when it is first asked for; it is filled with their plans."""
 
     def __getitem__(self, name: str) -> StudySequence:
-        return _made(name, self._plans[name])
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._plans
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._plans)
-
-    def __len__(self) -> int:
-        return len(self._plans)
+        """The sequence."""
+        return _made(name, self.data[name])
 
 
 @cache
@@ -265,9 +248,7 @@ def _floor_axes(heading: float) -> np.ndarray:
 def _facing_ahead(poses: np.ndarray, heading: float) -> tuple[np.ndarray, np.ndarray]:
     """The base (3, 3) in which the body faces ahead in frame 0, and the poses (frame, 51) from it.
 
-    Args:
-        poses: in body axes about the origin of the floor.
-        heading: of those axes in the world [rad].
+    The given poses are in body axes about the origin of the floor, which have this heading in the world [rad].
     """
     turned = zyx_rotation(poses[:, 3:6])
     floor = _floor_axes(heading)
@@ -276,9 +257,3 @@ def _facing_ahead(poses: np.ndarray, heading: float) -> tuple[np.ndarray, np.nda
     moved[:, :3] = poses[:, :3] @ floor.T
     moved[:, 3:6] = zyx_angles(base.T @ floor @ turned)
     return base, np.round(moved, 9)
-
-
-def _truth(recording: Recording, seed: int) -> Truth:
-    exact = recording.truth({HEAD_TOP: head_top(recording.body)})
-    noise = MARKER_NOISE * np.random.default_rng([seed, 2]).standard_normal(exact.markers.shape)
-    return replace(exact, markers=np.round(exact.markers + noise, 7), joints=np.round(exact.joints, 7))

@@ -30,6 +30,11 @@ class Measure:
     per_frame: bool = True  # whether it is measured in every frame, or once a run
 
     @property
+    def title(self) -> str:
+        """The label with the unit in brackets, if it has one."""
+        return f"{self.label} [{self.unit}]" if self.unit else self.label
+
+    @property
     def sign(self) -> int:
         """Times this, a lower value is better."""
         return -1 if self.higher_is_better else 1
@@ -209,13 +214,12 @@ class StudySummary:
             for cell in self.cells
             if cell.preset == self.preset and cell.algorithm not in names
         }
-        order = [*CONTOUR_TRACKERS, *ALGORITHMS]
+        place = {name: number for number, name in enumerate([*CONTOUR_TRACKERS, *ALGORITHMS])}
 
-        def place(who: Contender) -> tuple[bool, int, Contender]:
-            name = who.algorithm.partition("+")[0]
-            return "+solved" not in who.algorithm, order.index(name) if name in order else len(order), who
+        def key(who: Contender) -> tuple[bool, int, Contender]:
+            return "+solved" not in who.algorithm, place.get(who.algorithm.partition("+")[0], len(place)), who
 
-        return sorted(found, key=place)
+        return sorted(found, key=key)
 
     @cached_property
     def baseline_contenders(self) -> list[Contender]:
@@ -327,8 +331,12 @@ def seconds_alone(results: Iterable[CellResult]) -> dict[Contender, float]:
 
 def in_order(algorithms: Iterable[str]) -> list[str]:
     """Each algorithm once: the paper's as in its Table 4, then others as they are registered, then the rest."""
-    order = [*ALGORITHM_ORDER, *ALGORITHMS]
-    return sorted(set(algorithms), key=lambda name: (order.index(name) if name in order else len(order), name))
+    return ordered(algorithms, [*ALGORITHM_ORDER, *ALGORITHMS])
+
+
+def ordered(names: Iterable[str], order: Sequence[str]) -> list[str]:
+    """Each name once: as in ``order``, then the rest by the alphabet."""
+    return sorted(set(names), key=lambda name: (order.index(name) if name in order else len(order), name))
 
 
 def _is_search(algorithm: str) -> bool:

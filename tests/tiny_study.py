@@ -16,7 +16,7 @@ from mmocap_warp.scenes import ROOT
 from mmocap_warp.study.definition import load_study
 from mmocap_warp.study.engines.engine import Engine
 from mmocap_warp.study.run import Status, run_study
-from mmocap_warp.study.tasks import Task, plan_tasks
+from mmocap_warp.study.store import Task, plan_tasks
 
 FRAMES = 3
 STUDY = """

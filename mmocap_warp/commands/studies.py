@@ -16,15 +16,13 @@ from mmocap_warp.study import run
 from mmocap_warp.study.baselines import baselines
 from mmocap_warp.study.cell import CellResult, read_cell
 from mmocap_warp.study.definition import Study, load_study
-from mmocap_warp.study.earlier_code import keep_earlier_cells
 from mmocap_warp.study.engines.engine import Engine
 from mmocap_warp.study.job import device_kind
 from mmocap_warp.study.report_build import clips_of, write_report
 from mmocap_warp.study.report_setting import mixture
 from mmocap_warp.study.run import Status
-from mmocap_warp.study.store import open_folder, read_results
+from mmocap_warp.study.store import Task, keep_earlier_cells, open_folder, plan_tasks, read_results
 from mmocap_warp.study.summary import StudySummary, seconds_alone, summarise, with_typical_pose
-from mmocap_warp.study.tasks import Task, plan_tasks
 
 SUMMARY = {
     "mpjpe": "mpjpe_mm",

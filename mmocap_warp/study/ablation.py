@@ -73,23 +73,14 @@ def track_with_seed(
 
 @dataclass(frozen=True)
 class AblationCell:
-    """One point of an ablation.
+    """One point of an ablation."""
 
-    Attributes:
-        clip: what is tracked.
-        degradation: see :mod:`mmocap_warp.study.degradations`.
-        label: what the tracker is called in tables.
-        settings: of the tracker; its seed and runs do not count.
-        seed: of the tracker, of the fit, and of the degradation where that is random.
-        start: one of ``STARTS``.
-    """
-
-    clip: Clip
-    degradation: str
-    label: str
-    settings: TrackConfig
-    seed: int
-    start: str = "given"
+    clip: Clip  # it is tracked
+    degradation: str  # as :mod:`mmocap_warp.study.degradations` writes it
+    label: str  # the tracker's name in tables
+    settings: TrackConfig  # the tracker's; their seed and runs do not count
+    seed: int  # of the tracker, of the fit, and of the degradation where that is random
+    start: str = "given"  # one of ``STARTS``
 
     def __post_init__(self) -> None:
         if self.start not in STARTS:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,11 +12,11 @@ from mmocap_warp.study.study_tables import (
     FEWEST_SEQUENCES,
     ModelDifference,
     Ranking,
-    by_algorithm,
-    by_model,
+    algorithm_rankings,
     model_differences,
+    model_rankings,
 )
-from mmocap_warp.study.summary import MEASURES, CellSummary, Measure, StudySummary, algorithm_label
+from mmocap_warp.study.summary import MEASURE_OF, CellSummary, Measure, StudySummary, algorithm_label
 from mmocap_warp.study.wording import counted, named, spelled, with_unit
 
 AGREES, MOSTLY, FAILS, DIFFERS, TIED = "agrees", "mostly agrees", "fails", "differs", "tied"
@@ -33,21 +33,16 @@ Verdict = tuple[str, str]
 class Finding:
     """A claim of the paper and what became of it.
 
-    Attributes:
-        claim: in the paper's sense.
-        where: it is made.
-        by: the measure that it was checked on.
-        verdict: ``agrees`` if it holds in every case. If it does not: ``fails`` where the paper claims it of all cases,
-            else ``mostly agrees`` if it holds in more than half, ``tied`` if every case is a tie, and ``differs``
-            otherwise. ``not tested`` where the study has no case, ``cannot be judged`` where it has too few sequences.
-        evidence: the numbers.
+    The verdict is ``agrees`` if it holds in every case. If it does not: ``fails`` where the paper claims it of all
+    cases, else ``mostly agrees`` if it holds in more than half, ``tied`` if every case is a tie, and ``differs``
+    otherwise. ``not tested`` where the study has no case, ``cannot be judged`` where it has too few sequences.
     """
 
     claim: str
-    where: str
-    by: str
+    where: str  # it is made
+    by: str  # the measure that it was checked on
     verdict: str
-    evidence: str
+    evidence: str  # the numbers
 
 
 def check_claims(study: StudySummary, measure: Measure) -> list[Finding]:
@@ -57,8 +52,26 @@ def check_claims(study: StudySummary, measure: Measure) -> list[Finding]:
     Tables 4 to 7, which rank "best solutions' fitness": they are judged by ``measure``, and beside it by the fitness.
     """
     measures = [measure, *(other for other in study.measures if other.key == "cost" and other != measure)]
-    of_ranks = zip(*(_about_ranks(study, each) for each in measures), strict=True)
-    return [finding for findings in of_ranks for finding in findings] + list(_about_errors(study, measure))
+    rankings = [(each, Rankings.of(study, each)) for each in measures]
+    findings = []
+    for claim, where, significant, judge in _RANK_CLAIMS:
+        for by, every in rankings:
+            # What is said of significance is checked on those rankings alone that could tell.
+            verdict = judge(every.over_enough(significant=significant))
+            if verdict[0] == UNTESTED and judge(every)[0] != UNTESTED:
+                verdict = _too_few(study)
+            findings.append(Finding(claim, where, named(by), *verdict))
+    for claim, own, of_errors in _ERROR_CLAIMS:
+        by = own or measure
+        verdict = of_errors(study, by)
+        if verdict[0] != UNTESTED and len(study.sequences) < FEWEST_SEQUENCES:
+            verdict = _too_few(study)
+        findings.append(Finding(claim, "section 5.3", named(by), *verdict))
+    return findings
+
+
+def _too_few(study: StudySummary) -> Verdict:
+    return TOO_FEW, f"Too few for that: {spelled(len(study.sequences), 'sequence')}."
 
 
 def judged(leads: Iterable[float], evidence: str, *, of_all: bool = False) -> Verdict:
@@ -90,27 +103,18 @@ def judged(leads: Iterable[float], evidence: str, *, of_all: bool = False) -> Ve
 
 @dataclass(frozen=True)
 class Rankings:
-    """A study's rankings by a measure.
+    """A study's rankings by a measure."""
 
-    Attributes:
-        of_algorithms: against each other, by degrees of freedom and budget.
-        of_models: each algorithm's models and budgets, by the algorithm.
-        differences: between the models, of each algorithm and budget.
-    """
-
-    of_algorithms: dict[tuple[int, int], Ranking]
-    of_models: dict[str, Ranking]
-    differences: list[ModelDifference]
+    of_algorithms: list[Ranking]  # against each other, of each model and budget
+    of_models: dict[str, Ranking]  # each algorithm's models and budgets, by the algorithm
+    differences: list[ModelDifference]  # between the models, of each algorithm and budget
 
     @classmethod
     def of(cls, study: StudySummary, measure: Measure) -> Rankings:
         """All of them."""
-        grid = [(dof, budget) for dof in study.models for budget in study.budgets]
-        of_algorithms = {at: by_algorithm(study, measure, *at) for at in grid}
-        of_models = {name: by_model(study, measure, name) for name in study.algorithms}
         return cls(
-            {at: ranking for at, ranking in of_algorithms.items() if ranking is not None},
-            {name: ranking for name, ranking in of_models.items() if ranking is not None},
+            [ranking for dof in study.models for ranking in algorithm_rankings(study, measure, dof)],
+            {name: ranking for name in study.algorithms for ranking in model_rankings(study, measure, [name])},
             model_differences(study, measure),
         )
 
@@ -122,30 +126,16 @@ class Rankings:
 
         fewest = FEWEST_PAIRS if significant else FEWEST_SEQUENCES
         return Rankings(
-            {at: ranking for at, ranking in self.of_algorithms.items() if enough(ranking)},
+            [ranking for ranking in self.of_algorithms if enough(ranking)],
             {name: ranking for name, ranking in self.of_models.items() if enough(ranking)},
             [pair for pair in self.differences if pair.sequences >= fewest],
         )
 
 
-def _about_ranks(study: StudySummary, measure: Measure) -> Iterator[Finding]:
-    """What is said of significance is checked on those rankings alone that could tell."""
-    every = Rankings.of(study, measure)
-    for claim, where, significant, judge in _RANK_CLAIMS:
-        verdict, evidence = judge(every.over_enough(significant=significant))
-        if verdict == UNTESTED and judge(every)[0] != UNTESTED:
-            verdict, evidence = _too_few(study)
-        yield Finding(claim, where, named(measure), verdict, evidence)
-
-
-def _too_few(study: StudySummary) -> Verdict:
-    return TOO_FEW, f"Too few for that: {spelled(len(study.sequences), 'sequence')}."
-
-
 def _h_cmaes_first(rankings: Rankings) -> Verdict:
     """By how far its average rank is before the best of the others."""
     leads, others = [], set()
-    for ranking in rankings.of_algorithms.values():
+    for ranking in rankings.of_algorithms:
         rank = _average_ranks(ranking)
         if "h-cmaes" in rank:
             own = rank.pop("h-cmaes")
@@ -161,14 +151,14 @@ def _average_ranks(ranking: Ranking) -> dict[str, float]:
 
 def _filters_last(rankings: Rankings) -> Verdict:
     leads = []
-    for rank in map(_average_ranks, rankings.of_algorithms.values()):
+    for rank in map(_average_ranks, rankings.of_algorithms):
         leads += [rank[other] - rank[own] for own in EVOLUTIONARY for other in FILTERS if {own, other} <= rank.keys()]
     text = "True of {held} of {cases} pairs of an evolutionary algorithm and a particle filter."
     return judged(leads, text, of_all=True)
 
 
 def _filters_significant(rankings: Rankings) -> Verdict:
-    tested = [ranking for ranking in rankings.of_algorithms.values() if ranking.test is not None]
+    tested = [ranking for ranking in rankings.of_algorithms if ranking.test is not None]
     rows = [row for ranking in tested for row in ranking.rows if row.contender.algorithm in FILTERS]
     leads = [1 if row.comparison.rejected else -1 for row in rows]
     return judged(leads, "Holm's test rejects equality with the control in {held} of {cases} cases.", of_all=True)
@@ -176,7 +166,7 @@ def _filters_significant(rankings: Rankings) -> Verdict:
 
 def _hierarchy_first(rankings: Rankings) -> Verdict:
     leads: dict[str, list[float]] = {}
-    for rank in map(_average_ranks, rankings.of_algorithms.values()):
+    for rank in map(_average_ranks, rankings.of_algorithms):
         for name in ("cmaes", "pso", "de"):
             if {name, f"h-{name}"} <= rank.keys():
                 leads.setdefault(f"h-{name}", []).append(rank[name] - rank[f"h-{name}"])
@@ -187,10 +177,7 @@ def _hierarchy_first(rankings: Rankings) -> Verdict:
 def _larger_model(rankings: Rankings, algorithms: tuple[str, ...], sign: int) -> Verdict:
     """The larger model's rank against the smaller's at each budget, among all models and budgets of an algorithm.
 
-    Args:
-        rankings: over sequences enough.
-        algorithms: of whom it is claimed.
-        sign: 1 where the larger model is claimed to be better, -1 where the smaller.
+    ``sign`` is 1 where the larger model is claimed to be better, -1 where the smaller.
     """
     cases, notes = [], []
     for name in (name for name in algorithms if name in rankings.of_models):
@@ -276,44 +263,33 @@ _RANK_CLAIMS: tuple[tuple[str, str, bool, Callable[[Rankings], Verdict]], ...] =
 # ---- Claims about tracking errors: section 5.3.
 
 
-def _about_errors(study: StudySummary, measure: Measure) -> Iterator[Finding]:
-    jerk = next(measure for measure in MEASURES if measure.key == "jerk")
-    claims = (
-        ("Gestures are tracked best.", measure, _gestures_first),
-        ("Errors spread least in gestures and most in boxing.", measure, _boxing_spreads),
-        ("Subject S3 is the hardest.", measure, _s3_hardest),
-        ("More evaluations narrow the errors’ spread.", measure, _narrower),
-        ("CMAES tracks more evenly over time than DE and PSO, whose bodies vibrate.", jerk, _steadier),
-    )
-    for claim, by, judge in claims:
-        verdict, evidence = judge(study, by)
-        if verdict != UNTESTED and len(study.sequences) < FEWEST_SEQUENCES:
-            verdict, evidence = _too_few(study)
-        yield Finding(claim, "section 5.3", named(by), verdict, evidence)
+def _in_order(
+    study: StudySummary,
+    measure: Measure,
+    part: int,
+    of: Callable[[CellSummary, Measure], float],
+    pairs: list[tuple[str, str]],
+    note: str = "",
+) -> Verdict:
+    """Whether the first of each pair of subjects (part 0) or actions (part 1) is better, where the study has them all.
 
-
-def _gestures_first(study: StudySummary, measure: Measure) -> Verdict:
-    return _in_order(_by_part(study, measure, 1, _mean), [("Gestures", "Walking"), ("Gestures", "Box")], measure)
-
-
-def _boxing_spreads(study: StudySummary, measure: Measure) -> Verdict:
-    """By the interquartile range over all frames of all runs; the less, the better, whatever the measure."""
-    of = _by_part(study, measure, 1, _quartile_range)
-    return _in_order(of, [("Gestures", "Walking"), ("Walking", "Box")], replace(measure, higher_is_better=False))
-
-
-def _s3_hardest(study: StudySummary, measure: Measure) -> Verdict:
-    verdict, evidence = _in_order(_by_part(study, measure, 0, _mean), [("S1", "S3"), ("S2", "S3")], measure)
-    made_so = " The shipped sequences are made so: S3's tracked body and masks are the worst."
-    return verdict, evidence if verdict == UNTESTED else evidence + made_so
-
-
-def _in_order(of: dict[str, float], pairs: list[tuple[str, str]], measure: Measure) -> Verdict:
-    """Whether the first of each pair is better, where the study has all of them."""
-    if not {name for pair in pairs for name in pair} <= of.keys():
+    Levels are means over cells of ``of``. Nothing is tested unless every subject was tracked in every action, as else
+    one would be taken for the other.
+    """
+    names = [tuple(sequence.split("/")) for sequence in study.sequences if sequence.count("/") == 1]
+    if len(names) != len({name[0] for name in names}) * len({name[1] for name in names}):
         return judged([], "")
-    leads = [measure.sign * (of[worse] - of[better]) for better, worse in pairs]
-    return judged(leads, ", ".join(f"{name} {with_unit(of[name], measure, space=' ')}" for name in sorted(of)) + ".")
+    values: dict[str, list[float]] = {}
+    for cell in study.grid:
+        parts, summary = cell.sequence.split("/"), study.cells[cell]
+        if len(parts) == 2 and measure.key in summary.spread:
+            values.setdefault(parts[part], []).append(of(summary, measure))
+    level = {name: float(np.mean(found)) for name, found in sorted(values.items())}
+    if not {name for pair in pairs for name in pair} <= level.keys():
+        return judged([], "")
+    leads = [measure.sign * (level[worse] - level[better]) for better, worse in pairs]
+    words = ", ".join(f"{name} {with_unit(value, measure, space=' ')}" for name, value in level.items())
+    return judged(leads, f"{words}.{note}")
 
 
 def _narrower(study: StudySummary, measure: Measure) -> Verdict:
@@ -340,24 +316,6 @@ def _steadier(study: StudySummary, measure: Measure) -> Verdict:
     return judged(leads, f"Jerk: {', '.join(known)}.")
 
 
-def _by_part(
-    study: StudySummary, measure: Measure, part: int, of: Callable[[CellSummary, Measure], float]
-) -> dict[str, float]:
-    """Mean over cells of ``of``, by the subject (part 0) or the action (part 1) of the sequences' names.
-
-    Empty unless every subject was tracked in every action, as else one would be taken for the other.
-    """
-    names = [tuple(sequence.split("/")) for sequence in study.sequences if sequence.count("/") == 1]
-    if len(names) != len({name[0] for name in names}) * len({name[1] for name in names}):
-        return {}
-    values: dict[str, list[float]] = {}
-    for cell in study.grid:
-        parts, summary = cell.sequence.split("/"), study.cells[cell]
-        if len(parts) == 2 and measure.key in summary.spread:
-            values.setdefault(parts[part], []).append(of(summary, measure))
-    return {name: float(np.mean(found)) for name, found in values.items()}
-
-
 def _mean(cell: CellSummary, measure: Measure) -> float:
     return float(cell.runs[measure.key].mean())
 
@@ -365,3 +323,30 @@ def _mean(cell: CellSummary, measure: Measure) -> float:
 def _quartile_range(cell: CellSummary, measure: Measure) -> float:
     spread = cell.spread[measure.key]
     return float(spread[3] - spread[1])
+
+
+_ERROR_CLAIMS: tuple[tuple[str, Measure | None, Callable[[StudySummary, Measure], Verdict]], ...] = (
+    (
+        "Gestures are tracked best.", None,
+        lambda study, measure: _in_order(
+            study, measure, 1, _mean, [("Gestures", "Walking"), ("Gestures", "Box")]
+        ),
+    ),
+    (
+        "Errors spread least in gestures and most in boxing.", None,
+        lambda study, measure: _in_order(
+            study, replace(measure, higher_is_better=False), 1, _quartile_range,
+            [("Gestures", "Walking"), ("Walking", "Box")],
+        ),
+    ),
+    (
+        "Subject S3 is the hardest.", None,
+        lambda study, measure: _in_order(
+            study, measure, 0, _mean, [("S1", "S3"), ("S2", "S3")],
+            " The shipped sequences are made so: S3's tracked body and masks are the worst.",
+        ),
+    ),
+    ("More evaluations narrow the errors’ spread.", None, _narrower),
+    ("CMAES tracks more evenly over time than DE and PSO, whose bodies vibrate.", MEASURE_OF["jerk"], _steadier),
+)  # fmt: skip
+"""What the paper says of errors, the measure if it is not the main one, and what judges it."""

@@ -19,21 +19,13 @@ _EXTRAS = ("polish", "solved")  # of an algorithm, each after a plus
 
 @dataclass(frozen=True)
 class Plan:
-    """A cell with all that says how it is tracked, but for the device.
+    """A cell with all that says how it is tracked, but for the device."""
 
-    Attributes:
-        cell: which one.
-        clip: what is tracked.
-        config: settings.
-        solved: whether the body is solved from the clip, instead of taken as given.
-        grid: number of the grid that it stands in; those of an earlier one are tracked first.
-    """
-
-    cell: Cell
-    clip: Clip
-    config: TrackConfig
-    solved: bool = False
-    grid: int = 0
+    cell: Cell  # which one
+    clip: Clip  # what is tracked
+    config: TrackConfig  # settings
+    solved: bool = False  # whether the body is solved from the clip, instead of taken as given
+    grid: int = 0  # number of the grid that it stands in; those of an earlier one are tracked first
 
 
 @dataclass(frozen=True)

@@ -96,20 +96,14 @@ def wrong_calibration(clip: OpenClip, pixels: float, seed: int) -> OpenClip:
 
 def passed_by(clip: OpenClip) -> OpenClip:
     """Another person walks by, nearest in the middle of the clip, and is taken for foreground."""
-    middle, radius = _whereabouts(clip)
-    other = PasserBy(clip.rig, middle, radius + _APART)
-
-    def joined(frame: int, masks: Masks) -> Masks:
-        return _either(masks, other.silhouettes((frame - clip.frames / 2) / clip.fps))
-
-    return _with_masks(clip, joined)
+    other = PasserBy(clip.rig, *_clear_circle(clip))
+    return _with_others(clip, lambda frame: other.silhouettes((frame - clip.frames / 2) / clip.fps))
 
 
 def furnished(clip: OpenClip) -> OpenClip:
     """A chest stands there that the background was taken without: it is foreground in every frame."""
-    middle, radius = _whereabouts(clip)
-    chest = furniture(clip.rig, middle, radius + _APART)
-    return _with_masks(clip, lambda _, masks: _either(masks, chest))
+    chest = furniture(clip.rig, *_clear_circle(clip))
+    return _with_others(clip, lambda _: chest)
 
 
 def cut_out(clip: OpenClip, views: int) -> OpenClip:
@@ -125,8 +119,13 @@ def cut_out(clip: OpenClip, views: int) -> OpenClip:
         if not first <= frame < last:
             return masks
         for k, mask in enumerate(masks[:views]):
-            if mask.any():
-                mask[blocks.setdefault(k, _block(mask))] = False
+            if k not in blocks and mask.any():
+                rows, columns = np.nonzero(mask)
+                reach = round(_CUT_SHARE / 2 * (rows.max() + 1 - rows.min()))
+                row, column = round(rows.mean()), round(columns.mean())
+                blocks[k] = np.s_[max(row - reach, 0) : row + reach, max(column - reach, 0) : column + reach]
+            if k in blocks:
+                mask[blocks[k]] = False
         return masks
 
     return _with_masks(clip, cut)
@@ -203,23 +202,22 @@ def _with_masks(clip: OpenClip, change: Callable[[int, Masks], Masks]) -> OpenCl
     return replace(clip, observations=changed(clip.observations))
 
 
-def _either(masks: Masks, others: Masks) -> Masks:
-    return [mask | other for mask, other in zip(masks, others, strict=True)]
+def _with_others(clip: OpenClip, others: Callable[[int], Masks]) -> OpenClip:
+    """The clip in whose frames others are foreground, too."""
+
+    def joined(frame: int, masks: Masks) -> Masks:
+        return [mask | other for mask, other in zip(masks, others(frame), strict=True)]
+
+    return _with_masks(clip, joined)
 
 
-def _block(mask: np.ndarray) -> tuple[slice, slice]:
-    rows, columns = np.nonzero(mask)
-    half = round(_CUT_SHARE / 2 * (rows.max() + 1 - rows.min()))
-    row, column = round(rows.mean()), round(columns.mean())
-    return slice(max(row - half, 0), row + half), slice(max(column - half, 0), column + half)
-
-
-def _whereabouts(clip: OpenClip) -> tuple[np.ndarray, float]:
-    """The middle (3,) of the floor that is walked over, and how far from it the root joint ever is [m]."""
+def _clear_circle(clip: OpenClip) -> tuple[np.ndarray, float]:
+    """The middle (3,) of the floor that is walked over, and the radius that bystanders keep from it [m]."""
     root = clip.subject.pose[None, :3]
-    if clip.truth is not None and clip.subject.body.skeleton.joints[0] in clip.truth.joint_names:
-        root = clip.truth.joints[:, clip.truth.joint_names.index(clip.subject.body.skeleton.joints[0])]
+    joint = clip.subject.body.skeleton.joints[0]
+    if clip.truth is not None and joint in clip.truth.joint_names:
+        root = clip.truth.joints[:, clip.truth.joint_names.index(joint)]
     up = clip.rig.up_vector
     floor = root - np.outer(root @ up, up)
     middle = (np.nanmin(floor, axis=0) + np.nanmax(floor, axis=0)) / 2
-    return middle, float(np.nanmax(np.linalg.norm(floor - middle, axis=1)))
+    return middle, float(np.nanmax(np.linalg.norm(floor - middle, axis=1))) + _APART

@@ -33,41 +33,25 @@ LESS_MEMORY = "give the study fewer seeds or frames, or run fewer workers at a t
 
 @dataclass(frozen=True)
 class Job:
-    """A cell to be tracked.
+    """A cell to be tracked."""
 
-    Attributes:
-        cell: which one.
-        clip: what is tracked.
-        clip_identity: of the clip where the study was started; a worker that finds another one refuses.
-        config: settings; device and threads are the worker's.
-        study: the study's name.
-        code: hash of the code where the study was started; a worker that runs other code refuses.
-        solved: whether the body is solved from the clip, instead of taken as given.
-    """
-
-    cell: Cell
-    clip: Clip
-    clip_identity: str
-    config: TrackConfig
-    study: str
-    code: str
-    solved: bool = False
+    cell: Cell  # which one
+    clip: Clip  # what is tracked
+    clip_identity: str  # of the clip where the study was started; a worker that finds another one refuses
+    config: TrackConfig  # settings; device and threads are the worker's
+    study: str  # the study's name
+    code: str  # hash of the code where the study was started; a worker that runs other code refuses
+    solved: bool = False  # whether the body is solved from the clip, instead of taken as given
 
 
 @dataclass(frozen=True)
 class Advance:
-    """How far a worker is with its job.
+    """How far a worker is with its job."""
 
-    Attributes:
-        stage: ``masks`` while they are read or made, ``search`` after that.
-        done, total: frames.
-        evaluations: spent so far, all runs together.
-    """
-
-    stage: str
-    done: int
-    total: int
-    evaluations: int
+    stage: str  # ``masks`` while they are read or made, ``search`` after that
+    done: int  # frames that are done
+    total: int  # frames of the clip
+    evaluations: int  # that were spent so far, of all runs together
 
 
 @dataclass(frozen=True)

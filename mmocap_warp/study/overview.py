@@ -9,23 +9,23 @@ import numpy as np
 
 from mmocap_warp.study import paper
 from mmocap_warp.study.cell import Cell
-from mmocap_warp.study.report_tables import Table
+from mmocap_warp.study.report_parts import Table
 from mmocap_warp.study.study_tables import by_algorithm
 from mmocap_warp.study.summary import (
     BASELINES,
     EQ_20,
-    MEASURES,
+    MEASURE_OF,
     CellSummary,
     Contender,
     Measure,
     StudySummary,
     algorithm_label,
     in_order,
+    ordered,
 )
-from mmocap_warp.study.wording import DASH, counted, extent, in_unit, listed, named, over, shown
+from mmocap_warp.study.wording import DASH, counted, extent, listed, named, over, shown
 
-LOST_LIMB = next(measure for measure in MEASURES if measure.key == "limb_lost")
-FITNESS = next(measure for measure in MEASURES if measure.key == "cost")
+LOST_LIMB, FITNESS = MEASURE_OF["limb_lost"], MEASURE_OF["cost"]
 _PRESETS = ("common", "paper-rotation", "paper-translation", "paper")  # in the order of their columns
 _MIN_POINTS = 5  # smallest difference in lost limbs that is reported [percentage points]
 _COMPARED = ("mpjpe", *EQ_20, "pa_mpjpe", "cost", "iou", "limb_lost", "growth", "shake")
@@ -38,36 +38,28 @@ def all_trackers(study: StudySummary) -> Table:
     whole = [who for who in study.contenders if np.isfinite(study.level(who, main))]
     rows, cells = [], []
     for who in sorted(whole, key=lambda who: main.sign * study.level(who, main)):
-        tracked = study.known(who, study.sequences, main)
-        is_baseline = who.algorithm in BASELINES
-        cells += [] if is_baseline else tracked.values()
-        seeds = sorted({len(cell.seeds) for cell in tracked.values()})
+        tracked = [] if who.algorithm in BASELINES else study.cells_of([who], main)
+        cells += tracked
+        seeds = listed(sorted({len(cell.seeds) for cell in tracked})) if tracked else DASH
         means = [shown(study.level(who, measure), measure) for measure in measures]
-        rows.append([str(who), *means, _time(study.milliseconds(who)), DASH if is_baseline else listed(seeds)])
+        rows.append([str(who), *means, _time(study.milliseconds(who)), seeds])
     caption = (
         f"All trackers that have tracked {over(study.sequences)}, best first; mean over the sequences. "
         f"{extent(cells) if cells else ''}. Time: of a single run, where it was measured."
     )
-    head = ["Tracker", *(f"{measure.label}{in_unit(measure)}" for measure in measures), "ms a frame, alone", "seeds"]
+    head = ["Tracker", *(measure.title for measure in measures), "ms a frame, alone", "seeds"]
     return Table(caption, head, rows)
 
 
 @dataclass(frozen=True)
 class Lead:
-    """Our tracker against the best of the grid on a sequence.
-
-    Attributes:
-        sequence: which.
-        ours, best: the two.
-        error: the main measure of either.
-        seconds: of a frame of a run that is tracked alone, of either; NaN where unknown.
-    """
+    """Our tracker against the best of the grid on a sequence."""
 
     sequence: str
     ours: Contender
-    best: Contender
-    error: tuple[float, float]
-    seconds: tuple[float, float]
+    best: Contender  # of the grid
+    error: tuple[float, float]  # of ours and of the best, by the main measure
+    seconds: tuple[float, float]  # that a frame of a run takes either of them alone; NaN where unknown
 
     @property
     def half(self) -> bool:
@@ -99,16 +91,13 @@ def leads(study: StudySummary, sequences: Iterable[str]) -> list[Lead]:
             if cell.preset == study.preset and cell.sequence == sequence and cell.algorithm in study.algorithms
         ]
         most = max((who.evaluations for who in rivals), default=0)
-        levels = {
-            who: study.level(who, main, [sequence]) for who in (ours, *rivals) if who.evaluations == most or who == ours
-        }
+        error = study.level(ours, main, [sequence])
+        levels = {who: study.level(who, main, [sequence]) for who in rivals if who.evaluations == most}
         levels = {who: value for who, value in levels.items() if np.isfinite(value)}
-        if ours not in levels or len(levels) < 2:
-            continue
-        error = levels.pop(ours)
-        best = min(levels, key=lambda who: (main.sign * levels[who], who))
-        seconds = study.milliseconds(ours) / 1000, study.milliseconds(best) / 1000
-        found.append(Lead(sequence, ours, best, (error, levels[best]), seconds))
+        if levels and np.isfinite(error):
+            best = min(levels, key=lambda who: (main.sign * levels[who], who))
+            seconds = study.milliseconds(ours) / 1000, study.milliseconds(best) / 1000
+            found.append(Lead(sequence, ours, best, (error, levels[best]), seconds))
     return found
 
 
@@ -123,24 +112,14 @@ def lead_table(study: StudySummary, sequences: Sequence[str]) -> Table | None:
     for lead in found:
         both = (lead.ours, lead.best)
         cells += [cell for who in both for cell in study.known(who, [lead.sequence], main).values()]
-        values = [
-            " / ".join(shown(study.level(who, measure, [lead.sequence]), measure) for who in both)
-            for measure in readings
-        ]
-        rows.append(
-            [
-                lead.sequence,
-                shown(lead.error[0], main),
-                f"{shown(lead.error[1], main)} {lead.best}",
-                f"{lead.error[0] / lead.error[1]:.2f}",
-                "yes" if lead.half else "no",
-                *values,
-                " / ".join(_time(1000 * seconds) for seconds in lead.seconds),
-                ("yes" if lead.tenth else "no") if lead.timed else DASH,
-            ]
-        )
-    head = ["Sequence", f"{main.label}{in_unit(main)}", "best of the others", "ratio", "half"]
-    head += [f"{measure.label}{in_unit(measure)}, both" for measure in readings] + ["ms a frame, both", "a tenth"]
+        row = [lead.sequence, shown(lead.error[0], main), f"{shown(lead.error[1], main)} {lead.best}"]
+        row += [f"{lead.error[0] / lead.error[1]:.2f}", "yes" if lead.half else "no"]
+        for measure in readings:
+            row.append(" / ".join(shown(study.level(who, measure, [lead.sequence]), measure) for who in both))
+        row.append(" / ".join(_time(1000 * seconds) for seconds in lead.seconds))
+        rows.append([*row, ("yes" if lead.tenth else "no") if lead.timed else DASH])
+    head = ["Sequence", main.title, "best of the others", "ratio", "half"]
+    head += [f"{measure.title}, both" for measure in readings] + ["ms a frame, both", "a tenth"]
     caption = (
         f"{algorithm_label(found[0].ours.algorithm)}, against the best of the others at its largest budget, on each "
         f"sequence. {extent(cells)}. Time: of a single run; solving the body takes more, once."
@@ -160,7 +139,7 @@ def strangers_table(study: StudySummary, measure: Measure) -> Table | None:
             rows.append([str(who), *(shown(value, measure) for value in values)])
     if not cells:
         return None
-    caption = f"{measure.label}{in_unit(measure)}, mean over runs. {extent(cells)}."
+    caption = f"{measure.title}, mean over runs. {extent(cells)}."
     return Table(caption, ["Tracker", *study.strangers, "mean"], rows)
 
 
@@ -184,12 +163,26 @@ def rank_pairs(study: StudySummary, dof: int) -> Table | None:
         [algorithm_label(name), *(f"{of[name]:.3f}" if name in of else DASH for _, of in columns)]
         for name in study.algorithms
     ]
-    over_blocks = " to ".join(str(number) for number in sorted({min(blocks), max(blocks)}))
+    over_blocks = " to ".join(map(str, sorted({min(blocks), max(blocks)})))
     caption = (
         f"Average ranks by the error and by the fitness that was searched, {dof} DOF, over {over_blocks} sequences. "
         f"{extent(study.cells[cell] for cell in study.grid if cell.dof == dof)}."
     )
     return Table(caption, ["Algorithm", *(title for title, _ in columns)], rows)
+
+
+def radii(study: StudySummary) -> list[str]:
+    """Each preset's search radii, as the cells used them, the main preset's first."""
+    sentences = []
+    for preset in study.presets:
+        configs = [summary.meta.get("config", {}) for cell, summary in study.cells.items() if cell.preset == preset]
+        used = [(config.get("rotation_radius"), config.get("translation_radius")) for config in configs]
+        known = [pair for pair in used if None not in pair]
+        ends = (sorted({min(values), max(values)}) for values in zip(*known, strict=True))
+        spans = [" to ".join(f"{end:.3g}" for end in each) for each in ends]
+        words = "{} rad and {} m.".format(*spans) if known else "as the software’s documentation says."
+        sentences.append(f"{preset}: {words}")
+    return sentences
 
 
 def radii_tables(study: StudySummary, measure: Measure) -> list[Table]:
@@ -206,11 +199,7 @@ def radii_table(study: StudySummary, measure: Measure, *, every: bool = False) -
     others = [cell for cell in study.cells if cell.preset != study.preset and measure.key in study.cells[cell].runs]
     if not others:
         return None
-    order = [study.preset, *_PRESETS]
-    presets = sorted(
-        {study.preset, *(cell.preset for cell in others)},
-        key=lambda name: (order.index(name) if name in order else len(order), name),
-    )
+    presets = ordered({study.preset, *(cell.preset for cell in others)}, [study.preset, *_PRESETS])
     budgets = sorted({cell.evaluations for cell in others})
     at_budget = {budget: [cell for cell in others if cell.evaluations == budget] for budget in budgets}
     shared = {budget: _shared(study, cells, every) for budget, cells in at_budget.items()}
@@ -226,9 +215,8 @@ def radii_table(study: StudySummary, measure: Measure, *, every: bool = False) -
         }
         found = [summary for cell in wanted if (summary := study.cells.get(cell)) and measure.key in summary.runs]
         drawn.extend(found)
-        if not found or len(found) < len(wanted):
-            return DASH
-        return shown(float(np.mean([cell.runs[measure.key].mean() for cell in found])), measure)
+        is_whole = found and len(found) == len(wanted)
+        return shown(float(np.mean([cell.runs[measure.key].mean() for cell in found])), measure) if is_whole else DASH
 
     names = in_order(cell.algorithm for cell in others)
     rows = [[algorithm_label(name), *(mean(*at, name) for at in columns)] for name in names]
@@ -236,7 +224,7 @@ def radii_table(study: StudySummary, measure: Measure, *, every: bool = False) -
     for who in study.baseline_contenders:
         rows.append([str(who), *(shown(study.level(who, measure, shared[budget]), measure) for budget, _ in columns)])
     where = "; ".join(f"{budget:,} evaluations over {over(shared[budget])}" for budget in budgets)
-    caption = f"{measure.label}{in_unit(measure)} by evaluations per frame and preset, {where}. {extent(drawn)}."
+    caption = f"{measure.title} by evaluations per frame and preset, {where}. {extent(drawn)}."
     return Table(caption, ["Algorithm", *(f"{budget:,}: {preset}" for budget, preset in columns)], rows)
 
 

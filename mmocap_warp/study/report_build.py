@@ -2,15 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import csv
+import io
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, astuple
 from html import escape
 from pathlib import Path
 
+import numpy as np
+
 from mmocap_warp.display.chart import MARKS
 from mmocap_warp.display.page.viewer import filled, resource
-from mmocap_warp.study.report_parts import Html, fill
+from mmocap_warp.study.claims import check_claims
+from mmocap_warp.study.overview import (
+    LOST_LIMB,
+    all_trackers,
+    lead_table,
+    missing,
+    radii_tables,
+    rank_pairs,
+    strangers_table,
+    which_half,
+)
+from mmocap_warp.study.report_parts import Html, Section, Table, fill
 from mmocap_warp.study.report_sections import (
-    Section,
     claims_section,
     curves_section,
     models_section,
@@ -21,22 +36,21 @@ from mmocap_warp.study.report_sections import (
     strangers_section,
     trackers_section,
 )
-from mmocap_warp.study.report_setting import (
-    budget_section,
-    citing_section,
-    grid_sentence,
-    headline,
-    radii,
-    setting_section,
-)
-from mmocap_warp.study.report_text import csv_table, markdown_tables
+from mmocap_warp.study.report_setting import budget_section, citing_section, grid_sentence, headline, setting_section
+from mmocap_warp.study.report_tables import RANK_HEAD, effect_cells, floor_note, ranking_rows
 from mmocap_warp.study.sequences import CLIP_PLANS
 from mmocap_warp.study.source import Clip
-from mmocap_warp.study.summary import StudySummary
+from mmocap_warp.study.study_tables import Ranking, algorithm_rankings, model_differences, model_rankings
+from mmocap_warp.study.summary import EQ_20, CellSummary, Measure, StudySummary, algorithm_label
+from mmocap_warp.study.wording import in_unit, interval, named, p_value, shown, statistic
 from mmocap_warp.version import __version__
 from mmocap_warp.whole_file import write_whole
 
 _HERE = "mmocap_warp.study"
+_RANKED_BY = (*EQ_20, "cost")
+"""The paper ranks by Eq. 20 and, in its text, by fitness: Markdown has these beside the main measure."""
+
+_UNIT_SUFFIX = {"mm": "_mm", "%": "_percent", "mm/s": "_mm_per_s", "m/s³": "_m_per_s3"}
 
 
 def render(study: StudySummary, clips: Mapping[str, Clip], notes: Sequence[str] = ()) -> str:
@@ -52,18 +66,17 @@ def render(study: StudySummary, clips: Mapping[str, Clip], notes: Sequence[str] 
     """
     if not study.measures:
         raise ValueError("a study needs a cell with a known error or overlap")
-    main = study.measures[0]
-    title, cards = headline(study, main)
+    title, cards = headline(study)
     candidates: tuple[Section | None, ...] = (
-        trackers_section(study, main),
-        claims_section(study, main),
+        trackers_section(study),
+        claims_section(study),
         ranks_section(study),
         spread_section(study),
         curves_section(study),
         overlays_section(study, clips),
         budget_section(study),
         models_section(study),
-        presets_section(study, radii(study)),
+        presets_section(study),
         strangers_section(study),
         setting_section(study, notes),
         citing_section(),
@@ -78,9 +91,9 @@ def render(study: StudySummary, clips: Mapping[str, Clip], notes: Sequence[str] 
         eyebrow=escape(f"Study {', '.join(names)}" if names else "Study"),
         lead=escape(grid_sentence(study)),
         cards=cards,
-        contents="".join(fill("contents", anchor=section.anchor, title=section.title) for section in sections),
+        contents="".join(fill("contents", **section._asdict()) for section in sections),
         controls=_controls(study),
-        sections="\n".join(section.html() for section in sections),
+        sections="\n".join(fill("section", **section._asdict()) for section in sections),
         footer=escape(f"Written by mmocap-warp {__version__}."),
     )
 
@@ -131,3 +144,111 @@ def _controls(study: StudySummary) -> Html:
         options = [fill("option", value=value, label=label) for value, label in labels.items()]
         lists.append(fill("control", title=title, name=name, options=options))
     return Html("".join(lists))
+
+
+def csv_table(study: StudySummary) -> str:
+    """A line per cell: mean and standard deviation over runs of each measure, and the main measure's quartiles."""
+    lines = [_csv_line(cell, study.measures) for _, cell in sorted(study.cells.items())]
+    out = io.StringIO()
+    writer = csv.DictWriter(out, fieldnames=list(lines[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(lines)
+    return out.getvalue()
+
+
+def markdown_tables(study: StudySummary) -> str:
+    """The paper's findings checked, and Tables 4 to 7, by the main measure, by Eq. 20 and by fitness."""
+    main = study.measures[0]
+    ranked = [measure for measure in study.measures if measure == main or measure.key in _RANKED_BY]
+    title, _ = headline(study)
+    rows = [astuple(finding) for finding in check_claims(study, main)]
+    findings = Table("", ["Finding", "where", "here by", "verdict", "evidence"], rows)
+    parts = [f"# {title}\n\n{grid_sentence(study)}\n", *_overview(study, main)]
+    parts.append(findings.markdown("The paper’s findings"))
+    for measure in ranked:
+        for number, dof in enumerate(study.models, 4):
+            title = f"{dof} DOF by {named(measure)} (as the paper’s Table {number})"
+            parts += _rankings(algorithm_rankings(study, measure, dof), title)
+        note = floor_note(study, measure, study.sequences)
+        parts += [f"{note}\n"] if note else []
+        for number, kind, names in ((6, "Hierarchical", study.hierarchical), (7, "Holistic", study.holistic)):
+            title = f"{kind} algorithms by {named(measure)} (as the paper’s Table {number})"
+            parts += _rankings(model_rankings(study, measure, names), title)
+        parts.append(_differences(study, measure))
+    return "\n".join(part for part in parts if part)
+
+
+def _overview(study: StudySummary, main: Measure) -> Iterator[str]:
+    """What stands beside the paper's tables."""
+    yield _titled("Our tracker against the best of the others", lead_table(study, study.sequences))
+    yield _titled("All trackers", all_trackers(study))
+    for dof in study.models:
+        yield _titled(f"Ranks by error and by fitness, {dof} DOF", rank_pairs(study, dof))
+    for measure in (main, LOST_LIMB):
+        for table in radii_tables(study, measure):
+            yield _titled(f"Search radii: {named(measure)}", table)
+    yield "".join(f"{sentence}\n" for sentence in which_half(study))
+    yield _titled("People outside the family of bodies", strangers_table(study, main))
+    yield _titled("Our tracker there", lead_table(study, study.strangers))
+    absent = missing(study)
+    if absent:
+        yield "## Not run\n\n" + "".join(f"- {sentence}\n" for sentence in absent)
+
+
+def _titled(title: str, table: Table | None) -> str:
+    return table.markdown(title) if table is not None else ""
+
+
+def _csv_line(cell: CellSummary, measures: Sequence[Measure]) -> dict[str, object]:
+    line: dict[str, object] = asdict(cell.cell) | {"seeds": len(cell.seeds), "frames": len(cell.frames)}
+    for measure in measures:
+        runs = cell.runs.get(measure.key)
+        name = measure.key + _UNIT_SUFFIX.get(measure.unit, "")
+        line[name] = "" if runs is None else _significant(float(runs.mean()))
+        line[f"{name}_sd"] = "" if runs is None or len(runs) < 2 else _significant(float(runs.std(ddof=1)))
+        if measure.key in EQ_20:
+            line[f"{measure.key}_floor_mm"] = _significant(cell.floors.get(measure.key, np.nan))
+    main = measures[0].key
+    for label, value in zip(("min", "q1", "median", "q3", "max"), cell.spread.get(main, [np.nan] * 5), strict=True):
+        line[f"{main}_{label}"] = _significant(float(value))
+    return line | {
+        "frames_lost": _significant(cell.frames_lost),
+        "seconds": _significant(cell.seconds),
+        "evaluations_spent": cell.evaluations,
+        "device": cell.meta.get("versions", {}).get("device", ""),
+        "started": cell.meta.get("started", ""),
+    }
+
+
+def _significant(value: float) -> str:
+    return f"{value:.5g}" if np.isfinite(value) else ""
+
+
+def _rankings(rankings: Sequence[Ranking], title: str) -> Iterator[str]:
+    """Rankings side by side with their tests below, and then their effects' sizes."""
+    if not rankings:
+        return
+    rows = ranking_rows(rankings, lambda p: f"**{p}**")
+    tested: list[list[str]] = [[], [], []]
+    for test in (ranking.test for ranking in rankings):
+        tested[0] += ["Friedman", f"{test.statistic:.3f}" if test else "", p_value(test.p) if test else ""]
+        tested[1] += ["Iman–Davenport F", statistic(test.f) if test else "", p_value(test.f_p) if test else ""]
+        tested[2] += ["Kendall’s W", f"{test.kendall_w:.2f}" if test else "", ""]
+    rows += [[*line, ""] for line in tested]
+    head = [*(RANK_HEAD * len(rankings)), "Holm"]
+    size = ", ".join(f"{ranking.seeds} seeds over {len(ranking.sequences)} sequences" for ranking in rankings)
+    yield Table(f"{size}.", head, rows).markdown(title)
+    head = ["Algorithm", f"mean{in_unit(rankings[0].measure)}", "95 %", "rank", "95 %", "Holm-adjusted p", "A"]
+    effects = [effect_cells(row, ranking.measure) for ranking in rankings for row in ranking.rows]
+    yield Table("", head, effects).markdown()
+
+
+def _differences(study: StudySummary, measure: Measure) -> str:
+    rows = []
+    for found in model_differences(study, measure):
+        difference = shown(found.difference, measure, sign=True), interval(found.interval, measure.decimals)
+        tests = f"{found.superiority:.2f}", p_value(found.p), f"{found.sequences}"
+        rows.append([algorithm_label(found.algorithm), f"{found.evaluations}", *difference, *tests])
+    head = ("Algorithm", "evaluations", "difference", "95 %", "A", "Wilcoxon p", "sequences")
+    title = f"{study.models[0]} less {study.models[-1]} DOF: {named(measure)}{in_unit(measure)}"
+    return Table("", head, rows).markdown(title) if rows else ""

@@ -23,7 +23,7 @@ from mmocap_warp.display.chart import (
     text,
 )
 from mmocap_warp.study import paper
-from mmocap_warp.study.report_parts import fill
+from mmocap_warp.study.report_parts import Html, fill
 from mmocap_warp.study.study_tables import Ranking
 from mmocap_warp.study.summary import CellSummary, Contender, Measure, StudySummary, algorithm_label
 from mmocap_warp.study.wording import with_unit
@@ -39,17 +39,18 @@ _WHISKER_REACH = 2.0  # in upper quartiles; longer whiskers are cut off and mark
 
 def rank_figure(ranking: Ranking, algorithms: Sequence[str]) -> str:
     """Average ranks with their intervals, beside the paper's where it has them: a line per algorithm."""
-    top, left, width = 24.0, 76.0, 320.0
+    top, width = 24.0, 320.0
     bottom = top + 24.0 * len(algorithms)
     worst = max(len(algorithms), 2)
-    x = Axis(0.6, worst + 0.4, left, width, tuple(range(1, worst + 1)))
+    x = Axis(0.6, worst + 0.4, 76.0, width, tuple(range(1, worst + 1)))
     y = categories([algorithm_label(name) for name in algorithms], top, bottom)
     first = ranking.rows[0].contender
     printed = paper.printed_ranks(first.dof, first.evaluations)
     parts = [text((x.at(1), 14), f"{first.evaluations:,} evaluations", "head", "start"), axes(x, y)]
     for name, row in zip(algorithms, y.ticks, strict=True):
         if name in printed:
-            parts.append(_diamond(x.at(printed[name]), y.at(row)))
+            left, middle = number(x.at(printed[name]) - 6), number(y.at(row))
+            parts.append(f'<path class="paper" d="M{left} {middle}l6 -6 6 6 -6 6z"/>')
         found = ranking.row(name, first.dof, first.evaluations)
         if found is not None:
             low, high = ((x.at(end), y.at(row)) for end in found.rank_interval)
@@ -74,12 +75,20 @@ def box_figure(study: StudySummary, measure: Measure, title: str, kinds: Sequenc
     if not cells:
         return ""
     height, bottom = 304.0, 262.0
-    x = categories([_two_lines(sequence) for sequence in study.sequences], _LEFT, _WIDTH - _RIGHT)
+    # The action, and below it the subject.
+    names = ["\n".join(sequence.rpartition("/")[::-2]) for sequence in study.sequences]
+    x = categories(names, _LEFT, _WIDTH - _RIGHT)
     y = _spread_axis(list(cells.values()), measure, bottom)
-    parts = [axes(x, y, y_label=_unit_label(measure))]
+    parts = [axes(x, y, y_label=measure.title)]
     parts += [line((x.at(s), _TOP), (x.at(s), bottom), "grid") for s in range(1, len(study.sequences))]
     for who in study.baseline_contenders:
-        parts.append(f'<g class="{mark_class(who.algorithm)}">{_medians(study, measure, who, x, y)}</g>')
+        # A rule at the median through each sequence's stretch, where the axis reaches that far.
+        rules = ""
+        for sequence, still in study.known(who, study.sequences, measure).items():
+            if measure.key in still.spread and still.spread[measure.key][2] <= y.high:
+                at, place = y.at(still.spread[measure.key][2]), study.sequences.index(sequence)
+                rules += line((x.at(place), at), (x.at(place + 1), at), "curve")
+        parts.append(f'<g class="{mark_class(who.algorithm)}">{rules}</g>')
     pitch = min((x.at(1) - x.at(0)) * 0.86 / len(kinds), 30.0)
     for k, who in enumerate(kinds):
         shift = (k - (len(kinds) - 1) / 2) * pitch
@@ -95,26 +104,18 @@ def box_figure(study: StudySummary, measure: Measure, title: str, kinds: Sequenc
     return figure((_WIDTH, height), f"{measure.label} of {title} by sequence", parts)
 
 
-def _medians(study: StudySummary, measure: Measure, who: Contender, x: Axis, y: Axis) -> str:
-    """A rule at a baseline's median through each sequence's stretch, where the axis reaches that far."""
-    found = study.known(who, study.sequences, measure)
-    rules = []
-    for place, sequence in enumerate(study.sequences):
-        cell = found.get(sequence)
-        if cell is not None and measure.key in cell.spread and cell.spread[measure.key][2] <= y.high:
-            at = y.at(cell.spread[measure.key][2])
-            rules.append(line((x.at(place), at), (x.at(place + 1), at), "curve"))
-    return "".join(rules)
-
-
-def shown_others(study: StudySummary) -> list[str]:
+def _shown_beside(study: StudySummary) -> list[Contender]:
     """What stands beside the grid in curves: of our trackers those with the best known body, and the baselines."""
-    names = [who.algorithm for who in study.others]
-    first: dict[str, str] = {}
-    for name in names:
-        if "+polish" not in name:
-            first.setdefault(name.partition("+")[0], name)
-    return [*first.values(), *(who.algorithm for who in study.baseline_contenders)]
+    first: dict[str, Contender] = {}
+    for who in study.others:
+        if "+polish" not in who.algorithm:
+            first.setdefault(who.algorithm.partition("+")[0], who)
+    return [*first.values(), *study.baseline_contenders]
+
+
+def curves_legend(study: StudySummary) -> Html:
+    """The names of all curves of :func:`curve_figure` and :func:`growth_figure`."""
+    return legend([*study.algorithms, *(who.algorithm for who in _shown_beside(study))])
 
 
 def curve_figure(study: StudySummary, measure: Measure, sequence: str, dof: int, budget: int) -> str:
@@ -122,36 +123,37 @@ def curve_figure(study: StudySummary, measure: Measure, sequence: str, dof: int,
 
     Our trackers and the baselines are drawn as well. The axis is logarithmic where values are far apart.
     """
+    grid = [Contender(name, dof, budget) for name in study.algorithms]
     curves = {
-        name: cell
-        for name in study.algorithms
-        if (cell := study.find(sequence, name, dof, budget)) is not None and measure.key in cell.curve
+        who.algorithm: cell
+        for who in [*grid, *_shown_beside(study)]
+        for cell in study.known(who, [sequence], measure).values()
+        if measure.key in cell.curve
     }
-    if not curves:
+    if not curves.keys() & set(study.algorithms):
         return ""
-    beside = {who.algorithm: who for who in [*study.others, *study.baseline_contenders]}
-    for name in shown_others(study):
-        cell = study.known(beside[name], [sequence], measure).get(sequence)
-        if cell is not None and measure.key in cell.curve:
-            curves[name] = cell
     frames = np.concatenate([cell.frames for cell in curves.values()])
     x = axis(float(frames.min()), float(frames.max()), _LEFT, _WIDTH - _RIGHT, 8)
-    points = {name: _thinned(cell.frames, cell.curve[measure.key]) for name, cell in curves.items()}
+    points = {}
+    for name, cell in curves.items():
+        # Where there are more frames than a figure can show, the curve's means over a few at a time.
+        step = -(-len(cell.frames) // _CURVE_POINTS)
+        values = cell.curve[measure.key]
+        if step > 1:
+            values = np.array([_mean_known(values[start : start + step]) for start in range(0, len(values), step)])
+        points[name] = cell.frames[::step], values
     label = f"{measure.label} against frame in {sequence}, {dof} DOF, {budget} evaluations per frame"
     return _curves(points, measure, x, "frame", label)
 
 
 def growth_figure(study: StudySummary, measure: Measure, dof: int, budget: int) -> str:
     """The mean over sequences of each tenth of the clips, a curve per tracker; empty where nothing is known."""
-    who = [Contender(name, dof, budget) for name in study.algorithms]
-    beside = {each.algorithm: each for each in [*study.others, *study.baseline_contenders]}
     points = {}
-    for each in [*who, *(beside[name] for name in shown_others(study))]:
-        known = study.known(each, study.sequences, measure)
-        curves = [cell.curve[measure.key] for cell in known.values() if measure.key in cell.curve]
+    for who in [*(Contender(name, dof, budget) for name in study.algorithms), *_shown_beside(study)]:
+        curves = [cell.curve[measure.key] for cell in study.cells_of([who], measure) if measure.key in cell.curve]
         if len(curves) == len(study.sequences) and min(len(values) for values in curves) >= _TENTHS:
             means = [[_mean_known(part) for part in np.array_split(values, _TENTHS)] for values in curves]
-            points[each.algorithm] = np.arange(_TENTHS) * 10.0 + 5, np.mean(means, axis=0)
+            points[who.algorithm] = np.arange(_TENTHS) * 10.0 + 5, np.mean(means, axis=0)
     if not points.keys() & set(study.algorithms):
         return ""
     x = Axis(0.0, 100.0, _LEFT, _WIDTH - _RIGHT, tuple(range(0, 101, 10)))
@@ -172,7 +174,7 @@ def _curves(
         y = logarithmic(low * 0.9, high * 1.1, bottom, _TOP)
     else:
         y = axis(0.0, high * 1.05, bottom, _TOP)
-    parts = [axes(x, y, x_label, _unit_label(measure))]
+    parts = [axes(x, y, x_label, measure.title)]
     for name in reversed(points):
         parts.append(curve(x, y, zip(*points[name], strict=True), escape(mark_class(name))))
     return figure((_WIDTH, height), label, parts)
@@ -194,7 +196,7 @@ def time_error_figure(study: StudySummary, measure: Measure) -> str:
     height, top, bottom, right = 430.0, 30.0, 374.0, 14.0
     x = logarithmic(min(times) * 0.7, max(*times, theirs) * 1.5, _LEFT, _WIDTH - right)
     y = logarithmic(min(errors) * 0.8, max(errors) * 1.25, bottom, top)
-    parts = [axes(x, y, "ms a frame, one run alone", _unit_label(measure))]
+    parts = [axes(x, y, "ms a frame, one run alone", measure.title)]
     parts.append(line((x.at(theirs), top), (x.at(theirs), bottom), "mark"))
     parts.append(text((x.at(theirs) - 6, bottom - 8), "the paper, 500 evaluations", anchor="end"))
     for name, places in placed.items():
@@ -246,7 +248,7 @@ def budget_figure(study: StudySummary, measure: Measure, dof: int) -> str:
         name: [(budget, study.level(Contender(name, dof, budget), measure)) for budget in study.budgets]
         for name in study.algorithms
     }
-    return _by_budget(study, points, _unit_label(measure), f"{measure.label} by budget, {dof} DOF")
+    return _by_budget(study, points, measure.title, f"{measure.label} by budget, {dof} DOF")
 
 
 def time_figure(study: StudySummary, dof: int) -> str:
@@ -264,12 +266,10 @@ def seconds_per_frame(cell: CellSummary) -> float:
     return cell.seconds / (len(cell.frames) * len(cell.seeds))
 
 
-def legend(algorithms: Sequence[str]) -> str:
+def legend(algorithms: Sequence[str]) -> Html:
     """Algorithm names with their marks; the script makes buttons of them that single an algorithm out."""
-    items = [
-        fill("legend-item", mark=mark_class(name), name=mark_class(name)[2:], label=algorithm_label(name))
-        for name in algorithms
-    ]
+    marks = {name: mark_class(name) for name in algorithms}
+    items = [fill("legend-item", mark=mark, name=mark[2:], label=algorithm_label(name)) for name, mark in marks.items()]
     return fill("legend", items=items)
 
 
@@ -306,29 +306,6 @@ def _spread_axis(cells: list[CellSummary], measure: Measure, bottom: float) -> A
     return axis(float(low), float(high), bottom, _TOP)
 
 
-def _two_lines(sequence: str) -> str:
-    """The action, and below it the subject."""
-    subject, _, action = sequence.rpartition("/")
-    return f"{action}\n{subject}"
-
-
-def _thinned(frames: np.ndarray, curve: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The curve's means over a few frames at a time where there are more than a figure can show."""
-    step = -(-len(frames) // _CURVE_POINTS)
-    if step == 1:
-        return frames, curve
-    pieces = [curve[start : start + step] for start in range(0, len(frames), step)]
-    return frames[::step], np.array([_mean_known(piece) for piece in pieces])
-
-
 def _mean_known(values: np.ndarray) -> float:
     known = values[np.isfinite(values)]
     return float(known.mean()) if len(known) else np.nan
-
-
-def _unit_label(measure: Measure) -> str:
-    return f"{measure.label} [{measure.unit}]" if measure.unit else measure.label
-
-
-def _diamond(x: float, y: float) -> str:
-    return f'<path class="paper" d="M{number(x - 6)} {number(y)}l6 -6 6 6 -6 6z"/>'

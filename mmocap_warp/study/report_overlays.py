@@ -29,37 +29,23 @@ _SETTLED = 0.1  # share of a sequence that is left out of the search for extreme
 
 @dataclass(frozen=True)
 class Picture:
-    """A frame of a run, drawn.
-
-    Attributes:
-        sequence, algorithm: of the run, which is the typical one of its cell.
-        frame: its number.
-        camera: whose view it is.
-        error: the main measure in this frame.
-        drawing: an ``svg`` element.
-    """
+    """A frame of a cell's typical run, drawn."""
 
     sequence: str
     algorithm: str
     frame: int
-    camera: str
-    error: float
-    drawing: str
+    camera: str  # the view's
+    error: float  # the main measure in that frame
+    drawing: str  # an ``svg`` element
 
 
 @dataclass(frozen=True)
 class Recording:
-    """What pictures of a sequence are drawn from.
+    """What pictures of a sequence are drawn from."""
 
-    Attributes:
-        subject: the tracked body.
-        rig: the cameras of the masks.
-        seen: masks by frame number.
-    """
-
-    subject: Subject
-    rig: CameraRig
-    seen: Mapping[int, Observation]
+    subject: Subject  # the tracked body
+    rig: CameraRig  # the cameras of the masks
+    seen: Mapping[int, Observation]  # masks by frame number
 
 
 def open_recording(clip: Clip, frames: Iterable[int]) -> Recording:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
+from itertools import product
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from mmocap_warp.study.overview import (
     all_trackers,
     lead_table,
     leads,
+    radii,
     radii_tables,
     rank_pairs,
     strangers_table,
@@ -22,14 +24,14 @@ from mmocap_warp.study.overview import (
 from mmocap_warp.study.report_figures import (
     box_figure,
     curve_figure,
+    curves_legend,
     growth_figure,
     legend,
     rank_figure,
-    shown_others,
     time_error_figure,
     times_and_errors,
 )
-from mmocap_warp.study.report_parts import Html, fill
+from mmocap_warp.study.report_parts import Html, Section, by_measure, choice, drawn, fill, html_of
 from mmocap_warp.study.report_tables import (
     difference_table,
     effect_table,
@@ -39,123 +41,85 @@ from mmocap_warp.study.report_tables import (
     unranked_table,
 )
 from mmocap_warp.study.source import Clip
-from mmocap_warp.study.study_tables import Ranking, by_algorithm, by_model, model_differences
+from mmocap_warp.study.study_tables import (
+    Ranking,
+    algorithm_rankings,
+    by_algorithm,
+    model_differences,
+    model_rankings,
+)
 from mmocap_warp.study.summary import Contender, Measure, StudySummary, algorithm_label
 from mmocap_warp.study.wording import counted, extent, listed, named, over, with_unit
 
 
-class Section:
-    """A part of the page.
-
-    Args:
-        anchor: its place in the page's address.
-        title: its heading.
-        parts: HTML.
-    """
-
-    def __init__(self, anchor: str, title: str, *parts: str) -> None:
-        self.anchor, self.title, self.content = anchor, title, "".join(parts)
-
-    def html(self) -> Html:
-        """The section with its heading."""
-        return fill("section", anchor=self.anchor, title=self.title, parts=[self.content])
-
-
-def choice(content: str, *, default: bool, **keys: object) -> Html:
-    """A part that shows while the controls stand at ``keys``; at first, and without the script, the default one."""
-    data = [f" {fill('key', name=name, value=value)}" for name, value in keys.items()]
-    return fill("choice", keys=[*data, "" if default else " hidden"], content=[content])
-
-
-def by_measure(study: StudySummary, content_of: Callable[[Measure], str]) -> list[str]:
-    """A choice per measure that there is something to show of; at first the main one shows."""
-    contents = {measure: content_of(measure) for measure in study.measures}
-    return [
-        choice(content, default=measure == study.measures[0], measure=measure.key)
-        for measure, content in contents.items()
-        if content
-    ]
-
-
-def trackers_section(study: StudySummary, measure: Measure) -> Section | None:
+def trackers_section(study: StudySummary) -> Section | None:
     """Error against time, our tracker against the best of the others, and everything in one table.
 
     None where there is nothing beside the grid.
     """
-    drawing = time_error_figure(study, measure) if not measure.higher_is_better else ""
+    main = study.measures[0]
+    drawing = time_error_figure(study, main) if not main.higher_is_better else ""
     table = lead_table(study, study.sequences)
     if not drawing and table is None and not study.baselines:
         return None
     parts: list[str] = [fill("trackers")]
     if drawing:
-        placed = times_and_errors(study, measure)
+        placed = times_and_errors(study, main)
         who = [each for each in study.contenders if each.algorithm in placed]
         caption = fill(
             "trackers-caption",
-            measure=measure.label,
+            measure=main.label,
             sequences=over(study.sequences),
             dof=study.models[0],
-            extent=extent(cell for each in who for cell in study.known(each, study.sequences, measure).values()),
+            extent=extent(study.cells_of(who, main)),
             budgets=listed(study.budgets),
             seconds=f"{paper.SECONDS_PER_500:g}",
         )
-        parts.append(fill("figure", content=[fill("drawing", drawing=[drawing], caption=caption), legend([*placed])]))
+        parts.append(fill("figure", content=[drawn(drawing, caption), legend([*placed])]))
     if table is not None:
-        parts += [fill("paragraph", text=lead_sentence(study)), table.html()]
-    return Section("trackers", "Error against time, all trackers", *parts, all_trackers(study).html())
+        parts += [fill("paragraph", text=_lead_sentence(study)), table.html()]
+    return Section("trackers", "Error against time, all trackers", [*parts, all_trackers(study).html()])
 
 
-def lead_sentence(study: StudySummary) -> str:
+def _lead_sentence(study: StudySummary) -> str:
     """On how many sequences our tracker has half the best one's error in a tenth of its time."""
     found = leads(study, study.sequences)
-    half = [lead for lead in found if lead.half]
     timed = [lead for lead in found if lead.timed]
+    not_half = [lead.sequence for lead in found if not lead.half]
     sentence = (
         f"{algorithm_label(found[0].ours.algorithm)} has at most half the {named(study.measures[0])} of the best of "
-        f"the others on {len(half)} of {counted(len(found), 'sequence')} "
+        f"the others on {len(found) - len(not_half)} of {counted(len(found), 'sequence')} "
         f"({listed(sorted({lead.best.evaluations for lead in found}))} evaluations)"
     )
     if timed:
         fast = sum(lead.tenth for lead in timed)
         sentence += f", and takes at most a tenth of its time on {fast} of {len(timed)}"
-    not_half = [lead.sequence for lead in found if not lead.half]
     return f"{sentence}." + (f" Not half of it: {', '.join(not_half)}." if not_half else "")
 
 
-def claims_section(study: StudySummary, measure: Measure) -> Section:
+def claims_section(study: StudySummary) -> Section:
     """What agrees with the paper, what does not."""
-    claims = [
-        fill(
-            "claim",
-            kind=finding.verdict.split()[0],
-            verdict=finding.verdict,
-            claim=finding.claim,
-            where=finding.where,
-            by=finding.by,
-            evidence=finding.evidence,
-        )
-        for finding in check_claims(study, measure)
-    ]
-    return Section("claims", "What agrees with the paper", fill("claims", measure=named(measure), claims=claims))
+    main = study.measures[0]
+    claims = [fill("claim", kind=each.verdict.split()[0], **vars(each)) for each in check_claims(study, main)]
+    return Section("claims", "What agrees with the paper", [fill("claims", measure=named(main), claims=claims)])
 
 
 def ranks_section(study: StudySummary) -> Section:
     """Tables 4 and 5."""
-    parts = []
+    parts: list[str] = [fill("ranks", measure=named(study.measures[0]))]
     for number, dof in enumerate(study.models, 4):
         parts += by_measure(study, partial(_ranked, study, number, dof))
-    pairs = [table.html() for dof in study.models if (table := rank_pairs(study, dof)) is not None]
-    return Section("ranks", "Ranking", fill("ranks", measure=named(study.measures[0])), *parts, *pairs)
+    for dof in study.models:
+        parts += html_of(rank_pairs(study, dof))
+    return Section("ranks", "Ranking", parts)
 
 
 def _ranked(study: StudySummary, number: int, dof: int, measure: Measure) -> str:
     """Rankings of a model by a measure: the figure, the table with its notes, and the effects' sizes."""
-    found = [by_algorithm(study, measure, dof, budget) for budget in study.budgets]
-    rankings = [ranking for ranking in found if ranking is not None]
+    rankings = algorithm_rankings(study, measure, dof)
     if not rankings:
         return ""
     size = _extent(study, dof)
-    caption = f"{dof}-DOF model, ranked by {named(measure)}, as Table {number} of the paper. {size}."
     in_paper = any(paper.printed_ranks(dof, budget) for budget in study.budgets)
     figure = fill(
         "rank-panels",
@@ -165,46 +129,32 @@ def _ranked(study: StudySummary, number: int, dof: int, measure: Measure) -> str
         diamonds="; diamonds are the paper" if in_paper else "",
         extent=size,
     )
+    caption = f"{dof}-DOF model, ranked by {named(measure)}, as Table {number} of the paper. {size}."
     floor = floor_note(study, measure, rankings[0].sequences)
-    unranked = unranked_table(study, measure)
-    effects = [fill("effects"), *(effect_table(ranking).html() for ranking in rankings)]
-    effects += [unranked.html()] if unranked else []
-    return "".join(
-        [
-            figure,
-            ranking_table(rankings, caption).html(),
-            fill("paragraph", text=floor) if floor else "",
-            _left_out(rankings),
-            fill("details", summary=f"Intervals and effect sizes, {dof} DOF", content=effects),
-        ]
-    )
+    effects: list[str] = [fill("effects"), *(effect_table(ranking).html() for ranking in rankings)]
+    effects += html_of(unranked_table(study, measure))
+    note = fill("paragraph", text=floor) if floor else ""
+    details = fill("details", summary=f"Intervals and effect sizes, {dof} DOF", content=effects)
+    return figure + ranking_table(rankings, caption).html() + note + _left_out(rankings) + details
 
 
 def spread_section(study: StudySummary) -> Section:
     """Fig. 7, and our trackers in the same way."""
-    parts: list[str] = []
+    parts: list[str] = [fill("spread")]
+    halves = (("Hierarchical algorithms", study.hierarchical), ("Holistic algorithms", study.holistic))
     for measure in study.measures:
-        is_main = measure == study.measures[0]
         for budget in study.budgets:
-            halves = (("Hierarchical algorithms", study.hierarchical), ("Holistic algorithms", study.holistic))
-            content = "".join(
-                _spread(
-                    study,
-                    measure,
-                    f"{title}, {budget:,} evaluations per frame",
-                    [Contender(name, dof, budget) for name in names for dof in study.models],
-                )
-                for title, names in halves
-            )
+            content = ""
+            for title, names in halves:
+                kinds = [Contender(name, dof, budget) for name in names for dof in study.models]
+                content += _spread(study, measure, f"{title}, {budget:,} evaluations per frame", kinds)
             content = content or fill("paragraph", text=f"{measure.label} is one number a run: see the table.")
             table = sequence_table(study, measure, budget).html()
             content += fill("details", summary="The numbers by sequence", content=table)
-            parts.append(
-                choice(content, default=is_main and budget == study.budgets[0], measure=measure.key, budget=budget)
-            )
+            parts.append(choice(study, content, measure=measure.key, budget=budget))
         own = _spread(study, measure, "Our trackers, at their own budgets", study.others)
-        parts += [choice(own, default=is_main, measure=measure.key)] if own else []
-    return Section("spread", "Spread by sequence", fill("spread"), *parts)
+        parts += [choice(study, own, measure=measure.key)] if own else []
+    return Section("spread", "Spread by sequence", parts)
 
 
 def _spread(study: StudySummary, measure: Measure, title: str, kinds: Sequence[Contender]) -> str:
@@ -212,22 +162,20 @@ def _spread(study: StudySummary, measure: Measure, title: str, kinds: Sequence[C
     drawing = box_figure(study, measure, title, kinds) if measure.per_frame else ""
     if not drawing:
         return ""
-    size = extent(cell for who in kinds for cell in study.known(who, study.sequences, measure).values())
     models = sorted({who.dof for who in kinds}, reverse=True)
     model = f", {models[0]} DOF."
     if len(models) > 1:
         model = f". Filled: {study.models[0]} DOF, hollow: {listed(study.models[1:])} DOF."
-    drawn = fill("drawing", drawing=[drawing], caption=f"{title}{model} {size}.")
-    return fill("figure", content=[drawn, legend([*dict.fromkeys(who.algorithm for who in kinds)])])
+    figure = drawn(drawing, f"{title}{model} {extent(study.cells_of(kinds, measure))}.")
+    return fill("figure", content=[figure, legend([*dict.fromkeys(who.algorithm for who in kinds)])])
 
 
 def curves_section(study: StudySummary) -> Section:
     """Fig. 10, which is Eq. 20, beside the main measure and the overlap; and how errors grow over whole clips."""
     main = study.measures[0]
     measures = [measure for measure in study.measures if measure == main or measure.key in ("eq20_as_printed", "iou")]
-    first = (study.models[0], study.budgets[0], study.sequences[0])
     parts, grown = [], []
-    for dof, budget in ((dof, budget) for dof in study.models for budget in study.budgets):
+    for dof, budget in product(study.models, study.budgets):
         setting = f"{dof} DOF, {budget:,} evaluations per frame"
         drawing = growth_figure(study, main, dof, budget)
         if drawing:
@@ -235,22 +183,17 @@ def curves_section(study: StudySummary) -> Section:
                 f"{main.label} in each tenth of the clips: the median over runs, mean over {len(study.sequences)} "
                 f"sequences, {setting}. {_extent(study, dof, budget)}."
             )
-            content = fill("drawing", drawing=[drawing], caption=caption)
-            grown.append(choice(content, default=(dof, budget) == first[:2], model=dof, budget=budget))
-        for measure, sequence in ((measure, sequence) for measure in measures for sequence in study.sequences):
+            grown.append(choice(study, drawn(drawing, caption), model=dof, budget=budget))
+        for measure, sequence in product(measures, study.sequences):
             drawing = curve_figure(study, measure, sequence, dof, budget)
             if drawing:
-                size = _extent(study, dof, budget, sequence)
-                caption = f"{measure.label}, {sequence}, {setting}. {size}."
-                content = fill("drawing", drawing=[drawing], caption=caption)
-                default = measure == main and (dof, budget, sequence) == first
+                caption = f"{measure.label}, {sequence}, {setting}. {_extent(study, dof, budget, sequence)}."
                 keys = {"curve": measure.key, "sequence": sequence, "model": dof, "budget": budget}
-                parts.append(choice(content, default=default, **keys))
+                parts.append(choice(study, drawn(drawing, caption), **keys))
     ours = " Of our trackers, those with the body solved where they were run; at their own budgets."
-    marks = legend([*study.algorithms, *shown_others(study)])
-    figures = [fill("figure", content=[*grown, marks])] if grown else []
-    figures.append(fill("figure", content=[*parts, marks]))
-    return Section("curves", "Error over time", fill("curves", ours=ours if study.others else ""), *figures)
+    marks = curves_legend(study)
+    figures = [fill("figure", content=[*curves, marks]) for curves in (grown, parts) if curves or curves is parts]
+    return Section("curves", "Error over time", [fill("curves", ours=ours if study.others else ""), *figures])
 
 
 def _extent(study: StudySummary, dof: int, budget: int | None = None, sequence: str | None = None) -> str:
@@ -277,14 +220,9 @@ def overlays_section(study: StudySummary, clips: Mapping[str, Clip]) -> Section 
         return None
 
     def picture(drawn: Picture, title: str = "") -> Html:
-        return fill(
-            "picture",
-            drawing=[drawn.drawing],
-            title=Html(f"<b>{title}</b> " if title else ""),
-            error=with_unit(drawn.error, main) if np.isfinite(drawn.error) else "no truth",
-            frame=drawn.frame,
-            camera=drawn.camera,
-        )
+        error = with_unit(drawn.error, main) if np.isfinite(drawn.error) else "no truth"
+        bold = Html(f"<b>{title}</b> " if title else "")
+        return fill("picture", **vars(drawn) | {"drawing": [drawn.drawing], "title": bold, "error": error})
 
     pairs = [
         fill(
@@ -302,7 +240,7 @@ def overlays_section(study: StudySummary, clips: Mapping[str, Clip]) -> Section 
     ]
     parts = [fill("overlays", dof=dof, budget=f"{budget:,}", pairs=pairs)]
     parts += [fill("strips", sequence=rows[0][0].sequence, strips=strips)] if strips else []
-    return Section("frames", "Best and worst frames", *parts)
+    return Section("frames", "Best and worst frames", parts)
 
 
 def models_section(study: StudySummary) -> Section | None:
@@ -311,8 +249,7 @@ def models_section(study: StudySummary) -> Section | None:
     def tables(measure: Measure) -> str:
         content = ""
         for number, kind, names in ((6, "hierarchical", study.hierarchical), (7, "holistic", study.holistic)):
-            found = [by_model(study, measure, name) for name in names]
-            rankings = [ranking for ranking in found if ranking is not None]
+            rankings = model_rankings(study, measure, names)
             if rankings:
                 size = extent(study.cells[cell] for cell in study.grid if cell.algorithm in names)
                 caption = f"The {kind} algorithms by {named(measure)}, as Table {number} of the paper. {size}."
@@ -322,7 +259,7 @@ def models_section(study: StudySummary) -> Section | None:
 
     parts = by_measure(study, tables)
     title = f"{' against '.join(map(str, study.models))} degrees of freedom"
-    return Section("models", title, fill("models"), *parts) if parts else None
+    return Section("models", title, [fill("models"), *parts]) if parts else None
 
 
 def _left_out(rankings: Sequence[Ranking]) -> str:
@@ -340,7 +277,7 @@ def _left_out(rankings: Sequence[Ranking]) -> str:
     return fill("warning", text=" ".join(notes)) if notes else ""
 
 
-def presets_section(study: StudySummary, radii: list[str]) -> Section | None:
+def presets_section(study: StudySummary) -> Section | None:
     """The other presets beside the main one, by budget; None with one preset."""
 
     def tables(measure: Measure) -> str:
@@ -348,30 +285,20 @@ def presets_section(study: StudySummary, radii: list[str]) -> Section | None:
         return "".join(table.html() for each in beside for table in radii_tables(study, each))
 
     parts = by_measure(study, tables)
-    if not parts:
-        return None
-    texts = [fill("paragraph", text=text) for text in (" ".join(radii), *which_half(study))]
-    return Section("presets", "Search radii", *texts, *parts)
+    texts = [fill("paragraph", text=text) for text in (" ".join(radii(study)), *which_half(study))]
+    return Section("presets", "Search radii", [*texts, *parts]) if parts else None
 
 
 def strangers_section(study: StudySummary) -> Section | None:
     """People outside the family of the tracker's bodies; None where none was tracked."""
     main, dof, budget = study.measures[0], study.models[0], study.budgets[0]
-
-    def everybody(measure: Measure) -> str:
-        table = strangers_table(study, measure)
-        return table.html() if table is not None else ""
-
-    parts = by_measure(study, everybody)
-    leading = lead_table(study, study.strangers)
-    parts += [leading.html()] if leading is not None else []
+    parts = by_measure(study, lambda measure: "".join(html_of(strangers_table(study, measure))))
+    parts += html_of(lead_table(study, study.strangers))
     for name in study.strangers:
         drawing = curve_figure(study, main, name, dof, budget)
         if drawing:
             size = extent(summary for cell, summary in study.cells.items() if cell.sequence == name)
             caption = f"{main.label}, {name}, {dof} DOF, {budget:,} evaluations per frame. {size}."
-            parts.append(fill("figure", content=fill("drawing", drawing=[drawing], caption=caption)))
-    if not parts:
-        return None
-    marks = legend([*study.algorithms, *shown_others(study)])
-    return Section("strangers", "People outside the family of bodies", fill("strangers"), *parts, marks)
+            parts.append(fill("figure", content=drawn(drawing, caption)))
+    title = "People outside the family of bodies"
+    return Section("strangers", title, [fill("strangers"), *parts, curves_legend(study)]) if parts else None

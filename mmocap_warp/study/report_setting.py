@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from datetime import datetime
 
 import numpy as np
 
 from mmocap_warp.study import paper
-from mmocap_warp.study.overview import missing
+from mmocap_warp.study.overview import missing, radii
 from mmocap_warp.study.report_figures import baseline_words, budget_figure, legend, seconds_per_frame, time_figure
-from mmocap_warp.study.report_parts import Html, fill
-from mmocap_warp.study.report_sections import Section, choice
-from mmocap_warp.study.report_tables import Table, floor_note
-from mmocap_warp.study.study_tables import by_algorithm
-from mmocap_warp.study.summary import EQ_20, CellSummary, Contender, Measure, StudySummary, algorithm_label
+from mmocap_warp.study.report_parts import Html, Section, Table, choice, fill
+from mmocap_warp.study.report_tables import floor_note
+from mmocap_warp.study.study_tables import algorithm_rankings, by_algorithm
+from mmocap_warp.study.summary import EQ_20, CellSummary, Contender, StudySummary, algorithm_label
 from mmocap_warp.study.wording import DASH, counted, extent, listed, spelled, with_unit
 
 _CODE_DIGITS = 12  # of a hash's 64 digits that are shown
@@ -28,11 +27,11 @@ _BIBTEX = f"""@article{{yeguas2014comparing,
 }}"""
 
 
-def headline(study: StudySummary, measure: Measure) -> tuple[str, Html]:
+def headline(study: StudySummary) -> tuple[str, Html]:
     """The page's title, and the figures beneath it."""
     # The best row of those rankings that are over the most sequences.
-    found = [by_algorithm(study, measure, dof, budget) for dof in study.models for budget in study.budgets]
-    rankings = [ranking for ranking in found if ranking is not None]
+    measure = study.measures[0]
+    rankings = [ranking for dof in study.models for ranking in algorithm_rankings(study, measure, dof)]
     most = max((len(ranking.sequences) for ranking in rankings), default=0)
     rows = [row for ranking in rankings if len(ranking.sequences) == most for row in ranking.rows]
     title = "No ranking: fewer than two of the paper's algorithms with the same model and budget"
@@ -52,10 +51,17 @@ def headline(study: StudySummary, measure: Measure) -> tuple[str, Html]:
             cards.append((own, f"{measure.label}, mean over {over}: {ours}"))
         setting = f"{name}, {who.dof} DOF, {who.evaluations:,} evaluations per frame"
         cards.append((error, f"{measure.label}, mean over {over}: {setting}"))
-        cards += _eq_20_cards(study, measure, who)
+        # What it scores by both readings of Eq. 20, each with its floor.
+        for reading in study.measures[1:]:
+            ranking = by_algorithm(study, reading, who.dof, who.evaluations) if reading.key in EQ_20 else None
+            row = ranking.row(who.algorithm, who.dof, who.evaluations) if ranking is not None else None
+            if ranking is not None and row is not None:
+                note = floor_note(study, reading, ranking.sequences)
+                cards.append((with_unit(row.mean, reading), f"{reading.label}, of the same. {note}".strip()))
         # The best at the least budget, beside its rank in the paper.
-        if found[0] is not None:
-            first = found[0].rows[0]
+        least = by_algorithm(study, measure, study.models[0], study.budgets[0])
+        if least is not None:
+            first = least.rows[0]
             printed = paper.printed_ranks(first.contender.dof, first.contender.evaluations)
             theirs = printed.get(first.contender.algorithm)
             beside = f"; in the paper it has {theirs:.2f}" if theirs is not None else ""
@@ -70,18 +76,6 @@ def headline(study: StudySummary, measure: Measure) -> tuple[str, Html]:
         text = f"for the paper’s whole grid at that pace; it took {cpus} CPUs {weeks} weeks"
         cards.append((f"{hours:,.0f} h" if hours >= 10 else f"{hours:.1f} h", text))
     return title, fill("cards", cards=[fill("card", value=value, text=text) for value, text in cards])
-
-
-def _eq_20_cards(study: StudySummary, main: Measure, who: Contender) -> Iterator[tuple[str, str]]:
-    """What a contender scores by both readings of Eq. 20, each with its floor."""
-    for measure in study.measures:
-        if measure == main or measure.key not in EQ_20:
-            continue
-        ranking = by_algorithm(study, measure, who.dof, who.evaluations)
-        row = ranking.row(who.algorithm, who.dof, who.evaluations) if ranking is not None else None
-        if ranking is not None and row is not None:
-            note = floor_note(study, measure, ranking.sequences)
-            yield with_unit(row.mean, measure), f"{measure.label}, of the same. {note}".strip()
 
 
 def grid_sentence(study: StudySummary) -> str:
@@ -131,20 +125,14 @@ def budget_section(study: StudySummary) -> Section:
                 extent=extent(study.cells[cell] for cell in study.grid if cell.dof == dof),
                 baselines=f" {baselines}." if baselines else "",
             )
-            default = measure == study.measures[0] and dof == study.models[0]
-            parts.append(choice(content, default=default, measure=measure.key, model=dof))
+            parts.append(choice(study, content, measure=measure.key, model=dof))
     size = extent(study.cells[cell] for cell in study.grid)
     head = ["Algorithm", *(f"{budget:,} evaluations" for budget in study.budgets), "evaluations/s"]
     caption = f"Milliseconds per frame and run, mean over sequences and models. {size}."
     table = Table(caption, head, [_time_row(study, name) for name in study.algorithms], "")
-    return Section(
-        "budget",
-        "Error and time by budget",
-        fill("budget", seconds=f"{paper.SECONDS_PER_500:g}"),
-        fill("figure", content=[*parts, legend(study.algorithms)]),
-        table.html(),
-        _times_alone(study),
-    )
+    figure = fill("figure", content=[*parts, legend(study.algorithms)])
+    about = fill("budget", seconds=f"{paper.SECONDS_PER_500:g}")
+    return Section("budget", "Error and time by budget", [about, figure, table.html(), _times_alone(study)])
 
 
 def _time_row(study: StudySummary, algorithm: str) -> list[str]:
@@ -201,13 +189,13 @@ def setting_section(study: StudySummary, notes: Sequence[str]) -> Section:
     ]
     absent = [fill("item", text=each) for each in missing(study)]
     parts += [fill("not-run", items=absent)] if absent else []
-    return Section("setting", "Setting and machine", *parts)
+    return Section("setting", "Setting and machine", parts)
 
 
 def citing_section() -> Section:
     """How to cite."""
     text = fill("cite", citation=paper.CITATION, unverified=paper.UNVERIFIED, bibtex=_BIBTEX)
-    return Section("cite", "How to cite", text)
+    return Section("cite", "How to cite", [text])
 
 
 def _pace(study: StudySummary) -> tuple[float, float, str]:
@@ -282,20 +270,3 @@ def _recording_of(cell: CellSummary) -> list[str]:
     sizes = sorted({f"{width}×{height}" for width, height in cell.meta.get("size", [])})
     rate, cameras = cell.meta.get("fps", float("nan")), cell.meta.get("cameras", [])
     return [f"{len(cell.frames)}", f"{rate:g}", f"{len(cameras)}", ", ".join(sizes)]
-
-
-def radii(study: StudySummary) -> list[str]:
-    """Each preset's search radii, as the cells used them, the main preset's first."""
-    sentences = []
-    for preset in study.presets:
-        configs = [summary.meta.get("config", {}) for cell, summary in study.cells.items() if cell.preset == preset]
-        used = [(config.get("rotation_radius"), config.get("translation_radius")) for config in configs]
-        known = [pair for pair in used if None not in pair]
-        rotation, translation = map(_range, zip(*known, strict=True)) if known else ("", "")
-        words = f"{rotation} rad and {translation} m." if known else "as the software’s documentation says."
-        sentences.append(f"{preset}: {words}")
-    return sentences
-
-
-def _range(values: Sequence[float]) -> str:
-    return f"{min(values):.3g}" if min(values) == max(values) else f"{min(values):.3g} to {max(values):.3g}"

@@ -2,66 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from html import escape
 from itertools import groupby
 
 import numpy as np
 
 from mmocap_warp.study import paper
-from mmocap_warp.study.report_parts import Html, fill
+from mmocap_warp.study.report_parts import Html, Name, Table
 from mmocap_warp.study.statistics import ALPHA
 from mmocap_warp.study.study_tables import ModelDifference, Ranking, Row
 from mmocap_warp.study.summary import BASELINES, CellSummary, Contender, Measure, StudySummary, algorithm_label
-from mmocap_warp.study.wording import DASH, extent, in_unit, interval, p_value, shown, spelled, statistic, with_unit
+from mmocap_warp.study.wording import DASH, extent, interval, p_value, shown, spelled, statistic, with_unit
 
-
-class Name(str):
-    """A cell that names what stands beside it."""
-
-
-@dataclass(frozen=True)
-class Table:
-    """A table of texts: the report's page and its Markdown say the same.
-
-    Attributes:
-        caption: above it.
-        head: a title per column.
-        rows: as many texts as the head has; the first names the row.
-        kind: its class in the page.
-        foot: the HTML of the cells of a last row, if there is one.
-    """
-
-    caption: str
-    head: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    kind: str = "compared"
-    foot: str = ""
-
-    def html(self) -> Html:
-        """As a figure of the page."""
-        return fill(
-            "table",
-            caption=self.caption,
-            kind=Html(f' class="{self.kind}"' if self.kind else ""),
-            head=[f"<th>{escape(title)}</th>" for title in self.head],
-            rows=[f"<tr>{''.join(_html_cells(row))}</tr>" for row in self.rows],
-            foot=Html(f"<tfoot><tr>{self.foot}</tr></tfoot>" if self.foot else ""),
-        )
-
-    def markdown(self, title: str = "") -> str:
-        """As Markdown; with a title, as a section."""
-        lines = [self.head, ["---"] * len(self.head), *self.rows]
-        grid = "".join(f"| {' | '.join(cell.replace('|', '/') for cell in line)} |\n" for line in lines)
-        caption = f"{self.caption}\n\n" if self.caption else ""
-        return f"## {title}\n\n{caption}{grid}" if title else grid
-
-
-def _html_cells(row: Sequence[str]) -> Iterator[str]:
-    for place, cell in enumerate(row):
-        tag = "th" if isinstance(cell, Name) or (cell and not place) else "td"
-        yield f"<{tag}>{cell if isinstance(cell, Html) else escape(cell)}</{tag}>"
+RANK_HEAD = ["Algorithm", "Rank", "p-value"]
 
 
 def _strong(text: str) -> Html:
@@ -73,9 +27,18 @@ def ranking_table(rankings: Sequence[Ranking], caption: str) -> Table:
 
     A p-value is bold where the contender differs significantly from the control.
     """
-    head = ["Algorithm", "Rank", "p-value"] * len(rankings) + ["Holm"]
-    tests = "".join(f'<td colspan="3">{_test_in_words(ranking)}</td>' for ranking in rankings) + "<td></td>"
-    return Table(caption, head, ranking_rows(rankings, _strong), "ranking", tests)
+    tests = []
+    for test in (ranking.test for ranking in rankings):
+        words = "one sequence: no test"
+        if test is not None:
+            sign = ">" if test.statistic > test.critical else "≤"
+            words = (
+                f"Friedman {test.statistic:.3f} {sign} {test.critical:.3f}, p = {p_value(test.p)}<br>"
+                f"Iman–Davenport F = {statistic(test.f)}, p = {p_value(test.f_p)}<br>Kendall’s W = {test.kendall_w:.2f}"
+            )
+        tests.append(f'<td colspan="3">{words}</td>')
+    head = [*(RANK_HEAD * len(rankings)), "Holm"]
+    return Table(caption, head, ranking_rows(rankings, _strong), "ranking", "".join([*tests, "<td></td>"]))
 
 
 def ranking_rows(rankings: Sequence[Ranking], strong: Callable[[str], str]) -> list[list[str]]:
@@ -94,22 +57,11 @@ def ranking_rows(rankings: Sequence[Ranking], strong: Callable[[str], str]) -> l
     return rows
 
 
-def _test_in_words(ranking: Ranking) -> str:
-    test = ranking.test
-    if test is None:
-        return "one sequence: no test"
-    sign = ">" if test.statistic > test.critical else "≤"
-    return (
-        f"Friedman {test.statistic:.3f} {sign} {test.critical:.3f}, p = {p_value(test.p)}<br>"
-        f"Iman–Davenport F = {statistic(test.f)}, p = {p_value(test.f_p)}<br>Kendall’s W = {test.kendall_w:.2f}"
-    )
-
-
 def effect_table(ranking: Ranking) -> Table:
     """A ranking's intervals, effect sizes and adjusted p-values, and the paper's ranks."""
     first = ranking.rows[0].contender
     caption = (
-        f"{first.evaluations:,} evaluations, {ranking.measure.label}{in_unit(ranking.measure)}, "
+        f"{first.evaluations:,} evaluations, {ranking.measure.title}, "
         f"{ranking.seeds} seeds, {len(ranking.sequences)} sequences"
     )
     head = ["Algorithm", "Mean", "95 %", "Rank", "95 %", "Holm-adjusted p", "A"]
@@ -139,9 +91,9 @@ def effect_cells(row: Row, measure: Measure) -> list[str]:
 def unranked_table(study: StudySummary, measure: Measure) -> Table | None:
     """The means of what has no part in a ranking: our trackers and the baselines; None without any."""
     who = [*study.others, *study.baseline_contenders]
-    cells = _cells_of_others(study, measure)
+    cells = study.cells_of(study.others, measure)
     size = f" {extent(cells)}." if cells else ""
-    caption = f"Not ranked, {measure.label}{in_unit(measure)}, mean over {len(study.sequences)} sequences.{size}"
+    caption = f"Not ranked, {measure.title}, mean over {len(study.sequences)} sequences.{size}"
     rows = [[str(each), shown(study.level(each, measure), measure)] for each in who]
     return Table(caption, ["Tracker", "Mean"], rows, "") if rows else None
 
@@ -169,8 +121,8 @@ def sequence_table(study: StudySummary, measure: Measure, budget: int) -> Table:
     shown_cells = [study.cells[cell] for cell in study.grid if cell.evaluations == budget]
     own = "; our trackers at their own budgets" if study.others else ""
     caption = (
-        f"{measure.label}{in_unit(measure)}, mean ± standard deviation over runs, {budget:,} evaluations per frame"
-        f"{own}. {extent([*shown_cells, *_cells_of_others(study, measure)])}."
+        f"{measure.title}, mean ± standard deviation over runs, {budget:,} evaluations per frame"
+        f"{own}. {extent([*shown_cells, *study.cells_of(study.others, measure)])}."
     )
     return Table(caption, ["Algorithm", "DOF", *study.sequences], rows, "sequences")
 
@@ -181,10 +133,6 @@ def _mean_and_deviation(cell: CellSummary | None, measure: Measure) -> str:
     runs = cell.runs[measure.key]
     mean = shown(float(runs.mean()), measure)
     return Html(f"{mean} <small>±{shown(float(runs.std(ddof=1)), measure)}</small>") if len(runs) > 1 else mean
-
-
-def _cells_of_others(study: StudySummary, measure: Measure) -> list[CellSummary]:
-    return [cell for who in study.others for cell in study.known(who, study.sequences, measure).values()]
 
 
 def _row_label(study: StudySummary, who: Contender) -> str:
@@ -205,7 +153,7 @@ def difference_table(differences: Sequence[ModelDifference], measure: Measure, m
     numbers = sorted({difference.sequences for difference in differences})
     blocks = " to ".join(map(str, dict.fromkeys((numbers[0], numbers[-1]))))
     caption = (
-        f"{measure.label}{in_unit(measure)} with {models[0]} DOF less that with {models[-1]}, mean over sequences; "
+        f"{measure.title} with {models[0]} DOF less that with {models[-1]}, mean over sequences; "
         f"A is the chance that a run with {models[0]} is better; Wilcoxon’s signed-rank test is over the sequences "
         f"({blocks}), two-sided, bold below {ALPHA:g}"
     )

@@ -14,7 +14,7 @@ from mmocap_warp.study.cell import Cell, CellResult, read_cell, write_cell
 from mmocap_warp.study.engines.engine import Death, Engine, EngineLost, Event, Notice, Ready
 from mmocap_warp.study.job import Advance, Refusal
 from mmocap_warp.study.source import Clip
-from mmocap_warp.study.tasks import Task
+from mmocap_warp.study.store import Task
 
 _ATTEMPTS = 3  # how often a cell is begun whose workers die
 _WAIT = 0.5  # longest wait for the next event [s]
@@ -26,44 +26,26 @@ _SECONDS_BETWEEN_TRIES = 5.0  # to store what waits
 
 @dataclass(frozen=True)
 class Seat:
-    """A worker, as a person is told of it.
+    """A worker, as a person is told of it."""
 
-    Attributes:
-        name: its device, and its machine where there are several.
-        cell: what it is tracking; None while it waits.
-        advance: how far it is with that.
-    """
-
-    name: str
-    cell: Cell | None
-    advance: Advance | None
+    name: str  # of its device, and of its machine where there are several
+    cell: Cell | None  # what it is tracking; None while it waits
+    advance: Advance | None  # how far that is
 
 
 @dataclass(frozen=True)
 class Status:
-    """Where a study stands.
+    """Where a study stands."""
 
-    Attributes:
-        cells: in the study.
-        reused: finished before this run.
-        finished: in this run, and stored.
-        unstored: finished in this run, but not on disk yet.
-        failures: cells given up in this run, and why.
-        evaluations: spent in this run, all frames and seeds together.
-        evaluations_left: at most.
-        seconds: since this run's workers were started, zero if none was.
-        seats: the workers.
-    """
-
-    cells: int
-    reused: int
-    finished: int
-    unstored: int
-    failures: dict[Cell, str]
-    evaluations: int
-    evaluations_left: int
-    seconds: float
-    seats: tuple[Seat, ...]
+    cells: int  # in the study
+    reused: int  # cells that were finished before this run
+    finished: int  # cells of this run that are stored
+    unstored: int  # cells of this run that are finished, but not on disk yet
+    failures: dict[Cell, str]  # cells that were given up in this run, and why
+    evaluations: int  # that were spent in this run, in all frames and seeds together
+    evaluations_left: int  # at most
+    seconds: float  # since this run's workers were started, zero if none was
+    seats: tuple[Seat, ...]  # the workers
 
     @property
     def rate(self) -> float:
@@ -93,7 +75,15 @@ def run_study(
             same is ended then.
         keep: what of a result is stored.
     """
-    missing = [task for task in tasks if not _is_stored(task, note)]
+    missing = []
+    for task in tasks:
+        if task.path.exists():
+            try:
+                read_cell(task.path)
+                continue
+            except InputError as error:
+                note(f"{error.source}: {error.problem}; this cell is repeated")
+        missing.append(task)
     run = _Run(missing, len(tasks), note, seconds, keep)
     if missing:
         workers = engine()
@@ -106,87 +96,22 @@ def run_study(
     return status
 
 
-def _is_stored(task: Task, note: Callable[[str], None]) -> bool:
-    """Whether a cell's result is there and whole."""
-    if not task.path.exists():
-        return False
-    try:
-        read_cell(task.path)
-    except InputError as error:
-        note(f"{error.source}: {error.problem}; this cell is repeated")
-        return False
-    return True
-
-
-class Outbox:
-    """Stores results. While the disk is full they wait in memory, so that none is lost if room is made in time.
-
-    Args:
-        note: called once with a line that says that results cannot be stored, and why.
-    """
-
-    def __init__(self, note: Callable[[str], None]) -> None:
-        self._note = note
-        self._waiting: dict[Path, CellResult] = {}
-        self._next_try = 0.0
-        self.problem = ""
-
-    @property
-    def cells(self) -> tuple[Cell, ...]:
-        """Those whose results wait."""
-        return tuple(result.cell for result in self._waiting.values())
-
-    @property
-    def full(self) -> bool:
-        """Whether no more results should be made before these are stored."""
-        return len(self._waiting) >= _CAPACITY
-
-    def put(self, path: Path, result: CellResult) -> int:
-        """Store a result, and what waits already; returns how many were stored."""
-        self._waiting[path] = result
-        return self._flush() if len(self._waiting) == 1 else self.flush_if_due()
-
-    def flush_if_due(self) -> int:
-        """Now and then, try to store what waits; returns how many were stored."""
-        return self._flush() if self._waiting and time.monotonic() >= self._next_try else 0
-
-    def _flush(self) -> int:
-        waiting = list(self._waiting.items())
-        for stored, (path, result) in enumerate(waiting):
-            try:
-                write_cell(path, result)
-            except InputError as error:
-                self._next_try = time.monotonic() + _SECONDS_BETWEEN_TRIES
-                if not self.problem:
-                    self._note(f"{error}; results wait in memory until then")
-                self.problem = str(error)
-                return stored
-            del self._waiting[path]
-        self.problem = ""
-        return len(waiting)
-
-
 @dataclass
 class _Worker:
-    """What is known of a worker.
+    """What is known of a worker."""
 
-    Attributes:
-        name: its device, and its machine where there are several.
-        clip: what it tracked last, whose masks it holds.
-        task: what it is tracking.
-        begun: when it began that.
-        advance: how far it is with that.
-    """
-
-    name: str
-    clip: Clip | None = None
-    task: Task | None = None
-    begun: float = 0.0
-    advance: Advance | None = None
+    name: str  # of its device, and of its machine where there are several
+    clip: Clip | None = None  # it tracked this last, and holds its masks
+    task: Task | None = None  # what it is tracking
+    begun: float = 0.0  # when that was begun
+    advance: Advance | None = None  # how far that is
 
 
 class _Run:
-    """One run: what is left to do, who does what, and what came of it."""
+    """One run: what is left to do, who does what, and what came of it.
+
+    While the disk is full results wait in memory, so that none is lost if room is made in time.
+    """
 
     def __init__(
         self,
@@ -200,12 +125,36 @@ class _Run:
         self._note, self._keep = note, keep
         self._allowed = math.inf if seconds is None else seconds
         self._pace: dict[str, float] = {}  # work a second of one worker, in an algorithm's last cell
-        self._outbox = Outbox(note)
+        self._waiting: dict[Path, CellResult] = {}  # results to be stored
+        self._next_try = 0.0  # when that is tried next
+        self._disk_problem = ""
         self._failures: dict[Cell, str] = {}
         self._attempts: Counter[Cell] = Counter()
         self._finished = self._spent = 0
         self._started = self._stopped = 0.0
         self._workers: dict[int, _Worker] = {}
+
+    def _store(self) -> None:
+        """Try to store what waits, if the last try was long enough ago."""
+        if time.monotonic() < self._next_try:
+            return
+        for path, result in [*self._waiting.items()]:
+            try:
+                write_cell(path, result)
+            except InputError as error:
+                self._next_try = time.monotonic() + _SECONDS_BETWEEN_TRIES
+                if not self._disk_problem:
+                    self._note(f"{error}; results wait in memory until then")
+                self._disk_problem = str(error)
+                return
+            del self._waiting[path]
+            self._finished += 1
+        self._disk_problem, self._next_try = "", 0.0
+
+    @property
+    def _memory_is_full(self) -> bool:
+        """Whether no more results should be made before those that wait are stored."""
+        return len(self._waiting) >= _CAPACITY
 
     @property
     def _tracking(self) -> list[Task]:
@@ -215,9 +164,9 @@ class _Run:
     def work(self, engine: Engine, report: Callable[[Status], None]) -> None:
         """Until nothing is left that can be done."""
         self._started = time.monotonic()
-        while self._tracking or self._pending or self._outbox.cells:
+        while self._tracking or self._pending or self._waiting:
             # Nothing can be done before results are stored, while the disk is full.
-            if not self._tracking and self._outbox.cells and (self._outbox.full or not self._pending):
+            if not self._tracking and self._waiting and (self._memory_is_full or not self._pending):
                 if not self._room_is_made(report):
                     break
                 continue
@@ -230,21 +179,21 @@ class _Run:
                     self._take(number, event)
             except EngineLost as error:
                 self._leave_the_rest(str(error))
-            self._finished += self._outbox.flush_if_due()
+            self._store()
             report(self.status())
-        self._give_up(self._outbox.problem)
-        self._failures |= dict.fromkeys(self._outbox.cells, self._outbox.problem)
+        self._give_up(self._disk_problem)
+        self._failures |= {result.cell: self._disk_problem for result in self._waiting.values()}
         self._stopped = time.monotonic()
 
     def _room_is_made(self, report: Callable[[Status], None]) -> bool:
         """Wait for room on the disk; returns whether it came."""
-        self._note(f"waiting up to {_PATIENCE:.0f} s for {len(self._outbox.cells)} results to be stored")
+        self._note(f"waiting up to {_PATIENCE:.0f} s for {len(self._waiting)} results to be stored")
         deadline = time.monotonic() + _PATIENCE
-        while self._outbox.cells and time.monotonic() < deadline:
+        while self._waiting and time.monotonic() < deadline:
             time.sleep(_WAIT)
-            self._finished += self._outbox.flush_if_due()
+            self._store()
             report(self.status())
-        return not self._outbox.cells
+        return not self._waiting
 
     def status(self) -> Status:
         """Where the study stands now."""
@@ -255,7 +204,7 @@ class _Run:
             cells=self._cells,
             reused=self._reused,
             finished=self._finished,
-            unstored=len(self._outbox.cells),
+            unstored=len(self._waiting),
             failures=dict(self._failures),
             evaluations=self._spent + running,
             evaluations_left=budget - running,
@@ -267,19 +216,18 @@ class _Run:
         )
 
     @property
+    def _time_is_up(self) -> bool:
+        """Whether the time allowed has passed, or nothing runs and nothing that is left would be finished in it."""
+        if self._seconds_left() <= 0:
+            return True
+        return bool(self._pending) and not self._tracking and not self._waiting and not self._fitting()
+
     def _seconds_left(self) -> float:
         return self._allowed - (time.monotonic() - self._started)
 
-    @property
-    def _time_is_up(self) -> bool:
-        """Whether the time allowed has passed, or nothing runs and nothing that is left would be finished in it."""
-        if self._seconds_left <= 0:
-            return True
-        return bool(self._pending) and not self._tracking and not self._outbox.cells and not self._fitting()
-
     def _fitting(self) -> list[Task]:
         """What is left and would be finished in time, at the algorithm's pace so far, or else at the slowest."""
-        left = self._seconds_left / _MARGIN
+        left = self._seconds_left() / _MARGIN
         if left == math.inf or not self._pace:
             return self._pending
         slowest = min(self._pace.values())
@@ -288,7 +236,7 @@ class _Run:
     def _hand_out(self, engine: Engine) -> None:
         """Give every worker that waits a cell."""
         for number, worker in self._workers.items():
-            if worker.task is None and not self._outbox.full and (fitting := self._fitting()):
+            if worker.task is None and not self._memory_is_full and (fitting := self._fitting()):
                 task = self._choose(fitting, worker.clip)
                 self._pending.remove(task)
                 self._attempts[task.cell] += 1
@@ -309,29 +257,25 @@ class _Run:
         return max((task for task in pending if task.job.clip == held), key=lambda task: task.work)
 
     def _take(self, number: int, event: Event) -> None:
-        """What has happened to a worker."""
+        """What has happened to a worker; a refusal or a result ends its task."""
         if isinstance(event, Ready):
             self._workers[number] = _Worker(event.name)
-            return
-        if isinstance(event, Notice):
+        elif isinstance(event, Notice):
             self._note(event.text)
-            return
-        if isinstance(event, Death):
+        elif isinstance(event, Death):
             self._bury(self._workers.pop(number, _Worker("worker")), event)
-            return
-        worker = self._workers[number]
-        if isinstance(event, Advance):
-            worker.advance = event
-            return
-        # A refusal or a result ends the worker's task.
-        task, worker.task, worker.advance = worker.task, None, None
-        assert task is not None
-        if isinstance(event, Refusal):
-            self._fail(task, event.problem)
+        elif isinstance(event, Advance):
+            self._workers[number].advance = event
         else:
+            worker = self._workers[number]
+            task, worker.task, worker.advance = worker.task, None, None
+            assert task is not None
+            if isinstance(event, Refusal):
+                self._fail(task, event.problem)
+                return
             self._spent += int(event.per_run["evaluations"].sum())
             self._pace[task.cell.algorithm] = task.work / max(time.monotonic() - worker.begun, 1e-3)
-            self._finished += self._outbox.put(task.path, self._keep(event))
+            self._waiting[task.path] = self._keep(event)
 
     def _bury(self, worker: _Worker, death: Death) -> None:
         """A worker has died; its cell is tried again."""

@@ -6,10 +6,12 @@ long as the paper's. ``docs/sequences.md`` says what is in all of them and how t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections import UserDict
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -59,21 +61,13 @@ _WORSE = {"S1": 1.0, "S2": 0.8, "S3": 1.3}  # how much worse than these a subjec
 
 @dataclass(frozen=True)
 class StudySequence:
-    """A recording with known truth whose masks are made as they are asked for.
+    """A recording with known truth whose masks are made as they are asked for."""
 
-    Attributes:
-        name: such as ``S1/Walking``.
-        fps: frames per second.
-        subject: the tracker's body, where a fit of the first frame might have left it.
-        truth: markers on the true body's skin with 2 mm of noise, joints, and the true body's poses.
-        recording: the true body before the cameras.
-    """
-
-    name: str
-    fps: float
-    subject: Subject
-    truth: Truth
-    recording: Recording
+    name: str  # such as ``S1/Walking``
+    fps: float  # frames per second
+    subject: Subject  # the tracker's body, where a fit of the first frame might have left it
+    truth: Truth  # markers on the true body's skin with 2 mm of noise, joints, and the true body's poses
+    recording: Recording  # the true body before the cameras
 
     @property
     def rig(self) -> CameraRig:
@@ -112,23 +106,14 @@ Motion = Callable[[BodyModel, int, int], np.ndarray]
 
 @dataclass(frozen=True)
 class SequencePlan:
-    """How a sequence is made.
+    """How a sequence is made."""
 
-    Attributes:
-        person: a key of ``PEOPLE`` or ``STRANGERS``.
-        frames: its length.
-        motion: what the person does.
-        heading: of those axes in the world [rad].
-        seed: of everything in the sequence.
-        cameras: those of the ring that record it.
-    """
-
-    person: str
-    frames: int
-    motion: Motion
-    heading: float
-    seed: int
-    cameras: tuple[str, ...] = tuple(_CAMERAS)
+    person: str  # who moves: a key of ``PEOPLE`` or ``STRANGERS``
+    frames: int  # of the whole sequence
+    motion: Motion  # what the person does
+    heading: float  # of the motion's axes in the world [rad]
+    seed: int  # of everything that is random in the sequence
+    cameras: tuple[str, ...] = tuple(_CAMERAS)  # of the ring, those that record it
 
 
 def walking_around(radius: float, stride: float, cadence: float, step_width: float = Walk.step_width) -> Motion:
@@ -206,7 +191,10 @@ def make_sequence(name: str, plan: SequencePlan, person: Person | None = None) -
     masks = SegmentedMasks(body, contrast, _LIGHT, plan.seed)
     recording = Recording(body, base, poses, FPS, study_rig().select(plan.cameras), masks, posed_by=person.posed_by)
     start = fitted_start(person, base, poses[0], plan.seed)
-    return StudySequence(name, FPS, start, _truth(recording, plan.seed), recording)
+    exact = recording.truth({HEAD_TOP: head_top(recording.body)})
+    noise = MARKER_NOISE * np.random.default_rng([plan.seed, 2]).standard_normal(exact.markers.shape)
+    truth = replace(exact, markers=np.round(exact.markers + noise, 7), joints=np.round(exact.joints, 7))
+    return StudySequence(name, FPS, start, truth, recording)
 
 
 def clip_sequence(
@@ -233,27 +221,12 @@ def clip_sequence(
     return replace(made, truth=replace(made.truth, marker_names=moved.marker_names, markers=np.round(paths, 7)))
 
 
-class MadeSequences(Mapping[str, StudySequence]):
-    """Sequences by name, each made when it is first asked for.
-
-    Args:
-        plans: how, by name.
-    """
-
-    def __init__(self, plans: Mapping[str, SequencePlan]) -> None:
-        self._plans = plans
+class MadeSequences(UserDict[str, Any]):
+    """Sequences by name, each made when it is first asked for; it is filled with their plans."""
 
     def __getitem__(self, name: str) -> StudySequence:
-        return _made(name, self._plans[name])
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._plans
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._plans)
-
-    def __len__(self) -> int:
-        return len(self._plans)
+        """The sequence."""
+        return _made(name, self.data[name])
 
 
 @cache
@@ -284,9 +257,7 @@ def _floor_axes(heading: float) -> np.ndarray:
 def _facing_ahead(poses: np.ndarray, heading: float) -> tuple[np.ndarray, np.ndarray]:
     """The base (3, 3) in which the body faces ahead in frame 0, and the poses (frame, 51) from it.
 
-    Args:
-        poses: in body axes about the origin of the floor.
-        heading: of those axes in the world [rad].
+    The given poses are in body axes about the origin of the floor, which have this heading in the world [rad].
     """
     turned = zyx_rotation(poses[:, 3:6])
     floor = _floor_axes(heading)
@@ -295,9 +266,3 @@ def _facing_ahead(poses: np.ndarray, heading: float) -> tuple[np.ndarray, np.nda
     moved[:, :3] = poses[:, :3] @ floor.T
     moved[:, 3:6] = zyx_angles(base.T @ floor @ turned)
     return base, np.round(moved, 9)
-
-
-def _truth(recording: Recording, seed: int) -> Truth:
-    exact = recording.truth({HEAD_TOP: head_top(recording.body)})
-    noise = MARKER_NOISE * np.random.default_rng([seed, 2]).standard_normal(exact.markers.shape)
-    return replace(exact, markers=np.round(exact.markers + noise, 7), joints=np.round(exact.joints, 7))

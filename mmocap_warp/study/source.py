@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import cache
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -31,55 +31,32 @@ _RIG_DECIMALS = 9  # of a calibration that count: more differ between machines
 
 @dataclass(frozen=True)
 class Clip:
-    """Which frames of which sequence a cell tracks.
+    """Which frames of which sequence a cell tracks."""
 
-    Attributes:
-        name: of the sequence.
-        scene: its ``scene.toml``; None for a shipped sequence.
-        frames: at most so many, from the first on; None for all.
-        scale: of masks and cameras, in (0, 1]; 1 for a shipped sequence.
-        subject: file of the subject to start from; None for the sequence's own.
-    """
-
-    name: str
-    scene: Path | None = None
-    frames: int | None = None
-    scale: float = 1.0
-    subject: Path | None = None
+    name: str  # the sequence's
+    scene: Path | None = None  # its ``scene.toml``; None for a shipped sequence
+    frames: int | None = None  # the most that count, from the first on; None for all
+    scale: float = 1.0  # of masks and cameras, in (0, 1]; 1 for a shipped sequence
+    subject: Path | None = None  # file of the subject to start from; None for the sequence's own
 
 
-@dataclass(frozen=True)
-class ClipFacts:
-    """What can be said of a clip without opening it.
+class ClipFacts(NamedTuple):
+    """What can be said of a clip without opening it."""
 
-    Attributes:
-        identity: a hash of what a result depends on, the same on any machine.
-        frames: how many.
-    """
-
-    identity: str
-    frames: int
+    identity: str  # a hash of what a result depends on, the same on any machine
+    frames: int  # their number
 
 
 @dataclass(frozen=True)
 class OpenClip:
-    """A clip as a tracker needs it; the frames are 0 to ``frames - 1``.
+    """A clip as a tracker needs it; the frames are 0 to ``frames - 1``."""
 
-    Attributes:
-        fps: frames per second.
-        subject: where tracking starts.
-        rig: undistorted cameras.
-        truth: what is known of these frames, if anything.
-        frames: how many.
-        observations: their masks, read or made as they are asked for, once.
-    """
-
-    fps: float
-    subject: Subject
-    rig: CameraRig
-    truth: Truth | None
-    frames: int
-    observations: Iterator[Observation]
+    fps: float  # frames per second
+    subject: Subject  # where tracking starts
+    rig: CameraRig  # undistorted cameras
+    truth: Truth | None  # what is known of these frames, if anything
+    frames: int  # their number
+    observations: Iterator[Observation]  # their masks, read or made as they are asked for, once
 
 
 def clip_facts(clip: Clip) -> ClipFacts:
@@ -98,7 +75,9 @@ def clip_facts(clip: Clip) -> ClipFacts:
         _check_shipped(clip, CLIP_PLANS)
         own = {"subject": _content([clip.subject])} if clip.subject else {}
         return _facts(clip, CLIP_PLANS[clip.name].frames, {"bodies": shipped_bodies()} | own)
-    scene = _load_scene(clip.scene)
+    from mmocap_warp.scene.scene_toml import load_scene
+
+    scene = load_scene(clip.scene)
     rig = scene.calibrated
     numbers = [np.round(array, _RIG_DECIMALS).tolist() for array in (rig.K, rig.R, rig.t, rig.size, rig.distortion)]
     described = {
@@ -132,15 +111,19 @@ def open_clip(clip: Clip) -> OpenClip:
         opened = open_sequence(whole.first(min(clip.frames or whole.frame_count, whole.frame_count)))
         return replace(opened, subject=read_subject(clip.subject)) if clip.subject else opened
     from mmocap_warp.formats.truth_file import load_truth
+    from mmocap_warp.scene.scene_toml import load_scene
 
-    scene = _load_scene(clip.scene)
+    scene = load_scene(clip.scene)
     frames = min(clip.frames or scene.frame_count, scene.frame_count)
-    truth = load_truth(scene.truth, scene.truth_axes) if scene.truth else None
+    truth = _renumbered(load_truth(scene.truth, scene.truth_axes), scene) if scene.truth else None
+    if truth is not None:
+        known = truth.frame_numbers < frames
+        truth = truth.at_frames(known) if known.any() else None
     return OpenClip(
         fps=scene.rate,
         subject=read_subject(clip.subject or _subject_file(scene)),
         rig=scene.rig(clip.scale),
-        truth=truth and _first_frames(_renumbered(truth, scene), frames),
+        truth=truth,
         frames=frames,
         observations=islice(scene.observations(clip.scale), frames),
     )
@@ -181,12 +164,6 @@ def _content(files: Iterable[Path]) -> str:
     return digest.hexdigest()
 
 
-def _load_scene(path: Path) -> Scene:
-    from mmocap_warp.scene.scene_toml import load_scene
-
-    return load_scene(path)
-
-
 def _subject_file(scene: Scene) -> Path:
     if scene.subject is None:
         remedy = "fit one with 'mmocap fit' and name it as [scene] subject, so that every cell starts alike"
@@ -216,9 +193,3 @@ def _renumbered(truth: Truth, scene: Scene) -> Truth:
     place = truth.frame_numbers - scene.first_frame
     own = (place >= 0) & (place % scene.stride == 0)
     return replace(truth.at_frames(own), fps=scene.rate, frame_numbers=place[own] // scene.stride)
-
-
-def _first_frames(truth: Truth, count: int) -> Truth | None:
-    """The truth of frames 0 to ``count - 1``; None where nothing is known of them."""
-    keep = truth.frame_numbers < count
-    return truth.at_frames(keep) if keep.any() else None

@@ -26,27 +26,16 @@ def ranks(scores: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Omnibus:
-    """Do the algorithms differ at all?
+    """Do the algorithms differ at all?"""
 
-    Attributes:
-        statistic: Friedman's, distributed as chi-square with ``dof`` degrees of freedom.
-        dof: algorithms less one.
-        p: probability of a larger statistic were all alike.
-        critical: value that the statistic must exceed at level ``ALPHA``.
-        f: Iman and Davenport's less conservative statistic, distributed as F with ``f_dof``.
-        f_dof: its degrees of freedom.
-        f_p: its p-value.
-        kendall_w: agreement of the blocks' rankings, 0 none to 1 the same ranking in each: the effect's size.
-    """
-
-    statistic: float
-    dof: int
-    p: float
-    critical: float
-    f: float
-    f_dof: tuple[int, int]
-    f_p: float
-    kendall_w: float
+    statistic: float  # Friedman's; distributed as chi-square with ``dof`` degrees of freedom
+    dof: int  # algorithms less one
+    p: float  # chance of a larger statistic, were all algorithms alike
+    critical: float  # value that the statistic must exceed at level ``ALPHA``
+    f: float  # Iman and Davenport's less conservative statistic, distributed as F with ``f_dof``
+    f_dof: tuple[int, int]  # degrees of freedom of ``f``
+    f_p: float  # the p-value of ``f``
+    kendall_w: float  # agreement of the blocks' rankings, 0 none to 1 the same ranking in each: the effect's size
 
 
 def friedman(average_rank: np.ndarray, blocks: int, tie_variance: float = 1.0) -> Omnibus:
@@ -89,25 +78,15 @@ def tie_variance(rank: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class Comparison:
-    """An algorithm against the control, the one with the best average rank.
+    """An algorithm against the control, the one with the best average rank."""
 
-    Attributes:
-        algorithm: its position among the average ranks.
-        rank: its average rank.
-        z: how many standard errors it ranks behind the control.
-        p: two-sided, unadjusted; NaN for the control itself.
-        threshold: Holm's, which ``p`` must fall below: ``ALPHA / (place - 1)``; NaN for the control.
-        adjusted_p: Holm's, to be compared with ``ALPHA`` itself.
-        rejected: whether it differs from the control; Holm stops at the first that does not.
-    """
-
-    algorithm: int
-    rank: float
-    z: float
-    p: float
-    threshold: float
-    adjusted_p: float
-    rejected: bool
+    algorithm: int  # its place among the average ranks that were given
+    rank: float  # the average
+    z: float  # how many standard errors it ranks behind the control
+    p: float  # two-sided, unadjusted; NaN for the control itself
+    threshold: float  # Holm's, which ``p`` must fall below: ``ALPHA / (place - 1)``; NaN for the control
+    adjusted_p: float  # Holm's, to be compared with ``ALPHA`` itself
+    rejected: bool  # whether it differs from the control; Holm stops at the first that does not
 
 
 def against_control(average_rank: np.ndarray, blocks: int) -> list[Comparison]:

@@ -1,23 +1,70 @@
-"""A study's results: one file per cell, named by what it depends on."""
+"""A study's cells as tasks, and their results: one file per cell, named by what it depends on."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import re
+import shutil
 import time
-from collections.abc import Iterator
-from dataclasses import asdict
+import zipfile
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.study.cell import Cell, CellResult, read_cell
-from mmocap_warp.study.definition import Plan
-from mmocap_warp.study.job import code_of
-from mmocap_warp.study.source import shipped_bodies
+from mmocap_warp.study.cell import PROVENANCE_FILE, Cell, CellResult, read_cell
+from mmocap_warp.study.definition import Plan, Study
+from mmocap_warp.study.job import Job, code_of
+from mmocap_warp.study.source import clip_facts, shipped_bodies
 
 _KEY_DIGITS = 20  # of 64; in a folder of a million results two keys are alike with a chance of 4e-13
 _ABANDONED = 60.0  # a file that has been half written for so long will not be finished [s]
+
+_CONTOURS = 500  # evaluations that a frame's contours take as long as, the clip's smoothing included, about
+
+
+@dataclass(frozen=True)
+class Task:
+    """A cell to be tracked."""
+
+    job: Job  # what a worker is given
+    path: Path  # where the result goes
+    frames: int  # of the clip
+    grid: int = 0  # number of the study's grid; those of an earlier one come first
+
+    @property
+    def cell(self) -> Cell:
+        """Which one."""
+        return self.job.cell
+
+    @property
+    def evaluations(self) -> int:
+        """At most, all frames and runs together."""
+        return self.frames * self.job.config.budget * self.job.config.runs
+
+    @property
+    def work(self) -> int:
+        """What it takes, in evaluations; a frame that is fitted by contours counts as a small search."""
+        config = self.job.config
+        return self.frames * config.runs * (config.budget + _CONTOURS * config.fits_contours)
+
+
+def plan_tasks(study: Study, folder: Path, device_kind: str) -> list[Task]:
+    """Every cell of a study with its file in ``folder``, for results of a kind of device (``cpu`` or ``cuda``).
+
+    Raises:
+        InputError: a sequence that does not exist or is wrong.
+    """
+    facts = {clip: clip_facts(clip) for clip in study.clips}
+    tasks = []
+    for plan in study.plans:
+        identity, frames = facts[plan.clip]
+        code = code_of(plan.config, plan.clip, plan.solved)
+        job = Job(plan.cell, plan.clip, identity, plan.config, study.name, code, plan.solved)
+        path = result_path(folder, plan.cell, content_key(plan, identity, device_kind, code))
+        tasks.append(Task(job, path, frames, plan.grid))
+    return tasks
 
 
 def content_key(plan: Plan, clip_identity: str, device_kind: str, code: str | None = None) -> str:
@@ -77,3 +124,70 @@ def read_results(folder: str | Path) -> Iterator[CellResult | InputError]:
             yield read_cell(path)
         except InputError as error:
             yield error
+
+
+def keep_earlier_cells(
+    study: Study,
+    tasks: list[Task],
+    device_kind: str,
+    track: Callable[[list[Task]], object],
+    note: Callable[[str], None],
+) -> None:
+    """Take over results that differ from what is missing in their code alone, algorithm by algorithm.
+
+    The first, the middle and the last of an algorithm's cells are tracked again. Where all of them have the bits that
+    they had, the others are copied under the names that this code gives them; they go on naming the code that they
+    come from.
+
+    Args:
+        study: whose cells.
+        tasks: all of them.
+        device_kind: ``cpu`` or ``cuda``.
+        track: tracks the cells that it is given, and stores their results.
+        note: called with a line for each algorithm.
+    """
+    # What lies there of other code, and a sample of it.
+    earlier: dict[str, list[tuple[Task, Path]]] = {}
+    for task, plan in zip(tasks, study.plans, strict=True):
+        if not task.path.exists() and (file := _earlier_result(task, plan, device_kind)):
+            earlier.setdefault(task.cell.algorithm, []).append((task, file))
+    if not earlier:
+        return
+    samples = {algorithm: sample_of(cells) for algorithm, cells in earlier.items()}
+
+    # What the sample gives now decides about the rest.
+    track([task for sample in samples.values() for task, _ in sample])
+    for algorithm, cells in earlier.items():
+        same = [task.path.exists() and _answer(task.path) == _answer(file) for task, file in samples[algorithm]]
+        if not all(same):
+            note(f"{algorithm}: {same.count(False)} of {len(same)} cells have other bits now; all of them are repeated")
+            continue
+        for task, file in cells:
+            if not task.path.exists():
+                shutil.copyfile(file, task.path)
+        note(f"{algorithm}: {len(same)} cells have the same bits now; {len(cells) - len(same)} more are kept")
+
+
+def sample_of(cells: list[tuple[Task, Path]]) -> list[tuple[Task, Path]]:
+    """The first, the middle and the last."""
+    return [cells[place] for place in sorted({0, len(cells) // 2, len(cells) - 1})]
+
+
+def _earlier_result(task: Task, plan: Plan, device_kind: str) -> Path | None:
+    """A whole result of the cell whose key is the cell's own but for the code that the result names."""
+    cell, *_ = task.path.name.rsplit(".", 2)
+    for file in sorted(task.path.parent.glob(f"{cell}.*.npz")):
+        try:
+            code = read_cell(file).meta.get("code", "")
+        except InputError:
+            continue
+        key = content_key(plan, task.job.clip_identity, device_kind, code)
+        if code and file == result_path(file.parent, plan.cell, key):
+            return file
+    return None
+
+
+def _answer(file: Path) -> dict[str, bytes]:
+    """The members of a result's file that a repetition gives bit for bit."""
+    with zipfile.ZipFile(file) as members:
+        return {name: members.read(name) for name in members.namelist() if name != PROVENANCE_FILE}

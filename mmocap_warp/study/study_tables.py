@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -30,47 +30,27 @@ FEWEST_SEQUENCES = 3
 
 @dataclass(frozen=True)
 class Row:
-    """A contender's line.
-
-    Attributes:
-        contender: who.
-        comparison: rank, p-value and Holm's verdict.
-        rank_interval: bootstrap interval of the average rank over seeds.
-        mean: of the measure over sequences, the mean of their means over runs.
-        mean_interval: bootstrap interval of that.
-        superiority: Vargha and Delaney's A, the chance that a run of the control is better than one of this; NaN for
-            the control.
-    """
+    """A contender's line. Intervals are bootstrapped over seeds."""
 
     contender: Contender
-    comparison: Comparison
-    rank_interval: tuple[float, float]
-    mean: float
+    comparison: Comparison  # rank, p-value and Holm's verdict
+    rank_interval: tuple[float, float]  # of the average rank
+    mean: float  # of the measure over sequences: the mean of their means over runs
     mean_interval: tuple[float, float]
-    superiority: float
+    superiority: float  # Vargha and Delaney's A: the chance that a run of the control is better; NaN for the control
 
 
 @dataclass(frozen=True)
 class Ranking:
-    """One column group of the paper's tables.
+    """One column group of the paper's tables."""
 
-    Attributes:
-        measure: what was ranked by.
-        rows: best average rank, the control, first.
-        test: Friedman's and what belongs to it; None with fewer than two sequences.
-        sequences: the blocks: those that every contender has tracked.
-        left_out: those that some have not.
-        absent: contenders that have tracked fewer than half as many sequences as others, and do not count.
-        seeds: how many runs of each cell count.
-    """
-
-    measure: Measure
-    rows: tuple[Row, ...]
-    test: Omnibus | None
-    sequences: tuple[str, ...]
-    left_out: tuple[str, ...]
-    absent: tuple[Contender, ...]
-    seeds: int
+    measure: Measure  # contenders are ranked by it
+    rows: tuple[Row, ...]  # the best average rank, the control, first
+    test: Omnibus | None  # None with fewer than two sequences
+    sequences: tuple[str, ...]  # the blocks: those that every contender has tracked
+    left_out: tuple[str, ...]  # sequences that some have not tracked
+    absent: tuple[Contender, ...]  # they have tracked fewer than half as many sequences as others, and do not count
+    seeds: int  # runs of each cell that count
 
     @property
     def decisive(self) -> bool:
@@ -93,6 +73,18 @@ def by_model(study: StudySummary, measure: Measure, algorithm: str) -> Ranking |
     """A column group of Table 6 or 7: one algorithm with all models and budgets; None with fewer than two."""
     contenders = [Contender(algorithm, dof, budget) for dof in study.models for budget in study.budgets]
     return rank(study, measure, contenders)
+
+
+def algorithm_rankings(study: StudySummary, measure: Measure, dof: int) -> list[Ranking]:
+    """Table 4 or 5: the rankings of a model that there are, a budget each."""
+    found = (by_algorithm(study, measure, dof, budget) for budget in study.budgets)
+    return [ranking for ranking in found if ranking is not None]
+
+
+def model_rankings(study: StudySummary, measure: Measure, algorithms: Iterable[str]) -> list[Ranking]:
+    """Table 6 or 7: the rankings of these algorithms' models and budgets that there are."""
+    found = (by_model(study, measure, name) for name in algorithms)
+    return [ranking for ranking in found if ranking is not None]
 
 
 def rank(study: StudySummary, measure: Measure, contenders: list[Contender]) -> Ranking | None:
@@ -136,8 +128,7 @@ def _rank(study: StudySummary, measure: Measure, contenders: list[Contender]) ->
             tuple(mean_ends[i].tolist()),
             superiority(lower[:, control], lower[:, i]) if i != control else np.nan,
         )
-        for comparison in comparisons
-        for i in (comparison.algorithm,)
+        for i, comparison in ((comparison.algorithm, comparison) for comparison in comparisons)
     ]
     return Ranking(
         measure=measure,
@@ -152,23 +143,14 @@ def _rank(study: StudySummary, measure: Measure, contenders: list[Contender]) ->
 
 @dataclass(frozen=True)
 class ModelDifference:
-    """39 against 28 degrees of freedom for an algorithm and a budget.
-
-    Attributes:
-        algorithm, evaluations: which.
-        difference: of the measure's means, the larger model's less the smaller's.
-        interval: bootstrap interval of that.
-        superiority: the chance that a run with the larger model is better than one with the smaller.
-        p: Wilcoxon's signed-rank test over the sequences, two-sided; NaN with fewer than ``FEWEST_SEQUENCES``.
-        sequences: how many there are.
-    """
+    """39 against 28 degrees of freedom for an algorithm and a budget."""
 
     algorithm: str
     evaluations: int
-    difference: float
-    interval: tuple[float, float]
-    superiority: float
-    p: float
+    difference: float  # of the measure's means, the larger model's less the smaller's
+    interval: tuple[float, float]  # of that, bootstrapped
+    superiority: float  # the chance that a run with the larger model is better than one with the smaller
+    p: float  # of Wilcoxon's test over the sequences, two-sided; NaN with fewer than ``FEWEST_SEQUENCES``
     sequences: int
 
 
@@ -208,11 +190,8 @@ def _scores(found: Mapping[Any, dict[str, CellSummary]], sequences: list[str], m
     """
     cells = [[of[name] for of in found.values()] for name in sequences]
     every = [cell for row in cells for cell in row]
-    seeds = set.intersection(*(set(cell.seeds.tolist()) for cell in every))
-    fewest = min(len(cell.seeds) for cell in every)
-
-    def counted(cell: CellSummary) -> np.ndarray:
-        runs = cell.runs[measure.key]
-        return runs[np.isin(cell.seeds, list(seeds))] if seeds else runs[:fewest]
-
-    return np.array([[counted(cell) for cell in row] for row in cells])
+    seeds = list(set.intersection(*(set(cell.seeds.tolist()) for cell in every)))
+    first = slice(min(len(cell.seeds) for cell in every))
+    return np.array(
+        [[cell.runs[measure.key][np.isin(cell.seeds, seeds) if seeds else first] for cell in row] for row in cells]
+    )

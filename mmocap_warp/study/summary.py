@@ -19,25 +19,20 @@ from mmocap_warp.tracking.algorithms import ALGORITHMS, CONTOUR_TRACKERS
 
 @dataclass(frozen=True)
 class Measure:
-    """Something that results are judged by.
+    """Something that results are judged by."""
 
-    Attributes:
-        key: its name in a ``CellResult``.
-        label: its name for people.
-        unit: what it is shown in; empty for a pure number.
-        factor: from the result's unit to that.
-        decimals: that are shown.
-        higher_is_better: most are errors, for which lower is.
-        per_frame: measured in every frame, else once a run.
-    """
+    key: str  # the measure's name in a ``CellResult``
+    label: str  # the measure's name for people
+    unit: str  # values are shown in it; empty for a pure number
+    factor: float  # from the result's unit to ``unit``
+    decimals: int  # of a value that is shown
+    higher_is_better: bool = False  # else it is an error, and lower is better
+    per_frame: bool = True  # whether it is measured in every frame, or once a run
 
-    key: str
-    label: str
-    unit: str
-    factor: float
-    decimals: int
-    higher_is_better: bool = False
-    per_frame: bool = True
+    @property
+    def title(self) -> str:
+        """The label with the unit in brackets, if it has one."""
+        return f"{self.label} [{self.unit}]" if self.unit else self.label
 
     @property
     def sign(self) -> int:
@@ -61,6 +56,8 @@ MEASURES: tuple[Measure, ...] = (
 )
 """The first that a study knows is the one that it is judged by: MPJPE, which needs no first pose to start from."""
 
+MEASURE_OF = {measure.key: measure for measure in MEASURES}
+
 EQ_20 = ("eq20_as_printed", "marker_error")
 """The two readings of the paper's Eq. 20, see :mod:`mmocap_warp.result.marker_errors`."""
 
@@ -83,11 +80,7 @@ def algorithm_label(name: str) -> str:
 
 @dataclass(frozen=True, order=True)
 class Contender:
-    """One of the trackers that are compared: an algorithm with a model and a budget.
-
-    Attributes:
-        algorithm, dof, evaluations: see ``Cell``.
-    """
+    """One of the trackers that are compared: an algorithm with a model and a budget."""
 
     algorithm: str
     dof: int
@@ -103,37 +96,22 @@ class Contender:
 
 @dataclass(frozen=True)
 class CellSummary:
-    """A cell's result in short; every measure in the unit that it is shown in.
-
-    Attributes:
-        cell: which one.
-        seeds: (run,).
-        frames: (frame,) frame numbers.
-        runs: (run,) by measure: the mean over frames.
-        spread: (5,) by measure of frames: minimum, quartiles and maximum over all frames of all runs.
-        curve: (frame,) by measure of frames: the median over runs.
-        floors: by measure: what the tracked body scores at the true angles, where that is known.
-        frames_lost: share of frames without a view to judge by.
-        typical_pose: (frame, 51), poses of the run whose main measure is the median of all runs.
-        typical_curve: (frame,), that run's main measure; NaN where it is unknown.
-        seconds: of the search, all runs and frames together.
-        evaluations: all runs and frames together.
-        meta: see ``CellResult``.
-    """
+    """A cell's result in short; every measure in the unit that it is shown in."""
 
     cell: Cell
-    seeds: np.ndarray
-    frames: np.ndarray
-    runs: dict[str, np.ndarray]
+    seeds: np.ndarray  # (run,)
+    frames: np.ndarray  # (frame,) frame numbers
+    runs: dict[str, np.ndarray]  # (run,) by measure: the mean over frames
+    # (5,) by measure of frames: minimum, quartiles and maximum over all frames of all runs
     spread: dict[str, np.ndarray]
-    curve: dict[str, np.ndarray]
-    floors: dict[str, float]
-    frames_lost: float
-    typical_pose: np.ndarray
-    typical_curve: np.ndarray
-    seconds: float
-    evaluations: int
-    meta: dict
+    curve: dict[str, np.ndarray]  # (frame,) by measure of frames: the median over runs
+    floors: dict[str, float]  # by measure: what the tracked body scores at the true angles, where that is known
+    frames_lost: float  # share of frames without a view to judge by
+    typical_pose: np.ndarray  # (frame, 51), poses of the run whose main measure is the median of all runs
+    typical_curve: np.ndarray  # (frame,), that run's main measure; NaN where it is unknown
+    seconds: float  # of searching, in all runs and frames together
+    evaluations: int  # in all runs and frames together
+    meta: dict  # as in ``CellResult``
 
 
 def summarise(result: CellResult) -> CellSummary:
@@ -185,19 +163,15 @@ class StudySummary:
 
     The grid is what the paper compares: searches with the body as given, of people in the family of the tracker's
     bodies. Beside it stand other trackers, strangers and baselines.
-
-    Attributes:
-        cells: summary by cell, of all presets; the grid may have gaps.
-        baselines: what needs no tracking, by sequence and a name of ``BASELINES``.
-        alone: seconds that a frame takes where a single run is tracked at a time, by contender; empty where unknown.
-        planned: the cells that should be there, as far as that is known.
-        rankings: what :func:`mmocap_warp.study.study_tables.rank` has made of it so far.
     """
 
-    cells: dict[Cell, CellSummary]
+    cells: dict[Cell, CellSummary]  # summary by cell, of all presets; the grid may have gaps
+    # what needs no tracking, by sequence and a name of ``BASELINES``
     baselines: Mapping[tuple[str, str], CellSummary] = field(default_factory=dict)
+    # seconds that a frame takes where a single run is tracked at a time, by contender; empty where unknown
     alone: Mapping[Contender, float] = field(default_factory=dict)
-    planned: frozenset[Cell] = frozenset()
+    planned: frozenset[Cell] = frozenset()  # the cells that should be there, as far as that is known
+    # what :func:`mmocap_warp.study.study_tables.rank` has made of it so far
     rankings: dict[tuple, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @classmethod
@@ -240,13 +214,12 @@ class StudySummary:
             for cell in self.cells
             if cell.preset == self.preset and cell.algorithm not in names
         }
-        order = [*CONTOUR_TRACKERS, *ALGORITHMS]
+        place = {name: number for number, name in enumerate([*CONTOUR_TRACKERS, *ALGORITHMS])}
 
-        def place(who: Contender) -> tuple[bool, int, Contender]:
-            name = who.algorithm.partition("+")[0]
-            return "+solved" not in who.algorithm, order.index(name) if name in order else len(order), who
+        def key(who: Contender) -> tuple[bool, int, Contender]:
+            return "+solved" not in who.algorithm, place.get(who.algorithm.partition("+")[0], len(place)), who
 
-        return sorted(found, key=place)
+        return sorted(found, key=key)
 
     @cached_property
     def baseline_contenders(self) -> list[Contender]:
@@ -320,6 +293,10 @@ class StudySummary:
         found = {name: self.find(name, who.algorithm, who.dof, who.evaluations) for name in sequences}
         return {name: cell for name, cell in found.items() if cell is not None and measure.key in cell.runs}
 
+    def cells_of(self, contenders: Iterable[Contender], measure: Measure) -> list[CellSummary]:
+        """What contenders have tracked of the grid's sequences, where the measure is known of it."""
+        return [cell for who in contenders for cell in self.known(who, self.sequences, measure).values()]
+
     def level(self, who: Contender, measure: Measure, sequences: Sequence[str] | None = None) -> float:
         """Mean of a measure over runs and sequences, the grid's by default; NaN unless it is known of every one."""
         sequences = self.sequences if sequences is None else sequences
@@ -354,8 +331,12 @@ def seconds_alone(results: Iterable[CellResult]) -> dict[Contender, float]:
 
 def in_order(algorithms: Iterable[str]) -> list[str]:
     """Each algorithm once: the paper's as in its Table 4, then others as they are registered, then the rest."""
-    order = [*ALGORITHM_ORDER, *ALGORITHMS]
-    return sorted(set(algorithms), key=lambda name: (order.index(name) if name in order else len(order), name))
+    return ordered(algorithms, [*ALGORITHM_ORDER, *ALGORITHMS])
+
+
+def ordered(names: Iterable[str], order: Sequence[str]) -> list[str]:
+    """Each name once: as in ``order``, then the rest by the alphabet."""
+    return sorted(set(names), key=lambda name: (order.index(name) if name in order else len(order), name))
 
 
 def _is_search(algorithm: str) -> bool:

@@ -15,7 +15,7 @@ from mmocap_warp import cli
 from mmocap_warp.cli import console
 from mmocap_warp.cli.progress import StudyProgress, headline
 from mmocap_warp.commands import studies
-from mmocap_warp.study import tasks
+from mmocap_warp.study import store
 from mmocap_warp.study.cell import Cell
 from mmocap_warp.study.job import Advance, Job
 from mmocap_warp.study.run import Seat, Status
@@ -73,7 +73,7 @@ def test_cells_that_fail_are_told_and_the_run_fails(study, copied, capsys, monke
     for path in copied.glob("*-pso-*"):
         path.unlink()
     # The sequence has changed between the planning and the tracking.
-    monkeypatch.setattr(tasks, "Job", lambda cell, clip, identity, *rest: Job(cell, clip, "as it was", *rest))
+    monkeypatch.setattr(store, "Job", lambda cell, clip, identity, *rest: Job(cell, clip, "as it was", *rest))
     assert run(study, copied) == console.FAILURE
     out, err = capsys.readouterr()
     assert "9 of 12 cells, 0 of them new" in out

@@ -12,7 +12,7 @@ import pytest
 from tiny_study import tasks_of
 
 from mmocap_warp import code_hash as module
-from mmocap_warp.study import store, tasks
+from mmocap_warp.study import store
 from mmocap_warp.study.definition import load_study
 from mmocap_warp.study.job import Refusal, Worker
 from mmocap_warp.study.store import content_key
@@ -203,7 +203,7 @@ def test_results_of_changed_code_have_files_of_their_own(study, monkeypatch):
 
 
 def test_a_worker_with_other_code_refuses(study, tmp_path, monkeypatch):
-    monkeypatch.setattr(tasks, "code_of", lambda *_: "of the machine that started the study")
+    monkeypatch.setattr(store, "code_of", lambda *_: "of the machine that started the study")
     job = tasks_of(study, tmp_path / "results")[0].job
     (told,) = Worker("cpu").work(job)
     assert isinstance(told, Refusal)

@@ -15,8 +15,7 @@ from mmocap_warp.scenes import ROOT
 from mmocap_warp.study.cell import Cell
 from mmocap_warp.study.definition import load_study
 from mmocap_warp.study.source import Clip, clip_facts, open_clip
-from mmocap_warp.study.store import content_key
-from mmocap_warp.study.tasks import plan_tasks
+from mmocap_warp.study.store import content_key, plan_tasks
 
 GRID = """
 [[grid]]

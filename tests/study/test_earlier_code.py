@@ -7,10 +7,10 @@ import shutil
 import pytest
 from tiny_study import CELLS, answer_members, run_quietly, tasks_of
 
-from mmocap_warp.study import store, tasks
+from mmocap_warp.study import store
 from mmocap_warp.study.cell import read_cell
 from mmocap_warp.study.definition import load_study
-from mmocap_warp.study.earlier_code import keep_earlier_cells
+from mmocap_warp.study.store import keep_earlier_cells
 
 TRACKERS = 4  # of the tiny study, with three cells each
 
@@ -20,8 +20,7 @@ def of_other_code(study, tmp_path_factory):
     """The study's results, made when the code was another."""
     folder = tmp_path_factory.mktemp("earlier") / "results"
     with pytest.MonkeyPatch.context() as patch:
-        for module in (store, tasks):
-            patch.setattr(module, "code_of", lambda *_: "of the version before")
+        patch.setattr(store, "code_of", lambda *_: "of the version before")
         patch.setattr("mmocap_warp.study.job.code_of", lambda *_: "of the version before")
         run_quietly(tasks_of(study, folder))
     return folder
@@ -52,7 +51,7 @@ def test_a_sample_is_tracked_again_and_the_rest_is_kept(study, of_other_code, tm
 
 def test_cells_beyond_the_sample_are_copied_and_name_their_code(study, of_other_code, tmp_path, monkeypatch):
     folder = shutil.copytree(of_other_code, tmp_path / "results")
-    monkeypatch.setattr("mmocap_warp.study.earlier_code.sample_of", lambda cells: cells[:1])
+    monkeypatch.setattr("mmocap_warp.study.store.sample_of", lambda cells: cells[:1])
     planned, tracked, notes = kept(study, folder)
     assert len(tracked) == TRACKERS
     copied = [task for task in planned if task not in tracked]
@@ -62,8 +61,8 @@ def test_cells_beyond_the_sample_are_copied_and_name_their_code(study, of_other_
 
 def test_other_bits_keep_nothing(study, of_other_code, tmp_path, monkeypatch):
     folder = shutil.copytree(of_other_code, tmp_path / "results")
-    monkeypatch.setattr("mmocap_warp.study.earlier_code.sample_of", lambda cells: cells[:1])
-    monkeypatch.setattr("mmocap_warp.study.earlier_code._answer", lambda file: str(file))
+    monkeypatch.setattr("mmocap_warp.study.store.sample_of", lambda cells: cells[:1])
+    monkeypatch.setattr("mmocap_warp.study.store._answer", lambda file: str(file))
     planned, tracked, notes = kept(study, folder)
     assert {task.path for task in planned if task.path.exists()} == {task.path for task in tracked}
     assert all("1 of 1 cells have other bits now" in note for note in notes)

@@ -21,9 +21,8 @@ from mmocap_warp.study.overview import (
     strangers_table,
     which_half,
 )
-from mmocap_warp.study.report_build import render
+from mmocap_warp.study.report_build import markdown_tables, render
 from mmocap_warp.study.report_figures import time_error_figure
-from mmocap_warp.study.report_text import markdown_tables
 from mmocap_warp.study.sequences import SEQUENCES as SHIPPED
 from mmocap_warp.study.source import Clip
 from mmocap_warp.study.study_tables import by_algorithm, model_differences

@@ -18,10 +18,9 @@ from mmocap_warp.cli.console import BAD_INPUT, OK
 from mmocap_warp.optimizers.cma_es import CmaEs
 from mmocap_warp.study.cell import Cell, read_cell, write_cell
 from mmocap_warp.study.claims import AGREES, FAILS, UNTESTED, check_claims
-from mmocap_warp.study.report_build import render
+from mmocap_warp.study.report_build import csv_table, markdown_tables, render
 from mmocap_warp.study.report_overlays import best_and_worst, extreme_frames, side_by_side
 from mmocap_warp.study.report_setting import mixture
-from mmocap_warp.study.report_text import csv_table, markdown_tables
 from mmocap_warp.study.sequences import SEQUENCES as SHIPPED
 from mmocap_warp.study.source import Clip
 from mmocap_warp.study.store import result_path

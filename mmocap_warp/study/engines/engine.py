@@ -11,26 +11,17 @@ from mmocap_warp.study.job import Advance, Job, Refusal
 
 @dataclass(frozen=True)
 class Ready:
-    """A worker has started and waits for its first job.
+    """A worker has started and waits for its first job."""
 
-    Attributes:
-        name: its device, and its machine where there are several.
-    """
-
-    name: str
+    name: str  # its device, and its machine where there are several
 
 
 @dataclass(frozen=True)
 class Death:
-    """A worker is gone, and with it what it was tracking. Another one may become ready in its place.
+    """A worker is gone, and with it what it was tracking. Another one may become ready in its place."""
 
-    Attributes:
-        reason: what happened.
-        remedy: what the user can do if it happens again, where that is known.
-    """
-
-    reason: str
-    remedy: str = ""
+    reason: str  # why it is gone
+    remedy: str = ""  # what the user can do if it happens again, where that is known
 
 
 @dataclass(frozen=True)

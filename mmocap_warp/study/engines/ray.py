@@ -25,17 +25,11 @@ _PATIENCE = 60.0  # how long to wait while the cluster has no machine for a work
 
 @dataclass(frozen=True)
 class Shares:
-    """What each worker gets of a cluster.
+    """What each worker gets of a cluster."""
 
-    Attributes:
-        workers: how many.
-        gpus: of each.
-        cpus: of each.
-    """
-
-    workers: int
-    gpus: float
-    cpus: int
+    workers: int  # their number
+    gpus: float  # of each worker
+    cpus: int  # of each worker
 
     @property
     def device_kind(self) -> str:

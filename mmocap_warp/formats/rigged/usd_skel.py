@@ -8,7 +8,14 @@ import numpy as np
 from pxr import Usd, UsdGeom, UsdPhysics, UsdSkel
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh, RiggedMotion, joined_parts, parents_first, reordered
+from mmocap_warp.formats.rigged.rigged_mesh import (
+    JointAxis,
+    RiggedMesh,
+    RiggedMotion,
+    joined_parts,
+    parents_first,
+    reordered,
+)
 from mmocap_warp.formats.usd.usd_file import read_stage, reads_usd
 
 _REMEDY = "export the character with its UsdSkel skeleton and skin"

@@ -200,14 +200,9 @@ def sides_crossed(pairs: tuple[Pair, ...]) -> bool:
     return sum(side == "rl" for side in sides) > sum(side == "lr" for side in sides)
 
 
-def _without_number(joint: str) -> str:
-    """A joint's name without a number at its end."""
-    return re.sub(r"[_.\-: ]*\d+$", "", joint) or joint
-
-
 def _differing_parts(one: str, other: str) -> tuple[str, str, str, str]:
     """The common beginning and the common end of two names, and what is between in each."""
-    one, other = _without_number(one), _without_number(other)
+    one, other = (re.sub(r"[_.\-: ]*\d+$", "", joint) or joint for joint in (one, other))  # without a number at the end
     first = _common_length(one, other)
     last = _common_length(one[first:][::-1], other[first:][::-1])
     return one[:first], one[len(one) - last :], one[first : len(one) - last], other[first : len(other) - last]

@@ -68,11 +68,7 @@ def read_amc(path: str | Path, skeleton: str | Path | None = None) -> MotionClip
 
 
 def with_markers(clip: MotionClip, path: str | Path) -> MotionClip:
-    """A CMU clip with the markers of the ``.c3d`` of the same take.
-
-    Raises:
-        InputError: a file that cannot be read, or that is of another take.
-    """
+    """A CMU clip with the markers of the ``.c3d`` of the same take."""
     from mmocap_warp.formats.motion.captured_points import read_c3d
 
     tracks = read_c3d(path)

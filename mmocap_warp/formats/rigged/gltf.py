@@ -129,13 +129,13 @@ def _read_character(document: _Document, path: Path) -> RiggedMesh:
             above[_index(child)] = number
     parents_first(above)  # raises where nodes hang on each other in a circle
     joints, bind = _joints(document, [skins[_index(node["skin"])] for _, node in skinned])
-    number = {node: joint for joint, node in enumerate(joints)}
-    parent = [_nearest_above(node, above, number) for node in joints]
+    joint_of = {node: joint for joint, node in enumerate(joints)}
+    parent = [_nearest_above(node, above, joint_of) for node in joints]
     order = parents_first(parent)
     # The skin, whose weights count the joints of their own skin.
     parts = []
     for _, node in skinned:
-        of_skin = np.array([number[joint] for joint in skins[node["skin"]]["joints"]])
+        of_skin = np.array([joint_of[joint] for joint in skins[node["skin"]]["joints"]])
         parts += [
             _read_primitive(document, primitive, of_skin)
             for primitive in document.list("meshes")[_index(node["mesh"])]["primitives"]
@@ -176,12 +176,12 @@ def _joints(document: _Document, skins: Iterable[dict[str, Any]]) -> tuple[list[
     return list(bind), np.stack(list(bind.values()))
 
 
-def _nearest_above(node: int, above: list[int], number: dict[int, int]) -> int:
-    """The number of the nearest joint above a node, -1 where there is none."""
+def _nearest_above(node: int, above: list[int], joint_of: dict[int, int]) -> int:
+    """The nearest joint above a node, -1 where there is none."""
     node = above[node]
-    while node >= 0 and node not in number:
+    while node >= 0 and node not in joint_of:
         node = above[node]
-    return number.get(node, -1)
+    return joint_of.get(node, -1)
 
 
 def _read_primitive(
@@ -222,11 +222,7 @@ def _scene_from_bind(bind: np.ndarray, rest: np.ndarray, mesh: np.ndarray) -> np
 
 
 def _file_inside(folder: Path, name: str, source: object) -> Path:
-    """The file ``name`` in ``folder`` or below it; ``source`` is the file that names it.
-
-    Raises:
-        InputError: it lies elsewhere, or does not exist.
-    """
+    """The file ``name`` in ``folder`` or below it; ``source`` is the file that names it."""
     root = folder.resolve()
     try:
         file = (root / unquote(name)).resolve()

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from mmocap_warp.body.skeleton import Skeleton
+from mmocap_warp.body.rotations import applied, zyx_rotation
+from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
 from mmocap_warp.errors import InputError
 
 _PERSON = 1.2  # extent of a body that counts as large as a person [m]
@@ -180,6 +181,26 @@ def rest_transforms(body: BodyModel) -> np.ndarray:
     return np.stack(
         [m if p < 0 else np.linalg.inv(bind[p]) @ m for m, p in zip(bind, body.skeleton.parent, strict=True)]
     )
+
+
+def joint_transforms(subject: Subject, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Transforms of the joints in poses (frame, coordinate): (frame, joint, 4, 4) float64, for column vectors.
+
+    The first have each joint in its parent, the root in the world; the second have all of them in the world.
+    """
+    local = np.tile(rest_transforms(subject.body), (len(pose), 1, 1, 1))
+    local[:, 0, :3, :3] = subject.root_base @ local[:, 0, :3, :3]
+    local[:, 0, :3, 3] = pose[:, :TRANSLATION]
+    slides, own = subject.body.skeleton.slides, pose[:, TRANSLATION:].reshape(len(pose), -1, 3)
+    for number in np.flatnonzero(slides):
+        local[:, number, :3, 3] += applied(local[:, number, :3, :3], own[:, number])
+    turned = zyx_rotation(np.where(slides[:, None], 0.0, own))
+    local[..., :3, :3] = local[..., :3, :3] @ turned
+    world = local.copy()
+    for joint, parent in enumerate(subject.body.skeleton.parent):
+        if parent >= 0:
+            world[:, joint] = world[:, parent] @ local[:, joint]
+    return local, world
 
 
 @dataclass(frozen=True, eq=False)

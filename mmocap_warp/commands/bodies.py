@@ -24,8 +24,7 @@ from mmocap_warp.formats.rigged.usd_skel import read_usd_skel
 from mmocap_warp.formats.usd.usd_body import read_body, read_motions, write_body
 from mmocap_warp.formats.usd.usd_file import USD_SUFFIXES
 from mmocap_warp.result.result import STATUS, Result
-from mmocap_warp.rigging.importing.body_axes import body_from_file
-from mmocap_warp.rigging.importing.imported import Imported, imported
+from mmocap_warp.rigging.importing.imported import Imported, body_from_file, imported
 from mmocap_warp.rigging.importing.joints_file import read_joints_file, write_joints_file
 from mmocap_warp.rigging.shipped import body_file
 from mmocap_warp.rigging.start_poses import learnt

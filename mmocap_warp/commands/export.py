@@ -78,7 +78,7 @@ def export(
     start_warp()
     for file, number in files.items():
         chosen = _chosen(of_run(tracked, number), raw, frames, fps, rig, up)
-        (table.export_point_cache if bake else table.export)(chosen, file)
+        table.export(chosen, file, table.POINT_CACHES if bake else table.EXPORTS)
     vertical = table.export_format(output).up or chosen.cameras.up
     return Export(tuple(files), len(chosen.frame_numbers), chosen.rate, vertical)
 

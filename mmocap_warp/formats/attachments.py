@@ -47,11 +47,7 @@ class Attachment:
 
 
 def take_attachments(file: Table, folder: Path) -> tuple[Attachment, ...]:
-    """The ``[[attach]]`` tables of a file, whose paths count from ``folder``.
-
-    Raises:
-        InputError: a wrong or unknown key, two things of one name, or a mesh that does not exist.
-    """
+    """The ``[[attach]]`` tables of a file, whose paths count from ``folder``."""
     values = file.take("attach", list, [])
     if not all(isinstance(each, dict) for each in values):
         raise file.error("attach is not a list of tables", "write [[attach]] before each thing")

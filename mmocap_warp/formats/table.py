@@ -155,9 +155,6 @@ def read_lenses(path: Path, up: str, sizes: dict[str, tuple[int, int]]) -> Camer
 
     Returns:
         Cameras at the origin; None for a calibration that has places.
-
-    Raises:
-        InputError: an unknown ending, or a file that the format's reader refuses.
     """
     format = _format_of(CALIBRATIONS, path)
     lenses: CameraRig | None = _function(format.lenses)(path, up, sizes) if format.lenses else None
@@ -178,35 +175,20 @@ def calibration_export(path: Path) -> Format:
     return _format_of(CALIBRATION_EXPORTS, path)
 
 
-def export(result: Result, path: Path) -> None:
-    """Write the animation of a result's best run in the format of ``EXPORTS`` that the file's ending names.
+def export(result: Result, path: Path, formats: tuple[Format, ...] = EXPORTS) -> None:
+    """Write the animation of a result's best run in that one of some formats that the file's ending names.
 
     A format with a vertical of its own has the world turned to it, as :func:`mmocap_warp.result.excerpt.stood_up` does.
-
-    Raises:
-        InputError: an unknown ending, or a file that cannot be written.
     """
-    _write(export_format(path), result, path)
+    from mmocap_warp.result.excerpt import stood_up
 
-
-def export_point_cache(result: Result, path: Path) -> None:
-    """The same in the format of ``POINT_CACHES`` that the file's ending names.
-
-    Raises:
-        InputError: an unknown ending, or a file that cannot be written.
-    """
-    _write(_format_of(POINT_CACHES, path), result, path)
+    format = _format_of(formats, path)
+    format.load()(result if format.up is None else stood_up(result, format.up), path)
 
 
 def export_format(path: Path) -> Format:
     """The format of ``EXPORTS`` that a file's ending names."""
     return _format_of(EXPORTS, path)
-
-
-def _write(format: Format, result: Result, path: Path) -> None:
-    from mmocap_warp.result.excerpt import stood_up
-
-    format.load()(result if format.up is None else stood_up(result, format.up), path)
 
 
 def _format_of(formats: tuple[Format, ...], path: Path) -> Format:

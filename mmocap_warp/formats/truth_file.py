@@ -21,7 +21,6 @@ from mmocap_warp.formats.motion.captured_points import read_trc
 from mmocap_warp.formats.usd.usd_file import (
     USD_SUFFIXES,
     PrimReader,
-    author,
     author_value,
     read_stage,
     reads_usd,
@@ -79,17 +78,14 @@ def write_truth(path: str | Path, truth: Truth, up: str = "+z") -> None:
     for frame, pose in zip(truth.frame_numbers, truth.pose if truth.pose is not None else (), strict=False):
         author_value(root.GetPrim(), "mmocap:pose", pose, float(frame))
     if truth.root_base is not None:
-        author(root, "mmocap:rootBase", Sdf.ValueTypeNames.Matrix3d, Gf.Matrix3d(np.asarray(truth.root_base, float).T))
+        base = Gf.Matrix3d(np.asarray(truth.root_base, float).T)
+        author_value(root.GetPrim(), "mmocap:rootBase", base, kind=Sdf.ValueTypeNames.Matrix3d)
     write_stage(path, stage)
 
 
 @reads_usd
 def read_truth(path: str | Path) -> Truth:
-    """Read what :func:`write_truth` wrote.
-
-    Raises:
-        InputError: a missing file, one that holds no truth, another version, or arrays whose lengths disagree.
-    """
+    """Read what :func:`write_truth` wrote."""
     stage = read_stage(path)
     prim = stage.GetPrimAtPath("/Truth")
     if not prim:

@@ -27,9 +27,6 @@ class WebmFile:
     OpenCV has no setting for the bit rate, and asks the encoder for several megabytes a second: 1.5 bits a pixel, but
     for ``_MAX_BITS`` a second at most. So OpenCV is given a far higher frame rate than there is, at which that bound is
     the bit rate that we want. It writes IVF, whose frames are then written once more, with their true times.
-
-    Raises:
-        InputError: a name that does not end in .webm, no such folder, one that cannot be written to, or a full disk.
     """
 
     def __init__(self, path: str | Path, fps: float) -> None:

@@ -73,11 +73,7 @@ class VideoFile:
         return (self.path,)
 
     def read(self, first: int = 0) -> Iterator[np.ndarray]:
-        """Frames from ``first`` on, (height, width, 3) BGR uint8.
-
-        Raises:
-            InputError: the video ends before its stated count, or a frame is of another size.
-        """
+        """Frames from ``first`` on, (height, width, 3) BGR uint8."""
         capture = cv2.VideoCapture(str(self.path))
         try:
             for frame in range(self.count):
@@ -115,11 +111,7 @@ def evenly_spread(total: int, count: int) -> list[int]:
 
 
 def open_frames(path: Path) -> Frames:
-    """A folder of images or a video.
-
-    Raises:
-        InputError: missing, empty, not decodable, or a numbered folder with a gap.
-    """
+    """A folder of images or a video."""
     if not os.path.isdir(path):
         return open_video(path)
     by_name = {file.name: file for file in path.iterdir()}

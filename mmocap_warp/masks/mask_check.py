@@ -7,11 +7,11 @@ holds the body's volume. A mask that lacks a part takes it from the hull, so tha
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from mmocap_warp.cameras.rig import CameraRig, project
+from mmocap_warp.masks.frames import evenly_spread
 from mmocap_warp.masks.visual_hull import hull_thickness, meeting_point
 
 _COMPARED_FRAMES = 12  # number of frames whose views are compared
@@ -68,7 +68,7 @@ class MaskJudge:
 
     def __init__(self, rig: CameraRig, frames: int, body_volume: float) -> None:
         self._rig, self._body_volume = rig, body_volume
-        self._compared = set(np.linspace(0, frames - 1, _COMPARED_FRAMES).round().astype(int).tolist())
+        self._compared = set(evenly_spread(frames, _COMPARED_FRAMES))
         self._area: list[list[int]] = []
         self._agreements: list[_Agreement] = []
 
@@ -81,14 +81,12 @@ class MaskJudge:
     def report(self) -> MaskReport:
         """What was seen so far."""
         area = np.array(self._area)
-        explained, covered = (
-            np.array([getattr(one, name) for one in self._agreements]) for name in ("explained", "covered")
-        )
+        explained, covered, volumes = map(np.array, zip(*self._agreements, strict=True))
         views = {
             name: ViewReport(area[:, k], _median(explained[:, k]), _median(covered[:, k]))
             for k, name in enumerate(self._rig.names)
         }
-        volume = _median(np.array([one.volume for one in self._agreements]))
+        volume = _median(volumes)
         faults = [
             f"{name} shows nothing in {(view.area == 0).sum()} of {len(view.area)} frames"
             for name, view in views.items()
@@ -123,19 +121,15 @@ class MaskJudge:
         ]
 
 
-class _Agreement(NamedTuple):
-    """A frame: per camera ``explained`` and ``covered``, NaN where not known; and the hull's volume [m^3]."""
-
-    explained: np.ndarray
-    covered: np.ndarray
-    volume: float
+_Agreement = tuple[np.ndarray, np.ndarray, float]
+"""Of a frame: per camera the shares ``explained`` and ``covered``, NaN where not known; and the hull's volume [m^3]."""
 
 
 def _agreement(rig: CameraRig, masks: list[np.ndarray]) -> _Agreement:
     explained, covered = np.full((2, len(rig)), np.nan)
     seen = [k for k, mask in enumerate(masks) if mask.any()]
     if len(seen) < 2:
-        return _Agreement(explained, covered, np.nan)
+        return explained, covered, np.nan
     subject = meeting_point(rig.select(tuple(rig.names[k] for k in seen)), [masks[k] for k in seen])
     hit, possible = _votes(rig, masks, subject)
     for k in seen if len(seen) > 2 else ():
@@ -144,7 +138,7 @@ def _agreement(rig: CameraRig, masks: list[np.ndarray]) -> _Agreement:
         if hull.any():
             covered[k] = possible[k, hull].mean()  # what lies outside of its image, a view cannot lack
         explained[k] = _explained_share(rig, masks, k, others, subject)
-    return _Agreement(explained, covered, float(_hull_of(hit, possible, seen).sum() * _SPACING**3))
+    return explained, covered, float(_hull_of(hit, possible, seen).sum() * _SPACING**3)
 
 
 def _votes(rig: CameraRig, masks: list[np.ndarray], subject: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -65,11 +65,7 @@ Masks = MaskImages | RleMasks | VideoFile
 
 
 def open_masks(path: Path) -> Masks:
-    """A folder or ``.tar`` of images, a ``.json`` of run lengths, or a video.
-
-    Raises:
-        InputError: missing, empty, not decodable, or numbered images with a gap.
-    """
+    """A folder or ``.tar`` of images, a ``.json`` of run lengths, or a video."""
     if path.suffix.lower() == ".json":
         return open_rle(path)
     members: tuple[Path | TarMember, ...]
@@ -145,11 +141,7 @@ def list_tar(path: Path) -> list[TarMember]:
 
 
 def read_member(path: Path, member: TarMember) -> bytes:
-    """A file's content.
-
-    Raises:
-        InputError: the archive cannot be read, or is shorter than it was.
-    """
+    """A file's content."""
     try:
         with path.open("rb") as stream:
             stream.seek(member.offset)

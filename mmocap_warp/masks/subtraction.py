@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Protocol
 
 import cv2
 import numpy as np
 
+from mmocap_warp.masks.frames import evenly_spread
 from mmocap_warp.masks.mask_settings import ForegroundSettings
 
 _GAUSSIAN_SAMPLES = 31  # images whose median and spread are taken; bounds the memory
@@ -19,23 +19,15 @@ _GAIN_PIXELS = 50_000  # about so many tell the exposure
 _MAD_TO_SD = 1.4826  # of a normal distribution
 
 
-class Background(Protocol):
-    """A background that has been learnt. Judging an image changes nothing, except that KNN takes samples of it."""
-
-    def foreground(self, image: np.ndarray) -> np.ndarray:
-        """(height, width) bool: the pixels of a BGR image that are not background."""
-
-
 def learn_background(images: Iterable[np.ndarray], count: int, settings: ForegroundSettings) -> Background:
-    """Learn from an even selection of the ``count`` BGR images of one camera; 1 is enough."""
-    if settings.model == "gaussian":
-        return GaussianBackground.learn(_spread(images, count, _GAUSSIAN_SAMPLES), settings)
-    return MixtureBackground.learn(_spread(images, count, _MIXTURE_SAMPLES), settings)
+    """Learn from an even selection of the ``count`` BGR images of one camera; 1 is enough.
 
-
-def _spread(images: Iterable[np.ndarray], count: int, most: int) -> Iterator[np.ndarray]:
-    chosen = set(np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int)).tolist())
-    return (image for i, image in enumerate(images) if i in chosen)
+    Judging an image changes nothing in what is learnt, except that KNN takes samples of it.
+    """
+    gaussian = settings.model == "gaussian"
+    chosen = set(evenly_spread(count, min(count, _GAUSSIAN_SAMPLES if gaussian else _MIXTURE_SAMPLES)))
+    some = (image for i, image in enumerate(images) if i in chosen)
+    return GaussianBackground.learn(some, settings) if gaussian else MixtureBackground.learn(some, settings)
 
 
 @dataclass(frozen=True)
@@ -67,7 +59,7 @@ class GaussianBackground:
         return cls(mean, np.maximum(deviation, np.float32(settings.noise)), settings)
 
     def foreground(self, image: np.ndarray) -> np.ndarray:
-        """See :class:`Background`."""
+        """(height, width) bool: the pixels of a BGR image that are not background."""
         seen = image.astype(np.float32)
         step = max(1, int(np.sqrt(seen.shape[0] * seen.shape[1] / _GAIN_PIXELS)))
         some = (slice(None, None, step), slice(None, None, step))
@@ -107,9 +99,11 @@ class MixtureBackground:
         return cls(subtractor, _FROZEN[settings.model])
 
     def foreground(self, image: np.ndarray) -> np.ndarray:
-        """See :class:`Background`; shadows, which OpenCV marks with 127, are background."""
+        """As of :class:`GaussianBackground`; shadows, which OpenCV marks with 127, are background."""
         return self._subtractor.apply(image, learningRate=self._frozen) == 255
 
+
+Background = GaussianBackground | MixtureBackground
 
 _DEPTH, _DISTANCE = 0.03, 0.03  # [m]: what is deeper in the body is surely subject, what is further from it is not
 _ROUNDS = 3  # of GrabCut

@@ -74,8 +74,6 @@ def meeting_point(rig: CameraRig, masks: list[np.ndarray]) -> np.ndarray:
 
 def _grow_masks(rig: CameraRig, masks: list[np.ndarray], centre: np.ndarray) -> list[np.ndarray]:
     """Masks grown by the reach of a coarse voxel (half its diagonal), so that none that touches the subject is lost."""
-    import cv2
-
     grown = []
     for k, mask in enumerate(masks):
         depth = max(float((rig.R[k] @ centre + rig.t[k])[2]), _COARSE_SPACING)

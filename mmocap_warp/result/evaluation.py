@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -197,8 +199,7 @@ def _attached_errors(
 def _angle_errors(result: Result, truth: Truth, mine: np.ndarray, theirs: np.ndarray) -> dict[str, Any]:
     """Errors of the angles and shifts that were searched, where the truth is of a body with the same joints."""
     skeleton = result.subject.body.skeleton
-    same_joints = truth.joint_names[: len(skeleton.joints)] == skeleton.joints
-    if truth.pose is None or truth.pose.shape[1] != skeleton.coordinates or not same_joints:
+    if truth.pose is None or not truth.has_poses_of(skeleton):
         return {}
     off = result.pose[:, mine] - truth.pose[theirs]  # (run, common frame, coordinate)
     searched, shifts = (pick(result.config.get("dof")) for pick in (skeleton.searched_angles, skeleton.searched_shifts))
@@ -213,12 +214,9 @@ def _angle_errors(result: Result, truth: Truth, mine: np.ndarray, theirs: np.nda
 
 
 def _evaluate_statuses(status: np.ndarray, off: np.ndarray, of_runs: dict[str, np.ndarray]) -> dict[str, Any]:
-    """How far statuses agree with the truth; adds the same of each run to ``of_runs``.
+    """How far statuses (run, common frame) agree with the truth; adds the same of each run to ``of_runs``, by name.
 
-    Args:
-        status: (run, common frame).
-        off: (run, common frame) how far the root or a limb's end is off [m], NaN where that is unknown.
-        of_runs: (run,) by name.
+    ``off`` (run, common frame) is how far the root or a limb's end is off [m], NaN where that is unknown.
     """
     tracked = status == STATUS.index("tracked")
     wrong, near = tracked & (off > LOST_LIMB), off <= NEAR
@@ -244,16 +242,12 @@ def _per_run(result: Result, series: dict[str, np.ndarray], of_runs: dict[str, n
     ]
 
 
-def _mean(values: np.ndarray) -> float:
-    return float(np.nanmean(values)) if np.isfinite(values).any() else np.nan
+def _reduced(reduce: Callable[[np.ndarray], np.floating], values: np.ndarray) -> float:
+    """A statistic of the values that are defined; NaN where none is."""
+    return float(reduce(values)) if np.isfinite(values).any() else np.nan
 
 
-def _median(values: np.ndarray) -> float:
-    return float(np.nanmedian(values)) if np.isfinite(values).any() else np.nan
-
-
-def _min(values: np.ndarray) -> float:
-    return float(np.nanmin(values)) if np.isfinite(values).any() else np.nan
+_mean, _median, _min = (partial(_reduced, reduce) for reduce in (np.nanmean, np.nanmedian, np.nanmin))
 
 
 def _jsonable(value: Any) -> Any:

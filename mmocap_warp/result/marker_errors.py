@@ -150,9 +150,7 @@ def allowed_skin(body: BodyModel, names: tuple[str, ...]) -> np.ndarray:
 def _true_motion(result: Result, truth: Truth, theirs: np.ndarray) -> tuple[Subject, np.ndarray] | None:
     """The tracked body in the true one's axes, and its poses (1, common frame, coordinate) at the true angles."""
     skeleton = result.subject.body.skeleton
-    if truth.pose is None or truth.root_base is None or truth.pose.shape[1] != skeleton.coordinates:
-        return None
-    if truth.joint_names[: len(skeleton.joints)] != skeleton.joints:  # angles of another skeleton
+    if truth.pose is None or truth.root_base is None or not truth.has_poses_of(skeleton):
         return None
     subject, pose = replace(result.subject, root_base=truth.root_base), truth.pose[theirs]
     apart = truth.joints[theirs, : len(skeleton.joints)] - joint_positions(subject, pose)
@@ -163,17 +161,11 @@ def _true_motion(result: Result, truth: Truth, theirs: np.ndarray) -> tuple[Subj
 def _as_printed(
     initial: Subject, start: np.ndarray, subject: Subject, pose: np.ndarray, seen: np.ndarray, allowed: np.ndarray
 ) -> np.ndarray:
-    """(run, frame) [m]: markers put on the ``initial`` subject in its own pose ride on ``subject``.
+    """(run, frame) [m]: markers put on the ``initial`` subject in its own pose, that of frame 0, ride on ``subject``.
 
-    Args:
-        initial: whose pose is that of frame 0.
-        start: (marker,) bool, known in frame 0: these count.
-        subject: who moves.
-        pose: (run, frame, coordinate).
-        seen: (frame, marker, 3) [m], NaN where a marker is unseen.
-        allowed: (marker, vertex) bool, where on the skin each may be put.
+    Those count that are known in frame 0, ``start`` (marker,) bool; else as :func:`_from_own_answer`.
     """
-    (vertices,) = skin_positions(initial, initial.pose[None], _all_vertices(initial))
+    (vertices,) = skin_positions(initial, initial.pose[None], np.arange(len(initial.body.skin.rest)))
     points = attach(seen[0, start], vertices, initial.body.skin.face, allowed[start])
     return np.array([_distance(subject, one, seen[:, start], points) for one in pose])
 
@@ -181,12 +173,10 @@ def _as_printed(
 def _from_own_answer(subject: Subject, pose: np.ndarray, seen: np.ndarray, allowed: np.ndarray) -> np.ndarray:
     """(run, frame) [m]: each run puts a marker on its own skin in the frame where the marker is first seen.
 
-    Args:
-        subject: who moves.
-        pose: (run, frame, coordinate).
-        seen: (frame, marker, 3) [m], NaN where a marker is unseen.
-        allowed: (marker, vertex) bool, where on the skin each may be put.
+    ``subject`` moves through ``pose`` (run, frame, coordinate). Markers are ``seen`` (frame, marker, 3) [m], or NaN,
+    and may be put where ``allowed`` (marker, vertex) bool says.
     """
+    everywhere = np.arange(len(subject.body.skin.rest))
     known = np.isfinite(seen).all(axis=2)
     ever = np.flatnonzero(known.any(axis=0))
     first = known.argmax(axis=0)[ever]  # frame of each marker that is ever seen
@@ -194,7 +184,7 @@ def _from_own_answer(subject: Subject, pose: np.ndarray, seen: np.ndarray, allow
     error = np.empty(pose.shape[:2])
     for run, one in enumerate(pose):
         corners, weights = np.empty((len(ever), 3), int), np.empty((len(ever), 3))
-        for start, vertices in zip(starts, skin_positions(subject, one[starts], _all_vertices(subject)), strict=True):
+        for start, vertices in zip(starts, skin_positions(subject, one[starts], everywhere), strict=True):
             some = first == start
             attached = attach(seen[start, ever[some]], vertices, subject.body.skin.face, allowed[ever[some]])
             corners[some], weights[some] = attached.corners, attached.weights
@@ -213,7 +203,3 @@ def _distance(subject: Subject, pose: np.ndarray, seen: np.ndarray, points: Skin
         place = riding.positions(skin_positions(subject, pose[block], vertex))
         error[block] = nanmean(np.linalg.norm(seen[block] - place, axis=2), axis=1)
     return error
-
-
-def _all_vertices(subject: Subject) -> np.ndarray:
-    return np.arange(len(subject.body.skin.rest))

@@ -63,10 +63,7 @@ def axes_turn(axes: str) -> np.ndarray:
 
 def axes_after(axes: str, others: str) -> str:
     """The axes that have the effect of taking ``others`` first, and then ``axes`` of the outcome."""
-    return _axes_of(axes_turn(axes) @ axes_turn(others))
-
-
-def _axes_of(turn: np.ndarray) -> str:
+    turn = axes_turn(axes) @ axes_turn(others)
     return "".join(("-" if row.min() < 0 else "") + "xyz"[int(np.abs(row).argmax())] for row in turn)
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mmocap_warp.body.skeleton import Skeleton
 from mmocap_warp.errors import InputError
 
 _SAME_RATE = 0.005
@@ -57,6 +58,11 @@ class Truth:
             raise ValueError(f"pose must be ({frames}, coordinate), got {self.pose.shape}")
         if self.root_base is not None and self.root_base.shape != (3, 3):
             raise ValueError(f"root_base must be (3, 3), got {self.root_base.shape}")
+
+    def has_poses_of(self, skeleton: Skeleton) -> bool:
+        """Whether it has poses of a body with the same joints."""
+        same_joints = self.joint_names[: len(skeleton.joints)] == skeleton.joints
+        return same_joints and self.pose is not None and self.pose.shape[1] == skeleton.coordinates
 
     def at_frames(self, keep: np.ndarray | slice) -> Truth:
         """The truth of some of its frames."""

@@ -7,8 +7,9 @@ on it one that turns. It has its own size, whatever the body's.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from difflib import get_close_matches
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,14 +27,8 @@ _LONGEST, _SHORTEST = 3.0, 0.01  # shares of the body's extent: a thing that is 
 _PLACE_SPREAD, _TURN_SPREAD = 0.3, 0.5  # how far a free thing is from its given place, as standard deviations [m, rad]
 
 
-@dataclass(frozen=True, eq=False)
-class Carrying:
-    """A body with what it carries.
-
-    Attributes:
-        body: the body.
-        notes: what was done to close and reduce meshes, a line each.
-    """
+class Carrying(NamedTuple):
+    """A body with what it carries, and notes on what was done to close and reduce meshes, a line each."""
 
     body: BodyModel
     notes: tuple[str, ...]
@@ -70,13 +65,10 @@ def _attach(body: BodyModel, thing: Attachment) -> tuple[BodyModel, list[str]]:
         raise thing.wrong("the body has a joint or a part of that name", "name it differently")
     surface, notes = _surface(thing, body)
     carrier = 0 if thing.joint is None else skeleton.index(thing.joint)
-    frame = zyx_rotation(np.radians(thing.rotation))
-    origin = body.joint_rest[carrier].astype(float) + thing.position
-    return _join(body, thing, carrier, frame, origin, surface), [f"{thing.name}: {note}" for note in notes]
+    return _join(body, thing, carrier, surface), [f"{thing.name}: {note}" for note in notes]
 
 
-@dataclass(frozen=True, eq=False)
-class _Surface:
+class _Surface(NamedTuple):
     """A thing's closed mesh, vertices (vertex, 3) [m] and triangles, and a coarser one over some of these vertices."""
 
     vertex: np.ndarray
@@ -95,7 +87,9 @@ def _surface(thing: Attachment, body: BodyModel) -> tuple[_Surface, list[str]]:
     if not _SHORTEST * of_body < extent < _LONGEST * of_body:
         problem = f"{thing.mesh.name} is {extent:.3g} m long, the body {of_body:.3g} m"
         raise thing.wrong(problem, "set scale to its unit in metres, such as 0.001")
-    vertex, face = _weld(vertex, face)
+    follows, weight = np.zeros((len(vertex), 1), int), np.ones((len(vertex), 1))
+    mesh = welded(RiggedMesh("", ("",), (-1,), np.eye(4)[None], vertex, face, follows, weight))
+    vertex, face = mesh.vertex, mesh.face
     if not len(face):
         raise thing.wrong(f"{thing.mesh.name} has no triangles of any area", "write it again as .stl")
     whole = closed(vertex, face)
@@ -110,16 +104,10 @@ def _surface(thing: Attachment, body: BodyModel) -> tuple[_Surface, list[str]]:
     return _Surface(vertex, face, tracking_vertex, tracking_face), notes
 
 
-def _weld(vertex: np.ndarray, face: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    follows, weight = np.zeros((len(vertex), 1), int), np.ones((len(vertex), 1))
-    mesh = welded(RiggedMesh("", ("",), (-1,), np.eye(4)[None], vertex, face, follows, weight))
-    return mesh.vertex, mesh.face
-
-
-def _join(
-    body: BodyModel, thing: Attachment, carrier: int, frame: np.ndarray, origin: np.ndarray, surface: _Surface
-) -> BodyModel:
-    """The body with the thing's joints at ``origin`` (3,), whose axes are the columns of ``frame``."""
+def _join(body: BodyModel, thing: Attachment, carrier: int, surface: _Surface) -> BodyModel:
+    """The body with the thing's joints, which hang on joint ``carrier``."""
+    frame = zyx_rotation(np.radians(thing.rotation))
+    origin = body.joint_rest[carrier].astype(float) + thing.position
     skeleton = _skeleton(body.skeleton, thing, carrier, frame)
     more = len(skeleton.joints) - len(body.joint_rest)
     # The thing's skin stands after the body's, in faces of as many corners, and follows the last of its joints.
@@ -135,6 +123,7 @@ def _join(
         joint=np.concatenate([body.skin.joint, joint]),
         weight=np.concatenate([body.skin.weight, np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1))]),
     )
+    tracking_face = surface.tracking_face + len(body.tracking_vertex)
     # Where a shape target moves the carrier, it moves the whole thing along.
     carried = body.shape_joint[:, carrier : carrier + 1]
     return replace(
@@ -143,9 +132,7 @@ def _join(
         joint_rest=np.concatenate([body.joint_rest, np.tile(origin.astype(np.float32), (more, 1))]),
         skin=skin,
         tracking_vertex=np.concatenate([body.tracking_vertex, (surface.tracking_vertex + before).astype(np.int32)]),
-        tracking_face=np.concatenate(
-            [body.tracking_face, (surface.tracking_face + len(body.tracking_vertex)).astype(np.int32)]
-        ),
+        tracking_face=np.concatenate([body.tracking_face, tracking_face.astype(np.int32)]),
         shape_vertex=np.concatenate([body.shape_vertex, carried.repeat(count, axis=1)], axis=1),
         shape_joint=np.concatenate([body.shape_joint, carried.repeat(more, axis=1)], axis=1),
     )

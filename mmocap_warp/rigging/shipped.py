@@ -37,11 +37,7 @@ def load_body(name: str | Path, source: object = "body") -> BodyModel:
 
 
 def body_file(name: str | Path, source: object = "body") -> Path:
-    """The file of a body, by name or path as :func:`load_body` takes it.
-
-    Raises:
-        InputError: no shipped body of that name.
-    """
+    """The file of a body, by name or path as :func:`load_body` takes it."""
     if Path(name).suffix:
         return Path(name)
     shipped = [file for folder in _FOLDERS for file in sorted((ROOT / folder).glob("*.usdc"))]

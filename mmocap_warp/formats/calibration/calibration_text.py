@@ -44,13 +44,14 @@ def stated_metres(units: str | None, source: object) -> float:
     return METRES[units]
 
 
+Sizes = Mapping[str, tuple[int, int]] | None
+"""Width and height [px] of cameras' images, by name."""
+
 EVERY_OTHER = ""
 """Stands for all cameras that are not named."""
 
 
-def image_size_of(
-    sizes: Mapping[str, tuple[int, int]] | None, name: str, source: object, problem: str
-) -> tuple[int, int]:
+def image_size_of(sizes: Sizes, name: str, source: object, problem: str) -> tuple[int, int]:
     """Width and height [px] of a camera's images, from elsewhere than its file.
 
     Raises:

@@ -13,7 +13,7 @@ import numpy as np
 
 from mmocap_warp.cameras.rig import Camera, CameraRig, lens_of, rig_of
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.calibration.calibration_text import read_short_text, stated_metres
+from mmocap_warp.formats.calibration.calibration_text import Sizes, read_short_text, stated_metres
 from mmocap_warp.whole_file import write_whole
 
 _MAX_BYTES = 2**26  # images.txt lists the points that each image shows, too
@@ -32,17 +32,11 @@ _MODELS = {  # where a model's parameters belong among fx fy cx cy k1 k2 p1 p2 k
 }
 
 
-def read_colmap(
-    path: str | Path, units: str | None = None, up: str = "+z", sizes: dict[str, tuple[int, int]] | None = None
-) -> CameraRig:
+def read_colmap(path: str | Path, units: str | None = None, up: str = "+z", sizes: Sizes = None) -> CameraRig:
     """Read a model from its folder, or from the path of either file. ``sizes`` is not needed.
 
     A camera is named as its image: by the image's folder where every image has a folder of its own, else by the file's
     name without ending.
-
-    Raises:
-        InputError: unreadable, a lens model that is not known, a unit that is not known, several images of a camera,
-            or not a calibration (see ``check_rig``).
     """
     folder = Path(path) if Path(path).is_dir() else Path(path).parent
     lenses = _read_lenses(folder / "cameras.txt")
@@ -128,11 +122,7 @@ def _numbers(words: list[str], where: str) -> list[float]:
 
 
 def _camera_names(images: list[str], source: Path) -> list[str]:
-    """A name for the camera of each image.
-
-    Raises:
-        InputError: two images would have the same.
-    """
+    """A name for the camera of each image."""
     paths = [PurePosixPath(image) for image in images]
     folders = [path.parent.as_posix() for path in paths]
     if "." not in folders and len(set(folders)) == len(folders):

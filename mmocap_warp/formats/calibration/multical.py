@@ -15,7 +15,7 @@ import numpy as np
 
 from mmocap_warp.cameras.rig import Camera, CameraRig, lens_of, rig_of
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.calibration.calibration_text import read_short_text, stated_metres
+from mmocap_warp.formats.calibration.calibration_text import Sizes, read_short_text, stated_metres
 from mmocap_warp.formats.toml_table import is_number
 
 _REMEDY = "give the calibration.json that multical calibrate writes"
@@ -23,15 +23,8 @@ _TO = "_to_"
 _FISHEYE, _MAX_COEFFICIENTS = 4, 14
 
 
-def read_multical(
-    path: str | Path, units: str | None = None, up: str = "+z", sizes: dict[str, tuple[int, int]] | None = None
-) -> CameraRig:
-    """Read a calibration. ``sizes`` is not needed.
-
-    Raises:
-        InputError: unreadable, values missing, a lens model that is not known, a unit that is not known, a camera
-            without a pose, or not a calibration (see ``check_rig``).
-    """
+def read_multical(path: str | Path, units: str | None = None, up: str = "+z", sizes: Sizes = None) -> CameraRig:
+    """Read a calibration. ``sizes`` is not needed."""
     file = _load(path)
     if not {"cameras", "camera_poses"} <= set(file):
         raise InputError(path, "has no 'cameras' and 'camera_poses', by which MultiCal's calibration is known", _REMEDY)

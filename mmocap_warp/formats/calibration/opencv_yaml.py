@@ -17,7 +17,7 @@ import yaml
 
 from mmocap_warp.cameras.rig import Camera, CameraRig, lens_of, rig_of
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.calibration.calibration_text import METRES, image_size_of, read_short_text
+from mmocap_warp.formats.calibration.calibration_text import METRES, Sizes, image_size_of, read_short_text
 from mmocap_warp.whole_file import write_whole
 
 _DTYPES = {"d": np.float64, "f": np.float32, "i": np.int32, "s": np.int16, "w": np.uint16, "c": np.int8, "u": np.uint8}
@@ -25,9 +25,7 @@ _HEADER = "%YAML:1.0\n---\n"
 _NOT_FINITE = {".nan": np.nan, ".inf": np.inf, "-.inf": -np.inf}
 
 
-def read_opencv_yaml(
-    path: str | Path, units: str | None = None, up: str = "+z", sizes: dict[str, tuple[int, int]] | None = None
-) -> CameraRig:
+def read_opencv_yaml(path: str | Path, units: str | None = None, up: str = "+z", sizes: Sizes = None) -> CameraRig:
     """Read the pair from its folder, or from the path of either file.
 
     ``names`` lists the cameras; of each, ``K_<name>``, ``dist_<name>`` (4 or 5) and optionally ``H_<name>``,
@@ -125,7 +123,7 @@ def _number(text: Any) -> float:
         return np.nan
 
 
-def _read_lens(intrinsics: _File, name: str, sizes: dict[str, tuple[int, int]] | None) -> Camera:
+def _read_lens(intrinsics: _File, name: str, sizes: Sizes) -> Camera:
     K = intrinsics.matrix(f"K_{name}", (9,)).reshape(3, 3)
     coefficients = intrinsics.matrix(f"dist_{name}", (4, 5))
     if f"W_{name}" in intrinsics and f"H_{name}" in intrinsics:

@@ -12,15 +12,13 @@ from defusedxml.ElementTree import fromstring
 
 from mmocap_warp.cameras.rig import Camera, CameraRig, rig_of
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.calibration.calibration_text import refuse_huge
+from mmocap_warp.formats.calibration.calibration_text import Sizes, refuse_huge
 
 _SUBPIXELS = 64.0  # focal lengths and centres are written in 1/64 px; distortion coefficients are not scaled
 _FROM_QUALISYS = np.diag([1.0, -1.0, -1.0])  # its cameras look along -z with y up
 
 
-def read_qualisys(
-    path: str | Path, units: str | None = None, up: str = "+z", sizes: dict[str, tuple[int, int]] | None = None
-) -> CameraRig:
+def read_qualisys(path: str | Path, units: str | None = None, up: str = "+z", sizes: Sizes = None) -> CameraRig:
     """Read a ``.qca.txt``; its lengths are millimetres by definition, its world has z up.
 
     ``units`` and ``sizes`` are not needed.

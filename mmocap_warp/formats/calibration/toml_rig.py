@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from mmocap_warp.cameras.rig import Camera, CameraRig, lens_of, rig_of
-from mmocap_warp.formats.calibration.calibration_text import METRES, refuse_huge
+from mmocap_warp.formats.calibration.calibration_text import METRES, Sizes, refuse_huge
 from mmocap_warp.formats.toml_table import Table, is_number, load_toml, quoted
 from mmocap_warp.whole_file import write_whole
 
@@ -17,9 +17,7 @@ _UNREAD = ("cam_id", "port", "rotation_count", "error", "exposure", "grid_count"
 """What Caliscope's table of a camera may hold beside its calibration; ``rotation_count`` only turns what it shows."""
 
 
-def read_toml_rig(
-    path: str | Path, units: str | None = None, up: str = "+z", sizes: dict[str, tuple[int, int]] | None = None
-) -> CameraRig:
+def read_toml_rig(path: str | Path, units: str | None = None, up: str = "+z", sizes: Sizes = None) -> CameraRig:
     """Read a calibration; ``units`` are those of its translations: Pose2Sim writes "m", which is the default;
     aniposelib writes its board's, often "mm"; Caliscope's are metres. ``sizes`` is not needed.
 

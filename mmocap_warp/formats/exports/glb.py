@@ -18,9 +18,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mmocap_warp.body.model import BodyModel, BodyMotion, SkinMesh, Subject, bind_transforms
+from mmocap_warp.body.model import BodyModel, BodyMotion, SkinMesh, Subject, bind_transforms, joint_transforms
 from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
-from mmocap_warp.formats.exports.tables import best_run_tracks, joint_transforms
+from mmocap_warp.formats.exports.tables import best_run_tracks
+from mmocap_warp.result.marker_errors import triangulated
 from mmocap_warp.result.result import Result
 from mmocap_warp.version import __version__
 from mmocap_warp.whole_file import write_whole
@@ -61,8 +62,30 @@ class _Clip(NamedTuple):
 
 def _write(body: BodyModel, stand: np.ndarray, clips: list[_Clip], about: dict[str, Any], path: Path) -> None:
     """Write a body whose joints stand (joint, 4, 4) below their parents while nothing is played."""
-    buffer = _Buffer()
-    document = _document(body, stand, clips, about, buffer)
+    # All but where its numbers stand. Nodes are the joints in their order, then the skin.
+    buffer, skeleton = _Buffer(), body.skeleton
+    joints = len(skeleton.joints)
+    inverse_bind = np.linalg.inv(bind_transforms(body))
+    inverse_bind[:, 3] = 0, 0, 0, 1  # exactly, as glTF asks
+    asset = {"version": "2.0", "generator": f"mmocap-warp {__version__}", "copyright": body.attribution}
+    document: dict[str, Any] = {
+        "asset": asset | {"extras": about},
+        "scene": 0,
+        "scenes": [{"nodes": [0, joints]}],
+        "nodes": [*_joint_nodes(skeleton, stand), {"name": body.name, "mesh": 0, "skin": 0}],
+        "meshes": [{"name": body.name, "primitives": [_skin(body.skin, buffer)]}],
+        "materials": [{"name": "Skin", "pbrMetallicRoughness": _SKIN_LOOK}],
+        "skins": [
+            {
+                "joints": list(range(joints)),
+                "skeleton": 0,
+                "inverseBindMatrices": buffer.add_floats(inverse_bind.transpose(0, 2, 1), "MAT4"),  # by columns
+            }
+        ],
+    }
+    if clips:
+        document["animations"] = [_animation(clip, skeleton.slides, buffer) for clip in clips]
+    # Where the numbers stand, and the two chunks of the file.
     document |= {"bufferViews": buffer.views, "accessors": buffer.accessors}
     document |= {"buffers": [{"byteLength": len(buffer.data)}]}
     text = json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
@@ -100,37 +123,6 @@ class _Buffer:
         return self.add(np.ascontiguousarray(values, np.float32), kind, _FLOAT, target)
 
 
-def _document(
-    body: BodyModel, stand: np.ndarray, clips: list[_Clip], about: dict[str, Any], buffer: _Buffer
-) -> dict[str, Any]:
-    """All of the file but where its numbers stand. Nodes are the joints in their order, then the skin."""
-    joints = len(body.skeleton.joints)
-    inverse_bind = np.linalg.inv(bind_transforms(body))
-    inverse_bind[:, 3] = 0, 0, 0, 1  # exactly, as glTF asks
-    document = {
-        "asset": {
-            "version": "2.0",
-            "generator": f"mmocap-warp {__version__}",
-            "copyright": body.attribution,
-            "extras": about,
-        },
-        "scene": 0,
-        "scenes": [{"nodes": [0, joints]}],
-        "nodes": [*_joint_nodes(body.skeleton, stand), {"name": body.name, "mesh": 0, "skin": 0}],
-        "meshes": [{"name": body.name, "primitives": [_skin(body.skin, buffer)]}],
-        "materials": [{"name": "Skin", "pbrMetallicRoughness": _SKIN_LOOK}],
-        "skins": [
-            {
-                "joints": list(range(joints)),
-                "skeleton": 0,
-                "inverseBindMatrices": buffer.add_floats(inverse_bind.transpose(0, 2, 1), "MAT4"),  # by columns
-            }
-        ],
-    }
-    slides = body.skeleton.slides
-    return document | ({"animations": [_animation(clip, slides, buffer) for clip in clips]} if clips else {})
-
-
 def _joint_nodes(skeleton: Skeleton, stand: np.ndarray) -> list[dict[str, Any]]:
     """The joints as they stand, for programs that play nothing."""
     (rotation,) = _quaternions(stand[None, :, :3, :3])
@@ -143,7 +135,7 @@ def _joint_nodes(skeleton: Skeleton, stand: np.ndarray) -> list[dict[str, Any]]:
 
 
 def _skin(skin: SkinMesh, buffer: _Buffer) -> dict[str, Any]:
-    face = skin.face if skin.face.shape[1] == 3 else np.concatenate([skin.face[:, [0, 1, 2]], skin.face[:, [0, 2, 3]]])
+    face = triangulated(skin.face)
     weight = skin.weight / skin.weight.sum(axis=1, keepdims=True, dtype=float)
     joint = np.where(weight > 0, skin.joint, 0)
     return {

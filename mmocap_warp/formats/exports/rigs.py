@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mmocap_warp.body.model import BodyModel
-from mmocap_warp.body.rotations import near_zyx_angles, transposed
+from mmocap_warp.body.model import BodyModel, joint_transforms
+from mmocap_warp.body.rotations import transposed
 from mmocap_warp.body.skeleton import TRANSLATION, Skeleton
-from mmocap_warp.formats.exports.tables import joint_transforms
+from mmocap_warp.formats.exports.tables import steady_angles
 from mmocap_warp.result.result import Result
 
 _MAX_NAMED = 4  # joints that a message lists
@@ -78,8 +78,7 @@ def with_rig(result: Result, rig: str) -> Result:
         listed = f"{missing[:_MAX_NAMED]}{more}"
         raise ValueError(f"rig = {rig} is a person's, whose joints differ from this body's by {listed}")
     # The body in the rig's rest pose, under the rig's names.
-    turn = _rest_rotations(body, known)
-    rest = _rest_joints(body, turn)
+    turn, rest = _rest_pose(body, known)
     skeleton = _rename_joints(body.skeleton, known.names | {name: name for name in body.skeleton.attached})
     rig_body = replace(
         body,
@@ -93,18 +92,13 @@ def with_rig(result: Result, rig: str) -> Result:
 
     def to_rig_poses(pose: np.ndarray) -> np.ndarray:
         """Poses (frame, coordinate) of the body as poses of the rig."""
-        world = (
-            joint_transforms(subject, pose)[1][..., :3, :3]
-            @ transposed(body.skeleton.frame.astype(float))
-            @ transposed(turn)
-        )
+        world = joint_transforms(subject, pose)[1][..., :3, :3] @ transposed(body.skeleton.frame.astype(float))
+        world = world @ transposed(turn)
         own = world.copy()
         own[:, 0] = subject.root_base.T @ world[:, 0]
         for joint, parent in enumerate(skeleton.parent[1:], 1):
             own[:, joint] = transposed(world[:, parent]) @ world[:, joint]
-        angles = np.zeros(own.shape[:3])
-        for frame, rotation in enumerate(own):
-            angles[frame] = near_zyx_angles(rotation, angles[max(frame - 1, 0)])
+        angles = steady_angles(own)
         for name in skeleton.sliding:  # along the body's axes now
             number = skeleton.index(name)
             along = turn[skeleton.parent[number]] @ body.skeleton.frame[number].astype(float)
@@ -121,20 +115,26 @@ def with_rig(result: Result, rig: str) -> Result:
     )
 
 
-def _rest_rotations(body: BodyModel, rig: Rig) -> np.ndarray:
-    """(joint, 3, 3) how each joint is turned from the bind pose to the rig's rest pose, in body axes."""
-    skeleton = body.skeleton
+def _rest_pose(body: BodyModel, rig: Rig) -> tuple[np.ndarray, np.ndarray]:
+    """How joints are turned from the bind pose to the rig's rest pose, (joint, 3, 3) in body axes; and where they are.
+
+    The second is (joint, 3).
+    """
+    skeleton, bind = body.skeleton, body.joint_rest.astype(float)
     bones = {start: (end, np.array(direction)) for start, end, direction in rig.bones}
-    turn = np.tile(np.eye(3), (len(skeleton.joints), 1, 1))
+    turn, rest = np.tile(np.eye(3), (len(skeleton.joints), 1, 1)), bind.copy()
     for joint, (name, parent) in enumerate(zip(skeleton.joints, skeleton.parent, strict=True)):
-        if parent < 0 or name in rig.upright:
+        if parent < 0:
+            continue
+        rest[joint] = rest[parent] + turn[parent] @ (bind[joint] - bind[parent])
+        if name in rig.upright:
             continue
         turn[joint] = turn[parent]
         if name in bones:
             end, direction = bones[name]
-            bone = body.joint_rest[skeleton.index(end)].astype(float) - body.joint_rest[joint]
+            bone = bind[skeleton.index(end)] - bind[joint]
             turn[joint] = _smallest_rotation(turn[joint] @ bone, direction) @ turn[joint]
-    return turn
+    return turn, rest
 
 
 def _smallest_rotation(vector: np.ndarray, direction: np.ndarray) -> np.ndarray:
@@ -143,16 +143,6 @@ def _smallest_rotation(vector: np.ndarray, direction: np.ndarray) -> np.ndarray:
     axis, cosine = np.cross(unit, direction), float(unit @ direction)
     across = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
     return np.eye(3) + across + across @ across / (1 + cosine)
-
-
-def _rest_joints(body: BodyModel, turn: np.ndarray) -> np.ndarray:
-    """(joint, 3) joint centres in the rig's rest pose."""
-    rest = body.joint_rest.astype(float)
-    for joint, parent in enumerate(body.skeleton.parent):
-        if parent >= 0:
-            bone = body.joint_rest[joint].astype(float) - body.joint_rest[parent]
-            rest[joint] = rest[parent] + turn[parent] @ bone
-    return rest
 
 
 def _skin_rest(body: BodyModel, turn: np.ndarray, rest: np.ndarray) -> np.ndarray:

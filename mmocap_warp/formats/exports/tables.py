@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from mmocap_warp.body.model import Subject, bind_transforms, rest_transforms
+from mmocap_warp.body.model import Subject, bind_transforms, joint_transforms
 from mmocap_warp.body.posing import skin_positions
-from mmocap_warp.body.rotations import applied, near_zyx_angles, zyx_rotation
+from mmocap_warp.body.rotations import near_zyx_angles
 from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION
 from mmocap_warp.errors import missing_package
 from mmocap_warp.result.excerpt import evenly
@@ -89,9 +89,8 @@ def write_mot(result: Result, path: Path) -> None:
     tracks = best_run_tracks(result)
     names = [name.replace(".", "_") for name in tracks.subject.body.skeleton.coordinate_names]
     # The root's angles begin at the world's axes here, and in the result at the subject's heading.
-    pose, last = tracks.pose.copy(), np.zeros(3)
-    for frame, rotation in enumerate(tracks.bind[0, :3, :3].T @ tracks.world[:, 0, :3, :3]):
-        last = pose[frame, ROOT_ANGLES] = near_zyx_angles(rotation, last)
+    pose = tracks.pose.copy()
+    pose[:, ROOT_ANGLES] = steady_angles(tracks.bind[0, :3, :3].T @ tracks.world[:, 0, :3, :3])
     pose = np.where(tracks.subject.body.skeleton.is_length, pose, np.degrees(pose))
     header = [path.stem, "version=1", f"nRows={len(pose)}", f"nColumns={1 + len(names)}", "inDegrees=yes", "endheader"]
     rows = ["\t".join(f"{value:.6f}" for value in row) for row in np.column_stack([tracks.time, pose])]
@@ -219,18 +218,12 @@ def best_run_tracks(result: Result) -> Tracks:
     )
 
 
-def joint_transforms(subject: Subject, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Transforms of the joints in poses (frame, coordinate), local and world as :class:`Tracks` has them."""
-    local = np.tile(rest_transforms(subject.body), (len(pose), 1, 1, 1))
-    local[:, 0, :3, :3] = subject.root_base @ local[:, 0, :3, :3]
-    local[:, 0, :3, 3] = pose[:, :TRANSLATION]
-    slides, own = subject.body.skeleton.slides, pose[:, TRANSLATION:].reshape(len(pose), -1, 3)
-    for number in np.flatnonzero(slides):
-        local[:, number, :3, 3] += applied(local[:, number, :3, :3], own[:, number])
-    turned = zyx_rotation(np.where(slides[:, None], 0.0, own))
-    local[..., :3, :3] = local[..., :3, :3] @ turned
-    world = local.copy()
-    for joint, parent in enumerate(subject.body.skeleton.parent):
-        if parent >= 0:
-            world[:, joint] = world[:, parent] @ local[:, joint]
-    return local, world
+def steady_angles(rotation: np.ndarray) -> np.ndarray:
+    """(frame, ..., 3) angles Rx, Ry, Rz [rad] of rotations (frame, ..., 3, 3), near to those of the frame before.
+
+    So no program interpolates a whole turn. The first frame's are near to zero.
+    """
+    angles = np.zeros(rotation.shape[:-1])
+    for frame, each in enumerate(rotation):
+        angles[frame] = near_zyx_angles(each, angles[max(frame - 1, 0)])
+    return angles

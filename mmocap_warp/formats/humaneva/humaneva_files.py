@@ -12,7 +12,7 @@ import numpy as np
 
 from mmocap_warp.cameras.rig import Camera, CameraRig, rig_of
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.calibration.calibration_text import image_size_of, refuse_huge
+from mmocap_warp.formats.calibration.calibration_text import Sizes, image_size_of, refuse_huge
 from mmocap_warp.whole_file import read_text
 
 REMEDY = "copy it again from the data set"
@@ -51,10 +51,6 @@ def read_cal(path: str | Path, name: str, size: tuple[int, int]) -> Camera:
     by row) and translation (3, millimetres), both world to camera. Bouguet's lens model is OpenCV's, coefficients in
     the same order, and he too counts pixel centres from 0. Some files go on with the rotation as a Rodrigues vector,
     which says nothing new. No file says the ``size`` of the images, width and height [px].
-
-    Raises:
-        InputError: missing, not text, or not at least 22 finite numbers. Whether they can be a camera, see
-            :func:`~mmocap_warp.cameras.rig.check_rig`.
     """
     refuse_huge(path)
     numbers = read_numbers(path)
@@ -65,16 +61,11 @@ def read_cal(path: str | Path, name: str, size: tuple[int, int]) -> Camera:
     return Camera(name, K, R.reshape(3, 3), t * _MILLIMETRE, size, distortion)
 
 
-def read_cal_folder(
-    path: str | Path, units: str | None = None, up: str = "+z", sizes: dict[str, tuple[int, int]] | None = None
-) -> CameraRig:
+def read_cal_folder(path: str | Path, units: str | None = None, up: str = "+z", sizes: Sizes = None) -> CameraRig:
     """Read all cameras of a folder, named as their files, from its path or that of one of them.
 
     Lengths are millimetres by definition; ``units`` is not needed. ``sizes`` holds (width, height) of the cameras,
     which the files do not say.
-
-    Raises:
-        InputError: see :func:`read_cal`; a size that is not known; or not a calibration (see ``check_rig``).
     """
     folder = Path(path) if Path(path).is_dir() else Path(path).parent
     files = sorted(file for file in folder.glob("*") if file.name.lower().endswith(".cal"))
@@ -114,11 +105,7 @@ class Synchronisation:
 
 
 def read_ofs(path: str | Path) -> StreamOffset:
-    """Read a camera's offset.
-
-    Raises:
-        InputError: missing, or not three finite numbers of which the last is positive.
-    """
+    """Read a camera's offset."""
     numbers = read_numbers(path)
     if len(numbers) != 3 or numbers[2] <= 0:
         problem = f"holds {numbers.tolist()}, not a video frame, a motion capture frame and a positive scale"

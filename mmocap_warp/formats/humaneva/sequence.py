@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -34,7 +33,7 @@ from mmocap_warp.formats.humaneva.vicon_points import (
     torso_radius,
     without_invalid_frames,
 )
-from mmocap_warp.formats.motion.captured_points import PointTracks, read_c3d
+from mmocap_warp.formats.motion.captured_points import read_c3d
 from mmocap_warp.formats.toml_table import quoted
 from mmocap_warp.formats.truth_file import write_truth
 from mmocap_warp.masks.frames import Frames, as_colour, open_frames
@@ -52,31 +51,28 @@ _TRIAL = 1  # the only one that has both video and public motion capture
 _CLIPS = (1, 2, 3)
 
 
-class _Published(NamedTuple):
-    """What is published of a sequence: its last frame, and where videos C1 to C3 start, in HumanEva's own numbers."""
-
-    last: int
-    start: tuple[int, int, int]
-
-
-SEQUENCES: dict[tuple[str, str], _Published] = {
-    ("S1", "Walking"): _Published(1203, (82, 81, 82)),
-    ("S1", "Jog"): _Published(740, (51, 51, 50)),
-    ("S1", "ThrowCatch"): _Published(945, (61, 61, 60)),
-    ("S1", "Gestures"): _Published(801, (45, 45, 44)),
-    ("S1", "Box"): _Published(789, (57, 57, 56)),
-    ("S2", "Walking"): _Published(876, (115, 115, 114)),
-    ("S2", "Jog"): _Published(795, (100, 100, 99)),
-    ("S2", "ThrowCatch"): _Published(1128, (127, 127, 127)),
-    ("S2", "Gestures"): _Published(901, (122, 122, 121)),
-    ("S2", "Box"): _Published(734, (119, 119, 117)),
-    ("S3", "Walking"): _Published(939, (80, 80, 80)),
-    ("S3", "Jog"): _Published(842, (65, 65, 65)),
-    ("S3", "ThrowCatch"): _Published(1027, (79, 79, 79)),
-    ("S3", "Gestures"): _Published(1102, (83, 83, 82)),
-    ("S3", "Box"): _Published(1021, (1, 1, 1)),
+SEQUENCES: dict[tuple[str, str], tuple[int, tuple[int, int, int]]] = {
+    ("S1", "Walking"): (1203, (82, 81, 82)),
+    ("S1", "Jog"): (740, (51, 51, 50)),
+    ("S1", "ThrowCatch"): (945, (61, 61, 60)),
+    ("S1", "Gestures"): (801, (45, 45, 44)),
+    ("S1", "Box"): (789, (57, 57, 56)),
+    ("S2", "Walking"): (876, (115, 115, 114)),
+    ("S2", "Jog"): (795, (100, 100, 99)),
+    ("S2", "ThrowCatch"): (1128, (127, 127, 127)),
+    ("S2", "Gestures"): (901, (122, 122, 121)),
+    ("S2", "Box"): (734, (119, 119, 117)),
+    ("S3", "Walking"): (939, (80, 80, 80)),
+    ("S3", "Jog"): (842, (65, 65, 65)),
+    ("S3", "ThrowCatch"): (1027, (79, 79, 79)),
+    ("S3", "Gestures"): (1102, (83, 83, 82)),
+    ("S3", "Box"): (1021, (1, 1, 1)),
 }
-"""The sequences with video and motion capture, by subject and action. The paper's nine: Walking, Gestures and Box."""
+"""What is published of the sequences with video and motion capture, by subject and action.
+
+It is the last frame, and where videos C1 to C3 start, in HumanEva's own numbers. The paper's nine are Walking, Gestures
+and Box.
+"""
 
 
 @dataclass(frozen=True)
@@ -114,8 +110,8 @@ class HumanEvaSequence:
     @property
     def starts_as_published(self) -> bool:
         """Whether the colour videos start where others who used the data found it, to a frame."""
-        published = np.array(SEQUENCES[self.subject, self.action].start)
-        return bool((np.abs(self.sync.start[: len(published)] - published) <= 1).all())
+        _, published = SEQUENCES[self.subject, self.action]
+        return bool((np.abs(self.sync.start[: len(published)] - np.array(published)) <= 1).all())
 
 
 def read_sequence(
@@ -136,8 +132,7 @@ def read_sequence(
         subjects, actions = (", ".join(dict.fromkeys(names)) for names in zip(*SEQUENCES, strict=True))
         problem = "is no sequence with both video and public motion capture"
         raise InputError(f"{subject} {action}", problem, f"give one of {subjects} and one of {actions}")
-    published = SEQUENCES[subject, action]
-    last = published.last if last is None else last
+    last = SEQUENCES[subject, action][0] if last is None else last
     if not 1 <= first <= last:
         remedy = "count from 1, first to last"
         raise InputError(f"{subject} {action}", f"frames {first} to {last} are not a range", remedy)
@@ -206,7 +201,9 @@ def _read_truth(folder: Path, subject: str, trial: str, sync: Synchronisation, f
     """The truth, and why it has no joints."""
     path = _find_entry(folder, f"{trial}.c3d")
     tracks = read_c3d(path)
-    _check_rates(path, tracks, sync)
+    if not 0.9 < sync.mocap_per_frame / (tracks.rate / FPS) < 1.1:
+        ratio = f"the .ofs say that {sync.mocap_per_frame:.4g} of its frames pass in one"
+        raise InputError(path, f"runs at {tracks.rate:g} Hz, but {ratio}", "take .c3d and .ofs of the same sequence")
     position = sync.mocap_position(frames) - 1  # HumanEva counts from 1, arrays from 0
     try:
         markers = without_invalid_frames(interpolate_frames(marker_positions(tracks), position))
@@ -223,16 +220,6 @@ def _read_truth(folder: Path, subject: str, trial: str, sync: Synchronisation, f
         names, why = (), f"{path.name} {error}"
     joints = np.where(valid[:, None, None], joints, np.nan)
     return Truth(FPS, frames - frames[0], MARKERS, markers, names, joints), why
-
-
-def _check_rates(path: Path, tracks: PointTracks, sync: Synchronisation) -> None:
-    expected = tracks.rate / FPS
-    if not 0.9 < sync.mocap_per_frame / expected < 1.1:
-        raise InputError(
-            path,
-            f"runs at {tracks.rate:g} Hz, but the .ofs say that {sync.mocap_per_frame:.4g} of its frames pass in one",
-            "take .c3d and .ofs of the same sequence",
-        )
 
 
 def _read_measures(folder: Path, subject: str) -> SubjectMeasures:

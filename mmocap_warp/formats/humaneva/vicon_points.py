@@ -32,15 +32,11 @@ _OTHER_NAMES = {"LFRM": "LFRA", "RFRM": "RFRA"}  # the forearm's marker has two 
 
 
 class MissingPointError(ValueError):
-    """A recording lacks points; the message names them."""
+    """A recording lacks points, which the message names: whatever here takes a recording may raise it."""
 
 
 def point_positions(tracks: PointTracks, *names: str) -> np.ndarray:
-    """(frame, point, 3) [m]: where a name comes twice, its first.
-
-    Raises:
-        MissingPointError: names that the recording does not have.
-    """
+    """(frame, point, 3) [m]: where a name comes twice, its first."""
     missing = [name for name in names if name not in tracks.names]
     if missing:
         raise MissingPointError(f"has no {', '.join(missing)}")
@@ -48,11 +44,7 @@ def point_positions(tracks: PointTracks, *names: str) -> np.ndarray:
 
 
 def marker_positions(tracks: PointTracks) -> np.ndarray:
-    """(frame, 39, 3) positions of ``MARKERS`` [m].
-
-    Raises:
-        MissingPointError: markers that the recording does not have.
-    """
+    """(frame, 39, 3) positions of ``MARKERS`` [m]."""
     names = (name if name in tracks.names else _OTHER_NAMES.get(name, name) for name in MARKERS)
     return point_positions(tracks, *names)
 
@@ -101,11 +93,7 @@ class SubjectMeasures:
 
 
 def torso_radius(static: PointTracks) -> float:
-    """Half the mean distance of the shoulders' markers in the static trial, less a marker's radius [m]; NaN if unseen.
-
-    Raises:
-        MissingPointError: the trial lacks these markers.
-    """
+    """Half the mean distance of the shoulders' markers in the static trial less a marker's radius [m], or NaN."""
     left, right = np.moveaxis(point_positions(static, "LSHO", "RSHO"), 1, 0)
     span = np.linalg.norm(left - right, axis=1)
     seen = span[np.isfinite(span)]
@@ -113,11 +101,7 @@ def torso_radius(static: PointTracks) -> float:
 
 
 def joint_positions(tracks: PointTracks, position: np.ndarray, subject: SubjectMeasures) -> np.ndarray:
-    """(time, 15, 3) positions of ``JOINT_NAMES`` at fractional frames counted from 0 [m]; NaN where not known.
-
-    Raises:
-        MissingPointError: the recording lacks points of Vicon's segments.
-    """
+    """(time, 15, 3) positions of ``JOINT_NAMES`` at fractional frames counted from 0 [m]; NaN where not known."""
     turn = partial(_rotation, tracks, position)
 
     def point(name: str) -> np.ndarray:

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from mmocap_warp.body.rotations import applied, turn
+from mmocap_warp.body.rotations import turn
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.motion.motion_clip import MotionClip
+from mmocap_warp.formats.motion.motion_clip import MotionClip, clip_of_tree
 from mmocap_warp.whole_file import read_text
 
 FPS = 120.0
@@ -53,31 +53,22 @@ def read_amc(path: str | Path, skeleton: str | Path | None = None) -> MotionClip
     skeleton = path.with_name(f"{path.stem.split('_')[0]}.asf") if skeleton is None else Path(skeleton)
     bones = _read_skeleton(skeleton)
     frames = _read_motion(path, {bone.name: bone.channels for bone in bones})
-    rest = np.zeros((len(bones), 3))
-    place = np.zeros((len(frames["root"]), len(bones), 3))
-    rotation = np.zeros((*place.shape, 3))
+    # A bone begins where the one that it hangs on ends; the root has a place of its own.
+    offset = np.stack([np.zeros(3) if bone.parent < 0 else bones[bone.parent].vector for bone in bones])
+    place = np.tile(offset, (len(frames["root"]), 1, 1))
+    place[:, 0] = frames["root"][:, [bones[0].channels.index(channel) for channel in _ROOT_ORDER[:3]]]
+    rotation = np.tile(np.eye(3), (*place.shape[:2], 1, 1))
     for j, bone in enumerate(bones):
-        own = np.tile(np.eye(3), (len(place), 1, 1))
         for channel, values in zip(bone.channels, frames[bone.name].T, strict=True):
             if channel[0] == "r":
-                own = turn(channel[1], np.radians(values)) @ own  # the first acts first
-        own = bone.axes @ own @ bone.axes.T
-        if bone.parent < 0:
-            place[:, j], rotation[:, j] = frames["root"][:, [bone.channels.index(c) for c in _ROOT_ORDER[:3]]], own
-            continue
-        above, vector = rotation[:, bone.parent], bones[bone.parent].vector
-        rest[j] = rest[bone.parent] + vector
-        place[:, j] = place[:, bone.parent] + applied(above, np.broadcast_to(vector, (len(place), 3)))
-        rotation[:, j] = above @ own
-    return MotionClip(FPS, tuple(bone.name for bone in bones), rest, place, rotation)
+                rotation[:, j] = turn(channel[1], np.radians(values)) @ rotation[:, j]  # the first acts first
+        rotation[:, j] = bone.axes @ rotation[:, j] @ bone.axes.T
+    names, parents = zip(*((bone.name, bone.parent) for bone in bones), strict=True)
+    return clip_of_tree(FPS, names, parents, offset, place, rotation)
 
 
 def with_markers(clip: MotionClip, path: str | Path) -> MotionClip:
-    """A CMU clip with the markers of the ``.c3d`` of the same take.
-
-    Raises:
-        InputError: a file that cannot be read, or that is of another take.
-    """
+    """A CMU clip with the markers of the ``.c3d`` of the same take."""
     from mmocap_warp.formats.motion.captured_points import read_c3d
 
     tracks = read_c3d(path)
@@ -143,12 +134,16 @@ def _three_numbers(entry: dict[str, list[str]], key: str) -> np.ndarray:
     return values
 
 
+def _lines(path: Path) -> list[list[str]]:
+    """A file's lines as words."""
+    return [line.split() for line in read_text(path, _NAME_REMEDY, missing=_NAME_REMEDY, errors="replace").splitlines()]
+
+
 def _sections(path: Path) -> dict[str, list[list[str]]]:
     """The lines of each ``:section``, as words."""
     sections: dict[str, list[list[str]]] = {}
     section = ""
-    for line in read_text(path, _NAME_REMEDY, missing=_NAME_REMEDY, errors="replace").splitlines():
-        words = line.split()
+    for words in _lines(path):
         if words and words[0].startswith(":"):
             section = words[0][1:].lower()
             words = words[1:]
@@ -160,10 +155,7 @@ def _sections(path: Path) -> dict[str, list[list[str]]]:
 def _read_motion(path: Path, channels: dict[str, tuple[str, ...]]) -> dict[str, np.ndarray]:
     """(frame, channel) of each bone; zeros for one that the file leaves out."""
     frames: list[dict[str, list[float]]] = []
-    for number, line in enumerate(
-        read_text(path, _NAME_REMEDY, missing=_NAME_REMEDY, errors="replace").splitlines(), 1
-    ):
-        words = line.split()
+    for number, words in enumerate(_lines(path), 1):
         if not words or words[0].startswith(("#", ":")):
             continue
         if len(words) == 1 and words[0].isdigit():

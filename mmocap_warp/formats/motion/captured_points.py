@@ -10,6 +10,7 @@ import numpy as np
 
 from mmocap_warp.errors import InputError, missing_package
 from mmocap_warp.formats.sandbox import sandboxed
+from mmocap_warp.result.other_world import axes_turn
 from mmocap_warp.whole_file import read_text
 
 _METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
@@ -40,7 +41,10 @@ def read_trc(path: str | Path, axes: str = "xyz") -> PointTracks:
     Raises:
         InputError: unreadable, not a ``.trc``, or axes that are no right-handed permutation.
     """
-    turn = _turn(axes, path)
+    turn = axes_turn(axes) if re.fullmatch("(-?[xyz]){3}", axes) else np.zeros((3, 3))
+    if round(float(np.linalg.det(turn))) != 1:
+        remedy = "write for example 'zxy' or 'x-zy'"
+        raise InputError(path, f"axes = {axes!r} is not a right-handed order of x, y, z", remedy)
     lines = read_text(path, "give an OpenSim .trc file").splitlines()
     if len(lines) < 6 or not lines[0].startswith("PathFileType"):
         raise InputError(path, "is not a .trc file (no PathFileType header)", "give an OpenSim .trc file")
@@ -69,18 +73,6 @@ def _row(line: str, number: int, points: int, path: str | Path) -> list[float]:
         return [float(cells[0]), *(float(cell) if cell.strip() else np.nan for cell in cells[2:])]
     except ValueError:
         raise InputError(f"{path}: line {number}", "holds a cell that is not a number", "export it again") from None
-
-
-def _turn(axes: str, path: str | Path) -> np.ndarray:
-    """(3, 3) with world = turn @ file."""
-    turn = np.zeros((3, 3))
-    letters = re.findall("-?[xyz]", axes)
-    for row, letter in zip(turn, letters, strict=False):
-        row["xyz".index(letter[-1])] = -1.0 if letter[0] == "-" else 1.0
-    if "".join(letters) != axes or len(letters) != 3 or round(float(np.linalg.det(turn))) != 1:
-        remedy = "write for example 'zxy' or 'x-zy'"
-        raise InputError(path, f"axes = {axes!r} is not a right-handed order of x, y, z", remedy)
-    return turn
 
 
 @sandboxed

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from mmocap_warp.body.rotations import turn
+from mmocap_warp.body.rotations import applied, turn
 from mmocap_warp.errors import InputError
 from mmocap_warp.whole_file import read_text
 
@@ -49,12 +51,23 @@ class MotionClip:
         return replace(self, fps=fps, place=place, rotation=u @ vt, markers=markers)
 
 
+def clip_of_tree(
+    fps: float, names: Sequence[str], parents: Sequence[int], rest: np.ndarray, place: np.ndarray, rotation: np.ndarray
+) -> MotionClip:
+    """A clip of joints, parents first, whose arrays are given relative to their parents, and are changed in place."""
+    for joint, parent in enumerate(parents):
+        if parent >= 0:
+            rest[joint] += rest[parent]
+            place[:, joint] = place[:, parent] + applied(rotation[:, parent], place[:, joint])
+            rotation[:, joint] = rotation[:, parent] @ rotation[:, joint]
+    return MotionClip(fps, tuple(names), rest, place, rotation)
+
+
 _REMEDY = "export it again as BVH"
 _MIN_INTERVAL, _MAX_INTERVAL = 1e-4, 10.0  # that a frame may last [s]
 
 
-@dataclass(frozen=True)
-class _Joint:
+class _Joint(NamedTuple):
     name: str
     parent: int
     offset: tuple[float, float, float]
@@ -115,7 +128,7 @@ def read_bvh(path: str | Path) -> MotionClip:
     words.take("Frame")
     words.take("Time:")
     interval = words.number()
-    columns = sum(len(joint.channels) for joint in joints)
+    columns = joints[-1].first_column + len(joints[-1].channels)
     try:
         values = np.array(words.rest(), float)
     except ValueError as error:
@@ -168,22 +181,14 @@ def _read_joint(words: _Words, parent: int, joints: list[_Joint]) -> int:
 
 
 def _pose_joints(joints: list[_Joint], values: np.ndarray, fps: float) -> MotionClip:
-    rest = np.zeros((len(joints), 3))
-    place = np.zeros((len(values), len(joints), 3))
-    rotation = np.zeros((len(values), len(joints), 3, 3))
+    names, parents, offsets, *_ = zip(*joints, strict=True)
+    rest = np.array(offsets)
+    place = np.tile(rest, (len(values), 1, 1))
+    rotation = np.tile(np.eye(3), (len(values), len(joints), 1, 1))
     for j, joint in enumerate(joints):
-        own = np.tile(np.eye(3), (len(values), 1, 1))
-        moved = np.tile(joint.offset, (len(values), 1))
         for column, channel in enumerate(joint.channels, joint.first_column):
             if channel.endswith("position"):
-                moved[:, "xyz".index(channel[0])] = values[:, column]  # in place of the offset
+                place[:, j, "xyz".index(channel[0])] = values[:, column]  # in place of the offset
             else:
-                own = own @ turn(channel[0], np.radians(values[:, column]))
-        if joint.parent < 0:
-            rest[j], place[:, j], rotation[:, j] = joint.offset, moved, own
-        else:
-            above = rotation[:, joint.parent]
-            rest[j] = rest[joint.parent] + joint.offset
-            place[:, j] = place[:, joint.parent] + np.einsum("fab,fb->fa", above, moved)
-            rotation[:, j] = above @ own
-    return MotionClip(fps, tuple(joint.name for joint in joints), rest, place, rotation)
+                rotation[:, j] = rotation[:, j] @ turn(channel[0], np.radians(values[:, column]))
+    return clip_of_tree(fps, names, parents, rest, place, rotation)

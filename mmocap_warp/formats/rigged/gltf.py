@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import struct
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -13,7 +13,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, RiggedMotion, joined_parts, parents_first
+from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, RiggedMotion, joined_parts, parents_first, reordered
 
 _MAGIC, _JSON_CHUNK, _BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
 _KINDS = {5120: np.int8, 5121: np.uint8, 5122: np.int16, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
@@ -128,31 +128,28 @@ def _read_character(document: _Document, path: Path) -> RiggedMesh:
         for child in node.get("children", []):
             above[_index(child)] = number
     parents_first(above)  # raises where nodes hang on each other in a circle
-    joint_node, bind = _joints(document, [skins[_index(node["skin"])] for _, node in skinned])
-    parent = _joint_parents(joint_node, above)
+    joints, bind = _joints(document, [skins[_index(node["skin"])] for _, node in skinned])
+    joint_of = {node: joint for joint, node in enumerate(joints)}
+    parent = [_nearest_above(node, above, joint_of) for node in joints]
     order = parents_first(parent)
-    rank = {joint: i for i, joint in enumerate(order)}
-    rank_of_node = {joint_node[joint]: i for joint, i in rank.items()}
-
     # The skin, whose weights count the joints of their own skin.
     parts = []
     for _, node in skinned:
-        of_skin = np.array([rank_of_node[joint] for joint in skins[node["skin"]]["joints"]])
+        of_skin = np.array([joint_of[joint] for joint in skins[node["skin"]]["joints"]])
         parts += [
             _read_primitive(document, primitive, of_skin)
             for primitive in document.list("meshes")[_index(node["mesh"])]["primitives"]
         ]
     vertex, face, influence, weight = joined_parts(parts)
-    ordered = [joint_node[joint] for joint in order]
     # The motions, and the space in which all is bound.
-    rest = node_worlds(nodes, above)
-    motions, notes = node_motions(document.list("animations"), document.array, nodes, above, ordered)
-    scene = _scene_from_bind(bind[order], rest[ordered], rest[skinned[0][0]])
-    return RiggedMesh(
+    rest = _world_transforms(np.stack([_local_transforms(node, {}) for node in nodes], axis=1), above)[0]
+    motions, notes = _node_motions(document, nodes, above, joints)
+    scene = _scene_from_bind(bind[order], rest[[joints[joint] for joint in order]], rest[skinned[0][0]])
+    mesh = RiggedMesh(
         name=str(skinned[0][1].get("name") or path.stem),
-        joints=tuple(str(nodes[node].get("name") or f"joint{node}") for node in ordered),
-        parent=tuple(-1 if parent[joint] < 0 else rank[parent[joint]] for joint in order),
-        bind=scene @ bind[order],
+        joints=tuple(str(nodes[node].get("name") or f"joint{node}") for node in joints),
+        parent=tuple(parent),
+        bind=scene @ bind,
         vertex=vertex @ scene[:3, :3].T + scene[:3, 3],
         face=face,
         influence=influence,
@@ -161,6 +158,7 @@ def _read_character(document: _Document, path: Path) -> RiggedMesh:
         attribution=str(document.json.get("asset", {}).get("copyright", "")),
         notes=tuple(notes),
     )
+    return reordered(mesh, order)
 
 
 def _joints(document: _Document, skins: Iterable[dict[str, Any]]) -> tuple[list[int], np.ndarray]:
@@ -178,16 +176,12 @@ def _joints(document: _Document, skins: Iterable[dict[str, Any]]) -> tuple[list[
     return list(bind), np.stack(list(bind.values()))
 
 
-def _joint_parents(joint_node: list[int], above: list[int]) -> list[int]:
-    """For each joint the nearest joint above it, -1 where there is none."""
-    number = {node: joint for joint, node in enumerate(joint_node)}
-    parent = []
-    for node in joint_node:
-        up = above[node]
-        while up >= 0 and up not in number:
-            up = above[up]
-        parent.append(number.get(up, -1))
-    return parent
+def _nearest_above(node: int, above: list[int], joint_of: dict[int, int]) -> int:
+    """The nearest joint above a node, -1 where there is none."""
+    node = above[node]
+    while node >= 0 and node not in joint_of:
+        node = above[node]
+    return joint_of.get(node, -1)
 
 
 def _read_primitive(
@@ -228,11 +222,7 @@ def _scene_from_bind(bind: np.ndarray, rest: np.ndarray, mesh: np.ndarray) -> np
 
 
 def _file_inside(folder: Path, name: str, source: object) -> Path:
-    """The file ``name`` in ``folder`` or below it; ``source`` is the file that names it.
-
-    Raises:
-        InputError: it lies elsewhere, or does not exist.
-    """
+    """The file ``name`` in ``folder`` or below it; ``source`` is the file that names it."""
     root = folder.resolve()
     try:
         file = (root / unquote(name)).resolve()
@@ -251,58 +241,39 @@ _MAX_TRANSFORMS = 400_000  # of nodes in all frames of an animation: a minute of
 _PARTS = {"translation": (0, 0, 0), "rotation": (0, 0, 0, 1), "scale": (1, 1, 1)}
 
 
-def node_worlds(nodes: Sequence[dict[str, Any]], above: list[int]) -> np.ndarray:
-    """(node, 4, 4): the scene from each node as the file has it."""
-    local = np.stack([_local_transform(node) for node in nodes])
-    return _world_transforms(local[None], above)[0]
-
-
-def node_motions(
-    animations: Sequence[dict[str, Any]],
-    array: Callable[[int], np.ndarray],
-    nodes: Sequence[dict[str, Any]],
-    above: list[int],
-    joints: Sequence[int],
+def _node_motions(
+    document: _Document, nodes: list[dict[str, Any]], above: list[int], joints: list[int]
 ) -> tuple[dict[str, RiggedMotion], list[str]]:
-    """Each animation's ``joints``, which are nodes, by the animation's name, and notes on what is too long to be read.
+    """Each animation of nodes that are joints, by its name, and notes on those that are too long to be read.
 
-    ``array`` gives an accessor's values (count, width) by its number; ``above`` is the node that each node hangs on, or
-    -1. An animation without keys is left out.
+    An animation without keys is left out.
     """
     motions: dict[str, RiggedMotion] = {}
     notes = []
-    for number, animation in enumerate(animations):
+    for number, animation in enumerate(document.list("animations")):
         channels = []
         for channel in animation["channels"]:
             target, sampler = channel["target"], animation["samplers"][channel["sampler"]]
             if "node" in target and target["path"] in _PARTS:
-                keys = array(sampler["input"])[:, 0], array(sampler["output"])
+                keys = document.array(sampler["input"])[:, 0], document.array(sampler["output"])
                 channels.append((target["node"], target["path"], sampler.get("interpolation", "LINEAR"), *keys))
-        if channels:
-            name = str(animation.get("name") or f"animation{number}")
-            last = max(float(time[-1]) for *_, time, _ in channels)
-            if not 0 <= last * _FPS * len(nodes) < _MAX_TRANSFORMS:
-                notes.append(f"motion {name} lasts {last:g} s: left out")
-                continue
-            frames = round(last * _FPS) + 1
-            motions[name] = RiggedMotion(_FPS, _sample_channels(channels, frames, nodes, above)[:, list(joints)])
+        if not channels:
+            continue
+        name = str(animation.get("name") or f"animation{number}")
+        last = max(float(time[-1]) for *_, time, _ in channels)
+        if not 0 <= last * _FPS * len(nodes) < _MAX_TRANSFORMS:
+            notes.append(f"motion {name} lasts {last:g} s: left out")
+            continue
+        # What its channels move at even times; the rest of each node is as the file has it.
+        when = np.arange(round(last * _FPS) + 1) / _FPS
+        moved: dict[int, dict[str, np.ndarray]] = {}
+        for each, path, how, time, value in channels:
+            moved.setdefault(each, {})[path] = _interpolate(when, time, value, how, path)
+        local = np.zeros((len(when), len(nodes), 4, 4))
+        for each, node in enumerate(nodes):
+            local[:, each] = _local_transforms(node, moved.get(each, {}))
+        motions[name] = RiggedMotion(_FPS, _world_transforms(local, above)[:, joints])
     return motions, notes
-
-
-def _sample_channels(
-    channels: list[tuple[int, str, str, np.ndarray, np.ndarray]],
-    frames: int,
-    nodes: Sequence[dict[str, Any]],
-    above: list[int],
-) -> np.ndarray:
-    """(frame, node, 4, 4): the scene from each node."""
-    when = np.arange(frames) / _FPS
-    moved = {(node, path): _interpolate(when, time, value, how, path) for node, path, how, time, value in channels}
-    local = np.zeros((frames, len(nodes), 4, 4))
-    for number, node in enumerate(nodes):
-        own = {path: moved[number, path] for path in _PARTS if (number, path) in moved}
-        local[:, number] = _compose_transforms(node, own) if own else _local_transform(node)
-    return _world_transforms(local, above)
 
 
 def _interpolate(when: np.ndarray, time: np.ndarray, value: np.ndarray, how: str, path: str) -> np.ndarray:
@@ -330,25 +301,16 @@ def _interpolate(when: np.ndarray, time: np.ndarray, value: np.ndarray, how: str
     return near * first + far * second
 
 
-def _local_transform(node: dict[str, Any]) -> np.ndarray:
-    """(4, 4): the parent from a node."""
-    if "matrix" in node:
-        return np.array(node["matrix"], float).reshape(4, 4).T
-    return _compose_transforms(node, {})[0]
-
-
-def _compose_transforms(node: dict[str, Any], moved: dict[str, np.ndarray]) -> np.ndarray:
-    """(n, 4, 4) of a node's translations (n, 3), quaternions x y z w (n, 4) and scales (n, 3).
-
-    ``moved`` holds those that an animation changes; of the others the node has one for all.
-    """
+def _local_transforms(node: dict[str, Any], moved: dict[str, np.ndarray]) -> np.ndarray:
+    """(frame, 4, 4): the parent from a node, whose parts are (frame, 3 or 4) where an animation has ``moved`` them."""
     from scipy.spatial.transform import Rotation
 
+    if "matrix" in node and not moved:
+        return np.array(node["matrix"], float).reshape(1, 4, 4).swapaxes(1, 2)
     translation, rotation, scale = (
         moved.get(path, np.array([node.get(path, default)], float)) for path, default in _PARTS.items()
     )
-    count = max(len(translation), len(rotation), len(scale))
-    matrix = np.zeros((count, 4, 4))
+    matrix = np.zeros((max(map(len, (translation, rotation, scale))), 4, 4))
     matrix[:, :3, :3] = Rotation.from_quat(rotation).as_matrix() * scale[:, None, :]
     matrix[:, :3, 3] = translation
     matrix[:, 3, 3] = 1.0

@@ -80,9 +80,6 @@ def _plain_collada(data: bytes, path: Path) -> bytes:
     """A COLLADA file without its materials, which are not needed and often broken.
 
     The reader's parser expands entities: there are none left.
-
-    Raises:
-        InputError: it has entities, or is not XML.
     """
     from xml.etree.ElementTree import ParseError, register_namespace, tostring
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -110,4 +110,19 @@ def joined_parts(
         np.concatenate([face + start for (_, face, *_), start in zip(parts, first, strict=False)]),
         np.concatenate([np.pad(influence, by) for (*_, influence, _), by in zip(parts, pad, strict=True)]),
         np.concatenate([np.pad(weight, by) for (*_, weight), by in zip(parts, pad, strict=True)]),
+    )
+
+
+def reordered(mesh: RiggedMesh, order: list[int]) -> RiggedMesh:
+    """The mesh with some of its joints in another order; no skin may follow a joint that is left out."""
+    rank = {joint: i for i, joint in enumerate(order)}
+    number = np.array([rank.get(joint, 0) for joint in range(len(mesh.joints))])
+    return replace(
+        mesh,
+        joints=tuple(mesh.joints[joint] for joint in order),
+        parent=tuple(rank.get(mesh.parent[joint], -1) for joint in order),
+        bind=mesh.bind[order],
+        influence=np.where(mesh.weight > 0, number[mesh.influence], 0),
+        axes={rank[joint]: axis for joint, axis in mesh.axes.items() if joint in rank},
+        motions={name: RiggedMotion(motion.fps, motion.world[:, order]) for name, motion in mesh.motions.items()},
     )

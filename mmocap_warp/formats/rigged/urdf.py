@@ -28,9 +28,6 @@ def read_urdf(path: str | Path, meshes: str | Path | None = None) -> RiggedMesh:
         path: the file.
         meshes: the folder in which its meshes are; the file's own where omitted. ``package://`` and paths are looked
             up there by their last parts, and no file elsewhere is opened.
-
-    Raises:
-        InputError: no such file, not URDF, a mesh that is missing or cannot be read, or no part that moves.
     """
     path = Path(path)
     folder = Path(meshes) if meshes is not None else path.parent
@@ -193,11 +190,7 @@ def _read_shapes(shape: Element, path: Path, folder: Path) -> Iterator[tuple[np.
 
 
 def _mesh_file(name: str, path: Path, folder: Path) -> Path:
-    """The file in ``folder`` that ends as ``name`` does, by as many of its last parts as can be.
-
-    Raises:
-        InputError: there is none, or it leads out of the folder.
-    """
+    """The file in ``folder`` that ends as ``name`` does, by as many of its last parts as can be."""
     root = folder.resolve()
     parts = [part for part in PurePosixPath(name.partition("://")[2] or name).parts if part not in ("/", ".", "..")]
     for first in range(len(parts)):

@@ -8,7 +8,14 @@ import numpy as np
 from pxr import Usd, UsdGeom, UsdPhysics, UsdSkel
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh, RiggedMotion, joined_parts, parents_first
+from mmocap_warp.formats.rigged.rigged_mesh import (
+    JointAxis,
+    RiggedMesh,
+    RiggedMotion,
+    joined_parts,
+    parents_first,
+    reordered,
+)
 from mmocap_warp.formats.usd.usd_file import read_stage, reads_usd
 
 _REMEDY = "export the character with its UsdSkel skeleton and skin"
@@ -52,8 +59,6 @@ def _read_character(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, meshes: list[U
         while above and above not in number:
             above = above.rpartition("/")[0]
         parent.append(number.get(above, -1))
-    order = parents_first(parent)
-    rank = np.argsort(order)
     bind = np.array(skeleton.GetBindTransformsAttr().Get(), float).reshape(-1, 4, 4).swapaxes(1, 2)
     if len(bind) != len(paths) or not np.isfinite(bind).all():
         raise ValueError("its bindTransforms are not one for each joint")
@@ -66,17 +71,16 @@ def _read_character(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, meshes: list[U
     for mesh in meshes:
         points, triangles = _read_mesh(mesh)
         joint, share = _read_weights(mesh, number, len(points))
-        parts.append((points, triangles, rank[joint], share))
+        parts.append((points, triangles, joint, share))
     vertex, face, influence, weight = joined_parts(parts)
     stated = (prim.GetAttribute(_ATTRIBUTION) for prim in stage.Traverse() if prim.HasAttribute(_ATTRIBUTION))
     attributions = (str(attribute.Get()) for attribute in stated)
     up = "+y" if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.y else "+z"
-    ordered = tuple(names[joint] for joint in order)
-    return RiggedMesh(
+    mesh = RiggedMesh(
         name=str(meshes[0].GetPrim().GetName()),
-        joints=ordered,
-        parent=tuple(int(rank[parent[joint]]) if parent[joint] >= 0 else -1 for joint in order),
-        bind=bind[order],
+        joints=names,
+        parent=tuple(parent),
+        bind=bind,
         vertex=vertex,
         face=face,
         influence=influence,
@@ -84,10 +88,11 @@ def _read_character(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, meshes: list[U
         up=up,
         facing="+z" if up == "+y" else "-y",
         metres=float(UsdGeom.GetStageMetersPerUnit(stage)),
-        axes=_read_axes(stage, ordered, bind[order]),
-        motions=_read_motions(stage, skeleton, order),
+        axes=_read_axes(stage, names, bind),
+        motions=_read_motions(stage, skeleton),
         attribution=next(attributions, ""),
     )
+    return reordered(mesh, parents_first(parent))
 
 
 def _read_mesh(mesh: UsdGeom.Mesh) -> tuple[np.ndarray, np.ndarray]:
@@ -128,7 +133,7 @@ def _read_weights(mesh: UsdGeom.Mesh, number: dict[str, int], points: int) -> tu
     return np.array([number[name] for name in names])[joint], share
 
 
-def _read_motions(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, order: list[int]) -> dict[str, RiggedMotion]:
+def _read_motions(stage: Usd.Stage, skeleton: UsdSkel.Skeleton) -> dict[str, RiggedMotion]:
     """The bound animation, if it has more than one time; a frame for each time code."""
     source = UsdSkel.BindingAPI(skeleton).GetInheritedAnimationSource()
     if not source or not source.IsA(UsdSkel.Animation):
@@ -142,7 +147,7 @@ def _read_motions(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, order: list[int]
         raise ValueError(f"its animation has {len(frames)} frames")
     world = np.array([query.ComputeJointSkelTransforms(Usd.TimeCode(time)) for time in frames], float)
     fps = float(stage.GetTimeCodesPerSecond())
-    return {str(source.GetName()): RiggedMotion(fps, world.swapaxes(-1, -2)[:, order])}
+    return {str(source.GetName()): RiggedMotion(fps, world.swapaxes(-1, -2))}
 
 
 def _read_axes(stage: Usd.Stage, joints: tuple[str, ...], bind: np.ndarray) -> dict[int, JointAxis]:

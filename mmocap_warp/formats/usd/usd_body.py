@@ -24,18 +24,17 @@ import numpy as np
 from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdSkel, Vt
 
 from mmocap_warp.body.mesh_pieces import is_closed
-from mmocap_warp.body.model import BodyModel, BodyMotion, SkinMesh, Subject, bind_transforms, rest_transforms
-from mmocap_warp.body.rotations import turn
-from mmocap_warp.errors import InputError
-from mmocap_warp.formats.usd.usd_file import (
-    PrimReader,
-    author,
-    author_value,
-    read_stage,
-    reads_usd,
-    set_world_up,
-    write_stage,
+from mmocap_warp.body.model import (
+    BodyModel,
+    BodyMotion,
+    SkinMesh,
+    Subject,
+    bind_transforms,
+    joint_transforms,
+    rest_transforms,
 )
+from mmocap_warp.errors import InputError
+from mmocap_warp.formats.usd.usd_file import PrimReader, author_value, read_stage, reads_usd, set_world_up, write_stage
 from mmocap_warp.formats.usd.usd_skeleton import define_freedom, is_rotation, joint_paths, read_skeleton
 
 _REMEDY = "import the body again with `mmocap body import`, or start from one that comes with the project"
@@ -47,7 +46,13 @@ def write_body(path: str | Path, body: BodyModel, motions: Mapping[str, BodyMoti
     stage = Usd.Stage.CreateInMemory()
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
     root = define_body(stage, f"/{body.name}", body)
-    define_motions(stage, root.GetPath(), motions or {})
+    if motions:
+        UsdGeom.Scope.Define(stage, f"/{body.name}/Motions")
+    for number, (name, motion) in enumerate((motions or {}).items()):
+        prim = UsdGeom.Scope.Define(stage, f"/{body.name}/Motions/Motion{number}").GetPrim()
+        values = {"name": name, "fps": float(motion.fps), "pose": np.asarray(motion.pose, float)}
+        for key, value in values.items():
+            author_value(prim, f"mmocap:{key}", value)
     stage.SetDefaultPrim(root.GetPrim())
     write_stage(path, stage)
 
@@ -56,8 +61,18 @@ def write_body(path: str | Path, body: BodyModel, motions: Mapping[str, BodyMoti
 def read_motions(path: str | Path) -> dict[str, BodyMotion]:
     """The motions that came with a body, by name; none where it has none."""
     stage = read_stage(path)
-    prim = body_prim(stage, path)
-    return motions_of(PrimReader(prim, path, _REMEDY), body_from_prim(prim, path).skeleton.coordinates)
+    body = body_prim(stage, path)
+    coordinates = body_from_prim(body, path).skeleton.coordinates
+    motions, above = {}, body.GetChild("Motions")
+    for prim in above.GetChildren() if above else ():
+        read = PrimReader(prim, path, _REMEDY)
+        pose, fps = read.array("mmocap:pose", (None,), np.float64), read.typed("mmocap:fps", float)
+        read.require(np.isfinite(pose).all(), "mmocap:pose is not finite")
+        read.require(0 < fps < np.inf, f"mmocap:fps is {fps}")
+        problem = f"mmocap:pose holds {len(pose)} values, which are no poses of {coordinates}"
+        read.require(len(pose) > 0 and len(pose) % coordinates == 0, problem)
+        motions[read.typed("mmocap:name", str)] = BodyMotion(fps, pose.reshape(-1, coordinates))
+    return motions
 
 
 @reads_usd
@@ -77,7 +92,7 @@ def write_subject(path: str | Path, subject: Subject) -> None:
     skeleton = root.GetPath().AppendChild("Skeleton")
     animation = UsdSkel.Animation.Define(stage, skeleton.AppendChild("FirstPose"))
     animation.CreateJointsAttr(joint_paths(subject.body.skeleton))
-    set_pose(animation, local_transforms(subject.body, subject.root_base, subject.pose), Usd.TimeCode(0))
+    set_pose(animation, joint_transforms(subject, subject.pose[None])[0][0], Usd.TimeCode(0))
     UsdSkel.BindingAPI(stage.GetPrimAtPath(skeleton)).CreateAnimationSourceRel().SetTargets([animation.GetPath()])
     stage.SetStartTimeCode(0)
     stage.SetEndTimeCode(0)
@@ -99,9 +114,10 @@ def read_subject(path: str | Path) -> Subject:
 def define_subject(stage: Usd.Stage, path: str, subject: Subject) -> UsdSkel.Root:
     """Author the subject's body at ``path``, with where it starts as attributes; returns its ``SkelRoot``."""
     root = define_body(stage, path, subject.body)
-    author(root, "mmocap:rootBase", Sdf.ValueTypeNames.Matrix3d, Gf.Matrix3d(np.asarray(subject.root_base, float).T))
-    author_value(root.GetPrim(), "mmocap:pose", np.asarray(subject.pose, float))
-    author_value(root.GetPrim(), "mmocap:provenance", json.dumps(subject.provenance))
+    prim, base = root.GetPrim(), Gf.Matrix3d(np.asarray(subject.root_base, float).T)
+    author_value(prim, "mmocap:rootBase", base, kind=Sdf.ValueTypeNames.Matrix3d)
+    author_value(prim, "mmocap:pose", np.asarray(subject.pose, float))
+    author_value(prim, "mmocap:provenance", json.dumps(subject.provenance))
     return root
 
 
@@ -117,11 +133,7 @@ def subject_from_prim(prim: Usd.Prim, source: object) -> Subject:
 
 
 def body_prim(stage: Usd.Stage, source: object) -> Usd.Prim:
-    """The stage's first skinned body.
-
-    Raises:
-        InputError: it has none.
-    """
+    """The stage's first skinned body."""
     for prim in stage.Traverse():
         if prim.IsA(UsdSkel.Root) and prim.HasAttribute("mmocap:attribution"):
             return prim
@@ -145,30 +157,17 @@ def define_body(stage: Usd.Stage, path: str, body: BodyModel) -> UsdSkel.Root:
     UsdSkel.BindingAPI.Apply(skeleton.GetPrim())
     define_freedom(skeleton.GetPrim(), body.skeleton)
 
-    skin = _define_mesh(stage, f"{path}/Skin", body.skin, skeleton)
+    skin, numbers = _define_mesh(stage, f"{path}/Skin", body.skin, skeleton), Sdf.ValueTypeNames.IntArray
     author_value(skin.GetPrim(), "mmocap:markerNames", list(body.marker_names))
-    author(skin, "mmocap:markerVertices", Sdf.ValueTypeNames.IntArray, Vt.IntArray.FromNumpy(body.marker_vertex))
+    author_value(skin.GetPrim(), "mmocap:markerVertices", Vt.IntArray.FromNumpy(body.marker_vertex), kind=numbers)
     _define_shapes(stage, skin, body)
 
     tracking = _define_mesh(stage, f"{path}/Tracking", body.tracking, skeleton)
     tracking.CreatePurposeAttr(UsdGeom.Tokens.guide)
-    author(tracking, "mmocap:skinVertices", Sdf.ValueTypeNames.IntArray, Vt.IntArray.FromNumpy(body.tracking_vertex))
+    author_value(tracking.GetPrim(), "mmocap:skinVertices", Vt.IntArray.FromNumpy(body.tracking_vertex), kind=numbers)
 
     root.CreateExtentAttr(skin.GetExtentAttr().Get())
     return root
-
-
-def local_transforms(body: BodyModel, root_base: np.ndarray, pose: np.ndarray) -> np.ndarray:
-    """(joint, 4, 4) float64: parent from joint at one pose (coordinate,); the root's is world from root."""
-    local = rest_transforms(body)
-    local[0, :3, :3] = root_base @ local[0, :3, :3]
-    local[0, :3, 3] = pose[:3]
-    for j, (x, y, z) in enumerate(np.reshape(pose[3:], (-1, 3))):
-        if body.skeleton.slides[j]:
-            local[j, :3, 3] += local[j, :3, :3] @ (x, y, z)
-            continue
-        local[j, :3, :3] = local[j, :3, :3] @ turn("z", z) @ turn("y", y) @ turn("x", x)
-    return local
 
 
 def set_pose(
@@ -257,7 +256,8 @@ def _define_shapes(stage: Usd.Stage, skin: UsdGeom.Mesh, body: BodyModel) -> Non
         moved = np.flatnonzero(vertex.any(axis=1))
         shape.CreateOffsetsAttr(Vt.Vec3fArray.FromNumpy(vertex[moved]))
         shape.CreatePointIndicesAttr(Vt.IntArray.FromNumpy(moved.astype(np.int32)))
-        author(shape, "mmocap:jointOffsets", Sdf.ValueTypeNames.Vector3fArray, Vt.Vec3fArray.FromNumpy(joint))
+        offsets = Vt.Vec3fArray.FromNumpy(joint)
+        author_value(shape.GetPrim(), "mmocap:jointOffsets", offsets, kind=Sdf.ValueTypeNames.Vector3fArray)
         targets.append(shape.GetPath())
     binding = UsdSkel.BindingAPI(skin.GetPrim())
     binding.CreateBlendShapesAttr(list(body.shape_names))
@@ -286,9 +286,8 @@ def _read_mesh(mesh: PrimReader, joints: int) -> SkinMesh:
     mesh.require((weight >= 0).all(), "a skinning weight is negative")
     off = np.abs(weight.sum(1) - 1.0)
     worst = int(off.argmax())
-    mesh.require(
-        off[worst] < _WEIGHT_SUM_TOLERANCE, f"the weights of vertex {worst} sum to {weight[worst].sum():.4g}, not 1"
-    )
+    problem = f"the weights of vertex {worst} sum to {weight[worst].sum():.4g}, not 1"
+    mesh.require(off[worst] < _WEIGHT_SUM_TOLERANCE, problem)
     return SkinMesh(rest, _read_faces(mesh, len(rest), corners=(3, 4)), joint, weight)
 
 
@@ -303,39 +302,3 @@ def _read_shapes(skin: PrimReader, vertices: int, joints: int) -> tuple[tuple[st
         vertex[s, moved] = shape.array("offsets", (len(moved), 3))
         joint[s] = shape.array("mmocap:jointOffsets", (joints, 3))
     return names, vertex, joint
-
-
-_NAME = "Motions"
-
-
-def define_motions(stage: Usd.Stage, body: Sdf.Path, motions: Mapping[str, BodyMotion]) -> None:
-    """Author motions below a body's prim."""
-    if not motions:
-        return
-    above = UsdGeom.Scope.Define(stage, body.AppendChild(_NAME)).GetPath()
-    for number, (name, motion) in enumerate(motions.items()):
-        scope = UsdGeom.Scope.Define(stage, above.AppendChild(f"Motion{number}"))
-        values = {"name": name, "fps": float(motion.fps), "pose": np.asarray(motion.pose, float)}
-        for key, value in values.items():
-            author_value(scope.GetPrim(), f"mmocap:{key}", value)
-
-
-def motions_of(body: PrimReader, coordinates: int) -> dict[str, BodyMotion]:
-    """The motions of a body by name; its poses have so many ``coordinates``.
-
-    Raises:
-        InputError: one is incomplete, or of another body.
-    """
-    motions = {}
-    above = body.prim.GetChild(_NAME)
-    for prim in above.GetChildren() if above else ():
-        read = PrimReader(prim, body.source, body.remedy)
-        pose, fps = read.array("mmocap:pose", (None,), np.float64), read.typed("mmocap:fps", float)
-        read.require(np.isfinite(pose).all(), "mmocap:pose is not finite")
-        read.require(0 < fps < np.inf, f"mmocap:fps is {fps}")
-        read.require(
-            len(pose) > 0 and len(pose) % coordinates == 0,
-            f"mmocap:pose holds {len(pose)} values, which are no poses of {coordinates}",
-        )
-        motions[read.typed("mmocap:name", str)] = BodyMotion(fps, pose.reshape(-1, coordinates))
-    return motions

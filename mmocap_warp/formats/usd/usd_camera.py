@@ -14,7 +14,7 @@ from pxr import Gf, Tf, Usd, UsdGeom
 
 from mmocap_warp.cameras.rig import UP_AXES, Camera, CameraRig, check_rig, rig_of
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.calibration.calibration_text import image_size_of
+from mmocap_warp.formats.calibration.calibration_text import Sizes, image_size_of
 from mmocap_warp.formats.usd.usd_file import (
     PrimReader,
     author_value,
@@ -55,11 +55,7 @@ def define_cameras(stage: Usd.Stage, path: str, rig: CameraRig) -> None:
 
 
 def cameras_from_prim(prim: Usd.Prim, source: object) -> CameraRig:
-    """The rig that :func:`define_cameras` authored at the scope ``prim``; ``source`` is named in errors.
-
-    Raises:
-        InputError: a camera or one of its values is missing, or a fisheye that is none.
-    """
+    """The rig that :func:`define_cameras` authored at the scope ``prim``; ``source`` is named in errors."""
     scope = PrimReader(prim, source, _REMEDY)
     cameras = [scope.child(name) for name in scope.texts("mmocap:cameras")]
     scope.require(bool(cameras), "mmocap:cameras names none")
@@ -118,17 +114,11 @@ _MAX_NUMBER = 1e9  # of a camera's numbers
 _EXPORT_REMEDY = "export the cameras again, standing still"
 
 
-def read_usd_cameras(
-    path: str | Path, units: str | None = None, up: str = "+z", sizes: dict[str, tuple[int, int]] | None = None
-) -> CameraRig:
+def read_usd_cameras(path: str | Path, units: str | None = None, up: str = "+z", sizes: Sizes = None) -> CameraRig:
     """Read the cameras of a USD file, named as their prims, or those of one of this program's results.
 
     The file says its unit and its vertical; ``units`` and ``up`` are not needed. ``sizes`` holds (width, height) of
     the images of cameras that are not this program's own.
-
-    Raises:
-        InputError: not USD, no cameras, cameras that move, an image size that is not known or that has not the
-            film's shape, or not a calibration (see ``check_rig``).
     """
     own, others, stage_up = _read(path)
     if own is not None:

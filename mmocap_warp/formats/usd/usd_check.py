@@ -25,16 +25,12 @@ _STRETCH_TOLERANCE = 1e-3
 """Of a bone's length, by how much it may differ from the rest pose's."""
 
 
+@reads_usd
 def faults(path: str | Path) -> list[str]:
     """Every fault of a ``.usda``, ``.usdc`` or ``.usdz`` file, one line each; empty for a sound one."""
-    if not Path(path).is_file():
+    path = Path(path)
+    if not path.is_file():
         raise InputError(path, "no such file", "check the path")
-    return _faults(path)
-
-
-@reads_usd
-def _faults(file: str | Path) -> list[str]:
-    path = Path(file)
     stage = Usd.Stage.Open(str(path))
     validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
     errors = UsdValidation.ValidationContext(validators).Validate(stage)

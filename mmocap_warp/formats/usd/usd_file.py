@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from functools import wraps
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -25,7 +24,9 @@ USD_SUFFIXES: tuple[str, ...] = (".usd", ".usda", ".usdc")
 
 
 def read_stage(path: str | Path) -> Usd.Stage:
-    """Open a USD file; a file rewritten since it was last read in this process is read anew.
+    """Open a USD file, in a function that :func:`reads_usd` decorates.
+
+    A file rewritten since it was last read in this process is read anew.
 
     Raises:
         InputError: no such file, not USD, or one that refers to files outside its folder.
@@ -33,12 +34,11 @@ def read_stage(path: str | Path) -> Usd.Stage:
     path = Path(path)
     if not os.path.isfile(path):
         raise InputError(path, "no such file", "check the path")
-    with _convert_usd_errors(path):
-        # USD keeps layers by file name and would hand out the old one; an anonymous layer has no name.
-        layer = Sdf.Layer.OpenAsAnonymous(str(path))
-        if layer:
-            check_references(layer, path)
-        stage = Usd.Stage.Open(layer) if layer else None
+    # USD keeps layers by file name and would hand out the old one; an anonymous layer has no name.
+    layer = Sdf.Layer.OpenAsAnonymous(str(path))
+    if layer:
+        check_references(layer, path)
+    stage = Usd.Stage.Open(layer) if layer else None
     if stage is None:
         raise InputError(path, "is not a USD file", f"give a file that ends in {', '.join(USD_SUFFIXES)}")
     return stage
@@ -53,19 +53,12 @@ def reads_usd(reader: Callable[P, T]) -> Callable[P, T]:
 
     @wraps(reader)
     def read_with_input_errors(*args: P.args, **kwargs: P.kwargs) -> T:
-        with _convert_usd_errors(args[0]):
+        try:
             return reader(*args, **kwargs)
+        except (Tf.ErrorException, UnicodeDecodeError) as error:
+            raise InputError(args[0], "is not a USD file that can be read", "write it again") from error
 
     return sandboxed(read_with_input_errors)
-
-
-@contextmanager
-def _convert_usd_errors(path: object) -> Iterator[None]:
-    """Raise ``InputError`` for what USD complains of while a file is read, to the last value."""
-    try:
-        yield
-    except (Tf.ErrorException, UnicodeDecodeError) as error:
-        raise InputError(path, "is not a USD file that can be read", "write it again") from error
 
 
 def write_stage(path: str | Path, stage: Usd.Stage) -> None:
@@ -96,11 +89,6 @@ def export_root(stage: Usd.Stage, file: Path) -> None:
         stage.GetRootLayer().Export(str(file))
     except Tf.ErrorException as error:
         raise OSError(error.args[0].commentary) from error
-
-
-def author(schema: Usd.SchemaBase, name: str, kind: Sdf.ValueTypeName, value: object) -> None:
-    """Author a custom attribute that does not vary in time."""
-    schema.GetPrim().CreateAttribute(name, kind, True, Sdf.VariabilityUniform).Set(value)
 
 
 class PrimReader:
@@ -149,10 +137,9 @@ class PrimReader:
 
     def json_object(self, name: str) -> dict[str, Any]:
         """An attribute that holds a JSON object as text, which must exist."""
+        text = self.typed(name, str)
         try:
-            value = json.loads(self.typed(name, str))
-        except InputError:
-            raise
+            value = json.loads(text)
         except (ValueError, RecursionError):
             value = None
         self.require(isinstance(value, dict), f"{name} is not a JSON object")
@@ -241,9 +228,14 @@ def _absolute_names(layer: Sdf.Layer, path: Path) -> list[str]:
     return names
 
 
-def author_value(prim: Usd.Prim, name: str, value: Any, time: float | None = None) -> None:
-    """Set an attribute whose type follows from the value: text, truth, number, list of texts, or array (flattened)."""
-    kind, usd_value = _usd_value(value)
+def author_value(
+    prim: Usd.Prim, name: str, value: Any, time: float | None = None, kind: Sdf.ValueTypeName | None = None
+) -> None:
+    """Set a custom attribute, which varies in time where a ``time`` is given.
+
+    Its type is ``kind``, or follows from the value: text, truth, number, list of texts, or array (flattened).
+    """
+    kind, usd_value = _usd_value(value) if kind is None else (kind, value)
     variability = Sdf.VariabilityUniform if time is None else Sdf.VariabilityVarying
     code = Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
     prim.CreateAttribute(name, kind, True, variability).Set(usd_value, code)

@@ -17,22 +17,16 @@ from __future__ import annotations
 import json
 import tempfile
 from pathlib import Path
+from typing import Any
 from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 from pxr import Kind, Tf, Usd, UsdGeom, UsdSkel, UsdUtils, Vt
 
-from mmocap_warp.body.model import Subject
+from mmocap_warp.body.model import Subject, joint_transforms
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.usd.usd_body import (
-    body_prim,
-    define_body,
-    define_subject,
-    local_transforms,
-    set_pose,
-    subject_from_prim,
-)
+from mmocap_warp.formats.usd.usd_body import body_prim, define_body, define_subject, set_pose, subject_from_prim
 from mmocap_warp.formats.usd.usd_camera import cameras_from_prim, define_cameras
 from mmocap_warp.formats.usd.usd_file import (
     USD_SUFFIXES,
@@ -52,12 +46,15 @@ from mmocap_warp.whole_file import whole_file
 VERSION = 2
 """Of the layout above; raised when a file of the older layout can no longer be read."""
 
+_SAMPLED = {name: f"mmocap:{name}" for name in ("pose", "cost", "iou", "evaluations")}  # attributes by arrays
+_OPTIONAL = {"raw_pose": "mmocap:rawPose", "angle_sigma": "mmocap:angleSigma", "joint_sigma": "mmocap:jointSigma"}
+_SAMPLED |= _OPTIONAL
 _REMEDY = "give a result that `mmocap track` wrote"
 
 
 def write_result(path: str | Path, result: Result) -> None:
     """Write a result to a ``.usd``, ``.usda`` or ``.usdc`` file; reading it gives it back exactly."""
-    stage = new_world(result.cameras.up)
+    stage = _new_world(result.cameras.up)
     body = define_subject(stage, f"/World/{result.subject.body.name}", result.subject)
     animate(stage, body, result.subject, result.pose[result.best_run], result.frame_numbers, result.fps)
     define_cameras(stage, "/World/Cameras", result.cameras)
@@ -79,11 +76,7 @@ def _tracking(stage: Usd.Stage) -> Usd.Prim | None:
 
 @reads_usd
 def read_result(path: str | Path) -> Result:
-    """Read a result that :func:`write_result` wrote.
-
-    Raises:
-        InputError: no such file, not USD, not a result, one of another version, or an inconsistent one.
-    """
+    """Read a result that :func:`write_result` wrote."""
     stage = read_stage(path)
     prim = _tracking(stage)
     if prim is None:
@@ -97,31 +90,26 @@ def read_result(path: str | Path) -> Result:
     subject = subject_from_prim(body_prim(stage, path), path)
     skeleton = subject.body.skeleton
 
-    def of_runs(name: str, *shape: int) -> np.ndarray:
-        return np.moveaxis(read.sampled_array(f"mmocap:{name}", times, (runs, *shape)), 1, 0)
-
-    def where_known(name: str, *shape: int) -> np.ndarray | None:
-        return of_runs(name, *shape) if prim.HasAttribute(f"mmocap:{name}") else None
-
-    pose = of_runs("pose", skeleton.coordinates)
-    read.require(np.isfinite(pose).all(), "mmocap:pose is not finite")
+    # Arrays (run, frame, ...), of which the file has (frame, run, ...).
+    of_pose = {name: (skeleton.coordinates,) for name in ("pose", "raw_pose", "angle_sigma")}
+    shapes = of_pose | {"iou": (len(cameras),), "joint_sigma": (len(skeleton.joints), 3)}
+    arrays: dict[str, Any] = {}
+    for name, attribute in _SAMPLED.items():
+        if name not in _OPTIONAL or prim.HasAttribute(attribute):
+            values = read.sampled_array(attribute, times, (runs, *shapes.get(name, ())))
+            arrays[name] = np.moveaxis(values, 1, 0)
+    read.require(np.isfinite(arrays["pose"]).all(), "mmocap:pose is not finite")
     try:
         return Result(
             subject=subject,
             cameras=cameras,
             fps=stage.GetTimeCodesPerSecond(),
             frame_numbers=frames,
-            pose=pose,
-            cost=of_runs("cost"),
-            iou=of_runs("iou", len(cameras)),
-            evaluations=of_runs("evaluations"),
             status=_status(read, times, runs),
             seconds=read.typed("mmocap:seconds", float),
             config=read.json_object("mmocap:config"),
             versions=read.json_object("mmocap:versions"),
-            raw_pose=where_known("rawPose", skeleton.coordinates),
-            angle_sigma=where_known("angleSigma", skeleton.coordinates),
-            joint_sigma=where_known("jointSigma", len(skeleton.joints), 3),
+            **arrays,
         )
     except InputError:
         raise
@@ -138,19 +126,10 @@ def _define_tracking(stage: Usd.Stage, result: Result) -> None:
     author_value(prim, "mmocap:seconds", float(result.seconds))
     author_value(prim, "mmocap:config", json.dumps(result.config))
     author_value(prim, "mmocap:versions", json.dumps(result.versions))
-    sampled = {
-        "pose": result.pose,
-        "cost": result.cost,
-        "iou": result.iou,
-        "evaluations": result.evaluations,
-        "rawPose": result.raw_pose,
-        "angleSigma": result.angle_sigma,
-        "jointSigma": result.joint_sigma,
-    }
     for i, time in enumerate(result.frame_numbers.astype(float).tolist()):
-        for name, values in sampled.items():
-            if values is not None:
-                author_value(prim, f"mmocap:{name}", values[:, i], time)
+        for name, attribute in _SAMPLED.items():
+            if (values := getattr(result, name)) is not None:
+                author_value(prim, attribute, values[:, i], time)
         author_value(prim, "mmocap:status", [STATUS[status] for status in result.status[:, i]], time)
 
 
@@ -183,8 +162,7 @@ def animate(
     extent, poser = root.CreateExtentAttr(), Poser(subject.body, subject.root_base)
     lowest, highest, before = np.full(3, np.inf), np.full(3, -np.inf), None
     for one_pose, time in zip(pose, times, strict=True):  # one at a time: the skin of all frames would fill the memory
-        local = local_transforms(subject.body, subject.root_base, one_pose)
-        before = set_pose(animation, local, Usd.TimeCode(time), before)
+        before = set_pose(animation, joint_transforms(subject, one_pose[None])[0][0], Usd.TimeCode(time), before)
         coordinate = poser.vertices(one_pose)[0].T.copy()  # an axis a row, whose extremes NumPy finds far faster
         low, high = coordinate.min(axis=1), coordinate.max(axis=1)
         extent.Set(_bounds(low, high), time)
@@ -198,50 +176,22 @@ def export_animation(result: Result, path: str | Path) -> None:
     There is no ``mmocap:`` data in it but which joints slide, where any do. The path ends in ``.usd``, ``.usda``,
     ``.usdc`` or ``.usdz``.
     """
-    stage = new_world(result.cameras.up)
+    stage = _new_world(result.cameras.up)
     root = define_body(stage, f"/World/{result.subject.body.name}", result.subject.body)
     define_cameras(stage, "/World/Cameras", result.cameras)
     _keep_what_is_seen(stage, root)
     animate(stage, root, result.subject, result.pose[result.best_run], result.frame_numbers, result.fps)
-    write_animation(stage, path)
+    _write_animation(stage, path)
 
 
-def write_animation(stage: Usd.Stage, path: str | Path) -> None:
-    """Write a stage as the ending says, ``.usdz`` too; whole or not at all."""
+def _write_animation(stage: Usd.Stage, path: str | Path) -> None:
+    """Write a stage as the ending says, whole or not at all; a ``.usdz`` is an archive of one ``.usdc``."""
     path = Path(path)
-    if path.suffix != ".usdz" and path.suffix not in USD_SUFFIXES:
-        raise InputError(path, "is not a USD file name", "end it in .usda, .usdc or .usdz")
-    if path.suffix == ".usdz":
-        _write_package(path, stage)
-    else:
+    if path.suffix in USD_SUFFIXES:
         write_stage(path, stage)
-
-
-def new_world(up: str) -> Usd.Stage:
-    """A stage whose contents go below ``/World``, which is turned upright where ``up`` is neither +y nor +z."""
-    stage = Usd.Stage.CreateInMemory()
-    world = UsdGeom.Xform.Define(stage, "/World")
-    stage.SetDefaultPrim(world.GetPrim())
-    Usd.ModelAPI(world).SetKind(Kind.Tokens.assembly)
-    set_world_up(stage, world, up)
-    return stage
-
-
-def _keep_what_is_seen(stage: Usd.Stage, root: UsdSkel.Root) -> None:
-    """Remove the tracking mesh, the shape targets (already in the rest points) and the project's own attributes."""
-    skin = stage.GetPrimAtPath(root.GetPath().AppendChild("Skin"))
-    unseen = [root.GetPath().AppendChild("Tracking"), *(child.GetPath() for child in skin.GetChildren())]
-    for path in unseen:
-        stage.RemovePrim(path)
-    for prim in stage.Traverse():
-        for name in prim.GetPropertyNames():
-            own = name.startswith("mmocap:") and name != "mmocap:sliding"
-            if own or name in ("skel:blendShapes", "skel:blendShapeTargets"):
-                prim.RemoveProperty(name)
-
-
-def _write_package(path: Path, stage: Usd.Stage) -> None:
-    """A ``.usdz``: an uncompressed archive of one ``.usdc``."""
+        return
+    if path.suffix != ".usdz":
+        raise InputError(path, "is not a USD file name", "end it in .usda, .usdc or .usdz")
     with whole_file(path) as package, tempfile.TemporaryDirectory(prefix=f".{path.stem}.", dir=path.parent) as folder:
         layer = Path(folder) / f"{path.stem}.usdc"
         export_root(stage, layer)
@@ -254,6 +204,28 @@ def _write_package(path: Path, stage: Usd.Stage) -> None:
             raise OSError("the package is not whole; no space left")
 
 
+def _new_world(up: str) -> Usd.Stage:
+    """A stage whose contents go below ``/World``, which is turned upright where ``up`` is neither +y nor +z."""
+    stage = Usd.Stage.CreateInMemory()
+    world = UsdGeom.Xform.Define(stage, "/World")
+    stage.SetDefaultPrim(world.GetPrim())
+    Usd.ModelAPI(world).SetKind(Kind.Tokens.assembly)
+    set_world_up(stage, world, up)
+    return stage
+
+
+def _keep_what_is_seen(stage: Usd.Stage, root: UsdSkel.Root) -> None:
+    """Remove the tracking mesh, the shape targets (already in the rest points) and the project's own attributes."""
+    skin = stage.GetPrimAtPath(root.GetPath().AppendChild("Skin"))
+    for path in (root.GetPath().AppendChild("Tracking"), *(child.GetPath() for child in skin.GetChildren())):
+        stage.RemovePrim(path)
+    for prim in stage.Traverse():
+        for name in prim.GetPropertyNames():
+            own = name.startswith("mmocap:") and name != "mmocap:sliding"
+            if own or name in ("skel:blendShapes", "skel:blendShapeTargets"):
+                prim.RemoveProperty(name)
+
+
 def _bounds(low: np.ndarray, high: np.ndarray) -> Vt.Vec3fArray:
     return Vt.Vec3fArray.FromNumpy(np.stack([low, high]).astype(np.float32))
 
@@ -263,7 +235,7 @@ def export_point_cache(result: Result, path: str | Path) -> None:
 
     A frame of a body of 13,000 vertices takes 160 KB. The path ends in ``.usd``, ``.usda``, ``.usdc`` or ``.usdz``.
     """
-    stage = new_world(result.cameras.up)
+    stage = _new_world(result.cameras.up)
     skin = result.subject.body.skin
     mesh = UsdGeom.Mesh.Define(stage, f"/World/{result.subject.body.name}")
     mesh.CreateFaceVertexCountsAttr(Vt.IntArray(len(skin.face), skin.face.shape[1]))
@@ -274,6 +246,6 @@ def export_point_cache(result: Result, path: str | Path) -> None:
     for position, number in enumerate(result.frame_numbers.tolist()):  # one at a time: all would fill the memory
         (place,) = result.vertices(frames=[position])
         points.Set(Vt.Vec3fArray.FromNumpy(place), number)
-        extent.Set(Vt.Vec3fArray.FromNumpy(np.stack([place.min(axis=0), place.max(axis=0)])), number)
+        extent.Set(_bounds(place.min(axis=0), place.max(axis=0)), number)
     define_cameras(stage, "/World/Cameras", result.cameras)
-    write_animation(stage, path)
+    _write_animation(stage, path)

@@ -18,7 +18,6 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.usd_file import PrimReader, author_value
 
 _ROTATION_TOLERANCE = 1e-3
-_UNIFORM = Sdf.VariabilityUniform
 
 
 def joint_paths(skeleton: Skeleton) -> list[str]:
@@ -33,7 +32,7 @@ def define_freedom(prim: Usd.Prim, skeleton: Skeleton) -> None:
     """What a skeleton says beyond joints and bind transforms, as attributes."""
     for name, column in (("Lower", 0), ("Upper", 1)):
         limit = Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(skeleton.limits[:, :, column]))
-        prim.CreateAttribute(f"mmocap:limits{name}", Sdf.ValueTypeNames.Float3Array, True, _UNIFORM).Set(limit)
+        author_value(prim, f"mmocap:limits{name}", limit, kind=Sdf.ValueTypeNames.Float3Array)
     author_value(prim, "mmocap:spread", skeleton.spread)
     author_value(prim, "mmocap:models", np.array(list(skeleton.models)))
     for number, index in skeleton.models.items():

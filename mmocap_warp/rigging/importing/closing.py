@@ -1,4 +1,4 @@
-"""A closed surface for tracking from skin that may have holes, or be made of parts that overlap.
+"""A closed surface for tracking from skin that may have holes, be made of parts that overlap, or have no inside.
 
 Files repeat a vertex wherever colours or normals change: skin is welded first.
 """
@@ -6,13 +6,13 @@ Files repeat a vertex wherever colours or normals change: skin is welded first.
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import permutations
 from typing import NamedTuple
 
 import numpy as np
 
 from mmocap_warp.body.mesh_pieces import is_closed, mesh_edges
 from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh
-from mmocap_warp.rigging.importing.wrapping import wrapped
 
 _SAME = 1e-5  # vertices as near as this are one, as a share of the mesh's extent
 
@@ -26,8 +26,6 @@ def welded(mesh: RiggedMesh) -> RiggedMesh:
     Raises:
         ValueError: a mesh of no extent.
     """
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
     extent = float(np.ptp(mesh.vertex, axis=0).max())
@@ -42,8 +40,7 @@ def welded(mesh: RiggedMesh) -> RiggedMesh:
     order = np.argsort(first)  # the file's own order
     first, cell = first[order], np.argsort(order)[cell]
     near = cKDTree(scaled[first]).query_pairs(1.0, output_type="ndarray")
-    joined = coo_matrix((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(len(first), len(first)))
-    place = connected_components(joined, directed=False)[1][cell.ravel()]
+    place = _pieces(near[:, 0], near[:, 1], len(first))[cell.ravel()]
     # Triangles over the joined vertices, without those of no area and those that are there twice.
     face = place[mesh.face]
     face = face[(face[:, 0] != face[:, 1]) & (face[:, 1] != face[:, 2]) & (face[:, 2] != face[:, 0])]
@@ -123,8 +120,10 @@ def closed(vertex: np.ndarray, face: np.ndarray, most: int = MOST_TRIANGLES, cel
     rims = None if wound is None else _hole_rims(wound)
     if wound is None or rims is None or len(rims) > _MOST_HOLES:
         return _wrap(vertex, face, cells, "it is not a surface with a few holes")
+    # Each hole is filled by a fan around a vertex in its middle.
     middle = np.array([vertex[rim].mean(axis=0) for rim in rims]).reshape(-1, 3)
-    whole = _with_filled_holes(wound, rims, len(vertex))
+    fans = [np.stack([rim, np.roll(rim, -1), np.full(len(rim), len(vertex) + i)], axis=1) for i, rim in enumerate(rims)]
+    whole = np.concatenate([wound, *fans])
     if not is_closed(whole):
         return _wrap(vertex, face, cells, "it is open")
     beside = np.array([rim[0] for rim in rims], int)
@@ -142,58 +141,41 @@ def consistently_wound(face: np.ndarray) -> np.ndarray | None:
 
     None where an edge has more than two triangles, or the surface has one side only.
     """
-    neighbours = _neighbours(face)
-    if neighbours is None:
-        return None
-    turned = np.where(_faces_to_turn(len(face), *neighbours)[:, None], face[:, ::-1], face)
-    directed = np.concatenate([turned[:, [0, 1]], turned[:, [1, 2]], turned[:, [2, 0]]])
-    return turned if len(np.unique(directed, axis=0)) == len(directed) else None
-
-
-def _neighbours(face: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """The two triangles at each edge, (edge,) and (edge,), and (edge,) bool whether both run along it in one sense.
-
-    None where an edge has more than two triangles.
-    """
     directed = np.stack([face, np.roll(face, -1, axis=1)], axis=-1).reshape(-1, 2)
-    owner = np.repeat(np.arange(len(face)), 3)
     _, edge, count = np.unique(np.sort(directed, axis=1), axis=0, return_inverse=True, return_counts=True)
     if count.max(initial=0) > 2:
         return None
+    # The two triangles at each edge, and whether both run along it in one sense.
     order = np.argsort(edge.ravel(), kind="stable")
     first, second = order[count[edge.ravel()[order]] == 2].reshape(-1, 2).T
-    return owner[first], owner[second], directed[first, 0] == directed[second, 0]
-
-
-def _faces_to_turn(faces: int, first: np.ndarray, second: np.ndarray, alike: np.ndarray) -> np.ndarray:
-    """(face,) bool: which triangles to turn round so that neighbours agree."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import breadth_first_order
-
-    graph = coo_matrix((np.where(alike, 2, 1), (first, second)), shape=(faces, faces)).tocsr()
-    graph = graph.maximum(graph.T)
-    turned, reached = np.zeros(faces, bool), np.zeros(faces, bool)
-    while not reached.all():
-        order, before = breadth_first_order(graph, int(reached.argmin()))
-        reached[order] = True
-        against = np.asarray(graph[before[order[1:]], order[1:]]).ravel() == 2
-        for face, turn in zip(order[1:].tolist(), against.tolist(), strict=True):
-            turned[face] = turned[before[face]] ^ turn
-    return turned
+    alike = directed[first, 0] == directed[second, 0]
+    # All triangles as they are, and all turned round; those that agree are joined. A surface gives two pieces, of which
+    # that with its first triangle as it is comes first. One with a single side gives one.
+    first, second, many = first // 3, second // 3, len(face)
+    partners = np.concatenate([second + many * alike, second + many * ~alike])
+    as_it_is, turned = _pieces(np.concatenate([first, first + many]), partners, 2 * many).reshape(2, -1)
+    if (as_it_is == turned).any():
+        return None
+    return np.where((turned < as_it_is)[:, None], face[:, ::-1], face)
 
 
 def outward(vertex: np.ndarray, face: np.ndarray) -> np.ndarray:
     """The triangles, in each connected piece turned so that it holds a positive volume."""
+    edge = mesh_edges(face)
+    piece = _pieces(edge[:, 0], edge[:, 1], len(vertex))[face[:, 0]]
+    a, b, c = vertex[face].swapaxes(0, 1)
+    volume = np.bincount(piece, np.einsum("fi,fi->f", a, np.cross(b, c)))
+    return np.where((volume[piece] < 0)[:, None], face[:, ::-1], face)
+
+
+def _pieces(start: np.ndarray, end: np.ndarray, count: int) -> np.ndarray:
+    """(count,) the connected piece that each node is in, by edges from ``start`` to ``end``, counted as they come."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
-    edge = mesh_edges(face)[:, :2]
-    graph = coo_matrix((np.ones(len(edge)), (edge[:, 0], edge[:, 1])), shape=(len(vertex), len(vertex)))
-    pieces, of_vertex = connected_components(graph, directed=False)
-    piece = of_vertex[face[:, 0]]
-    a, b, c = vertex[face].swapaxes(0, 1)
-    volume = np.bincount(piece, np.einsum("fi,fi->f", a, np.cross(b, c)), pieces)
-    return np.where((volume[piece] < 0)[:, None], face[:, ::-1], face)
+    graph = coo_matrix((np.ones(len(start)), (start, end)), shape=(count, count))
+    piece: np.ndarray = connected_components(graph, directed=False)[1]
+    return piece
 
 
 def _hole_rims(face: np.ndarray) -> list[list[int]] | None:
@@ -217,9 +199,120 @@ def _hole_rims(face: np.ndarray) -> list[list[int]] | None:
     return rims
 
 
-def _with_filled_holes(face: np.ndarray, rims: list[list[int]], middle: int) -> np.ndarray:
-    """Triangles with each hole filled by a fan; vertices in the holes' middles are numbered from ``middle``."""
-    fans = [face]
-    for hole, ring in enumerate(rims):
-        fans.append(np.stack([ring, np.roll(ring, -1), np.full(len(ring), middle + hole)], axis=1))
-    return np.concatenate(fans)
+_SKIN = 1.2  # distance of the surface from the triangles that it is laid around, in cells
+_BACK = 0.85  # share of that distance by which the surface is drawn back to the triangles
+_CORNER = 0.04  # the surface cuts a cell's edge this share of it from its ends: slivers have no normal
+_MOST_SAMPLES = 4_000_000
+
+
+def wrapped(vertex: np.ndarray, face: np.ndarray, cells: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A closed surface around triangles: it is laid a little outside of them, then drawn back to them.
+
+    Gaps of less than a few cells are closed, and hollows that cannot be reached from outside are filled. Single sheets
+    get two sides.
+
+    Args:
+        vertex: (vertex, 3).
+        face: (face, 3), in any order and sense.
+        cells: of the grid, along the longest side.
+
+    Returns:
+        vertices (n, 3), triangles (m, 3) counter-clockwise seen from outside, and for each of these vertices (n,) the
+        number of a given vertex that is near.
+    """
+    from scipy.spatial import cKDTree
+
+    size = float(np.ptp(vertex[np.unique(face)], axis=0).max()) / cells
+    sample, owner = _samples(vertex, face, 0.5 * size)
+    tree = cKDTree(sample)
+    margin = np.ceil(_SKIN) + 2
+    low = sample.min(axis=0) - margin * size
+    shape = np.ceil((sample.max(axis=0) - low) / size + margin).astype(int) + 1
+    field = _outside(tree, low, size, shape)
+    corner, triangle = _level_set(field)
+    corner = low + size * corner
+    _, near = tree.query(corner)
+    towards = sample[near] - corner
+    return corner + _BACK * towards, triangle, owner[near]
+
+
+def _samples(vertex: np.ndarray, face: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
+    """Points spread over the triangles, about ``spacing`` apart, and the nearest corner of each one's triangle."""
+    corner = vertex[face]
+    longest = np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).max(axis=1)
+    steps = np.clip(np.ceil(longest / spacing), 1, None).astype(int)
+    total = float((steps.astype(float) ** 2).sum())
+    if total > _MOST_SAMPLES:
+        steps = np.maximum((steps * np.sqrt(_MOST_SAMPLES / total)).astype(int), 1)
+    points, owners = [], []
+    for step in np.unique(steps):
+        i, j = (each.ravel() for each in np.mgrid[: step + 1, : step + 1])
+        i, j = i[i + j <= step], j[i + j <= step]
+        share = np.stack([step - i - j, i, j], axis=1) / step
+        of = np.flatnonzero(steps == step)
+        points.append(np.einsum("sk,fka->fsa", share, corner[of]).reshape(-1, 3))
+        owners.append(face[of][:, share.argmax(axis=1)].ravel())
+    return np.concatenate(points), np.concatenate(owners)
+
+
+def _outside(tree, low: np.ndarray, size: float, shape: np.ndarray) -> np.ndarray:  # type: ignore[no-untyped-def]
+    """(x, y, z) how many cells each node of the grid lies outside of the surface; negative inside, and in hollows."""
+    from scipy.ndimage import label
+
+    node = low + size * np.indices(tuple(shape.tolist())).reshape(3, -1).T
+    distance, _ = tree.query(node, distance_upper_bound=(_SKIN + 2) * size)
+    field: np.ndarray = np.minimum(distance / size, _SKIN + 2).reshape(shape) - _SKIN
+    region, _ = label(field > 0)
+    hollow = (field > 0) & (region != region[0, 0, 0])
+    field[hollow] *= -1
+    return field
+
+
+def _level_set(field: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where a field on a grid is zero: vertices (n, 3) in cells, and triangles (m, 3) whose normals point to positive.
+
+    Marching tetrahedra (Doi and Koide 1991): each cell is cut in six along its diagonal, all cells alike, so that faces
+    of neighbours meet and the surface is closed wherever it does not reach the grid's sides.
+    """
+    shape = np.array(field.shape)
+    value = np.where(field == 0, 1e-6, field).ravel()
+    stride = np.array([shape[1] * shape[2], shape[2], 1])
+    cell = np.indices(tuple((shape - 1).tolist())).reshape(3, -1).T @ stride
+    path = np.cumsum([[(0, 0, 0), *np.eye(3, dtype=int)[list(order)]] for order in permutations(range(3))], axis=1)
+    tetrahedra = path @ stride  # (6, 4): from each cell's first node to its last, an edge along an axis at a time
+    even = np.linalg.det(np.diff(path, axis=1).astype(float)) > 0
+    tetrahedra[~even] = tetrahedra[~even][:, [0, 2, 1, 3]]
+    node = (cell[:, None, None] + tetrahedra).reshape(-1, 4)
+    inside = value[node] < 0
+    count = inside.sum(axis=1)
+    node, inside, count = (each[(count > 0) & (count < 4)] for each in (node, inside, count))
+
+    edges = []  # three edges of the grid for each triangle: inside node, outside node
+    for pattern in range(1, 15):
+        bits = np.array([pattern >> k & 1 for k in range(4)], bool)
+        chosen = node[(inside == bits).all(axis=1)]
+        for triangle in _triangles_of(bits):
+            edges.append(chosen[:, np.array(triangle)])
+    edge = np.concatenate(edges)  # (triangle, corner, end)
+    unique, corners = np.unique(edge.reshape(-1, 2), axis=0, return_inverse=True)
+    a, b = value[unique].T
+    share = np.clip(a / (a - b), _CORNER, 1 - _CORNER)[:, None]
+    place = np.stack(np.unravel_index(unique, field.shape), axis=-1).astype(float)
+    corner = (1 - share) * place[:, 0] + share * place[:, 1]
+    return corner, corners.reshape(-1, 3)
+
+
+def _triangles_of(inside: np.ndarray) -> list[list[tuple[int, int]]]:
+    """Triangles between the inner and the outer nodes of a tetrahedron; each corner is an edge (inside, outside)."""
+    within, without = np.flatnonzero(inside).tolist(), np.flatnonzero(~inside).tolist()
+    even = round(np.linalg.det(np.eye(4)[within + without])) > 0
+    if len(within) == 1:
+        (a,), (b, c, d) = within, without
+        found = [[(a, b), (a, c), (a, d)]]
+    elif len(within) == 3:
+        (a, b, c), (d,) = within, without
+        found = [[(a, d), (b, d), (c, d)]]
+    else:
+        (a, b), (c, d) = within, without
+        found = [[(a, c), (a, d), (b, d)], [(a, c), (b, d), (b, c)]]
+    return found if even else [triangle[::-1] for triangle in found]

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel, BodyMotion, SkinMesh
-from mmocap_warp.body.rotations import applied, continuous_zyx_angles, transposed
+from mmocap_warp.body.rotations import applied, axis_vector, continuous_zyx_angles, transposed
 from mmocap_warp.body.skeleton import TRANSLATION, Pair, Skeleton
 from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, RiggedMotion
 from mmocap_warp.rigging.decimation import decimate
-from mmocap_warp.rigging.importing.body_axes import in_body_axes
 from mmocap_warp.rigging.importing.closing import ClosedMesh, closed, four_influences, welded
 from mmocap_warp.rigging.importing.freedom import Freedom, freedom_of
 from mmocap_warp.rigging.importing.joint_tree import (
@@ -22,7 +21,7 @@ from mmocap_warp.rigging.importing.joint_tree import (
     with_one_root,
     with_parents,
 )
-from mmocap_warp.rigging.importing.joints_file import GivenJoints, parents_given, with_given
+from mmocap_warp.rigging.importing.joints_file import GivenJoints, with_given
 
 TRIANGLES = 2600
 """Of a tracking mesh, by default; as many as a shipped person's has."""
@@ -87,7 +86,7 @@ def imported(
     # The mesh in the body's axes, with one tree of named joints and one vertex for each place.
     given = joints or GivenJoints("")
     mesh = in_body_axes(with_named_joints(mesh), up or mesh.up, facing or mesh.facing, scale)
-    mesh = welded(with_one_root(with_parents(mesh, parents_given(given))))
+    mesh = welded(with_one_root(with_parents(mesh, given.parents)))
     if len(mesh.face) < _LEAST_SKIN:
         raise ValueError("the mesh has no triangles of any area")
     # How its joints move, and the closed mesh that is tracked.
@@ -95,7 +94,10 @@ def imported(
     pairs = mirrored_pairs(mesh.joints, mesh.parent, place)
     freedom = with_given(freedom_of(mesh, pairs), mesh.joints, given)
     skin, tracking_vertex, tracking_face, skin_notes = _skin(mesh, triangles, skin_triangles)
-    notes = [*mesh.notes, *_held_notes(mesh.joints, freedom), *skin_notes]
+    notes = list(mesh.notes)
+    if held := [name for name, how in zip(mesh.joints, freedom, strict=True) if how.slides and not how.free]:
+        notes.append(f"{', '.join(held)} slide by too little to be seen, or without limits: held at zero")
+    notes += skin_notes
     if sides_crossed(pairs):
         notes.append("names say left of what lies to the right: the body may face the other way (--facing)")
     body = BodyModel(
@@ -119,11 +121,6 @@ def imported(
         motions[label], apart = body_motion(body, mesh.bind, motion)
         notes.append(f"motion {label}: {len(motion.world)} frames, joints within {1000 * apart:.1f} mm of the file's")
     return Imported(body, freedom, motions, tuple(notes))
-
-
-def _held_notes(joints: tuple[str, ...], freedom: list[Freedom]) -> list[str]:
-    held = [name for name, how in zip(joints, freedom, strict=True) if how.slides and not how.free]
-    return [f"{', '.join(held)} slide by too little to be seen, or without limits: held at zero"] if held else []
 
 
 def _skeleton(mesh: RiggedMesh, pairs: tuple[Pair, ...], freedom: list[Freedom], stands: bool | None) -> Skeleton:
@@ -174,20 +171,22 @@ def _skin(mesh: RiggedMesh, triangles: int, skin_triangles: int) -> tuple[SkinMe
     if dropped > _NEGLIGIBLE:
         notes.append(f"vertices follow at most four joints: up to {100 * dropped:.1f} % of one's weight was dropped")
     # A closed surface; its new vertices follow the joints of a vertex beside them.
-    surface, closing_notes = _close_parts(mesh) if mesh.rigid else _close_whole(mesh)
-    notes += closing_notes
+    surface = _close_parts(mesh) if mesh.rigid else closed(mesh.vertex, mesh.face)
+    notes += [f"tracking mesh: {surface.done}"] if surface.done else []
     vertex = np.concatenate([mesh.vertex, surface.added])
     beside = np.concatenate([np.arange(len(mesh.vertex)), surface.beside])
     # Skin that is too fine to show is replaced by the closed surface, which is made coarser to be tracked.
     face, shown = surface.face, mesh.face
     too_fine = len(shown) > skin_triangles
     if too_fine and len(face) > skin_triangles:
-        face = _decimate_face(vertex, face, skin_triangles)
+        kept, coarser = decimate(vertex, face, skin_triangles)
+        face = kept[coarser]
     if too_fine:
         notes.append(f"skin: {len(shown)} triangles are too many to show; {len(face)} of the closed mesh stand in")
         shown = face
     if len(face) > triangles:
-        face = _decimate_face(vertex, face, triangles)
+        kept, coarser = decimate(vertex, face, triangles)
+        face = kept[coarser]
         notes.append(f"tracking mesh: {len(surface.face)} triangles made {len(face)}")
     # The full mesh has the vertices of both.
     kept = np.unique(face)
@@ -203,18 +202,7 @@ def _skin(mesh: RiggedMesh, triangles: int, skin_triangles: int) -> tuple[SkinMe
     return skin, tracking, np.searchsorted(kept, face).astype(np.int32), notes
 
 
-def _decimate_face(vertex: np.ndarray, face: np.ndarray, triangles: int) -> np.ndarray:
-    """(face, 3) a coarser closed mesh over some of the vertices of a closed one."""
-    kept, coarser = decimate(vertex, face, triangles)
-    return kept[coarser]
-
-
-def _close_whole(mesh: RiggedMesh) -> tuple[ClosedMesh, list[str]]:
-    surface = closed(mesh.vertex, mesh.face)
-    return surface, [f"tracking mesh: {surface.done}"] if surface.done else []
-
-
-def _close_parts(mesh: RiggedMesh) -> tuple[ClosedMesh, list[str]]:
+def _close_parts(mesh: RiggedMesh) -> ClosedMesh:
     """Each rigid part closed by itself: a robot's parts are hollow, and meet in joints."""
     follows = mesh.influence[mesh.face[:, 0], mesh.weight[mesh.face[:, 0]].argmax(axis=1)]
     added, beside, faces, changed = [np.zeros((0, 3))], [np.zeros(0, int)], [], []
@@ -228,8 +216,8 @@ def _close_parts(mesh: RiggedMesh) -> tuple[ClosedMesh, list[str]]:
         added.append(part.added)
         beside.append(part.beside)
         changed += [name] if part.done else []
-    notes = [f"tracking mesh: parts closed or wrapped in new surfaces: {', '.join(changed)}"] if changed else []
-    return ClosedMesh(np.concatenate(added), np.concatenate(beside), np.concatenate(faces), ""), notes
+    done = f"parts closed or wrapped in new surfaces: {', '.join(changed)}" if changed else ""
+    return ClosedMesh(np.concatenate(added), np.concatenate(beside), np.concatenate(faces), done)
 
 
 def body_motion(body: BodyModel, bind: np.ndarray, motion: RiggedMotion) -> tuple[BodyMotion, float]:
@@ -265,3 +253,66 @@ def body_motion(body: BodyModel, bind: np.ndarray, motion: RiggedMotion) -> tupl
         pose[:, coordinates] = continuous_zyx_angles(own, free)
     apart = float(np.linalg.norm(place - motion.world[:, :, :3, 3], axis=2).max())
     return BodyMotion(motion.fps, pose), apart
+
+
+_AXES: tuple[str, ...] = ("+x", "-x", "+y", "-y", "+z", "-z")
+
+
+def body_from_file(up: str, facing: str) -> np.ndarray:
+    """(3, 3) rotation from a file's axes into a body's.
+
+    Raises:
+        ValueError: an axis that is none of ``_AXES``, or both along the same one.
+    """
+    for name, axis in (("up", up), ("facing", facing)):
+        if axis not in _AXES:
+            raise ValueError(f"{name} must be one of {', '.join(_AXES)}, got {axis!r}")
+    if up[1] == facing[1]:
+        raise ValueError(f"facing must be across up, got facing {facing} and up {up}")
+    upward, ahead = axis_vector(up) + 0.0, axis_vector(facing) + 0.0  # 0.0 makes zeros of negative zeros
+    return np.stack([np.cross(upward, ahead), upward, ahead])
+
+
+def in_body_axes(mesh: RiggedMesh, up: str, facing: str, scale: float) -> RiggedMesh:
+    """The mesh in metres times ``scale``, +Y up and facing +Z; bind transforms and motions lose their own scale.
+
+    Args:
+        mesh: as the file has it.
+        up, facing: the file's axes, instead of its format's.
+        scale: what lengths are multiplied by, besides the file's unit.
+
+    Raises:
+        ValueError: axes that cannot be, or a scale that is not positive.
+    """
+    if not (np.isfinite(scale) and scale > 0):
+        raise ValueError(f"scale must be positive, got {scale}")
+    turn, size = body_from_file(up, facing), scale * mesh.metres
+    axes = {}
+    for joint, how in mesh.axes.items():
+        longer = size if how.slides else 1.0
+        axes[joint] = replace(how, axis=turn @ how.axis, lower=longer * how.lower, upper=longer * how.upper)
+
+    def moved(transform: np.ndarray) -> np.ndarray:
+        result = np.zeros_like(transform)
+        result[..., :3, :3] = turn @ nearest_rotation(transform[..., :3, :3])
+        result[..., :3, 3] = size * transform[..., :3, 3] @ turn.T
+        result[..., 3, 3] = 1.0
+        return result
+
+    return replace(
+        mesh,
+        bind=moved(mesh.bind),
+        vertex=size * mesh.vertex @ turn.T,
+        axes=axes,
+        motions={name: RiggedMotion(motion.fps, moved(motion.world)) for name, motion in mesh.motions.items()},
+        up="+y",
+        facing="+z",
+        metres=1.0,
+    )
+
+
+def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) the rotations nearest to some matrices, which may be scaled or mirrored."""
+    u, _, vt = np.linalg.svd(matrix)
+    u[..., :, 2] *= np.linalg.det(u @ vt)[..., None]
+    return u @ vt

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from mmocap_warp.body.skeleton import Pair
-from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, RiggedMotion, parents_first
+from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, parents_first, reordered
 
 _LONGEST_CHAIN = 5  # number of joints that are searched together, at most
 _MIRRORED = 0.02  # how far mirrored joints may be apart, as a share of the skeleton's extent
@@ -55,7 +55,7 @@ def with_parents(mesh: RiggedMesh, parents: dict[str, str]) -> RiggedMesh:
             if name not in number:
                 raise ValueError(f"there is no joint {name!r}; there are {', '.join(mesh.joints)}")
         parent[number[joint]] = number[above]
-    return _reorder(replace(mesh, parent=tuple(parent)), parents_first(parent))
+    return reordered(replace(mesh, parent=tuple(parent)), parents_first(parent))
 
 
 def with_one_root(mesh: RiggedMesh) -> RiggedMesh:
@@ -99,7 +99,7 @@ def with_one_root(mesh: RiggedMesh) -> RiggedMesh:
     left_out = [joint for joint in range(len(parent)) if not shown[joint]]
     if left_out:
         notes.append(f"{_name_list(mesh, left_out)} move no skin: left out")
-    return _reorder(replace(mesh, parent=tuple(parent), notes=tuple(notes)), [main, *order])
+    return reordered(replace(mesh, parent=tuple(parent), notes=tuple(notes)), [main, *order])
 
 
 def _name_list(mesh: RiggedMesh, joints: list[int]) -> str:
@@ -116,21 +116,6 @@ def _chains_by_name(joints: tuple[str, ...]) -> dict[str, str]:
     if len(set(words)) == len(words):
         raise ValueError("all joints hang side by side; say in a joints file what each hangs on")
     return parents
-
-
-def _reorder(mesh: RiggedMesh, order: list[int]) -> RiggedMesh:
-    """The mesh with some of its joints in another order; no skin may follow a joint that is left out."""
-    rank = {joint: i for i, joint in enumerate(order)}
-    number = np.array([rank.get(joint, 0) for joint in range(len(mesh.joints))])
-    return replace(
-        mesh,
-        joints=tuple(mesh.joints[joint] for joint in order),
-        parent=tuple(rank.get(mesh.parent[joint], -1) for joint in order),
-        bind=mesh.bind[order],
-        influence=np.where(mesh.weight > 0, number[mesh.influence], 0),
-        axes={rank[joint]: axis for joint, axis in mesh.axes.items() if joint in rank},
-        motions={name: RiggedMotion(motion.fps, motion.world[:, order]) for name, motion in mesh.motions.items()},
-    )
 
 
 def chains(parent: tuple[int, ...]) -> list[list[int]]:
@@ -215,14 +200,9 @@ def sides_crossed(pairs: tuple[Pair, ...]) -> bool:
     return sum(side == "rl" for side in sides) > sum(side == "lr" for side in sides)
 
 
-def _without_number(joint: str) -> str:
-    """A joint's name without a number at its end."""
-    return re.sub(r"[_.\-: ]*\d+$", "", joint) or joint
-
-
 def _differing_parts(one: str, other: str) -> tuple[str, str, str, str]:
     """The common beginning and the common end of two names, and what is between in each."""
-    one, other = _without_number(one), _without_number(other)
+    one, other = (re.sub(r"[_.\-: ]*\d+$", "", joint) or joint for joint in (one, other))  # without a number at the end
     first = _common_length(one, other)
     last = _common_length(one[first:][::-1], other[first:][::-1])
     return one[:first], one[len(one) - last :], one[first : len(one) - last], other[first : len(other) - last]

@@ -63,13 +63,14 @@ class GivenJoints:
     stands: bool | None = None
     joints: dict[str, GivenJoint] = field(default_factory=dict)
 
+    @property
+    def parents(self) -> dict[str, str]:
+        """The names of parents that the file gives, by joint."""
+        return {name: joint.parent for name, joint in self.joints.items() if joint.parent is not None}
+
 
 def read_joints_file(path: str | Path) -> GivenJoints:
-    """Read a joints file.
-
-    Raises:
-        InputError: no such file, or a key or a value that cannot be.
-    """
+    """Read a joints file."""
     table = load_toml(path)
     root = table.take_choice("root", ("free", "fixed"), None)
     rigid, stands = (table.take(key, bool, None) for key in ("rigid", "stands"))
@@ -82,9 +83,8 @@ def _read_joint(entry: Table) -> GivenJoint:
     free = entry.take_choice("free", _FREE) if entry.has("free") else None
     hinge = np.array(entry.take_numbers("hinge", (3,))) if entry.has("hinge") else None
     if hinge is not None and not hinge.any():
-        raise entry.error(
-            "hinge = [0, 0, 0] is no direction", "give the axis that the joint turns about or slides along"
-        )
+        remedy = "give the axis that the joint turns about or slides along"
+        raise entry.error("hinge = [0, 0, 0] is no direction", remedy)
     limits = {}
     for axis in "xyz":
         if entry.has(axis):
@@ -95,11 +95,6 @@ def _read_joint(entry: Table) -> GivenJoint:
     parent, slides = entry.take("parent", str, None), entry.take("slides", bool, None)
     entry.finish()
     return GivenJoint(free, hinge, limits, parent, slides)
-
-
-def parents_given(given: GivenJoints) -> dict[str, str]:
-    """The names of parents that the file gives, by joint."""
-    return {name: joint.parent for name, joint in given.joints.items() if joint.parent is not None}
 
 
 def with_given(freedom: list[Freedom], joints: tuple[str, ...], given: GivenJoints) -> list[Freedom]:
@@ -141,11 +136,7 @@ def _with_given_joint(freedom: Freedom, joint: GivenJoint) -> Freedom:
 
 
 def write_joints_file(path: str | Path, body: BodyModel, freedom: list[Freedom]) -> None:
-    """Write how joints move, to be edited.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
+    """Write how joints move, to be edited."""
     root = "free" if freedom[0].free else "fixed"
     rigid, stands = str(body.rigid).lower(), str(body.skeleton.stands).lower()
     lines = [_ABOUT.format(name=body.name), f'root = "{root}"\nrigid = {rigid}\nstands = {stands}\n']

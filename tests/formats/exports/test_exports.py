@@ -18,7 +18,7 @@ from mmocap_warp.body.posing import Poser
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.motion.captured_points import read_c3d, read_trc
 from mmocap_warp.formats.motion.motion_clip import read_bvh
-from mmocap_warp.formats.table import export, export_format, export_point_cache
+from mmocap_warp.formats.table import POINT_CACHES, export, export_format
 from mmocap_warp.formats.usd.usd_check import faults
 from mmocap_warp.result.excerpt import stood_up
 from mmocap_warp.result.result import Result
@@ -196,7 +196,7 @@ def test_the_skin_is_read_back(tmp_path: Path, suffix: str) -> None:
         export(result, path)
         skin, face = Glb(path).skin(), result.subject.body.skin.face
     else:
-        export_point_cache(result, path)
+        export(result, path, POINT_CACHES)
         assert faults(path) == []
         stage = Usd.Stage.Open(str(path))
         (mesh,) = (UsdGeom.Mesh(prim) for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh))

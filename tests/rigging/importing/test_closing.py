@@ -7,8 +7,7 @@ import pytest
 import trimesh
 
 from mmocap_warp.body.mesh_pieces import is_closed
-from mmocap_warp.rigging.importing.closing import closed
-from mmocap_warp.rigging.importing.wrapping import wrapped
+from mmocap_warp.rigging.importing.closing import closed, wrapped
 
 
 def volume(vertex: np.ndarray, face: np.ndarray) -> float:

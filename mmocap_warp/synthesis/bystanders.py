@@ -7,16 +7,15 @@ from functools import cached_property
 
 import numpy as np
 
+from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.shape_space import heading_rotation, upright_base
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.synthesis.exact_posing import ExactPoser
 from mmocap_warp.synthesis.footage.outlines import Surface, draw_outlines
-from mmocap_warp.synthesis.motion.gait import Walk
-from mmocap_warp.synthesis.motion.gait_curves import CADENCE
+from mmocap_warp.synthesis.motion.key_poses import PASSER_BY_RATE, stored_poses
 from mmocap_warp.synthesis.walkers import PEOPLE
 
 _NEAREST = 0.3  # a camera does not see what is nearer to its plane [m]
-_STRAIGHT = 200.0  # radius of the circle that is walked along: nearly a line [m]
 _HEADING = 0.7  # direction of the passer-by [rad]
 _HALF_WAY = 2.6  # the passer-by is seen this far before and after the middle of the way [m]
 _SIZE = (0.7, 0.75, 0.45)  # width, height and depth of the furniture [m]
@@ -40,7 +39,10 @@ class PasserBy:
 
     def silhouettes(self, time: float) -> list[np.ndarray]:
         """Per camera (height, width) bool, at a time [s]; empty where the person is not near."""
-        poses = self._walk.poses(np.array([CADENCE / 120.0 * time]))
+        way = self._way
+        at = round(PASSER_BY_RATE * time, 9) + len(way) // 2
+        before = min(max(int(at), 0), len(way) - 2)
+        poses = way[None, before] + (at - before) * (way[None, before + 1] - way[before])
         if abs(poses[0, 2]) > _HALF_WAY:
             return [np.zeros((height, width), bool) for width, height in self.rig.size]
         poses[:, 0] += self.aside
@@ -52,17 +54,21 @@ class PasserBy:
         return upright_base(self.rig.up) @ heading_rotation(_HEADING)
 
     @cached_property
-    def _walk(self) -> Walk:
-        return Walk(PEOPLE["S3"].true_body(), radius=_STRAIGHT)
+    def _way(self) -> np.ndarray:
+        return stored_poses("passer-by")
+
+    @cached_property
+    def _body(self) -> BodyModel:
+        body = PEOPLE["S3"].true_body()
+        return replace(body, skin=body.tracking)
 
     @cached_property
     def _poser(self) -> ExactPoser:
-        body = self._walk.body
-        return ExactPoser(replace(body, skin=body.tracking), self._base)
+        return ExactPoser(self._body, self._base)
 
     @cached_property
     def _surface(self) -> Surface:
-        return Surface.of(self._walk.body.tracking.face)
+        return Surface.of(self._body.skin.face)
 
 
 def furniture(rig: CameraRig, middle: np.ndarray, aside: float) -> list[np.ndarray]:

@@ -18,8 +18,7 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.formats.motion.amc import read_amc, with_markers
 from mmocap_warp.formats.motion.motion_clip import MotionClip, read_bvh
 from mmocap_warp.synthesis.exact_posing import ExactPoser
-from mmocap_warp.synthesis.motion.limb_motion import leg_length, rest_place
-from mmocap_warp.synthesis.motion.posture import Posture
+from mmocap_warp.synthesis.motion.limb_motion import Posture, leg_length, rest_place
 
 # What the joints of Acclaim's, Biovision's and Mixamo's skeletons are called, in small letters and without a prefix.
 _NAMES: dict[str, tuple[str, ...]] = {

@@ -20,7 +20,9 @@ _HEADING = 0.7  # direction of the passer-by [rad]
 _HALF_WAY = 2.6  # the passer-by is seen this far before and after the middle of the way [m]
 _SIZE = (0.7, 0.75, 0.45)  # width, height and depth of the furniture [m]
 _BEARING = 2.0  # direction of the furniture from the middle of the room [rad]
-_BOX = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])  # of _corners
+_BOX = np.array(
+    [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+)  # faces
 
 
 @dataclass(frozen=True)
@@ -74,15 +76,10 @@ class PasserBy:
 def furniture(rig: CameraRig, middle: np.ndarray, aside: float) -> list[np.ndarray]:
     """Silhouettes of a chest that stands ``aside`` of ``middle`` [m]: per camera (height, width) bool."""
     turned = upright_base(rig.up) @ heading_rotation(_BEARING)
-    corners = (_corners() + np.array([0.0, 0.0, aside])) @ turned.T + middle
-    return _silhouettes_before(rig, corners, Surface.of(_BOX))
-
-
-def _corners() -> np.ndarray:
-    """(8, 3), corners of the furniture on the floor about the origin, in the order of their numbers' binary digits."""
-    wide, high, deep = _SIZE
+    # Corners on the floor about the origin, in the order of their numbers' binary digits.
     digits = np.array([[i >> 2 & 1, i >> 1 & 1, i & 1] for i in range(8)])
-    return (digits - (0.5, 0.0, 0.5)) * (wide, high, deep)
+    corners = ((digits - (0.5, 0.0, 0.5)) * _SIZE + np.array([0.0, 0.0, aside])) @ turned.T + middle
+    return _silhouettes_before(rig, corners, Surface.of(_BOX))
 
 
 def _silhouettes_before(rig: CameraRig, vertices: np.ndarray, surface: Surface) -> list[np.ndarray]:

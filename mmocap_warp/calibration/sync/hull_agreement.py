@@ -17,6 +17,7 @@ from typing import Protocol
 import numpy as np
 
 from mmocap_warp.calibration.sync.lag_course import LagCourse, lag_course
+from mmocap_warp.calibration.sync.shared_motion import moved_in_turn
 from mmocap_warp.cameras.rig import CameraRig, project
 from mmocap_warp.masks.visual_hull import meeting_point
 
@@ -139,9 +140,8 @@ class HullAgreement:
                 inside.append([np.packbits(_inside(*each), axis=1) for each in zip(some, pixels, strict=True)])
                 seen.append([masks.any(axis=(1, 2)) for masks in some])
                 judged.append(frame)
-        self._inside = np.array(inside, np.uint8).reshape(
-            len(inside), len(rig), len(lags), -1
-        )  # (frame, view, lag, byte)
+        # By frame, view and lag; the points are bits of bytes.
+        self._inside = np.array(inside, np.uint8).reshape(len(inside), len(rig), len(lags), -1)
         self._seen = np.array(seen, bool).reshape(len(inside), len(rig), len(lags))
         self._own = _count(self._inside)  # (frame, view, lag)
         self._frame = np.array(judged, int)
@@ -204,22 +204,15 @@ class HullAgreement:
     def _settle(self, offsets: np.ndarray) -> np.ndarray:
         """The end of a start, shifted so that all ends lie alike: the frames that judge depend on that."""
         for _ in range(2):
-            end = self._improve(offsets)
+            end = moved_in_turn(offsets, self._best_offset, _ROUNDS)
             common = int(np.median(end - self._about))
             offsets = np.clip(end - common, self._about - self._reach, self._about + self._reach)
-        return self._improve(offsets)
+        return moved_in_turn(offsets, self._best_offset, _ROUNDS)
 
-    def _improve(self, offsets: np.ndarray) -> np.ndarray:
-        """Offsets after each view in turn has moved to its best lag, until none moves."""
-        for _ in range(_ROUNDS):
-            before = offsets.copy()
-            for view in range(len(offsets)):
-                fit = self.of_view(view, offsets)
-                if fit.max() > 0:
-                    offsets[view] = self._about[view] - self._reach + int(np.argmax(fit))
-            if (offsets == before).all():
-                break
-        return offsets
+    def _best_offset(self, view: int, offsets: np.ndarray) -> int:
+        """Where a view fits best beside the others; where it is if it fits nowhere."""
+        fit = self.of_view(view, offsets)
+        return int(self._about[view] - self._reach + np.argmax(fit) if fit.max() > 0 else offsets[view])
 
 
 def _inside(masks: np.ndarray, pixels: np.ndarray) -> np.ndarray:

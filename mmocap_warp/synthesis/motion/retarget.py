@@ -9,6 +9,7 @@ the two skeletons allow.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -154,7 +155,7 @@ class _Actor:
     def leg_length(self) -> float:
         """Hip to knee to ankle, mean of both sides."""
         at = dict(zip(self.order, self.rest, strict=True))
-        bones = [np.linalg.norm(at[f"{s}{a}"] - at[f"{s}{b}"]) for s in "LR" for a, b in (_THIGH, _SHANK)]
+        bones = [np.linalg.norm(at[s + a] - at[s + b]) for s in "LR" for a, b in pairwise(("Hip", "Knee", "Ankle"))]
         return float(np.sum(bones)) / 2
 
     def place_of(self, joint: str) -> np.ndarray:
@@ -165,9 +166,6 @@ class _Actor:
         """(frame, 3), the direction from a joint to another."""
         away = self.place_of(end) - self.place_of(start)
         return away / np.linalg.norm(away, axis=1, keepdims=True)
-
-
-_THIGH, _SHANK = ("Hip", "Knee"), ("Knee", "Ankle")
 
 
 def _find_joints(clip: MotionClip, source: object) -> dict[str, int]:

@@ -20,9 +20,7 @@ _HEADING = 0.7  # direction of the passer-by [rad]
 _HALF_WAY = 2.6  # the passer-by is seen this far before and after the middle of the way [m]
 _SIZE = (0.7, 0.75, 0.45)  # width, height and depth of the furniture [m]
 _BEARING = 2.0  # direction of the furniture from the middle of the room [rad]
-_BOX = np.array(
-    [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
-)  # faces
+_BOX = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])  # faces
 
 
 @dataclass(frozen=True)

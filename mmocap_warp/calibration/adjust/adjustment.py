@@ -15,8 +15,15 @@ import numpy as np
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.skeleton import ROOT_ANGLES
-from mmocap_warp.calibration.adjust.adjust_config import AdjustConfig
-from mmocap_warp.calibration.adjust.camera_changes import CENTRE, OFFSET, POSITION, ROTATION, changed, difference
+from mmocap_warp.calibration.adjust.camera_changes import (
+    CENTRE,
+    OFFSET,
+    POSITION,
+    ROTATION,
+    AdjustConfig,
+    changed,
+    difference,
+)
 from mmocap_warp.calibration.adjust.camera_problem import (
     CameraProblem,
     KnownLength,
@@ -24,8 +31,7 @@ from mmocap_warp.calibration.adjust.camera_problem import (
     known_distance,
     known_height,
 )
-from mmocap_warp.calibration.adjust.footage import Footage
-from mmocap_warp.calibration.adjust.person_motion import MIN_FRAMES, Motion, Person
+from mmocap_warp.calibration.adjust.footage import MIN_FRAMES, Footage, Motion, Person
 from mmocap_warp.calibration.adjust.silhouette_agreement import LandmarkProblem, coherence, landmarks
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.contour.frame.fitter import WIDE, ContourFitter, MatchingConfig

@@ -147,11 +147,10 @@ def _measure_run(result: Result, pose: np.ndarray, run: int, raw: bool, sex: Sex
         for name, joint in feet_of(body).items()
         if name in feet
     }
-    sigma = None if raw or result.joint_sigma is None else result.joint_sigma[run]
     return RunMeasures(
         run=run,
         joints=joints,
-        joint_sigma=sigma,
+        joint_sigma=None if raw or result.joint_sigma is None else result.joint_sigma[run],
         angles=joint_angles(body, transforms) or own_angles(body.skeleton, pose, result.config.get("dof")),
         shifts=own_shifts(body.skeleton, pose, result.config.get("dof")),
         feet=feet,

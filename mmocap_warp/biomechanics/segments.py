@@ -48,12 +48,9 @@ class Segment:
     def axes(self, body: BodyModel) -> np.ndarray:
         """(3, 3) float64, its axes in columns, in the frame of its joint."""
         skeleton = body.skeleton
-        own = skeleton.frame[skeleton.index(self.joint)].astype(float)
-        return own.T @ (self._long_axes(body) if self.upper else _UPRIGHT)
-
-    def _long_axes(self, body: BodyModel) -> np.ndarray:
-        skeleton = body.skeleton
-        centre = body.joint_rest.astype(float)
+        own, centre = skeleton.frame[skeleton.index(self.joint)].astype(float), body.joint_rest.astype(float)
+        if not self.upper:
+            return own.T @ _UPRIGHT
         joint, column = self.across
         hinge = skeleton.frame[skeleton.index(joint)][:, "xyz".index(column[1])].astype(float)
         z = hinge if column[0] == "+" else -hinge
@@ -61,7 +58,7 @@ class Segment:
         y /= np.linalg.norm(y)
         z -= (y @ z) * y
         z /= np.linalg.norm(z)
-        return np.stack([np.cross(y, z), y, z], axis=1)
+        return own.T @ np.stack([np.cross(y, z), y, z], axis=1)
 
 
 _JOINTS_OF_SIDE = ("Hip", "Knee", "Ankle", "Shoulder", "Elbow", "Wrist")

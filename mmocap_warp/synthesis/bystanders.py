@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 
 import numpy as np
 
-from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.shape_space import heading_rotation, upright_base
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.synthesis.exact_posing import ExactPoser
@@ -23,52 +21,35 @@ _BEARING = 2.0  # direction of the furniture from the middle of the room [rad]
 _BOX = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])  # faces
 
 
-@dataclass(frozen=True)
 class PasserBy:
     """Somebody who walks by in a straight line, nearest to ``middle`` at time zero.
 
-    Attributes:
+    Args:
         rig: undistorted cameras; the floor is at zero along their up axis.
         middle: (3,), on the floor, what is passed [m].
         aside: how far from it [m].
     """
 
-    rig: CameraRig
-    middle: np.ndarray
-    aside: float
+    def __init__(self, rig: CameraRig, middle: np.ndarray, aside: float) -> None:
+        body = PEOPLE["S3"].true_body()
+        self._rig, self._middle, self._aside = rig, middle, aside
+        self._base = upright_base(rig.up) @ heading_rotation(_HEADING)
+        self._poser = ExactPoser(replace(body, skin=body.tracking), self._base)
+        self._surface = Surface.of(body.tracking.face)
+        self._way = stored_poses("passer-by")
 
     def silhouettes(self, time: float) -> list[np.ndarray]:
         """Per camera (height, width) bool, at a time [s]; empty where the person is not near."""
-        way = self._way
-        at = round(PASSER_BY_RATE * time, 9) + len(way) // 2
-        before = min(max(int(at), 0), len(way) - 2)
-        poses = way[None, before] + (at - before) * (way[None, before + 1] - way[before])
+        # The pose lies on the line between two stored ones.
+        at = round(PASSER_BY_RATE * time, 9) + len(self._way) // 2
+        before = min(max(int(at), 0), len(self._way) - 2)
+        pose, after = self._way[before : before + 2]
+        poses = (pose + (at - before) * (after - pose))[None]
         if abs(poses[0, 2]) > _HALF_WAY:
-            return [np.zeros((height, width), bool) for width, height in self.rig.size]
-        poses[:, 0] += self.aside
-        poses[:, :3] = poses[:, :3] @ self._base.T + self.middle
-        return _silhouettes_before(self.rig, self._poser.vertices(poses)[0], self._surface)
-
-    @cached_property
-    def _base(self) -> np.ndarray:
-        return upright_base(self.rig.up) @ heading_rotation(_HEADING)
-
-    @cached_property
-    def _way(self) -> np.ndarray:
-        return stored_poses("passer-by")
-
-    @cached_property
-    def _body(self) -> BodyModel:
-        body = PEOPLE["S3"].true_body()
-        return replace(body, skin=body.tracking)
-
-    @cached_property
-    def _poser(self) -> ExactPoser:
-        return ExactPoser(self._body, self._base)
-
-    @cached_property
-    def _surface(self) -> Surface:
-        return Surface.of(self._body.skin.face)
+            return [np.zeros((height, width), bool) for width, height in self._rig.size]
+        poses[:, 0] += self._aside
+        poses[:, :3] = poses[:, :3] @ self._base.T + self._middle
+        return _silhouettes_before(self._rig, self._poser.vertices(poses)[0], self._surface)
 
 
 def furniture(rig: CameraRig, middle: np.ndarray, aside: float) -> list[np.ndarray]:

@@ -112,6 +112,7 @@ class Adjustment:
         self.given = self.footage.rig
         self.space = RestSpace(body)
         self.sigma = config.deviations.of(self.given)
+        self._world_floats = bool(self.sigma[:, POSITION].any())  # all cameras and the person may move together
         names, distance = self.given.names, config.distance
         config.check_names(names)
         self._stated_fixed = None if config.fixed is None else names.index(config.fixed)
@@ -199,11 +200,6 @@ class Adjustment:
         if self._world_floats or self._stated_fixed is not None:
             sigma[fixed, ROTATION], sigma[fixed, POSITION] = 0.0, 0.0
         return sigma
-
-    @property
-    def _world_floats(self) -> bool:
-        """Whether all cameras and the person may move together."""
-        return bool(self.sigma[:, POSITION].any())
 
     def solve(self, change: np.ndarray, person: Person, sigma: np.ndarray, *, again: bool = False) -> CameraSolution:
         """Cameras about their calibration by ``sigma`` (camera, parameter), from frames over the clip.

@@ -182,5 +182,4 @@ def _left_jacobian(vector: np.ndarray) -> np.ndarray:
     safe = np.where(small, 1.0, angle)
     first = np.where(small, 0.5, (1 - np.cos(safe)) / safe**2)
     second = np.where(small, 1 / 6, (safe - np.sin(safe)) / safe**3)
-    jacobian: np.ndarray = np.eye(3) + first * cross + second * (cross @ cross)
-    return jacobian
+    return np.eye(3) + first * cross + second * (cross @ cross)

@@ -76,8 +76,7 @@ class CameraProblem:
     @property
     def free(self) -> np.ndarray:
         """(camera, parameter) bool: what is solved for."""
-        free: np.ndarray = self.sigma > 0
-        return free
+        return self.sigma > 0
 
     @property
     def _free_with_margin(self) -> np.ndarray:

@@ -56,25 +56,16 @@ class Footage:
     def _step(self) -> int:
         return max(1, int(self.scene.rate / _RATE))
 
-    @property
-    def _camera_fps(self) -> np.ndarray:
-        """(camera,) each camera's own frames per second."""
-        return self.scene.fps * np.array([source.rate for source in self.scene.cameras])
-
-    def _total(self, offset: np.ndarray) -> np.ndarray:
-        """(camera,) the scene's offsets and ``offset`` together [s]."""
-        stated = np.array([source.frame_offset + source.fraction for source in self.scene.cameras])
-        total: np.ndarray = offset + stated / self._camera_fps
-        return total
-
-    def whole(self, offset: np.ndarray) -> np.ndarray:
-        """(camera,) the number of each camera's first frame, if offsets grow by ``offset`` (camera,) [s]."""
-        return np.rint(self._total(offset) * self._camera_fps).astype(int)
+    def _first_frames(self, offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(camera,) the number of each camera's first frame, if offsets grow by ``offset``, and the rest [s]."""
+        fps = self.scene.fps * np.array([source.rate for source in self.scene.cameras])
+        total = offset + np.array([source.frame_offset + source.fraction for source in self.scene.cameras]) / fps
+        whole = np.rint(total * fps).astype(int)
+        return whole, total - whole / fps
 
     def rest(self, offset: np.ndarray) -> np.ndarray:
-        """(camera,) the part of these offsets that whole frames leave over [s]."""
-        left: np.ndarray = self._total(offset) - self.whole(offset) / self._camera_fps
-        return left
+        """(camera,) the part of each camera's offset that whole frames leave over, if it grows by ``offset`` [s]."""
+        return self._first_frames(offset)[1]
 
     def observations(self, offset: np.ndarray) -> list[Observation]:
         """The masks of the frames that are used; each camera gives its nearest whole frame.
@@ -84,7 +75,7 @@ class Footage:
         """
         shifted = tuple(
             replace(source, frame_offset=int(frames), fraction=0.0)
-            for source, frames in zip(self.scene.cameras, self.whole(offset), strict=True)
+            for source, frames in zip(self.scene.cameras, self._first_frames(offset)[0], strict=True)
         )
         scene = replace(self.scene, cameras=shifted)
         count = min(scene.frame_count, max(1, round(_MAX_SECONDS * scene.rate)))
@@ -155,12 +146,10 @@ class Person:
         Where there are few, enough are left out to judge by.
         """
         at = np.linspace(0, len(self.found) - 1, min(count, len(self.found) - MIN_FRAMES))
-        frames: np.ndarray = self.found[at.round().astype(int)]
-        return frames
+        return self.found[at.round().astype(int)]
 
     def between(self, count: int, taken: np.ndarray) -> np.ndarray:
         """At most ``count`` frames other than those ``taken``, evenly spread, none at the ends."""
         others = np.setdiff1d(self.found, taken)
         at = (np.arange(min(count, len(others))) + 0.5) * len(others) / max(min(count, len(others)), 1)
-        frames: np.ndarray = others[at.astype(int)]
-        return frames
+        return others[at.astype(int)]

@@ -22,7 +22,6 @@ from mmocap_warp.body.posing import Poser
 from mmocap_warp.calibration.adjust.adjustment import AdjustConfig, Adjustment, Person, Progress, moved_subject
 from mmocap_warp.calibration.adjust.camera_changes import CENTRE, KINDS, OFFSET, RESPECT, changed
 from mmocap_warp.calibration.adjust.camera_problem import CameraProblem, camera_fitter
-from mmocap_warp.calibration.adjust.footage import Motion
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.cameras.silhouette import intersection_over_union, silhouettes
 from mmocap_warp.contour.frame.fitter import WIDE, MatchingConfig
@@ -93,11 +92,9 @@ class Refinement:
         Args:
             scene: the recording that was refined.
         """
-        stated = [(source.frame_offset + source.fraction) / (scene.fps * source.rate) for source in scene.cameras]
-        names, changes = self.rig.names, self.change[:, OFFSET]
         return {
-            name: round(seconds + float(change), 6)
-            for name, seconds, change in zip(names, stated, changes, strict=True)
+            source.name: round((source.frame_offset + source.fraction) / (scene.fps * source.rate) + float(change), 6)
+            for source, change in zip(scene.cameras, self.change[:, OFFSET], strict=True)
         }
 
     def __repr__(self) -> str:
@@ -183,7 +180,7 @@ class HeldOutFrames:
         config = adjustment.config
         self._adjustment, self._beta = adjustment, beta
         self._frames = person.between(config.judges, person.spread(config.frames))
-        motion: Motion = person.motion
+        motion = person.motion
         self._rooting, self._start = motion.rooting, motion.rooted[self._frames]
         self._velocity = motion.velocity(self._frames)
 

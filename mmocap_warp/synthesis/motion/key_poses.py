@@ -27,8 +27,7 @@ PASSER_BY_RATE = 120.0
 def stored_poses(name: str) -> np.ndarray:
     """(frame, 51) the pose vectors of one of ``MOTIONS``."""
     with np.load(MOTIONS) as motions:
-        poses: np.ndarray = motions[name]
-    return poses
+        return motions[name]
 
 
 def minimum_jerk(s: np.ndarray) -> np.ndarray:
@@ -55,17 +54,16 @@ def through_poses(skeleton: Skeleton, keys: Sequence[KeyPose], fps: float) -> Bo
     seconds = [at for at, _ in keys]
     if seconds[0] != 0 or (np.diff(seconds) <= 0).any():
         raise ValueError(f"keys must be at ascending times from 0, got {seconds}")
-    reached = [np.zeros(skeleton.coordinates)]
+    pose, reached = np.zeros(skeleton.coordinates), []
     for _, changed in keys:
         unknown = sorted(set(changed) - set(skeleton.coordinate_names))
         if unknown:
             raise ValueError(f"keys name coordinates {unknown} that this skeleton does not have")
-        pose = reached[-1].copy()
+        pose = pose.copy()
         for name, value in changed.items():
             number = skeleton.coordinate_names.index(name)
             pose[number] = value if skeleton.is_length[number] else np.radians(value)
         reached.append(pose)
-    reached = reached[1:]
     time = np.arange(round(seconds[-1] * fps) + 1) / fps
     poses = np.tile(reached[0], (len(time), 1))
     for i in range(1, len(keys)):

@@ -186,7 +186,9 @@ class Arm:
         return np.arctan2(across, along) - self.sign * np.arccos(cosine)
 
 
-_ELBOW_BIAS = 0.05
+BySide = dict[str, np.ndarray]
+Bones = dict[str, tuple[np.ndarray, np.ndarray]]
+_ELBOW_BIAS = 0.05  # share of down and back in where a straight arm's elbow points
 _MOST_STRAIGHT = 0.999  # longest reach as a share of an arm's length: the elbow stays bent by 5 degrees
 
 
@@ -202,13 +204,7 @@ class Posture:
         """(frame, 51) full pose vectors."""
 
     def point_legs(
-        self,
-        root: np.ndarray,
-        pelvis: np.ndarray,
-        bones: dict[str, tuple[np.ndarray, np.ndarray]],
-        hinges: dict[str, np.ndarray],
-        feet: dict[str, np.ndarray],
-        least_knee: float,
+        self, root: np.ndarray, pelvis: np.ndarray, bones: Bones, hinges: BySide, feet: BySide, least_knee: float
     ) -> None:
         """Set the root and the legs, these by where their bones point.
 
@@ -247,14 +243,7 @@ class Posture:
         self._set(f"{side}Shoulder", continuous_zyx_angles(rotation, limits))
         self._set(f"{side}Elbow", about("y", flexion))
 
-    def _set_legs(
-        self,
-        root: np.ndarray,
-        pelvis: np.ndarray,
-        ankles: dict[str, np.ndarray],
-        hinges: dict[str, np.ndarray],
-        feet: dict[str, np.ndarray],
-    ) -> None:
+    def _set_legs(self, root: np.ndarray, pelvis: np.ndarray, ankles: BySide, hinges: BySide, feet: BySide) -> None:
         self.poses[:, :3] = root
         self._set("Root", zyx_angles(pelvis))
         for side, ankle in ankles.items():

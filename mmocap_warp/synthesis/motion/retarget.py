@@ -172,17 +172,14 @@ def _find_joints(clip: MotionClip, source: object) -> dict[str, int]:
     plain = [_plain_name(name) for name in clip.joint_names]
     found = {}
     for role, names in _NAMES.items():
-        sides = ("L", "R") if role[0] == "L" else ("",)
-        for side in sides:
+        for side in "LR" if role[0] == "L" else ("",):
             wanted = [_other_side(name) if side == "R" else name for name in names]
             known = [name for name in wanted if name in plain]
+            joint = side + role[1:] if side else role
             if not known:
-                raise InputError(
-                    source,
-                    f"none of its joints is the {side + role[1:] if side else role}: {', '.join(clip.joint_names)}",
-                    f"name it {' or '.join(wanted)}",
-                )
-            found[side + role[1:] if side else role] = plain.index(known[0])
+                problem = f"none of its joints is the {joint}: {', '.join(clip.joint_names)}"
+                raise InputError(source, problem, f"name it {' or '.join(wanted)}")
+            found[joint] = plain.index(known[0])
     return found
 
 

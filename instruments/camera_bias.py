@@ -18,7 +18,7 @@ from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.calibration.adjust.adjustment import FROM_FAR
 from mmocap_warp.calibration.adjust.camera_changes import OFFSET, POSITION, ROTATION, Deviations
 from mmocap_warp.calibration.adjust.camera_problem import CameraProblem, camera_fitter, known_distance
-from mmocap_warp.calibration.adjust.person_motion import Motion
+from mmocap_warp.calibration.adjust.footage import Motion
 from mmocap_warp.calibration.camera_check import CAUSES
 from mmocap_warp.calibration.refine.refinement import STATED
 from mmocap_warp.contour.frame.rooted import Rooting

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from made_walks import walking_around
 from sequence_motions import ACTIONS
 
 from mmocap_warp.rigging.shipped import load_body
-from mmocap_warp.study.sequences import SequencePlan, StudySequence, make_sequence, walking_around
+from mmocap_warp.study.sequences import SequencePlan, StudySequence, make_sequence
 from mmocap_warp.synthesis.walkers import Person
 
 _BODIES = ("adult_man", "adult_woman", "tall_slim_adult")

@@ -10,12 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from gait_curves import CADENCE
+from made_walks import Walk
 from standing_posture import StandingPosture, sway
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import applied, turn, zyx_angles, zyx_rotation
-from mmocap_warp.synthesis.motion.gait import Walk
-from mmocap_warp.synthesis.motion.gait_curves import CADENCE
 from mmocap_warp.synthesis.motion.key_poses import minimum_jerk
 from mmocap_warp.synthesis.motion.limb_motion import SIGN
 

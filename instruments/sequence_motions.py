@@ -1,7 +1,7 @@
 """Make the motions of the shipped sequences again: ``python instruments/sequence_motions.py``.
 
-Gestures, Box and Spin ship as pose vectors, because they were acted once for the sequences' people. This writes them
-to ``scenes/sequences/motions.npz``. Walks are not among them: the package makes those itself.
+They ship as pose vectors, because they were made once for the sequences' people. This writes them, and those of the
+passer-by of degraded recordings, to ``scenes/sequences/motions.npz``.
 """
 
 from __future__ import annotations
@@ -9,40 +9,47 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from gait_curves import CADENCE
 from made_boxing import ROUNDS, boxing
 from made_gestures import SCRIPTS, gesturing
 from made_spins import SPINS, spinning
+from made_walks import Walk, walking_around
 
-from mmocap_warp.body.model import BodyModel
-from mmocap_warp.study.sequences import CLIP_PLANS, FPS, MOTIONS
-from mmocap_warp.synthesis.walkers import PEOPLE
-
-Action = Callable[[BodyModel, int, int], np.ndarray]
-"""Pose vectors (frame, 51) of a body, a number of frames and a seed."""
+from mmocap_warp.study.sequences import CLIP_PLANS, FPS, Motion
+from mmocap_warp.synthesis.motion.key_poses import MOTIONS, PASSER_BY_RATE
+from mmocap_warp.synthesis.walkers import PEOPLE, STRANGERS
 
 
-def _acted(action: Callable[..., np.ndarray], script: object) -> Action:
+def _acted(action: Callable[..., np.ndarray], script: object) -> Motion:
     return lambda body, frames, seed: action(body, frames, FPS, script, seed)
 
 
-ACTIONS: dict[str, Action] = {
-    f"{person}/{name}": _acted(action, script)
-    for name, action, scripts in (
-        ("Gestures", gesturing, SCRIPTS),
-        ("Box", boxing, ROUNDS),
-        ("Spin", spinning, SPINS),
-    )
-    for person, script in scripts.items()
+ACTIONS: dict[str, Motion] = {
+    "S1/Walking": walking_around(1.10, 1.15, 112.0),
+    "S2/Walking": walking_around(1.00, 1.10, 116.0),
+    "S3/Walking": walking_around(1.15, 1.22, 106.0),
+    "Uneven/Walking": walking_around(1.10, 1.10, 112.0),
+    "Skirt/Walking": walking_around(1.00, 1.10, 116.0),
+    "Child/Walking": walking_around(0.90, 0.60, 138.0, step_width=0.07),
+    **{f"{person}/Gestures": _acted(gesturing, script) for person, script in SCRIPTS.items()},
+    **{f"{person}/Box": _acted(boxing, script) for person, script in ROUNDS.items()},
+    **{f"{person}/Spin": _acted(spinning, spin) for person, spin in SPINS.items()},
 }
 """By the sequence's name."""
 
+_STRAIGHT = 200.0  # radius of the circle that the passer-by walks along: nearly a line [m]
+_STEPS = 295  # poses before and after the passer-by is in the middle of the way: 2.6 m
+
 
 def made_motion(name: str) -> np.ndarray:
-    """(frame, 51) the pose vectors of a shipped sequence's person, in body axes about the origin of the floor."""
+    """(frame, 51) one of the motions, in body axes about the origin of the floor."""
+    if name == "passer-by":
+        phase = CADENCE / 120.0 * (np.arange(-_STEPS, _STEPS + 1) / PASSER_BY_RATE)
+        return Walk(PEOPLE["S3"].true_body(), radius=_STRAIGHT).poses(phase)
     plan = CLIP_PLANS[name]
-    return ACTIONS[name](PEOPLE[plan.person].true_body(), plan.frames, plan.seed)
+    return ACTIONS[name]((PEOPLE | STRANGERS)[plan.person].true_body(), plan.frames, plan.seed)
 
 
 if __name__ == "__main__":
     MOTIONS.parent.mkdir(exist_ok=True)
-    np.savez_compressed(MOTIONS, **{name: made_motion(name) for name in ACTIONS})
+    np.savez_compressed(MOTIONS, **{name: made_motion(name) for name in (*ACTIONS, "passer-by")})

@@ -12,9 +12,9 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import applied, turn
+from mmocap_warp.synthesis.exact_posing import led_by
 from mmocap_warp.synthesis.motion.key_poses import minimum_jerk
-from mmocap_warp.synthesis.motion.limb_motion import Sole
-from mmocap_warp.synthesis.motion.posture import Posture
+from mmocap_warp.synthesis.motion.limb_motion import Leg, Posture
 
 _FULL_REACH = 0.985  # longest reach as a share of the arm's length: elbows stay bent by 20 degrees
 _SOFT = 0.12  # a reach is shortened smoothly from this far before the longest one
@@ -90,6 +90,63 @@ class Foot:
         return self.place + applied(turn("y", self.yaw), np.stack([0 * up, up + self.lift, forward], axis=-1))
 
 
+_STEEPEST = np.radians(75.0)
+_GRID = 1201  # number of pitches, 1/8 of a degree apart
+
+
+@dataclass(frozen=True)
+class Sole:
+    """Where the ankle is over the floor while the foot rolls from heel to toes on the outline of its sole.
+
+    Attributes:
+        pitch: (pitch,), of the foot, toes up positive, ascending [rad].
+        forward: (pitch,), of the ankle from where it is when the foot is flat [m].
+        up: (pitch,), of the ankle from the floor [m].
+        contact: (pitch, 2), to the left and forward, of the point that touches, from where the ankle is when flat [m].
+    """
+
+    pitch: np.ndarray
+    forward: np.ndarray
+    up: np.ndarray
+    contact: np.ndarray
+
+    @classmethod
+    def of(cls, body: BodyModel, side: str) -> Sole:
+        """The sole of one side, ``L`` or ``R``, of a body that stands flat in its bind pose."""
+        joint = body.skeleton.index(f"{side}Ankle")
+        foot = (body.skin.rest[led_by(body, f"{side}Ankle")] - body.joint_rest[joint]).astype(float)
+        x, y, z = foot.T
+        pitch = np.linspace(-_STEEPEST, _STEEPEST, _GRID)
+        sine, cosine = np.sin(pitch)[:, None], np.cos(pitch)[:, None]
+        height = cosine * y + sine * z
+        touching = height.argmin(axis=1)
+        reach = np.take_along_axis(cosine * z - sine * y, touching[:, None], axis=1)[:, 0]
+        # From one pitch to the next the foot turns about the vertex that touches, which stays where it is.
+        rows = np.arange(_GRID - 1)
+        next_reach = (cosine * z - sine * y)[rows + 1, touching[:-1]]
+        moved = np.concatenate([[0.0], np.cumsum(reach[:-1] - next_reach)])
+        flat = _GRID // 2
+        forward = moved - moved[flat]
+        return cls(pitch, forward, -height.min(axis=1), np.stack([x[touching], forward + reach], axis=-1))
+
+    def ankle(self, pitch: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How far forward and up the ankle is at the given pitches [m]."""
+        return np.interp(pitch, self.pitch, self.forward), np.interp(pitch, self.pitch, self.up)
+
+
+def room(leg: Leg, root: np.ndarray, pelvis: np.ndarray, ankle: np.ndarray, flexion: float) -> float:
+    """How far up the root can go before the knee's flexion from straight is less than ``flexion`` [rad]; [m].
+
+    Args:
+        root, ankle: (frame, 3), in the world [m].
+        pelvis: (frame, 3, 3), world from the root joint's axes.
+        flexion: from straight [rad].
+    """
+    away = ankle - root - applied(pelvis, leg.hip)
+    level = np.hypot(away[:, 0], away[:, 2])
+    return float((away[:, 1] + np.sqrt(leg.reach(flexion) ** 2 - level**2)).min())
+
+
 class StandingPosture(Posture):
     """A posture of somebody who stands on feet and reaches with hands."""
 
@@ -113,8 +170,8 @@ class StandingPosture(Posture):
             least_knee: flexion from straight [rad].
         """
         ankles = {side: foot.ankle(self._soles[side]) for side, foot in feet.items()}
-        room = [self._legs[side].room(root, pelvis, ankle, least_knee) for side, ankle in ankles.items()]
-        root = root + np.array([0.0, np.min(room), 0.0])
+        rooms = [room(self._legs[side], root, pelvis, ankle, least_knee) for side, ankle in ankles.items()]
+        root = root + np.array([0.0, np.min(rooms), 0.0])
         axes = {side: foot.axes() for side, foot in feet.items()}
         hinges = {side: turn("y", foot.yaw)[:, :, 0] for side, foot in feet.items()}
         self._set_legs(root, pelvis, ankles, hinges, axes)

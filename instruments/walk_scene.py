@@ -9,6 +9,8 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from gait_curves import CADENCE
+from made_walks import Walk
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import Poser
@@ -18,8 +20,6 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.rigging.shipped import load_body
 from mmocap_warp.synthesis.footage.faults import Faults, SpoiltMasks
 from mmocap_warp.synthesis.footage.made_recording import Recording, placed_camera
-from mmocap_warp.synthesis.motion.gait import Walk
-from mmocap_warp.synthesis.motion.gait_curves import CADENCE
 from mmocap_warp.synthesis.walkers import stretched
 from mmocap_warp.synthesis.writing import FAULTY_MASKS, write_made_scene
 

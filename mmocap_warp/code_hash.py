@@ -51,8 +51,9 @@ def code_hash(begin: str, *, contours: bool = True, recorded: bool = True) -> st
     digest = hashlib.sha256()
     for name in sorted(counted(begin, contours=contours, recorded=recorded)):
         digest.update(f"{name}\n".encode())
-        native = _files().get(f"{name}.cu")  # what Warp puts into a kernel module's functions
-        text = _code(_source(name)) + (native.read_text(encoding="utf-8") if native else "")
+        # Beside a module may lie what Warp puts into its functions, or its numbers.
+        beside = [file for ending in (".cu", ".toml") if (file := _files().get(name + ending))]
+        text = _code(_source(name)) + "".join(file.read_text(encoding="utf-8") for file in beside)
         digest.update(hashlib.sha256(text.encode()).digest())
     return digest.hexdigest()
 
@@ -132,5 +133,5 @@ def _modules(package: str, folder: Traversable | None = None) -> Iterator[tuple[
         name = f"{package}.{item.name.removesuffix('.py')}"
         if item.joinpath("__init__.py").is_file():
             yield from _modules(name, item)
-        elif item.name.endswith((".py", ".cu")):
+        elif item.name.endswith((".py", ".cu", ".toml")):
             yield name, item

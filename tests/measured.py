@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from gait_curves import CADENCE, TOE_OFF
+from made_walks import Walk
 from synthetic import ring_rig
 
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.shape_space import heading_rotation, upright_base
 from mmocap_warp.result.result import Result
-from mmocap_warp.synthesis.motion.gait import Walk
-from mmocap_warp.synthesis.motion.gait_curves import CADENCE, TOE_OFF
 
 LEG_AHEAD = {"left": 0.0, "right": 0.5}
 """Of each leg's phase before the left one's."""

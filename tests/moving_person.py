@@ -10,7 +10,7 @@ from planted import swung
 from synthetic import ring_rig, synthetic_body
 
 from mmocap_warp.body.model import Subject
-from mmocap_warp.calibration.adjust.person_motion import Motion
+from mmocap_warp.calibration.adjust.footage import Motion
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.cameras.silhouette import silhouettes
 from mmocap_warp.contour.frame.rooted import Rooting

@@ -128,10 +128,9 @@ def _all_joints() -> Iterator[tuple[str, tuple[str, str]]]:
             yield side + joint, (upper, f"{side} {each.lower}")
 
 
-def _available_joints(body: BodyModel) -> Iterator[tuple[str, tuple[str, str]]]:
-    for joint, names in _all_joints():
-        if has_joints(body.skeleton, [needed for name in names for needed in SEGMENTS[name].joints]):
-            yield joint, names
+def _available_joints(body: BodyModel) -> list[tuple[str, tuple[str, str]]]:
+    known = {name for name, segment in SEGMENTS.items() if has_joints(body.skeleton, segment.joints)}
+    return [(joint, names) for joint, names in _all_joints() if known.issuperset(names)]
 
 
 def _zxy(rotation: np.ndarray) -> np.ndarray:

@@ -27,7 +27,14 @@ class Length(NamedTuple):
 def bone_lengths(subject: Subject) -> dict[str, Length]:
     """From each joint's centre to that of the joint above it, named after both, such as ``LHip to LKnee``."""
     skeleton, place = subject.body.skeleton, subject.body.joint_rest.astype(float)
-    sigma = _bone_sigmas(subject)
+    # Standard deviations by a bone's lower joint. A fit names both sides: `body.bone.LKnee+RKnee.sigma`.
+    start, end = "body.bone.", ".sigma"
+    sigma = {
+        joint: float(value)
+        for name, value in subject.provenance.items()
+        if name.startswith(start) and name.endswith(end)
+        for joint in name.removeprefix(start).removesuffix(end).split("+")
+    }
     lengths = {}
     for parent, number in skeleton.bones:
         joint = skeleton.joints[number]
@@ -35,17 +42,6 @@ def bone_lengths(subject: Subject) -> dict[str, Length]:
             length = float(np.linalg.norm(place[number] - place[parent]))
             lengths[f"{skeleton.joints[parent]} to {joint}"] = Length(length, sigma.get(joint, np.nan))
     return lengths
-
-
-def _bone_sigmas(subject: Subject) -> dict[str, float]:
-    """Standard deviations by a bone's lower joint. A fit names both sides: ``body.bone.LKnee+RKnee.sigma``."""
-    start, end = "body.bone.", ".sigma"
-    return {
-        joint: float(value)
-        for name, value in subject.provenance.items()
-        if name.startswith(start) and name.endswith(end)
-        for joint in name.removeprefix(start).removesuffix(end).split("+")
-    }
 
 
 @dataclass(frozen=True)
@@ -145,29 +141,19 @@ def _measure_run(result: Result, pose: np.ndarray, run: int, raw: bool, sex: Sex
     joints = transforms[:, :, :3, 3].astype(float)
     seconds, up = result.frame_numbers / result.fps, result.cameras.up_vector
     feet = feet_on_floor(subject, pose, seconds, up)
+    # The heel is a person's rearmost skin of the foot; of a paw or a shank without a foot, the lowest strikes first.
     heel = {
-        name: skin_place(body, transforms, joint, _rearmost if name in ("left", "right") else _lowest)
+        name: skin_place(body, transforms, joint, (0.0, 0.0, -1.0) if name in ("left", "right") else (0.0, -1.0, 0.0))
         for name, joint in feet_of(body).items()
         if name in feet
     }
-    sigma = None if raw or result.joint_sigma is None else result.joint_sigma[run]
     return RunMeasures(
         run=run,
         joints=joints,
-        joint_sigma=sigma,
+        joint_sigma=None if raw or result.joint_sigma is None else result.joint_sigma[run],
         angles=joint_angles(body, transforms) or own_angles(body.skeleton, pose, result.config.get("dof")),
         shifts=own_shifts(body.skeleton, pose, result.config.get("dof")),
         feet=feet,
         walking=walking(feet, heel, joints[:, 0], seconds, up),
         centre_of_mass=centre_of_mass(body, transforms, sex),
     )
-
-
-def _rearmost(away: np.ndarray) -> np.ndarray:
-    """How far to the rear skin is: the heel of a foot is furthest."""
-    return -away[:, 2]
-
-
-def _lowest(away: np.ndarray) -> np.ndarray:
-    """How low skin is: of a paw or a shank without a foot, the lowest strikes first."""
-    return -away[:, 1]

@@ -102,12 +102,8 @@ def _contacts(measures: Measures, run: RunMeasures) -> Columns:
 
 
 _COLUMNS = {
-    "angles": _angles,
-    "shifts": _shifts,
-    "joints": _joints,
-    "centre_of_mass": _centre_of_mass,
-    "contacts": _contacts,
-}
+    "angles": _angles, "shifts": _shifts, "joints": _joints, "centre_of_mass": _centre_of_mass, "contacts": _contacts,
+}  # fmt: skip
 
 
 def _axes(before: str, after: str, places: np.ndarray) -> Columns:
@@ -150,6 +146,7 @@ def report(measures: Measures) -> dict[str, Any]:
 def _summary(measures: Measures, run: RunMeasures) -> dict[str, Any]:
     numbers, gait = measures.result.frame_numbers, run.walking
     up, centre = measures.result.cameras.up_vector, run.centre_of_mass
+    shifts = {joint: {axis: _spread(1000 * each) for axis, each in own.items()} for joint, own in run.shifts.items()}
 
     def mean_by_side(values: list[tuple[str, float]]) -> dict[str, float]:
         return {side: _spread([value for foot, value in values if foot == side])["mean"] for side in run.feet}
@@ -159,7 +156,7 @@ def _summary(measures: Measures, run: RunMeasures) -> dict[str, Any]:
         "angles_deg": {
             joint: {name: _spread(angle) for name, angle in angles.items()} for joint, angles in run.angles.items()
         },
-        **({"shifts_mm": _shift_spreads(run)} if run.shifts else {}),
+        **({"shifts_mm": shifts} if shifts else {}),
         "on_floor_share": {side: float(foot.on_floor.mean()) for side, foot in run.feet.items()},
         "strike_frames": {side: numbers[foot.strikes].tolist() for side, foot in run.feet.items()},
         "off_frames": {side: numbers[foot.offs].tolist() for side, foot in run.feet.items()},
@@ -169,10 +166,6 @@ def _summary(measures: Measures, run: RunMeasures) -> dict[str, Any]:
         "stance_share": mean_by_side([(stride.side, stride.stance_share) for stride in gait.strides]),
         "centre_of_mass_height_m": None if centre is None else _spread(centre @ up),
     }
-
-
-def _shift_spreads(run: RunMeasures) -> dict[str, Any]:
-    return {joint: {axis: _spread(1000 * shift) for axis, shift in own.items()} for joint, own in run.shifts.items()}
 
 
 def _spread(values: np.ndarray | list[float]) -> dict[str, float]:

@@ -11,7 +11,7 @@ shank to the ankle's centre.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -48,12 +48,9 @@ class Segment:
     def axes(self, body: BodyModel) -> np.ndarray:
         """(3, 3) float64, its axes in columns, in the frame of its joint."""
         skeleton = body.skeleton
-        own = skeleton.frame[skeleton.index(self.joint)].astype(float)
-        return own.T @ (self._long_axes(body) if self.upper else _UPRIGHT)
-
-    def _long_axes(self, body: BodyModel) -> np.ndarray:
-        skeleton = body.skeleton
-        centre = body.joint_rest.astype(float)
+        own, centre = skeleton.frame[skeleton.index(self.joint)].astype(float), body.joint_rest.astype(float)
+        if not self.upper:
+            return own.T @ _UPRIGHT
         joint, column = self.across
         hinge = skeleton.frame[skeleton.index(joint)][:, "xyz".index(column[1])].astype(float)
         z = hinge if column[0] == "+" else -hinge
@@ -61,7 +58,10 @@ class Segment:
         y /= np.linalg.norm(y)
         z -= (y @ z) * y
         z /= np.linalg.norm(z)
-        return np.stack([np.cross(y, z), y, z], axis=1)
+        return own.T @ np.stack([np.cross(y, z), y, z], axis=1)
+
+
+_JOINTS_OF_SIDE = ("Hip", "Knee", "Ankle", "Shoulder", "Elbow", "Wrist")
 
 
 def _of_side(side: str) -> dict[str, Segment]:
@@ -70,14 +70,9 @@ def _of_side(side: str) -> dict[str, Segment]:
     The thumb points to where the elbow bends, along z of the elbow's frame, which on the right is the outer side of a
     forearm whose palm is turned forward.
     """
-    hip, knee, ankle, shoulder, elbow, wrist = (
-        side + name for name in ("Hip", "Knee", "Ankle", "Shoulder", "Elbow", "Wrist")
-    )
-    knee_hinge, elbow_hinge, outer = (
-        (knee, "-x"),
-        (elbow, "-y" if side == "L" else "+y"),
-        (elbow, "-z" if side == "L" else "+z"),
-    )
+    hip, knee, ankle, shoulder, elbow, wrist = (side + name for name in _JOINTS_OF_SIDE)
+    sign = "-" if side == "L" else "+"
+    knee_hinge, elbow_hinge, outer = (knee, "-x"), (elbow, f"{sign}y"), (elbow, f"{sign}z")
     return {
         f"{side} thigh": Segment(hip, hip, knee, knee_hinge),
         f"{side} shank": Segment(knee, knee, ankle, knee_hinge),
@@ -115,9 +110,11 @@ def segment_axes(body: BodyModel, transforms: np.ndarray, name: str) -> np.ndarr
     return transforms[:, body.skeleton.index(segment.joint), :3, :3].astype(float) @ segment.axes(body)
 
 
-def skin_place(
-    body: BodyModel, transforms: np.ndarray, joint: str, far: Callable[[np.ndarray], np.ndarray]
-) -> np.ndarray:
+Direction = tuple[float, float, float] | None
+"""In body axes in the bind pose; None for any."""
+
+
+def skin_place(body: BodyModel, transforms: np.ndarray, joint: str, direction: Direction) -> np.ndarray:
     """(frame, 3), the joint's skin that is furthest out in the bind pose, carried by the joint.
 
     The joint's centre where no skin follows it.
@@ -126,11 +123,12 @@ def skin_place(
         body: whose skin.
         transforms: (frame, joint, 4, 4), of its joints in the world.
         joint: that has most weight on the skin.
-        far: how far out vertices (vertex, 3) are, from their places relative to the joint in body axes.
+        direction: in which it is furthest from the joint's centre.
     """
     number = body.skeleton.index(joint)
     away = (body.skin.rest[body.skin.heaviest_joint == number] - body.joint_rest[number]).astype(float)
-    local = away[far(away).argmax()] @ body.skeleton.frame[number] if len(away) else np.zeros(3)
+    far = np.linalg.norm(away, axis=1) if direction is None else away @ direction
+    local = away[far.argmax()] @ body.skeleton.frame[number] if len(away) else np.zeros(3)
     return transforms[:, number, :3, :3].astype(float) @ local + transforms[:, number, :3, 3]
 
 
@@ -161,14 +159,11 @@ _LIMBS = (  # of either side
     _Share("Knee", "Ankle", (0.0481, 0.0433), (0.4352, 0.4395)),
     _Share("Heel", "Toe", (0.0129, 0.0137), (0.4014, 0.4415)),
 )
-_JOINTS = ("Neck", *(side + name for side in "LR" for name in ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle")))
-
-# Places on the skin: the joint that has most weight there, and of its vertices, from its centre, the one furthest out.
-_SKIN: dict[str, tuple[str, Callable[[np.ndarray], np.ndarray]]] = {
-    "Top": ("Neck", lambda away: away[:, 1]),
-    "Fingertip": ("Wrist", lambda away: np.linalg.norm(away, axis=1)),
-    "Heel": ("Ankle", lambda away: -away[:, 2]),
-    "Toe": ("Ankle", lambda away: away[:, 2]),
+_SKIN: dict[str, tuple[str, Direction]] = {  # places on the skin: joint and direction of :func:`skin_place`
+    "Top": ("Neck", (0.0, 1.0, 0.0)),
+    "Fingertip": ("Wrist", None),
+    "Heel": ("Ankle", (0.0, 0.0, -1.0)),
+    "Toe": ("Ankle", (0.0, 0.0, 1.0)),
 }
 
 
@@ -180,7 +175,7 @@ def centre_of_mass(body: BodyModel, transforms: np.ndarray, sex: Sex | None = No
         transforms: (frame, joint, 4, 4), of its joints in the world.
         sex: whose shares to take; the mean of both where it is not known.
     """
-    if not has_joints(body.skeleton, _JOINTS):
+    if not has_joints(body.skeleton, ["Neck", *(side + name for side in "LR" for name in _JOINTS_OF_SIDE)]):
         return None
     weights = {"female": (1.0, 0.0), "male": (0.0, 1.0), None: (0.5, 0.5)}[sex]
     total, centre = 0.0, np.zeros((len(transforms), 3))
@@ -198,6 +193,6 @@ def _place(body: BodyModel, transforms: np.ndarray, side: str, name: str) -> np.
     if name.startswith("Mid"):
         return (_place(body, transforms, "L", name[3:]) + _place(body, transforms, "R", name[3:])) / 2
     if name in _SKIN:
-        joint, _ = _SKIN[name]
-        return skin_place(body, transforms, side + joint, _SKIN[name][1])
+        joint, direction = _SKIN[name]
+        return skin_place(body, transforms, side + joint, direction)
     return transforms[:, body.skeleton.index(side + name), :3, 3].astype(float)

@@ -203,24 +203,15 @@ def walking(
     level = np.eye(3) - np.outer(up, up)
     heel, root = {side: places @ level for side, places in heel.items()}, root @ level
     strikes = sorted((int(frame), side) for side, foot in feet.items() for frame in foot.strikes)
-    steps = [
-        Step(
-            side,
-            frame,
-            float(seconds[frame] - seconds[before]),
-            _length_along(heel[side][frame] - heel[other][before], way),
-        )
-        for (before, other), (frame, side) in pairwise(strikes)
-        if side != other and len(feet) == 2
-        for way in [root[frame] - root[before]]
-    ]
+    steps = []
+    for (before, other), (frame, side) in pairwise(strikes):
+        if side != other and len(feet) == 2:
+            way, reach = root[frame] - root[before], heel[side][frame] - heel[other][before]
+            distance = float(np.linalg.norm(way))
+            length = float(reach @ way) / distance if distance >= _LEAST_WAY else np.nan
+            steps.append(Step(side, frame, float(seconds[frame] - seconds[before]), length))
     strides = [each for side, foot in feet.items() for each in _strides(side, foot, heel[side], seconds)]
     return Walking(steps, strides)
-
-
-def _length_along(reach: np.ndarray, way: np.ndarray) -> float:
-    length = float(np.linalg.norm(way))
-    return float(reach @ way) / length if length >= _LEAST_WAY else np.nan
 
 
 def _strides(side: str, foot: Foot, heel: np.ndarray, seconds: np.ndarray) -> Iterator[Stride]:

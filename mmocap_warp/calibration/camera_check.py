@@ -249,8 +249,7 @@ def small_errors(rig: CameraRig, solution: CameraSolution) -> tuple[Finding, ...
     number[solution.free] = np.arange(len(value))
 
     def best_step(parameters: list[int]) -> np.ndarray:
-        step: np.ndarray = np.linalg.solve(information[np.ix_(parameters, parameters)], gradient[parameters])
-        return step
+        return np.linalg.solve(information[np.ix_(parameters, parameters)], gradient[parameters])
 
     def gain_of(parameters: list[int]) -> float:
         return 0.5 * float(gradient[parameters] @ best_step(parameters))

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from mmocap_warp.calibration.adjust.adjust_config import AdjustConfig
-from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, Deviations
+from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, AdjustConfig, Deviations
 from mmocap_warp.cli.command import Answer, Given, command
 from mmocap_warp.cli.console import CHECK_FAILED, OK, Output, flags_of, given, table
 

@@ -15,8 +15,7 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.calibration import camera_check
-from mmocap_warp.calibration.adjust.adjust_config import AdjustConfig
-from mmocap_warp.calibration.adjust.camera_changes import Deviations
+from mmocap_warp.calibration.adjust.camera_changes import AdjustConfig, Deviations
 from mmocap_warp.calibration.camera_check import CameraCheck
 from mmocap_warp.calibration.refine import refinement
 from mmocap_warp.calibration.refine.refinement import Refinement

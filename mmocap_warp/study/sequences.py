@@ -22,21 +22,15 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.pose_errors import HEAD_TOP, head_top
 from mmocap_warp.result.truth import Truth
-from mmocap_warp.scenes import ROOT
 from mmocap_warp.synthesis.footage.made_recording import Recording, placed_camera
 from mmocap_warp.synthesis.footage.segmentation import Contrast, SegmentedMasks
-from mmocap_warp.synthesis.motion.gait import Walk
+from mmocap_warp.synthesis.motion.key_poses import stored_poses
 from mmocap_warp.synthesis.motion.retarget import read_clip, retargeted
 from mmocap_warp.synthesis.walkers import PEOPLE, STRANGERS, Person, fitted_start
 
 FPS = 60.0
 MARKER_NOISE = 0.002
 """Standard deviation of the true markers along each axis [m]."""
-
-MOTIONS = ROOT / "sequences" / "motions.npz"
-"""Pose vectors (frame, 51) of Gestures, Box and Spin by sequence, in body axes about the origin of the floor."""
-MOTIONS_SHA256 = "4984c43b23f012a258b744a9114ea39e19fe927eead67aca2c69053bff3ec3b1"
-"""Of that file: it makes the content of the motions part of the code's hash, by which results are told apart."""
 
 _SIZE = (640, 480)
 _DIGITS = 12  # of rotations; poses and truth have fewer: machines whose sines differ in the last digit agree on them
@@ -116,46 +110,19 @@ class SequencePlan:
     cameras: tuple[str, ...] = tuple(_CAMERAS)  # of the ring, those that record it
 
 
-def walking_around(radius: float, stride: float, cadence: float, step_width: float = Walk.step_width) -> Motion:
-    """Around the origin of the floor, once or nearly so; strides differ by 2 % in duration.
-
-    Args:
-        radius, stride, step_width: see :class:`mmocap_warp.synthesis.motion.gait.Walk` [m].
-        cadence: steps per minute.
-    """
-
-    def motion(body: BodyModel, frames: int, seed: int) -> np.ndarray:
-        rng = np.random.default_rng([seed, 1])
-        time, rate = np.arange(frames) / FPS, cadence / 120.0
-        phase = rate * time + rng.random()
-        for slow in (0.11, 0.17, 0.29):  # [Hz]
-            phase += 0.016 * rate / (2 * np.pi * slow) * np.sin(2 * np.pi * (slow * time + rng.random()))
-        poses = Walk(body, radius=radius, stride=stride, step_width=step_width).poses(phase)
-        poses[:, 0] -= radius
-        return poses
-
-    return motion
-
-
 def stored_motion(name: str) -> Motion:
     """The beginning of a motion that was made for a sequence's person and ships as data; the seed has no part in it."""
-
-    def motion(body: BodyModel, frames: int, seed: int) -> np.ndarray:
-        with np.load(MOTIONS) as motions:
-            poses: np.ndarray = motions[name][:frames]
-        return poses
-
-    return motion
+    return lambda body, frames, seed: stored_poses(name)[:frames]
 
 
 PLANS: dict[str, SequencePlan] = {
-    "S1/Walking": SequencePlan("S1", 401, walking_around(1.10, 1.15, 112.0), 0.4, 11),
+    "S1/Walking": SequencePlan("S1", 401, stored_motion("S1/Walking"), 0.4, 11),
     "S1/Gestures": SequencePlan("S1", 267, stored_motion("S1/Gestures"), 0.2, 12),
     "S1/Box": SequencePlan("S1", 263, stored_motion("S1/Box"), 1.9, 13),
-    "S2/Walking": SequencePlan("S2", 292, walking_around(1.00, 1.10, 116.0), 2.1, 21),
+    "S2/Walking": SequencePlan("S2", 292, stored_motion("S2/Walking"), 2.1, 21),
     "S2/Gestures": SequencePlan("S2", 300, stored_motion("S2/Gestures"), 1.1, 22),
     "S2/Box": SequencePlan("S2", 245, stored_motion("S2/Box"), 0.6, 23),
-    "S3/Walking": SequencePlan("S3", 313, walking_around(1.15, 1.22, 106.0), 4.0, 31),
+    "S3/Walking": SequencePlan("S3", 313, stored_motion("S3/Walking"), 4.0, 31),
     "S3/Gestures": SequencePlan("S3", 367, stored_motion("S3/Gestures"), -0.3, 32),
     "S3/Box": SequencePlan("S3", 340, stored_motion("S3/Box"), 1.4, 33),
 }
@@ -165,9 +132,9 @@ _FIVE_CAMERAS = ("C1", "C2", "C3", "BW2", "BW4")
 FURTHER_PLANS: dict[str, SequencePlan] = {
     "S1/Spin": SequencePlan("S1", 240, stored_motion("S1/Spin"), 0.9, 41, _FIVE_CAMERAS),
     "S2/Spin": SequencePlan("S2", 240, stored_motion("S2/Spin"), 2.6, 42, _FIVE_CAMERAS),
-    "Uneven/Walking": SequencePlan("Uneven", 240, walking_around(1.10, 1.10, 112.0), 0.4, 51),
-    "Skirt/Walking": SequencePlan("Skirt", 240, walking_around(1.00, 1.10, 116.0), 2.1, 52),
-    "Child/Walking": SequencePlan("Child", 240, walking_around(0.90, 0.60, 138.0, step_width=0.07), 4.0, 53),
+    "Uneven/Walking": SequencePlan("Uneven", 240, stored_motion("Uneven/Walking"), 0.4, 51),
+    "Skirt/Walking": SequencePlan("Skirt", 240, stored_motion("Skirt/Walking"), 2.1, 52),
+    "Child/Walking": SequencePlan("Child", 240, stored_motion("Child/Walking"), 4.0, 53),
 }
 """Clips beyond the nine, in no table of the study: people who turn fast, and people unlike the tracker's bodies."""
 

@@ -19,13 +19,7 @@ SIZE = (640, 480)
 
 _FILLED = 0.85  # share of the image that the motion takes at most
 _FOCAL = 1.4  # focal length, in widths of the image
-_ELEVATIONS = (
-    4.0,
-    20.0,
-    10.0,
-    30.0,
-    15.0,
-)  # elevations of the cameras over the middle of the motion, in turn [degrees]
+_ELEVATIONS = (4.0, 20.0, 10.0, 30.0, 15.0)  # of the cameras over the middle of the motion, in turn [degrees]
 _FIRST_BEARING = 14.0  # direction of the first camera [degrees]: none looks along an axis of the world
 _FAULTS = (
     Faults(grow=-0.2, ragged=0.5, holes=1.5, specks=2.0, salt=5e-5),
@@ -34,10 +28,7 @@ _FAULTS = (
 )
 _LIGHT = np.array([0.6, -0.35, -1.0])
 _FOREGROUND = f"# The masks have ragged contours, holes and specks.\n{FAULTY_MASKS}"
-_PERFECT = """\
-[foreground]
-source = "masks"
-"""
+_PERFECT = '[foreground]\nsource = "masks"\n'
 
 
 def recorded(

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,72 +10,55 @@ from mmocap_warp.body.shape_space import heading_rotation, upright_base
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.synthesis.exact_posing import ExactPoser
 from mmocap_warp.synthesis.footage.outlines import Surface, draw_outlines
-from mmocap_warp.synthesis.motion.gait import Walk
-from mmocap_warp.synthesis.motion.gait_curves import CADENCE
+from mmocap_warp.synthesis.motion.key_poses import PASSER_BY_RATE, stored_poses
 from mmocap_warp.synthesis.walkers import PEOPLE
 
 _NEAREST = 0.3  # a camera does not see what is nearer to its plane [m]
-_STRAIGHT = 200.0  # radius of the circle that is walked along: nearly a line [m]
 _HEADING = 0.7  # direction of the passer-by [rad]
 _HALF_WAY = 2.6  # the passer-by is seen this far before and after the middle of the way [m]
 _SIZE = (0.7, 0.75, 0.45)  # width, height and depth of the furniture [m]
 _BEARING = 2.0  # direction of the furniture from the middle of the room [rad]
-_BOX = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])  # of _corners
+_BOX = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])  # faces
 
 
-@dataclass(frozen=True)
 class PasserBy:
     """Somebody who walks by in a straight line, nearest to ``middle`` at time zero.
 
-    Attributes:
+    Args:
         rig: undistorted cameras; the floor is at zero along their up axis.
         middle: (3,), on the floor, what is passed [m].
         aside: how far from it [m].
     """
 
-    rig: CameraRig
-    middle: np.ndarray
-    aside: float
+    def __init__(self, rig: CameraRig, middle: np.ndarray, aside: float) -> None:
+        body = PEOPLE["S3"].true_body()
+        self._rig, self._middle, self._aside = rig, middle, aside
+        self._base = upright_base(rig.up) @ heading_rotation(_HEADING)
+        self._poser = ExactPoser(replace(body, skin=body.tracking), self._base)
+        self._surface = Surface.of(body.tracking.face)
+        self._way = stored_poses("passer-by")
 
     def silhouettes(self, time: float) -> list[np.ndarray]:
         """Per camera (height, width) bool, at a time [s]; empty where the person is not near."""
-        poses = self._walk.poses(np.array([CADENCE / 120.0 * time]))
+        # The pose lies on the line between two stored ones.
+        at = round(PASSER_BY_RATE * time, 9) + len(self._way) // 2
+        before = min(max(int(at), 0), len(self._way) - 2)
+        pose, after = self._way[before : before + 2]
+        poses = (pose + (at - before) * (after - pose))[None]
         if abs(poses[0, 2]) > _HALF_WAY:
-            return [np.zeros((height, width), bool) for width, height in self.rig.size]
-        poses[:, 0] += self.aside
-        poses[:, :3] = poses[:, :3] @ self._base.T + self.middle
-        return _silhouettes_before(self.rig, self._poser.vertices(poses)[0], self._surface)
-
-    @cached_property
-    def _base(self) -> np.ndarray:
-        return upright_base(self.rig.up) @ heading_rotation(_HEADING)
-
-    @cached_property
-    def _walk(self) -> Walk:
-        return Walk(PEOPLE["S3"].true_body(), radius=_STRAIGHT)
-
-    @cached_property
-    def _poser(self) -> ExactPoser:
-        body = self._walk.body
-        return ExactPoser(replace(body, skin=body.tracking), self._base)
-
-    @cached_property
-    def _surface(self) -> Surface:
-        return Surface.of(self._walk.body.tracking.face)
+            return [np.zeros((height, width), bool) for width, height in self._rig.size]
+        poses[:, 0] += self._aside
+        poses[:, :3] = poses[:, :3] @ self._base.T + self._middle
+        return _silhouettes_before(self._rig, self._poser.vertices(poses)[0], self._surface)
 
 
 def furniture(rig: CameraRig, middle: np.ndarray, aside: float) -> list[np.ndarray]:
     """Silhouettes of a chest that stands ``aside`` of ``middle`` [m]: per camera (height, width) bool."""
     turned = upright_base(rig.up) @ heading_rotation(_BEARING)
-    corners = (_corners() + np.array([0.0, 0.0, aside])) @ turned.T + middle
-    return _silhouettes_before(rig, corners, Surface.of(_BOX))
-
-
-def _corners() -> np.ndarray:
-    """(8, 3), corners of the furniture on the floor about the origin, in the order of their numbers' binary digits."""
-    wide, high, deep = _SIZE
+    # Corners on the floor about the origin, in the order of their numbers' binary digits.
     digits = np.array([[i >> 2 & 1, i >> 1 & 1, i & 1] for i in range(8)])
-    return (digits - (0.5, 0.0, 0.5)) * (wide, high, deep)
+    corners = ((digits - (0.5, 0.0, 0.5)) * _SIZE + np.array([0.0, 0.0, aside])) @ turned.T + middle
+    return _silhouettes_before(rig, corners, Surface.of(_BOX))
 
 
 def _silhouettes_before(rig: CameraRig, vertices: np.ndarray, surface: Surface) -> list[np.ndarray]:

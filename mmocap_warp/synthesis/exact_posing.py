@@ -35,16 +35,12 @@ class ExactPoser:
                 world[:, j, :3, :3] = self._root_base @ frame[j] @ own[:, j]
                 world[:, j, :3, 3] = poses[:, :3]
                 continue
-            into_parent = frame[parent].T
-            axes = world[:, parent, :3, :3]
-            if self._body.skeleton.slides[j]:
-                held = axes @ (into_parent @ frame[j])
-                world[:, j, :3, :3] = held
-                world[:, j, :3, 3] = world[:, parent, :3, 3] + axes @ (into_parent @ (rest[j] - rest[parent]))
-                world[:, j, :3, 3] += applied(held, poses[:, 3 + 3 * j : 6 + 3 * j])
-                continue
-            world[:, j, :3, :3] = axes @ (into_parent @ frame[j]) @ own[:, j]
+            into_parent, axes = frame[parent].T, world[:, parent, :3, :3]
+            held, slides = axes @ (into_parent @ frame[j]), self._body.skeleton.slides[j]
+            world[:, j, :3, :3] = held if slides else held @ own[:, j]
             world[:, j, :3, 3] = world[:, parent, :3, 3] + axes @ (into_parent @ (rest[j] - rest[parent]))
+            if slides:
+                world[:, j, :3, 3] += applied(held, poses[:, 3 + 3 * j : 6 + 3 * j])
         return world
 
     def vertices(self, poses: np.ndarray) -> np.ndarray:

@@ -16,9 +16,7 @@ from mmocap_warp.body.model import BodyModel
 from mmocap_warp.synthesis.exact_posing import ExactPoser, led_by
 
 _LEVELS, _SIDES = 16, 48
-_VERTICES = (
-    _LEVELS * _SIDES + 2
-)  # vertices of the rings from waist to hem, and of the middles of the first and the last
+_VERTICES = _LEVELS * _SIDES + 2  # of the rings from waist to hem, and the middles of the first and the last
 _JOINTS_UNDER = ("Root", "BottomSpine", "LHip", "RHip", "LKnee", "RKnee")  # joints that move the skin under the skirt
 _HEM = 0.92  # height of the hem, as a share of the way from the root joint down to the knee
 _BAND = 1.5  # skin this far above or below a level counts there, in spacings of levels

@@ -10,8 +10,10 @@ tracker does with them shows how much it owes to the family of its bodies.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import tomllib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from importlib.resources import files
 
 import numpy as np
 
@@ -19,9 +21,6 @@ from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.rigging.shipped import load_body
 from mmocap_warp.synthesis.exact_posing import ExactPoser
 from mmocap_warp.synthesis.skirt import SkirtPoser, skirted
-
-Size = tuple[float, float]
-"""Of a segment, as factors: its length, and its girth."""
 
 _UP = np.array([0.0, 1.0, 0.0])
 _LIMBS: dict[str, str] = {
@@ -43,7 +42,7 @@ class Person:
         stretch: across, up and forward, of the true body.
         modelled: shape weights of the tracker's body.
         scale: of the tracker's body.
-        segments: sizes of the segments that hang on joints, where those of the true body differ; None for none.
+        segments: by joint, length and girth of what hangs on it, where the true body's differ; None for none.
         skirt: whether the true body wears one, see :mod:`mmocap_warp.synthesis.skirt`.
     """
 
@@ -53,7 +52,7 @@ class Person:
     stretch: tuple[float, float, float]
     modelled: dict[str, float]
     scale: float
-    segments: Mapping[str, Size] | None = None
+    segments: Mapping[str, Sequence[float]] | None = None
     skirt: bool = False
 
     def true_body(self) -> BodyModel:
@@ -80,139 +79,27 @@ class Person:
         return body
 
 
-def _both_sides(sizes: dict[str, Size]) -> dict[str, Size]:
-    """The sizes of a joint's segment on both sides."""
-    return {side + joint: size for side in "LR" for joint, size in sizes.items()}
+def _read_people(group: str) -> dict[str, Person]:
+    """The people of a group in ``walkers.toml``."""
+    people = tomllib.loads(files(__package__).joinpath("walkers.toml").read_text(encoding="utf-8"))[group]
+    return {name: Person(name, **(about | {"stretch": tuple(about["stretch"])})) for name, about in people.items()}
 
 
-PEOPLE: dict[str, Person] = {
-    "S1": Person(
-        "S1",
-        "adult_man",
-        {
-            "weight_incr": 0.30,
-            "muscle_incr": 0.20,
-            "leg_length_decr": 0.25,
-            "arm_length_incr": 0.20,
-            "shoulder_width_incr": 0.25,
-            "belly_incr": 0.25,
-        },
-        (1.01, 0.995, 1.02),
-        {"weight_incr": 0.30, "leg_length_decr": 0.15, "arm_length_incr": 0.10, "shoulder_width_incr": 0.20},
-        1.0,
-    ),
-    "S2": Person(
-        "S2",
-        "adult_woman",
-        {
-            "muscle_incr": 0.25,
-            "leg_length_incr": 0.35,
-            "arm_length_decr": 0.15,
-            "shoulder_width_incr": 0.30,
-            "hip_width_incr": 0.20,
-            "waist_incr": 0.25,
-        },
-        (1.015, 1.02, 1.01),
-        {"leg_length_incr": 0.25, "shoulder_width_incr": 0.20, "waist_incr": 0.20},
-        1.015,
-    ),
-    "S3": Person(
-        "S3",
-        "tall_slim_adult",
-        {
-            "weight_incr": 0.40,
-            "muscle_incr": 0.35,
-            "torso_length_incr": 0.30,
-            "leg_length_decr": 0.35,
-            "arm_length_incr": 0.30,
-            "shoulder_width_incr": 0.35,
-            "chest_depth_incr": 0.35,
-        },
-        (1.025, 0.97, 1.04),
-        {
-            "weight_incr": 0.25,
-            "muscle_incr": 0.25,
-            "torso_length_incr": 0.15,
-            "leg_length_decr": 0.25,
-            "arm_length_incr": 0.20,
-            "shoulder_width_incr": 0.25,
-            "chest_depth_incr": 0.15,
-        },
-        0.985,
-    ),
-}
+PEOPLE: dict[str, Person] = _read_people("people")
 """By name."""
 
-STRANGERS: dict[str, Person] = {
-    "Uneven": Person(
-        "Uneven",
-        "adult_man",
-        {"weight_incr": 0.20},
-        (1.0, 1.0, 1.0),
-        {"weight_incr": 0.20, "leg_length_decr": 0.20, "torso_length_incr": 0.20},
-        1.0,
-        segments={
-            "Root": (1.00, 1.06),
-            "BottomSpine": (1.08, 1.04),
-            "UpperSpine": (1.05, 1.08),
-            "Neck": (0.95, 0.95),
-            "LShoulder": (1.08, 0.95),
-            "LElbow": (1.08, 0.95),
-            "LWrist": (1.05, 1.05),
-            "RShoulder": (0.96, 1.12),
-            "RElbow": (0.97, 1.10),
-            "LHip": (0.95, 1.10),
-            "LKnee": (0.96, 1.08),
-            "RHip": (0.97, 0.95),
-            "RKnee": (0.98, 1.00),
-        },
-    ),
-    "Skirt": Person(
-        "Skirt",
-        "adult_woman",
-        {"muscle_incr": 0.15, "leg_length_incr": 0.20, "shoulder_width_incr": 0.15, "waist_decr": 0.10},
-        (1.01, 1.0, 1.015),
-        {"leg_length_incr": 0.15, "shoulder_width_incr": 0.10},
-        1.0,
-        segments={},
-        skirt=True,
-    ),
-    "Child": Person(
-        "Child",
-        "adult_woman",
-        {},
-        (1.0, 1.0, 1.0),
-        {"leg_length_decr": 0.50, "arm_length_decr": 0.50, "torso_length_incr": 0.30},
-        0.71,
-        segments={
-            "Root": (0.66, 0.68),
-            "BottomSpine": (0.70, 0.72),
-            "UpperSpine": (0.70, 0.68),
-            "Neck": (0.98, 0.98),
-        }
-        | _both_sides(
-            {
-                "Shoulder": (0.63, 0.63),
-                "Elbow": (0.62, 0.64),
-                "Wrist": (0.65, 0.65),
-                "Hip": (0.60, 0.64),
-                "Knee": (0.61, 0.65),
-                "Ankle": (0.65, 0.65),
-            }
-        ),
-    ),
-}
+STRANGERS: dict[str, Person] = _read_people("strangers")
 """By name, those whom no shape of the tracker's body comes near."""
 
 
-def resized(body: BodyModel, segments: Mapping[str, Size]) -> BodyModel:
+def resized(body: BodyModel, segments: Mapping[str, Sequence[float]]) -> BodyModel:
     """A body, without shape targets, whose segments have other lengths and girths; joints keep their axes.
 
     Where a segment goes over into the next, the skin goes over from one size to the other as its weights do.
 
     Args:
         body: whose sizes are 1.
-        segments: by the joint that a segment hangs on; those that are not named keep their size.
+        segments: by the joint that a segment hangs on, factors of its length and girth; others keep their size.
 
     Raises:
         ValueError: a joint that the body does not have.

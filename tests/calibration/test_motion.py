@@ -7,7 +7,7 @@ from planted import swung
 from synthetic import synthetic_body
 
 from mmocap_warp.body.rotations import turn
-from mmocap_warp.calibration.adjust.person_motion import Motion
+from mmocap_warp.calibration.adjust.footage import Motion
 from mmocap_warp.contour.clip.motion_points import MotionPoints
 from mmocap_warp.contour.frame.rooted import Rooting
 

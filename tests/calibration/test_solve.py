@@ -10,6 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from made_walks import walking_around
 
 from mmocap_warp.calibration.solve import UnsolvableError
 from mmocap_warp.calibration.solve.solution import SolvedCameras, solve_cameras
@@ -20,7 +21,7 @@ from mmocap_warp.formats.calibration.opencv_yaml import write_opencv_yaml
 from mmocap_warp.formats.calibration.toml_rig import read_toml_rig, write_toml_rig
 from mmocap_warp.formats.truth_file import read_truth
 from mmocap_warp.scene.scene_toml import load_scene
-from mmocap_warp.study.sequences import SequencePlan, make_sequence, walking_around
+from mmocap_warp.study.sequences import SequencePlan, make_sequence
 from mmocap_warp.synthesis.writing import write_made_scene
 
 CAMERAS = ("C2", "C3", "BW2", "BW4")

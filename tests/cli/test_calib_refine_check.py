@@ -15,8 +15,7 @@ from mmocap_warp.calibration.adjust.adjustment import AdjustConfig
 from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, Deviations, changed
 from mmocap_warp.calibration.camera_check import BodyInView, CameraCheck, Finding
 from mmocap_warp.calibration.refine import refinement as refining
-from mmocap_warp.calibration.refine.held_out import Overlaps
-from mmocap_warp.calibration.refine.refinement import Refinement
+from mmocap_warp.calibration.refine.refinement import Overlaps, Refinement
 from mmocap_warp.cli import main
 from mmocap_warp.cli.console import BAD_INPUT, CHECK_FAILED, OK, USAGE
 from mmocap_warp.formats.table import read_calibration

@@ -11,7 +11,7 @@ from mmocap_warp.calibration import camera_check
 from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, changed
 from mmocap_warp.calibration.camera_check import BodyInView, CameraCheck, Finding
 from mmocap_warp.calibration.refine import refinement
-from mmocap_warp.calibration.refine.held_out import Overlaps
+from mmocap_warp.calibration.refine.refinement import Overlaps
 from mmocap_warp.calibration.sync.lag_course import LagCourse
 from mmocap_warp.calibration.sync.synchronise import ViewOffset
 from mmocap_warp.scenes import ROOT

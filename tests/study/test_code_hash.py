@@ -26,7 +26,7 @@ def installed(tmp_path_factory) -> Path:
     site = tmp_path_factory.mktemp("site-packages")
     sources = {"mmocap_warp": "mmocap_warp", "kernels": "mmocap_warp/kernels"}
     for folder, target in sources.items():
-        for file in [*(ROOT / folder).rglob("*.py"), *(ROOT / folder).rglob("*.cu")]:
+        for file in (each for ending in ("py", "cu", "toml") for each in (ROOT / folder).rglob(f"*.{ending}")):
             copied = site / target / file.relative_to(ROOT / folder)
             copied.parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(file, copied)
@@ -69,7 +69,8 @@ COUNTED = [
     ("kernels/block.cu", KINDS),
     ("tracking/tracker.py", KINDS),
     ("study/metrics.py", KINDS),
-    ("synthesis/motion/gait.py", KINDS),
+    ("synthesis/motion/key_poses.py", KINDS),
+    ("synthesis/walkers.toml", KINDS),
     ("contour/frame/fitter.py", ("contours", "both")),
     ("kernels/contour/descent.py", ("contours", "both")),
     ("tracking/contour_tracker.py", ("contours", "both")),

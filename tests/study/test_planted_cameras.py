@@ -9,8 +9,7 @@ from planted_cameras import FAULTS, Planted, left_over, line, planted
 
 from mmocap_warp.calibration.adjust.adjustment import AdjustConfig
 from mmocap_warp.calibration.adjust.camera_changes import FOCAL, KINDS, OFFSET, POSITION, ROTATION, changed, difference
-from mmocap_warp.calibration.refine.held_out import Overlaps
-from mmocap_warp.calibration.refine.refinement import Refinement
+from mmocap_warp.calibration.refine.refinement import Overlaps, Refinement
 
 OTHERS = np.arange(1, len(RIG))
 

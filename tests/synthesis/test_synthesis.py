@@ -3,11 +3,14 @@
 from dataclasses import replace
 
 import cv2
+import gait_curves
 import numpy as np
 import pytest
 import warp as wp
 from drawn import cast_bits
+from made_walks import Walk, hanging_arm, lean
 from person_skeleton import JOINTS
+from standing_posture import Sole
 from synthetic import COORDINATES
 from walk_scene import FRAMES, walking, write_walk
 
@@ -22,9 +25,7 @@ from mmocap_warp.scenes import ROOT
 from mmocap_warp.silhouettes.objective import Objective
 from mmocap_warp.synthesis.exact_posing import led_by
 from mmocap_warp.synthesis.footage.faults import Faults, draw_silhouettes, spoil
-from mmocap_warp.synthesis.motion import gait_curves
-from mmocap_warp.synthesis.motion.gait import Walk
-from mmocap_warp.synthesis.motion.limb_motion import Leg, Sole, hanging_arm
+from mmocap_warp.synthesis.motion.limb_motion import Leg
 
 MOST_SLIDE = 1e-3  # [m] between two frames, of the point that a foot stands on
 FLOOR = 1e-4  # [m]
@@ -95,7 +96,7 @@ def test_legs_move_as_published(recording, side):
     own = np.linspace(0.0, 1.0, 101)
     pose = Walk(recording.body).poses(own - (0.5 if side == "R" else 0.0))
     leg = Leg.of(recording.body, side)
-    hip, knee = leg.lean - angles(pose, f"{side}Hip")[:, 0], angles(pose, f"{side}Knee")[:, 0] - leg.straight
+    hip, knee = lean(leg) - angles(pose, f"{side}Hip")[:, 0], angles(pose, f"{side}Knee")[:, 0] - leg.straight
     for found, published in ((hip, gait_curves.hip_flexion(own)), (knee, gait_curves.knee_flexion(own))):
         assert np.degrees(np.sqrt(np.mean((found - published) ** 2))) < 10.0
         assert np.corrcoef(found, published)[0, 1] > 0.87

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 from ball_scene import edit
+from made_walks import walking_around
 
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.rig import CameraRig
@@ -16,7 +17,7 @@ from mmocap_warp.formats.png import write_png
 from mmocap_warp.formats.truth_file import read_truth
 from mmocap_warp.formats.usd.usd_body import read_subject
 from mmocap_warp.scene.scene_toml import load_scene
-from mmocap_warp.study.sequences import SequencePlan, StudySequence, make_sequence, walking_around
+from mmocap_warp.study.sequences import SequencePlan, StudySequence, make_sequence
 from mmocap_warp.synthesis.footage.made_recording import Recording
 from mmocap_warp.synthesis.writing import write_made_scene
 from mmocap_warp.tracking.frame_loop import track_observations

@@ -15,8 +15,15 @@ import numpy as np
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.skeleton import ROOT_ANGLES
-from mmocap_warp.calibration.adjust.adjust_config import AdjustConfig
-from mmocap_warp.calibration.adjust.camera_changes import CENTRE, OFFSET, POSITION, ROTATION, changed, difference
+from mmocap_warp.calibration.adjust.camera_changes import (
+    CENTRE,
+    OFFSET,
+    POSITION,
+    ROTATION,
+    AdjustConfig,
+    changed,
+    difference,
+)
 from mmocap_warp.calibration.adjust.camera_problem import (
     CameraProblem,
     KnownLength,
@@ -24,8 +31,7 @@ from mmocap_warp.calibration.adjust.camera_problem import (
     known_distance,
     known_height,
 )
-from mmocap_warp.calibration.adjust.footage import Footage
-from mmocap_warp.calibration.adjust.person_motion import MIN_FRAMES, Motion, Person
+from mmocap_warp.calibration.adjust.footage import MIN_FRAMES, Footage, Motion, Person
 from mmocap_warp.calibration.adjust.silhouette_agreement import LandmarkProblem, coherence, landmarks
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.contour.frame.fitter import WIDE, ContourFitter, MatchingConfig
@@ -106,6 +112,7 @@ class Adjustment:
         self.given = self.footage.rig
         self.space = RestSpace(body)
         self.sigma = config.deviations.of(self.given)
+        self._world_floats = bool(self.sigma[:, POSITION].any())  # all cameras and the person may move together
         names, distance = self.given.names, config.distance
         config.check_names(names)
         self._stated_fixed = None if config.fixed is None else names.index(config.fixed)
@@ -193,11 +200,6 @@ class Adjustment:
         if self._world_floats or self._stated_fixed is not None:
             sigma[fixed, ROTATION], sigma[fixed, POSITION] = 0.0, 0.0
         return sigma
-
-    @property
-    def _world_floats(self) -> bool:
-        """Whether all cameras and the person may move together."""
-        return bool(self.sigma[:, POSITION].any())
 
     def solve(self, change: np.ndarray, person: Person, sigma: np.ndarray, *, again: bool = False) -> CameraSolution:
         """Cameras about their calibration by ``sigma`` (camera, parameter), from frames over the clip.

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -75,8 +76,7 @@ class CameraProblem:
     @property
     def free(self) -> np.ndarray:
         """(camera, parameter) bool: what is solved for."""
-        free: np.ndarray = self.sigma > 0
-        return free
+        return self.sigma > 0
 
     @property
     def _free_with_margin(self) -> np.ndarray:
@@ -96,13 +96,9 @@ class CameraProblem:
         Args:
             velocity: (frame, dof) of the searched coordinates in the frames [m/s, rad/s].
         """
-
-        def linearise(frames: np.ndarray, rooted: RootedPoses, parameters: np.ndarray) -> NormalEquations:
-            return self._linearise(frames, rooted, velocity, parameters)
-
         own = np.concatenate([self.sigma, np.full((len(self.rig), 1), self.larger)], axis=1)
         sigma = np.concatenate([self.share * self.space.sigma, own[self._free_with_margin]])
-        return BodyProblem(linearise, self.rooting, np.zeros(len(sigma)), sigma)
+        return BodyProblem(partial(self._linearise, velocity), self.rooting, np.zeros(len(sigma)), sigma)
 
     def start(self, beta: np.ndarray, change: np.ndarray) -> np.ndarray:
         """The problem's parameters for a body (parameter,) and changes of the cameras (camera, parameter)."""
@@ -120,7 +116,7 @@ class CameraProblem:
         return own[:, :-1], own[:, -1]
 
     def _linearise(
-        self, frames: np.ndarray, rooted: RootedPoses, velocity: np.ndarray, parameters: np.ndarray
+        self, velocity: np.ndarray, frames: np.ndarray, rooted: RootedPoses, parameters: np.ndarray
     ) -> NormalEquations:
         # Give the fitter the body and the cameras of these parameters.
         vertex, beta = self.space.body.tracking_vertex, parameters[: len(self.space.names)]

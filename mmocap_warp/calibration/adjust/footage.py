@@ -1,4 +1,4 @@
-"""The frames of a recording that calibrate it, with cameras and times that may yet change."""
+"""The frames of a recording that calibrate it, with times that may yet change, and the person who is seen in them."""
 
 from __future__ import annotations
 
@@ -7,13 +7,19 @@ from itertools import islice
 
 import numpy as np
 
+from mmocap_warp.body.model import Subject
+from mmocap_warp.body.rotations import between, transposed
+from mmocap_warp.body.skeleton import ROOT_ANGLES
 from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.scene.recording import Scene
 
 _RATE = 30.0  # frames a second: more are not needed to follow a person
 _MAX_SECONDS = 20.0  # seconds of a recording that are used
 _MAX_PIXELS = 640  # pixels of an image's longer side: more are not needed for outlines
+MIN_FRAMES = 4
+"""Frames that cameras are solved from, and frames that judge them, at least."""
 
 
 @dataclass(frozen=True)
@@ -50,25 +56,16 @@ class Footage:
     def _step(self) -> int:
         return max(1, int(self.scene.rate / _RATE))
 
-    @property
-    def _camera_fps(self) -> np.ndarray:
-        """(camera,) each camera's own frames per second."""
-        return self.scene.fps * np.array([source.rate for source in self.scene.cameras])
-
-    def _total(self, offset: np.ndarray) -> np.ndarray:
-        """(camera,) the scene's offsets and ``offset`` together [s]."""
-        stated = np.array([source.frame_offset + source.fraction for source in self.scene.cameras])
-        total: np.ndarray = offset + stated / self._camera_fps
-        return total
-
-    def whole(self, offset: np.ndarray) -> np.ndarray:
-        """(camera,) the number of each camera's first frame, if offsets grow by ``offset`` (camera,) [s]."""
-        return np.rint(self._total(offset) * self._camera_fps).astype(int)
+    def _first_frames(self, offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(camera,) the number of each camera's first frame, if offsets grow by ``offset``, and the rest [s]."""
+        fps = self.scene.fps * np.array([source.rate for source in self.scene.cameras])
+        total = offset + np.array([source.frame_offset + source.fraction for source in self.scene.cameras]) / fps
+        whole = np.rint(total * fps).astype(int)
+        return whole, total - whole / fps
 
     def rest(self, offset: np.ndarray) -> np.ndarray:
-        """(camera,) the part of these offsets that whole frames leave over [s]."""
-        left: np.ndarray = self._total(offset) - self.whole(offset) / self._camera_fps
-        return left
+        """(camera,) the part of each camera's offset that whole frames leave over, if it grows by ``offset`` [s]."""
+        return self._first_frames(offset)[1]
 
     def observations(self, offset: np.ndarray) -> list[Observation]:
         """The masks of the frames that are used; each camera gives its nearest whole frame.
@@ -78,9 +75,81 @@ class Footage:
         """
         shifted = tuple(
             replace(source, frame_offset=int(frames), fraction=0.0)
-            for source, frames in zip(self.scene.cameras, self.whole(offset), strict=True)
+            for source, frames in zip(self.scene.cameras, self._first_frames(offset)[0], strict=True)
         )
         scene = replace(self.scene, cameras=shifted)
         count = min(scene.frame_count, max(1, round(_MAX_SECONDS * scene.rate)))
         masks = islice(scene.masks(self.scale, count=count), 0, None, self._step)
         return [Observation.from_masks(views) for views in masks]
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Poses of consecutive frames.
+
+    Attributes:
+        rooting: moves poses; it searches all of the root's angles.
+        rooted: the poses.
+        fps: of the frames.
+    """
+
+    rooting: Rooting
+    rooted: RootedPoses
+    fps: float
+
+    def at(self, frame: np.ndarray) -> RootedPoses:
+        """The poses at frames (n,), which may be fractions; beyond the clip's ends the person stands still."""
+        last = len(self.rooted) - 1
+        at = np.clip(frame, 0, last)
+        before = np.clip(np.floor(at).astype(int), 0, max(last - 1, 0))
+        after = np.minimum(before + 1, last)
+        share = at - before
+        one, other = self.rooted[before], self.rooted[after]
+        return RootedPoses(between(one.base, other.base, share), one.pose + share[:, None] * (other.pose - one.pose))
+
+    def velocity(self, frames: np.ndarray) -> np.ndarray:
+        """(n, dof) how fast the searched coordinates change in whole frames (n,) [m/s, rad/s]."""
+        from scipy.spatial.transform import Rotation
+
+        # Central differences of the pose.
+        last = len(self.rooted) - 1
+        before, after = self.rooted[np.maximum(frames - 1, 0)], self.rooted[np.minimum(frames + 1, last)]
+        seconds = np.maximum(np.minimum(frames + 1, last) - np.maximum(frames - 1, 0), 1)[:, None] / self.fps
+        velocity: np.ndarray = (after.pose - before.pose)[:, self.rooting.searched] / seconds
+        # The root's base turns too, which counts as a change of the root's angles.
+        turned = Rotation.from_matrix(after.base @ transposed(before.base)).as_rotvec() / seconds
+        root = np.searchsorted(self.rooting.searched, ROOT_ANGLES.start)
+        axes = self.rooting.root_axes(self.rooted[frames])
+        velocity[:, root : root + 3] += np.linalg.solve(axes, turned[..., None])[..., 0]
+        return velocity
+
+
+@dataclass(frozen=True, eq=False)
+class Person:
+    """The person as tracked by cameras.
+
+    Attributes:
+        subject: the body, with the pose of the first frame.
+        observations: the frames' masks, each camera's shifted by whole frames.
+        motion: the poses.
+        found: (frame,) int, the frames in which the person was found.
+    """
+
+    subject: Subject
+    observations: list[Observation]
+    motion: Motion
+    found: np.ndarray
+
+    def spread(self, count: int) -> np.ndarray:
+        """At most ``count`` frames that show the person, evenly spread, with the first and the last.
+
+        Where there are few, enough are left out to judge by.
+        """
+        at = np.linspace(0, len(self.found) - 1, min(count, len(self.found) - MIN_FRAMES))
+        return self.found[at.round().astype(int)]
+
+    def between(self, count: int, taken: np.ndarray) -> np.ndarray:
+        """At most ``count`` frames other than those ``taken``, evenly spread, none at the ends."""
+        others = np.setdiff1d(self.found, taken)
+        at = (np.arange(min(count, len(others))) + 0.5) * len(others) / max(min(count, len(others)), 1)
+        return others[at.astype(int)]

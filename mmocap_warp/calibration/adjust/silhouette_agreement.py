@@ -47,8 +47,7 @@ def coherence(rig: CameraRig, observations: Sequence[Observation]) -> np.ndarray
         return np.full(len(rig), np.nan)
     stacked = np.stack(known)
     count = np.isfinite(stacked).sum(axis=0)
-    mean: np.ndarray = np.where(count > 0, np.nansum(stacked, axis=0) / np.maximum(count, 1), np.nan)
-    return mean
+    return np.where(count > 0, np.nansum(stacked, axis=0) / np.maximum(count, 1), np.nan)
 
 
 def _covered_shares(rig: CameraRig, observation: Observation) -> np.ndarray | None:

@@ -45,11 +45,6 @@ class StandingView:
     height: float
     track: np.ndarray
 
-    @property
-    def tilt(self) -> float:
-        """How far it looks down [rad]."""
-        return float(np.arcsin(-self.R[2, 2]))
-
 
 def standing_view(name: str, person: PersonInView, K: np.ndarray, stature: float) -> StandingView:
     """Tilt, roll and height of a camera, and the person's way over the floor.

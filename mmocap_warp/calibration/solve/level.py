@@ -103,8 +103,7 @@ def _person_axis(heads: np.ndarray, head_frame: np.ndarray, feet: np.ndarray, fo
     if not len(both):
         return np.array([0.0, 0.0, 1.0])
     axes = [heads[head_frame == frame].mean(axis=0) - feet[foot_frame == frame].mean(axis=0) for frame in both]
-    axis: np.ndarray = np.median(axes, axis=0)
-    return axis
+    return np.median(axes, axis=0)
 
 
 def _fit_two_planes(heads: np.ndarray, feet: np.ndarray, upright: np.ndarray) -> tuple[np.ndarray, float, float]:

@@ -12,37 +12,45 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from mmocap_warp.calibration.sync.lag_course import LagCourse, lag_course
+from mmocap_warp.calibration.sync.shared_motion import moved_in_turn
 from mmocap_warp.cameras.rig import CameraRig, project
 from mmocap_warp.masks.visual_hull import meeting_point
 
 
-@dataclass(frozen=True)
-class Sampling:
-    """How densely hulls are sampled.
-
-    Attributes:
-        frames: number of frames that are judged.
-        points: number of random points at each.
-        starts: number of starts of the search for offsets.
-    """
+class Sampling(NamedTuple):
+    """How many frames are judged, with how many random points at each, and how often the search for offsets starts."""
 
     frames: int
     points: int
     starts: int
 
 
-class Silhouettes(Protocol):
-    """A view's masks in the recording's frames."""
+class PackedMasks:
+    """A camera's masks as bits, indexed by the recording's frames, of which the camera has ``rate`` to one."""
 
-    def __len__(self) -> int: ...
+    def __init__(self, rate: float) -> None:
+        self._rate = rate
+        self._bits: list[np.ndarray] = []
+        self._width = 0
+
+    def add(self, mask: np.ndarray) -> None:
+        """Add the next mask, (height, width) bool."""
+        self._width = mask.shape[1]
+        self._bits.append(np.packbits(mask, axis=1))
+
+    def __len__(self) -> int:
+        return int(len(self._bits) / self._rate)
 
     def at(self, frames: np.ndarray) -> np.ndarray:
         """(frame, height, width) bool."""
+        numbers = np.minimum(np.rint(frames * self._rate).astype(int), len(self._bits) - 1)
+        bits = np.stack([self._bits[number] for number in numbers])
+        return np.unpackbits(bits, axis=2, count=self._width).astype(bool)
 
 
 _REACH = 1.1  # metres that points reach to each side of the person
@@ -72,7 +80,7 @@ class HullOffsets:
     sigma: np.ndarray
 
 
-def offsets_by_hull(rig: CameraRig, views: Sequence[Silhouettes], about: np.ndarray, reach: int) -> HullOffsets | None:
+def offsets_by_hull(rig: CameraRig, views: Sequence[PackedMasks], about: np.ndarray, reach: int) -> HullOffsets | None:
     """Search for offsets by the hulls of a recording.
 
     Args:
@@ -119,7 +127,7 @@ class HullAgreement:
     """
 
     def __init__(
-        self, rig: CameraRig, views: Sequence[Silhouettes], offsets: np.ndarray, reach: int, sampling: Sampling
+        self, rig: CameraRig, views: Sequence[PackedMasks], offsets: np.ndarray, reach: int, sampling: Sampling
     ) -> None:
         self._about, self._reach, self._starts = np.asarray(offsets), reach, sampling.starts
         # Frames that all views have at all lags, evenly spread.
@@ -139,9 +147,8 @@ class HullAgreement:
                 inside.append([np.packbits(_inside(*each), axis=1) for each in zip(some, pixels, strict=True)])
                 seen.append([masks.any(axis=(1, 2)) for masks in some])
                 judged.append(frame)
-        self._inside = np.array(inside, np.uint8).reshape(
-            len(inside), len(rig), len(lags), -1
-        )  # (frame, view, lag, byte)
+        # By frame, view and lag; the points are bits of bytes.
+        self._inside = np.array(inside, np.uint8).reshape(len(inside), len(rig), len(lags), -1)
         self._seen = np.array(seen, bool).reshape(len(inside), len(rig), len(lags))
         self._own = _count(self._inside)  # (frame, view, lag)
         self._frame = np.array(judged, int)
@@ -204,22 +211,15 @@ class HullAgreement:
     def _settle(self, offsets: np.ndarray) -> np.ndarray:
         """The end of a start, shifted so that all ends lie alike: the frames that judge depend on that."""
         for _ in range(2):
-            end = self._improve(offsets)
+            end = moved_in_turn(offsets, self._best_offset, _ROUNDS)
             common = int(np.median(end - self._about))
             offsets = np.clip(end - common, self._about - self._reach, self._about + self._reach)
-        return self._improve(offsets)
+        return moved_in_turn(offsets, self._best_offset, _ROUNDS)
 
-    def _improve(self, offsets: np.ndarray) -> np.ndarray:
-        """Offsets after each view in turn has moved to its best lag, until none moves."""
-        for _ in range(_ROUNDS):
-            before = offsets.copy()
-            for view in range(len(offsets)):
-                fit = self.of_view(view, offsets)
-                if fit.max() > 0:
-                    offsets[view] = self._about[view] - self._reach + int(np.argmax(fit))
-            if (offsets == before).all():
-                break
-        return offsets
+    def _best_offset(self, view: int, offsets: np.ndarray) -> int:
+        """Where a view fits best beside the others; where it is if it fits nowhere."""
+        fit = self.of_view(view, offsets)
+        return int(self._about[view] - self._reach + np.argmax(fit) if fit.max() > 0 else offsets[view])
 
 
 def _inside(masks: np.ndarray, pixels: np.ndarray) -> np.ndarray:
@@ -227,8 +227,7 @@ def _inside(masks: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     _, height, width = masks.shape
     in_image = np.all((pixels > -0.5) & (pixels < (width - 0.5, height - 0.5)), axis=1)
     column, row = np.rint(np.where(in_image[:, None], pixels, 0.0)).astype(int).T
-    inside: np.ndarray = masks.reshape(len(masks), -1)[:, row * width + column] & in_image
-    return inside
+    return masks.reshape(len(masks), -1)[:, row * width + column] & in_image
 
 
 def _count(bits: np.ndarray) -> np.ndarray:

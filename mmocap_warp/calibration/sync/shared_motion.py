@@ -12,6 +12,7 @@ view, and counts only where the correlation is positive.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -136,18 +137,28 @@ def common_offsets(scores: PairScores) -> np.ndarray:
     random = np.random.default_rng(0)
     starts = [np.zeros(views, int), np.array([0, *(scores.best_lag(0, view) for view in range(1, views))])]
     starts += [random.integers(-scores.reach // 2, scores.reach // 2 + 1, views) for _ in range(_STARTS)]
-    ends = [_improve(scores, np.clip(each, -scores.reach, scores.reach)) for each in starts]
+
+    def best_offset(view: int, offsets: np.ndarray) -> int:
+        return int(np.argmax(scores.of_view(view, offsets))) - scores.reach
+
+    ends = [moved_in_turn(np.clip(each, -scores.reach, scores.reach), best_offset, _ROUNDS) for each in starts]
     best = max(ends, key=scores.total)
     return best - best[0]
 
 
-def _improve(scores: PairScores, offsets: np.ndarray) -> np.ndarray:
-    """Offsets after each view in turn has moved to its best lag, until none moves."""
+def moved_in_turn(offsets: np.ndarray, best_offset: Callable[[int, np.ndarray], int], rounds: int) -> np.ndarray:
+    """Offsets (view,) after each view in turn has moved to its best one, until none moves.
+
+    Args:
+        offsets: to start from.
+        best_offset: of a view, by its number and all offsets.
+        rounds: how often each moves, at most.
+    """
     offsets = offsets.copy()
-    for _ in range(_ROUNDS):
+    for _ in range(rounds):
         before = offsets.copy()
         for view in range(len(offsets)):
-            offsets[view] = int(np.argmax(scores.of_view(view, offsets))) - scores.reach
+            offsets[view] = best_offset(view, offsets)
         if (offsets == before).all():
             break
     return offsets

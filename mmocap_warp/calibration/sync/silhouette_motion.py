@@ -31,9 +31,6 @@ class SilhouetteMotion:
         self._change: list[np.ndarray] = []  # of each frame but the first, in each band [px^2]
         self._before: np.ndarray | None = None
 
-    def __len__(self) -> int:
-        return len(self._area)
-
     def add(self, mask: np.ndarray) -> None:
         """Add the next frame's mask, (height, width) bool; an empty one is a frame without a silhouette."""
         rows, columns = mask.sum(axis=1).astype(float), mask.sum(axis=0).astype(float)

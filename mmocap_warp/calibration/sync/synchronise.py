@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from statistics import mode
 
 import numpy as np
 
-from mmocap_warp.calibration.sync.hull_agreement import HullOffsets, offsets_by_hull
+from mmocap_warp.calibration.sync.hull_agreement import HullOffsets, PackedMasks, offsets_by_hull
 from mmocap_warp.calibration.sync.lag_course import LagCourse, lag_course
 from mmocap_warp.calibration.sync.shared_motion import PairScores, common_offsets, pair_scores
 from mmocap_warp.calibration.sync.silhouette_motion import LIKE, SilhouetteMotion
@@ -142,7 +143,7 @@ def synchronise(scene: Scene, progress: Progress | None = None, within: float = 
     recorded = scene.as_recorded()
     scale = min(1.0, _MAX_PIXELS / int(scene.calibrated.size.max()))
     motions = [SilhouetteMotion() for _ in scene.cameras]
-    masks = [_PackedMasks(source.rate) for source in scene.cameras]
+    masks = [PackedMasks(source.rate) for source in scene.cameras]
     for number, views in enumerate(recorded.masks(scale)):
         for motion, kept, mask in zip(motions, masks, views, strict=True):
             motion.add(mask)
@@ -177,27 +178,6 @@ def _can_trust(hull: HullOffsets, motion: np.ndarray | None) -> bool:
         return True
     apart = hull.offsets - motion
     return bool(np.abs(apart - np.median(apart)).max() <= _MAX_HULL_CORRECTION)
-
-
-class _PackedMasks:
-    """A camera's masks as bits, indexed by the scene's frames."""
-
-    def __init__(self, rate: float) -> None:
-        self._rate = rate
-        self._bits: list[np.ndarray] = []
-        self._width = 0
-
-    def add(self, mask: np.ndarray) -> None:
-        self._width = mask.shape[1]
-        self._bits.append(np.packbits(mask, axis=1))
-
-    def __len__(self) -> int:
-        return int(len(self._bits) / self._rate)
-
-    def at(self, frames: np.ndarray) -> np.ndarray:
-        numbers = np.minimum(np.rint(frames * self._rate).astype(int), len(self._bits) - 1)
-        bits = np.stack([self._bits[number] for number in numbers])
-        return np.unpackbits(bits, axis=2, count=self._width).astype(bool)
 
 
 def _signals(motion: SilhouetteMotion, scene: Scene, k: int) -> np.ndarray:
@@ -247,15 +227,9 @@ def _courses_by_motion(signals: list[np.ndarray], offsets: np.ndarray, fps: floa
     return [lag_course(np.array(middles), lag) for lag in np.array(lags, float).T]
 
 
-def _most_common(offsets: np.ndarray) -> int:
-    """The offset that most views have, or the first of several: the frames of these views are the scene's."""
-    values = offsets.tolist()
-    return int(max(values, key=lambda value: (values.count(value), -values.index(value))))
-
-
 def _judge(scores: PairScores, view: int, offsets: np.ndarray, by_hull: bool) -> ViewOffset:
     """A view's offset and whether it is reliable: always if found by the hull, else by its rival and the pairs."""
-    frames = offsets - _most_common(offsets)
+    frames = offsets - mode(offsets.tolist())  # the frames of most views are the scene's
     # The best lag elsewhere, and its score over that of the chosen one.
     curve, at = scores.of_view(view, offsets - offsets[view]), scores.reach
     elsewhere = np.abs(np.arange(len(curve)) - at) > scores.near

@@ -54,9 +54,7 @@ class Surface:
             viewers: (viewer, 3), points to see it from.
         """
         corner = vertices[self.face]
-        across = corner[:, -1] - corner[:, 1] if self.face.shape[1] == 4 else corner[:, 2] - corner[:, 1]
-        along = corner[:, 2] - corner[:, 0] if self.face.shape[1] == 4 else corner[:, 1] - corner[:, 0]
-        normal = np.cross(along, across)
+        normal = np.cross(corner[:, -2] - corner[:, 0], corner[:, -1] - corner[:, 1])
         plane = np.concatenate([normal, -(normal * corner[:, 0]).sum(axis=1, keepdims=True)], axis=1)
         return np.concatenate([viewers, np.ones((len(viewers), 1))], axis=1) @ plane.T > 0
 

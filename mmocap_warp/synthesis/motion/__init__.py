@@ -1,1 +1,1 @@
-"""How people walk, gesture, box or move as a clip does, as full pose vectors of a body; knows no camera."""
+"""Motions as full pose vectors of a body: those that ship, those through key poses, those of clips; knows no camera."""

@@ -1,4 +1,4 @@
-"""Motions through key poses, each as smooth as people's: from rest to rest.
+"""Motions that are data: pose vectors that ship with the package, and key poses with what lies between them.
 
 Flash and Hogan, *The coordination of arm movements* (J. Neuroscience 5, 1985): a reach follows the path of least jerk,
 ``s(t) = 10 t^3 - 15 t^4 + 6 t^5``.
@@ -12,6 +12,22 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyMotion
 from mmocap_warp.body.skeleton import Skeleton
+from mmocap_warp.scenes import ROOT
+
+MOTIONS = ROOT / "sequences" / "motions.npz"
+"""Pose vectors (frame, 51) of the shipped sequences by name, in body axes about the origin of the floor, and of the
+passer-by, :data:`PASSER_BY_RATE` a second."""
+MOTIONS_SHA256 = "56fda4d37c8d91f4f6fe4ff797d48ecc2fe7db7c5adfb2e1bbe0d7c1828798ca"
+"""Of that file: it makes the content of the motions part of the code's hash, by which results are told apart."""
+
+PASSER_BY_RATE = 120.0
+"""Poses a second of the passer-by, who is in the middle of the way in the middle one."""
+
+
+def stored_poses(name: str) -> np.ndarray:
+    """(frame, 51) the pose vectors of one of ``MOTIONS``."""
+    with np.load(MOTIONS) as motions:
+        return motions[name]
 
 
 def minimum_jerk(s: np.ndarray) -> np.ndarray:
@@ -38,17 +54,16 @@ def through_poses(skeleton: Skeleton, keys: Sequence[KeyPose], fps: float) -> Bo
     seconds = [at for at, _ in keys]
     if seconds[0] != 0 or (np.diff(seconds) <= 0).any():
         raise ValueError(f"keys must be at ascending times from 0, got {seconds}")
-    reached = [np.zeros(skeleton.coordinates)]
+    pose, reached = np.zeros(skeleton.coordinates), []
     for _, changed in keys:
         unknown = sorted(set(changed) - set(skeleton.coordinate_names))
         if unknown:
             raise ValueError(f"keys name coordinates {unknown} that this skeleton does not have")
-        pose = reached[-1].copy()
+        pose = pose.copy()
         for name, value in changed.items():
             number = skeleton.coordinate_names.index(name)
             pose[number] = value if skeleton.is_length[number] else np.radians(value)
         reached.append(pose)
-    reached = reached[1:]
     time = np.arange(round(seconds[-1] * fps) + 1) / fps
     poses = np.tile(reached[0], (len(time), 1))
     for i in range(1, len(keys)):

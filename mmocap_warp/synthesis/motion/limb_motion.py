@@ -1,4 +1,7 @@
-"""Angles of legs, arms and trunk from where feet, hands and chest shall be: closed forms for a body's own bones."""
+"""Pose vectors from where bones, chest and head point: closed forms for a body's own bones.
+
+Lengths are in metres and angles in radians.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel
-from mmocap_warp.body.rotations import applied, transposed, turn, zyx_angles, zyx_rotation
-from mmocap_warp.synthesis.exact_posing import led_by
+from mmocap_warp.body.rotations import applied, continuous_zyx_angles, transposed, turn, zyx_angles, zyx_rotation
+from mmocap_warp.synthesis.exact_posing import ExactPoser
 
 SIGN: dict[str, float] = {"L": 1.0, "R": -1.0}
 """Of a side's x."""
@@ -55,11 +58,6 @@ class Leg:
         along, across = self._knee_terms()
         return float(np.arctan2(across, along))
 
-    @property
-    def lean(self) -> float:
-        """The thigh forward of the vertical in the bind pose [rad]."""
-        return float(np.arctan2(self.thigh[2], -self.thigh[1]))
-
     def reach(self, flexion: float) -> float:
         """Distance from hip to ankle at a flexion from straight [rad]; [m]."""
         bent = self.thigh + turn("x", self.straight + flexion) @ self.shank
@@ -81,18 +79,6 @@ class Leg:
         leg = self.thigh + applied(turn("x", knee), self.shank)
         thigh = basis(target, sideways) @ transposed(basis(leg, np.broadcast_to(np.eye(3)[0], leg.shape)))
         return np.concatenate([zyx_angles(transposed(pelvis) @ thigh), knee[:, None]], axis=1)
-
-    def room(self, root: np.ndarray, pelvis: np.ndarray, ankle: np.ndarray, flexion: float) -> float:
-        """How far up the root can go before the knee's flexion from straight is less than ``flexion`` [rad]; [m].
-
-        Args:
-            root, ankle: (frame, 3), in the world [m].
-            pelvis: (frame, 3, 3), world from the root joint's axes.
-            flexion: from straight [rad].
-        """
-        away = ankle - root - applied(pelvis, self.hip)
-        level = np.hypot(away[:, 0], away[:, 2])
-        return float((away[:, 1] + np.sqrt(self.reach(flexion) ** 2 - level**2)).min())
 
     def _knee_terms(self) -> tuple[float, float]:
         """``a`` and ``b`` of ``thigh . Rx(angle) shank = a cos + b sin + constant``."""
@@ -124,32 +110,6 @@ def basis(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     b = second - (a * second).sum(axis=-1, keepdims=True) * a
     b = b / np.linalg.norm(b, axis=-1, keepdims=True)
     return np.stack([a, b, np.cross(a, b)], axis=-1)
-
-
-def hanging_arm(
-    body: BodyModel, side: str, swing: np.ndarray, flexion: np.ndarray, spread: float, inward: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Rx, Ry, Rz of shoulder and elbow, each (frame, 3) [rad], of an arm that hangs beside the chest.
-
-    Args:
-        body: its arms are bound in an A-pose, elbows bent.
-        side: ``L`` or ``R``.
-        swing: (frame,), upper arm forward of the chest's vertical [rad].
-        flexion: (frame,), forearm forward of the upper arm [rad].
-        spread: upper arm away from the chest [rad].
-        inward: turn of the forearm toward the body's middle, about the upper arm [rad].
-    """
-    sign = SIGN[side]
-    chest, shoulder, elbow = (rest_axes(body, name) for name in ("UpperSpine", f"{side}Shoulder", f"{side}Elbow"))
-    # Of a hanging arm, x points down on the left and up on the right, z is where the forearm bends to: forward.
-    down, forward = np.array([0.0, -sign, 0.0]), np.array([0.0, 0.0, 1.0])
-    hanging = np.stack([down, np.cross(forward, down), forward], axis=-1) @ turn("x", inward)
-    upper_arm = turn("x", -swing) @ turn("z", sign * spread) @ hanging
-    shoulder_turn = transposed(shoulder) @ chest @ upper_arm
-    bound = shoulder.T @ elbow
-    already_bent = np.arctan2(sign * bound[2, 0], bound[0, 0])
-    bend = -sign * (flexion - already_bent)
-    return zyx_angles(shoulder_turn), about("y", bend)
 
 
 TRUNK: tuple[str, ...] = ("BottomSpine", "UpperSpine", "Neck")
@@ -226,45 +186,79 @@ class Arm:
         return np.arctan2(across, along) - self.sign * np.arccos(cosine)
 
 
-_STEEPEST = np.radians(75.0)
-_GRID = 1201  # number of pitches, 1/8 of a degree apart
+BySide = dict[str, np.ndarray]
+Bones = dict[str, tuple[np.ndarray, np.ndarray]]
+_ELBOW_BIAS = 0.05  # share of down and back in where a straight arm's elbow points
+_MOST_STRAIGHT = 0.999  # longest reach as a share of an arm's length: the elbow stays bent by 5 degrees
 
 
-@dataclass(frozen=True)
-class Sole:
-    """Where the ankle is over the floor while the foot rolls from heel to toes on the outline of its sole.
+class Posture:
+    """Pose vectors of one body, set part by part: root and legs, then :meth:`bend`, then the arms."""
 
-    Attributes:
-        pitch: (pitch,), of the foot, toes up positive, ascending [rad].
-        forward: (pitch,), of the ankle from where it is when the foot is flat [m].
-        up: (pitch,), of the ankle from the floor [m].
-        contact: (pitch, 2), to the left and forward, of the point that touches, from where the ankle is when flat [m].
-    """
+    def __init__(self, body: BodyModel, frames: int) -> None:
+        self._body = body
+        self._poser = ExactPoser(body, np.eye(3))
+        self._legs = {side: Leg.of(body, side) for side in "LR"}
+        self._arms = {side: Arm.of(body, side) for side in "LR"}
+        self.poses = np.zeros((frames, body.skeleton.coordinates))
+        """(frame, 51) full pose vectors."""
 
-    pitch: np.ndarray
-    forward: np.ndarray
-    up: np.ndarray
-    contact: np.ndarray
+    def point_legs(
+        self, root: np.ndarray, pelvis: np.ndarray, bones: Bones, hinges: BySide, feet: BySide, least_knee: float
+    ) -> None:
+        """Set the root and the legs, these by where their bones point.
 
-    @classmethod
-    def of(cls, body: BodyModel, side: str) -> Sole:
-        """The sole of one side, ``L`` or ``R``, of a body that stands flat in its bind pose."""
-        joint = body.skeleton.index(f"{side}Ankle")
-        foot = (body.skin.rest[led_by(body, f"{side}Ankle")] - body.joint_rest[joint]).astype(float)
-        x, y, z = foot.T
-        pitch = np.linspace(-_STEEPEST, _STEEPEST, _GRID)
-        sine, cosine = np.sin(pitch)[:, None], np.cos(pitch)[:, None]
-        height = cosine * y + sine * z
-        touching = height.argmin(axis=1)
-        reach = np.take_along_axis(cosine * z - sine * y, touching[:, None], axis=1)[:, 0]
-        # From one pitch to the next the foot turns about the vertex that touches, which stays where it is.
-        rows = np.arange(_GRID - 1)
-        next_reach = (cosine * z - sine * y)[rows + 1, touching[:-1]]
-        moved = np.concatenate([[0.0], np.cumsum(reach[:-1] - next_reach)])
-        flat = _GRID // 2
-        forward = moved - moved[flat]
-        return cls(pitch, forward, -height.min(axis=1), np.stack([x[touching], forward + reach], axis=-1))
+        Args:
+            root: (frame, 3), the root joint.
+            pelvis: (frame, 3, 3), its axes.
+            bones: by side, the directions (frame, 3) of thigh and shank.
+            hinges: by side, where the knee's hinge points (frame, 3), as nearly as the bones allow.
+            feet: by side, their axes (frame, 3, 3).
+            least_knee: flexion from straight that a knee keeps [rad].
+        """
+        ankles = {}
+        for side, (thigh, shank) in bones.items():
+            leg = self._legs[side]
+            down = np.linalg.norm(leg.thigh) * thigh + np.linalg.norm(leg.shank) * shank
+            length = np.linalg.norm(down, axis=1, keepdims=True)
+            ankles[side] = root + applied(pelvis, leg.hip) + down * np.minimum(1.0, leg.reach(least_knee) / length)
+        self._set_legs(root, pelvis, ankles, hinges, feet)
 
-    def ankle(self, pitch: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How far forward and up the ankle is at the given pitches [m]."""
-        return np.interp(pitch, self.pitch, self.forward), np.interp(pitch, self.pitch, self.up)
+    def bend(self, chest: np.ndarray, head: np.ndarray) -> None:
+        """Set the spine, half of its bend at either joint, and the neck; their axes (frame, 3, 3) in the world."""
+        for joint, angles in zip(TRUNK, trunk_angles(self._axes("Root"), chest, head), strict=True):
+            self._set(joint, angles)
+
+    def point_arm(self, side: str, upper: np.ndarray, fore: np.ndarray) -> None:
+        """Set an arm by where its bones point, (frame, 3) in the world; a straight arm's elbow points down and back."""
+        arm = self._arms[side]
+        wrist = np.linalg.norm(arm.upper) * upper + np.linalg.norm(arm.fore) * fore
+        down_and_back = -self._axes("UpperSpine")[:, :, 1] - self._axes("UpperSpine")[:, :, 2]
+        bent = np.minimum(1.0, _MOST_STRAIGHT * arm.length / np.linalg.norm(wrist, axis=1, keepdims=True))
+        self._set_arm(side, wrist * bent, upper - fore + _ELBOW_BIAS * down_and_back)
+
+    def _set_arm(self, side: str, wrist: np.ndarray, points: np.ndarray) -> None:
+        rotation, flexion = self._arms[side].rotations(self._axes("UpperSpine"), wrist, points)
+        limits = self._body.skeleton.limits[self._body.skeleton.index(f"{side}Shoulder")].astype(float)
+        self._set(f"{side}Shoulder", continuous_zyx_angles(rotation, limits))
+        self._set(f"{side}Elbow", about("y", flexion))
+
+    def _set_legs(self, root: np.ndarray, pelvis: np.ndarray, ankles: BySide, hinges: BySide, feet: BySide) -> None:
+        self.poses[:, :3] = root
+        self._set("Root", zyx_angles(pelvis))
+        for side, ankle in ankles.items():
+            leg = self._legs[side]
+            angles = leg.angles(root + applied(pelvis, leg.hip), ankle, pelvis, hinges[side])
+            hip, knee = zyx_rotation(angles[:, :3]), turn("x", angles[:, 3])
+            self._set(f"{side}Hip", angles[:, :3])
+            self._set(f"{side}Knee", about("x", angles[:, 3]))
+            self._set(f"{side}Ankle", zyx_angles(transposed(pelvis @ hip @ knee) @ feet[side]))
+
+    def _set(self, joint: str, angles: np.ndarray) -> None:
+        self.poses[:, self._body.skeleton.angles(joint)] = angles
+
+    def _axes(self, joint: str) -> np.ndarray:
+        return self._transforms(joint)[:, :3, :3]
+
+    def _transforms(self, joint: str) -> np.ndarray:
+        return self._poser.joint_transforms(self.poses)[:, self._body.skeleton.index(joint)]

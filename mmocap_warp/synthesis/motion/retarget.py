@@ -9,6 +9,7 @@ the two skeletons allow.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +19,7 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.formats.motion.amc import read_amc, with_markers
 from mmocap_warp.formats.motion.motion_clip import MotionClip, read_bvh
 from mmocap_warp.synthesis.exact_posing import ExactPoser
-from mmocap_warp.synthesis.motion.limb_motion import leg_length, rest_place
-from mmocap_warp.synthesis.motion.posture import Posture
+from mmocap_warp.synthesis.motion.limb_motion import Posture, leg_length, rest_place
 
 # What the joints of Acclaim's, Biovision's and Mixamo's skeletons are called, in small letters and without a prefix.
 _NAMES: dict[str, tuple[str, ...]] = {
@@ -155,7 +155,7 @@ class _Actor:
     def leg_length(self) -> float:
         """Hip to knee to ankle, mean of both sides."""
         at = dict(zip(self.order, self.rest, strict=True))
-        bones = [np.linalg.norm(at[f"{s}{a}"] - at[f"{s}{b}"]) for s in "LR" for a, b in (_THIGH, _SHANK)]
+        bones = [np.linalg.norm(at[s + a] - at[s + b]) for s in "LR" for a, b in pairwise(("Hip", "Knee", "Ankle"))]
         return float(np.sum(bones)) / 2
 
     def place_of(self, joint: str) -> np.ndarray:
@@ -168,24 +168,18 @@ class _Actor:
         return away / np.linalg.norm(away, axis=1, keepdims=True)
 
 
-_THIGH, _SHANK = ("Hip", "Knee"), ("Knee", "Ankle")
-
-
 def _find_joints(clip: MotionClip, source: object) -> dict[str, int]:
     plain = [_plain_name(name) for name in clip.joint_names]
     found = {}
     for role, names in _NAMES.items():
-        sides = ("L", "R") if role[0] == "L" else ("",)
-        for side in sides:
+        for side in "LR" if role[0] == "L" else ("",):
             wanted = [_other_side(name) if side == "R" else name for name in names]
             known = [name for name in wanted if name in plain]
+            joint = side + role[1:] if side else role
             if not known:
-                raise InputError(
-                    source,
-                    f"none of its joints is the {side + role[1:] if side else role}: {', '.join(clip.joint_names)}",
-                    f"name it {' or '.join(wanted)}",
-                )
-            found[side + role[1:] if side else role] = plain.index(known[0])
+                problem = f"none of its joints is the {joint}: {', '.join(clip.joint_names)}"
+                raise InputError(source, problem, f"name it {' or '.join(wanted)}")
+            found[joint] = plain.index(known[0])
     return found
 
 

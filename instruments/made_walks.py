@@ -13,12 +13,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
+import gait_curves as curves
 import numpy as np
+from standing_posture import Sole, room
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import applied, transposed, turn, zyx_angles, zyx_rotation
-from mmocap_warp.synthesis.motion import gait_curves as curves
-from mmocap_warp.synthesis.motion.limb_motion import SIGN, TRUNK, Leg, Sole, hanging_arm, trunk_angles
+from mmocap_warp.study.sequences import FPS, Motion
+from mmocap_warp.synthesis.motion.limb_motion import SIGN, TRUNK, Leg, about, rest_axes, trunk_angles
 
 _AHEAD = {"L": 0.0, "R": 0.5}  # how far a leg's phase is ahead of the left one's
 _BELOW_HIP = 0.22  # phase at which a standing foot is below the pelvis
@@ -84,7 +86,7 @@ class Walk:
         own, highest = np.linspace(0.0, curves.TOE_OFF, 63), np.inf
         for side, leg in self._legs.items():
             root, pelvis = self._low_pelvis(own - _AHEAD[side])
-            highest = min(highest, leg.room(root, pelvis, self._on_floor(side, 0 * own, own), _LEAST_KNEE))
+            highest = min(highest, room(leg, root, pelvis, self._on_floor(side, 0 * own, own), _LEAST_KNEE))
         return highest
 
     @cached_property
@@ -130,7 +132,7 @@ class Walk:
     def _published_angles(self, side: str, own: np.ndarray) -> np.ndarray:
         """The published angles (frame, 4) of hip and knee."""
         leg = self._legs[side]
-        hip, knee = leg.lean - curves.hip_flexion(own), leg.straight + curves.knee_flexion(own)
+        hip, knee = lean(leg) - curves.hip_flexion(own), leg.straight + curves.knee_flexion(own)
         return np.stack([hip, 0 * hip, 0 * hip, knee], axis=-1)
 
     def _correction(self, side: str, step: np.ndarray, s: np.ndarray) -> np.ndarray:
@@ -165,3 +167,55 @@ class Walk:
 def _ease(s: np.ndarray) -> np.ndarray:
     """From 0 to 1, level at both ends."""
     return s * s * (3.0 - 2.0 * s)
+
+
+def lean(leg: Leg) -> float:
+    """The thigh forward of the vertical in the bind pose [rad]."""
+    return float(np.arctan2(leg.thigh[2], -leg.thigh[1]))
+
+
+def hanging_arm(
+    body: BodyModel, side: str, swing: np.ndarray, flexion: np.ndarray, spread: float, inward: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rx, Ry, Rz of shoulder and elbow, each (frame, 3) [rad], of an arm that hangs beside the chest.
+
+    Args:
+        body: its arms are bound in an A-pose, elbows bent.
+        side: ``L`` or ``R``.
+        swing: (frame,), upper arm forward of the chest's vertical [rad].
+        flexion: (frame,), forearm forward of the upper arm [rad].
+        spread: upper arm away from the chest [rad].
+        inward: turn of the forearm toward the body's middle, about the upper arm [rad].
+    """
+    sign = SIGN[side]
+    chest, shoulder, elbow = (rest_axes(body, name) for name in ("UpperSpine", f"{side}Shoulder", f"{side}Elbow"))
+    # Of a hanging arm, x points down on the left and up on the right, z is where the forearm bends to: forward.
+    down, forward = np.array([0.0, -sign, 0.0]), np.array([0.0, 0.0, 1.0])
+    hanging = np.stack([down, np.cross(forward, down), forward], axis=-1) @ turn("x", inward)
+    upper_arm = turn("x", -swing) @ turn("z", sign * spread) @ hanging
+    shoulder_turn = transposed(shoulder) @ chest @ upper_arm
+    bound = shoulder.T @ elbow
+    already_bent = np.arctan2(sign * bound[2, 0], bound[0, 0])
+    bend = -sign * (flexion - already_bent)
+    return zyx_angles(shoulder_turn), about("y", bend)
+
+
+def walking_around(radius: float, stride: float, cadence: float, step_width: float = Walk.step_width) -> Motion:
+    """Around the origin of the floor, once or nearly so; strides differ by 2 % in duration.
+
+    Args:
+        radius, stride, step_width: see :class:`Walk` [m].
+        cadence: steps per minute.
+    """
+
+    def motion(body: BodyModel, frames: int, seed: int) -> np.ndarray:
+        rng = np.random.default_rng([seed, 1])
+        time, rate = np.arange(frames) / FPS, cadence / 120.0
+        phase = rate * time + rng.random()
+        for slow in (0.11, 0.17, 0.29):  # [Hz]
+            phase += 0.016 * rate / (2 * np.pi * slow) * np.sin(2 * np.pi * (slow * time + rng.random()))
+        poses = Walk(body, radius=radius, stride=stride, step_width=step_width).poses(phase)
+        poses[:, 0] -= radius
+        return poses
+
+    return motion

@@ -14,7 +14,7 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.calibration_text import read_short_text
 from mmocap_warp.formats.humaneva.humaneva_files import read_cal
-from mmocap_warp.formats.table import CALIBRATIONS, read_calibration
+from mmocap_warp.formats.table import CALIBRATIONS, Format, read_calibration
 
 _PARENTS = 2  # number of folders above that are searched too: projects of many trials keep their calibration there
 _PICKLE = "is a Python pickle, which can run any program when it is opened, so it is not read"
@@ -30,17 +30,13 @@ class CalibrationFile:
 
     Attributes:
         path: the file.
-        format: what people call its format.
+        format: its format.
         others: calibrations beside it that can be read too.
-        open_units: whether nothing tells the unit of its lengths.
-        open_sizes: whether it may leave out how large the images are.
     """
 
     path: Path
-    format: str
+    format: Format
     others: tuple[Path, ...]
-    open_units: bool = False
-    open_sizes: bool = False
 
 
 def project_kind(folder: Path) -> str | None:
@@ -68,8 +64,7 @@ def find_calibration(folder: Path) -> CalibrationFile | None:
         readable = sorted((rank, file) for file in files if (rank := _rank(file)) is not None)
         if readable:
             rank, best = readable[0]
-            format, others = CALIBRATIONS[rank], tuple(file for _, file in readable[1:])
-            return CalibrationFile(best, format.name, others, format.open_units, format.open_sizes)
+            return CalibrationFile(best, CALIBRATIONS[rank], tuple(file for _, file in readable[1:]))
         if place == folder or project_kind(place) is not None:
             for file in files:
                 _refuse(file, place)
@@ -110,9 +105,7 @@ def _rank(file: Path) -> int | None:
         ".yaml": lambda file: False,
         ".json": lambda file: {"cameras", "camera_poses"} <= set(_file_values(file)),
         ".cal": _is_humaneva,
-        ".usd": _is_called_calibration,
-        ".usda": _is_called_calibration,
-        ".usdc": _is_called_calibration,
+        **dict.fromkeys((".usd", ".usda", ".usdc"), _is_called_calibration),
     }
     look = looks.get(file.suffix.lower())
     if file.name == "images.txt" or (file.name == "cameras.txt" and not file.with_name("images.txt").is_file()):
@@ -179,12 +172,10 @@ def _refuse(file: Path, place: Path) -> None:
         raise InputError(file, _PICKLE, _CONVERT.format("opencap") if opencap else _ANY_OTHER)
     by_ending = {
         ".xcp": ("Vicon", _CONVERT.format("vicon")),
-        ".mcal": ("OptiTrack", _CONVERT.format("optitrack")),
-        ".cal": ("OptiTrack", _CONVERT.format("optitrack")),
+        **dict.fromkeys((".mcal", ".cal"), ("OptiTrack", _CONVERT.format("optitrack"))),
         ".calib": ("BioCV", _CONVERT.format("biocv")),
         ".json": ("JSON", _ANY_OTHER),
-        ".npz": ("NumPy", _ANY_OTHER),
-        ".npy": ("NumPy", _ANY_OTHER),
+        **dict.fromkeys((".npz", ".npy"), ("NumPy", _ANY_OTHER)),
         ".xml": ("XML", _ANY_OTHER),
     }
     if file.suffix.lower() in by_ending and is_calibration:

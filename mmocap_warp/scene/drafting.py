@@ -123,7 +123,7 @@ def draft_scene(folder: Path) -> Draft:
 def _sizes(media: list[Medium], found: CalibrationFile) -> dict[str, tuple[int, int]]:
     """Of the recordings and masks, by their own names, for a calibration that may not tell sizes; of all, where there
     is one."""
-    if not found.open_sizes:
+    if not found.format.open_sizes:
         return {}
     sizes: dict[str, tuple[int, int]] = {}
     for medium in media:
@@ -199,9 +199,9 @@ def _calibration(draft: Draft, found: CalibrationFile | None, units: str, folder
         )
         return ["[cameras]", '# calibration = "calibration.toml"   # MISSING']
     draft.calibration = found.path
-    draft.found.append(f"calibration {found.path} ({found.format})")
-    lines = ["[cameras]", f"calibration = {quoted_path(found.path, folder)}   # {found.format}"]
-    if found.open_units:
+    draft.found.append(f"calibration {found.path} ({found.format.name})")
+    lines = ["[cameras]", f"calibration = {quoted_path(found.path, folder)}   # {found.format.name}"]
+    if found.format.open_units:
         lines.append(f'units = "{units}"   # a guess: nothing tells the unit of its lengths')
         draft.missing.append(f'the unit of the calibration\'s lengths: units = "{units}" under [cameras] is a guess')
     elif units != "m":

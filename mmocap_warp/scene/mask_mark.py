@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from mmocap_warp.cameras.rig import CameraRig
-from mmocap_warp.errors import InputError
 from mmocap_warp.formats.toml_table import Table, load_toml, toml_value
 from mmocap_warp.whole_file import write_whole
 
@@ -74,18 +73,6 @@ def read_mark(masks: Path) -> MaskMark | None:
     if not 0 < mark.scale <= 1:
         raise table.error(f"scale = {mark.scale:g} is not in (0, 1]", "make the masks again with mmocap mask")
     return mark
-
-
-def check_mark(mark: MaskMark, source: Path, calibration: str) -> None:
-    """See that the masks of folder ``source`` were made with the calibration that has this hash now.
-
-    Raises:
-        InputError: it is another one.
-    """
-    if mark.calibration != calibration:
-        problem = f"these masks of '{mark.camera}' were undistorted with another calibration than the scene's"
-        remedy = f"make them again with mmocap mask, or remove {MARK_NAME} if they are in the recorded video's pixels"
-        raise InputError(source, problem, remedy)
 
 
 def calibration_hash(

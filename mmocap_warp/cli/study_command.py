@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
+from mmocap_warp.cli import COMMANDS
 from mmocap_warp.cli.command import ANY_NUMBER, Answer, Given, command, several
 from mmocap_warp.cli.console import CHECK_FAILED, FAILURE, OK, Console, table
 
@@ -21,12 +22,6 @@ if TYPE_CHECKING:
     from mmocap_warp.study.ablation import AblationCell
 
 app = App(name="study", help="Compare trackers: run a grid of them, and report on it.", version_flags=[])
-_RUN = (
-    "Track every cell of a study whose result is missing.\n\n"
-    "A cell is one algorithm, model and budget on one sequence, all seeds at once. Interrupted at any moment, the same "
-    "command goes on and repeats no finished cell; so it does after cells were added, or results of another machine "
-    "copied into the folder. Exits with 1 if cells are missing in the end."
-)
 _COLUMNS = {  # of the table of a run, by key: title, format and unit
     "mpjpe_mm": ("MPJPE", ".1f", " mm"),
     "eq20_as_printed_mm": ("Eq. 20 as printed", ".1f", " mm"),
@@ -67,7 +62,7 @@ def make(call: Any) -> Answer:
     return Answer(scenes, scenes.values())
 
 
-@app.command(help=_RUN, sort_key=1)
+@app.command(help=COMMANDS["study run"]["help"], sort_key=1)
 @command("studies:run_study")
 def run(call: Any, console: Console, study: Path) -> Answer:
     from mmocap_warp.cli.progress import StudyProgress

@@ -23,6 +23,7 @@ _VIEWS = {
 _MESH: Colour = (74, 66, 58)
 _AXIS_COLOURS: dict[str, Colour] = {"x": (90, 90, 255), "y": (110, 220, 110), "z": (255, 150, 70)}
 _AXIS, _ARC = 0.03, 0.045  # half an axis, and the radius of the arc of its limits, as shares of the extent
+_BOTH_WAYS = np.array([[-1.0], [1.0]])
 _WHOLE_TURN = np.pi  # a joint that may turn farther is drawn with a whole circle
 
 
@@ -101,8 +102,12 @@ def _view(body: BodyModel, name: str, low: np.ndarray, high: np.ndarray) -> np.n
         joint, axis = divmod(int(coordinate) - 3, 3)
         if joint > 0 and not skeleton.slides[joint]:
             _draw_freedom(sheet, body, joint, axis, extent)
+    # A slide is a line from the lowest place to the highest, with strokes across either end.
     for (joint, axis), ends in _slides(body).items():
-        _draw_slide(sheet, skeleton.frame[joint].astype(float), axis, ends, extent)
+        sheet.line(ends, _AXIS_COLOURS["xyz"[axis]], 2)
+        for end in ends:
+            for across in np.delete(skeleton.frame[joint].astype(float), axis, axis=1).T:
+                sheet.line(end + _AXIS / 2 * extent * _BOTH_WAYS * across, _AXIS_COLOURS["xyz"[axis]])
     for joint, side in enumerate(map(skeleton.side, skeleton.joints)):
         sheet.dot(place[joint], COLOUR_OF_SIDE[side])
     _write_names(sheet, skeleton.joints, place)
@@ -114,7 +119,7 @@ def _draw_freedom(sheet: _Sheet, body: BodyModel, joint: int, axis: int, extent:
     frame, centre = body.skeleton.frame[joint].astype(float), body.joint_rest[joint].astype(float)
     colour = _AXIS_COLOURS["xyz"[axis]]
     along = frame[:, axis]
-    sheet.line(centre + _AXIS * extent * np.array([[-1.0], [1.0]]) * along, colour, 2)
+    sheet.line(centre + _AXIS * extent * _BOTH_WAYS * along, colour, 2)
     low, high = np.clip(body.skeleton.limits[joint, axis].astype(float), -_WHOLE_TURN, _WHOLE_TURN)
     spoke = frame[:, 1 if axis != 1 else 2]  # y runs along the bone
     angles = np.linspace(low, high, 25)
@@ -133,15 +138,6 @@ def _slides(body: BodyModel) -> dict[tuple[int, int], np.ndarray]:
         if np.isfinite(limits).all():
             found[joint, axis] = body.joint_rest[joint] + limits[:, None] * skeleton.frame[joint, :, axis].astype(float)
     return found
-
-
-def _draw_slide(sheet: _Sheet, frame: np.ndarray, axis: int, ends: np.ndarray, extent: float) -> None:
-    """A line from the lowest place to the highest, with strokes across either end."""
-    colour = _AXIS_COLOURS["xyz"[axis]]
-    sheet.line(ends, colour, 2)
-    for end in ends:
-        for across in np.delete(frame, axis, axis=1).T:
-            sheet.line(end + _AXIS / 2 * extent * np.array([[-1.0], [1.0]]) * across, colour)
 
 
 def _write_names(sheet: _Sheet, names: tuple[str, ...], place: np.ndarray) -> None:

@@ -34,8 +34,7 @@ def floor_picture(
     views = []
     for k, image in enumerate(images):
         canvas = image.copy()
-        camera = rig.select((rig.names[k],))
-        _draw(canvas, camera, heads, frame)
+        _draw(canvas, rig.select((rig.names[k],)), heads, frame)
         width = max(1, round(image.shape[1] * _ROW_HEIGHT / image.shape[0]))
         views.append(cv2.resize(canvas, (width, _ROW_HEIGHT), interpolation=cv2.INTER_AREA))
         write_text(views[-1], rig.names[k], (8, 8))
@@ -64,12 +63,9 @@ def _draw(canvas: np.ndarray, camera: CameraRig, heads: np.ndarray, frame: int) 
 def _grid(feet: np.ndarray, up: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """Ends of the lines of a grid on the floor around places (n, 3) on it."""
     a, b = (axis for axis in np.eye(3) if not np.any(axis[np.abs(up) > 0]))
-    spans = []
-    for axis in (a, b):
-        along = feet @ axis
-        low, high = np.floor((along.min() - _AROUND) / _SQUARE), np.ceil((along.max() + _AROUND) / _SQUARE)
-        spans.append(np.arange(low, high + 1) * _SQUARE)
-    x, y = spans
+    low = [np.floor(((feet @ axis).min() - _AROUND) / _SQUARE) for axis in (a, b)]
+    high = [np.ceil(((feet @ axis).max() + _AROUND) / _SQUARE) for axis in (a, b)]
+    x, y = (np.arange(first, last + 1) * _SQUARE for first, last in zip(low, high, strict=True))
     lines = [(a * each + b * y[0], a * each + b * y[-1]) for each in x]
     return lines + [(b * each + a * x[0], b * each + a * x[-1]) for each in y]
 

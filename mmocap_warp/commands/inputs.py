@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -135,41 +135,27 @@ def scene_reference(scene: Path, file: Path | None) -> str:
 
 
 def scene_of(
-    result: Result, path: Path | None, named: Scene | str | Path | None, reporter: Reporter | None = None
+    made: Result | Subject, path: Path | None, named: Scene | str | Path | None, reporter: Reporter | None = None
 ) -> Scene | None:
-    """The scene that was tracked: the one named now, or else the one that the result names; None if neither is.
+    """The scene that a result or a subject was made from: the one named now, or the one that it names; None if neither.
 
-    Raises:
-        InputError: the scene is wrong, or is no longer where the result says.
-    """
-    reference = result.config.get("scene")
-    if named is None and reference is not None and path is None and not Path(reference).is_absolute():
-        line = f"the scene {reference} is named from the result's file, which is not known: give scene, or that file"
-        (reporter or Reporter()).warn(line)
-        return None
-    return recorded_scene(reference, path, named, result.config.get("identity"))
-
-
-def recorded_scene(
-    reference: str | None, path: Path | None, named: Scene | str | Path | None, identity: int | None = None
-) -> Scene | None:
-    """The scene that was recorded for what lies at ``path``: the one named now, or the one that it refers to.
-
-    Args:
-        reference: how it names its scene; None where it does not.
-        path: its file; None for what is in memory alone, whose reference counts if it is an absolute path.
-        named: the scene, or its path.
-        identity: of the person, where one was chosen.
-
-    Returns:
-        None where no scene is known.
+    It names its scene from its file at ``path``; of what is in memory alone, an absolute path counts.
 
     Raises:
         InputError: the scene is wrong, or is no longer where the reference says.
     """
+    is_result = isinstance(made, Result)
+    known: Mapping[str, Any] = made.config if isinstance(made, Result) else made.provenance
+    reference, identity = (known.get(name if is_result else f"fit.{name}") for name in ("scene", "identity"))
+    identity = None if identity is None else int(identity)
     if named is not None:
         return named if isinstance(named, Scene) else load_scene(named, identity=identity)
-    if reference is None or (path is None and not Path(reference).is_absolute()):
+    if reference is None:
+        return None
+    if path is None and not Path(reference).is_absolute():
+        if is_result:
+            remedy = "which is not known: give scene, or that file"
+            (reporter or Reporter()).warn(f"the scene {reference} is named from the result's file, {remedy}")
         return None
     recorded = Path(reference) if path is None else path.parent / reference
     if not recorded.exists():

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mmocap_warp.body.model import Subject
-from mmocap_warp.commands.inputs import Frames, positions_of, recorded_scene, result_from, scene_of, truth_of
+from mmocap_warp.commands.inputs import Frames, positions_of, result_from, scene_of, truth_of
 from mmocap_warp.commands.outputs import new_file, releases_locks
 from mmocap_warp.commands.reporter import Reporter
 from mmocap_warp.commands.settings import start_warp
@@ -101,11 +101,7 @@ def _show_subject(
     picture = new_file(_beside(given, output, ".png"), ".png", force=force)
     subject, path = (given, None) if isinstance(given, Subject) else (read_subject(given), Path(given))
     start_warp()
-    reference, identity = (subject.provenance.get(key) for key in ("fit.scene", "fit.identity"))
-    recorded = recorded_scene(
-        None if reference is None else str(reference), path, scene, None if identity is None else int(identity)
-    )
-    if recorded is None:
+    if (recorded := scene_of(subject, path, scene)) is None:
         result_video.show_subject(subject, picture)
         return Drawing(None, picture)
     scale = min(1.0, _DRAWN_LENGTH / int(recorded.calibrated.size.max()))

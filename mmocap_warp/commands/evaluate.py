@@ -61,10 +61,7 @@ def evaluate(
 
 
 def evaluate_in_scene(result: Result, scene: Scene) -> tuple[dict[str, Any], str | None]:
-    """How good a result is, beside the truth that its scene names, and what is wrong with that truth.
-
-    Returns:
-        As :func:`evaluate`, without what it says of each frame; a line, or None where nothing is wrong.
+    """As :func:`evaluate`, without what it says of each frame, and a line where the scene's truth is in another world.
 
     Raises:
         InputError: the truth is of other frames, or of a body with other joints.

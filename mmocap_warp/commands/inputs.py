@@ -38,11 +38,7 @@ def scene_from(
 ) -> Scene:
     """A scene by its file or folder, or as it is; of it the frames and the person that are asked for.
 
-    Args:
-        scene: the scene.
-        frames: which of its frames; None for those that it names.
-        identity: of the person, where masks show several.
-        calibrated: whether there must be a calibration.
+    Without ``calibrated`` there need not be a calibration.
 
     Raises:
         InputError: the scene is wrong.

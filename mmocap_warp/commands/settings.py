@@ -28,13 +28,9 @@ def arguments_checked() -> Iterator[None]:
 
 
 def effective(kind: type[Config], written: Table, given: Mapping[str, Any], base: Config | None = None) -> Config:
-    """The settings to run with.
+    """The settings to run with: those of the scene file, or of ``base``, but for those that the caller gives by name.
 
-    Args:
-        kind: a frozen dataclass that checks its fields and raises ``ValueError``.
-        written: the scene file's table of them.
-        given: those that the caller gives, by name.
-        base: used instead of the scene file's.
+    Their ``kind`` is a frozen dataclass that checks its fields and raises ``ValueError``.
 
     Raises:
         InputError: the scene file holds an unknown name or a wrong value.

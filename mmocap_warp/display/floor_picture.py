@@ -22,14 +22,12 @@ _ROW_HEIGHT = 480  # height of a row of views [px]
 def floor_picture(
     images: Sequence[np.ndarray], rig: CameraRig, heads: np.ndarray, frame: int, title: str
 ) -> np.ndarray:
-    """The views of one frame side by side, BGR, with the floor, the person's way and the body's axis.
+    """The views of one frame side by side, BGR, with the floor, the person's way and the body's axis, below a title.
 
     Args:
         images: per camera, undistorted BGR, of the rig's sizes.
         rig: undistorted pinholes; the floor is at zero along ``up``.
-        heads: (frame, 3), the top of the person's head [m]; NaN where not known.
-        frame: which of them the images show.
-        title: a line above the views.
+        heads: (frame, 3), the top of the person's head [m]; NaN where not known. The images show that of ``frame``.
     """
     views = []
     for k, image in enumerate(images):

@@ -55,17 +55,10 @@ def read_cameras(
     fps: float,
     placed: bool,
 ) -> tuple[tuple[CameraSource, ...], CameraRig]:
-    """The cameras of a scene and their rig.
+    """The cameras of the file ``scene`` and their rig.
 
-    Args:
-        table: [cameras], from which all other keys were taken.
-        tables: of each camera, by name.
-        scene: the file.
-        calibration: its file or folder; None for none.
-        units: of its lengths, where the scene tells.
-        up: the scene's vertical.
-        fps: the scene's.
-        placed: whether the calibration must say where the cameras stand.
+    All other keys of [cameras], ``table``, were taken; ``tables`` are those of each camera, by name. The calibration,
+    a file or folder, must say where the cameras stand if they are to be ``placed``.
 
     Raises:
         InputError: wrong keys, files that cannot be read, or rates that disagree.

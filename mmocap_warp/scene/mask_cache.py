@@ -62,14 +62,28 @@ def store_masks(path: Path, key: str, count: int, masks: Iterator[np.ndarray | N
     """
     unfinished = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
     archive: tarfile.TarFile | None = None
+
+    def add(name: str, data: bytes) -> None:
+        """Add a member; the archive is given up where there is no room for it."""
+        nonlocal archive
+        member = tarfile.TarInfo(name)
+        member.size = len(data)
+        try:
+            if archive is not None:
+                archive.addfile(member, io.BytesIO(data))
+        except OSError:
+            given_up, archive = archive, None
+            with contextlib.suppress(OSError):
+                given_up.close()
+
     try:
         with contextlib.suppress(OSError):
             path.parent.mkdir(parents=True, exist_ok=True)
             archive = tarfile.open(unfinished, "w")  # noqa: SIM115
-        archive = _add(archive, _KEY, key.encode())
+        add(_KEY, key.encode())
         for frame, mask in enumerate(masks):
-            if mask is not None and archive is not None:
-                archive = _add(archive, f"{frame:06d}.png", encode_png(mask))
+            if mask is not None:
+                add(f"{frame:06d}.png", encode_png(mask))
             if frame + 1 == count and archive is not None:
                 with contextlib.suppress(OSError):
                     archive.close()
@@ -81,17 +95,3 @@ def store_masks(path: Path, key: str, count: int, masks: Iterator[np.ndarray | N
                 archive.close()
         with contextlib.suppress(OSError):
             unfinished.unlink(missing_ok=True)
-
-
-def _add(archive: tarfile.TarFile | None, name: str, data: bytes) -> tarfile.TarFile | None:
-    """Add a member; returns the archive, or None where there is none or no room in it."""
-    if archive is not None:
-        member = tarfile.TarInfo(name)
-        member.size = len(data)
-        try:
-            archive.addfile(member, io.BytesIO(data))
-        except OSError:
-            with contextlib.suppress(OSError):
-                archive.close()
-            return None
-    return archive

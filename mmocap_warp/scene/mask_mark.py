@@ -78,13 +78,9 @@ def read_mark(masks: Path) -> MaskMark | None:
 def calibration_hash(
     rig: CameraRig, k: int, recorded_scale: float, recorded_offset: tuple[float, float], whole_rig: bool
 ) -> str:
-    """A hash of what camera ``k``'s undistorted masks depend on.
+    """A hash of what camera ``k``'s undistorted masks depend on: its lens, and its place in the recorded image.
 
-    Args:
-        rig: as calibrated.
-        k: the camera.
-        recorded_scale, recorded_offset: where the calibrated image lies in the recorded one.
-        whole_rig: whether the masks depend on the other cameras and on where all of them stand, as repaired ones do.
+    Masks of the ``whole_rig`` depend on the other cameras and on where all of them stand, as repaired ones do.
     """
     digest = hashlib.sha256()
     lens = [rig.K[k], rig.distortion[k], rig.size[k], [recorded_scale, *recorded_offset]]

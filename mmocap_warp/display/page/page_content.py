@@ -71,13 +71,7 @@ def _error(result: Result, truth: Truth) -> Curve:
 def content(
     result: Result, truth: Truth | None = None, masks: Pictures | None = None, images: Pictures | None = None
 ) -> dict[str, Any]:
-    """The page's data.
-
-    Args:
-        result: what is shown, all frames of it.
-        truth: what errors are measured from; None for no error.
-        masks: of its frames; None for none.
-        images: likewise.
+    """The page's data: all frames of a result, errors against a truth, masks and images where there are some.
 
     Raises:
         InputError: the truth is of another recording.

@@ -130,11 +130,7 @@ def resource(package: str, name: str) -> str:
 def filled(template: str, *, title: str, script: str, style: str, **parts: str) -> str:
     """A page of a template that begins with ``$head`` and has its one script in ``$script``.
 
-    Args:
-        template: in which ``$title``, too, is known.
-        title: as plain text.
-        script, style: all that the page runs and looks like.
-        parts: what else the template names, as markup.
+    The title is plain text; ``parts`` are what else the template names, as markup.
     """
     head = Template(resource("mmocap_warp.display.page", "head.html")).substitute(
         title=escape(title), style=style, style_hash=_hash(style), script_hash=_hash(script)

@@ -66,15 +66,16 @@ def store_masks(path: Path, key: str, count: int, masks: Iterator[np.ndarray | N
     def add(name: str, data: bytes) -> None:
         """Add a member; the archive is given up where there is no room for it."""
         nonlocal archive
+        if archive is None:
+            return
         member = tarfile.TarInfo(name)
         member.size = len(data)
         try:
-            if archive is not None:
-                archive.addfile(member, io.BytesIO(data))
+            archive.addfile(member, io.BytesIO(data))
         except OSError:
-            given_up, archive = archive, None
             with contextlib.suppress(OSError):
-                given_up.close()
+                archive.close()
+            archive = None
 
     try:
         with contextlib.suppress(OSError):
@@ -82,7 +83,7 @@ def store_masks(path: Path, key: str, count: int, masks: Iterator[np.ndarray | N
             archive = tarfile.open(unfinished, "w")  # noqa: SIM115
         add(_KEY, key.encode())
         for frame, mask in enumerate(masks):
-            if mask is not None:
+            if mask is not None and archive is not None:
                 add(f"{frame:06d}.png", encode_png(mask))
             if frame + 1 == count and archive is not None:
                 with contextlib.suppress(OSError):

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
         solve_cameras,
         sync,
     )
+    from mmocap_warp.commands.caller import Reporter
     from mmocap_warp.commands.clips import ablate, make_sequences
     from mmocap_warp.commands.demo import demo
     from mmocap_warp.commands.evaluate import evaluate
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
     from mmocap_warp.commands.mask import mask
     from mmocap_warp.commands.measure import measure
     from mmocap_warp.commands.new_scenes import import_humaneva, init, synthesize
-    from mmocap_warp.commands.reporter import Reporter
     from mmocap_warp.commands.show import show, view
     from mmocap_warp.commands.studies import report_study, run_study
     from mmocap_warp.commands.track import track
@@ -66,7 +66,7 @@ _HOMES = {
     "InputError": "errors:InputError",
     "LiveFrame": "tracking.live:LiveFrame",
     "Refinement": "calibration.refine.refinement:Refinement",
-    "Reporter": "commands.reporter:Reporter",
+    "Reporter": "commands.caller:Reporter",
     "Result": "result.result:Result",
     "Scene": "scene.recording:Scene",
     "SolvedCameras": "calibration.solve.solution:SolvedCameras",

@@ -71,20 +71,14 @@ def _measures_text(values: dict[str, Any]) -> str:
     """The answer for people."""
     shown = next(run for run in values["per_run"] if run["run"] == values["shown_run"])
     parts = [f"run {values['shown_run']}, {values['frames']} frames, {values['track']}"]
-    angles = [
-        (joint, name.replace("_", " "), *(f"{spread[key]:.1f}" for key in ("min", "mean", "max")))
-        for joint, names in shown["angles_deg"].items()
-        for name, spread in names.items()
-    ]
-    if angles:
-        parts.append(table([("joint", "angle [°]", "least", "mean", "most"), *angles]))
-    shifts = [
-        (joint, axis, *(f"{spread[key]:.1f}" for key in ("min", "mean", "max")))
-        for joint, axes in shown.get("shifts_mm", {}).items()
-        for axis, spread in axes.items()
-    ]
-    if shifts:
-        parts.append(table([("joint", "shift [mm]", "least", "mean", "most"), *shifts]))
+    for key, title in (("angles_deg", "angle [°]"), ("shifts_mm", "shift [mm]")):
+        rows = [
+            (joint, name.replace("_", " "), *(f"{spread[end]:.1f}" for end in ("min", "mean", "max")))
+            for joint, names in shown.get(key, {}).items()
+            for name, spread in names.items()
+        ]
+        if rows:
+            parts.append(table([("joint", title, "least", "mean", "most"), *rows]))
     if shown["on_floor_share"]:
         parts.append(_gait(shown))
     height = shown["centre_of_mass_height_m"]

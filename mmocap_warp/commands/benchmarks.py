@@ -9,9 +9,8 @@ from typing import Any
 from mmocap_warp.bench import suite
 from mmocap_warp.bench.against import PEERS, missing
 from mmocap_warp.bench.report_file import read_report, write_pages, write_report
+from mmocap_warp.commands.caller import Reporter, start_warp
 from mmocap_warp.commands.outputs import new_file, new_folder, releases_locks
-from mmocap_warp.commands.reporter import Reporter
-from mmocap_warp.commands.settings import start_warp
 from mmocap_warp.device.cores import available_threads
 from mmocap_warp.device.resolve import resolve_device
 from mmocap_warp.errors import UsageError

@@ -24,10 +24,9 @@ from mmocap_warp.calibration.solve import solution
 from mmocap_warp.calibration.solve.solution import SolvedCameras
 from mmocap_warp.calibration.sync.synchronise import Synchronisation, synchronise
 from mmocap_warp.cameras.rig import UP_AXES, CameraRig, CameraSummary, describe_rig, draw_world_axes
+from mmocap_warp.commands.caller import Reporter, arguments_checked, start_warp
 from mmocap_warp.commands.inputs import Frames, body_from, note_others, scene_from
 from mmocap_warp.commands.outputs import new_file, new_folder, releases_locks
-from mmocap_warp.commands.reporter import Reporter
-from mmocap_warp.commands.settings import arguments_checked, start_warp
 from mmocap_warp.display.floor_picture import floor_picture
 from mmocap_warp.errors import UsageError
 from mmocap_warp.formats.calibration.calibration_text import EVERY_OTHER, METRES

@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from mmocap_warp.commands.caller import Reporter, start_warp
 from mmocap_warp.commands.inputs import Frames, positions_of, result_from, scene_of, truth_of
-from mmocap_warp.commands.reporter import Reporter
-from mmocap_warp.commands.settings import start_warp
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.truth_file import load_truth
 from mmocap_warp.result import evaluation

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from mmocap_warp.commands.caller import arguments_checked, start_warp
 from mmocap_warp.commands.inputs import Frames, positions_of, result_from
 from mmocap_warp.commands.outputs import new_file, releases_locks
-from mmocap_warp.commands.settings import arguments_checked, start_warp
 from mmocap_warp.errors import UsageError
 from mmocap_warp.formats import table
 from mmocap_warp.formats.exports.rigs import with_rig

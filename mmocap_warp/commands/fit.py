@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel, Subject
+from mmocap_warp.commands.caller import Reporter, describe, effective, start_warp
 from mmocap_warp.commands.inputs import body_from, note_others, scene_from, scene_reference
 from mmocap_warp.commands.outputs import new_file, releases_locks
-from mmocap_warp.commands.reporter import Reporter
-from mmocap_warp.commands.settings import describe, effective, start_warp
 from mmocap_warp.errors import UsageError
 from mmocap_warp.fitting import subject_fit
 from mmocap_warp.fitting.fit_config import FitConfig

@@ -11,8 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel, Subject
-from mmocap_warp.commands.reporter import Reporter
-from mmocap_warp.commands.settings import arguments_checked
+from mmocap_warp.commands.caller import Reporter, arguments_checked
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.formats.truth_file import load_truth
 from mmocap_warp.formats.usd.usd_body import read_subject

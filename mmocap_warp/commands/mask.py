@@ -9,10 +9,9 @@ import numpy as np
 
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.silhouette import silhouettes
+from mmocap_warp.commands.caller import Reporter, start_warp
 from mmocap_warp.commands.inputs import Frames, note_others, result_from, scene_from, span
 from mmocap_warp.commands.outputs import new_folder, releases_locks
-from mmocap_warp.commands.reporter import Reporter
-from mmocap_warp.commands.settings import start_warp
 from mmocap_warp.display.result_video import check_same_recording
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.formats.usd.usd_body import read_subject

@@ -9,9 +9,9 @@ from typing import Literal
 from mmocap_warp.biomechanics import measure_all
 from mmocap_warp.biomechanics.measure_all import Measures
 from mmocap_warp.biomechanics.measure_tables import write_tables
+from mmocap_warp.commands.caller import arguments_checked, start_warp
 from mmocap_warp.commands.inputs import Frames, positions_of, result_from
 from mmocap_warp.commands.outputs import new_folder, releases_locks
-from mmocap_warp.commands.settings import arguments_checked, start_warp
 from mmocap_warp.display.result_plots import plot_angles, plot_feet
 from mmocap_warp.errors import UsageError
 from mmocap_warp.result.result import Result

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mmocap_warp.body.model import Subject
+from mmocap_warp.commands.caller import Reporter, start_warp
 from mmocap_warp.commands.inputs import Frames, positions_of, result_from, scene_of, truth_of
 from mmocap_warp.commands.outputs import new_file, releases_locks
-from mmocap_warp.commands.reporter import Reporter
-from mmocap_warp.commands.settings import start_warp
 from mmocap_warp.display import result_video
 from mmocap_warp.display.page import viewer
 from mmocap_warp.display.page.rerun_file import write_rerun

@@ -8,9 +8,8 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
+from mmocap_warp.commands.caller import Reporter, arguments_checked, start_warp
 from mmocap_warp.commands.outputs import lock, new_file, releases_locks
-from mmocap_warp.commands.reporter import Reporter
-from mmocap_warp.commands.settings import arguments_checked, start_warp
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.study import run
 from mmocap_warp.study.baselines import baselines

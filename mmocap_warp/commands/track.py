@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from mmocap_warp.body.model import BodyModel, Subject
+from mmocap_warp.commands.caller import Progress, Reporter, describe, effective, start_warp
 from mmocap_warp.commands.fit import fit_subject
 from mmocap_warp.commands.inputs import (
     Frames,
@@ -19,8 +20,6 @@ from mmocap_warp.commands.inputs import (
     truth_of,
 )
 from mmocap_warp.commands.outputs import new_file, releases_locks
-from mmocap_warp.commands.reporter import Progress, Reporter
-from mmocap_warp.commands.settings import describe, effective, start_warp
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.fitting.fit_config import FitConfig
 from mmocap_warp.formats.usd.usd_body import read_subject

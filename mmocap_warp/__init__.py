@@ -33,11 +33,10 @@ if TYPE_CHECKING:
     from mmocap_warp.commands.caller import Reporter
     from mmocap_warp.commands.clips import ablate, make_sequences
     from mmocap_warp.commands.demo import demo
-    from mmocap_warp.commands.evaluate import evaluate
+    from mmocap_warp.commands.evaluate import evaluate, measure
     from mmocap_warp.commands.export import export
     from mmocap_warp.commands.fit import fit
     from mmocap_warp.commands.mask import mask
-    from mmocap_warp.commands.measure import measure
     from mmocap_warp.commands.new_scenes import import_humaneva, init, synthesize
     from mmocap_warp.commands.show import show, view
     from mmocap_warp.commands.studies import report_study, run_study
@@ -94,7 +93,7 @@ _HOMES = {
     "load_truth": "formats.truth_file:load_truth",
     "make_sequences": "commands.clips:make_sequences",
     "mask": "commands.mask:mask",
-    "measure": "commands.measure:measure",
+    "measure": "commands.evaluate:measure",
     "minimize": "optimizers.minimize:minimize",
     "overlay": "display.result_video:overlay",
     "refine_cameras": "commands.calibrate:refine_cameras",

@@ -45,18 +45,12 @@ def view(call: Any, result: Path, output: Path | None, rerun: Path | None) -> An
 )
 def export(call: Any, output: Path) -> Answer:
     written = call()
-    values = {
-        "file": output if output in written.files else None,
-        "files": list(written.files),
-        "frames": written.frames,
-        "fps": written.fps,
-        "up": written.up,
-    }
+    values = {"file": output if output in written.files else None, **vars(written)}
     frames = f"{written.frames} frames, {written.fps:g} a second, {written.up} up"
     return Answer(values, [f"{file}: {frames}" for file in written.files])
 
 
-@command("measure:measure", order="output run raw frames", frames=ResultFrames)
+@command("evaluate:measure", order="output run raw frames", frames=ResultFrames)
 def measure(call: Any, output: Path | None) -> Answer:
     from mmocap_warp.biomechanics.measure_tables import report
 

@@ -1,4 +1,4 @@
-"""``mmocap study``: trackers compared over a grid of sequences, models and budgets, and what it prints of a run."""
+"""``mmocap study``: trackers compared over a grid of sequences, models and budgets. ``mmocap bench``: their speed."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from mmocap_warp.study.ablation import AblationCell
 
 app = App(name="study", help="Compare trackers: run a grid of them, and report on it.", version_flags=[])
+bench_app = App(name="bench", version_flags=[])
 _COLUMNS = {  # of the table of a run, by key: title, format and unit
     "mpjpe_mm": ("MPJPE", ".1f", " mm"),
     "eq20_as_printed_mm": ("Eq. 20 as printed", ".1f", " mm"),
@@ -31,6 +32,7 @@ _COLUMNS = {  # of the table of a run, by key: title, format and unit
     "growth": ("growth", ".2f", ""),
 }
 _MORE = Parameter(help="Further folders of results, of the same page.")
+_COMPARE = Parameter(help="An earlier report: show how many times as quick each line is now.")
 _MAX_NAMED = 3  # cells that are missing for one reason; of more, only the number is printed
 _ABLATED: dict[str, tuple[str, str, Callable[[list[float]], float]]] = {  # title, how it is shown, over seeds
     "marker_error_mm": ("marker", ".1f", fmean),
@@ -216,3 +218,26 @@ def _ablation_table(rows: list[dict[str, Any]]) -> str:
 def _over_seeds(values: list[float | None], kind: str, how: Callable[[list[float]], float]) -> str:
     known = [value for value in values if value is not None]
     return format(how(known), kind) if known else "-"
+
+
+@bench_app.default
+@command(
+    "benchmarks:benchmark",
+    order="device threads against growth compare output",
+    against=Given(str | None, None),
+    compare=Annotated[Path | None, _COMPARE],
+)
+def bench(call: Any, against: str | None, compare: Path | None) -> Answer:
+    from mmocap_warp.bench.report_file import read_report, rendered, to_text
+
+    old = None if compare is None else read_report(compare)
+    report = call(against=() if against is None else against)
+    text = to_text(rendered(report, old), colours=sys.stdout.isatty())
+    return Answer(report, [text], OK if report["ok"] else CHECK_FAILED)
+
+
+@bench_app.command(help="Write reports as a page of tables, and plots of growth.")
+@command("benchmarks:write_benchmark_pages", reports=Given(Path, kind=ANY_NUMBER))
+def pages(call: Any) -> Answer:
+    files = call()
+    return Answer({"files": files}, files)

@@ -76,9 +76,6 @@ class _Media:
         rate = self.rates.get(name)
         return rate if rate is not None and self.fps and abs(rate / self.fps - 1) > RATE_TOLERANCE else None
 
-    def all_have(self, take: Take, cameras: tuple[str, ...]) -> bool:
-        return all(name in take for name in cameras)
-
 
 def draft_scene(folder: Path) -> Draft:
     """Look at what a folder holds and draft its scene file. Nothing is written.
@@ -171,13 +168,11 @@ def _about(draft: Draft, rig: CameraRig | None, media: _Media) -> list[str]:
         mean = -rig.R[:, 1].mean(axis=0)
         axis = int(np.abs(mean).argmax())
         up, share = UP_AXES[2 * axis + (mean[axis] < 0)], float(abs(mean[axis]))
-    if rig is None:
-        lines.append(f'up = "{up}"   # the vertical of the calibration\'s world')
-    elif share < _MIN_UPRIGHT:
-        lines.append(f'up = "{up}"   # a guess: the cameras do not stand upright along an axis')
+    why = "the vertical of the calibration's world" if rig is None else "along which the cameras stand upright"
+    if rig is not None and share < _MIN_UPRIGHT:
+        why = "a guess: the cameras do not stand upright along an axis"
         draft.missing.append(f'a look at the vertical: up = "{up}" is a guess, and mmocap cameras draws the axes')
-    else:
-        lines.append(f'up = "{up}"   # along which the cameras stand upright')
+    lines.append(f'up = "{up}"   # {why}')
     counts = {name: len(frames) for name, frames in media.frames.items()}
     if len(set(counts.values())) > 1 and not any(map(media.others_rate, counts)):
         found = ", ".join(f"{name} {count}" for name, count in counts.items())
@@ -268,13 +263,14 @@ def _has_bars(frames: Frames, bars: np.ndarray) -> bool:
 
 
 def _foreground(draft: Draft, media: _Media) -> list[str]:
-    if media.all_have(media.masks, draft.cameras):
+    cameras = set(draft.cameras)
+    if cameras <= media.masks.keys():
         draft.found.append("masks of every camera, which are tracked as they are")
         return ["[foreground]", 'source = "masks"   # as they are; median, close, min_area and keep would clean them']
     source, of = "recording", "from the recording itself, in which the person must not stay in one place"
-    if media.all_have(media.clean_plate, draft.cameras):
+    if cameras <= media.clean_plate.keys():
         source, of = "clean_plate", "from the pictures without the person"
-    elif media.all_have(media.background, draft.cameras):
+    elif cameras <= media.background.keys():
         source, of = "background_video", "from the recordings without the person"
     draft.found.append(
         f"no masks for every camera: mmocap mask makes them, subtracting a background that it learns {of}"

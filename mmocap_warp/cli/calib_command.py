@@ -27,20 +27,17 @@ app.command("mmocap_warp.cli.calib_adjust:refine", name="refine", help=COMMANDS[
 @app.command(help=COMMANDS["calib solve"]["help"], sort_key=3)
 @command(
     "calibrate:solve_cameras",
+    calibrated=False,
     order="height output",
     scene=Path,
     height=Given(float, kind=BY_FLAG),
     output=Given(Path, Path("calibration.toml")),
 )
-def solve(
-    call: Any, scene: Path, height: float, output: Path, picture: Path | None, frames: str | None, identity: int | None
-) -> Answer:
+def solve(call: Any, loaded: Scene, height: float, output: Path, picture: Path | None) -> Answer:
     from mmocap_warp.calibration.solve import UnsolvableError
-    from mmocap_warp.commands.inputs import scene_from
 
-    loaded = scene_from(scene, frames, identity, calibrated=False)
     try:
-        cameras = call(scene=loaded, frames=None, identity=None)
+        cameras = call()
     except UnsolvableError as error:
         return Answer({"solved": False, "reason": str(error)}, [f"check failed: {error}"], CHECK_FAILED)
     lines = _lines(loaded, cameras, height, output, picture)

@@ -36,7 +36,7 @@ def view(call: Any, result: Path, output: Path | None, rerun: Path | None) -> An
 
 
 @command(
-    "export:export",
+    "show:export",
     output=Annotated[Path, Parameter(help=f"The animation's file: {listed(EXPORT_SUFFIXES)}.")],
     run=Annotated[str | None, Parameter(show_default=False)],
     frames=ResultFrames,

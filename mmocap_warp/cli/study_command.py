@@ -222,7 +222,7 @@ def _over_seeds(values: list[float | None], kind: str, how: Callable[[list[float
 
 @bench_app.default
 @command(
-    "benchmarks:benchmark",
+    "studies:benchmark",
     order="device threads against growth compare output",
     against=Given(str | None, None),
     compare=Annotated[Path | None, _COMPARE],
@@ -237,7 +237,7 @@ def bench(call: Any, against: str | None, compare: Path | None) -> Answer:
 
 
 @bench_app.command(help="Write reports as a page of tables, and plots of growth.")
-@command("benchmarks:write_benchmark_pages", reports=Given(Path, kind=ANY_NUMBER))
+@command("studies:write_benchmark_pages", reports=Given(Path, kind=ANY_NUMBER))
 def pages(call: Any) -> Answer:
     files = call()
     return Answer({"files": files}, files)

@@ -39,7 +39,7 @@ def track(call: Any, console: Console, loaded: Scene, output: Path) -> None:
 
 
 @command(
-    "fit:fit",
+    "track:fit",
     order="output body",
     output=Given(Path, Path("subject.usdc")),
     start_poses=Annotated[list[str] | None, Parameter(name="--start-pose")],

@@ -27,7 +27,7 @@ from mmocap_warp.cameras.rig import UP_AXES, CameraRig, CameraSummary, describe_
 from mmocap_warp.commands.caller import Reporter, arguments_checked, start_warp
 from mmocap_warp.commands.inputs import Frames, body_from, note_others, scene_from
 from mmocap_warp.commands.outputs import new_file, new_folder, releases_locks
-from mmocap_warp.display.floor_picture import floor_picture
+from mmocap_warp.display.still_pictures import floor_picture
 from mmocap_warp.errors import UsageError
 from mmocap_warp.formats.calibration.calibration_text import EVERY_OTHER, METRES
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig

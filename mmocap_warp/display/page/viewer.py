@@ -16,8 +16,7 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
-from mmocap_warp.display.page.page_content import content
-from mmocap_warp.display.page.pictures import Views, pose_step, sentence, small_images, small_masks
+from mmocap_warp.display.page.page_content import Views, content, pose_step, sentence, small_images, small_masks
 from mmocap_warp.display.result_video import check_same_recording
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth

@@ -1,4 +1,4 @@
-"""Studies that are run and reported, ``mmocap study``, and how fast the program is on this machine, ``mmocap bench``."""
+"""Studies that are run and reported, ``mmocap study``, and how fast the program is here, ``mmocap bench``."""
 
 from __future__ import annotations
 

@@ -16,9 +16,19 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.calibration_text import EVERY_OTHER
 from mmocap_warp.formats.toml_table import quoted, quoted_path
 from mmocap_warp.masks.frames import Frames, VideoFile, as_colour, open_frames
-from mmocap_warp.scene.calibration_search import CalibrationFile, find_calibration, project_kind, read_with_unit
 from mmocap_warp.scene.camera_tables import RATE_TOLERANCE
-from mmocap_warp.scene.media_search import Kind, Medium, Take, find_media, names_without_calibration, takes
+from mmocap_warp.scene.folder_search import (
+    CalibrationFile,
+    Kind,
+    Medium,
+    Take,
+    find_calibration,
+    find_media,
+    names_without_calibration,
+    project_kind,
+    read_with_unit,
+    takes,
+)
 
 _MIN_UPRIGHT = 0.8  # share of the images' vertical that is along the world's if cameras stand upright
 _MAX_BAR_LEVEL = 30.0  # gray levels, of a black bar's brightest row

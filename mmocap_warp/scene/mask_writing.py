@@ -14,7 +14,7 @@ from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.png import write_png
 from mmocap_warp.formats.toml_table import quoted, quoted_path, toml_value
 from mmocap_warp.formats.webm import WebmFile
-from mmocap_warp.scene.mask_mark import MaskMark, calibration_hash
+from mmocap_warp.scene.kept_masks import MaskMark, calibration_hash
 from mmocap_warp.scene.recording import CameraSource, Scene
 from mmocap_warp.whole_file import write_whole
 
@@ -36,7 +36,7 @@ def write_masks(
 ) -> Path:
     """Write finished masks (undistorted, resampled, cleaned, repaired) and an overlay to look at.
 
-    The folder gets ``<camera>/<frame>.png`` (1 bit), each camera's :class:`~mmocap_warp.scene.mask_mark.MaskMark`,
+    The folder gets ``<camera>/<frame>.png`` (1 bit), each camera's :class:`~mmocap_warp.scene.kept_masks.MaskMark`,
     ``overlay.webm``, ``pinholes.toml`` (the cameras that the masks belong to, for other programs) and last
     ``scene.toml``: the same scene, whose masks are made, read back exactly at ``scale``. Files of the same names are
     replaced. ``refine`` makes a frame's masks better, ``look`` is called with them, per camera (height, width) bool,

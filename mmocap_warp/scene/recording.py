@@ -29,8 +29,7 @@ from mmocap_warp.masks.observation import Observation
 from mmocap_warp.masks.subtraction import learn_background
 from mmocap_warp.masks.visual_hull import repair_masks
 from mmocap_warp.scene.frame_choice import frames_by_number, read_together
-from mmocap_warp.scene.mask_cache import store_masks, stored_masks
-from mmocap_warp.scene.mask_mark import MaskMark, calibration_hash
+from mmocap_warp.scene.kept_masks import MaskMark, calibration_hash, store_masks, stored_masks
 from mmocap_warp.version import __version__
 from mmocap_warp.whole_file import content_hash
 

@@ -21,7 +21,7 @@ from mmocap_warp.masks.mask_image import Labels, decode_mask, identities_of
 from mmocap_warp.masks.mask_settings import GIVEN, KEEP, MODELS, SOURCES, SUBTRACTED, ForegroundSettings
 from mmocap_warp.scene.camera_tables import fastest, read_cameras
 from mmocap_warp.scene.frame_choice import FrameChoice
-from mmocap_warp.scene.mask_mark import MARK_NAME, MaskMark, calibration_hash
+from mmocap_warp.scene.kept_masks import MARK_NAME, MaskMark, calibration_hash
 from mmocap_warp.scene.recording import CameraSource, Scene, recorded_frames
 
 _WAYS_TO_MASKS = (

@@ -33,30 +33,44 @@ _SAMPLES = 5
 
 
 def scene_from(
-    scene: Scene | str | Path, frames: Frames = None, identity: int | None = None, *, calibrated: bool = True
+    scene: Scene | str | Path,
+    frames: Frames = None,
+    identity: int | None = None,
+    reporter: Reporter | None = None,
+    *,
+    calibrated: bool = True,
 ) -> Scene:
     """A scene by its file or folder, or as it is; of it the frames and the person that are asked for.
 
-    Without ``calibrated`` there need not be a calibration.
+    Without ``calibrated`` there need not be a calibration. A reporter is told where given masks show more than one
+    person, and how to choose: one person is tracked at a time.
 
     Raises:
         InputError: the scene is wrong.
         UsageError: it does not have these frames, or no identities.
         TypeError: it is neither.
     """
+    with arguments_checked():
+        chosen = _chosen(scene, _frames_text(frames), identity, calibrated)
+    if reporter is not None and chosen.foreground.source == "masks" and not chosen.foreground.identity:
+        others = ((source.name, _others(chosen, source)) for source in chosen.cameras)
+        if (seen := next((f"{name} {line}" for name, line in others if line is not None), None)) is not None:
+            reporter.note(seen)  # the other cameras see the same people
+    return chosen
+
+
+def _chosen(scene: Scene | str | Path, frames: str | None, identity: int | None, calibrated: bool) -> Scene:
     if isinstance(scene, str | Path):
-        with arguments_checked():
-            return load_scene(scene, _frames_text(frames), identity, calibrated=calibrated)
+        return load_scene(scene, frames, identity, calibrated=calibrated)
     if not isinstance(scene, Scene):
         raise TypeError(f"scene must be a Scene or the path of one, not a {type(scene).__name__}")
     if identity is not None:
         if scene.foreground.source != "masks":
             raise UsageError("--identity chooses among given masks; this scene's are subtracted")
         scene = replace(scene, foreground=replace(scene.foreground, identity=identity))
-    if (text := _frames_text(frames)) is None:
-        return scene
-    with arguments_checked():
-        return scene.of_frames(FrameChoice.parse(text).of(scene.frames, scene.recorded_frames))
+    return (
+        scene if frames is None else scene.of_frames(FrameChoice.parse(frames).of(scene.frames, scene.recorded_frames))
+    )
 
 
 def _frames_text(frames: Frames) -> str | None:
@@ -164,16 +178,6 @@ def truth_of(scene: Scene | None) -> Truth | None:
     if scene is None or scene.truth is None:
         return None
     return load_truth(scene.truth, scene.truth_axes)
-
-
-def note_others(scene: Scene, reporter: Reporter) -> None:
-    """Say where given masks show more than one person, and how to choose: one person is tracked at a time."""
-    if scene.foreground.source != "masks" or scene.foreground.identity:
-        return
-    for source in scene.cameras:
-        if (line := _others(scene, source)) is not None:
-            reporter.note(f"{source.name} {line}")
-            return  # the other cameras see the same people
 
 
 def _others(scene: Scene, source: CameraSource) -> str | None:

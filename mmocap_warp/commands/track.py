@@ -12,15 +12,7 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.commands.caller import Progress, Reporter, describe, effective, start_warp
-from mmocap_warp.commands.inputs import (
-    Frames,
-    body_from,
-    note_others,
-    scene_from,
-    scene_reference,
-    subject_from,
-    truth_of,
-)
+from mmocap_warp.commands.inputs import Frames, body_from, scene_from, scene_reference, subject_from, truth_of
 from mmocap_warp.commands.outputs import new_file, releases_locks
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.fitting import subject_fit
@@ -87,8 +79,7 @@ def fit(
     file = None if output is None else new_file(output, *USD_SUFFIXES, force=force)
     if isinstance(frames, int):
         settings, frames = settings | {"frames": frames}, None
-    loaded = scene_from(scene, frames, identity)
-    note_others(loaded, reporter)
+    loaded = scene_from(scene, frames, identity, reporter)
     chosen = effective(FitConfig, loaded.settings("fit"), settings, config)
     generic = body_from(body, loaded)
     poses = _start_poses(start_poses, body, loaded)
@@ -192,8 +183,7 @@ def track(
         raise UsageError("--resume continues the run of an --output; name that")
     subject, body = _starts_from(subject, body)
     file = None if output is None else new_file(output, *USD_SUFFIXES, force=force or resume)
-    loaded = scene_from(scene, frames, identity)
-    note_others(loaded, reporter)
+    loaded = scene_from(scene, frames, identity, reporter)
     chosen = effective(TrackConfig, loaded.settings("track"), settings, config)
     truth_of(loaded)  # a truth that cannot be read is an error now, and not after hours
     given = settings if config is None else {name: getattr(chosen, name) for name in vars(chosen)}

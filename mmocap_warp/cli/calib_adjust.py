@@ -132,9 +132,7 @@ def _refinement_values(result: Refinement, scene: Scene) -> dict[str, Any]:
     return {
         "better": result.better,
         "fixed": names[result.fixed],
-        "cameras": {
-            name: {what: parameter(k, kind) for kind, what in enumerate(KINDS)} for k, name in enumerate(names)
-        },
+        "cameras": {of: {what: parameter(k, kind) for kind, what in enumerate(KINDS)} for k, of in enumerate(names)},
         "offset_s": result.offsets(scene),
         "before": overlaps(result.before),
         "after": overlaps(result.after),

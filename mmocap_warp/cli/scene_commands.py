@@ -169,9 +169,7 @@ def sync(call: Any, loaded: Scene, write: bool) -> Answer:
 
 
 def _offset_table(offsets: Synchronisation, timing: dict[str, dict[str, float]]) -> str:
-    rows: list[tuple[str, ...]] = [
-        ("camera", "lag [frames]", "lag [s]", "sure", "next best by motion", "others agreeing")
-    ]
+    rows = [("camera", "lag [frames]", "lag [s]", "sure", "next best by motion", "others agreeing")]
     for name, view in offsets.views.items():
         rival = f"{view.other:+d} scores {100 * min(view.rival, 9.99):.0f} %"
         sure = "yes" if view.sure else "no"

@@ -107,22 +107,19 @@ def _text(values: dict[str, Any]) -> str:
     if values["evaluations_per_second"]:
         rate, hours = values["evaluations_per_second"], values["paper_grid_hours"]
         lines.append(f"{rate:,.0f} evaluations/s; at that rate the paper's study (2.0e10) takes {hours:,.1f} hours")
-    rows: list[tuple[str, ...]] = [
-        ("preset", "evaluations", "DOF", "algorithm", *(title for title, *_ in _COLUMNS.values()))
-    ]
+    rows = [("preset", "evaluations", "DOF", "algorithm", *(title for title, *_ in _COLUMNS.values()))]
     for row in values["results"]:
-        shown = (
-            "-" if row[key] is None else format(row[key], form) + unit for key, (_, form, unit) in _COLUMNS.items()
-        )
+        cells = ((row[key], form, unit) for key, (_, form, unit) in _COLUMNS.items())
+        shown = ("-" if value is None else format(value, form) + unit for value, form, unit in cells)
         rows.append((row["preset"], str(row["evaluations"]), str(row["dof"]), row["algorithm"], *shown))
     lines += ["", table(rows)] if values["results"] else []
     # What is missing and why, a line for each reason.
-    cells: dict[str, list[str]] = {}
+    reasons: dict[str, list[str]] = {}
     for failure in values["failed"]:
-        cells.setdefault(failure["problem"], []).append(failure["cell"])
+        reasons.setdefault(failure["problem"], []).append(failure["cell"])
     missing = [
         f"missing: {', '.join(names) if len(names) <= _MAX_NAMED else f'{len(names)} cells'}: {problem}"
-        for problem, names in cells.items()
+        for problem, names in reasons.items()
     ]
     return "\n".join([*lines, *(["", *missing, "run the study again to track what is missing"] if missing else [])])
 
@@ -148,9 +145,7 @@ def show(folder: Path, /, *, console: Console | None = None) -> int:
         names = ("study", "host", "device", "started", "wall_seconds", "versions", "code")
         made = {name: result.meta.get(name) for name in names}
         rows.append({"cell": str(result.cell), "runs": runs, "frames": frames} | made)
-    lines = [
-        f"{row['cell']}, {row['runs']} runs of {row['frames']} frames, {row['device']}, {row['host']}" for row in rows
-    ]
+    lines = ["{cell}, {runs} runs of {frames} frames, {device}, {host}".format(**row) for row in rows]
     lines += [f"damaged: {problem}" for problem in damaged]
     lines.append(f"{folder}: {len(rows)} results, {len(damaged)} damaged")
     (console or Console()).result({"folder": folder, "results": rows, "damaged": damaged}, "\n".join(lines))

@@ -129,19 +129,15 @@ def draw_result(
     larger, so that a result of small masks can still be judged.
     """
     positions = list(range(len(result.frame_numbers))) if positions is None else positions
-    drawn_frames = result.at(positions)
-    frames = len(positions)
-    images = masks = None
+    shown, count, images, masks = result.at(positions), len(positions), None, None
     if scene is not None:
         tracked = float(result.config.get("scale", 1.0))
         scale = min(1.0, max(tracked, _DRAWN_LENGTH / int(scene.calibrated.size.max())))
         result_video.check_same_recording(result, scene)
-        part = scene.of_frames(as_range(drawn_frames.frame_numbers.tolist()))
+        part = scene.of_frames(as_range(shown.frame_numbers.tolist()))
         images, masks = part.images(scale), tracked_masks(scene, result, positions)
     with reporter.stage("show") as progress:
-        result_video.show(
-            drawn_frames, images, masks, video=video, sheet=sheet, progress=lambda done: progress(done, frames)
-        )
+        result_video.show(shown, images, masks, video=video, sheet=sheet, progress=lambda done: progress(done, count))
 
 
 @releases_locks

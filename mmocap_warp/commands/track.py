@@ -195,9 +195,8 @@ def track(
             reporter.note(f"{file} is complete")
             return read_result(file)
         if checkpoint.exists() and not (resume or force):
-            raise InputError(
-                checkpoint, "an interrupted run lies here", "continue it with --resume, or --force a new one"
-            )
+            remedy = "continue it with --resume, or --force a new one"
+            raise InputError(checkpoint, "an interrupted run lies here", remedy)
     start_warp(chosen.device)
     loaded.rig(chosen.scale)  # a scale that cannot be is an error before a fit of minutes
 

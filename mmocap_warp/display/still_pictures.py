@@ -230,7 +230,5 @@ def _write_names(sheet: _Sheet, names: tuple[str, ...], place: np.ndarray) -> No
         while any(abs(top - other) < height + 3 and left < end and start < left + width for start, end, other in taken):
             top += height + 3
         taken.append((left, left + width, top))
-        corner = round(left), round(min(top, sheet.image.shape[0] - 12.0))
-        cv2.putText(
-            sheet.image, name, (corner[0], corner[1] + height), cv2.FONT_HERSHEY_SIMPLEX, 0.33, INK, 1, cv2.LINE_AA
-        )
+        corner = round(left), round(min(top, sheet.image.shape[0] - 12.0)) + height
+        cv2.putText(sheet.image, name, corner, cv2.FONT_HERSHEY_SIMPLEX, 0.33, INK, 1, cv2.LINE_AA)

@@ -185,11 +185,9 @@ def _about(draft: Draft, rig: CameraRig | None, media: _Media) -> list[str]:
     lines.append(f'up = "{up}"   # {why}')
     counts = {name: len(frames) for name, frames in media.frames.items()}
     if len(set(counts.values())) > 1 and not any(map(media.others_rate, counts)):
-        found = ", ".join(f"{name} {count}" for name, count in counts.items())
-        lines.append(f"frames = {min(counts.values())}   # of the shortest: {found}")
-        draft.found.append(
-            f"cameras of different lengths ({found}): their first {min(counts.values())} frames are taken"
-        )
+        found, shortest = ", ".join(f"{name} {count}" for name, count in counts.items()), min(counts.values())
+        lines.append(f"frames = {shortest}   # of the shortest: {found}")
+        draft.found.append(f"cameras of different lengths ({found}): their first {shortest} frames are taken")
     lines.append('# frames = "120:480:2"   # some of them: the first, the one after the last, every how many-th')
     lines.append("# offset = 0.05 under a camera says by how many seconds it lags; mmocap sync finds it")
     return lines
@@ -282,9 +280,8 @@ def _foreground(draft: Draft, media: _Media) -> list[str]:
         source, of = "clean_plate", "from the pictures without the person"
     elif cameras <= media.background.keys():
         source, of = "background_video", "from the recordings without the person"
-    draft.found.append(
-        f"no masks for every camera: mmocap mask makes them, subtracting a background that it learns {of}"
-    )
+    how = f"mmocap mask makes them, subtracting a background that it learns {of}"
+    draft.found.append(f"no masks for every camera: {how}")
     return [
         "# Masks, the white silhouettes that are tracked, come in one of three ways:",
         "# 1. mmocap mask makes them by subtracting a background, which is learnt from the whole recording (source =",

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from mmocap_warp.calibration.solve.solution import SolvedCameras
     from mmocap_warp.calibration.sync.synchronise import Synchronisation
     from mmocap_warp.cameras.rig import CameraRig
-    from mmocap_warp.commands.benchmarks import benchmark, write_benchmark_pages
     from mmocap_warp.commands.bodies import export_body, import_body, learn_body, show_body
     from mmocap_warp.commands.calibrate import (
         check_cameras,
@@ -30,18 +29,15 @@ if TYPE_CHECKING:
         solve_cameras,
         sync,
     )
+    from mmocap_warp.commands.caller import Reporter
     from mmocap_warp.commands.clips import ablate, make_sequences
     from mmocap_warp.commands.demo import demo
-    from mmocap_warp.commands.evaluate import evaluate
-    from mmocap_warp.commands.export import export
-    from mmocap_warp.commands.fit import fit
+    from mmocap_warp.commands.evaluate import evaluate, measure
     from mmocap_warp.commands.mask import mask
-    from mmocap_warp.commands.measure import measure
     from mmocap_warp.commands.new_scenes import import_humaneva, init, synthesize
-    from mmocap_warp.commands.reporter import Reporter
-    from mmocap_warp.commands.show import show, view
-    from mmocap_warp.commands.studies import report_study, run_study
-    from mmocap_warp.commands.track import track
+    from mmocap_warp.commands.show import export, show, view
+    from mmocap_warp.commands.studies import benchmark, report_study, run_study, write_benchmark_pages
+    from mmocap_warp.commands.track import fit, track
     from mmocap_warp.display.result_video import overlay
     from mmocap_warp.errors import InputError, UsageError
     from mmocap_warp.fitting.fit_config import FitConfig
@@ -66,7 +62,7 @@ _HOMES = {
     "InputError": "errors:InputError",
     "LiveFrame": "tracking.live:LiveFrame",
     "Refinement": "calibration.refine.refinement:Refinement",
-    "Reporter": "commands.reporter:Reporter",
+    "Reporter": "commands.caller:Reporter",
     "Result": "result.result:Result",
     "Scene": "scene.recording:Scene",
     "SolvedCameras": "calibration.solve.solution:SolvedCameras",
@@ -76,14 +72,14 @@ _HOMES = {
     "UnsolvableError": "calibration.solve:UnsolvableError",
     "UsageError": "errors:UsageError",
     "ablate": "commands.clips:ablate",
-    "benchmark": "commands.benchmarks:benchmark",
+    "benchmark": "commands.studies:benchmark",
     "check_cameras": "commands.calibrate:check_cameras",
     "convert_cameras": "commands.calibrate:convert_cameras",
     "demo": "commands.demo:demo",
     "evaluate": "commands.evaluate:evaluate",
-    "export": "commands.export:export",
+    "export": "commands.show:export",
     "export_body": "commands.bodies:export_body",
-    "fit": "commands.fit:fit",
+    "fit": "commands.track:fit",
     "import_body": "commands.bodies:import_body",
     "import_humaneva": "commands.new_scenes:import_humaneva",
     "init": "commands.new_scenes:init",
@@ -94,7 +90,7 @@ _HOMES = {
     "load_truth": "formats.truth_file:load_truth",
     "make_sequences": "commands.clips:make_sequences",
     "mask": "commands.mask:mask",
-    "measure": "commands.measure:measure",
+    "measure": "commands.evaluate:measure",
     "minimize": "optimizers.minimize:minimize",
     "overlay": "display.result_video:overlay",
     "refine_cameras": "commands.calibrate:refine_cameras",
@@ -111,7 +107,7 @@ _HOMES = {
     "track_live": "tracking.live:track_live",
     "validate_usd": "formats.usd.usd_check:faults",
     "view": "commands.show:view",
-    "write_benchmark_pages": "commands.benchmarks:write_benchmark_pages",
+    "write_benchmark_pages": "commands.studies:write_benchmark_pages",
     "write_result": "formats.usd.usd_result:write_result",
 }
 """Where each name is defined: ``module:name``."""

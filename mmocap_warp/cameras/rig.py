@@ -219,18 +219,10 @@ def rig_of(cameras: list[Camera], up: str, source: object, placed: bool = True) 
         raise InputError(source, "no camera found", "check that this is a calibration file")
     if len(cameras) > _MAX_CAMERAS:
         raise InputError(source, f"holds {len(cameras)} cameras", f"give at most {_MAX_CAMERAS}")
-    names, K, R, t, size, distortion, bends = zip(*cameras, strict=True)
-    rig = CameraRig(
-        names=names,
-        K=np.array(K),
-        R=np.array(R),
-        t=np.array(t),
-        size=np.array(size),
-        distortion=np.array(distortion),
-        up=up,
-        fisheye=tuple(name for name, bend in zip(names, bends, strict=True) if bend),
-    )
-    return check_rig(rig, source, placed)
+    names, *columns, bends = zip(*cameras, strict=True)
+    K, R, t, size, distortion = map(np.array, columns)
+    fisheye = tuple(name for name, bend in zip(names, bends, strict=True) if bend)
+    return check_rig(CameraRig(names, K, R, t, size, distortion, up, fisheye), source, placed)
 
 
 def check_rig(rig: CameraRig, source: object, placed: bool = True) -> CameraRig:

@@ -47,14 +47,10 @@ class Undistortion:
 def undistortion(
     rig: CameraRig, k: int, scale: float, recorded_scale: float = 1.0, recorded_offset: tuple[float, float] = (0.0, 0.0)
 ) -> Undistortion:
-    """Map from camera ``k``'s recorded images to its pinhole in ``rig.undistorted(scale)``.
+    """Map from camera ``k``'s recorded images to its pinhole in ``rig.undistorted(scale)``; the rig is as calibrated.
 
-    Args:
-        rig: as calibrated, with distortion.
-        k: the camera.
-        scale: size of the pinhole image relative to the calibrated one.
-        recorded_scale, recorded_offset: recorded pixel = ``recorded_scale`` * calibrated pixel + ``recorded_offset``;
-            for videos that were scaled, letterboxed or cropped after calibration.
+    Of videos that were scaled, letterboxed or cropped after calibration, recorded pixel = ``recorded_scale`` *
+    calibrated pixel + ``recorded_offset``.
     """
     n = max(1, math.ceil(recorded_scale / scale - 1e-9))
     width, height = rig.undistorted(scale).size[k]

@@ -12,9 +12,11 @@ import os
 import signal
 import sys
 import threading
+import tomllib
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from pathlib import Path
 
 from cyclopts import App, CycloptsError, Parameter
 
@@ -39,67 +41,11 @@ app = App(
     suppress_keyboard_interrupt=False,
 )
 
-_DEMO = (
-    "Track the built-in scene and compare with its truth.\n\n"
-    "Who walks in it is not the tracker's own body. Writes result, fitted subject, overlay video, contact sheet and a "
-    "plot of error against frame, replacing those of an earlier demo. "
-    "Exits with 4 if the mean marker error is over 30 mm.\n\n"
-    "'mmocap demo fox', 'hand', 'quadruped' and 'arm' make a scene of a body that is no person, with faulty masks and "
-    "its truth, and track that; they exit with 4 if joints are off by over 2 % of its size on average."
-)
-_INIT = (
-    "Write a scene.toml for a folder of videos, and say what is missing.\n\n"
-    "It looks at videos, folders of images, masks, pictures of the background and the calibration; projects of "
-    "Pose2Sim, EasyMocap, Caliscope and OpenCap are known. Every command says what to run next."
-)
-_MASK = (
-    "Write a scene's foreground masks and an overlay of them.\n\n"
-    "They are made as its [foreground] table says. The folder is a scene itself, with the masks undistorted and a "
-    "calibration to match: track it as any other."
-)
-_CAMERAS = (
-    "Print a scene's cameras and draw the world axes into their views.\n\n"
-    "Exits with 4 where the cameras' mean height is not above the world's zero, which most often is a wrong 'up'."
-)
-_SYNC = (
-    "Find how far a scene's cameras lag one another, and say how sure that is.\n\n"
-    "From the motion of the silhouettes; a calibration is used where there is one. Prints the lines for scene.toml. "
-    "Exits with 4 where a camera's lag cannot be told."
-)
-_BENCH = (
-    "Measure how fast the program is on this machine, checking every answer.\n\n"
-    "From the pose of a body to its cost, in seven cameras of 640x480: each kernel, the whole evaluation, the "
-    "optimizers, and frames. Exits with 4 if an answer is wrong."
-)
-_VALIDATE = (
-    "Say what is wrong with a USD file.\n\n"
-    "By OpenUSD's validators, and what they miss in bodies that move: weights, lengths, joints, scales, numbers that "
-    "are none, files that are needed and lie elsewhere. Exits with 4 where anything is."
-)
-_MEASURE = "Print a result's joint angles, heel strikes, steps, centre of mass and bone lengths."
-_COMMANDS = (  # a command's help is here and not in its docstring, so that the list of commands loads none of them
-    ("demo", "track_command:demo", _DEMO),
-    ("init", "scene_commands:init", _INIT),
-    ("track", "track_command:track", "Track a scene: from videos or masks to an animated USD body."),
-    ("fit", "track_command:fit", "Find the body, its place and its first pose in a scene."),
-    ("mask", "scene_commands:mask", _MASK),
-    ("cameras", "scene_commands:cameras", _CAMERAS),
-    ("calib", "calib_command:app", "Calibrations: convert, check, refine or find them."),
-    ("sync", "scene_commands:sync", _SYNC),
-    ("eval", "result_commands:evaluate", "Print a result's IoU, and its errors where the truth is known."),
-    ("show", "result_commands:show", "Write a result's overlay video and contact sheet."),
-    ("view", "result_commands:view", "Write a result as one page for a browser: body, cameras, masks and curves."),
-    ("export", "result_commands:export", "Write a result's animation alone, for other programs."),
-    ("validate", "scene_commands:validate", _VALIDATE),
-    ("measure", "result_commands:measure", _MEASURE),
-    ("body", "body_command:app", "Bodies: import, draw or export one, or learn its limits."),
-    ("synth", "scene_commands:synth", "Write a made-up scene of a body in motion, with its truth."),
-    ("study", "study_command:app", "Compare trackers: run a grid of them, and report on it."),
-    ("bench", "bench_command:app", _BENCH),
-    ("humaneva", "scene_commands:humaneva", "Write a sequence of your own copy of HumanEva-I as a scene."),
-)
-for _order, (_name, _target, _help) in enumerate(_COMMANDS):
-    app.command(f"mmocap_warp.cli.{_target}", name=_name, help=_help, sort_key=_order)
+COMMANDS: dict[str, dict[str, str]] = tomllib.loads(Path(__file__).with_name("commands.toml").read_text("utf-8"))
+"""Where each command is, and its help; the commands within another one say only their help here."""
+for _order, (_name, _command) in enumerate(COMMANDS.items()):
+    if "target" in _command:
+        app.command(f"mmocap_warp.cli.{_command['target']}", name=_name, help=_command["help"], sort_key=_order)
 
 
 class Terminated(KeyboardInterrupt):
@@ -116,8 +62,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     # NumPy's matrix products have other last bits with other numbers of threads: results would depend on the cores.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
-        with _references_as_asked(tokens):
-            code = _run(tokens)
+        code = _run(tokens)
         sys.stdout.flush()
         return code
     except BrokenPipeError:
@@ -133,7 +78,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(tokens: list[str]) -> int:
     debug = "--debug" in tokens or os.environ.get("MMOCAP_DEBUG", "0") not in ("", "0")
     try:
-        with _termination_raised():
+        with _process_state(tokens):
             code = app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
     except CycloptsError as error:
         return _fail(f"{error} (mmocap --help lists what is possible)", USAGE)
@@ -163,35 +108,22 @@ def _run(tokens: list[str]) -> int:
 
 
 @contextmanager
-def _termination_raised() -> Iterator[None]:
-    """Let SIGTERM raise :class:`Terminated`, as Ctrl-C raises KeyboardInterrupt; signals are the main thread's."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
+def _process_state(tokens: Sequence[str]) -> Iterator[None]:
+    """While it runs, SIGTERM raises :class:`Terminated`, and readers of USD know whether to follow references."""
 
     def terminate(*_: object) -> None:
         raise Terminated
 
-    before = signal.signal(signal.SIGTERM, terminate)
+    in_main_thread = threading.current_thread() is threading.main_thread()  # no other may set signals
+    handler = signal.signal(signal.SIGTERM, terminate) if in_main_thread else None
+    references = os.environ.get(_REFERENCES, "")
+    os.environ[_REFERENCES] = "1" if "--allow-references" in tokens else references
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
-
-
-@contextmanager
-def _references_as_asked(tokens: Sequence[str]) -> Iterator[None]:
-    """Set what ``formats.usd.references`` asks for, while a command runs."""
-    before = os.environ.get(_REFERENCES)
-    if "--allow-references" in tokens:
-        os.environ[_REFERENCES] = "1"
-    try:
-        yield
-    finally:
-        if before is None:
-            os.environ.pop(_REFERENCES, None)
-        else:
-            os.environ[_REFERENCES] = before
+        os.environ[_REFERENCES] = references
+        if in_main_thread:
+            signal.signal(signal.SIGTERM, handler)
 
 
 def _kernel_cache_at_fault(error: Exception) -> str | None:

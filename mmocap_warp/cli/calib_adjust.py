@@ -103,11 +103,8 @@ def _in_units(kind: str, value: float, scale: float = 1.0) -> tuple[float, str]:
     deviations=DeviationFlags | None,
     settings=AdjustFlags | None,
 )
-def refine(call: Any, scene: Path, output: Path, frames: str | None, identity: int | None, deviations: Any) -> Answer:
-    from mmocap_warp.commands.inputs import scene_from
-
-    loaded = scene_from(scene, frames, identity)
-    result = call(scene=loaded, frames=None, identity=None, **given(deviations))
+def refine(call: Any, loaded: Scene, output: Path, deviations: Any) -> Answer:
+    result = call(**given(deviations))
     lines = _refinement_lines(result)
     if result.better:
         lines.append(f"{output}: {int(result.moved.any(axis=1).sum())} of {len(result.rig)} cameras changed")
@@ -134,9 +131,7 @@ def _refinement_values(result: Refinement, scene: Scene) -> dict[str, Any]:
     return {
         "better": result.better,
         "fixed": names[result.fixed],
-        "cameras": {
-            name: {what: parameter(k, kind) for kind, what in enumerate(KINDS)} for k, name in enumerate(names)
-        },
+        "cameras": {of: {what: parameter(k, kind) for kind, what in enumerate(KINDS)} for k, of in enumerate(names)},
         "offset_s": result.offsets(scene),
         "before": overlaps(result.before),
         "after": overlaps(result.after),

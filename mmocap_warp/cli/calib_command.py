@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from cyclopts import App
 
+from mmocap_warp.cli import COMMANDS
 from mmocap_warp.cli.command import BY_FLAG, Answer, Given, command
 from mmocap_warp.cli.console import CHECK_FAILED, next_step, table
 
@@ -15,52 +16,28 @@ if TYPE_CHECKING:
     from mmocap_warp.scene.recording import Scene
 
 app = App(name="calib", help="Calibrations: convert, check, refine and solve them.", version_flags=[])
-_CONVERT = (
-    "Write a calibration in another program's format.\n\n"
-    "Reads TOML of Pose2Sim, aniposelib and Caliscope, Qualisys, YAML of OpenCV and EasyMocap, COLMAP text, MultiCal, "
-    "HumanEva and USD; writes TOML, YAML, COLMAP text and USD. Lengths are written in metres."
-)
-_CHECK = (
-    "Say which camera disagrees with the others, and why.\n\n"
-    "Told by the person before the cameras. Exits with 4 where one disagrees."
-)
-_REFINE = (
-    "Refine a scene's cameras and their times by the person before them.\n\n"
-    "Frames that had no part in it judge the result. Exits with 4, and writes nothing, where they are explained no "
-    "better than before."
-)
-_SOLVE = (
-    "Find a scene's cameras from nothing but one person of known height who walks about.\n\n"
-    "The scene needs no calibration. Exits with 4, and writes nothing, where the recording does not tell them: nobody "
-    "walks, too few frames show the whole person, or the views do not agree."
-)
 _COLUMNS = (
     "camera", "frames", "agree", "x [m]", "y [m]", "z [m]", "+-", "over the floor [m]", "looks down [deg]", "+-",
     "view [deg]", "focal",
 )  # fmt: skip
+app.command("mmocap_warp.cli.calib_adjust:check", name="check", help=COMMANDS["calib check"]["help"], sort_key=1)
+app.command("mmocap_warp.cli.calib_adjust:refine", name="refine", help=COMMANDS["calib refine"]["help"], sort_key=2)
 
 
-app.command("mmocap_warp.cli.calib_adjust:check", name="check", help=_CHECK, sort_key=1)
-app.command("mmocap_warp.cli.calib_adjust:refine", name="refine", help=_REFINE, sort_key=2)
-
-
-@app.command(help=_SOLVE, sort_key=3)
+@app.command(help=COMMANDS["calib solve"]["help"], sort_key=3)
 @command(
     "calibrate:solve_cameras",
+    calibrated=False,
     order="height output",
     scene=Path,
     height=Given(float, kind=BY_FLAG),
     output=Given(Path, Path("calibration.toml")),
 )
-def solve(
-    call: Any, scene: Path, height: float, output: Path, picture: Path | None, frames: str | None, identity: int | None
-) -> Answer:
+def solve(call: Any, loaded: Scene, height: float, output: Path, picture: Path | None) -> Answer:
     from mmocap_warp.calibration.solve import UnsolvableError
-    from mmocap_warp.commands.inputs import scene_from
 
-    loaded = scene_from(scene, frames, identity, calibrated=False)
     try:
-        cameras = call(scene=loaded, frames=None, identity=None)
+        cameras = call()
     except UnsolvableError as error:
         return Answer({"solved": False, "reason": str(error)}, [f"check failed: {error}"], CHECK_FAILED)
     lines = _lines(loaded, cameras, height, output, picture)
@@ -152,7 +129,7 @@ def _tilt(cameras: SolvedCameras, k: int) -> float:
     return float(np.degrees(np.arcsin(-cameras.rig.R[k, 2] @ cameras.rig.up_vector)))
 
 
-@app.command(help=_CONVERT, sort_key=0)
+@app.command(help=COMMANDS["calib convert"]["help"], sort_key=0)
 @command("calibrate:convert_cameras")
 def convert(call: Any, output: Path) -> Answer:
     from mmocap_warp.commands.calibrate import calibration_files

@@ -61,16 +61,19 @@ class Answer(NamedTuple):
     code: int = OK
 
 
-def command(target: str, order: str = "output", **types: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def command(
+    target: str, order: str = "output", calibrated: bool = True, **types: Any
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Let a function that prints the answer of another one have the other's parameters on the command line.
 
     The printing function names those of the parameters that it needs, besides ``console`` and ``call``, which does the
-    work; arguments of ``call`` replace those of the command line. It returns an :class:`Answer`, or an exit code where
-    it has printed the answer itself.
+    work; arguments of ``call`` replace those of the command line. Where it names ``loaded``, the scene is read first.
+    It returns an :class:`Answer`, or an exit code where it has printed the answer itself.
 
     Args:
         target: ``module:function`` in the room of commands.
         order: the flags that come first.
+        calibrated: whether a scene that is read first must have a calibration.
         types: of parameters that the command line takes in another way: a type, or :class:`Given`; None leaves a
             parameter out. One that the function does not have is for the printing function alone.
     """
@@ -92,6 +95,12 @@ def command(target: str, order: str = "output", **types: Any) -> Callable[[Calla
             bound.apply_defaults()
             values = bound.arguments
             values["console"] = values["console"] or Console()
+            needed = inspect.signature(print_answer).parameters
+            if "loaded" in needed:
+                from mmocap_warp.commands.inputs import scene_from
+
+                chosen = values.pop("frames"), values.pop("identity", None)
+                values["scene"] = values["loaded"] = scene_from(values["scene"], *chosen, calibrated=calibrated)
 
             def call(**changes: Any) -> Any:
                 passed = {name: value for name, value in values.items() if name in own and name != "settings"}
@@ -100,7 +109,6 @@ def command(target: str, order: str = "output", **types: Any) -> Callable[[Calla
                 function = getattr(import_module(f"mmocap_warp.commands.{module}"), name)
                 return function(**{**passed, **changes})
 
-            needed = inspect.signature(print_answer).parameters
             answer = print_answer(**{name: call if name == "call" else values[name] for name in needed})
             if not isinstance(answer, Answer):
                 return answer

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 from cyclopts import Parameter
 
-from mmocap_warp.commands import reporter
+from mmocap_warp.commands import caller
 from mmocap_warp.formats.toml_table import setting_line
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def flags_of(config: type[DataclassInstance]) -> type[DataclassInstance]:
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class Console(reporter.Reporter):
+class Console(caller.Reporter):
     """The options that every command has."""
 
     json: Switch = False
@@ -104,7 +104,7 @@ class Console(reporter.Reporter):
         """Say what is wrong, on stderr."""
         print(line, file=sys.stderr, flush=True)
 
-    def stage(self, name: str, unit: str | None = "frames") -> AbstractContextManager[reporter.Progress]:
+    def stage(self, name: str, unit: str | None = "frames") -> AbstractContextManager[caller.Progress]:
         """Show how far a stage is, on stderr."""
         from mmocap_warp.cli.progress import Progress
 

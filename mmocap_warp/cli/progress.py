@@ -15,7 +15,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from mmocap_warp.commands.reporter import Reporter
+from mmocap_warp.commands.caller import Reporter
 
 if TYPE_CHECKING:
     from mmocap_warp.study.run import Status

@@ -36,7 +36,7 @@ def view(call: Any, result: Path, output: Path | None, rerun: Path | None) -> An
 
 
 @command(
-    "export:export",
+    "show:export",
     output=Annotated[Path, Parameter(help=f"The animation's file: {listed(EXPORT_SUFFIXES)}.")],
     run=Annotated[str | None, Parameter(show_default=False)],
     frames=ResultFrames,
@@ -45,18 +45,12 @@ def view(call: Any, result: Path, output: Path | None, rerun: Path | None) -> An
 )
 def export(call: Any, output: Path) -> Answer:
     written = call()
-    values = {
-        "file": output if output in written.files else None,
-        "files": list(written.files),
-        "frames": written.frames,
-        "fps": written.fps,
-        "up": written.up,
-    }
+    values = {"file": output if output in written.files else None, **vars(written)}
     frames = f"{written.frames} frames, {written.fps:g} a second, {written.up} up"
     return Answer(values, [f"{file}: {frames}" for file in written.files])
 
 
-@command("measure:measure", order="output run raw frames", frames=ResultFrames)
+@command("evaluate:measure", order="output run raw frames", frames=ResultFrames)
 def measure(call: Any, output: Path | None) -> Answer:
     from mmocap_warp.biomechanics.measure_tables import report
 
@@ -71,20 +65,14 @@ def _measures_text(values: dict[str, Any]) -> str:
     """The answer for people."""
     shown = next(run for run in values["per_run"] if run["run"] == values["shown_run"])
     parts = [f"run {values['shown_run']}, {values['frames']} frames, {values['track']}"]
-    angles = [
-        (joint, name.replace("_", " "), *(f"{spread[key]:.1f}" for key in ("min", "mean", "max")))
-        for joint, names in shown["angles_deg"].items()
-        for name, spread in names.items()
-    ]
-    if angles:
-        parts.append(table([("joint", "angle [°]", "least", "mean", "most"), *angles]))
-    shifts = [
-        (joint, axis, *(f"{spread[key]:.1f}" for key in ("min", "mean", "max")))
-        for joint, axes in shown.get("shifts_mm", {}).items()
-        for axis, spread in axes.items()
-    ]
-    if shifts:
-        parts.append(table([("joint", "shift [mm]", "least", "mean", "most"), *shifts]))
+    for key, title in (("angles_deg", "angle [°]"), ("shifts_mm", "shift [mm]")):
+        rows = [
+            (joint, name.replace("_", " "), *(f"{spread[end]:.1f}" for end in ("min", "mean", "max")))
+            for joint, names in shown.get(key, {}).items()
+            for name, spread in names.items()
+        ]
+        if rows:
+            parts.append(table([("joint", title, "least", "mean", "most"), *rows]))
     if shown["on_floor_share"]:
         parts.append(_gait(shown))
     height = shown["centre_of_mass_height_m"]

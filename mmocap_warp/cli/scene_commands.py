@@ -24,6 +24,7 @@ from mmocap_warp.cli.console import (
 if TYPE_CHECKING:
     from mmocap_warp.calibration.sync.synchronise import Synchronisation
     from mmocap_warp.masks.mask_check import MaskReport
+    from mmocap_warp.scene.recording import Scene
 
 _DECIDED_BY = {
     True: "the visual hull: these silhouettes fit into one body",
@@ -128,12 +129,9 @@ def cameras(call: Any, scene: Path, pictures: Path | None) -> Answer:
     return Answer(values, lines, OK if shown.plausible else CHECK_FAILED)
 
 
-@command("calibrate:sync")
-def sync(call: Any, scene: Path, frames: str | None, write: bool) -> Answer:
-    from mmocap_warp.commands.inputs import scene_from
-
-    loaded = scene_from(scene, frames, calibrated=False)
-    offsets = call(scene=loaded, frames=None)
+@command("calibrate:sync", calibrated=False)
+def sync(call: Any, loaded: Scene, write: bool) -> Answer:
+    offsets = call()
     timing, faults = offsets.timing(loaded), offsets.faults(loaded)
     step = next_step("cameras", loaded.path) if loaded.calibration and loaded.calibrated.placed else None
     values = {
@@ -171,9 +169,7 @@ def sync(call: Any, scene: Path, frames: str | None, write: bool) -> Answer:
 
 
 def _offset_table(offsets: Synchronisation, timing: dict[str, dict[str, float]]) -> str:
-    rows: list[tuple[str, ...]] = [
-        ("camera", "lag [frames]", "lag [s]", "sure", "next best by motion", "others agreeing")
-    ]
+    rows = [("camera", "lag [frames]", "lag [s]", "sure", "next best by motion", "others agreeing")]
     for name, view in offsets.views.items():
         rival = f"{view.other:+d} scores {100 * min(view.rival, 9.99):.0f} %"
         sure = "yes" if view.sure else "no"

@@ -1,4 +1,4 @@
-"""``mmocap study``: trackers compared over a grid of sequences, models and budgets, and what it prints of a run."""
+"""``mmocap study``: trackers compared over a grid of sequences, models and budgets. ``mmocap bench``: their speed."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
+from mmocap_warp.cli import COMMANDS
 from mmocap_warp.cli.command import ANY_NUMBER, Answer, Given, command, several
 from mmocap_warp.cli.console import CHECK_FAILED, FAILURE, OK, Console, table
 
@@ -21,12 +22,7 @@ if TYPE_CHECKING:
     from mmocap_warp.study.ablation import AblationCell
 
 app = App(name="study", help="Compare trackers: run a grid of them, and report on it.", version_flags=[])
-_RUN = (
-    "Track every cell of a study whose result is missing.\n\n"
-    "A cell is one algorithm, model and budget on one sequence, all seeds at once. Interrupted at any moment, the same "
-    "command goes on and repeats no finished cell; so it does after cells were added, or results of another machine "
-    "copied into the folder. Exits with 1 if cells are missing in the end."
-)
+bench_app = App(name="bench", version_flags=[])
 _COLUMNS = {  # of the table of a run, by key: title, format and unit
     "mpjpe_mm": ("MPJPE", ".1f", " mm"),
     "eq20_as_printed_mm": ("Eq. 20 as printed", ".1f", " mm"),
@@ -36,6 +32,7 @@ _COLUMNS = {  # of the table of a run, by key: title, format and unit
     "growth": ("growth", ".2f", ""),
 }
 _MORE = Parameter(help="Further folders of results, of the same page.")
+_COMPARE = Parameter(help="An earlier report: show how many times as quick each line is now.")
 _MAX_NAMED = 3  # cells that are missing for one reason; of more, only the number is printed
 _ABLATED: dict[str, tuple[str, str, Callable[[list[float]], float]]] = {  # title, how it is shown, over seeds
     "marker_error_mm": ("marker", ".1f", fmean),
@@ -67,7 +64,7 @@ def make(call: Any) -> Answer:
     return Answer(scenes, scenes.values())
 
 
-@app.command(help=_RUN, sort_key=1)
+@app.command(help=COMMANDS["study run"]["help"], sort_key=1)
 @command("studies:run_study")
 def run(call: Any, console: Console, study: Path) -> Answer:
     from mmocap_warp.cli.progress import StudyProgress
@@ -110,22 +107,19 @@ def _text(values: dict[str, Any]) -> str:
     if values["evaluations_per_second"]:
         rate, hours = values["evaluations_per_second"], values["paper_grid_hours"]
         lines.append(f"{rate:,.0f} evaluations/s; at that rate the paper's study (2.0e10) takes {hours:,.1f} hours")
-    rows: list[tuple[str, ...]] = [
-        ("preset", "evaluations", "DOF", "algorithm", *(title for title, *_ in _COLUMNS.values()))
-    ]
+    rows = [("preset", "evaluations", "DOF", "algorithm", *(title for title, *_ in _COLUMNS.values()))]
     for row in values["results"]:
-        shown = (
-            "-" if row[key] is None else format(row[key], form) + unit for key, (_, form, unit) in _COLUMNS.items()
-        )
+        cells = ((row[key], form, unit) for key, (_, form, unit) in _COLUMNS.items())
+        shown = ("-" if value is None else format(value, form) + unit for value, form, unit in cells)
         rows.append((row["preset"], str(row["evaluations"]), str(row["dof"]), row["algorithm"], *shown))
     lines += ["", table(rows)] if values["results"] else []
     # What is missing and why, a line for each reason.
-    cells: dict[str, list[str]] = {}
+    reasons: dict[str, list[str]] = {}
     for failure in values["failed"]:
-        cells.setdefault(failure["problem"], []).append(failure["cell"])
+        reasons.setdefault(failure["problem"], []).append(failure["cell"])
     missing = [
         f"missing: {', '.join(names) if len(names) <= _MAX_NAMED else f'{len(names)} cells'}: {problem}"
-        for problem, names in cells.items()
+        for problem, names in reasons.items()
     ]
     return "\n".join([*lines, *(["", *missing, "run the study again to track what is missing"] if missing else [])])
 
@@ -151,9 +145,7 @@ def show(folder: Path, /, *, console: Console | None = None) -> int:
         names = ("study", "host", "device", "started", "wall_seconds", "versions", "code")
         made = {name: result.meta.get(name) for name in names}
         rows.append({"cell": str(result.cell), "runs": runs, "frames": frames} | made)
-    lines = [
-        f"{row['cell']}, {row['runs']} runs of {row['frames']} frames, {row['device']}, {row['host']}" for row in rows
-    ]
+    lines = ["{cell}, {runs} runs of {frames} frames, {device}, {host}".format(**row) for row in rows]
     lines += [f"damaged: {problem}" for problem in damaged]
     lines.append(f"{folder}: {len(rows)} results, {len(damaged)} damaged")
     (console or Console()).result({"folder": folder, "results": rows, "damaged": damaged}, "\n".join(lines))
@@ -221,3 +213,26 @@ def _ablation_table(rows: list[dict[str, Any]]) -> str:
 def _over_seeds(values: list[float | None], kind: str, how: Callable[[list[float]], float]) -> str:
     known = [value for value in values if value is not None]
     return format(how(known), kind) if known else "-"
+
+
+@bench_app.default
+@command(
+    "studies:benchmark",
+    order="device threads against growth compare output",
+    against=Given(str | None, None),
+    compare=Annotated[Path | None, _COMPARE],
+)
+def bench(call: Any, against: str | None, compare: Path | None) -> Answer:
+    from mmocap_warp.bench.report_file import read_report, rendered, to_text
+
+    old = None if compare is None else read_report(compare)
+    report = call(against=() if against is None else against)
+    text = to_text(rendered(report, old), colours=sys.stdout.isatty())
+    return Answer(report, [text], OK if report["ok"] else CHECK_FAILED)
+
+
+@bench_app.command(help="Write reports as a page of tables, and plots of growth.")
+@command("studies:write_benchmark_pages", reports=Given(Path, kind=ANY_NUMBER))
+def pages(call: Any) -> Answer:
+    files = call()
+    return Answer({"files": files}, files)

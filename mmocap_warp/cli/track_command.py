@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
@@ -14,17 +14,18 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.fitting.fit_config import FitConfig
 from mmocap_warp.tracking.track_config import TrackConfig
 
+if TYPE_CHECKING:
+    from mmocap_warp.scene.recording import Scene
+
 TrackFlags, FitFlags = flags_of(TrackConfig), flags_of(FitConfig)
 
 
 @command("track:track", output=Given(Path, REQUIRED), frames=SceneFrames, settings=TrackFlags | None)
-def track(call: Any, console: Console, scene: Path, output: Path, frames: str | None, identity: int | None) -> None:
+def track(call: Any, console: Console, loaded: Scene, output: Path) -> None:
     from mmocap_warp.cli.result_commands import summary
     from mmocap_warp.commands.evaluate import evaluate_in_scene
-    from mmocap_warp.commands.inputs import scene_from
 
-    loaded = scene_from(scene, frames, identity)
-    tracked = call(scene=loaded, frames=None, identity=None)
+    tracked = call()
     try:
         report, warning = evaluate_in_scene(tracked, loaded)
     except InputError:
@@ -38,7 +39,7 @@ def track(call: Any, console: Console, scene: Path, output: Path, frames: str | 
 
 
 @command(
-    "fit:fit",
+    "track:fit",
     order="output body",
     output=Given(Path, Path("subject.usdc")),
     start_poses=Annotated[list[str] | None, Parameter(name="--start-pose")],

@@ -11,10 +11,10 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel, BodyMotion, motion_named
 from mmocap_warp.body.skeleton import Skeleton
+from mmocap_warp.commands.caller import arguments_checked
 from mmocap_warp.commands.inputs import result_from
 from mmocap_warp.commands.outputs import new_file, releases_locks
-from mmocap_warp.commands.settings import arguments_checked
-from mmocap_warp.display.body_picture import draw_body
+from mmocap_warp.display.still_pictures import draw_body
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.formats.exports.glb import write_body_glb
 from mmocap_warp.formats.rigged.gltf import read_gltf

@@ -23,11 +23,10 @@ from mmocap_warp.calibration.solve import solution
 from mmocap_warp.calibration.solve.solution import SolvedCameras
 from mmocap_warp.calibration.sync.synchronise import Synchronisation, synchronise
 from mmocap_warp.cameras.rig import UP_AXES, CameraRig, CameraSummary, describe_rig, draw_world_axes
-from mmocap_warp.commands.inputs import Frames, body_from, note_others, scene_from
+from mmocap_warp.commands.caller import Reporter, arguments_checked, start_warp
+from mmocap_warp.commands.inputs import Frames, body_from, scene_from
 from mmocap_warp.commands.outputs import new_file, new_folder, releases_locks
-from mmocap_warp.commands.reporter import Reporter
-from mmocap_warp.commands.settings import arguments_checked, start_warp
-from mmocap_warp.display.floor_picture import floor_picture
+from mmocap_warp.display.still_pictures import floor_picture
 from mmocap_warp.errors import UsageError
 from mmocap_warp.formats.calibration.calibration_text import EVERY_OTHER, METRES
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
@@ -178,9 +177,8 @@ def check_cameras(
         InputError: masks that show nobody, or too few frames in which the person could be tracked.
     """
     reporter = reporter or Reporter()
-    loaded = scene_from(scene, frames, identity)
+    loaded = scene_from(scene, frames, identity, reporter)
     folder = None if pictures is None else new_folder(pictures, force=force)
-    note_others(loaded, reporter)
     with arguments_checked():
         config = AdjustConfig(**settings)
     generic = body_from(body, loaded)
@@ -242,8 +240,7 @@ def refine_cameras(
     """
     reporter = reporter or Reporter()
     file = None if output is None else new_file(output, ".toml", force=force)
-    loaded = scene_from(scene, frames, identity)
-    note_others(loaded, reporter)
+    loaded = scene_from(scene, frames, identity, reporter)
     with arguments_checked():
         doubts = {each.name: settings.pop(each.name) for each in fields(Deviations) if each.name in settings}
         config = AdjustConfig(

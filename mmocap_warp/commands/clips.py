@@ -10,9 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from mmocap_warp.commands.caller import Reporter, start_warp
 from mmocap_warp.commands.outputs import lock, new_folder, releases_locks
-from mmocap_warp.commands.reporter import Reporter
-from mmocap_warp.commands.settings import start_warp
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.formats.toml_table import Table, config_from_table
 from mmocap_warp.study import ablation

@@ -8,9 +8,9 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from mmocap_warp.commands.caller import Reporter
 from mmocap_warp.commands.inputs import truth_of
 from mmocap_warp.commands.outputs import new_folder, releases_locks
-from mmocap_warp.commands.reporter import Reporter
 from mmocap_warp.commands.show import draw_result
 from mmocap_warp.commands.track import track
 from mmocap_warp.display.result_plots import plot_report

@@ -1,14 +1,19 @@
-"""How good a result is: ``mmocap eval``."""
+"""How good a result is, and what it measures: ``mmocap eval`` and ``measure``."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
+from mmocap_warp.biomechanics import measure_all
+from mmocap_warp.biomechanics.measure_all import Measures
+from mmocap_warp.biomechanics.measure_tables import write_tables
+from mmocap_warp.commands.caller import Reporter, arguments_checked, start_warp
 from mmocap_warp.commands.inputs import Frames, positions_of, result_from, scene_of, truth_of
-from mmocap_warp.commands.reporter import Reporter
-from mmocap_warp.commands.settings import start_warp
-from mmocap_warp.errors import InputError
+from mmocap_warp.commands.outputs import new_folder, releases_locks
+from mmocap_warp.display.result_plots import plot_angles, plot_feet
+from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.formats.truth_file import load_truth
 from mmocap_warp.result import evaluation
 from mmocap_warp.result.other_world import axes_after
@@ -61,10 +66,7 @@ def evaluate(
 
 
 def evaluate_in_scene(result: Result, scene: Scene) -> tuple[dict[str, Any], str | None]:
-    """How good a result is, beside the truth that its scene names, and what is wrong with that truth.
-
-    Returns:
-        As :func:`evaluate`, without what it says of each frame; a line, or None where nothing is wrong.
+    """As :func:`evaluate`, without what it says of each frame, and a line where the scene's truth is in another world.
 
     Raises:
         InputError: the truth is of other frames, or of a body with other joints.
@@ -108,3 +110,57 @@ def _other_world(report: dict[str, Any], truth: Path | None, axes: str, named_by
     else:
         remedy = f'set axes = "{wanted}" under [truth]'
     return f"{source} has other axes than the result: {remedy} ({errors})"
+
+
+@releases_locks
+def measure(
+    result: Result | str | Path,
+    run: int | None = None,
+    raw: bool = False,
+    sex: Literal["female", "male"] | None = None,
+    *,
+    output: str | Path | None = None,
+    frames: Frames = None,
+    force: bool = False,
+) -> Measures:
+    """Joint angles, heel strikes, steps, the centre of mass and the lengths of the bones, of every frame.
+
+    Args:
+        result: what was tracked, or its file.
+        run: the number of one run. [default: all]
+        raw: measure the track before it was smoothed.
+        sex: whose shares of mass the body's segments have: female or male. [default: the mean of both]
+        output: a folder for every frame's figures as .csv, and plots of angles and feet as .svg.
+        frames: which of the result's frames. [default: all]
+        force: write into a folder that holds something.
+
+    Returns:
+        The measures; docs/measures.md defines every figure, :func:`mmocap_warp.biomechanics.measure_report.report`
+        sums them up, and ``files`` are those that were written.
+
+    Raises:
+        UsageError: no such run or frames, or no track before it was smoothed.
+        InputError: a file that is no result, or a folder that cannot be written.
+    """
+    tracked, _ = result_from(result)
+    tracked = tracked.at(positions_of(tracked, frames))
+    if raw and tracked.raw_pose is None:
+        raise UsageError("--raw needs a result that was smoothed; this one was not")
+    folder = None if output is None else new_folder(output, force=force)
+    start_warp()
+    with arguments_checked():
+        measures = measure_all.measure(tracked, run, raw, sex)
+    return measures if folder is None else replace(measures, files=tuple(_write(folder, measures)))
+
+
+def _write(folder: Path, measures: Measures) -> list[Path]:
+    """Write the tables, and the plots of what was measured."""
+    written = write_tables(folder, measures)
+    for name, plot, has_any in (
+        ("angles.svg", plot_angles, measures.shown.angles),
+        ("feet.svg", plot_feet, measures.shown.feet),
+    ):
+        if has_any:
+            plot(folder / name, measures)
+            written.append(folder / name)
+    return written

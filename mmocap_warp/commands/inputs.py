@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel, Subject
-from mmocap_warp.commands.reporter import Reporter
-from mmocap_warp.commands.settings import arguments_checked
+from mmocap_warp.commands.caller import Reporter, arguments_checked
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.formats.truth_file import load_truth
 from mmocap_warp.formats.usd.usd_body import read_subject
@@ -34,34 +33,44 @@ _SAMPLES = 5
 
 
 def scene_from(
-    scene: Scene | str | Path, frames: Frames = None, identity: int | None = None, *, calibrated: bool = True
+    scene: Scene | str | Path,
+    frames: Frames = None,
+    identity: int | None = None,
+    reporter: Reporter | None = None,
+    *,
+    calibrated: bool = True,
 ) -> Scene:
     """A scene by its file or folder, or as it is; of it the frames and the person that are asked for.
 
-    Args:
-        scene: the scene.
-        frames: which of its frames; None for those that it names.
-        identity: of the person, where masks show several.
-        calibrated: whether there must be a calibration.
+    Without ``calibrated`` there need not be a calibration. A reporter is told where given masks show more than one
+    person, and how to choose: one person is tracked at a time.
 
     Raises:
         InputError: the scene is wrong.
         UsageError: it does not have these frames, or no identities.
         TypeError: it is neither.
     """
+    with arguments_checked():
+        chosen = _chosen(scene, _frames_text(frames), identity, calibrated)
+    if reporter is not None and chosen.foreground.source == "masks" and not chosen.foreground.identity:
+        others = ((source.name, _others(chosen, source)) for source in chosen.cameras)
+        if (seen := next((f"{name} {line}" for name, line in others if line is not None), None)) is not None:
+            reporter.note(seen)  # the other cameras see the same people
+    return chosen
+
+
+def _chosen(scene: Scene | str | Path, frames: str | None, identity: int | None, calibrated: bool) -> Scene:
     if isinstance(scene, str | Path):
-        with arguments_checked():
-            return load_scene(scene, _frames_text(frames), identity, calibrated=calibrated)
+        return load_scene(scene, frames, identity, calibrated=calibrated)
     if not isinstance(scene, Scene):
         raise TypeError(f"scene must be a Scene or the path of one, not a {type(scene).__name__}")
     if identity is not None:
         if scene.foreground.source != "masks":
             raise UsageError("--identity chooses among given masks; this scene's are subtracted")
         scene = replace(scene, foreground=replace(scene.foreground, identity=identity))
-    if (text := _frames_text(frames)) is None:
-        return scene
-    with arguments_checked():
-        return scene.of_frames(FrameChoice.parse(text).of(scene.frames, scene.recorded_frames))
+    return (
+        scene if frames is None else scene.of_frames(FrameChoice.parse(frames).of(scene.frames, scene.recorded_frames))
+    )
 
 
 def _frames_text(frames: Frames) -> str | None:
@@ -135,41 +144,27 @@ def scene_reference(scene: Path, file: Path | None) -> str:
 
 
 def scene_of(
-    result: Result, path: Path | None, named: Scene | str | Path | None, reporter: Reporter | None = None
+    made: Result | Subject, path: Path | None, named: Scene | str | Path | None, reporter: Reporter | None = None
 ) -> Scene | None:
-    """The scene that was tracked: the one named now, or else the one that the result names; None if neither is.
+    """The scene that a result or a subject was made from: the one named now, or the one that it names; None if neither.
 
-    Raises:
-        InputError: the scene is wrong, or is no longer where the result says.
-    """
-    reference = result.config.get("scene")
-    if named is None and reference is not None and path is None and not Path(reference).is_absolute():
-        line = f"the scene {reference} is named from the result's file, which is not known: give scene, or that file"
-        (reporter or Reporter()).warn(line)
-        return None
-    return recorded_scene(reference, path, named, result.config.get("identity"))
-
-
-def recorded_scene(
-    reference: str | None, path: Path | None, named: Scene | str | Path | None, identity: int | None = None
-) -> Scene | None:
-    """The scene that was recorded for what lies at ``path``: the one named now, or the one that it refers to.
-
-    Args:
-        reference: how it names its scene; None where it does not.
-        path: its file; None for what is in memory alone, whose reference counts if it is an absolute path.
-        named: the scene, or its path.
-        identity: of the person, where one was chosen.
-
-    Returns:
-        None where no scene is known.
+    It names its scene from its file at ``path``; of what is in memory alone, an absolute path counts.
 
     Raises:
         InputError: the scene is wrong, or is no longer where the reference says.
     """
+    is_result = isinstance(made, Result)
+    known: Mapping[str, Any] = made.config if isinstance(made, Result) else made.provenance
+    reference, identity = (known.get(name if is_result else f"fit.{name}") for name in ("scene", "identity"))
+    identity = None if identity is None else int(identity)
     if named is not None:
         return named if isinstance(named, Scene) else load_scene(named, identity=identity)
-    if reference is None or (path is None and not Path(reference).is_absolute()):
+    if reference is None:
+        return None
+    if path is None and not Path(reference).is_absolute():
+        if is_result:
+            remedy = "which is not known: give scene, or that file"
+            (reporter or Reporter()).warn(f"the scene {reference} is named from the result's file, {remedy}")
         return None
     recorded = Path(reference) if path is None else path.parent / reference
     if not recorded.exists():
@@ -183,16 +178,6 @@ def truth_of(scene: Scene | None) -> Truth | None:
     if scene is None or scene.truth is None:
         return None
     return load_truth(scene.truth, scene.truth_axes)
-
-
-def note_others(scene: Scene, reporter: Reporter) -> None:
-    """Say where given masks show more than one person, and how to choose: one person is tracked at a time."""
-    if scene.foreground.source != "masks" or scene.foreground.identity:
-        return
-    for source in scene.cameras:
-        if (line := _others(scene, source)) is not None:
-            reporter.note(f"{source.name} {line}")
-            return  # the other cameras see the same people
 
 
 def _others(scene: Scene, source: CameraSource) -> str | None:

@@ -9,10 +9,9 @@ import numpy as np
 
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.silhouette import silhouettes
-from mmocap_warp.commands.inputs import Frames, note_others, result_from, scene_from, span
+from mmocap_warp.commands.caller import Reporter, start_warp
+from mmocap_warp.commands.inputs import Frames, result_from, scene_from, span
 from mmocap_warp.commands.outputs import new_folder, releases_locks
-from mmocap_warp.commands.reporter import Reporter
-from mmocap_warp.commands.settings import start_warp
 from mmocap_warp.display.result_video import check_same_recording
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.formats.usd.usd_body import read_subject
@@ -77,8 +76,7 @@ def mask(
     reporter = reporter or Reporter()
     if not 0 < scale <= 1:
         raise UsageError(f"--scale must be in (0, 1], got {scale:g}")
-    loaded = scene_from(scene, frames, identity)
-    note_others(loaded, reporter)
+    loaded = scene_from(scene, frames, identity, reporter)
     refine = None if from_body is None else _around_body(loaded, from_body, scale)
     folder = new_folder(output, force=force)
     # The volume of the scene's subject, or else of the body that a fit would start from.

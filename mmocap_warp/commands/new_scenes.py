@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mmocap_warp.body.model import motion_named
+from mmocap_warp.commands.caller import Reporter
 from mmocap_warp.commands.outputs import new_file, new_folder, releases_locks
-from mmocap_warp.commands.reporter import Reporter
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.formats.humaneva.sequence import FIRST_FRAME, HumanEvaSequence, read_sequence, write_scene
 from mmocap_warp.formats.usd.usd_body import read_body, read_motions

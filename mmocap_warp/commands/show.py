@@ -1,22 +1,25 @@
-"""A result to look at: ``mmocap show`` draws a video and a contact sheet, ``mmocap view`` makes a page."""
+"""A result to look at, ``mmocap show`` and ``view``, and its animation for other programs, ``mmocap export``."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from mmocap_warp.body.model import Subject
-from mmocap_warp.commands.inputs import Frames, positions_of, recorded_scene, result_from, scene_of, truth_of
+from mmocap_warp.commands.caller import Reporter, arguments_checked, start_warp
+from mmocap_warp.commands.inputs import Frames, positions_of, result_from, scene_of, truth_of
 from mmocap_warp.commands.outputs import new_file, releases_locks
-from mmocap_warp.commands.reporter import Reporter
-from mmocap_warp.commands.settings import start_warp
 from mmocap_warp.display import result_video
 from mmocap_warp.display.page import viewer
 from mmocap_warp.display.page.rerun_file import write_rerun
 from mmocap_warp.errors import UsageError
+from mmocap_warp.formats import table
+from mmocap_warp.formats.exports.rigs import with_rig
 from mmocap_warp.formats.truth_file import load_truth
 from mmocap_warp.formats.usd.usd_body import read_subject
 from mmocap_warp.formats.usd.usd_result import holds_result
+from mmocap_warp.result.excerpt import at_rate, before_smoothing, of_run, stood_up
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.scene.frame_choice import as_range
@@ -101,11 +104,7 @@ def _show_subject(
     picture = new_file(_beside(given, output, ".png"), ".png", force=force)
     subject, path = (given, None) if isinstance(given, Subject) else (read_subject(given), Path(given))
     start_warp()
-    reference, identity = (subject.provenance.get(key) for key in ("fit.scene", "fit.identity"))
-    recorded = recorded_scene(
-        None if reference is None else str(reference), path, scene, None if identity is None else int(identity)
-    )
-    if recorded is None:
+    if (recorded := scene_of(subject, path, scene)) is None:
         result_video.show_subject(subject, picture)
         return Drawing(None, picture)
     scale = min(1.0, _DRAWN_LENGTH / int(recorded.calibrated.size.max()))
@@ -130,19 +129,15 @@ def draw_result(
     larger, so that a result of small masks can still be judged.
     """
     positions = list(range(len(result.frame_numbers))) if positions is None else positions
-    drawn_frames = result.at(positions)
-    frames = len(positions)
-    images = masks = None
+    shown, count, images, masks = result.at(positions), len(positions), None, None
     if scene is not None:
         tracked = float(result.config.get("scale", 1.0))
         scale = min(1.0, max(tracked, _DRAWN_LENGTH / int(scene.calibrated.size.max())))
         result_video.check_same_recording(result, scene)
-        part = scene.of_frames(as_range(drawn_frames.frame_numbers.tolist()))
+        part = scene.of_frames(as_range(shown.frame_numbers.tolist()))
         images, masks = part.images(scale), tracked_masks(scene, result, positions)
     with reporter.stage("show") as progress:
-        result_video.show(
-            drawn_frames, images, masks, video=video, sheet=sheet, progress=lambda done: progress(done, frames)
-        )
+        result_video.show(shown, images, masks, video=video, sheet=sheet, progress=lambda done: progress(done, count))
 
 
 @releases_locks
@@ -192,3 +187,102 @@ def view(
     if page is not None:
         shown.write(page)
     return shown
+
+
+@dataclass(frozen=True)
+class Export:
+    """What was exported.
+
+    Attributes:
+        files: those that were written, one for each run.
+        frames: how many each has.
+        fps: frames per second.
+        up: the vertical of its world.
+    """
+
+    files: tuple[Path, ...]
+    frames: int
+    fps: float
+    up: str
+
+
+@releases_locks
+def export(
+    result: Result | str | Path,
+    output: str | Path,
+    *,
+    run: int | str | None = None,
+    raw: bool = False,
+    frames: Frames = None,
+    fps: float | None = None,
+    up: Literal["y", "z"] | None = None,
+    rig: str | None = None,
+    bake: bool = False,
+    force: bool = False,
+) -> Export:
+    """Write a result's animation alone, in the format of the file's ending.
+
+    The world is the result's, which is the calibration's. A format with a vertical of its own has it turned.
+
+    Args:
+        result: what was tracked, or its file.
+        output: the animation's file, known by its ending.
+        run: which run: its number from 0, or "all" for a file a run, such as walk-run0.bvh. [default: the best]
+        raw: the track as it was before it was smoothed.
+        frames: which of the result's frames. [default: all]
+        fps: frames per second, resampled by time. [default: the result's own]
+        up: turn the world so that y or z is up: (x, y, z) becomes (x, z, -y) from z up to y up, and (x, -z, y) back.
+            [default: the result's own, or the format's]
+        rig: name and bind the body as this rig, in its rest pose.
+        bake: USD only: the skin's points at every frame instead of a skeleton that moves it.
+        force: replace files that exist.
+
+    Raises:
+        UsageError: what the result or the format does not have.
+        InputError: a file that cannot be written, or is no result.
+    """
+    output = Path(output)
+    new_file(output, *table.EXPORT_SUFFIXES, force=force or run == "all")
+    _check_format(output, up, bake)
+    tracked, _ = result_from(result)
+    files = _files(output, run, len(tracked.pose), tracked.best_run)
+    for file in files:
+        new_file(file, *table.EXPORT_SUFFIXES, force=force)
+    start_warp()
+    for file, number in files.items():
+        chosen = _chosen(of_run(tracked, number), raw, frames, fps, rig, up)
+        table.export(chosen, file, table.POINT_CACHES if bake else table.EXPORTS)
+    vertical = table.export_format(output).up or chosen.cameras.up
+    return Export(tuple(files), len(chosen.frame_numbers), chosen.rate, vertical)
+
+
+def _check_format(output: Path, up: str | None, bake: bool) -> None:
+    """Refuse another vertical than the format's, and points in a format without."""
+    format = table.export_format(output)
+    if up is not None and format.up not in (None, f"+{up}"):
+        raise UsageError(f"--up {up}: {format} is always {format.up[1:]} up")
+    if bake and not any(cache.matches(output) for cache in table.POINT_CACHES):
+        raise UsageError(f"--bake writes {' or '.join(map(str, table.POINT_CACHES))}, not {output.suffix}")
+
+
+def _files(output: Path, run: int | str | None, runs: int, best: int) -> dict[Path, int]:
+    """The run that each file holds."""
+    if run == "all":
+        return {output.with_name(f"{output.stem}-run{number}{output.suffix}"): number for number in range(runs)}
+    if run is None:
+        return {output: best}
+    if not str(run).isdecimal() or int(run) >= runs:
+        raise UsageError(f'--run = {run} is neither "all" nor a run of this result, 0 to {runs - 1}')
+    return {output: int(run)}
+
+
+def _chosen(result: Result, raw: bool, frames: Frames, fps: float | None, rig: str | None, up: str | None) -> Result:
+    """The part of a result that is asked for."""
+    if raw and result.raw_pose is None:
+        raise UsageError("--raw: the track was not smoothed; without the flag it is as it was tracked")
+    result = before_smoothing(result) if raw else result
+    result = result.at(positions_of(result, frames))
+    with arguments_checked():
+        result = result if fps is None else at_rate(result, fps)
+        result = result if rig is None else with_rig(result, rig)
+    return result if up is None else stood_up(result, f"+{up}")

@@ -74,22 +74,16 @@ def draw_view(
     skeleton: Skeleton,
     spread: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Draw the body over one camera's image, or over its mask where there is no image.
+    """Draw the body over one camera's image, or over its mask where there is no image: BGR, of ``window.size``.
 
     Args:
         window: what to draw, and how large.
         image_size: the camera's width and height, in which ``vertices`` and ``joints`` are given.
-        image: gray or BGR, of the same view at any resolution, or None.
-        mask: (height, width) bool, likewise, or None.
-        vertices: (vertex, 2), projected tracking mesh [px].
-        faces: (face, 3), its triangles.
+        image, mask: gray or BGR, and bool, of the same view at any resolution.
+        vertices, faces: (vertex, 2), the projected tracking mesh [px], and (face, 3), its triangles.
         joints: (joint, 2), projected joint centres [px].
         skeleton: how they hang together.
-        spread: (joint, 2, 2), covariances of the joints' places [px^2], drawn as ellipses of ``ELLIPSE`` standard
-            deviations.
-
-    Returns:
-        ``window.size`` BGR image.
+        spread: (joint, 2, 2), covariances of the joints' places [px^2], drawn as ellipses of ``ELLIPSE`` deviations.
     """
     seen = None if mask is None else window.picture(mask.astype(np.uint8) * 255, image_size, cv2.INTER_LINEAR) > 127
     canvas = _background(window, image_size, image, seen)

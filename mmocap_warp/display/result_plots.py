@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+from itertools import count, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -127,6 +127,7 @@ _ERRORS = (
     ("marker_error_mm", "Eq. 20 from own first answer [mm]"),
     ("cost", "cost"),
 )
+_IOU = "IoU, mean over views"
 
 
 def plot_report(path: str | Path, report: dict[str, Any]) -> None:
@@ -142,28 +143,16 @@ def plot_report(path: str | Path, report: dict[str, Any]) -> None:
         raise InputError(path, "is not an SVG file name", "end it in .svg")
     series = {name: np.array(values, float) for name, values in report["series"].items()}  # None becomes NaN
     known = [(label, series[name]) for name, label in _ERRORS if name in series and np.isfinite(series[name]).any()]
-    panels = [
-        *((label, values, _top_of(values)) for label, values in known[:1]),
-        ("IoU, mean over views", series["iou"], 1.0),
-    ]
-    parts = []
-    for i, (label, values, high) in enumerate(panels):
-        parts += _frame_panel(label, series["frame"], values, high, i * _ERROR_HEIGHT)
-    words = f"{' and '.join(label for label, *_ in panels)} against frame"
+    # A pair of axes for each, with room for all values (run, frame).
+    panels, frame, parts = [*known[:1], (_IOU, series["iou"])], series["frame"], []
+    for top, (label, values) in zip(count(0.0, _ERROR_HEIGHT), panels):
+        high = 1.0 if label == _IOU else 1.05 * float(values[np.isfinite(values)].max()) or 1.0
+        x = axis(frame[0], max(frame[-1], frame[0] + 6), _ERROR_LEFT, _WIDTH - _RIGHT, 8)
+        y = axis(0.0, high, top + _ERROR_HEIGHT - _BOTTOM, top + _TOP)
+        curves = [curve(x, y, zip(frame, nanmedian(values), strict=True))]
+        if len(values) > 1:
+            curves += [curve(x, y, zip(frame, run, strict=True), "thin") for run in values]
+            curves.append(text((x.stop, y.stop - 9), f"median of {len(values)} runs", "series", "end"))
+        parts += [axes(x, y, "frame", label), '<g class="first">', *curves, "</g>"]
+    words = f"{' and '.join(label for label, _ in panels)} against frame"
     write_whole(path, picture((_WIDTH, len(panels) * _ERROR_HEIGHT), words, parts).encode())
-
-
-def _top_of(values: np.ndarray) -> float:
-    """The end of an axis that has room for all values."""
-    return 1.05 * float(values[np.isfinite(values)].max()) or 1.0
-
-
-def _frame_panel(label: str, frame: np.ndarray, values: np.ndarray, high: float, top: float) -> list[str]:
-    """A pair of axes, up to ``high``, with ``values`` (run, frame)."""
-    x = axis(frame[0], max(frame[-1], frame[0] + 6), _ERROR_LEFT, _WIDTH - _RIGHT, 8)
-    y = axis(0.0, high, top + _ERROR_HEIGHT - _BOTTOM, top + _TOP)
-    curves = [curve(x, y, zip(frame, nanmedian(values), strict=True))]
-    if len(values) > 1:
-        curves += [curve(x, y, zip(frame, run, strict=True), "thin") for run in values]
-        curves.append(text((x.stop, y.stop - 9), f"median of {len(values)} runs", "series", "end"))
-    return [axes(x, y, "frame", label), '<g class="first">', *curves, "</g>"]

@@ -140,14 +140,9 @@ def show_subject(
     images: Sequence[np.ndarray | None] | None = None,
     masks: Sequence[np.ndarray | None] | None = None,
 ) -> None:
-    """Draw a subject in its first pose, each view cut to the body.
+    """Draw a subject in its first pose as a ``.png``, each view cut to the body; without a rig from four sides.
 
-    Args:
-        subject: the body and its pose.
-        sheet: a ``.png``.
-        rig: the recording's cameras, undistorted; None looks from four sides.
-        images: an image for each camera, as :func:`show` takes them; None for none.
-        masks: likewise.
+    There may be an image and a mask for each camera, as :func:`show` takes them.
 
     Raises:
         InputError: another ending, or a folder that cannot be written.

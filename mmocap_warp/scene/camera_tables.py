@@ -18,7 +18,7 @@ from mmocap_warp.formats.table import read_calibration, read_lenses
 from mmocap_warp.formats.toml_table import Table, is_number
 from mmocap_warp.masks.frames import VideoFile, open_frames, open_image
 from mmocap_warp.masks.mask_files import open_masks
-from mmocap_warp.scene.mask_mark import read_mark
+from mmocap_warp.scene.kept_masks import read_mark
 from mmocap_warp.scene.recording import CameraSource
 from mmocap_warp.whole_file import write_whole
 
@@ -55,17 +55,10 @@ def read_cameras(
     fps: float,
     placed: bool,
 ) -> tuple[tuple[CameraSource, ...], CameraRig]:
-    """The cameras of a scene and their rig.
+    """The cameras of the file ``scene`` and their rig.
 
-    Args:
-        table: [cameras], from which all other keys were taken.
-        tables: of each camera, by name.
-        scene: the file.
-        calibration: its file or folder; None for none.
-        units: of its lengths, where the scene tells.
-        up: the scene's vertical.
-        fps: the scene's.
-        placed: whether the calibration must say where the cameras stand.
+    All other keys of [cameras], ``table``, were taken; ``tables`` are those of each camera, by name. The calibration,
+    a file or folder, must say where the cameras stand if they are to be ``placed``.
 
     Raises:
         InputError: wrong keys, files that cannot be read, or rates that disagree.

@@ -16,9 +16,19 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.calibration_text import EVERY_OTHER
 from mmocap_warp.formats.toml_table import quoted, quoted_path
 from mmocap_warp.masks.frames import Frames, VideoFile, as_colour, open_frames
-from mmocap_warp.scene.calibration_search import CalibrationFile, find_calibration, project_kind, read_with_unit
 from mmocap_warp.scene.camera_tables import RATE_TOLERANCE
-from mmocap_warp.scene.media_search import Kind, Medium, Take, find_media, names_without_calibration, takes
+from mmocap_warp.scene.folder_search import (
+    CalibrationFile,
+    Kind,
+    Medium,
+    Take,
+    find_calibration,
+    find_media,
+    names_without_calibration,
+    project_kind,
+    read_with_unit,
+    takes,
+)
 
 _MIN_UPRIGHT = 0.8  # share of the images' vertical that is along the world's if cameras stand upright
 _MAX_BAR_LEVEL = 30.0  # gray levels, of a black bar's brightest row
@@ -76,9 +86,6 @@ class _Media:
         rate = self.rates.get(name)
         return rate if rate is not None and self.fps and abs(rate / self.fps - 1) > RATE_TOLERANCE else None
 
-    def all_have(self, take: Take, cameras: tuple[str, ...]) -> bool:
-        return all(name in take for name in cameras)
-
 
 def draft_scene(folder: Path) -> Draft:
     """Look at what a folder holds and draft its scene file. Nothing is written.
@@ -123,7 +130,7 @@ def draft_scene(folder: Path) -> Draft:
 def _sizes(media: list[Medium], found: CalibrationFile) -> dict[str, tuple[int, int]]:
     """Of the recordings and masks, by their own names, for a calibration that may not tell sizes; of all, where there
     is one."""
-    if not found.open_sizes:
+    if not found.format.open_sizes:
         return {}
     sizes: dict[str, tuple[int, int]] = {}
     for medium in media:
@@ -171,20 +178,16 @@ def _about(draft: Draft, rig: CameraRig | None, media: _Media) -> list[str]:
         mean = -rig.R[:, 1].mean(axis=0)
         axis = int(np.abs(mean).argmax())
         up, share = UP_AXES[2 * axis + (mean[axis] < 0)], float(abs(mean[axis]))
-    if rig is None:
-        lines.append(f'up = "{up}"   # the vertical of the calibration\'s world')
-    elif share < _MIN_UPRIGHT:
-        lines.append(f'up = "{up}"   # a guess: the cameras do not stand upright along an axis')
+    why = "the vertical of the calibration's world" if rig is None else "along which the cameras stand upright"
+    if rig is not None and share < _MIN_UPRIGHT:
+        why = "a guess: the cameras do not stand upright along an axis"
         draft.missing.append(f'a look at the vertical: up = "{up}" is a guess, and mmocap cameras draws the axes')
-    else:
-        lines.append(f'up = "{up}"   # along which the cameras stand upright')
+    lines.append(f'up = "{up}"   # {why}')
     counts = {name: len(frames) for name, frames in media.frames.items()}
     if len(set(counts.values())) > 1 and not any(map(media.others_rate, counts)):
-        found = ", ".join(f"{name} {count}" for name, count in counts.items())
-        lines.append(f"frames = {min(counts.values())}   # of the shortest: {found}")
-        draft.found.append(
-            f"cameras of different lengths ({found}): their first {min(counts.values())} frames are taken"
-        )
+        found, shortest = ", ".join(f"{name} {count}" for name, count in counts.items()), min(counts.values())
+        lines.append(f"frames = {shortest}   # of the shortest: {found}")
+        draft.found.append(f"cameras of different lengths ({found}): their first {shortest} frames are taken")
     lines.append('# frames = "120:480:2"   # some of them: the first, the one after the last, every how many-th')
     lines.append("# offset = 0.05 under a camera says by how many seconds it lags; mmocap sync finds it")
     return lines
@@ -199,9 +202,9 @@ def _calibration(draft: Draft, found: CalibrationFile | None, units: str, folder
         )
         return ["[cameras]", '# calibration = "calibration.toml"   # MISSING']
     draft.calibration = found.path
-    draft.found.append(f"calibration {found.path} ({found.format})")
-    lines = ["[cameras]", f"calibration = {quoted_path(found.path, folder)}   # {found.format}"]
-    if found.open_units:
+    draft.found.append(f"calibration {found.path} ({found.format.name})")
+    lines = ["[cameras]", f"calibration = {quoted_path(found.path, folder)}   # {found.format.name}"]
+    if found.format.open_units:
         lines.append(f'units = "{units}"   # a guess: nothing tells the unit of its lengths')
         draft.missing.append(f'the unit of the calibration\'s lengths: units = "{units}" under [cameras] is a guess')
     elif units != "m":
@@ -268,17 +271,17 @@ def _has_bars(frames: Frames, bars: np.ndarray) -> bool:
 
 
 def _foreground(draft: Draft, media: _Media) -> list[str]:
-    if media.all_have(media.masks, draft.cameras):
+    cameras = set(draft.cameras)
+    if cameras <= media.masks.keys():
         draft.found.append("masks of every camera, which are tracked as they are")
         return ["[foreground]", 'source = "masks"   # as they are; median, close, min_area and keep would clean them']
     source, of = "recording", "from the recording itself, in which the person must not stay in one place"
-    if media.all_have(media.clean_plate, draft.cameras):
+    if cameras <= media.clean_plate.keys():
         source, of = "clean_plate", "from the pictures without the person"
-    elif media.all_have(media.background, draft.cameras):
+    elif cameras <= media.background.keys():
         source, of = "background_video", "from the recordings without the person"
-    draft.found.append(
-        f"no masks for every camera: mmocap mask makes them, subtracting a background that it learns {of}"
-    )
+    how = f"mmocap mask makes them, subtracting a background that it learns {of}"
+    draft.found.append(f"no masks for every camera: {how}")
     return [
         "# Masks, the white silhouettes that are tracked, come in one of three ways:",
         "# 1. mmocap mask makes them by subtracting a background, which is learnt from the whole recording (source =",

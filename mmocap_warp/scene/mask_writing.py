@@ -14,7 +14,7 @@ from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.formats.png import write_png
 from mmocap_warp.formats.toml_table import quoted, quoted_path, toml_value
 from mmocap_warp.formats.webm import WebmFile
-from mmocap_warp.scene.mask_mark import MaskMark, calibration_hash
+from mmocap_warp.scene.kept_masks import MaskMark, calibration_hash
 from mmocap_warp.scene.recording import CameraSource, Scene
 from mmocap_warp.whole_file import write_whole
 
@@ -36,18 +36,11 @@ def write_masks(
 ) -> Path:
     """Write finished masks (undistorted, resampled, cleaned, repaired) and an overlay to look at.
 
-    The folder gets ``<camera>/<frame>.png`` (1 bit), each camera's :class:`~mmocap_warp.scene.mask_mark.MaskMark`,
+    The folder gets ``<camera>/<frame>.png`` (1 bit), each camera's :class:`~mmocap_warp.scene.kept_masks.MaskMark`,
     ``overlay.webm``, ``pinholes.toml`` (the cameras that the masks belong to, for other programs) and last
     ``scene.toml``: the same scene, whose masks are made, read back exactly at ``scale``. Files of the same names are
-    replaced.
-
-    Args:
-        scene: the recording.
-        folder: made if it does not exist.
-        scale: of the masks relative to the calibrated images.
-        progress: called after each frame with the number of frames done.
-        look: called with each frame's masks, per camera (height, width) bool.
-        refine: makes a frame's masks of these and its images.
+    replaced. ``refine`` makes a frame's masks better, ``look`` is called with them, per camera (height, width) bool,
+    and ``progress`` after each frame with the number of frames done.
 
     Returns:
         Path of the new ``scene.toml``.
@@ -112,14 +105,10 @@ def draw_masks(masks: list[np.ndarray], images: list[np.ndarray | None]) -> np.n
 
 
 def masked_scene(scene: Scene, folder: Path, scale: float) -> str:
-    """``scene.toml`` of a folder that holds a scene's masks, one folder a camera.
+    """``scene.toml`` of a folder that holds a scene's masks of that scale, one folder a camera.
 
-    It keeps all that the scene says but how masks are made: calibration, videos, truth, body, settings.
-
-    Args:
-        scene: the recorded scene.
-        folder: where the text will lie; paths count from there.
-        scale: of the masks; they are tracked at this scale unless the scene asks for a smaller one.
+    It keeps all that the scene says but how masks are made: calibration, videos, truth, body, settings. The masks are
+    tracked at their scale unless the scene asks for a smaller one.
     """
 
     def path(file: Path) -> str:

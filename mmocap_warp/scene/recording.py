@@ -6,7 +6,6 @@ import json
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from math import ceil
 from pathlib import Path
 from typing import Any, Literal
@@ -30,8 +29,7 @@ from mmocap_warp.masks.observation import Observation
 from mmocap_warp.masks.subtraction import learn_background
 from mmocap_warp.masks.visual_hull import repair_masks
 from mmocap_warp.scene.frame_choice import frames_by_number, read_together
-from mmocap_warp.scene.mask_cache import store_masks, stored_masks
-from mmocap_warp.scene.mask_mark import MaskMark, calibration_hash
+from mmocap_warp.scene.kept_masks import MaskMark, calibration_hash, store_masks, stored_masks
 from mmocap_warp.version import __version__
 from mmocap_warp.whole_file import content_hash
 
@@ -105,8 +103,7 @@ class CameraSource:
             ValueError: this camera has no such images.
         """
         images = {"clean_plate": self.clean_plate, "background_video": self.background, "recording": self.video}
-        examples = images[source]
-        if examples is None:
+        if (examples := images[source]) is None:
             raise ValueError(f"camera '{self.name}' has no images for source '{source}'")
         return examples
 
@@ -172,7 +169,7 @@ class Scene:
         frames = f"{self.frame_count} frames, {self.first_frame} to {last}, at {self.rate:g} a second"
         return f"Scene {self.name}: {frames}; cameras {names}; foreground from {self.foreground.source}; {self.path}"
 
-    @cached_property
+    @property
     def directory(self) -> Path:
         """The folder of the scene file."""
         return self.path.parent
@@ -249,12 +246,9 @@ class Scene:
     def observed(self, masks: Iterable[list[np.ndarray]], first: int = 0) -> Iterator[Observation]:
         """Masks of consecutive frames from ``first`` on, with the times at which they were taken."""
         for place, views in enumerate(masks, first):
-            yield Observation.from_masks(views, self._late(self.frames[place : place + 1]))
-
-    def _late(self, frame: range) -> np.ndarray | None:
-        """(camera,) by how much later than a frame its images were taken [s]; None where all are in time."""
-        late = np.array([source.late(frame)[0] for source in self.cameras]) / self.fps
-        return late if late.any() else None
+            frame = self.frames[place : place + 1]
+            late = np.array([source.late(frame)[0] for source in self.cameras]) / self.fps  # (camera,) [s]
+            yield Observation.from_masks(views, late if late.any() else None)
 
     def masks(
         self, scale: float = 1.0, first: int = 0, count: int | None = None, body: BodyMasks | None = None
@@ -295,7 +289,7 @@ class Scene:
 
     def _subtracted_once(self, k: int, scale: float, frames: range) -> Iterator[np.ndarray | None]:
         """Camera ``k``'s subtracted masks, stored beside the scene once they have been made for all of its frames."""
-        file = self.directory / ".mmocap" / self.path.stem / f"{quote(self.cameras[k].name, safe='')}@{scale:g}.tar"
+        file = self.path.parent / ".mmocap" / self.path.stem / f"{quote(self.cameras[k].name, safe='')}@{scale:g}.tar"
         key = self._subtraction_key(k, scale)
         all_frames = self._named_frames
         same_steps = len(frames) == 1 or frames.step == all_frames.step

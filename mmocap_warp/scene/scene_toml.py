@@ -21,7 +21,7 @@ from mmocap_warp.masks.mask_image import Labels, decode_mask, identities_of
 from mmocap_warp.masks.mask_settings import GIVEN, KEEP, MODELS, SOURCES, SUBTRACTED, ForegroundSettings
 from mmocap_warp.scene.camera_tables import fastest, read_cameras
 from mmocap_warp.scene.frame_choice import FrameChoice
-from mmocap_warp.scene.mask_mark import MARK_NAME, MaskMark, calibration_hash, check_mark
+from mmocap_warp.scene.kept_masks import MARK_NAME, MaskMark, calibration_hash
 from mmocap_warp.scene.recording import CameraSource, Scene, recorded_frames
 
 _WAYS_TO_MASKS = (
@@ -213,12 +213,15 @@ def _check_size(frames: Frames | Masks, source: CameraSource, size: np.ndarray, 
 def _check_undistorted(masks: Masks, mark: MaskMark, source: CameraSource, rig: CameraRig, k: int) -> None:
     if mark.camera != source.name:
         raise InputError(masks.path, f"these masks are of '{mark.camera}', not of '{source.name}'", "swap the folders")
-    check_mark(mark, masks.path, calibration_hash(rig, k, source.recorded_scale, source.recorded_offset, mark.repaired))
+    placed = source.recorded_scale, source.recorded_offset
+    if mark.calibration != calibration_hash(rig, k, *placed, mark.repaired):
+        problem = f"these masks of '{mark.camera}' were undistorted with another calibration than the scene's"
+        remedy = f"make them again with mmocap mask, or remove {MARK_NAME} if they are in the recorded video's pixels"
+        raise InputError(masks.path, problem, remedy)
     width, height = rig.undistorted(mark.scale).size[k]
     if masks.size != (width, height):
-        actual = "{}x{}".format(*masks.size)
-        remedy = "make them again"
-        raise InputError(masks.path, f"the masks are {actual}, their {MARK_NAME} says {width}x{height}", remedy)
+        problem = f"the masks are {masks.size[0]}x{masks.size[1]}, their {MARK_NAME} says {width}x{height}"
+        raise InputError(masks.path, problem, "make them again")
 
 
 def _check_masks(masks: Masks, identity: int) -> None:
@@ -242,10 +245,8 @@ def _why_empty(masks: Masks, identity: int) -> tuple[str, str]:
     levels = identities_of(masks.sample(_SAMPLES))
     listed = ", ".join(map(str, sorted(levels)[:8]))
     if identity:
-        return (
-            f"no mask shows identity {identity}",
-            f"set one that is there: {listed}" if levels else "set identity = 0",
-        )
+        remedy = f"set one that is there: {listed}" if levels else "set identity = 0"
+        return f"no mask shows identity {identity}", remedy
     if levels and max(levels) < _MIN_PICTURE_LEVEL:
         return "all masks are empty", f"if their gray levels are labels ({listed}), choose one with identity"
     return "all masks are empty", "check how they were exported"

@@ -13,7 +13,7 @@ from mmocap_warp.cameras.fisheye import FIELD
 from mmocap_warp.cameras.rig import CameraRig, check_rig, describe_rig, project
 from mmocap_warp.cameras.undistort import undistortion
 from mmocap_warp.errors import InputError
-from mmocap_warp.scene.mask_mark import calibration_hash
+from mmocap_warp.scene.kept_masks import calibration_hash
 
 PIXEL = 1e-6  # [px], OpenCV inverts the lens by iteration
 CENTROID = 0.15  # [px], of a disc 120 px wide, whose recorded pixels are up to 2.4 px wide in the pinhole

@@ -7,7 +7,7 @@ import pytest
 from synthetic import ring_rig
 
 from mmocap_warp.cameras.rig import CameraRig, project
-from mmocap_warp.display.floor_picture import floor_picture
+from mmocap_warp.display.still_pictures import floor_picture
 
 RIG = ring_rig(3)
 

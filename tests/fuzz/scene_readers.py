@@ -173,7 +173,7 @@ def _write_masks_tar(folder: Path) -> None:
 def _write_made_masks(folder: Path) -> None:
     from synthetic import ring_rig
 
-    from mmocap_warp.scene.mask_mark import MaskMark, calibration_hash
+    from mmocap_warp.scene.kept_masks import MaskMark, calibration_hash
 
     _write_scene(folder)
     made_with = calibration_hash(ring_rig(3, (32, 24)), 0, 1.0, (0.0, 0.0), whole_rig=False)

@@ -14,7 +14,7 @@ from mmocap_warp.cameras.rig import CameraRig, project
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
 from mmocap_warp.masks.subtraction import GaussianBackground
-from mmocap_warp.scene.mask_mark import MARK_NAME
+from mmocap_warp.scene.kept_masks import MARK_NAME
 from mmocap_warp.scene.mask_writing import write_masks
 from mmocap_warp.scene.scene_toml import load_scene
 

@@ -29,11 +29,7 @@ _UP = {"+x": "RIGHT_HAND_X_UP", "-x": "RIGHT_HAND_X_DOWN"} | {
 def write_rerun(path: Path, result: Result, scene: Scene | None = None, truth: Truth | None = None) -> None:
     """Write the best run: tracking mesh and skeleton, the raw skeleton, cameras with masks, curves; every frame.
 
-    Args:
-        path: an ``.rrd``; one that exists is replaced.
-        result: what was tracked.
-        scene: its recording, for the masks; None for none.
-        truth: what errors are measured from; None for no error.
+    Masks are the scene's, errors are measured from the truth, where there are these.
 
     Raises:
         InputError: ``rerun-sdk`` is not installed, the folder cannot be written, or the scene or the truth is of

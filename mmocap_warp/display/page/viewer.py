@@ -16,8 +16,7 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
-from mmocap_warp.display.page.page_content import content
-from mmocap_warp.display.page.pictures import Views, pose_step, sentence, small_images, small_masks
+from mmocap_warp.display.page.page_content import Views, content, pose_step, sentence, small_images, small_masks
 from mmocap_warp.display.result_video import check_same_recording
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
@@ -130,11 +129,7 @@ def resource(package: str, name: str) -> str:
 def filled(template: str, *, title: str, script: str, style: str, **parts: str) -> str:
     """A page of a template that begins with ``$head`` and has its one script in ``$script``.
 
-    Args:
-        template: in which ``$title``, too, is known.
-        title: as plain text.
-        script, style: all that the page runs and looks like.
-        parts: what else the template names, as markup.
+    The title is plain text; ``parts`` are what else the template names, as markup.
     """
     head = Template(resource("mmocap_warp.display.page", "head.html")).substitute(
         title=escape(title), style=style, style_hash=_hash(style), script_hash=_hash(script)

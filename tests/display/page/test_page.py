@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from shown import Recording, made_result
 from synthetic import ring_rig
 
-from mmocap_warp.display.page import pictures
-from mmocap_warp.display.page.pictures import Pictures, pose_step
+from mmocap_warp.display.page import page_content
+from mmocap_warp.display.page.page_content import Pictures, pose_step
 from mmocap_warp.display.page.viewer import view
 from mmocap_warp.errors import InputError
 from mmocap_warp.result.truth import Truth
@@ -166,7 +166,7 @@ def test_ten_minutes_are_thinned_and_say_so():
 
 def test_what_is_thinned_is_read_at_the_frames_that_are_left(monkeypatch):
     result = made_result(8)
-    monkeypatch.setattr(pictures, "_POSE_BYTES", 8 * 4 * 16 * 14 // 3 + 1)  # two tracks of two runs, 16 joints
+    monkeypatch.setattr(page_content, "_POSE_BYTES", 8 * 4 * 16 * 14 // 3 + 1)  # two tracks of two runs, 16 joints
     scene = Recording(result)
     asked = []
     monkeypatch.setattr(Recording, "of_frames", lambda self, frames: asked.append(frames) or self)

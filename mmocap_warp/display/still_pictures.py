@@ -1,7 +1,9 @@
-"""A picture of a body: its tracking mesh, joints by name, the axes that they turn about or slide along, how far."""
+"""Pictures of cameras that were found, with the floor as a grid, and of a body, with its joints and their limits."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import cv2
@@ -10,8 +12,87 @@ import numpy as np
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.rotations import turn
 from mmocap_warp.body.skeleton import TRANSLATION
-from mmocap_warp.display.overlay import COLOUR_OF_SIDE, INK, PAPER, SUBPIXEL_BITS, Colour, fixed_point, write_text
+from mmocap_warp.cameras.rig import CameraRig, project
+from mmocap_warp.display.overlay import (
+    COLOUR_OF_SIDE,
+    INK,
+    MODEL_COLOUR,
+    PAPER,
+    SUBPIXEL_BITS,
+    Colour,
+    fixed_point,
+    write_text,
+)
 from mmocap_warp.formats.png import write_png
+
+_SQUARE = 0.5  # side of a square of the grid [m]
+_AROUND = 0.75  # width of the floor around the person's way [m]
+_PIECE = 0.05  # lines are drawn in pieces of this length, as far as they are seen [m]
+_GRID: Colour = (150, 190, 90)
+_WAY: Colour = (60, 60, 240)
+_ROW_HEIGHT = 480  # height of a row of views [px]
+
+
+def floor_picture(
+    images: Sequence[np.ndarray], rig: CameraRig, heads: np.ndarray, frame: int, title: str
+) -> np.ndarray:
+    """The views of one frame side by side, BGR, with the floor, the person's way and the body's axis, below a title.
+
+    Args:
+        images: per camera, undistorted BGR, of the rig's sizes.
+        rig: undistorted pinholes; the floor is at zero along ``up``.
+        heads: (frame, 3), the top of the person's head [m]; NaN where not known. The images show that of ``frame``.
+    """
+    views = []
+    for k, image in enumerate(images):
+        canvas = image.copy()
+        _draw(canvas, rig.select((rig.names[k],)), heads, frame)
+        width = max(1, round(image.shape[1] * _ROW_HEIGHT / image.shape[0]))
+        views.append(cv2.resize(canvas, (width, _ROW_HEIGHT), interpolation=cv2.INTER_AREA))
+        write_text(views[-1], rig.names[k], (8, 8))
+    columns = int(np.ceil(np.sqrt(len(views))))
+    rows = [np.concatenate(views[at : at + columns], axis=1) for at in range(0, len(views), columns)]
+    width = max(row.shape[1] for row in rows)
+    banner = np.full((32, width, 3), PAPER, np.uint8)
+    write_text(banner, title, (8, 6))
+    padded = [np.pad(row, ((0, 0), (0, width - row.shape[1]), (0, 0))) for row in rows]
+    return np.concatenate([banner, *padded])
+
+
+def _draw(canvas: np.ndarray, camera: CameraRig, heads: np.ndarray, frame: int) -> None:
+    up = camera.up_vector
+    known = heads[np.isfinite(heads[:, 0])]
+    feet = known - (known @ up)[:, None] * up
+    for start, end in _grid(feet, up):
+        _draw_line(canvas, camera, start, end, _GRID, 1)
+    for start, end in pairwise(feet):
+        _draw_line(canvas, camera, start, end, _WAY, 2)
+    head = heads[frame]
+    if np.isfinite(head[0]):
+        _draw_line(canvas, camera, head - (head @ up) * up, head, MODEL_COLOUR, 2)
+
+
+def _grid(feet: np.ndarray, up: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Ends of the lines of a grid on the floor around places (n, 3) on it."""
+    a, b = (axis for axis in np.eye(3) if not np.any(axis[np.abs(up) > 0]))
+    low = [np.floor(((feet @ axis).min() - _AROUND) / _SQUARE) for axis in (a, b)]
+    high = [np.ceil(((feet @ axis).max() + _AROUND) / _SQUARE) for axis in (a, b)]
+    x, y = (np.arange(first, last + 1) * _SQUARE for first, last in zip(low, high, strict=True))
+    lines = [(a * each + b * y[0], a * each + b * y[-1]) for each in x]
+    return lines + [(b * each + a * x[0], b * each + a * x[-1]) for each in y]
+
+
+def _draw_line(
+    canvas: np.ndarray, camera: CameraRig, start: np.ndarray, end: np.ndarray, colour: Colour, width: int
+) -> None:
+    pieces = max(2, int(np.ceil(np.linalg.norm(end - start) / _PIECE)) + 1)
+    pixels = project(camera, np.linspace(start, end, pieces))[0]
+    for one, other in pairwise(pixels):
+        ends = np.array([one, other])
+        if np.isfinite(ends).all() and np.abs(ends).max() < 1e5:
+            (x, y), (to_x, to_y) = np.rint(ends).astype(int).tolist()
+            cv2.line(canvas, (x, y), (to_x, to_y), colour, width, cv2.LINE_AA)
+
 
 _HEIGHT, _WIDTH = 900, 1000  # size of a view, at most [px]
 _MARGIN, _HEADER = 60, 30  # margin of a view, and height of the line above the views [px]
@@ -23,6 +104,7 @@ _VIEWS = {
 _MESH: Colour = (74, 66, 58)
 _AXIS_COLOURS: dict[str, Colour] = {"x": (90, 90, 255), "y": (110, 220, 110), "z": (255, 150, 70)}
 _AXIS, _ARC = 0.03, 0.045  # half an axis, and the radius of the arc of its limits, as shares of the extent
+_BOTH_WAYS = np.array([[-1.0], [1.0]])
 _WHOLE_TURN = np.pi  # a joint that may turn farther is drawn with a whole circle
 
 
@@ -101,8 +183,12 @@ def _view(body: BodyModel, name: str, low: np.ndarray, high: np.ndarray) -> np.n
         joint, axis = divmod(int(coordinate) - 3, 3)
         if joint > 0 and not skeleton.slides[joint]:
             _draw_freedom(sheet, body, joint, axis, extent)
+    # A slide is a line from the lowest place to the highest, with strokes across either end.
     for (joint, axis), ends in _slides(body).items():
-        _draw_slide(sheet, skeleton.frame[joint].astype(float), axis, ends, extent)
+        sheet.line(ends, _AXIS_COLOURS["xyz"[axis]], 2)
+        for end in ends:
+            for across in np.delete(skeleton.frame[joint].astype(float), axis, axis=1).T:
+                sheet.line(end + _AXIS / 2 * extent * _BOTH_WAYS * across, _AXIS_COLOURS["xyz"[axis]])
     for joint, side in enumerate(map(skeleton.side, skeleton.joints)):
         sheet.dot(place[joint], COLOUR_OF_SIDE[side])
     _write_names(sheet, skeleton.joints, place)
@@ -114,7 +200,7 @@ def _draw_freedom(sheet: _Sheet, body: BodyModel, joint: int, axis: int, extent:
     frame, centre = body.skeleton.frame[joint].astype(float), body.joint_rest[joint].astype(float)
     colour = _AXIS_COLOURS["xyz"[axis]]
     along = frame[:, axis]
-    sheet.line(centre + _AXIS * extent * np.array([[-1.0], [1.0]]) * along, colour, 2)
+    sheet.line(centre + _AXIS * extent * _BOTH_WAYS * along, colour, 2)
     low, high = np.clip(body.skeleton.limits[joint, axis].astype(float), -_WHOLE_TURN, _WHOLE_TURN)
     spoke = frame[:, 1 if axis != 1 else 2]  # y runs along the bone
     angles = np.linspace(low, high, 25)
@@ -135,15 +221,6 @@ def _slides(body: BodyModel) -> dict[tuple[int, int], np.ndarray]:
     return found
 
 
-def _draw_slide(sheet: _Sheet, frame: np.ndarray, axis: int, ends: np.ndarray, extent: float) -> None:
-    """A line from the lowest place to the highest, with strokes across either end."""
-    colour = _AXIS_COLOURS["xyz"[axis]]
-    sheet.line(ends, colour, 2)
-    for end in ends:
-        for across in np.delete(frame, axis, axis=1).T:
-            sheet.line(end + _AXIS / 2 * extent * np.array([[-1.0], [1.0]]) * across, colour)
-
-
 def _write_names(sheet: _Sheet, names: tuple[str, ...], place: np.ndarray) -> None:
     """Each joint's name beside it, below the names that would be under it."""
     taken: list[tuple[float, float, float]] = []
@@ -153,7 +230,5 @@ def _write_names(sheet: _Sheet, names: tuple[str, ...], place: np.ndarray) -> No
         while any(abs(top - other) < height + 3 and left < end and start < left + width for start, end, other in taken):
             top += height + 3
         taken.append((left, left + width, top))
-        corner = round(left), round(min(top, sheet.image.shape[0] - 12.0))
-        cv2.putText(
-            sheet.image, name, (corner[0], corner[1] + height), cv2.FONT_HERSHEY_SIMPLEX, 0.33, INK, 1, cv2.LINE_AA
-        )
+        corner = round(left), round(min(top, sheet.image.shape[0] - 12.0)) + height
+        cv2.putText(sheet.image, name, corner, cv2.FONT_HERSHEY_SIMPLEX, 0.33, INK, 1, cv2.LINE_AA)

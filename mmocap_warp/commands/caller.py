@@ -1,9 +1,11 @@
-"""Settings of a command: arguments win over ``scene.toml``, which wins over the defaults."""
+"""What a command has from its caller: settings, of which arguments win over ``scene.toml``, and who listens to it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+import sys
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -14,6 +16,35 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
     Config = TypeVar("Config", bound=DataclassInstance)
+
+Progress = Callable[..., None]
+"""Called with the steps that are done, how many there are, and perhaps the evaluations that were spent."""
+
+
+class Reporter:
+    """Listens to a command. Notes and progress are dropped, warnings are Python's; a subclass may do otherwise."""
+
+    def note(self, line: str) -> None:
+        """Hear what happens."""
+
+    def warn(self, line: str) -> None:
+        """Hear what is wrong."""
+        level, frame = 1, sys._getframe()
+        while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith("mmocap_warp."):
+            level, frame = level + 1, frame.f_back
+        warnings.warn(line, stacklevel=level)  # it names the caller's line, not one of ours
+
+    def progress(self, stage: str, done: int, total: int) -> None:
+        """Hear that a stage, such as ``track``, has done so many of its steps."""
+
+    def stage(self, name: str, unit: str | None = "frames") -> AbstractContextManager[Progress]:
+        """Work on a stage for as long as the context is open; what it gives is called after each step.
+
+        Args:
+            name: of the stage.
+            unit: what a step is; None where steps are only shares of the whole.
+        """
+        return nullcontext(lambda done, total, evaluations=0: self.progress(name, done, total))
 
 
 @contextmanager
@@ -28,13 +59,9 @@ def arguments_checked() -> Iterator[None]:
 
 
 def effective(kind: type[Config], written: Table, given: Mapping[str, Any], base: Config | None = None) -> Config:
-    """The settings to run with.
+    """The settings to run with: those of the scene file, or of ``base``, but for those that the caller gives by name.
 
-    Args:
-        kind: a frozen dataclass that checks its fields and raises ``ValueError``.
-        written: the scene file's table of them.
-        given: those that the caller gives, by name.
-        base: used instead of the scene file's.
+    Their ``kind`` is a frozen dataclass that checks its fields and raises ``ValueError``.
 
     Raises:
         InputError: the scene file holds an unknown name or a wrong value.

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from mmocap_warp.commands.reporter import Reporter
-from mmocap_warp.commands.settings import arguments_checked
+from mmocap_warp.commands.caller import Reporter, arguments_checked
 from mmocap_warp.errors import InputError, UsageError
 
 

@@ -26,19 +26,15 @@ class BatchedCost(Protocol):
 
     def evaluate(self, candidates: int) -> wp.array[wp.float32]:
         """Costs (candidate,) float32 of the first ``candidates`` rows of ``pose``; infinite is allowed, NaN is not."""
-        ...
 
     def prepare(self, runs: int, index: np.ndarray) -> None:
         """Allocate what ``hold`` will need."""
-        ...
 
     def hold(self, base: wp.array[wp.float32], index: np.ndarray) -> None:
         """Note that candidates differ from their run's ``base`` (run, coordinate) in coordinates ``index`` alone."""
-        ...
 
     def release(self) -> None:
         """Note that candidates may differ in everything again."""
-        ...
 
 
 class Search:

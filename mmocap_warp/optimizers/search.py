@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 import warp as wp
 
-from mmocap_warp.device.replays import Replays
+from mmocap_warp.device.transfers import Replays
 from mmocap_warp.kernels.optimizers.populations import clamp, keep_best, make_limits, place
 from mmocap_warp.optimizers.protocol import Optimizer, share_budget
 

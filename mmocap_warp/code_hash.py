@@ -32,7 +32,7 @@ _RECORDING_MODULES: tuple[str, ...] = (
 
 _UNCOUNTED: tuple[str, ...] = (
     "code_hash", "device.resolve", "errors", "rigging", "scenes", "study.cell", "tracking.body_masks",
-    "tracking.checkpoint", "tracking.run_identity", "version", "versions", "whole_file",
+    "tracking.checkpoint", "version", "versions", "whole_file",
 )  # fmt: skip
 """Modules that are imported but that no pose, mask or error comes from."""
 

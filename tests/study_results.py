@@ -11,7 +11,7 @@ from synthetic import COORDINATES
 from mmocap_warp.result.pose_errors import growth
 from mmocap_warp.study.cell import Cell, CellResult
 from mmocap_warp.study.paper import ALGORITHM_ORDER
-from mmocap_warp.tracking.presets import PRESETS
+from mmocap_warp.tracking.algorithms import PRESETS
 
 SEQUENCES = tuple(f"{subject}/{action}" for action in ("Walking", "Gestures", "Box") for subject in ("S1", "S2", "S3"))
 _ERROR = dict(zip(ALGORITHM_ORDER, (0.022, 0.026, 0.027, 0.032, 0.038, 0.046, 0.060, 0.066), strict=True))  # [m]

@@ -15,8 +15,7 @@ import mmocap_warp as mm
 from mmocap_warp.formats.usd.usd_body import read_subject
 from mmocap_warp.scenes import ROOT
 from mmocap_warp.silhouettes import COSTS, RENDERERS
-from mmocap_warp.tracking.algorithms import ALGORITHMS, CONTOUR_TRACKERS
-from mmocap_warp.tracking.presets import PRESETS
+from mmocap_warp.tracking.algorithms import ALGORITHMS, CONTOUR_TRACKERS, PRESETS
 
 
 def names_for_type_checkers() -> set[str]:

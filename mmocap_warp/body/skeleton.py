@@ -269,9 +269,6 @@ class Skeleton:
 
     def moved_by(self, index: np.ndarray) -> np.ndarray:
         """(joint,) bool: the joints whose transforms change with coordinates ``index`` of a pose."""
-        turned = {(int(d) - TRANSLATION) // 3 for d in index if d >= TRANSLATION}
-        moved = np.zeros(len(self.joints), bool)
-        moved[0] = 0 in turned or bool(np.any(np.asarray(index) < TRANSLATION))
-        for joint, parent in enumerate(self.parent[1:], 1):
-            moved[joint] = joint in turned or moved[parent]
+        turned = np.maximum((np.asarray(index) - TRANSLATION) // 3, 0)  # the translation moves what the root moves
+        moved: np.ndarray = self.below[turned].any(axis=0)
         return moved

@@ -1,8 +1,8 @@
-"""What the host sends to a device and gets from it, without waiting in between: on a GPU through pinned memory."""
+"""What a GPU does without waiting for the host: copies through pinned memory, and captured graphs of launches."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Sequence
 from typing import Any
 
 import numpy as np
@@ -59,6 +59,34 @@ class Download:
         if self._device.is_cuda:
             wp.synchronize_stream(self._device.stream)
         return [host.numpy()[:rows].copy() for host in self._host]
+
+
+class Replays:
+    """On a GPU, captures work as a graph the second time it is done, and from then on replays that.
+
+    The first time it is not captured, because it may load kernels and make arrays. Within a capture, and on the CPU, it
+    is simply done.
+
+    Args:
+        device: a Warp device.
+    """
+
+    def __init__(self, device: str) -> None:
+        self._device = wp.get_device(device)
+        self._graphs: dict[Hashable, wp.Graph | None] = {}
+
+    def run(self, kind: Hashable, work: Callable[[], None]) -> None:
+        """Do the work, which launches the same on the same arrays whenever its ``kind`` is the same."""
+        if self._device.is_cpu or self._device.is_capturing or kind not in self._graphs:
+            work()
+            self._graphs.setdefault(kind, None)
+            return
+        graph = self._graphs[kind]
+        if graph is None:
+            with wp.ScopedCapture(self._device) as capture:
+                work()
+            graph = self._graphs[kind] = capture.graph
+        wp.capture_launch(graph)
 
 
 def _host_side(array: Any) -> Any:

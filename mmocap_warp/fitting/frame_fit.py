@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import warp as wp
 
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION, Skeleton
-from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.contour.body_problem import body_problem
 from mmocap_warp.contour.clip.motion_points import MotionPoints
 from mmocap_warp.contour.frame.fitter import WIDE, ContourFitter, MatchingConfig
 from mmocap_warp.contour.frame.rooted import Rooting
-from mmocap_warp.masks.observation import Observation
-from mmocap_warp.silhouettes.objective import Objective
+from mmocap_warp.fitting.standing_search import FirstFrame
 from mmocap_warp.tracking.limb_pairs import Limb, like_limbs, limb_pairs, limbs, mirrored, places_exchanged
 
 PRIOR = 0.3
@@ -66,35 +63,28 @@ class FrameFit:
 
     Args:
         space: bodies around the generic one.
-        rig: undistorted cameras at the masks' size.
-        observation: the masks.
-        seed: of the draws.
-        device: a Warp device.
-        threads: CPU threads.
+        frame: what is seen.
     """
 
-    def __init__(
-        self, space: RestSpace, rig: CameraRig, observation: Observation, seed: int, device: str, threads: int
-    ) -> None:
+    def __init__(self, space: RestSpace, frame: FirstFrame) -> None:
         body, skeleton = space.body, space.body.skeleton
         self.space = space
         self._skeleton, self._vertex = skeleton, body.tracking_vertex
         self._limbs = limbs(skeleton)
         self._pairs, self._like = limb_pairs(skeleton), like_limbs(skeleton)
-        self._random = np.random.default_rng(seed)
+        self._random = np.random.default_rng(frame.seed)
 
         def fitter(candidates: int, parameters: int, matching: MatchingConfig) -> ContourFitter:
             made = ContourFitter(
-                body, rig, skeleton.searched(), skeleton.coordinate_limits,
-                candidates=candidates, parameters=parameters, matching=matching, device=device, threads=threads,
+                body, frame.rig, skeleton.searched(), skeleton.coordinate_limits, candidates=candidates,
+                parameters=parameters, matching=matching, device=frame.device, threads=frame.threads,
             )  # fmt: skip
-            made.observe(0, observation)
+            made.observe(0, frame.observation)
             return made
 
         self._rough, self._fine = (fitter(1, len(space.names), matching) for matching in (WIDE, MatchingConfig()))
         self._rough_pose, self._fine_pose = fitter(_TRIED, 0, WIDE), fitter(_FINE, 0, MatchingConfig())
-        self._objective = Objective(body, np.eye(3), rig, _DRAWS, renderer="raster", device=device, threads=threads)
-        self._objective.observe(observation)
+        self._objective = frame.objective(body, np.eye(3), _DRAWS)
         prior = np.zeros(skeleton.coordinates)
         prior[ROOT_ANGLES.stop :] = _POSE_PRIOR / np.repeat(skeleton.spread[1:], 3) ** 2
         self._objective.prior.assign(prior)
@@ -108,7 +98,7 @@ class FrameFit:
         found = problem.solved(np.zeros(1, int), problem.rooting.enter(guess.pose[None]), guess.beta, _BODY_STEPS)
         pose = problem.rooting.leave(found.rooted, guess.pose[ROOT_ANGLES])
         self._take_body(found.beta, guess.root_base)
-        return Guess(found.beta, guess.root_base, pose[0], float(self._judged(pose)[0]))
+        return Guess(found.beta, guess.root_base, pose[0], float(self._objective.costs(pose)[0]))
 
     def with_limbs_found(self, guess: Guess, rounds: int) -> Guess:
         """The guess with every limb where it explains the masks best, after at most ``rounds`` rounds over all."""
@@ -177,8 +167,8 @@ class FrameFit:
         near = self._random.normal(0.0, spread, (_DRAWS // 2, len(reach)))
         drawn[: len(near), limb.coordinates] = np.clip(0.0, *skeleton.coordinate_limits[limb.coordinates].T)
         drawn[: len(near), reach] = np.clip(near, low, high)
-        self._objective.hold(self._device_array(guess.pose[None]), reach)
-        best = drawn[np.argsort(self._judged(drawn), kind="stable")[:_TRIED]]
+        self._objective.hold(wp.array(guess.pose[None], dtype=wp.float32, device=self._objective.device), reach)
+        best = drawn[np.argsort(self._objective.costs(drawn), kind="stable")[:_TRIED]]
         self._objective.release()
         best[-1, limb.coordinates] = mirrored(skeleton, guess.pose)[limb.coordinates]
         return best
@@ -187,7 +177,7 @@ class FrameFit:
         """The guess, or the best fit from starts (candidate, coordinate) if that costs less."""
         near = self._descended(self._rough_pose, guess, starts)[:_FINE]
         found = self._descended(self._fine_pose, guess, near)
-        pose, cost = found[0], float(self._judged(found[:1])[0])
+        pose, cost = found[0], float(self._objective.costs(found[:1])[0])
         return replace(guess, pose=pose, cost=cost) if cost < guess.cost else guess
 
     def _descended(self, fitter: ContourFitter, guess: Guess, starts: np.ndarray) -> np.ndarray:
@@ -196,7 +186,7 @@ class FrameFit:
         fitter.start_at(starts, np.tile(guess.root_base, (count, 1, 1)), np.zeros(count, np.int32))
         fitter.descend(count, _LIMB_STEPS)
         found = fitter.descent.best.numpy()[:count].astype(float)
-        best_first: np.ndarray = found[np.argsort(self._judged(found), kind="stable")]
+        best_first: np.ndarray = found[np.argsort(self._objective.costs(found), kind="stable")]
         return best_first
 
     def _take_body(self, beta: np.ndarray, root_base: np.ndarray) -> None:
@@ -207,17 +197,6 @@ class FrameFit:
         arrays.rest.assign(rest[None].astype(np.float32))
         arrays.joint_rest.assign(joint_rest[None].astype(np.float32))
         arrays.root_base.assign(root_base[None].astype(np.float32))
-
-    def _judged(self, pose: np.ndarray) -> np.ndarray:
-        """(pose,) costs."""
-        count = len(pose)
-        poses = self._device_array(pose)
-        wp.copy(self._objective.pose, poses, count=poses.size)
-        cost: np.ndarray = self._objective.evaluate(count).numpy()[:count].copy()
-        return cost
-
-    def _device_array(self, pose: np.ndarray) -> wp.array[Any]:
-        return wp.array(pose, dtype=wp.float32, device=self._objective.device)
 
 
 def _with_limbs(pose: np.ndarray, moved: tuple[Limb, ...], other: np.ndarray) -> np.ndarray:

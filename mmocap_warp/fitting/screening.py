@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import warp as wp
 
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.body.rotations import spread_rotations, transposed, turn, zyx_angles
 from mmocap_warp.body.shape_space import ShapeSpace, heading_rotation, upright_base
 from mmocap_warp.body.skeleton import ROOT_ANGLES, TRANSLATION, Skeleton
-from mmocap_warp.cameras.rig import CameraRig
-from mmocap_warp.masks.observation import Observation
+from mmocap_warp.fitting.standing_search import FirstFrame
 from mmocap_warp.silhouettes.objective import Objective
 
 _ROTATIONS = 240  # rotations of a body that may lie any way up: every one is within 40 degrees of one of them
@@ -38,15 +36,7 @@ def usual_poses(skeleton: Skeleton, any_pose: bool, seed: int) -> np.ndarray:
 
 
 def screened_starts(
-    space: ShapeSpace,
-    rig: CameraRig,
-    observation: Observation,
-    hull: np.ndarray,
-    poses: np.ndarray,
-    *,
-    count: int,
-    device: str,
-    threads: int,
+    space: ShapeSpace, frame: FirstFrame, hull: np.ndarray, poses: np.ndarray, count: int
 ) -> np.ndarray:
     """The best starts (start, coordinate) of a space, each somewhere else, the best first.
 
@@ -55,18 +45,12 @@ def screened_starts(
 
     Args:
         space: the coordinates.
-        rig: undistorted cameras at the masks' size.
-        observation: the masks.
+        frame: what is seen.
         hull: (point, 3) the visual hull [m].
         poses: (pose, coordinate) to be turned about.
         count: of starts, at most.
-        device: a Warp device.
-        threads: CPU threads.
     """
-    objective = Objective(
-        space.body, np.eye(3), rig, _AT_ONCE, renderer="raster", shapes=space, device=device, threads=threads
-    )
-    objective.observe(observation)
+    observation, objective = frame.observation, frame.objective(space.body, np.eye(3), _AT_ONCE, shapes=space)
     scale = np.ones(len(poses) * (_HEADINGS if space.body.skeleton.stands else _ROTATIONS))
     candidates = _turned_poses(space, poses, hull, scale)
     seen = observation.foreground > 0
@@ -108,11 +92,9 @@ def _judged(objective: Objective, candidates: np.ndarray, seen: np.ndarray) -> t
     """(candidate,) costs, and how large the silhouettes are in the views that are ``seen`` (camera,) bool [px]."""
     cost, area = [], []
     for first in range(0, len(candidates), _AT_ONCE):
-        poses = wp.array(candidates[first : first + _AT_ONCE], dtype=wp.float32, device=objective.device)
-        wp.copy(objective.pose, poses, count=poses.size)
-        count = len(poses)
-        cost.append(objective.evaluate(count).numpy()[:count].copy())
-        area.append(objective.count.numpy()[:count, seen, 0].sum(axis=1))
+        poses = candidates[first : first + _AT_ONCE]
+        cost.append(objective.costs(poses))
+        area.append(objective.count.numpy()[: len(poses), seen, 0].sum(axis=1))
     return np.concatenate(cost), np.concatenate(area)
 
 

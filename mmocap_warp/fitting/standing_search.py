@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import warp as wp
 
@@ -30,29 +32,65 @@ class NoSubjectError(ValueError):
     """The masks do not show one subject."""
 
 
-def subject_hull(body: BodyModel, rig: CameraRig, observation: Observation) -> np.ndarray:
+@dataclass(frozen=True, eq=False)
+class FirstFrame:
+    """The frame that a fit begins with, and how the work on it is done.
+
+    Attributes:
+        rig: undistorted cameras at the masks' size.
+        observation: the masks.
+        seed: of the random numbers.
+        device: a Warp device.
+        threads: CPU threads.
+    """
+
+    rig: CameraRig
+    observation: Observation
+    seed: int = 0
+    device: str = "cpu"
+    threads: int = 1
+
+    def objective(
+        self, body: BodyModel, root_base: np.ndarray, candidates: int, shapes: ShapeSpace | None = None
+    ) -> Objective:
+        """Judges candidates against the masks."""
+        objective = Objective(
+            body,
+            root_base,
+            self.rig,
+            candidates,
+            renderer="raster",
+            shapes=shapes,
+            device=self.device,
+            threads=self.threads,
+        )
+        objective.observe(self.observation)
+        return objective
+
+
+def subject_hull(body: BodyModel, frame: FirstFrame) -> np.ndarray:
     """(point, 3) the visual hull of what may be a body [m].
 
     Raises:
         NoSubjectError: fewer than two views see the subject, or they see different things.
     """
     spacing = _VOXEL * body.relative_size
-    hull = visual_hull(rig, observation, spacing=spacing)
+    hull = visual_hull(frame.rig, frame.observation, spacing=spacing)
     if len(hull) < _LEAST_POINTS:
-        hull = visual_hull(rig, observation, spacing=spacing, tolerate=1)
+        hull = visual_hull(frame.rig, frame.observation, spacing=spacing, tolerate=1)
     if len(hull) < _LEAST_POINTS:
         raise NoSubjectError("the silhouettes of at least two views do not meet anywhere in space")
     return hull
 
 
-def standing_start(space: ShapeSpace, rig: CameraRig, observation: Observation, *, scaled: bool = True) -> np.ndarray:
+def standing_start(space: ShapeSpace, frame: FirstFrame, *, scaled: bool = True) -> np.ndarray:
     """Coordinates of the rest pose where the visual hull stands, ``scaled`` to its height unless the body is rigid.
 
     Raises:
         NoSubjectError: fewer than two views see the subject, or they see different things.
     """
-    hull = subject_hull(space.body, rig, observation)
-    up = upright_base(rig.up)[:, 1]
+    hull = subject_hull(space.body, frame)
+    up = upright_base(frame.rig.up)[:, 1]
     low, high = np.percentile(hull @ up, [0.5, 99.5])
     body = space.body
     height = body.skin.rest[body.own_vertex, 1]
@@ -66,41 +104,16 @@ def standing_start(space: ShapeSpace, rig: CameraRig, observation: Observation, 
 
 
 def search_headings(
-    space: ShapeSpace,
-    rig: CameraRig,
-    observation: Observation,
-    start: np.ndarray,
-    *,
-    headings: int,
-    evaluations: int,
-    seed: int,
-    device: str,
-    threads: int,
+    space: ShapeSpace, frame: FirstFrame, start: np.ndarray, headings: int, evaluations: int
 ) -> np.ndarray:
-    """Fit evenly spread headings, each on its own, as :func:`search_starts` does.
-
-    Args:
-        start: (coordinate,) as :func:`standing_start` finds them.
-        headings: how many.
-    """
+    """Fit evenly spread headings of a start (coordinate,), each on its own, as :func:`search_starts` does."""
     starts = np.repeat(start[None], headings, axis=0)
     starts[:, space.heading_index] = 2 * np.pi * np.arange(headings) / headings
-    return search_starts(
-        space, rig, observation, starts, evaluations=evaluations, seed=seed, device=device, threads=threads
-    )
+    return search_starts(space, frame, starts, evaluations)
 
 
 def search_starts(
-    space: ShapeSpace,
-    rig: CameraRig,
-    observation: Observation,
-    starts: np.ndarray,
-    *,
-    near_rest: bool = True,
-    evaluations: int,
-    seed: int,
-    device: str,
-    threads: int,
+    space: ShapeSpace, frame: FirstFrame, starts: np.ndarray, evaluations: int, *, near_rest: bool = True
 ) -> np.ndarray:
     """Fit starts, each on its own: pose, shape and scale at once, with CMA-ES.
 
@@ -108,35 +121,21 @@ def search_starts(
 
     Args:
         space: the coordinates.
-        rig: undistorted cameras at the masks' size.
-        observation: the masks.
+        frame: what is seen.
         starts: (start, coordinate).
-        near_rest: whether the prior on the pose is on; without, joints may be anywhere.
         evaluations: spent on each.
-        seed: of the first start's random numbers.
-        device: a Warp device.
-        threads: CPU threads.
+        near_rest: whether the prior on the pose is on; without, joints may be anywhere.
 
     Returns:
         Coordinates (start, coordinate) float32.
     """
     skeleton, count = space.body.skeleton, len(starts)
     searched = np.concatenate([skeleton.searched(), space.shape_index])
-    seeds = wp.array(seed + np.arange(count), dtype=wp.int32, device=device)
-    counter = wp.zeros(count, dtype=wp.int32, device=device)
+    seeds = wp.array(frame.seed + np.arange(count), dtype=wp.int32, device=frame.device)
+    counter = wp.zeros(count, dtype=wp.int32, device=frame.device)
     spread = _spread(space)
     optimizer = CmaEs(make_space(searched, spread[searched], seeds, counter), evaluations, CmaEsConfig(_POPULATION))
-    objective = Objective(
-        space.body,
-        upright_base(space.up),
-        rig,
-        count * optimizer.particles,
-        renderer="raster",
-        shapes=space,
-        device=device,
-        threads=threads,
-    )
-    objective.observe(observation)
+    objective = frame.objective(space.body, upright_base(space.up), count * optimizer.particles, shapes=space)
     prior = _prior(space, spread)
     if not near_rest:
         prior[ROOT_ANGLES.stop : skeleton.coordinates] = 0.0

@@ -33,6 +33,7 @@ from mmocap_warp.fitting.fit_config import LONGEST_IMAGE, FitConfig
 from mmocap_warp.fitting.frame_fit import FrameFit, Guess
 from mmocap_warp.fitting.screening import screened_starts, usual_poses
 from mmocap_warp.fitting.standing_search import (
+    FirstFrame,
     NoSubjectError,
     search_headings,
     search_starts,
@@ -194,8 +195,9 @@ def _first_frame(task: _Task, observation: Observation) -> tuple[Guess, dict[str
     """The best guess at the first frame, and others by how they differ: turned round, or with sides swapped."""
     config, skeleton = task.config, task.body.skeleton
     # All headings to the bottom of their basins, then the limbs of the best few.
-    frame = FrameFit(task.space, task.rig, observation, config.seed, task.device, task.threads)
-    guesses = sorted((frame.polished(guess) for guess in _headings(task, observation)), key=_cost)
+    seen = FirstFrame(task.rig, observation, config.seed, task.device, task.threads)
+    frame = FrameFit(task.space, seen)
+    guesses = sorted((frame.polished(guess) for guess in _headings(task, seen)), key=_cost)
     task.progress("headings", _HEADINGS_SHARE, guesses[0].cost)
     finalists = sorted((frame.with_limbs_found(guess, 1) for guess in guesses[: config.finalists]), key=_cost)
     finalists = sorted((frame.with_limbs_found(guess, _ROUNDS) for guess in finalists[:_WINNERS]), key=_cost)
@@ -251,34 +253,25 @@ def _verdict(best: Guess, others: dict[str, Guess]) -> dict[str, str | float | i
     return {"fit.cost": best.cost, "fit.margin": others[name].cost - best.cost, "fit.alternative": name}
 
 
-def _headings(task: _Task, observation: Observation) -> list[Guess]:
+def _headings(task: _Task, frame: FirstFrame) -> list[Guess]:
     """A guess for each heading, or for each of the best ways to turn and bend a body that has no usual ones.
 
     Where the body carries something, two for each heading, of its own size and scaled to the hull's: a racket held high
     makes the hull taller, not the person.
     """
     config, shapes, body = task.config, ShapeSpace(task.body, task.rig.up), task.body
-    effort: Any = {
-        "evaluations": config.evaluations, "seed": config.seed, "device": task.device, "threads": task.threads
-    }  # fmt: skip
     if task.start_poses is None and body.skeleton.stands and not body.rigid:
         starts = [
-            standing_start(shapes, task.rig, observation, scaled=scaled)
+            standing_start(shapes, frame, scaled=scaled)
             for scaled in ((True, False) if body.skeleton.attached else (True,))
         ]
-        searched = [
-            search_headings(shapes, task.rig, observation, start, headings=config.headings, **effort)
-            for start in starts
-        ]
+        searched = [search_headings(shapes, frame, start, config.headings, config.evaluations) for start in starts]
         found = np.concatenate(searched)
     else:
         given = task.start_poses
         poses = usual_poses(body.skeleton, body.rigid, config.seed) if given is None else given
-        hull = subject_hull(body, task.rig, observation)
-        screened = screened_starts(
-            shapes, task.rig, observation, hull, poses, count=config.headings, device=task.device, threads=task.threads
-        )
-        found = search_starts(shapes, task.rig, observation, screened, near_rest=given is None, **effort)
+        screened = screened_starts(shapes, frame, subject_hull(body, frame), poses, config.headings)
+        found = search_starts(shapes, frame, screened, config.evaluations, near_rest=given is None)
     subjects = [shapes.subject(coordinates.astype(np.float64), {}) for coordinates in found]
     return [Guess(task.space.nearest(subject.body), subject.root_base, subject.pose) for subject in subjects]
 

@@ -37,7 +37,6 @@ class Optimizer(Protocol):
     @property
     def memory(self) -> tuple[wp.array[Any], ...]:
         """Arrays, the run first, by which a search depends on the one before it; zeros before there was one."""
-        ...
 
     def plan(self, evaluations: int) -> list[int]:
         """Take over the budget of every search from now on.
@@ -45,23 +44,18 @@ class Optimizer(Protocol):
         Returns:
             Sizes of the generations that spend it; they never add up to more.
         """
-        ...
 
     def start(self, pose: wp.array[wp.float32]) -> None:
         """Begin a search at ``pose`` (run, coordinate)."""
-        ...
 
     def ask(self, particles: int) -> wp.array[wp.float32]:
         """Fill ``population`` and return it."""
-        ...
 
     def tell(self, cost: wp.array[wp.float32]) -> None:
         """Learn from the costs (candidate,) of a whole generation; infinite costs are allowed, NaN is not."""
-        ...
 
     def estimate(self, pose: wp.array[wp.float32]) -> None:
         """Write the answer's coordinates into ``pose`` (run, coordinate), where ``returns_best`` is False."""
-        ...
 
 
 def whole_generations(evaluations: int, particles: int) -> list[int]:

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 import warp as wp
 
-from mmocap_warp.device.replays import Replays
+from mmocap_warp.device.transfers import Replays
 from mmocap_warp.kernels.optimizers.populations import clamp, keep_best, make_limits, place
 from mmocap_warp.optimizers.protocol import Optimizer, share_budget
 
@@ -26,19 +26,15 @@ class BatchedCost(Protocol):
 
     def evaluate(self, candidates: int) -> wp.array[wp.float32]:
         """Costs (candidate,) float32 of the first ``candidates`` rows of ``pose``; infinite is allowed, NaN is not."""
-        ...
 
     def prepare(self, runs: int, index: np.ndarray) -> None:
         """Allocate what ``hold`` will need."""
-        ...
 
     def hold(self, base: wp.array[wp.float32], index: np.ndarray) -> None:
         """Note that candidates differ from their run's ``base`` (run, coordinate) in coordinates ``index`` alone."""
-        ...
 
     def release(self) -> None:
         """Note that candidates may differ in everything again."""
-        ...
 
 
 class Search:

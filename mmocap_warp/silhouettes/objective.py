@@ -171,6 +171,13 @@ class Objective:
         self._work.run(self._evaluate, candidates)
         return self.cost
 
+    def costs(self, poses: np.ndarray) -> np.ndarray:
+        """Costs (n,) float32 of poses (n, coordinate) from the host; ``count`` then has their pixels."""
+        values = wp.array(poses, dtype=wp.float32, device=self.device)
+        wp.copy(self.pose, values, count=values.size)
+        cost: np.ndarray = self.evaluate(len(poses)).numpy()[: len(poses)].copy()
+        return cost
+
     def _check_room(self, candidates: int) -> None:
         if not 0 < candidates <= self.candidates:
             raise ValueError(f"candidates must be in 1..{self.candidates}, got {candidates}")

@@ -43,7 +43,7 @@ class Cell:
             contours, and ``+solved`` where the body is solved from the clip.
         dof: degrees of freedom of the tracked body.
         evaluations: budget of a frame's search, 0 where nothing is searched.
-        preset: where the search radii come from, a key of ``mmocap_warp.tracking.presets.PRESETS``.
+        preset: where the search radii come from, a key of ``mmocap_warp.tracking.algorithms.PRESETS``.
     """
 
     sequence: str

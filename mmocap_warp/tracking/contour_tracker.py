@@ -24,9 +24,8 @@ import warp as wp
 
 from mmocap_warp.body.model import Subject
 from mmocap_warp.cameras.rig import CameraRig
-from mmocap_warp.device.replays import Replays
 from mmocap_warp.device.resolve import resolve_device
-from mmocap_warp.device.transfers import Download
+from mmocap_warp.device.transfers import Download, Replays
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import STATUS, FrameAnswer
 from mmocap_warp.tracking.algorithms import ALGORITHMS, CONTOUR_TRACKERS

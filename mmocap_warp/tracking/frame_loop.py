@@ -23,10 +23,9 @@ from mmocap_warp.masks.observation import KeptObservations, Observation
 from mmocap_warp.result.result import FrameAnswer, Result
 from mmocap_warp.rigging.attaching import subject_carrying
 from mmocap_warp.tracking.body_masks import body_masks, tracked_masks
-from mmocap_warp.tracking.checkpoint import Checkpoint, read_checkpoint, with_code_of
+from mmocap_warp.tracking.checkpoint import Checkpoint, read_checkpoint, run_identity, with_code_of
 from mmocap_warp.tracking.contour_tracker import ContourTracker
 from mmocap_warp.tracking.make_tracker import make_tracker
-from mmocap_warp.tracking.run_identity import run_identity
 from mmocap_warp.tracking.smoothing import SmoothReport, smoothed
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import Tracker

@@ -289,8 +289,7 @@ class _AreaJudge:
         if frame != self._observed:  # many poses of one frame are judged in a row
             objective.observe(observation)
             self._observed = frame
-        objective.pose[:count].assign(pose.astype(np.float32))
-        cost = objective.evaluate(count).numpy()[:count]
+        cost = objective.costs(pose)
         return cost, overlap(objective.count.numpy()[:count], observation)
 
 

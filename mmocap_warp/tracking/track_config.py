@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from mmocap_warp.contour import ACCELERATION
 from mmocap_warp.formats.toml_table import describes_settings, listed, setting
 from mmocap_warp.silhouettes import COSTS, RENDERERS
-from mmocap_warp.tracking.algorithms import ALGORITHMS, BUDGET, BUDGETS, CONTOUR_TRACKERS
-from mmocap_warp.tracking.presets import PRESETS
+from mmocap_warp.tracking.algorithms import ALGORITHMS, BUDGET, BUDGETS, CONTOUR_TRACKERS, PRESETS
 
 _FLAT, _BY_PARTS = (
     [name for name, each in ALGORITHMS.items() if each.hierarchical == parts] for parts in (False, True)

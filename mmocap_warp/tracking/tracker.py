@@ -13,8 +13,8 @@ from mmocap_warp.body.model import Subject
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.masks.observation import Observation
 from mmocap_warp.result.result import STATUS, FrameAnswer
+from mmocap_warp.tracking.algorithms import PRESETS
 from mmocap_warp.tracking.pose_search import PoseSearch
-from mmocap_warp.tracking.presets import PRESETS
 from mmocap_warp.tracking.track_config import TrackConfig
 
 

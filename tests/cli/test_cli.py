@@ -203,7 +203,7 @@ def test_help_is_whole(command, monkeypatch, capsys):
 
 
 def test_help_names_every_preset(capsys):
-    from mmocap_warp.tracking.presets import PRESETS
+    from mmocap_warp.tracking.algorithms import PRESETS
 
     assert cli.main(["track", "--help"]) == console.OK
     shown = capsys.readouterr().out

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from mmocap_warp.device.replays import Replays
-from mmocap_warp.device.transfers import Download, Upload
+from mmocap_warp.device.transfers import Download, Replays, Upload
 
 
 def test_what_is_sent_next_does_not_overtake(device):

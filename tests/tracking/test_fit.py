@@ -16,7 +16,14 @@ from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.shape_space import ShapeSpace, heading_rotation, upright_base
 from mmocap_warp.errors import InputError
 from mmocap_warp.fitting.frame_fit import Guess
-from mmocap_warp.fitting.standing_search import NoSubjectError, _prior, _spread, search_headings, standing_start
+from mmocap_warp.fitting.standing_search import (
+    FirstFrame,
+    NoSubjectError,
+    _prior,
+    _spread,
+    search_headings,
+    standing_start,
+)
 from mmocap_warp.fitting.subject_fit import (
     FitConfig,
     _first_frame,
@@ -237,20 +244,19 @@ def test_motion_decides_where_the_first_frame_does_not(man, margin, costs, answe
 def test_headings_are_spread_evenly(walk, man):
     """All of them start at one place, upright, in the rest pose: a single evaluation is of the start."""
     space, rig = ShapeSpace(man, "+z"), walk.rig(0.25)
-    observation = next(iter(walk.observations(0.25, count=1)))
-    start = standing_start(space, rig, observation)
-    options = {"headings": 8, "evaluations": 1, "seed": 0, "device": "cpu", "threads": 1}
-    found = search_headings(space, rig, observation, start, **options)
+    frame = FirstFrame(rig, next(iter(walk.observations(0.25, count=1))))
+    found = search_headings(space, frame, standing_start(space, frame), headings=8, evaluations=1)
     np.testing.assert_allclose(found[:, space.heading_index], np.arange(8) * np.pi / 4, atol=1e-6)
     assert np.ptp(np.delete(found, space.heading_index, axis=1), axis=0).max() == 0
     assert not found[:, 3 : space.heading_index - 1].any()
 
 
 def test_who_carries_something_is_begun_from_the_hulls_size_and_from_its_own(walk, man, monkeypatch):
-    observation = next(iter(walk.observations(0.25, count=1)))
+    rig = walk.rig(0.25)
+    frame = FirstFrame(rig, next(iter(walk.observations(0.25, count=1))))
     begun = []
 
-    def search(space, rig, observation, start, **options):
+    def search(space, frame, start, *options):
         begun.append(float(start[space.scale_index]))
         return start[None].astype(np.float32)
 
@@ -258,7 +264,7 @@ def test_who_carries_something_is_begun_from_the_hulls_size_and_from_its_own(wal
     with things() as (stick, *_):
         carrier = carrying(man, [replace(stick, joint="RWrist")]).body
     for body in (man, carrier):
-        _headings(_Task(body, walk.rig(0.25), QUICK, lambda *_: None), observation)
+        _headings(_Task(body, rig, QUICK, lambda *_: None), frame)
     assert begun == [begun[0], begun[0], 0.0]
     assert begun[0] < -0.01
 

@@ -16,6 +16,7 @@ from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.body.shape_space import upright_base
 from mmocap_warp.fitting.clip_body import follow, frames_to_follow, solve_body
 from mmocap_warp.fitting.frame_fit import FrameFit, Guess
+from mmocap_warp.fitting.standing_search import FirstFrame
 from mmocap_warp.formats.truth_file import load_truth
 from mmocap_warp.masks.observation import Observation, unpack_masks
 from mmocap_warp.rigging.shipped import load_body
@@ -89,7 +90,7 @@ def test_an_arm_inside_the_trunk_is_found(man, space):
     """A raised arm, from a guess that has it across the body: contours alone leave it there."""
     pose = standing(man, LShoulder=(0, 0, 1.2), LElbow=(0, -0.9, 0))
     hidden = standing(man, LShoulder=(0, -1.2, -1.2), LElbow=(0, -1.5, 0))
-    frame = FrameFit(space, RIG, seen(man, pose), seed=0, device="cpu", threads=1)
+    frame = FrameFit(space, FirstFrame(RIG, seen(man, pose)))
     guess = frame.polished(Guess(np.zeros(len(space.names)), BASE, hidden))
     truth, stuck = joints(man, pose), joints(space.model(guess.beta), guess.pose)
     assert np.linalg.norm(stuck["LWrist"] - truth["LWrist"]) > 0.2
@@ -101,7 +102,7 @@ def test_an_arm_inside_the_trunk_is_found(man, space):
 
 def test_legs_that_are_swapped_are_told_from_those_that_are_not(man, space):
     pose = standing(man, LHip=(-0.5, 0, 0), LKnee=(0.3, 0, 0), RHip=(0.4, 0, 0), RKnee=(0.3, 0, 0))
-    frame = FrameFit(space, RIG, seen(man, pose), seed=0, device="cpu", threads=1)
+    frame = FrameFit(space, FirstFrame(RIG, seen(man, pose)))
     right = frame.polished(Guess(np.zeros(len(space.names)), BASE, pose))
     arms, legs = frame.with_sides_swapped(right)
     away = joints(space.model(legs.beta), legs.pose)["LAnkle"] - joints(man, pose)["LAnkle"]
@@ -125,7 +126,7 @@ class FourViewsOfTheWalk:
         walk = load_scene(ROOT / "walk")
         whole, (seen_by_all,) = walk.rig(0.5), walk.observations(0.5, count=1)
         four = Observation.from_masks(unpack_masks(seen_by_all.words, whole.size)[1:])
-        self.frame = FrameFit(space, whole.select(whole.names[1:]), four, seed=0, device="cpu", threads=1)
+        self.frame = FrameFit(space, FirstFrame(whole.select(whole.names[1:]), four))
         self._man, self._space, self._truth = man, space, load_truth(walk.truth)
         self._base = np.array([[-1.0, 0, 0], [0, 0, 1], [0, 1, 0]])
 

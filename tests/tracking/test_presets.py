@@ -5,8 +5,7 @@ import pytest
 from synthetic import synthetic_subject
 from tracked_motion import FPS, RIG, motion
 
-from mmocap_warp.tracking.algorithms import ALGORITHMS
-from mmocap_warp.tracking.presets import PRESETS
+from mmocap_warp.tracking.algorithms import ALGORITHMS, PRESETS
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import Tracker
 

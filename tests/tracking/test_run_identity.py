@@ -24,9 +24,8 @@ from mmocap_warp.masks.mask_settings import ForegroundSettings
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
-from mmocap_warp.tracking.checkpoint import read_checkpoint, with_code_of
+from mmocap_warp.tracking.checkpoint import read_checkpoint, run_identity, with_code_of
 from mmocap_warp.tracking.frame_loop import track
-from mmocap_warp.tracking.run_identity import run_identity
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import Tracker
 from mmocap_warp.version import __version__
@@ -172,7 +171,7 @@ CHANGES: list[tuple[str, Callable[[Run], Run]]] = [
 
 @pytest.mark.parametrize(("told", "change"), CHANGES, ids=[f"{i}-{told}" for i, (told, _) in enumerate(CHANGES)])
 def test_another_run_is_refused_and_it_is_told_what_differs(told, change, run, left, monkeypatch):
-    for module in ("run_identity", "make_tracker", "pose_search", "frame_loop"):
+    for module in ("checkpoint", "make_tracker", "pose_search", "frame_loop"):
         monkeypatch.setattr(f"mmocap_warp.tracking.{module}.resolve_device", lambda device: device)
     refusal = rf"is of a run that differs in its .*\b{re.escape(told)}\b.*; repeat that"
     with pytest.raises(InputError, match=refusal) as caught:
@@ -181,13 +180,13 @@ def test_another_run_is_refused_and_it_is_told_what_differs(told, change, run, l
 
 
 def test_another_version_s_run_is_refused(run, left, monkeypatch):
-    monkeypatch.setattr("mmocap_warp.tracking.run_identity.__version__", "0.0.0")
+    monkeypatch.setattr("mmocap_warp.tracking.checkpoint.__version__", "0.0.0")
     with pytest.raises(InputError, match=rf"begun by mmocap-warp {__version__} \(code \w{{8}}\), this is 0\.0\.0 \("):
         track(*run, checkpoint=left, resume=True)
 
 
 def test_a_run_of_other_code_is_refused_and_both_are_named(run, left, monkeypatch):
-    monkeypatch.setattr("mmocap_warp.tracking.run_identity.code_hash", lambda _: "0123456789abcdef")
+    monkeypatch.setattr("mmocap_warp.tracking.checkpoint.code_hash", lambda _: "0123456789abcdef")
     with pytest.raises(InputError, match=r"this is .* \(code 01234567\), .*; go back .* --accept-changed-code, or"):
         track(*run, checkpoint=left, resume=True)
 
@@ -195,14 +194,14 @@ def test_a_run_of_other_code_is_refused_and_both_are_named(run, left, monkeypatc
 def test_a_run_of_other_code_goes_on_where_that_is_accepted(run, left, tmp_path, monkeypatch):
     resumed = tmp_path / "checkpoint"
     shutil.copy(left, resumed)
-    monkeypatch.setattr("mmocap_warp.tracking.run_identity.code_hash", lambda _: "0123456789abcdef")
+    monkeypatch.setattr("mmocap_warp.tracking.checkpoint.code_hash", lambda _: "0123456789abcdef")
     result = track(*run, checkpoint=resumed, resume=True, accept_changed_code=True)
     np.testing.assert_array_equal(result.pose, track(*run).pose)
 
 
 def test_accepted_code_leaves_other_differences_to_be_refused(run, left, monkeypatch):
     mine = run_identity(*run)
-    monkeypatch.setattr("mmocap_warp.tracking.run_identity.code_hash", lambda _: "changed")
+    monkeypatch.setattr("mmocap_warp.tracking.checkpoint.code_hash", lambda _: "changed")
     accepted = with_code_of(left, run_identity(*run))
     assert accepted == mine
     read_checkpoint(left, accepted)

@@ -9,8 +9,7 @@ import numpy as np
 import warp as wp
 
 from mmocap_warp.cameras.rig import CameraRig
-from mmocap_warp.device.replays import Replays
-from mmocap_warp.device.transfers import Upload
+from mmocap_warp.device.transfers import Replays, Upload
 from mmocap_warp.kernels import block
 from mmocap_warp.kernels.contour.distance import (
     Masks,

@@ -16,9 +16,8 @@ from mmocap_warp.contour.frame.fields import DistanceFields
 from mmocap_warp.contour.frame.fitter_arrays import make_descent, make_edges, make_outline, make_tree
 from mmocap_warp.contour.frame.normal_equations import NormalEquations, ViewEquations
 from mmocap_warp.contour.frame.rooted import Neighbours, RootedPoses
-from mmocap_warp.device.replays import Replays
 from mmocap_warp.device.shared_work import SharedWork
-from mmocap_warp.device.transfers import Upload
+from mmocap_warp.device.transfers import Replays, Upload
 from mmocap_warp.kernels.batch import Batch
 from mmocap_warp.kernels.body import skinning
 from mmocap_warp.kernels.body.skinning import pose_vertices
@@ -287,22 +286,14 @@ class ContourFitter:
 
     def _sum(self, batch: Batch) -> None:
         """From the poses of a batch's candidates to their sums."""
+        views, posed, outline, residuals = self._cameras.struct, self._posed, self._outline, self._residuals
         self._skin(batch)
-        turn_axes(self.descent.pose, batch, self._posed)
-        move_origins(self._posed, self._change, batch)
-        find_contours(self._edges, self._posed.vertex, self._moving, self._cameras.struct, batch, self._outline)
-        find_residuals(self._outline, self.fields.struct, self._cameras.struct, self._matching, batch, self._residuals)
-        differentiate(
-            self._posed,
-            self._tree,
-            self._change,
-            self._cameras.struct,
-            self._outline,
-            self._residuals,
-            batch,
-            self._rows,
-        )
-        sum_normal_equations(self._outline, self._residuals, self._rows, batch, self._sums)
+        turn_axes(self.descent.pose, batch, posed)
+        move_origins(posed, self._change, batch)
+        find_contours(self._edges, posed.vertex, self._moving, views, batch, outline)
+        find_residuals(outline, self.fields.struct, views, self._matching, batch, residuals)
+        differentiate(posed, self._tree, self._change, views, outline, residuals, batch, self._rows)
+        sum_normal_equations(outline, residuals, self._rows, batch, self._sums)
 
     def _read_sums(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Matrix, gradient and cost, for half the squares."""

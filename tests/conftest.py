@@ -9,16 +9,27 @@ kernel cache of their own.
 
 from __future__ import annotations
 
+import gc
 import importlib.metadata
 import importlib.util
 import os
 import shutil
 import subprocess
+import sys
 from pathlib import Path
+
+# As on the command line, before NumPy is imported: its threads would wait for work beside those of the other tests.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 import warp as wp
 from browser import find_browser
+
+gc.disable()  # thousands of tests are collected, and none of them is garbage
+
+# Tests start more than a hundred processes, each of which would compile the package's modules anew.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 # A browser is no package that the tests could ask for: without one, its tests are not collected. The header says so.
 collect_ignore = [] if find_browser() else ["study/test_report_browser.py", "display/page/test_page_browser.py"]
@@ -82,6 +93,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         items[:] = [item for item in items if item not in nightly]
     rank = {Path(__file__).parent / name: k for k, name in enumerate(LONGEST)}
     items.sort(key=lambda item: rank.get(item.path, len(rank)))
+
+
+def pytest_collection_finish() -> None:
+    """From here on, garbage is looked for among what the tests make: what was imported and collected stays."""
+    gc.freeze()
+    gc.enable()
 
 
 def pytest_report_header() -> str:

@@ -231,6 +231,9 @@ SOLVE = "mmocap_warp.calibration.solve.solution.solve_cameras"
 
 
 def test_the_command_writes_a_calibration_and_a_picture(uncalibrated, guessed, tmp_path, capsys, monkeypatch):
+    """Of cameras that are solved already; lenses alone are solved by the command itself."""
+    asked = []
+    monkeypatch.setattr(SOLVE, lambda scene, height: asked.append((scene.path, height)) or guessed)
     output, picture = tmp_path / "found.toml", tmp_path / "floor.png"
     arguments = [
         "calib",
@@ -252,8 +255,8 @@ def test_the_command_writes_a_calibration_and_a_picture(uncalibrated, guessed, t
     np.testing.assert_allclose(rig.centres, guessed.rig.centres, atol=1e-9)
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert main(arguments) == console.BAD_INPUT  # they are there now
-    monkeypatch.setattr(SOLVE, lambda *_: guessed)  # the same once more
     assert main([*arguments, "--force"]) == console.OK
+    assert asked == [(uncalibrated, HEIGHT)] * 2
     out = capsys.readouterr().out
     for words in ("over the floor", "focal lengths guessed", "px, found +-", "next: set calibration", "calib refine"):
         assert words in out

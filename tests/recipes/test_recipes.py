@@ -19,10 +19,11 @@ EVERY_RECIPE = (
     "tests/test_public_face.py",
     *("--deselect", "tests/test_public_face.py::test_a_body_is_fitted_and_then_tracked"),
     *("--deselect", "tests/test_public_face.py::test_the_settings_are_the_callers_then_the_scenes"),
+    *("--deselect", "tests/cameras/test_rig.py::test_undistorted_masks_lie_where_the_pinhole_sees_them"),
 )
 """Tests that hold of any change.
 
-Those left out take most of the time, and track with what is there without the recipe."""
+Those left out take most of the time, and use what is there without the recipe."""
 
 TESTS = {
     "An optimizer": ("tests/tracking/test_presets.py", "tests/cli/test_cli.py"),

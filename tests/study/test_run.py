@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from serving_never import serve_never
 from study_workers import (
     DYING_ALWAYS,
     DYING_ONCE,
@@ -23,7 +24,6 @@ from study_workers import (
     ScriptedEngine,
     serve_and_be_killed,
     serve_and_die_once,
-    serve_never,
 )
 from tiny_study import CELLS, FRAMES, STUDY, answer_members, run_quietly, tasks_of
 

@@ -25,7 +25,14 @@ PARTS = {part.name: part.index for part in hierarchical(SKELETON, 39)}
 STEP = 0.04  # [rad] a frame
 
 
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
+IN_TESTS_OF_THEIR_OWN = ("apf", "de", "h-de", "h-pso", "psapf", "pso")
+"""Algorithms whose tests in ``tests/optimizers`` track the same motion."""
+
+
+@pytest.mark.parametrize(
+    "algorithm",
+    [pytest.param(name, marks=pytest.mark.nightly if name in IN_TESTS_OF_THEIR_OWN else ()) for name in ALGORITHMS],
+)
 def test_a_motion_is_tracked(device, algorithm):
     """At its end, with a third of the error of a tracker that stands still; a pixel is 25 mm wide."""
     truth, seen = motion(device)

@@ -48,22 +48,27 @@ if not importlib.util.find_spec("rerun"):  # 170 MB for one file format
     collect_ignore.append("display/page/test_rerun_file.py")
 
 LONGEST = (
+    "cli/test_pipeline.py",
+    "study/test_run.py",
     "test_tutorial.py",
-    "study/test_ray.py",
     "calibration/test_refine.py",
     "recipes/test_recipes.py",
-    "study/test_sequences.py",
-    "tracking/test_resume.py",
+    "study/test_ray.py",
     "tracking/test_fit.py",
-    "study/test_run.py",
-    "cli/test_pipeline.py",
+    "tracking/test_resume.py",
     "calibration/test_solve.py",
+    "test_kill.py",
+    "silhouettes/test_silhouettes.py",
+    "study/test_sequences.py",
+    "tracking/test_frame_fit.py",
     "cli/test_streams.py",
-    "scene/test_scene.py",
-    "tracking/test_every_tracker.py",
-    "study/test_code_hash.py",
     "bench/test_bench.py",
+    "study/test_report.py",
+    "tracking/test_smoothing.py",
     "fuzz/test_fuzz.py",
+    "calibration/test_synchronise.py",
+    "optimizers/test_robustness.py",
+    "study/test_ablation.py",
 )
 """Files that take more than ten seconds of a core, by how long they take."""
 

@@ -9,16 +9,27 @@ kernel cache of their own.
 
 from __future__ import annotations
 
+import gc
 import importlib.metadata
 import importlib.util
 import os
 import shutil
 import subprocess
+import sys
 from pathlib import Path
+
+# As on the command line, before NumPy is imported: its threads would wait for work beside those of the other tests.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 import warp as wp
 from browser import find_browser
+
+gc.disable()  # thousands of tests are collected, and none of them is garbage
+
+# Tests start more than a hundred processes, each of which would compile the package's modules anew.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 # A browser is no package that the tests could ask for: without one, its tests are not collected. The header says so.
 collect_ignore = [] if find_browser() else ["study/test_report_browser.py", "display/page/test_page_browser.py"]
@@ -37,22 +48,27 @@ if not importlib.util.find_spec("rerun"):  # 170 MB for one file format
     collect_ignore.append("display/page/test_rerun_file.py")
 
 LONGEST = (
+    "cli/test_pipeline.py",
+    "study/test_run.py",
     "test_tutorial.py",
-    "study/test_ray.py",
     "calibration/test_refine.py",
     "recipes/test_recipes.py",
-    "study/test_sequences.py",
-    "tracking/test_resume.py",
+    "study/test_ray.py",
     "tracking/test_fit.py",
-    "study/test_run.py",
-    "cli/test_pipeline.py",
+    "tracking/test_resume.py",
     "calibration/test_solve.py",
+    "test_kill.py",
+    "silhouettes/test_silhouettes.py",
+    "study/test_sequences.py",
+    "tracking/test_frame_fit.py",
     "cli/test_streams.py",
-    "scene/test_scene.py",
-    "tracking/test_every_tracker.py",
-    "study/test_code_hash.py",
     "bench/test_bench.py",
+    "study/test_report.py",
+    "tracking/test_smoothing.py",
     "fuzz/test_fuzz.py",
+    "calibration/test_synchronise.py",
+    "optimizers/test_robustness.py",
+    "study/test_ablation.py",
 )
 """Files that take more than ten seconds of a core, by how long they take."""
 
@@ -82,6 +98,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         items[:] = [item for item in items if item not in nightly]
     rank = {Path(__file__).parent / name: k for k, name in enumerate(LONGEST)}
     items.sort(key=lambda item: rank.get(item.path, len(rank)))
+
+
+def pytest_collection_finish() -> None:
+    """From here on, garbage is looked for among what the tests make: what was imported and collected stays."""
+    gc.freeze()
+    gc.enable()
 
 
 def pytest_report_header() -> str:

@@ -16,37 +16,36 @@ QUICK = '\n[track]\nevaluations = 60\nscale = 0.25\ndevice = "cpu"\n'
 """Settings of the scene, so that a recipe's commands take seconds."""
 
 
-class Recipe:
-    """A recipe's blocks, and a copy of the tree to which they are applied.
+def copy_tree(folder: Path) -> None:
+    """Copy what the recipes change, and link what they only read; a scene of three frames lies beside it."""
+    linked = ("kernels", "scenes")  # a checkout may hold links of these names in the package
+    without = shutil.ignore_patterns("__pycache__", *linked)
+    shutil.copytree(ROOT / "mmocap_warp", folder / "mmocap_warp", ignore=without)
+    for name in ("kernels", "tests", "instruments"):
+        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "pyproject.toml", folder)
+    for name in ("docs", "scenes"):
+        (folder / name).symlink_to(ROOT / name)
+    (folder / "mmocap_warp" / "kernels").symlink_to(folder / "kernels")
+    (folder / "mmocap_warp" / "scenes").symlink_to(ROOT / "scenes")
+    scene = write_scene(folder)
+    scene.write_text(scene.read_text(encoding="utf-8") + QUICK, encoding="utf-8")
 
-    ``folder`` becomes the copy's root; a scene of three frames lies in it.
-    """
+
+class Recipe:
+    """A recipe's blocks, and the root of the copied tree to which :meth:`apply` applies them."""
 
     def __init__(self, title: str, folder: Path) -> None:
         text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
         section = re.split(r"^##+ ", text.split(f"\n### {title}\n")[1], flags=re.M)[0]
         self._blocks = re.findall(r"^```(\w+)\n(.*?)^```$", section, re.M | re.S)
         self.folder = folder
-        self._copy_tree()
+
+    def apply(self) -> None:
+        """Write the recipe's files into the copy, and make its changes there."""
         for language, block in self._blocks:
             if language != "console":
-                apply(block, folder)
-
-    def _copy_tree(self) -> None:
-        only_code = shutil.ignore_patterns("__pycache__")
-        linked = ("kernels", "scenes")  # a checkout may hold links of these names in the package
-        shutil.copytree(
-            ROOT / "mmocap_warp", self.folder / "mmocap_warp", ignore=shutil.ignore_patterns("__pycache__", *linked)
-        )
-        for name in ("kernels", "tests", "instruments"):
-            shutil.copytree(ROOT / name, self.folder / name, ignore=only_code)
-        shutil.copy(ROOT / "pyproject.toml", self.folder)
-        for name in ("docs", "scenes"):
-            (self.folder / name).symlink_to(ROOT / name)
-        (self.folder / "mmocap_warp" / "kernels").symlink_to(self.folder / "kernels")
-        (self.folder / "mmocap_warp" / "scenes").symlink_to(ROOT / "scenes")
-        scene = write_scene(self.folder)
-        scene.write_text(scene.read_text(encoding="utf-8") + QUICK, encoding="utf-8")
+                apply(block, self.folder)
 
     def run_commands(self) -> list[str]:
         """Run the recipe's commands in the copy's root; what each of them prints."""

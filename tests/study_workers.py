@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -43,11 +42,6 @@ def serve_and_be_killed(connection, device, threads) -> None:
         if job.cell.algorithm == "pso":
             os.kill(os.getpid(), signal.SIGKILL)
         connection.send(made_up(job))
-
-
-def serve_never(connection, device, threads) -> None:
-    """A worker that does not come up."""
-    sys.exit(3)
 
 
 class DirectEngine:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from synthetic import synthetic_result
+from synthetic import synthetic_body, synthetic_result
 from walk_scene import walking
 
 import mmocap_warp as mm
@@ -90,11 +90,12 @@ class Listener(mm.Reporter):
         self.stages[stage] = done, total
 
 
-def test_a_body_is_fitted_and_then_tracked(walk, tmp_path):
+def test_a_body_is_fitted_and_then_tracked(walk, tmp_path, monkeypatch):
+    monkeypatch.setattr("mmocap_warp.fitting.subject_fit._ROUNDS", 1)
     quick = replace(walk, fit={"headings": 2, "evaluations": 48, "finalists": 1, "frames": 1, "scale": 0.25})
     listener, output = Listener(), tmp_path / "walk.usdc"
     settings = {"algorithm": "contour", "smooth": 0.0, "evaluations": 1, "device": "cpu"}
-    result = mm.track(quick, walking().body, output=output, reporter=listener, **settings)
+    result = mm.track(quick, synthetic_body(), output=output, reporter=listener, **settings)
     assert listener.stages == {"fit": (100, 100), "track": (2, 2)}
     assert [note.split(":")[0] for note in listener.notes] == ["fit", "track"]
     kept = read_subject(tmp_path / "walk.subject.usdc")

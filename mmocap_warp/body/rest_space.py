@@ -178,7 +178,8 @@ class RestSpace:
 def _sliders(body: BodyModel) -> Iterator[_Column]:
     vertex, joint = body.shape_vertex.astype(np.float64), body.shape_joint.astype(np.float64)
     number = {name: i for i, name in enumerate(body.shape_names)}
-    known = [body.skin.rest.astype(np.float64) - body.joint_rest[0]]  # uniform scaling, then the sliders so far
+    scaled = body.skin.rest.astype(np.float64) - body.joint_rest[0]
+    known = [(scaled, np.vdot(scaled, scaled))]  # uniform scaling, then the sliders so far, with their squares
     for name, positive, negative in paired_targets(body.shape_names):
         if negative is None and positive.endswith(("_incr", "_decr")):
             continue
@@ -186,9 +187,10 @@ def _sliders(body: BodyModel) -> Iterator[_Column]:
         if negative is not None:
             skin, centre = (skin - vertex[number[negative]]) / 2, (centre - joint[number[negative]]) / 2
         moved = skin - centre[0]
-        if any(np.vdot(moved, one) ** 2 > _MIN_COSINE * np.vdot(moved, moved) * np.vdot(one, one) for one in known):
+        square = np.vdot(moved, moved)
+        if any(np.vdot(moved, one) ** 2 > _MIN_COSINE * square * its_square for one, its_square in known):
             continue
-        known.append(moved)
+        known.append((moved, square))
         yield _Column(name, _SLIDER_SIGMA, skin, centre)
 
 

@@ -103,12 +103,16 @@ def _carve(rig: CameraRig, masks: list[np.ndarray], points: np.ndarray, tolerate
 
 def seen_at(rig: CameraRig, k: int, points: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Pixels (n, 2) of points (n, 3), column and row, and which of them are foreground of a camera's mask."""
-    seen = points @ (rig.K[k] @ rig.R[k]).T + rig.K[k] @ rig.t[k]
-    depth = np.where(seen[:, 2] > 0, seen[:, 2], np.inf)
-    place = np.rint(np.clip(seen[:, :2] / depth[:, None], -_FAR_PIXEL, _FAR_PIXEL)).astype(np.int32)
+    seen = points @ (rig.K[k] @ rig.R[k]).T
+    seen += rig.K[k] @ rig.t[k]
+    before = seen[:, 2] > 0
+    place = seen[:, :2] / np.where(before, seen[:, 2], np.inf)[:, None]
+    place = np.rint(np.clip(place, -_FAR_PIXEL, _FAR_PIXEL, out=place), out=place).astype(np.int32)
+    column, row = place.T
     height, width = mask.shape
-    inside = (place >= 0).all(axis=1) & (place[:, 0] < width) & (place[:, 1] < height) & (seen[:, 2] > 0)
-    inside[inside] = mask[place[inside, 1], place[inside, 0]]
+    within = np.flatnonzero(before & (column >= 0) & (row >= 0) & (column < width) & (row < height))
+    inside = np.zeros(len(points), bool)
+    inside[within] = mask.ravel()[row[within] * width + column[within]]
     return place, inside
 
 

@@ -228,7 +228,13 @@ def test_a_lone_camera(walk):
         solve_cameras(replace(scene, cameras=scene.cameras[:1]), HEIGHT)
 
 
-def test_the_command_writes_a_calibration_and_a_picture(uncalibrated, guessed, tmp_path, capsys):
+SOLVE = "mmocap_warp.calibration.solve.solution.solve_cameras"
+
+
+def test_the_command_writes_a_calibration_and_a_picture(uncalibrated, guessed, tmp_path, capsys, monkeypatch):
+    """Of cameras that are solved already; lenses alone are solved by the command itself."""
+    asked = []
+    monkeypatch.setattr(SOLVE, lambda scene, height: asked.append((scene.path, height)) or guessed)
     output, picture = tmp_path / "found.toml", tmp_path / "floor.png"
     arguments = [
         "calib",
@@ -251,12 +257,13 @@ def test_the_command_writes_a_calibration_and_a_picture(uncalibrated, guessed, t
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert main(arguments) == console.BAD_INPUT  # they are there now
     assert main([*arguments, "--force"]) == console.OK
+    assert asked == [(uncalibrated, HEIGHT)] * 2
     out = capsys.readouterr().out
     for words in ("over the floor", "focal lengths guessed", "px, found +-", "next: set calibration", "calib refine"):
         assert words in out
 
 
-def test_the_command_writes_nothing_where_nobody_walks(walk, tmp_path, capsys):
+def test_the_command_writes_nothing_where_nobody_walks(walk, tmp_path, capsys, monkeypatch):
     still = tmp_path / "still"
     shutil.copytree(walk, still)
     for folder in (still / "masks").iterdir():
@@ -269,6 +276,11 @@ def test_the_command_writes_nothing_where_nobody_walks(walk, tmp_path, capsys):
     assert out.count("\n") == 1
     assert out.startswith("check failed: ")
     assert not output.exists()
+
+    def unsolvable(*_):
+        raise UnsolvableError("as before")
+
+    monkeypatch.setattr(SOLVE, unsolvable)
     assert main(["calib", "solve", str(still), "--height", "1.75", "-o", str(output), "--json"]) == console.CHECK_FAILED
     assert json.loads(capsys.readouterr().out)["solved"] is False
 

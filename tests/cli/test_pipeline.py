@@ -388,6 +388,13 @@ def test_cameras_below_the_floor_fail_the_check(scene, capsys):
     assert "mean height -1.40 m" in capsys.readouterr().out
 
 
+@pytest.fixture
+def quickly_fitted(monkeypatch) -> None:
+    """A fit searches the limbs once; how well it does is tested elsewhere."""
+    monkeypatch.setattr("mmocap_warp.fitting.subject_fit._ROUNDS", 1)
+
+
+@pytest.mark.usefixtures("quickly_fitted")
 def test_fit_writes_a_subject_that_can_be_tracked(scene, tmp_path, capsys):
     quick = scene.with_name("quick.toml")
     fit = "[fit]\nevaluations = 48\nfinalists = 1\nframes = 3\n"
@@ -404,6 +411,7 @@ def test_fit_writes_a_subject_that_can_be_tracked(scene, tmp_path, capsys):
     assert report["frames"] == FRAMES
 
 
+@pytest.mark.usefixtures("quickly_fitted")
 @pytest.mark.parametrize(
     ("body", "name"), [("boxes.usdc", "Boxes"), pytest.param(*["adult_woman"] * 2, marks=pytest.mark.nightly)]
 )

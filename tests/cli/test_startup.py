@@ -16,6 +16,7 @@ import sys
 sys.path[:0] = [{str(TESTS)!r}, {str(TESTS.parent / "instruments")!r}]
 import warp as wp
 wp.config.log_level = wp.LOG_WARNING
+wp.config.optimization_level = 0  # what is compiled counts here, not how fast it is
 import numpy as np
 from synthetic import synthetic_subject
 from tracked_motion import FPS, RIG

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -13,7 +14,13 @@ from mmocap_warp.cli.console import BAD_INPUT, BROKEN_PIPE, FAILURE, USAGE
 from mmocap_warp.scenes import ROOT
 
 WALK = str(ROOT / "walk")
-COMMANDS = (["--version"], ["--help"], ["cameras", WALK], ["cameras", WALK, "--json"])
+COMMANDS = (
+    ["--version"],
+    ["--help"],
+    ["cameras", WALK],
+    pytest.param(["cameras", WALK, "--json"], marks=pytest.mark.nightly),
+)
+"""What Python prints, what the help's own writer does, and what a command does."""
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="about POSIX's pipes and devices")
 
 
@@ -24,7 +31,7 @@ def run(*arguments: str, stdout: int | None = None, **environment: str) -> subpr
     return subprocess.run(command, stdout=stdout, stderr=subprocess.PIPE, text=True, env=settings | environment)
 
 
-@pytest.mark.parametrize("arguments", COMMANDS, ids=" ".join)
+@pytest.mark.parametrize("arguments", COMMANDS, ids=str)
 @pytest.mark.parametrize("unbuffered", ["", "1"])
 def test_a_closed_pipe_is_nothing_to_talk_about(arguments, unbuffered):
     reader, writer = os.pipe()
@@ -36,7 +43,7 @@ def test_a_closed_pipe_is_nothing_to_talk_about(arguments, unbuffered):
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
-@pytest.mark.parametrize("arguments", COMMANDS, ids=" ".join)
+@pytest.mark.parametrize("arguments", COMMANDS, ids=str)
 @pytest.mark.parametrize("unbuffered", ["", "1"])
 def test_a_full_disk_behind_stdout_is_one_line(arguments, unbuffered):
     with open("/dev/full", "w") as full:
@@ -92,11 +99,19 @@ def test_a_kernel_cache_that_cannot_be_written_is_named():
     assert_names_the_cache(loaded("/dev/null/cache"), "/dev/null/cache")
 
 
+@pytest.fixture(scope="module")
+def filled(tmp_path_factory) -> Path:
+    """A kernel cache that one command has filled."""
+    folder = tmp_path_factory.mktemp("cache")
+    assert loaded(str(folder)).returncode == 0
+    return folder
+
+
 @pytest.mark.parametrize(("ending", "content"), [(".o", b""), (".o", b"\x7fELF and no more"), (".meta", b"{")])
-def test_a_damaged_kernel_cache_is_named(tmp_path, ending, content):
-    assert loaded(str(tmp_path)).returncode == 0
-    kept = list(tmp_path.rglob(f"*{ending}"))
+def test_a_damaged_kernel_cache_is_named(filled, tmp_path, ending, content):
+    cache = Path(shutil.copytree(filled, tmp_path / "cache"))
+    kept = list(cache.rglob(f"*{ending}"))
     assert kept
     for file in kept:
         file.write_bytes(content)
-    assert_names_the_cache(loaded(str(tmp_path)), str(tmp_path))
+    assert_names_the_cache(loaded(str(cache)), str(cache))

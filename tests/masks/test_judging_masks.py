@@ -17,10 +17,11 @@ VOLUME = sum(np.abs(np.diff(box, axis=0)).prod() for box in FIGURE)
 FRAMES = 15
 
 
-@pytest.fixture(autouse=True)
-def _few_compared_frames(monkeypatch) -> None:
-    """A quarter of the usual number: in these frames the figure is the same."""
-    monkeypatch.setattr(mask_check, "_COMPARED_FRAMES", 3)
+@pytest.fixture(autouse=True, params=["few", pytest.param("usual", marks=pytest.mark.nightly)])
+def _compared_frames(request, monkeypatch) -> None:
+    """A quarter of the usual number, or as many as usual: in these frames the figure is the same."""
+    if request.param == "few":
+        monkeypatch.setattr(mask_check, "_COMPARED_FRAMES", 3)
 
 
 def seen(rig: CameraRig, boxes: tuple[np.ndarray, ...], along: float = 0.0) -> list[np.ndarray]:

@@ -119,7 +119,8 @@ def test_cells_that_are_there_are_read_and_what_is_new_is_tracked(tmp_path):
     assert len(second.calls) == 3  # threads and the settings' own seed are no other cell
 
 
-def test_a_body_is_solved_once_for_all_trackers_from_the_masks_as_they_were_made_worse(tmp_path):
+def test_a_body_is_solved_once_for_all_trackers_from_the_masks_as_they_were_made_worse(tmp_path, monkeypatch):
+    monkeypatch.setitem(CLIP_PLANS, NAME, replace(CLIP_PLANS[NAME], frames=4))
     tracker = Tracker()
     asked = [replace(cell, start="solved") for cell in cells(("none", "views=3"), ("h-cmaes", "pso"))]
     rows = ran(tmp_path, asked + cells(), tracker)

@@ -50,6 +50,7 @@ def test_people_are_the_same_whenever_they_are_made():
     assert len({made_person(number).stretch for number in range(6)}) == 6
 
 
+@pytest.mark.nightly
 def test_a_person_is_followed_near_to_the_truth_and_that_is_what_is_stated():
     person = stated(made_clip(0), 0, BODY)
     assert person.error.shape == person.sigma.shape == (5, QUANTITIES)

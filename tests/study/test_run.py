@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from serving_never import serve_never
 from study_workers import (
     DYING_ALWAYS,
     DYING_ONCE,
@@ -23,7 +24,6 @@ from study_workers import (
     ScriptedEngine,
     serve_and_be_killed,
     serve_and_die_once,
-    serve_never,
 )
 from tiny_study import CELLS, FRAMES, STUDY, answer_members, run_quietly, tasks_of
 
@@ -419,5 +419,6 @@ def test_devices_are_listed():
 
 
 def test_two_processes_of_one_device_share_the_work(study, whole, tmp_path):
-    run_quietly(tasks_of(study, tmp_path / "results"), lambda: LocalEngine(["cpu", "cpu"], threads=1))
-    assert same_answers(tmp_path / "results", whole)
+    tasks = tasks_of(study, tmp_path / "results")[:6]
+    assert run_quietly(tasks, lambda: LocalEngine(["cpu", "cpu"], threads=1)).finished == 6
+    assert same_files(tmp_path / "results", whole)

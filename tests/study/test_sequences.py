@@ -42,7 +42,10 @@ PAPER_FRAMES = 8366 / 3
 SOME = ("S1/Walking", "S2/Gestures", "S3/Box")
 
 
-@pytest.fixture(scope="module", params=SEQUENCES)
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(name, marks=() if name in SOME else pytest.mark.nightly) for name in SEQUENCES],
+)
 def sequence(request):
     return SEQUENCES[request.param]
 

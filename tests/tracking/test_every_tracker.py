@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from functools import cache
 
@@ -24,7 +25,14 @@ PARTS = {part.name: part.index for part in hierarchical(SKELETON, 39)}
 STEP = 0.04  # [rad] a frame
 
 
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
+IN_TESTS_OF_THEIR_OWN = ("apf", "de", "h-de", "h-pso", "psapf", "pso")
+"""Algorithms whose tests in ``tests/optimizers`` track the same motion."""
+
+
+@pytest.mark.parametrize(
+    "algorithm",
+    [pytest.param(name, marks=pytest.mark.nightly if name in IN_TESTS_OF_THEIR_OWN else ()) for name in ALGORITHMS],
+)
 def test_a_motion_is_tracked(device, algorithm):
     """At its end, with a third of the error of a tracker that stands still; a pixel is 25 mm wide."""
     truth, seen = motion(device)
@@ -52,8 +60,15 @@ def motion_of(part: str, device: str) -> tuple[np.ndarray, list[Observation]]:
     return truth, [Observation.from_masks(perfect_masks(subject, RIG, pose, device)) for pose in truth]
 
 
-@pytest.mark.parametrize("part", PARTS)
-@pytest.mark.parametrize("algorithm", HIERARCHICAL)
+PAIRS = list(itertools.product(HIERARCHICAL, PARTS))
+SAMPLE = set(itertools.islice(zip(itertools.cycle(HIERARCHICAL), itertools.cycle(PARTS)), len(PARTS)))
+"""Every hierarchical algorithm and every part at least once."""
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "part"),
+    [pytest.param(*pair, marks=() if pair in SAMPLE else pytest.mark.nightly) for pair in PAIRS],
+)
 def test_every_part_of_a_hierarchy_moves(device, algorithm, part):
     """One part moves, and no other is able to make up for it: if its search did nothing, the body would stand still."""
     subject, (truth, seen) = able_to_move(part), motion_of(part, device)

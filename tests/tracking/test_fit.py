@@ -59,7 +59,7 @@ def subject(request, walk, man):
     """The man fitted to the walk, or to as much of it as tells his heading and height."""
     if request.param == "whole":
         return fit(walk, man, QUICK)
-    return fit(replace(walk, frame_count=12), man, replace(QUICK, headings=4, evaluations=300, finalists=1, frames=5))
+    return fit(replace(walk, frame_count=12), man, replace(QUICK, headings=4, evaluations=300, finalists=1, frames=4))
 
 
 def test_a_stranger_is_found_with_the_right_heading(walk, subject):
@@ -93,7 +93,7 @@ def test_one_frame_is_enough(walk, generic):
 
 @pytest.mark.parametrize("generic", BODIES, indirect=True)
 def test_a_fit_repeats_bit_by_bit_at_any_number_of_threads(walk, generic):
-    short, begun = replace(QUICK, headings=2, evaluations=100, finalists=1, frames=3), replace(walk, frame_count=12)
+    short, begun = replace(QUICK, headings=2, evaluations=48, finalists=1, frames=2), replace(walk, frame_count=6)
     first, second = (fit(begun, generic, replace(short, threads=threads)) for threads in (1, 2))
     np.testing.assert_array_equal(first.pose, second.pose)
     np.testing.assert_array_equal(first.body.skin.rest, second.body.skin.rest)

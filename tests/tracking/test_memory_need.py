@@ -93,7 +93,7 @@ def test_the_estimate_is_near_what_contours_hold_when_they_track_or_smooth(setti
     for part in (smoothing._MaskWindow, smoothing._AreaJudge):
         init = part.__init__
         monkeypatch.setattr(part, "__init__", lambda self, *of, init=init: (held.append(self), init(self, *of))[1])
-    _, seen = motion(device)
+    seen = motion(device)[1][:8]
     fps = len(seen) / smoothing.WINDOW  # so that they are a window
     config = TrackConfig(device=device, runs=runs, **settings)
     tracker = ContourTracker(synthetic_subject(), RIG, config, fps)

@@ -23,7 +23,7 @@ from mmocap_warp.cli import console
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.usd.usd_body import write_subject
 from mmocap_warp.formats.usd.usd_result import read_result
-from mmocap_warp.result.result import FrameAnswer
+from mmocap_warp.result.result import FrameAnswer, Result
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
@@ -32,26 +32,29 @@ from mmocap_warp.tracking.frame_loop import track
 from mmocap_warp.tracking.track_config import TrackConfig
 from mmocap_warp.tracking.tracker import Tracker, TrackState
 
-FRAMES = 16
+FRAMES = 10
 IDENTITY = {"seed": 1, "images": "a hash"}
 FLAGS = ("--algorithm", "h-cmaes", "--scale", "0.25", "--evaluations", "60", "--device", "cpu", "--quiet")
 CONFIG = TrackConfig("h-cmaes", scale=0.25, evaluations=20, device="cpu")
 DRIVER = """
-import sys
+import sys, time
 from mmocap_warp import cli
 from mmocap_warp.tracking import checkpoint, tracker
 
 checkpoint._INTERVAL = 0
-step = tracker.Tracker.step
+step, waits_in, begun = tracker.Tracker.step, int(sys.argv[1]), []
 
 def announced(self, observation):
     print("frame", flush=True)
+    begun.append(True)
+    if len(begun) == waits_in:
+        time.sleep(600)
     return step(self, observation)
 
 tracker.Tracker.step = announced
-sys.exit(cli.main(sys.argv[1:]))
+sys.exit(cli.main(sys.argv[2:]))
 """
-"""Runs the command line, says when a frame begins, and saves after every one."""
+"""Runs the command line, says when a frame begins, may wait in one until it is stopped, and saves after every one."""
 
 
 @pytest.fixture(scope="module")
@@ -86,21 +89,40 @@ def same_bits(left: Path, right: Path) -> bool:
     return all(np.array_equal(getattr(a, name), getattr(b, name), equal_nan=True) for name in names)
 
 
-@pytest.mark.parametrize("stops_wanted", [3, pytest.param(10, marks=pytest.mark.nightly)])
-def test_stopped_at_random_moments_it_ends_with_the_same_bits(stops_wanted, scene, tmp_path):
+def started(scene: Path, output: Path, waits_in: int = 0) -> subprocess.Popen:
+    """A run in a process of its own, which prints a line as a frame begins and waits in the ``waits_in``-th, if any."""
+    command = [str(waits_in), "track", str(scene), "-o", str(output), *FLAGS, "--resume"]
+    return subprocess.Popen([sys.executable, "-c", DRIVER, *command], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+
+
+def test_stopped_amid_frames_it_ends_with_the_same_bits(scene, tmp_path):
+    """Killed amid its third frame, and interrupted amid the second frame after."""
+    whole, stopped = tmp_path / "whole.usdc", tmp_path / "stopped.usdc"
+    left = stopped.with_name("stopped.usdc.checkpoint")
+    assert cli.main(["track", str(scene), "-o", str(whole), *FLAGS]) == console.OK
+    for frames, how in ((3, signal.SIGKILL), (2, signal.SIGINT)):
+        run = started(scene, stopped, frames)
+        for _ in range(frames):
+            assert run.stdout.readline() == b"frame\n"
+        run.send_signal(how)
+        run.communicate()
+        assert left.exists()
+        assert not stopped.exists()
+    run = started(scene, stopped)
+    assert run.communicate()[0].count(b"frame\n") <= FRAMES - 3
+    assert run.returncode == console.OK
+    assert same_bits(whole, stopped)
+    assert not left.exists()
+
+
+@pytest.mark.nightly
+def test_stopped_at_random_moments_it_ends_with_the_same_bits(scene, tmp_path):
     whole, stopped = tmp_path / "whole.usdc", tmp_path / "stopped.usdc"
     left = stopped.with_name("stopped.usdc.checkpoint")
     assert cli.main(["track", str(scene), "-o", str(whole), *FLAGS]) == console.OK
 
-    def started(output: Path) -> subprocess.Popen:
-        command = ["track", str(scene), "-o", str(output), *FLAGS, "--resume"]
-        run = subprocess.Popen(
-            [sys.executable, "-c", DRIVER, *command], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
-        )
-        run.stdout.readline()  # the first frame begins
-        return run
-
-    timed = started(tmp_path / "timed.usdc")
+    timed = started(scene, tmp_path / "timed.usdc")
+    timed.stdout.readline()  # the first frame begins
     begun = time.monotonic()
     timed.communicate()
     assert timed.returncode == console.OK
@@ -113,10 +135,9 @@ def test_stopped_at_random_moments_it_ends_with_the_same_bits(stops_wanted, scen
             assert same_bits(whole, stopped)
             stopped.unlink()
         continued += left.exists()
-        run = started(stopped)
-        if stops >= stops_wanted and continued >= max(
-            1, stops_wanted // 4
-        ):  # enough of the moments came while it tracked
+        run = started(scene, stopped)
+        run.stdout.readline()
+        if stops >= 10 and continued >= 2:  # enough of the moments came while it tracked
             run.communicate()
             assert run.returncode == console.OK
             break
@@ -158,15 +179,27 @@ def stopping_step(after: int):
     return stopping
 
 
-@pytest.fixture
-def interrupted(loaded, subject, tmp_path, monkeypatch) -> Path:
+@pytest.fixture(scope="module")
+def first_interrupted(loaded, subject, tmp_path_factory) -> Path:
     """The checkpoint of a run stopped amid its sixth frame."""
-    path = tmp_path / "r.checkpoint"
-    with monkeypatch.context() as patched:
+    path = tmp_path_factory.mktemp("interrupted") / "r.checkpoint"
+    with pytest.MonkeyPatch.context() as patched:
         patched.setattr("mmocap_warp.tracking.tracker.Tracker.step", stopping_step(after=5))
         with pytest.raises(KeyboardInterrupt):
             track(loaded, subject, CONFIG, checkpoint=path)
     return path
+
+
+@pytest.fixture
+def interrupted(first_interrupted, tmp_path) -> Path:
+    """This checkpoint in a folder of one's own."""
+    return Path(shutil.copy(first_interrupted, tmp_path))
+
+
+@pytest.fixture(scope="module")
+def whole(loaded, subject) -> Result:
+    """The result of a run that nothing stopped."""
+    return track(loaded, subject, CONFIG)
 
 
 def test_progress_reports_what_was_done_before(loaded, subject, interrupted):
@@ -207,7 +240,7 @@ def test_a_damaged_checkpoint_is_wrong_input(damage, loaded, subject, interrupte
     ],
     ids=["cut short", "cut in half", "zeros at its end", "overwritten", "half a frame too many"],
 )
-def test_frames_that_a_crash_spoilt_are_tracked_again(damage, kept, loaded, subject, interrupted):
+def test_frames_that_a_crash_spoilt_are_tracked_again(damage, kept, loaded, subject, interrupted, whole):
     magic, identity, frames = interrupted.read_bytes().split(b"\n", 2)
     interrupted.write_bytes(b"\n".join((magic, identity, damage(frames))))
     stepped, step = [], Tracker.step
@@ -215,15 +248,13 @@ def test_frames_that_a_crash_spoilt_are_tracked_again(damage, kept, loaded, subj
         patched.setattr(Tracker, "step", lambda self, seen: stepped.append(1) or step(self, seen))
         resumed = track(loaded, subject, CONFIG, checkpoint=interrupted, resume=True)
     assert len(stepped) == FRAMES - kept
-    whole = track(loaded, subject, CONFIG)
     np.testing.assert_array_equal(resumed.pose, whole.pose)
     np.testing.assert_array_equal(resumed.cost, whole.cost)
 
 
-def test_the_number_of_threads_may_change(loaded, subject, interrupted):
+def test_the_number_of_threads_may_change(loaded, subject, interrupted, whole):
     one = TrackConfig("h-cmaes", scale=0.25, evaluations=20, device="cpu", threads=1)
     resumed = track(loaded, subject, one, checkpoint=interrupted, resume=True)
-    whole = track(loaded, subject, CONFIG)
     np.testing.assert_array_equal(resumed.pose, whole.pose)
     np.testing.assert_array_equal(resumed.cost, whole.cost)
 
@@ -322,16 +353,16 @@ def test_a_checkpoint_that_cannot_be_written_is_wrong_input(tmp_path):
 def test_a_filters_particles_are_saved_with_its_last_frame(algorithm, loaded, subject, tmp_path, monkeypatch):
     """The run is stopped twice; every frame is saved, and in between the frames saved do not grow by the particles."""
     monkeypatch.setattr(checkpoint, "_INTERVAL", 0)
-    begun = replace(loaded, frame_count=12)
+    begun = replace(loaded, frame_count=7)
     config = TrackConfig(algorithm, scale=0.1, evaluations=240, runs=2, device="cpu")
     path, sizes = tmp_path / "r.checkpoint", []
-    for after in (4, 6):
+    for after in (2, 3):
         with monkeypatch.context() as patched:
             patched.setattr("mmocap_warp.tracking.tracker.Tracker.step", stopping_step(after))
             with pytest.raises(KeyboardInterrupt):
                 track(begun, subject, config, checkpoint=path, resume=True)
         sizes.append(path.stat().st_size)
-    assert sizes[1] - sizes[0] < 6 * 2 * 4 * (COORDINATES + 40)
+    assert sizes[1] - sizes[0] < 3 * 2 * 4 * (COORDINATES + 40)
     resumed = track(begun, subject, config, checkpoint=path, resume=True)
     whole = track(begun, subject, config)
     np.testing.assert_array_equal(resumed.pose, whole.pose)

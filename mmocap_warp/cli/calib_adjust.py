@@ -11,8 +11,7 @@ from mmocap_warp.cli.console import CHECK_FAILED, OK, Output, flags_of, given, t
 
 if TYPE_CHECKING:
     from mmocap_warp.calibration.camera_check import CameraCheck, Finding
-    from mmocap_warp.calibration.refine.held_out import Overlaps
-    from mmocap_warp.calibration.refine.refinement import Refinement
+    from mmocap_warp.calibration.refine.refinement import Overlaps, Refinement
     from mmocap_warp.scene.recording import Scene
 
 AdjustFlags, DeviationFlags = flags_of(AdjustConfig), flags_of(Deviations)

@@ -157,7 +157,7 @@ def test_a_hanging_arm_hangs(recording, side):
     zero = np.zeros(1)
     for joint, found in zip(("Shoulder", "Elbow"), hanging_arm(body, side, zero, zero + 0.5, 0.0, 0.0), strict=True):
         angles(pose, side + joint)[:] = found
-    _, (world,) = joint_transforms(Subject(body, np.eye(3), pose[0]), pose)
+    _, (world,) = joint_transforms(Subject(body, np.eye(3), pose[0], {}), pose)
     shoulder, elbow, wrist = (world[JOINTS.index(side + name)][:3, 3] for name in ("Shoulder", "Elbow", "Wrist"))
     upper, fore = elbow - shoulder, wrist - elbow
     # Bones and joint axes differ by up to 2 degrees, because the body was reshaped after they were set.

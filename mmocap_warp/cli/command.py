@@ -19,8 +19,8 @@ from cyclopts import Parameter as CliParameter
 
 from mmocap_warp.cli.console import OK, Console, Identity, Output, ResultFile, SceneFile, Switch, given
 
-_TYPES: dict[str, Any] = {"Path": Path, "Frames": str, "Literal": Literal}
-_KNOWN = ("str", "int", "float", "bool", "tuple", *_TYPES)  # the command line has no parameter of any other type
+_TYPES: dict[str, Any] = {"str": str, "int": int, "float": float, "bool": bool, "Path": Path, "Frames": str}
+_KNOWN = (*_TYPES, "tuple", "Literal")  # the command line has no parameter of any other type
 _FILES: dict[str, Any] = {"scene": SceneFile, "result": ResultFile}
 REQUIRED = Parameter.empty
 """The default of a parameter that has none."""
@@ -77,14 +77,13 @@ def command(
         types: of parameters that the command line takes in another way: a type, or :class:`Given`; None leaves a
             parameter out. One that the function does not have is for the printing function alone.
     """
-    module, name = target.split(":")
-    stub = _stub(module, name)
-    own = dict(inspect.signature(stub).parameters)
-    changed = {name: type_ if isinstance(type_, Given) else Given(type_) for name, type_ in types.items()}
+    module, function_name = target.split(":")
+    own, help_text = _declaration(module, function_name)
+    changed = {key: type_ if isinstance(type_, Given) else Given(type_) for key, type_ in types.items()}
     parameters = [_taken(each, changed.get(each.name)) for each in own.values()]
-    parameters += [_taken(_flag(name), changed[name]) for name in changed if name not in own]
+    parameters += [_taken(_flag(key), changed[key]) for key in changed if key not in own]
     # The order of the help: what has no flag, the flags in their order, and those that most commands have.
-    places = {name: place for place, name in enumerate(order.split(), -9)} | {n: p for p, n in enumerate(_LAST, 1)}
+    places = {flag: place for place, flag in enumerate(order.split(), -9)} | {n: p for p, n in enumerate(_LAST, 1)}
     shown = [each for each in parameters if each.annotation is not None]
     shown.sort(key=lambda each: (each.kind, places.get(each.name, 0)))
     signature = inspect.Signature([*shown, _flag("console").replace(annotation=Console | None)])
@@ -103,13 +102,13 @@ def command(
                 values["scene"] = values["loaded"] = scene_from(values["scene"], *chosen, calibrated=calibrated)
 
             def call(**changes: Any) -> Any:
-                passed = {name: value for name, value in values.items() if name in own and name != "settings"}
+                passed = {key: value for key, value in values.items() if key in own and key != "settings"}
                 passed |= given(values.get("settings"))
                 passed |= {"reporter": values["console"]} if "reporter" in own else {}
-                function = getattr(import_module(f"mmocap_warp.commands.{module}"), name)
+                function = getattr(import_module(f"mmocap_warp.commands.{module}"), function_name)
                 return function(**{**passed, **changes})
 
-            answer = print_answer(**{name: call if name == "call" else values[name] for name in needed})
+            answer = print_answer(**{key: call if key == "call" else values[key] for key in needed})
             if not isinstance(answer, Answer):
                 return answer
             values["console"].result(answer.values, "\n".join(map(str, answer.lines)))
@@ -117,7 +116,7 @@ def command(
 
         run.__name__ = print_answer.__name__
         run.__doc__ = re.sub(  # an argument's text begins a row of the help
-            r"^(    \w+: )([a-z])", lambda row: row[1] + row[2].upper(), inspect.getdoc(stub) or "", flags=re.MULTILINE
+            r"^(    \w+: )([a-z])", lambda row: row[1] + row[2].upper(), help_text, flags=re.MULTILINE
         )
         run.__signature__ = signature  # type: ignore[attr-defined]
         return run
@@ -125,17 +124,31 @@ def command(
     return decorate
 
 
-def _stub(module: str, name: str) -> Callable[..., Any]:
-    """A function as its source declares it, with its docstring and without its body."""
+def _declaration(module: str, name: str) -> tuple[dict[str, Parameter], str]:
+    """A function's parameters, with their annotations as text, and its docstring, from its source."""
     spec = find_spec(f"mmocap_warp.commands.{module}")
     tree = ast.parse(Path(str(spec and spec.origin)).read_text(encoding="utf-8"))
     (function,) = [node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == name]
-    function.decorator_list, function.body = [], function.body[:1]
-    tree.body = [ast.parse("from __future__ import annotations").body[0], function]
-    namespace: dict[str, Any] = {}
-    exec(compile(tree, module, "exec"), namespace)
-    stub: Callable[..., Any] = namespace[name]
-    return stub
+    had = function.args
+    by_place = [*had.posonlyargs, *had.args]
+    defaults = [None] * (len(by_place) - len(had.defaults)) + had.defaults
+    listed: list[tuple[ast.arg | None, Any, ast.expr | None]] = [
+        *((each, Parameter.POSITIONAL_OR_KEYWORD, default) for each, default in zip(by_place, defaults, strict=True)),
+        (had.vararg, Parameter.VAR_POSITIONAL, None),
+        *((each, BY_FLAG, default) for each, default in zip(had.kwonlyargs, had.kw_defaults, strict=True)),
+        (had.kwarg, Parameter.VAR_KEYWORD, None),
+    ]
+    parameters = {
+        each.arg: Parameter(
+            each.arg,
+            kind,
+            default=REQUIRED if default is None else ast.literal_eval(default),
+            annotation=ast.unparse(each.annotation) if each.annotation else "",
+        )
+        for each, kind, default in listed
+        if each is not None
+    }
+    return parameters, inspect.cleandoc(ast.get_docstring(function) or "")
 
 
 def _flag(name: str) -> Parameter:
@@ -173,5 +186,17 @@ def _type(parameter: Parameter) -> Any:
     if not known:
         return None
     name = "Path" if "Path" in known and parameter.name != "body" else known[0]  # a body may be a shipped one's name
-    type_ = eval(name, dict(_TYPES))
+    type_ = _resolved(ast.parse(name, mode="eval").body)
     return type_ | None if "None" in parts or name == "Frames" else type_
+
+
+def _resolved(node: ast.expr) -> Any:
+    """The type that an annotation names: one of ``_TYPES``, or a tuple or choice of such."""
+    if isinstance(node, ast.Subscript):
+        items = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
+        if isinstance(node.value, ast.Name) and node.value.id == "Literal":
+            return Literal[tuple(ast.literal_eval(each) for each in items)]
+        return tuple[tuple(map(_resolved, items))]  # type: ignore[misc]
+    if isinstance(node, ast.Constant):
+        return node.value  # the dots of a tuple of any length
+    return _TYPES[ast.unparse(node)]

@@ -14,11 +14,14 @@ from typing import Any
 from mmocap_warp.body.mesh_pieces import is_closed
 from mmocap_warp.body.model import Subject
 from mmocap_warp.cameras.rig import CameraRig
+from mmocap_warp.contour.clip.backward_pass import STARTS
+from mmocap_warp.contour.frame.fields import MOST_WHOLE, whole_image_bytes
 from mmocap_warp.contour.frame.fitter_arrays import contour_room
 from mmocap_warp.device.resolve import free_memory, resolve_device
 from mmocap_warp.errors import InputError
 from mmocap_warp.tracking.algorithms import CONTOUR_TRACKERS
 from mmocap_warp.tracking.contour_tracker import ContourTracker, starts_per_run
+from mmocap_warp.tracking.limb_pairs import limb_pairs
 from mmocap_warp.tracking.pose_search import search_size
 from mmocap_warp.tracking.smoothing import CANDIDATES, frames_held
 from mmocap_warp.tracking.track_config import TrackConfig
@@ -99,8 +102,12 @@ def memory_need(subject: Subject, rig: CameraRig, config: TrackConfig, fps: floa
         tracking += starts_per_run(config) * (drawn + fitted)
     if not config.acceleration:
         return config.runs * tracking
-    # Smoothing holds distances to the masks' contours for a window of frames; a GPU has room for whole small images.
+    # Smoothing holds distances to the masks' contours for a window of frames, and for a frame twice more. A GPU takes
+    # whole images where they are small.
     frames = frames_held(fps)
-    fields = 4 * frames * pixels * _BODY_SHARE
-    fields = fields if on_cpu else max(fields, min(4 * frames * pixels, 2.0**30))
-    return max(config.runs * tracking, min(CANDIDATES, frames) * fitted + fields + config.runs * drawn)
+    whole = whole_image_bytes(rig, frames)
+    is_whole = not on_cpu and whole <= MOST_WHOLE
+    fields = whole + 2 * whole_image_bytes(rig, 1) if is_whole else 4 * frames * pixels * _BODY_SHARE
+    # Poses of the frames that are held, one of the body's changes, and one for each pair of limbs.
+    poses = max(STARTS, min(CANDIDATES, frames)) + 1 + len(limb_pairs(subject.body.skeleton))
+    return max(config.runs * tracking, poses * fitted + fields + config.runs * drawn)

@@ -33,7 +33,7 @@ def of_frames(frames: list[Observation], device: str) -> DistanceFields:
 
 
 def test_growing_room_keeps_what_there_was(device, monkeypatch):
-    monkeypatch.setattr("mmocap_warp.contour.frame.fields._MOST_WHOLE", 0)
+    monkeypatch.setattr("mmocap_warp.contour.frame.fields.MOST_WHOLE", 0)
     frames = [frame(radius, shift) for radius, shift in ((9, 0), (10, 20), (30, -7), (48, 3), (12, 30))]
     fields = DistanceFields(RIG, 5, 1, device)
     arrays = set()

@@ -27,7 +27,13 @@ _LEAST_PIXELS = 50  # a view with fewer foreground pixels shows nobody
 _TOGETHER = 64  # frames whose fields a GPU computes at a time
 _WORKINGS = {"inside": wp.uint8, "across": wp.uint8, "rough": wp.float32}
 _WORKING_BYTES, _VALUE_BYTES = 6, 4  # bytes of a pixel
-_MOST_WHOLE = 2**30  # bytes on a GPU up to which there is room for whole images: then boxes need not be read back
+MOST_WHOLE = 2**30  # bytes on a GPU up to which there is room for whole images: then boxes need not be read back
+
+
+def whole_image_bytes(rig: CameraRig, frames: int) -> int:
+    """Bytes that the fields of so many frames take where there is room for whole images."""
+    per_pixel = _VALUE_BYTES * frames + _WORKING_BYTES * min(frames, _TOGETHER)
+    return int(pixels_of(*rig.size.T).sum()) * per_pixel
 
 
 class DistanceFields:
@@ -54,11 +60,9 @@ class DistanceFields:
         self._scratch = block.scratch(device)
         self._workings = allocated(Workings, device, room=0, **dict.fromkeys(_WORKINGS, 0))
         self._allocate(1)
-        whole, together = int(pixels_of(*rig.size.T).sum()), min(frames, _TOGETHER)
-        needed = whole * (_VALUE_BYTES * frames + _WORKING_BYTES * together)
-        self._has_room = wp.get_device(device).is_cuda and needed <= _MOST_WHOLE
+        self._has_room = wp.get_device(device).is_cuda and whole_image_bytes(rig, frames) <= MOST_WHOLE
         if self._has_room:
-            self._reserve(whole, together)
+            self._reserve(int(pixels_of(*rig.size.T).sum()), min(frames, _TOGETHER))
 
     @property
     def seen(self) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The whole evaluation, posed parameters to cost: for whole bodies, and for what a part of the hierarchy moves."""
+"""Each kernel of an evaluation alone; then the whole, from parameters to cost, for bodies and for what a part moves."""
 
 from __future__ import annotations
 
@@ -9,17 +9,124 @@ import numpy as np
 import warp as wp
 
 from mmocap_warp.bench.workload import Workload
+from mmocap_warp.body.posing import make_body_arrays, make_joint_arrays
+from mmocap_warp.kernels.batch import batch_of
 from mmocap_warp.kernels.benchmarks.case import Case, Check
+from mmocap_warp.kernels.body.skinning import pose_vertices
+from mmocap_warp.kernels.silhouettes.cost import PAPER, cost_of_counts
+from mmocap_warp.masks.view_arrays import ViewArrays
 from mmocap_warp.silhouettes import RENDERERS
 from mmocap_warp.silhouettes.objective import Objective
+from mmocap_warp.silhouettes.silhouettes import Silhouettes
 from mmocap_warp.tracking.pose_search import Part, hierarchical
 
-EVALUATION, MOVING = "whole evaluation", "moving part"
+KERNELS, EVALUATION, MOVING = "kernels", "whole evaluation", "moving part"
+POSED_APART = 1e-5
+"""How far a vertex may be from where other kernels put it [m]."""
+COST_APART = 1e-6
+"""How far a cost may be from the one in double precision."""
+
+_LEFT_ARM = 2  # of the six parts
+
 PIXELS_APART = 1e-4
 """Share of the pixels that a GPU may count differently from a CPU."""
 
 _PART_CANDIDATES = 9  # of CMA-ES in 6 dimensions
 _COMPARED = 64  # candidates with the CPU: one thread takes its time
+
+
+def stages(load: Workload, candidates: int, device: str) -> Iterator[list[Case]]:
+    """The kernels for so many candidates, those to be compared together."""
+    yield [_posing(load, candidates, device)]
+    posed = load.posed(candidates, device)
+    drawn = {renderer: _drawing(load, renderer, posed, device) for renderer in RENDERERS}
+    sizes = {"candidates": candidates} | load.sizes
+    yield [
+        Case(KERNELS, renderer, sizes, work, partial(_same_counts, drawn, device), candidates)
+        for renderer, (work, _count) in drawn.items()
+    ]
+    yield _freezing(load, posed[:1], device)
+    yield [_cost(load, drawn[RENDERERS[0]][1], device)]
+
+
+def _posing(load: Workload, candidates: int, device: str) -> Case:
+    mesh, poses = load.body.tracking, load.poses(candidates)
+    body = make_body_arrays(load.body, np.eye(3), mesh, device)
+    joints = make_joint_arrays(candidates, len(load.body.joint_rest), device)
+    posed = wp.zeros((candidates, len(mesh.rest)), dtype=wp.vec3, device=device)
+    pose = wp.array(poses, dtype=wp.float32, device=device)
+    vertex = wp.array(np.arange(len(mesh.rest)), dtype=wp.int32, device=device)
+    batch = batch_of(0, candidates, candidates, device)
+    work = partial(pose_vertices, body, pose, vertex, batch, joints, posed)
+
+    def check() -> Check:
+        apart = float(np.abs(posed.numpy() - load.vertices(poses)).max())
+        return Check(f"within {apart * 1e6:.1f} µm of the viewers' kernels", apart <= POSED_APART)
+
+    sizes = {"candidates": candidates, "vertices": len(mesh.rest)}
+    return Case(KERNELS, "posing and skinning", sizes, work, check, candidates)
+
+
+def _drawing(load: Workload, renderer: str, posed: wp.array, device: str) -> tuple[partial, wp.array]:
+    """What draws and counts, and where the counts are."""
+    candidates = posed.shape[0]
+    silhouettes = Silhouettes(load.body.tracking, load.rig, candidates, renderer, device)
+    silhouettes.views.observed.assign(load.observation.words)
+    batch = batch_of(0, candidates, candidates, device)
+    return partial(silhouettes.draw, posed, silhouettes.whole, batch), silhouettes.canvas.count
+
+
+def _same_counts(drawn: dict[str, tuple[partial, wp.array]], device: str) -> Check:
+    for work, count in drawn.values():
+        count.zero_()
+        work()
+    first, *others = (count.numpy() for _work, count in drawn.values())
+    apart = sum(int((first != other).any(axis=-1).sum()) for other in others)
+    return Check(f"{apart} of {first.shape[0] * first.shape[1]} counts differ between renderers", apart == 0)
+
+
+def _freezing(load: Workload, posed: wp.array, device: str) -> list[Case]:
+    """Drawing what an arm leaves alone, if anything; the arm over it gives the counts of the whole body."""
+    silhouettes = Silhouettes(load.body.tracking, load.rig, 1, "raster", device)
+    silhouettes.views.observed.assign(load.observation.words)
+    part = hierarchical(load.body.skeleton)[_LEFT_ARM]
+    pieces = silhouettes.split(load.body.skeleton, part.index)
+    if pieces is None:
+        return []
+    moving, resting = pieces
+    frozen = silhouettes.make_frozen(1)
+    batch, count = batch_of(0, 1, 1, device), silhouettes.canvas.count
+
+    def check() -> Check:
+        silhouettes.draw(posed, silhouettes.whole, batch)
+        whole = count.numpy().copy()
+        silhouettes.freeze(posed, resting, batch, frozen)
+        silhouettes.draw(posed, moving, batch, frozen)
+        apart = int((whole != count.numpy()).any(axis=-1).sum())
+        return Check(f"{apart} of {whole.shape[1]} counts differ from the whole body's", apart == 0)
+
+    sizes = {"runs": 1, "moving": part.name} | load.sizes
+    return [Case(KERNELS, "freeze", sizes, partial(silhouettes.freeze, posed, resting, batch, frozen), check)]
+
+
+def _cost(load: Workload, count: wp.array, device: str) -> Case:
+    candidates = count.shape[0]
+    views = ViewArrays(load.rig, device)
+    views.foreground.assign(load.observation.foreground.astype(np.int32))
+    pose = wp.zeros((candidates, load.body.skeleton.coordinates), dtype=wp.float32, device=device)
+    prior = wp.zeros(pose.shape[1], dtype=wp.float32, device=device)
+    batch = batch_of(0, candidates, candidates, device)
+    cost = wp.zeros(candidates, dtype=wp.float32, device=device)
+
+    def check() -> Check:
+        model, overlap = np.moveaxis(count.numpy().astype(float), -1, 0)
+        observed = load.observation.foreground
+        expected = np.mean(1 - overlap / 2 * (1 / model + 1 / observed), axis=1)
+        apart = float(np.abs(cost.numpy() - expected).max())
+        return Check(f"within {apart:.0e} of double precision", apart <= COST_APART)
+
+    work = partial(cost_of_counts, PAPER, views.struct, count, pose, prior, batch, cost)
+    return Case(KERNELS, "cost", {"candidates": candidates, "cameras": count.shape[1]}, work, check, candidates)
 
 
 def evaluations(

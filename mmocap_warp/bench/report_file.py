@@ -1,18 +1,21 @@
-"""A report as a JSON file, on the terminal, and as a page of Markdown with plots of growth beside it."""
+"""A report: its tables of words, for the terminal and for the documents alike, and its files."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from rich.console import Console, Group, RenderableType
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from mmocap_warp.bench.bench_tables import FORMAT, Report, Table, heading, report_tables
-from mmocap_warp.bench.growth import AXES, growth_lines, growth_plots
+from mmocap_warp.bench.evaluations import EVALUATION
+from mmocap_warp.bench.growth import AXES, Report, growth_lines, growth_plots
+from mmocap_warp.bench.optimizer_peers import ASK_AND_TELL, FUNCTION, OURS
+from mmocap_warp.bench.peers import PEER
+from mmocap_warp.bench.searches import FRAME
 from mmocap_warp.errors import InputError
 from mmocap_warp.whole_file import write_whole
 
@@ -21,13 +24,163 @@ PAGE = "results.md"
 _WIDTH = 200  # columns of the terminal: more than any table needs, also where times spread on a busy machine
 _COLOURS = {"✓": "green", "✗": "bold red"}
 
+FORMAT = 1
+"""Of a report; another number means other keys."""
+
+Row = dict[str, Any]
+
+_ON_THE_CPU = (PEER, ASK_AND_TELL, FUNCTION)  # always
+_IN_WORDS = {"dof": "{} DOF", "budget": "{} evaluations", "function": "{}", "moving": "all but the {}"}
+_MEASURE = ("cameras", "pixels", "triangles", "vertices", "renderer")  # the same for all, or said elsewhere
+
+
+class Table(NamedTuple):
+    """Words in columns, with lines below."""
+
+    title: str
+    columns: list[str]
+    rows: list[list[str]]
+    notes: list[str]
+
+
+def report_tables(report: Report, old: Report | None = None, answers: bool = False) -> list[Table]:
+    """A table for each group; those of growth are plotted instead.
+
+    Args:
+        report: what ``suite.run_suite`` returns.
+        old: another, of which each line says how many times as quick it is now.
+        answers: a column that says how answers were checked.
+    """
+    before = {_key(row): row for row in old["measurements"]} if old else None
+    groups: dict[str, list[Row]] = {}
+    for row in report["measurements"]:
+        if not row["group"].startswith("growth"):
+            groups.setdefault(row["group"], []).append(row)
+    gpu = report["kind"] == "cuda"
+    return [_group_table(group, rows, gpu, before, answers) for group, rows in groups.items()]
+
+
+def _key(row: Row) -> str:
+    return json.dumps([row["group"], row["name"], row["sizes"]], sort_keys=True)
+
+
+def _group_table(group: str, rows: list[Row], gpu: bool, before: dict[str, Row] | None, answers: bool) -> Table:
+    host = "launched" if gpu and group not in _ON_THE_CPU else "processor"
+    columns = ["", "of", "median", "lowest", "quartiles", host, "compile", "an evaluation", "in 1 s"]
+    columns += ["speed-up"] * (before is not None) + ["answer"]
+    common = [name for name, value in rows[0]["sizes"].items() if all(row["sizes"].get(name) == value for row in rows)]
+    lines = []
+    for row in rows:
+        count = row["evaluations"]
+        line = [case_name(row), sizes_in_words(row["sizes"], leave=common), duration(row["median"])]
+        line += [digits(row["lowest"], row["median"]), "–".join(digits(q, row["median"]) for q in row["quartiles"])]
+        line += [duration(row[host]), f"{row['compiling']:.2f} s"]
+        line += [duration(row["median"] / count), f"{count / row['median']:,.0f}"] if count else ["", ""]
+        if before is not None:
+            same = before.get(_key(row))
+            line.append(f"{same['median'] / row['median']:.2f}x" if same else "")
+        mark = "✓" if row["ok"] else "✗"
+        lines.append([*line, f"{mark} {row['check']}" if answers else mark])
+    shared = sizes_in_words({name: rows[0]["sizes"][name] for name in common})
+    wrong = [row for row in rows if not row["ok"]]
+    notes = [*_notes(group, rows)]
+    notes += [f"wrong: {case_name(row)}, {sizes_in_words(row['sizes'])}: {row['check']}" for row in wrong]
+    # A column that holds no word is left out.
+    kept = [i for i in range(len(columns)) if any(line[i] for line in lines)]
+    columns, *lines = ([line[i] for i in kept] for line in (columns, *lines))
+    return Table(f"{group}: {shared}" if shared else group, columns, lines, notes)
+
+
+def _notes(group: str, rows: list[Row]) -> Iterable[str]:
+    """Ratios of what was measured side by side."""
+    if group == PEER:
+        ours = [row for row in rows if "renderer" in row["sizes"]]
+        theirs = [row for row in rows if "renderer" not in row["sizes"]]
+        for mine in ours:
+            ratios = (f"{_ratio(other, mine):.1f} times as quick as {other['name']}'s drawing" for other in theirs)
+            yield f"{mine['name']}, posing and cost included: {', '.join(ratios)}"
+    for mine in rows if group in (ASK_AND_TELL, FUNCTION) else ():
+        alike = [row for row in rows if row["sizes"] == mine["sizes"] and row is not mine]
+        if mine["name"] == OURS and alike:
+            ratios = (f"{_ratio(other, mine):.2f} times as quick as {other['name']}" for other in alike)
+            yield f"{OURS}, {sizes_in_words(mine['sizes'])}: {', '.join(ratios)}"
+    for one, many in pairs(rows, "runs") if group == FRAME else ():
+        sizes = many["sizes"]
+        times = sizes["runs"] * _ratio(one, many)
+        yield f"{sizes['renderer']}: {sizes['runs']} runs at once do {times:.1f} times one run's evaluations a second"
+    for one, many in pairs(rows, "threads") if group == EVALUATION else ():
+        sizes = many["sizes"]
+        yield f"{sizes['renderer']}: {sizes['threads']} threads are {_ratio(one, many):.2f} times as quick as one"
+
+
+def pairs(rows: list[Row], size: str) -> list[tuple[Row, Row]]:
+    """Measurements with one of a size, and the same with the most of it; the last ones, which were side by side."""
+    found = {}
+    for many in rows:
+        for one in rows:
+            alike = one["name"] == many["name"] and one["sizes"] == many["sizes"] | {size: 1}
+            if alike and many["sizes"].get(size, 1) > 1:
+                found[_key(many)] = one, many
+    return list(found.values())
+
+
+def _ratio(other: Row, mine: Row) -> float:
+    return other["median"] / mine["median"]
+
+
+def case_name(row: Row) -> str:
+    """What a line is called, with its renderer."""
+    renderer = row["sizes"].get("renderer", row["name"])
+    return row["name"] if renderer == row["name"] else f"{row['name']}, {renderer}"
+
+
+def sizes_in_words(sizes: dict[str, Any], leave: Sequence[str] = ()) -> str:
+    """What a time depends on, but for the measure's own sizes and those to ``leave`` out."""
+    words = []
+    for name, value in sizes.items():
+        if name in _MEASURE or name in leave:
+            continue
+        if name in _IN_WORDS:
+            words.append(_IN_WORDS[name].format(value))
+        else:
+            words.append(f"{value:,} {name if value != 1 else name.removesuffix('s')}")
+    return ", ".join(words)
+
+
+def duration(seconds: float | None) -> str:
+    """Three digits, in the unit that suits."""
+    return "" if seconds is None else f"{digits(seconds, seconds)} {_unit(seconds)[1]}"
+
+
+def digits(seconds: float, like: float) -> str:
+    """Three digits, in the unit that suits another duration."""
+    value = seconds * _unit(like)[0]
+    return f"{value:,.0f}" if abs(value) >= 100 else f"{value:.1f}" if abs(value) >= 10 else f"{value:.2f}"
+
+
+def _unit(seconds: float) -> tuple[float, str]:
+    """How many there are in a second, and its sign."""
+    return next(((n, unit) for n, unit in ((1.0, "s"), (1e3, "ms")) if abs(seconds) * n >= 1.0), (1e6, "µs"))
+
+
+def heading(report: Report) -> str:
+    """Where and when it was measured, and what, in a few lines."""
+    measure, versions = report["measure"], report["versions"]
+    load = " and ".join("unknown" if value is None else f"{value:g}" for value in report["load"])
+    threads = f"{report['cores']} cores, machine load {load} (before and after)"
+    packages = ", ".join(f"{name} {versions[name]}" for name in ("mmocap-warp", "warp-lang", "python"))
+    kernels = report["kernels_compiled"]
+    compiled = f"{kernels} kernel modules compiled" if kernels else "kernels came from the cache"
+    width, height = measure["size"]
+    return (
+        f"{report['device']}, {threads}; {packages}; {report['started']}, {report['seconds']:.0f} s, {compiled}\n"
+        f"{measure['cameras']} cameras of {width}x{height}, a body {measure['height']} px tall of "
+        f"{measure['triangles']:,} triangles"
+    )
+
 
 def write_report(path: Path, report: dict[str, Any]) -> None:
-    """Write a report.
-
-    Raises:
-        InputError: it cannot be written.
-    """
+    """Write a report; an InputError if that cannot be."""
     write_whole(path, (json.dumps(report, indent=1, allow_nan=False) + "\n").encode())
 
 
@@ -96,12 +249,9 @@ def report_page(reports: Sequence[Report]) -> str:
     for report in reports:
         parts.append(f"## {report['device']}")
         for table in report_tables(report, answers=True):
-            parts += [f"### {table.title[0].upper()}{table.title[1:]}", _markdown(table)]
+            rows = [table.columns, ["---"] * len(table.columns)]
+            rows += [[word.replace("|", "\\|") for word in row] for row in table.rows]
+            grid = "\n".join(f"| {' | '.join(row)} |" for row in rows)
+            parts += [f"### {table.title[0].upper()}{table.title[1:]}", grid]
             parts += [f"- {note}" for note in table.notes]
     return "\n\n".join(parts) + "\n"
-
-
-def _markdown(table: Table) -> str:
-    lines = [table.columns, ["---"] * len(table.columns)]
-    lines += [[word.replace("|", "\\|") for word in row] for row in table.rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)

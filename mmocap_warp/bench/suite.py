@@ -14,14 +14,13 @@ from typing import Any
 
 import warp as wp
 
-from mmocap_warp.bench.bench_tables import FORMAT
 from mmocap_warp.bench.contours import contour_frames
-from mmocap_warp.bench.evaluations import evaluations, moving_parts
+from mmocap_warp.bench.evaluations import evaluations, moving_parts, stages
 from mmocap_warp.bench.growth import growth
 from mmocap_warp.bench.optimizer_peers import optimizer_peers
 from mmocap_warp.bench.peers import peers
+from mmocap_warp.bench.report_file import FORMAT
 from mmocap_warp.bench.searches import ask_and_tell, frames, measure_generations, same_frames
-from mmocap_warp.bench.stages import stages
 from mmocap_warp.bench.workload import Workload, workload
 from mmocap_warp.kernels.benchmarks.case import Case, Measurement, measure
 from mmocap_warp.versions import package_versions, versions
@@ -137,8 +136,6 @@ def _machine_load() -> float | None:
 
 def _processor() -> str:
     table = Path("/proc/cpuinfo")
-    if table.exists():
-        for line in table.read_text().splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.processor() or platform.machine()
+    lines = table.read_text().splitlines() if table.exists() else []
+    names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(names, "") or platform.processor() or platform.machine()

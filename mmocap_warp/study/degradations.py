@@ -83,10 +83,7 @@ def fewer_frames(clip: OpenClip, fps: float) -> OpenClip:
 def wrong_calibration(clip: OpenClip, pixels: float, seed: int) -> OpenClip:
     """Each camera's principal point off by so many pixels, in a direction of its own: to first order a turned camera.
 
-    Args:
-        clip: whose masks stay as they are.
-        pixels: at the scale of the clip.
-        seed: of the directions.
+    Masks stay as they are; pixels are at the scale of the clip.
     """
     angle = np.random.default_rng([seed, 6]).uniform(0, 2 * np.pi, len(clip.rig))
     K = clip.rig.K.copy()
@@ -177,10 +174,7 @@ def is_random(text: str) -> bool:
 def degraded(clip: OpenClip, text: str, seed: int) -> OpenClip:
     """A clip made worse, as ``text`` says.
 
-    Args:
-        clip: its masks are used up.
-        text: see :func:`parse`. Bystanders come first and the calibration last, however it is written.
-        seed: of what is random.
+    The clip's masks are used up. Bystanders come first and the calibration last, however it is written.
 
     Raises:
         ValueError: a text that means nothing, or nothing to this clip.

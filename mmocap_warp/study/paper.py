@@ -21,13 +21,6 @@ is what HumanEva's own lists of these sequences add up to."""
 CPU_WEEKS = (40, 12)
 """CPUs, and the weeks that they took."""
 
-CITATION = (
-    "E. Yeguas-Bolivar, R. Muñoz-Salinas, R. Medina-Carnicer, A. Carmona-Poyato: Comparing evolutionary algorithms and "
-    "particle filters for Markerless Human Motion Capture. Applied Soft Computing 17, 153-166, 2014."
-)
-UNVERIFIED = "Unverified: neither this reference nor a DOI could be resolved; check it before you cite it."
-"""Of ``CITATION``."""
-
 # Table 4 (39 DOF) and Table 5 (28 DOF): average rank by algorithm, in ALGORITHM_ORDER's order.
 _RANKS: dict[tuple[int, int], tuple[str, ...]] = {
     (39, 500): ("1.222", "2.333", "3.000", "3.555", "5.111", "5.888", "7.000", "7.888"),

@@ -36,7 +36,7 @@ from mmocap_warp.study.report_sections import (
     strangers_section,
     trackers_section,
 )
-from mmocap_warp.study.report_setting import budget_section, citing_section, grid_sentence, headline, setting_section
+from mmocap_warp.study.report_setting import budget_section, grid_sentence, headline, setting_section
 from mmocap_warp.study.report_tables import RANK_HEAD, effect_cells, floor_note, ranking_rows
 from mmocap_warp.study.sequences import CLIP_PLANS
 from mmocap_warp.study.source import Clip
@@ -79,7 +79,7 @@ def render(study: StudySummary, clips: Mapping[str, Clip], notes: Sequence[str] 
         presets_section(study),
         strangers_section(study),
         setting_section(study, notes),
-        citing_section(),
+        Section("cite", "How to cite", [fill("cite", bibtex=resource(_HERE, "paper.bib"))]),
     )
     sections = [section for section in candidates if section is not None]
     names = sorted({str(cell.meta["study"]) for cell in study.cells.values() if cell.meta.get("study")} - {"study"})

@@ -18,13 +18,6 @@ from mmocap_warp.study.summary import EQ_20, CellSummary, Contender, StudySummar
 from mmocap_warp.study.wording import DASH, counted, extent, listed, spelled, with_unit
 
 _CODE_DIGITS = 12  # of a hash's 64 digits that are shown
-_BIBTEX = f"""@article{{yeguas2014comparing,
-  title   = {{Comparing evolutionary algorithms and particle filters for Markerless Human Motion Capture}},
-  author  = {{Yeguas-Bolivar, Enrique and Muñoz-Salinas, Rafael and Medina-Carnicer, Rafael
-             and Carmona-Poyato, Angel}},
-  journal = {{Applied Soft Computing}}, volume = {{17}}, pages = {{153--166}}, year = {{2014}},
-  note    = {{{paper.UNVERIFIED}}}
-}}"""
 
 
 def headline(study: StudySummary) -> tuple[str, Html]:
@@ -129,18 +122,17 @@ def budget_section(study: StudySummary) -> Section:
     size = extent(study.cells[cell] for cell in study.grid)
     head = ["Algorithm", *(f"{budget:,} evaluations" for budget in study.budgets), "evaluations/s"]
     caption = f"Milliseconds per frame and run, mean over sequences and models. {size}."
-    table = Table(caption, head, [_time_row(study, name) for name in study.algorithms], "")
+    rows = []
+    for name in study.algorithms:
+        of = [study.cells[cell] for cell in study.grid if cell.algorithm == name]
+        times = [[1000 * seconds_per_frame(s) for s in of if s.cell.evaluations == budget] for budget in study.budgets]
+        means = [f"{np.mean(each):.2f}" if each else DASH for each in times]
+        spent, seconds = sum(summary.evaluations for summary in of), sum(summary.seconds for summary in of)
+        rows.append([algorithm_label(name), *means, f"{spent / seconds:,.0f}" if seconds > 0 else DASH])
+    table = Table(caption, head, rows, "")
     figure = fill("figure", content=[*parts, legend(study.algorithms)])
     about = fill("budget", seconds=f"{paper.SECONDS_PER_500:g}")
     return Section("budget", "Error and time by budget", [about, figure, table.html(), _times_alone(study)])
-
-
-def _time_row(study: StudySummary, algorithm: str) -> list[str]:
-    of = [study.cells[cell] for cell in study.grid if cell.algorithm == algorithm]
-    by_budget = [[1000 * seconds_per_frame(s) for s in of if s.cell.evaluations == budget] for budget in study.budgets]
-    spent, seconds = sum(summary.evaluations for summary in of), sum(summary.seconds for summary in of)
-    rate = f"{spent / seconds:,.0f}" if seconds > 0 else DASH
-    return [algorithm_label(algorithm), *(f"{np.mean(times):.2f}" if times else DASH for times in by_budget), rate]
 
 
 def _times_alone(study: StudySummary) -> str:
@@ -164,9 +156,21 @@ def _times_alone(study: StudySummary) -> str:
 def setting_section(study: StudySummary, notes: Sequence[str]) -> Section:
     """The sequences, the settings, the machine."""
     by_sequence: dict[str, CellSummary] = {}
-    for cell, summary in study.cells.items():
-        by_sequence.setdefault(cell.sequence, summary)
-    rows = [[name, *_recording_of(by_sequence[name])] for name in [*study.sequences, *study.strangers]]
+    for each in study.cells.values():
+        by_sequence.setdefault(each.cell.sequence, each)
+    rows = []
+    for name in [*study.sequences, *study.strangers]:
+        cell, recorded = by_sequence[name], by_sequence[name].meta
+        sizes = sorted({f"{width}×{height}" for width, height in recorded.get("size", [])})
+        rate, cameras = recorded.get("fps", float("nan")), recorded.get("cameras", [])
+        rows.append([name, f"{len(cell.frames)}", f"{rate:g}", f"{len(cameras)}", ", ".join(sizes)])
+    days = sorted(str(cell.meta.get("started", ""))[:10] for cell in study.cells.values())
+    hours = sum(float(cell.meta.get("wall_seconds") or 0.0) for cell in study.cells.values()) / 3600
+
+    def software(cell: CellSummary) -> str:
+        versions = cell.meta.get("versions", {})
+        return ", ".join(f"{name} {version}" for name, version in versions.items() if name != "device")
+
     facts = {
         "Algorithms": ", ".join(algorithm_label(name) for name in study.algorithms),
         "Degrees of freedom": listed(study.models),
@@ -178,9 +182,9 @@ def setting_section(study: StudySummary, notes: Sequence[str]) -> Section:
         "Frames without a usable view": f"{100 * np.mean([cell.frames_lost for cell in study.cells.values()]):.2f} %",
         "Device": _values(study, _device),
         "Host": _values(study, lambda cell: str(cell.meta.get("host", "unknown"))),
-        "Software": _values(study, _software),
+        "Software": _values(study, software),
         "Code": _values(study, _code),
-        "Tracked": _period(study),
+        "Tracked": f"{' to '.join(dict.fromkeys((days[0], days[-1])))}, {hours:.1f} h of workers in all",
     }
     parts = [
         fill("facts", facts=[fill("fact", name=name, value=value) for name, value in facts.items()]),
@@ -190,12 +194,6 @@ def setting_section(study: StudySummary, notes: Sequence[str]) -> Section:
     absent = [fill("item", text=each) for each in missing(study)]
     parts += [fill("not-run", items=absent)] if absent else []
     return Section("setting", "Setting and machine", parts)
-
-
-def citing_section() -> Section:
-    """How to cite."""
-    text = fill("cite", citation=paper.CITATION, unverified=paper.UNVERIFIED, bibtex=_BIBTEX)
-    return Section("cite", "How to cite", [text])
 
 
 def _pace(study: StudySummary) -> tuple[float, float, str]:
@@ -240,11 +238,6 @@ def _device(cell: CellSummary) -> str:
     return str(cell.meta.get("versions", {}).get("device") or cell.meta.get("device", "unknown"))
 
 
-def _software(cell: CellSummary) -> str:
-    versions = cell.meta.get("versions", {})
-    return ", ".join(f"{name} {version}" for name, version in versions.items() if name != "device")
-
-
 def _code(cell: CellSummary) -> str:
     """The package's version and the first digits of its code's hash, which older results do not have."""
     version = cell.meta.get("versions", {}).get("mmocap-warp", "unknown version")
@@ -257,16 +250,3 @@ def _values(study: StudySummary, of: Callable[[CellSummary], str]) -> str:
     if len(counts) == 1:
         return next(iter(counts))
     return "; ".join(f"{value} ({counted(number, 'cell')})" for value, number in counts.most_common())
-
-
-def _period(study: StudySummary) -> str:
-    days = sorted(str(cell.meta.get("started", ""))[:10] for cell in study.cells.values())
-    hours = sum(float(cell.meta.get("wall_seconds") or 0.0) for cell in study.cells.values()) / 3600
-    when = days[0] if days[0] == days[-1] else f"{days[0]} to {days[-1]}"
-    return f"{when}, {hours:.1f} h of workers in all"
-
-
-def _recording_of(cell: CellSummary) -> list[str]:
-    sizes = sorted({f"{width}×{height}" for width, height in cell.meta.get("size", [])})
-    rate, cameras = cell.meta.get("fps", float("nan")), cell.meta.get("cameras", [])
-    return [f"{len(cell.frames)}", f"{rate:g}", f"{len(cameras)}", ", ".join(sizes)]

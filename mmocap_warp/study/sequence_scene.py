@@ -34,15 +34,7 @@ def write_sequence(
     their noise, joints and poses), ``subject.usdc`` (where tracking starts) and last ``scene.toml``. Files of the same
     names are replaced.
 
-    Args:
-        folder: made if it does not exist, with the folders above it.
-        sequence: what to write.
-        progress: called after each frame.
-        degradation: see :mod:`mmocap_warp.study.degradations`.
-        seed: of the degradation.
-
-    Returns:
-        Path of ``scene.toml``.
+    ``progress`` is called after each frame. Returns the path of ``scene.toml``.
 
     Raises:
         InputError: a folder that cannot be written to.

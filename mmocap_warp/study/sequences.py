@@ -143,13 +143,7 @@ CLIP_PLANS: Mapping[str, SequencePlan] = {**PLANS, **FURTHER_PLANS}
 
 
 def make_sequence(name: str, plan: SequencePlan, person: Person | None = None) -> StudySequence:
-    """Write the motion and put the moving body before the study's cameras.
-
-    Args:
-        name: of the sequence.
-        plan: how it is made.
-        person: who moves; None for whom the plan names.
-    """
+    """Write the motion and put the moving body, the plan's person or another, before the study's cameras."""
     person = person or _PEOPLE[plan.person]
     body = person.true_body()
     base, poses = _facing_ahead(plan.motion(body, plan.frames, plan.seed), plan.heading)

@@ -17,11 +17,10 @@ from mmocap_warp.bench import growth as growth_module
 from mmocap_warp.bench import optimizer_peers as peers_module
 from mmocap_warp.bench import searches as searches_module
 from mmocap_warp.bench import suite as suite_module
-from mmocap_warp.bench.bench_tables import digits, duration, report_tables
 from mmocap_warp.bench.growth import Line, growth_lines
 from mmocap_warp.bench.optimizer_peers import ENGINES, FUNCTIONS, OURS, optimizer_peers
 from mmocap_warp.bench.peers import peers
-from mmocap_warp.bench.report_file import rendered, to_text, write_pages
+from mmocap_warp.bench.report_file import digits, duration, rendered, report_tables, to_text, write_pages
 from mmocap_warp.bench.suite import Plan, missing, run_suite
 from mmocap_warp.bench.workload import workload
 from mmocap_warp.body.mesh_pieces import is_closed

@@ -56,7 +56,7 @@ def _read_checkpoint(folder: Path) -> None:
 def _write_report(folder: Path) -> None:
     import json
 
-    from mmocap_warp.bench.bench_tables import FORMAT
+    from mmocap_warp.bench.report_file import FORMAT
 
     lines = [{"name": "pose", "ms": 1.5, "ok": True, "sizes": [1, 2]}]
     (folder / "bench.json").write_text(json.dumps({"format": FORMAT, "ok": True, "device": "cpu", "stages": lines}))

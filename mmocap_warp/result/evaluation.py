@@ -242,12 +242,12 @@ def _per_run(result: Result, series: dict[str, np.ndarray], of_runs: dict[str, n
     ]
 
 
-def _reduced(reduce: Callable[[np.ndarray], np.floating], values: np.ndarray) -> float:
-    """A statistic of the values that are defined; NaN where none is."""
+def _statistic(reduce: Callable[[np.ndarray], np.floating], values: np.ndarray) -> float:
+    """What ``reduce`` makes of the values that are defined; NaN where none is."""
     return float(reduce(values)) if np.isfinite(values).any() else np.nan
 
 
-_mean, _median, _min = (partial(_reduced, reduce) for reduce in (np.nanmean, np.nanmedian, np.nanmin))
+_mean, _median, _min = (partial(_statistic, reduce) for reduce in (np.nanmean, np.nanmedian, np.nanmin))
 
 
 def _jsonable(value: Any) -> Any:

@@ -28,6 +28,13 @@ from mmocap_warp.formats.usd.usd_file import (
 _FILM_WIDTH = 0.036  # [m], of a full-frame camera; only its ratio to the focal length matters
 _LENS_UNIT = 10.0  # USD gives apertures and focal lengths in tenths of a scene unit
 _FROM_USD = np.diag([1.0, -1.0, -1.0])  # USD's cameras look along -z with y up
+_CALIBRATION = {  # a rig's arrays: their attributes, and their shapes for a camera
+    "size": ("mmocap:size", (2,)),
+    "K": ("mmocap:intrinsics", (3, 3)),
+    "R": ("mmocap:rotation", (3, 3)),
+    "t": ("mmocap:translation", (3,)),
+    "distortion": ("mmocap:distortion", (5,)),
+}
 _FISHEYE = "fisheye"
 _CLIPPING = (0.05, 100.0)  # [m]
 _REMEDY = "write the result again with `mmocap track`"
@@ -47,9 +54,9 @@ def define_cameras(stage: Usd.Stage, path: str, rig: CameraRig) -> None:
         placement[:3, :3], placement[:3, 3] = rig.R[k].T @ _FROM_USD, rig.centres[k]
         camera.AddTransformOp().Set(gf_matrix(placement))
         prim = camera.GetPrim()
-        values = {"name": rig.names[k], "size": np.asarray(rig.size[k]), "intrinsics": rig.K[k], "rotation": rig.R[k]}
-        for key, value in (values | {"translation": rig.t[k], "distortion": rig.distortion[k]}).items():
-            author_value(prim, f"mmocap:{key}", value)
+        author_value(prim, "mmocap:name", rig.names[k])
+        for name, (attribute, _) in _CALIBRATION.items():
+            author_value(prim, attribute, np.asarray(getattr(rig, name)[k]))
         if rig.names[k] in rig.fisheye:
             author_value(prim, "mmocap:lens", _FISHEYE)
 
@@ -60,25 +67,20 @@ def cameras_from_prim(prim: Usd.Prim, source: object) -> CameraRig:
     cameras = [scope.child(name) for name in scope.texts("mmocap:cameras")]
     scope.require(bool(cameras), "mmocap:cameras names none")
 
-    def stacked(name: str, *shape: int) -> np.ndarray:
-        return np.stack([camera.array(name, (math.prod(shape),), np.float64).reshape(shape) for camera in cameras])
-
     up = scope.typed("mmocap:up", str)
     scope.require(up in UP_AXES, f"mmocap:up = '{up}' is none of {', '.join(UP_AXES)}")
-    rig = CameraRig(
-        names=tuple(camera.typed("mmocap:name", str) for camera in cameras),
-        K=stacked("mmocap:intrinsics", 3, 3),
-        R=stacked("mmocap:rotation", 3, 3),
-        t=stacked("mmocap:translation", 3),
-        size=stacked("mmocap:size", 2).astype(int),
-        distortion=stacked("mmocap:distortion", 5),
-        up=up,
-        fisheye=tuple(
-            camera.typed("mmocap:name", str)
-            for camera in cameras
-            if camera.prim.HasAttribute("mmocap:lens") and camera.typed("mmocap:lens", str) == _FISHEYE
-        ),
+    names = tuple(camera.typed("mmocap:name", str) for camera in cameras)
+    arrays = {}
+    for name in ("K", "R", "t", "size", "distortion"):
+        key, shape = _CALIBRATION[name]
+        rows = [camera.array(key, (math.prod(shape),), np.float64).reshape(shape) for camera in cameras]
+        arrays[name] = np.stack(rows)
+    fisheye = tuple(
+        name
+        for name, camera in zip(names, cameras, strict=True)
+        if camera.prim.HasAttribute("mmocap:lens") and camera.typed("mmocap:lens", str) == _FISHEYE
     )
+    rig = CameraRig(names, **arrays | {"size": arrays["size"].astype(int)}, up=up, fisheye=fisheye)
     return check_rig(rig, source) if rig.fisheye else rig
 
 
@@ -181,12 +183,8 @@ def _in_pixels(camera: Camera, size: tuple[int, int], path: str | Path) -> Camer
     K[:2, 2] -= 0.5
     shape = K[0, 0] / K[1, 1]
     if not abs(shape - 1) < _SHAPE_TOLERANCE:
-        width, height = size
-        raise InputError(
-            path,
-            f"the film of camera '{camera.name}' has not the shape of its images, {width}x{height} (by {shape:.3g})",
-            "set its vertical aperture to the images' shape",
-        )
+        shapes = f"the film of camera '{camera.name}' has not the shape of its images, {size[0]}x{size[1]}"
+        raise InputError(path, f"{shapes} (by {shape:.3g})", "set its vertical aperture to the images' shape")
     return camera._replace(K=K, size=size)
 
 

@@ -149,8 +149,8 @@ def consistently_wound(face: np.ndarray) -> np.ndarray | None:
     order = np.argsort(edge.ravel(), kind="stable")
     first, second = order[count[edge.ravel()[order]] == 2].reshape(-1, 2).T
     alike = directed[first, 0] == directed[second, 0]
-    # All triangles as they are, and all turned round; those that agree are joined. A surface gives two pieces, of which
-    # that with its first triangle as it is comes first. One with a single side gives one.
+    # A graph has each triangle twice, as it is and turned round, and joins neighbours that agree. A two-sided surface
+    # gives two pieces, the first of which holds its first triangle as it is. A one-sided surface gives one piece.
     first, second, many = first // 3, second // 3, len(face)
     partners = np.concatenate([second + many * alike, second + many * ~alike])
     as_it_is, turned = _pieces(np.concatenate([first, first + many]), partners, 2 * many).reshape(2, -1)

@@ -80,9 +80,8 @@ def imported(
         InputError: the joints file names what there is not.
     """
     if not _LEAST_SKIN <= triangles <= skin_triangles:
-        raise ValueError(
-            f"triangles must be at least {_LEAST_SKIN} and at most skin_triangles, got {triangles} and {skin_triangles}"
-        )
+        limits = f"at least {_LEAST_SKIN} and at most skin_triangles"
+        raise ValueError(f"triangles must be {limits}, got {triangles} and {skin_triangles}")
     # The mesh in the body's axes, with one tree of named joints and one vertex for each place.
     given = joints or GivenJoints("")
     mesh = in_body_axes(with_named_joints(mesh), up or mesh.up, facing or mesh.facing, scale)

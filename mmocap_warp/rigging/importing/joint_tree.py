@@ -55,7 +55,7 @@ def with_parents(mesh: RiggedMesh, parents: dict[str, str]) -> RiggedMesh:
             if name not in number:
                 raise ValueError(f"there is no joint {name!r}; there are {', '.join(mesh.joints)}")
         parent[number[joint]] = number[above]
-    return reordered(replace(mesh, parent=tuple(parent)), parents_first(parent))
+    return reordered(replace(mesh, parent=tuple(parent)))
 
 
 def with_one_root(mesh: RiggedMesh) -> RiggedMesh:

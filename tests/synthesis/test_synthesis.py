@@ -11,11 +11,10 @@ from person_skeleton import JOINTS
 from synthetic import COORDINATES
 from walk_scene import FRAMES, walking, write_walk
 
-from mmocap_warp.body.model import Subject, joint_transforms
 from mmocap_warp.body.rotations import turn, zyx_angles
 from mmocap_warp.cameras.rig import check_rig, project
 from mmocap_warp.formats.truth_file import load_truth
-from mmocap_warp.formats.usd.usd_body import read_body
+from mmocap_warp.formats.usd.usd_body import local_transforms, read_body
 from mmocap_warp.masks.observation import Observation, unpack_masks
 from mmocap_warp.result.marker_errors import triangulated
 from mmocap_warp.scene.scene_toml import load_scene
@@ -157,7 +156,7 @@ def test_a_hanging_arm_hangs(recording, side):
     for joint, found in zip(("Shoulder", "Elbow"), hanging_arm(body, side, zero, zero + 0.5, 0.0, 0.0), strict=True):
         angles(pose, side + joint)[:] = found
     world = [np.eye(4)] * len(JOINTS)
-    for j, local in enumerate(joint_transforms(Subject(body, np.eye(3), pose[0], {}), pose)[0][0]):
+    for j, local in enumerate(local_transforms(body, np.eye(3), pose[0])):
         parent = {"UpperSpine": 1, f"{side}Shoulder": 2, f"{side}Elbow": JOINTS.index(f"{side}Shoulder")}
         parent |= {"BottomSpine": 0, f"{side}Wrist": JOINTS.index(f"{side}Elbow")}
         if JOINTS[j] in parent:

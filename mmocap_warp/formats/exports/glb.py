@@ -148,20 +148,14 @@ def _animation(clip: _Clip, slides: np.ndarray, buffer: _Buffer) -> dict[str, An
     """The place of the root and of joints that slide, and every joint's turn."""
     rotation = _quaternions(clip.local[..., :3, :3])
     time = buffer.add(clip.time, "SCALAR")
-    outputs = [
-        (joint, "translation", buffer.add(clip.local[:, joint, :3, 3], "VEC3"))
-        for joint in (0, *np.flatnonzero(slides).tolist())
-    ]
+    moving = (0, *np.flatnonzero(slides).tolist())
+    outputs = [(joint, "translation", buffer.add(clip.local[:, joint, :3, 3], "VEC3")) for joint in moving]
     for joint in range(rotation.shape[1]):
         outputs.append((joint, "rotation", buffer.add(rotation[:, joint], "VEC4")))
-    return {
-        "name": clip.name,
-        "samplers": [{"input": time, "output": output} for *_, output in outputs],
-        "channels": [
-            {"sampler": sampler, "target": {"node": node, "path": path}}
-            for sampler, (node, path, _) in enumerate(outputs)
-        ],
-    }
+    samplers = [{"input": time, "output": output} for *_, output in outputs]
+    targets = enumerate({"node": node, "path": path} for node, path, _ in outputs)
+    channels = [{"sampler": sampler, "target": target} for sampler, target in targets]
+    return {"name": clip.name, "samplers": samplers, "channels": channels}
 
 
 def _quaternions(rotation: np.ndarray) -> np.ndarray:

@@ -136,12 +136,8 @@ def read_bvh(path: str | Path) -> MotionClip:
         values = np.array(words.rest(), float)
     except ValueError as error:
         raise InputError(path, f"holds a frame that is not numbers ({error})", _REMEDY) from None
-    if (
-        frames < 1
-        or not _MIN_INTERVAL <= interval <= _MAX_INTERVAL
-        or len(values) != frames * columns
-        or not np.isfinite(values).all()
-    ):
+    sound = frames >= 1 and _MIN_INTERVAL <= interval <= _MAX_INTERVAL and len(values) == frames * columns
+    if not sound or not np.isfinite(values).all():
         problem = f"says {frames} frames of {columns} values every {interval:g} s, and holds {len(values)} values"
         raise InputError(path, problem, _REMEDY)
     return _pose_joints(joints, values.reshape(frames, columns), 1.0 / interval)

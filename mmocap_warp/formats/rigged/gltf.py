@@ -13,14 +13,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.rigged.rigged_mesh import (
-    RiggedMesh,
-    RiggedMotion,
-    Skin,
-    joined_parts,
-    parents_first,
-    reordered,
-)
+from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, RiggedMotion, Skin, joined_parts, parents_first, reorder
 
 _MAGIC, _JSON_CHUNK, _BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
 _KINDS = {5120: np.int8, 5121: np.uint8, 5122: np.int16, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
@@ -143,10 +136,8 @@ def _read_character(document: _Document, path: Path) -> RiggedMesh:
     parts = []
     for _, node in skinned:
         of_skin = np.array([joint_of[joint] for joint in skins[node["skin"]]["joints"]])
-        parts += [
-            _read_primitive(document, primitive, of_skin)
-            for primitive in document.list("meshes")[_index(node["mesh"])]["primitives"]
-        ]
+        primitives = document.list("meshes")[_index(node["mesh"])]["primitives"]
+        parts += [_read_primitive(document, primitive, of_skin) for primitive in primitives]
     skin = joined_parts(parts)
     # The motions, and the space in which all is bound.
     rest = _world_transforms(np.stack([_local_transforms(node, {}) for node in nodes], axis=1), above)[0]
@@ -162,7 +153,7 @@ def _read_character(document: _Document, path: Path) -> RiggedMesh:
         attribution=str(document.json.get("asset", {}).get("copyright", "")),
         notes=tuple(notes),
     )
-    return reordered(mesh, order)
+    return reorder(mesh, order)
 
 
 def _joints(document: _Document, skins: Iterable[dict[str, Any]]) -> tuple[list[int], np.ndarray]:
@@ -309,9 +300,8 @@ def _local_transforms(node: dict[str, Any], moved: dict[str, np.ndarray]) -> np.
 
     if "matrix" in node and not moved:
         return np.array(node["matrix"], float).reshape(1, 4, 4).swapaxes(1, 2)
-    translation, rotation, scale = (
-        moved.get(path, np.array([node.get(path, default)], float)) for path, default in _PARTS.items()
-    )
+    held = {path: np.array([node.get(path, default)], float) for path, default in _PARTS.items() if path not in moved}
+    translation, rotation, scale = ((moved | held)[path] for path in _PARTS)
     matrix = np.zeros((max(map(len, (translation, rotation, scale))), 4, 4))
     matrix[:, :3, :3] = Rotation.from_quat(rotation).as_matrix() * scale[:, None, :]
     matrix[:, :3, 3] = translation

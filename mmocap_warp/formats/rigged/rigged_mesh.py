@@ -118,7 +118,7 @@ def joined_parts(parts: list[Skin]) -> Skin:
     return Skin(np.concatenate(vertex), np.concatenate(faces), *map(np.concatenate, padded))
 
 
-def reordered(mesh: RiggedMesh, order: list[int] | None = None) -> RiggedMesh:
+def reorder(mesh: RiggedMesh, order: list[int] | None = None) -> RiggedMesh:
     """The mesh with some of its joints in another order, by default all of them with parents first.
 
     No skin may follow a joint that is left out.

@@ -8,7 +8,7 @@ import numpy as np
 from pxr import Usd, UsdGeom, UsdPhysics, UsdSkel
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh, RiggedMotion, Skin, joined_parts, reordered
+from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh, RiggedMotion, Skin, joined_parts, reorder
 from mmocap_warp.formats.usd.usd_file import read_stage, reads_usd
 
 _REMEDY = "export the character with its UsdSkel skeleton and skin"
@@ -80,7 +80,7 @@ def _read_character(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, meshes: list[U
         motions=_read_motions(stage, skeleton),
         attribution=next(attributions, ""),
     )
-    return reordered(mesh)
+    return reorder(mesh)
 
 
 def _read_mesh(mesh: UsdGeom.Mesh) -> tuple[np.ndarray, np.ndarray]:

@@ -15,15 +15,7 @@ from pxr import Gf, Tf, Usd, UsdGeom
 from mmocap_warp.cameras.rig import UP_AXES, Camera, CameraRig, check_rig, rig_of
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.calibration_text import Sizes, image_size_of
-from mmocap_warp.formats.usd.usd_file import (
-    PrimReader,
-    author_value,
-    gf_matrix,
-    read_stage,
-    reads_usd,
-    set_world_up,
-    write_stage,
-)
+from mmocap_warp.formats.usd.usd_file import PrimReader, author, read_stage, reads_usd, set_world_up, write_stage
 
 _FILM_WIDTH = 0.036  # [m], of a full-frame camera; only its ratio to the focal length matters
 _LENS_UNIT = 10.0  # USD gives apertures and focal lengths in tenths of a scene unit
@@ -44,21 +36,21 @@ def define_cameras(stage: Usd.Stage, path: str, rig: CameraRig) -> None:
     """Author a rig as camera prims below a scope at ``path``; the scope's parent is the rig's world, in metres."""
     scope = UsdGeom.Scope.Define(stage, path)
     prim_names = _prim_names(rig.names)
-    author_value(scope.GetPrim(), "mmocap:cameras", prim_names)
-    author_value(scope.GetPrim(), "mmocap:up", rig.up)
+    author(scope.GetPrim(), "mmocap:cameras", prim_names)
+    author(scope.GetPrim(), "mmocap:up", rig.up)
     for k, prim_name in enumerate(prim_names):
         camera = UsdGeom.Camera.Define(stage, f"{path}/{prim_name}")
         pinhole, size = rig.pinhole(k)
         _set_lens(camera, pinhole, *map(int, size))
         placement = np.eye(4)
         placement[:3, :3], placement[:3, 3] = rig.R[k].T @ _FROM_USD, rig.centres[k]
-        camera.AddTransformOp().Set(gf_matrix(placement))
+        camera.AddTransformOp().Set(Gf.Matrix4d(placement.T))
         prim = camera.GetPrim()
-        author_value(prim, "mmocap:name", rig.names[k])
+        author(prim, "mmocap:name", rig.names[k])
         for name, (attribute, _) in _CALIBRATION.items():
-            author_value(prim, attribute, np.asarray(getattr(rig, name)[k]))
+            author(prim, attribute, np.asarray(getattr(rig, name)[k]))
         if rig.names[k] in rig.fisheye:
-            author_value(prim, "mmocap:lens", _FISHEYE)
+            author(prim, "mmocap:lens", _FISHEYE)
 
 
 def cameras_from_prim(prim: Usd.Prim, source: object) -> CameraRig:
@@ -150,15 +142,13 @@ def _camera(camera: UsdGeom.Camera, metres: float, path: str | Path) -> Camera:
     if _is_moving(prim):
         raise InputError(path, f"{prim.GetPath()} moves", _EXPORT_REMEDY)
     film = "horizontalAperture", "verticalAperture", "horizontalApertureOffset", "verticalApertureOffset"
-    focal, across, down, right, upward = (
-        prim.GetAttribute(name).Get(Usd.TimeCode.EarliestTime()) for name in ("focalLength", *film)
-    )
-    known = all(isinstance(value, float) and abs(value) < _MAX_NUMBER for value in (focal, across, down, right, upward))
-    if camera.GetProjectionAttr().Get() != UsdGeom.Tokens.perspective or not (
-        known and min(focal, across, down) > 1 / _MAX_NUMBER
-    ):
+    lens = [prim.GetAttribute(name).Get(Usd.TimeCode.EarliestTime()) for name in ("focalLength", *film)]
+    known = all(isinstance(value, float) and abs(value) < _MAX_NUMBER for value in lens)
+    is_pinhole = camera.GetProjectionAttr().Get() == UsdGeom.Tokens.perspective
+    if not known or not is_pinhole or min(lens[:3]) <= 1 / _MAX_NUMBER:
         remedy = "give it perspective, a film and a focal length"
         raise InputError(path, f"{prim.GetPath()} is not a perspective camera with a film and a focal length", remedy)
+    focal, across, down, right, upward = lens
     K = np.array([[focal / across, 0, 0.5 - right / across], [0, focal / down, 0.5 + upward / down], [0, 0, 1]])
     world = np.array(UsdGeom.Xformable(camera).ComputeLocalToWorldTransform(Usd.TimeCode.EarliestTime())).T
     if not np.abs(world).max() < _MAX_NUMBER or not metres < _MAX_NUMBER:

@@ -56,13 +56,8 @@ def welded(mesh: RiggedMesh) -> RiggedMesh:
     vertex = np.zeros((place.max() + 1, 3))
     np.add.at(vertex, place, mesh.vertex)
     vertex /= np.bincount(place)[:, None]
-    return replace(
-        mesh,
-        vertex=vertex[kept],
-        face=face.reshape(-1, 3),
-        influence=influence,
-        weight=np.take_along_axis(dense, influence, axis=1),
-    )
+    weight = np.take_along_axis(dense, influence, axis=1)
+    return replace(mesh, vertex=vertex[kept], face=face.reshape(-1, 3), influence=influence, weight=weight)
 
 
 def four_influences(mesh: RiggedMesh) -> tuple[np.ndarray, np.ndarray, float]:

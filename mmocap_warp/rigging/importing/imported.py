@@ -191,12 +191,8 @@ def _skin(mesh: RiggedMesh, triangles: int, skin_triangles: int) -> tuple[SkinMe
     kept = np.unique(face)
     own = np.unique(shown) if too_fine else np.arange(len(mesh.vertex))
     chosen = np.union1d(own, kept)
-    skin = SkinMesh(
-        vertex[chosen].astype(np.float32),
-        np.searchsorted(chosen, shown).astype(np.int32),
-        joint[beside[chosen]],
-        weight[beside[chosen]],
-    )
+    chosen_face, follows = np.searchsorted(chosen, shown).astype(np.int32), beside[chosen]
+    skin = SkinMesh(vertex[chosen].astype(np.float32), chosen_face, joint[follows], weight[follows])
     tracking = np.searchsorted(chosen, kept).astype(np.int32)
     return skin, tracking, np.searchsorted(kept, face).astype(np.int32), notes
 

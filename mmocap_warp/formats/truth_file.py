@@ -21,7 +21,7 @@ from mmocap_warp.formats.motion.captured_points import read_trc
 from mmocap_warp.formats.usd.usd_file import (
     USD_SUFFIXES,
     PrimReader,
-    author_value,
+    author,
     read_stage,
     reads_usd,
     set_time_range,
@@ -68,18 +68,15 @@ def write_truth(path: str | Path, truth: Truth, up: str = "+z") -> None:
     root = UsdGeom.Xform.Define(stage, "/Truth")
     stage.SetDefaultPrim(root.GetPrim())
     set_world_up(stage, root, up)
-    author_value(root.GetPrim(), "mmocap:truthVersion", _VERSION)
-    author_value(root.GetPrim(), "mmocap:frames", np.asarray(truth.frame_numbers))
-    for name, labels, positions in (
-        ("Markers", truth.marker_names, truth.markers),
-        ("Joints", truth.joint_names, truth.joints),
-    ):
-        _define_points(stage, f"/Truth/{name}", labels, positions, truth.frame_numbers)
+    author(root.GetPrim(), "mmocap:truthVersion", _VERSION)
+    author(root.GetPrim(), "mmocap:frames", np.asarray(truth.frame_numbers))
+    _define_points(stage, "/Truth/Markers", truth.marker_names, truth.markers, truth.frame_numbers)
+    _define_points(stage, "/Truth/Joints", truth.joint_names, truth.joints, truth.frame_numbers)
     for frame, pose in zip(truth.frame_numbers, truth.pose if truth.pose is not None else (), strict=False):
-        author_value(root.GetPrim(), "mmocap:pose", pose, float(frame))
+        author(root.GetPrim(), "mmocap:pose", pose, float(frame))
     if truth.root_base is not None:
         base = Gf.Matrix3d(np.asarray(truth.root_base, float).T)
-        author_value(root.GetPrim(), "mmocap:rootBase", base, kind=Sdf.ValueTypeNames.Matrix3d)
+        author(root.GetPrim(), "mmocap:rootBase", base, kind=Sdf.ValueTypeNames.Matrix3d)
     write_stage(path, stage)
 
 
@@ -108,14 +105,12 @@ def read_truth(path: str | Path) -> Truth:
         raise InputError(path, str(error), _REMEDY) from error
 
 
-def _define_points(
-    stage: Usd.Stage, path: str, names: tuple[str, ...], positions: np.ndarray, frames: np.ndarray
-) -> None:
+def _define_points(stage: Usd.Stage, path: str, names: tuple[str, ...], places: np.ndarray, frames: np.ndarray) -> None:
     points = UsdGeom.Points.Define(stage, path)
-    author_value(points.GetPrim(), "mmocap:names", names)
+    author(points.GetPrim(), "mmocap:names", names)
     points.CreateWidthsAttr([_DOT_SIZE])
     points.SetWidthsInterpolation(UsdGeom.Tokens.constant)
-    for frame, seen in zip(frames, positions, strict=True):
+    for frame, seen in zip(frames, places, strict=True):
         known = np.isfinite(seen).all(axis=1)
         where = Vt.Vec3fArray.FromNumpy(seen[known].astype(np.float32))
         points.CreatePointsAttr().Set(where, float(frame))

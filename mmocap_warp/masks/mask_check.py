@@ -82,10 +82,8 @@ class MaskJudge:
         """What was seen so far."""
         area = np.array(self._area)
         explained, covered, volumes = map(np.array, zip(*self._agreements, strict=True))
-        views = {
-            name: ViewReport(area[:, k], _median(explained[:, k]), _median(covered[:, k]))
-            for k, name in enumerate(self._rig.names)
-        }
+        reports = map(ViewReport, area.T, map(_median, explained.T), map(_median, covered.T))
+        views = dict(zip(self._rig.names, reports, strict=True))
         volume = _median(volumes)
         faults = [
             f"{name} shows nothing in {(view.area == 0).sum()} of {len(view.area)} frames"
@@ -109,10 +107,9 @@ class MaskJudge:
             return lacking
         if not volume > part:
             litres = 0.0 if np.isnan(volume) else volume / LITRE
-            return [
-                f"what all views agree on holds {litres:.0f} litres, a body like the subject's"
-                f" {self._body_volume / LITRE:.0f}: only a part of it was segmented, such as a moving leg"
-            ]
+            volumes = f"{litres:.0f} litres, a body like the subject's {self._body_volume / LITRE:.0f}"
+            why = "only a part of it was segmented, such as a moving leg"
+            return [f"what all views agree on holds {volumes}: {why}"]
         return [
             f"{100 * (1 - view.explained):.0f} % of what {name} shows is seen by no other view: something else is"
             " in it, or its calibration or frame_offset is wrong"

@@ -67,12 +67,8 @@ class GaussianBackground:
         far = np.square((seen - background) / self.deviation).sum(axis=-1) > self.settings.threshold**2
         brightness = (seen * background).sum(axis=-1) / np.maximum(np.square(background).sum(axis=-1), 1)
         off_colour = np.square((seen - brightness[..., None] * background) / self.deviation).sum(axis=-1)
-        shadow = (
-            (brightness > self.settings.shadow_brightness)
-            & (brightness < 1)
-            & (off_colour < self.settings.shadow_chroma**2)
-        )
-        return far & ~shadow
+        darker = (brightness > self.settings.shadow_brightness) & (brightness < 1)
+        return far & ~(darker & (off_colour < self.settings.shadow_chroma**2))
 
 
 class MixtureBackground:
@@ -133,10 +129,7 @@ def mask_around_body(image: np.ndarray, body: np.ndarray, pixels_per_metre: floa
     known[inside > min(_DEPTH * pixels_per_metre, 0.5 * float(inside.max()))] = cv2.GC_FGD
     known[outside > _DISTANCE * pixels_per_metre] = cv2.GC_BGD
     reach = int(np.ceil((1 + _MARGIN) * _DISTANCE * pixels_per_metre))
-    window = np.s_[
-        max(int(rows[0]) - reach, 0) : int(rows[-1]) + reach + 1,
-        max(int(columns[0]) - reach, 0) : int(columns[-1]) + reach + 1,
-    ]
+    window = tuple(slice(max(int(at[0]) - reach, 0), int(at[-1]) + reach + 1) for at in (rows, columns))
     part = np.ascontiguousarray(known[window])
     if not (part == cv2.GC_BGD).any():
         return body.copy()

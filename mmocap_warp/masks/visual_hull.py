@@ -85,9 +85,8 @@ def _grow_masks(rig: CameraRig, masks: list[np.ndarray], centre: np.ndarray) -> 
 
 def _grid(low: np.ndarray, high: np.ndarray, spacing: float) -> np.ndarray:
     """(n, 3), centres of voxels from ``low`` to ``high``, on multiples of ``spacing`` so that frames share a grid."""
-    axes = [
-        np.arange(np.floor(a / spacing), np.ceil(b / spacing) + 1) * spacing for a, b in zip(low, high, strict=True)
-    ]
+    ends = zip(np.floor(low / spacing), np.ceil(high / spacing) + 1, strict=True)
+    axes = [np.arange(first, last) * spacing for first, last in ends]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
@@ -140,10 +139,8 @@ def repair_masks(rig: CameraRig, masks: list[np.ndarray]) -> list[np.ndarray]:
     if len(seen) < 3:
         return list(masks)
     subject = meeting_point(rig.select(tuple(rig.names[k] for k in seen)), [masks[k] for k in seen])
-    return [
-        _repair(rig, masks, k, [j for j in seen if j != k], subject) if k in seen else mask
-        for k, mask in enumerate(masks)
-    ]
+    others = [[j for j in seen if j != k] for k in range(len(masks))]
+    return [_repair(rig, masks, k, others[k], subject) if k in seen else mask for k, mask in enumerate(masks)]
 
 
 def _repair(rig: CameraRig, masks: list[np.ndarray], k: int, others: list[int], subject: np.ndarray) -> np.ndarray:

@@ -26,6 +26,8 @@ from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.result.truth import Truth, at_rate
 
 _METRES_TO_MM = 1000.0
+_Report = dict[str, Any]  # numbers by name
+_Series = dict[str, np.ndarray]  # a number for each frame, or each run, by name
 _COUNTED = ("lost", "partial", "rescued", "interpolated")
 
 
@@ -91,7 +93,7 @@ def evaluate(result: Result, truth: Truth | None = None) -> dict[str, Any]:
     return _jsonable(report)
 
 
-def _overlap(result: Result, iou: np.ndarray) -> dict[str, Any]:
+def _overlap(result: Result, iou: np.ndarray) -> _Report:
     """The numbers that need no truth; ``iou`` is (run, frame)."""
     worst = np.where(np.isfinite(iou), iou, np.inf).min(axis=0)
     total = int(result.evaluations.sum())
@@ -110,33 +112,26 @@ def _overlap(result: Result, iou: np.ndarray) -> dict[str, Any]:
     }
 
 
-def _sigmas(result: Result) -> dict[str, Any]:
+def _sigmas(result: Result) -> _Report:
     """How sure the tracker was, as far as the result says."""
     skeleton = result.subject.body.skeleton
-    report: dict[str, Any] = {}
+    report: _Report = {}
     if result.joint_sigma is not None:
         length = np.linalg.norm(result.joint_sigma, axis=-1) * _METRES_TO_MM
         report["sigma_mm_by_joint"] = {name: _median(length[..., i]) for i, name in enumerate(skeleton.joints)}
     if result.angle_sigma is not None:
-        report["sigma_deg_by_angle"] = {
-            name: np.degrees(_median(result.angle_sigma[..., i]))
-            for i, name in enumerate(skeleton.coordinate_names)
-            if not skeleton.is_length[i]
-        }
-        sigma = {
-            skeleton.coordinate_names[i]: _median(result.angle_sigma[..., i]) * _METRES_TO_MM
-            for i in skeleton.searched_shifts(result.config.get("dof"))
-        }
-        report |= {"sigma_mm_by_shift": sigma} if sigma else {}
+        names, angles = skeleton.coordinate_names, np.flatnonzero(~skeleton.is_length)
+        shifts = skeleton.searched_shifts(result.config.get("dof"))
+        median = {i: _median(result.angle_sigma[..., i]) for i in (*angles, *shifts)}
+        report["sigma_deg_by_angle"] = {names[i]: np.degrees(median[i]) for i in angles}
+        report |= {"sigma_mm_by_shift": {names[i]: median[i] * _METRES_TO_MM for i in shifts}} if len(shifts) else {}
     return report
 
 
-def _marker_errors(
-    truth: Truth, mine: np.ndarray, theirs: np.ndarray, result: Result, series: dict[str, np.ndarray]
-) -> dict[str, Any]:
+def _marker_errors(truth: Truth, mine: np.ndarray, theirs: np.ndarray, result: Result, series: _Series) -> _Report:
     """Both readings of Eq. 20; adds the per-frame errors to ``series``."""
     errors = marker_errors(result, truth, mine, theirs)
-    report: dict[str, Any] = {}
+    report: _Report = {}
     for name, error, floor in (
         ("eq20_as_printed", errors.as_printed, errors.as_printed_floor),
         ("marker_error", errors.from_own_answer, errors.from_own_answer_floor),
@@ -148,13 +143,8 @@ def _marker_errors(
 
 
 def _joint_errors(
-    joints: np.ndarray,
-    truth: Truth,
-    mine: np.ndarray,
-    theirs: np.ndarray,
-    result: Result,
-    series: dict[str, np.ndarray],
-) -> dict[str, Any]:
+    joints: np.ndarray, truth: Truth, mine: np.ndarray, theirs: np.ndarray, result: Result, series: _Series
+) -> _Report:
     """Errors of the evaluated joints that the truth names; adds the per-frame errors to ``series``."""
     skeleton = result.subject.body.skeleton
     names = [name for group in skeleton.evaluation_groups.values() for name in group if name in truth.joint_names]
@@ -182,21 +172,18 @@ def _joint_errors(
     }
 
 
-def _attached_errors(
-    joints: np.ndarray, truth: Truth, mine: np.ndarray, theirs: np.ndarray, result: Result
-) -> dict[str, Any]:
+def _attached_errors(joints: np.ndarray, truth: Truth, mine: np.ndarray, theirs: np.ndarray, result: Result) -> _Report:
     """How far attached things that the truth names are off, over frames and runs; nothing where there are none."""
     skeleton = result.subject.body.skeleton
     names = [name for name in skeleton.attached if name in truth.joint_names and name not in skeleton.sliding]
-    off = {
-        name: joints[:, mine, skeleton.index(name)] - truth.joints[theirs, truth.joint_names.index(name)]
-        for name in names
-    }
-    median = {name: _median(np.linalg.norm(each, axis=-1)) * _METRES_TO_MM for name, each in off.items()}
+    median = {}
+    for name in names:
+        off = joints[:, mine, skeleton.index(name)] - truth.joints[theirs, truth.joint_names.index(name)]
+        median[name] = _median(np.linalg.norm(off, axis=-1)) * _METRES_TO_MM
     return {"median_mm_by_attached": median} if median else {}
 
 
-def _angle_errors(result: Result, truth: Truth, mine: np.ndarray, theirs: np.ndarray) -> dict[str, Any]:
+def _angle_errors(result: Result, truth: Truth, mine: np.ndarray, theirs: np.ndarray) -> _Report:
     """Errors of the angles and shifts that were searched, where the truth is of a body with the same joints."""
     skeleton = result.subject.body.skeleton
     if truth.pose is None or not truth.has_poses_of(skeleton):
@@ -213,7 +200,7 @@ def _angle_errors(result: Result, truth: Truth, mine: np.ndarray, theirs: np.nda
     }
 
 
-def _evaluate_statuses(status: np.ndarray, off: np.ndarray, of_runs: dict[str, np.ndarray]) -> dict[str, Any]:
+def _evaluate_statuses(status: np.ndarray, off: np.ndarray, of_runs: _Series) -> _Report:
     """How far statuses (run, common frame) agree with the truth; adds the same of each run to ``of_runs``, by name.
 
     ``off`` (run, common frame) is how far the root or a limb's end is off [m], NaN where that is unknown.
@@ -230,7 +217,7 @@ def _evaluate_statuses(status: np.ndarray, off: np.ndarray, of_runs: dict[str, n
     }
 
 
-def _per_run(result: Result, series: dict[str, np.ndarray], of_runs: dict[str, np.ndarray]) -> list[dict[str, Any]]:
+def _per_run(result: Result, series: _Series, of_runs: _Series) -> list[_Report]:
     """The numbers of each run by itself, which show the spread of the seeds."""
     seed = result.config.get("seed")
     return [
@@ -242,12 +229,12 @@ def _per_run(result: Result, series: dict[str, np.ndarray], of_runs: dict[str, n
     ]
 
 
-def _reduced(reduce: Callable[[np.ndarray], np.floating], values: np.ndarray) -> float:
-    """A statistic of the values that are defined; NaN where none is."""
+def _statistic(reduce: Callable[[np.ndarray], np.floating], values: np.ndarray) -> float:
+    """What ``reduce`` makes of the values that are defined; NaN where none is."""
     return float(reduce(values)) if np.isfinite(values).any() else np.nan
 
 
-_mean, _median, _min = (partial(_reduced, reduce) for reduce in (np.nanmean, np.nanmedian, np.nanmin))
+_mean, _median, _min = (partial(_statistic, reduce) for reduce in (np.nanmean, np.nanmedian, np.nanmin))
 
 
 def _jsonable(value: Any) -> Any:

@@ -68,12 +68,9 @@ def axes_after(axes: str, others: str) -> str:
 
 
 def _right_handed() -> list[str]:
-    signed = [
-        [sign + axis for sign, axis in zip(signs, order, strict=True)]
-        for order in permutations("xyz")
-        for signs in product(("", "-"), repeat=3)
-    ]
-    return [axes for axes in map("".join, signed) if np.linalg.det(axes_turn(axes)) > 0]
+    pairs = product(permutations("xyz"), product(("", "-"), repeat=3))
+    signed = ("".join(sign + axis for sign, axis in zip(signs, order, strict=True)) for order, signs in pairs)
+    return [axes for axes in signed if np.linalg.det(axes_turn(axes)) > 0]
 
 
 _AXES = _right_handed()

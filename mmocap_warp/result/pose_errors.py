@@ -36,18 +36,14 @@ def common_frames(result: Result, truth: Truth) -> tuple[np.ndarray, np.ndarray]
     """
     _, mine, theirs = np.intersect1d(result.frame_numbers, truth.frame_numbers, return_indices=True)
     if not len(mine):
-        raise InputError(
-            "truth",
-            f"its frames {_span(truth.frame_numbers)} share none with the result's {_span(result.frame_numbers)}",
-            "give the truth of this recording, numbered as its frames are",
-        )
+        frames, known = _span(result.frame_numbers), _span(truth.frame_numbers)
+        remedy = "give the truth of this recording, numbered as its frames are"
+        raise InputError("truth", f"its frames {known} share none with the result's {frames}", remedy)
     evaluated = [name for group in result.subject.body.skeleton.evaluation_groups.values() for name in group]
     if not truth.marker_names and not set(evaluated) & set(truth.joint_names):
-        raise InputError(
-            "truth",
-            f"no markers, and none of its joints ({_some(truth.joint_names)}) is evaluated ({_some(evaluated)} are)",
-            "give the truth of the body that was tracked, its joints named as the body's",
-        )
+        problem = f"none of its joints ({_some(truth.joint_names)}) is evaluated ({_some(evaluated)} are)"
+        remedy = "give the truth of the body that was tracked, its joints named as the body's"
+        raise InputError("truth", f"no markers, and {problem}", remedy)
     return mine, theirs
 
 

@@ -106,18 +106,11 @@ class Result:
         poses = runs, frames, skeleton.coordinates
         if not runs or not frames or (np.diff(self.frame_numbers) <= 0).any():
             raise ValueError("a result needs a run, a frame, and frame_numbers that ascend")
-        for name, shape in (
-            ("pose", poses),
-            ("cost", (runs, frames)),
-            ("iou", (runs, frames, cameras)),
-            ("evaluations", (runs, frames)),
-            ("status", (runs, frames)),
-            ("raw_pose", poses),
-            ("angle_sigma", poses),
-            ("joint_sigma", (runs, frames, len(skeleton.joints), 3)),
-        ):
-            array = getattr(self, name)
-            if array is not None and array.shape != shape:
+        shapes = {"iou": (runs, frames, cameras), "joint_sigma": (runs, frames, len(skeleton.joints), 3)}
+        shapes |= dict.fromkeys(("pose", "raw_pose", "angle_sigma"), poses)
+        for name, array in self.arrays.items():
+            shape = shapes.get(name, (runs, frames))
+            if array.shape != shape:
                 raise ValueError(f"{name} must be {shape}, got {array.shape}")
 
     @property

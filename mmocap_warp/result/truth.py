@@ -48,12 +48,10 @@ class Truth:
         frames = len(self.frame_numbers)
         if (np.diff(self.frame_numbers) <= 0).any():
             raise ValueError("frame_numbers must ascend")
-        for name, array, shape in (
-            ("markers", self.markers, (frames, len(self.marker_names), 3)),
-            ("joints", self.joints, (frames, len(self.joint_names), 3)),
-        ):
-            if array.shape != shape:
-                raise ValueError(f"{name} must be {shape}, got {array.shape}")
+        for name, names in (("markers", self.marker_names), ("joints", self.joint_names)):
+            shape, actual = (frames, len(names), 3), getattr(self, name).shape
+            if actual != shape:
+                raise ValueError(f"{name} must be {shape}, got {actual}")
         if self.pose is not None and (self.pose.ndim != 2 or len(self.pose) != frames):
             raise ValueError(f"pose must be ({frames}, coordinate), got {self.pose.shape}")
         if self.root_base is not None and self.root_base.shape != (3, 3):
@@ -66,13 +64,8 @@ class Truth:
 
     def at_frames(self, keep: np.ndarray | slice) -> Truth:
         """The truth of some of its frames."""
-        return replace(
-            self,
-            frame_numbers=self.frame_numbers[keep],
-            markers=self.markers[keep],
-            joints=self.joints[keep],
-            pose=None if self.pose is None else self.pose[keep],
-        )
+        arrays = {name: getattr(self, name)[keep] for name in ("frame_numbers", "markers", "joints")}
+        return replace(self, **arrays, pose=None if self.pose is None else self.pose[keep])
 
 
 def at_rate(truth: Truth, fps: float) -> Truth:
@@ -87,11 +80,8 @@ def at_rate(truth: Truth, fps: float) -> Truth:
     if abs(truth.fps / fps - 1.0) < _SAME_RATE:
         return truth
     if truth.fps < fps:
-        raise InputError(
-            "truth",
-            f"has {truth.fps:g} frames a second, the recording {fps:g}",
-            "give a truth of at least the recording's rate",
-        )
+        problem = f"has {truth.fps:g} frames a second, the recording {fps:g}"
+        raise InputError("truth", problem, "give a truth of at least the recording's rate")
     # The recording's frames that lie within the truth, and their places among its frame numbers.
     ratio, known = truth.fps / fps, truth.frame_numbers
     first, last = np.round(known[[0, -1]] / ratio, _DECIMALS) if len(known) else (0, -1)

@@ -80,6 +80,5 @@ def deviation_factors(body: BodyModel) -> DeviationFactors | None:
     if set(joint) != set(skeleton.joints) - set(skeleton.attached) or set(angle) != set(joint):
         return None  # another body of that name
     as_stated = {name: [1.0, 1.0, 1.0] for name in skeleton.attached}  # of what is attached nothing was learnt
-    return DeviationFactors(
-        *(np.array([(of | as_stated)[name] for name in skeleton.joints], float) for of in (joint, angle))
-    )
+    factors = ([(of | as_stated)[name] for name in skeleton.joints] for of in (joint, angle))
+    return DeviationFactors(*(np.array(each, float) for each in factors))

@@ -21,7 +21,8 @@ def test_readers_are_called_alike(format: Format) -> None:
 
 @pytest.mark.parametrize("format", EXPORTS, ids=str)
 def test_writers_are_called_alike(format: Format) -> None:
-    assert list(inspect.signature(format.load()).parameters) == list(inspect.signature(export).parameters)
+    taken = list(inspect.signature(export).parameters)
+    assert list(inspect.signature(format.load()).parameters) == taken[:2]
 
 
 @pytest.mark.parametrize("formats", [CALIBRATIONS, EXPORTS])

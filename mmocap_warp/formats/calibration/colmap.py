@@ -64,19 +64,15 @@ def _read_lenses(path: Path) -> dict[str, Camera]:
         values = _numbers(parameters, where)
         if len(values) != len(names):
             raise InputError(where, f"{model} has {len(values)} parameters, not {len(names)}", _REMEDY)
-        size = _numbers([width, height], where)
-        lenses[number] = _lens(model, dict(zip(names, values, strict=True)), (int(size[0]), int(size[1])), where)
+        across, down = map(int, _numbers([width, height], where))
+        value, fisheye = dict(zip(names, values, strict=True)), model == "OPENCV_FISHEYE"
+        if model == "FULL_OPENCV" and any(value[key] for key in ("k4", "k5", "k6")):
+            raise InputError(where, "k4 to k6 of FULL_OPENCV are not zero", "use OPENCV or OPENCV_FISHEYE in COLMAP")
+        fx, fy = (value.get(key, value.get("f", 0.0)) for key in ("fx", "fy"))
+        K = np.array([[fx, 0.0, value["cx"] - _CORNER], [0.0, fy, value["cy"] - _CORNER], [0.0, 0.0, 1.0]])
+        keys = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
+        lenses[number] = lens_of("", K, (across, down), [value.get(key, 0.0) for key in keys], fisheye)
     return lenses
-
-
-def _lens(model: str, value: dict[str, float], size: tuple[int, int], where: str) -> Camera:
-    if any(value.get(key) for key in ("k4", "k5", "k6")) and model == "FULL_OPENCV":
-        raise InputError(where, "k4 to k6 of FULL_OPENCV are not zero", "use OPENCV or OPENCV_FISHEYE in COLMAP")
-    fisheye = model == "OPENCV_FISHEYE"
-    fx, fy = (value.get(key, value.get("f", 0.0)) for key in ("fx", "fy"))
-    K = np.array([[fx, 0.0, value["cx"] - _CORNER], [0.0, fy, value["cy"] - _CORNER], [0.0, 0.0, 1.0]])
-    keys = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
-    return lens_of("", K, size, [value.get(key, 0.0) for key in keys], fisheye)
 
 
 def _read_poses(path: Path) -> dict[str, tuple[str, np.ndarray, np.ndarray]]:

@@ -22,7 +22,6 @@ from mmocap_warp.whole_file import write_whole
 
 _DTYPES = {"d": np.float64, "f": np.float32, "i": np.int32, "s": np.int16, "w": np.uint16, "c": np.int8, "u": np.uint8}
 _HEADER = "%YAML:1.0\n---\n"
-_NOT_FINITE = {".nan": np.nan, ".inf": np.inf, "-.inf": -np.inf}
 
 
 def read_opencv_yaml(path: str | Path, units: str | None = None, up: str = "+z", sizes: Sizes = None) -> CameraRig:
@@ -114,12 +113,10 @@ class _File:
 
 
 def _number(text: Any) -> float:
-    """The number that a text is; NaN where it is none."""
-    if not isinstance(text, str):
-        return np.nan
+    """The number that a text is; NaN where it is none, or one that is not finite."""
     try:
-        return _NOT_FINITE[text.lower()] if text.lower() in _NOT_FINITE else float(text)
-    except ValueError:
+        return float(text) if isinstance(text, str) else np.nan
+    except ValueError:  # YAML's .nan and .inf, too
         return np.nan
 
 

@@ -57,10 +57,8 @@ def _read_camera(camera: Element, path: str | Path) -> Camera:
 
     R = _FROM_QUALISYS @ [[number("transform", f"r{i}{j}") for j in (1, 2, 3)] for i in (1, 2, 3)]
     position = np.array([number("transform", axis) for axis in "xyz"]) / 1000
-    fx, fy, cx, cy, skew = (
-        number("intrinsic", key) / _SUBPIXELS
-        for key in ("focalLengthU", "focalLengthV", "centerPointU", "centerPointV", "skew")
-    )
+    keys = "focalLengthU", "focalLengthV", "centerPointU", "centerPointV", "skew"
+    fx, fy, cx, cy, skew = (number("intrinsic", key) / _SUBPIXELS for key in keys)
     kinds = ("radial", 1), ("radial", 2), ("tangental", 1), ("tangental", 2), ("radial", 3)  # its spelling
     distortion = [number("intrinsic", f"{kind}Distortion{n}") for kind, n in kinds]
     width = int(number("fov_video", "right") - number("fov_video", "left")) + 1

@@ -27,7 +27,7 @@ from mmocap_warp.version import __version__
 from mmocap_warp.whole_file import write_whole
 
 _MAGIC, _VERSION, _JSON_CHUNK, _BINARY_CHUNK = 0x46546C67, 2, 0x4E4F534A, 0x004E4942
-_FLOAT, _UINT16, _UINT32 = 5126, 5123, 5125
+_COMPONENTS = {"float32": 5126, "uint16": 5123, "uint32": 5125}
 _VERTICES, _INDICES = 34962, 34963
 _SKIN_LOOK = {"baseColorFactor": [0.8, 0.7, 0.62, 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.8}
 
@@ -65,23 +65,19 @@ def _write(body: BodyModel, stand: np.ndarray, clips: list[_Clip], about: dict[s
     # All but where its numbers stand. Nodes are the joints in their order, then the skin.
     buffer, skeleton = _Buffer(), body.skeleton
     joints = len(skeleton.joints)
+    skin = _skin(body.skin, buffer)
     inverse_bind = np.linalg.inv(bind_transforms(body))
     inverse_bind[:, 3] = 0, 0, 0, 1  # exactly, as glTF asks
+    inverse = buffer.add(inverse_bind.transpose(0, 2, 1), "MAT4")  # by columns
     asset = {"version": "2.0", "generator": f"mmocap-warp {__version__}", "copyright": body.attribution}
     document: dict[str, Any] = {
         "asset": asset | {"extras": about},
         "scene": 0,
         "scenes": [{"nodes": [0, joints]}],
         "nodes": [*_joint_nodes(skeleton, stand), {"name": body.name, "mesh": 0, "skin": 0}],
-        "meshes": [{"name": body.name, "primitives": [_skin(body.skin, buffer)]}],
+        "meshes": [{"name": body.name, "primitives": [skin]}],
         "materials": [{"name": "Skin", "pbrMetallicRoughness": _SKIN_LOOK}],
-        "skins": [
-            {
-                "joints": list(range(joints)),
-                "skeleton": 0,
-                "inverseBindMatrices": buffer.add_floats(inverse_bind.transpose(0, 2, 1), "MAT4"),  # by columns
-            }
-        ],
+        "skins": [{"joints": list(range(joints)), "skeleton": 0, "inverseBindMatrices": inverse}],
     }
     if clips:
         document["animations"] = [_animation(clip, skeleton.slides, buffer) for clip in clips]
@@ -104,23 +100,21 @@ class _Buffer:
         self.views: list[dict[str, int]] = []
         self.accessors: list[dict[str, Any]] = []
 
-    def add(self, values: np.ndarray, kind: str, component: int, target: int | None = None) -> int:
+    def add(self, values: np.ndarray, kind: str, target: int | None = None) -> int:
         """Append an array (n,) or (n, ...) of ``kind`` such as ``VEC3``, with its bounds; the accessor's number.
 
-        All components have four bytes, or make up a multiple of them, so that every array is aligned.
+        Floats are written in single precision. All components have four bytes, or make up a multiple of them, so that
+        every array is aligned.
         """
+        values = np.ascontiguousarray(values, np.float32) if values.dtype.kind == "f" else values
         view = {"buffer": 0, "byteOffset": len(self.data), "byteLength": values.nbytes}
         self.views.append(view if target is None else view | {"target": target})
         self.data += values.tobytes()
-        flat = values.reshape(len(values), -1)
-        bounds = {"min": flat.min(axis=0).tolist(), "max": flat.max(axis=0).tolist()}
+        flat, component = values.reshape(len(values), -1), _COMPONENTS[values.dtype.name]
         about = {"bufferView": len(self.views) - 1, "componentType": component, "count": len(values), "type": kind}
+        bounds = {"min": flat.min(axis=0).tolist(), "max": flat.max(axis=0).tolist()}
         self.accessors.append(about | bounds)
         return len(self.accessors) - 1
-
-    def add_floats(self, values: np.ndarray, kind: str, target: int | None = None) -> int:
-        """Append an array in single precision."""
-        return self.add(np.ascontiguousarray(values, np.float32), kind, _FLOAT, target)
 
 
 def _joint_nodes(skeleton: Skeleton, stand: np.ndarray) -> list[dict[str, Any]]:
@@ -140,12 +134,12 @@ def _skin(skin: SkinMesh, buffer: _Buffer) -> dict[str, Any]:
     joint = np.where(weight > 0, skin.joint, 0)
     return {
         "attributes": {
-            "POSITION": buffer.add_floats(skin.rest, "VEC3", _VERTICES),
-            "NORMAL": buffer.add_floats(_normals(skin.rest.astype(float), face), "VEC3", _VERTICES),
-            "JOINTS_0": buffer.add(joint.astype(np.uint16), "VEC4", _UINT16, _VERTICES),
-            "WEIGHTS_0": buffer.add_floats(weight, "VEC4", _VERTICES),
+            "POSITION": buffer.add(skin.rest, "VEC3", _VERTICES),
+            "NORMAL": buffer.add(_normals(skin.rest.astype(float), face), "VEC3", _VERTICES),
+            "JOINTS_0": buffer.add(joint.astype(np.uint16), "VEC4", _VERTICES),
+            "WEIGHTS_0": buffer.add(weight, "VEC4", _VERTICES),
         },
-        "indices": buffer.add(face.astype(np.uint32).ravel(), "SCALAR", _UINT32, _INDICES),
+        "indices": buffer.add(face.astype(np.uint32).ravel(), "SCALAR", _INDICES),
         "material": 0,
     }
 
@@ -153,21 +147,15 @@ def _skin(skin: SkinMesh, buffer: _Buffer) -> dict[str, Any]:
 def _animation(clip: _Clip, slides: np.ndarray, buffer: _Buffer) -> dict[str, Any]:
     """The place of the root and of joints that slide, and every joint's turn."""
     rotation = _quaternions(clip.local[..., :3, :3])
-    time = buffer.add_floats(clip.time, "SCALAR")
-    outputs = [
-        (joint, "translation", buffer.add_floats(clip.local[:, joint, :3, 3], "VEC3"))
-        for joint in (0, *np.flatnonzero(slides).tolist())
-    ]
+    time = buffer.add(clip.time, "SCALAR")
+    moving = (0, *np.flatnonzero(slides).tolist())
+    outputs = [(joint, "translation", buffer.add(clip.local[:, joint, :3, 3], "VEC3")) for joint in moving]
     for joint in range(rotation.shape[1]):
-        outputs.append((joint, "rotation", buffer.add_floats(rotation[:, joint], "VEC4")))
-    return {
-        "name": clip.name,
-        "samplers": [{"input": time, "output": output} for *_, output in outputs],
-        "channels": [
-            {"sampler": sampler, "target": {"node": node, "path": path}}
-            for sampler, (node, path, _) in enumerate(outputs)
-        ],
-    }
+        outputs.append((joint, "rotation", buffer.add(rotation[:, joint], "VEC4")))
+    samplers = [{"input": time, "output": output} for *_, output in outputs]
+    targets = enumerate({"node": node, "path": path} for node, path, _ in outputs)
+    channels = [{"sampler": sampler, "target": target} for sampler, target in targets]
+    return {"name": clip.name, "samplers": samplers, "channels": channels}
 
 
 def _quaternions(rotation: np.ndarray) -> np.ndarray:

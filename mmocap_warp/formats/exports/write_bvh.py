@@ -30,15 +30,9 @@ def write_bvh(result: Result, path: Path) -> None:
     place, degrees = _joint_motion(tracks)
     columns = [each[:, joint] for joint in joints for each in ((place, degrees) if has_place[joint] else (degrees,))]
     motion = np.concatenate(columns, axis=1)
-    lines = [
-        "HIERARCHY",
-        *hierarchy,
-        "MOTION",
-        f"Frames: {len(motion)}",
-        f"Frame Time: {1 / tracks.rate:.9f}",
-        *(" ".join(f"{value:.6f}" for value in row) for row in motion),
-    ]
-    write_whole(path, "\n".join([*lines, ""]).encode())
+    head = ["MOTION", f"Frames: {len(motion)}", f"Frame Time: {1 / tracks.rate:.9f}"]
+    rows = (" ".join(f"{value:.6f}" for value in row) for row in motion)
+    write_whole(path, "\n".join(["HIERARCHY", *hierarchy, *head, *rows, ""]).encode())
 
 
 def _hierarchy(tracks: Tracks, has_place: np.ndarray, joint: int, indent: str) -> tuple[list[str], list[int]]:

@@ -146,9 +146,7 @@ def read_sequence(
     _check_range(videos, sync, last)
     truth, no_joints = _read_truth(_find_entry(data, "Mocap_Data"), subject, trial, sync, np.arange(first, last + 1))
     empty_room = _find_entry(root, "Background")
-    backgrounds = tuple(
-        _find_background(empty_room, camera, video) for camera, video in zip(CAMERAS, videos, strict=True)
-    )
+    backgrounds = tuple(_find_background(empty_room, *each) for each in zip(CAMERAS, videos, strict=True))
     return HumanEvaSequence(subject, action, rig, videos, backgrounds, sync, first, last - first + 1, truth, no_joints)
 
 
@@ -266,9 +264,8 @@ def nearest_background(recording: Frames, clips: Sequence[Frames]) -> int:
     """
     if any(clip.size != recording.size for clip in clips):
         raise ValueError("background clips must have the recording's size")
-    room, *rooms = (
-        np.median([as_colour(image) for image in frames.sample(_SAMPLES)], axis=0) for frames in (recording, *clips)
-    )
+    samples = (map(as_colour, frames.sample(_SAMPLES)) for frames in (recording, *clips))
+    room, *rooms = (np.median(list(images), axis=0) for images in samples)
     return int(np.argmin([np.minimum(np.abs(clip - room), _OUTLIER).mean() for clip in rooms]))
 
 

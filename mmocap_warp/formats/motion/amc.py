@@ -171,7 +171,6 @@ def _read_motion(path: Path, channels: dict[str, tuple[str, ...]]) -> dict[str, 
         frames[-1][name] = values
     if not frames or any("root" not in frame for frame in frames):
         raise InputError(path, "has no frame, or one without a root", _REMEDY)
-    return {
-        name: np.array([frame.get(name, [0.0] * len(order)) for frame in frames]).reshape(len(frames), len(order))
-        for name, order in channels.items()
-    }
+    widths = {name: len(order) for name, order in channels.items()}
+    rows = {name: [frame.get(name, [0.0] * width) for frame in frames] for name, width in widths.items()}
+    return {name: np.array(rows[name]).reshape(len(frames), width) for name, width in widths.items()}

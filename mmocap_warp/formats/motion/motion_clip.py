@@ -93,6 +93,11 @@ class _Words:
             raise self._error(f"expected {' or '.join(expected)}, found '{word}'")
         return word
 
+    def expect(self, *words: str) -> None:
+        """Take words that must come next, one after the other."""
+        for word in words:
+            self.take(word)
+
     def _error(self, problem: str) -> InputError:
         """The error of the word that was taken last."""
         return InputError(f"{self.path}: line {self._words[self._next - 1][1]}", problem, _REMEDY)
@@ -105,7 +110,7 @@ class _Words:
         except ValueError:
             raise self._error(f"'{word}' is not a number") from None
 
-    def whole_number(self, what: str, most: int) -> int:
+    def count(self, what: str, most: int) -> int:
         """The next word as a whole number from 0 to ``most``; ``what`` it counts is named in errors."""
         number = self.number()
         if not (0 <= number <= most and number == int(number)):
@@ -122,31 +127,24 @@ def read_bvh(path: str | Path) -> MotionClip:
     path = Path(path)
     words = _Words(path, read_text(path, "check its name", errors="replace"))
     joints = _read_hierarchy(words)
-    words.take("MOTION")
-    words.take("Frames:")
-    frames = words.whole_number("frames", 10**9)
-    words.take("Frame")
-    words.take("Time:")
+    words.expect("MOTION", "Frames:")
+    frames = words.count("frames", 10**9)
+    words.expect("Frame", "Time:")
     interval = words.number()
     columns = joints[-1].first_column + len(joints[-1].channels)
     try:
         values = np.array(words.rest(), float)
     except ValueError as error:
         raise InputError(path, f"holds a frame that is not numbers ({error})", _REMEDY) from None
-    if (
-        frames < 1
-        or not _MIN_INTERVAL <= interval <= _MAX_INTERVAL
-        or len(values) != frames * columns
-        or not np.isfinite(values).all()
-    ):
+    sound = frames >= 1 and _MIN_INTERVAL <= interval <= _MAX_INTERVAL and len(values) == frames * columns
+    if not sound or not np.isfinite(values).all():
         problem = f"says {frames} frames of {columns} values every {interval:g} s, and holds {len(values)} values"
         raise InputError(path, problem, _REMEDY)
     return _pose_joints(joints, values.reshape(frames, columns), 1.0 / interval)
 
 
 def _read_hierarchy(words: _Words) -> list[_Joint]:
-    words.take("HIERARCHY")
-    words.take("ROOT")
+    words.expect("HIERARCHY", "ROOT")
     joints: list[_Joint] = []
     open_joints = [_read_joint(words, -1, joints)]
     while open_joints:
@@ -154,12 +152,10 @@ def _read_hierarchy(words: _Words) -> list[_Joint]:
         if word == "joint":
             open_joints.append(_read_joint(words, open_joints[-1], joints))
         elif word == "end":
-            words.take("Site")
-            words.take("{")
-            words.take("OFFSET")
+            words.expect("Site", "{", "OFFSET")
             for _ in range(3):
                 words.number()
-            words.take("}")
+            words.expect("}")
         else:
             open_joints.pop()
     return joints
@@ -168,11 +164,10 @@ def _read_hierarchy(words: _Words) -> list[_Joint]:
 def _read_joint(words: _Words, parent: int, joints: list[_Joint]) -> int:
     """Add a joint, from its name to its channels; returns its number."""
     name = words.take()
-    words.take("{")
-    words.take("OFFSET")
+    words.expect("{", "OFFSET")
     offset = (words.number(), words.number(), words.number())
-    words.take("CHANNELS")
-    count = words.whole_number("channels", 6)
+    words.expect("CHANNELS")
+    count = words.count("channels", 6)
     allowed = [f"{axis}{kind}" for kind in ("position", "rotation") for axis in "XYZ"]
     channels = tuple(words.take(*allowed).lower() for _ in range(count))
     column = joints[-1].first_column + len(joints[-1].channels) if joints else 0

@@ -13,7 +13,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, RiggedMotion, joined_parts, parents_first, reordered
+from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, RiggedMotion, Skin, joined_parts, parents_first, reorder
 
 _MAGIC, _JSON_CHUNK, _BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
 _KINDS = {5120: np.int8, 5121: np.uint8, 5122: np.int16, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
@@ -136,11 +136,9 @@ def _read_character(document: _Document, path: Path) -> RiggedMesh:
     parts = []
     for _, node in skinned:
         of_skin = np.array([joint_of[joint] for joint in skins[node["skin"]]["joints"]])
-        parts += [
-            _read_primitive(document, primitive, of_skin)
-            for primitive in document.list("meshes")[_index(node["mesh"])]["primitives"]
-        ]
-    vertex, face, influence, weight = joined_parts(parts)
+        primitives = document.list("meshes")[_index(node["mesh"])]["primitives"]
+        parts += [_read_primitive(document, primitive, of_skin) for primitive in primitives]
+    skin = joined_parts(parts)
     # The motions, and the space in which all is bound.
     rest = _world_transforms(np.stack([_local_transforms(node, {}) for node in nodes], axis=1), above)[0]
     motions, notes = _node_motions(document, nodes, above, joints)
@@ -150,15 +148,12 @@ def _read_character(document: _Document, path: Path) -> RiggedMesh:
         joints=tuple(str(nodes[node].get("name") or f"joint{node}") for node in joints),
         parent=tuple(parent),
         bind=scene @ bind,
-        vertex=vertex @ scene[:3, :3].T + scene[:3, 3],
-        face=face,
-        influence=influence,
-        weight=weight,
+        **skin._replace(vertex=skin.vertex @ scene[:3, :3].T + scene[:3, 3])._asdict(),
         motions=motions,
         attribution=str(document.json.get("asset", {}).get("copyright", "")),
         notes=tuple(notes),
     )
-    return reordered(mesh, order)
+    return reorder(mesh, order)
 
 
 def _joints(document: _Document, skins: Iterable[dict[str, Any]]) -> tuple[list[int], np.ndarray]:
@@ -184,10 +179,8 @@ def _nearest_above(node: int, above: list[int], joint_of: dict[int, int]) -> int
     return joint_of.get(node, -1)
 
 
-def _read_primitive(
-    document: _Document, primitive: dict[str, Any], of_skin: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Vertices, triangles, influencing joints and weights of a part of a mesh."""
+def _read_primitive(document: _Document, primitive: dict[str, Any], of_skin: np.ndarray) -> Skin:
+    """A part of a mesh, whose skin's joints have the numbers ``of_skin``."""
     if primitive.get("mode", _TRIANGLES) != _TRIANGLES:
         raise ValueError("a mesh is not of triangles")
     attributes = primitive["attributes"]
@@ -202,7 +195,7 @@ def _read_primitive(
         raise ValueError("a mesh's vertices and weights do not fit together, or are not finite")
     if len(face) and face.max() >= len(vertex):
         raise ValueError("a triangle names a vertex that does not exist")
-    return vertex, face, of_skin[np.where(weight > 0, joint, 0)], weight
+    return Skin(vertex, face, of_skin[np.where(weight > 0, joint, 0)], weight)
 
 
 def _scene_from_bind(bind: np.ndarray, rest: np.ndarray, mesh: np.ndarray) -> np.ndarray:
@@ -307,9 +300,8 @@ def _local_transforms(node: dict[str, Any], moved: dict[str, np.ndarray]) -> np.
 
     if "matrix" in node and not moved:
         return np.array(node["matrix"], float).reshape(1, 4, 4).swapaxes(1, 2)
-    translation, rotation, scale = (
-        moved.get(path, np.array([node.get(path, default)], float)) for path, default in _PARTS.items()
-    )
+    held = {path: np.array([node.get(path, default)], float) for path, default in _PARTS.items() if path not in moved}
+    translation, rotation, scale = ((moved | held)[path] for path in _PARTS)
     matrix = np.zeros((max(map(len, (translation, rotation, scale))), 4, 4))
     matrix[:, :3, :3] = Rotation.from_quat(rotation).as_matrix() * scale[:, None, :]
     matrix[:, :3, 3] = translation

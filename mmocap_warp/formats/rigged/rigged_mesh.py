@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -98,23 +99,31 @@ def parents_first(parent: list[int]) -> list[int]:
     return order
 
 
-def joined_parts(
-    parts: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]],
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Vertices, triangles, influencing joints and weights of several parts as one mesh's."""
-    first = np.cumsum([0, *(len(vertex) for vertex, *_ in parts)])
-    width = max(weight.shape[1] for *_, weight in parts)
-    pad = [((0, 0), (0, width - weight.shape[1])) for *_, weight in parts]
-    return (
-        np.concatenate([vertex for vertex, *_ in parts]),
-        np.concatenate([face + start for (_, face, *_), start in zip(parts, first, strict=False)]),
-        np.concatenate([np.pad(influence, by) for (*_, influence, _), by in zip(parts, pad, strict=True)]),
-        np.concatenate([np.pad(weight, by) for (*_, weight), by in zip(parts, pad, strict=True)]),
-    )
+class Skin(NamedTuple):
+    """Skin: vertices (vertex, 3), triangles (face, 3), and (vertex, influence) joints that each follows and weights."""
+
+    vertex: np.ndarray
+    face: np.ndarray
+    influence: np.ndarray
+    weight: np.ndarray
 
 
-def reordered(mesh: RiggedMesh, order: list[int]) -> RiggedMesh:
-    """The mesh with some of its joints in another order; no skin may follow a joint that is left out."""
+def joined_parts(parts: list[Skin]) -> Skin:
+    """Several parts as one."""
+    width = max(part.weight.shape[1] for part in parts)
+    vertex, face, influence, weight = zip(*parts, strict=True)
+    first = np.cumsum([0, *map(len, vertex)])
+    padded = ([np.pad(each, ((0, 0), (0, width - each.shape[1]))) for each in of_all] for of_all in (influence, weight))
+    faces = [each + start for each, start in zip(face, first, strict=False)]
+    return Skin(np.concatenate(vertex), np.concatenate(faces), *map(np.concatenate, padded))
+
+
+def reorder(mesh: RiggedMesh, order: list[int] | None = None) -> RiggedMesh:
+    """The mesh with some of its joints in another order, by default all of them with parents first.
+
+    No skin may follow a joint that is left out.
+    """
+    order = parents_first(list(mesh.parent)) if order is None else order
     rank = {joint: i for i, joint in enumerate(order)}
     number = np.array([rank.get(joint, 0) for joint in range(len(mesh.joints))])
     return replace(

@@ -11,7 +11,7 @@ import numpy as np
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.rigged.part_meshes import part_mesh
-from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh, joined_parts
+from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh, Skin, joined_parts
 
 _REMEDY = "give a URDF file, as `xacro` writes it"
 _TURNS, _SLIDES = ("revolute", "continuous"), "prismatic"
@@ -105,7 +105,7 @@ def _read_robot(root: Element, path: Path, folder: Path) -> RiggedMesh:
     if len(names) == 1:
         remedy = "there is nothing to track in a rigid thing; name a robot"
         raise InputError(path, "has no joint that turns or slides", remedy)
-    vertex, face, influence, weight = _read_geometry(links, world, of_link, path, folder)
+    skin = _read_geometry(links, world, of_link, path, folder)
     # What is not read as the file has it.
     planar = [joint.name for joint in joints.values() if joint.kind == "planar"]
     mimics = [_name_of(each) for each in root.findall("joint") if each.find("mimic") is not None]
@@ -116,10 +116,7 @@ def _read_robot(root: Element, path: Path, folder: Path) -> RiggedMesh:
         joints=tuple(names),
         parent=tuple(parent),
         bind=np.stack(bind),
-        vertex=vertex,
-        face=face,
-        influence=influence,
-        weight=weight,
+        **skin._asdict(),
         up="+z",
         facing="+x",
         axes=axes,
@@ -149,8 +146,8 @@ def _read_joint(element: Element) -> _Joint:
 
 def _read_geometry(
     links: dict[str, Element], world: dict[str, np.ndarray], of_link: dict[str, int], path: Path, folder: Path
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Vertices, triangles, the joint that each vertex follows and its weight; the robot at zero angles."""
+) -> Skin:
+    """The robot at zero angles; each vertex follows one joint."""
     for shown in ("visual", "collision"):
         parts = []
         for link, element in links.items():
@@ -158,7 +155,7 @@ def _read_geometry(
                 place = world[link] @ _origin(shape)
                 for vertex, face in _read_shapes(shape, path, folder):
                     joint, weight = np.full((len(vertex), 1), of_link[link]), np.ones((len(vertex), 1))
-                    parts.append((vertex @ place[:3, :3].T + place[:3, 3], face, joint, weight))
+                    parts.append(Skin(vertex @ place[:3, :3].T + place[:3, 3], face, joint, weight))
         if parts:
             return joined_parts(parts)
     raise InputError(path, "has no geometry", "give a robot with visual meshes")

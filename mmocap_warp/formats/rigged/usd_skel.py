@@ -8,14 +8,7 @@ import numpy as np
 from pxr import Usd, UsdGeom, UsdPhysics, UsdSkel
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.rigged.rigged_mesh import (
-    JointAxis,
-    RiggedMesh,
-    RiggedMotion,
-    joined_parts,
-    parents_first,
-    reordered,
-)
+from mmocap_warp.formats.rigged.rigged_mesh import JointAxis, RiggedMesh, RiggedMotion, Skin, joined_parts, reorder
 from mmocap_warp.formats.usd.usd_file import read_stage, reads_usd
 
 _REMEDY = "export the character with its UsdSkel skeleton and skin"
@@ -70,9 +63,7 @@ def _read_character(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, meshes: list[U
     parts = []
     for mesh in meshes:
         points, triangles = _read_mesh(mesh)
-        joint, share = _read_weights(mesh, number, len(points))
-        parts.append((points, triangles, joint, share))
-    vertex, face, influence, weight = joined_parts(parts)
+        parts.append(Skin(points, triangles, *_read_weights(mesh, number, len(points))))
     stated = (prim.GetAttribute(_ATTRIBUTION) for prim in stage.Traverse() if prim.HasAttribute(_ATTRIBUTION))
     attributions = (str(attribute.Get()) for attribute in stated)
     up = "+y" if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.y else "+z"
@@ -81,10 +72,7 @@ def _read_character(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, meshes: list[U
         joints=names,
         parent=tuple(parent),
         bind=bind,
-        vertex=vertex,
-        face=face,
-        influence=influence,
-        weight=weight,
+        **joined_parts(parts)._asdict(),
         up=up,
         facing="+z" if up == "+y" else "-y",
         metres=float(UsdGeom.GetStageMetersPerUnit(stage)),
@@ -92,7 +80,7 @@ def _read_character(stage: Usd.Stage, skeleton: UsdSkel.Skeleton, meshes: list[U
         motions=_read_motions(stage, skeleton),
         attribution=next(attributions, ""),
     )
-    return reordered(mesh, parents_first(parent))
+    return reorder(mesh)
 
 
 def _read_mesh(mesh: UsdGeom.Mesh) -> tuple[np.ndarray, np.ndarray]:

@@ -34,7 +34,7 @@ from mmocap_warp.body.model import (
     rest_transforms,
 )
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.usd.usd_file import PrimReader, author_value, read_stage, reads_usd, set_world_up, write_stage
+from mmocap_warp.formats.usd.usd_file import PrimReader, author, read_stage, reads_usd, set_world_up, write_stage
 from mmocap_warp.formats.usd.usd_skeleton import define_freedom, is_rotation, joint_paths, read_skeleton
 
 _REMEDY = "import the body again with `mmocap body import`, or start from one that comes with the project"
@@ -52,7 +52,7 @@ def write_body(path: str | Path, body: BodyModel, motions: Mapping[str, BodyMoti
         prim = UsdGeom.Scope.Define(stage, f"/{body.name}/Motions/Motion{number}").GetPrim()
         values = {"name": name, "fps": float(motion.fps), "pose": np.asarray(motion.pose, float)}
         for key, value in values.items():
-            author_value(prim, f"mmocap:{key}", value)
+            author(prim, f"mmocap:{key}", value)
     stage.SetDefaultPrim(root.GetPrim())
     write_stage(path, stage)
 
@@ -115,9 +115,9 @@ def define_subject(stage: Usd.Stage, path: str, subject: Subject) -> UsdSkel.Roo
     """Author the subject's body at ``path``, with where it starts as attributes; returns its ``SkelRoot``."""
     root = define_body(stage, path, subject.body)
     prim, base = root.GetPrim(), Gf.Matrix3d(np.asarray(subject.root_base, float).T)
-    author_value(prim, "mmocap:rootBase", base, kind=Sdf.ValueTypeNames.Matrix3d)
-    author_value(prim, "mmocap:pose", np.asarray(subject.pose, float))
-    author_value(prim, "mmocap:provenance", json.dumps(subject.provenance))
+    author(prim, "mmocap:rootBase", base, kind=Sdf.ValueTypeNames.Matrix3d)
+    author(prim, "mmocap:pose", np.asarray(subject.pose, float))
+    author(prim, "mmocap:provenance", json.dumps(subject.provenance))
     return root
 
 
@@ -145,9 +145,9 @@ def define_body(stage: Usd.Stage, path: str, body: BodyModel) -> UsdSkel.Root:
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     root = UsdSkel.Root.Define(stage, path)
     Usd.ModelAPI(root).SetKind(Kind.Tokens.component)
-    author_value(root.GetPrim(), "mmocap:attribution", body.attribution)
+    author(root.GetPrim(), "mmocap:attribution", body.attribution)
     if body.rigid:
-        author_value(root.GetPrim(), "mmocap:rigid", True)
+        author(root.GetPrim(), "mmocap:rigid", True)
 
     skeleton = UsdSkel.Skeleton.Define(stage, f"{path}/Skeleton")
     skeleton.CreateJointsAttr(joint_paths(body.skeleton))
@@ -158,13 +158,13 @@ def define_body(stage: Usd.Stage, path: str, body: BodyModel) -> UsdSkel.Root:
     define_freedom(skeleton.GetPrim(), body.skeleton)
 
     skin, numbers = _define_mesh(stage, f"{path}/Skin", body.skin, skeleton), Sdf.ValueTypeNames.IntArray
-    author_value(skin.GetPrim(), "mmocap:markerNames", list(body.marker_names))
-    author_value(skin.GetPrim(), "mmocap:markerVertices", Vt.IntArray.FromNumpy(body.marker_vertex), kind=numbers)
+    author(skin.GetPrim(), "mmocap:markerNames", list(body.marker_names))
+    author(skin.GetPrim(), "mmocap:markerVertices", Vt.IntArray.FromNumpy(body.marker_vertex), kind=numbers)
     _define_shapes(stage, skin, body)
 
     tracking = _define_mesh(stage, f"{path}/Tracking", body.tracking, skeleton)
     tracking.CreatePurposeAttr(UsdGeom.Tokens.guide)
-    author_value(tracking.GetPrim(), "mmocap:skinVertices", Vt.IntArray.FromNumpy(body.tracking_vertex), kind=numbers)
+    author(tracking.GetPrim(), "mmocap:skinVertices", Vt.IntArray.FromNumpy(body.tracking_vertex), kind=numbers)
 
     root.CreateExtentAttr(skin.GetExtentAttr().Get())
     return root
@@ -257,7 +257,7 @@ def _define_shapes(stage: Usd.Stage, skin: UsdGeom.Mesh, body: BodyModel) -> Non
         shape.CreateOffsetsAttr(Vt.Vec3fArray.FromNumpy(vertex[moved]))
         shape.CreatePointIndicesAttr(Vt.IntArray.FromNumpy(moved.astype(np.int32)))
         offsets = Vt.Vec3fArray.FromNumpy(joint)
-        author_value(shape.GetPrim(), "mmocap:jointOffsets", offsets, kind=Sdf.ValueTypeNames.Vector3fArray)
+        author(shape.GetPrim(), "mmocap:jointOffsets", offsets, kind=Sdf.ValueTypeNames.Vector3fArray)
         targets.append(shape.GetPath())
     binding = UsdSkel.BindingAPI(skin.GetPrim())
     binding.CreateBlendShapesAttr(list(body.shape_names))

@@ -15,19 +15,18 @@ from pxr import Gf, Tf, Usd, UsdGeom
 from mmocap_warp.cameras.rig import UP_AXES, Camera, CameraRig, check_rig, rig_of
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.calibration_text import Sizes, image_size_of
-from mmocap_warp.formats.usd.usd_file import (
-    PrimReader,
-    author_value,
-    gf_matrix,
-    read_stage,
-    reads_usd,
-    set_world_up,
-    write_stage,
-)
+from mmocap_warp.formats.usd.usd_file import PrimReader, author, read_stage, reads_usd, set_world_up, write_stage
 
 _FILM_WIDTH = 0.036  # [m], of a full-frame camera; only its ratio to the focal length matters
 _LENS_UNIT = 10.0  # USD gives apertures and focal lengths in tenths of a scene unit
 _FROM_USD = np.diag([1.0, -1.0, -1.0])  # USD's cameras look along -z with y up
+_CALIBRATION = {  # a rig's arrays: their attributes, and their shapes for a camera
+    "size": ("mmocap:size", (2,)),
+    "K": ("mmocap:intrinsics", (3, 3)),
+    "R": ("mmocap:rotation", (3, 3)),
+    "t": ("mmocap:translation", (3,)),
+    "distortion": ("mmocap:distortion", (5,)),
+}
 _FISHEYE = "fisheye"
 _CLIPPING = (0.05, 100.0)  # [m]
 _REMEDY = "write the result again with `mmocap track`"
@@ -37,21 +36,21 @@ def define_cameras(stage: Usd.Stage, path: str, rig: CameraRig) -> None:
     """Author a rig as camera prims below a scope at ``path``; the scope's parent is the rig's world, in metres."""
     scope = UsdGeom.Scope.Define(stage, path)
     prim_names = _prim_names(rig.names)
-    author_value(scope.GetPrim(), "mmocap:cameras", prim_names)
-    author_value(scope.GetPrim(), "mmocap:up", rig.up)
+    author(scope.GetPrim(), "mmocap:cameras", prim_names)
+    author(scope.GetPrim(), "mmocap:up", rig.up)
     for k, prim_name in enumerate(prim_names):
         camera = UsdGeom.Camera.Define(stage, f"{path}/{prim_name}")
         pinhole, size = rig.pinhole(k)
         _set_lens(camera, pinhole, *map(int, size))
         placement = np.eye(4)
         placement[:3, :3], placement[:3, 3] = rig.R[k].T @ _FROM_USD, rig.centres[k]
-        camera.AddTransformOp().Set(gf_matrix(placement))
+        camera.AddTransformOp().Set(Gf.Matrix4d(placement.T))
         prim = camera.GetPrim()
-        values = {"name": rig.names[k], "size": np.asarray(rig.size[k]), "intrinsics": rig.K[k], "rotation": rig.R[k]}
-        for key, value in (values | {"translation": rig.t[k], "distortion": rig.distortion[k]}).items():
-            author_value(prim, f"mmocap:{key}", value)
+        author(prim, "mmocap:name", rig.names[k])
+        for name, (attribute, _) in _CALIBRATION.items():
+            author(prim, attribute, np.asarray(getattr(rig, name)[k]))
         if rig.names[k] in rig.fisheye:
-            author_value(prim, "mmocap:lens", _FISHEYE)
+            author(prim, "mmocap:lens", _FISHEYE)
 
 
 def cameras_from_prim(prim: Usd.Prim, source: object) -> CameraRig:
@@ -60,25 +59,20 @@ def cameras_from_prim(prim: Usd.Prim, source: object) -> CameraRig:
     cameras = [scope.child(name) for name in scope.texts("mmocap:cameras")]
     scope.require(bool(cameras), "mmocap:cameras names none")
 
-    def stacked(name: str, *shape: int) -> np.ndarray:
-        return np.stack([camera.array(name, (math.prod(shape),), np.float64).reshape(shape) for camera in cameras])
-
     up = scope.typed("mmocap:up", str)
     scope.require(up in UP_AXES, f"mmocap:up = '{up}' is none of {', '.join(UP_AXES)}")
-    rig = CameraRig(
-        names=tuple(camera.typed("mmocap:name", str) for camera in cameras),
-        K=stacked("mmocap:intrinsics", 3, 3),
-        R=stacked("mmocap:rotation", 3, 3),
-        t=stacked("mmocap:translation", 3),
-        size=stacked("mmocap:size", 2).astype(int),
-        distortion=stacked("mmocap:distortion", 5),
-        up=up,
-        fisheye=tuple(
-            camera.typed("mmocap:name", str)
-            for camera in cameras
-            if camera.prim.HasAttribute("mmocap:lens") and camera.typed("mmocap:lens", str) == _FISHEYE
-        ),
+    names = tuple(camera.typed("mmocap:name", str) for camera in cameras)
+    arrays = {}
+    for name in ("K", "R", "t", "size", "distortion"):
+        key, shape = _CALIBRATION[name]
+        rows = [camera.array(key, (math.prod(shape),), np.float64).reshape(shape) for camera in cameras]
+        arrays[name] = np.stack(rows)
+    fisheye = tuple(
+        name
+        for name, camera in zip(names, cameras, strict=True)
+        if camera.prim.HasAttribute("mmocap:lens") and camera.typed("mmocap:lens", str) == _FISHEYE
     )
+    rig = CameraRig(names, **arrays | {"size": arrays["size"].astype(int)}, up=up, fisheye=fisheye)
     return check_rig(rig, source) if rig.fisheye else rig
 
 
@@ -148,15 +142,13 @@ def _camera(camera: UsdGeom.Camera, metres: float, path: str | Path) -> Camera:
     if _is_moving(prim):
         raise InputError(path, f"{prim.GetPath()} moves", _EXPORT_REMEDY)
     film = "horizontalAperture", "verticalAperture", "horizontalApertureOffset", "verticalApertureOffset"
-    focal, across, down, right, upward = (
-        prim.GetAttribute(name).Get(Usd.TimeCode.EarliestTime()) for name in ("focalLength", *film)
-    )
-    known = all(isinstance(value, float) and abs(value) < _MAX_NUMBER for value in (focal, across, down, right, upward))
-    if camera.GetProjectionAttr().Get() != UsdGeom.Tokens.perspective or not (
-        known and min(focal, across, down) > 1 / _MAX_NUMBER
-    ):
+    lens = [prim.GetAttribute(name).Get(Usd.TimeCode.EarliestTime()) for name in ("focalLength", *film)]
+    known = all(isinstance(value, float) and abs(value) < _MAX_NUMBER for value in lens)
+    is_pinhole = camera.GetProjectionAttr().Get() == UsdGeom.Tokens.perspective
+    if not known or not is_pinhole or min(lens[:3]) <= 1 / _MAX_NUMBER:
         remedy = "give it perspective, a film and a focal length"
         raise InputError(path, f"{prim.GetPath()} is not a perspective camera with a film and a focal length", remedy)
+    focal, across, down, right, upward = lens
     K = np.array([[focal / across, 0, 0.5 - right / across], [0, focal / down, 0.5 + upward / down], [0, 0, 1]])
     world = np.array(UsdGeom.Xformable(camera).ComputeLocalToWorldTransform(Usd.TimeCode.EarliestTime())).T
     if not np.abs(world).max() < _MAX_NUMBER or not metres < _MAX_NUMBER:
@@ -181,12 +173,8 @@ def _in_pixels(camera: Camera, size: tuple[int, int], path: str | Path) -> Camer
     K[:2, 2] -= 0.5
     shape = K[0, 0] / K[1, 1]
     if not abs(shape - 1) < _SHAPE_TOLERANCE:
-        width, height = size
-        raise InputError(
-            path,
-            f"the film of camera '{camera.name}' has not the shape of its images, {width}x{height} (by {shape:.3g})",
-            "set its vertical aperture to the images' shape",
-        )
+        shapes = f"the film of camera '{camera.name}' has not the shape of its images, {size[0]}x{size[1]}"
+        raise InputError(path, f"{shapes} (by {shape:.3g})", "set its vertical aperture to the images' shape")
     return camera._replace(K=K, size=size)
 
 

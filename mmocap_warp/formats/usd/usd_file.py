@@ -129,8 +129,10 @@ class PrimReader:
         """An attribute that is true or false, ``unsaid`` where there is none."""
         return self.typed(name, bool) if self.prim.HasAttribute(name) else unsaid
 
-    def texts(self, name: str) -> list[str]:
-        """An attribute that is a list of texts, which must exist."""
+    def texts(self, name: str, *, optional: bool = False) -> list[str]:
+        """An attribute that is a list of texts, which must exist unless it is ``optional``; then it may be empty."""
+        if optional and not self.prim.HasAttribute(name):
+            return []
         value = self.value(name)
         self.require(isinstance(value, Vt.StringArray | Vt.TokenArray), f"attribute {name} is no list of texts")
         return [str(text) for text in value]
@@ -228,7 +230,7 @@ def _absolute_names(layer: Sdf.Layer, path: Path) -> list[str]:
     return names
 
 
-def author_value(
+def author(
     prim: Usd.Prim, name: str, value: Any, time: float | None = None, kind: Sdf.ValueTypeName | None = None
 ) -> None:
     """Set a custom attribute, which varies in time where a ``time`` is given.
@@ -239,11 +241,6 @@ def author_value(
     variability = Sdf.VariabilityUniform if time is None else Sdf.VariabilityVarying
     code = Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
     prim.CreateAttribute(name, kind, True, variability).Set(usd_value, code)
-
-
-def gf_matrix(transform: np.ndarray) -> Gf.Matrix4d:
-    """USD's matrix, which acts on row vectors, of a (4, 4) transform of column vectors."""
-    return Gf.Matrix4d(np.asarray(transform, np.float64).T)
 
 
 def _usd_value(value: Any) -> tuple[Sdf.ValueTypeName, Any]:
@@ -272,7 +269,7 @@ def set_world_up(stage: Usd.Stage, world: UsdGeom.Xformable, up: str) -> None:
     if up != f"+{stage_up}":
         turn = np.eye(4)
         turn[:3, :3] = _rotation_onto(stage_up, up)
-        world.AddTransformOp().Set(gf_matrix(turn))
+        world.AddTransformOp().Set(Gf.Matrix4d(turn.T))  # which acts on row vectors
 
 
 def _rotation_onto(stage_up: str, up: str) -> np.ndarray:

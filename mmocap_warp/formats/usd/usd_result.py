@@ -31,7 +31,7 @@ from mmocap_warp.formats.usd.usd_camera import cameras_from_prim, define_cameras
 from mmocap_warp.formats.usd.usd_file import (
     USD_SUFFIXES,
     PrimReader,
-    author_value,
+    author,
     export_root,
     read_stage,
     reads_usd,
@@ -119,25 +119,24 @@ def read_result(path: str | Path) -> Result:
 
 def _define_tracking(stage: Usd.Stage, result: Result) -> None:
     prim = UsdGeom.Scope.Define(stage, "/World/Tracking").GetPrim()
-    author_value(prim, "mmocap:resultVersion", VERSION)
-    author_value(prim, "mmocap:frames", result.frame_numbers)
-    author_value(prim, "mmocap:runs", len(result.pose))
-    author_value(prim, "mmocap:bestRun", result.best_run)
-    author_value(prim, "mmocap:seconds", float(result.seconds))
-    author_value(prim, "mmocap:config", json.dumps(result.config))
-    author_value(prim, "mmocap:versions", json.dumps(result.versions))
+    author(prim, "mmocap:resultVersion", VERSION)
+    author(prim, "mmocap:frames", result.frame_numbers)
+    author(prim, "mmocap:runs", len(result.pose))
+    author(prim, "mmocap:bestRun", result.best_run)
+    author(prim, "mmocap:seconds", float(result.seconds))
+    author(prim, "mmocap:config", json.dumps(result.config))
+    author(prim, "mmocap:versions", json.dumps(result.versions))
     for i, time in enumerate(result.frame_numbers.astype(float).tolist()):
         for name, attribute in _SAMPLED.items():
             if (values := getattr(result, name)) is not None:
-                author_value(prim, attribute, values[:, i], time)
-        author_value(prim, "mmocap:status", [STATUS[status] for status in result.status[:, i]], time)
+                author(prim, attribute, values[:, i], time)
+        author(prim, "mmocap:status", [STATUS[status] for status in result.status[:, i]], time)
 
 
 def _status(read: PrimReader, times: list[float], runs: int) -> np.ndarray:
     """(run, frame) int8; a frame may name one status for all runs, as results of one status a frame do."""
-    names = [
-        [value] * runs if isinstance(value, str) else list(value) for value in read.samples("mmocap:status", times)
-    ]
+    values = read.samples("mmocap:status", times)
+    names = [[value] * runs if isinstance(value, str) else list(value) for value in values]
     unknown = {name for frame in names for name in frame} - set(STATUS)
     read.require(not unknown, f"mmocap:status knows {STATUS}, not {sorted(unknown)}")
     wrong = [len(frame) for frame in names if len(frame) != runs]

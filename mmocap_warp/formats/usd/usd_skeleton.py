@@ -15,7 +15,7 @@ from pxr import Sdf, Usd, Vt
 
 from mmocap_warp.body.skeleton import Skeleton, coordinate_names
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.usd.usd_file import PrimReader, author_value
+from mmocap_warp.formats.usd.usd_file import PrimReader, author
 
 _ROTATION_TOLERANCE = 1e-3
 
@@ -32,20 +32,20 @@ def define_freedom(prim: Usd.Prim, skeleton: Skeleton) -> None:
     """What a skeleton says beyond joints and bind transforms, as attributes."""
     for name, column in (("Lower", 0), ("Upper", 1)):
         limit = Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(skeleton.limits[:, :, column]))
-        author_value(prim, f"mmocap:limits{name}", limit, kind=Sdf.ValueTypeNames.Float3Array)
-    author_value(prim, "mmocap:spread", skeleton.spread)
-    author_value(prim, "mmocap:models", np.array(list(skeleton.models)))
+        author(prim, f"mmocap:limits{name}", limit, kind=Sdf.ValueTypeNames.Float3Array)
+    author(prim, "mmocap:spread", skeleton.spread)
+    author(prim, "mmocap:models", np.array(list(skeleton.models)))
     for number, index in skeleton.models.items():
-        author_value(prim, f"mmocap:dof{number}", [skeleton.coordinate_names[i] for i in index])
-    author_value(prim, "mmocap:parts", list(skeleton.parts))
-    author_value(prim, "mmocap:part", np.array(skeleton.part))
-    author_value(prim, "mmocap:pairs", [name for name, *_ in skeleton.pairs])
-    author_value(prim, "mmocap:pairJoints", [joint for _, *pair in skeleton.pairs for joint in pair])
+        author(prim, f"mmocap:dof{number}", [skeleton.coordinate_names[i] for i in index])
+    author(prim, "mmocap:parts", list(skeleton.parts))
+    author(prim, "mmocap:part", np.array(skeleton.part))
+    author(prim, "mmocap:pairs", [name for name, *_ in skeleton.pairs])
+    author(prim, "mmocap:pairJoints", [joint for _, *pair in skeleton.pairs for joint in pair])
     if not skeleton.stands:
-        author_value(prim, "mmocap:stands", False)
+        author(prim, "mmocap:stands", False)
     for name, joints in (("sliding", skeleton.sliding), ("attached", skeleton.attached)):
         if joints:
-            author_value(prim, f"mmocap:{name}", list(joints))
+            author(prim, f"mmocap:{name}", list(joints))
 
 
 def read_skeleton(read: PrimReader) -> tuple[Skeleton, np.ndarray]:
@@ -67,10 +67,7 @@ def read_skeleton(read: PrimReader) -> tuple[Skeleton, np.ndarray]:
     sides = read.texts("mmocap:pairJoints")
     names = read.texts("mmocap:pairs")
     read.require(len(sides) == 2 * len(names), f"mmocap:pairJoints names {len(sides)} joints for {len(names)} pairs")
-    sliding, attached = (
-        tuple(read.texts(f"mmocap:{name}")) if read.prim.HasAttribute(f"mmocap:{name}") else ()
-        for name in ("sliding", "attached")
-    )
+    sliding, attached = (tuple(read.texts(f"mmocap:{name}", optional=True)) for name in ("sliding", "attached"))
     spread = read.array("mmocap:spread", (len(joints),), np.float64)
     models = _read_models(read, coordinate_names(joints, sliding))
     parts, part = read.texts("mmocap:parts"), read.array("mmocap:part", (len(joints),), np.int64)

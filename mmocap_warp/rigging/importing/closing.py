@@ -56,13 +56,8 @@ def welded(mesh: RiggedMesh) -> RiggedMesh:
     vertex = np.zeros((place.max() + 1, 3))
     np.add.at(vertex, place, mesh.vertex)
     vertex /= np.bincount(place)[:, None]
-    return replace(
-        mesh,
-        vertex=vertex[kept],
-        face=face.reshape(-1, 3),
-        influence=influence,
-        weight=np.take_along_axis(dense, influence, axis=1),
-    )
+    weight = np.take_along_axis(dense, influence, axis=1)
+    return replace(mesh, vertex=vertex[kept], face=face.reshape(-1, 3), influence=influence, weight=weight)
 
 
 def four_influences(mesh: RiggedMesh) -> tuple[np.ndarray, np.ndarray, float]:
@@ -149,8 +144,8 @@ def consistently_wound(face: np.ndarray) -> np.ndarray | None:
     order = np.argsort(edge.ravel(), kind="stable")
     first, second = order[count[edge.ravel()[order]] == 2].reshape(-1, 2).T
     alike = directed[first, 0] == directed[second, 0]
-    # All triangles as they are, and all turned round; those that agree are joined. A surface gives two pieces, of which
-    # that with its first triangle as it is comes first. One with a single side gives one.
+    # A graph has each triangle twice, as it is and turned round, and joins neighbours that agree. A two-sided surface
+    # gives two pieces, the first of which holds its first triangle as it is. A one-sided surface gives one piece.
     first, second, many = first // 3, second // 3, len(face)
     partners = np.concatenate([second + many * alike, second + many * ~alike])
     as_it_is, turned = _pieces(np.concatenate([first, first + many]), partners, 2 * many).reshape(2, -1)

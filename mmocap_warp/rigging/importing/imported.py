@@ -80,9 +80,8 @@ def imported(
         InputError: the joints file names what there is not.
     """
     if not _LEAST_SKIN <= triangles <= skin_triangles:
-        raise ValueError(
-            f"triangles must be at least {_LEAST_SKIN} and at most skin_triangles, got {triangles} and {skin_triangles}"
-        )
+        limits = f"at least {_LEAST_SKIN} and at most skin_triangles"
+        raise ValueError(f"triangles must be {limits}, got {triangles} and {skin_triangles}")
     # The mesh in the body's axes, with one tree of named joints and one vertex for each place.
     given = joints or GivenJoints("")
     mesh = in_body_axes(with_named_joints(mesh), up or mesh.up, facing or mesh.facing, scale)
@@ -192,12 +191,8 @@ def _skin(mesh: RiggedMesh, triangles: int, skin_triangles: int) -> tuple[SkinMe
     kept = np.unique(face)
     own = np.unique(shown) if too_fine else np.arange(len(mesh.vertex))
     chosen = np.union1d(own, kept)
-    skin = SkinMesh(
-        vertex[chosen].astype(np.float32),
-        np.searchsorted(chosen, shown).astype(np.int32),
-        joint[beside[chosen]],
-        weight[beside[chosen]],
-    )
+    chosen_face, follows = np.searchsorted(chosen, shown).astype(np.int32), beside[chosen]
+    skin = SkinMesh(vertex[chosen].astype(np.float32), chosen_face, joint[follows], weight[follows])
     tracking = np.searchsorted(chosen, kept).astype(np.int32)
     return skin, tracking, np.searchsorted(kept, face).astype(np.int32), notes
 

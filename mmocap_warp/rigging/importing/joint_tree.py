@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from mmocap_warp.body.skeleton import Pair
-from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, parents_first, reordered
+from mmocap_warp.formats.rigged.rigged_mesh import RiggedMesh, parents_first, reorder
 
 _LONGEST_CHAIN = 5  # number of joints that are searched together, at most
 _MIRRORED = 0.02  # how far mirrored joints may be apart, as a share of the skeleton's extent
@@ -55,7 +55,7 @@ def with_parents(mesh: RiggedMesh, parents: dict[str, str]) -> RiggedMesh:
             if name not in number:
                 raise ValueError(f"there is no joint {name!r}; there are {', '.join(mesh.joints)}")
         parent[number[joint]] = number[above]
-    return reordered(replace(mesh, parent=tuple(parent)), parents_first(parent))
+    return reorder(replace(mesh, parent=tuple(parent)))
 
 
 def with_one_root(mesh: RiggedMesh) -> RiggedMesh:
@@ -99,7 +99,7 @@ def with_one_root(mesh: RiggedMesh) -> RiggedMesh:
     left_out = [joint for joint in range(len(parent)) if not shown[joint]]
     if left_out:
         notes.append(f"{_name_list(mesh, left_out)} move no skin: left out")
-    return reordered(replace(mesh, parent=tuple(parent), notes=tuple(notes)), [main, *order])
+    return reorder(replace(mesh, parent=tuple(parent), notes=tuple(notes)), [main, *order])
 
 
 def _name_list(mesh: RiggedMesh, joints: list[int]) -> str:
@@ -216,9 +216,8 @@ def _common_length(one: str, other: str) -> int:
 def _sides(one: str, other: str) -> str:
     """``lr`` or ``rl`` where two names differ in the side alone, ``same`` where they do not differ, else nothing."""
     *_, mine, others = _differing_parts(one, other)
-    return {("l", "r"): "lr", ("lef", "righ"): "lr", ("r", "l"): "rl", ("righ", "lef"): "rl", ("", ""): "same"}.get(
-        (mine.lower(), others.lower()), ""
-    )
+    sides = {("l", "r"): "lr", ("lef", "righ"): "lr", ("r", "l"): "rl", ("righ", "lef"): "rl", ("", ""): "same"}
+    return sides.get((mine.lower(), others.lower()), "")
 
 
 def _common_name(one: str, other: str) -> str:

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from mmocap_warp.body.mesh_pieces import is_closed
-from mmocap_warp.rigging.importing.closing import closed, wrapped
+from mmocap_warp.rigging.importing.closing import closed, consistently_wound, wrapped
 
 
 def volume(vertex: np.ndarray, face: np.ndarray) -> float:
@@ -78,3 +78,8 @@ def test_a_wrapped_box_has_its_size_and_one_sheet_gets_two_sides() -> None:
     sheet, both, _ = wrapped(box.vertices, np.asarray(box.faces)[:1], 30)
     assert is_closed(both)
     assert 0 < volume(sheet, both) < 0.02
+
+
+def test_a_triangle_that_touches_no_other_stays_as_it_is() -> None:
+    face = np.array([[0, 1, 2], [2, 1, 3], [4, 5, 6]])
+    np.testing.assert_array_equal(consistently_wound(face), face)

@@ -57,7 +57,7 @@ _COHERENCE_FRAMES = 8  # frames whose coherence is compared
 _MAX_LAG = 12  # frames to either side in which whole-frame lags are looked for
 _LAG_COST_RATIO = 0.97  # a lag is believed where a view's cost falls below this share of its cost without a lag
 _FIT_SECONDS = 2.0  # seconds of the recording that the first body is fitted to
-_FOUND = [STATUS.index(name) for name in ("tracked", "partial", "rescued")]
+_FOUND_STATUS = [STATUS.index(name) for name in ("tracked", "partial", "rescued")]
 _TURN_UNIT, _SHIFT_UNIT = np.radians(1.0), 0.04  # radians and metres: below these a camera has hardly moved
 
 Progress = Callable[[str, float], None]
@@ -165,7 +165,7 @@ class Adjustment:
         config = TrackConfig(seed=self.config.seed, device=self.device, threads=self.threads)
         rig, fps = changed(self.given, change), self.footage.fps
         result = track_observations(subject, rig, seen, fps, config)
-        found = np.flatnonzero(np.isin(result.status[0], _FOUND))
+        found = np.flatnonzero(np.isin(result.status[0], _FOUND_STATUS))
         if len(found) < 2 * MIN_FRAMES:
             problem = f"the person could be followed in {len(found)} frames, {2 * MIN_FRAMES} are needed"
             raise InputError(self.scene.path, problem, "choose others with --frames, or start nearer to the truth")

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mmocap_warp.calibration.sync.lag_course import LagCourse, lag_course
-from mmocap_warp.calibration.sync.shared_motion import moved_in_turn
+from mmocap_warp.calibration.sync.shared_motion import move_in_turn
 from mmocap_warp.cameras.rig import CameraRig, project
 from mmocap_warp.masks.visual_hull import meeting_point
 
@@ -211,10 +211,10 @@ class HullAgreement:
     def _settle(self, offsets: np.ndarray) -> np.ndarray:
         """The end of a start, shifted so that all ends lie alike: the frames that judge depend on that."""
         for _ in range(2):
-            end = moved_in_turn(offsets, self._best_offset, _ROUNDS)
+            end = move_in_turn(offsets, self._best_offset, _ROUNDS)
             common = int(np.median(end - self._about))
             offsets = np.clip(end - common, self._about - self._reach, self._about + self._reach)
-        return moved_in_turn(offsets, self._best_offset, _ROUNDS)
+        return move_in_turn(offsets, self._best_offset, _ROUNDS)
 
     def _best_offset(self, view: int, offsets: np.ndarray) -> int:
         """Where a view fits best beside the others; where it is if it fits nowhere."""

@@ -141,12 +141,12 @@ def common_offsets(scores: PairScores) -> np.ndarray:
     def best_offset(view: int, offsets: np.ndarray) -> int:
         return int(np.argmax(scores.of_view(view, offsets))) - scores.reach
 
-    ends = [moved_in_turn(np.clip(each, -scores.reach, scores.reach), best_offset, _ROUNDS) for each in starts]
+    ends = [move_in_turn(np.clip(each, -scores.reach, scores.reach), best_offset, _ROUNDS) for each in starts]
     best = max(ends, key=scores.total)
     return best - best[0]
 
 
-def moved_in_turn(offsets: np.ndarray, best_offset: Callable[[int, np.ndarray], int], rounds: int) -> np.ndarray:
+def move_in_turn(offsets: np.ndarray, best_offset: Callable[[int, np.ndarray], int], rounds: int) -> np.ndarray:
     """Offsets (view,) after each view in turn has moved to its best one, until none moves.
 
     Args:

@@ -80,22 +80,16 @@ def command(
     module, name = target.split(":")
     stub = _stub(module, name)
     own = dict(inspect.signature(stub).parameters)
-    changed = {name: type_ if isinstance(type_, Given) else Given(type_) for name, type_ in types.items()}
-    parameters = [_taken(each, changed.get(each.name)) for each in own.values()]
-    parameters += [_taken(_flag(name), changed[name]) for name in changed if name not in own]
-    # The order of the help: what has no flag, the flags in their order, and those that most commands have.
-    places = {name: place for place, name in enumerate(order.split(), -9)} | {n: p for p, n in enumerate(_LAST, 1)}
-    shown = [each for each in parameters if each.annotation is not None]
-    shown.sort(key=lambda each: (each.kind, places.get(each.name, 0)))
-    signature = inspect.Signature([*shown, _flag("console").replace(annotation=Console | None)])
+    signature = _signature(own, types, order.split())
 
     def decorate(print_answer: Callable[..., Any]) -> Callable[..., Any]:
+        needed = inspect.signature(print_answer).parameters
+
         def run(*arguments: Any, **named: Any) -> Any:
             bound = signature.bind(*arguments, **named)
             bound.apply_defaults()
             values = bound.arguments
-            values["console"] = values["console"] or Console()
-            needed = inspect.signature(print_answer).parameters
+            values["console"] = console = values["console"] or Console()
             if "loaded" in needed:
                 from mmocap_warp.commands.inputs import scene_from
 
@@ -103,16 +97,16 @@ def command(
                 values["scene"] = values["loaded"] = scene_from(values["scene"], *chosen, calibrated=calibrated)
 
             def call(**changes: Any) -> Any:
+                # The function gets what it has a parameter for, each setting by its own name, and the console.
                 passed = {name: value for name, value in values.items() if name in own and name != "settings"}
-                passed |= given(values.get("settings"))
-                passed |= {"reporter": values["console"]} if "reporter" in own else {}
+                passed |= given(values.get("settings")) | ({"reporter": console} if "reporter" in own else {})
                 function = getattr(import_module(f"mmocap_warp.commands.{module}"), name)
-                return function(**{**passed, **changes})
+                return function(**passed | changes)
 
             answer = print_answer(**{name: call if name == "call" else values[name] for name in needed})
             if not isinstance(answer, Answer):
                 return answer
-            values["console"].result(answer.values, "\n".join(map(str, answer.lines)))
+            console.result(answer.values, "\n".join(map(str, answer.lines)))
             return answer.code
 
         run.__name__ = print_answer.__name__
@@ -123,6 +117,19 @@ def command(
         return run
 
     return decorate
+
+
+def _signature(own: dict[str, Parameter], types: dict[str, Any], order: list[str]) -> inspect.Signature:
+    """What the parser sees: the function's ``own`` parameters and those for the printing function, as it takes them."""
+    changed = {name: type_ if isinstance(type_, Given) else Given(type_) for name, type_ in types.items()}
+    parameters = [_taken(each, changed.get(each.name)) for each in own.values()]
+    parameters += [_taken(_flag(name), changed[name]) for name in changed if name not in own]
+    # The order of the help: what has no flag, the flags in their order, and those that most commands have.
+    places = {name: place for place, name in enumerate(order, -len(order))}
+    places |= {name: place for place, name in enumerate(_LAST, 1)}
+    shown = [each for each in parameters if each.annotation is not None]
+    shown.sort(key=lambda each: (each.kind, places.get(each.name, 0)))
+    return inspect.Signature([*shown, _flag("console").replace(annotation=Console | None)])
 
 
 def _stub(module: str, name: str) -> Callable[..., Any]:

@@ -50,11 +50,6 @@ class Window:
         scale = np.divide(self.size, self.extent)
         return (pixels - self.corner + 0.5) * scale - 0.5
 
-    def covariances(self, pixels: np.ndarray) -> np.ndarray:
-        """Covariances (n, 2, 2) of image points, in the drawing."""
-        scale = np.divide(self.size, self.extent)
-        return pixels * np.outer(scale, scale)
-
     def picture(self, image: np.ndarray, image_size: tuple[int, int], interpolation: int) -> np.ndarray:
         """The part of an image, resized; the image may have another resolution than the camera's ``image_size``."""
         ratio = np.divide((image.shape[1], image.shape[0]), image_size)
@@ -95,7 +90,8 @@ def draw_view(
     _draw_contour(canvas, model, MODEL_COLOUR)
     _draw_skeleton(canvas, window.points(joints), skeleton)
     if spread is not None:
-        _draw_ellipses(canvas, window.points(joints), window.covariances(spread))
+        scale = np.divide(window.size, window.extent)
+        _draw_ellipses(canvas, window.points(joints), spread * np.outer(scale, scale))
     return canvas
 
 

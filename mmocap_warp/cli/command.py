@@ -61,6 +61,11 @@ class Answer(NamedTuple):
     code: int = OK
 
 
+def picked(of: object, *names: str, **keys: str) -> dict[str, Any]:
+    """Attributes of an object by their names, and by other keys."""
+    return {key: getattr(of, name) for key, name in [*zip(names, names, strict=True), *keys.items()]}
+
+
 def command(
     target: str, order: str = "output", calibrated: bool = True, **types: Any
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:

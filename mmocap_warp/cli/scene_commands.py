@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from mmocap_warp.cli.command import Answer, command
+from mmocap_warp.cli.command import Answer, command, picked
 from mmocap_warp.cli.console import (
     CHECK_FAILED,
     OK,
@@ -41,8 +41,8 @@ def init(call: Any, folder: Path) -> Answer:
     lines = [f"{scene}: {kind}{len(draft.cameras)} cameras ({', '.join(draft.cameras)})"]
     lines += [f"found: {line}" for line in draft.found] + [f"missing: {line}" for line in draft.missing]
     lines.append(f"next: {'complete ' + str(scene) + ', then ' if draft.missing else ''}{step}")
-    names = ("project", "calibration", "cameras", "found", "missing")
-    return Answer({"scene": scene, **{name: getattr(draft, name) for name in names}, "next": step}, lines)
+    values = picked(draft, "project", "calibration", "cameras", "found", "missing")
+    return Answer({"scene": scene, **values, "next": step}, lines)
 
 
 @command("mask:mask", frames=SceneFrames)
@@ -59,10 +59,7 @@ def mask(call: Any) -> Answer:
         }
         for name, view in report.views.items()
     }
-    values = {
-        "scene": masks.scene,
-        "overlay": masks.overlay,
-        "frames": masks.frames,
+    values = picked(masks, "scene", "overlay", "frames") | {
         "views": views,
         "hull_litres": 1000 * report.volume,
         "masks_ok": good,
@@ -103,20 +100,11 @@ def cameras(call: Any, scene: Path, pictures: Path | None) -> Answer:
     step = track_step(loaded.path) if have_masks else mask_step(loaded.path)
     values = {
         "cameras": [
-            {
-                "name": row.name,
-                "size": size,
-                "centre_m": row.centre,
-                "height_m": row.height,
-                "nearest_m": row.nearest,
-                "field_of_view_deg": row.field_of_view,
-            }
+            {"name": row.name, "size": size}
+            | picked(row, centre_m="centre", height_m="height", nearest_m="nearest", field_of_view_deg="field_of_view")
             for row, size in zip(shown.rows, shown.size, strict=True)
         ],
-        "up": shown.up,
-        "mean_height_m": shown.mean_height,
-        "mean_height_ok": shown.plausible,
-        "pictures": shown.pictures,
+        **picked(shown, "up", mean_height_m="mean_height", mean_height_ok="plausible", pictures="pictures"),
         "next": step if shown.plausible else None,
     }
     lines = [repr(shown), *shown.pictures, f"mean height {shown.mean_height:.2f} m along {shown.up}"]
@@ -145,11 +133,8 @@ def sync(call: Any, loaded: Scene, write: bool) -> Answer:
                 "fps": timing[name].get("fps"),
                 "jump_frames": view.course.jump,
                 "jump_at": view.course.at if view.course.jump else None,
-                "sure": view.sure,
-                "rival_frames": view.other,
-                "rival_score": view.rival,
-                "agreeing": view.agreeing,
             }
+            | picked(view, "sure", rival_frames="other", rival_score="rival", agreeing="agreeing")
             for name, view in offsets.views.items()
         },
         "written": loaded.path if write and offsets.sure else None,
@@ -216,8 +201,7 @@ def humaneva(call: Any, console: Console, output: Path) -> Answer:
         "first": sequence.first,
         "last": sequence.first + sequence.count - 1,
         "cameras": sequence.rig.names,
-        "frame_offsets": sequence.frame_offsets,
-        "starts_as_published": sequence.starts_as_published,
+        **picked(sequence, "frame_offsets", "starts_as_published"),
         "mocap_per_frame": sequence.sync.mocap_per_frame,
         "joints": sequence.truth.joint_names,
         "backgrounds": [background.path.name for background in sequence.backgrounds],

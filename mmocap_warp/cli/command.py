@@ -48,13 +48,7 @@ def several(flag: str, of: type = str) -> Any:
 
 
 class Answer(NamedTuple):
-    """What a command prints on stdout, and its exit code.
-
-    Attributes:
-        values: for programs, as JSON.
-        lines: for people.
-        code: the exit code.
-    """
+    """What a command prints on stdout, values as JSON for programs or lines for people, and its exit code."""
 
     values: dict[str, Any]
     lines: Iterable[object]

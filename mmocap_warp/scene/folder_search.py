@@ -39,16 +39,10 @@ _IGNORED = re.compile(
 
 @dataclass(frozen=True)
 class Medium:
-    """A video, a folder of images or a picture.
-
-    Attributes:
-        path: where it lies.
-        parts: its place below the folder that was looked through, without its ending.
-        kind: what it shows, by its name.
-    """
+    """A video, a folder of images or a picture, and what it shows, by its name."""
 
     path: Path
-    parts: tuple[str, ...]
+    parts: tuple[str, ...]  # its place below the folder that was looked through, without its ending
     kind: Kind
 
 
@@ -165,13 +159,7 @@ _ANY_OTHER = "write it as a Pose2Sim .toml (docs/calibration.md says what is in 
 
 @dataclass(frozen=True)
 class CalibrationFile:
-    """A calibration that can be read.
-
-    Attributes:
-        path: the file.
-        format: its format.
-        others: calibrations beside it that can be read too.
-    """
+    """A calibration that can be read, its format, and the others beside it that can be read too."""
 
     path: Path
     format: Format

@@ -60,14 +60,9 @@ _JOINT_BYTES = 14  # a joint's turn and place in one frame
 
 @dataclass(frozen=True)
 class Pictures:
-    """What the cameras saw in some of a page's frames.
+    """What the cameras saw in one of ``every`` so many of a page's frames, the first always among them."""
 
-    Attributes:
-        of: per camera, base64 of the pictures; None where there is none.
-        every: in how many of the page's frames there is one, the first always among them.
-    """
-
-    of: list[list[str | None]]
+    of: list[list[str | None]]  # per camera, base64 of the pictures; None where there is none
     every: int
 
     @classmethod
@@ -108,12 +103,9 @@ _ERRORS = (("mpjpe_mm", "Joint error, mean"), ("marker_error_mm", "Marker error,
 
 @dataclass(frozen=True)
 class Curve:
-    """A measure of every frame.
+    """A measure of every frame: its name and unit for people, the unit empty for a share, and its values.
 
-    Attributes:
-        name: for people.
-        unit: likewise; empty for a share.
-        values: (run, frame) float64 by track, NaN where there is none: ``final``, and ``raw`` where that has its own.
+    They are (run, frame) float64 by track, NaN where there is none: ``final``, and ``raw`` where that has its own.
     """
 
     name: str

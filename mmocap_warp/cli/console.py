@@ -147,13 +147,3 @@ def given(flags: DataclassInstance | None) -> dict[str, Any]:
 def next_step(name: str, *arguments: str | Path) -> str:
     """A command of ``mmocap`` as a shell takes it, so that it can be copied to the next prompt."""
     return shlex.join(["mmocap", name, *map(str, arguments)])
-
-
-def mask_step(scene: Path) -> str:
-    """To make masks of a scene's videos."""
-    return next_step("mask", scene, "-o", scene.parent / "masks")
-
-
-def track_step(scene: Path) -> str:
-    """To track a scene."""
-    return next_step("track", scene, "-o", scene.parent / "result.usdc")

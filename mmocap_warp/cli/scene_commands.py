@@ -9,17 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from mmocap_warp.cli.command import Answer, command, picked
-from mmocap_warp.cli.console import (
-    CHECK_FAILED,
-    OK,
-    Console,
-    Output,
-    SceneFrames,
-    mask_step,
-    next_step,
-    table,
-    track_step,
-)
+from mmocap_warp.cli.console import CHECK_FAILED, OK, Console, Output, SceneFrames, next_step, table
 
 if TYPE_CHECKING:
     from mmocap_warp.calibration.sync.synchronise import Synchronisation
@@ -31,6 +21,10 @@ _DECIDED_BY = {
     False: "when silhouettes move: the calibration or the motion is too poor for the visual hull to tell",
     None: "when silhouettes move: right within a frame or two, better with a calibration",
 }
+
+
+def _track_step(scene: Path) -> str:
+    return next_step("track", scene, "-o", scene.parent / "result.usdc")
 
 
 @command("new_scenes:init")
@@ -97,7 +91,9 @@ def cameras(call: Any, scene: Path, pictures: Path | None) -> Answer:
     loaded = load_scene(scene, masks=False)
     shown = call(scene=loaded)
     have_masks = all(source.masks is not None for source in loaded.cameras)
-    step = track_step(loaded.path) if have_masks else mask_step(loaded.path)
+    step = _track_step(loaded.path)
+    if not have_masks:
+        step = next_step("mask", loaded.path, "-o", loaded.path.parent / "masks")
     values = {
         "cameras": [
             {"name": row.name, "size": size}
@@ -175,7 +171,7 @@ def _scene_lines(timing: dict[str, dict[str, float]]) -> list[str]:
 @command("new_scenes:synthesize")
 def synth(call: Any, cameras: int) -> Answer:
     made = call()
-    step = track_step(made.scene)
+    step = _track_step(made.scene)
     values = {
         "scene": made.scene,
         "body": made.recording.body.name,

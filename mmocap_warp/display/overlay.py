@@ -19,6 +19,7 @@ LEFT_COLOUR: Colour = (80, 220, 60)
 RIGHT_COLOUR: Colour = (60, 60, 240)
 MIDDLE_COLOUR: Colour = (245, 245, 245)
 SIGMA_COLOUR: Colour = (255, 80, 255)  # of no limb: an ellipse is often smaller than the joint's dot that it lies on
+LEGEND = {"mask": MASK_COLOUR, "model": MODEL_COLOUR, "left": LEFT_COLOUR, "right": RIGHT_COLOUR}
 COLOUR_OF_SIDE = {"left": LEFT_COLOUR, "right": RIGHT_COLOUR, "middle": MIDDLE_COLOUR}
 INK: Colour = (235, 235, 235)
 PAPER: Colour = (28, 28, 28)

@@ -14,7 +14,6 @@ from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.commands.caller import Reporter, arguments_checked
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.formats.truth_file import load_truth
-from mmocap_warp.formats.usd.usd_body import read_subject
 from mmocap_warp.formats.usd.usd_result import read_result
 from mmocap_warp.masks.cleanup import clean_mask, rivals
 from mmocap_warp.masks.mask_image import Labels, decode_mask
@@ -108,15 +107,6 @@ def body_from(body: BodyModel | str | Path | None, scene: Scene) -> BodyModel:
     return load_body(body or scene.body or DEFAULT_BODY, "--body" if body else scene.path)
 
 
-def subject_from(subject: Subject | str | Path) -> Subject:
-    """A subject, perhaps by its file.
-
-    Raises:
-        InputError: the file holds no subject.
-    """
-    return subject if isinstance(subject, Subject) else read_subject(subject)
-
-
 def positions_of(result: Result, frames: Frames) -> list[int]:
     """Positions in a result of the frames that are asked for; all of them where none are.
 
@@ -137,10 +127,11 @@ def positions_of(result: Result, frames: Frames) -> list[int]:
     return positions
 
 
-def scene_reference(scene: Path, file: Path | None) -> str:
-    """How a result or a subject names its scene: relative to its own file, so that both can move together."""
-    scene = scene.resolve()
-    return scene.as_posix() if file is None else Path(os.path.relpath(scene, file.resolve().parent)).as_posix()
+def scene_reference(scene: Scene, file: Path | None, prefix: str = "") -> dict[str, str | int]:
+    """How a result or a subject names scene and person: relative to its own file, so that both can move together."""
+    path, identity = scene.path.resolve(), scene.foreground.identity
+    reference = path if file is None else Path(os.path.relpath(path, file.resolve().parent))
+    return {f"{prefix}scene": reference.as_posix()} | ({f"{prefix}identity": identity} if identity else {})
 
 
 def scene_of(

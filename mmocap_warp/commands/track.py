@@ -12,7 +12,7 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.commands.caller import Progress, Reporter, describe, effective, start_warp
-from mmocap_warp.commands.inputs import Frames, body_from, scene_from, scene_reference, subject_from, truth_of
+from mmocap_warp.commands.inputs import Frames, body_from, scene_from, scene_reference, truth_of
 from mmocap_warp.commands.outputs import new_file, releases_locks
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.fitting import subject_fit
@@ -128,9 +128,7 @@ def fit_subject(
     if subject.provenance["fit.decided"] == "no":
         name = str(subject.provenance["fit.alternative"])
         reporter.note((_UNDECIDED if body.skeleton.stands else _UNDECIDED_LYING)[name])
-    identity = {"fit.identity": scene.foreground.identity} if scene.foreground.identity else {}
-    reference = {"fit.scene": scene_reference(scene.path, output)}
-    subject = replace(subject, provenance={**subject.provenance, **reference, **identity})
+    subject = replace(subject, provenance={**subject.provenance, **scene_reference(scene, output, "fit.")})
     if output is not None:
         write_subject(output, subject)
     return subject
@@ -208,7 +206,8 @@ def track(
         subject = kept
     if subject is None:
         subject = _fitted(loaded, body, chosen, given, rigid, kept, reporter)
-    start, notes = subject_carrying(subject_from(subject), loaded.attached)
+    subject = subject if isinstance(subject, Subject) else read_subject(subject)
+    start, notes = subject_carrying(subject, loaded.attached)
     for note in notes:
         reporter.note(f"attach: {note}")
     _check_model(start.body, loaded, chosen, given)
@@ -217,9 +216,7 @@ def track(
 
     resumption = {"checkpoint": checkpoint, "resume": resume, "accept_changed_code": accept_changed_code}
     tracked = _tracked(loaded, start, chosen, reporter, **resumption)
-    identified = {"identity": loaded.foreground.identity} if loaded.foreground.identity else {}
-    reference = {"scene": scene_reference(loaded.path, file)}
-    tracked = replace(tracked, config=tracked.config | reference | identified)
+    tracked = replace(tracked, config=tracked.config | scene_reference(loaded, file))
     if file is not None and checkpoint is not None:
         write_result(file, tracked)
         checkpoint.unlink(missing_ok=True)

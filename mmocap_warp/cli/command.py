@@ -22,8 +22,7 @@ from mmocap_warp.cli.console import OK, Console, Identity, Output, ResultFile, S
 _TYPES: dict[str, Any] = {"Path": Path, "Frames": str, "Literal": Literal}
 _KNOWN = ("str", "int", "float", "bool", "tuple", *_TYPES)  # the command line has no parameter of any other type
 _FILES: dict[str, Any] = {"scene": SceneFile, "result": ResultFile}
-REQUIRED = Parameter.empty
-"""The default of a parameter that has none."""
+REQUIRED = Parameter.empty  # the default of a parameter that has none
 BY_PLACE, BY_FLAG, ANY_NUMBER = Parameter.POSITIONAL_ONLY, Parameter.KEYWORD_ONLY, Parameter.VAR_POSITIONAL
 _LAST = ("settings", "resume", "accept_changed_code", "force")  # the flags at the end
 

@@ -27,8 +27,7 @@ from mmocap_warp.scene.scene_toml import load_scene
 Frames: TypeAlias = str | int | range | None
 """Which frames: ``"first:end"``, ``"first:end:stride"`` or a range by the recording's numbers, or a count."""
 
-_SAMPLES = 5
-"""Mask images of a camera that are searched for a second person."""
+_SAMPLES = 5  # mask images of a camera that are searched for a second person
 
 
 def scene_from(

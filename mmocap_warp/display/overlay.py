@@ -28,8 +28,7 @@ _TINT = 0.35  # share of the skin's colour over the image
 ELLIPSE = 10
 """Standard deviations from a joint to the rim of its ellipse: one or two are less than a pixel in most recordings."""
 _PLATE = 0.6  # share of the plate's colour behind text
-SUBPIXEL_BITS = 4
-"""Binary digits after the point of OpenCV's coordinates."""
+SUBPIXEL_BITS = 4  # binary digits after the point of OpenCV's coordinates
 
 
 @dataclass(frozen=True)

@@ -31,8 +31,7 @@ _STILL_SIZE = (600, 600)  # size of the views from four sides [px]
 _STILL_DISTANCE = 3.0  # distance of the four views from the body, in its sizes
 _CROP_MARGIN = 0.12  # margin around the body in a contact sheet, as a share of its size
 
-Images = Iterable[Sequence[np.ndarray | None]]
-"""Per frame, an image for each camera."""
+Images = Iterable[Sequence[np.ndarray | None]]  # per frame, an image for each camera
 
 
 def show(

@@ -21,8 +21,7 @@ from mmocap_warp.formats.humaneva.humaneva_files import read_cal
 from mmocap_warp.formats.table import CALIBRATIONS, Format, read_calibration
 
 Kind = Literal["recording", "masks", "background", "clean_plate"]
-Take = dict[str, Path]
-"""One video or folder a camera, by the camera's name."""
+Take = dict[str, Path]  # one video or folder a camera, by the camera's name
 
 _VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".mts", ".wmv")
 _IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")

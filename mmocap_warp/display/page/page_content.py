@@ -23,8 +23,7 @@ _JPEG_QUALITY = 60
 _MASK_CHARACTERS = 1_600_000  # room for all masks, at about half a kilobyte each
 _IMAGE_CHARACTERS = 2_000_000  # room for all images, at about six kilobytes each
 
-Views = Iterable[Sequence[np.ndarray | None]]
-"""Per frame, a picture for each camera."""
+Views = Iterable[Sequence[np.ndarray | None]]  # per frame, a picture for each camera
 
 
 def small_masks(masks: Views, cameras: int) -> Pictures:
@@ -94,8 +93,7 @@ def _frames(step: int) -> str:
 
 
 _ROTATION_STEPS = 32767  # steps of a quaternion's component from 0 to 1
-Packed = dict[str, Any]
-"""What JSON can say."""
+Packed = dict[str, Any]  # what JSON can say
 
 _ERRORS = (("mpjpe_mm", "Joint error, mean"), ("marker_error_mm", "Marker error, mean"))
 """Series of an evaluation, best first, and what they are called."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from mmocap_warp.calibration.adjust.adjust_config import AdjustConfig
 from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, Deviations
-from mmocap_warp.cli.command import Answer, Given, command, picked
+from mmocap_warp.cli.command import Answer, Given, attributes, command
 from mmocap_warp.cli.console import CHECK_FAILED, OK, Output, flags_of, given, table
 
 if TYPE_CHECKING:
@@ -70,8 +70,8 @@ def _finding_line(finding: Finding, result: CameraCheck) -> str:
 def _finding_values(finding: Finding, result: CameraCheck) -> dict[str, Any]:
     """A finding for programs."""
     changes = {what: {"by": value, "unit": unit} for what, value, unit in _changes(finding, result)}
-    found = picked(finding, "camera", "cause", "other") | {"by": changes, "or": finding.others}
-    return found | picked(finding, size="size", explains="explained")
+    found = attributes(finding, "camera", "cause", "other") | {"by": changes, "or": finding.others}
+    return found | attributes(finding, size="size", explains="explained")
 
 
 def _changes(finding: Finding, result: CameraCheck) -> list[tuple[str, float, str]]:

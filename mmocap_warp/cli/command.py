@@ -9,6 +9,7 @@ import ast
 import inspect
 import re
 from collections.abc import Callable, Iterable
+from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from inspect import Parameter
@@ -54,7 +55,7 @@ class Answer(NamedTuple):
     code: int = OK
 
 
-def picked(of: object, *names: str, **keys: str) -> dict[str, Any]:
+def attributes(of: object, *names: str, **keys: str) -> dict[str, Any]:
     """Attributes of an object by their names, and by other keys."""
     return {key: getattr(of, name) for key, name in [*zip(names, names, strict=True), *keys.items()]}
 
@@ -119,9 +120,9 @@ def command(
 
 def _signature(own: dict[str, Parameter], types: dict[str, Any], order: list[str]) -> inspect.Signature:
     """What the parser sees: the function's ``own`` parameters and those for the printing function, as it takes them."""
-    changed = {name: type_ if isinstance(type_, Given) else Given(type_) for name, type_ in types.items()}
-    parameters = [_taken(each, changed.get(each.name)) for each in own.values()]
-    parameters += [_taken(_flag(name), changed[name]) for name in changed if name not in own]
+    overrides = {name: type_ if isinstance(type_, Given) else Given(type_) for name, type_ in types.items()}
+    parameters = [_parser_parameter(each, overrides.get(each.name)) for each in own.values()]
+    parameters += [_parser_parameter(_flag(name), overrides[name]) for name in overrides if name not in own]
     # The order of the help: what has no flag, the flags in their order, and those that most commands have.
     places = {name: place for place, name in enumerate(order, -len(order))}
     places |= {name: place for place, name in enumerate(_LAST, 1)}
@@ -132,24 +133,29 @@ def _signature(own: dict[str, Parameter], types: dict[str, Any], order: list[str
 
 def _stub(module: str, name: str) -> Callable[..., Any]:
     """A function as its source declares it, with its docstring and without its body."""
-    spec = find_spec(f"mmocap_warp.commands.{module}")
-    tree = ast.parse(Path(str(spec and spec.origin)).read_text(encoding="utf-8"))
-    (function,) = [node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == name]
+    statements = _statements(module)
+    (function,) = [each for each in statements if isinstance(each, ast.FunctionDef) and each.name == name]
     function.decorator_list, function.body = [], function.body[:1]
-    tree.body = [ast.parse("from __future__ import annotations").body[0], function]
+    annotations_as_text = ast.parse("from __future__ import annotations").body
     namespace: dict[str, Any] = {}
-    exec(compile(tree, module, "exec"), namespace)
+    exec(compile(ast.Module([*annotations_as_text, function], []), module, "exec"), namespace)
     stub: Callable[..., Any] = namespace[name]
     return stub
+
+
+@cache
+def _statements(module: str) -> list[ast.stmt]:
+    spec = find_spec(f"mmocap_warp.commands.{module}")
+    return ast.parse(Path(str(spec and spec.origin)).read_text(encoding="utf-8")).body
 
 
 def _flag(name: str) -> Parameter:
     return Parameter(name, Parameter.KEYWORD_ONLY, default=None)
 
 
-def _taken(parameter: Parameter, changed: Given | None) -> Parameter:
+def _parser_parameter(parameter: Parameter, overrides: Given | None) -> Parameter:
     """A parameter as the parser takes it; its annotation is None where the command line does not have it."""
-    type_, default, kind = changed or Given(_type(parameter))
+    type_, default, kind = overrides or Given(_type(parameter))
     default = parameter.default if default is ... else default
     kind = parameter.kind if kind is ... else kind
     # What has no default is known by its place, but for the output.

@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from mmocap_warp.cli.command import Answer, command, picked
+from mmocap_warp.cli.command import Answer, attributes, command
 from mmocap_warp.cli.console import CHECK_FAILED, OK, Console, Output, SceneFrames, next_step, table
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def init(call: Any, folder: Path) -> Answer:
     lines = [f"{scene}: {kind}{len(draft.cameras)} cameras ({', '.join(draft.cameras)})"]
     lines += [f"found: {line}" for line in draft.found] + [f"missing: {line}" for line in draft.missing]
     lines.append(f"next: {'complete ' + str(scene) + ', then ' if draft.missing else ''}{step}")
-    values = picked(draft, "project", "calibration", "cameras", "found", "missing")
+    values = attributes(draft, "project", "calibration", "cameras", "found", "missing")
     return Answer({"scene": scene, **values, "next": step}, lines)
 
 
@@ -53,7 +53,7 @@ def mask(call: Any) -> Answer:
         }
         for name, view in report.views.items()
     }
-    values = picked(masks, "scene", "overlay", "frames") | {
+    values = attributes(masks, "scene", "overlay", "frames") | {
         "views": views,
         "hull_litres": 1000 * report.volume,
         "masks_ok": good,
@@ -97,10 +97,12 @@ def cameras(call: Any, scene: Path, pictures: Path | None) -> Answer:
     values = {
         "cameras": [
             {"name": row.name, "size": size}
-            | picked(row, centre_m="centre", height_m="height", nearest_m="nearest", field_of_view_deg="field_of_view")
+            | attributes(
+                row, centre_m="centre", height_m="height", nearest_m="nearest", field_of_view_deg="field_of_view"
+            )
             for row, size in zip(shown.rows, shown.size, strict=True)
         ],
-        **picked(shown, "up", mean_height_m="mean_height", mean_height_ok="plausible", pictures="pictures"),
+        **attributes(shown, "up", mean_height_m="mean_height", mean_height_ok="plausible", pictures="pictures"),
         "next": step if shown.plausible else None,
     }
     lines = [repr(shown), *shown.pictures, f"mean height {shown.mean_height:.2f} m along {shown.up}"]
@@ -130,7 +132,7 @@ def sync(call: Any, loaded: Scene, write: bool) -> Answer:
                 "jump_frames": view.course.jump,
                 "jump_at": view.course.at if view.course.jump else None,
             }
-            | picked(view, "sure", rival_frames="other", rival_score="rival", agreeing="agreeing")
+            | attributes(view, "sure", rival_frames="other", rival_score="rival", agreeing="agreeing")
             for name, view in offsets.views.items()
         },
         "written": loaded.path if write and offsets.sure else None,
@@ -197,7 +199,7 @@ def humaneva(call: Any, console: Console, output: Path) -> Answer:
         "first": sequence.first,
         "last": sequence.first + sequence.count - 1,
         "cameras": sequence.rig.names,
-        **picked(sequence, "frame_offsets", "starts_as_published"),
+        **attributes(sequence, "frame_offsets", "starts_as_published"),
         "mocap_per_frame": sequence.sync.mocap_per_frame,
         "joints": sequence.truth.joint_names,
         "backgrounds": [background.path.name for background in sequence.backgrounds],

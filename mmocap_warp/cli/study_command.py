@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, Parameter
 
 from mmocap_warp.cli import COMMANDS
-from mmocap_warp.cli.command import ANY_NUMBER, Answer, Given, command, picked, several
+from mmocap_warp.cli.command import ANY_NUMBER, Answer, Given, attributes, command, several
 from mmocap_warp.cli.console import CHECK_FAILED, FAILURE, OK, Console, table
 
 if TYPE_CHECKING:
@@ -89,9 +89,9 @@ def _values(done: StudyRun) -> dict[str, Any]:
     return {
         "study": done.name,
         "folder": done.folder,
-        **picked(status, "cells", finished_before="reused", finished_now="finished"),
+        **attributes(status, "cells", finished_before="reused", finished_now="finished"),
         "failed": [{"cell": str(cell), "problem": problem} for cell, problem in sorted(status.failures.items())],
-        **picked(status, "seconds", "evaluations", evaluations_per_second="rate"),
+        **attributes(status, "seconds", "evaluations", evaluations_per_second="rate"),
         "paper_grid_hours": GRID_EVALUATIONS / status.rate / 3600.0 if status.rate else None,
         "results": done.results,
     }
@@ -158,7 +158,7 @@ def show(folder: Path, /, *, console: Console | None = None) -> int:
 )
 def report(call: Any, results: Path, more: tuple[Path, ...]) -> Answer:
     written = call(results=[results, *more])
-    values = picked(written, "page", "tables", "cells", results="count", left_out="left_out")
+    values = attributes(written, "page", "tables", "cells", results="count", left_out="left_out")
     return Answer(values | {"mixed_code": written.mixed_code or None}, [written.page, written.tables, written.cells])
 
 

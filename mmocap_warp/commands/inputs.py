@@ -49,7 +49,7 @@ def scene_from(
         TypeError: it is neither.
     """
     with arguments_checked():
-        chosen = _chosen(scene, _frames_text(frames), identity, calibrated)
+        chosen = _open_scene(scene, _frames_text(frames), identity, calibrated)
     if reporter is not None and chosen.foreground.source == "masks" and not chosen.foreground.identity:
         others = ((source.name, _others(chosen, source)) for source in chosen.cameras)
         if (seen := next((f"{name} {line}" for name, line in others if line is not None), None)) is not None:
@@ -57,7 +57,7 @@ def scene_from(
     return chosen
 
 
-def _chosen(scene: Scene | str | Path, frames: str | None, identity: int | None, calibrated: bool) -> Scene:
+def _open_scene(scene: Scene | str | Path, frames: str | None, identity: int | None, calibrated: bool) -> Scene:
     if isinstance(scene, str | Path):
         return load_scene(scene, frames, identity, calibrated=calibrated)
     if not isinstance(scene, Scene):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import App, Parameter
 
-from mmocap_warp.cli.command import Answer, command, several
+from mmocap_warp.cli.command import Answer, attributes, command, several
 
 if TYPE_CHECKING:
     from mmocap_warp.body.skeleton import Skeleton
@@ -107,9 +107,7 @@ def show_body(call: Any) -> Answer:
         "parent": {name: skeleton.joints[above] for name, above in parents if above >= 0},
         "limits_deg": turning,
         "limits_m": sliding,
-        "sliding": skeleton.sliding,
-        "attached": skeleton.attached,
-        "parts": skeleton.parts,
+        **attributes(skeleton, "sliding", "attached", "parts"),
         "pairs": [pair[1:] for pair in skeleton.pairs],
         "motions": {name: len(motion.pose) for name, motion in shown.motions.items()},
     }

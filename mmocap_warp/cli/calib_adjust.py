@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, AdjustConfig, Deviations
-from mmocap_warp.cli.command import Answer, Given, command
+from mmocap_warp.cli.command import Answer, Given, attributes, command
 from mmocap_warp.cli.console import CHECK_FAILED, OK, Output, flags_of, given, table
 
 if TYPE_CHECKING:
@@ -67,15 +67,9 @@ def _finding_line(finding: Finding, result: CameraCheck) -> str:
 
 def _finding_values(finding: Finding, result: CameraCheck) -> dict[str, Any]:
     """A finding for programs."""
-    return {
-        "camera": finding.camera,
-        "cause": finding.cause,
-        "other": finding.other,
-        "by": {what: {"by": value, "unit": unit} for what, value, unit in _changes(finding, result)},
-        "or": finding.others,
-        "size": finding.size,
-        "explains": finding.explained,
-    }
+    changes = {what: {"by": value, "unit": unit} for what, value, unit in _changes(finding, result)}
+    found = attributes(finding, "camera", "cause", "other") | {"by": changes, "or": finding.others}
+    return found | attributes(finding, size="size", explains="explained")
 
 
 def _changes(finding: Finding, result: CameraCheck) -> list[tuple[str, float, str]]:

@@ -9,6 +9,7 @@ import ast
 import inspect
 import re
 from collections.abc import Callable, Iterable
+from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from inspect import Parameter
@@ -19,11 +20,10 @@ from cyclopts import Parameter as CliParameter
 
 from mmocap_warp.cli.console import OK, Console, Identity, Output, ResultFile, SceneFile, Switch, given
 
-_TYPES: dict[str, Any] = {"str": str, "int": int, "float": float, "bool": bool, "Path": Path, "Frames": str}
-_KNOWN = (*_TYPES, "tuple", "Literal")  # the command line has no parameter of any other type
+_TYPES: dict[str, Any] = {"Path": Path, "Frames": str, "Literal": Literal}
+_KNOWN = ("str", "int", "float", "bool", "tuple", *_TYPES)  # the command line has no parameter of any other type
 _FILES: dict[str, Any] = {"scene": SceneFile, "result": ResultFile}
-REQUIRED = Parameter.empty
-"""The default of a parameter that has none."""
+REQUIRED = Parameter.empty  # the default of a parameter that has none
 BY_PLACE, BY_FLAG, ANY_NUMBER = Parameter.POSITIONAL_ONLY, Parameter.KEYWORD_ONLY, Parameter.VAR_POSITIONAL
 _LAST = ("settings", "resume", "accept_changed_code", "force")  # the flags at the end
 
@@ -48,17 +48,16 @@ def several(flag: str, of: type = str) -> Any:
 
 
 class Answer(NamedTuple):
-    """What a command prints on stdout, and its exit code.
-
-    Attributes:
-        values: for programs, as JSON.
-        lines: for people.
-        code: the exit code.
-    """
+    """What a command prints on stdout, values as JSON for programs or lines for people, and its exit code."""
 
     values: dict[str, Any]
     lines: Iterable[object]
     code: int = OK
+
+
+def attributes(of: object, *names: str, **keys: str) -> dict[str, Any]:
+    """Attributes of an object by their names, and by other keys."""
+    return {key: getattr(of, name) for key, name in [*zip(names, names, strict=True), *keys.items()]}
 
 
 def command(
@@ -79,22 +78,16 @@ def command(
     """
     module, function_name = target.split(":")
     own, help_text = _declaration(module, function_name)
-    changed = {key: type_ if isinstance(type_, Given) else Given(type_) for key, type_ in types.items()}
-    parameters = [_taken(each, changed.get(each.name)) for each in own.values()]
-    parameters += [_taken(_flag(key), changed[key]) for key in changed if key not in own]
-    # The order of the help: what has no flag, the flags in their order, and those that most commands have.
-    places = {flag: place for place, flag in enumerate(order.split(), -9)} | {n: p for p, n in enumerate(_LAST, 1)}
-    shown = [each for each in parameters if each.annotation is not None]
-    shown.sort(key=lambda each: (each.kind, places.get(each.name, 0)))
-    signature = inspect.Signature([*shown, _flag("console").replace(annotation=Console | None)])
+    signature = _signature(own, types, order.split())
 
     def decorate(print_answer: Callable[..., Any]) -> Callable[..., Any]:
+        needed = inspect.signature(print_answer).parameters
+
         def run(*arguments: Any, **named: Any) -> Any:
             bound = signature.bind(*arguments, **named)
             bound.apply_defaults()
             values = bound.arguments
-            values["console"] = values["console"] or Console()
-            needed = inspect.signature(print_answer).parameters
+            values["console"] = console = values["console"] or Console()
             if "loaded" in needed:
                 from mmocap_warp.commands.inputs import scene_from
 
@@ -102,16 +95,16 @@ def command(
                 values["scene"] = values["loaded"] = scene_from(values["scene"], *chosen, calibrated=calibrated)
 
             def call(**changes: Any) -> Any:
+                # The function gets what it has a parameter for, each setting by its own name, and the console.
                 passed = {key: value for key, value in values.items() if key in own and key != "settings"}
-                passed |= given(values.get("settings"))
-                passed |= {"reporter": values["console"]} if "reporter" in own else {}
+                passed |= given(values.get("settings")) | ({"reporter": console} if "reporter" in own else {})
                 function = getattr(import_module(f"mmocap_warp.commands.{module}"), function_name)
-                return function(**{**passed, **changes})
+                return function(**passed | changes)
 
             answer = print_answer(**{key: call if key == "call" else values[key] for key in needed})
             if not isinstance(answer, Answer):
                 return answer
-            values["console"].result(answer.values, "\n".join(map(str, answer.lines)))
+            console.result(answer.values, "\n".join(map(str, answer.lines)))
             return answer.code
 
         run.__name__ = print_answer.__name__
@@ -124,11 +117,22 @@ def command(
     return decorate
 
 
+def _signature(own: dict[str, Parameter], types: dict[str, Any], order: list[str]) -> inspect.Signature:
+    """What the parser sees: the function's ``own`` parameters and those for the printing function, as it takes them."""
+    overrides = {name: type_ if isinstance(type_, Given) else Given(type_) for name, type_ in types.items()}
+    parameters = [_parser_parameter(each, overrides.get(each.name)) for each in own.values()]
+    parameters += [_parser_parameter(_flag(name), overrides[name]) for name in overrides if name not in own]
+    # The order of the help: what has no flag, the flags in their order, and those that most commands have.
+    places = {name: place for place, name in enumerate(order, -len(order))}
+    places |= {name: place for place, name in enumerate(_LAST, 1)}
+    shown = [each for each in parameters if each.annotation is not None]
+    shown.sort(key=lambda each: (each.kind, places.get(each.name, 0)))
+    return inspect.Signature([*shown, _flag("console").replace(annotation=Console | None)])
+
+
 def _declaration(module: str, name: str) -> tuple[dict[str, Parameter], str]:
     """A function's parameters, with their annotations as text, and its docstring, from its source."""
-    spec = find_spec(f"mmocap_warp.commands.{module}")
-    tree = ast.parse(Path(str(spec and spec.origin)).read_text(encoding="utf-8"))
-    (function,) = [node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == name]
+    (function,) = [each for each in _statements(module) if isinstance(each, ast.FunctionDef) and each.name == name]
     had = function.args
     by_place = [*had.posonlyargs, *had.args]
     defaults = [None] * (len(by_place) - len(had.defaults)) + had.defaults
@@ -151,13 +155,19 @@ def _declaration(module: str, name: str) -> tuple[dict[str, Parameter], str]:
     return parameters, inspect.cleandoc(ast.get_docstring(function) or "")
 
 
+@cache
+def _statements(module: str) -> list[ast.stmt]:
+    spec = find_spec(f"mmocap_warp.commands.{module}")
+    return ast.parse(Path(str(spec and spec.origin)).read_text(encoding="utf-8")).body
+
+
 def _flag(name: str) -> Parameter:
     return Parameter(name, Parameter.KEYWORD_ONLY, default=None)
 
 
-def _taken(parameter: Parameter, changed: Given | None) -> Parameter:
+def _parser_parameter(parameter: Parameter, overrides: Given | None) -> Parameter:
     """A parameter as the parser takes it; its annotation is None where the command line does not have it."""
-    type_, default, kind = changed or Given(_type(parameter))
+    type_, default, kind = overrides or Given(_type(parameter))
     default = parameter.default if default is ... else default
     kind = parameter.kind if kind is ... else kind
     # What has no default is known by its place, but for the output.

@@ -21,51 +21,33 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 OK = 0
-FAILURE = 1
-"""Something broke that is no fault of the input."""
-USAGE = 2
-"""The command line itself is wrong: :class:`mmocap_warp.errors.UsageError`."""
-BAD_INPUT = 3
-"""A file or value that the user can mend: :class:`mmocap_warp.errors.InputError`."""
-CHECK_FAILED = 4
-"""The command ran, and what it checked does not hold."""
-BROKEN_PIPE = 141
-"""Whoever was to read the output has closed it, as ``head`` does; nothing is said."""
-INTERRUPTED = 130
-"""Stopped by Ctrl-C."""
-TERMINATED = 143
-"""Stopped by SIGTERM, as by a scheduler or a machine that shuts down."""
+FAILURE = 1  # something broke that is no fault of the input
+USAGE = 2  # the command line itself is wrong: UsageError
+BAD_INPUT = 3  # a file or value that the user can mend: InputError
+CHECK_FAILED = 4  # the command ran, and what it checked does not hold
+BROKEN_PIPE = 141  # whoever was to read the output has closed it, as head does; nothing is said
+INTERRUPTED = 130  # stopped by Ctrl-C
+TERMINATED = 143  # stopped by SIGTERM, as by a scheduler or a machine that shuts down
 
+# How parameters are taken that many commands have. A switch is given or not: it takes no value and has no opposite.
 Switch = Annotated[bool, Parameter(negative="", show_default=False)]
-"""An option that is given or not: it takes no value and has no opposite."""
-
-Identity = Annotated[
-    int | None,
-    Parameter(
-        name="--identity",
-        help="Of the person that is meant, where the masks show several: the index in their palette, or their gray "
-        "level.",
-    ),
-]
-"""A flag of all commands that look at a scene's masks."""
-
+Output = Parameter(name=["--output", "-o"])
+_IDENTITY = (
+    "Of the person that is meant, where the masks show several: the index in their palette, or their gray level."
+)
+_SCENE_FRAMES = (
+    "Which of the recording's frames: first:end or first:end:stride, such as 120:480:2, which leaves out the end; or a "
+    "count of those that the scene names. [default: those that the scene names]"
+)
+_RESULT_FRAMES = (
+    "Which of the result's frames: first:end or first:end:stride by the recording's numbers, or a count. All by "
+    "default."
+)
 SceneFile = Annotated[Path, Parameter(help="The scene file, or its folder.")]
 ResultFile = Annotated[Path, Parameter(help="What 'mmocap track' wrote.")]
-Output = Parameter(name=["--output", "-o"])
-SceneFrames = Annotated[
-    str | None,
-    Parameter(
-        help="Which of the recording's frames: first:end or first:end:stride, such as 120:480:2, which leaves out the "
-        "end; or a count of those that the scene names. [default: those that the scene names]"
-    ),
-]
-ResultFrames = Annotated[
-    str | None,
-    Parameter(
-        help="Which of the result's frames: first:end or first:end:stride by the recording's numbers, or a count. All "
-        "by default."
-    ),
-]
+Identity = Annotated[int | None, Parameter(help=_IDENTITY)]
+SceneFrames = Annotated[str | None, Parameter(help=_SCENE_FRAMES)]
+ResultFrames = Annotated[str | None, Parameter(help=_RESULT_FRAMES)]
 
 
 def flags_of(config: type[DataclassInstance]) -> type[DataclassInstance]:
@@ -147,13 +129,3 @@ def given(flags: DataclassInstance | None) -> dict[str, Any]:
 def next_step(name: str, *arguments: str | Path) -> str:
     """A command of ``mmocap`` as a shell takes it, so that it can be copied to the next prompt."""
     return shlex.join(["mmocap", name, *map(str, arguments)])
-
-
-def mask_step(scene: Path) -> str:
-    """To make masks of a scene's videos."""
-    return next_step("mask", scene, "-o", scene.parent / "masks")
-
-
-def track_step(scene: Path) -> str:
-    """To track a scene."""
-    return next_step("track", scene, "-o", scene.parent / "result.usdc")

@@ -20,11 +20,9 @@ from mmocap_warp.commands.caller import Reporter
 if TYPE_CHECKING:
     from mmocap_warp.study.run import Status
 
-SECONDS_BETWEEN_LINES = 10.0
-"""How often a line is written where stderr is no terminal."""
+SECONDS_BETWEEN_LINES = 10.0  # how often a line is written where stderr is no terminal
 
-NO_TIME = 1e-3
-"""A step reported so soon after the one before was not worked on now [s]."""
+NO_TIME = 1e-3  # a step reported so soon after the one before was not worked on now [s]
 
 
 class _Display:

@@ -8,18 +8,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from mmocap_warp.cli.command import Answer, command
-from mmocap_warp.cli.console import (
-    CHECK_FAILED,
-    OK,
-    Console,
-    Output,
-    SceneFrames,
-    mask_step,
-    next_step,
-    table,
-    track_step,
-)
+from mmocap_warp.cli.command import Answer, attributes, command
+from mmocap_warp.cli.console import CHECK_FAILED, OK, Console, Output, SceneFrames, next_step, table
 
 if TYPE_CHECKING:
     from mmocap_warp.calibration.sync.synchronise import Synchronisation
@@ -33,6 +23,10 @@ _DECIDED_BY = {
 }
 
 
+def _track_step(scene: Path) -> str:
+    return next_step("track", scene, "-o", scene.parent / "result.usdc")
+
+
 @command("new_scenes:init")
 def init(call: Any, folder: Path) -> Answer:
     draft, scene = call(), folder / "scene.toml"
@@ -41,8 +35,8 @@ def init(call: Any, folder: Path) -> Answer:
     lines = [f"{scene}: {kind}{len(draft.cameras)} cameras ({', '.join(draft.cameras)})"]
     lines += [f"found: {line}" for line in draft.found] + [f"missing: {line}" for line in draft.missing]
     lines.append(f"next: {'complete ' + str(scene) + ', then ' if draft.missing else ''}{step}")
-    names = ("project", "calibration", "cameras", "found", "missing")
-    return Answer({"scene": scene, **{name: getattr(draft, name) for name in names}, "next": step}, lines)
+    values = attributes(draft, "project", "calibration", "cameras", "found", "missing")
+    return Answer({"scene": scene, **values, "next": step}, lines)
 
 
 @command("mask:mask", frames=SceneFrames)
@@ -59,10 +53,7 @@ def mask(call: Any) -> Answer:
         }
         for name, view in report.views.items()
     }
-    values = {
-        "scene": masks.scene,
-        "overlay": masks.overlay,
-        "frames": masks.frames,
+    values = attributes(masks, "scene", "overlay", "frames") | {
         "views": views,
         "hull_litres": 1000 * report.volume,
         "masks_ok": good,
@@ -100,23 +91,18 @@ def cameras(call: Any, scene: Path, pictures: Path | None) -> Answer:
     loaded = load_scene(scene, masks=False)
     shown = call(scene=loaded)
     have_masks = all(source.masks is not None for source in loaded.cameras)
-    step = track_step(loaded.path) if have_masks else mask_step(loaded.path)
+    step = _track_step(loaded.path)
+    if not have_masks:
+        step = next_step("mask", loaded.path, "-o", loaded.path.parent / "masks")
     values = {
         "cameras": [
-            {
-                "name": row.name,
-                "size": size,
-                "centre_m": row.centre,
-                "height_m": row.height,
-                "nearest_m": row.nearest,
-                "field_of_view_deg": row.field_of_view,
-            }
+            {"name": row.name, "size": size}
+            | attributes(
+                row, centre_m="centre", height_m="height", nearest_m="nearest", field_of_view_deg="field_of_view"
+            )
             for row, size in zip(shown.rows, shown.size, strict=True)
         ],
-        "up": shown.up,
-        "mean_height_m": shown.mean_height,
-        "mean_height_ok": shown.plausible,
-        "pictures": shown.pictures,
+        **attributes(shown, "up", mean_height_m="mean_height", mean_height_ok="plausible", pictures="pictures"),
         "next": step if shown.plausible else None,
     }
     lines = [repr(shown), *shown.pictures, f"mean height {shown.mean_height:.2f} m along {shown.up}"]
@@ -145,11 +131,8 @@ def sync(call: Any, loaded: Scene, write: bool) -> Answer:
                 "fps": timing[name].get("fps"),
                 "jump_frames": view.course.jump,
                 "jump_at": view.course.at if view.course.jump else None,
-                "sure": view.sure,
-                "rival_frames": view.other,
-                "rival_score": view.rival,
-                "agreeing": view.agreeing,
             }
+            | attributes(view, "sure", rival_frames="other", rival_score="rival", agreeing="agreeing")
             for name, view in offsets.views.items()
         },
         "written": loaded.path if write and offsets.sure else None,
@@ -190,7 +173,7 @@ def _scene_lines(timing: dict[str, dict[str, float]]) -> list[str]:
 @command("new_scenes:synthesize")
 def synth(call: Any, cameras: int) -> Answer:
     made = call()
-    step = track_step(made.scene)
+    step = _track_step(made.scene)
     values = {
         "scene": made.scene,
         "body": made.recording.body.name,
@@ -216,8 +199,7 @@ def humaneva(call: Any, console: Console, output: Path) -> Answer:
         "first": sequence.first,
         "last": sequence.first + sequence.count - 1,
         "cameras": sequence.rig.names,
-        "frame_offsets": sequence.frame_offsets,
-        "starts_as_published": sequence.starts_as_published,
+        **attributes(sequence, "frame_offsets", "starts_as_published"),
         "mocap_per_frame": sequence.sync.mocap_per_frame,
         "joints": sequence.truth.joint_names,
         "backgrounds": [background.path.name for background in sequence.backgrounds],

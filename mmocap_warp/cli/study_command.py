@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, Parameter
 
 from mmocap_warp.cli import COMMANDS
-from mmocap_warp.cli.command import ANY_NUMBER, Answer, Given, command, several
+from mmocap_warp.cli.command import ANY_NUMBER, Answer, Given, attributes, command, several
 from mmocap_warp.cli.console import CHECK_FAILED, FAILURE, OK, Console, table
 
 if TYPE_CHECKING:
@@ -89,13 +89,9 @@ def _values(done: StudyRun) -> dict[str, Any]:
     return {
         "study": done.name,
         "folder": done.folder,
-        "cells": status.cells,
-        "finished_before": status.reused,
-        "finished_now": status.finished,
+        **attributes(status, "cells", finished_before="reused", finished_now="finished"),
         "failed": [{"cell": str(cell), "problem": problem} for cell, problem in sorted(status.failures.items())],
-        "seconds": status.seconds,
-        "evaluations": status.evaluations,
-        "evaluations_per_second": status.rate,
+        **attributes(status, "seconds", "evaluations", evaluations_per_second="rate"),
         "paper_grid_hours": GRID_EVALUATIONS / status.rate / 3600.0 if status.rate else None,
         "results": done.results,
     }
@@ -162,15 +158,8 @@ def show(folder: Path, /, *, console: Console | None = None) -> int:
 )
 def report(call: Any, results: Path, more: tuple[Path, ...]) -> Answer:
     written = call(results=[results, *more])
-    values = {
-        "page": written.page,
-        "tables": written.tables,
-        "cells": written.cells,
-        "results": written.count,
-        "left_out": written.left_out,
-        "mixed_code": written.mixed_code or None,
-    }
-    return Answer(values, [written.page, written.tables, written.cells])
+    values = attributes(written, "page", "tables", "cells", results="count", left_out="left_out")
+    return Answer(values | {"mixed_code": written.mixed_code or None}, [written.page, written.tables, written.cells])
 
 
 @app.command(help="Track clips, made worse in several ways, with several trackers.", sort_key=2)

@@ -23,12 +23,9 @@ from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
 from mmocap_warp.synthesis.any_body import recorded, write_recorded
 
-MOST_ERROR_MM = 30.0
-"""Mean of Eq. 20 from each run's own first answer that an installation which works stays under."""
-MOST_SHARE = 0.02
-"""The same of other bodies: mean error of joints, as a share of the body's size."""
-PAPERS = "h-cmaes"
-"""The tracker that the paper found best."""
+MOST_ERROR_MM = 30.0  # mean of Eq. 20 from each run's own first answer that an installation which works stays under
+MOST_SHARE = 0.02  # the same of other bodies: mean error of joints, as a share of the body's size
+PAPERS = "h-cmaes"  # the tracker that the paper found best
 
 
 class Example(NamedTuple):

@@ -14,7 +14,6 @@ from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.commands.caller import Reporter, arguments_checked
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.formats.truth_file import load_truth
-from mmocap_warp.formats.usd.usd_body import read_subject
 from mmocap_warp.formats.usd.usd_result import read_result
 from mmocap_warp.masks.cleanup import clean_mask, rivals
 from mmocap_warp.masks.mask_image import Labels, decode_mask
@@ -28,8 +27,7 @@ from mmocap_warp.scene.scene_toml import load_scene
 Frames: TypeAlias = str | int | range | None
 """Which frames: ``"first:end"``, ``"first:end:stride"`` or a range by the recording's numbers, or a count."""
 
-_SAMPLES = 5
-"""Mask images of a camera that are searched for a second person."""
+_SAMPLES = 5  # mask images of a camera that are searched for a second person
 
 
 def scene_from(
@@ -51,7 +49,7 @@ def scene_from(
         TypeError: it is neither.
     """
     with arguments_checked():
-        chosen = _chosen(scene, _frames_text(frames), identity, calibrated)
+        chosen = _open_scene(scene, _frames_text(frames), identity, calibrated)
     if reporter is not None and chosen.foreground.source == "masks" and not chosen.foreground.identity:
         others = ((source.name, _others(chosen, source)) for source in chosen.cameras)
         if (seen := next((f"{name} {line}" for name, line in others if line is not None), None)) is not None:
@@ -59,7 +57,7 @@ def scene_from(
     return chosen
 
 
-def _chosen(scene: Scene | str | Path, frames: str | None, identity: int | None, calibrated: bool) -> Scene:
+def _open_scene(scene: Scene | str | Path, frames: str | None, identity: int | None, calibrated: bool) -> Scene:
     if isinstance(scene, str | Path):
         return load_scene(scene, frames, identity, calibrated=calibrated)
     if not isinstance(scene, Scene):
@@ -108,15 +106,6 @@ def body_from(body: BodyModel | str | Path | None, scene: Scene) -> BodyModel:
     return load_body(body or scene.body or DEFAULT_BODY, "--body" if body else scene.path)
 
 
-def subject_from(subject: Subject | str | Path) -> Subject:
-    """A subject, perhaps by its file.
-
-    Raises:
-        InputError: the file holds no subject.
-    """
-    return subject if isinstance(subject, Subject) else read_subject(subject)
-
-
 def positions_of(result: Result, frames: Frames) -> list[int]:
     """Positions in a result of the frames that are asked for; all of them where none are.
 
@@ -137,10 +126,11 @@ def positions_of(result: Result, frames: Frames) -> list[int]:
     return positions
 
 
-def scene_reference(scene: Path, file: Path | None) -> str:
-    """How a result or a subject names its scene: relative to its own file, so that both can move together."""
-    scene = scene.resolve()
-    return scene.as_posix() if file is None else Path(os.path.relpath(scene, file.resolve().parent)).as_posix()
+def scene_reference(scene: Scene, file: Path | None, prefix: str = "") -> dict[str, str | int]:
+    """How a result or a subject names scene and person: relative to its own file, so that both can move together."""
+    path, identity = scene.path.resolve(), scene.foreground.identity
+    reference = path if file is None else Path(os.path.relpath(path, file.resolve().parent))
+    return {f"{prefix}scene": reference.as_posix()} | ({f"{prefix}identity": identity} if identity else {})
 
 
 def scene_of(

@@ -72,7 +72,9 @@ def show(
     """
     reporter = reporter or Reporter()
     if isinstance(result, Subject) or (isinstance(result, str | Path) and not holds_result(result)):
-        return _show_subject(result, scene, output, frames, force)
+        if frames is not None:
+            raise UsageError("--frames belongs to a result; a subject is drawn over the frame that it was fitted to")
+        return _show_subject(result, scene, new_file(_beside(result, output, ".png"), ".png", force=force))
     video = new_file(_beside(result, output, ".webm"), ".webm", force=force)
     sheet = new_file(video.with_suffix(".png"), ".png", force=force)
     tracked, path = result_from(result)
@@ -91,17 +93,8 @@ def _beside(result: object, output: str | Path | None, suffix: str) -> Path:
     raise UsageError("--output must be named for what is in memory")
 
 
-def _show_subject(
-    given: Subject | str | Path,
-    scene: Scene | str | Path | None,
-    output: str | Path | None,
-    frames: Frames,
-    force: bool,
-) -> Drawing:
+def _show_subject(given: Subject | str | Path, scene: Scene | str | Path | None, picture: Path) -> Drawing:
     """Draw a subject over the frame of its scene that it was fitted to, or alone where there is no scene."""
-    if frames is not None:
-        raise UsageError("--frames belongs to a result; a subject is drawn over the frame that it was fitted to")
-    picture = new_file(_beside(given, output, ".png"), ".png", force=force)
     subject, path = (given, None) if isinstance(given, Subject) else (read_subject(given), Path(given))
     start_warp()
     if (recorded := scene_of(subject, path, scene)) is None:

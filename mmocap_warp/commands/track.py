@@ -12,7 +12,7 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.commands.caller import Progress, Reporter, describe, effective, start_warp
-from mmocap_warp.commands.inputs import Frames, body_from, scene_from, scene_reference, subject_from, truth_of
+from mmocap_warp.commands.inputs import Frames, body_from, scene_from, scene_reference, truth_of
 from mmocap_warp.commands.outputs import new_file, releases_locks
 from mmocap_warp.errors import InputError, UsageError
 from mmocap_warp.fitting import subject_fit
@@ -128,9 +128,7 @@ def fit_subject(
     if subject.provenance["fit.decided"] == "no":
         name = str(subject.provenance["fit.alternative"])
         reporter.note((_UNDECIDED if body.skeleton.stands else _UNDECIDED_LYING)[name])
-    identity = {"fit.identity": scene.foreground.identity} if scene.foreground.identity else {}
-    reference = {"fit.scene": scene_reference(scene.path, output)}
-    subject = replace(subject, provenance={**subject.provenance, **reference, **identity})
+    subject = replace(subject, provenance={**subject.provenance, **scene_reference(scene, output, "fit.")})
     if output is not None:
         write_subject(output, subject)
     return subject
@@ -208,17 +206,17 @@ def track(
         subject = kept
     if subject is None:
         subject = _fitted(loaded, body, chosen, given, rigid, kept, reporter)
-    start, notes = subject_carrying(subject_from(subject), loaded.attached)
+    subject = subject if isinstance(subject, Subject) else read_subject(subject)
+    start, notes = subject_carrying(subject, loaded.attached)
     for note in notes:
         reporter.note(f"attach: {note}")
     _check_model(start.body, loaded, chosen, given)
     chosen = replace(chosen, dof=start.body.skeleton.model_number(chosen.dof))
     reporter.note(f"track: {describe(chosen, loaded.track, given)}")
 
-    tracked = _tracked(loaded, start, chosen, checkpoint, resume, accept_changed_code, reporter)
-    identified = {"identity": loaded.foreground.identity} if loaded.foreground.identity else {}
-    reference = {"scene": scene_reference(loaded.path, file)}
-    tracked = replace(tracked, config=tracked.config | reference | identified)
+    resumption = {"checkpoint": checkpoint, "resume": resume, "accept_changed_code": accept_changed_code}
+    tracked = _tracked(loaded, start, chosen, reporter, **resumption)
+    tracked = replace(tracked, config=tracked.config | scene_reference(loaded, file))
     if file is not None and checkpoint is not None:
         write_result(file, tracked)
         checkpoint.unlink(missing_ok=True)
@@ -233,10 +231,8 @@ def _starts_from(
         return None, subject
     if isinstance(subject, Subject | str | Path | None):
         return subject, body
-    raise TypeError(
-        f"subject must be a Subject, which is tracked, or a BodyModel, which is fitted first, not a "
-        f"{type(subject).__name__}"
-    )
+    possible = "a Subject, which is tracked, or a BodyModel, which is fitted first"
+    raise TypeError(f"subject must be {possible}, not a {type(subject).__name__}")
 
 
 def _fitted(
@@ -252,10 +248,10 @@ def _fitted(
     settings = {"rigid": rigid, "device": config.device, "threads": config.threads}
     settings = {name: value for name, value in settings.items() if value is not None}
     fit = effective(FitConfig, scene.settings("fit"), settings)
-    told = {name: value for name, value in settings.items() if name == "rigid" or name in given}
+    stated = {name: value for name, value in settings.items() if name == "rigid" or name in given}
     generic = body_from(body, scene)
     _check_model(generic, scene, config, given)
-    reporter.note(f"fit: {describe(fit, scene.fit, told)}")
+    reporter.note(f"fit: {describe(fit, scene.fit, stated)}")
     subject = fit_subject(scene, generic, fit, output, reporter)
     return subject if output is None else read_subject(output)  # as a resumed run will find it, to the last bit
 
@@ -270,15 +266,7 @@ def _check_model(body: BodyModel, scene: Scene, config: TrackConfig, given: dict
         raise InputError(f"{scene.path}: [track]", str(error), "correct that value") from None
 
 
-def _tracked(
-    scene: Scene,
-    subject: Subject,
-    config: TrackConfig,
-    checkpoint: Path | None,
-    resume: bool,
-    accept_changed_code: bool,
-    reporter: Reporter,
-) -> Result:
+def _tracked(scene: Scene, subject: Subject, config: TrackConfig, reporter: Reporter, **resumption: Any) -> Result:
     """Track, and tell of progress: first of the frames, then of the frames whose smoothed poses are final."""
     total, evaluations = scene.frame_count, 0
     with ExitStack() as stages:
@@ -292,13 +280,7 @@ def _tracked(
                 stages.close()
                 progress = stages.enter_context(reporter.stage("smooth"))
 
-        return frame_loop.track(
-            scene,
-            subject,
-            config,
-            checkpoint=checkpoint,
-            resume=resume,
-            accept_changed_code=accept_changed_code,
-            progress=report,
-            smooth_progress=lambda done: progress(done, total),
-        )
+        def report_smoothed(done: int) -> None:
+            progress(done, total)
+
+        return frame_loop.track(scene, subject, config, progress=report, smooth_progress=report_smoothed, **resumption)

@@ -16,10 +16,8 @@ from importlib.resources import files
 import numpy as np
 
 _STYLES = files("mmocap_warp.display")
-MARKS = (_STYLES / "chart_marks.css").read_text(encoding="utf-8")
-"""How parts look by their class."""
-_ALONE = (_STYLES / "chart_alone.css").read_text(encoding="utf-8")
-"""What a picture on its own needs beside ``MARKS``."""
+MARKS = (_STYLES / "chart_marks.css").read_text(encoding="utf-8")  # how parts look by their class
+_ALONE = (_STYLES / "chart_alone.css").read_text(encoding="utf-8")  # what a picture on its own needs beside MARKS
 
 _LINE = 15.0  # distance from a line of words to the next
 _DIGIT = 8.0  # width of a digit on an axis, with the room around it

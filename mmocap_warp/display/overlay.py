@@ -19,6 +19,7 @@ LEFT_COLOUR: Colour = (80, 220, 60)
 RIGHT_COLOUR: Colour = (60, 60, 240)
 MIDDLE_COLOUR: Colour = (245, 245, 245)
 SIGMA_COLOUR: Colour = (255, 80, 255)  # of no limb: an ellipse is often smaller than the joint's dot that it lies on
+LEGEND = {"mask": MASK_COLOUR, "model": MODEL_COLOUR, "left": LEFT_COLOUR, "right": RIGHT_COLOUR}
 COLOUR_OF_SIDE = {"left": LEFT_COLOUR, "right": RIGHT_COLOUR, "middle": MIDDLE_COLOUR}
 INK: Colour = (235, 235, 235)
 PAPER: Colour = (28, 28, 28)
@@ -27,8 +28,7 @@ _TINT = 0.35  # share of the skin's colour over the image
 ELLIPSE = 10
 """Standard deviations from a joint to the rim of its ellipse: one or two are less than a pixel in most recordings."""
 _PLATE = 0.6  # share of the plate's colour behind text
-SUBPIXEL_BITS = 4
-"""Binary digits after the point of OpenCV's coordinates."""
+SUBPIXEL_BITS = 4  # binary digits after the point of OpenCV's coordinates
 
 
 @dataclass(frozen=True)
@@ -49,11 +49,6 @@ class Window:
         """Where image points (n, 2) lie in the drawing; pixel centres are at integers in both."""
         scale = np.divide(self.size, self.extent)
         return (pixels - self.corner + 0.5) * scale - 0.5
-
-    def covariances(self, pixels: np.ndarray) -> np.ndarray:
-        """Covariances (n, 2, 2) of image points, in the drawing."""
-        scale = np.divide(self.size, self.extent)
-        return pixels * np.outer(scale, scale)
 
     def picture(self, image: np.ndarray, image_size: tuple[int, int], interpolation: int) -> np.ndarray:
         """The part of an image, resized; the image may have another resolution than the camera's ``image_size``."""
@@ -95,7 +90,8 @@ def draw_view(
     _draw_contour(canvas, model, MODEL_COLOUR)
     _draw_skeleton(canvas, window.points(joints), skeleton)
     if spread is not None:
-        _draw_ellipses(canvas, window.points(joints), window.covariances(spread))
+        scale = np.divide(window.size, window.extent)
+        _draw_ellipses(canvas, window.points(joints), spread * np.outer(scale, scale))
     return canvas
 
 

@@ -23,8 +23,7 @@ _MOST_POINTS = 1000  # points of a curve, at most: more than its panel has pixel
 _LEAST_HEIGHT = 100.0  # least range of the axis of the feet's heights [mm]
 _COLOUR = {"left": "first", "right": "second", "middle": "first"}
 
-Curves = dict[str, np.ndarray]
-"""(frame,) each, by side."""
+Curves = dict[str, np.ndarray]  # (frame,) each, by side
 
 
 def plot_angles(path: Path, measures: Measures) -> None:

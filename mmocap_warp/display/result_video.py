@@ -13,18 +13,7 @@ import numpy as np
 from mmocap_warp.body.model import Subject
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.rig import CameraRig, project
-from mmocap_warp.display.overlay import (
-    ELLIPSE,
-    LEFT_COLOUR,
-    MASK_COLOUR,
-    MODEL_COLOUR,
-    PAPER,
-    RIGHT_COLOUR,
-    SIGMA_COLOUR,
-    Window,
-    draw_view,
-    write_text,
-)
+from mmocap_warp.display.overlay import ELLIPSE, LEGEND, PAPER, SIGMA_COLOUR, Window, draw_view, write_text
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.png import write_png
 from mmocap_warp.formats.webm import WebmFile
@@ -42,8 +31,7 @@ _STILL_SIZE = (600, 600)  # size of the views from four sides [px]
 _STILL_DISTANCE = 3.0  # distance of the four views from the body, in its sizes
 _CROP_MARGIN = 0.12  # margin around the body in a contact sheet, as a share of its size
 
-Images = Iterable[Sequence[np.ndarray | None]]
-"""Per frame, an image for each camera."""
+Images = Iterable[Sequence[np.ndarray | None]]  # per frame, an image for each camera
 
 
 def show(
@@ -300,10 +288,8 @@ def _video_frame(result: Result, run: int, frame: int, views: list[np.ndarray], 
         f"{result.evaluations[run, frame]} evaluations   {STATUS[result.status[run, frame]]}",
         (12, 9),
     )
-    legend = {"mask": MASK_COLOUR, "model": MODEL_COLOUR, "left": LEFT_COLOUR, "right": RIGHT_COLOUR}
-    if result.joint_sigma is not None:
-        legend[f"ellipse: {ELLIPSE} sigma"] = SIGMA_COLOUR
-    for name, colour in legend.items():
+    of_sigma = {} if result.joint_sigma is None else {f"ellipse: {ELLIPSE} sigma": SIGMA_COLOUR}
+    for name, colour in (LEGEND | of_sigma).items():
         end = write_text(canvas, name, (end + 18, 9), colour)
     height, width = canvas.shape[:2]
     return np.pad(canvas, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")  # codecs want even sizes

@@ -16,19 +16,9 @@ from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.calibration_text import EVERY_OTHER
 from mmocap_warp.formats.toml_table import quoted, quoted_path
 from mmocap_warp.masks.frames import Frames, VideoFile, as_colour, open_frames
+from mmocap_warp.scene import folder_search as search
 from mmocap_warp.scene.camera_tables import RATE_TOLERANCE
-from mmocap_warp.scene.folder_search import (
-    CalibrationFile,
-    Kind,
-    Medium,
-    Take,
-    find_calibration,
-    find_media,
-    names_without_calibration,
-    project_kind,
-    read_with_unit,
-    takes,
-)
+from mmocap_warp.scene.folder_search import CalibrationFile, Kind, Medium, Take
 
 _MIN_UPRIGHT = 0.8  # share of the images' vertical that is along the world's if cameras stand upright
 _MAX_BAR_LEVEL = 30.0  # gray levels, of a black bar's brightest row
@@ -94,18 +84,18 @@ def draft_scene(folder: Path) -> Draft:
         InputError: a folder without videos and images, a calibration that cannot be read, or several recordings that
             could be meant.
     """
-    draft = Draft(project=project_kind(folder))
-    files = find_media(folder)
+    draft = Draft(project=search.project_kind(folder))
+    files = search.find_media(folder)
     if not any(medium.kind in ("recording", "masks") for medium in files):
         remedy = "put a video or a folder of images of each camera there"
         raise InputError(folder, "holds no video and no folder of images", remedy)
     # The calibration names the cameras, and each camera's name is looked for in the media's.
-    found = find_calibration(folder)
-    rig, units = read_with_unit(found, _sizes(files, found)) if found else (None, "m")
-    names = rig.names if rig else names_without_calibration(files)
+    found = search.find_calibration(folder)
+    rig, units = search.read_with_unit(found, _sizes(files, found)) if found else (None, "m")
+    names = rig.names if rig else search.names_without_calibration(files)
     video = _one_take(folder, files, names)
     kinds: tuple[Kind, ...] = ("masks", "background", "clean_plate")
-    media = _Media(video, *(next(iter(takes(files, kind, names).values()), {}) for kind in kinds))
+    media = _Media(video, *(next(iter(search.takes(files, kind, names).values()), {}) for kind in kinds))
     draft.cameras = tuple(name for name in names if name in media.frames)
     if not draft.cameras:
         raise InputError(
@@ -145,7 +135,7 @@ def _one_take(folder: Path, files: list[Medium], names: tuple[str, ...]) -> Take
     Raises:
         InputError: there are several.
     """
-    candidates = takes(files, "recording", names)
+    candidates = search.takes(files, "recording", names)
     videos = {place: take for place, take in candidates.items() if not next(iter(take.values())).is_dir()}
     candidates = videos or candidates
     if len(candidates) < 2:

@@ -12,7 +12,7 @@ import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.errors import InputError
@@ -21,8 +21,7 @@ from mmocap_warp.formats.humaneva.humaneva_files import read_cal
 from mmocap_warp.formats.table import CALIBRATIONS, Format, read_calibration
 
 Kind = Literal["recording", "masks", "background", "clean_plate"]
-Take = dict[str, Path]
-"""One video or folder a camera, by the camera's name."""
+Take = dict[str, Path]  # one video or folder a camera, by the camera's name
 
 _VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".mts", ".wmv")
 _IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
@@ -39,16 +38,10 @@ _IGNORED = re.compile(
 
 @dataclass(frozen=True)
 class Medium:
-    """A video, a folder of images or a picture.
-
-    Attributes:
-        path: where it lies.
-        parts: its place below the folder that was looked through, without its ending.
-        kind: what it shows, by its name.
-    """
+    """A video, a folder of images or a picture, and what it shows, by its name."""
 
     path: Path
-    parts: tuple[str, ...]
+    parts: tuple[str, ...]  # its place below the folder that was looked through, without its ending
     kind: Kind
 
 
@@ -91,33 +84,24 @@ def takes(media: list[Medium], kind: Kind, cameras: tuple[str, ...]) -> dict[str
         return {}
     candidates: dict[str, Take] = {}
     likeness: dict[str, int] = {}
-    for claim in (claim for medium in media if medium.kind == kind for claim in _claims(medium, cameras)):
-        candidates.setdefault(claim.place, {}).setdefault(claim.camera, claim.path)
-        likeness[claim.place] = min(claim.likeness, likeness.get(claim.place, claim.likeness))
+    for medium in (each for each in media if each.kind == kind):
+        for camera, place, like in _claims(medium, cameras):
+            candidates.setdefault(place, {}).setdefault(camera, medium.path)
+            likeness[place] = min(like, likeness.get(place, like))
     # Of the takes of most cameras, those of videos come first, then those whose names are most like the cameras'.
     most = max(map(len, candidates.values()), default=0)
     whole = sorted(place for place, take in candidates.items() if len(take) == most)
     whole.sort(key=lambda place: (next(iter(candidates[place].values())).is_dir(), -likeness[place]))
     chosen: dict[str, Take] = {}
-    used: set[Path] = set()
     for place in whole:
-        take = candidates[place]
-        if used.isdisjoint(take.values()):  # else these are the same media, by a part of their names that says less
-            chosen[place] = take
-            used.update(take.values())
+        used = {path for take in chosen.values() for path in take.values()}
+        if used.isdisjoint(candidates[place].values()):  # else the same media, by a part of their names that says less
+            chosen[place] = candidates[place]
     return chosen
 
 
-class _Claim(NamedTuple):
-    """That a medium may be of a camera, as a part of its place says."""
-
-    camera: str
-    place: str
-    likeness: int
-    path: Path
-
-
-def _claims(medium: Medium, cameras: tuple[str, ...]) -> Iterator[_Claim]:
+def _claims(medium: Medium, cameras: tuple[str, ...]) -> Iterator[tuple[str, str, int]]:
+    """Cameras that a medium may be of as parts of its place say, with its place but for the camera, and how likely."""
     for depth, part in enumerate(medium.parts):
         likeness = {camera: _likeness(camera, part) for camera in cameras}
         most = max(likeness.values())
@@ -128,7 +112,7 @@ def _claims(medium: Medium, cameras: tuple[str, ...]) -> Iterator[_Claim]:
             word = rf"(?<![A-Za-z0-9]){re.escape(token)}(?![A-Za-z0-9])"
             starred = [re.sub(word, "*", each, flags=re.IGNORECASE) for each in medium.parts]
             starred[depth] = re.sub("[0-9]+", "*", part) if most == 1 else starred[depth]
-            yield _Claim(camera, "/".join(starred), most, medium.path)
+            yield camera, "/".join(starred), most
 
 
 def _likeness(camera: str, part: str) -> int:
@@ -174,13 +158,7 @@ _ANY_OTHER = "write it as a Pose2Sim .toml (docs/calibration.md says what is in 
 
 @dataclass(frozen=True)
 class CalibrationFile:
-    """A calibration that can be read.
-
-    Attributes:
-        path: the file.
-        format: its format.
-        others: calibrations beside it that can be read too.
-    """
+    """A calibration that can be read, its format, and the others beside it that can be read too."""
 
     path: Path
     format: Format

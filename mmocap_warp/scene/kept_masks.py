@@ -29,8 +29,7 @@ from mmocap_warp.formats.toml_table import Table, load_toml, toml_value
 from mmocap_warp.masks.mask_files import list_tar, read_member
 from mmocap_warp.whole_file import write_whole
 
-MARK_NAME = "masks.toml"
-"""Of the file, in the folder of a camera's masks."""
+MARK_NAME = "masks.toml"  # of the file, in the folder of a camera's masks
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import cv2
@@ -111,55 +111,46 @@ def masked_scene(scene: Scene, folder: Path, scale: float) -> str:
     tracked at their scale unless the scene asks for a smaller one.
     """
 
-    def path(file: Path) -> str:
-        return quoted_path(file, folder)
+    def path(file: Path | None) -> str | None:
+        return None if file is None else quoted_path(file, folder)
 
-    frames = scene.frames
+    frames, truth = scene.frames, scene.truth
     is_start = (frames.start, frames.step) == (0, 1)
     frames_value = str(len(frames)) if is_start else quoted(f"{frames.start}:{frames[-1] + 1}:{frames.step}")
-    body = None if scene.body is None else path(scene.body) if isinstance(scene.body, Path) else quoted(scene.body)
-    lines = [
-        f"# A recorded scene with its masks made, at scale {scale:g}. By mmocap mask.",
-        "[scene]",
-        f"name = {quoted(scene.name)}",
-        f"fps = {scene.fps!r}",
-        f'up = "{scene.calibrated.up}"',
-        f"frames = {frames_value}",
-        *([f"subject = {path(scene.subject)}"] if scene.subject else []),
-        *([f"body = {body}"] if body else []),
-        *(["", "[truth]", f"file = {path(scene.truth)}", f'axes = "{scene.truth_axes}"'] if scene.truth else []),
-        "",
-        "[cameras]",
-        *([f"calibration = {path(scene.calibration)}"] if scene.calibration is not None else []),
-        *([f'units = "{scene.units}"'] if scene.units is not None else []),
-    ]
+    body = quoted(scene.body) if isinstance(scene.body, str) else path(scene.body)
+    about = {"name": quoted(scene.name), "fps": repr(scene.fps), "up": quoted(scene.calibrated.up)}
+    lines = [f"# A recorded scene with its masks made, at scale {scale:g}. By mmocap mask.", "[scene]"]
+    lines += _key_lines(about | {"frames": frames_value, "subject": path(scene.subject), "body": body})
+    lines += ["", "[truth]", *_key_lines({"file": path(truth), "axes": quoted(scene.truth_axes)})] if truth else []
+    units = None if scene.units is None else quoted(scene.units)
+    lines += ["", "[cameras]", *_key_lines({"calibration": path(scene.calibration), "units": units})]
     for source in scene.cameras:
-        video = [] if source.video is None else [f"video = {path(source.video.path)}"]
-        lines += ["", f"[cameras.{quoted(source.name)}]", f"masks = {quoted(source.name)}", *video]
-        lines += _placement_lines(source, scene.fps)
+        media = {"masks": quoted(source.name), "video": path(source.video.path if source.video else None)}
+        lines += ["", f"[cameras.{quoted(source.name)}]", *_key_lines(media | _placement(source, scene.fps))]
     lines += attachment_lines(scene.attached, folder)
     track = dict(scene.track)
     tracked_scale = track.get("scale", 1.0)
     if isinstance(tracked_scale, int | float) and scale < tracked_scale:
         track["scale"] = scale
     for name, settings in (("track", track), ("fit", scene.fit)):
-        if settings:
-            lines += ["", f"[{name}]", *(f"{key} = {toml_value(value)}" for key, value in settings.items())]
+        values = {key: toml_value(value) for key, value in settings.items()}
+        lines += ["", f"[{name}]", *_key_lines(values)] if values else []
     return "\n".join([*lines, ""])
 
 
-def _placement_lines(source: CameraSource, fps: float) -> list[str]:
+def _key_lines(values: Mapping[str, str | None]) -> list[str]:
+    """Lines of keys with values in TOML; None is left out."""
+    return [f"{key} = {value}" for key, value in values.items() if value is not None]
+
+
+def _placement(source: CameraSource, fps: float) -> dict[str, str | None]:
     """The keys that place a camera's images in time and space, where they differ from the defaults."""
-    lines = []
-    if source.fraction:
-        lines.append(f"offset = {(source.frame_offset + source.fraction) / (fps * source.rate)!r}")
-    elif source.frame_offset:
-        lines.append(f"frame_offset = {source.frame_offset}")
-    if source.rate != 1.0:
-        lines.append(f"fps = {fps * source.rate!r}")
-    if source.centre_shift != (0.0, 0.0):
-        lines.append(f"centre_shift = {list(source.centre_shift)}")
-    if source.recorded_scale != 1 or source.recorded_offset != (0.0, 0.0):
-        offset = list(source.recorded_offset)
-        lines.append(f"video_from_calibrated = {{ scale = {source.recorded_scale!r}, offset = {offset} }}")
-    return lines
+    offset = (source.frame_offset + source.fraction) / (fps * source.rate)
+    placed, corner = source.recorded_scale != 1 or source.recorded_offset != (0.0, 0.0), list(source.recorded_offset)
+    return {
+        "offset": repr(offset) if source.fraction else None,
+        "frame_offset": str(source.frame_offset) if source.frame_offset and not source.fraction else None,
+        "fps": repr(fps * source.rate) if source.rate != 1.0 else None,
+        "centre_shift": str(list(source.centre_shift)) if source.centre_shift != (0.0, 0.0) else None,
+        "video_from_calibrated": f"{{ scale = {source.recorded_scale!r}, offset = {corner} }}" if placed else None,
+    }

@@ -33,8 +33,7 @@ from mmocap_warp.scene.kept_masks import MaskMark, calibration_hash, store_masks
 from mmocap_warp.version import __version__
 from mmocap_warp.whole_file import content_hash
 
-BodyMasks = Callable[[], list[np.ndarray]]
-"""Says where the body was last: per camera (height, width) bool."""
+BodyMasks = Callable[[], list[np.ndarray]]  # says where the body was last: per camera (height, width) bool
 
 
 @dataclass(frozen=True)

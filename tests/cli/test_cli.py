@@ -163,7 +163,7 @@ def test_table_aligns_its_values():
 
 
 def test_every_setting_of_a_run_is_a_flag_and_every_flag_of_a_fit_a_setting():
-    from mmocap_warp.cli.track_command import FitFlags, TrackFlags
+    from mmocap_warp.cli.result_commands import FitFlags, TrackFlags
     from mmocap_warp.fitting.subject_fit import FitConfig
     from mmocap_warp.tracking.track_config import TrackConfig
 

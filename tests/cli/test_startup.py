@@ -44,7 +44,6 @@ def run(code: str, **environment: str) -> str:
     [
         ("mmocap_warp", {"warp", "pxr", "cv2", "numpy", "scipy", "ray", "trimesh", "rich", "cyclopts"}),
         ("mmocap_warp.cli", {"warp", "pxr", "cv2", "numpy", "scipy", "ray", "trimesh"}),
-        ("mmocap_warp.cli.track_command", {"warp", "pxr", "cv2", "numpy", "scipy", "ray", "trimesh"}),
         ("mmocap_warp.cli.result_commands", {"warp", "pxr", "cv2", "numpy", "scipy", "ray", "trimesh"}),
         ("mmocap_warp.tracking.frame_loop", {"scipy", "ray", "trimesh", "rich", "cyclopts"}),
     ],

@@ -81,7 +81,7 @@ COUNTED = [
     ("formats/calibration/opencv.py", ()),
     ("tracking/checkpoint.py", ()),
     ("kernels/benchmarks/timing.py", ()),
-    ("cli/track_command.py", ()),
+    ("cli/result_commands.py", ()),
     ("display/page/__init__.py", ()),
     ("study/statistics.py", ()),
     ("a_new_room/__init__.py", ()),

@@ -23,8 +23,7 @@ _JPEG_QUALITY = 60
 _MASK_CHARACTERS = 1_600_000  # room for all masks, at about half a kilobyte each
 _IMAGE_CHARACTERS = 2_000_000  # room for all images, at about six kilobytes each
 
-Views = Iterable[Sequence[np.ndarray | None]]
-"""Per frame, a picture for each camera."""
+Views = Iterable[Sequence[np.ndarray | None]]  # per frame, a picture for each camera
 
 
 def small_masks(masks: Views, cameras: int) -> Pictures:
@@ -60,14 +59,9 @@ _JOINT_BYTES = 14  # a joint's turn and place in one frame
 
 @dataclass(frozen=True)
 class Pictures:
-    """What the cameras saw in some of a page's frames.
+    """What the cameras saw in one of ``every`` so many of a page's frames, the first always among them."""
 
-    Attributes:
-        of: per camera, base64 of the pictures; None where there is none.
-        every: in how many of the page's frames there is one, the first always among them.
-    """
-
-    of: list[list[str | None]]
+    of: list[list[str | None]]  # per camera, base64 of the pictures; None where there is none
     every: int
 
     @classmethod
@@ -99,8 +93,7 @@ def _frames(step: int) -> str:
 
 
 _ROTATION_STEPS = 32767  # steps of a quaternion's component from 0 to 1
-Packed = dict[str, Any]
-"""What JSON can say."""
+Packed = dict[str, Any]  # what JSON can say
 
 _ERRORS = (("mpjpe_mm", "Joint error, mean"), ("marker_error_mm", "Marker error, mean"))
 """Series of an evaluation, best first, and what they are called."""
@@ -108,12 +101,9 @@ _ERRORS = (("mpjpe_mm", "Joint error, mean"), ("marker_error_mm", "Marker error,
 
 @dataclass(frozen=True)
 class Curve:
-    """A measure of every frame.
+    """A measure of every frame: its name and unit for people, the unit empty for a share, and its values.
 
-    Attributes:
-        name: for people.
-        unit: likewise; empty for a share.
-        values: (run, frame) float64 by track, NaN where there is none: ``final``, and ``raw`` where that has its own.
+    They are (run, frame) float64 by track, NaN where there is none: ``final``, and ``raw`` where that has its own.
     """
 
     name: str

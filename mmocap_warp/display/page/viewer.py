@@ -89,8 +89,17 @@ def view(
             scale = min(1.0, _IMAGE_SIDE / int(scene.calibrated.size.max()))
             seen = scene.of_frames(as_range(shown.frame_numbers.tolist()))
             pictures = small_images(seen.images(scale), cameras)
-    holds = sentence(shown.rate, step, masks, pictures)
-    return Page(_html(name, _summary(result), holds, content(shown, truth, masks, pictures)), len(result.frame_numbers))
+    html = filled(
+        resource(_HERE, "page.html"),
+        title=name,
+        script="\n".join(resource(_HERE, part) for part in _SCRIPTS),
+        style=resource(_HERE, "page.css"),
+        summary=escape(_summary(result)),
+        holds=escape(sentence(shown.rate, step, masks, pictures)),
+        version=escape(__version__),
+        content=embedded(content(shown, truth, masks, pictures)),
+    )
+    return Page(html, len(result.frame_numbers))
 
 
 def _with_progress(views: Views, count: int, progress: Callable[[int, int], None] | None) -> Iterator[Any]:
@@ -99,19 +108,6 @@ def _with_progress(views: Views, count: int, progress: Callable[[int, int], None
         yield view
         if progress is not None:
             progress(done, count)
-
-
-def _html(name: str, summary: str, holds: str, data: dict[str, Any]) -> str:
-    return filled(
-        resource(_HERE, "page.html"),
-        title=name,
-        script="\n".join(resource(_HERE, part) for part in _SCRIPTS),
-        style=resource(_HERE, "page.css"),
-        summary=escape(summary),
-        holds=escape(holds),
-        version=escape(__version__),
-        content=embedded(data),
-    )
 
 
 def _summary(result: Result) -> str:

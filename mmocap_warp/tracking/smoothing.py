@@ -219,16 +219,12 @@ class _RunSmoother:
 
         # The clip's problem. A window ends after a frame that has masks: all runs want the same masks then.
         points = MotionPoints(skeleton, subject.body.joint_rest, masks.searched)
+        coordinates = [limb.coordinates for limb in limbs(skeleton)]
+        from_rest = masks.pairs_from_rest if masks.pairs else None
         backward = BackwardPass(
-            self._descend,
-            self._linearise,
-            self._rooting,
-            points,
-            raw.rate,
-            self._area_costs,
-            [limb.coordinates for limb in limbs(skeleton)],
-            masks.pairs_from_rest if masks.pairs else None,
-        )
+            self._descend, self._linearise, self._rooting, points,
+            raw.rate, self._area_costs, coordinates, from_rest,
+        )  # fmt: skip
         problem = ClipProblem(self._linearise, self._rooting, points, raw.rate, backward)
         has_masks = np.isfinite(raw.iou).any(axis=(0, 2))
         self.windows = problem.windows(self._rooting.enter(track), coarse_then_fine(config.acceleration), has_masks)

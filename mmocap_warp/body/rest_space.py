@@ -77,14 +77,9 @@ class RestSpace:
         return np.array([] if self.body.rigid else [*(column.sigma for column in self._columns), _LOG_SCALE_SIGMA])
 
     @cached_property
-    def _skin(self) -> np.ndarray:
-        """(parameter - 1, vertex, 3), of the full mesh."""
-        return np.stack([column.skin for column in self._columns])
-
-    @cached_property
-    def _joint(self) -> np.ndarray:
-        """(parameter - 1, joint, 3)."""
-        return np.stack([column.joint for column in self._columns])
+    def _moved(self) -> tuple[np.ndarray, np.ndarray]:
+        """(parameter - 1, vertex, 3), of the full mesh, and (parameter - 1, joint, 3)."""
+        return np.stack([each.skin for each in self._columns]), np.stack([each.joint for each in self._columns])
 
     @cached_property
     def _unscaled(self) -> tuple[np.ndarray, np.ndarray]:
@@ -102,13 +97,13 @@ class RestSpace:
         if self.body.rigid:
             rest = self.body.skin.rest if vertex is None else self.body.skin.rest[vertex]
             return rest.astype(np.float64), self.body.joint_rest.astype(np.float64)
-        skin, rest = self._skin, self.body.skin.rest
+        (skin, joint), rest = self._moved, self.body.skin.rest
         by_vertex, by_joint = self._unscaled
         if vertex is not None:
             skin, rest, by_vertex = skin[:, vertex], rest[vertex], by_vertex[vertex]
         return (
             self._combine(beta, rest, skin, by_vertex),
-            self._combine(beta, self.body.joint_rest, self._joint, by_joint),
+            self._combine(beta, self.body.joint_rest, joint, by_joint),
         )
 
     def _combine(self, beta: np.ndarray, rest: np.ndarray, column: np.ndarray, unscaled: np.ndarray) -> np.ndarray:
@@ -126,13 +121,13 @@ class RestSpace:
         rest, joint = self.at(beta, vertex)
         if self.body.rigid:
             return np.zeros((0, *rest.shape)), np.zeros((0, *joint.shape))
-        skin = self._skin if vertex is None else self._skin[:, vertex]
+        (by_skin, by_centre), (by_vertex, by_joint) = self._moved, self._unscaled
+        if vertex is not None:
+            by_skin, by_vertex = by_skin[:, vertex], by_vertex[vertex]
         scale = np.exp(beta[-1])
-        by_vertex, by_joint = self._unscaled
-        by_vertex = by_vertex if vertex is None else by_vertex[vertex]
         return (
-            np.concatenate([scale * skin, (rest - by_vertex)[None]]),
-            np.concatenate([scale * self._joint, (joint - by_joint)[None]]),
+            np.concatenate([scale * by_skin, (rest - by_vertex)[None]]),
+            np.concatenate([scale * by_centre, (joint - by_joint)[None]]),
         )
 
     def model(self, beta: np.ndarray) -> BodyModel:
@@ -166,7 +161,8 @@ class RestSpace:
         # linear in scale * beta and the scale
         by_vertex, _ = self._unscaled
         own = mine.skin.rest.astype(np.float64) - by_vertex - mine.joint_rest[0]
-        column = np.concatenate([self._skin - self._joint[:, :1], own[None]]).reshape(len(self.names), -1)
+        skin, joint = self._moved
+        column = np.concatenate([skin - joint[:, :1], own[None]]).reshape(len(self.names), -1)
         target = (other.skin.rest.astype(np.float64) - by_vertex - other.joint_rest[0]).ravel()
         normal = column @ column.T / _SKIN_SIGMA**2 + np.diag(self.sigma**-2)
         toward = column @ target / _SKIN_SIGMA**2

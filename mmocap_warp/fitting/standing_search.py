@@ -55,15 +55,9 @@ class FirstFrame:
     ) -> Objective:
         """Judges candidates against the masks."""
         objective = Objective(
-            body,
-            root_base,
-            self.rig,
-            candidates,
-            renderer="raster",
-            shapes=shapes,
-            device=self.device,
-            threads=self.threads,
-        )
+            body, root_base, self.rig, candidates,
+            renderer="raster", shapes=shapes, device=self.device, threads=self.threads,
+        )  # fmt: skip
         objective.observe(self.observation)
         return objective
 

@@ -24,29 +24,19 @@ def search_limits(subject: Subject, config: TrackConfig) -> np.ndarray:
 def make_objective(subject: Subject, rig: CameraRig, config: TrackConfig, candidates: int, bases: int = 1) -> Objective:
     """An objective of a run's settings for so many candidates, which share ``bases`` evenly."""
     return Objective(
-        subject.body,
-        subject.root_base,
-        rig,
-        candidates,
-        cost=config.cost,
-        renderer=config.renderer,
-        bases=bases,
-        device=resolve_device(config.device),
-        threads=config.threads or available_threads(),
-    )
+        subject.body, subject.root_base, rig, candidates,
+        cost=config.cost, renderer=config.renderer, bases=bases, **_machine(config),
+    )  # fmt: skip
 
 
 def make_fitter(
     subject: Subject, rig: CameraRig, config: TrackConfig, candidates: int, **options: Any
 ) -> ContourFitter:
     """A fitter of contours of a run's settings, with further options of :class:`ContourFitter`."""
-    return ContourFitter(
-        subject.body,
-        rig,
-        subject.body.skeleton.searched(config.dof),
-        search_limits(subject, config),
-        candidates=candidates,
-        device=resolve_device(config.device),
-        threads=config.threads or available_threads(),
-        **options,
-    )
+    index, limits = subject.body.skeleton.searched(config.dof), search_limits(subject, config)
+    return ContourFitter(subject.body, rig, index, limits, candidates=candidates, **_machine(config), **options)
+
+
+def _machine(config: TrackConfig) -> dict[str, Any]:
+    """Where the work is done."""
+    return {"device": resolve_device(config.device), "threads": config.threads or available_threads()}

@@ -68,8 +68,7 @@ def smoothed(
     """
     started = time.perf_counter()
     masks = _MaskWindow(raw, config, observations)
-    judge = _AreaJudge(raw, config, masks)
-    runs = [_RunSmoother(raw, config, masks, judge, run) for run in range(len(raw.pose))]
+    runs = [_RunSmoother(raw, config, masks, run) for run in range(len(raw.pose))]
     done = 0
     cost, iou = raw.cost.copy(), raw.iou.copy()
     # All runs go from window to window together, because the masks are read once.
@@ -78,7 +77,7 @@ def smoothed(
             run.finish(window)
         for frame in range(done, done + windows[0].final):
             poses = np.stack([run.pose[frame] for run in runs])
-            cost[:, frame], iou[:, frame] = judge(frame, poses)
+            cost[:, frame], iou[:, frame] = masks.judged(frame, poses)
         done += windows[0].final
         if progress:
             progress(done)
@@ -122,14 +121,12 @@ class _MaskWindow:
         self._body_fitter.set_change(self.body_changes.vertex, self.body_changes.joint)
         self.pairs = [np.concatenate([limb.coordinates for limb in pair]) for pair in limb_pairs(subject.body.skeleton)]
         self._wide_fitter = make_fitter(subject, raw.cameras, config, max(1, len(self.pairs)), matching=WIDE)
+        self._objective = make_objective(subject, raw.cameras, config, len(raw.pose))
+        self._judged: int | None = None  # the frame that the objective observes
         self._unread: Iterator[Observation] = iter(observations)
         self._held: list[Observation] = []
         self._read = 0
         self.reading = 0.0
-
-    def observation(self, frame: int) -> Observation:
-        """One of the last frames that were read."""
-        return self._held[frame % self._places]
 
     def linearise(
         self, frames: np.ndarray, rooted: RootedPoses, seen: np.ndarray, neighbours: Neighbours
@@ -161,7 +158,7 @@ class _MaskWindow:
         base, pose = np.repeat(there.base, count, axis=0), np.repeat(there.pose, count, axis=0)
         for changed, pair in zip(pose, self.pairs, strict=True):
             changed[np.intersect1d(pair, self.searched)] = 0.0
-        fitter.observe(0, self.observation(frame))
+        fitter.observe(0, self._held[frame % self._places])
         fitter.start_at(pose, base, np.zeros(count, int))
         fitter.descend(count, _STEPS)
         return RootedPoses(base, fitter.descent.best.numpy()[:count].astype(float))
@@ -171,9 +168,20 @@ class _MaskWindow:
         only = np.zeros(1, int)
         each = []
         for i, frame in enumerate(frames):
-            self._body_fitter.observe(0, self.observation(frame))
+            self._body_fitter.observe(0, self._held[frame % self._places])
             each.append(self._body_fitter.linearise(only, rooted[i : i + 1]))
         return each[0].followed_by(*each[1:])
+
+    def judged(self, frame: int, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Costs (pose,) by areas and overlaps (pose, camera) of poses (pose, coordinate); NaN where nothing is seen."""
+        observation, count = self._held[frame % self._places], len(pose)
+        if not observation.foreground.any():
+            return np.full(count, np.nan), np.full((count, len(observation.foreground)), np.nan)
+        if frame != self._judged:  # many poses of one frame are judged in a row
+            self._objective.observe(observation)
+            self._judged = frame
+        cost = self._objective.costs(pose)
+        return cost, overlap(self._objective.count.numpy()[:count], observation)
 
     def _observe_next(self) -> None:
         """Read a frame into the place of the oldest one."""
@@ -193,7 +201,6 @@ class _RunSmoother:
         raw: the track.
         config: settings.
         masks: which all runs share.
-        judge: tells what areas cost.
         run: number of the run.
 
     Attributes:
@@ -202,26 +209,22 @@ class _RunSmoother:
         sigma: standard deviations of the same frames.
     """
 
-    def __init__(self, raw: Result, config: TrackConfig, masks: _MaskWindow, judge: _AreaJudge, run: int) -> None:
+    def __init__(self, raw: Result, config: TrackConfig, masks: _MaskWindow, run: int) -> None:
         subject, track = raw.subject, raw.pose[run]
         skeleton = subject.body.skeleton
-        self._masks, self._judge, self._rate = masks, judge, raw.rate
+        self._masks, self._rate = masks, raw.rate
         self._tracked = raw.status[run] != _LOST
         self._rooting = Rooting(skeleton, subject.root_base, masks.searched, masks.limits)
         self._known = self._rooting.refold(self._rooting.enter(track))  # poses as they were linearised last
 
         # The clip's problem. A window ends after a frame that has masks: all runs want the same masks then.
         points = MotionPoints(skeleton, subject.body.joint_rest, masks.searched)
+        coordinates = [limb.coordinates for limb in limbs(skeleton)]
+        from_rest = masks.pairs_from_rest if masks.pairs else None
         backward = BackwardPass(
-            self._descend,
-            self._linearise,
-            self._rooting,
-            points,
-            raw.rate,
-            self._area_costs,
-            [limb.coordinates for limb in limbs(skeleton)],
-            masks.pairs_from_rest if masks.pairs else None,
-        )
+            self._descend, self._linearise, self._rooting, points,
+            raw.rate, self._area_costs, coordinates, from_rest,
+        )  # fmt: skip
         problem = ClipProblem(self._linearise, self._rooting, points, raw.rate, backward)
         has_masks = np.isfinite(raw.iou).any(axis=(0, 2))
         self.windows = problem.windows(self._rooting.enter(track), coarse_then_fine(config.acceleration), has_masks)
@@ -269,28 +272,9 @@ class _RunSmoother:
     def _area_costs(self, frames: np.ndarray, rooted: RootedPoses) -> np.ndarray:
         """(pose,) what the masks of frames and the body in a pose for each do not cover of each other."""
         poses = self._rooting.leave(rooted, np.zeros(3))
-        return np.array([self._judge(frame, pose[None])[0][0] for frame, pose in zip(frames, poses, strict=True)])
-
-
-class _AreaJudge:
-    """What poses cost by their areas, and how they overlap the masks."""
-
-    def __init__(self, raw: Result, config: TrackConfig, masks: _MaskWindow) -> None:
-        self._masks = masks
-        self._observed: int | None = None
-        self._objective = make_objective(raw.subject, raw.cameras, config, len(raw.pose))
-
-    def __call__(self, frame: int, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Costs (pose,) and overlaps (pose, camera) of poses (pose, coordinate); NaN where nothing is seen."""
-        observation, count = self._masks.observation(frame), len(pose)
-        if not observation.foreground.any():
-            return np.full(count, np.nan), np.full((count, len(observation.foreground)), np.nan)
-        objective = self._objective
-        if frame != self._observed:  # many poses of one frame are judged in a row
-            objective.observe(observation)
-            self._observed = frame
-        cost = objective.costs(pose)
-        return cost, overlap(objective.count.numpy()[:count], observation)
+        return np.array(
+            [self._masks.judged(frame, pose[None])[0][0] for frame, pose in zip(frames, poses, strict=True)]
+        )
 
 
 def _with_interpolated(status: np.ndarray) -> np.ndarray:

@@ -90,9 +90,8 @@ def test_the_estimate_is_near_what_a_search_holds(algorithm, runs, evaluations, 
 @pytest.mark.parametrize("runs", [1, 3])
 def test_the_estimate_is_near_what_contours_hold_when_they_track_or_smooth(settings, runs, device, monkeypatch):
     held: list[object] = []
-    for part in (smoothing._MaskWindow, smoothing._AreaJudge):
-        init = part.__init__
-        monkeypatch.setattr(part, "__init__", lambda self, *of, init=init: (held.append(self), init(self, *of))[1])
+    init = smoothing._MaskWindow.__init__
+    monkeypatch.setattr(smoothing._MaskWindow, "__init__", lambda self, *of: (held.append(self), init(self, *of))[1])
     seen = motion(device)[1][:8]
     fps = len(seen) / smoothing.WINDOW  # so that they are a window
     config = TrackConfig(device=device, runs=runs, **settings)

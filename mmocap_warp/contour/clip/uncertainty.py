@@ -21,7 +21,7 @@ from mmocap_warp.contour.clip.clip_problem import OVERLAP, ClipProblem, SolvedWi
 from mmocap_warp.contour.clip.motion_penalty import MotionPenalty
 from mmocap_warp.contour.clip.motion_points import POINTS_A_JOINT
 from mmocap_warp.contour.frame.normal_equations import LineariseFrames, NormalEquations
-from mmocap_warp.contour.frame.rooted import RootedPoses
+from mmocap_warp.contour.frame.rooted import FrameArrays, RootedPoses
 
 NOISE = 1.3
 """Measured deviations from frame to frame, in units of those that the normal matrix predicts."""
@@ -33,7 +33,7 @@ BODY_INTERVAL = 0.2
 
 
 @dataclass(frozen=True, eq=False)
-class Uncertainty:
+class Uncertainty(FrameArrays):
     """Standard deviations of each frame.
 
     Attributes:
@@ -168,7 +168,8 @@ class BodyDeviations:
         self._problem, self._linearise, self._change, self._axes = problem, linearise, changes.joint, axes
         self._information = np.concatenate([problem.rooting.anywhere, changes.sigma]) ** -2.0
         self._first = 0
-        self._last: Uncertainty | None = None
+        coordinates = problem.rooting.none.pose.shape[1]
+        self._last = Uncertainty(np.zeros((1, coordinates)), np.zeros((1, *changes.joint.shape[1:])))
 
     def of(self, window: SolvedWindow) -> Uncertainty:
         """Those of the next window's final frames. A window that shows nothing keeps those of the last seen frame."""
@@ -177,9 +178,9 @@ class BodyDeviations:
         if len(at):
             sigma = self._of(self._first + at, window.rooted[at])
         else:
-            sigma, at = self._last or self._nothing(), np.zeros(1, int)
+            sigma, at = self._last, np.zeros(1, int)
         self._first += window.final
-        self._last = Uncertainty(sigma.pose[-1:], sigma.joint[-1:])
+        self._last = sigma[-1:]
         frames = np.arange(window.final)
         return Uncertainty(_interpolated(frames, at, sigma.pose), _interpolated(frames, at, sigma.joint))
 
@@ -199,10 +200,6 @@ class BodyDeviations:
         coordinate = np.zeros_like(rooted.pose)
         coordinate[:, rooting.searched] = _sigma(rooting.leaving(rooted) @ pose, body)
         return Uncertainty(coordinate, _sigma(by_body, body).reshape(joint.shape[:3]))
-
-    def _nothing(self) -> Uncertainty:
-        joints, coordinates = self._change.shape[1], self._problem.rooting.none.pose.shape[1]
-        return Uncertainty(np.zeros((1, coordinates)), np.zeros((1, joints, 3)))
 
 
 def misfit(contour: NormalEquations, searched: np.ndarray, usual: float = USUAL_MISFIT) -> float:

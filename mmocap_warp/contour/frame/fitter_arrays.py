@@ -74,15 +74,10 @@ def make_outline(view: tuple[int, int], mesh: SkinMesh, edges: int, device: str)
 def make_descent(
     index: np.ndarray, is_length: np.ndarray, limits: np.ndarray, view: tuple[int, int], width: int, device: str
 ) -> Any:
-    """Arrays of a descent in the coordinates ``index`` (dof,), some of them lengths (dof,), within ``limits``.
+    """Arrays of a descent in the coordinates ``index`` (dof,), of which some are lengths (dof,), within ``limits``.
 
-    Args:
-        index: the searched coordinates of a pose.
-        is_length: whether they are metres, not radians.
-        limits: (coordinate, 2) of all coordinates.
-        view: candidates and cameras.
-        width: columns of a row of the normal equations.
-        device: a Warp device.
+    ``limits`` (coordinate, 2) are of all coordinates, ``view`` are the numbers of candidates and cameras, and ``width``
+    is that of a row of the normal equations.
     """
     candidates, poses = view[0], (view[0], len(limits))
     return allocated(

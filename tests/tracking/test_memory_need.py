@@ -83,17 +83,23 @@ def test_the_estimate_is_near_what_a_search_holds(algorithm, runs, evaluations, 
 
 
 @pytest.mark.parametrize(
-    "settings",
-    [{"algorithm": "search-contour"}, {"algorithm": "contour"}, {"algorithm": "h-de", "polish": True}],
+    ("settings", "runs"),
+    [
+        ({"algorithm": "search-contour"}, 3),
+        ({"algorithm": "contour"}, 1),
+        ({"algorithm": "h-de", "polish": True}, 1),
+        pytest.param({"algorithm": "search-contour"}, 1, marks=pytest.mark.nightly),
+        pytest.param({"algorithm": "contour"}, 3, marks=pytest.mark.nightly),
+        pytest.param({"algorithm": "h-de", "polish": True}, 3, marks=pytest.mark.nightly),
+    ],
     ids=str,
 )
-@pytest.mark.parametrize("runs", [1, 3])
 def test_the_estimate_is_near_what_contours_hold_when_they_track_or_smooth(settings, runs, device, monkeypatch):
     held: list[object] = []
     for part in (smoothing._MaskWindow, smoothing._AreaJudge):
         init = part.__init__
         monkeypatch.setattr(part, "__init__", lambda self, *of, init=init: (held.append(self), init(self, *of))[1])
-    seen = motion(device)[1][:8]
+    _, seen = motion(device)
     fps = len(seen) / smoothing.WINDOW  # so that they are a window
     config = TrackConfig(device=device, runs=runs, **settings)
     tracker = ContourTracker(synthetic_subject(), RIG, config, fps)

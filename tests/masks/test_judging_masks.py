@@ -49,7 +49,7 @@ def walking(rig: CameraRig, boxes: tuple[np.ndarray, ...] = FIGURE) -> list[list
     return [seen(rig, boxes, 0.02 * frame) for frame in range(FRAMES)]
 
 
-@pytest.mark.parametrize("cameras", [2, 3, 4, 6])
+@pytest.mark.parametrize("cameras", [2, 3, pytest.param(4, marks=pytest.mark.nightly), 6])
 def test_a_whole_figure_passes(cameras: int) -> None:
     rig = rig_of(cameras)
     report = judged(rig, walking(rig))
@@ -60,14 +60,14 @@ def test_a_whole_figure_passes(cameras: int) -> None:
         assert cameras == 2 or view.explained > 0.95
 
 
-@pytest.mark.parametrize("cameras", [3, 4, 6])
+@pytest.mark.parametrize("cameras", [3, pytest.param(4, marks=pytest.mark.nightly), 6])
 def test_only_a_moving_leg_was_segmented(cameras: int) -> None:
     rig = rig_of(cameras)
     (fault,) = judged(rig, walking(rig, (LEG,))).faults
     assert "only a part of it was segmented, such as a moving leg" in fault
 
 
-@pytest.mark.parametrize("cameras", [3, 4, 6])
+@pytest.mark.parametrize("cameras", [3, pytest.param(4, marks=pytest.mark.nightly), 6])
 def test_a_view_that_shows_a_leg_alone_is_named(cameras: int) -> None:
     rig = rig_of(cameras)
     frames = walking(rig)

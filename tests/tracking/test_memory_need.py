@@ -83,11 +83,17 @@ def test_the_estimate_is_near_what_a_search_holds(algorithm, runs, evaluations, 
 
 
 @pytest.mark.parametrize(
-    "settings",
-    [{"algorithm": "search-contour"}, {"algorithm": "contour"}, {"algorithm": "h-de", "polish": True}],
+    ("settings", "runs"),
+    [
+        ({"algorithm": "search-contour"}, 3),
+        ({"algorithm": "contour"}, 1),
+        ({"algorithm": "h-de", "polish": True}, 1),
+        pytest.param({"algorithm": "search-contour"}, 1, marks=pytest.mark.nightly),
+        pytest.param({"algorithm": "contour"}, 3, marks=pytest.mark.nightly),
+        pytest.param({"algorithm": "h-de", "polish": True}, 3, marks=pytest.mark.nightly),
+    ],
     ids=str,
 )
-@pytest.mark.parametrize("runs", [1, 3])
 def test_the_estimate_is_near_what_contours_hold_when_they_track_or_smooth(settings, runs, device, monkeypatch):
     held: list[object] = []
     init = smoothing._MaskWindow.__init__

@@ -349,7 +349,7 @@ def test_a_checkpoint_that_cannot_be_written_is_wrong_input(tmp_path):
         save_up_to(store, answered(1), 1)
 
 
-@pytest.mark.parametrize("algorithm", ["apf", "psapf"])
+@pytest.mark.parametrize("algorithm", [pytest.param("apf", marks=pytest.mark.nightly), "psapf"])
 def test_a_filters_particles_are_saved_with_its_last_frame(algorithm, loaded, subject, tmp_path, monkeypatch):
     """The run is stopped twice; every frame is saved, and in between the frames saved do not grow by the particles."""
     monkeypatch.setattr(checkpoint, "_INTERVAL", 0)

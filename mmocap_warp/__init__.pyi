@@ -40,6 +40,7 @@ from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.study.store import read_results as study_results
 from mmocap_warp.tracking.live import LiveFrame, track_live
 from mmocap_warp.tracking.track_config import TrackConfig
+from mmocap_warp.version import __version__ as __version__
 
 __all__ = [
     "BodyModel", "CameraCheck", "CameraRig", "FitConfig", "InputError", "LiveFrame", "Refinement", "Reporter",

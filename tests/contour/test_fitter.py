@@ -160,7 +160,7 @@ def test_the_bits_depend_on_neither_threads_nor_neighbours(device, name):
 
 def test_descents_are_the_same_again_and_again(device, monkeypatch):
     """Of any kind in any order, with larger masks in between, whose fields move: on a GPU graphs are replayed."""
-    monkeypatch.setattr("mmocap_warp.contour.frame.fields._MOST_WHOLE", 0)
+    monkeypatch.setattr("mmocap_warp.contour.frame.fields.MOST_WHOLE", 0)
     body, near = BODIES["person"], ring_rig(3, size=(320, 240), distance=2.5)
     poses, seen = poses_of(body, 3, seed=8), poses_of(body, 1, seed=9)[0]
     small, large = observed(body, seen + 4.0 * np.eye(len(seen))[2], near), observed(body, seen, near)

@@ -27,11 +27,9 @@ from mmocap_warp.formats.humaneva.vicon_points import (
     MARKERS,
     MissingPointError,
     SubjectMeasures,
-    interpolate_frames,
     joint_positions,
-    marker_positions,
+    markers_at,
     torso_radius,
-    without_invalid_frames,
 )
 from mmocap_warp.formats.motion.captured_points import read_c3d
 from mmocap_warp.formats.toml_table import quoted
@@ -204,7 +202,7 @@ def _read_truth(folder: Path, subject: str, trial: str, sync: Synchronisation, f
         raise InputError(path, f"runs at {tracks.rate:g} Hz, but {ratio}", "take .c3d and .ofs of the same sequence")
     position = sync.mocap_position(frames) - 1  # HumanEva counts from 1, arrays from 0
     try:
-        markers = without_invalid_frames(interpolate_frames(marker_positions(tracks), position))
+        markers = markers_at(tracks, position)
     except MissingPointError as error:
         raise InputError(path, str(error), "give the data set's own .c3d: Vicon's 39 markers are needed") from None
     valid = np.isfinite(markers).all(axis=(1, 2))

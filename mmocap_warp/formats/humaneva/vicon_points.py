@@ -43,10 +43,15 @@ def point_positions(tracks: PointTracks, *names: str) -> np.ndarray:
     return tracks.positions[:, [tracks.names.index(name) for name in names]]
 
 
-def marker_positions(tracks: PointTracks) -> np.ndarray:
-    """(frame, 39, 3) positions of ``MARKERS`` [m]."""
+def markers_at(tracks: PointTracks, position: np.ndarray) -> np.ndarray:
+    """(time, 39, 3) positions of ``MARKERS`` at fractional frames counted from 0 [m].
+
+    All markers of a frame are NaN in which one is: HumanEva trusts no part of it.
+    """
     names = (name if name in tracks.names else _OTHER_NAMES.get(name, name) for name in MARKERS)
-    return point_positions(tracks, *names)
+    markers = interpolate_frames(point_positions(tracks, *names), position)
+    valid = np.isfinite(markers).all(axis=(1, 2))
+    return np.where(valid[:, None, None], markers, np.nan)
 
 
 def interpolate_frames(values: np.ndarray, position: np.ndarray) -> np.ndarray:
@@ -59,12 +64,6 @@ def interpolate_frames(values: np.ndarray, position: np.ndarray) -> np.ndarray:
     lower, upper = np.where(inside, lower, 0), np.where(inside, upper, 0)
     share = np.where(inside, position - lower, np.nan).reshape(-1, *[1] * (values.ndim - 1))
     return (1 - share) * values[lower] + share * values[upper]
-
-
-def without_invalid_frames(markers: np.ndarray) -> np.ndarray:
-    """(time, marker, 3) with every marker of a frame NaN in which one is: HumanEva trusts no part of it."""
-    valid = np.isfinite(markers).all(axis=(1, 2))
-    return np.where(valid[:, None, None], markers, np.nan)
 
 
 JOINT_NAMES: tuple[str, ...] = (

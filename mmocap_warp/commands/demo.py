@@ -10,18 +10,16 @@ import numpy as np
 
 from mmocap_warp.commands.caller import Reporter
 from mmocap_warp.commands.inputs import truth_of
+from mmocap_warp.commands.new_scenes import synthesize
 from mmocap_warp.commands.outputs import new_folder, releases_locks
 from mmocap_warp.commands.show import draw_result
 from mmocap_warp.commands.track import track
 from mmocap_warp.display.result_plots import plot_report
 from mmocap_warp.errors import UsageError
-from mmocap_warp.formats.usd.usd_body import read_body, read_motions
 from mmocap_warp.result.evaluation import evaluate
-from mmocap_warp.rigging.shipped import body_file
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene
 from mmocap_warp.scenes import ROOT
-from mmocap_warp.synthesis.any_body import recorded, write_recorded
 
 MOST_ERROR_MM = 30.0  # mean of Eq. 20 from each run's own first answer that an installation which works stays under
 MOST_SHARE = 0.02  # the same of other bodies: mean error of joints, as a share of the body's size
@@ -114,15 +112,12 @@ def _walk(folder: Path, paper: bool, reporter: Reporter) -> Demo:
 
 def _made_example(name: str, folder: Path, reporter: Reporter) -> Demo:
     """Make a scene of another body, and track it from its true first pose."""
-    example = EXAMPLES[name]
-    file = body_file(example.body)
-    body = read_body(file)
-    recording = recorded(body, read_motions(file)[example.motion], example.cameras)
-    with reporter.stage("synth") as progress:
-        made = write_recorded(folder / f"{name}-scene", recording, faulty=True, file=file, progress=progress)
-    scene = load_scene(made)
+    body, motion, cameras = EXAMPLES[name]
+    place = folder / f"{name}-scene"
+    made = synthesize(body, place, motion=motion, cameras=cameras, force=True, reporter=reporter)
+    scene, skin = load_scene(made.scene), made.recording.body.skin
     report, files = _tracked(scene, folder, name, reporter)
-    size = float(np.ptp(body.skin.rest[np.unique(body.skin.face)], axis=0).max())
+    size = float(np.ptp(skin.rest[np.unique(skin.face)], axis=0).max())
     good = report["mpjpe_mm"] / 1000 / size <= MOST_SHARE
     return Demo(report, {"scene": scene.path, **files}, good, size=size)
 

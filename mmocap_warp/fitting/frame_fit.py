@@ -118,12 +118,7 @@ class FrameFit:
     def with_sides_swapped(self, guess: Guess) -> list[Guess]:
         """A guess for each pair of limbs, fitted from the mirrored pose of the pair."""
         exchanged = mirrored(self._skeleton, guess.pose)
-        found = []
-        for pair in self._pairs:
-            pose = _with_limbs(guess.pose, pair, exchanged)
-            self._take_body(guess.beta, guess.root_base)
-            found.append(self.polished(replace(guess, pose=self._descended(self._rough_pose, guess, pose[None])[0])))
-        return found
+        return [self._refitted(guess, _with_limbs(guess.pose, pair, exchanged)) for pair in self._pairs]
 
     def with_places_exchanged(self, guess: Guess) -> list[Guess]:
         """A guess for each pair of limbs, fitted from where each limb lies in the other's place: crossed arms uncross.
@@ -137,10 +132,13 @@ class FrameFit:
         found = []
         for one, other in self._pairs or self._like:
             exchanged = places_exchanged(there, (one.coordinates, other.coordinates), points, rooting)
-            pose = rooting.leave(exchanged, guess.pose[ROOT_ANGLES])
-            self._take_body(guess.beta, guess.root_base)
-            found.append(self.polished(replace(guess, pose=self._descended(self._rough_pose, guess, pose)[0])))
+            found.append(self._refitted(guess, rooting.leave(exchanged, guess.pose[ROOT_ANGLES])[0]))
         return found
+
+    def _refitted(self, guess: Guess, pose: np.ndarray) -> Guess:
+        """The guess, fitted from another pose (coordinate,)."""
+        self._take_body(guess.beta, guess.root_base)
+        return self.polished(replace(guess, pose=self._descended(self._rough_pose, guess, pose[None])[0]))
 
     def with_pairs_anew(self, guess: Guess) -> list[Guess]:
         """A guess for each pair of limbs, fitted from where both are at rest.

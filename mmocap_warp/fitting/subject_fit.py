@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from itertools import islice
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -57,6 +58,8 @@ _LEAST_MARGIN = 0.005  # a smaller difference of costs decides nothing
 _LEAST_CLIP_MARGIN = 0.02  # a smaller difference over a clip decides nothing, as a share of the contours' cost
 _HEADINGS_SHARE, _LIMBS_SHARE = 0.4, 0.6  # shares of the work that are done after these stages, for the progress
 
+
+_cost = attrgetter("cost")
 
 FitProgress = Callable[[str, float, float], None]
 """Called with the stage's name, the share of all work done, and the best cost so far."""
@@ -274,7 +277,3 @@ def _headings(task: _Task, frame: FirstFrame) -> list[Guess]:
         found = search_starts(shapes, frame, screened, config.evaluations, near_rest=given is None)
     subjects = [shapes.subject(coordinates.astype(np.float64), {}) for coordinates in found]
     return [Guess(task.space.nearest(subject.body), subject.root_base, subject.pose) for subject in subjects]
-
-
-def _cost(guess: Guess) -> float:
-    return guess.cost

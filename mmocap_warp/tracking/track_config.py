@@ -60,7 +60,7 @@ class TrackConfig:
         _one_of("preset", self.preset, PRESETS)
         _one_of("cost", self.cost, COSTS)
         _one_of("renderer", self.renderer, RENDERERS)
-        for name in ("evaluations", "runs"):
+        for name in ("evaluations", "runs", "threads"):
             value = getattr(self, name)
             if value is not None and value < 1:
                 raise ValueError(f"{name} must be at least 1, got {value}")
@@ -68,8 +68,6 @@ class TrackConfig:
             raise ValueError(f"polish is for {list(ALGORITHMS)}; {self.algorithm} fits contours by itself")
         if self.smooth is not None and not (math.isfinite(self.smooth) and self.smooth >= 0):
             raise ValueError(f"smooth must be finite and not negative, got {self.smooth}")
-        if self.threads is not None and self.threads < 1:
-            raise ValueError(f"threads must be at least 1, got {self.threads}")
         for name in ("rotation_radius", "translation_radius"):
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0):

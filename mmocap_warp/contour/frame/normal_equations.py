@@ -71,12 +71,9 @@ class ViewEquations:
 
     def where(self, taken: np.ndarray, other: ViewEquations) -> ViewEquations:
         """These in the views that are ``taken`` (camera,) bool, and others elsewhere."""
-        mine, others = vars(self), vars(other)
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
         return ViewEquations(
-            **{
-                name: np.where(taken.reshape(-1, *[1] * (value.ndim - 2)), value, others[name])
-                for name, value in mine.items()
-            }
+            *(np.where(taken.reshape(-1, *[1] * (mine.ndim - 2)), mine, theirs) for mine, theirs in pairs)
         )
 
 

@@ -20,8 +20,8 @@ from cyclopts import Parameter as CliParameter
 
 from mmocap_warp.cli.console import OK, Console, Identity, Output, ResultFile, SceneFile, Switch, given
 
-_TYPES: dict[str, Any] = {"Path": Path, "Frames": str, "Literal": Literal}
-_KNOWN = ("str", "int", "float", "bool", "tuple", *_TYPES)  # the command line has no parameter of any other type
+_TYPES: dict[str, Any] = {"str": str, "int": int, "float": float, "bool": bool, "Path": Path, "Frames": str}
+_KNOWN = (*_TYPES, "tuple", "Literal")  # the command line has no parameter of any other type
 _FILES: dict[str, Any] = {"scene": SceneFile, "result": ResultFile}
 REQUIRED = Parameter.empty  # the default of a parameter that has none
 BY_PLACE, BY_FLAG, ANY_NUMBER = Parameter.POSITIONAL_ONLY, Parameter.KEYWORD_ONLY, Parameter.VAR_POSITIONAL

@@ -84,6 +84,7 @@ def test_the_suite_passes_where_all_recipes_are_applied(changed_by_all: Path) ->
 
 def test_an_optimizer(follow: Callable[[str], Recipe], device: str) -> None:
     recipe = follow("An optimizer")
+    (recipe.folder / "walked.usdc").unlink(missing_ok=True)  # of another device
     recipe.run_commands()
     result = read_result(recipe.folder / "walked.usdc")
     assert result.config["algorithm"] == "h-walk"

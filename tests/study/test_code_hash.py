@@ -26,7 +26,7 @@ def installed(tmp_path_factory) -> Path:
     site = tmp_path_factory.mktemp("site-packages")
     sources = {"mmocap_warp": "mmocap_warp", "kernels": "mmocap_warp/kernels"}
     for folder, target in sources.items():
-        for file in (each for ending in ("py", "cu", "toml") for each in (ROOT / folder).rglob(f"*.{ending}")):
+        for file in (each for ending in ("py", "pyi", "cu", "toml") for each in (ROOT / folder).rglob(f"*.{ending}")):
             copied = site / target / file.relative_to(ROOT / folder)
             copied.parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(file, copied)

@@ -59,7 +59,10 @@ def subject(request, walk, man):
     """The man fitted to the walk, or to as much of it as tells his heading and height."""
     if request.param == "whole":
         return fit(walk, man, QUICK)
-    return fit(replace(walk, frame_count=12), man, replace(QUICK, headings=4, evaluations=300, finalists=1, frames=4))
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("mmocap_warp.fitting.subject_fit._ROUNDS", 2)  # searches of the limbs, at most
+        quick = replace(QUICK, headings=4, evaluations=300, finalists=1, frames=4)
+        return fit(replace(walk, frame_count=12), man, quick)
 
 
 def test_a_stranger_is_found_with_the_right_heading(walk, subject):

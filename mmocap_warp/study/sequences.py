@@ -162,7 +162,7 @@ FURTHER_PLANS: dict[str, SequencePlan] = {
 }
 """Clips beyond the nine, in no table of the study: people who turn fast, and people unlike the tracker's bodies."""
 
-CLIP_PLANS: Mapping[str, SequencePlan] = {**PLANS, **FURTHER_PLANS}
+CLIP_PLANS: dict[str, SequencePlan] = {**PLANS, **FURTHER_PLANS}
 """Of all that is made by name."""
 
 
@@ -207,7 +207,10 @@ def clip_sequence(
 
 
 class MadeSequences(UserDict[str, Any]):
-    """Sequences by name, each made when it is first asked for; it is filled with their plans."""
+    """Sequences by name, each made when it is first asked for, as its plan says at that time."""
+
+    def __init__(self, plans: dict[str, SequencePlan]) -> None:
+        self.data = plans
 
     def __getitem__(self, name: str) -> StudySequence:
         """The sequence."""

@@ -145,10 +145,7 @@ def measures(result: Result, truth: Truth | None) -> dict[str, float | None]:
 
 
 class _Takes:
-    """A clip's masks, made or read once, as each cell's degradation leaves them, with the subject that it starts from.
-
-    The last of these is kept, too.
-    """
+    """A clip's masks, made or read once, and the last degradation of them with the subjects that started from it."""
 
     def __init__(self, clip: Clip) -> None:
         self._clip = clip

@@ -108,11 +108,7 @@ def write_report(
 ) -> None:
     """Write the page, its tables as Markdown, and a CSV file with a line per cell; each whole or not at all.
 
-    Args:
-        study: what it is about; one cell at least.
-        clips: where the recordings of sequences are, see :func:`clips_of`.
-        notes: remarks for the page.
-        page, tables, cells: the files; those that exist are replaced.
+    Files that exist are replaced. For ``study``, ``clips`` and ``notes`` see :func:`render`.
 
     Raises:
         InputError: a file cannot be written.

@@ -49,11 +49,7 @@ class Recording:
 
 
 def open_recording(clip: Clip, frames: Iterable[int]) -> Recording:
-    """A sequence with the masks of some frames.
-
-    Raises:
-        InputError: there is no such sequence here.
-    """
+    """A sequence with the masks of some frames; an InputError if there is no such sequence here."""
     from mmocap_warp.study.sequences import SEQUENCES
 
     wanted = set(frames)
@@ -123,26 +119,22 @@ def _picture(recording: Recording, cell: CellSummary, place: int, camera: int | 
     joints = project(recording.rig, poser.joint_transforms(cell.typical_pose[place])[0, :, :3, 3])
     if camera is None:
         models = [silhouette(vertices[k], body.tracking_face, size) > 0 for k, size in enumerate(sizes)]
-        camera = int(np.argmin([_overlap(*pair) for pair in zip(masks, models, strict=True)]))
+        # A view that was not judged is no worse than any other.
+        pairs = zip(masks, models, strict=True)
+        camera = int(np.argmin([intersection_over_union(*pair) if pair[0].any() else 2.0 for pair in pairs]))
     drawing = _draw(masks[camera], vertices[camera], joints[camera], body, sizes[camera])
-    return Picture(
-        cell.cell.sequence,
-        cell.cell.algorithm,
-        frame,
-        recording.rig.names[camera],
-        float(cell.typical_curve[place]),
-        drawing,
-    )
-
-
-def _overlap(mask: np.ndarray, model: np.ndarray) -> float:
-    """Intersection over union; above 1 for a view that was not judged."""
-    return intersection_over_union(mask, model) if mask.any() else 2.0
+    name, error = recording.rig.names[camera], float(cell.typical_curve[place])
+    return Picture(cell.cell.sequence, cell.cell.algorithm, frame, name, error, drawing)
 
 
 def _draw(mask: np.ndarray, vertices: np.ndarray, joints: np.ndarray, body: BodyModel, size: tuple[int, int]) -> str:
     window = _window(mask, vertices, size)
-    seen = cv2.resize(_inside(window, mask).astype(np.uint8) * 255, _SIZE, interpolation=cv2.INTER_LINEAR)
+    # The part of the mask in the window, with background where the window reaches beyond the image.
+    (left, top), (width, height) = window.corner, window.extent
+    part = np.zeros((height, width), np.uint8)
+    inside = mask[max(top, 0) : top + height, max(left, 0) : left + width]
+    part[max(-top, 0) :, max(-left, 0) :][: inside.shape[0], : inside.shape[1]] = inside * 255
+    seen = cv2.resize(part, _SIZE, interpolation=cv2.INTER_LINEAR)
     model = silhouette(window.points(vertices), body.tracking_face, _SIZE)
     bones, skeleton = window.points(joints), body.skeleton
     parts = [
@@ -169,15 +161,6 @@ def _window(mask: np.ndarray, vertices: np.ndarray, size: tuple[int, int]) -> Wi
     extent = np.maximum(np.rint(np.array(_SIZE) * unit), 8).astype(int)
     corner = np.rint((low + high - extent) / 2).astype(int)
     return Window((int(corner[0]), int(corner[1])), (int(extent[0]), int(extent[1])), _SIZE)
-
-
-def _inside(window: Window, mask: np.ndarray) -> np.ndarray:
-    """The part of a mask in a window, with background where the window reaches beyond the image."""
-    (left, top), (width, height) = window.corner, window.extent
-    part = np.zeros((height, width), mask.dtype)
-    found = mask[max(top, 0) : top + height, max(left, 0) : left + width]
-    part[max(-top, 0) :, max(-left, 0) :][: found.shape[0], : found.shape[1]] = found
-    return part
 
 
 def _contours(filled: np.ndarray) -> list[np.ndarray]:

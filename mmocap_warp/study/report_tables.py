@@ -114,7 +114,10 @@ def sequence_table(study: StudySummary, measure: Measure, budget: int) -> Table:
     for who in [*grid, *study.others, *study.baseline_contenders]:
         known = study.known(who, study.sequences, measure)
         cells = [_mean_and_deviation(known.get(name), measure) for name in study.sequences]
-        rows.append([_row_label(study, who), "" if who.algorithm in BASELINES else str(who.dof), *cells])
+        # An algorithm's budget is named where the study has several of it beside the grid.
+        alike = [other for other in study.others if other.algorithm == who.algorithm]
+        label = algorithm_label(who.algorithm) + (f", {who.evaluations:,}" if len(alike) > 1 else "")
+        rows.append([label, "" if who.algorithm in BASELINES else str(who.dof), *cells])
     floors = [study.floor(measure, [sequence]) for sequence in study.sequences]
     if np.isfinite(floors).any():
         rows.append(["Floor: at the true angles", "", *(shown(floor, measure) for floor in floors)])
@@ -133,13 +136,6 @@ def _mean_and_deviation(cell: CellSummary | None, measure: Measure) -> str:
     runs = cell.runs[measure.key]
     mean = shown(float(runs.mean()), measure)
     return Html(f"{mean} <small>±{shown(float(runs.std(ddof=1)), measure)}</small>") if len(runs) > 1 else mean
-
-
-def _row_label(study: StudySummary, who: Contender) -> str:
-    """An algorithm's label, with its budget where the study has several of it beside the grid."""
-    alike = [other for other in study.others if other.algorithm == who.algorithm]
-    label = algorithm_label(who.algorithm)
-    return f"{label}, {who.evaluations:,}" if len(alike) > 1 else label
 
 
 def difference_table(differences: Sequence[ModelDifference], measure: Measure, models: Sequence[int]) -> Table:

@@ -118,21 +118,17 @@ def summarise(result: CellResult) -> CellSummary:
     """The short form of a cell's result; what it does not know is absent."""
     frames = len(result.frames)
     runs, spread, curve, floors = {}, {}, {}, {}
-    main = _main(result)
     for measure in MEASURES:
-        if measure.per_frame and measure.key in result.per_frame:
-            values = _values(result, measure)
-            if _is_known(values):
-                runs[measure.key] = nanmean(values, axis=1)
-                spread[measure.key] = np.nanquantile(values, (0, 0.25, 0.5, 0.75, 1))
-                curve[measure.key] = nanmedian(values)
-                floor = float(np.mean(result.per_run.get(f"{measure.key}_floor", np.nan))) * measure.factor
-                floors |= {measure.key: floor} if np.isfinite(floor) else {}
-        elif measure.key in result.per_run and np.isfinite(result.per_run[measure.key]).all():
-            share = frames if measure.key in _COUNTS else 1
-            runs[measure.key] = result.per_run[measure.key] * measure.factor / share
-    typical = 0 if main is None else _typical(main)
-    unknown = np.full(frames, np.nan)
+        key, values = measure.key, _values(result, measure)
+        if values is not None:
+            runs[key] = nanmean(values, axis=1)
+            spread[key] = np.nanquantile(values, (0, 0.25, 0.5, 0.75, 1))
+            curve[key] = nanmedian(values)
+            floor = float(np.mean(result.per_run.get(f"{key}_floor", np.nan))) * measure.factor
+            floors |= {key: floor} if np.isfinite(floor) else {}
+        elif key in result.per_run and np.isfinite(result.per_run[key]).all():
+            runs[key] = result.per_run[key] * measure.factor / (frames if key in _COUNTS else 1)
+    typical, main = _typical(result)
     return CellSummary(
         cell=result.cell,
         seeds=result.seeds,
@@ -143,7 +139,7 @@ def summarise(result: CellResult) -> CellSummary:
         floors=floors,
         frames_lost=float(np.mean(result.per_run.get("frames_lost", 0.0))) / frames,
         typical_pose=result.pose[typical if len(result.pose) > 1 else 0].copy(),
-        typical_curve=unknown if main is None else main[typical].copy(),
+        typical_curve=np.full(frames, np.nan) if main is None else main[typical].copy(),
         seconds=float(np.mean(result.per_run.get("seconds", np.nan))),
         evaluations=int(np.sum(result.per_run.get("evaluations", 0))),
         meta=result.meta,
@@ -152,8 +148,7 @@ def summarise(result: CellResult) -> CellSummary:
 
 def with_typical_pose(result: CellResult) -> CellResult:
     """The result with the poses of its typical run alone: all that a report draws, and a thirtieth of 30 seeds'."""
-    main = _main(result)
-    typical = 0 if main is None or len(result.pose) == 1 else _typical(main)
+    typical = 0 if len(result.pose) == 1 else _typical(result)[0]
     return replace(result, pose=result.pose[typical : typical + 1])
 
 
@@ -355,22 +350,17 @@ def _in_action_order(sequences: Iterable[str]) -> list[str]:
     return sorted(set(sequences), key=place)
 
 
-def _values(result: CellResult, measure: Measure) -> np.ndarray:
-    """(run, frame) what a result says of a measure, in the unit that it is shown in."""
-    return result.per_frame[measure.key].astype(np.float64) * measure.factor
+def _values(result: CellResult, measure: Measure) -> np.ndarray | None:
+    """(run, frame) what a result says of a measure, in the unit that it is shown in; None unless of every run."""
+    if not measure.per_frame or measure.key not in result.per_frame:
+        return None
+    values = result.per_frame[measure.key].astype(np.float64) * measure.factor
+    return values if np.isfinite(values).any(axis=1).all() else None
 
 
-def _is_known(values: np.ndarray) -> bool:
-    """Whether something is known of every run."""
-    return bool(np.isfinite(values).any(axis=1).all())
-
-
-def _main(result: CellResult) -> np.ndarray | None:
-    """(run, frame) the measure that a result is judged by, the first that it knows."""
-    known = (_values(result, measure) for measure in MEASURES if measure.per_frame and measure.key in result.per_frame)
-    return next((values for values in known if _is_known(values)), None)
-
-
-def _typical(values: np.ndarray) -> int:
-    """The run in the middle by its mean, the better of two."""
-    return int(np.argsort(nanmean(values, axis=1), kind="stable")[(len(values) - 1) // 2])
+def _typical(result: CellResult) -> tuple[int, np.ndarray | None]:
+    """The run in the middle by its mean of the first measure that is known, the better of two; and that measure."""
+    main = next((values for measure in MEASURES if (values := _values(result, measure)) is not None), None)
+    if main is None:
+        return 0, None
+    return int(np.argsort(nanmean(main, axis=1), kind="stable")[(len(main) - 1) // 2]), main

@@ -25,12 +25,26 @@ from mmocap_warp.display.overlay import (
 )
 from mmocap_warp.formats.png import write_png
 
+# Of the picture of the floor:
 _SQUARE = 0.5  # side of a square of the grid [m]
 _AROUND = 0.75  # width of the floor around the person's way [m]
 _PIECE = 0.05  # lines are drawn in pieces of this length, as far as they are seen [m]
 _GRID: Colour = (150, 190, 90)
 _WAY: Colour = (60, 60, 240)
 _ROW_HEIGHT = 480  # height of a row of views [px]
+# Of the picture of a body:
+_HEIGHT, _WIDTH = 900, 1000  # size of a view, at most [px]
+_MARGIN, _HEADER = 60, 30  # margin of a view, and height of the line above the views [px]
+_VIEWS = {
+    "front": ((1.0, 0, 0), (0, 1.0, 0)),
+    "left": ((0, 0, -1.0), (0, 1.0, 0)),
+    "above": ((-1.0, 0, 0), (0, 0, 1.0)),
+}  # where the picture's right and its top lie in the body's axes
+_MESH: Colour = (74, 66, 58)
+_AXIS_COLOURS: dict[str, Colour] = {"x": (90, 90, 255), "y": (110, 220, 110), "z": (255, 150, 70)}
+_AXIS, _ARC = 0.03, 0.045  # half an axis, and the radius of the arc of its limits, as shares of the extent
+_BOTH_WAYS = np.array([[-1.0], [1.0]])
+_WHOLE_TURN = np.pi  # a joint that may turn farther is drawn with a whole circle
 
 
 def floor_picture(
@@ -92,20 +106,6 @@ def _draw_line(
         if np.isfinite(ends).all() and np.abs(ends).max() < 1e5:
             (x, y), (to_x, to_y) = np.rint(ends).astype(int).tolist()
             cv2.line(canvas, (x, y), (to_x, to_y), colour, width, cv2.LINE_AA)
-
-
-_HEIGHT, _WIDTH = 900, 1000  # size of a view, at most [px]
-_MARGIN, _HEADER = 60, 30  # margin of a view, and height of the line above the views [px]
-_VIEWS = {
-    "front": ((1.0, 0, 0), (0, 1.0, 0)),
-    "left": ((0, 0, -1.0), (0, 1.0, 0)),
-    "above": ((-1.0, 0, 0), (0, 0, 1.0)),
-}  # where the picture's right and its top lie in the body's axes
-_MESH: Colour = (74, 66, 58)
-_AXIS_COLOURS: dict[str, Colour] = {"x": (90, 90, 255), "y": (110, 220, 110), "z": (255, 150, 70)}
-_AXIS, _ARC = 0.03, 0.045  # half an axis, and the radius of the arc of its limits, as shares of the extent
-_BOTH_WAYS = np.array([[-1.0], [1.0]])
-_WHOLE_TURN = np.pi  # a joint that may turn farther is drawn with a whole circle
 
 
 def draw_body(body: BodyModel, file: str | Path) -> None:

@@ -34,6 +34,12 @@ _IGNORED = re.compile(
     re.IGNORECASE,
 )
 """Folders of calibration pictures, and of what programs write."""
+_PARENTS = 2  # number of folders above that are searched too: projects of many trials keep their calibration there
+_PICKLE = "is a Python pickle, which can run any program when it is opened, so it is not read"
+_PROJECT_FILES = ("scene.toml", "config.toml", "pyproject.toml")
+_CONVERT = "convert it with Pose2Sim (calibration_type = 'convert', convert_from = '{}') and give its .toml"
+_SOLVE = "or write scene.toml by hand with this calibration, and let mmocap calib solve find where they stand"
+_ANY_OTHER = "write it as a Pose2Sim .toml (docs/calibration.md says what is in one)"
 
 
 @dataclass(frozen=True)
@@ -146,14 +152,6 @@ def names_without_calibration(media: list[Medium]) -> tuple[str, ...]:
             if len(set(names)) > 1:
                 return tuple(dict.fromkeys(names))
     return ()
-
-
-_PARENTS = 2  # number of folders above that are searched too: projects of many trials keep their calibration there
-_PICKLE = "is a Python pickle, which can run any program when it is opened, so it is not read"
-_PROJECT_FILES = ("scene.toml", "config.toml", "pyproject.toml")
-_CONVERT = "convert it with Pose2Sim (calibration_type = 'convert', convert_from = '{}') and give its .toml"
-_SOLVE = "or write scene.toml by hand with this calibration, and let mmocap calib solve find where they stand"
-_ANY_OTHER = "write it as a Pose2Sim .toml (docs/calibration.md says what is in one)"
 
 
 @dataclass(frozen=True)

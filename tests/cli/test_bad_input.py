@@ -339,7 +339,7 @@ def test_a_truth_that_does_not_fit_leaves_what_was_tracked(tmp_path, capsys, mon
     scene = folder / "scene.toml"
     scene.write_text(f'{scene.read_text()}\n[truth]\nfile = "t.usda"\n')
     write_subject(folder / "s.usdc", synthetic_subject())
-    monkeypatch.setattr("mmocap_warp.commands.track._tracked", lambda *_: synthetic_result(3, 1))
+    monkeypatch.setattr("mmocap_warp.commands.track._tracked", lambda *_, **__: synthetic_result(3, 1))
     command = ["track", str(scene), "--subject", str(folder / "s.usdc"), "-o", str(folder / "r.usdc"), "--quiet"]
     assert cli.main(command) == BAD_INPUT
     written, wrong = capsys.readouterr().err.splitlines()

@@ -17,7 +17,7 @@ from mmocap_warp.study.study_tables import (
     model_rankings,
 )
 from mmocap_warp.study.summary import MEASURE_OF, CellSummary, Measure, StudySummary, algorithm_label
-from mmocap_warp.study.wording import counted, named, spelled, with_unit
+from mmocap_warp.study.wording import counted, named, with_unit
 
 AGREES, MOSTLY, FAILS, DIFFERS, TIED = "agrees", "mostly agrees", "fails", "differs", "tied"
 UNTESTED, TOO_FEW = "not tested", "cannot be judged"
@@ -71,7 +71,7 @@ def check_claims(study: StudySummary, measure: Measure) -> list[Finding]:
 
 
 def _too_few(study: StudySummary) -> Verdict:
-    return TOO_FEW, f"Too few for that: {spelled(len(study.sequences), 'sequence')}."
+    return TOO_FEW, f"Too few for that: {counted(len(study.sequences), 'sequence', in_words=True)}."
 
 
 def judged(leads: Iterable[float], evidence: str, *, of_all: bool = False) -> Verdict:

@@ -65,7 +65,8 @@ def load_study(path: str | Path) -> Study:
     }
     name = table.take("name", str, path.stem)
     table.finish()
-    scenes = _scenes(file.take_table("sequences"), path.parent)
+    table = file.take_table("sequences")  # the user's own: scene file by name
+    scenes = {name: path.parent / _text(table, name, value) for name, value in table.take_rest().items()}
     grids = file.take("grid", list, [])
     file.finish()
     if not grids or not all(isinstance(grid, dict) for grid in grids):
@@ -77,11 +78,6 @@ def load_study(path: str | Path) -> Study:
             if plans.setdefault(plan.cell, plan) != replace(plan, grid=plans[plan.cell].grid):
                 raise grid.error(f"{plan.cell} is in an earlier grid with other seeds or frames", "keep one of them")
     return Study(path, name, tuple(plans.values()))
-
-
-def _scenes(table: Table, folder: Path) -> dict[str, Path]:
-    """The user's own sequences: name to scene file."""
-    return {name: folder / _text(table, name, value) for name, value in table.take_rest().items()}
 
 
 def _grid(grid: Table, number: int, common: dict[str, Any], scenes: dict[str, Path]) -> list[Plan]:

@@ -15,7 +15,7 @@ from mmocap_warp.study.report_parts import Html, Section, Table, choice, fill
 from mmocap_warp.study.report_tables import floor_note
 from mmocap_warp.study.study_tables import algorithm_rankings, by_algorithm
 from mmocap_warp.study.summary import EQ_20, CellSummary, Contender, StudySummary, algorithm_label
-from mmocap_warp.study.wording import DASH, counted, extent, listed, spelled, with_unit
+from mmocap_warp.study.wording import DASH, counted, extent, listed, with_unit
 
 _CODE_DIGITS = 12  # of a hash's 64 digits that are shown
 
@@ -32,7 +32,7 @@ def headline(study: StudySummary) -> tuple[str, Html]:
     if rows:
         best = min(rows, key=lambda row: measure.sign * row.mean)
         who, error = best.contender, with_unit(best.mean, measure)
-        name, over = algorithm_label(who.algorithm), spelled(most, "sequence")
+        name, over = algorithm_label(who.algorithm), counted(most, "sequence", in_words=True)
         title = f"{name} tracks {over} to {error}"
         # The best of our trackers that has tracked all sequences stands before it.
         levels = {who: study.level(who, measure) for who in study.others}

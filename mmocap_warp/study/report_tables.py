@@ -13,7 +13,7 @@ from mmocap_warp.study.report_parts import Html, Name, Table
 from mmocap_warp.study.statistics import ALPHA
 from mmocap_warp.study.study_tables import ModelDifference, Ranking, Row
 from mmocap_warp.study.summary import BASELINES, CellSummary, Contender, Measure, StudySummary, algorithm_label
-from mmocap_warp.study.wording import DASH, extent, interval, p_value, shown, spelled, statistic, with_unit
+from mmocap_warp.study.wording import DASH, counted, extent, interval, p_value, shown, statistic, with_unit
 
 RANK_HEAD = ["Algorithm", "Rank", "p-value"]
 
@@ -103,7 +103,7 @@ def floor_note(study: StudySummary, measure: Measure, sequences: Sequence[str]) 
     floor = study.floor(measure, sequences)
     if np.isnan(floor):
         return ""
-    over = spelled(len(sequences), "sequence")
+    over = counted(len(sequences), "sequence", in_words=True)
     return f"Floor: at the true angles the tracked bodies score {with_unit(floor, measure)}, mean over {over}."
 
 

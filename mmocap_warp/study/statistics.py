@@ -127,12 +127,7 @@ def signed_rank(pairs: np.ndarray) -> float:
 
 
 def superiority(runs: np.ndarray, others: np.ndarray) -> float:
-    """Vargha and Delaney's A, the chance that a run scores lower than one of the others: mean over blocks.
-
-    Args:
-        runs: (block, run).
-        others: (block, run), of the other algorithm; 0.5 means that neither is better.
-    """
+    """Vargha and Delaney's A, the chance that one of these (block, run) is below one of those: mean over blocks."""
     mine, theirs = runs[:, :, None], others[:, None, :]
     return float(((mine < theirs) + 0.5 * (mine == theirs)).mean())
 
@@ -140,11 +135,7 @@ def superiority(runs: np.ndarray, others: np.ndarray) -> float:
 def resampled_means(scores: np.ndarray) -> np.ndarray:
     """Bootstrap: means of runs drawn with replacement, for each block and algorithm apart; the blocks stay.
 
-    Args:
-        scores: (block, algorithm, run).
-
-    Returns:
-        (resample, block, algorithm), the same at each call.
+    From (block, algorithm, run) to (resample, block, algorithm), the same at each call.
     """
     return np.einsum("sbar,bar->sba", _shares(scores.shape), scores)
 

@@ -81,12 +81,7 @@ def listed(values: Sequence[int]) -> str:
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
-def counted(number: int, noun: str) -> str:
-    """So many of something."""
-    return f"{number:,} {noun}{'' if number == 1 else 's'}"
-
-
-def spelled(number: int, noun: str) -> str:
-    """So many of something, small numbers as words."""
-    count = _NUMBERS[number] if number < len(_NUMBERS) else f"{number:,}"
+def counted(number: int, noun: str, *, in_words: bool = False) -> str:
+    """So many of something; small numbers as words if these are wanted."""
+    count = _NUMBERS[number] if in_words and number < len(_NUMBERS) else f"{number:,}"
     return f"{count} {noun}{'' if number == 1 else 's'}"

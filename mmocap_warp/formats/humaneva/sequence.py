@@ -75,30 +75,18 @@ and Box.
 
 @dataclass(frozen=True)
 class HumanEvaSequence:
-    """A sequence, ready to be written as a scene. Frame 0 of the scene is frame ``first`` of HumanEva's own numbers.
+    """A sequence, ready to be written as a scene. Frame 0 of the scene is frame ``first`` of HumanEva's own numbers."""
 
-    Attributes:
-        subject, action: as in ``SEQUENCES``.
-        rig: the seven cameras as calibrated, in metres, with distortion.
-        videos: one per camera.
-        backgrounds: per camera the clip of the empty room that fits best.
-        sync: where frames lie in the streams.
-        first: the first frame, counted from 1 as HumanEva does.
-        count: number of frames.
-        truth: markers and joints, frame 0 being ``first``; NaN in frames that HumanEva calls invalid.
-        no_joints: why the truth has no joints; empty where it has.
-    """
-
-    subject: str
-    action: str
-    rig: CameraRig
-    videos: tuple[Frames, ...]
-    backgrounds: tuple[Frames, ...]
-    sync: Synchronisation
-    first: int
-    count: int
-    truth: Truth
-    no_joints: str
+    subject: str  # as in ``SEQUENCES``
+    action: str  # likewise
+    rig: CameraRig  # the seven cameras as calibrated, in metres, with distortion
+    videos: tuple[Frames, ...]  # one per camera
+    backgrounds: tuple[Frames, ...]  # per camera the clip of the empty room that fits best
+    sync: Synchronisation  # where frames lie in the streams
+    first: int  # the first frame, counted from 1 as HumanEva does
+    count: int  # number of frames
+    truth: Truth  # markers and joints, frame 0 being ``first``; NaN in frames that HumanEva calls invalid
+    no_joints: str  # why the truth has no joints; empty where it has
 
     @property
     def frame_offsets(self) -> tuple[int, ...]:

@@ -24,7 +24,7 @@ import numpy as np
 
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.png import encode_png
+from mmocap_warp.formats.image_files import encode_png
 from mmocap_warp.formats.toml_table import Table, load_toml, toml_value
 from mmocap_warp.masks.mask_files import list_tar, read_member
 from mmocap_warp.whole_file import write_whole

@@ -21,7 +21,7 @@ _ROOTS = ("mmocap_warp", "mmocap_warp.kernels")
 """Where the package's modules lie: its kernels may be in a folder elsewhere, as in an editable install."""
 
 _CONTOUR_MODULES: tuple[str, ...] = (
-    "contour", "fitting", "kernels.contour", "study.solved_body", "tracking.contour_tracker", "tracking.smoothing",
+    "contour", "fitting", "kernels.contour", "tracking.contour_tracker", "tracking.smoothing",
 )  # fmt: skip
 """Modules, and packages with all their modules, that only fitting contours needs."""
 

@@ -15,7 +15,7 @@ from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.cameras.silhouette import silhouettes
 from mmocap_warp.contour.frame.rooted import Rooting
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
-from mmocap_warp.formats.png import write_png
+from mmocap_warp.formats.image_files import write_png
 from mmocap_warp.masks.observation import Observation, unpack_masks
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.scene.scene_toml import load_scene

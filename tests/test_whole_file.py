@@ -14,10 +14,9 @@ from pxr import Usd
 from synthetic import synthetic_result
 
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.png import write_png
+from mmocap_warp.formats.image_files import WebmFile, write_png
 from mmocap_warp.formats.usd.usd_file import write_stage
 from mmocap_warp.formats.usd.usd_result import export_animation, write_result
-from mmocap_warp.formats.webm import WebmFile
 from mmocap_warp.whole_file import whole_file, write_whole
 
 

@@ -30,7 +30,7 @@ from mmocap_warp.display.still_pictures import floor_picture
 from mmocap_warp.errors import UsageError
 from mmocap_warp.formats.calibration.calibration_text import EVERY_OTHER, METRES
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
-from mmocap_warp.formats.png import write_png
+from mmocap_warp.formats.image_files import write_png
 from mmocap_warp.formats.table import calibration_export, read_calibration, write_calibration
 from mmocap_warp.scene.camera_tables import write_timing
 from mmocap_warp.scene.recording import Scene

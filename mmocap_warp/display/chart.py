@@ -32,25 +32,16 @@ def tick_label(value: float) -> str:
 
 @dataclass(frozen=True)
 class Axis:
-    """Maps values to a figure's coordinates, evenly or evenly in their logarithm.
+    """Maps values to a figure's coordinates, evenly or evenly in their logarithm."""
 
-    Attributes:
-        low, high: values at the two ends.
-        start, stop: their coordinates.
-        ticks: values that are marked.
-        word: of a tick.
-        logarithmic: whether it is.
-        kind: the class of its words: ``name`` where they are names of things, not values.
-    """
-
-    low: float
-    high: float
-    start: float
-    stop: float
-    ticks: tuple[float, ...]
-    word: Callable[[float], str] = tick_label
-    logarithmic: bool = False
-    kind: str = ""
+    low: float  # value at one end
+    high: float  # value at the other end
+    start: float  # coordinate of ``low``
+    stop: float  # coordinate of ``high``
+    ticks: tuple[float, ...]  # values that are marked
+    word: Callable[[float], str] = tick_label  # how a tick is written
+    logarithmic: bool = False  # whether the axis is
+    kind: str = ""  # the class of its words: ``name`` where they are names of things, not values
 
     def at(self, value: float) -> float:
         """The coordinate of a value; a value beyond an end lies on the end, and NaN gives NaN."""

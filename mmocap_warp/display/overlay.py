@@ -33,17 +33,11 @@ SUBPIXEL_BITS = 4  # binary digits after the point of OpenCV's coordinates
 
 @dataclass(frozen=True)
 class Window:
-    """A part of a camera's image, drawn at another size.
+    """A part of a camera's image, drawn at another size."""
 
-    Attributes:
-        corner: left and top pixel of the part.
-        extent: its width and height [px].
-        size: width and height of the drawing [px].
-    """
-
-    corner: tuple[int, int]
-    extent: tuple[int, int]
-    size: tuple[int, int]
+    corner: tuple[int, int]  # left and top pixel of the part
+    extent: tuple[int, int]  # its width and height [px]
+    size: tuple[int, int]  # width and height of the drawing [px]
 
     def points(self, pixels: np.ndarray) -> np.ndarray:
         """Where image points (n, 2) lie in the drawing; pixel centres are at integers in both."""

@@ -15,8 +15,7 @@ from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.rig import CameraRig, project
 from mmocap_warp.display.overlay import ELLIPSE, LEGEND, PAPER, SIGMA_COLOUR, Window, draw_view, write_text
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.png import write_png
-from mmocap_warp.formats.webm import WebmFile
+from mmocap_warp.formats.image_files import WebmFile, write_png
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.scene.recording import Scene
 from mmocap_warp.tracking.body_masks import tracked_masks

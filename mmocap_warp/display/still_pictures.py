@@ -23,7 +23,7 @@ from mmocap_warp.display.overlay import (
     fixed_point,
     write_text,
 )
-from mmocap_warp.formats.png import write_png
+from mmocap_warp.formats.image_files import write_png
 
 # Of the picture of the floor:
 _SQUARE = 0.5  # side of a square of the grid [m]

@@ -17,29 +17,20 @@ _ZERO = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Attachment:
-    """A rigid thing, such as a racket.
+    """A rigid thing, such as a racket."""
 
-    Attributes:
-        name: of its joint; a valid USD prim name.
-        mesh: its file.
-        joint: the joint of the body that it hangs on; None where it is free in the world.
-        position: of the mesh's origin from that joint's centre, or the root's, along the body's axes in the bind pose
-            [m]: to its left, up, ahead.
-        rotation: of the mesh about the body's axes in the bind pose, x first, then y, then z [degrees].
-        scale: what the mesh's lengths are multiplied by to be metres.
-        free: ``fixed``; the mesh's own axes that it turns about, through its origin, such as ``x``; or ``all``, which
-            lets it turn and shift anywhere.
-        source: where it is described, for messages.
-    """
-
-    name: str
-    mesh: Path
-    joint: str | None = None
+    name: str  # of its joint; a valid USD prim name
+    mesh: Path  # its file
+    joint: str | None = None  # the joint of the body that it hangs on; None where it is free in the world
+    # Of the mesh's origin from the centre of that joint or of the root, along the body's axes in the bind pose [m]: to
+    # its left, up, ahead.
     position: tuple[float, ...] = _ZERO
-    rotation: tuple[float, ...] = _ZERO
-    scale: float = 1.0
+    rotation: tuple[float, ...] = _ZERO  # about the body's axes in the bind pose, x first, then y, then z [degrees]
+    scale: float = 1.0  # what the mesh's lengths are multiplied by to be metres
+    # ``fixed``; the mesh's own axes that it turns about, through its origin, such as ``x``; or ``all``, which lets it
+    # turn and shift anywhere.
     free: str = ALL
-    source: str = "attach"
+    source: str = "attach"  # where it is described, for messages
 
     def wrong(self, problem: str, remedy: str) -> InputError:
         """The error of a thing that cannot be attached."""

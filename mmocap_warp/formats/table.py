@@ -22,29 +22,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Format:
-    """An outside format.
+    """An outside format."""
 
-    Attributes:
-        name: what people call it.
-        suffixes: endings of its files' names, in lower case; the case of a file's own does not matter.
-        function: ``module:function`` within this package that reads or writes a file of it.
-        folder: what a folder that may stand for its files holds, as a pattern; empty where none may.
-        open_units: of a calibration: whether neither its files nor its writers' custom say the unit of its lengths.
-        open_sizes: of a calibration: whether it may leave out how large the images are.
-        beside: names of further files that a calibration of it is written to.
-        lenses: of a calibration that may say nothing of where cameras stand: the function that reads such a file.
-        up: of an export: the vertical that the format prescribes, or that its readers assume; None where the file
-            says which one it has.
-    """
-
-    name: str
-    suffixes: tuple[str, ...]
-    function: str
-    folder: str = ""
+    name: str  # what people call it
+    suffixes: tuple[str, ...]  # endings of its files' names, in lower case; the case of a file's own does not matter
+    function: str  # ``module:function`` within this package that reads or writes a file of it
+    folder: str = ""  # what a folder that may stand for its files holds, as a pattern; empty where none may
+    # Of an export: the vertical that the format prescribes, or that its readers assume; None where the file says it.
     up: str | None = None
+    # Of a calibration: whether neither its files nor its writers' custom say the unit of its lengths.
     open_units: bool = False
-    open_sizes: bool = False
-    beside: tuple[str, ...] = ()
+    open_sizes: bool = False  # of a calibration: whether it may leave out how large the images are
+    beside: tuple[str, ...] = ()  # names of further files that a calibration of it is written to
+    # Of a calibration that may say nothing of where cameras stand: the function that reads such a file.
     lenses: str = ""
 
     def matches(self, path: Path) -> bool:

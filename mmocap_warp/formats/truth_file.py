@@ -18,16 +18,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.motion.captured_points import read_trc
-from mmocap_warp.formats.usd.usd_file import (
-    USD_SUFFIXES,
-    PrimReader,
-    author,
-    read_stage,
-    reads_usd,
-    set_time_range,
-    set_world_up,
-    write_stage,
-)
+from mmocap_warp.formats.usd import usd_file
 from mmocap_warp.formats.usd.usd_skeleton import is_rotation
 from mmocap_warp.result.truth import Truth
 
@@ -49,7 +40,7 @@ def load_truth(path: str | Path, axes: str = "xyz", first_frame: int = 0) -> Tru
             return Truth(tracks.rate, frames, (), np.zeros((len(frames), 0, 3)), tracks.names, tracks.positions)
         except ValueError as error:
             raise InputError(path, str(error), "export it again") from error
-    if path.suffix in USD_SUFFIXES:
+    if path.suffix in usd_file.USD_SUFFIXES:
         if axes != "xyz":
             raise InputError(path, f"is in the world's own axes, not {axes!r}", "leave the axes out: a .trc needs them")
         return read_truth(path)
@@ -64,30 +55,30 @@ _REMEDY = "write it again with this version of mmocap"
 def write_truth(path: str | Path, truth: Truth, up: str = "+z") -> None:
     """Write truth to a ``.usda`` or ``.usdc`` file; ``up`` is the world's up axis, as in ``CameraRig``."""
     stage = Usd.Stage.CreateInMemory()
-    set_time_range(stage, truth.frame_numbers, truth.fps)
+    usd_file.set_time_range(stage, truth.frame_numbers, truth.fps)
     root = UsdGeom.Xform.Define(stage, "/Truth")
     stage.SetDefaultPrim(root.GetPrim())
-    set_world_up(stage, root, up)
-    author(root.GetPrim(), "mmocap:truthVersion", _VERSION)
-    author(root.GetPrim(), "mmocap:frames", np.asarray(truth.frame_numbers))
+    usd_file.set_world_up(stage, root, up)
+    usd_file.author(root.GetPrim(), "mmocap:truthVersion", _VERSION)
+    usd_file.author(root.GetPrim(), "mmocap:frames", np.asarray(truth.frame_numbers))
     _define_points(stage, "/Truth/Markers", truth.marker_names, truth.markers, truth.frame_numbers)
     _define_points(stage, "/Truth/Joints", truth.joint_names, truth.joints, truth.frame_numbers)
     for frame, pose in zip(truth.frame_numbers, truth.pose if truth.pose is not None else (), strict=False):
-        author(root.GetPrim(), "mmocap:pose", pose, float(frame))
+        usd_file.author(root.GetPrim(), "mmocap:pose", pose, float(frame))
     if truth.root_base is not None:
         base = Gf.Matrix3d(np.asarray(truth.root_base, float).T)
-        author(root.GetPrim(), "mmocap:rootBase", base, kind=Sdf.ValueTypeNames.Matrix3d)
-    write_stage(path, stage)
+        usd_file.author(root.GetPrim(), "mmocap:rootBase", base, kind=Sdf.ValueTypeNames.Matrix3d)
+    usd_file.write_stage(path, stage)
 
 
-@reads_usd
+@usd_file.reads_usd
 def read_truth(path: str | Path) -> Truth:
     """Read what :func:`write_truth` wrote."""
-    stage = read_stage(path)
+    stage = usd_file.read_stage(path)
     prim = stage.GetPrimAtPath("/Truth")
     if not prim:
         raise InputError(path, "holds no truth (no prim /Truth)", "give a file of truth that mmocap wrote")
-    root = PrimReader(prim, path, _REMEDY)
+    root = usd_file.PrimReader(prim, path, _REMEDY)
     version = root.value("mmocap:truthVersion")
     root.require(version == _VERSION, f"this truth has version {version}, this program reads {_VERSION}")
     frames = root.array("mmocap:frames", (None,), np.int64)
@@ -107,7 +98,7 @@ def read_truth(path: str | Path) -> Truth:
 
 def _define_points(stage: Usd.Stage, path: str, names: tuple[str, ...], places: np.ndarray, frames: np.ndarray) -> None:
     points = UsdGeom.Points.Define(stage, path)
-    author(points.GetPrim(), "mmocap:names", names)
+    usd_file.author(points.GetPrim(), "mmocap:names", names)
     points.CreateWidthsAttr([_DOT_SIZE])
     points.SetWidthsInterpolation(UsdGeom.Tokens.constant)
     for frame, seen in zip(frames, places, strict=True):
@@ -118,7 +109,7 @@ def _define_points(stage: Usd.Stage, path: str, names: tuple[str, ...], places: 
         points.CreateExtentAttr().Set(UsdGeom.Points.ComputeExtent(where, [_DOT_SIZE] * len(where)), float(frame))
 
 
-def _points_from_prim(points: PrimReader, times: list[float]) -> tuple[tuple[str, ...], np.ndarray]:
+def _points_from_prim(points: usd_file.PrimReader, times: list[float]) -> tuple[tuple[str, ...], np.ndarray]:
     names = tuple(points.texts("mmocap:names"))
     positions = np.full((len(times), len(names), 3), np.nan)
     samples = zip(points.samples("points", times), points.samples("ids", times), strict=True)

@@ -27,23 +27,14 @@ _MIN_BAR_STEP = 20.0  # gray levels, by which the picture beside a black bar is 
 
 @dataclass
 class Draft:
-    """A drafted scene.
+    """A drafted scene."""
 
-    Attributes:
-        text: of ``scene.toml``.
-        project: whose project the folder is, None where that is not known.
-        calibration: its file, or None.
-        cameras: their names.
-        found: what was found and taken, in sentences.
-        missing: what has to be done before the scene can be tracked, likewise.
-    """
-
-    text: str = ""
-    project: str | None = None
-    calibration: Path | None = None
-    cameras: tuple[str, ...] = ()
-    found: list[str] = field(default_factory=list)
-    missing: list[str] = field(default_factory=list)
+    text: str = ""  # of ``scene.toml``
+    project: str | None = None  # whose project the folder is, None where that is not known
+    calibration: Path | None = None  # its file, or None
+    cameras: tuple[str, ...] = ()  # their names
+    found: list[str] = field(default_factory=list)  # what was found and taken, in sentences
+    missing: list[str] = field(default_factory=list)  # what has to be done before the scene can be tracked, likewise
 
 
 @dataclass(frozen=True)

@@ -12,19 +12,12 @@ from typing import Protocol, TypeVar
 
 @dataclass(frozen=True)
 class FrameChoice:
-    """Some frames of a recording: so many from the start, or a range.
+    """Some frames of a recording: so many from the start, or a range."""
 
-    Attributes:
-        count: how many, from the first of those there are; None for a range.
-        first: number of the first.
-        end: number after the last, or None for all to the last.
-        stride: every how many-th.
-    """
-
-    count: int | None = None
-    first: int = 0
-    end: int | None = None
-    stride: int = 1
+    count: int | None = None  # how many, from the first of those there are; None for a range
+    first: int = 0  # number of the first
+    end: int | None = None  # number after the last, or None for all to the last
+    stride: int = 1  # every how many-th
 
     @classmethod
     def parse(cls, text: str) -> FrameChoice:

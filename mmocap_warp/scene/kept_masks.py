@@ -24,7 +24,7 @@ import numpy as np
 
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.png import encode_png
+from mmocap_warp.formats.image_files import encode_png
 from mmocap_warp.formats.toml_table import Table, load_toml, toml_value
 from mmocap_warp.masks.mask_files import list_tar, read_member
 from mmocap_warp.whole_file import write_whole
@@ -34,29 +34,18 @@ MARK_NAME = "masks.toml"  # of the file, in the folder of a camera's masks
 
 @dataclass(frozen=True)
 class MaskMark:
-    """What a camera's masks are of.
+    """What a camera's masks are of."""
 
-    Attributes:
-        camera: its name.
-        size: width and height of the masks [px].
-        scale: of the masks relative to the calibrated images.
-        calibrated_size: width and height of these [px].
-        first_frame: the recording's frame that the first mask is of.
-        shift: the camera's offset at that time, in the recording's frames; where it has changed, the masks move along.
-        stride: every how many-th frame has a mask.
-        repaired: whether the other views had a say in them.
-        calibration: hash of what they were undistorted with, see :func:`calibration_hash`.
-    """
-
-    camera: str
-    size: tuple[int, int]
-    scale: float
-    calibrated_size: tuple[int, int]
-    first_frame: int
+    camera: str  # its name
+    size: tuple[int, int]  # width and height of the masks [px]
+    scale: float  # of the masks relative to the calibrated images
+    calibrated_size: tuple[int, int]  # width and height of these [px]
+    first_frame: int  # the recording's frame that the first mask is of
+    # The camera's offset at that time, in the recording's frames; where it has changed, the masks move along.
     shift: int
-    stride: int
-    repaired: bool
-    calibration: str
+    stride: int  # every how many-th frame has a mask
+    repaired: bool  # whether the other views had a say in them
+    calibration: str  # hash of what they were undistorted with, see :func:`calibration_hash`
 
     def write(self, folder: Path) -> None:
         """Put it beside the masks of ``folder``."""

@@ -11,9 +11,8 @@ import numpy as np
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.attachments import attachment_lines
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
-from mmocap_warp.formats.png import write_png
+from mmocap_warp.formats.image_files import WebmFile, write_png
 from mmocap_warp.formats.toml_table import quoted, quoted_path, toml_value
-from mmocap_warp.formats.webm import WebmFile
 from mmocap_warp.scene.kept_masks import MaskMark, calibration_hash
 from mmocap_warp.scene.recording import CameraSource, Scene
 from mmocap_warp.whole_file import write_whole

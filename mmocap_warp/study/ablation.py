@@ -29,9 +29,8 @@ from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth, at_rate
 from mmocap_warp.rigging.shipped import DEFAULT_BODY, load_body
 from mmocap_warp.study.degradations import degraded, is_random
-from mmocap_warp.study.job import device_kind
+from mmocap_warp.study.job import device_kind, solved_subject
 from mmocap_warp.study.sequences import CLIP_PLANS, PLANS
-from mmocap_warp.study.solved_body import solved_subject
 from mmocap_warp.study.source import Clip, OpenClip, clip_facts, open_clip
 from mmocap_warp.tracking.frame_loop import track_observations
 from mmocap_warp.tracking.track_config import TrackConfig

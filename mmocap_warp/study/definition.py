@@ -30,17 +30,11 @@ class Plan:
 
 @dataclass(frozen=True)
 class Study:
-    """A study.
+    """A study."""
 
-    Attributes:
-        path: its file.
-        name: what it is called.
-        plans: one per cell, in the file's order.
-    """
-
-    path: Path
-    name: str
-    plans: tuple[Plan, ...]
+    path: Path  # its file
+    name: str  # what it is called
+    plans: tuple[Plan, ...]  # one per cell, in the file's order
 
     @property
     def clips(self) -> tuple[Clip, ...]:

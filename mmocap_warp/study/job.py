@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import socket
 import time
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
@@ -132,8 +132,6 @@ class Worker:
 
     def _solve(self, job: Job, clip: OpenClip) -> Subject:
         """The clip's subject with its body solved, once for all runs and for all trackers of the same first seed."""
-        from mmocap_warp.study.solved_body import solved_subject
-
         wanted = job.clip, job.config.seed
         if self._solved is None or self._solved[0] != wanted:
             subject = solved_subject(clip, self._observations, job.config.seed, self.device, self.threads)
@@ -154,6 +152,29 @@ class Worker:
                     yield Advance("masks", len(self._observations), clip.frames, 0)
             self._opened = job.clip, clip
         return self._opened[1]
+
+
+def solved_subject(
+    clip: OpenClip, masks: Sequence[Observation], seed: int, device: str, threads: int | None
+) -> Subject:
+    """A clip's subject in its first pose, with the body that frames of the clip's beginning show.
+
+    Args:
+        clip: whose subject, cameras and frame rate count.
+        masks: of the clip's frames.
+        seed: of what follows the subject through these frames.
+        device: a Warp device.
+        threads: CPU threads; None for all that this process may use.
+    """
+    from mmocap_warp.fitting.clip_body import frames_to_follow, solve_body_in_clip
+    from mmocap_warp.fitting.subject_fit import FitConfig
+    from mmocap_warp.rigging.shipped import DEFAULT_BODY, load_body
+
+    numbers = frames_to_follow(clip.fps, len(masks))
+    followed = [masks[number] for number in numbers]
+    following = TrackConfig(seed=seed, device=device, threads=threads)
+    generic, fps = load_body(DEFAULT_BODY), clip.fps / numbers.step
+    return solve_body_in_clip(clip.subject, generic, clip.rig, followed, fps, FitConfig().frames, following)[0]
 
 
 def code_of(config: TrackConfig, clip: Clip, solved: bool) -> str:

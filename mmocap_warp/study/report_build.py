@@ -13,29 +13,9 @@ import numpy as np
 
 from mmocap_warp.display.chart import MARKS
 from mmocap_warp.display.page.viewer import filled, resource
+from mmocap_warp.study import overview, report_sections
 from mmocap_warp.study.claims import check_claims
-from mmocap_warp.study.overview import (
-    LOST_LIMB,
-    all_trackers,
-    lead_table,
-    missing,
-    radii_tables,
-    rank_pairs,
-    strangers_table,
-    which_half,
-)
 from mmocap_warp.study.report_parts import Html, Section, Table, fill
-from mmocap_warp.study.report_sections import (
-    claims_section,
-    curves_section,
-    models_section,
-    overlays_section,
-    presets_section,
-    ranks_section,
-    spread_section,
-    strangers_section,
-    trackers_section,
-)
 from mmocap_warp.study.report_setting import budget_section, grid_sentence, headline, setting_section
 from mmocap_warp.study.report_tables import RANK_HEAD, effect_cells, floor_note, ranking_rows
 from mmocap_warp.study.sequences import CLIP_PLANS
@@ -68,16 +48,16 @@ def render(study: StudySummary, clips: Mapping[str, Clip], notes: Sequence[str] 
         raise ValueError("a study needs a cell with a known error or overlap")
     title, cards = headline(study)
     candidates: tuple[Section | None, ...] = (
-        trackers_section(study),
-        claims_section(study),
-        ranks_section(study),
-        spread_section(study),
-        curves_section(study),
-        overlays_section(study, clips),
+        report_sections.trackers_section(study),
+        report_sections.claims_section(study),
+        report_sections.ranks_section(study),
+        report_sections.spread_section(study),
+        report_sections.curves_section(study),
+        report_sections.overlays_section(study, clips),
         budget_section(study),
-        models_section(study),
-        presets_section(study),
-        strangers_section(study),
+        report_sections.models_section(study),
+        report_sections.presets_section(study),
+        report_sections.strangers_section(study),
         setting_section(study, notes),
         Section("cite", "How to cite", [fill("cite", bibtex=resource(_HERE, "paper.bib"))]),
     )
@@ -176,17 +156,17 @@ def markdown_tables(study: StudySummary) -> str:
 
 def _overview(study: StudySummary, main: Measure) -> Iterator[str]:
     """What stands beside the paper's tables."""
-    yield _titled("Our tracker against the best of the others", lead_table(study, study.sequences))
-    yield _titled("All trackers", all_trackers(study))
+    yield _titled("Our tracker against the best of the others", overview.lead_table(study, study.sequences))
+    yield _titled("All trackers", overview.all_trackers(study))
     for dof in study.models:
-        yield _titled(f"Ranks by error and by fitness, {dof} DOF", rank_pairs(study, dof))
-    for measure in (main, LOST_LIMB):
-        for table in radii_tables(study, measure):
+        yield _titled(f"Ranks by error and by fitness, {dof} DOF", overview.rank_pairs(study, dof))
+    for measure in (main, overview.LOST_LIMB):
+        for table in overview.radii_tables(study, measure):
             yield _titled(f"Search radii: {named(measure)}", table)
-    yield "".join(f"{sentence}\n" for sentence in which_half(study))
-    yield _titled("People outside the family of bodies", strangers_table(study, main))
-    yield _titled("Our tracker there", lead_table(study, study.strangers))
-    absent = missing(study)
+    yield "".join(f"{sentence}\n" for sentence in overview.which_half(study))
+    yield _titled("People outside the family of bodies", overview.strangers_table(study, main))
+    yield _titled("Our tracker there", overview.lead_table(study, study.strangers))
+    absent = overview.missing(study)
     if absent:
         yield "## Not run\n\n" + "".join(f"- {sentence}\n" for sentence in absent)
 

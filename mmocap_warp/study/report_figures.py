@@ -8,20 +8,7 @@ from itertools import product
 
 import numpy as np
 
-from mmocap_warp.display.chart import (
-    Axis,
-    axes,
-    axis,
-    box,
-    categories,
-    curve,
-    dots,
-    figure,
-    line,
-    logarithmic,
-    number,
-    text,
-)
+from mmocap_warp.display import chart
 from mmocap_warp.study import paper
 from mmocap_warp.study.report_parts import Html, fill
 from mmocap_warp.study.study_tables import Ranking
@@ -42,22 +29,22 @@ def rank_figure(ranking: Ranking, algorithms: Sequence[str]) -> str:
     top, width = 24.0, 320.0
     bottom = top + 24.0 * len(algorithms)
     worst = max(len(algorithms), 2)
-    x = Axis(0.6, worst + 0.4, 76.0, width, tuple(range(1, worst + 1)))
-    y = categories([algorithm_label(name) for name in algorithms], top, bottom)
+    x = chart.Axis(0.6, worst + 0.4, 76.0, width, tuple(range(1, worst + 1)))
+    y = chart.categories([algorithm_label(name) for name in algorithms], top, bottom)
     first = ranking.rows[0].contender
     printed = paper.printed_ranks(first.dof, first.evaluations)
-    parts = [text((x.at(1), 14), f"{first.evaluations:,} evaluations", "head", "start"), axes(x, y)]
+    parts = [chart.text((x.at(1), 14), f"{first.evaluations:,} evaluations", "head", "start"), chart.axes(x, y)]
     for name, row in zip(algorithms, y.ticks, strict=True):
         if name in printed:
-            left, middle = number(x.at(printed[name]) - 6), number(y.at(row))
+            left, middle = chart.number(x.at(printed[name]) - 6), chart.number(y.at(row))
             parts.append(f'<path class="paper" d="M{left} {middle}l6 -6 6 6 -6 6z"/>')
         found = ranking.row(name, first.dof, first.evaluations)
         if found is not None:
             low, high = ((x.at(end), y.at(row)) for end in found.rank_interval)
-            dot = dots(x, y, [(found.comparison.rank, row)], 5)
-            parts.append(f'<g class="{escape(mark_class(name))}">{line(low, high, "range")}{dot}</g>')
+            dot = chart.dots(x, y, [(found.comparison.rank, row)], 5)
+            parts.append(f'<g class="{escape(mark_class(name))}">{chart.line(low, high, "range")}{dot}</g>')
     label = f"Average rank of each algorithm, {first.dof} DOF, {first.evaluations} evaluations per frame"
-    return figure((width, bottom + 22), label, parts)
+    return chart.figure((width, bottom + 22), label, parts)
 
 
 def box_figure(study: StudySummary, measure: Measure, title: str, kinds: Sequence[Contender]) -> str:
@@ -77,23 +64,23 @@ def box_figure(study: StudySummary, measure: Measure, title: str, kinds: Sequenc
     height, bottom = 304.0, 262.0
     # The action, and below it the subject.
     names = ["\n".join(sequence.rpartition("/")[::-2]) for sequence in study.sequences]
-    x = categories(names, _LEFT, _WIDTH - _RIGHT)
+    x = chart.categories(names, _LEFT, _WIDTH - _RIGHT)
     y = _spread_axis(list(cells.values()), measure, bottom)
-    parts = [axes(x, y, y_label=measure.title)]
-    parts += [line((x.at(s), _TOP), (x.at(s), bottom), "grid") for s in range(1, len(study.sequences))]
+    parts = [chart.axes(x, y, y_label=measure.title)]
+    parts += [chart.line((x.at(s), _TOP), (x.at(s), bottom), "grid") for s in range(1, len(study.sequences))]
     for who in study.baseline_contenders:
         # A rule at the median through each sequence's stretch, where the axis reaches that far.
         rules = ""
         for sequence, still in study.known(who, study.sequences, measure).items():
             if measure.key in still.spread and still.spread[measure.key][2] <= y.high:
                 at, place = y.at(still.spread[measure.key][2]), study.sequences.index(sequence)
-                rules += line((x.at(place), at), (x.at(place + 1), at), "curve")
+                rules += chart.line((x.at(place), at), (x.at(place + 1), at), "curve")
         parts.append(f'<g class="{mark_class(who.algorithm)}">{rules}</g>')
     pitch = min((x.at(1) - x.at(0)) * 0.86 / len(kinds), 30.0)
     for k, who in enumerate(kinds):
         shift = (k - (len(kinds) - 1) / 2) * pitch
         drawn = [
-            box(cell.spread[measure.key], y, x.at(tick) + shift, pitch * 0.72)
+            chart.box(cell.spread[measure.key], y, x.at(tick) + shift, pitch * 0.72)
             for tick, sequence in zip(x.ticks, study.sequences, strict=True)
             if (cell := cells.get((sequence, who))) is not None
         ]
@@ -101,7 +88,7 @@ def box_figure(study: StudySummary, measure: Measure, title: str, kinds: Sequenc
         shapes, medians = "".join(shape for shape, _ in drawn), "".join(median for _, median in drawn)
         parts.append(f'<g class="{escape(mark_class(who.algorithm))} {model}"><path class="box" d="{shapes}"/>')
         parts.append(f'<path class="median" d="{medians}"/></g>')
-    return figure((_WIDTH, height), f"{measure.label} of {title} by sequence", parts)
+    return chart.figure((_WIDTH, height), f"{measure.label} of {title} by sequence", parts)
 
 
 def _shown_beside(study: StudySummary) -> list[Contender]:
@@ -133,7 +120,7 @@ def curve_figure(study: StudySummary, measure: Measure, sequence: str, dof: int,
     if not curves.keys() & set(study.algorithms):
         return ""
     frames = np.concatenate([cell.frames for cell in curves.values()])
-    x = axis(float(frames.min()), float(frames.max()), _LEFT, _WIDTH - _RIGHT, 8)
+    x = chart.axis(float(frames.min()), float(frames.max()), _LEFT, _WIDTH - _RIGHT, 8)
     points = {}
     for name, cell in curves.items():
         # Where there are more frames than a figure can show, the curve's means over a few at a time.
@@ -156,28 +143,28 @@ def growth_figure(study: StudySummary, measure: Measure, dof: int, budget: int) 
             points[who.algorithm] = np.arange(_TENTHS) * 10.0 + 5, np.mean(means, axis=0)
     if not points.keys() & set(study.algorithms):
         return ""
-    x = Axis(0.0, 100.0, _LEFT, _WIDTH - _RIGHT, tuple(range(0, 101, 10)))
+    x = chart.Axis(0.0, 100.0, _LEFT, _WIDTH - _RIGHT, tuple(range(0, 101, 10)))
     label = f"{measure.label} over the clips, {dof} DOF, {budget} evaluations per frame"
     return _curves(points, measure, x, "share of the clip [%]", label)
 
 
 def _curves(
-    points: dict[str, tuple[np.ndarray, np.ndarray]], measure: Measure, x: Axis, x_label: str, label: str
+    points: dict[str, tuple[np.ndarray, np.ndarray]], measure: Measure, x: chart.Axis, x_label: str, label: str
 ) -> str:
     """Curves by algorithm, the first drawn last, over the others."""
     height, bottom = 312.0, 268.0
     values = np.concatenate([each for _, each in points.values()])
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     if measure.higher_is_better:
-        y = axis(low, high, bottom, _TOP)
+        y = chart.axis(low, high, bottom, _TOP)
     elif low > 0 and high > _WIDE_SPAN * low:
-        y = logarithmic(low * 0.9, high * 1.1, bottom, _TOP)
+        y = chart.logarithmic(low * 0.9, high * 1.1, bottom, _TOP)
     else:
-        y = axis(0.0, high * 1.05, bottom, _TOP)
-    parts = [axes(x, y, x_label, measure.title)]
+        y = chart.axis(0.0, high * 1.05, bottom, _TOP)
+    parts = [chart.axes(x, y, x_label, measure.title)]
     for name in reversed(points):
-        parts.append(curve(x, y, zip(*points[name], strict=True), escape(mark_class(name))))
-    return figure((_WIDTH, height), label, parts)
+        parts.append(chart.curve(x, y, zip(*points[name], strict=True), escape(mark_class(name))))
+    return chart.figure((_WIDTH, height), label, parts)
 
 
 def baseline_words(study: StudySummary, measure: Measure) -> str:
@@ -194,13 +181,13 @@ def time_error_figure(study: StudySummary, measure: Measure) -> str:
     times, errors = np.array([place for places in placed.values() for place in places]).T
     theirs = 1000 * paper.SECONDS_PER_500
     height, top, bottom, right = 430.0, 30.0, 374.0, 14.0
-    x = logarithmic(min(times) * 0.7, max(*times, theirs) * 1.5, _LEFT, _WIDTH - right)
-    y = logarithmic(min(errors) * 0.8, max(errors) * 1.25, bottom, top)
-    parts = [axes(x, y, "ms a frame, one run alone", measure.title)]
-    parts.append(line((x.at(theirs), top), (x.at(theirs), bottom), "mark"))
-    parts.append(text((x.at(theirs) - 6, bottom - 8), "the paper, 500 evaluations", anchor="end"))
+    x = chart.logarithmic(min(times) * 0.7, max(*times, theirs) * 1.5, _LEFT, _WIDTH - right)
+    y = chart.logarithmic(min(errors) * 0.8, max(errors) * 1.25, bottom, top)
+    parts = [chart.axes(x, y, "ms a frame, one run alone", measure.title)]
+    parts.append(chart.line((x.at(theirs), top), (x.at(theirs), bottom), "mark"))
+    parts.append(chart.text((x.at(theirs) - 6, bottom - 8), "the paper, 500 evaluations", anchor="end"))
     for name, places in placed.items():
-        shape = f"{curve(x, y, places) if len(places) > 1 else ''}{dots(x, y, places, 4.5)}"
+        shape = f"{chart.curve(x, y, places) if len(places) > 1 else ''}{chart.dots(x, y, places, 4.5)}"
         parts.append(f'<g class="{mark_class(name)}">{shape}</g>')
     ours = {
         name: [(x.at(time), y.at(error)) for time, error in places]
@@ -209,8 +196,8 @@ def time_error_figure(study: StudySummary, measure: Measure) -> str:
     }
     parts += _names_beside(ours)
     words = baseline_words(study, measure)
-    parts.append(text((_WIDTH - right, top - 9), f"{words} ↑" if words else "", anchor="end"))
-    return figure((_WIDTH, height), f"{measure.label} against time per frame of all trackers", parts)
+    parts.append(chart.text((_WIDTH - right, top - 9), f"{words} ↑" if words else "", anchor="end"))
+    return chart.figure((_WIDTH, height), f"{measure.label} against time per frame of all trackers", parts)
 
 
 def times_and_errors(study: StudySummary, measure: Measure) -> dict[str, list[tuple[float, float]]]:
@@ -237,7 +224,7 @@ def _names_beside(dots_of: dict[str, list[tuple[float, float]]]) -> list[str]:
         else:
             anchor, x, y = "middle", across, height - 13
         below[anchor] = max(y, below[anchor] + _NAME_HEIGHT)
-        word = text((x, below[anchor]), algorithm_label(name), "series", anchor)
+        word = chart.text((x, below[anchor]), algorithm_label(name), "series", anchor)
         parts.append(f'<g class="{mark_class(name)}">{word}</g>')
     return parts
 
@@ -285,17 +272,17 @@ def _by_budget(study: StudySummary, points: dict[str, list[tuple[int, float]]], 
         return ""
     high = max(known)
     low = min(known) - 0.1 * (high - min(known)) if high <= 1.0 else 0.0
-    y = axis(low, high * 1.04, bottom, _TOP)
-    x = Axis(0.0, study.budgets[-1] * 1.04, _LEFT, width - _RIGHT, tuple(study.budgets))
-    parts = [axes(x, y, "evaluations per frame", unit)]
+    y = chart.axis(low, high * 1.04, bottom, _TOP)
+    x = chart.Axis(0.0, study.budgets[-1] * 1.04, _LEFT, width - _RIGHT, tuple(study.budgets))
+    parts = [chart.axes(x, y, "evaluations per frame", unit)]
     for name in reversed(points):
         measured = [(budget, value) for budget, value in points[name] if np.isfinite(value)]
-        shape = curve(x, y, measured) + dots(x, y, measured)
+        shape = chart.curve(x, y, measured) + chart.dots(x, y, measured)
         parts.append(f'<g class="{escape(mark_class(name))}">{shape}</g>')
-    return figure((width, height), label, parts)
+    return chart.figure((width, height), label, parts)
 
 
-def _spread_axis(cells: list[CellSummary], measure: Measure, bottom: float) -> Axis:
+def _spread_axis(cells: list[CellSummary], measure: Measure, bottom: float) -> chart.Axis:
     """Long enough for every box and for all but the longest whiskers."""
     spread = np.array([cell.spread[measure.key] for cell in cells])
     if measure.higher_is_better:
@@ -303,7 +290,7 @@ def _spread_axis(cells: list[CellSummary], measure: Measure, bottom: float) -> A
         low = max(spread[:, 0].min(), quartile - (_WHISKER_REACH - 1) * (high - quartile))
     else:
         low, high = 0.0, min(spread[:, 4].max(), _WHISKER_REACH * spread[:, 3].max())
-    return axis(float(low), float(high), bottom, _TOP)
+    return chart.axis(float(low), float(high), bottom, _TOP)
 
 
 def _mean_known(values: np.ndarray) -> float:

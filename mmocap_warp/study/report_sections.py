@@ -8,38 +8,9 @@ from itertools import product
 
 import numpy as np
 
-from mmocap_warp.study import paper
+from mmocap_warp.study import overview, paper, report_figures, report_tables
 from mmocap_warp.study.claims import check_claims
-from mmocap_warp.study.overview import (
-    LOST_LIMB,
-    all_trackers,
-    lead_table,
-    leads,
-    radii,
-    radii_tables,
-    rank_pairs,
-    strangers_table,
-    which_half,
-)
-from mmocap_warp.study.report_figures import (
-    box_figure,
-    curve_figure,
-    curves_legend,
-    growth_figure,
-    legend,
-    rank_figure,
-    time_error_figure,
-    times_and_errors,
-)
 from mmocap_warp.study.report_parts import Html, Section, by_measure, choice, drawn, fill, html_of
-from mmocap_warp.study.report_tables import (
-    difference_table,
-    effect_table,
-    floor_note,
-    ranking_table,
-    sequence_table,
-    unranked_table,
-)
 from mmocap_warp.study.source import Clip
 from mmocap_warp.study.study_tables import (
     Ranking,
@@ -58,13 +29,13 @@ def trackers_section(study: StudySummary) -> Section | None:
     None where there is nothing beside the grid.
     """
     main = study.measures[0]
-    drawing = time_error_figure(study, main) if not main.higher_is_better else ""
-    table = lead_table(study, study.sequences)
+    drawing = report_figures.time_error_figure(study, main) if not main.higher_is_better else ""
+    table = overview.lead_table(study, study.sequences)
     if not drawing and table is None and not study.baselines:
         return None
     parts: list[str] = [fill("trackers")]
     if drawing:
-        placed = times_and_errors(study, main)
+        placed = report_figures.times_and_errors(study, main)
         who = [each for each in study.contenders if each.algorithm in placed]
         caption = fill(
             "trackers-caption",
@@ -75,15 +46,15 @@ def trackers_section(study: StudySummary) -> Section | None:
             budgets=listed(study.budgets),
             seconds=f"{paper.SECONDS_PER_500:g}",
         )
-        parts.append(fill("figure", content=[drawn(drawing, caption), legend([*placed])]))
+        parts.append(fill("figure", content=[drawn(drawing, caption), report_figures.legend([*placed])]))
     if table is not None:
         parts += [fill("paragraph", text=_lead_sentence(study)), table.html()]
-    return Section("trackers", "Error against time, all trackers", [*parts, all_trackers(study).html()])
+    return Section("trackers", "Error against time, all trackers", [*parts, overview.all_trackers(study).html()])
 
 
 def _lead_sentence(study: StudySummary) -> str:
     """On how many sequences our tracker has half the best one's error in a tenth of its time."""
-    found = leads(study, study.sequences)
+    found = overview.leads(study, study.sequences)
     timed = [lead for lead in found if lead.timed]
     not_half = [lead.sequence for lead in found if not lead.half]
     sentence = (
@@ -110,7 +81,7 @@ def ranks_section(study: StudySummary) -> Section:
     for number, dof in enumerate(study.models, 4):
         parts += by_measure(study, partial(_ranked, study, number, dof))
     for dof in study.models:
-        parts += html_of(rank_pairs(study, dof))
+        parts += html_of(overview.rank_pairs(study, dof))
     return Section("ranks", "Ranking", parts)
 
 
@@ -123,19 +94,19 @@ def _ranked(study: StudySummary, number: int, dof: int, measure: Measure) -> str
     in_paper = any(paper.printed_ranks(dof, budget) for budget in study.budgets)
     figure = fill(
         "rank-panels",
-        panels=[fill("panel", drawing=[rank_figure(ranking, study.algorithms)]) for ranking in rankings],
+        panels=[fill("panel", drawing=[report_figures.rank_figure(ranking, study.algorithms)]) for ranking in rankings],
         dof=dof,
         measure=named(measure),
         diamonds="; diamonds are the paper" if in_paper else "",
         extent=size,
     )
     caption = f"{dof}-DOF model, ranked by {named(measure)}, as Table {number} of the paper. {size}."
-    floor = floor_note(study, measure, rankings[0].sequences)
-    effects: list[str] = [fill("effects"), *(effect_table(ranking).html() for ranking in rankings)]
-    effects += html_of(unranked_table(study, measure))
+    floor = report_tables.floor_note(study, measure, rankings[0].sequences)
+    effects: list[str] = [fill("effects"), *(report_tables.effect_table(ranking).html() for ranking in rankings)]
+    effects += html_of(report_tables.unranked_table(study, measure))
     note = fill("paragraph", text=floor) if floor else ""
     details = fill("details", summary=f"Intervals and effect sizes, {dof} DOF", content=effects)
-    return figure + ranking_table(rankings, caption).html() + note + _left_out(rankings) + details
+    return figure + report_tables.ranking_table(rankings, caption).html() + note + _left_out(rankings) + details
 
 
 def spread_section(study: StudySummary) -> Section:
@@ -149,7 +120,7 @@ def spread_section(study: StudySummary) -> Section:
                 kinds = [Contender(name, dof, budget) for name in names for dof in study.models]
                 content += _spread(study, measure, f"{title}, {budget:,} evaluations per frame", kinds)
             content = content or fill("paragraph", text=f"{measure.label} is one number a run: see the table.")
-            table = sequence_table(study, measure, budget).html()
+            table = report_tables.sequence_table(study, measure, budget).html()
             content += fill("details", summary="The numbers by sequence", content=table)
             parts.append(choice(study, content, measure=measure.key, budget=budget))
         own = _spread(study, measure, "Our trackers, at their own budgets", study.others)
@@ -159,7 +130,7 @@ def spread_section(study: StudySummary) -> Section:
 
 def _spread(study: StudySummary, measure: Measure, title: str, kinds: Sequence[Contender]) -> str:
     """One half of Fig. 7 with its caption; empty where there is nothing to draw."""
-    drawing = box_figure(study, measure, title, kinds) if measure.per_frame else ""
+    drawing = report_figures.box_figure(study, measure, title, kinds) if measure.per_frame else ""
     if not drawing:
         return ""
     models = sorted({who.dof for who in kinds}, reverse=True)
@@ -167,7 +138,7 @@ def _spread(study: StudySummary, measure: Measure, title: str, kinds: Sequence[C
     if len(models) > 1:
         model = f". Filled: {study.models[0]} DOF, hollow: {listed(study.models[1:])} DOF."
     figure = drawn(drawing, f"{title}{model} {extent(study.cells_of(kinds, measure))}.")
-    return fill("figure", content=[figure, legend([*dict.fromkeys(who.algorithm for who in kinds)])])
+    return fill("figure", content=[figure, report_figures.legend([*dict.fromkeys(who.algorithm for who in kinds)])])
 
 
 def curves_section(study: StudySummary) -> Section:
@@ -177,7 +148,7 @@ def curves_section(study: StudySummary) -> Section:
     parts, grown = [], []
     for dof, budget in product(study.models, study.budgets):
         setting = f"{dof} DOF, {budget:,} evaluations per frame"
-        drawing = growth_figure(study, main, dof, budget)
+        drawing = report_figures.growth_figure(study, main, dof, budget)
         if drawing:
             caption = (
                 f"{main.label} in each tenth of the clips: the median over runs, mean over {len(study.sequences)} "
@@ -185,13 +156,13 @@ def curves_section(study: StudySummary) -> Section:
             )
             grown.append(choice(study, drawn(drawing, caption), model=dof, budget=budget))
         for measure, sequence in product(measures, study.sequences):
-            drawing = curve_figure(study, measure, sequence, dof, budget)
+            drawing = report_figures.curve_figure(study, measure, sequence, dof, budget)
             if drawing:
                 caption = f"{measure.label}, {sequence}, {setting}. {_extent(study, dof, budget, sequence)}."
                 keys = {"curve": measure.key, "sequence": sequence, "model": dof, "budget": budget}
                 parts.append(choice(study, drawn(drawing, caption), **keys))
     ours = " Of our trackers, those with the body solved where they were run; at their own budgets."
-    marks = curves_legend(study)
+    marks = report_figures.curves_legend(study)
     figures = [fill("figure", content=[*curves, marks]) for curves in (grown, parts) if curves or curves is parts]
     return Section("curves", "Error over time", [fill("curves", ours=ours if study.others else ""), *figures])
 
@@ -253,9 +224,11 @@ def models_section(study: StudySummary) -> Section | None:
             if rankings:
                 size = extent(study.cells[cell] for cell in study.grid if cell.algorithm in names)
                 caption = f"The {kind} algorithms by {named(measure)}, as Table {number} of the paper. {size}."
-                content += ranking_table(rankings, caption).html() + _left_out(rankings)
+                content += report_tables.ranking_table(rankings, caption).html() + _left_out(rankings)
         differences = model_differences(study, measure)
-        return content + (difference_table(differences, measure, study.models).html() if differences else "")
+        if differences:
+            content += report_tables.difference_table(differences, measure, study.models).html()
+        return content
 
     parts = by_measure(study, tables)
     title = f"{' against '.join(map(str, study.models))} degrees of freedom"
@@ -281,24 +254,26 @@ def presets_section(study: StudySummary) -> Section | None:
     """The other presets beside the main one, by budget; None with one preset."""
 
     def tables(measure: Measure) -> str:
-        beside = [measure, LOST_LIMB] if measure == study.measures[0] else [measure]
-        return "".join(table.html() for each in beside for table in radii_tables(study, each))
+        beside = [measure, overview.LOST_LIMB] if measure == study.measures[0] else [measure]
+        return "".join(table.html() for each in beside for table in overview.radii_tables(study, each))
 
     parts = by_measure(study, tables)
-    texts = [fill("paragraph", text=text) for text in (" ".join(radii(study)), *which_half(study))]
+    texts = [fill("paragraph", text=text) for text in (" ".join(overview.radii(study)), *overview.which_half(study))]
     return Section("presets", "Search radii", [*texts, *parts]) if parts else None
 
 
 def strangers_section(study: StudySummary) -> Section | None:
     """People outside the family of the tracker's bodies; None where none was tracked."""
     main, dof, budget = study.measures[0], study.models[0], study.budgets[0]
-    parts = by_measure(study, lambda measure: "".join(html_of(strangers_table(study, measure))))
-    parts += html_of(lead_table(study, study.strangers))
+    parts = by_measure(study, lambda measure: "".join(html_of(overview.strangers_table(study, measure))))
+    parts += html_of(overview.lead_table(study, study.strangers))
     for name in study.strangers:
-        drawing = curve_figure(study, main, name, dof, budget)
+        drawing = report_figures.curve_figure(study, main, name, dof, budget)
         if drawing:
             size = extent(summary for cell, summary in study.cells.items() if cell.sequence == name)
             caption = f"{main.label}, {name}, {dof} DOF, {budget:,} evaluations per frame. {size}."
             parts.append(fill("figure", content=drawn(drawing, caption)))
-    title = "People outside the family of bodies"
-    return Section("strangers", title, [fill("strangers"), *parts, curves_legend(study)]) if parts else None
+    if not parts:
+        return None
+    content = [fill("strangers"), *parts, report_figures.curves_legend(study)]
+    return Section("strangers", "People outside the family of bodies", content)

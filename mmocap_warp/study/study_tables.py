@@ -9,19 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mmocap_warp.study.statistics import (
-    Comparison,
-    Omnibus,
-    against_control,
-    central,
-    could_reject,
-    friedman,
-    ranks,
-    resampled_means,
-    signed_rank,
-    superiority,
-    tie_variance,
-)
+from mmocap_warp.study import statistics
 from mmocap_warp.study.summary import CellSummary, Contender, Measure, StudySummary
 
 FEWEST_SEQUENCES = 3
@@ -33,7 +21,7 @@ class Row:
     """A contender's line. Intervals are bootstrapped over seeds."""
 
     contender: Contender
-    comparison: Comparison  # rank, p-value and Holm's verdict
+    comparison: statistics.Comparison  # rank, p-value and Holm's verdict
     rank_interval: tuple[float, float]  # of the average rank
     mean: float  # of the measure over sequences: the mean of their means over runs
     mean_interval: tuple[float, float]
@@ -46,7 +34,7 @@ class Ranking:
 
     measure: Measure  # contenders are ranked by it
     rows: tuple[Row, ...]  # the best average rank, the control, first
-    test: Omnibus | None  # None with fewer than two sequences
+    test: statistics.Omnibus | None  # None with fewer than two sequences
     sequences: tuple[str, ...]  # the blocks: those that every contender has tracked
     left_out: tuple[str, ...]  # sequences that some have not tracked
     absent: tuple[Contender, ...]  # they have tracked fewer than half as many sequences as others, and do not count
@@ -56,7 +44,7 @@ class Ranking:
     def decisive(self) -> bool:
         """Whether there are sequences enough for a difference to be significant, however the ranks fall."""
         blocks = len(self.sequences)
-        return blocks >= FEWEST_SEQUENCES and could_reject(len(self.rows), blocks)
+        return blocks >= FEWEST_SEQUENCES and statistics.could_reject(len(self.rows), blocks)
 
     def row(self, algorithm: str, dof: int, evaluations: int) -> Row | None:
         """A contender's line."""
@@ -111,13 +99,13 @@ def _rank(study: StudySummary, measure: Measure, contenders: list[Contender]) ->
     # Ranks over the sequences, and the same of runs that are drawn anew, for intervals.
     scores = _scores(found, shared, measure)
     lower = measure.sign * scores
-    of_blocks = ranks(lower.mean(axis=2))
+    of_blocks = statistics.ranks(lower.mean(axis=2))
     average = of_blocks.mean(axis=0)
-    drawn = resampled_means(lower)
-    rank_ends = central(ranks(drawn).mean(axis=1)).T
-    mean_ends = np.sort(measure.sign * central(drawn.mean(axis=1)), axis=0).T
+    drawn = statistics.resampled_means(lower)
+    rank_ends = statistics.central(statistics.ranks(drawn).mean(axis=1)).T
+    mean_ends = np.sort(measure.sign * statistics.central(drawn.mean(axis=1)), axis=0).T
     # A row for each contender, the control first.
-    comparisons = against_control(average, len(shared))
+    comparisons = statistics.against_control(average, len(shared))
     control, names = comparisons[0].algorithm, list(found)
     rows = [
         Row(
@@ -126,14 +114,14 @@ def _rank(study: StudySummary, measure: Measure, contenders: list[Contender]) ->
             tuple(rank_ends[i].tolist()),
             float(scores[:, i].mean()),
             tuple(mean_ends[i].tolist()),
-            superiority(lower[:, control], lower[:, i]) if i != control else np.nan,
+            statistics.superiority(lower[:, control], lower[:, i]) if i != control else np.nan,
         )
         for i, comparison in ((comparison.algorithm, comparison) for comparison in comparisons)
     ]
     return Ranking(
         measure=measure,
         rows=tuple(rows),
-        test=friedman(average, len(shared), tie_variance(of_blocks)) if len(shared) > 1 else None,
+        test=statistics.friedman(average, len(shared), statistics.tie_variance(of_blocks)) if len(shared) > 1 else None,
         sequences=tuple(shared),
         left_out=tuple(name for name in study.sequences if name not in shared),
         absent=tuple(contender for contender, cells in known.items() if cells and contender not in found),
@@ -166,8 +154,8 @@ def model_differences(study: StudySummary, measure: Measure) -> list[ModelDiffer
         if not shared:
             continue
         scores = _scores(pair, shared, measure)
-        drawn = resampled_means(scores)
-        low, high = central((drawn[..., 0] - drawn[..., 1]).mean(axis=1)).tolist()
+        drawn = statistics.resampled_means(scores)
+        low, high = statistics.central((drawn[..., 0] - drawn[..., 1]).mean(axis=1)).tolist()
         lower = measure.sign * scores
         found.append(
             ModelDifference(
@@ -175,8 +163,8 @@ def model_differences(study: StudySummary, measure: Measure) -> list[ModelDiffer
                 budget,
                 difference=float((scores[:, 0] - scores[:, 1]).mean()),
                 interval=(low, high),
-                superiority=superiority(lower[:, 0], lower[:, 1]),
-                p=signed_rank(scores.mean(axis=2)) if len(shared) >= FEWEST_SEQUENCES else np.nan,
+                superiority=statistics.superiority(lower[:, 0], lower[:, 1]),
+                p=statistics.signed_rank(scores.mean(axis=2)) if len(shared) >= FEWEST_SEQUENCES else np.nan,
                 sequences=len(shared),
             )
         )

@@ -33,27 +33,17 @@ _LIMBS: dict[str, str] = {
 
 @dataclass(frozen=True)
 class Person:
-    """One subject.
+    """One subject."""
 
-    Attributes:
-        name: such as ``S1``.
-        base: the shipped body that both bodies are shaped from.
-        shape: true shape weights.
-        stretch: across, up and forward, of the true body.
-        modelled: shape weights of the tracker's body.
-        scale: of the tracker's body.
-        segments: by joint, length and girth of what hangs on it, where the true body's differ; None for none.
-        skirt: whether the true body wears one, see :mod:`mmocap_warp.synthesis.skirt`.
-    """
-
-    name: str
-    base: str
-    shape: dict[str, float]
-    stretch: tuple[float, float, float]
-    modelled: dict[str, float]
-    scale: float
+    name: str  # such as ``S1``
+    base: str  # the shipped body that both bodies are shaped from
+    shape: dict[str, float]  # true shape weights
+    stretch: tuple[float, float, float]  # across, up and forward, of the true body
+    modelled: dict[str, float]  # shape weights of the tracker's body
+    scale: float  # of the tracker's body
+    # By joint, length and girth of what hangs on it, where the true body's differ; None for none.
     segments: Mapping[str, Sequence[float]] | None = None
-    skirt: bool = False
+    skirt: bool = False  # whether the true body wears one, see :mod:`mmocap_warp.synthesis.skirt`
 
     def true_body(self) -> BodyModel:
         """Who is seen; without shape targets where segments were resized."""

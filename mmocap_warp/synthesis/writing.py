@@ -12,7 +12,7 @@ from mmocap_warp.body.model import Subject
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
-from mmocap_warp.formats.png import write_png
+from mmocap_warp.formats.image_files import write_png
 from mmocap_warp.formats.truth_file import write_truth
 from mmocap_warp.formats.usd.usd_body import write_subject
 from mmocap_warp.result.truth import Truth

@@ -20,7 +20,7 @@ from mmocap_warp.calibration.sync.synchronise import synchronise
 from mmocap_warp.cameras.rig import project
 from mmocap_warp.cli import main
 from mmocap_warp.errors import InputError
-from mmocap_warp.formats.png import write_png
+from mmocap_warp.formats.image_files import write_png
 from mmocap_warp.scene.camera_tables import write_timing
 from mmocap_warp.scene.scene_toml import load_scene
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from mmocap_warp.formats.webm import WebmFile
+from mmocap_warp.formats.image_files import WebmFile
 
 MOST = 1e6  # bytes a second
 KEY = 12  # frames from one that can be jumped to, to the next

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from study_results import SEQUENCES
 
-from mmocap_warp.study import statistics, study_tables
+from mmocap_warp.study import statistics
 from mmocap_warp.study.cell import Cell
 from mmocap_warp.study.claims import AGREES, DIFFERS, EVOLUTIONARY, FAILS, MOSTLY, TIED, TOO_FEW, UNTESTED, check_claims
 from mmocap_warp.study.paper import ALGORITHM_ORDER, EVALUATIONS
@@ -25,15 +25,16 @@ _SPREAD = {"Gestures": 50.0, "Walking": 60.0, "Box": 70.0}
 def _remembered_signed_ranks() -> Iterator[None]:
     """Most tables have pairs in common, and each exact test takes long."""
     p_values: dict[tuple[tuple[int, ...], bytes], float] = {}
+    signed_rank = statistics.signed_rank
 
     def remembered(pairs: np.ndarray) -> float:
         key = pairs.shape, pairs.tobytes()
         if key not in p_values:
-            p_values[key] = statistics.signed_rank(pairs)
+            p_values[key] = signed_rank(pairs)
         return p_values[key]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(study_tables, "signed_rank", remembered)
+        patch.setattr(statistics, "signed_rank", remembered)
         yield
 
 

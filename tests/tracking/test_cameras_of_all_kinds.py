@@ -13,7 +13,7 @@ from made_walks import walking_around
 
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.cameras.rig import CameraRig
-from mmocap_warp.formats.png import write_png
+from mmocap_warp.formats.image_files import write_png
 from mmocap_warp.formats.truth_file import read_truth
 from mmocap_warp.formats.usd.usd_body import read_subject
 from mmocap_warp.scene.scene_toml import load_scene

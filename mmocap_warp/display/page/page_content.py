@@ -12,7 +12,7 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import Poser
-from mmocap_warp.formats.png import encode_png
+from mmocap_warp.formats.image_files import encode_png
 from mmocap_warp.result.evaluation import evaluate
 from mmocap_warp.result.pose_errors import nanmean
 from mmocap_warp.result.result import STATUS, Result

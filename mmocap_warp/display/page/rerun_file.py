@@ -13,7 +13,7 @@ from mmocap_warp.display.overlay import COLOUR_OF_SIDE, MODEL_COLOUR
 from mmocap_warp.display.page.page_content import curves, tracks
 from mmocap_warp.display.result_video import check_same_recording
 from mmocap_warp.errors import missing_package
-from mmocap_warp.formats.png import encode_png
+from mmocap_warp.formats.image_files import encode_png
 from mmocap_warp.result.result import Result
 from mmocap_warp.result.truth import Truth
 from mmocap_warp.scene.recording import Scene

@@ -26,18 +26,13 @@ _MIXAMO_LIMBS = {"Shoulder": "Arm", "Elbow": "ForeArm", "Wrist": "Hand", "Hip": 
 
 @dataclass(frozen=True)
 class Rig:
-    """How another program knows a person.
+    """How another program knows a person."""
 
-    Attributes:
-        names: its name of each of the body's joints.
-        bones: the joint at which a bone begins, the joint at which it ends, and where it points in the rest pose, in
-            body axes; from the root outwards. What hangs on a bone turns with it, except ``upright``.
-        upright: joints that stay as they are in the body's bind pose.
-    """
-
-    names: dict[str, str]
+    names: dict[str, str]  # its name of each of the body's joints
+    # From the root outwards: the joint at which a bone begins, the joint at which it ends, and where it points in the
+    # rest pose, in body axes. What hangs on a bone turns with it, except ``upright``.
     bones: tuple[tuple[str, str, tuple[float, float, float]], ...]
-    upright: tuple[str, ...]
+    upright: tuple[str, ...]  # joints that stay as they are in the body's bind pose
 
 
 RIGS = {

@@ -159,29 +159,17 @@ def write_npz(result: Result, path: Path) -> None:
 
 @dataclass(frozen=True)
 class Tracks:
-    """One run at even times, posed in double precision.
+    """One run at even times, posed in double precision."""
 
-    Attributes:
-        subject: who moves.
-        rate: frames per second.
-        time: (frame,) [s] since the recording's frame 0.
-        number: (frame,) int, the recording's frame, as the time codes of USD have it.
-        pose: (frame, coordinate) [m, rad].
-        status: one per frame, of ``STATUS``.
-        bind: (joint, 4, 4), body space from joint in the bind pose; all transforms are for column vectors.
-        local: (frame, joint, 4, 4), parent from joint; the root's is world from root.
-        world: (frame, joint, 4, 4), world from joint.
-    """
-
-    subject: Subject
-    rate: float
-    time: np.ndarray
-    number: np.ndarray
-    pose: np.ndarray
-    status: tuple[str, ...]
-    bind: np.ndarray
-    local: np.ndarray
-    world: np.ndarray
+    subject: Subject  # who moves
+    rate: float  # frames per second
+    time: np.ndarray  # (frame,) [s] since the recording's frame 0
+    number: np.ndarray  # (frame,) int, the recording's frame, as the time codes of USD have it
+    pose: np.ndarray  # (frame, coordinate) [m, rad]
+    status: tuple[str, ...]  # one per frame, of ``STATUS``
+    bind: np.ndarray  # (joint, 4, 4), body space from joint in the bind pose; all transforms are for column vectors
+    local: np.ndarray  # (frame, joint, 4, 4), parent from joint; the root's is world from root
+    world: np.ndarray  # (frame, joint, 4, 4), world from joint
 
     @property
     def row_number(self) -> np.ndarray:

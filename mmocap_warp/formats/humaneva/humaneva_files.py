@@ -88,16 +88,11 @@ class Synchronisation:
 
     Frame ``n`` of the sequence is frame ``start[k] + n - 1`` of video ``k`` and lies at
     ``mocap_start + (n - 1) * mocap_per_frame`` in the motion capture.
-
-    Attributes:
-        start: (camera,) int.
-        mocap_start: at least 1.
-        mocap_per_frame: about 2, for 120 and 60 Hz.
     """
 
-    start: np.ndarray
-    mocap_start: float
-    mocap_per_frame: float
+    start: np.ndarray  # (camera,) int
+    mocap_start: float  # at least 1
+    mocap_per_frame: float  # about 2, for 120 and 60 Hz
 
     def mocap_position(self, frames: np.ndarray) -> np.ndarray:
         """Where frames of the sequence lie in the motion capture."""

@@ -14,6 +14,7 @@ import numpy as np
 from mmocap_warp.cameras.rig import CameraRig, rig_of
 from mmocap_warp.errors import InputError
 from mmocap_warp.formats.calibration.toml_rig import write_toml_rig
+from mmocap_warp.formats.humaneva import vicon_points
 from mmocap_warp.formats.humaneva.humaneva_files import (
     REMEDY,
     Synchronisation,
@@ -21,15 +22,6 @@ from mmocap_warp.formats.humaneva.humaneva_files import (
     read_measures,
     read_ofs,
     synchronise,
-)
-from mmocap_warp.formats.humaneva.vicon_points import (
-    JOINT_NAMES,
-    MARKERS,
-    MissingPointError,
-    SubjectMeasures,
-    joint_positions,
-    markers_at,
-    torso_radius,
 )
 from mmocap_warp.formats.motion.captured_points import read_c3d
 from mmocap_warp.formats.toml_table import quoted
@@ -75,30 +67,18 @@ and Box.
 
 @dataclass(frozen=True)
 class HumanEvaSequence:
-    """A sequence, ready to be written as a scene. Frame 0 of the scene is frame ``first`` of HumanEva's own numbers.
+    """A sequence, ready to be written as a scene. Frame 0 of the scene is frame ``first`` of HumanEva's own numbers."""
 
-    Attributes:
-        subject, action: as in ``SEQUENCES``.
-        rig: the seven cameras as calibrated, in metres, with distortion.
-        videos: one per camera.
-        backgrounds: per camera the clip of the empty room that fits best.
-        sync: where frames lie in the streams.
-        first: the first frame, counted from 1 as HumanEva does.
-        count: number of frames.
-        truth: markers and joints, frame 0 being ``first``; NaN in frames that HumanEva calls invalid.
-        no_joints: why the truth has no joints; empty where it has.
-    """
-
-    subject: str
-    action: str
-    rig: CameraRig
-    videos: tuple[Frames, ...]
-    backgrounds: tuple[Frames, ...]
-    sync: Synchronisation
-    first: int
-    count: int
-    truth: Truth
-    no_joints: str
+    subject: str  # as in ``SEQUENCES``
+    action: str  # likewise
+    rig: CameraRig  # the seven cameras as calibrated, in metres, with distortion
+    videos: tuple[Frames, ...]  # one per camera
+    backgrounds: tuple[Frames, ...]  # per camera the clip of the empty room that fits best
+    sync: Synchronisation  # where frames lie in the streams
+    first: int  # the first frame, counted from 1 as HumanEva does
+    count: int  # number of frames
+    truth: Truth  # markers and joints, frame 0 being ``first``; NaN in frames that HumanEva calls invalid
+    no_joints: str  # why the truth has no joints; empty where it has
 
     @property
     def frame_offsets(self) -> tuple[int, ...]:
@@ -202,23 +182,23 @@ def _read_truth(folder: Path, subject: str, trial: str, sync: Synchronisation, f
         raise InputError(path, f"runs at {tracks.rate:g} Hz, but {ratio}", "take .c3d and .ofs of the same sequence")
     position = sync.mocap_position(frames) - 1  # HumanEva counts from 1, arrays from 0
     try:
-        markers = markers_at(tracks, position)
-    except MissingPointError as error:
+        markers = vicon_points.markers_at(tracks, position)
+    except vicon_points.MissingPointError as error:
         raise InputError(path, str(error), "give the data set's own .c3d: Vicon's 39 markers are needed") from None
     valid = np.isfinite(markers).all(axis=(1, 2))
     if not valid.any():
-        problem = f"shows all {len(MARKERS)} markers in none of the frames {frames[0]} to {frames[-1]}"
+        problem = f"shows all {len(vicon_points.MARKERS)} markers in none of the frames {frames[0]} to {frames[-1]}"
         raise InputError(path, problem, "choose other frames, or check that .c3d and .ofs belong together")
-    names, joints, why = JOINT_NAMES, np.zeros((len(frames), 0, 3)), ""
+    names, joints, why = vicon_points.JOINT_NAMES, np.zeros((len(frames), 0, 3)), ""
     try:
-        joints = joint_positions(tracks, position, _read_measures(folder, subject))
-    except MissingPointError as error:
+        joints = vicon_points.joint_positions(tracks, position, _read_measures(folder, subject))
+    except vicon_points.MissingPointError as error:
         names, why = (), f"{path.name} {error}"
     joints = np.where(valid[:, None, None], joints, np.nan)
-    return Truth(FPS, frames - frames[0], MARKERS, markers, names, joints), why
+    return Truth(FPS, frames - frames[0], vicon_points.MARKERS, markers, names, joints), why
 
 
-def _read_measures(folder: Path, subject: str) -> SubjectMeasures:
+def _read_measures(folder: Path, subject: str) -> vicon_points.SubjectMeasures:
     path, static = _find_entry(folder, f"{subject}.mp"), _find_entry(folder, "Static.c3d")
     measures = read_measures(path)
     offsets = [f"{side}ShoulderOffset" for side in "LR"]
@@ -226,13 +206,13 @@ def _read_measures(folder: Path, subject: str) -> SubjectMeasures:
         if name not in measures:
             raise InputError(path, f"has no line ${name} = ...", REMEDY)
     try:
-        radius = torso_radius(read_c3d(static))
-    except MissingPointError as error:
+        radius = vicon_points.torso_radius(read_c3d(static))
+    except vicon_points.MissingPointError as error:
         raise InputError(static, str(error), REMEDY) from None
     if not np.isfinite(radius):
         raise InputError(static, "never shows LSHO and RSHO together", REMEDY)
     left, right = (measures[name] / 1000 for name in offsets)
-    return SubjectMeasures(radius, (left, right))
+    return vicon_points.SubjectMeasures(radius, (left, right))
 
 
 def _find_background(folder: Path, camera: str, video: Frames) -> Frames:

@@ -80,15 +80,10 @@ _MARKER_RADIUS = 0.007  # [m]
 
 @dataclass(frozen=True)
 class SubjectMeasures:
-    """What of a subject's size enters the joints.
+    """What of a subject's size enters the joints."""
 
-    Attributes:
-        torso_radius: [m].
-        shoulder_offset: between a shoulder's marker and its joint, left and right [m].
-    """
-
-    torso_radius: float
-    shoulder_offset: tuple[float, float]
+    torso_radius: float  # [m]
+    shoulder_offset: tuple[float, float]  # between a shoulder's marker and its joint, left and right [m]
 
 
 def torso_radius(static: PointTracks) -> float:

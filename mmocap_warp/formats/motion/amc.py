@@ -27,20 +27,13 @@ _ROOT_ORDER = ("tx", "ty", "tz", "rx", "ry", "rz")
 
 @dataclass
 class _Bone:
-    """A bone of the skeleton; the root has no length.
-
-    Attributes:
-        vector: (3,), from its start to its end in the rest pose.
-        axes: (3, 3), in which its rotations are given.
-        channels: such as ``rx``, in the file's order.
-        parent: index, -1 for the root.
-    """
+    """A bone of the skeleton; the root has no length."""
 
     name: str
-    vector: np.ndarray
-    axes: np.ndarray
-    channels: tuple[str, ...]
-    parent: int = -1
+    vector: np.ndarray  # (3,), from its start to its end in the rest pose
+    axes: np.ndarray  # (3, 3), in which its rotations are given
+    channels: tuple[str, ...]  # such as ``rx``, in the file's order
+    parent: int = -1  # index, -1 for the root
 
 
 def read_amc(path: str | Path, skeleton: str | Path | None = None) -> MotionClip:

@@ -18,19 +18,12 @@ _METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 @dataclass(frozen=True)
 class PointTracks:
-    """Named points over time.
+    """Named points over time."""
 
-    Attributes:
-        rate: frames per second.
-        frame_numbers: (frame,) int, as the file numbers them (usually from 1).
-        names: one per point.
-        positions: (frame, point, 3) float64 [m]; NaN where the file has none.
-    """
-
-    rate: float
-    frame_numbers: np.ndarray
-    names: tuple[str, ...]
-    positions: np.ndarray
+    rate: float  # frames per second
+    frame_numbers: np.ndarray  # (frame,) int, as the file numbers them (usually from 1)
+    names: tuple[str, ...]  # one per point
+    positions: np.ndarray  # (frame, point, 3) float64 [m]; NaN where the file has none
 
 
 def read_trc(path: str | Path, axes: str = "xyz") -> PointTracks:

@@ -16,25 +16,15 @@ from mmocap_warp.whole_file import read_text
 
 @dataclass(frozen=True)
 class MotionClip:
-    """A skeleton in motion, in its file's own axes and unit of length.
+    """A skeleton in motion, in its file's own axes and unit of length."""
 
-    Attributes:
-        fps: frames per second.
-        joint_names: one per joint, as in the file; a joint stands where its bone begins.
-        rest: (joint, 3), places in the rest pose.
-        place: (frame, joint, 3).
-        rotation: (frame, joint, 3, 3), of each bone in the world, the identity in the rest pose.
-        marker_names: of markers that were seen on the actor; may be empty.
-        markers: (frame, marker, 3), NaN where one was unseen; None where there are none.
-    """
-
-    fps: float
-    joint_names: tuple[str, ...]
-    rest: np.ndarray
-    place: np.ndarray
-    rotation: np.ndarray
-    marker_names: tuple[str, ...] = ()
-    markers: np.ndarray | None = None
+    fps: float  # frames per second
+    joint_names: tuple[str, ...]  # one per joint, as in the file; a joint stands where its bone begins
+    rest: np.ndarray  # (joint, 3), places in the rest pose
+    place: np.ndarray  # (frame, joint, 3)
+    rotation: np.ndarray  # (frame, joint, 3, 3), of each bone in the world, the identity in the rest pose
+    marker_names: tuple[str, ...] = ()  # of markers that were seen on the actor; may be empty
+    markers: np.ndarray | None = None  # (frame, marker, 3), NaN where one was unseen; None where there are none
 
     def at_rate(self, fps: float) -> MotionClip:
         """The clip resampled: places linearly, rotations by the rotation nearest to the mean of their neighbours'."""

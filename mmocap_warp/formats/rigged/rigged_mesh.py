@@ -10,72 +10,46 @@ import numpy as np
 
 @dataclass(frozen=True)
 class JointAxis:
-    """The axis that a joint turns about or slides along, where its file says so.
+    """The axis that a joint turns about or slides along, where its file says so."""
 
-    Attributes:
-        axis: (3,) unit vector, in the file's axes in the bind pose.
-        lower, upper: from the bind pose, infinite where free: angles, right-handed about ``axis`` [rad], or, of a joint
-            that slides, how far along ``axis``, in the file's unit of length.
-        slides: whether the joint slides instead of turning.
-    """
-
-    axis: np.ndarray
+    axis: np.ndarray  # (3,) unit vector, in the file's axes in the bind pose
+    # Limits from the bind pose, infinite where free: angles, right-handed about ``axis`` [rad]; of a joint that slides,
+    # lengths along ``axis``, in the file's unit of length.
     lower: float = -np.inf
     upper: float = np.inf
-    slides: bool = False
+    slides: bool = False  # whether the joint slides instead of turning
 
 
 @dataclass(frozen=True)
 class RiggedMotion:
-    """An animation of a file, at even times.
+    """An animation of a file, at even times."""
 
-    Attributes:
-        fps: frames per second.
-        world: (frame, joint, 4, 4) float64, the file's space from joint, for column vectors.
-    """
-
-    fps: float
-    world: np.ndarray
+    fps: float  # frames per second
+    world: np.ndarray  # (frame, joint, 4, 4) float64, the file's space from joint, for column vectors
 
 
 @dataclass(frozen=True)
 class RiggedMesh:
-    """What a file holds, in its own axes and unit of length.
+    """What a file holds, in its own axes and unit of length."""
 
-    Attributes:
-        name: of the character or robot.
-        joints: names, as in the file.
-        parent: (joint,) number of the joint that each hangs on, which comes first; -1 where it hangs on none.
-        bind: (joint, 4, 4) float64, the file's space from joint in the bind pose, for column vectors; may be scaled.
-        vertex: (vertex, 3) float64, in the bind pose.
-        face: (face, 3) int, counter-clockwise seen from outside.
-        influence: (vertex, influence) int, the joints that each vertex follows.
-        weight: (vertex, influence) float64, their weights; any number, zero where unused.
-        up, facing: signed axes such as ``+y``, the directions of the file's format.
-        metres: metres per unit of length.
-        axes: of joints by number; those that miss are free to turn in any way, as far as the file says.
-        motions: animations by name.
-        rigid: whether the parts are rigid and their sizes known, as a robot's are.
-        attribution: what the file says of its makers; may be empty.
-        notes: what was not read as the file has it, a line each.
-    """
-
-    name: str
-    joints: tuple[str, ...]
-    parent: tuple[int, ...]
-    bind: np.ndarray
-    vertex: np.ndarray
-    face: np.ndarray
-    influence: np.ndarray
-    weight: np.ndarray
+    name: str  # of the character or robot
+    joints: tuple[str, ...]  # names, as in the file
+    parent: tuple[int, ...]  # (joint,) number of the joint that each hangs on, which comes first; -1 for none
+    bind: np.ndarray  # (joint, 4, 4) float64, the file's space from joint in the bind pose; may be scaled
+    vertex: np.ndarray  # (vertex, 3) float64, in the bind pose
+    face: np.ndarray  # (face, 3) int, counter-clockwise seen from outside
+    influence: np.ndarray  # (vertex, influence) int, the joints that each vertex follows
+    weight: np.ndarray  # (vertex, influence) float64, their weights; any number, zero where unused
+    # The directions of the file's format: signed axes such as ``+y``.
     up: str = "+y"
     facing: str = "+z"
-    metres: float = 1.0
+    metres: float = 1.0  # metres per unit of length
+    # By number of joint. Joints that are missing may turn in any way, as far as the file says.
     axes: dict[int, JointAxis] = field(default_factory=dict)
-    motions: dict[str, RiggedMotion] = field(default_factory=dict)
-    rigid: bool = False
-    attribution: str = ""
-    notes: tuple[str, ...] = ()
+    motions: dict[str, RiggedMotion] = field(default_factory=dict)  # animations by name
+    rigid: bool = False  # whether the parts are rigid and their sizes known, as a robot's are
+    attribution: str = ""  # what the file says of its makers; may be empty
+    notes: tuple[str, ...] = ()  # what was not read as the file has it, a line each
 
 
 def parents_first(parent: list[int]) -> list[int]:

@@ -26,19 +26,9 @@ from pxr import Kind, Tf, Usd, UsdGeom, UsdSkel, UsdUtils, Vt
 from mmocap_warp.body.model import Subject, joint_transforms
 from mmocap_warp.body.posing import Poser
 from mmocap_warp.errors import InputError
+from mmocap_warp.formats.usd import usd_file
 from mmocap_warp.formats.usd.usd_body import body_prim, define_body, define_subject, set_pose, subject_from_prim
 from mmocap_warp.formats.usd.usd_camera import cameras_from_prim, define_cameras
-from mmocap_warp.formats.usd.usd_file import (
-    USD_SUFFIXES,
-    PrimReader,
-    author,
-    export_root,
-    read_stage,
-    reads_usd,
-    set_time_range,
-    set_world_up,
-    write_stage,
-)
 from mmocap_warp.formats.usd.usd_skeleton import joint_paths
 from mmocap_warp.result.result import STATUS, Result
 from mmocap_warp.whole_file import whole_file
@@ -59,13 +49,13 @@ def write_result(path: str | Path, result: Result) -> None:
     animate(stage, body, result.subject, result.pose[result.best_run], result.frame_numbers, result.fps)
     define_cameras(stage, "/World/Cameras", result.cameras)
     _define_tracking(stage, result)
-    write_stage(path, stage)
+    usd_file.write_stage(path, stage)
 
 
-@reads_usd
+@usd_file.reads_usd
 def holds_result(path: str | Path) -> bool:
     """Whether a file is a result, and not, say, a subject."""
-    stage = read_stage(path)  # a prim lives only as long as its stage
+    stage = usd_file.read_stage(path)  # a prim lives only as long as its stage
     return _tracking(stage) is not None
 
 
@@ -74,14 +64,14 @@ def _tracking(stage: Usd.Stage) -> Usd.Prim | None:
     return prim if prim and prim.HasAttribute("mmocap:resultVersion") else None
 
 
-@reads_usd
+@usd_file.reads_usd
 def read_result(path: str | Path) -> Result:
     """Read a result that :func:`write_result` wrote."""
-    stage = read_stage(path)
+    stage = usd_file.read_stage(path)
     prim = _tracking(stage)
     if prim is None:
         raise InputError(path, "holds no tracking result (no /World/Tracking)", _REMEDY)
-    read = PrimReader(prim, path, _REMEDY)
+    read = usd_file.PrimReader(prim, path, _REMEDY)
     version = read.value("mmocap:resultVersion")
     read.require(version == VERSION, f"this result has version {version}, this program reads {VERSION}")
     cameras = cameras_from_prim(stage.GetPrimAtPath("/World/Cameras"), path)
@@ -119,21 +109,21 @@ def read_result(path: str | Path) -> Result:
 
 def _define_tracking(stage: Usd.Stage, result: Result) -> None:
     prim = UsdGeom.Scope.Define(stage, "/World/Tracking").GetPrim()
-    author(prim, "mmocap:resultVersion", VERSION)
-    author(prim, "mmocap:frames", result.frame_numbers)
-    author(prim, "mmocap:runs", len(result.pose))
-    author(prim, "mmocap:bestRun", result.best_run)
-    author(prim, "mmocap:seconds", float(result.seconds))
-    author(prim, "mmocap:config", json.dumps(result.config))
-    author(prim, "mmocap:versions", json.dumps(result.versions))
+    usd_file.author(prim, "mmocap:resultVersion", VERSION)
+    usd_file.author(prim, "mmocap:frames", result.frame_numbers)
+    usd_file.author(prim, "mmocap:runs", len(result.pose))
+    usd_file.author(prim, "mmocap:bestRun", result.best_run)
+    usd_file.author(prim, "mmocap:seconds", float(result.seconds))
+    usd_file.author(prim, "mmocap:config", json.dumps(result.config))
+    usd_file.author(prim, "mmocap:versions", json.dumps(result.versions))
     for i, time in enumerate(result.frame_numbers.astype(float).tolist()):
         for name, attribute in _SAMPLED.items():
             if (values := getattr(result, name)) is not None:
-                author(prim, attribute, values[:, i], time)
-        author(prim, "mmocap:status", [STATUS[status] for status in result.status[:, i]], time)
+                usd_file.author(prim, attribute, values[:, i], time)
+        usd_file.author(prim, "mmocap:status", [STATUS[status] for status in result.status[:, i]], time)
 
 
-def _status(read: PrimReader, times: list[float], runs: int) -> np.ndarray:
+def _status(read: usd_file.PrimReader, times: list[float], runs: int) -> np.ndarray:
     """(run, frame) int8; a frame may name one status for all runs, as results of one status a frame do."""
     values = read.samples("mmocap:status", times)
     names = [[value] * runs if isinstance(value, str) else list(value) for value in values]
@@ -152,7 +142,7 @@ def animate(
     Frame numbers (frame,) are the time codes, of which ``fps`` pass in a second.
     """
     times = np.asarray(frame_numbers, float).tolist()
-    set_time_range(stage, frame_numbers, fps)
+    usd_file.set_time_range(stage, frame_numbers, fps)
     animation = UsdSkel.Animation.Define(stage, root.GetPath().AppendChild("Animation"))
     animation.CreateJointsAttr(joint_paths(subject.body.skeleton))
     skeleton = stage.GetPrimAtPath(root.GetPath().AppendChild("Skeleton"))
@@ -186,14 +176,14 @@ def export_animation(result: Result, path: str | Path) -> None:
 def _write_animation(stage: Usd.Stage, path: str | Path) -> None:
     """Write a stage as the ending says, whole or not at all; a ``.usdz`` is an archive of one ``.usdc``."""
     path = Path(path)
-    if path.suffix in USD_SUFFIXES:
-        write_stage(path, stage)
+    if path.suffix in usd_file.USD_SUFFIXES:
+        usd_file.write_stage(path, stage)
         return
     if path.suffix != ".usdz":
         raise InputError(path, "is not a USD file name", "end it in .usda, .usdc or .usdz")
     with whole_file(path) as package, tempfile.TemporaryDirectory(prefix=f".{path.stem}.", dir=path.parent) as folder:
         layer = Path(folder) / f"{path.stem}.usdc"
-        export_root(stage, layer)
+        usd_file.export_root(stage, layer)
         try:
             packed = UsdUtils.CreateNewUsdzPackage(str(layer), str(package))
             whole = packed and ZipFile(package).testzip() is None  # USD says nothing of a disk that was full at the end
@@ -209,7 +199,7 @@ def _new_world(up: str) -> Usd.Stage:
     world = UsdGeom.Xform.Define(stage, "/World")
     stage.SetDefaultPrim(world.GetPrim())
     Usd.ModelAPI(world).SetKind(Kind.Tokens.assembly)
-    set_world_up(stage, world, up)
+    usd_file.set_world_up(stage, world, up)
     return stage
 
 
@@ -240,7 +230,7 @@ def export_point_cache(result: Result, path: str | Path) -> None:
     mesh.CreateFaceVertexCountsAttr(Vt.IntArray(len(skin.face), skin.face.shape[1]))
     mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(skin.face.ravel()))
     mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-    set_time_range(stage, result.frame_numbers, result.fps)
+    usd_file.set_time_range(stage, result.frame_numbers, result.fps)
     points, extent = mesh.CreatePointsAttr(), mesh.CreateExtentAttr()
     for position, number in enumerate(result.frame_numbers.tolist()):  # one at a time: all would fill the memory
         (place,) = result.vertices(frames=[position])

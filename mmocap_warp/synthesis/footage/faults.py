@@ -16,42 +16,25 @@ from mmocap_warp.cameras.rig import CameraRig, project
 
 @dataclass(frozen=True)
 class Faults:
-    """How bad one camera's masks are, by default perfect; lengths in pixels but for the shadow's.
+    """How bad one camera's masks are, by default perfect; lengths in pixels but for the shadow's."""
 
-    Attributes:
-        grow: mean shift of the contour, outward positive.
-        ragged: standard deviation of that shift along the contour.
-        smooth: distance over which the shift changes.
-        holes: mean number of holes in the body.
-        specks: mean number of blobs beside the body.
-        salt: share of all pixels that are flipped.
-        shadow: the shadow on the floor of what is lower than this [m] is taken for the body; 0 for none.
-    """
-
-    grow: float = 0.0
-    ragged: float = 0.0
-    smooth: float = 10.0
-    holes: float = 0.0
-    specks: float = 0.0
-    salt: float = 0.0
-    shadow: float = 0.0
+    grow: float = 0.0  # mean shift of the contour, outward positive
+    ragged: float = 0.0  # standard deviation of that shift along the contour
+    smooth: float = 10.0  # distance over which the shift changes
+    holes: float = 0.0  # mean number of holes in the body
+    specks: float = 0.0  # mean number of blobs beside the body
+    salt: float = 0.0  # share of all pixels that are flipped
+    shadow: float = 0.0  # the shadow on the floor of what is lower than this [m] is taken for the body; 0 for none
 
 
 @dataclass(frozen=True)
 class SpoiltMasks:
-    """Polygons seen through the lens, then spoilt.
+    """Polygons seen through the lens, then spoilt."""
 
-    Attributes:
-        face: (face, corner) of the mesh that is seen.
-        faults: one per camera.
-        light: (3,), where the lamps shine to.
-        seed: where chance comes from.
-    """
-
-    face: np.ndarray
-    faults: tuple[Faults, ...]
-    light: np.ndarray
-    seed: int
+    face: np.ndarray  # (face, corner) of the mesh that is seen
+    faults: tuple[Faults, ...]  # one per camera
+    light: np.ndarray  # (3,), where the lamps shine to
+    seed: int  # where chance comes from
 
     def silhouettes(self, rig: CameraRig, vertices: np.ndarray) -> list[np.ndarray]:
         """Per camera (height, width) bool: what a faultless segmentation of the distorted image would give."""

@@ -20,25 +20,15 @@ from mmocap_warp.synthesis.footage.segmentation import SegmentedMasks
 
 @dataclass(frozen=True)
 class Recording:
-    """A body that moves before cameras. The world's floor is at zero.
+    """A body that moves before cameras. The world's floor is at zero."""
 
-    Attributes:
-        body: who is seen.
-        root_base: (3, 3), world from body axes at zero root rotation.
-        poses: (frame, 51) full pose vectors.
-        fps: frames per second.
-        rig: the cameras.
-        segmentation: how their masks come about.
-        posed_by: what poses the body: ``ExactPoser``, or a class that is used as it is.
-    """
-
-    body: BodyModel
-    root_base: np.ndarray
-    poses: np.ndarray
-    fps: float
-    rig: CameraRig
-    segmentation: SpoiltMasks | SegmentedMasks
-    posed_by: type[ExactPoser] = ExactPoser
+    body: BodyModel  # who is seen
+    root_base: np.ndarray  # (3, 3), world from body axes at zero root rotation
+    poses: np.ndarray  # (frame, 51) full pose vectors
+    fps: float  # frames per second
+    rig: CameraRig  # the cameras
+    segmentation: SpoiltMasks | SegmentedMasks  # how their masks come about
+    posed_by: type[ExactPoser] = ExactPoser  # what poses the body: ``ExactPoser``, or a class that is used as it is
 
     def __len__(self) -> int:
         return len(self.poses)

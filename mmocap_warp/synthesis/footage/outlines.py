@@ -17,19 +17,12 @@ from mmocap_warp.cameras.rig import CameraRig
 
 @dataclass(frozen=True)
 class Surface:
-    """A mesh's edges with the faces on their two sides.
+    """A mesh's edges with the faces on their two sides."""
 
-    Attributes:
-        face: (face, corner) int, counter-clockwise seen from outside; triangles or quads.
-        edge: (edge, 2) int, vertices from and to.
-        left: (edge,) int, the face that runs along the edge.
-        right: (edge,) int, the face that runs against it; ``len(face)`` where the mesh ends.
-    """
-
-    face: np.ndarray
-    edge: np.ndarray
-    left: np.ndarray
-    right: np.ndarray
+    face: np.ndarray  # (face, corner) int, counter-clockwise seen from outside; triangles or quads
+    edge: np.ndarray  # (edge, 2) int, vertices from and to
+    left: np.ndarray  # (edge,) int, the face that runs along the edge
+    right: np.ndarray  # (edge,) int, the face that runs against it; ``len(face)`` where the mesh ends
 
     @classmethod
     def of(cls, face: np.ndarray) -> Surface:

@@ -22,25 +22,15 @@ from mmocap_warp.synthesis.footage.outlines import Surface, draw_outlines, on_im
 
 @dataclass(frozen=True)
 class Contrast:
-    """How well one camera tells the body from what is behind it; perfectly by default. Lengths in pixels.
+    """How well one camera tells the body from what is behind it; perfectly by default. Lengths in pixels."""
 
-    Attributes:
-        halo: mean shift of the contour, outward positive.
-        flicker: standard deviation of the shift from frame to frame, the same all along the contour.
-        ragged: standard deviation of the shift along the contour.
-        holes: mean number of patches of the body, at any time, that look like the background.
-        specks: mean number of blobs beside the body.
-        shadow: share of the shadow at the feet that is taken for the body, at least 0 and below 1.
-        dropouts: mean number of times in 1000 frames that the camera delivers nothing for a while.
-    """
-
-    halo: float = 0.0
-    flicker: float = 0.0
-    ragged: float = 0.0
-    holes: float = 0.0
-    specks: float = 0.0
-    shadow: float = 0.0
-    dropouts: float = 0.0
+    halo: float = 0.0  # mean shift of the contour, outward positive
+    flicker: float = 0.0  # standard deviation of the shift from frame to frame, the same all along the contour
+    ragged: float = 0.0  # standard deviation of the shift along the contour
+    holes: float = 0.0  # mean number of patches of the body, at any time, that look like the background
+    specks: float = 0.0  # mean number of blobs beside the body
+    shadow: float = 0.0  # share of the shadow at the feet that is taken for the body, at least 0 and below 1
+    dropouts: float = 0.0  # mean number of times in 1000 frames that the camera delivers nothing for a while
 
     def worse(self, factor: float) -> Contrast:
         """The same camera where the subject's clothes or the light are worse: all but the dropouts times ``factor``."""
@@ -58,19 +48,12 @@ _MASK, _PATCHES, _DROPOUT = range(3)  # numbers of the sequences of random draws
 
 @dataclass(frozen=True)
 class SegmentedMasks:
-    """Exact outlines before pinhole cameras, as subtracting their backgrounds would leave them.
+    """Exact outlines before pinhole cameras, as subtracting their backgrounds would leave them."""
 
-    Attributes:
-        body: who is seen.
-        contrast: one per camera.
-        light: (3,), where the lamps shine to.
-        seed: where chance comes from.
-    """
-
-    body: BodyModel
-    contrast: tuple[Contrast, ...]
-    light: np.ndarray
-    seed: int
+    body: BodyModel  # who is seen
+    contrast: tuple[Contrast, ...]  # one per camera
+    light: np.ndarray  # (3,), where the lamps shine to
+    seed: int  # where chance comes from
 
     def silhouettes(self, rig: CameraRig, vertices: np.ndarray) -> list[np.ndarray]:
         """Per camera (height, width) bool: what a faultless segmentation would give."""

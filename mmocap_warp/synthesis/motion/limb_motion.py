@@ -34,17 +34,11 @@ def about(axis: str, angle: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Leg:
-    """A leg's bones in the bind pose, in which its joints carry the body's axes.
+    """A leg's bones in the bind pose, in which its joints carry the body's axes."""
 
-    Attributes:
-        hip: (3,), from the root joint [m].
-        thigh: (3,), hip to knee [m].
-        shank: (3,), knee to ankle [m].
-    """
-
-    hip: np.ndarray
-    thigh: np.ndarray
-    shank: np.ndarray
+    hip: np.ndarray  # (3,), from the root joint [m]
+    thigh: np.ndarray  # (3,), hip to knee [m]
+    shank: np.ndarray  # (3,), knee to ankle [m]
 
     @classmethod
     def of(cls, body: BodyModel, side: str) -> Leg:
@@ -128,21 +122,13 @@ def trunk_angles(pelvis: np.ndarray, chest: np.ndarray, head: np.ndarray) -> tup
 
 @dataclass(frozen=True)
 class Arm:
-    """An arm's bones in the bind pose.
+    """An arm's bones in the bind pose."""
 
-    Attributes:
-        sign: 1 of the left arm, -1 of the right.
-        frame: (3, 3), the shoulder's axes from the chest's.
-        elbow: (3, 3), the elbow's axes from the shoulder's; their y is the hinge.
-        upper: (3,), shoulder to elbow, in the shoulder's axes [m].
-        fore: (3,), elbow to wrist, in the elbow's axes [m].
-    """
-
-    sign: float
-    frame: np.ndarray
-    elbow: np.ndarray
-    upper: np.ndarray
-    fore: np.ndarray
+    sign: float  # 1 of the left arm, -1 of the right
+    frame: np.ndarray  # (3, 3), the shoulder's axes from the chest's
+    elbow: np.ndarray  # (3, 3), the elbow's axes from the shoulder's; their y is the hinge
+    upper: np.ndarray  # (3,), shoulder to elbow, in the shoulder's axes [m]
+    fore: np.ndarray  # (3,), elbow to wrist, in the elbow's axes [m]
 
     @classmethod
     def of(cls, body: BodyModel, side: str) -> Arm:

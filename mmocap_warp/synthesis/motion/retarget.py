@@ -61,17 +61,11 @@ def read_clip(path: str | Path, skeleton: str | Path | None = None, markers: str
 
 @dataclass(frozen=True)
 class Retargeted:
-    """A clip's movement on a body, in body axes about the origin of the floor.
+    """A clip's movement on a body, in body axes about the origin of the floor."""
 
-    Attributes:
-        poses: (frame, 51) full pose vectors.
-        marker_names: of the markers that the clip has.
-        markers: (frame, marker, 3), the actor's, scaled and moved as the path is [m]; NaN where unseen.
-    """
-
-    poses: np.ndarray
-    marker_names: tuple[str, ...]
-    markers: np.ndarray
+    poses: np.ndarray  # (frame, 51) full pose vectors
+    marker_names: tuple[str, ...]  # of the markers that the clip has
+    markers: np.ndarray  # (frame, marker, 3), the actor's, scaled and moved as the path is [m]; NaN where unseen
 
 
 def retargeted(clip: MotionClip, body: BodyModel, fps: float, source: object) -> Retargeted:
@@ -121,21 +115,13 @@ def retargeted(clip: MotionClip, body: BodyModel, fps: float, source: object) ->
 
 @dataclass(frozen=True)
 class _Actor:
-    """A clip by this project's names and axes: +Y up, +X left, +Z ahead in the rest pose; lengths are the clip's.
+    """A clip by this project's names and axes: +Y up, +X left, +Z ahead in the rest pose; lengths are the clip's."""
 
-    Attributes:
-        order: the joints, as in ``_NAMES`` with both sides.
-        rest: (joint, 3).
-        place: (frame, joint, 3).
-        rotation: (frame, 3, 3) of each joint, from the rest pose.
-        markers: (frame, marker, 3).
-    """
-
-    order: tuple[str, ...]
-    rest: np.ndarray
-    place: np.ndarray
-    rotation: dict[str, np.ndarray]
-    markers: np.ndarray
+    order: tuple[str, ...]  # the joints, as in ``_NAMES`` with both sides
+    rest: np.ndarray  # (joint, 3)
+    place: np.ndarray  # (frame, joint, 3)
+    rotation: dict[str, np.ndarray]  # (frame, 3, 3) of each joint, from the rest pose
+    markers: np.ndarray  # (frame, marker, 3)
 
     @classmethod
     def of(cls, clip: MotionClip, source: object) -> _Actor:

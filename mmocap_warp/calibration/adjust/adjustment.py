@@ -66,10 +66,7 @@ Progress = Callable[[str, float], None]
 class Adjustment:
     """The stages. A camera is described by its difference from the calibration, (camera, parameter) of ``KINDS``.
 
-    Args:
-        scene: the recording.
-        body: the generic body that the person's is expected to be near to.
-        config: settings.
+    ``body`` is the generic one that the person's is expected to be near to.
 
     Attributes:
         footage: the masks.

@@ -22,6 +22,7 @@ from mmocap_warp.contour.frame.normal_equations import NormalEquations, ViewEqua
 from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
 from mmocap_warp.masks.observation import Observation
 
+_MARGIN = ((0, 0), (0, 1))  # how arrays (camera, parameter) are padded: the margin of a camera's masks comes last
 _LENGTH_SIGMA = 0.002  # metres: standard deviation of a length that is known
 LARGER = 1.0
 """Standard deviation of the margin by which a camera's masks are larger than what they show [px]."""
@@ -91,7 +92,7 @@ class CameraProblem:
     @property
     def _own(self) -> np.ndarray:
         """(camera, parameter + 1) standard deviations of each camera's parameters and, last, of its masks' margin."""
-        return np.pad(self.sigma, ((0, 0), (0, 1)), constant_values=self.larger)
+        return np.pad(self.sigma, _MARGIN, constant_values=self.larger)
 
     def solved(
         self,
@@ -119,7 +120,7 @@ class CameraProblem:
         # The parameters are the body's, then each camera's free ones and its margin.
         own = self._own
         sigma = np.concatenate([self.share * self.space.sigma, own[own > 0]])
-        parameters = np.concatenate([beta, _with_margin(change)[own > 0]])
+        parameters = np.concatenate([beta, np.pad(change, _MARGIN)[own > 0]])
         # One stage after the other, because a fitter holds the masks' distances.
         for matching, steps in stages:
             fitter = camera_fitter(self.space, self.rig, observations, matching, device, threads)
@@ -182,7 +183,7 @@ class CameraProblem:
         equations = _join_views(views, by_camera, shared, free)
         for length in self.known:
             short, by_body, by_change = length(beta, change)
-            row = np.concatenate([np.zeros(dof), by_body, _with_margin(by_change)[free]]) / _LENGTH_SIGMA
+            row = np.concatenate([np.zeros(dof), by_body, np.pad(by_change, _MARGIN)[free]]) / _LENGTH_SIGMA
             error = short / _LENGTH_SIGMA
             equations.matrix[0] += np.outer(row, row)
             equations.gradient[0] += row * error
@@ -207,11 +208,6 @@ def camera_fitter(
     )  # fmt: skip
     fitter.observe_all(observations)
     return fitter
-
-
-def _with_margin(change: np.ndarray) -> np.ndarray:
-    """(camera, parameter + 1) of cameras' changes (camera, parameter), with no margin of their masks."""
-    return np.pad(change, ((0, 0), (0, 1)))
 
 
 def _join_views(views: ViewEquations, by_camera: np.ndarray, shared: int, own: np.ndarray) -> NormalEquations:

@@ -87,11 +87,7 @@ class Refinement:
         return bool(self.moved.any()) and min(gains) > 0
 
     def offsets(self, scene: Scene) -> dict[str, float]:
-        """The delay of each camera with the changes, as a scene file states it [s].
-
-        Args:
-            scene: the recording that was refined.
-        """
+        """The delay of each camera of the refined scene with the changes, as a scene file states it [s]."""
         return {
             source.name: round((source.frame_offset + source.fraction) / (scene.fps * source.rate) + float(change), 6)
             for source, change in zip(scene.cameras, self.change[:, OFFSET], strict=True)
@@ -108,13 +104,7 @@ class Refinement:
 def refine(
     scene: Scene, body: BodyModel, config: AdjustConfig | None = None, progress: Progress | None = None
 ) -> Refinement:
-    """Refine a scene's cameras.
-
-    Args:
-        scene: the recording.
-        body: the generic body that the person's is expected to be near to.
-        config: settings.
-        progress: called after every stage.
+    """Refine a scene's cameras by a person whose body is near to the generic ``body``.
 
     Raises:
         ValueError: a camera that the scene does not have.

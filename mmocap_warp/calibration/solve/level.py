@@ -12,10 +12,9 @@ import numpy as np
 
 from mmocap_warp.calibration.solve import UnsolvableError
 from mmocap_warp.calibration.solve.person_axis import PersonInView, convex_hulls
-from mmocap_warp.calibration.solve.tangents import Pinholes, find_tangents, residuals
+from mmocap_warp.calibration.solve.tangents import MAX_MISS, Pinholes, find_tangents, residuals
 
 _END_SHARE = 0.07  # share of the person's length in a view at either end that belongs to the head or to a foot
-_MAX_MISS = 3.0  # pixels: residual of a tangent that both views agree on, at most
 _MIN_SINE = 0.2  # sine of the angle between two rays that meet in a definite point, at least
 _SOLE = 0.010  # metres over the floor of the foot's point that a plane touches: soles are round, and roll
 _OUTLIER = 0.02  # share of the person's height: points that lie farther from their plane begin to count less
@@ -64,7 +63,7 @@ def head_and_foot_points(cameras: Pinholes, people: list[PersonInView]) -> tuple
     far_a, far_b = (on_a - cosine * on_b) / sine, (cosine * on_a - on_b) / sine
     middle = 0.5 * (from_a + far_a[:, None] * a + from_b + far_b[:, None] * b)
     # Rays must meet before both cameras, and at an angle that is not too small.
-    meet = (sine > _MIN_SINE**2) & (far_a > 0) & (far_b > 0) & (np.abs(residuals(cameras, tangents)) < _MAX_MISS)
+    meet = (sine > _MIN_SINE**2) & (far_a > 0) & (far_b > 0) & (np.abs(residuals(cameras, tangents)) < MAX_MISS)
     # Where between foot and head both views' points lie: 0 at the foot's height, 1 at the head's.
     head, foot = (np.stack([getattr(each, end) for each in people]) for end in ("head", "foot"))
     camera = np.stack([tangents.first, tangents.second])

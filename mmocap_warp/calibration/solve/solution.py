@@ -20,6 +20,7 @@ from mmocap_warp.calibration.solve.level import head_and_foot_points, level_worl
 from mmocap_warp.calibration.solve.person_axis import PersonInView, convex_hulls, person_in_views
 from mmocap_warp.calibration.solve.tangents import (
     FOCAL_SIGMA,
+    MAX_MISS,
     OUTLIERS,
     Pinholes,
     find_tangents,
@@ -35,7 +36,6 @@ _FRAMES = 100  # frames of the recording that are used, evenly spread
 _MAX_PIXELS = 960  # pixels of an image's longer side
 _GUESS = 1.2  # focal length over the image's longer side, as COLMAP guesses it: 45 degrees across
 _WALKING = 0.986  # height of a walking person over that of a standing one: knees stay bent
-_MAX_MISS = 3.0  # pixels: residual of a tangent that two views agree on, at most
 _MIN_AGREED = 0.6  # share of a view's tangents that must agree with other views
 _BLOCKS = 5  # blocks of consecutive frames, each left out once for the standard deviations
 _MAX_PLACE_SIGMA, _MAX_TILT_SIGMA = 1.0, np.radians(10.0)  # metres and radians of a camera that is determined
@@ -124,7 +124,7 @@ def solve_cameras(scene: Scene, height: float) -> SolvedCameras:
     # Views must agree, and determine the cameras.
     tangents = find_tangents(cameras, convex_hulls(people))
     missed = np.abs(residuals(cameras, tangents))
-    in_view = [missed[tangents.in_view(k)] < _MAX_MISS for k in range(len(names))]
+    in_view = [missed[tangents.in_view(k)] < MAX_MISS for k in range(len(names))]
     agreed = np.array([float(agrees.mean()) if len(agrees) else 0.0 for agrees in in_view])
     _check(names, agreed, sigma)
 
@@ -187,7 +187,7 @@ def _check(names: tuple[str, ...], agreed: np.ndarray, sigma: list[np.ndarray]) 
     if agreed[worst] < _MIN_AGREED:
         raise UnsolvableError(
             f"only {100 * agreed[worst]:.0f} % of the outlines' tangents of camera '{names[worst]}' agree with other "
-            f"views within {_MAX_MISS:g} px; is it synchronous (mmocap sync), its lens without much distortion, and do "
+            f"views within {MAX_MISS:g} px; is it synchronous (mmocap sync), its lens without much distortion, and do "
             "all masks show one and the same person?"
         )
     for k, name in enumerate(names):

@@ -15,6 +15,8 @@ import numpy as np
 
 OUTLIERS = (20.0, 5.0, 1.5)
 """Residuals beyond these begin to count less, one stage after the other [px]."""
+MAX_MISS = 3.0
+"""Residual of a tangent that two views agree on, at most [px]."""
 FOCAL_SIGMA, LIKE_SIGMA = 0.25, 0.04
 """Standard deviations of the logarithms of guessed focal lengths: of their mean, and of each from the mean."""
 

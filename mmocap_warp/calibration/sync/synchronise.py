@@ -124,12 +124,9 @@ class Synchronisation:
 
 
 def synchronise(scene: Scene, progress: Progress | None = None, within: float = WITHIN) -> Synchronisation:
-    """Find the offsets of a scene's cameras; the offsets that the scene states are not used.
+    """Find the offsets of a scene's cameras, which lag one another by ``within`` [s] at most.
 
-    Args:
-        scene: its ``calibration`` is used where it has the cameras' places.
-        progress: called while masks are read.
-        within: the largest lag between two cameras [s].
+    The offsets that the scene states are not used; its calibration is, where it has the cameras' places.
 
     Raises:
         InputError: a single camera, or one that shows nobody.

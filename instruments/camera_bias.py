@@ -17,7 +17,7 @@ import numpy as np
 from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.calibration.adjust.adjustment import FROM_FAR
 from mmocap_warp.calibration.adjust.camera_changes import OFFSET, POSITION, ROTATION, Deviations
-from mmocap_warp.calibration.adjust.camera_problem import CameraProblem, camera_fitter, known_distance
+from mmocap_warp.calibration.adjust.camera_problem import CameraProblem, known_distance
 from mmocap_warp.calibration.adjust.footage import Motion
 from mmocap_warp.calibration.camera_check import CAUSES
 from mmocap_warp.calibration.refine.refinement import STATED
@@ -64,17 +64,12 @@ def solved(sequence: StudySequence, person: str) -> Bias:
     sigma[0, [*range(6), OFFSET]] = 0.0
     one, other = _DISTANCE
     known = known_distance(rig, one, other, float(np.linalg.norm(rig.centres[one] - rig.centres[other])))
-    rooted, parameters = motion.rooted[frames], None
-    for matching, steps in FROM_FAR:
-        fitter = camera_fitter(space, rig, observations, matching, "cpu", 1)
-        problem = CameraProblem(fitter, rig, np.zeros(len(rig)), space, rooting, PRIOR, sigma, (known,))
-        if parameters is None:
-            parameters = problem.start(np.zeros(len(space.names)), np.zeros(sigma.shape))
-        solution = problem.problem(motion.velocity(frames)).solved(np.arange(len(frames)), rooted, parameters, steps)
-        rooted, parameters = solution.rooted, solution.beta
-    cameras = problem.of_cameras
-    covariance = len(frames) * solution.covariance[np.ix_(cameras, cameras)]
-    return Bias(problem.change(solution.beta), problem.free, np.linalg.inv(covariance))
+    problem = CameraProblem(rig, np.zeros(len(rig)), space, rooting, PRIOR, sigma, (known,))
+    generic, none = np.zeros(len(space.names)), np.zeros(sigma.shape)
+    solution = problem.solved(
+        observations, motion.rooted[frames], motion.velocity(frames), generic, none, FROM_FAR, "cpu", 1
+    )
+    return Bias(solution.change, solution.free, np.linalg.inv(solution.covariance))
 
 
 def cells(bias: Bias) -> tuple[list[str], np.ndarray]:

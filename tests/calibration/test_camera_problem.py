@@ -11,7 +11,7 @@ from mmocap_warp.body.rest_space import RestSpace
 from mmocap_warp.calibration.adjust.camera_changes import KINDS, OFFSET, Deviations, changed, difference
 from mmocap_warp.calibration.adjust.camera_problem import CameraProblem, known_distance, known_height
 from mmocap_warp.cameras.rig import CameraRig
-from mmocap_warp.contour.frame.fitter import ContourFitter, MatchingConfig
+from mmocap_warp.contour.frame.fitter import MatchingConfig
 from mmocap_warp.contour.frame.rooted import Rooting
 from mmocap_warp.masks.observation import Observation, unpack_masks
 
@@ -35,18 +35,9 @@ def solved(
     observations = [grown_by_a_pixel(each) for each in observations] if grown else observations
     off = np.random.default_rng(0).normal(0, 0.02, (len(FRAMES), len(ROOTING.searched)))
     rooted, velocity = ROOTING.stepped(motion().rooted[FRAMES], off), motion().velocity(FRAMES)
-    parameters = None
-    for matching, steps in ((MatchingConfig(0.3, 0.03, 0.03), 8), (MatchingConfig(), 8)):
-        fitter = ContourFitter(
-            BODY, wrong, ROOTING.searched, BODY.skeleton.coordinate_limits, candidates=len(FRAMES),
-            frames=len(FRAMES), parameters=len(NONE), lens=True, matching=matching, device=device,
-        )  # fmt: skip
-        fitter.observe_all(observations)
-        problem = CameraProblem(fitter, wrong, np.zeros(len(RIG)), SPACE, ROOTING, share, sigma, known)
-        parameters = problem.start(NONE, np.zeros(sigma.shape)) if parameters is None else parameters
-        solution = problem.problem(velocity).solved(np.arange(len(FRAMES)), rooted, parameters, steps)
-        rooted, parameters = solution.rooted, solution.beta
-    return problem.change(parameters)
+    stages = (MatchingConfig(0.3, 0.03, 0.03), 8), (MatchingConfig(), 8)
+    problem = CameraProblem(wrong, np.zeros(len(RIG)), SPACE, ROOTING, share, sigma, known)
+    return problem.solved(observations, rooted, velocity, NONE, np.zeros(sigma.shape), stages, device, 1).change
 
 
 def grown_by_a_pixel(observation: Observation) -> Observation:
@@ -126,6 +117,5 @@ def test_a_known_length_gives_the_scale(device, known):
 def test_a_rooting_that_holds_the_root_is_refused():
     skeleton = BODY.skeleton
     held = Rooting(skeleton, np.eye(3), skeleton.searched()[1:])
-    fitter = ContourFitter(BODY, RIG, skeleton.searched(), skeleton.coordinate_limits, candidates=1, lens=True)
     with pytest.raises(ValueError, match="rooting"):
-        CameraProblem(fitter, RIG, np.zeros(4), SPACE, held, 0.3, np.zeros((4, len(KINDS))))
+        CameraProblem(RIG, np.zeros(4), SPACE, held, 0.3, np.zeros((4, len(KINDS))))

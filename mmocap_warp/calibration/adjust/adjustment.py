@@ -8,13 +8,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from mmocap_warp.body.model import BodyModel, Subject
 from mmocap_warp.body.rest_space import RestSpace
-from mmocap_warp.body.skeleton import ROOT_ANGLES
 from mmocap_warp.calibration.adjust.camera_changes import (
     CENTRE,
     OFFSET,
@@ -26,6 +25,7 @@ from mmocap_warp.calibration.adjust.camera_changes import (
 )
 from mmocap_warp.calibration.adjust.camera_problem import (
     CameraProblem,
+    CameraSolution,
     KnownLength,
     camera_fitter,
     known_distance,
@@ -33,8 +33,7 @@ from mmocap_warp.calibration.adjust.camera_problem import (
 )
 from mmocap_warp.calibration.adjust.footage import MIN_FRAMES, Footage, Motion, Person
 from mmocap_warp.calibration.adjust.silhouette_agreement import LandmarkProblem, coherence, landmarks
-from mmocap_warp.cameras.rig import CameraRig
-from mmocap_warp.contour.frame.fitter import WIDE, ContourFitter, MatchingConfig
+from mmocap_warp.contour.frame.fitter import WIDE, MatchingConfig
 from mmocap_warp.contour.frame.rooted import Rooting
 from mmocap_warp.device.cores import available_threads
 from mmocap_warp.device.resolve import resolve_device
@@ -64,35 +63,10 @@ Progress = Callable[[str, float], None]
 """Called with the name of the stage that is done, and the share of all work."""
 
 
-@dataclass(frozen=True, eq=False)
-class CameraSolution:
-    """Cameras, body and poses of one least-squares problem.
-
-    Attributes:
-        change: (camera, parameter) of the cameras.
-        beta: (parameter,) of the body.
-        pose: (coordinate,) of the first frame.
-        free: (camera, parameter) bool: what was solved for.
-        covariance: (free parameter, free parameter) of the cameras, as large as a single frame would leave it, because
-            body and masks are wrong in all frames alike.
-        cost: mean cost of the contours in a frame.
-    """
-
-    change: np.ndarray
-    beta: np.ndarray
-    pose: np.ndarray
-    free: np.ndarray
-    covariance: np.ndarray
-    cost: float
-
-
 class Adjustment:
     """The stages. A camera is described by its difference from the calibration, (camera, parameter) of ``KINDS``.
 
-    Args:
-        scene: the recording.
-        body: the generic body that the person's is expected to be near to.
-        config: settings.
+    ``body`` is the generic one that the person's is expected to be near to.
 
     Attributes:
         footage: the masks.
@@ -179,7 +153,10 @@ class Adjustment:
         reach = min(_MAX_LAG, int(np.ceil(2 * self.config.deviations.offset * fps)))
         lags = np.arange(-reach, reach + 1)
         frames = person.spread(self.config.frames)
-        fitter = self._fitter(changed(self.given, change), person, frames, MatchingConfig())
+        fitter = camera_fitter(
+            self.space, changed(self.given, change), [person.observations[frame] for frame in frames],
+            MatchingConfig(), self.device, self.threads,
+        )  # fmt: skip
         fitter.reshape(*self.space.at(self.space.nearest(person.subject.body), self._body.tracking_vertex))
         shifted = (person.motion.at(frames - lag * self.footage.fps / fps) for lag in lags)
         costs = np.stack([fitter.linearise_views(np.arange(len(frames)), poses).cost.sum(axis=0) for poses in shifted])
@@ -206,35 +183,14 @@ class Adjustment:
 
         ``again`` takes fewer steps: for cameras that were solved for before, with which the person was tracked.
         """
-        frames = person.spread(self.config.frames)
-        velocity, rooted = person.motion.velocity(frames), person.motion.rooted[frames]
+        frames, motion = person.spread(self.config.frames), person.motion
         lag = self.footage.rest(change[:, OFFSET]) - change[:, OFFSET]  # the lag with which masks were read
-        beta = self.space.nearest(person.subject.body)
-        parameters = None
-        # One stage after the other, because a fitter holds the masks' distances.
-        for matching, count in _FROM_NEAR if again else FROM_FAR:
-            fitter = self._fitter(self.given, person, frames, matching)
-            problem = CameraProblem(
-                fitter, self.given, lag, self.space, person.motion.rooting, PRIOR, sigma, tuple(self._known)
-            )
-            parameters = problem.start(beta, change) if parameters is None else parameters
-            solution = problem.problem(velocity).solved(np.arange(len(frames)), rooted, parameters, count)
-            rooted, parameters = solution.rooted, solution.beta
-        first = person.motion.rooting.leave(rooted[:1], person.subject.pose[ROOT_ANGLES])[0]
-        cameras = problem.of_cameras
-        return CameraSolution(
-            change=problem.change(solution.beta),
-            beta=solution.beta[: len(self.space.names)],
-            pose=first if frames[0] == 0 else person.subject.pose,
-            free=sigma > 0,
-            covariance=len(frames) * solution.covariance[np.ix_(cameras, cameras)],
-            cost=float(solution.cost.mean()),
-        )
-
-    def _fitter(self, rig: CameraRig, person: Person, frames: np.ndarray, matching: MatchingConfig) -> ContourFitter:
-        """A fitter that observes some of the frames."""
-        observations = [person.observations[frame] for frame in frames]
-        return camera_fitter(self.space, rig, observations, matching, self.device, self.threads)
+        problem = CameraProblem(self.given, lag, self.space, motion.rooting, PRIOR, sigma, tuple(self._known))
+        return problem.solved(
+            [person.observations[frame] for frame in frames], motion.rooted[frames], motion.velocity(frames),
+            self.space.nearest(person.subject.body), change, _FROM_NEAR if again else FROM_FAR,
+            self.device, self.threads,
+        )  # fmt: skip
 
     def stillest_camera(self, change: np.ndarray) -> int:
         """The camera beside which the others move least; many that move a little count more than one that moves far."""
@@ -262,10 +218,3 @@ class Adjustment:
         moved = difference(given, replace(rig, R=rig.R @ turn.T, t=rig.t - rig.R @ turn.T @ shift))
         moved[:, OFFSET] = own[:, OFFSET]
         return moved, turn, shift
-
-
-def moved_subject(subject: Subject, turn: np.ndarray, shift: np.ndarray) -> Subject:
-    """A subject in another world, in which the old one lies turned and shifted."""
-    pose = subject.pose.astype(float).copy()
-    pose[:3] = turn @ pose[:3] + shift
-    return replace(subject, root_base=turn @ subject.root_base, pose=pose)

@@ -97,11 +97,7 @@ class AdjustConfig:
                 raise ValueError(f"{name} must be in (0, 100) m, got {metres}")
 
     def check_names(self, cameras: tuple[str, ...]) -> None:
-        """See that the named cameras are among those of the scene.
-
-        Raises:
-            ValueError: one is not.
-        """
+        """Raise a ValueError unless the named cameras are among those of the scene."""
         for name, camera in (("fixed", self.fixed), *(("distance", each) for each in (self.distance or ())[:2])):
             if camera is not None and camera not in cameras:
                 raise ValueError(f"{name} must name one of {', '.join(cameras)}, got {camera}")
@@ -154,13 +150,11 @@ def camera_jacobian(
     Returns:
         (frame, camera, dof + 3, parameter) derivatives of the searched coordinates, then of the lens.
     """
-    frames, cameras = axes.shape[:2]
-    dof = velocity.shape[1]
-    now = changed(rig, change)
+    dof, now = velocity.shape[1], changed(rig, change)
     # Columns of `turn` are the axes in the world that the rotation parameters turn about at this change.
     turn = transposed(now.R) @ _left_jacobian(-change[:, ROTATION])
     arm = origin[:, :, :, None] - now.centres[:, :, None]  # (frame, camera, 3, 1)
-    step = np.zeros((frames, cameras, dof + 3, len(KINDS)))
+    step = np.zeros((*axes.shape[:2], dof + 3, len(KINDS)))
     shift, angle = (slice(first, first + 3) for first in root)
     # A rotation about the camera's centre turns the body, and shifts it because the root is elsewhere.
     step[:, :, shift, ROTATION] = -np.cross(np.broadcast_to(turn, axes.shape), arm, axis=2)
@@ -175,9 +169,7 @@ def camera_jacobian(
 def _left_jacobian(vector: np.ndarray) -> np.ndarray:
     """(..., 3, 3) the left Jacobian of a rotation vector: its small changes as rotations about fixed axes."""
     angle = np.linalg.norm(vector, axis=-1)[..., None, None]
-    x, y, z = np.moveaxis(vector, -1, 0)
-    zero = np.zeros_like(x)
-    cross = np.stack([np.stack(row, axis=-1) for row in ((zero, -z, y), (z, zero, -x), (-y, x, zero))], axis=-2)
+    cross = np.cross(np.eye(3), vector[..., None, :])  # the matrix that gives the vector's cross product with another
     small = angle < 1e-4
     safe = np.where(small, 1.0, angle)
     first = np.where(small, 0.5, (1 - np.cos(safe)) / safe**2)

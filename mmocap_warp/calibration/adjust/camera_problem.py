@@ -22,22 +22,40 @@ from mmocap_warp.contour.frame.normal_equations import NormalEquations, ViewEqua
 from mmocap_warp.contour.frame.rooted import RootedPoses, Rooting
 from mmocap_warp.masks.observation import Observation
 
+_MARGIN = ((0, 0), (0, 1))  # how arrays (camera, parameter) are padded: the margin of a camera's masks comes last
 _LENGTH_SIGMA = 0.002  # metres: standard deviation of a length that is known
 LARGER = 1.0
 """Standard deviation of the margin by which a camera's masks are larger than what they show [px]."""
 
 
+KnownLength = Callable[[np.ndarray, np.ndarray], tuple[float, np.ndarray, np.ndarray]]
+"""A length that is known, such as a person's height: it gives the scale.
+
+From the body's parameters (parameter,) and the cameras' changes (camera, parameter) it says by how much the length is
+too short [m], and gives the length's derivatives by both.
+"""
+
+
 @dataclass(frozen=True, eq=False)
-class KnownLength:
-    """A length that is known, such as a person's height: it gives the scale.
+class CameraSolution:
+    """Cameras, body and poses of one least-squares problem.
 
     Attributes:
-        metres: its value.
-        at: from the body's parameters and the cameras' changes, the length [m] and its derivative by all of them.
+        change: (camera, parameter) of the cameras.
+        beta: (parameter,) of the body.
+        rooted: the poses.
+        free: (camera, parameter) bool: what was solved for.
+        covariance: (free parameter, free parameter) of the cameras, as large as a single frame would leave it, because
+            body and masks are wrong in all frames alike.
+        cost: mean cost of the contours in a frame.
     """
 
-    metres: float
-    at: Callable[[np.ndarray, np.ndarray], tuple[float, np.ndarray]]
+    change: np.ndarray
+    beta: np.ndarray
+    rooted: RootedPoses
+    free: np.ndarray
+    covariance: np.ndarray
+    cost: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +66,6 @@ class CameraProblem:
     depends on the background. Without this parameter the margin would look like a nearer camera or a longer lens.
 
     Attributes:
-        fitter: of the space's body, with its parameters and with lenses, observing the frames.
         rig: the cameras that are in doubt, at the masks' size.
         lag: (camera,) how much later in its own frames each shows what happens, as far as is known [s].
         space: bodies around the one that is expected.
@@ -59,7 +76,6 @@ class CameraProblem:
         larger: standard deviation of each camera's margin [px]; 0 holds it.
     """
 
-    fitter: ContourFitter
     rig: CameraRig
     lag: np.ndarray
     space: RestSpace
@@ -74,59 +90,87 @@ class CameraProblem:
             raise ValueError("rooting must search the root's translation and all its angles")
 
     @property
-    def free(self) -> np.ndarray:
-        """(camera, parameter) bool: what is solved for."""
-        return self.sigma > 0
+    def _own(self) -> np.ndarray:
+        """(camera, parameter + 1) standard deviations of each camera's parameters and, last, of its masks' margin."""
+        return np.pad(self.sigma, _MARGIN, constant_values=self.larger)
 
-    @property
-    def _free_with_margin(self) -> np.ndarray:
-        """(camera, parameter + 1) bool: the same, and in the last column whether the masks' margin is solved for."""
-        return np.concatenate([self.free, np.full((len(self.rig), 1), self.larger > 0)], axis=1)
-
-    @property
-    def of_cameras(self) -> np.ndarray:
-        """(parameter,) bool: which of the problem's parameters are cameras' changes, neither body nor margins."""
-        free = self._free_with_margin
-        margin = np.arange(free.shape[1]) == len(KINDS)
-        return np.concatenate([np.zeros(len(self.space.names), bool), ~np.broadcast_to(margin, free.shape)[free]])
-
-    def problem(self, velocity: np.ndarray) -> BodyProblem:
-        """The problem whose parameters are the body's, then each camera's free ones and its margin.
+    def solved(
+        self,
+        observations: Sequence[Observation],
+        rooted: RootedPoses,
+        velocity: np.ndarray,
+        beta: np.ndarray,
+        change: np.ndarray,
+        stages: Sequence[tuple[MatchingConfig, int]],
+        device: str,
+        threads: int,
+    ) -> CameraSolution:
+        """The solution for some frames.
 
         Args:
+            observations: of the frames.
+            rooted: their poses to start from.
             velocity: (frame, dof) of the searched coordinates in the frames [m/s, rad/s].
+            beta: (parameter,) of the body to start from.
+            change: (camera, parameter) of the cameras to start from.
+            stages: how contours are matched, and the steps of each stage.
+            device: the Warp device.
+            threads: CPU threads.
         """
-        own = np.concatenate([self.sigma, np.full((len(self.rig), 1), self.larger)], axis=1)
-        sigma = np.concatenate([self.share * self.space.sigma, own[self._free_with_margin]])
-        return BodyProblem(partial(self._linearise, velocity), self.rooting, np.zeros(len(sigma)), sigma)
-
-    def start(self, beta: np.ndarray, change: np.ndarray) -> np.ndarray:
-        """The problem's parameters for a body (parameter,) and changes of the cameras (camera, parameter)."""
-        own = np.concatenate([change, np.zeros((len(change), 1))], axis=1)
-        return np.concatenate([beta, own[self._free_with_margin]])
-
-    def change(self, parameters: np.ndarray) -> np.ndarray:
-        """(camera, parameter) the cameras' changes among the problem's parameters."""
-        return self._unpack(parameters)[0]
+        # The parameters are the body's, then each camera's free ones and its margin.
+        own = self._own
+        sigma = np.concatenate([self.share * self.space.sigma, own[own > 0]])
+        parameters = np.concatenate([beta, np.pad(change, _MARGIN)[own > 0]])
+        # One stage after the other, because a fitter holds the masks' distances.
+        for matching, steps in stages:
+            fitter = camera_fitter(self.space, self.rig, observations, matching, device, threads)
+            problem = BodyProblem(partial(self._linearise, fitter, velocity), self.rooting, np.zeros(len(sigma)), sigma)
+            solution = problem.solved(np.arange(len(rooted)), rooted, parameters, steps)
+            rooted, parameters = solution.rooted, solution.beta
+        # The covariance of the cameras' parameters, without body and margins.
+        of_cameras = len(beta) + np.flatnonzero(np.nonzero(own > 0)[1] < len(KINDS))
+        return CameraSolution(
+            change=self._unpack(parameters)[0],
+            beta=parameters[: len(beta)],
+            rooted=rooted,
+            free=self.sigma > 0,
+            covariance=len(observations) * solution.covariance[np.ix_(of_cameras, of_cameras)],
+            cost=float(solution.cost.mean()),
+        )
 
     def _unpack(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The cameras' changes (camera, parameter), and their masks' margins (camera,) [px]."""
-        own = np.zeros(self._free_with_margin.shape)
-        own[self._free_with_margin] = parameters[len(self.space.names) :]
+        own = np.zeros_like(self._own)
+        own[self._own > 0] = parameters[len(self.space.names) :]
         return own[:, :-1], own[:, -1]
 
     def _linearise(
-        self, velocity: np.ndarray, frames: np.ndarray, rooted: RootedPoses, parameters: np.ndarray
+        self,
+        fitter: ContourFitter,
+        velocity: np.ndarray,
+        frames: np.ndarray,
+        rooted: RootedPoses,
+        parameters: np.ndarray,
     ) -> NormalEquations:
         # Give the fitter the body and the cameras of these parameters.
         vertex, beta = self.space.body.tracking_vertex, parameters[: len(self.space.names)]
         change, larger = self._unpack(parameters)
-        self.fitter.reshape(*self.space.at(beta, vertex))
-        self.fitter.set_change(*self.space.basis(beta, vertex))
-        self.fitter.set_cameras(changed(self.rig, change))
-        self.fitter.set_larger(larger)
-        # Each view's equations in steps of body and lens, and these steps by the camera's parameters.
-        views = self._views(frames, rooted, velocity, self.lag + change[:, OFFSET])
+        fitter.reshape(*self.space.at(beta, vertex))
+        fitter.set_change(*self.space.basis(beta, vertex))
+        fitter.set_cameras(changed(self.rig, change))
+        fitter.set_larger(larger)
+
+        def views_at(seconds: float) -> ViewEquations:
+            step = -seconds * velocity
+            return fitter.linearise_views(frames, self.rooting.stepped(rooted, step) if step.any() else rooted)
+
+        # Each view's equations, against the body as it was when the view's images were taken.
+        lag = self.lag + change[:, OFFSET]
+        first, *others = np.unique(lag)
+        views = views_at(first)
+        for seconds in others:
+            views = views_at(seconds).where(lag == seconds, views)
+        # They are in steps of body and lens; these steps by the camera's parameters.
         dof, shared = velocity.shape[1], velocity.shape[1] + len(beta)
         searched = self.rooting.searched
         root = int(np.searchsorted(searched, 0)), int(np.searchsorted(searched, ROOT_ANGLES.start))
@@ -134,22 +178,17 @@ class CameraProblem:
         by_camera = np.zeros((*views.matrix.shape[:3], len(KINDS) + 1))
         by_camera[:, :, :dof, :-1], by_camera[:, :, shared:-1, :-1] = motion[:, :, :dof], motion[:, :, dof:]
         by_camera[:, :, -1, -1] = 1.0
-        # All views together, and the lengths that are known.
-        equations = _join_views(views, by_camera, shared, self._free_with_margin)
+        # All views together, and the lengths that are known: each counts once for all frames, in the first.
+        free = self._own > 0
+        equations = _join_views(views, by_camera, shared, free)
         for length in self.known:
-            _add_length(equations, length, dof, beta, change, self._free_with_margin)
+            short, by_body, by_change = length(beta, change)
+            row = np.concatenate([np.zeros(dof), by_body, np.pad(by_change, _MARGIN)[free]]) / _LENGTH_SIGMA
+            error = short / _LENGTH_SIGMA
+            equations.matrix[0] += np.outer(row, row)
+            equations.gradient[0] += row * error
+            equations.cost[0] += 0.5 * error**2
         return equations
-
-    def _views(self, frames: np.ndarray, rooted: RootedPoses, velocity: np.ndarray, lag: np.ndarray) -> ViewEquations:
-        """Each view against the body as it was when the view's images were taken, with ``lag`` (camera,) [s]."""
-        first, *others = np.unique(lag)
-        views = self._at_time(frames, rooted, -first * velocity)
-        for seconds in others:
-            views = self._at_time(frames, rooted, -seconds * velocity).where(lag == seconds, views)
-        return views
-
-    def _at_time(self, frames: np.ndarray, rooted: RootedPoses, step: np.ndarray) -> ViewEquations:
-        return self.fitter.linearise_views(frames, self.rooting.stepped(rooted, step) if step.any() else rooted)
 
 
 def camera_fitter(
@@ -195,42 +234,29 @@ def _join_views(views: ViewEquations, by_camera: np.ndarray, shared: int, own: n
     return NormalEquations(matrix[:, kept][:, :, kept], gradient[:, kept], views.cost.sum(axis=1))
 
 
-def _add_length(
-    equations: NormalEquations, length: KnownLength, dof: int, beta: np.ndarray, change: np.ndarray, own: np.ndarray
-) -> None:
-    """Add a known length to the first frame's equations, in place; it counts once for all frames."""
-    value, derivative = length.at(beta, change)
-    by_camera = np.concatenate([derivative[len(beta) :].reshape(change.shape), np.zeros((len(change), 1))], axis=1)
-    row = np.concatenate([np.zeros(dof), derivative[: len(beta)], by_camera[own]]) / _LENGTH_SIGMA
-    error = (length.metres - value) / _LENGTH_SIGMA
-    equations.matrix[0] += np.outer(row, row)
-    equations.gradient[0] += row * error
-    equations.cost[0] += 0.5 * error**2
-
-
 def known_height(space: RestSpace, metres: float) -> KnownLength:
     """The person's height, from the soles to the top of the head in the bind pose."""
 
-    def at(beta: np.ndarray, change: np.ndarray) -> tuple[float, np.ndarray]:
+    def at(beta: np.ndarray, change: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         rest, _ = space.at(beta)
         top, bottom = int(rest[:, 1].argmax()), int(rest[:, 1].argmin())
         by_shape, _ = space.basis(beta, np.array([top, bottom]))
-        derivative = np.concatenate([by_shape[:, 0, 1] - by_shape[:, 1, 1], np.zeros(change.size)])
-        return float(rest[top, 1] - rest[bottom, 1]), derivative
+        height = float(rest[top, 1] - rest[bottom, 1])
+        return metres - height, by_shape[:, 0, 1] - by_shape[:, 1, 1], np.zeros(change.shape)
 
-    return KnownLength(metres, at)
+    return at
 
 
 def known_distance(rig: CameraRig, one: int, other: int, metres: float) -> KnownLength:
     """The distance between the centres of two cameras of a rig."""
 
-    def at(beta: np.ndarray, change: np.ndarray) -> tuple[float, np.ndarray]:
+    def at(beta: np.ndarray, change: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         centres = changed(rig, change).centres
         way = centres[one] - centres[other]
         derivative = np.zeros(change.shape)
         distance = float(np.linalg.norm(way))
         derivative[one, POSITION] = rig.R[one] @ way / distance
         derivative[other, POSITION] = -rig.R[other] @ way / distance
-        return distance, np.concatenate([np.zeros(len(beta)), derivative.ravel()])
+        return metres - distance, np.zeros(len(beta)), derivative
 
-    return KnownLength(metres, at)
+    return at

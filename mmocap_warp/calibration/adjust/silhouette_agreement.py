@@ -35,26 +35,20 @@ _MIN_DEPTH = 0.1  # metres before a camera that a point is at least
 def coherence(rig: CameraRig, observations: Sequence[Observation]) -> np.ndarray:
     """(camera,) share of each silhouette that the hull of the other views covers, the mean over frames.
 
-    Frames in which fewer than three views see anybody do not count; NaN where no frame counts.
-
-    Args:
-        rig: undistorted cameras at the masks' size.
-        observations: masks.
+    Frames in which fewer than three views see anybody do not count; NaN where no frame counts. The cameras are
+    undistorted, at the masks' size.
     """
-    shares = [_covered_shares(rig, observation) for observation in observations]
-    known = [share for share in shares if share is not None]
-    if not known:
-        return np.full(len(rig), np.nan)
-    stacked = np.stack(known)
-    count = np.isfinite(stacked).sum(axis=0)
-    return np.where(count > 0, np.nansum(stacked, axis=0) / np.maximum(count, 1), np.nan)
+    shares = np.array([_covered_shares(rig, observation) for observation in observations]).reshape(-1, len(rig))
+    count = np.isfinite(shares).sum(axis=0)
+    return np.where(count > 0, np.nansum(shares, axis=0) / np.maximum(count, 1), np.nan)
 
 
-def _covered_shares(rig: CameraRig, observation: Observation) -> np.ndarray | None:
-    """(camera,) the shares in one frame; None where fewer than three views see anybody."""
+def _covered_shares(rig: CameraRig, observation: Observation) -> np.ndarray:
+    """(camera,) the shares in one frame; NaN where a view, or fewer than three views, see anybody."""
+    share = np.full(len(rig), np.nan)
     seeing = np.flatnonzero(observation.foreground > 0).tolist()
     if len(seeing) < 3:
-        return None
+        return share
     # Voxels fill a cube about the point where the silhouettes meet.
     masks = unpack_masks(observation.words, rig.size)
     centre = meeting_point(rig.select(tuple(rig.names[k] for k in seeing)), [masks[k] for k in seeing])
@@ -72,7 +66,6 @@ def _covered_shares(rig: CameraRig, observation: Observation) -> np.ndarray | No
         points, misses, outside_of = points[alive], misses[alive], outside_of[alive]
         pixels = [each[alive] for each in pixels] + [pixel[alive]]
     # The hull of the others is what nobody misses, and what this view alone misses.
-    share = np.full(len(rig), np.nan)
     for number, k in enumerate(seeing):
         hull = (outside_of == k) | (misses == 0)
         share[k] = _covered_share(rig, k, centre, pixels[number][hull], masks[k])
@@ -97,11 +90,8 @@ def _covered_share(rig: CameraRig, k: int, centre: np.ndarray, pixels: np.ndarra
 def landmarks(rig: CameraRig, observations: Sequence[Observation]) -> np.ndarray:
     """Centroid and highest point of every silhouette, (frame, camera, 2, 2) float64 [px]; NaN where there is none.
 
-    Silhouettes that touch the edge of their image have none, because what lies beyond it is unknown.
-
-    Args:
-        rig: the cameras, for which way is up in their images.
-        observations: masks.
+    Silhouettes that touch the edge of their image have none, because what lies beyond it is unknown. The cameras say
+    which way is up in their images.
     """
     points = np.full((len(observations), len(rig), 2, 2), np.nan)
     up = rig.R @ rig.up_vector

@@ -19,13 +19,13 @@ import numpy as np
 
 from mmocap_warp.body.model import BodyModel
 from mmocap_warp.body.posing import Poser
-from mmocap_warp.calibration.adjust.adjustment import AdjustConfig, Adjustment, Person, Progress, moved_subject
-from mmocap_warp.calibration.adjust.camera_changes import CENTRE, KINDS, OFFSET, RESPECT, changed
-from mmocap_warp.calibration.adjust.camera_problem import CameraProblem, camera_fitter
+from mmocap_warp.body.skeleton import ROOT_ANGLES
+from mmocap_warp.calibration.adjust.adjustment import AdjustConfig, Adjustment, Person, Progress
+from mmocap_warp.calibration.adjust.camera_changes import CENTRE, OFFSET, RESPECT, changed
+from mmocap_warp.calibration.adjust.camera_problem import CameraProblem, CameraSolution
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.cameras.silhouette import intersection_over_union, silhouettes
 from mmocap_warp.contour.frame.fitter import WIDE, MatchingConfig
-from mmocap_warp.contour.frame.rooted import RootedPoses
 from mmocap_warp.fitting.frame_fit import PRIOR
 from mmocap_warp.masks.observation import Observation, unpack_masks
 from mmocap_warp.scene.recording import Scene
@@ -87,11 +87,7 @@ class Refinement:
         return bool(self.moved.any()) and min(gains) > 0
 
     def offsets(self, scene: Scene) -> dict[str, float]:
-        """The delay of each camera with the changes, as a scene file states it [s].
-
-        Args:
-            scene: the recording that was refined.
-        """
+        """The delay of each camera of the refined scene with the changes, as a scene file states it [s]."""
         return {
             source.name: round((source.frame_offset + source.fraction) / (scene.fps * source.rate) + float(change), 6)
             for source, change in zip(scene.cameras, self.change[:, OFFSET], strict=True)
@@ -108,13 +104,7 @@ class Refinement:
 def refine(
     scene: Scene, body: BodyModel, config: AdjustConfig | None = None, progress: Progress | None = None
 ) -> Refinement:
-    """Refine a scene's cameras.
-
-    Args:
-        scene: the recording.
-        body: the generic body that the person's is expected to be near to.
-        config: settings.
-        progress: called after every stage.
+    """Refine a scene's cameras by a person whose body is near to the generic ``body``.
 
     Raises:
         ValueError: a camera that the scene does not have.
@@ -134,9 +124,14 @@ def refine(
     for number in range(_ROUNDS):
         solution = adjustment.solve(change, person, adjustment.sigma_with_fixed(fixed), again=number > 0)
         fixed = adjustment.stillest_camera(solution.change)
-        change, *motion = adjustment.relative_to(solution.change, fixed)
-        subject = replace(person.subject, body=adjustment.space.model(solution.beta), pose=solution.pose)
-        person = adjustment.track_person(change, moved_subject(subject, *motion))
+        change, turn, shift = adjustment.relative_to(solution.change, fixed)
+        # The person in that camera's world, from the pose of the first frame if that was solved for.
+        subject, rooting = person.subject, person.motion.rooting
+        first = rooting.leave(solution.rooted[:1], subject.pose[ROOT_ANGLES])[0]
+        pose = (first if person.found[0] == 0 else subject.pose).astype(float)
+        pose[:3] = turn @ pose[:3] + shift
+        body, root_base = adjustment.space.model(solution.beta), turn @ subject.root_base
+        person = adjustment.track_person(change, replace(subject, body=body, root_base=root_base, pose=pose))
         report("cameras", 0.5 + 0.15 * number)
     refinement = _select_and_judge(adjustment, change, person, fixed)
     report("judged", 1.0)
@@ -150,16 +145,16 @@ def _select_and_judge(adjustment: Adjustment, change: np.ndarray, person: Person
     solution = adjustment.solve(change, person, sigma, again=True)
     free = solution.free
     group = RESPECT + (RESPECT.max() + 1) * np.arange(len(free))[:, None]
-    selection = select_parameters(solution.change[free], solution.covariance, sigma[free], group[free])
     moved, determined, deviation = np.zeros(free.shape, bool), ~free, np.zeros(free.shape)
-    moved[free], determined[free], deviation[free] = selection.moved, selection.determined, selection.sigma
+    moved[free], determined[free], deviation[free] = select_parameters(
+        solution.change[free], solution.covariance, sigma[free], group[free]
+    )
     # Solve once more for these alone.
     change, beta = np.where(moved, solution.change, 0.0), solution.beta
     if moved.any():
         solution = adjustment.solve(change, person, np.where(moved, sigma, 0.0), again=True)
         change, beta = solution.change, solution.beta
-    held_out = HeldOutFrames(adjustment, person, beta)
-    before, after = held_out.overlaps(np.zeros(change.shape)), held_out.overlaps(change)
+    before, after = (_held_out_overlaps(adjustment, person, beta, each) for each in (np.zeros_like(change), change))
     # Principal points are given in pixels of the calibrated images.
     full = np.ones(change.shape)
     full[:, CENTRE] = 1.0 / adjustment.footage.scale
@@ -167,75 +162,51 @@ def _select_and_judge(adjustment: Adjustment, change: np.ndarray, person: Person
     return Refinement(rig, full * change, STATED * full * deviation, moved, ~determined, fixed, before, after)
 
 
-class HeldOutFrames:
-    """Frames that judge cameras.
+def _held_out_overlaps(adjustment: Adjustment, person: Person, beta: np.ndarray, change: np.ndarray) -> Overlaps:
+    """How well changed cameras explain frames that they were not solved from, with the body and poses that fit best."""
+    # The frames, with the cameras held.
+    config, footage, motion = adjustment.config, adjustment.footage, person.motion
+    frames = person.between(config.judges, person.spread(config.frames))
+    velocity, held = motion.velocity(frames), np.zeros(change.shape)
+    rig, lag = changed(adjustment.given, change), footage.rest(change[:, OFFSET])
+    read = footage.observations(change[:, OFFSET])
+    observations = [read[frame] for frame in frames]
+    problem = CameraProblem(rig, lag, adjustment.space, motion.rooting, PRIOR, held, larger=0)
 
-    Args:
-        adjustment: of the cameras.
-        person: whose frames that the cameras are solved from are left out.
-        beta: (parameter,) body to start from.
-    """
+    def solved(seen: Sequence[Observation]) -> CameraSolution:
+        threads = adjustment.threads
+        return problem.solved(seen, motion.rooted[frames], velocity, beta, held, _STAGES, adjustment.device, threads)
 
-    def __init__(self, adjustment: Adjustment, person: Person, beta: np.ndarray) -> None:
-        config = adjustment.config
-        self._adjustment, self._beta = adjustment, beta
-        self._frames = person.between(config.judges, person.spread(config.frames))
-        motion = person.motion
-        self._rooting, self._start = motion.rooting, motion.rooted[self._frames]
-        self._velocity = motion.velocity(self._frames)
+    # Each view is judged by a body and poses that it had no part in, and by those of all views.
+    views = range(len(rig))
+    apart = [solved([_without_view(observation, k) for observation in observations]) for k in views]
+    together = [solved(observations)] * len(rig)
+    overlaps = [
+        np.array([_mean_overlap(problem, solutions[k], k, velocity, observations) for k in views])
+        for solutions in (together, apart)
+    ]
+    return Overlaps(*overlaps)
 
-    def overlaps(self, change: np.ndarray) -> Overlaps:
-        """How well cameras changed by (camera, parameter) explain the frames; body and poses are solved with them."""
-        footage = self._adjustment.footage
-        rig, lag = changed(self._adjustment.given, change), footage.rest(change[:, OFFSET])
-        read = footage.observations(change[:, OFFSET])
-        observations = [read[frame] for frame in self._frames]
-        # Each view is judged by a body and poses that it had no part in.
-        apart = np.full(len(rig), np.nan)
-        for k in range(len(rig)):
-            solution = self._solve(rig, lag, [_without_view(observation, k) for observation in observations])
-            apart[k] = self._mean_overlap(rig, k, lag[k], observations, *solution)
-        solution = self._solve(rig, lag, observations)
-        together = [self._mean_overlap(rig, k, lag[k], observations, *solution) for k in range(len(rig))]
-        return Overlaps(np.array(together), apart)
 
-    def _solve(
-        self, rig: CameraRig, lag: np.ndarray, observations: Sequence[Observation]
-    ) -> tuple[RootedPoses, np.ndarray]:
-        """Poses and the body's parameters, with cameras held."""
-        rooted, beta, space = self._start, self._beta, self._adjustment.space
-        held = np.zeros((len(rig), len(KINDS)))
-        for matching, steps in _STAGES:
-            fitter = camera_fitter(
-                space, rig, observations, matching, self._adjustment.device, self._adjustment.threads
-            )
-            problem = CameraProblem(fitter, rig, lag, space, self._rooting, PRIOR, held, larger=0)
-            start = problem.start(beta, held)
-            solution = problem.problem(self._velocity).solved(np.arange(len(rooted)), rooted, start, steps)
-            rooted, beta = solution.rooted, solution.beta[: len(beta)]
-        return rooted, beta
-
-    def _mean_overlap(
-        self,
-        rig: CameraRig,
-        k: int,
-        lag: float,
-        observations: Sequence[Observation],
-        rooted: RootedPoses,
-        beta: np.ndarray,
-    ) -> float:
-        """Mean overlap of a view's masks with the body; NaN where it sees nobody."""
-        # The body as it was when the view's images were taken.
-        body, camera = self._adjustment.space.model(beta), rig.select((rig.names[k],))
-        pose = self._rooting.leave(self._rooting.stepped(rooted, -lag * self._velocity), np.zeros(3))
-        vertices = Poser(body, self._rooting.root_base).tracking_vertices(pose)
-        overlaps = []
-        for observation, posed in zip(observations, vertices, strict=True):
-            if observation.foreground[k]:
-                drawn = silhouettes(camera, posed, body.tracking_face)[0]
-                mask = unpack_masks(observation.words[k : k + 1], camera.size)[0]
-                overlaps.append(intersection_over_union(drawn, mask))
-        return float(np.mean(overlaps)) if overlaps else float("nan")
+def _mean_overlap(
+    problem: CameraProblem,
+    solution: CameraSolution,
+    k: int,
+    velocity: np.ndarray,
+    observations: Sequence[Observation],
+) -> float:
+    """Mean overlap of a view's masks with the body; NaN where it sees nobody."""
+    # The body as it was when the view's images were taken.
+    body, camera = problem.space.model(solution.beta), problem.rig.select((problem.rig.names[k],))
+    rooted = problem.rooting.stepped(solution.rooted, -problem.lag[k] * velocity)
+    vertices = Poser(body, problem.rooting.root_base).tracking_vertices(problem.rooting.leave(rooted, np.zeros(3)))
+    overlaps = []
+    for observation, posed in zip(observations, vertices, strict=True):
+        if observation.foreground[k]:
+            drawn = silhouettes(camera, posed, body.tracking_face)[0]
+            mask = unpack_masks(observation.words[k : k + 1], camera.size)[0]
+            overlaps.append(intersection_over_union(drawn, mask))
+    return float(np.mean(overlaps)) if overlaps else float("nan")
 
 
 def _without_view(observation: Observation, k: int) -> Observation:
@@ -245,29 +216,20 @@ def _without_view(observation: Observation, k: int) -> Observation:
     return replace(observation, words=words, foreground=foreground)
 
 
-@dataclass(frozen=True, eq=False)
-class Selection:
-    """Which parameters have to change.
-
-    Attributes:
-        moved: (parameter,) bool: those that have to change.
-        determined: (parameter,) bool: those that the data determine, each with those that moved unknown beside it.
-        sigma: (parameter,) their standard deviations, likewise.
-    """
-
-    moved: np.ndarray
-    determined: np.ndarray
-    sigma: np.ndarray
-
-
-def select_parameters(value: np.ndarray, covariance: np.ndarray, prior: np.ndarray, group: np.ndarray) -> Selection:
-    """Choose among parameters.
+def select_parameters(
+    value: np.ndarray, covariance: np.ndarray, prior: np.ndarray, group: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Choose which parameters have to change.
 
     Args:
         value: (parameter,) how far each is from where it was.
         covariance: (parameter, parameter) of all.
         prior: (parameter,) standard deviations before anything was seen.
         group: (parameter,) int, the same for those that belong together.
+
+    Returns:
+        (parameter,) bool, those that have to change; (parameter,) bool, those that the data determine, each with those
+        that change unknown beside it; (parameter,) their standard deviations, likewise.
     """
     information = np.linalg.inv(covariance)
     moved = np.ones(len(value), bool)
@@ -292,4 +254,4 @@ def select_parameters(value: np.ndarray, covariance: np.ndarray, prior: np.ndarr
         unknown = np.flatnonzero(moved | (np.arange(len(value)) == parameter))
         own = np.linalg.inv(information[np.ix_(unknown, unknown)])
         sigma[parameter] = np.sqrt(own[unknown == parameter][:, unknown == parameter][0, 0])
-    return Selection(moved, sigma <= UNDETERMINED * prior, sigma)
+    return moved, sigma <= UNDETERMINED * prior, sigma

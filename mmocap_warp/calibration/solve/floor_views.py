@@ -47,7 +47,7 @@ class StandingView:
 
 
 def standing_view(name: str, person: PersonInView, K: np.ndarray, stature: float) -> StandingView:
-    """Tilt, roll and height of a camera, and the person's way over the floor.
+    """Tilt, roll and height of a camera with intrinsics ``K`` [px], and the person's way over the floor.
 
     Args:
         name: of the camera, for errors.
@@ -56,8 +56,7 @@ def standing_view(name: str, person: PersonInView, K: np.ndarray, stature: float
         stature: from the floor to the top of the head while walking [m].
 
     Raises:
-        UnsolvableError: too few frames show the whole person, no camera that could be meant explains them, or the
-            person does not walk.
+        UnsolvableError: too few frames show the whole person, no plausible camera explains them, or nobody walks.
     """
     from scipy.optimize import least_squares
 
@@ -128,12 +127,7 @@ def _head_errors(unknown: np.ndarray, K: np.ndarray, head: np.ndarray, rays: np.
 def place_on_floor(names: Sequence[str], views: Sequence[StandingView]) -> tuple[np.ndarray, np.ndarray]:
     """R (camera, 3, 3) and t (camera, 3), world to camera, of cameras over a floor at z = 0.
 
-    The view with most frames comes first: it stands over the origin and looks along +y. Then comes, each time, the view
-    that shares most frames with those that are placed.
-
-    Args:
-        names: of the cameras, for errors.
-        views: each over its own floor.
+    The view with most frames comes first: it stands over the origin and looks along +y.
 
     Raises:
         UnsolvableError: a view that shares too few frames with the others.
@@ -171,12 +165,7 @@ def place_on_floor(names: Sequence[str], views: Sequence[StandingView]) -> tuple
 
 
 def rigid_motion(here: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The rotation (2, 2) and shift (2,) that map places to others: least squares with Cauchy's weights.
-
-    Args:
-        here: (n, 2), places [m].
-        there: (n, 2), the same places [m].
-    """
+    """The rotation (2, 2) and shift (2,) that map places (n, 2) [m] to others: least squares with Cauchy's weights."""
     weight = np.ones(len(here))
     for _ in range(_REWEIGHTINGS):
         a, b = np.average(here, axis=0, weights=weight), np.average(there, axis=0, weights=weight)

@@ -11,11 +11,10 @@ from dataclasses import replace
 import numpy as np
 
 from mmocap_warp.calibration.solve import UnsolvableError
-from mmocap_warp.calibration.solve.person_axis import PersonInView
-from mmocap_warp.calibration.solve.tangents import Pinholes, Tangents
+from mmocap_warp.calibration.solve.person_axis import PersonInView, convex_hulls
+from mmocap_warp.calibration.solve.tangents import MAX_MISS, Pinholes, find_tangents, residuals
 
 _END_SHARE = 0.07  # share of the person's length in a view at either end that belongs to the head or to a foot
-_MAX_MISS = 3.0  # pixels: residual of a tangent that both views agree on, at most
 _MIN_SINE = 0.2  # sine of the angle between two rays that meet in a definite point, at least
 _SOLE = 0.010  # metres over the floor of the foot's point that a plane touches: soles are round, and roll
 _OUTLIER = 0.02  # share of the person's height: points that lie farther from their plane begin to count less
@@ -24,15 +23,11 @@ _REWEIGHTINGS = 30
 _MIN_POINTS = 20  # points of heads, and of feet
 
 
-def level_world(
-    cameras: Pinholes, tangents: Tangents, missed: np.ndarray, people: list[PersonInView], stature: float
-) -> Pinholes:
+def level_world(cameras: Pinholes, people: list[PersonInView], stature: float) -> Pinholes:
     """The cameras in a world in metres, whose floor is at z = 0 and whose z points up; its origin is below the heads.
 
     Args:
         cameras: in a world whose z points up within a few degrees.
-        tangents: of their views.
-        missed: (n,), the tangents' residuals [px].
         people: the person in each view.
         stature: height of the top of the head over the floor that is usual in the recording [m].
 
@@ -40,9 +35,7 @@ def level_world(
         UnsolvableError: too few points of heads or of feet.
     """
     # Points of heads and feet.
-    heads, head_frame = head_points(cameras, tangents, missed, people)
-    at_feet = np.all(_along_person(tangents, people) < _END_SHARE, axis=0)
-    feet, foot_frame = _points(cameras, tangents, missed, at_feet)
+    heads, head_frame, feet, foot_frame = head_and_foot_points(cameras, people)
     if min(len(heads), len(feet)) < _MIN_POINTS:
         raise UnsolvableError(
             f"only {len(heads)} points of the head and {len(feet)} of the feet are seen by two cameras that agree, and "
@@ -58,20 +51,9 @@ def level_world(
     return replace(cameras, R=cameras.R @ turn.T, centre=scale * (cameras.centre @ turn.T - middle))
 
 
-def head_points(
-    cameras: Pinholes, tangents: Tangents, missed: np.ndarray, people: list[PersonInView]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Points of the head that two views agree on, (n, 3) in the cameras' world, and their frames (n,).
-
-    The arguments are those of :func:`level_world`.
-    """
-    return _points(cameras, tangents, missed, np.all(_along_person(tangents, people) > 1 - _END_SHARE, axis=0))
-
-
-def _points(
-    cameras: Pinholes, tangents: Tangents, missed: np.ndarray, wanted: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """The wanted (n,) tangents' points (m, 3) that two views agree on, and their frames (m,)."""
+def head_and_foot_points(cameras: Pinholes, people: list[PersonInView]) -> tuple[np.ndarray, ...]:
+    """Points of the head (n, 3) that two views agree on, their frames (n,), and the same of the feet."""
+    tangents = find_tangents(cameras, convex_hulls(people))
     # The middle between the two rays of each tangent.
     a, b = cameras.rays(tangents.first, tangents.pixel[0]), cameras.rays(tangents.second, tangents.pixel[1])
     from_a, from_b = cameras.centre[tangents.first], cameras.centre[tangents.second]
@@ -81,20 +63,15 @@ def _points(
     far_a, far_b = (on_a - cosine * on_b) / sine, (cosine * on_a - on_b) / sine
     middle = 0.5 * (from_a + far_a[:, None] * a + from_b + far_b[:, None] * b)
     # Rays must meet before both cameras, and at an angle that is not too small.
-    meet = (sine > _MIN_SINE**2) & (far_a > 0) & (far_b > 0)
-    use = wanted & meet & (np.abs(missed) < _MAX_MISS)
-    return middle[use], tangents.frame[use]
-
-
-def _along_person(tangents: Tangents, people: list[PersonInView]) -> np.ndarray:
-    """(2, n), where between foot and head each view's point lies: 0 at the foot's height, 1 at the head's."""
+    meet = (sine > _MIN_SINE**2) & (far_a > 0) & (far_b > 0) & (np.abs(residuals(cameras, tangents)) < MAX_MISS)
+    # Where between foot and head both views' points lie: 0 at the foot's height, 1 at the head's.
     head, foot = (np.stack([getattr(each, end) for each in people]) for end in ("head", "foot"))
-    shares = []
-    for pixel, camera in zip(tangents.pixel, (tangents.first, tangents.second), strict=True):
-        top, bottom = head[camera, tangents.frame], foot[camera, tangents.frame]
-        length = ((top - bottom) ** 2).sum(axis=1)
-        shares.append(((pixel - bottom) * (top - bottom)).sum(axis=1) / length)
-    return np.stack(shares)
+    camera = np.stack([tangents.first, tangents.second])
+    bottom = foot[camera, tangents.frame]
+    upwards = head[camera, tangents.frame] - bottom
+    share = ((tangents.pixel - bottom) * upwards).sum(axis=-1) / (upwards**2).sum(axis=-1)  # (view, n)
+    at_head, at_foot = (meet & np.all(end, axis=0) for end in (share > 1 - _END_SHARE, share < _END_SHARE))
+    return middle[at_head], tangents.frame[at_head], middle[at_foot], tangents.frame[at_foot]
 
 
 def _person_axis(heads: np.ndarray, head_frame: np.ndarray, feet: np.ndarray, foot_frame: np.ndarray) -> np.ndarray:

@@ -42,19 +42,19 @@ class PersonInView:
 
     def without(self, frames: np.ndarray) -> PersonInView:
         """The same, not seen in these frames (numbers or a mask)."""
-        left = {name: np.array(getattr(self, name)) for name in ("head", "foot", "hull")}
-        for values in left.values():
+        left = [values.copy() for values in (self.head, self.foot, self.hull)]
+        for values in left:
             values[frames] = np.nan
-        return PersonInView(**left)
+        return PersonInView(*left)
+
+
+def convex_hulls(people: Sequence[PersonInView]) -> np.ndarray:
+    """(camera, frame, CORNERS, 2), the silhouettes' convex hulls in all views [px]."""
+    return np.stack([person.hull for person in people])
 
 
 def person_in_views(observations: Sequence[Observation], sizes: np.ndarray) -> list[PersonInView]:
-    """The person in every view.
-
-    Args:
-        observations: masks of each frame.
-        sizes: (camera, 2), width and height of the images [px].
-    """
+    """The person in every view, from the masks of each frame; ``sizes`` (camera, 2) are those of the images [px]."""
     frames = [[_whole_silhouette(mask) for mask in unpack_masks(each.words, sizes)] for each in observations]
     return [_in_view([frame[k] for frame in frames]) for k in range(len(sizes))]
 
@@ -77,19 +77,18 @@ def _whole_silhouette(mask: np.ndarray) -> np.ndarray | None:
 
 def _in_view(silhouettes: list[np.ndarray | None]) -> PersonInView:
     """The person in one view, of the silhouette's pixels in each frame."""
-    frames = len(silhouettes)
-    head, foot = np.full((frames, 2), np.nan), np.full((frames, 2), np.nan)
-    hull = np.full((frames, CORNERS, 2), np.nan)
+    head, foot, hull = (np.full((len(silhouettes), *shape), np.nan) for shape in ((2,), (2,), (CORNERS, 2)))
     # A standing person's silhouette is longer than wide; its principal axis is the person's, up to the sign.
-    spreads = [None if pixels is None else np.linalg.eigh(np.cov(pixels.T)) for pixels in silhouettes]
-    upright = [each is not None and each.eigenvalues[1] > _MIN_SLENDERNESS**2 * each.eigenvalues[0] for each in spreads]
-    if not any(upright):
-        return PersonInView(head, foot, hull)
-    axes = np.array([each.eigenvectors[:, 1] for each, good in zip(spreads, upright, strict=True) if good and each])
-    standing = [pixels for pixels, good in zip(silhouettes, upright, strict=True) if good and pixels is not None]
-    up = _up_direction(axes, standing)
+    standing, axes = {}, []
     for frame, pixels in enumerate(silhouettes):
-        if pixels is not None and upright[frame]:
+        if pixels is not None:
+            (across, along), directions = np.linalg.eigh(np.cov(pixels.T))
+            if along > _MIN_SLENDERNESS**2 * across:
+                standing[frame] = pixels
+                axes.append(directions[:, 1])
+    if standing:
+        up = _up_direction(np.array(axes), list(standing.values()))
+        for frame, pixels in standing.items():
             head[frame], foot[frame] = _axis(pixels, up)
             hull[frame] = _hull(pixels)
     return PersonInView(head, foot, hull)

@@ -16,13 +16,13 @@ import numpy as np
 
 from mmocap_warp.calibration.solve import UnsolvableError
 from mmocap_warp.calibration.solve.floor_views import place_on_floor, rigid_motion, standing_view
-from mmocap_warp.calibration.solve.level import head_points, level_world
-from mmocap_warp.calibration.solve.person_axis import PersonInView, person_in_views
+from mmocap_warp.calibration.solve.level import head_and_foot_points, level_world
+from mmocap_warp.calibration.solve.person_axis import PersonInView, convex_hulls, person_in_views
 from mmocap_warp.calibration.solve.tangents import (
     FOCAL_SIGMA,
+    MAX_MISS,
     OUTLIERS,
     Pinholes,
-    Tangents,
     find_tangents,
     residuals,
     solve_tangents,
@@ -36,7 +36,6 @@ _FRAMES = 100  # frames of the recording that are used, evenly spread
 _MAX_PIXELS = 960  # pixels of an image's longer side
 _GUESS = 1.2  # focal length over the image's longer side, as COLMAP guesses it: 45 degrees across
 _WALKING = 0.986  # height of a walking person over that of a standing one: knees stay bent
-_MAX_MISS = 3.0  # pixels: residual of a tangent that two views agree on, at most
 _MIN_AGREED = 0.6  # share of a view's tangents that must agree with other views
 _BLOCKS = 5  # blocks of consecutive frames, each left out once for the standard deviations
 _MAX_PLACE_SIGMA, _MAX_TILT_SIGMA = 1.0, np.radians(10.0)  # metres and radians of a camera that is determined
@@ -108,31 +107,29 @@ def solve_cameras(scene: Scene, height: float) -> SolvedCameras:
     names = scene.calibrated.names
 
     # Rough cameras: each over its own floor, then all over one.
-    views = [
-        standing_view(name, person, _matrix(start, k), stature)
-        for k, (name, person) in enumerate(zip(names, people, strict=True))
-    ]
+    matrices = np.tile(np.eye(3), (len(names), 1, 1))
+    matrices[:, [0, 1], [0, 1]], matrices[:, :2, 2] = start.focal, start.middle
+    views = [standing_view(*each, stature) for each in zip(names, people, matrices, strict=True)]
     R, t = place_on_floor(names, views)
     rough = replace(start, R=R, centre=-np.einsum("kji,kj->ki", R, t))
     # Exact cameras, with free focal lengths where these are guesses.
     free = np.full(len(names), guessed)
-    cameras = _in_metres(solve_tangents(rough, _hulls(people), free), people, stature)
-    sigma = _sigmas(cameras, people, stature, free)
+    cameras, sigma = _solve(rough, people, stature, free)
     # Focal lengths that the walk does not determine are held at their guesses, and the rest is solved again.
     vague = free & (sigma[2] > _MAX_FOCAL_RATIO * FOCAL_SIGMA)
     if vague.any():
         rough = replace(rough, focal=np.where(vague[:, None], rough.focal, cameras.focal))
         free &= ~vague
-        cameras = _in_metres(solve_tangents(rough, _hulls(people), free), people, stature)
-        sigma = _sigmas(cameras, people, stature, free)
+        cameras, sigma = _solve(rough, people, stature, free)
     # Views must agree, and determine the cameras.
-    tangents = find_tangents(cameras, _hulls(people))
+    tangents = find_tangents(cameras, convex_hulls(people))
     missed = np.abs(residuals(cameras, tangents))
-    agreed = _agreed(tangents, missed, len(names))
+    in_view = [missed[tangents.in_view(k)] < MAX_MISS for k in range(len(names))]
+    agreed = np.array([float(agrees.mean()) if len(agrees) else 0.0 for agrees in in_view])
     _check(names, agreed, sigma)
 
     # The head's path, and everything in the scene's world.
-    heads, frame = head_points(cameras, tangents, missed, people)
+    heads, frame, _, _ = head_and_foot_points(cameras, people)
     path = np.full((thinned.frame_count, 3), np.nan)
     for each in np.unique(frame):
         path[each] = np.median(heads[frame == each], axis=0)
@@ -162,53 +159,35 @@ def _pinholes(scene: Scene, scale: float) -> Pinholes:
     return Pinholes(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)), focal, rig.K[:, :2, 2])
 
 
-def _matrix(cameras: Pinholes, k: int) -> np.ndarray:
-    """(3, 3), a camera's intrinsics."""
-    (fx, fy), (cx, cy) = cameras.focal[k], cameras.middle[k]
-    return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-
-
-def _hulls(people: list[PersonInView]) -> np.ndarray:
-    return np.stack([person.hull for person in people])
-
-
-def _in_metres(cameras: Pinholes, people: list[PersonInView], stature: float) -> Pinholes:
-    tangents = find_tangents(cameras, _hulls(people))
-    return level_world(cameras, tangents, residuals(cameras, tangents), people, stature)
-
-
-def _sigmas(
-    cameras: Pinholes, people: list[PersonInView], stature: float, free_focal: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Standard deviations (camera,) of centres [m], tilts [rad] and logarithms of focal lengths.
+def _solve(
+    rough: Pinholes, people: list[PersonInView], stature: float, free_focal: np.ndarray
+) -> tuple[Pinholes, list[np.ndarray]]:
+    """Cameras, and standard deviations (camera,) of centres [m], tilts [rad] and logarithms of focal lengths.
 
     They come from the jackknife over blocks of consecutive frames, because neighbouring frames err alike. Errors that
     all frames share, such as shadows, do not show in them.
     """
+    cameras = level_world(solve_tangents(rough, convex_hulls(people), free_focal), people, stature)
     centres, tilts, zooms = [], [], []
     for block in np.array_split(np.arange(len(people[0].head)), _BLOCKS):
         rest = [person.without(block) for person in people]
         # The cameras without this block, moved over the floor onto those with it.
-        solved = _in_metres(solve_tangents(cameras, _hulls(rest), free_focal, OUTLIERS[-1:]), rest, stature)
+        solved = level_world(solve_tangents(cameras, convex_hulls(rest), free_focal, OUTLIERS[-1:]), rest, stature)
         turn, shift = rigid_motion(solved.centre[:, :2], cameras.centre[:, :2])
         centres.append(np.column_stack([solved.centre[:, :2] @ turn.T + shift, solved.centre[:, 2]]))
         tilts.append(np.arcsin(-solved.R[:, 2, 2]))
         zooms.append(np.log(solved.focal[:, 0]))
     spread = [np.sqrt((_BLOCKS - 1) * np.var(each, axis=0)) for each in (centres, tilts, zooms)]
-    return np.linalg.norm(spread[0], axis=1), spread[1], spread[2]
+    return cameras, [np.linalg.norm(spread[0], axis=1), *spread[1:]]
 
 
-def _check(names: tuple[str, ...], agreed: np.ndarray, sigma: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
-    """See that views agree and that their places are determined.
-
-    Raises:
-        UnsolvableError: they are not.
-    """
+def _check(names: tuple[str, ...], agreed: np.ndarray, sigma: list[np.ndarray]) -> None:
+    """Raise an UnsolvableError unless views agree and determine the cameras' places."""
     worst = int(np.argmin(agreed))
     if agreed[worst] < _MIN_AGREED:
         raise UnsolvableError(
             f"only {100 * agreed[worst]:.0f} % of the outlines' tangents of camera '{names[worst]}' agree with other "
-            f"views within {_MAX_MISS:g} px; is it synchronous (mmocap sync), its lens without much distortion, and do "
+            f"views within {MAX_MISS:g} px; is it synchronous (mmocap sync), its lens without much distortion, and do "
             "all masks show one and the same person?"
         )
     for k, name in enumerate(names):
@@ -217,16 +196,6 @@ def _check(names: tuple[str, ...], agreed: np.ndarray, sigma: tuple[np.ndarray, 
                 f"the recording does not determine camera '{name}': its place is known to {sigma[0][k]:.2f} m and its "
                 f"tilt to {np.degrees(sigma[1][k]):.1f} degrees; record somebody who walks longer ways, with turns"
             )
-
-
-def _agreed(tangents: Tangents, missed: np.ndarray, cameras: int) -> np.ndarray:
-    """(camera,) share of each view's tangents that the other views agree on; zero where it has none."""
-    agrees = missed < _MAX_MISS
-    shares = []
-    for k in range(cameras):
-        mine = (tangents.first == k) | (tangents.second == k)
-        shares.append(float(agrees[mine].mean()) if mine.any() else 0.0)
-    return np.array(shares)
 
 
 def _scene_rig(scene: Scene, cameras: Pinholes, start: Pinholes, path: np.ndarray) -> tuple[CameraRig, np.ndarray]:

@@ -15,6 +15,8 @@ import numpy as np
 
 OUTLIERS = (20.0, 5.0, 1.5)
 """Residuals beyond these begin to count less, one stage after the other [px]."""
+MAX_MISS = 3.0
+"""Residual of a tangent that two views agree on, at most [px]."""
 FOCAL_SIGMA, LIKE_SIGMA = 0.25, 0.04
 """Standard deviations of the logarithms of guessed focal lengths: of their mean, and of each from the mean."""
 
@@ -74,20 +76,22 @@ class Tangents:
     pixel: np.ndarray
     missing: int = 0
 
+    def in_view(self, k: int) -> np.ndarray:
+        """(n,) bool: the tangents of which one point is in this view."""
+        return (self.first == k) | (self.second == k)
+
 
 def find_tangents(cameras: Pinholes, hulls: np.ndarray) -> Tangents:
     """Both tangents of every pair of views in every frame, for the cameras where they are.
 
-    Args:
-        cameras: where they are.
-        hulls: (camera, frame, corner, 2), convex hulls of the silhouettes [px]; NaN where there is none.
+    ``hulls`` are the silhouettes' convex hulls, (camera, frame, corner, 2) [px]; NaN where there is none.
     """
     # A ray through each corner of each hull, and the mean ray of each hull.
     seen = np.isfinite(hulls[:, :, 0, 0])
     filled = np.where(seen[..., None, None], hulls, 0.0)
     rays = np.stack([cameras.rays(np.full(one.shape[:2], k), one) for k, one in enumerate(filled)])
     towards = rays.mean(axis=2)
-    parts, missing = [], 0
+    indices, pixels, missing = [], [], 0
     for i, j in combinations(range(len(hulls)), 2):
         frames = np.flatnonzero(seen[i] & seen[j])
         if not len(frames):
@@ -97,25 +101,22 @@ def find_tangents(cameras: Pinholes, hulls: np.ndarray) -> Tangents:
         # Planes through the line are numbered by their angle about it, counted from the person; the silhouette's first
         # and last planes touch it.
         ends, narrow = [], np.ones(len(frames), bool)
+        ahead = towards[i, frames] + towards[j, frames]
+        ahead -= (ahead @ line)[:, None] * line
         for k in (i, j):
-            ahead = towards[i, frames] + towards[j, frames]
-            ahead -= (ahead @ line)[:, None] * line
-            aside = np.cross(line, ahead)
-            angle = np.arctan2(
-                np.einsum("fci,fi->fc", rays[k, frames], aside), np.einsum("fci,fi->fc", rays[k, frames], ahead)
-            )
+            sides = (np.einsum("fci,fi->fc", rays[k, frames], way) for way in (np.cross(line, ahead), ahead))
+            angle = np.arctan2(*sides)
             narrow &= np.ptp(angle, axis=1) < _MAX_ANGLE
             ends.append(np.stack([angle.argmin(axis=1), angle.argmax(axis=1)]))  # (end, frame)
         # A silhouette that surrounds the line has no tangents.
         missing += 2 * int(np.sum(~narrow))
         frames, ends = frames[narrow], [each[:, narrow] for each in ends]
-        pixel = np.stack([hulls[k][np.tile(frames, 2), each.ravel()] for k, each in zip((i, j), ends, strict=True)])
+        corners = zip((i, j), ends, strict=True)
+        pixels.append(np.stack([hulls[k][np.tile(frames, 2), corner.ravel()] for k, corner in corners]))
         count = 2 * len(frames)
-        parts.append(Tangents(np.full(count, i), np.full(count, j), np.tile(frames, 2), pixel))
-    first, second, frame = (
-        np.concatenate([getattr(each, name) for each in parts]) for name in ("first", "second", "frame")
-    )
-    return Tangents(first, second, frame, np.concatenate([each.pixel for each in parts], axis=1), missing)
+        indices.append((np.full(count, i), np.full(count, j), np.tile(frames, 2)))
+    first, second, frame = map(np.concatenate, zip(*indices, strict=True))
+    return Tangents(first, second, frame, np.concatenate(pixels, axis=1), missing)
 
 
 def residuals(cameras: Pinholes, tangents: Tangents) -> np.ndarray:
@@ -140,13 +141,8 @@ def solve_tangents(
 ) -> Pinholes:
     """The cameras near the given ones on which tangents agree best, by Levenberg-Marquardt with Cauchy's weights.
 
-    The world's origin, rotation and scale are not determined, and stay nearly as they were.
-
-    Args:
-        cameras: to start with.
-        hulls: see :func:`touching`.
-        free_focal: (camera,) bool, whose focal length is a guess and may change.
-        outliers: see ``OUTLIERS``.
+    The world's origin, rotation and scale are not determined, and stay nearly as they were. ``hulls`` are those of
+    :func:`find_tangents`; ``free_focal`` (camera,) bool says whose focal length is a guess and may change.
     """
     guess = np.log(cameras.focal[:, 0])
     for outlier in outliers:
@@ -197,14 +193,13 @@ def _normal_equations(
     weight = 1 / (1 + (now / outlier) ** 2)
     # Derivatives of each residual by the parameters of its two cameras, by differences.
     rows = np.zeros((len(now), count, 7))
-    place = np.arange(len(now))
     for k in range(count):
+        mine = tangents.in_view(k)
+        part = Tangents(tangents.first[mine], tangents.second[mine], tangents.frame[mine], tangents.pixel[:, mine])
         for column in range(7 if free_focal[k] else 6):
             step = np.zeros((count, 7))
             step[k, column] = _NUDGE
-            mine = (tangents.first == k) | (tangents.second == k)
-            part = Tangents(tangents.first[mine], tangents.second[mine], tangents.frame[mine], tangents.pixel[:, mine])
-            rows[place[mine], k, column] = (residuals(cameras.moved(step), part) - now[mine]) / _NUDGE
+            rows[mine, k, column] = (residuals(cameras.moved(step), part) - now[mine]) / _NUDGE
     # The normal equations, with the prior of the free focal lengths.
     flat = rows.reshape(len(now), -1)
     information = flat.T @ (weight[:, None] * flat)

@@ -92,24 +92,18 @@ def offsets_by_hull(rig: CameraRig, views: Sequence[PackedMasks], about: np.ndar
     Returns:
         None where there is no frame in which all views see somebody, or where hulls fit about as well elsewhere.
     """
-    # A coarse search where offsets are not known.
-    length = min(len(view) for view in views)
-    if reach:
-        far = HullAgreement(rig, views, about, min(reach, length // 4), _FAR)
-        if not far.judged:
+    # A coarse search where offsets are not known, and a fine one about its result.
+    length, offsets = min(len(view) for view in views), about
+    for most, sampling in ([(reach, _FAR)] if reach else []) + [(_NEAR_REACH, _NEAR)]:
+        hulls = HullAgreement(rig, views, offsets, min(most, length // 4), sampling)
+        if not hulls.judged:
             return None
-        about, spread = far.offsets()
-        if spread > _MAX_FAR_SPREAD:
+        offsets, spread = hulls.offsets()
+        if sampling is _FAR and spread > _MAX_FAR_SPREAD:
             return None
-    # A fine search about the result.
-    near = HullAgreement(rig, views, about, min(_NEAR_REACH, length // 4), _NEAR)
-    if not near.judged:
-        return None
-    offsets, spread = near.offsets()
     # The lags of each view in stretches of the recording.
-    stretches = min(_STRETCHES, near.judged // _MIN_STRETCH)
-    lags = [near.lags(view, offsets, stretches) for view in range(len(views))]
-    courses = [lag_course(middle, lag - offset) for (middle, lag), offset in zip(lags, offsets, strict=True)]
+    stretches = min(_STRETCHES, hulls.judged // _MIN_STRETCH)
+    courses = [hulls.course(view, offsets, stretches) for view in range(len(views))]
     scatter = np.array([course.scatter for course in courses])
     sigma = scatter / np.sqrt(stretches - 1) if stretches >= _MIN_STRETCHES else np.full(len(views), np.inf)
     return HullOffsets(offsets, spread, courses, sigma)
@@ -162,21 +156,19 @@ class HullAgreement:
         """(lag,) overlap of a view with the hull of the others, which are at ``offsets``."""
         return _smooth_mean(self._shares(view, offsets))
 
-    def lags(self, view: int, offsets: np.ndarray, stretches: int) -> tuple[np.ndarray, np.ndarray]:
-        """The middle frames of stretches of the recording, and the best lag of the view in each [frames].
-
-        A parabola through the best lag and its neighbours gives fractions.
-        """
+    def course(self, view: int, offsets: np.ndarray, stretches: int) -> LagCourse:
+        """The course of a view's lag beyond its offset, from its best lags in stretches of the recording."""
         shares, middles, lags = self._shares(view, offsets), [], []
         for part in np.array_split(np.arange(self.judged), min(stretches, max(1, self.judged))):
             fit = _smooth_mean(shares[part])
             best = int(np.clip(np.argmax(fit), 1, len(fit) - 2))
+            # A parabola through the best lag and its neighbours gives fractions.
             before, at, after = fit[best - 1 : best + 2]
             bend = before - 2 * at + after
             off = 0.5 * (before - after) / bend if bend < 0 else 0.0
             lags.append(self._about[view] - self._reach + best + float(np.clip(off, -1, 1)))
             middles.append(self._frame[part].mean())
-        return np.array(middles), np.array(lags)
+        return lag_course(np.array(middles), np.array(lags) - offsets[view])
 
     def _shares(self, view: int, offsets: np.ndarray) -> np.ndarray:
         """(frame, lag), NaN where the view or the others' hull shows nobody."""
@@ -198,8 +190,7 @@ class HullAgreement:
     def offsets(self) -> tuple[np.ndarray, int]:
         """The offsets (view,) at which the views fit best, and the distance of other starts' ends from them [frames].
 
-        Each view is moved in turn while the others stay. Where motion is slow or the calibration poor, the end depends
-        on the start.
+        Where motion is slow or the calibration poor, the end depends on the start.
         """
         random, views, reach = np.random.default_rng(0), len(self._about), self._reach // 2
         starts = random.integers(-reach, reach + 1, (self._starts, views))

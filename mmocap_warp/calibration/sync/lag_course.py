@@ -36,11 +36,9 @@ class LagCourse:
 
 
 def lag_course(frame: np.ndarray, lag: np.ndarray) -> LagCourse:
-    """The course of a view's lag, from its lags in stretches of a recording.
+    """The course of a view's lag, from its lags beyond the view's offset in stretches of a recording [frames].
 
-    Args:
-        frame: (stretch,) the scene's frame in their middle, ascending.
-        lag: (stretch,) beyond the view's offset [frames].
+    ``frame`` (stretch,) are the scene's frames in their middle, ascending.
     """
     # Three models: steady, a line, and a step at the best place.
     steady = _rms(lag - lag.mean())

@@ -70,13 +70,10 @@ class PairScores:
 
 
 def pair_scores(signals: list[np.ndarray], like: np.ndarray, fps: float, reach: int) -> PairScores:
-    """Compare all pairs of views.
+    """Compare all pairs of views at lags up to ``reach`` [frames].
 
-    Args:
-        signals: of each view (frame, signal); frames are numbered alike, their number may differ.
-        like: (signal,) weight of each as one that views show alike.
-        fps: frames per second.
-        reach: the largest lag [frames].
+    Each view has ``signals`` (frame, signal), whose frames are numbered alike; their number may differ. ``like``
+    (signal,) is the weight of each as one that views show alike.
     """
     views = len(signals)
     score = np.zeros((views, views, 2 * reach + 1))
@@ -85,7 +82,10 @@ def pair_scores(signals: list[np.ndarray], like: np.ndarray, fps: float, reach: 
         # Information at each lag, the same by chance, and that of signals compared with themselves.
         shared, by_chance, alike, frames = (np.zeros(2 * reach + 1) for _ in range(4))
         for place, lag in enumerate(range(-reach, reach + 1)):
-            first, second = _overlapping(signals[one], signals[other], lag)
+            # Frames of one view that have a partner ``lag`` later in the other, and these partners.
+            begin = max(0, -lag)
+            end = max(begin, min(len(signals[one]), len(signals[other]) - lag))
+            first, second = signals[one][begin:end], signals[other][begin + lag : end + lag]
             frames[place] = len(first)
             if len(first) > 2:
                 shared[place] = len(first) * _information(first, second)
@@ -97,13 +97,6 @@ def pair_scores(signals: list[np.ndarray], like: np.ndarray, fps: float, reach: 
         score[one, other] = (shared - expected + alike) / longest
         score[other, one] = score[one, other, ::-1]
     return PairScores(score, reach, max(2, round(_PEAK_WIDTH * fps)))
-
-
-def _overlapping(one: np.ndarray, other: np.ndarray, lag: int) -> tuple[np.ndarray, np.ndarray]:
-    """The frames of one view that have a partner ``lag`` later in the other, and these partners."""
-    first, end = max(0, -lag), min(len(one), len(other) - lag)
-    end = max(first, end)
-    return one[first:end], other[first + lag : end + lag]
 
 
 def _information(one: np.ndarray, other: np.ndarray) -> float:
@@ -147,12 +140,9 @@ def common_offsets(scores: PairScores) -> np.ndarray:
 
 
 def move_in_turn(offsets: np.ndarray, best_offset: Callable[[int, np.ndarray], int], rounds: int) -> np.ndarray:
-    """Offsets (view,) after each view in turn has moved to its best one, until none moves.
+    """Offsets (view,) after each view in turn has moved to its best one, until none moves, in ``rounds`` at most.
 
-    Args:
-        offsets: to start from.
-        best_offset: of a view, by its number and all offsets.
-        rounds: how often each moves, at most.
+    ``best_offset`` is given a view's number and all offsets.
     """
     offsets = offsets.copy()
     for _ in range(rounds):

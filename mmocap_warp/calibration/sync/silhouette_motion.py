@@ -43,23 +43,15 @@ class SilhouetteMotion:
         self._area.append(area)
         self._shape.append(shape)
 
-    @property
-    def seen(self) -> np.ndarray:
-        """(frame,) bool: frames with a whole silhouette."""
-        area = np.array(self._area)
-        some = area[area > 0]
-        return area > _MIN_AREA * np.median(some) if len(some) else np.zeros(len(area), bool)
-
     def signals(self, fps: float) -> np.ndarray:
-        """(frame - 1, signal) float64 between each frame and the next, in body heights; gaps are interpolated.
-
-        Args:
-            fps: the camera's frames per second.
+        """(frame - 1, signal) float64 between each of the camera's frames and the next, in body heights.
 
         Raises:
             ValueError: fewer than two frames with a silhouette.
         """
-        seen = self.seen
+        # Frames without a whole silhouette are gaps, which are interpolated.
+        area = np.array(self._area)
+        seen = area > _MIN_AREA * np.median(area[area > 0]) if area.any() else area > 0
         if seen.sum() < 2:
             raise ValueError("two frames with a silhouette are needed")
         smoothing = max(_MIN_SMOOTHING, _SMOOTHING * fps)

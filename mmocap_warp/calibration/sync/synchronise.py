@@ -124,12 +124,9 @@ class Synchronisation:
 
 
 def synchronise(scene: Scene, progress: Progress | None = None, within: float = WITHIN) -> Synchronisation:
-    """Find the offsets of a scene's cameras; the offsets that the scene states are not used.
+    """Find the offsets of a scene's cameras, which lag one another by ``within`` [s] at most.
 
-    Args:
-        scene: its ``calibration`` is used where it has the cameras' places.
-        progress: called while masks are read.
-        within: the largest lag between two cameras [s].
+    The offsets that the scene states are not used; its calibration is, where it has the cameras' places.
 
     Raises:
         InputError: a single camera, or one that shows nobody.
@@ -151,7 +148,7 @@ def synchronise(scene: Scene, progress: Progress | None = None, within: float = 
         if progress:
             progress(number + 1, recorded.frame_count)
     # Offsets by motion.
-    signals = [_in_scene_frames(_signals(motion, scene, k), scene.cameras[k].rate) for k, motion in enumerate(motions)]
+    signals = [_signals(motion, scene, k) for k, motion in enumerate(motions)]
     scores, offsets = _offsets_by_motion(signals, scene.fps, within)
     courses, hull = _courses_by_motion(signals, offsets, scene.fps), None
     # With a calibration the visual hull decides where it can be trusted.
@@ -172,32 +169,20 @@ def synchronise(scene: Scene, progress: Progress | None = None, within: float = 
 
 def _can_trust(hull: HullOffsets, motion: np.ndarray | None) -> bool:
     """Whether hulls determine the offsets; ``motion`` are those that motion is sure of, if any."""
-    if hull.spread > _MAX_HULL_SPREAD or hull.sigma.max() > _MAX_HULL_SIGMA:
-        return False
-    if motion is None:
-        return True
-    apart = hull.offsets - motion
-    return bool(np.abs(apart - np.median(apart)).max() <= _MAX_HULL_CORRECTION)
+    apart = np.zeros(1) if motion is None else hull.offsets - motion
+    small = bool(np.abs(apart - np.median(apart)).max() <= _MAX_HULL_CORRECTION)
+    return small and hull.spread <= _MAX_HULL_SPREAD and bool(hull.sigma.max() <= _MAX_HULL_SIGMA)
 
 
 def _signals(motion: SilhouetteMotion, scene: Scene, k: int) -> np.ndarray:
-    """The signals of camera ``k`` in its own frames; an InputError where it shows nobody."""
+    """The signals of camera ``k`` at the scene's frames; an InputError where it shows nobody."""
+    name, rate = scene.cameras[k].name, scene.cameras[k].rate
     try:
-        return motion.signals(scene.fps * scene.cameras[k].rate)
+        signals = motion.signals(scene.fps * rate)
     except ValueError:
-        raise InputError(
-            f"{scene.path}: [cameras.{scene.cameras[k].name}]",
-            "its masks show nobody in two frames",
-            "look at them, or leave the camera out",
-        ) from None
-
-
-def _in_scene_frames(signals: np.ndarray, rate: float) -> np.ndarray:
-    """A camera's signals at the scene's frames, of which it has ``rate`` to one."""
-    if rate == 1.0:
-        return signals
-    frames = np.arange(int(len(signals) / rate))
-    at = (frames + 0.5) * rate - 0.5
+        where, remedy = f"{scene.path}: [cameras.{name}]", "look at them, or leave the camera out"
+        raise InputError(where, "its masks show nobody in two frames", remedy) from None
+    at = (np.arange(int(len(signals) / rate)) + 0.5) * rate - 0.5
     return np.stack([np.interp(at, np.arange(len(signals)), column) for column in signals.T], axis=1)
 
 

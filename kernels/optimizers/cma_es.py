@@ -16,7 +16,7 @@ from mmocap_warp.kernels.block import lane_layout, lanes_of, sync
 from mmocap_warp.kernels.native import native_sections
 from mmocap_warp.kernels.optimizers.cma_es_workspace import has_room, workspace_words
 from mmocap_warp.kernels.optimizers.eigen import Tournament, make_tournament
-from mmocap_warp.kernels.optimizers.populations import SearchSpace, random_stream, scatter
+from mmocap_warp.kernels.optimizers.populations import SearchSpace, random_stream
 from mmocap_warp.kernels.structs import allocated
 
 wp.set_module_options({"enable_backward": False})
@@ -142,8 +142,3 @@ def sample(space: SearchSpace, particles: int, state: CmaEsState) -> None:
     wp.launch(
         _sample, (state.sigma.shape[0], lanes), [particles, lanes], [space, state], block_dim=lanes, device=device
     )
-
-
-def write_mean(space: SearchSpace, state: CmaEsState, pose: wp.array[wp.float32]) -> None:
-    """Write the mean of the search distribution: ``pose[:, index] = mean``."""
-    scatter(state.mean, space.index, pose)

@@ -197,5 +197,4 @@ class Objective:
         piece = split.moving if split else silhouettes.whole
         self._pose(piece.vertex, batch)
         silhouettes.draw(self._posed, piece, batch, split.frozen if split else None)
-        views = silhouettes.views.struct
-        cost_of_counts(self._kind, views, self.count, self.pose, self.prior, batch, self.cost)
+        cost_of_counts(self._kind, silhouettes.views, self.count, self.pose, self.prior, batch, self.cost)

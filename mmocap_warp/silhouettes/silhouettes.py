@@ -16,7 +16,7 @@ from mmocap_warp.kernels.silhouettes import raster
 from mmocap_warp.kernels.silhouettes.counting import Canvas, Frozen
 from mmocap_warp.kernels.silhouettes.raster import Outline
 from mmocap_warp.kernels.structs import allocated
-from mmocap_warp.masks.view_arrays import ViewArrays
+from mmocap_warp.masks.view_arrays import make_views
 from mmocap_warp.silhouettes.renderers import make_renderer, outline
 
 
@@ -38,7 +38,7 @@ class Silhouettes:
         self._renderer = make_renderer(renderer, mesh.rest, mesh.face, device)
         self.modules = (self._renderer.module, raster)
         self.whole = self._renderer.piece(whole_mesh(mesh))
-        self.views = ViewArrays(rig, device)
+        self.views = make_views(rig, device)
         view = (candidates, len(rig))
         self.canvas = allocated(
             Canvas,
@@ -66,8 +66,8 @@ class Silhouettes:
 
     def draw(self, posed: wp.array[wp.vec3], piece: Any, batch: Batch, frozen: Any = None) -> None:
         """Draw and count a piece of a batch's ``posed`` (candidate, vertex), over what is ``frozen`` for each run."""
-        self._renderer.draw(posed, piece, self.views.struct, frozen or self._nothing_frozen, batch, self.canvas)
+        self._renderer.draw(posed, piece, self.views, frozen or self._nothing_frozen, batch, self.canvas)
 
     def freeze(self, posed: wp.array[wp.vec3], resting: Outline, batch: Batch, frozen: Any) -> None:
         """Draw and count the resting piece of ``posed`` (run, vertex); a batch's candidates are runs here."""
-        raster.freeze(posed, resting, self.views.struct, batch, self.canvas, frozen)
+        raster.freeze(posed, resting, self.views, batch, self.canvas, frozen)

@@ -16,7 +16,7 @@ from mmocap_warp.kernels.contour.residuals import Matching, find_residuals
 from mmocap_warp.kernels.structs import filled
 from mmocap_warp.kernels.views.projection import Views
 from mmocap_warp.masks.observation import Observation
-from mmocap_warp.masks.view_arrays import ViewArrays
+from mmocap_warp.masks.view_arrays import make_views
 
 SIZE = (320, 240)
 SCALE = 160.0  # px of a metre, where planted outlines are
@@ -90,7 +90,7 @@ class Planted:
         for place, mask in enumerate(masks):
             fields.observe([Observation.from_masks([mask])], place)
         fields.struct.frame.assign(np.array(frames if frames is not None else np.zeros(n), np.int32))
-        views: Views = ViewArrays(rig, device).struct
+        views: Views = make_views(rig, device)
         settings = filled(Matching, **(MATCHING | matching))
         find_residuals(self.outline, fields.struct, views, settings, batch_of(0, n, n, device), self.residuals)
         self.counts = [len(polygon) for polygon in polygons]

@@ -27,7 +27,7 @@ def learn_background(images: Iterable[np.ndarray], count: int, settings: Foregro
     gaussian = settings.model == "gaussian"
     chosen = set(evenly_spread(count, min(count, _GAUSSIAN_SAMPLES if gaussian else _MIXTURE_SAMPLES)))
     some = (image for i, image in enumerate(images) if i in chosen)
-    return GaussianBackground.learn(some, settings) if gaussian else MixtureBackground.learn(some, settings)
+    return GaussianBackground.learn(some, settings) if gaussian else MixtureBackground(some, settings)
 
 
 @dataclass(frozen=True)
@@ -72,14 +72,9 @@ class GaussianBackground:
 
 
 class MixtureBackground:
-    """OpenCV's MOG2 (Zivkovic 2004) or KNN (Zivkovic and van der Heijden 2006), trained first and then frozen."""
+    """OpenCV's MOG2 (Zivkovic 2004) or KNN (Zivkovic and van der Heijden 2006), frozen once it has seen the images."""
 
-    def __init__(self, subtractor: cv2.BackgroundSubtractor, frozen: float) -> None:
-        self._subtractor, self._frozen = subtractor, frozen
-
-    @classmethod
-    def learn(cls, images: Iterable[np.ndarray], settings: ForegroundSettings) -> MixtureBackground:
-        """Show every image in order; the last one again if they are few."""
+    def __init__(self, images: Iterable[np.ndarray], settings: ForegroundSettings) -> None:
         subtractor: cv2.BackgroundSubtractor
         if settings.model == "mog2":
             subtractor = cv2.createBackgroundSubtractorMOG2(history=_MIXTURE_SAMPLES, detectShadows=True)
@@ -92,7 +87,7 @@ class MixtureBackground:
             shown += 1
         for _ in range(shown, _MIXTURE_LEAST):
             subtractor.apply(image)
-        return cls(subtractor, _FROZEN[settings.model])
+        self._subtractor, self._frozen = subtractor, _FROZEN[settings.model]
 
     def foreground(self, image: np.ndarray) -> np.ndarray:
         """As of :class:`GaussianBackground`; shadows, which OpenCV marks with 127, are background."""

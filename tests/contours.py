@@ -15,7 +15,7 @@ from mmocap_warp.body.posing import make_body_arrays
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.contour.frame.fields import DistanceFields
 from mmocap_warp.contour.frame.fitter import ContourFitter, MatchingConfig
-from mmocap_warp.kernels.batch import Batch, batch_of
+from mmocap_warp.kernels.block import Batch, batch_of
 from mmocap_warp.kernels.body.skinning import pose_vertices
 from mmocap_warp.kernels.contour.jacobian import Posed, RestChange, Rows, Tree, differentiate, move_origins, turn_axes
 from mmocap_warp.kernels.contour.moving import Moving

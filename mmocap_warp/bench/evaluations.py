@@ -10,8 +10,8 @@ import warp as wp
 
 from mmocap_warp.bench.workload import Workload
 from mmocap_warp.body.posing import make_body_arrays, make_joint_arrays
-from mmocap_warp.kernels.batch import batch_of
-from mmocap_warp.kernels.benchmarks.case import Case, Check
+from mmocap_warp.kernels.benchmarks.timing import Case, Check
+from mmocap_warp.kernels.block import batch_of
 from mmocap_warp.kernels.body.skinning import pose_vertices
 from mmocap_warp.kernels.silhouettes.cost import PAPER, cost_of_counts
 from mmocap_warp.masks.view_arrays import make_views

@@ -14,7 +14,7 @@ from mmocap_warp.body.shape_space import ShapeSpace, upright_base
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.device.shared_work import SharedWork
 from mmocap_warp.device.transfers import Upload
-from mmocap_warp.kernels.batch import Batch
+from mmocap_warp.kernels.block import Batch
 from mmocap_warp.kernels.body import shaping, skinning
 from mmocap_warp.kernels.body.shaping import Sliders, shape, turn
 from mmocap_warp.kernels.body.skinning import pose_vertices

@@ -18,7 +18,7 @@ from mmocap_warp.contour.frame.normal_equations import NormalEquations, ViewEqua
 from mmocap_warp.contour.frame.rooted import Neighbours, RootedPoses
 from mmocap_warp.device.shared_work import SharedWork
 from mmocap_warp.device.transfers import Replays, Upload
-from mmocap_warp.kernels.batch import Batch
+from mmocap_warp.kernels.block import Batch
 from mmocap_warp.kernels.body import skinning
 from mmocap_warp.kernels.body.skinning import pose_vertices
 from mmocap_warp.kernels.contour import descent as descent_kernels

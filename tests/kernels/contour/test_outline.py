@@ -11,7 +11,7 @@ from synthetic import ring_rig, synthetic_body, synthetic_subject
 
 from mmocap_warp.body.mesh_pieces import mesh_edges
 from mmocap_warp.body.rotations import turn
-from mmocap_warp.kernels.batch import batch_of
+from mmocap_warp.kernels.block import batch_of
 from mmocap_warp.kernels.contour.outline import Edges, Outline, find_contours, is_outline
 from mmocap_warp.kernels.structs import filled
 from mmocap_warp.masks.view_arrays import make_views

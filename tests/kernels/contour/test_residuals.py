@@ -10,7 +10,7 @@ from synthetic import ring_rig, synthetic_body, synthetic_poses, synthetic_subje
 
 from mmocap_warp.cameras.rig import CameraRig
 from mmocap_warp.contour.frame.fields import DistanceFields
-from mmocap_warp.kernels.batch import batch_of
+from mmocap_warp.kernels.block import batch_of
 from mmocap_warp.kernels.contour.outline import BANDS
 from mmocap_warp.kernels.contour.residuals import Matching, find_residuals
 from mmocap_warp.kernels.structs import filled

@@ -49,7 +49,7 @@ _EMPTY_HIGH = wp.constant(-(2**29))
 
 @wp.struct
 class Tree:
-    """A piece of a mesh, its triangles in a BVH; see :class:`mmocap_warp.silhouettes.silhouettes.Bvh`."""
+    """A piece of a mesh, its triangles in a BVH; see :func:`mmocap_warp.silhouettes.silhouettes.build_bvh`."""
 
     vertex: wp.array[wp.int32]  # (vertex of the piece,)
     node: wp.array[wp.vec3i]  # (node,)

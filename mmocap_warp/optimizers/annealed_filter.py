@@ -13,7 +13,7 @@ from typing import Any
 import warp as wp
 
 from mmocap_warp.kernels.optimizers import annealed_filter as kernels
-from mmocap_warp.kernels.optimizers.populations import SearchSpace, make_population
+from mmocap_warp.kernels.optimizers.populations import SearchSpace, make_population, scatter
 from mmocap_warp.optimizers.search import Optimizer, share_budget
 
 
@@ -119,4 +119,4 @@ class AnnealedFilter(Optimizer):
 
     def estimate(self, pose: wp.array[wp.float32]) -> None:
         """Write the weighted mean of the last layer."""
-        kernels.write_mean(self.space, self.state, pose)
+        scatter(self.state.mean, self.space.index, pose)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from mmocap_warp.body.mesh_pieces import MeshPiece, mesh_edges, split_mesh, whole_mesh
+from mmocap_warp.body.mesh_pieces import MeshPiece, mesh_edges, piece_of, split_mesh
 from mmocap_warp.body.model import SkinMesh
 from mmocap_warp.body.skeleton import Skeleton
 from mmocap_warp.cameras.rig import CameraRig
@@ -73,40 +73,32 @@ def make_renderer(name: str, rest: np.ndarray, face: np.ndarray, device: str) ->
         return Renderer(raster, raster.raster, lambda piece: outline(piece, device))
 
     def tree(piece: MeshPiece) -> Any:
-        bvh = build_bvh(rest, piece.face, _LEAF)
-        return allocated(Tree, device, vertex=piece.vertex, node=bvh.node, triangle=bvh.triangle)
+        node, triangle = build_bvh(rest, piece.face, _LEAF)
+        return allocated(Tree, device, vertex=piece.vertex, node=node, triangle=triangle)
 
     def leaves(piece: MeshPiece) -> Any:
-        return allocated(Leaves, device, vertex=piece.vertex, triangle=build_bvh(rest, piece.face).triangle)
+        return allocated(Leaves, device, vertex=piece.vertex, triangle=build_bvh(rest, piece.face)[1])
 
     if wp.get_device(device).is_cpu:
-        return Renderer(raycast, raycast.raycast, tree, boxes=len(build_bvh(rest, face, _LEAF).node))
+        return Renderer(raycast, raycast.raycast, tree, boxes=len(build_bvh(rest, face, _LEAF)[0]))
     groups = -(-len(face) // raycast_wide.WIDTH)
     return Renderer(raycast_wide, raycast_wide.raycast_wide, leaves, groups * raycast_wide.WIDTH, groups)
 
 
-@dataclass(frozen=True)
-class Bvh:
+def build_bvh(vertices: np.ndarray, faces: np.ndarray, leaf_size: int = 4) -> tuple[np.ndarray, np.ndarray]:
     """A bounding volume hierarchy of triangles: a binary tree in depth-first order.
 
-    ``kernels/silhouettes/raycast.py`` says how it is walked.
-
-    Attributes:
-        node: (node, 3) int32, ``skip, first, count``; ``count`` is 0 for an inner node.
-        triangle: (triangle, 3) int32, the faces in leaf order.
-    """
-
-    node: np.ndarray
-    triangle: np.ndarray
-
-
-def build_bvh(vertices: np.ndarray, faces: np.ndarray, leaf_size: int = 4) -> Bvh:
-    """Split the triangles at the median of their centroids' widest axis until a leaf holds ``leaf_size`` at most.
+    Triangles are split at the median of their centroids' widest axis until a leaf holds ``leaf_size`` at most.
+    ``kernels/silhouettes/raycast.py`` says how the tree is walked.
 
     Args:
         vertices: (vertex, 3) float, the rest pose: boxes stay tight when a limb moves as a whole.
         faces: (triangle, 3) int.
         leaf_size: largest number of triangles in a leaf.
+
+    Returns:
+        nodes (node, 3) int32, ``skip, first, count``, where ``count`` is 0 for an inner node; and the faces in leaf
+        order, (triangle, 3) int32.
     """
     centroid = np.asarray(vertices, np.float64)[faces].mean(axis=1)
     nodes: list[list[int]] = []
@@ -126,7 +118,7 @@ def build_bvh(vertices: np.ndarray, faces: np.ndarray, leaf_size: int = 4) -> Bv
         nodes[index][0] = len(nodes)
 
     split(np.arange(len(faces)))
-    return Bvh(np.array(nodes, np.int32), np.asarray(faces, np.int32)[order])
+    return np.array(nodes, np.int32), np.asarray(faces, np.int32)[order]
 
 
 class Silhouettes:
@@ -146,7 +138,7 @@ class Silhouettes:
         self._mesh, self._device = mesh, device
         self._renderer = make_renderer(renderer, mesh.rest, mesh.face, device)
         self.modules = (self._renderer.module, raster)
-        self.whole = self._renderer.piece(whole_mesh(mesh))
+        self.whole = self._renderer.piece(piece_of(mesh.face))
         self.views = make_views(rig, device)
         view = (candidates, len(rig))
         self.canvas = allocated(
